@@ -1,8 +1,9 @@
 """Adaptation of a trained model to a few own recordings.
 
-A model trained on simulation often ranks real targets well, but its probabilities are shifted, so that its decision
-threshold is wrong. Two parameters correct the threshold, and a few recordings suffice to fit them. Without labels one
-parameter is fitted from the known class frequencies among the recordings.
+A model trained on simulation often ranks real targets well, but its probabilities are shifted, so
+that its decision threshold is wrong. Two parameters correct the threshold, and a few recordings
+suffice to fit them. Without labels one parameter is fitted from the known class frequencies among
+the recordings.
 """
 
 from __future__ import annotations
@@ -64,7 +65,8 @@ def adapt_unlabelled(
     model: Model, values: Inputs, recordings: npt.NDArray[np.str_], shares: npt.ArrayLike | None = None
 ) -> Model:
     """Adapt a model's probabilities to recordings without labels.
-    Each of the n recordings has the same weight for any number of rows. Shapes: shares (n_classes,).
+    Each of the n recordings has the same weight for any number of rows. Shapes: shares
+    (n_classes,).
     """
     from scipy.optimize import minimize
 

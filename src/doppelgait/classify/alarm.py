@@ -1,9 +1,10 @@
 """Metrics of an alarm over a day.
 
-These are false triggers, time to detect and missed entries. A day (:class:`Day`) is a list of kinds of episodes, each a
-scene file with distributions and its hours a day. Every episode is simulated several times and classified in windows as
-a stream is (:mod:`doppelgait.classify.timeline`). The alarm's score at a time is the highest fused probability of its
-class over the tracks that had evidence; it triggers where the score rises to the threshold.
+These are false triggers, time to detect and missed entries. A day (:class:`Day`) is a list of kinds
+of episodes, each a scene file with distributions and its hours a day. Every episode is simulated
+several times and classified in windows as a stream is (:mod:`doppelgait.classify.timeline`). The
+alarm's score at a time is the highest fused probability of its class over the tracks that had
+evidence; it triggers where the score rises to the threshold.
 """
 
 from __future__ import annotations
@@ -240,8 +241,8 @@ def _score_at_threshold(day: Day, episodes: Sequence[Episode], threshold: float)
 
 def estimate_weighted_count(counts: Sequence[int], weights: Sequence[float], share: float = 0.95) -> dict[str, float]:
     """Return a weighted sum of counts with its interval.
-    The interval is the gamma approximation of Fay and Feuer (Statistics in Medicine 16, 1997), exact for counts of 0
-    and 1 and equal weights.
+    The interval is the gamma approximation of Fay and Feuer (Statistics in Medicine 16, 1997),
+    exact for counts of 0 and 1 and equal weights.
     """
     from scipy.stats import gamma
 

@@ -54,12 +54,12 @@ class Decision:
     reason : str
         Reason of an abstention; empty for a decision.
     blocked : bool
-        True if a flag, the conditions or features outside the training range prevent a decision, so that the
-        probabilities are meaningless; False if the probabilities are only too low.
+        True if a flag, the conditions or features outside the training range prevent a decision, so
+        that the probabilities are meaningless; False if the probabilities are only too low.
     alarm : bool or None
-        True if the target triggers the alarm that detects 95 % of its class; None if the model has no alarm or was not
-        trained on such a radar. An abstention by a flag or by features outside the training range does not prevent the
-        alarm.
+        True if the target triggers the alarm that detects 95 % of its class; None if the model has
+        no alarm or was not trained on such a radar. An abstention by a flag or by features outside
+        the training range does not prevent the alarm.
     flags : tuple of str
         Of the analysis.
     quality : mapping
@@ -68,7 +68,7 @@ class Decision:
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> model = dg.classify.open_model("x4")
     >>> decisions = dg.classify.classify(recording, model)
@@ -135,7 +135,8 @@ def classify(
         Model; by default the shipped model that fits the radar
         (:func:`doppelgait.classify.model_file.find_shipped_model`).
     gate, analysis, tracking
-        As for :func:`doppelgait.analyze`, for recordings; by default the analysis of the training data.
+        As for :func:`doppelgait.analyze`, for recordings; by default the analysis of the training
+        data.
 
     Returns
     -------
@@ -158,7 +159,7 @@ def classify(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> model = dg.classify.open_model("x4")
     >>> decisions = dg.classify.classify(recording, model)

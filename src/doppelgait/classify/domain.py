@@ -1,7 +1,7 @@
 """Compare real recordings with those simulated from a sensor model.
 
-A classifier that separates them well reveals deficiencies of the sensor model. Its inputs describe the sensor and not
-the classes of targets.
+A classifier that separates them well reveals deficiencies of the sensor model. Its inputs describe
+the sensor and not the classes of targets.
 """
 
 from __future__ import annotations

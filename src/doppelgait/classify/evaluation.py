@@ -151,12 +151,14 @@ class Evaluation:
     document : dict
         All scores, for JSON; None for unknown.
     answers : DataFrame
-        One line per tested row: id, label, and for every model the probabilities, the class and whether it is decided.
+        One line per tested row: id, label, and for every model the probabilities, the class and
+        whether it is decided.
     best : str or None
-        The ensemble if there is one, else the model with the lowest log loss on the held-out rows, a mean over seeds,
-        or the only model; None if no rows are held out to choose by.
+        The ensemble if there is one, else the model with the lowest log loss on the held-out rows,
+        a mean over seeds, or the only model; None if no rows are held out to choose by.
     models : dict
-        Trained models by name, as scored; after a cross-validation trained on all rows, and only with ``keep``.
+        Trained models by name, as scored; after a cross-validation trained on all rows, and only
+        with ``keep``.
 
     Examples
     --------
@@ -195,22 +197,26 @@ def evaluate(
     Parameters
     ----------
     dataset : Dataset
-        Training data. The models are tested on its split ``test`` unless one of the next three parameters is set.
+        Training data. The models are tested on its split ``test`` unless one of the next three
+        parameters is set.
     other : Dataset, optional
         Other test data: all rows except those of targets in the training data.
     models : sequence of str, optional
-        Of :data:`doppelgait.classify.training.CLASSIFIERS`; by default :data:`doppelgait.classify.training.DEFAULT`, as
-        far as the dataset has the inputs. The members of an ensemble are evaluated with it, and chance, nuisance
-        parameters and speed alone always.
+        Of :data:`doppelgait.classify.training.CLASSIFIERS`; by default
+        :data:`doppelgait.classify.training.DEFAULT`, as far as the dataset has the inputs. The
+        members of an ensemble are evaluated with it, and chance, nuisance parameters and speed
+        alone always.
     n_folds : int, optional
-        Number of folds of a cross-validation over all rows; the rows of a target are never separated.
+        Number of folds of a cross-validation over all rows; the rows of a target are never
+        separated.
     left_out : str, optional
         Leave one value of this column out at a time, for example ``source``.
     own : Dataset, optional
         Your own recordings, to test on and to adapt the models to
-        (:func:`doppelgait.classify.adapt.score_adaptation`); the models returned are adapted to all of them. Where all
-        are labelled :data:`UNLABELLED`, nothing of them is tested, and the models are adapted to the shares of the
-        classes among them (:func:`doppelgait.classify.adapt.adapt_unlabelled`).
+        (:func:`doppelgait.classify.adapt.score_adaptation`); the models returned are adapted to all
+        of them. Where all are labelled :data:`UNLABELLED`, nothing of them is tested, and the
+        models are adapted to the shares of the classes among them
+        (:func:`doppelgait.classify.adapt.adapt_unlabelled`).
     own_shares : mapping, optional
         Share of every class among own recordings without labels, with sum 1; equal by default.
     unknown : Dataset, optional
@@ -220,8 +226,9 @@ def evaluate(
     seed : int
         Seed of folds, training and bootstrap.
     n_seeds : int
-        Number of training seeds, starting at ``seed``. The ensemble combines the members of all seeds; every other
-        model is that of the first seed, and the scores of all seeds are reported in addition.
+        Number of training seeds, starting at ``seed``. The ensemble combines the members of all
+        seeds; every other model is that of the first seed, and the scores of all seeds are reported
+        in addition.
     keep : bool
         After a cross-validation train each model once more, on all rows.
     alarm_class : str, optional
@@ -238,9 +245,11 @@ def evaluate(
     Raises
     ------
     DatasetError
-        If there is only one class or no test data, or the other dataset lacks features or has further classes.
+        If there is only one class or no test data, or the other dataset lacks features or has
+        further classes.
     ConfigError
-        If models or options are unknown or exclude each other; or if no model can be chosen to keep.
+        If models or options are unknown or exclude each other; or if no model can be chosen to
+        keep.
 
     See Also
     --------

@@ -1,7 +1,7 @@
 """Trained models as plain arrays, independent of scikit-learn and torch.
 
-A model is scored, saved and used only in this form, so that a report remains valid if the model is later loaded with
-other library versions.
+A model is scored, saved and used only in this form, so that a report remains valid if the model is
+later loaded with other library versions.
 """
 
 from __future__ import annotations
@@ -77,7 +77,8 @@ class Constant:
 @dataclass(frozen=True, eq=False)
 class Linear:
     """Logistic regression on standardised features.
-    An unknown feature is replaced by its median. A feature with a floor above 0 is replaced by its logarithm.
+    An unknown feature is replaced by its median. A feature with a floor above 0 is replaced by its
+    logarithm.
     """
 
     median: FloatArray  # (d,), of the logarithm where there is a floor
@@ -150,7 +151,8 @@ class Trees:
 @dataclass(frozen=True, eq=False)
 class Network:
     """Convolutional network.
-    Convolutions 3 x 3, each with 2 x 2 maximum, scale, bias and rectifier; the mean of the image; a linear layer.
+    Convolutions 3 x 3, each with 2 x 2 maximum, scale, bias and rectifier; the mean of the image; a
+    linear layer.
     """
 
     kernels: tuple[Levels, ...]
@@ -202,7 +204,8 @@ class Ensemble:
 
     def log_probability(self, values: Inputs) -> FloatArray:
         """Return log-probabilities, shape (n, n_classes).
-        Of features (n, d), or, where a network is among the members, of features and levels (n, d + 1).
+        Of features (n, d), or, where a network is among the members, of features and levels (n, d +
+        1).
         """
         total = np.zeros((len(values), self.shifts.shape[1]))
         for member, weight, slope, shift in zip(self.members, self.weights, self.slopes, self.shifts, strict=True):
@@ -231,8 +234,8 @@ def select_levels(values: Inputs) -> Inputs:
 @dataclass(frozen=True, eq=False)
 class Novelty:
     """Distance of features from the nearest class, and its ranks.
-    Mahalanobis: d² = min_k (x - m_k)' C⁻¹ (x - m_k) with the class means m_k and the covariance C about them (Lee et
-    al. 2018), of the columns of :class:`Linear`.
+    Mahalanobis: d² = min_k (x - m_k)' C⁻¹ (x - m_k) with the class means m_k and the covariance C
+    about them (Lee et al. 2018), of the columns of :class:`Linear`.
     """
 
     median: FloatArray

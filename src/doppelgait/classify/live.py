@@ -1,13 +1,14 @@
 """Live decisions on arriving frames, in fixed memory.
 
-A thread reads frames from their source into a ring buffer of one window. Every hop it copies the ring into a slot of
-one window. The caller takes the window from the slot, analyses it and decides (:mod:`doppelgait.classify.timeline`). If
-the slot is still full at the next hop, the analysis is too slow: the source waits (a file), or the newer window
-replaces the window in the slot and the hop counts as skipped (a sensor). At most three windows are therefore in memory
-for any length of the stream, and the age of the newest decision is at most one hop and two analyses.
+A thread reads frames from their source into a ring buffer of one window. Every hop it copies the
+ring into a slot of one window. The caller takes the window from the slot, analyses it and decides
+(:mod:`doppelgait.classify.timeline`). If the slot is still full at the next hop, the analysis is
+too slow: the source waits (a file), or the newer window replaces the window in the slot and the hop
+counts as skipped (a sensor). At most three windows are therefore in memory for any length of the
+stream, and the age of the newest decision is at most one hop and two analyses.
 
-Frames are placed on even times. A gap is filled with the previous frame, as in recorders of such radars; the analysis
-flags targets with many filled frames.
+Frames are placed on even times. A gap is filled with the previous frame, as in recorders of such
+radars; the analysis flags targets with many filled frames.
 """
 
 from __future__ import annotations
@@ -260,15 +261,17 @@ def live(
 ) -> Live:
     """Classify targets while the frames of a radar arrive.
 
-    The same frames as a file give the same decisions (:func:`doppelgait.classify.classify_over_time`). Memory does not
-    grow with the length of the stream.
+    The same frames as a file give the same decisions
+    (:func:`doppelgait.classify.classify_over_time`). Memory does not grow with the length of the
+    stream.
 
     Parameters
     ----------
     frames : iterable of (float, array_like of shape (N,), complex)
-        Time in s and range bins in V of every frame, for example of :func:`doppelgait.radar.open_stream`. Times may
-        jitter by less than half a frame. For a radar in bursts the first frame must be the start of a burst. A missing
-        frame is replaced by the previous one; after a gap longer than a window, the windows start again.
+        Time in s and range bins in V of every frame, for example of
+        :func:`doppelgait.radar.open_stream`. Times may jitter by less than half a frame. For a
+        radar in bursts the first frame must be the start of a burst. A missing frame is replaced by
+        the previous one; after a gap longer than a window, the windows start again.
     radar : Radar
     model : Model, optional
         By default the included model that fits the radar.
@@ -279,14 +282,14 @@ def live(
     analysis, tracking
         As for :func:`doppelgait.classify.classify`.
     skip : bool
-        If the analysis is slower than the frames: True skips hops, so that decisions are not late (for a sensor);
-        False makes the source wait (for a file).
+        If the analysis is slower than the frames: True skips hops, so that decisions are not late
+        (for a sensor); False makes the source wait (for a file).
 
     Returns
     -------
     Live
-        An iterator of :class:`doppelgait.classify.TrackDecision`; its ``counts`` has the numbers of frames and windows
-        up to now. It passes on every error that ``frames`` raises.
+        An iterator of :class:`doppelgait.classify.TrackDecision`; its ``counts`` has the numbers of
+        frames and windows up to now. It passes on every error that ``frames`` raises.
 
     Raises
     ------
@@ -300,7 +303,7 @@ def live(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> frames = zip(recording.slow_time_s, recording.baseband.values, strict=True)
     >>> [(decision.stop_s, decision.label) for decision in dg.live(frames, recording.radar, window_s=3.0)]

@@ -55,8 +55,8 @@ def row_weights(labels: IntArray, n_classes: int) -> FloatArray:
 
 def calibrate(log_probability: FloatArray, labels: IntArray) -> Calibration:
     """Fit a calibration to held-out rows, every class with the same weight.
-    Two classes: Platt's sigmoid with targets (n + 1) / (n + 2); more: temperature scaling with corrected biases
-    (Alexandari et al. 2020). Shapes: log_probability (n, n_classes); labels (n,).
+    Two classes: Platt's sigmoid with targets (n + 1) / (n + 2); more: temperature scaling with
+    corrected biases (Alexandari et al. 2020). Shapes: log_probability (n, n_classes); labels (n,).
     """
     from scipy.optimize import minimize
 
@@ -261,7 +261,8 @@ class Model:
     learned : Learned
     calibration : Calibration
     lowest, highest : ndarray, shape (d,)
-        Of every feature in the training rows; NaN where it was always unknown. Empty for signatures.
+        Of every feature in the training rows; NaN where it was always unknown. Empty for
+        signatures.
     unknown : ndarray, shape (d,)
         Share of the training rows in which a feature is unknown.
     novelty : Novelty or None
@@ -305,7 +306,8 @@ class Model:
         Parameters
         ----------
         values : ndarray, shape (n, d), (n,) or (n, d + 1)
-            Features in the order of ``facts.names``, NaN for unknown; or levels of signatures, None for none; or both.
+            Features in the order of ``facts.names``, NaN for unknown; or levels of signatures, None
+            for none; or both.
 
         Returns
         -------

@@ -1,6 +1,7 @@
 """Model files: plain arrays and JSON, no code; shipped models.
 
-``tools/train_models.py`` trains the shipped models, on synthetic recordings alone. The card of each is next to it.
+``tools/train_models.py`` trains the shipped models, on synthetic recordings alone. The card of each
+is next to it.
 """
 
 from __future__ import annotations
@@ -167,7 +168,8 @@ def load_model(path: str | Path) -> Model:
     Raises
     ------
     DatasetError
-        If the file is missing, is not a model of doppelgait, or is damaged, inconsistent or of a newer version.
+        If the file is missing, is not a model of doppelgait, or is damaged, inconsistent or of a
+        newer version.
 
     See Also
     --------
@@ -372,8 +374,9 @@ def read_model_cards() -> dict[str, dict[str, Any]]:
     Returns
     -------
     dict
-        By name of the model: what it was trained on, its classes, ``conditions`` (lowest and highest carrier, pulse
-        rate and observation time), scores on synthetic test data, size and times.
+        By name of the model: what it was trained on, its classes, ``conditions`` (lowest and
+        highest carrier, pulse rate and observation time), scores on synthetic test data, size and
+        times.
 
     Examples
     --------

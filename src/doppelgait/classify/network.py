@@ -29,7 +29,8 @@ AT_A_TIME = 256
 
 class Training(FrozenModel):
     """Training and augmentation settings of a network.
-    Training ends when the held-out loss has not improved for ``patience`` epochs, and returns the best state.
+    Training ends when the held-out loss has not improved for ``patience`` epochs, and returns the
+    best state.
     """
 
     most_epochs: int = Field(default=60, ge=1)
@@ -70,8 +71,8 @@ def train_network(
     Parameters
     ----------
     train : Part
-        Levels (:func:`doppelgait.classify.levels`) of every signature, an object array with None for none, and class
-        numbers.
+        Levels (:func:`doppelgait.classify.levels`) of every signature, an object array with None
+        for none, and class numbers.
     held : Part
         Rows of other targets that decide when to stop; without any, all epochs are run.
     n_classes : int

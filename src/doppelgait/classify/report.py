@@ -294,7 +294,8 @@ def check_folder(folder: Path) -> Path:
 def write_report(found: Evaluation, folder: str | Path, *, figure_format: str = "png") -> list[Path]:
     """Write the report of an evaluation to a folder.
 
-    ``index.html`` with its figures, ``scores.json``, ``answers.csv``, ``plan.json`` and a list of them.
+    ``index.html`` with its figures, ``scores.json``, ``answers.csv``, ``plan.json`` and a list of
+    them.
 
     Parameters
     ----------

@@ -207,7 +207,8 @@ def run_model(
     members: Sequence[Sequence[Sequence[Model]]] = (),
 ) -> Run:
     """Train on every fold and predict its test rows.
-    An ensemble combines its ``members``, which are trained on the same folds, by kind, seed and fold.
+    An ensemble combines its ``members``, which are trained on the same folds, by kind, seed and
+    fold.
     """
     models, parts, losses, importance = [], [], [], []
     for number, fold in enumerate(folds):

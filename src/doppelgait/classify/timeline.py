@@ -1,18 +1,19 @@
 """Decisions over time: windows, linked targets, fused evidence.
 
-A window of the recording (:func:`cut_windows`) or of a stream (:mod:`doppelgait.classify.live`) is analysed and
-classified like a separate recording. No data outside the window are used, so that a stream and its file give the same
-result, and an overlap of two bodies affects only its own windows. :class:`Tracks` then performs the steps that depend
-on the past:
+A window of the recording (:func:`cut_windows`) or of a stream (:mod:`doppelgait.classify.live`) is
+analysed and classified like a separate recording. No data outside the window are used, so that a
+stream and its file give the same result, and an overlap of two bodies affects only its own windows.
+:class:`Tracks` then performs the steps that depend on the past:
 
 1. *Linking.* A target continues the track with the same path where the windows overlap, or with a path that leads to it
-   across a gap. One pass of the tracker over the whole recording would give tracks too, but it smooths backwards, so
-   that a stream could not have them.
+   across a gap. One pass of the tracker over the whole recording would give tracks too, but it
+   smooths backwards, so that a stream could not have them.
 2. *Fusion.* The class of a track is a hidden Markov state that changes at :data:`CHANGE_PER_S` (mistaken links, another
-   person through the same door). Calibrated probabilities of a window are its likelihoods, up to a factor, because they
-   hold for equally frequent classes. A window that overlaps the one before is new only in part, and its log likelihood
-   counts by that part: hop / window in a steady stream. A window that may not be decided (a flag, conditions or
-   features that were not in the training data) is no evidence.
+   person through the same door). Calibrated probabilities of a window are its likelihoods, up to a
+   factor, because they hold for equally frequent classes. A window that overlaps the one before is
+   new only in part, and its log likelihood counts by that part: hop / window in a steady stream. A
+   window that may not be decided (a flag, conditions or features that were not in the training
+   data) is no evidence.
 3. *Decision.* A class is decided when its fused probability reaches the model's limit, and stays until another class
    reaches it, so that the decision does not flicker.
 """
@@ -91,20 +92,22 @@ class TrackDecision:
     probabilities : mapping
         Fused, of every class, were all classes equally frequent.
     alarm : bool or None
-        True where the fused probability of the alarm's class reaches the model's threshold; as in the last window that
-        was evidence. Before the first one it is the alarm of the window alone, which a flag does not keep from
-        triggering. None where the model has no alarm, or no threshold for such a radar.
+        True where the fused probability of the alarm's class reaches the model's threshold; as in
+        the last window that was evidence. Before the first one it is the alarm of the window alone,
+        which a flag does not keep from triggering. None where the model has no alarm, or no
+        threshold for such a radar.
     reason : str
         Reason why nothing is decided, or why this window is no evidence; empty otherwise.
     range_m, approach_mps : float
-        Last range and radial speed of the target in the window; the speed is positive when approaching.
+        Last range and radial speed of the target in the window; the speed is positive when
+        approaching.
     window : Decision
         About the window alone, with times of the recording.
 
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> model = dg.classify.open_model("x4")
     >>> decisions = dg.classify.classify_over_time(recording, model, window_s=3.0)
@@ -360,7 +363,8 @@ def classify_over_time(
     model : Model, optional
         By default the one that comes with doppelgait and fits the radar.
     window_s : float, optional
-        Length of a window; 1.5 times the shortest observation of the model's training data by default.
+        Length of a window; 1.5 times the shortest observation of the model's training data by
+        default.
     hop_s : float, optional
         From the start of a window to that of the next; a quarter of the window by default.
     gate, analysis, tracking
@@ -386,7 +390,7 @@ def classify_over_time(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> model = dg.classify.open_model("x4")
     >>> decisions = dg.classify.classify_over_time(recording, model, window_s=3.0)
@@ -411,7 +415,8 @@ def classify_over_time(
 def join_decisions(decisions: Iterable[TrackDecision]) -> list[Span]:
     """Join decisions about a track while they stay the same.
 
-    A decision holds from the end of the window before, a track's first one from the start of its window.
+    A decision holds from the end of the window before, a track's first one from the start of its
+    window.
 
     Returns
     -------
@@ -425,7 +430,7 @@ def join_decisions(decisions: Iterable[TrackDecision]) -> list[Span]:
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> model = dg.classify.open_model("x4")
     >>> decisions = dg.classify.classify_over_time(recording, model, window_s=3.0)

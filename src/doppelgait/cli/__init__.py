@@ -9,9 +9,7 @@ import sys
 
 
 def main() -> None:
-    """Run the command line.
-    The signal handlers are installed before anything else is loaded.
-    """
+    """Run the command line."""
     from doppelgait.core.interrupt import SIGNALS, restore_signals
 
     try:

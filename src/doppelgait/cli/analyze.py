@@ -161,9 +161,7 @@ def _analyze_windows(
 
 
 def print_features(results: Sequence[Result]) -> None:
-    """Print the table of features, one column per target.
-    Flags of the targets follow below the table.
-    """
+    """Print the table of features, one column per target."""
     from doppelgait.core.labels import STEP_LENGTHS
     from doppelgait.features import FEATURE_UNITS
 

@@ -135,9 +135,7 @@ def classify(
 
 
 def describe_model(model: Model, file: str | None) -> dict[str, Any]:
-    """Describe a model for JSON.
-    The file is None if a shipped model was chosen automatically.
-    """
+    """Describe a model for JSON."""
     facts = model.facts
     return {
         "file": file,
@@ -436,9 +434,7 @@ def _import_test(
 
 
 def _check_save(save: Path, output: Path) -> None:
-    """Refuse a model path that cannot be written.
-    The check runs before any work.
-    """
+    """Refuse a model path that cannot be written."""
     from doppelgait.classify.model_file import SUFFIX
     from doppelgait.core.errors import ConfigError
 

@@ -18,9 +18,7 @@ from doppelgait.radar import Recording
 def save_figures(
     recording: Recording, results: Sequence[Result], analysis: Analysis, folder: Path, form: str = "png"
 ) -> Iterator[Path]:
-    """Plot every figure into a folder.
-    Each path is yielded as soon as its file is written.
-    """
+    """Plot every figure into a folder."""
     recording = recording.with_baseband(remove_clutter(recording.baseband, analysis))
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -39,9 +39,7 @@ def print_message(text: str) -> None:
 
 
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
-    """Print an aligned table on standard output.
-    Columns are in the order of the first row.
-    """
+    """Print an aligned table on standard output."""
     if not rows:
         return
     names = list(rows[0])
@@ -182,9 +180,7 @@ PageFigureOption = Annotated[
 
 
 def check_output(path: Path, *suffixes: str) -> Path:
-    """Return the path of a writable file.
-    A wrong ending or a missing folder raises an error before any work is done.
-    """
+    """Return the path of a writable file."""
     if path.suffix.lower() not in suffixes:
         raise ConfigError(f"-o {path}: must end in {' or '.join(suffixes)}")
     if not path.resolve().parent.is_dir():

@@ -412,9 +412,7 @@ def show(
 
 
 def _format_parameter(key: str, value: Any) -> dict[str, str]:
-    """Format the value of a parameter, with its unit.
-    The unit is taken from the parameter's name.
-    """
+    """Format the value of a parameter, with its unit."""
     if value is None:
         return {"value": "-", "unit": ""}
     if isinstance(value, dict):

@@ -25,9 +25,7 @@ START_TIME = "2000-01-01T00:00:00"
 
 @dataclass(frozen=True)
 class XethruNames:
-    """Options of a XeThru recording.
-    A value is None where the option was not set.
-    """
+    """Options of a XeThru recording."""
 
     data_type: str | None = None
     start_time: str | None = None
@@ -39,9 +37,7 @@ class XethruNames:
 
 
 def check_destination(path: Path, names: XethruNames) -> None:
-    """Refuse a destination that cannot be written.
-    The check runs before the simulation.
-    """
+    """Refuse a destination that cannot be written."""
     from doppelgait.core.errors import ConfigError
     from doppelgait.radar.readers import list_writers
 
@@ -65,9 +61,7 @@ def check_destination(path: Path, names: XethruNames) -> None:
 
 
 def write_to(recording: Recording, path: Path, names: XethruNames) -> Path:
-    """Write a recording in the format of its destination.
-    The path that was written is returned.
-    """
+    """Write a recording in the format of its destination."""
     from doppelgait.radar.readers import list_writers
 
     writer = list_writers()[path.suffix.lower()]

@@ -238,9 +238,7 @@ def _encode_scene(run: Run, reference: Reference) -> bytes:
 
 
 def _make_dataset_routes(opened: OpenedSource | None) -> list[Route]:
-    """Make the routes of the dataset browser.
-    Without an open dataset every route answers with an error.
-    """
+    """Make the routes of the dataset browser."""
 
     def browser() -> Browser:
         if opened is None or opened.browser is None:
@@ -278,9 +276,7 @@ def _encode_live(live: Rolling | None, query: Pairs) -> bytes:
 
 
 def _make_endpoint(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
-    """Make an endpoint that needs no run.
-    The answer is computed in a thread; several may run at the same time.
-    """
+    """Make an endpoint that needs no run."""
 
     async def endpoint(request: Request) -> Response:
         query = request.query_params.multi_items()
@@ -291,9 +287,7 @@ def _make_endpoint(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
 
 
 def return_memory() -> None:
-    """Return free memory to the system (glibc).
-    The arrays of successive answers have different sizes.
-    """
+    """Return free memory to the system (glibc)."""
     if sys.platform == "linux":
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
         if trim is not None:
@@ -301,18 +295,14 @@ def return_memory() -> None:
 
 
 async def run_in_thread(make: Callable[[], T]) -> T:
-    """Run a slow function in a thread.
-    A server that stops does not wait for the thread.
-    """
+    """Run a slow function in a thread."""
     return await anyio.to_thread.run_sync(make, abandon_on_cancel=True)
 
 
 def _run_answer(
     make: Callable[[Run, Reference], bytes], names: tuple[str, ...], media_type: str, shelf: RunCache, lock: anyio.Lock
 ) -> Endpoint:
-    """Make an endpoint about one run.
-    One request is processed at a time; a request is dropped if its page has disconnected.
-    """
+    """Make an endpoint about one run."""
 
     async def endpoint(request: Request) -> Response:
         reference = parse_reference(request.query_params.multi_items(), names)
@@ -328,9 +318,7 @@ def _run_answer(
 
 
 def read_static_files() -> dict[str, tuple[bytes, str]]:
-    """Read content and type of the page's files.
-    No other files can be requested.
-    """
+    """Read content and type of the page's files."""
     folder = resources.files("doppelgait.viewer") / "static"
     files = {}
     for file in folder.iterdir():
@@ -366,9 +354,7 @@ async def _prepare_app(
     settings: Settings,
     live: Rolling | None,
 ) -> AsyncIterator[dict[str, Any]]:
-    """Read the page's files and prepare its first answers.
-    This is done while the browser starts.
-    """
+    """Read the page's files and prepare its first answers."""
 
     async def prepare() -> None:
         async with lock:
@@ -382,9 +368,7 @@ async def _prepare_app(
 
 
 def _prepare(shelf: RunCache, opened: OpenedSource | None, settings: Settings) -> None:
-    """Analyse the opened run in advance.
-    An error is reported on the page's request.
-    """
+    """Analyse the opened run in advance."""
     describe_session(opened, settings)
     if opened is None or opened.browser is None:
         with suppress(DoppelgaitError):

@@ -43,9 +43,7 @@ MOST_THUMBNAILS = 96
 
 
 class Browser:
-    """Answers about an open dataset.
-    Arrays are read only for the contact sheet and an opened example.
-    """
+    """Answers about an open dataset."""
 
     def __init__(self, dataset: Dataset, motion_folder: Path | None = None) -> None:
         self.dataset = dataset
@@ -180,9 +178,7 @@ class Browser:
         return self._runs.run(example_id)
 
     def _sort_rows(self, filters: Filters, parameters: dict[str, str]) -> Rows:
-        """Return the matching rows in the requested order.
-        Unknown values are last in both directions; equal values have the order of the index.
-        """
+        """Return the matching rows in the requested order."""
         descending = parse_whole(parameters, "descending", 0, least=0, most=1)
         found = filters.rows(self.columns)
         if "sort" not in parameters:
@@ -193,9 +189,7 @@ class Browser:
 
     @cached_property
     def _lots(self) -> npt.NDArray[np.int64]:
-        """Random rank of every row, always the same.
-        The choice of points that are shown is therefore independent of the filters.
-        """
+        """Random rank of every row, always the same."""
         return np.random.default_rng(0).permutation(len(self.dataset))
 
     @property
@@ -243,9 +237,7 @@ FloatArray = npt.NDArray[np.float64]
 def make_thumbnails(
     dataset: Dataset, rows: npt.NDArray[np.int64]
 ) -> tuple[dict[str, Any], dict[str, npt.NDArray[np.uint8]]]:
-    """Make small images of the signatures of some rows.
-    Shapes: rows (n,).
-    """
+    """Make small images of the signatures of some rows."""
     found = [_read_signature(dataset, int(row)) for row in rows]
     signatures = [signature for signature, _ in found if signature is not None]
     facts: dict[str, Any] = {"reasons": [reason for _, reason in found], "image": None}
@@ -296,9 +288,7 @@ def _read_signature(dataset: Dataset, row: int) -> tuple[xr.DataArray | None, st
 
 
 def _reduce_signature(signature: xr.DataArray, times_s: FloatArray, velocities: FloatArray) -> FloatArray:
-    """Return the strongest level of every cell in dB.
-    The level is NaN in cells outside the signature.
-    """
+    """Return the strongest level of every cell in dB."""
     from doppelgait.viz.maps import compute_level_db
 
     own_s = read_axis(signature, "time") - read_axis(signature, "time")[0]

@@ -65,9 +65,7 @@ class Columns:
 
     @cached_property
     def kinds(self) -> dict[str, str]:
-        """Kind of every offered column: ``number``, ``category`` or ``text``.
-        The order is that of the index. A column without any known value is not offered.
-        """
+        """Kind of every offered column: ``number``, ``category`` or ``text``."""
         kinds = {}
         reserved = (*NOT_OFFERED, *RESERVED)
         for name in self.index.columns:
@@ -81,9 +79,7 @@ class Columns:
         return kinds
 
     def _is_category(self, name: str) -> bool:
-        """Return True if a text column is a category.
-        The first rows are enough to exclude most other columns.
-        """
+        """Return True if a text column is a category."""
         if name in ("label", "split"):
             return True
         if (
@@ -111,9 +107,7 @@ class Columns:
         return self._numbers[name]
 
     def read_codes(self, name: str) -> tuple[npt.NDArray[np.int64], list[str]]:
-        """Return every row's text code, and the distinct texts.
-        An unknown value is the empty text.
-        """
+        """Return every row's text code, and the distinct texts."""
         if name not in self._codes:
             codes, values = pd.factorize(_convert_to_texts(self.index[name]), sort=True)
             self._codes[name] = codes.astype(np.int64), [str(value) for value in values]
@@ -140,9 +134,7 @@ class Columns:
         return dict(sorted(counts.items(), key=lambda entry: (-entry[1], entry[0])))
 
     def select_flagged(self, pattern: str) -> npt.NDArray[np.bool_]:
-        """Select rows with a flag that matches a pattern.
-        ``*`` matches any text.
-        """
+        """Select rows with a flag that matches a pattern."""
         codes, texts = self._flag_texts
         fits = [any(fnmatchcase(flag, pattern) for flag in filter(None, text.split(";"))) for text in texts]
         return np.asarray(np.array(fits, dtype=bool)[codes])
@@ -154,9 +146,7 @@ class Columns:
         return np.zeros(len(self), dtype=np.int64), [""]
 
     def order(self, name: str) -> npt.NDArray[np.float64]:
-        """Return the sort key of every row; shape (rows,).
-        The key is the number or the alphabetical rank; it is NaN for unknown values.
-        """
+        """Return the sort key of every row; shape (rows,)."""
         if self.kinds[name] == "number":
             return self.numbers(name)
         codes, values = self.read_codes(name)

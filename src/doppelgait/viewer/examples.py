@@ -124,9 +124,7 @@ class ExampleRuns:
         self.folder = folder
 
     def run(self, example_id: str) -> Run:
-        """Open the stored results of an example.
-        Its recording is simulated again if possible.
-        """
+        """Open the stored results of an example."""
         index = self.dataset.index
         found = np.flatnonzero((index["id"] == example_id).to_numpy(dtype=bool))
         if not found.size:
@@ -184,9 +182,7 @@ class ExampleRuns:
         return self.dataset.directory, *(() if self.folder is None else (self.folder,))
 
     def _view(self, row: int, place: int, run: Run) -> TargetView:
-        """Build a target's view from its stored row.
-        Only its gate comes from the simulation.
-        """
+        """Build a target's view from its stored row."""
         example = self.dataset.example(row)
         signature = example.arrays.get("signature")
         cadence = _find_cadence(example, run.settings.analysis)
@@ -266,9 +262,7 @@ def _read_truth(row: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _find_cadence(example: Example, analysis: Analysis) -> xr.DataArray | None:
-    """Return the stored cadence map, or compute it (E-28 to E-31).
-    The result is None if neither is possible.
-    """
+    """Return the stored cadence map, or compute it (E-28 to E-31)."""
     signature, floor_v2 = example.arrays.get("signature"), _number(example.row.get("quality_noise_floor_v2"))
     if "cadence_map" in example.arrays or signature is None or floor_v2 is None:
         return example.arrays.get("cadence_map")

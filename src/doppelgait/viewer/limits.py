@@ -137,9 +137,7 @@ class LimitedConnection(H11Protocol):
 
 
 class LimitedServer(uvicorn.Server):
-    """Server that continues after a lack of open files.
-    It reports the lack in one line, and continues when files can be opened again.
-    """
+    """Server that continues after a lack of open files."""
 
     def __init__(self, config: uvicorn.Config, waiting: dict[LimitedConnection, None]) -> None:
         super().__init__(config)

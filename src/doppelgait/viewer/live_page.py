@@ -36,9 +36,7 @@ MOST_MARKS = 2000
 
 
 class Rolling:
-    """Last half minute of pictures, tracks and decisions.
-    One thread adds windows; other threads read the payload.
-    """
+    """Last half minute of pictures, tracks and decisions."""
 
     def __init__(self, source: str, radar: str, model: Model) -> None:
         self._facts = {

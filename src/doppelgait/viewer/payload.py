@@ -42,16 +42,12 @@ def pack(facts: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> by
 
 
 def as_json(value: Any) -> bytes:
-    """Encode a value as JSON in UTF-8.
-    A number that is not finite becomes null.
-    """
+    """Encode a value as JSON in UTF-8."""
     return json.dumps(convert_to_json(value), ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
 
 
 def remove_folders(text: str, *folders: Path) -> str:
-    """Replace folders in a text by their last name.
-    The working folder is replaced, too.
-    """
+    """Replace folders in a text by their last name."""
     forms = {str(form): folder.resolve().name for folder in (*folders, Path()) for form in (folder, folder.resolve())}
     for form in sorted(forms, key=len, reverse=True):  # a folder before its parents
         if len(form) > 1:  # neither "." nor "/"
@@ -73,25 +69,19 @@ Axis = dict[str, Any]
 
 
 def level_db(power: npt.ArrayLike) -> FloatArray:
-    """Convert powers to levels in dB, in their own precision.
-    Powers of 0 and below give -inf.
-    """
+    """Convert powers to levels in dB, in their own precision."""
     return np.asarray(power_to_db(np.maximum(np.asarray(power), 0.0)))
 
 
 def describe_axis(name: str, unit: str, values: npt.ArrayLike) -> Axis:
-    """Describe a uniform axis: first value, step and number.
-    Shapes: values (n,).
-    """
+    """Describe a uniform axis: first value, step and number."""
     even = np.asarray(values, dtype=np.float64)
     step = float((even[-1] - even[0]) / (even.size - 1)) if even.size > 1 else 0.0
     return {"name": name, "unit": unit, "first": float(even[0]), "step": step, "n": int(even.size), "block": 1}
 
 
 def describe_doppler(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Axis:
-    """Describe a Doppler axis and its velocity scale.
-    The velocity scale is missing if the wavelength is unknown.
-    """
+    """Describe a Doppler axis and its velocity scale."""
     facts = describe_axis("Doppler", "Hz", doppler_hz)
     if math.isfinite(wavelength_m):
         scale = float(doppler_to_velocity_mps(1.0, wavelength_m))
@@ -102,9 +92,7 @@ def describe_doppler(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Axis:
 def encode_image(
     name: str, power: FloatArray | xr.DataArray, x: Axis, y: Axis, *, unit: str, most: tuple[int, int] = MOST
 ) -> tuple[dict[str, Any], npt.NDArray[np.uint16]]:
-    """Encode a picture of levels.
-    Shapes: power (x.n, y.n); codes (x.n, y.n).
-    """
+    """Encode a picture of levels."""
     blocks = [find_block_size(size, limit) for size, limit in zip(power.shape, most, strict=True)]
     every = max(1, power.size // MEDIAN_OF)
     maxima, some = [], []
@@ -148,9 +136,7 @@ def find_block_size(size: int, most: int) -> int:
 
 
 def find_block_maxima(values: FloatArray, columns: int, rows: int) -> FloatArray:
-    """Return the strongest cell per block of ``columns`` times ``rows``.
-    The last blocks may have fewer cells.
-    """
+    """Return the strongest cell per block of ``columns`` times ``rows``."""
     for dim, block in enumerate((columns, rows)):
         if block > 1:
             values = np.maximum.reduceat(values, np.arange(0, values.shape[dim], block), axis=dim)
@@ -166,9 +152,7 @@ def _average_axis(facts: Axis, block: int) -> Axis:
 
 
 def level_span_db(levels_db: FloatArray) -> tuple[float, float]:
-    """Return the limits of finite levels, within 160 dB.
-    They are -1 and 0 dB if no level is finite.
-    """
+    """Return the limits of finite levels, within 160 dB."""
     finite = levels_db[np.isfinite(levels_db)]
     if not finite.size:
         return -1.0, 0.0
@@ -177,17 +161,13 @@ def level_span_db(levels_db: FloatArray) -> tuple[float, float]:
 
 
 def shown_range_db(levels_db: FloatArray, high_db: float) -> list[float]:
-    """Return the initial limits of the levels, 20 to 40 dB apart.
-    The lower limit is 3 dB below the median, so that noise is dark.
-    """
+    """Return the initial limits of the levels, 20 to 40 dB apart."""
     finite = levels_db[np.isfinite(levels_db)]
     noise_db = float(np.median(finite)) - 3.0 if finite.size else -math.inf
     return [high_db - float(np.clip(high_db - noise_db, *AUTO_DB_RANGE)), high_db]
 
 
 def encode(levels_db: FloatArray, low_db: float, high_db: float) -> npt.NDArray[np.uint16]:
-    """Encode levels within the limits as codes 0 to 65535.
-    Levels outside are clipped, NaN is 0.
-    """
+    """Encode levels within the limits as codes 0 to 65535."""
     scaled = (levels_db - np.float64(low_db)) * (CODES / (high_db - low_db))
     return np.asarray(np.rint(np.clip(np.nan_to_num(scaled, nan=0.0), 0.0, CODES)), dtype=np.uint16)

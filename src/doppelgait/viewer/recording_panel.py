@@ -270,9 +270,7 @@ def explain_missing_maps(run: Run) -> str | None:
 
 
 def make_frame_analysis(baseband: xr.DataArray, analysis: Analysis) -> Analysis:
-    """Return the analysis of the frames.
-    A recording with a low frame rate, as for people who keep still, has a longer interval.
-    """
+    """Return the analysis of the frames."""
     least_s = SLOW_PULSES / sampling_rate_hz(read_axis(baseband, "slow_time"))
     return analysis if analysis.cpi_s >= least_s else analysis.model_copy(update={"cpi_s": least_s})
 

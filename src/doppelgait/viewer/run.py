@@ -45,9 +45,7 @@ def find_span(result: Result) -> Span:
 
 
 def match_truths(recording: Recording, results: Sequence[Result]) -> list[Truths]:
-    """Match every result to a body of the simulation.
-    Each item is a function that returns the truth of the body between two times.
-    """
+    """Match every result to a body of the simulation."""
     times_s = recording.slow_time_s
     # Number of the body for every result.
     found: list[int | None] = [None] * len(results)
@@ -110,9 +108,7 @@ def _make_truths(
 
 
 def compute_true_values(truth: TargetTruth, wavelength_m: float, during: npt.NDArray[np.bool_]) -> dict[str, Any]:
-    """Return the true features and frequencies by their names.
-    Further facts of the simulation have separate names. Shapes: during (I,).
-    """
+    """Return the true features and frequencies by their names."""
     radial_mps = round(float(np.mean(truth.centre_velocity_mps[during])), DIGITS) + 0.0
     steps = truth.gait not in STILL and truth.gait_frequency_hz > 0
     ground = steps and truth.ground_speed_mps is not None
@@ -315,9 +311,7 @@ def clutter_key(analysis: Analysis) -> str:
 
 
 def collect_warnings(make: Callable[[], T]) -> tuple[T, list[str]]:
-    """Call a function and return its result and doppelgait's warnings.
-    Each text of a warning appears once.
-    """
+    """Call a function and return its result and doppelgait's warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoppelgaitWarning)
         made = make()
@@ -326,9 +320,7 @@ def collect_warnings(make: Callable[[], T]) -> tuple[T, list[str]]:
 
 
 def make_view(result: Result, truths: Truths) -> TargetView:
-    """Build the view of an analysed target.
-    The view of a tracked target shows its longest segment, and has views of all segments.
-    """
+    """Build the view of an analysed target."""
     spans = tuple(find_span(segment) for segment in result.segments)
     shown = replace(_view(result, truths), segments=spans)
     if not spans:

@@ -37,9 +37,7 @@ def serve(
     port: int = 0,
     on_ready: Callable[[str], None] = lambda url: None,
 ) -> None:
-    """Serve the viewer until it is interrupted.
-    Only this computer can reach it.
-    """
+    """Serve the viewer until it is interrupted."""
     with _prepare_server(port, opened, settings) as (server, listener, url):
         try:
             on_ready(url)
@@ -50,9 +48,7 @@ def serve(
 
 @contextmanager
 def serve_live(live: Rolling, port: int = 0) -> Iterator[str]:
-    """Serve the page of a stream from a thread.
-    The page is served within the ``with`` block.
-    """
+    """Serve the page of a stream from a thread."""
     with _prepare_server(port, live=live) as (server, listener, url):
         thread = threading.Thread(target=server.run, args=([listener],), daemon=True, name="page of live")
         thread.start()
@@ -151,9 +147,7 @@ def open_in_browser(url: str) -> Iterator[None]:
 
 
 def check_installed() -> None:
-    """Raise a DoppelgaitError if a server package is missing.
-    The message has the command that installs it.
-    """
+    """Raise a DoppelgaitError if a server package is missing."""
     from importlib.util import find_spec
 
     if any(find_spec(name) is None for name in ("starlette", "uvicorn")):

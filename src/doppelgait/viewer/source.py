@@ -100,9 +100,7 @@ def add_other(opened: OpenedSource, path: str | Path, settings: Settings) -> Ope
 
 
 def can_track(recording: Recording) -> bool:
-    """Return True if targets can be tracked.
-    Tracking requires several ranges, and no pauses between the pulses.
-    """
+    """Return True if targets can be tracked."""
     return recording.n_range_bins > 1 and get_burst_pulses(recording.baseband) is None
 
 
@@ -161,9 +159,7 @@ def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
 
 
 class RunCache:
-    """Opened run and the most recent other runs.
-    Only one thread at a time may use it.
-    """
+    """Opened run and the most recent other runs."""
 
     def __init__(self, opened: OpenedSource | None) -> None:
         self.opened = opened

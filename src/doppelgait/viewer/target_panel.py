@@ -36,9 +36,7 @@ NO_TARGET = "no target is detected: this recording has no steady motion and no b
 def make_targets_payload(
     run: Run, gate: GateChoice | None, changes: Changes = (), *, segment: tuple[int, int] | None = None
 ) -> bytes:
-    """Make the payload of ``api/targets``.
-    For a run that cannot be analysed the payload has the reason.
-    """
+    """Make the payload of ``api/targets``."""
     arrays: Arrays = {}
     # Stored targets are shown as stored, independently of the request.
     applied = () if run.has_stored_targets(gate) else changes
@@ -155,9 +153,7 @@ def _main_line(view: TargetView, name: str, arrays: Arrays) -> dict[str, Any] | 
 
 
 def is_aligned(view: TargetView, method: str) -> bool | None:
-    """Return True if the map's Doppler is relative.
-    True means relative to the main line. The result is None if this is unknown.
-    """
+    """Return True if the map's Doppler is relative."""
     if method == "liland2018" or view.cadence_map is None:
         return None if view.cadence_map is None else False
     if ALIGNED in view.cadence_map.attrs:

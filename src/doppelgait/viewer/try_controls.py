@@ -32,9 +32,7 @@ COMPANY_M = {"person": 1.75, "dog": 0.5}
 
 @dataclass(frozen=True)
 class Limit:
-    """Limits of a control that depend on other controls.
-    The control is limited to ``low`` to ``high`` while the other controls have the values ``when``.
-    """
+    """Limits of a control that depend on other controls."""
 
     when: Mapping[str, str]
     low: float | None = None
@@ -49,9 +47,7 @@ class Limit:
 
 @cache
 def list_speed_limits() -> tuple[Limit, ...]:
-    """Return the speed limits of every gait of every target.
-    The limits for a second target follow.
-    """
+    """Return the speed limits of every gait of every target."""
     found = []
     for who, size in SIZE_OF.items():
         for gait, low, high, power in _list_gaits(who):
@@ -86,9 +82,7 @@ def _human_mps(gait: Literal["walk", "run"]) -> tuple[float, float]:
 
 
 def seen_m(radar: str) -> tuple[float, float | None]:
-    """Return the nearest and farthest range of a preset, m.
-    A continuous-wave radar has no farthest range.
-    """
+    """Return the nearest and farthest range of a preset, m."""
     preset = Radar.preset(radar)
     return (preset.range_start_m, preset.range_stop_m) if preset.waveform.ranged else (0.0, None)
 
@@ -122,9 +116,7 @@ def middle_range_m(values: Mapping[str, Any]) -> float:
 
 
 def nearest_m(values: Mapping[str, Any], range_m: float) -> float:
-    """Return the smallest distance of the paths from the radar, m.
-    The range is that in the middle of the time.
-    """
+    """Return the smallest distance of the paths from the radar, m."""
     half_m = float(values.get("speed_mps", 0.0)) * float(values["duration_s"]) / 2.0
     heading = math.radians(180.0 + float(values["aspect_deg"]))
     sides = [0.0] if values.get("company", "nobody") == "nobody" else [0.0, BESIDE_M]
@@ -136,9 +128,7 @@ def nearest_m(values: Mapping[str, Any], range_m: float) -> float:
 
 
 def format_moved_note(values: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return a note if the targets are farther than requested.
-    Otherwise the result is empty.
-    """
+    """Return a note if the targets are farther than requested."""
     asked_m, taken_m = float(values["range_m"]), middle_range_m(values)
     if taken_m == asked_m:
         return ()
@@ -150,9 +140,7 @@ def format_moved_note(values: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def place_beside(range_m: float, aspect_deg: float) -> dict[str, float]:
-    """Place a second target next to the first.
-    Both paths are parallel.
-    """
+    """Place a second target next to the first."""
     heading = math.radians(180.0 + aspect_deg)
     x, y = range_m - BESIDE_M * math.sin(heading), BESIDE_M * math.cos(heading)
     bearing_deg = math.degrees(math.atan2(y, x))
@@ -219,9 +207,7 @@ class Control:
 
 @cache
 def list_controls() -> tuple[Control, ...]:
-    """Return all controls in the order of the page.
-    ``who`` is first.
-    """
+    """Return all controls in the order of the page."""
     radars = {name: name for name in list_preset_names() if name not in TOO_SLOW}
     # Target, speed and gait.
     gaits = {"auto": "by speed", "run": "run", **{name: name.replace("_", " ") for name in get_args(GaitName)}}

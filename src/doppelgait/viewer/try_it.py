@@ -32,16 +32,12 @@ GATE: GateName = "truth"
 
 
 def describe_controls() -> list[dict[str, Any]]:
-    """Return the controls for the page.
-    They have the fields of :class:`doppelgait.viewer.try_controls.Control`.
-    """
+    """Return the controls for the page."""
     return [{**asdict(control), "values": list(control.values.items())} for control in list_controls()]
 
 
 def parse_controls(parameters: Mapping[str, str]) -> dict[str, Value]:
-    """Return the value of every control of the target.
-    The value is that of the request or the default.
-    """
+    """Return the value of every control of the target."""
     first, *others = list_controls()
     unknown = sorted(set(parameters) - {control.name for control in list_controls()})
     if unknown:
@@ -57,9 +53,7 @@ def parse_controls(parameters: Mapping[str, str]) -> dict[str, Value]:
 
 
 def make_scene_table(parameters: Mapping[str, str]) -> dict[str, Any]:
-    """Return the tables of the controls' scene file.
-    See :func:`doppelgait.pipeline.parse_run`.
-    """
+    """Return the tables of the controls' scene file."""
     values = parse_controls(parameters)
     who, company = str(values["who"]), str(values.get("company", "nobody"))
     place = {"range_m": middle_range_m(values), "aspect_deg": float(values["aspect_deg"])}
@@ -104,9 +98,7 @@ MOTIONS: Mapping[str, Callable[[Mapping[str, Value]], dict[str, Value]]] = {
 
 
 def run_of(parameters: Mapping[str, str]) -> Run:
-    """Simulate the run of the controls.
-    Its targets are analysed on first use.
-    """
+    """Simulate the run of the controls."""
     table = make_scene_table(parameters)
     try:
         spec = parse_run(table, where="")
@@ -132,16 +124,12 @@ def run_of(parameters: Mapping[str, str]) -> Run:
 
 
 def answer_scene(run: Run, parameters: Mapping[str, str]) -> dict[str, Any]:
-    """Return the answer of ``api/scene``.
-    The answer has the scene as a file for ``doppelgait simulate``, and notes.
-    """
+    """Return the answer of ``api/scene``."""
     return {"toml": format_scene_toml(make_scene_table(parameters)), "notes": list(run.notes)}
 
 
 def format_scene_toml(table: Mapping[str, Any]) -> str:
-    """Format a scene file as TOML.
-    Values are first, followed by sections and one section per target.
-    """
+    """Format a scene file as TOML."""
     plain = {key: value for key, value in table.items() if not isinstance(value, dict | list)}
     lines = ["# doppelgait simulate scene.toml -o recording.h5", *_rows(plain)]
     for name, section in table.items():

@@ -1,7 +1,7 @@
 """Figures of labelled arrays, without pyplot.
 
-Every function returns a ``matplotlib.figure.Figure``. The functions are imported on first use, so that matplotlib is
-loaded only for a plot.
+Every function returns a ``matplotlib.figure.Figure``. The functions are imported on first use, so
+that matplotlib is loaded only for a plot.
 """
 
 from importlib import import_module

@@ -24,9 +24,7 @@ AUTO_DB_RANGE = (20.0, 40.0)
 
 
 def check_array(array: xr.DataArray, schema: Schema) -> xr.DataArray:
-    """Return ``array`` if it has values and conforms to ``schema``.
-    Otherwise an :class:`AnalysisError` is raised.
-    """
+    """Return ``array`` if it has values and conforms to ``schema``."""
     check_signal(array, schema)
     if array.size == 0:
         raise AnalysisError(f"{schema.name}: nothing to plot, its shape is {array.shape}")
@@ -59,9 +57,7 @@ def amplitude_to_db(amplitude: npt.ArrayLike) -> FloatArray:
 
 
 def level_limits_db(level_db: FloatArray, db_range: float | None) -> tuple[float, float]:
-    """Return the lower and upper end of the colour scale.
-    The upper end is the highest finite level, and the lower end is ``db_range`` below it.
-    """
+    """Return the lower and upper end of the colour scale."""
     finite = level_db[np.isfinite(level_db)]
     top = float(finite.max()) if finite.size else 0.0
     if db_range is not None:
@@ -102,9 +98,7 @@ def occupied_rows(power: FloatArray) -> npt.NDArray[np.bool_]:
 
 
 def keep_runs_of_three(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Keep only flags in a run of three or more.
-    A line has this width, random peaks do not.
-    """
+    """Keep only flags in a run of three or more."""
     padded = np.pad(flags, 2)
     runs = padded[:-2] & padded[1:-1] & padded[2:]
     return runs[:-2] | runs[1:-1] | runs[2:]
@@ -112,7 +106,8 @@ def keep_runs_of_three(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
 
 def doppler_limits_hz(array: xr.DataArray, *, lines_hz: npt.ArrayLike = ()) -> tuple[float, float]:
     """Return the occupied part of the Doppler axis.
-    It contains the occupied rows, marked lines, 0 Hz and a margin; it is the whole axis if this is most of the axis.
+    It contains the occupied rows, marked lines, 0 Hz and a margin; it is the whole axis if this is
+    most of the axis.
     """
     doppler_hz = np.asarray(array.coords["doppler"].values, dtype=np.float64)
     whole = float(doppler_hz.min()), float(doppler_hz.max())
@@ -127,9 +122,7 @@ def doppler_limits_hz(array: xr.DataArray, *, lines_hz: npt.ArrayLike = ()) -> t
 
 
 def compute_cell_edges(axis: npt.ArrayLike) -> tuple[float, float] | None:
-    """Return cell edges of a uniform axis.
-    The result is None if the steps differ by more than 0.1 %.
-    """
+    """Return cell edges of a uniform axis."""
     values = np.asarray(axis, dtype=np.float64)
     if values.size == 1:
         return float(values[0]) - 0.5, float(values[0]) + 0.5
@@ -160,9 +153,7 @@ def plot_map(
 
 
 def add_colour_bar(image: ScalarMappable, *axes: Axes, quantity: str, reference: str = "") -> None:
-    """Add a colour bar with quantity, level and range.
-    A quantity without a reference is normalised.
-    """
+    """Add a colour bar with quantity, level and range."""
     low, high = image.get_clim()
     figure = axes[0].get_figure(root=True)
     assert figure is not None
@@ -173,9 +164,7 @@ def add_colour_bar(image: ScalarMappable, *axes: Axes, quantity: str, reference:
 
 
 def add_velocity_axis(axes: Axes, wavelength: float, *, above: bool = False, label: str = VELOCITY_LABEL) -> Any:
-    """Add a second axis in m/s, f lambda / 2.
-    It is to the right of a Doppler axis, or above it.
-    """
+    """Add a second axis in m/s, f lambda / 2."""
     if not (np.isfinite(wavelength) and wavelength > 0):
         raise AnalysisError(f"wavelength_m is {wavelength}; it must be positive")
 

@@ -70,9 +70,7 @@ THIN, BOLD = 0.7, 2.2
 
 
 def find_part_group(part: str) -> str:
-    """Return the group of a body part of :mod:`doppelgait.motion.skeleton`.
-    The group of an unknown part is ``"other"``.
-    """
+    """Return the group of a body part of :mod:`doppelgait.motion.skeleton`."""
     if part in TORSO:
         return "torso"
     side, _, rest = part.partition("_")
@@ -94,9 +92,7 @@ def choose_part_colour(part: str) -> str:
 
 
 def format_bold_name(part: str) -> str | None:
-    """Return the legend entry of a part with a bold line.
-    Torso, feet and paws have bold lines; the result is None for all other parts.
-    """
+    """Return the legend entry of a part with a bold line."""
     if part in TORSO:
         return "torso"
     return part.replace("_", " ") if part.endswith(FEET) else None
@@ -104,9 +100,7 @@ def format_bold_name(part: str) -> str | None:
 
 @dataclass(frozen=True)
 class PartLines:
-    """Lines over time, each with its body part.
-    Shapes: time_s (T,); values (T, L); target (L,).
-    """
+    """Lines over time, each with its body part."""
 
     time_s: FloatArray
     values: FloatArray
@@ -136,9 +130,7 @@ def group_lines(array: xr.DataArray) -> PartLines:
 
 
 def plot_part_lines(axes: Axes, lines: PartLines, *, width: float = THIN, bold: float = BOLD) -> None:
-    """Plot thin lines in the colours of their parts.
-    The means of the torso and of each foot are bold; ``bold=0`` omits them. Targets after the first are dashed.
-    """
+    """Plot thin lines in the colours of their parts."""
     for number in dict.fromkeys(lines.target.tolist() if bold else ()):
         first = number == 0
         names = [format_bold_name(part) if lines.target[n] == number else None for n, part in enumerate(lines.parts)]
@@ -212,7 +204,7 @@ def scatterer_doppler(scatterers: xr.Dataset, *, wavelength_m: float) -> xr.Data
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
     >>> from doppelgait import viz
     >>> doppler_hz = viz.scatterer_doppler(table, wavelength_m=0.04)
@@ -233,7 +225,8 @@ def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scattere
     Parameters
     ----------
     scatterers : Dataset (slow_time, scatterer)
-        With ``range`` in m and the coordinate ``part``; a second target (coordinate ``target``) is dashed.
+        With ``range`` in m and the coordinate ``part``; a second target (coordinate ``target``) is
+        dashed.
     title : str
     ax : Axes, optional
         Axes for the plot; by default those of a new figure.
@@ -254,7 +247,7 @@ def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scattere
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
     >>> from doppelgait import viz
     >>> figure = viz.range_lines(table)
@@ -306,7 +299,7 @@ def doppler_lines(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
     >>> from doppelgait import viz
     >>> figure = viz.doppler_lines(table, wavelength_m=0.04)
@@ -331,9 +324,7 @@ def _finish_lines(axes: Axes, time_s: FloatArray, *, title: str, y: str) -> None
 
 
 class LabelledMotion(Protocol):
-    """Interface of the motions that can be plotted.
-    These are positions and stride frequency of a :class:`doppelgait.motion.Motion`.
-    """
+    """Interface of the motions that can be plotted."""
 
     @property
     def positions(self) -> xr.DataArray:
@@ -363,8 +354,8 @@ def stick_frames(
     start_s : float, optional
         Time of the first frame; the motion's start by default.
     duration_s : float, optional
-        Time from first to last frame; by default one stride (``facts.stride_frequency_hz``), or the whole motion if the
-        stride is unknown.
+        Time from first to last frame; by default one stride (``facts.stride_frequency_hz``), or the
+        whole motion if the stride is unknown.
     n_frames : int
         2 to 16.
     title : str
@@ -372,7 +363,8 @@ def stick_frames(
     Returns
     -------
     Figure
-        The horizontal axis is along the direction of travel, from the middle of the body; the floor is at 0 m.
+        The horizontal axis is along the direction of travel, from the middle of the body; the floor
+        is at 0 m.
 
     Raises
     ------
@@ -445,9 +437,7 @@ def side_view_m(position_m: FloatArray) -> FloatArray:
 
 
 def _make_panels(side_m: FloatArray, n_frames: int) -> tuple[Figure, list[Axes]]:
-    """Make a figure with one panel per frame.
-    All panels have the same scale, equal in both directions.
-    """
+    """Make a figure with one panel per frame."""
     rows = 1 if n_frames <= 5 else 2
     across = -(-n_frames // rows)
     reach = 1.15 * float(np.nanmax(np.abs(side_m[..., 0])))

@@ -39,13 +39,14 @@ def overview(
     ----------
     recording : Recording or DataArray (slow_time, range)
     result : Result, optional
-        One target of :func:`doppelgait.analyze`. Without a result, ``recording`` must be a baseband and ``arrays`` are
-        required.
+        One target of :func:`doppelgait.analyze`. Without a result, ``recording`` must be a baseband
+        and ``arrays`` are required.
     title : str, optional
         Title; by default the label of the result.
     **arrays
-        Without a result: ``signature``, ``cadence_map``, ``cadence_spectrum`` and ``features`` (values by name), and
-        optionally ``gate``, ``main_line_hz``, ``gait_frequency_hz``, ``amplitude`` and ``flags``.
+        Without a result: ``signature``, ``cadence_map``, ``cadence_spectrum`` and ``features``
+        (values by name), and optionally ``gate``, ``main_line_hz``, ``gait_frequency_hz``,
+        ``amplitude`` and ``flags``.
 
     Returns
     -------
@@ -61,7 +62,7 @@ def overview(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> results = dg.analyze(recording, gate="truth")
     >>> figure = dg.viz.overview(recording, results[0])

@@ -136,9 +136,7 @@ def _plot_features(
 
 
 def format_value(name: str, value: float | None) -> str:
-    """Format a value with its unit in about three digits.
-    The text for None and NaN is "not determined".
-    """
+    """Format a value with its unit in about three digits."""
     if value is None or not np.isfinite(value):
         return "not determined"
     unit = describe_quantity(name)[1]

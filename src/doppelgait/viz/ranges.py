@@ -99,7 +99,7 @@ def range_time(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait import viz
@@ -165,8 +165,9 @@ def range_doppler_map(
     power : DataArray (doppler, range)
         V^2, with the coordinate ``velocity`` and, if known, the scalar coordinate ``time``.
     gate : Dataset (time), optional
-        ``range_low`` and ``range_high`` in m, ``doppler_low`` and ``doppler_high`` in Hz, which may be infinite. The
-        limits are those at the time of the map, or at the middle of the gate if the map has no time.
+        ``range_low`` and ``range_high`` in m, ``doppler_low`` and ``doppler_high`` in Hz, which may
+        be infinite. The limits are those at the time of the map, or at the middle of the gate if
+        the map has no time.
     db_range : float, optional
         Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
     title : str
@@ -189,7 +190,7 @@ def range_doppler_map(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> maps = dg.processing.range_doppler(
     ...     recording.baseband, dg.Analysis(), wavelength_m=recording.radar.wavelength_m
@@ -251,9 +252,7 @@ def plot_sensor_fit(
     gain_db: FloatArray,
     title: str = "Fitted sensor model",
 ) -> Figure:
-    """Plot levels over range, and common phase over time.
-    Shapes: range_m, static_db, noise_db (N,); knots_m, knots_db (M,); time_s, phase_rad, gain_db (I,).
-    """
+    """Plot levels over range, and common phase over time."""
     figure = make_figure(width_in=10.5, height_in=7.5)
     grid = figure.add_gridspec(2, 2, height_ratios=(3, 2))
     levels = figure.add_subplot(grid[0, :])

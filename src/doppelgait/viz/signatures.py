@@ -59,7 +59,8 @@ def signature(
         Raw (V^2) or normalised (1).
     truth_doppler : DataArray (slow_time, scatterer), optional
         True Doppler of every scatterer in Hz with the coordinate ``part``
-        (:func:`doppelgait.viz.scatterer_doppler`); plotted as thin lines in the colours of the parts over a grey map.
+        (:func:`doppelgait.viz.scatterer_doppler`); plotted as thin lines in the colours of the
+        parts over a grey map.
     main_line_hz : array_like, shape (J,) or scalar, optional
         Main Doppler line at the signature's times, Hz.
     db_range : float, optional
@@ -86,7 +87,7 @@ def signature(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait import viz
@@ -112,9 +113,7 @@ def signature(
 
 
 def choose_reference(signature: xr.DataArray) -> str:
-    """Return the reference of the levels.
-    The reference is 1 V² for a raw signature, and empty for a normalised one.
-    """
+    """Return the reference of the levels."""
     return "1 V²" if signature.attrs["units"] == "V^2" else ""
 
 
@@ -128,9 +127,7 @@ def plot_signature(
     doppler_hz: Limits | None = None,
     limits_db: Limits | None = None,
 ) -> ScalarMappable:
-    """Plot map and lines of :func:`signature` on existing axes.
-    ``limits_db`` fixes the colour scale.
-    """
+    """Plot map and lines of :func:`signature` on existing axes."""
     check_signature(signature)
     level_db = compute_level_db(signature.values).T
     limits_hz = doppler_hz or doppler_limits_hz(
@@ -203,7 +200,7 @@ def signature_normalisation(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait import viz

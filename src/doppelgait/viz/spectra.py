@@ -97,7 +97,7 @@ def cadence_spectrum(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait import viz
@@ -132,9 +132,7 @@ def plot_cadence_spectrum(
     amplitude: bool,
     doubtful: bool = False,
 ) -> None:
-    """Plot curve and marks of :func:`cadence_spectrum` on existing axes.
-    A doubtful gait frequency has a question mark.
-    """
+    """Plot curve and marks of :func:`cadence_spectrum` on existing axes."""
     shown = crop_cadence(check_array(spectrum, CADENCE_SPECTRUM), cadence_reach_hz(max_cadence_hz, gait_frequency_hz))
     cadence_hz = shown.coords["cadence"].values
     level_db = levels_below_peak_db(shown.values, db_range, amplitude=amplitude)
@@ -151,9 +149,7 @@ def plot_cadence_spectrum(
 def mark_harmonics(
     axes: Axes, found_hz: Sequence[float | None], cadence_hz: FloatArray, level: FloatArray, *, doubtful: bool = False
 ) -> None:
-    """Mark the gait frequency and its harmonics by number.
-    The legend has their values, with a question mark if they have low confidence.
-    """
+    """Mark the gait frequency and its harmonics by number."""
     for number, value in enumerate(found_hz, start=1):
         if value is not None and np.isfinite(value) and value <= axes.get_xlim()[1]:
             words = f"{number}: {'gait frequency' if number == 1 else 'harmonic'}, {value:.2f} Hz" + " ?" * doubtful
@@ -176,7 +172,8 @@ def _mark_peak(axes: Axes, cadence_hz: float, level_db: float, text: str, *, lab
 
 def levels_below_peak_db(values: npt.ArrayLike, db_range: float, *, amplitude: bool) -> FloatArray:
     """Return levels in dB relative to the maximum.
-    The levels are limited to twice the range below the peak; without a peak all levels have this limit.
+    The levels are limited to twice the range below the peak; without a peak all levels have this
+    limit.
     """
     check_db_range(db_range)
     power = np.asarray(values, dtype=np.float64) ** (2 if amplitude else 1)
@@ -222,8 +219,8 @@ def mean_doppler_spectrum(
     torso_doppler_hz : float, optional
         Main line, marked with its value.
     bandwidth_hz : float or (float, float), optional
-        Micro-Doppler bandwidth B_mu, shaded: its two edges, or its width alone. A width is placed where it contains the
-        most power.
+        Micro-Doppler bandwidth B_mu, shaded: its two edges, or its width alone. A width is placed
+        where it contains the most power.
     threshold : float, optional
         t_mu relative to the maximum, plotted as a level.
     db_range : float
@@ -298,9 +295,7 @@ def mean_doppler_spectrum(
 
 
 def densest_band_hz(power: FloatArray, doppler_hz: FloatArray, width_hz: float) -> tuple[float, float]:
-    """Return the edges of the band of most power.
-    The width of the band is fixed.
-    """
+    """Return the edges of the band of most power."""
     span = min(max(width_hz, 0.0), float(np.ptp(doppler_hz)))
     starts = np.linspace(doppler_hz[0], doppler_hz[-1] - span, 4 * doppler_hz.size)
     steps = np.diff(doppler_hz, prepend=doppler_hz[0])
@@ -331,8 +326,8 @@ def cadence_map(
     gait_frequency_hz : float, optional
         f_mu, marked above the map with its second and third harmonic.
     harmonics_hz : sequence of float or None, optional
-        Measured second and third harmonic, None for a harmonic that was not found; by default multiples of the gait
-        frequency.
+        Measured second and third harmonic, None for a harmonic that was not found; by default
+        multiples of the gait frequency.
     max_cadence_hz : float, optional
         Right end of the cadence axis; by default 8 to 20 Hz, to show three harmonics.
     db_range : float, optional
@@ -359,7 +354,7 @@ def cadence_map(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait import viz
@@ -385,16 +380,12 @@ def cadence_map(
 
 
 def label_cadence_map(cadence_map: xr.DataArray) -> str:
-    """Return the label of a cadence map's Doppler axis.
-    The Doppler of an aligned map is relative to the main line.
-    """
+    """Return the label of a cadence map's Doppler axis."""
     return FROM_LINE_LABEL if from_main_line(cadence_map) else DOPPLER_LABEL
 
 
 def from_main_line(cadence_map: xr.DataArray) -> bool:
-    """Return True if Doppler is relative to the main line.
-    Maps of older result files do not store it.
-    """
+    """Return True if Doppler is relative to the main line."""
     return bool(cadence_map.attrs.get("aligned", False))
 
 
@@ -456,9 +447,7 @@ def cadence_reach_hz(max_cadence_hz: float | None, gait_frequency_hz: float | No
 
 
 def crop_cadence(array: xr.DataArray, max_cadence_hz: float) -> xr.DataArray:
-    """Crop an array (cadence, ...) at a cadence.
-    At least two values must remain.
-    """
+    """Crop an array (cadence, ...) at a cadence."""
     shown = array.isel(cadence=array.coords["cadence"].values <= max_cadence_hz + 1e-9)
     if shown.sizes["cadence"] < 2:
         raise AnalysisError(

@@ -95,17 +95,13 @@ def describe_flag(flag: str) -> str:
 
 
 def label_quantity(name: str) -> str:
-    """Return the axis label of a column: description and unit.
-    The label of a number without a unit is the description alone.
-    """
+    """Return the axis label of a column: description and unit."""
     words, unit = describe_quantity(name)
     return words if unit == "1" else f"{words} ({unit})"
 
 
 def choose_class_colours(classes: Iterable[str]) -> dict[str, str]:
-    """Return the colour of every class.
-    Known classes have fixed colours; other classes have colours in alphabetical order.
-    """
+    """Return the colour of every class."""
     names = sorted(set(classes))
     others = [name for name in names if name not in CLASS_COLOURS]
     extra = {name: OTHER_CLASS_COLOURS[n % len(OTHER_CLASS_COLOURS)] for n, name in enumerate(others)}
@@ -113,9 +109,7 @@ def choose_class_colours(classes: Iterable[str]) -> dict[str, str]:
 
 
 def map_lines(labels: Sequence[str]) -> list[tuple[str, str]]:
-    """Return colour and line style of targets on a map.
-    A target with a known class, such as "0: human", has the colour of its class.
-    """
+    """Return colour and line style of targets on a map."""
     known = [next((name for name in CLASS_COLOURS if name in label.split()), "") for label in labels]
     looks = []
     for number, name in enumerate(known):
@@ -126,9 +120,7 @@ def map_lines(labels: Sequence[str]) -> list[tuple[str, str]]:
 
 
 def make_figure(*, width_in: float = 10.5, height_in: float = 5.5, compressed: bool = False) -> Figure:
-    """Make an empty figure without global state.
-    The layout avoids overlapping text; ``compressed`` also places panels close to each other.
-    """
+    """Make an empty figure without global state."""
     layout: Literal["compressed", "constrained"] = "compressed" if compressed else "constrained"
     figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout=layout, facecolor="white")
     FigureCanvasAgg(figure)
@@ -136,9 +128,7 @@ def make_figure(*, width_in: float = 10.5, height_in: float = 5.5, compressed: b
 
 
 def make_axes(ax: Axes | None = None, *, width_in: float = 10.5, height_in: float = 5.5) -> tuple[Figure, Axes]:
-    """Make a figure with one pair of axes.
-    With ``ax``, these axes and their figure are returned.
-    """
+    """Make a figure with one pair of axes."""
     if ax is not None:
         check_type(ax, Axes, "ax", "make axes with matplotlib.pyplot.subplots()")
         return ax.get_figure(root=True) or ax.figure, ax  # type: ignore[return-value]
@@ -162,7 +152,8 @@ def draw_grid(axes: Axes) -> None:
 
 def place_legend_below(figure: Figure, axes: Axes, *, columns: int = 6, inside: bool = False) -> None:
     """Put a legend below the axes, or inside them.
-    Without labelled artists there is no legend. A legend below the axes needs a figure with a constrained layout.
+    Without labelled artists there is no legend. A legend below the axes needs a figure with a
+    constrained layout.
     """
     handles, labels = axes.get_legend_handles_labels()
     if handles:
@@ -175,9 +166,7 @@ def place_legend_below(figure: Figure, axes: Axes, *, columns: int = 6, inside: 
 
 
 def legend_under(axes: Axes, *, columns: int = 1) -> None:
-    """Put the legend of one panel below its labels.
-    It is for pages with several panels that have different legends.
-    """
+    """Put the legend of one panel below its labels."""
     if axes.get_legend_handles_labels()[0]:
         strengthen(
             axes.legend(
@@ -203,8 +192,8 @@ def strengthen(legend: Legend) -> None:
 def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -> Path:
     """Write a figure as PNG, SVG or PDF, atomically.
 
-    The same input gives the same bytes, provided that the figure was not rendered before: each rendering repeats the
-    layout and may shift panels by a fraction of a pixel.
+    The same input gives the same bytes, provided that the figure was not rendered before: each
+    rendering repeats the layout and may shift panels by a fraction of a pixel.
 
     Parameters
     ----------
@@ -229,7 +218,7 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait import viz

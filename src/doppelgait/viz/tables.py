@@ -81,8 +81,8 @@ def feature_scatter(
     table : DataFrame
         One row per example.
     x, y : str
-        Columns; the suffix of the name determines the unit on the axis. Rows with None or NaN are left out, and the
-        legend has their number.
+        Columns; the suffix of the name determines the unit on the axis. Rows with None or NaN are
+        left out, and the legend has their number.
     by : str
         Column of the class.
     title : str, optional
@@ -149,7 +149,8 @@ def feature_matrix(
     table : DataFrame
         One row per example.
     features : sequence of str
-        1 to 12 columns; the six features by default. None and NaN are left out, and the panel has their number.
+        1 to 12 columns; the six features by default. None and NaN are left out, and the panel has
+        their number.
     by : str
         Column of the class.
     title : str
@@ -157,7 +158,8 @@ def feature_matrix(
     Returns
     -------
     Figure
-        Share of the known values of a class per bin; the first and last bins contain the outermost 0.2 %.
+        Share of the known values of a class per bin; the first and last bins contain the outermost
+        0.2 %.
 
     Raises
     ------
@@ -215,9 +217,7 @@ def feature_matrix(
 
 
 def make_bin_edges(known: FloatArray, n_rows: int) -> FloatArray:
-    """Return the edges of 8 to 30 histogram bins.
-    The bins lie between the outer quantiles of the values, or around equal values.
-    """
+    """Return the edges of 8 to 30 histogram bins."""
     bins = int(np.clip(math.sqrt(2.0 * n_rows), *BINS))
     if not known.size:
         return np.linspace(0.0, 1.0, bins + 1)
@@ -245,7 +245,8 @@ def contact_sheet(
     titles : sequence of str
         One title per signature.
     db_range : float, optional
-        Dynamic range below the strongest cell of all signatures in dB; by default down to the noise, at most 40 dB.
+        Dynamic range below the strongest cell of all signatures in dB; by default down to the
+        noise, at most 40 dB.
     columns : int, optional
         Signatures in a row; about square by default.
     doppler_hz : (float, float), optional
@@ -267,7 +268,7 @@ def contact_sheet(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait import viz

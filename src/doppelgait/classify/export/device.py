@@ -188,7 +188,8 @@ FURTHEST_SHIFT = 40
 
 class IntegerLayer(NamedTuple):
     """Convolution of integers.
-    The activation is (sum * multiplier + offset) >> shift, 0 to 127; half of the last place is in the offset.
+    The activation is (sum * multiplier + offset) >> shift, 0 to 127; half of the last place is in
+    the offset.
     """
 
     kernel: IntArray
@@ -233,7 +234,8 @@ def pooled(layer: npt.NDArray[np.generic], kernel: npt.NDArray[np.generic]) -> F
 
 def quantise(network: Network, examples: list[Levels]) -> IntegerNetwork:
     """Convert a network to integers.
-    Weights have one scale per output channel, activations one per layer: its largest value over the examples is 127.
+    Weights have one scale per output channel, activations one per layer: its largest value over the
+    examples is 127.
     """
     pictures = np.concatenate([cut_pictures(whole, network.patch) for whole in examples])
     values = np.concatenate([pictures, pictures[:, ::-1]])[:, None].astype(np.float64)

@@ -1,7 +1,8 @@
 """Score a model file of doppelgait with NumPy alone.
 
-``doppelgait model export --form numpy`` copies this file next to a model. It imports nothing of doppelgait. Features
-and pictures go in, probabilities come out; :func:`signature` and :func:`levels` make the pictures from samples.
+``doppelgait model export --form numpy`` copies this file next to a model. It imports nothing of
+doppelgait. Features and pictures go in, probabilities come out; :func:`signature` and
+:func:`levels` make the pictures from samples.
 """
 
 from __future__ import annotations

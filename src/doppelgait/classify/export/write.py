@@ -42,16 +42,19 @@ class CSettings:
     integers : bool
         Networks in 8-bit integers instead of float32.
     prf_hz, carrier_hz : float, optional
-        Pulse rate and carrier of the radar; by default those of the training data, if each is one number.
+        Pulse rate and carrier of the radar; by default those of the training data, if each is one
+        number.
     window_s : float, optional
-        Observation of one decision; by default the shortest one of the training data, and at least one picture.
+        Observation of one decision; by default the shortest one of the training data, and at least
+        one picture.
     bins : int
         Range bins of the gate.
     still_time_s : float or None
-        Time constant of the running mean that is subtracted as static echoes; None: the samples have none.
+        Time constant of the running mean that is subtracted as static echoes; None: the samples
+        have none.
     data : Path, optional
-        Dataset with held-out signatures that set the scales of the integers and are golden vectors; by default both are
-        simulated.
+        Dataset with held-out signatures that set the scales of the integers and are golden vectors;
+        by default both are simulated.
     n_examples : int
         Golden vectors of each kind.
     seed : int
@@ -93,8 +96,9 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
     ----------
     model : Model
     form : {"c", "numpy", "onnx"}
-        ``c``: C99 from complex samples of a gate, or from features, to probabilities. ``numpy``: the model file and a
-        scorer that needs NumPy alone. ``onnx``: one graph from features and pictures to calibrated probabilities
+        ``c``: C99 from complex samples of a gate, or from features, to probabilities. ``numpy``:
+        the model file and a scorer that needs NumPy alone. ``onnx``: one graph from features and
+        pictures to calibrated probabilities
         (:func:`doppelgait.classify.export.onnx_graph.build_onnx_model`).
     folder : path
         Appears complete or not at all; replaces an earlier export.
@@ -108,7 +112,8 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
     Raises
     ------
     ConfigError
-        If the form is unknown, a library for it is missing, the radar is not known, or the folder holds anything else.
+        If the form is unknown, a library for it is missing, the radar is not known, or the folder
+        holds anything else.
     OutputError
         If it cannot be written.
 
@@ -225,7 +230,8 @@ def convert_to_integers(model: Model, examples: list[Any]) -> Model:
 
 def walk_samples(rng: np.random.Generator, device: Device) -> Complex:
     """Simulate a window of a body that swings four limbs.
-    The window has noise, and a static echo if the device removes one. Shapes: returns (n_pulses, n_bins).
+    The window has noise, and a static echo if the device removes one. Shapes: returns (n_pulses,
+    n_bins).
     """
     time_s = np.arange(device.window_pulses) / device.prf_hz
     speed = rng.choice([-1.0, 1.0]) * rng.uniform(*SPEED_MPS)
