@@ -62,10 +62,7 @@ def curves_of(strides: Strides) -> dict[str, list[FloatArray]]:
 
 
 def mean_curve(rows: list[FloatArray], *, harmonics: int, folded: bool) -> FloatArray:
-    """Return the mean of all strides at 20 phases.
-
-    ``folded`` leaves out what differs between half strides.
-    """
+    """Return the mean of all strides at 20 phases. ``folded`` leaves out what differs between half strides."""
     each = np.fft.rfft(np.concatenate(rows), axis=1)[:, : harmonics + 1] / rows[0].shape[1] * 2
     terms = each.mean(axis=0)
     terms[0] /= 2

@@ -132,10 +132,7 @@ def seen(rng: Rng, motion: Motion, label: str = "human", **place: Any) -> Target
 
 
 def seated(motion: Motion, rng: Rng, *, down_s: float, up_s: float = math.inf) -> Motion:
-    """Let a body that faces +x sit down and stand up again.
-
-    It breathes while it sits.
-    """
+    """Let a body that faces +x sit down and stand up again. It breathes while it sits."""
     times_s, height_m = motion.time_s - motion.time_s[0], motion.facts.height_m
     lasts_s = float(rng.uniform(1.2, 2.0))
     low = _half_cosine((times_s - down_s) / lasts_s) - _half_cosine((times_s - up_s) / lasts_s)
@@ -190,10 +187,7 @@ def passing(
 
 
 def extras(rng: Rng, wanted: int) -> list[Target]:
-    """Return things that move as background.
-
-    0: none; 1: a fan; 2: a curtain; 3: a robot vacuum cleaner.
-    """
+    """Return things that move as background. 0: none; 1: a fan; 2: a curtain; 3: a robot vacuum cleaner."""
     if wanted == 0:
         return []
     motion, total_m2, place, heading_deg = {
@@ -304,10 +298,7 @@ def companions(
 
 
 def two(rng: Rng, *, first: str, second: str, places: str, radar: Radar = X4, third: bool = False) -> Setup:
-    """Draw two who cross, overtake or keep apart.
-
-    ``first`` and ``second`` are person or dog.
-    """
+    """Draw two who cross, overtake or keep apart. ``first`` and ``second`` are person or dog."""
     fast_slow = {"overtake": ((0.6, 0.85), (1.3, 1.6))}.get(places, ((0.8, 1.3), (0.9, 1.4)))
     starts, headings = {
         "cross": (((8.2, 0.5), (2.0, -0.5)), (180.0, 0.0)),

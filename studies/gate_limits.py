@@ -1,22 +1,29 @@
 """Limits of tracks: weakest walker, false tracks, loss of the torso.
 
-    python studies/gate_limits.py [--part weakest false torso] [--draws 3] [--minutes 4]
+    python studies/gate_limits.py --page
 
-Every run draws its target with its own seed. SNR_frame: mean power of the strongest bin over that of the noise. The
-truth is used only to judge. Prints markdown.
+Question: down to which SNR is a walk tracked, do empty rooms make tracks, and does clutter removal take the torso of a
+person who crosses the line of sight?
+
+Every run samples its target with its own seed, preset `x4`. SNR_frame is the mean power of the strongest bin over that
+of the noise; static clutter lies 20 dB above the echo. The truth is used only to judge. A walk counts as kept if one
+track covers 90 % of it. The loss of the torso is measured on the echo of the trunk alone, within 0.1 s of the crossing
+and over the whole recording, next to the closed form. It takes about 3 minutes of one core.
+
+Not shown: reflections, which make tracks of their own, and rooms with people who sit.
 """
 
 from __future__ import annotations
 
-import argparse
-import time
-import warnings
-from collections.abc import Callable
+from itertools import product
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 import xarray as xr
 from gates import MODELS, SEED, SPAN_M, X4, own_track, spoilt, tracks_in, truth_of, walk_past
+from harness import finish, make_parser, quiet, run_jobs
 
 from doppelgait.core.labels import read_axis
 from doppelgait.core.rng import Streams
@@ -42,31 +49,28 @@ Rng = np.random.Generator
 SWEEP_DB = (15.0, 12.5, 10.0, 7.5, 5.0, 2.5, 0.0, -2.5, -5.0)
 
 
-def print_weakest(draws: int) -> None:
-    """Tabulate tracked runs and tracked time.
+def measure_cover(job: tuple[str, int]) -> list[dict[str, Any]]:
+    """Measure the share of a walk that one track covers, at every level."""
+    quiet()
+    kind, run = job
+    rng = np.random.default_rng([SEED, 3, list(MODELS).index(kind), run])
+    recording = walk_past(kind, X4, float(rng.uniform(0.0, 45.0)), rng)
+    truth, rows = truth_of(recording), []
+    for level_db in SWEEP_DB:
+        best = own_track(tracks_in(spoilt(recording.baseband, level_db, rng), X4), truth, 0)
+        seconds = 0.0 if best is None else best.last_s - best.first_s + 0.1
+        rows.append({"target": kind, "level": level_db, "cover": min(1.0, seconds / np.ptp(recording.slow_time_s))})
+    return rows
 
-    Runs in which one track covers 90 % of the walk.
-    """
-    print("\n### Tracks kept against SNR_frame (x4, static clutter 20 dB above the echo)\n")
-    print("| target | n | " + " | ".join(f"{level_db:g} dB" for level_db in SWEEP_DB) + " | 90 % of runs from |")
-    print("|---" * (len(SWEEP_DB) + 3) + "|")
-    runs = 8 * draws
-    for kind_number, kind in enumerate(list(MODELS)[:4]):
-        covered = np.zeros((runs, len(SWEEP_DB)))
-        for run in range(runs):
-            rng = np.random.default_rng([SEED, 3, kind_number, run])
-            recording = walk_past(kind, X4, float(rng.uniform(0.0, 45.0)), rng)
-            times_s = recording.slow_time_s
-            truth = truth_of(recording)
-            for n, level_db in enumerate(SWEEP_DB):
-                best = own_track(tracks_in(spoilt(recording.baseband, level_db, rng), X4), truth, 0)
-                seconds = 0.0 if best is None else best.last_s - best.first_s + 0.1
-                covered[run, n] = min(1.0, seconds / (times_s[-1] - times_s[0]))
-        kept = (covered >= 0.9).mean(axis=0)
-        cells = " | ".join(f"{100 * k:.0f} / {100 * t:.0f} %" for k, t in zip(kept, covered.mean(axis=0), strict=True))
-        fails = np.flatnonzero(kept < 0.9)
-        lowest = SWEEP_DB[fails[0] - 1] if fails.size and fails[0] else np.nan if fails.size else SWEEP_DB[-1]
-        print(f"| {kind} | {runs} | {cells} | {lowest:g} dB |", flush=True)
+
+def tabulate_cover(rows: pd.DataFrame) -> pd.DataFrame:
+    """Tabulate the share of walks that are kept, and of the time that is tracked."""
+
+    def share(cover: pd.Series) -> str:
+        return f"{100 * (cover >= 0.9).mean():.0f} / {100 * cover.mean():.0f}"
+
+    wide = rows.groupby(["target", "level"], sort=False)["cover"].apply(share).unstack("level")
+    return wide[list(SWEEP_DB)].rename(columns=lambda level_db: f"{level_db:g} dB").reset_index()
 
 
 # False tracks -----------------------------------------------------------------------------------------------------
@@ -84,10 +88,7 @@ FAN_M = 4.0
 
 
 def clutter_at(level_db: float) -> dict[str, object]:
-    """Add static clutter above the thermal noise of the X4.
-
-    The same at all ranges.
-    """
+    """Add static clutter above the thermal noise of the X4. The same at all ranges."""
     noise_db = 10 * np.log10(noise_power_per_sample_v2(ThermalNoise(), X4))
     return {"kind": "static_clutter", "levels": [[0.0, float(noise_db) + level_db]]}
 
@@ -108,38 +109,41 @@ def rooms() -> dict[str, tuple[list[Target], list[dict[str, object]]]]:
     }
 
 
-def print_false(minutes: int) -> None:
-    """Tabulate false tracks per minute in empty rooms.
+def count_false(job: tuple[str, int]) -> list[dict[str, Any]]:
+    """Count the tracks of a minute in an empty room; also without aligned phases and by the mean."""
+    quiet()
+    name, minute = job
+    bodies, impairments = rooms()[name]
+    rng = Streams(int(np.random.default_rng([SEED, 4, list(rooms()).index(name), minute]).integers(2**31)))
+    conditions = Conditions(impairments=impairments)
+    made = simulate(Scene(bodies, duration_s=60.0), X4, rng=rng, angles=False, conditions=conditions)
+    scans = find_scans(made.baseband, wavelength_m=X4.wavelength_m)
+    tracks = track(scans, velocity_span_mps=X4.wavelength_m * X4.prf_hz / 2)
+    still = remove_static_clutter(made.baseband, kind="mean")
+    row = {
+        "room without a body": name,
+        "minutes": 1,
+        "detections/min": sum(len(scan.detections) for scan in scans),
+        "tracks/min": len(tracks),
+        "of them at the fan": sum(bool(bodies) and abs(float(np.median(t.range_m)) - FAN_M) < 0.8 for t in tracks),
+        "tracks/min by the mean, phases not aligned": len(tracks_in(still, X4, Detector(clutter="none"))),
+    }
+    return [row]
 
-    Also without the alignment of phases, by the mean.
-    """
-    print(
-        "\n### False tracks\n\n| room without a body | minutes | detections/min | tracks/min | of them at the fan ",
-        end="",
-    )
-    print("| tracks/min by the mean, phases as they are |\n" + "|---" * 6 + "|")
-    for number, (name, (bodies, impairments)) in enumerate(rooms().items()):
-        count, found, before = 0, [], 0
-        for minute in range(minutes):
-            rng = Streams(int(np.random.default_rng([SEED, 4, number, minute]).integers(2**31)))
-            made = simulate(Scene(bodies, duration_s=60.0), X4, rng=rng, angles=False,
-                            conditions=Conditions(impairments=impairments))  # fmt: skip
-            scans = find_scans(made.baseband, wavelength_m=X4.wavelength_m)
-            count += sum(len(scan.detections) for scan in scans)
-            found += track(scans, velocity_span_mps=X4.wavelength_m * X4.prf_hz / 2)
-            still = remove_static_clutter(made.baseband, kind="mean")
-            before += len(tracks_in(still, X4, Detector(clutter="none")))
-        at_fan = sum(bool(bodies) and abs(float(np.median(one.range_m)) - FAN_M) < 0.8 for one in found)
-        print(
-            f"| {name} | {minutes} | {count / minutes:.0f} | {len(found) / minutes:.2f} | {at_fan} "
-            f"| {before / minutes:.2f} |", flush=True,
-        )  # fmt: skip
+
+def tabulate_false(rows: pd.DataFrame) -> pd.DataFrame:
+    """Average the counts of all minutes of a room."""
+    grouped = rows.groupby("room without a body", sort=False)
+    return grouped.mean().assign(minutes=grouped["minutes"].sum()).reset_index()
 
 
 # Torsos that cross ------------------------------------------------------------------------------------------------
 
 KINDS: tuple[ClutterKind, ...] = ("mean", "median", "exponential", "mti")
 NEAR_S = 0.1
+CROSSINGS = ((0.8, 1.5, 5.0), (0.8, 1.5, 15.0), (0.3, 0.5, 5.0))
+"""Lowest and highest speed, m/s, and seconds."""
+LOSSES = ("near the crossing", "closed form there", "whole recording", "closed form")
 
 
 def crossing_at_90(rng: Rng, seconds: float, slowest_mps: float, fastest_mps: float) -> Recording:
@@ -158,43 +162,35 @@ def torso_of(recording: Recording) -> xr.DataArray:
     return synthesise(table.isel(scatterer=own), recording.radar)
 
 
-def print_torso(draws: int) -> None:
-    """Tabulate the energy of the trunk lost to clutter methods.
+def measure_losses(job: tuple[tuple[float, float, float], int]) -> list[dict[str, Any]]:
+    """Measure the energy of the trunk that each clutter filter takes, and the flags of the analysis."""
+    quiet()
+    (slowest_mps, fastest_mps, seconds), run = job
+    rng = np.random.default_rng([SEED, 5, CROSSINGS.index(job[0]), run])
+    recording, rows = crossing_at_90(rng, seconds, slowest_mps, fastest_mps), []
+    cluttered = recording.with_baseband(spoilt(recording.baseband, 20.0, rng))
+    for kind in KINDS:
+        results = analyze(cluttered, analysis=Analysis(clutter=kind, extended=False))
+        flags = [f for r in results for one in (r, *r.segments) for f in one.flags]
+        flagged = any(flag.startswith("clutter_removal_took_") for flag in flags)
+        case = f"{slowest_mps:g}-{fastest_mps:g} m/s, {seconds:g} s"
+        losses = dict(zip(LOSSES, losses_db(recording, kind), strict=True))
+        rows.append({"walk": case, "clutter": kind, "flagged": flagged, "found": bool(results), **losses})
+    return rows
 
-    Measured, closed form, and the flag of the analysis.
-    """
-    print("\n### Trunk of a person who crosses at 90 degrees: energy lost (median, 10th to 90th percentile)\n")
-    print(
-        "| speed m/s, recording s | clutter | n | measured within 0.1 s of the crossing, dB | closed form there, dB ",
-        end="",
-    )
-    print("| measured, whole recording, dB | closed form, dB | flagged `clutter_removal_took_` |\n" + "|---" * 8 + "|")
-    for case, (slowest_mps, fastest_mps, seconds) in enumerate(((0.8, 1.5, 5.0), (0.8, 1.5, 15.0), (0.3, 0.5, 5.0))):
-        rows: dict[ClutterKind, list[list[float]]] = {kind: [] for kind in KINDS}
-        for run in range(4 * draws):
-            rng = np.random.default_rng([SEED, 5, case, run])
-            recording = crossing_at_90(rng, seconds, slowest_mps, fastest_mps)
-            cluttered = recording.with_baseband(spoilt(recording.baseband, 20.0, rng))
-            for kind, found in rows.items():
-                results = analyze(cluttered, analysis=Analysis(clutter=kind, extended=False))
-                flags = [f for r in results for one in (r, *r.segments) for f in one.flags]
-                flagged = any(flag.startswith("clutter_removal_took_") for flag in flags)
-                found.append([*losses_db(recording, kind), float(flagged), float(bool(results))])
-        for kind, found in rows.items():
-            table = np.array(found)
-            low, middle, high = np.quantile(table, [0.1, 0.5, 0.9], axis=0)
-            cells = " | ".join(f"{middle[n]:.1f} ({low[n]:.1f} to {high[n]:.1f})" for n in range(4))
-            print(
-                f"| {slowest_mps:g}-{fastest_mps:g}, {seconds:g} | {kind} | {len(found)} | {cells} "
-                f"| {table[:, 4].sum():.0f} of {table[:, 5].sum():.0f} found |", flush=True,
-            )  # fmt: skip
+
+def tabulate_losses(rows: pd.DataFrame) -> pd.DataFrame:
+    """Tabulate median, 10th and 90th percentile of the losses, dB."""
+    found = []
+    for (walk, clutter), own in rows.groupby(["walk", "clutter"], sort=False):
+        quantiles = own[list(LOSSES)].quantile([0.5, 0.1, 0.9])
+        cells = ["{:.1f} ({:.1f} to {:.1f})".format(*quantiles[name]) for name in LOSSES]
+        found.append((walk, clutter, len(own), *cells, f"{own['flagged'].sum()} of {own['found'].sum()}"))
+    return pd.DataFrame(found, columns=["walk", "clutter", "n", *LOSSES, "flagged, of those found"])
 
 
 def losses_db(recording: Recording, kind: ClutterKind) -> list[float]:
-    """Return the loss of the trunk near the crossing and overall.
-
-    Measured and closed form.
-    """
+    """Return the loss of the trunk near the crossing and overall. Measured and closed form."""
     before = torso_of(recording)
     after = remove_static_clutter(before, kind=kind)
     truth, times_s = recording.truth[0], read_axis(before, "slow_time")
@@ -213,22 +209,22 @@ def losses_db(recording: Recording, kind: ClutterKind) -> list[float]:
 
 
 def main() -> None:
-    """Print the selected tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parts: dict[str, Callable[[], None]] = {
-        "weakest": lambda: print_weakest(arguments.draws),
-        "false": lambda: print_false(arguments.minutes),
-        "torso": lambda: print_torso(arguments.draws),
-    }
-    parser.add_argument("--part", nargs="+", choices=list(parts), default=list(parts))
-    parser.add_argument("--draws", type=int, default=3)
+    """Run all three parts and write their tables."""
+    parser = make_parser(__doc__)
+    parser.add_argument("--draws", type=int, default=3, help="an eighth of the walks, a quarter of the crossings")
     parser.add_argument("--minutes", type=int, default=4, help="of every room without a body")
-    arguments = parser.parse_args()
-    warnings.simplefilter("ignore")
-    started_s = time.perf_counter()
-    for name in arguments.part:
-        parts[name]()
-        print(f"\n{time.perf_counter() - started_s:.0f} s", flush=True)
+    options = parser.parse_args()
+    how = {"rows": options.rows, "processes": options.processes}
+    kinds, draws = list(MODELS)[:4], options.draws
+    cover = run_jobs(measure_cover, list(product(kinds, range(8 * draws))), **how)
+    false = run_jobs(count_false, list(product(rooms(), range(options.minutes))), **how)
+    losses = run_jobs(measure_losses, list(product(CROSSINGS, range(4 * draws))), **how)
+    sections = {
+        "Walks kept, % / time tracked, %, against SNR_frame": tabulate_cover(pd.DataFrame(cover)),
+        "False tracks": tabulate_false(pd.DataFrame(false)),
+        "Trunk of a person who crosses at 90 degrees: energy lost, dB": tabulate_losses(pd.DataFrame(losses)),
+    }
+    finish(__file__, __doc__, sections, page=options.page)
 
 
 if __name__ == "__main__":

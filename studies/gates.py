@@ -1,29 +1,30 @@
 """Track gates compared with true gates: features and energy.
 
-    python studies/gates.py [--part features energy] [--draws 3] [--figures FOLDER]
+    python studies/gates.py --page
 
-Every run draws its target with its own seed; static clutter lies 20 dB above the mean echo unless a table says
-otherwise. SNR_frame: mean power of the strongest bin over that of the noise. The truth is used only to judge. Prints
-markdown.
+Question: what do features lose if the gate follows a track instead of the truth?
+
+Every run samples its target with its own seed: five gaits, presets `x4` and `x4-long`, 0 to 45 degrees. Static clutter
+lies 20 dB above the mean echo. SNR_frame is the mean power of the strongest bin over that of the noise. The truth is
+used only to judge. "Only the gate differs" compares with a true gate of the same time and data; "whole chains" compares
+clutter and track with a truth gate without clutter. It takes about 9 minutes of one core.
+
+Not shown: several bodies in one gate, and recordings of real radars.
 """
 
 from __future__ import annotations
 
-import argparse
-import time
-import warnings
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Literal
+from collections.abc import Callable
+from itertools import product
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 import xarray as xr
-from matplotlib.figure import Figure
+from harness import finish, make_parser, quiet, run_jobs
 from tracking import SCENES, Truth
 
-from doppelgait import viz
 from doppelgait.core.labels import read_axis
 from doppelgait.motion.models import quadruped_gait
 from doppelgait.motion.models.human import human_gait
@@ -32,7 +33,6 @@ from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import Result, analyze, simulate
 from doppelgait.pipeline.target import analyze_gated
 from doppelgait.processing import Analysis, Gate, remove_clutter
-from doppelgait.processing.clutter import remove_static_clutter
 from doppelgait.processing.common_phase import remove_common_phase
 from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.track import Track, track
@@ -40,7 +40,6 @@ from doppelgait.radar import Radar
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.simulate import synthesise
 from doppelgait.scene import Scene, Target
-from doppelgait.viz.style import name_axes, place_legend_below
 
 SEED = 7300
 SPAN_M = 1.6
@@ -71,10 +70,7 @@ def make_motion(kind: str, rng: Rng, seconds: float) -> Motion:
 
 
 def walk_past(kind: str, radar: Radar, aspect_deg: float, rng: Rng) -> Recording:
-    """Simulate one approaching target without noise.
-
-    For as long as the frame holds it, 8 s at most.
-    """
+    """Simulate one approaching target without noise. For as long as the frame holds it, 8 s at most."""
     motion = make_motion(kind, rng, 9.0)
     speed_mps = travel_speed_mps(motion)
     first_m = radar.range_stop_m - 1.2
@@ -118,21 +114,8 @@ NAMES = (
 SIGNS = ("v_m", "B_mu", "L_m", "beta_1", "beta_2", "rho", "f_mu")
 ASPECTS_DEG = (0.0, 15.0, 30.0, 45.0)
 LEVELS_DB = (30.0, 20.0, 10.0)
-
-
-@dataclass(frozen=True)
-class Pair:
-    """Return seven values by the track gate and by a true gate.
-
-    NaN for null; ``way`` names the difference.
-    """
-
-    radar: str
-    kind: str
-    level_db: float
-    way: Literal["gate", "whole"]
-    by_track: FloatArray
-    by_truth: FloatArray
+ENERGY_DB = (20.0, 10.0)
+ENERGY_SCENES = ("one walker", "crossing", "person + dog", "stop and turn", "stop and go")
 
 
 def seven(result: Result | None) -> FloatArray:
@@ -143,33 +126,38 @@ def seven(result: Result | None) -> FloatArray:
     return np.array([np.nan if v is None else v for v in [*features, result.gait_frequency_hz]], dtype=float)
 
 
-def pairs_of(recording: Recording, kind: str, radar: str, level_db: float, rng: Rng) -> Iterator[Pair]:
-    """Compare the track gate with true gates.
-
-    Of the same time and data, and without clutter.
-    """
-    state = rng.bit_generator.state
-    cluttered = recording.with_baseband(spoilt(recording.baseband, level_db, rng))
-    rng.bit_generator.state = state  # the same noise without the clutter
-    bare = recording.with_baseband(spoilt(recording.baseband, level_db, rng, clutter_db=None))
-    found = [r for r in analyze(cluttered, analysis=Analysis(extended=False)) if _follows(r, recording)]
-    best = max(found, key=lambda r: float(np.ptp(r.gate.time_s)), default=None)
-    whole = analyze(bare, gate="truth", analysis=Analysis(extended=False))[0]
-    yield Pair(radar, kind, level_db, "whole", seven(best), seven(whole))
-    if best is not None:
-        settings = Analysis(clutter="median", extended=False)
-        clean = remove_clutter(remove_common_phase(cluttered.baseband), settings)
-        gate = Gate.from_truth(recording.truth[0], recording.slow_time_s, settings)
-        gate = gate.during(best.quality["start_s"], best.quality["stop_s"])
-        true = analyze_gated(gate.crop(clean), recording.radar.wavelength_m, gate, settings, None)
-        yield Pair(radar, kind, level_db, "gate", seven(best), seven(true))
+def compare_gates(job: tuple[int, str, float, int]) -> list[dict[str, Any]]:
+    """Compare the track gate with true gates: of the same time and data, and without clutter."""
+    quiet()
+    radar_number, kind, aspect_deg, draw = job
+    radar = (X4, X4_LONG)[radar_number]
+    rng = np.random.default_rng([SEED, 1, radar_number, list(MODELS).index(kind), int(aspect_deg), draw])
+    recording, rows = walk_past(kind, radar, aspect_deg, rng), []
+    for level_db in LEVELS_DB:
+        state = rng.bit_generator.state
+        cluttered = recording.with_baseband(spoilt(recording.baseband, level_db, rng))
+        rng.bit_generator.state = state  # the same noise without the clutter
+        bare = recording.with_baseband(spoilt(recording.baseband, level_db, rng, clutter_db=None))
+        followed = [r for r in analyze(cluttered, analysis=Analysis(extended=False)) if _follows(r, recording)]
+        best = max(followed, key=lambda r: float(np.ptp(r.gate.time_s)), default=None)
+        whole = analyze(bare, gate="truth", analysis=Analysis(extended=False))[0]
+        pairs = {"whole": whole}
+        if best is not None:
+            settings = Analysis(clutter="median", extended=False)
+            clean = remove_clutter(remove_common_phase(cluttered.baseband), settings)
+            gate = Gate.from_truth(recording.truth[0], recording.slow_time_s, settings)
+            gate = gate.during(best.quality["start_s"], best.quality["stop_s"])
+            pairs["gate"] = analyze_gated(gate.crop(clean), recording.radar.wavelength_m, gate, settings, None)
+        facts = {"radar": ("x4", "x4-long")[radar_number], "kind": kind, "level": f"{level_db:g} dB"}
+        rows += [
+            {**facts, "way": way, "track": seven(best).tolist(), "truth": seven(true).tolist()}
+            for way, true in pairs.items()
+        ]
+    return rows
 
 
 def _follows(result: Result, recording: Recording) -> bool:
-    """Check that the gate of a result follows the body.
-
-    Nearer than 0.8 m for most of its time.
-    """
+    """Check that the gate of a result follows the body. Nearer than 0.8 m for most of its time."""
     gate = result.gate
     centre_m = (gate.low_m + gate.high_m) / 2
     times_s = recording.slow_time_s
@@ -177,51 +165,32 @@ def _follows(result: Result, recording: Recording) -> bool:
     return bool(np.median(np.abs(centre_m - true_m)) < 0.8)
 
 
-def print_features(draws: int) -> None:
-    """Tabulate the differences per feature, by level and target."""
-    pairs: list[Pair] = []
-    for radar_number, radar in enumerate((X4, X4_LONG)):
-        for kind_number, kind in enumerate(MODELS):
-            for aspect_deg in ASPECTS_DEG:
-                for draw in range(draws):
-                    rng = np.random.default_rng([SEED, 1, radar_number, kind_number, int(aspect_deg), draw])
-                    recording = walk_past(kind, radar, aspect_deg, rng)
-                    for level_db in LEVELS_DB:
-                        pairs += pairs_of(recording, kind, ("x4", "x4-long")[radar_number], level_db, rng)
-    for way, title in (
-        ("gate", "only the gate differs"),
-        ("whole", "whole ways: clutter and track, no clutter and truth"),
-    ):
-        chosen = [p for p in pairs if p.way == way]
-        print(f"\n### Features, {title}\n\n{FEATURE_HEADER}")
-        for level_db in LEVELS_DB:
-            _print_rows(f"{level_db:g} dB", [p for p in chosen if p.level_db == level_db])
-        for radar_name in ("x4", "x4-long"):
-            _print_rows(radar_name, [p for p in chosen if p.radar == radar_name])
-        for kind in MODELS:
-            _print_rows(kind, [p for p in chosen if p.kind == kind])
-
-
-FEATURE_HEADER = (
-    "| set | feature | n | median difference % | rms % | rms of the middle 95 % | within 2 / 5 / 10 % "
-    "| null by track alone / truth alone / both |\n" + "|---" * 8 + "|"
-)
-
-
-def _print_rows(name: str, pairs: list[Pair]) -> None:
-    by_track, by_truth = np.array([p.by_track for p in pairs]), np.array([p.by_truth for p in pairs])
-    for n, sign in enumerate(SIGNS):
-        a, b = by_track[:, n], by_truth[:, n]
-        both = np.isfinite(a) & np.isfinite(b)
-        off = (a[both] - b[both]) / np.abs(b[both])
-        inner = np.sort(np.abs(off))[: max(1, round(0.95 * off.size))]
-        share = " / ".join(f"{100 * np.mean(np.abs(off) <= limit):.0f}" for limit in (0.02, 0.05, 0.1))
-        gone = np.isnan(a), np.isnan(b)
-        nulls = f"{(gone[0] & ~gone[1]).sum()} / {(~gone[0] & gone[1]).sum()} / {(gone[0] & gone[1]).sum()}"
-        print(
-            f"| {name} | {sign} | {off.size} | {100 * np.median(off):+.2f} | {100 * np.sqrt(np.mean(off**2)):.1f} "
-            f"| {100 * np.sqrt(np.mean(inner**2)):.1f} | {share} | {nulls} |"
-        )
+def tabulate_features(rows: pd.DataFrame) -> pd.DataFrame:
+    """Tabulate the differences of every feature, by level, radar and target."""
+    found = []
+    sets = [(value, own) for key in ("level", "radar", "kind") for value, own in rows.groupby(key, sort=False)]
+    for name, own in sets:
+        by_track, by_truth = np.array(own["track"].tolist()), np.array(own["truth"].tolist())
+        for n, sign in enumerate(SIGNS):
+            a, b = by_track[:, n], by_truth[:, n]
+            both = np.isfinite(a) & np.isfinite(b)
+            off = (a[both] - b[both]) / np.abs(b[both])
+            inner = np.sort(np.abs(off))[: max(1, round(0.95 * off.size))]
+            found.append(
+                {
+                    "set": name,
+                    "feature": sign,
+                    "n": off.size,
+                    "median difference %": 100 * np.median(off),
+                    "rms %": 100 * np.sqrt(np.mean(off**2)),
+                    "rms of the middle 95 %": 100 * np.sqrt(np.mean(inner**2)),
+                    "within 2 / 5 / 10 %": " / ".join(
+                        f"{100 * np.mean(np.abs(off) <= limit):.0f}" for limit in (0.02, 0.05, 0.1)
+                    ),
+                    "null by track / truth alone": f"{(both < np.isfinite(b)).sum()} / {(both < np.isfinite(a)).sum()}",
+                }
+            )
+    return pd.DataFrame(found)
 
 
 # Energy in the gate -----------------------------------------------------------------------------------------------
@@ -246,43 +215,38 @@ def share_inside(baseband: xr.DataArray, gate: xr.Dataset | None) -> tuple[float
     return float(kept / energy.sum()), float(kept / total)
 
 
-def print_energy(draws: int) -> None:
-    """Tabulate the share of energy in track gates and true gates."""
-    print("\n### Energy of the target's echo inside the gate (1.6 m)\n")
-    print(
-        "| scene | SNR_frame dB | targets | tracked | truth gate: median / worst | track gate while tracked: ",
-        end="",
-    )
-    print("median / worst | of the whole recording |\n" + "|---" * 7 + "|")
-    for name in ("one walker", "crossing", "person + dog", "stop and turn", "stop and go"):
-        rows: dict[float, list[tuple[float, float, float]]] = {20.0: [], 10.0: []}
-        for run in range(4 * draws):
-            rng = np.random.default_rng([SEED, 2, list(SCENES).index(name), run])
-            scene = SCENES[name](rng)
-            recording = simulate(scene, X4, angles=False)
-            truth = truth_of(recording)
-            lone = [synthesise(one.scatterers, X4) for one in recording.truth]
-            for level_db, found in rows.items():
-                tracks = tracks_in(spoilt(recording.baseband, level_db, rng), X4)
-                for number, baseband in enumerate(lone):
-                    true = Gate.around(truth.slow_time_s, truth.range_m[:, number], span_m=SPAN_M, source="truth")
-                    best = own_track(tracks, truth, number)
-                    gate = None if best is None else Gate.from_track(best, span_m=SPAN_M, time_s=truth.slow_time_s)
-                    found.append((share_inside(baseband, true)[0], *share_inside(baseband, gate)))
-        for level_db, found in rows.items():
-            table = 100 * np.array(found)
-            low = np.nanmin(table, axis=0)
-            middle = np.nanmedian(table, axis=0)
-            cells = " | ".join(f"{middle[n]:.1f} / {low[n]:.1f} %" for n in range(3))
-            n_tracked = np.isfinite(table[:, 1]).sum()
-            print(f"| {name} | {level_db:g} | {len(found)} | {n_tracked} | {cells} |", flush=True)
+def measure_energy(job: tuple[str, int]) -> list[dict[str, Any]]:
+    """Measure the share of energy in track gates and true gates of a scene."""
+    quiet()
+    name, run = job
+    rng = np.random.default_rng([SEED, 2, list(SCENES).index(name), run])
+    recording = simulate(SCENES[name](rng), X4, angles=False)
+    truth, rows = truth_of(recording), []
+    lone = [synthesise(one.scatterers, X4) for one in recording.truth]
+    for level_db in ENERGY_DB:
+        tracks = tracks_in(spoilt(recording.baseband, level_db, rng), X4)
+        for number, baseband in enumerate(lone):
+            true = Gate.around(truth.slow_time_s, truth.range_m[:, number], span_m=SPAN_M, source="truth")
+            best = own_track(tracks, truth, number)
+            gate = None if best is None else Gate.from_track(best, span_m=SPAN_M, time_s=truth.slow_time_s)
+            shares = (share_inside(baseband, true)[0], *share_inside(baseband, gate))
+            rows.append({"scene": name, "level_db": level_db, "shares": shares})
+    return rows
+
+
+def tabulate_energy(rows: pd.DataFrame) -> pd.DataFrame:
+    """Tabulate median and lowest share of energy by scene and level."""
+    found = []
+    for (name, level_db), own in rows.groupby(["scene", "level_db"], sort=False):
+        table = 100 * np.array(own["shares"].tolist(), dtype=float)
+        cells = [f"{np.nanmedian(column):.1f} / {np.nanmin(column):.1f}" for column in table.T]
+        found.append((name, f"{level_db:g}", len(own), int(np.isfinite(table[:, 1]).sum()), *cells))
+    head = ("scene", "SNR_frame dB", "targets", "tracked", "truth gate %", "while tracked %", "whole recording %")
+    return pd.DataFrame(found, columns=[name + (": median / lowest" if "%" in name else "") for name in head])
 
 
 def own_track(tracks: list[Track], truth: Truth, number: int) -> Track | None:
-    """Return the longest track of a body.
-
-    The body is the nearest one, within 0.8 m, for most of its time.
-    """
+    """Return the longest track of a body. The body is the nearest one, within 0.8 m, for most of its time."""
     own = []
     for one in tracks:
         apart_m = np.abs(truth.at(one.times_s)[0] - one.range_m[:, None])
@@ -291,58 +255,21 @@ def own_track(tracks: list[Track], truth: Truth, number: int) -> Track | None:
     return max(own, key=lambda one: one.last_s - one.first_s, default=None)
 
 
-# Figures -------------------------------------------------------------------------------------------------------------
-
-
-def draw_gates(name: str, run: int) -> Figure:
-    """Plot range against time with true gates and track gates.
-
-    After clutter removal.
-    """
-    rng = np.random.default_rng([SEED, 6, list(SCENES).index(name), run])
-    recording = simulate(SCENES[name](rng), X4, angles=False)
-    baseband = spoilt(recording.baseband, 20.0, rng)
-    clean = remove_static_clutter(remove_common_phase(baseband), kind="median")
-    times_s, range_m = read_axis(clean, "slow_time"), read_axis(clean, "range")
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    axes = figure.subplots()
-    level_db = 20 * np.log10(np.abs(clean.values[::20]) + 1e-30)
-    top_db = float(level_db.max())
-    axes.pcolormesh(times_s[::20], range_m, level_db.T, vmin=top_db - 40, vmax=top_db, cmap="Greys", rasterized=True)
-    for number, truth in enumerate(recording.truth):
-        gate = Gate.around(times_s, truth.centre_range_m, span_m=SPAN_M, source="truth")
-        for edge, limit_m in (("low", gate.low_m), ("high", gate.high_m)):
-            label = "truth gate" if edge == "low" and number == 0 else None
-            axes.plot(times_s, limit_m, color="black", lw=1, ls="--", label=label)
-    for number, one in enumerate(tracks_in(baseband, X4)):
-        gate = Gate.from_track(one, span_m=SPAN_M, time_s=times_s)
-        axes.fill_between(gate.time_s, gate.low_m, gate.high_m, color=f"C{number}", alpha=0.3,
-                          lw=0, label=f"track gate {number + 1}")  # fmt: skip
-    axes.set_xlim(times_s[0], times_s[-1])
-    name_axes(axes, title=f"{name}, SNR_frame 20 dB", x="time (s)", y="range (m)")
-    place_legend_below(figure, axes)
-    return figure
-
-
-PARTS = {"features": print_features, "energy": print_energy}
-
-
 def main() -> None:
-    """Print the selected tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--part", nargs="+", choices=list(PARTS), default=list(PARTS))
-    parser.add_argument("--draws", type=int, default=3)
-    parser.add_argument("--figures", type=Path)
-    arguments = parser.parse_args()
-    warnings.simplefilter("ignore")
-    started_s = time.perf_counter()
-    for name in arguments.part:
-        PARTS[name](arguments.draws)
-        print(f"\n{time.perf_counter() - started_s:.0f} s", flush=True)
-    if arguments.figures:
-        arguments.figures.mkdir(parents=True, exist_ok=True)
-        for name in ("crossing", "stop and go"):
-            viz.save_figure(draw_gates(name, 0), arguments.figures / f"gates-{name.replace(' ', '-')}.png")
+    """Run both parts and write their tables."""
+    parser = make_parser(__doc__)
+    parser.add_argument("--draws", type=int, default=2)
+    options = parser.parse_args()
+    how = {"rows": options.rows, "processes": options.processes}
+    jobs = list(product(range(2), MODELS, ASPECTS_DEG, range(options.draws)))
+    pairs = pd.DataFrame(run_jobs(compare_gates, jobs, **how))
+    energy = run_jobs(measure_energy, list(product(ENERGY_SCENES, range(4 * options.draws))), **how)
+    sections = {
+        "Features, only the gate differs": tabulate_features(pairs[pairs["way"] == "gate"]),
+        "Features, whole chains": tabulate_features(pairs[pairs["way"] == "whole"]),
+        "Energy of the target's echo inside the gate (1.6 m)": tabulate_energy(pd.DataFrame(energy)),
+    }
+    finish(__file__, __doc__, sections, page=options.page)
 
 
 if __name__ == "__main__":

@@ -1,17 +1,22 @@
-"""Hybrids of recorded clips against plain loops: feet, lengths, spread of features, share refused.
+"""Hybrids of recorded clips compared with plain loops.
 
-    python studies/hybrid_motion.py MOTION_FOLDER [--draws 3] [--out ROWS.csv]
+    python studies/hybrid_motion.py MOTION_FOLDER --page
 
-People are split by subject; hybrids of one half are compared with recordings of the other half, next to plain loops of
-the first half. Dogs are one animal a data set: the recordings of each are split in turn. Every target comes head-on to
-the same radar without noise, as in ``motion_comparison.py``.
+Question: do hybrids keep feet and lengths, and do they widen the spread of their recordings?
+
+Each clip has three hybrids with partners of its half. People are divided by subject; hybrids of one half are compared
+with recordings of the other half, next to plain loops of the first half. Dogs are one animal a data set: the
+recordings of each are divided in turn. Every target walks head-on to the same radar for 3 s without noise. Spread and
+difference are medians over ten features and the speed: spread over that of the other half, difference of the means in
+pooled standard deviations, share of the other half's recordings inside the range. It takes about 4 minutes of one
+core.
+
+Not shown: whether classifiers learn more from hybrids than from loops.
 """
 
 from __future__ import annotations
 
-import argparse
 import csv
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,12 +24,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from harness import finish, make_parser, markdown, quiet, run_jobs
 from motion_comparison import FEATURES, OBSERVATION_S, SHORTEST_S, measure
 from recorded_motion import find_clips, is_tuning
 
 from doppelgait.core.config import validate
 from doppelgait.core.draws import resolve
-from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.rng import Streams
 from doppelgait.dataset.hybrids import add_hybrids
 from doppelgait.motion.gait import add_gait_facts
@@ -158,25 +164,28 @@ def compare_spread(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(found)
 
 
+def compare_all(job: tuple[str, int]) -> list[dict[str, Any]]:
+    """Return the rows of a folder."""
+    quiet()
+    folder, draws = job
+    return list(compare(Path(folder), draws))
+
+
 def main() -> None:
-    """Compare all clips and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("motion_folder", type=Path)
+    """Compare all clips and write the tables."""
+    parser = make_parser(__doc__, motion_folder="folder of the motion recordings")
     parser.add_argument("--draws", type=int, default=3, help="hybrids per clip")
-    parser.add_argument("--out", type=Path, help="all rows, as CSV")
-    arguments = parser.parse_args()
-    warnings.simplefilter("ignore", DoppelgaitWarning)
-    rows = pd.DataFrame(compare(arguments.motion_folder, arguments.draws))
-    if arguments.out is not None:
-        rows.to_csv(arguments.out, index=False)
-    print(summarise(rows).round(3).to_string(index=False))
+    options = parser.parse_args()
+    rows = pd.DataFrame(run_jobs(compare_all, [(str(options.motion_folder), options.draws)], rows=options.rows))
     spread = compare_spread(rows)
-    numbers = ["difference_sd", "spread_ratio", "covered"]
-    by_feature = spread.pivot_table(index=["mover", "of", "feature"], columns="source", values=numbers, sort=False)
-    print(by_feature.round(2).to_string())
     sizes = spread.assign(difference_sd=spread["difference_sd"].abs())
-    print(sizes.groupby(["mover", "of", "source"], sort=False)[numbers].median().round(2).to_string())
-    print(rows["refused"].dropna().str.replace(r"^.*?: ", "", regex=True).str.slice(0, 60).value_counts().to_string())
+    numbers = ["difference_sd", "spread_ratio", "covered"]
+    table = sizes.groupby(["mover", "of", "source"], sort=False)[numbers].median().reset_index()
+    sections = {
+        "Feet, lengths and refusals": markdown(summarise(rows), digits=3),
+        "Difference and spread, median over features": table,
+    }
+    finish(__file__, __doc__, sections, page=options.page)
 
 
 if __name__ == "__main__":

@@ -1,15 +1,11 @@
-"""Model and recorded distributions of every target side by side: the figures of docs/motion.md.
+"""Figures of model and recorded distributions of every target, side by side.
 
-    python studies/motion_pictures.py ROWS.csv FOLDER
-
-ROWS.csv is what ``motion_comparison.py --out`` writes. One figure of people (held half) and one of animals, of the
-targets that are there: a panel a feature, dots are clips, bars their 10, 50 and 90 % quantiles, of three
-clips or more. Clips whose gait frequency was misread are not drawn.
+``motion_comparison.py --pictures`` draws them: one of people (held half) and one of animals, a panel a feature. Dots
+are clips, bars their 10, 50 and 90 % quantiles, of three clips or more. Misread clips are not drawn.
 """
 
 from __future__ import annotations
 
-import argparse
 from itertools import pairwise
 from pathlib import Path
 
@@ -112,18 +108,8 @@ def select(rows: pd.DataFrame) -> dict[str, tuple[pd.DataFrame, list[tuple[str, 
     return found
 
 
-def main() -> None:
+def draw_all(rows: pd.DataFrame, folder: Path) -> None:
     """Write one figure a kind of targets."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("rows", type=Path)
-    parser.add_argument("folder", type=Path)
-    arguments = parser.parse_args()
-    arguments.folder.mkdir(parents=True, exist_ok=True)
-    for title, (part, targets) in select(pd.read_csv(arguments.rows)).items():
-        file = arguments.folder / f"motion-{title}.png"
-        draw(part, targets).savefig(file, metadata={"Software": None})
-        print(file)
-
-
-if __name__ == "__main__":
-    main()
+    folder.mkdir(parents=True, exist_ok=True)
+    for title, (part, targets) in select(rows).items():
+        draw(part, targets).savefig(folder / f"motion-{title}.png", metadata={"Software": None})

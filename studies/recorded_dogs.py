@@ -74,26 +74,7 @@ class Clip:
 
 @dataclass(frozen=True)
 class Strides:
-    """Every stride of a clip, by limb.
-
-    Parameters
-    ----------
-    speed_mps, hip_m : float
-        Mean speed, and 0.8 of the withers height.
-    stride_s : ndarray
-        Stride times of all feet.
-    duty, lag, lag_sd : dict
-        Share of the stride for which each foot is at rest; circular mean and standard deviation of its landing after
-        the left hind foot's, in strides.
-    speed, height, ahead, aside : dict of ndarray, shape (strides, 50)
-        By point, ``left_`` or ``right_`` first where it has a side: forward speed over V less 1; height, place ahead of
-        the body and to its left in hip heights; over the stride after the landing of the point's own foot, of a hind
-        foot for points of the middle.
-    at : dict of ndarray
-        Times at which these strides begin.
-    swing : dict of ndarray, shape (swings, 13)
-        Forward speed over V of each paw from lift-off to landing.
-    """
+    """Every stride of a clip, by limb."""
 
     speed_mps: float
     hip_m: float
@@ -135,14 +116,7 @@ def find_points(names: list[str]) -> dict[str, int]:
 
 
 def find_swings(speed: FloatArray, times_s: FloatArray) -> FloatArray:
-    """Find the times between which a paw goes at more than half the body's speed, shape (n, 2).
-
-    Parameters
-    ----------
-    speed : ndarray
-        Forward speed over V.
-    times_s : ndarray
-    """
+    """Find the times between which a paw goes at more than half the body's speed, shape (n, 2)."""
     rises = np.flatnonzero((speed[:-1] < SWINGS) & (speed[1:] >= SWINGS))
     falls = np.flatnonzero((speed[:-1] >= SWINGS) & (speed[1:] < SWINGS))
     found = []

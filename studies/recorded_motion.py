@@ -44,17 +44,7 @@ SIDED_POINTS = {
 
 @dataclass(frozen=True)
 class Clip:
-    """One recording of a person who walks or runs straight.
-
-    Parameters
-    ----------
-    file : str
-        Below the motion folder.
-    gait : str
-        ``"walk"`` or ``"run"``.
-    start_s, stop_s : float or None
-        Straight segment; None for the whole file.
-    """
+    """One recording of a person who walks or runs straight."""
 
     file: str
     gait: str
@@ -69,17 +59,7 @@ class Clip:
 
 @dataclass(frozen=True)
 class Cycle:
-    """Mean curves of one clip over the cycle of a leg, phase 0 where its foot is furthest ahead of the pelvis.
-
-    Parameters
-    ----------
-    speed_mps, stride_s : float
-    leg_m : float
-        Thigh and shank; NaN where hips or knees are not known.
-    speed, height_m, ahead_m : dict of ndarray, shape (100,)
-        Forward speed over the mean speed, height over the floor and place ahead of the pelvis by point; ``own_`` is the
-        leg's side, ``other_`` the other.
-    """
+    """Mean curves of one clip over the cycle of a leg, phase 0 where its foot is furthest ahead of the pelvis."""
 
     speed_mps: float
     stride_s: float

@@ -88,9 +88,8 @@ def own_score(one: SensorMeasurement, name: str, truth: float) -> float:
 def population_scores(kind: SensorKind, units: list[Unit]) -> dict[str, tuple[float, float, bool]]:
     """Return scores of means and spreads by quantity.
 
-    Score of the mean, spread over truth, and whether the truth is within the spread's interval.
-
-    The gain of a data sheet is not measured but relative: its mean counts against that of these units.
+    Score of the mean, spread over truth, and whether the truth is within the spread's interval. The gain of a data
+    sheet is not measured but relative: its mean counts against that of these units.
     """
     scores = {}
     for name, (mean, sd) in POPULATION.items():

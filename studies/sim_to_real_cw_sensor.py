@@ -25,7 +25,6 @@ from doppelgait.motion.loop import loop
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.motion.skeleton import BOULIC_PARTS
-from doppelgait.motion.vary import Variation, vary
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.pipeline.simulate import observe_scene
 from doppelgait.radar import Radar, Recording
@@ -43,7 +42,6 @@ TIMES_S = (PERIOD_S * np.arange(BURSTS)[:, None] + np.arange(PULSES) / RATE_HZ).
 FULL_SCALE_V = 0.5
 WIDE = {"kind": "cosine", "hpbw_azimuth_deg": 30, "hpbw_elevation_deg": 80}
 """The long axis of the module's patches lies level; assumed, as the read-me files do not tell how it stood."""
-NARROW = {"kind": "cosine", "hpbw_azimuth_deg": 80, "hpbw_elevation_deg": 30}
 MOTIONS = {"creep": (3.2, 0.7, 1.0), "walk": (4.0, 1.0, 1.3), "stride": (5.0, 1.4, 1.8), "run": (7.0, 2.1, 2.6)}
 """Start of the read-me files, m, and speeds of the development half, m/s (upper quartile of the bursts' lines)."""
 NEAREST_M = 0.7
@@ -73,28 +71,9 @@ JOINTS: tuple[dict[str, str], ...] = (
 
 @dataclass(frozen=True)
 class Plan:
-    """Switches of the sensor model; each left out is an ablation.
-
-    Parameters
-    ----------
-    motion : str
-        ``recorded`` (motion capture), ``models``, or ``varied`` models (:func:`doppelgait.motion.vary`).
-    surface : bool
-        Points by area over the body's surface; else the nearest point of each of 16 ellipsoids.
-    wide : bool
-        An antenna that is wide in elevation, else in azimuth.
-    fixed_noise : bool
-        Else drawn between -66 and -42 dB.
-    starts : bool
-        From rest at the distance of the read-me files; else half of them at full speed, and all to 0.5 to 2.5 m.
-    seed : int
-    """
+    """What is simulated: ``recorded`` motion (motion capture) or ``models``, with a seed."""
 
     motion: str = "recorded"
-    surface: bool = True
-    wide: bool = True
-    fixed_noise: bool = True
-    starts: bool = True
     seed: int = 24
 
 
@@ -118,10 +97,7 @@ def joints_of(motion: Motion) -> Motion | None:
 
 @lru_cache(maxsize=1)
 def recorded_people(mocap: Path) -> tuple[tuple[str, Motion], ...]:
-    """Read looped straight segments of recorded people with known joints.
-
-    Each is a subject and a motion.
-    """
+    """Read looped straight segments of recorded people with known joints. Each is a subject and a motion."""
     found: list[tuple[str, Motion]] = []
     for path in sorted(path for path in (mocap / "human").rglob("*") if path.is_file()):
         for motion in stretches(path).values():
@@ -134,22 +110,8 @@ def recorded_people(mocap: Path) -> tuple[tuple[str, Motion], ...]:
     return tuple(found)
 
 
-def draw_variation(rng: np.random.Generator) -> Variation:
-    """Sample how a body moves otherwise than its model."""
-    return Variation(
-        limb_swing=rng.uniform(0.6, 1.5), arm_swing=rng.uniform(0.2, 1.8), trunk_ripple=rng.uniform(0.2, 2.5),
-        ripple_once_m=rng.uniform(0, 0.015), ripple_twice_m=rng.uniform(0, 0.015), pitch_deg=rng.uniform(0, 6),
-        yaw_deg=rng.uniform(0, 6), pace=float(np.exp(rng.uniform(*np.log((0.8, 1.25))))),
-        swing_timing=rng.uniform(-0.08, 0.08), fore_timing=rng.uniform(-0.08, 0.08),
-        phase_noise=rng.uniform(0, 0.03),
-    )  # fmt: skip
-
-
 def draw_person(plan: Plan, kind: str, rng: np.random.Generator, mocap: Path | None) -> tuple[str, Motion]:
-    """Sample a person who sets off; return subject and motion.
-
-    ``kind`` is one of the read-me's motions.
-    """
+    """Sample a person who sets off; return subject and motion. ``kind`` is one of the read-me's motions."""
     _, low_mps, high_mps = MOTIONS[kind]
     speed_mps = float(rng.uniform(low_mps, high_mps))
     lasts_s, hurry = SECONDS + 0.1, 1.0
@@ -166,34 +128,17 @@ def draw_person(plan: Plan, kind: str, rng: np.random.Generator, mocap: Path | N
     else:
         subject = "model"
         motion = motions.until_possible(lambda: motions.person(speed_mps, 4.0 * lasts_s, rng, varied=True))
-        if plan.motion == "varied":
-            motion = vary(motion, draw_variation(rng), rng)
     rest_s, rise_s = rng.uniform(0.0, 0.6), rng.uniform(0.4, 0.8)
-    at_rest = plan.starts or rng.random() < 0.5
 
     def pace(times_s: FloatArray) -> FloatArray:
-        risen = np.clip((times_s - rest_s) / rise_s, 0.0, 1.0) if at_rest else np.ones_like(times_s)
+        risen = np.clip((times_s - rest_s) / rise_s, 0.0, 1.0)
         return np.asarray(hurry * risen)
 
     return subject, motions.hurried(motion, lasts_s, pace)
 
 
 def area_points(semi_axes_m: FloatArray, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Sample points of ellipsoids, uniform by area.
-
-    Parameters
-    ----------
-    semi_axes_m : ndarray, shape (S, 3)
-    count : int
-        Of all ellipsoids together, P.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    unit : ndarray, shape (P, 3)
-        On the unit sphere; times the semi-axes on the ellipsoid.
-    segment : ndarray of int, shape (P,)
-    """
+    """Sample points of ellipsoids, uniform by area."""
     unit = rng.normal(size=(100 * count, 3))
     unit /= np.linalg.norm(unit, axis=1)[:, None]
     segment = rng.integers(len(semi_axes_m), size=len(unit))
@@ -251,15 +196,7 @@ def scatter_surface(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
 
 
 def recording_of(plan: Plan, number: int, mocap: Path | None = None) -> tuple[Recording, str, str]:
-    """Simulate a recording; plan and number determine everything random.
-
-    Returns
-    -------
-    Recording
-    motion : str
-        Of :data:`MOTIONS`, in turn.
-    subject : str
-    """
+    """Simulate a recording; plan and number determine everything random."""
     streams = np.random.default_rng([plan.seed, number]).spawn(4)
     kind = list(MOTIONS)[number % len(MOTIONS)]
     subject, motion = draw_person(plan, kind, streams[0], mocap)
@@ -267,20 +204,17 @@ def recording_of(plan: Plan, number: int, mocap: Path | None = None) -> tuple[Re
     centre_m = motion.position_m[:, :, :2].mean(axis=1)
     way_m = np.linalg.norm(centre_m - centre_m[0], axis=1)[: round(SECONDS * motions.RATE_HZ) + 1]
     end_m = float(way_m[-1])
-    start_m = max(MOTIONS[kind][0], end_m + NEAREST_M) if plan.starts else end_m + rng.uniform(0.5, 2.5)
-    rcs = RcsSpec(kind="surface" if plan.surface else "ellipsoids", occlusion=True)
+    start_m = max(MOTIONS[kind][0], end_m + NEAREST_M)
+    rcs = RcsSpec(kind="surface", occlusion=True)
     target = Target(motion, rcs=rcs, range_m=start_m - float(way_m[way_m.size // 2]), aspect_deg=rng.uniform(-15, 15))
     scene = Scene([target], radar_position_m=(0.0, 0.0, rng.uniform(0.7, 1.3)), duration_s=SECONDS)
-    radar = Radar.preset("infineon-24", antenna=WIDE if plan.wide else NARROW)
+    radar = Radar.preset("infineon-24", antenna=WIDE)
     floor = Conditions(environment=({"kind": "ground_bounce", "material": "concrete"},))
     seed = Streams(int(streams[2].integers(2**31)))
     table, _ = observe_scene(scene, radar, TIMES_S, floor, angles=False, streams=seed)
     samples = synthesise_samples(table, radar)
     volts = 20.0 * np.log10(FULL_SCALE_V)
-    if plan.fixed_noise:
-        noise = {"kind": "coloured_noise", "levels": [(hz, level + volts) for hz, level in NOISE_DB]}
-    else:
-        noise = {"kind": "thermal_noise", "level_db": rng.uniform(-66, -42) + volts}
+    noise = {"kind": "coloured_noise", "levels": [(hz, level + volts) for hz, level in NOISE_DB]}
     adc = {"kind": "adc", "bits": 12, "full_scale_v": FULL_SCALE_V}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)  # it clips on purpose

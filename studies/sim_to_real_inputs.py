@@ -33,20 +33,7 @@ CHUNK = 50
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Model inputs of examples.
-
-    Parameters
-    ----------
-    columns : dict
-        Values of each feature, shape (n,), NaN for unknown; velocities as measured.
-    levels : ndarray of object, shape (n,)
-        Levels of each signature (:func:`doppelgait.classify.levels`).
-    labels : ndarray of str, shape (n,)
-    groups : ndarray of str, shape (n,)
-        Who it is.
-    wavelength_m : float
-        Of the radar.
-    """
+    """Model inputs of examples."""
 
     columns: Mapping[str, FloatArray]
     levels: npt.NDArray[Any]
@@ -144,8 +131,5 @@ def key_of(*settings: object) -> str:
 
 
 def chunks(count: int) -> list[range]:
-    """Yield numbers of examples, one file at a time.
-
-    The last file may be smaller.
-    """
+    """Yield numbers of examples, one file at a time. The last file may be smaller."""
     return [range(first, min(first + CHUNK, count)) for first in range(0, count, CHUNK)]

@@ -50,20 +50,7 @@ MEMBERS = ("extended, logistic", "extended, boosting", "network")
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A trained model.
-
-    Parameters
-    ----------
-    features : str
-        Its inputs.
-    names : tuple of str
-        Features in their order; none for pictures.
-    classes : tuple of str
-    learned : Learned
-    calibration : Calibration
-    held_accuracy : float
-        Balanced, of the held targets.
-    """
+    """A trained model."""
 
     features: str
     names: tuple[str, ...]
@@ -95,10 +82,7 @@ def told_names(inputs: Inputs, features: str) -> tuple[str, ...]:
 
 
 def names_of(inputs: Inputs, features: str) -> list[str]:
-    """Return the features of a set.
-
-    The six, the speed, or all of the analysis.
-    """
+    """Return the features of a set. The six, the speed, or all of the analysis."""
     everything = list(inputs.columns)
     return {"six": list(SIX), "speed": [SIX[0]], "extended": everything, "all": everything}[features]
 
@@ -125,24 +109,7 @@ def refuse_real(inputs: Inputs) -> None:
 def train_all(
     inputs: Inputs, patch: Patch, *, classes: tuple[str, ...], seed: int = 0, network: bool = True
 ) -> dict[str, Fitted]:  # fmt: skip
-    """Train every model on the same synthetic examples.
-
-    Parameters
-    ----------
-    inputs : Inputs
-        Synthetic, of all classes.
-    patch : Patch
-        What the levels were made with.
-    classes : tuple of str
-    seed : int
-    network : bool
-        Without it the ensemble has its two other members.
-
-    Raises
-    ------
-    ValueError
-        If a real recording is among them.
-    """
+    """Train every model on the same synthetic examples."""
     refuse_real(inputs)
     held, n_classes = held_rows(inputs), len(classes)
     labels, found = numbers_of(inputs.labels, classes), {}
@@ -173,8 +140,8 @@ def train_all(
 def novelty_of(fitted: Mapping[str, Fitted], learn: Inputs, held: Inputs) -> Callable[[Inputs], FloatArray]:
     """Return a novelty score, fitted to synthetic rows alone.
 
-    Squared Mahalanobis distance of the standardised features from the nearest class, and the same of the network's
-    last layer. The larger of both counts, each by the share of held rows that are as far, as -log of that share.
+    Squared Mahalanobis distance of the standardised features from the nearest class, and the same of the network's last
+    layer. The larger of both counts, each by the share of held rows that are as far, as -log of that share.
     """
     linear = fitted["extended, logistic"]
     views: list[Callable[[Inputs], FloatArray]] = [
@@ -199,10 +166,7 @@ def novelty_of(fitted: Mapping[str, Fitted], learn: Inputs, held: Inputs) -> Cal
 
 
 def class_distance(columns: FloatArray, labels: npt.NDArray[np.int64]) -> Callable[[FloatArray], FloatArray]:
-    """Return the squared Mahalanobis distance from the nearest class.
-
-    By the covariance within classes.
-    """
+    """Return the squared Mahalanobis distance from the nearest class. By the covariance within classes."""
     means = np.array([columns[labels == number].mean(axis=0) for number in range(labels.max() + 1)])
     rest = columns - means[labels]
     covariance = rest.T @ rest / len(rest)
@@ -228,9 +192,8 @@ def last_layer(network: Network, levels: npt.NDArray[Any]) -> FloatArray:
 def domain_auc(synthetic: Inputs, real: Inputs, *, features: str, most: int = 400, seed: int = 0) -> float:
     """Return the AUC of synthetic against real recordings.
 
-    By logistic regression, cross-validated in 5 folds.
-
-    0.5 is not at all. A measure of distance: no model of it says anything about a class.
+    By logistic regression, cross-validated in 5 folds. 0.5 is not at all. A measure of distance: no model of it says
+    anything about a class.
     """
     from sklearn.model_selection import StratifiedKFold
 

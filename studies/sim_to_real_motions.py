@@ -43,15 +43,7 @@ RATE_HZ = 150.0
 
 @dataclass(frozen=True)
 class LabelledMotion:
-    """A motion and its class.
-
-    Parameters
-    ----------
-    motion : Motion
-        Motion (time, marker, space).
-    label : str
-        ``human``, ``dog`` or ``large``; of a kind that no model is trained on, its name.
-    """
+    """A motion and its class."""
 
     motion: Motion
     label: str
@@ -63,10 +55,7 @@ def draw_speed_mps(rng: np.random.Generator, low_mps: float, high_mps: float) ->
 
 
 def person(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool) -> Motion:
-    """Sample a walking or running person.
-
-    With ``varied`` of any size and style, else the default of the model.
-    """
+    """Sample a walking or running person. With ``varied`` of any size and style, else the default of the model."""
     style: dict[str, Any] = {"start_phase": float(rng.random())}
     if varied:
         hands = ("free", "free", "pockets", "carrying")
@@ -82,10 +71,7 @@ def person(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied
 
 
 def dog(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool) -> Motion:
-    """Sample a dog in a gait that suits its speed.
-
-    With ``varied`` of any possible size, build and gait.
-    """
+    """Sample a dog in a gait that suits its speed. With ``varied`` of any possible size, build and gait."""
     style: dict[str, Any] = {"start_phase": float(rng.random()), "gait": "auto", "withers_m": USUAL_DOG_M}
     if varied:
         breeds = [name for name, build in BUILDS.items() if build.species == "dog"]
@@ -139,13 +125,7 @@ MAKERS: dict[str, Maker] = {"human": person, "dog": dog, LARGE: large, "waving":
 
 
 def until_possible(make: Callable[[], Motion]) -> Motion:
-    """Return the first sample that is a possible gait.
-
-    Raises
-    ------
-    ConfigError
-        If none of many is.
-    """
+    """Return the first sample that is a possible gait."""
     for _ in range(ATTEMPTS - 1):
         try:
             return make()
@@ -170,21 +150,7 @@ def make_model_motion(
     label: str, speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool = True,
     moved: bool = False,
 ) -> LabelledMotion:  # fmt: skip
-    """Sample a model target that lasts long enough for :func:`hurried`.
-
-    Parameters
-    ----------
-    label : str
-        A key of :data:`MAKERS`.
-    speed_mps : float
-    seconds : float
-        Wanted at the end.
-    rng : numpy.random.Generator
-    varied : bool
-        Sizes, gaits and unevenness at random.
-    moved : bool
-        The motion is varied too (:func:`doppelgait.motion.vary`), where it has strides.
-    """
+    """Sample a model target that lasts long enough for :func:`hurried`."""
     change = draw_variation(rng) if moved else Variation()
     needed_s = change.needed_s(SPARE * seconds) if moved else SPARE * seconds
     motion = until_possible(lambda: MAKERS[label](speed_mps, needed_s, rng, varied=varied))
@@ -206,20 +172,7 @@ def _copy_with(motion: Motion, position_m: FloatArray, *, pace: float = 1.0) -> 
 
 
 def hurried(motion: Motion, seconds: float, pace: Callable[[FloatArray], FloatArray]) -> Motion:
-    """Resample a motion at a varying pace for a duration.
-
-    Parameters
-    ----------
-    motion : Motion
-    seconds : float
-    pace : callable
-        Pace at times (s), 1 for the motion's own; positive or 0.
-
-    Raises
-    ------
-    ConfigError
-        If the motion ends before.
-    """
+    """Resample a motion at a varying pace for a duration."""
     times_s = np.arange(0.0, seconds + 1.0 / RATE_HZ, 1.0 / RATE_HZ)
     own_s = np.concatenate([[0.0], np.cumsum(pace(times_s)[:-1])]) / RATE_HZ
     if own_s[-1] > float(motion.time_s[-1]):
@@ -230,10 +183,7 @@ def hurried(motion: Motion, seconds: float, pace: Callable[[FloatArray], FloatAr
 def drifting(
     rng: np.random.Generator, seconds: float, *, most: float, starts: bool
 ) -> Callable[[FloatArray], FloatArray]:
-    """Sample a pace that drifts by up to ``most`` around 1.
-
-    With ``starts`` half of them rise from rest.
-    """
+    """Sample a pace that drifts by up to ``most`` around 1. With ``starts`` half of them rise from rest."""
     slope, swing, phase = rng.uniform(-most, most), rng.uniform(0, most / 3), rng.uniform(0, 2 * np.pi)
     rest_s, rise_s, from_rest = rng.uniform(0, 0.3 * seconds), rng.uniform(0.5, 1.5), rng.random() < 0.5
 
@@ -246,10 +196,7 @@ def drifting(
 
 
 def subject_of(path: Path) -> str:
-    """Return the subject of a motion file.
-
-    The folder of a dog, the subject number of a CMU file, else the file.
-    """
+    """Return the subject of a motion file. The folder of a dog, the subject number of a CMU file, else the file."""
     if path.parent.name in ("mann-bvh", "tencent-bvh"):
         return path.parent.name
     parts = path.stem.replace("cmu_", "").split("_")
@@ -261,25 +208,13 @@ def speed_of(labelled: LabelledMotion, seconds: float) -> float:
     return float(travel_speed_mps(labelled.motion, first_s=seconds))
 
 
-def draw_rcs(rng: np.random.Generator, *, random: bool, speckle: bool, total_m2: float) -> RcsSpec:
-    """Sample the cross section of a target, independent of its class.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        The same number of draws in any case.
-    random : bool
-        Points or ellipsoids, total from 0.05 to 1.6 m^2; else ellipsoids of ``total_m2``.
-    speckle : bool
-        Every part fluctuates on its own.
-    total_m2 : float
-    """
+def draw_rcs(rng: np.random.Generator, *, speckle: bool) -> RcsSpec:
+    """Sample the cross section of a target, 0.05 to 1.6 m^2, independent of its class; the same number of draws."""
     points, hidden = rng.random() < 0.5, rng.random() < 0.7
-    drawn_m2, correlation_s = (float(np.exp(rng.uniform(*np.log(ends)))) for ends in ((0.05, 1.6), (0.03, 0.3)))
-    fluctuates = speckle and (rng.random() < 0.8 or not random)
-    around: dict[str, Any] = {"total_m2": drawn_m2 if random else total_m2}
-    if fluctuates:
-        around |= {"fluctuation": "swerling1", "correlation_s": correlation_s if random else 0.08}
-    if random and points:
+    total_m2, correlation_s = (float(np.exp(rng.uniform(*np.log(ends)))) for ends in ((0.05, 1.6), (0.03, 0.3)))
+    around: dict[str, Any] = {"total_m2": total_m2}
+    if speckle and rng.random() < 0.8:
+        around |= {"fluctuation": "swerling1", "correlation_s": correlation_s}
+    if points:
         return RcsSpec(kind="auto", **around)
-    return RcsSpec(kind="ellipsoids", occlusion=hidden or not random, **around)
+    return RcsSpec(kind="ellipsoids", occlusion=hidden, **around)

@@ -42,36 +42,19 @@ ComplexArray = npt.NDArray[np.complex128]
 RADAR = sensor.RADAR.model_copy(update={"sample_rate_hz": 50e3})
 GROUND_RADAR = RADAR.model_copy(update={"prf_hz": 100.0})
 SPEEDS_MPS = (0.6, 4.4)
-TYPICAL_M2 = 0.3
 PATCH = Patch(velocity_mps=measures.EDGE_MPS, n_velocity=64, column_s=1 / 12, n_time=48, range_db=20.0)
 """The figures' own span of velocities and levels; 4 s of it."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Switches of the simulation; each left out is an ablation.
-
-    Parameters
-    ----------
-    kinds : tuple of str
-        Classes in turn. ``pair`` is a person with a dog.
-    groups : float
-        Share of examples with one to three companions of the same class.
-    gait_variation : bool
-        Sizes, gaits, unevenness and changes of speed.
-    motion_variation : bool
-        Motions of all classes are varied by one law (:func:`sim_to_real_motions.draw_variation`).
-    rcs_random, speckle, bounce : bool
-    seed : int
-    """
+    """Switches of the simulation; each left out is an ablation."""
 
     kinds: tuple[str, ...] = (*motions.CLASSES, motions.LARGE)
     groups: float = 0.0
     gait_variation: bool = True
     motion_variation: bool = False
-    rcs_random: bool = True
     speckle: bool = True
-    bounce: bool = True
     seed: int = 8
 
 
@@ -102,9 +85,7 @@ class Place:
 def draw_place(rng: np.random.Generator) -> Place:
     """Sample a place outdoors and its conditions.
 
-    Towards or away within 30 degrees, at 35 to 75 m.
-
-    Ground and noise of any strength that leaves an image.
+    Towards or away within 30 degrees, at 35 to 75 m. Ground and noise of any strength that leaves an image.
     """
     away = 180.0 * bool(rng.random() < 0.5)
     return Place(
@@ -126,15 +107,7 @@ def sample_motion(plan: Plan, label: str, speed_mps: float, rng: np.random.Gener
 
 
 def draw_company(plan: Plan, number: int, rng: np.random.Generator) -> tuple[list[motions.LabelledMotion], list[float]]:
-    """Sample the target of an example and its companions.
-
-    Returns
-    -------
-    company : list of LabelledMotion
-        The first is the one that the range gate follows.
-    behind_m : list of float
-        How far behind it they are.
-    """
+    """Sample the target of an example and its companions."""
     label = plan.kinds[number % len(plan.kinds)]
     speed_mps = motions.draw_speed_mps(rng, *SPEEDS_MPS)
     labels = ["human", "dog"] if label == "pair" else [label]
@@ -149,29 +122,15 @@ def draw_company(plan: Plan, number: int, rng: np.random.Generator) -> tuple[lis
 
 
 def echoes_of(plan: Plan, number: int) -> dict[str, Any]:
-    """Simulate the echoes of one example in the kept range bins.
-
-    Burst by burst, without the means of the bursts.
-
-    Parameters
-    ----------
-    plan : Plan
-    number : int
-        With the seed of the plan it determines everything random.
-
-    Returns
-    -------
-    dict
-        ``target`` and ``ground``, shape (5120,), V; ``noise_db``, ``label``, ``group``.
-    """
+    """Simulate the echoes of one example in the kept range bins. Burst by burst, without the means of the bursts."""
     streams = np.random.default_rng([plan.seed, number]).spawn(4)
     place = draw_place(streams[0])
-    rcs = motions.draw_rcs(streams[1], random=plan.rcs_random, speckle=plan.speckle, total_m2=TYPICAL_M2)
+    rcs = motions.draw_rcs(streams[1], speckle=plan.speckle)
     company, behind_m = draw_company(plan, number, streams[2])
     noise_streams = streams[3].spawn(2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)  # feet and paws alias, as they do in the recordings
-        signal, bins = _target_echo(company, behind_m, place, rcs, bounce=plan.bounce, rng=noise_streams[0])
+        signal, bins = _target_echo(company, behind_m, place, rcs, rng=noise_streams[0])
         ground = _ground_echo(place, bins, motions.speed_of(company[0], sensor.OBSERVATION_S), noise_streams[1])
     return {
         "mover": signal, "ground": ground, "noise_db": place.noise_db, "label": plan.kinds[number % len(plan.kinds)],
@@ -180,10 +139,10 @@ def echoes_of(plan: Plan, number: int) -> dict[str, Any]:
 
 
 def _target_echo(
-    company: list[motions.LabelledMotion], behind_m: list[float], place: Place, rcs: RcsSpec, *, bounce: bool,
+    company: list[motions.LabelledMotion], behind_m: list[float], place: Place, rcs: RcsSpec, *,
     rng: np.random.Generator,
 ) -> tuple[ComplexArray, list[int]]:  # fmt: skip
-    field = ({**sensor.FIELD[0], "roughness_m": place.roughness_m},) if bounce and place.reflects else ()
+    field = ({**sensor.FIELD[0], "roughness_m": place.roughness_m},) if place.reflects else ()
     targets = [
         Target(one.motion, rcs=rcs, range_m=place.range_m + more_m, aspect_deg=place.aspect_deg)
         for one, more_m in zip(company, behind_m, strict=True)
@@ -201,10 +160,7 @@ def _target_echo(
 
 
 def _ground_echo(place: Place, bins: list[int], speed_mps: float, rng: np.random.Generator) -> ComplexArray:
-    """Simulate the ground echo in the bins of the bursts.
-
-    On the sweeps of the echo of the target.
-    """
+    """Simulate the ground echo in the bins of the bursts. On the sweeps of the echo of the target."""
     length_m = speed_mps * sensor.OBSERVATION_S + 8.0
     echo = RcsSpec(kind="equal", total_m2=place.ground_m2 * length_m)
     around = Target(sensor.ground(length_m, rng, sway_m=place.sway_m), rcs=echo, range_m=place.range_m)
@@ -241,15 +197,12 @@ def levels_of(target: ComplexArray, ground: ComplexArray, noise_db: float, displ
 
 
 def inputs_of_levels(
-    images: list[FloatArray], labels: list[str], groups: list[str], entry: xband_gait.Entry | None = None
+    images: list[FloatArray], labels: list[str], groups: list[str], *, clipped: bool = True
 ) -> store.Inputs:
-    """Convert images, real or not, to model inputs.
-
-    Signature, features by its analysis, image.
-    """
+    """Convert images, real or not, to model inputs. Signature, features by its analysis, image."""
     rows, signatures = [], []
     for image in images:
-        mu = xband_gait.displayed_signature(image, entry or xband_gait.Entry())
+        mu = xband_gait.displayed_signature(image, clipped=clipped)
         rows.append(store.row_of(analyze_signature(mu, make_level_gate(mu), xband_gait.ANALYSIS, label=None)))
         signatures.append(mu)
     return store.inputs_of(rows, signatures, PATCH, labels, groups)
@@ -271,23 +224,8 @@ def echo_chunk(plan: Plan, numbers: range, out: Path) -> store.Arrays:
     return store.kept(out / "cache" / name, make)
 
 
-def dataset(
-    plan: Plan, count: int, out: Path, *, display: Display | None = None, entry: xband_gait.Entry | None = None
-) -> store.Inputs:
-    """Load the model inputs of a plan.
-
-    Parameters
-    ----------
-    plan : Plan
-    count : int
-    out : Path
-        Folder whose ``cache`` keeps what is made.
-    display : Display, optional
-    entry : Entry, optional
-        How images enter the analysis (:class:`xband_gait.Entry`).
-    """
-    display = display or Display()
-    entry = entry or xband_gait.Entry(clipped=display.clipped)
+def dataset(plan: Plan, count: int, out: Path, *, display: Display = Display()) -> store.Inputs:
+    """Load the model inputs of a plan."""
 
     def chunk(numbers: range) -> store.Inputs:
         def make() -> store.Inputs:
@@ -296,9 +234,9 @@ def dataset(
                 levels_of(echo["mover"][n], echo["ground"][n], float(echo["noise_db"][n]), display, number)
                 for n, number in enumerate(numbers)
             ]
-            return inputs_of_levels(images, echo["label"].tolist(), echo["group"].tolist(), entry)
+            return inputs_of_levels(images, echo["label"].tolist(), echo["group"].tolist(), clipped=display.clipped)
 
-        name = f"xband-inputs-{store.key_of(plan, display, entry, PATCH)}-{numbers.start}-{numbers.stop}.npz"
+        name = f"xband-inputs-{store.key_of(plan, display, PATCH)}-{numbers.start}-{numbers.stop}.npz"
         return store.kept_inputs(out / "cache" / name, make)
 
     return store.joined([chunk(numbers) for numbers in store.chunks(count)])

@@ -1,35 +1,32 @@
-"""Compare real X4 modules with what is simulated of them.
+"""Real X4 modules compared with what is simulated of them.
 
-    python studies/x4_room.py RECORDINGS OUT_FOLDER
+    python studies/x4_room.py RADAR_DATA/x4_rf_giraffe_yin --page
 
-RECORDINGS is a folder with the two MATLAB files named below (XeThru X4, RF frames, 25 frames/s). Prints a table in
-markdown, draws four figures, and writes the sensor models fitted to the two radars of the empty room.
+Question: do the counter, the preset `x4` and fitted sensor models predict noise, echoes, phase and a breathing person?
 
-Three simulations are compared, each in the units of the sensor's files, by the host's way of down-conversion (27
-Hamming taps) and by the chip's own taps:
-
-counters
-    The RF path, sample by sample: the echoes (for the empty room its own mean frame), read by a receiver that counts
-    comparisons with a swept threshold, then down-converted as the recording is.
-preset
-    Noise and person of the preset `x4` at the recordings' frame rate and averages, in closed form.
-sensor model
-    Rooms drawn from the model that was fitted to each radar. What was fitted is no finding.
+The folder holds two MATLAB files (XeThru X4, RF frames, 25 frames/s). Levels are in the units of the files, by the
+host's way of down-conversion (27 Hamming taps) and by the chip's own taps. `counters`: the RF path, sample by sample:
+the echoes (for the empty room its own mean frame), read by a receiver that counts comparisons with a swept threshold,
+then down-converted as the recording is. `preset`: noise and person of the preset `x4` at the recordings' frame rate and
+averages, in closed form. `sensor model`: rooms sampled from the model that was fitted to each radar; what was fitted is
+no finding.
 
 One number is taken from the recordings for counters and preset: the noise of an RF sample in the empty room. With it
 the law of the counter (E-18b) gives the input noise in units, and the preset's noise figure the volts of a unit. The
 step of the threshold over the pulses counted, the other number in the law, is the smallest step of the files' values.
 
-What is assumed: the carrier (7.29 GHz); noise figure (6 dB), transmit power and antenna gains of the preset, which
-set the person's level. Of the person nothing but range and rate is known: 1.75 m of stature, radar cross section
-0.8 m^2 times mass over 80 kg, radar at the height of the chest. The recorded person moves the whole body at first and
-then sits still; the simulated one does nothing but breathe. So the part from 40 s on is compared too, there with the
-chest's amplitude taken from the phase of the recording.
+Assumed: the carrier (7.29 GHz); noise figure (6 dB), transmit power and antenna gains of the preset, which set the
+person's level. Of the person only range and rate are known: 1.75 m of stature, radar cross section 0.8 m^2 times mass
+over 80 kg, radar at the height of the chest. The recorded person moves the whole body at first and then sits still; the
+simulated one only breathes. The part from 40 s on is therefore compared too, with the chest's amplitude taken from the
+phase of the recording. It takes 3 minutes of one core.
+
+Not shown: other rooms and other modules. Two radars of one room and one person are a small sample.
 """
 
 from __future__ import annotations
 
-import argparse
+import tempfile
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,11 +34,10 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.figure import Figure
+from harness import finish, make_parser, markdown
 from scipy.io import loadmat
 from scipy.special import ndtr
 
-from doppelgait import viz
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import simulate
@@ -56,7 +52,6 @@ from doppelgait.radar.rf import sample_rf_frames
 from doppelgait.radar.simulate import label_baseband
 from doppelgait.radar.xethru.downconvert import compute_chip_gain, down_convert_frames
 from doppelgait.scene import Scene, Target, assemble, place
-from doppelgait.viz.style import ACCENT, make_figure, name_axes, place_legend_below
 
 EMPTY = "rf_empty_room_two_radars_20220222_143239.mat"
 BREATHING = "rf_breathing_20220303_131324.mat"
@@ -82,7 +77,6 @@ BEHIND_M = 2.4
 """From here on echoes are weak enough that their phase jitter does not show in the noise of RF samples."""
 MARGIN = 64
 """RF samples simulated before and after the recorded frame: more than a filter is long."""
-MEASURED, SIMULATED, NOISE = "#1f3b57", ACCENT, "#56b4e9"
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -91,47 +85,20 @@ Row = tuple[str, str, str, str, str]
 
 @dataclass(frozen=True)
 class RfNoise:
-    """Noise of RF samples in the file's unit.
-
-    A unit is 1024 steps of the threshold converter.
-
-    Parameters
-    ----------
-    rms : float
-        Noise of a sample and frame: median over the samples of the rms of frame-to-frame differences / sqrt(2).
-    counts : int
-        Pulses per threshold over the threshold's step in converter steps, from the smallest step of the values.
-    """
+    """Noise of RF samples in the file's unit. A unit is 1024 steps of the threshold converter."""
 
     rms: float
     counts: int
 
     @property
     def input_rms(self) -> float:
-        """Return the noise of one pulse at the comparator, units.
-
-        It is sqrt(pi) var n / d (E-18b).
-        """
+        """Return the noise of one pulse at the comparator, units. It is sqrt(pi) var n / d (E-18b)."""
         return float(np.sqrt(np.pi) * self.rms**2 * self.counts * 1024.0)
 
 
 @dataclass(frozen=True)
 class Person:
-    """Slow-time statistics about a breathing person.
-
-    Parameters
-    ----------
-    range_m, level_db : ndarray, shape (N,)
-        Slow-time standard deviation of every bin, dB re one unit.
-    bin_m, bin_db : float
-        The person's bin and its level.
-    rate_hz : float
-        Strongest frequency of that bin between 0.1 and 0.6 Hz.
-    time_s, phase_rad : ndarray, shape (I,)
-        Phase of that bin about the centre of the circle that its values lie on.
-    swing_rad : float
-        Amplitude of that phase between 0.1 and 0.6 Hz: sqrt(2) times its standard deviation.
-    """
+    """Slow-time statistics about a breathing person."""
 
     range_m: FloatArray
     level_db: FloatArray
@@ -160,10 +127,7 @@ def rf_noise(frames: FloatArray, *, frame_rate_hz: float) -> RfNoise:
 
 
 def count_thresholds(signal: FloatArray, noise: RfNoise, rng: np.random.Generator) -> FloatArray:
-    """Read samples with a counter.
-
-    It compares with a threshold that is swept in steps of 1/1024 unit.
-    """
+    """Read samples with a counter. It compares with a threshold that is swept in steps of 1/1024 unit."""
     step, reach = 1.0 / 1024.0, int(np.ceil(6.0 * noise.input_rms * 1024.0))
     lowest = np.floor(signal / step) - reach
     counts = np.zeros(signal.shape)
@@ -199,10 +163,7 @@ def level_of_bins(fit: SensorFit) -> FloatArray:
 
 
 def counted_room(frames: FloatArray, noise: RfNoise, like: Recording, filter: Filter, *, bin_m: float) -> Recording:
-    """Simulate an empty room by counters.
-
-    Its mean frame is read as often as the recording has frames.
-    """
+    """Simulate an empty room by counters. Its mean frame is read as often as the recording has frames."""
     still = np.broadcast_to(frames.mean(axis=0), frames.shape)
     counted = count_thresholds(still, noise, np.random.default_rng(SEED))
     values, _ = convert(counted, filter, start_m=0.0, bin_m=bin_m)
@@ -211,10 +172,7 @@ def counted_room(frames: FloatArray, noise: RfNoise, like: Recording, filter: Fi
 
 
 def drawn_room(model: Path, *, frames: int, seed: int) -> Recording:
-    """Simulate an empty room by a sensor model.
-
-    Only thermal noise and the impairments of the model.
-    """
+    """Simulate an empty room by a sensor model. Only thermal noise and the impairments of the model."""
     radar = Radar.preset(str(model))
     tables = tomllib.loads(model.read_text(encoding="utf-8"))["impairments"]
     specs = [make_impairment(table) for table in [{"kind": "thermal_noise"}, *tables]]
@@ -230,10 +188,7 @@ def whole_jitter_rad(fit: SensorFit) -> float:
 
 
 def common_share(recording: Recording, fit: SensorFit) -> float:
-    """Correlate the phase steps of near and far echoes.
-
-    1 for a clock that all share, 0 for thermal noise.
-    """
+    """Correlate the phase steps of near and far echoes. 1 for a clock that all share, 0 for thermal noise."""
     still = np.ones(fit.range_m.size, dtype=bool)
     for body in fit.moving:
         still &= (fit.range_m < body.start_m) | (fit.range_m > body.stop_m)
@@ -254,10 +209,7 @@ def breathing_scene(amplitude_m: float, duration_s: float) -> Scene:
 
 
 def person(values: ComplexArray, range_m: FloatArray, time_s: FloatArray, *, start_s: float) -> Person:
-    """Measure the strongest variation near the person.
-
-    Values are in units.
-    """
+    """Measure the strongest variation near the person. Values are in units."""
     values, time_s = values[time_s >= start_s], time_s[time_s >= start_s]
     level_db = 20.0 * np.log10(np.maximum(values.std(axis=0), 1e-9))
     near = np.where(np.abs(range_m - PERSON_M) <= SEARCH_M, level_db, -np.inf)
@@ -281,41 +233,6 @@ def circle_centre(values: ComplexArray) -> complex:
     return complex(solution[0], solution[1]) / 2.0
 
 
-def draw_room(real: SensorFit, simulated: list[SensorFit], *, title: str) -> Figure:
-    """Plot static echo and noise over range.
-
-    The measured room, simulated rooms, and the fitted profile.
-    """
-    figure = make_figure(width_in=10.5, height_in=5.5)
-    axes = figure.add_subplot()
-    own = unit_db(real.radar)
-    for number, fit in enumerate(simulated[:6]):
-        label = "static echo, drawn rooms" if number == 0 else None
-        axes.plot(fit.range_m, level_of_bins(fit), color=SIMULATED, lw=0.6, alpha=0.5, label=label)
-    axes.plot(real.range_m, level_of_bins(real), color=MEASURED, lw=1.4, label="static echo, measured")
-    axes.plot(real.clutter.range_m, real.clutter.level_db - own, "k--", lw=1.2, label="fitted profile")
-    for fit, colour, words in ((simulated[0], "#e69f00", "noise, drawn room"), (real, NOISE, "noise, measured")):
-        axes.plot(fit.range_m, 10 * np.log10(fit.noise.by_bin_v2) - own, color=colour, lw=1.2, label=words)
-    name_axes(axes, title=title, x="range (m)", y="level (dB re 1 unit)")
-    place_legend_below(figure, axes)
-    return figure
-
-
-def draw_person(real: Person, simulated: Person, *, title: str) -> Figure:
-    """Plot slow-time deviation over range and phase at the person."""
-    figure = make_figure(width_in=10.5, height_in=7.0)
-    above, below = figure.subplots(2, 1)
-    for found, colour, words in ((real, MEASURED, "measured"), (simulated, SIMULATED, "simulated, counters")):
-        above.plot(found.range_m, found.level_db, color=colour, lw=1.4, label=words)
-        shown = found.time_s < found.time_s[0] + 40.0
-        below.plot(found.time_s[shown], found.phase_rad[shown] - found.phase_rad[shown].mean(), color=colour, lw=0.9)
-    above.axvline(PERSON_M, color="0.6", lw=0.8)
-    name_axes(above, title=title, x="range (m)", y="slow-time standard deviation (dB re 1 unit)")
-    name_axes(below, title="", x="time (s)", y="phase of the person's bin (rad)")
-    place_legend_below(figure, above)
-    return figure
-
-
 def db(rms: float) -> float:
     """Return the level of an amplitude."""
     return float(20.0 * np.log10(rms))
@@ -327,10 +244,7 @@ def pair(values: list[float], digits: int) -> str:
 
 
 def room_rows(recordings: Path, out: Path) -> tuple[list[Row], float]:
-    """Compare noise, echoes and phase of the empty room.
-
-    The volts of an RF unit are returned, too.
-    """
+    """Compare noise, echoes and phase of the empty room. The volts of an RF unit are returned, too."""
     frames = {matrix: np.asarray(loadmat(recordings / EMPTY)[matrix], dtype=float) for matrix in MATRICES}
     facts = loadmat(recordings / EMPTY, variable_names=["actual_fps", "bin_length"])
     rate_hz, bin_m = (float(facts[name].item()) for name in ("actual_fps", "bin_length"))
@@ -385,8 +299,6 @@ def model_rows(real: dict[str, tuple[Recording, SensorFit]], counted: dict[str, 
         seeds = np.random.SeedSequence([SEED, number]).generate_state(N_ROOMS)
         rooms = [drawn_room(model, frames=fit.n_frames, seed=int(seed)) for seed in seeds]
         rooms_of.append([(room, fit_sensor(room)) for room in rooms])
-        figure = draw_room(fit, [found for _, found in rooms_of[-1]], title=f"Empty room, radar {number}")
-        viz.save_figure(figure, out / f"empty-room-{number}.png")
     fits = [fit for _, fit in real.values()]
     rows: list[Row] = []
 
@@ -424,7 +336,7 @@ def model_rows(real: dict[str, tuple[Recording, SensorFit]], counted: dict[str, 
     return rows
 
 
-def person_rows(recordings: Path, out: Path, volts: float) -> list[Row]:
+def person_rows(recordings: Path, volts: float) -> list[Row]:
     """Compare the breathing person."""
     content = loadmat(recordings / BREATHING)
     frames = np.asarray(content["Data_Matrix"], dtype=float)
@@ -474,26 +386,20 @@ def person_rows(recordings: Path, out: Path, volts: float) -> list[Row]:
                     (f"person, {what}: breathing rate", f"{real.rate_hz:.3f} Hz", f"{counted.rate_hz:.3f} Hz",
                      "counters", f"{counted.rate_hz - real.rate_hz:+.3f}")
                 )  # fmt: skip
-                figure = draw_person(real, counted, title=f"Breathing person, {what}")
-                viz.save_figure(figure, out / ("breathing.png" if from_s == 0.0 else "breathing-still.png"))
     return rows
 
 
-def main(recordings: Path, out: Path) -> None:
-    """Fit, plot, compare and print."""
-    out.mkdir(parents=True, exist_ok=True)
-    rows, volts = room_rows(recordings, out)
-    rows += person_rows(recordings, out, volts)
+def main() -> None:
+    """Fit, compare and write."""
+    options = make_parser(__doc__, recordings="folder of the X4 recordings").parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        rows, volts = room_rows(options.recordings, Path(folder))
+    rows += person_rows(options.recordings, volts)
     own = Radar.preset("x4").volts_per_unit
-    print(f"one unit of RF samples is {volts:.4f} V; volts_per_unit of the preset is {own}\n")
-    print("| quantity | measured | simulated | by | difference |\n| --- | --- | --- | --- | --- |")
-    for row in rows:
-        print("| " + " | ".join(row) + " |")
+    words = f"One unit of RF samples is {volts:.4f} V; `volts_per_unit` of the preset is {own}."
+    table = markdown(("quantity", "measured, radar 1 / 2", "simulated", "by", "difference"), rows)
+    finish(__file__, __doc__, {"Measured and simulated": f"{words}\n\n{table}"}, page=options.page)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("recordings", type=Path, help="folder of the X4 recordings")
-    parser.add_argument("out", type=Path, help="folder for figures and sensor models; made if missing")
-    arguments = parser.parse_args()
-    main(arguments.recordings, arguments.out)
+    main()

@@ -39,15 +39,7 @@ MODULATION_HZ = (0.8, 6.0)
 
 
 def read_levels(path: Path, keys: Iterable[str] | None = None) -> dict[str, FloatArray]:
-    """Read the levels of images in dB by key.
-
-    Parameters
-    ----------
-    path : Path
-        The file of decoded levels; the program ends with a message if it is missing.
-    keys : iterable of str, optional
-        Images that must be there; all by default.
-    """
+    """Read the levels of images in dB by key."""
     if not path.is_file():
         sys.exit(f"{path}: not there; give the folder that holds {path.name}, see the head of the study")
     with np.load(path) as levels:
@@ -70,29 +62,14 @@ def noise_gain() -> float:
 
 
 def stitched(baseband: npt.NDArray[np.complexfloating[Any, Any]], bins: npt.ArrayLike) -> npt.NDArray[np.complex128]:
-    """Concatenate one range bin per burst without the means of the bursts.
-
-    Parameters
-    ----------
-    baseband : ndarray, shape (5120, N)
-        V.
-    bins : array_like, shape (20,)
-        Range bin of every burst.
-
-    Returns
-    -------
-    ndarray, shape (5120,)
-    """
+    """Concatenate one range bin per burst without the means of the bursts."""
     bursts = np.asarray(baseband, dtype=np.complex128)[:N_SWEEPS].reshape(N_BURSTS, BURST_SWEEPS, -1)
     kept = bursts[np.arange(N_BURSTS), :, np.asarray(bins)]
     return np.asarray((kept - kept.mean(axis=1, keepdims=True)).ravel())
 
 
 def pixel_power(signal: npt.NDArray[np.complex128]) -> FloatArray:
-    """Return the power of every pixel, V^2, shape (256, 624).
-
-    Approaching, at positive frequency, is above.
-    """
+    """Return the power of every pixel, V^2, shape (256, 624). Approaching, at positive frequency, is above."""
     starts = HOP_SWEEPS * np.arange(N_COLUMNS)
     blocks = signal[starts[:, None] + np.arange(WINDOW_SWEEPS)] * hann(WINDOW_SWEEPS)
     power = np.abs(np.fft.fft(blocks, N_ROWS, axis=1)) ** 2
@@ -106,18 +83,12 @@ def displayed_db(power: FloatArray) -> FloatArray:
 
 
 def towards(level_db: FloatArray, *, direction: int) -> FloatArray:
-    """Flip an image so that the side of the target is above.
-
-    Velocities of a receding target (-1) change sign.
-    """
+    """Flip an image so that the side of the target is above. Velocities of a receding target (-1) change sign."""
     return level_db if direction > 0 else level_db[(N_ROWS - np.arange(N_ROWS)) % N_ROWS]
 
 
 def torso_speed_mps(level_db: FloatArray) -> float:
-    """Return the median over time of the strongest speed above 0.4 m/s.
-
-    Where several rows are clipped, their mean.
-    """
+    """Return the median over time of the strongest speed above 0.4 m/s. Where several rows are clipped, their mean."""
     side = VELOCITY_MPS > SLOWEST_MPS
     strongest = level_db[side] == level_db[side].max(axis=0)
     speed_mps = (strongest * VELOCITY_MPS[side, None]).sum(axis=0) / strongest.sum(axis=0)
@@ -135,10 +106,7 @@ def line_share(level_db: FloatArray) -> float:
 
 
 def envelope_mps(level_db: FloatArray) -> float:
-    """Return the 95th percentile over time of the highest speed.
-
-    On the side of the target, above -22 dB.
-    """
+    """Return the 95th percentile over time of the highest speed. On the side of the target, above -22 dB."""
     seen = (level_db > ENVELOPE_DB) & (VELOCITY_MPS[:, None] > SLOWEST_MPS)
     highest = np.where(seen, VELOCITY_MPS[:, None], 0.0).max(axis=0)
     return float(np.percentile(highest, 95))
@@ -162,9 +130,8 @@ def modulation_hz(level_db: FloatArray) -> float:
 def noise_db(level_db: FloatArray) -> float:
     """Estimate the mean noise of a pixel, dB.
 
-    From the share p of quiet pixels above the floor.
-
-    Power of noise is exponentially distributed, so that p = exp(-F / N) with floor F and mean N: N = F / ln(1 / p).
+    From the share p of quiet pixels above the floor. Power of noise is exponentially distributed, so that p = exp(-F /
+    N) with floor F and mean N: N = F / ln(1 / p).
     """
     quiet = (QUIET_MPS[0] < -VELOCITY_MPS) & (QUIET_MPS[1] > -VELOCITY_MPS)
     share = float((level_db[quiet] > FLOOR_DB + 0.5 * (CEILING_DB - FLOOR_DB) / 255).mean())
@@ -175,9 +142,8 @@ def noise_db(level_db: FloatArray) -> float:
 def boundary_step_db(level_db: FloatArray) -> float:
     """Return the level step at the joints of bursts, dB.
 
-    Near zero Doppler, relative to the middle of bursts.
-
-    A column's window is centred on a joint every 32 columns, first at column 24.
+    Near zero Doppler, relative to the middle of bursts. A column's window is centred on a joint every 32 columns, first
+    at column 24.
     """
     slow = level_db[np.abs(VELOCITY_MPS) < SLOWEST_MPS / 2.0].mean(axis=0)
     place = (np.arange(N_COLUMNS) - 24) % (BURST_SWEEPS // HOP_SWEEPS)
@@ -192,10 +158,7 @@ def histogram_distance_db(one: FloatArray, other: FloatArray) -> float:
 
 
 def profile_distance(one: FloatArray, other: FloatArray, *, ground: bool) -> tuple[float, float]:
-    """Return rms difference, dB, and correlation of the velocity profiles.
-
-    With or without ground.
-    """
+    """Return rms difference, dB, and correlation of the velocity profiles. With or without ground."""
     rows = np.ones(N_ROWS, dtype=bool) if ground else np.abs(VELOCITY_MPS) > SLOWEST_MPS
     first, second = one.mean(axis=1)[rows], other.mean(axis=1)[rows]
     return float(np.sqrt(np.mean((first - second) ** 2))), float(np.corrcoef(first, second)[0, 1])

@@ -2,7 +2,7 @@
 
 The record is divided into blocks of one gait period. Periodic effects are equal in all blocks and cancel. The rest
 (noise, uneven strides, glints) differs between blocks, and its scatter gives the error of a mean over the blocks. Only
-the constants below were chosen by simulation (``studies/feature_quality.py``: walking and running people, dogs in seven
+the constants below were chosen by simulation (``studies/gait_frequency.py``: walking and running people, dogs in seven
 gaits, SNR 5 to 30 dB, 2 to 6 s, within 30 degrees of the line of sight), on other targets than those of its table.
 
 The values are valid if the gait frequency is correct, and not its half or double. They describe the scatter of a value

@@ -132,13 +132,10 @@ def row(seed: int, number: str, **states: str) -> dict[str, object]:
     return {"scene": "s", "cause": "c", "seed": seed, "number": number, "wrong": wrong, "results": [{"state": own}]}
 
 
-def test_tables_count_recordings_and_what_was_lost(study: ModuleType) -> None:
-    before = [row(0, "right", f="silent", L="silent"), row(1, "silent"), row(2, "right", B="silent"), row(9, "right")]
-    after = [row(0, "right", f="flagged", L="null"), row(1, "right"), row(2, "right", v="cautious", B="silent")]
-    last = study.table(before, "cause", study.STATES).splitlines()[-1]
+def test_tables_count_recordings(study: ModuleType) -> None:
+    rows = [row(0, "right", f="silent", L="silent"), row(1, "silent"), row(2, "right", B="silent"), row(9, "right")]
+    last = study.table(rows, "cause", study.STATES).splitlines()[-1]
     assert last.startswith("| all | 4 | 2 | 2 | 1 | 3 / 0 / 1 / 0 / 0 | 4 / 0 / 0 / 0 / 0 | 3 / 0 / 1 / 0 / 0 |")
-    # right before: 6 + 5 in seeds 0 and 1, 6 in seed 2, of which v is only cautious now
-    assert study.comparison(before, after, "cause").splitlines()[-1] == ("| all | 3 | 2 > 0 | 2 > 0 | 1 > 1 | 17 | 1 |")
 
 
 def test_every_scene_can_be_drawn_and_is_drawn_alike(study: ModuleType) -> None:

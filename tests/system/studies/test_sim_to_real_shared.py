@@ -11,11 +11,10 @@ import pytest
 pytestmark = pytest.mark.shared
 
 
-def test_the_reported_half_of_people_is_measured_and_compared(shared: Path, tmp_path: Path) -> None:
+def test_the_reported_half_of_people_is_measured_and_compared(shared: Path) -> None:
     radar_data = shared / "data" / "radar"
     study = import_module("sim_to_real_cw")
-    plans = {"models": study.VARIANTS["models"]}
-    text = study.main(radar_data, tmp_path, None, count=4, seeds=1, real=4, plans=plans)
+    text = "\n".join(study.compare(radar_data, None, count=4, seeds=1, real=4).values())
     real = [float(cell) for cell in text.split("| real, reported half |")[1].split("|")[:4]]
     assert all(-42 < after < before < -8 for before, after in pairwise(real))
     made = text.split("| models |")[1].split("|")[:8]
@@ -28,4 +27,4 @@ def test_the_reported_half_of_people_is_measured_and_compared(shared: Path, tmp_
 
 def test_missing_data_are_named(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match="has no recordings of persons"):
-        import_module("sim_to_real_cw").main(tmp_path, tmp_path / "out", None, count=1, seeds=1)
+        import_module("sim_to_real_cw").compare(tmp_path, None, count=1, seeds=1)

@@ -40,8 +40,9 @@ def run(shared: Path, out: Path, study: ModuleType) -> tuple[dict[str, list[Any]
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(study.models, "train_all", watched)
-        scored = study.main(shared / "data" / "radar", out, quick_size(study, ablations=("nothing", "noise")))
-    return scored, teachers, (out / "sim-to-real-xband.md").read_text(encoding="utf-8")
+        size = quick_size(study, ablations=("nothing", "noise"))
+        scored, sections = study.run_study(shared / "data" / "radar", out, size)
+    return scored, teachers, "\n".join(sections.values())
 
 
 def test_every_image_is_scored_by_every_seed(study: ModuleType, run: tuple[Any, Any, str]) -> None:
@@ -76,7 +77,7 @@ def test_other_real_images_change_no_model(
         f"{label}__{n}": rng.integers(0, 256, (256, 624), dtype=np.uint8) for label in ("human", "dog") for n in "ab"
     }
     np.savez(tmp_path / study.DATA_FILE, **levels, cow__a=np.tile(np.uint8(9), (256, 624)))
-    again = study.main(tmp_path, out, quick_size(study))
+    again, _ = study.run_study(tmp_path, out, quick_size(study))
     for protocol, seeds in scored.items():
         for one, other in zip(seeds, again[protocol], strict=True):
             assert one.held_accuracy == other.held_accuracy
@@ -96,4 +97,4 @@ def test_real_and_synthetic_are_of_one_form(study: ModuleType, run: Any, shared:
 
 def test_missing_images_are_named(study: ModuleType, tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match=r"decoded_levels\.npz: not there"):
-        study.main(tmp_path, tmp_path / "out", quick_size(study))
+        study.run_study(tmp_path, tmp_path / "out", quick_size(study))

@@ -151,7 +151,7 @@ def test_velocity_axis_ends_where_the_figures_do(sensor: ModuleType) -> None:
 
 def test_missing_data_are_named(sensor: ModuleType, tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match=r"decoded_levels\.npz: not there"):
-        sensor.main(tmp_path, tmp_path / "out")
+        sensor.real_levels(tmp_path)
     np.savez(tmp_path / "decoded_levels.npz", human__NormalToward=np.zeros((256, 624), dtype=np.uint8))
     with pytest.raises(SystemExit, match="has no human__NormalAway"):
-        sensor.main(tmp_path, tmp_path / "out")
+        sensor.real_levels(tmp_path)
