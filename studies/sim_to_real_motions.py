@@ -20,8 +20,7 @@ from doppelgait.motion import make_motion
 from doppelgait.motion.models import human_gait, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import BUILDS, GAITS
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.retime import fit_spline, travel_speed_mps
-from doppelgait.motion.vary import Variation, vary
+from doppelgait.motion.retime import Variation, fit_spline, travel_speed_mps, vary
 from doppelgait.scene.rcs import RcsSpec
 
 CLASSES = ("human", "dog")

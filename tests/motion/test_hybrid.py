@@ -21,11 +21,10 @@ from doppelgait.motion.hybrid import (
     find_stride_limits,
     make_hybrid,
 )
-from doppelgait.motion.hybrid_checks import measure_foot_slide
 from doppelgait.motion.loop import loop
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
 from doppelgait.motion.retime import travel_speed_mps
-from doppelgait.motion.rigid import find_rigid_pairs, restore_lengths
+from doppelgait.motion.rigid import find_rigid_pairs, measure_foot_slide, restore_lengths
 
 
 def _walk(**options: Any) -> Motion:

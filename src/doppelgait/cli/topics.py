@@ -67,7 +67,7 @@ def _scene_models() -> list[tuple[str, type[BaseModel]]]:
     own = [plugin for plugin in _get("doppelgait.scene.rcs:RCS").values() if plugin.parameters is not shared]
     models = _models("doppelgait.scene.scene:Scene", "doppelgait.scene.scene:Target")
     models += [("RcsSpec", shared), *((f'rcs, kind = "{plugin.name}"', plugin.parameters) for plugin in own)]
-    return [*models, *_models("doppelgait.motion.vary:Variation", "doppelgait.pipeline.conditions:Noise")]
+    return [*models, *_models("doppelgait.motion.retime:Variation", "doppelgait.pipeline.conditions:Noise")]
 
 
 def _motion_models() -> list[tuple[str, type[BaseModel]]]:

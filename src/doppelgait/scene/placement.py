@@ -22,8 +22,7 @@ from doppelgait.core.rng import Streams
 from doppelgait.motion.follow import follow
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import place as place_motion
-from doppelgait.motion.retime import scale_to_height, travel_speed_mps
-from doppelgait.motion.vary import vary
+from doppelgait.motion.retime import scale_to_height, travel_speed_mps, vary
 from doppelgait.scene.scene import DEFAULT_DURATION_S, Scene, Target
 
 BACKGROUND = -1

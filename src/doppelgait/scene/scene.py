@@ -15,8 +15,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.notebook import show_html, show_text
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.paths import Path, make_path
-from doppelgait.motion.retime import ScalingMode
-from doppelgait.motion.vary import Variation
+from doppelgait.motion.retime import ScalingMode, Variation
 from doppelgait.scene.rcs import RCS, RcsSpec
 
 DEFAULT_DURATION_S = 5.0
@@ -100,7 +99,7 @@ class Target(FrozenModel):
         Path over the ground (:mod:`doppelgait.motion.paths`) in the frame of ``start_position_m`` and ``heading_deg``,
         which must be set; a straight path by default.
     vary : Variation or table, optional
-        Differences of the motion from its model or recording (:mod:`doppelgait.motion.vary`).
+        Differences of the motion from its model or recording (:mod:`doppelgait.motion.retime`).
     background : bool
         True for a body that scatters but is not a target, such as a fan or a curtain. It has no truth and no result,
         and its scatterers have the target number -1.

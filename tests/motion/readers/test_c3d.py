@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
-from doppelgait.motion.axes import AXES, find_up_axis, turn_z_up
 from doppelgait.motion.readers import read
-from doppelgait.motion.readers.c3d_file import read_layout
+from doppelgait.motion.readers.c3d import read_layout
+from doppelgait.motion.readers.points import AXES, find_up_axis, turn_z_up
 
 ezc3d = pytest.importorskip("ezc3d")
 

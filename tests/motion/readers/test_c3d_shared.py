@@ -17,7 +17,7 @@ from doppelgait.motion import Motion
 from doppelgait.motion.clean import clean_motion
 from doppelgait.motion.describe import describe_motion, describe_recording, smooth_path
 from doppelgait.motion.readers import read
-from doppelgait.motion.readers.c3d_file import C3dContent, read_content
+from doppelgait.motion.readers.c3d import C3dContent, read_content
 
 pytestmark = pytest.mark.shared
 

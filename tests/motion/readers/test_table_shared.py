@@ -12,9 +12,6 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-import doppelgait.motion.readers.arrays
-import doppelgait.motion.readers.table
-import doppelgait.motion.readers.trc  # noqa: F401  (these register themselves)
 from doppelgait.cli.app import app
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.motion.clean import clean_motion

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from doppelgait.dataset import load_plan
-from doppelgait.motion.vary import Variation
+from doppelgait.motion.retime import Variation
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Motion files: one reader per format, selected by content.
+"""Motion files: a reader per format, selected by content.
 
 A reader is a function ``(path, **options) -> Motion`` with keyword-only options, registered by
 ``plugin("motion_reader", NAME, sniff=..., suffixes=(...))``: ``sniff(path, head) -> bool`` decides by the first 4096
@@ -21,9 +21,7 @@ __all__ = ["MOTION_READERS", "check_types", "cut_part", "list_reader_options", "
 
 MOTION_READERS: Group[Callable[..., Motion]] = Group(
     "motion_reader",
-    built_in=tuple(
-        f"doppelgait.motion.readers.{name}" for name in ("amc", "arrays", "bvh", "c3d", "expmap", "table", "trc")
-    ),
+    built_in=tuple(f"doppelgait.motion.readers.{name}" for name in ("amc", "arrays", "bvh", "c3d", "table")),
 )
 """Readers of motion files by name."""
 

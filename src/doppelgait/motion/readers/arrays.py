@@ -14,12 +14,12 @@ from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import MotionError
 from doppelgait.core.npz import is_npz, load_npz
 from doppelgait.core.plugins import plugin
-from doppelgait.motion.axes import convert_unit_to_metres
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.points import (
     LengthUnit,
     check_amount,
     check_rate,
+    convert_unit_to_metres,
     find_unit,
     make_point_motion,
     pick_markers,

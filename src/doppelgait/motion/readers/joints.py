@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from doppelgait.core.cost import check_cost
 from doppelgait.core.errors import MotionError, warn_caller
-from doppelgait.motion.axes import convert_unit_to_metres
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.points import (
     BodyPoints,
@@ -25,6 +24,7 @@ from doppelgait.motion.readers.points import (
     check_amount,
     check_labels,
     check_rate,
+    convert_unit_to_metres,
     make_names_unique,
     make_point_motion,
 )

@@ -7,8 +7,7 @@ import pytest
 
 import doppelgait as dg
 from doppelgait.core.errors import ConfigError, MotionError
-from doppelgait.motion.retime import body_centre_m, resample, travel_speed_mps
-from doppelgait.motion.vary import TURN_MARGIN, Variation, vary
+from doppelgait.motion.retime import TURN_MARGIN, Variation, body_centre_m, resample, travel_speed_mps, vary
 
 
 @pytest.fixture(scope="module")

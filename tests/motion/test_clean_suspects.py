@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from doppelgait.motion import Motion, make_motion
-from doppelgait.motion.clean import clean_motion
+from doppelgait.motion.clean import clean_motion, find_jumps, find_steps, find_useless_points, repair_swaps
 from doppelgait.motion.models import boulic_walk, quadruped_gait
-from doppelgait.motion.suspects import find_jumps, find_steps, find_useless_points, repair_swaps
 
 RATE_HZ = 120.0
 

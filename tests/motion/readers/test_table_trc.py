@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import doppelgait.motion.readers.trc  # noqa: F401  (registers itself)
+import doppelgait.motion.readers.table  # noqa: F401  (registers itself)
 from damage import damaged_copies, read_or_refusal
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
