@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, MotionError
-from doppelgait.motion import Motion, blend, cycle, retarget
+from doppelgait.motion import Motion, blend, retarget
 from doppelgait.motion.hybrid import (
     RUN,
     WALK,
@@ -21,7 +21,7 @@ from doppelgait.motion.hybrid import (
     find_stride_limits,
     make_hybrid,
 )
-from doppelgait.motion.loop import loop
+from doppelgait.motion.loop import fit_cycle, loop
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.motion.rigid import find_rigid_pairs, measure_foot_slide, restore_lengths
@@ -240,9 +240,11 @@ def test_a_body_without_feet_is_made_with_a_note() -> None:
 
 def test_the_cycle_of_a_clip_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
     searched: list[Motion] = []
-    search = cycle._find_best_seam
-    monkeypatch.setattr(
-        cycle, "_find_best_seam", lambda motion, *rest: searched.append(motion) or search(motion, *rest)
+    search = fit_cycle.__globals__["_find_best_seam"]
+    monkeypatch.setitem(
+        fit_cycle.__globals__,
+        "_find_best_seam",
+        lambda motion, *rest: searched.append(motion) or search(motion, *rest),
     )
     clips = [_walk(speed_mps=1.1), _walk(speed_mps=1.3)]
     before = blend(*clips, share=0.3).position_m
