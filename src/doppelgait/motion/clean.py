@@ -24,8 +24,8 @@ BoolArray = npt.NDArray[np.bool_]
 JUMP_M, JUMP_JERK_MPS3 = 0.05, 6_000.0
 """Limits of a jump between two frames: more than 5 cm and more than this jerk explains."""
 SWAP_M, SWAP_JERK_MPS3 = 0.02, 1_300.0
-"""Limits of the two simultaneous steps of a swap. They are smaller than for one jump, since matching steps are unlikely
-to be noise."""
+"""Limits of the two simultaneous steps of a swap. They are smaller than for one jump, since
+matching steps are unlikely to be noise."""
 SWAP_RATIO = 0.3
 """Maximum ratio of the steps of two points after and before an exchange."""
 MAX_BRIDGE_S = 0.1
@@ -161,8 +161,8 @@ def find_useless_points(position: FloatArray, names: Sequence[str], parts: Seque
 
 SPIKE_M = 0.05
 SPIKE_ACCELERATION_MPS2 = 400.0
-"""Limits of a spike: a sample departs from its neighbours in time by more than 5 cm and by more than this acceleration
-explains."""
+"""Limits of a spike: a sample departs from its neighbours in time by more than 5 cm and by more
+than this acceleration explains."""
 
 
 def remove_spikes(position: FloatArray, *, rate_hz: float) -> int:
@@ -227,8 +227,8 @@ MIN_RATE_PER_CUTOFF = 3.0
 FILTER_ORDER = 4
 MOST_GROWTH = 1.5
 MEMORY_S, FIT_S, PREDICTION_NOISE_M = 0.1, 1.0, 1e-3
-"""Memory of the linear prediction, time that it is fitted to, and assumed noise. The ends are continued for twice the
-memory. The assumed noise keeps the prediction from growing."""
+"""Memory of the linear prediction, time that it is fitted to, and assumed noise. The ends are
+continued for twice the memory. The assumed noise keeps the prediction from growing."""
 
 
 def can_lowpass(rate_hz: float, cutoff_hz: float | None) -> bool:

@@ -185,8 +185,8 @@ def measure_stride(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
 
 
 SWING_PEAK, SHORTEST_SWING_S = 1.4, 0.04
-"""Minimum peak speed of a swing in body speeds, and its minimum duration. A foot swings while it is faster than the
-body."""
+"""Minimum peak speed of a swing in body speeds, and its minimum duration. A foot swings while it is
+faster than the body."""
 STILL = 0.01
 """A foot has landed when its speed has fallen to this share of its maximum in the swing."""
 STANCE_SPEED = 0.5
@@ -294,8 +294,8 @@ QUARTER = 0.125
 STEADY = 0.8
 """Minimum length of the mean vector of a lag's phases over the strides. Below it, the lag is not constant."""
 LANDING_HEIGHT = 0.25
-"""Share of the paw's height range that 90 % of the touchdowns of a gallop do not exceed (recorded gallops: at most
-0.15; jumping dogs: 0.6 or more)."""
+"""Share of the paw's height range that 90 % of the touchdowns of a gallop do not exceed (recorded
+gallops: at most 0.15; jumping dogs: 0.6 or more)."""
 LEAST_LIFT_M = 0.02
 LARGEST_SCATTER = 0.15
 """Maximum scatter of touchdowns about an even beat, in strides. Beyond it, the stride frequency is not measured."""

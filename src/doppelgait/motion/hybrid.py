@@ -146,13 +146,13 @@ def retarget(
     motion : Motion
         Motion (time, marker, space) in m, z up, without gaps: at least one stride of straight gait.
     speed_factor : float
-        v, 0.8 to 1.25: factor of the dimensionless speed V / sqrt(g l), which must stay within that of recordings of
-        the gait.
+        v, 0.8 to 1.25: factor of the dimensionless speed V / sqrt(g l), which must stay within that
+        of recordings of the gait.
     size_factor : float
         b, 0.8 to 1.25.
     stride_factor : float
-        s, deviation of the stride length from the law at equal speed, up to one standard deviation of recordings:
-        0.90 to 1.12 (walk of people), 0.92 to 1.08 (run), 0.93 to 1.07 (animals).
+        s, deviation of the stride length from the law at equal speed, up to one standard deviation
+        of recordings: 0.90 to 1.12 (walk of people), 0.92 to 1.08 (run), 0.93 to 1.07 (animals).
 
     Returns
     -------
@@ -254,8 +254,8 @@ def blend(first: Motion, second: Motion, *, share: float) -> Motion:
     Raises
     ------
     MotionError
-        If species, gait or points differ, one is more than 1.56 times as fast, the motions of the limbs differ too
-        much, or feet slide or joints bend too far in the result.
+        If species, gait or points differ, one is more than 1.56 times as fast, the motions of the
+        limbs differ too much, or feet slide or joints bend too far in the result.
 
     See Also
     --------

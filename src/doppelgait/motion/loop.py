@@ -358,8 +358,8 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     variation : float
         Factor on the spreads, 0 to 2; with 0, all cycles are equal.
     rng : Streams or numpy.random.Generator, optional
-        Source of the variation. By default it is derived from source, subject and start time of the clip, so that the
-        same clip results in the same motion.
+        Source of the variation. By default it is derived from source, subject and start time of the
+        clip, so that the same clip results in the same motion.
 
     Returns
     -------

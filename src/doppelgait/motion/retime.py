@@ -83,8 +83,8 @@ def scale_to_height(
         ``uniform``: scale all coordinates, keep times. ``froude``: scale all coordinates, and times by the square root
         (dynamic similarity). ``z_only``: scale only heights, as in the report; speeds and steps are kept.
     recorded_height_m : float, optional
-        Height of the recorded subject. The default is the motion's own ``height_m``, or for ``z_only`` the highest
-        point if that is unknown.
+        Height of the recorded subject. The default is the motion's own ``height_m``, or for
+        ``z_only`` the highest point if that is unknown.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Bones and rigid segments of bodies, kept in motions made from recordings.
 
-The distances between points of one segment are constant. A hybrid is refused if it changes them, or if its feet slide
-or its joints bend too far.
+The distances between points of one segment are constant. A hybrid is refused if it changes them, or
+if its feet slide or its joints bend too far.
 """
 
 from __future__ import annotations
@@ -206,11 +206,11 @@ LONGER = 0.005
 """Largest relative error of the distance between two points; an absolute error of :data:`LONGER_M` is also allowed."""
 LONGER_M = 1e-3
 JERKS = 1.5
-"""Factor by which the restoration of lengths may raise the largest acceleration. More indicates a leg that snaps
-straight."""
+"""Factor by which the restoration of lengths may raise the largest acceleration. More indicates a
+leg that snaps straight."""
 SLIDES = 0.02
-"""Allowed increase of the sliding speed of feet on the ground, as a share of the body's speed: the maximum that looping
-adds to a shared recording."""
+"""Allowed increase of the sliding speed of feet on the ground, as a share of the body's speed: the
+maximum that looping adds to a shared recording."""
 BENDS_DEG = 14.0
 """Angle by which a joint may bend further than in the recordings: two standard deviations of the minimum and maximum
 angle of a joint between recordings of one gait and skeleton (7 degrees: root mean square over nine sets, 4 to 11)."""

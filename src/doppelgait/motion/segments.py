@@ -68,8 +68,8 @@ def find_segments(motion: Motion, *, limits: SegmentLimits | None = None) -> lis
     motion : Motion
         Motion (time, marker, space) in m, z up. It should be cleaned; gaps are bridged by straight lines.
     limits : SegmentLimits, optional
-        Limits. The defaults are those of a quadruped if the motion has paws or a species other than human, otherwise
-        those of a person.
+        Limits. The defaults are those of a quadruped if the motion has paws or a species other than
+        human, otherwise those of a person.
 
     Returns
     -------

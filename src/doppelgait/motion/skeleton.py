@@ -276,8 +276,8 @@ def complete_set(markers: Iterable[str]) -> frozenset[str]:
 
 
 LEG_SHARE = 0.245 + 0.246
-"""Length from hip to knee and from knee to ankle over stature (Drillis and Contini 1966, as in Winter 2009, figure
-4.1)."""
+"""Length from hip to knee and from knee to ankle over stature (Drillis and Contini 1966, as in
+Winter 2009, figure 4.1)."""
 SKULL_SHARE = 0.93
 """Height of the eyes over stature (Drillis and Contini 1966). A skeleton's head that ends lower lacks the skull."""
 PERSON_M = (0.6, 2.4)

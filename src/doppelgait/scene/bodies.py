@@ -1,7 +1,7 @@
 """Ellipsoid bodies: joints, cross sections, occlusion (E-08c, E-08e to E-08g).
 
-Joints are means of points, so that the walking model, two usual marker sets and the quadruped model share one
-description each of a person and of a four-legged animal.
+Joints are means of points, so that the walking model, two usual marker sets and the quadruped model
+share one description each of a person and of a four-legged animal.
 """
 
 from __future__ import annotations
@@ -240,8 +240,8 @@ def ellipsoid_rcs_m2(semi_axes_m: npt.ArrayLike, direction: npt.ArrayLike) -> Fl
 
     .. math:: \sigma = \pi (a b c)^2 / (a^2 u_1^2 + b^2 u_2^2 + c^2 u_3^2)^2
 
-    with :math:`u = (\sin\theta\cos\phi, \sin\theta\sin\phi, \cos\theta)`; :math:`\pi r^2` for a sphere, frequency
-    independent.
+    with :math:`u = (\sin\theta\cos\phi, \sin\theta\sin\phi, \cos\theta)`; :math:`\pi r^2` for a
+    sphere, frequency independent.
 
     Parameters
     ----------

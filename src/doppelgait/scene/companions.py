@@ -36,8 +36,8 @@ def side_by_side(first: Target, second: Target, *, side_m: float = 0.7, ahead_m:
     Raises
     ------
     ConfigError
-        If the first target has no start, the second target's motion cannot reach the speed, or the path turns on the
-        spot.
+        If the first target has no start, the second target's motion cannot reach the speed, or the
+        path turns on the spot.
     MotionError
         If a motion does not travel straight and steadily, or cannot stop where the path does.
 

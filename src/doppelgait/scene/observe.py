@@ -60,9 +60,9 @@ def line_of_sight(position_m: FloatArray, velocity_mps: FloatArray, radar_positi
     Returns
     -------
     LineOfSight
-        Range R = |x - p| (E-03); radial velocity -dR/dt = -v . u, positive when approaching (E-04); aspect angle psi
-        with cos(psi) = -(v . u) / |v|, 0 when approaching, NaN below 0.05 m/s; azimuth from +x towards +y; elevation
-        up.
+        Range R = |x - p| (E-03); radial velocity -dR/dt = -v . u, positive when approaching (E-04);
+        aspect angle psi with cos(psi) = -(v . u) / |v|, 0 when approaching, NaN below 0.05 m/s;
+        azimuth from +x towards +y; elevation up.
 
     See Also
     --------

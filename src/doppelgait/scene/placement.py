@@ -46,8 +46,8 @@ class PlacedTarget:
     number : int
         Number in the scatterer table: the index among the observed targets, -1 for background.
     motion : Motion
-        Motion after scaling, path, rotation and translation; it covers the observation. Its facts are those of the
-        whole motion.
+        Motion after scaling, path, rotation and translation; it covers the observation. Its facts
+        are those of the whole motion.
     ground_speed_mps : float
         Speed along the path; without a path, net displacement divided by the observation time.
 

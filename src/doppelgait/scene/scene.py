@@ -84,31 +84,31 @@ class Target(FrozenModel):
     scaling : {"uniform", "froude", "z_only"}
         How ``height_m`` changes lengths and times (E-01).
     range_m : float, optional
-        Ground range of the body centre from the radar at the middle of the observation; by default 5 m, or the minimum
-        range at which the body stays at least 2 m from the radar.
+        Ground range of the body centre from the radar at the middle of the observation; by default
+        5 m, or the minimum range at which the body stays at least 2 m from the radar.
     bearing_deg : float
         Direction of that point as seen from the radar, from +x towards +y.
     aspect_deg : float
-        Aspect angle psi between the walking direction and the direction to the radar at that point: 0 approaching,
-        180 receding, positive counter-clockwise.
+        Aspect angle psi between the walking direction and the direction to the radar at that point:
+        0 approaching, 180 receding, positive counter-clockwise.
     start_position_m : (float, float), optional
         Ground position of the body centre at the start, used with ``heading_deg`` instead of range, bearing and aspect.
     heading_deg : float, optional
         Direction of travel at ``start_position_m``, from +x towards +y.
     path : Path or table, optional
-        Path over the ground (:mod:`doppelgait.motion.paths`) in the frame of ``start_position_m`` and ``heading_deg``,
-        which must be set; a straight path by default.
+        Path over the ground (:mod:`doppelgait.motion.paths`) in the frame of ``start_position_m``
+        and ``heading_deg``, which must be set; a straight path by default.
     vary : Variation or table, optional
         Differences of the motion from its model or recording (:mod:`doppelgait.motion.retime`).
     background : bool
-        True for a body that scatters but is not a target, such as a fan or a curtain. It has no truth and no result,
-        and its scatterers have the target number -1.
+        True for a body that scatters but is not a target, such as a fan or a curtain. It has no
+        truth and no result, and its scatterers have the target number -1.
 
     Raises
     ------
     ConfigError
-        If a parameter is not allowed, only one of ``start_position_m`` and ``heading_deg`` is set, both forms of
-        position are used, or a path has no start.
+        If a parameter is not allowed, only one of ``start_position_m`` and ``heading_deg`` is set,
+        both forms of position are used, or a path has no start.
 
     Examples
     --------
@@ -194,8 +194,8 @@ class Scene(FrozenModel):
     duration_s : float, optional
         Observation time T_o; by default the duration of the shortest motion, or 5 s if all motions are models.
     radar_azimuth_deg : float
-        Azimuth of the antenna's boresight, from +x towards +y, -360 to 360 degrees. It has no effect for an isotropic
-        antenna.
+        Azimuth of the antenna's boresight, from +x towards +y, -360 to 360 degrees. It has no
+        effect for an isotropic antenna.
     radar_tilt_deg : float
         Tilt of the boresight up from the horizontal, -90 to 90 degrees. It has no effect for an isotropic antenna.
     receiver_position_m : (float, float, float), optional

@@ -1,8 +1,8 @@
 """Walking person of Boulic et al. (1990) with 17 points.
 
-The form is that of Chen (2011). The equations are those of the two publications with consistent units: relative lengths
-are in units of the leg length L = 0.491 H, so that a person of stature H at speed V has q = V/L, a stride length of
-1.346 sqrt(q) L and a stride time of 1.346 / sqrt(q) s.
+The form is that of Chen (2011). The equations are those of the two publications with consistent
+units: relative lengths are in units of the leg length L = 0.491 H, so that a person of stature H at
+speed V has q = V/L, a stride length of 1.346 sqrt(q) L and a stride time of 1.346 / sqrt(q) s.
 
 Symbols: q is the relative speed V/L in 1/s, p the phase in cycles, 0 at initial contact of the right leg. Joint curves
 are those of the right side; the left side is half a cycle later. Regimes: A below q = 0.5, B to 1.3, C to 3.
@@ -238,15 +238,15 @@ class BoulicConfig(FrozenModel):
     height_m : float
         Stature H, 0.6 to 2.4. The height of the figure, without that of the feet, is 0.909 H.
     form : str
-        ``"consistent"``: all lengths in units of the leg length. ``"pendulum"``: the same with the opposite
-        fore-aft sway, so that the body is fastest in double support. ``"chen2011"``: the published program, with
-        body offsets in metres and an advance of 1.346 sqrt(q) metres per cycle, so that the speed is q = V/L
-        metres per second instead of V.
+        ``"consistent"``: all lengths in units of the leg length. ``"pendulum"``: the same with the
+        opposite fore-aft sway, so that the body is fastest in double support. ``"chen2011"``: the
+        published program, with body offsets in metres and an advance of 1.346 sqrt(q) metres per
+        cycle, so that the speed is q = V/L metres per second instead of V.
     start_phase : float
         Phase at the start in cycles, 0 (right foot lands) to below 1.
     stride_variation : float
-        Standard deviation of the stride time relative to its mean, 0 to 0.1; healthy adults 0.02. The
-        stride length is constant, so that the speed varies, too.
+        Standard deviation of the stride time relative to its mean, 0 to 0.1; healthy adults 0.02.
+        The stride length is constant, so that the speed varies, too.
     rate_hz : float
         Frames per second, 50 to 10000.
     """
@@ -288,8 +288,8 @@ def boulic_walk(
     Returns
     -------
     Motion
-        Motion (time, marker, space) of :data:`POINTS`. It moves along +x from x = 0; the lowest foot point of the
-        cycle is at z = 0.
+        Motion (time, marker, space) of :data:`POINTS`. It moves along +x from x = 0; the lowest
+        foot point of the cycle is at z = 0.
 
     Raises
     ------

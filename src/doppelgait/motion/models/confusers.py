@@ -159,10 +159,10 @@ def robot_vacuum(
 ) -> Motion:
     """Generate a flat round robot vacuum.
 
-    The robot starts at the origin along +x and turns at a constant rate w, so that its centre is on a straight line or
-    on a circle of radius V/w. Its rim rotates with it. A side brush is optional: three arms rotate about a point of the
-    rim, ahead and to the right. The speed of a tip relative to that point is 2 pi (f + w/2 pi) r, where f are the turns
-    per second relative to the robot.
+    The robot starts at the origin along +x and turns at a constant rate w, so that its centre is on
+    a straight line or on a circle of radius V/w. Its rim rotates with it. A side brush is optional:
+    three arms rotate about a point of the rim, ahead and to the right. The speed of a tip relative
+    to that point is 2 pi (f + w/2 pi) r, where f are the turns per second relative to the robot.
 
     Parameters
     ----------

@@ -86,9 +86,9 @@ def crawling_person(
 ) -> Motion:
     """Generate a person who crawls on hands and knees.
 
-    Diagonal limbs move together. The stride frequency is f = sqrt(V/(0.36 H)) per second, and the stride length is V/f
-    (assumed, like all proportions of the gait). Hands and knees rest on the floor for 65 % of a stride. The lengths of
-    the segments are constant.
+    Diagonal limbs move together. The stride frequency is f = sqrt(V/(0.36 H)) per second, and the
+    stride length is V/f (assumed, like all proportions of the gait). Hands and knees rest on the
+    floor for 65 % of a stride. The lengths of the segments are constant.
 
     Parameters
     ----------

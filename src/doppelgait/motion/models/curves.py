@@ -5,10 +5,10 @@ Curves of people describe trunk, ankle and foot as a function of speed. They are
 speed V / sqrt(g l) with the leg length l (if linear in the speed, feet are a tenth too fast at 1 m/s), and constant
 outside the measured speeds. The foot lands at phase 0.
 
-Curves of body and limbs of a dog are means over the strides of one dog (``studies/dog_curves.py`` tests them on a
-second one). Curves of the trunk are from 45 strides in the pace, 5 in the walk, 4 in the trot and 6 in the gallop;
-curves of the limbs are from at least twice as many. Canter, transverse gallop and bound use the curves of the gallop,
-shifted to the phases of their footfalls.
+Curves of body and limbs of a dog are means over the strides of one dog (``studies/dog_curves.py``
+tests them on a second one). Curves of the trunk are from 45 strides in the pace, 5 in the walk, 4
+in the trot and 6 in the gallop; curves of the limbs are from at least twice as many. Canter,
+transverse gallop and bound use the curves of the gallop, shifted to the phases of their footfalls.
 """
 
 from __future__ import annotations
@@ -118,8 +118,8 @@ def _transform(samples: list[float], count: int) -> npt.NDArray[np.complex128]:
 MEASURED_DUTY = {"walk": (0.48, 0.575), "pace": (0.48, 0.535), "trot": (0.22, 0.375), "gallop": (0.18, 0.26)}
 """Share of the stride in which hind and fore paws are at rest in the recordings."""
 MEASURED_LANDING = {"walk": (0.0, 0.12), "pace": (0.0, 0.02), "trot": (0.0, 0.40), "gallop": (-0.085, 0.23)}
-"""Phase at which the hind and the fore pair land, after the left hind foot: that of the left foot, or in the gallop the
-mean of both feet."""
+"""Phase at which the hind and the fore pair land, after the left hind foot: that of the left foot,
+or in the gallop the mean of both feet."""
 N_HARMONICS = {"scapula": 6, "manus": 6, "metatarsus": 6, "neck": 2, "tail": 2}
 """Number of harmonics by curve. Curves of the trunk have 4."""
 

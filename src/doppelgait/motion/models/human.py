@@ -158,11 +158,11 @@ class HumanConfig(FrozenModel):
     Parameters
     ----------
     gait : str
-        ``"walk"``, ``"run"`` or ``"auto"``: a run above 2 m/s at 1.75 m, and at the same Froude number for other
-        statures.
+        ``"walk"``, ``"run"`` or ``"auto"``: a run above 2 m/s at 1.75 m, and at the same Froude
+        number for other statures.
     speed_mps : float
-        Mean forward speed V. Walk: above 0 to 3 leg lengths per second (2.58 m/s at 1.75 m); run: 1.8 to 9 m/s at
-        1.75 m, and as the square root of the stature.
+        Mean forward speed V. Walk: above 0 to 3 leg lengths per second (2.58 m/s at 1.75 m); run:
+        1.8 to 9 m/s at 1.75 m, and as the square root of the stature.
     height_m : float
         Stature H, 0.6 to 2.4.
     mass_kg : float, optional
@@ -176,23 +176,23 @@ class HumanConfig(FrozenModel):
     walk_ratio : float
         Step length over step frequency, relative to the model's, 0.7 to 1.4; about 8 % between persons.
     trunk_ripple : float
-        Forward and back motion of trunk and head within a step, relative to the measured mean, 0 to 2.5; between
-        persons with a standard deviation of 0.2.
+        Forward and back motion of trunk and head within a step, relative to the measured mean, 0 to
+        2.5; between persons with a standard deviation of 0.2.
     lean_deg : float
         Further lean of the trunk, forward positive, -15 to 25.
     swing_peak : float
-        Deviation of a swinging foot's speed from its mean, relative to the measured deviation, 0.5 to 1.5; between
-        persons with a standard deviation of 0.24.
+        Deviation of a swinging foot's speed from its mean, relative to the measured deviation, 0.5
+        to 1.5; between persons with a standard deviation of 0.24.
     trunk_asymmetry : float
-        (left - right) / mean of the trunk ripple in the halves of a stride before a left and before a right landing,
-        -2 to 2; between persons with a standard deviation of 0.4.
+        (left - right) / mean of the trunk ripple in the halves of a stride before a left and before
+        a right landing, -2 to 2; between persons with a standard deviation of 0.4.
     arm_swing : float
         Swing of shoulders and elbows relative to the gait's own, 0 to 2; between persons 0.3 to 2.
     arm_asymmetry : float
         (left - right) / mean of the swing of the arms, -2 to 2; between persons 0.15 with a standard deviation of 0.28.
     left_hand : str
-        State of the left hand: ``"free"``, ``"pockets"``, ``"carrying"`` (in front), ``"bag"`` (the arm hangs down),
-        ``"phone"`` (at the ear) or ``"pushing"``.
+        State of the left hand: ``"free"``, ``"pockets"``, ``"carrying"`` (in front), ``"bag"`` (the
+        arm hangs down), ``"phone"`` (at the ear) or ``"pushing"``.
     right_hand : str
         State of the right hand, with the same values as ``left_hand``.
     step_time_sd : float
@@ -202,8 +202,8 @@ class HumanConfig(FrozenModel):
     pace_sd : float
         Standard deviation of a slow drift of the speed, 0 to 0.1: half in the length of steps, half in their time.
     time_asymmetry : float
-        (left - right) / mean of the time of the step before a foot's landing, -0.4 to 0.4; healthy adults with a
-        standard deviation of 0.02.
+        (left - right) / mean of the time of the step before a foot's landing, -0.4 to 0.4; healthy
+        adults with a standard deviation of 0.02.
     length_asymmetry : float
         (left - right) / mean of the length of that step, -0.4 to 0.4; healthy adults with a standard deviation of 0.06.
     start_phase : float

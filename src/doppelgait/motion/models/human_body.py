@@ -188,8 +188,8 @@ ADULT_M = 1.75
 CHILD_M = (0.9, 1.6)
 """Range of statures of the child's figure. At the upper limit, it has an adult's proportions."""
 _SMALLEST = {"leg": 0.885, "head": 1.38}
-"""Relative lengths of legs and head of a child of 0.9 m over those of an adult (sitting height 0.575 H instead of
-0.52 H, head height H/5 instead of H/7.5; assumed)."""
+"""Relative lengths of legs and head of a child of 0.9 m over those of an adult (sitting height
+0.575 H instead of 0.52 H, head height H/5 instead of H/7.5; assumed)."""
 Load = Literal["free", "pockets", "bag", "phone", "pushing"]
 Complaint = Literal["none", "weak", "joint", "neurological"]
 _STATURE_M = {"male": (1.75, 0.07), "female": (1.62, 0.065)}
@@ -306,22 +306,22 @@ def sample_person(
       Normal: peak of the swing with 0.24 (peak speed of the ankle with 6 %), asymmetry (left - right) of the arms 0.15
       +- 0.28, of the trunk 0.4 (walkers 0.2, runners 0.5), lean with 3 degrees (assumed).
     - Steps, measured on 66 steps in 17 clips of walkers without complaints (``studies/step_variation.py``): the
-      standard deviation of their times is lognormal about 0.025 with 30 % (assumed, since people do not differ
-      significantly), that of their lengths about 0.014 with 70 %, at most 0.09. The asymmetry is normal with 0.02 in
-      time and 0.06 in length. The drift of the speed is lognormal about 0.01 with 50 % (assumed, since clips of 2 to
-      6 s show no significant drift).
+      standard deviation of their times is lognormal about 0.025 with 30 % (assumed, since people do
+      not differ significantly), that of their lengths about 0.014 with 70 %, at most 0.09. The
+      asymmetry is normal with 0.02 in time and 0.06 in length. The drift of the speed is lognormal
+      about 0.01 with 50 % (assumed, since clips of 2 to 6 s show no significant drift).
 
     Parameters
     ----------
     rng : Streams or numpy.random.Generator
-        Source of random numbers; always eighteen draws. The same streams (``rng=dg.rng(seed)``) result in the same
-        person.
+        Source of random numbers; always eighteen draws. The same streams (``rng=dg.rng(seed)``)
+        result in the same person.
     age_class : str
         ``"child"``, ``"adult"`` or ``"senior"``.
     complaint : str
-        ``"none"``, ``"weak"`` (muscles: short, fast steps), ``"joint"`` (a limp: one step lasts longer) or
-        ``"neurological"`` (irregular steps). Complaints reduce the speed; means and spreads are those of the clinical
-        walkers.
+        ``"none"``, ``"weak"`` (muscles: short, fast steps), ``"joint"`` (a limp: one step lasts
+        longer) or ``"neurological"`` (irregular steps). Complaints reduce the speed; means and
+        spreads are those of the clinical walkers.
     load : str
         State of the hands: ``"free"``, ``"pockets"`` or ``"pushing"`` (a pram) for both hands, ``"bag"`` or ``"phone"``
         for one of them at random. A person who pushes leans forward by 5 degrees more (assumed).

@@ -1,8 +1,8 @@
 """Feet that do not slide, and their legs.
 
-A gait's curves define the path of a free ankle. In stance, the foot is on the floor instead and rolls from heel to toe
-with the pitch of the gait. In swing, the difference fades from one stance to the next, so that the swing keeps its
-shape. The knee follows from hip and ankle.
+A gait's curves define the path of a free ankle. In stance, the foot is on the floor instead and
+rolls from heel to toe with the pitch of the gait. In swing, the difference fades from one stance to
+the next, so that the swing keeps its shape. The knee follows from hip and ankle.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ Advance = Callable[[FloatArray, int], FloatArray]
 MAX_EXTENSION = 0.99
 """Maximum extension of a leg relative to its length. The knee flexion is then 16 degrees or more."""
 FOOT = (0.108, 0.0252)
-"""Distance from the ankle to the tip of the toes, and height of the ankle above the tip, as shares of the stature
-(means of recordings). The foot rotates about the tip when it rises."""
+"""Distance from the ankle to the tip of the toes, and height of the ankle above the tip, as shares
+of the stature (means of recordings). The foot rotates about the tip when it rises."""
 MIDDLE = 0.8
-"""Position of the point ``toe`` between ankle (0) and tip (1). It is midway between ball and tip, because the point has
-the cross section of the whole foot."""
+"""Position of the point ``toe`` between ankle (0) and tip (1). It is midway between ball and tip,
+because the point has the cross section of the whole foot."""
 STANDING_RAD = math.asin(FOOT[1] / FOOT[0])
 """Slope of the line from ankle to tip with a flat sole."""
 ANKLE = 0.034 / FOOT[0]
@@ -42,8 +42,8 @@ HEEL = 0.45
 LEVEL_RAD = math.radians(1.5)
 """Measured slope of the sole below which it is flat on the floor."""
 SWING_REACH = (0.75, 0.88)
-"""Horizontal distance of a swinging ankle from its hip, relative to the leg's reach: up to the first value it is not
-changed, and it stays below the second."""
+"""Horizontal distance of a swinging ankle from its hip, relative to the leg's reach: up to the
+first value it is not changed, and it stays below the second."""
 CLEARANCE_M = 0.03
 """Smoothing height of a swing in which the toe would cross the floor. Its clearance is then half of this or more."""
 OFFSET = {"left": 0.5, "right": 0.0}

@@ -123,8 +123,8 @@ class BreathingConfig(FrozenModel):
     breathing_hz : float
         Breaths per second f, above 0 to 2.
     amplitude_m : float
-        Amplitude a of the two chest points, 0 to 0.05. The abdomen moves half as far (assumed); other points are at
-        rest.
+        Amplitude a of the two chest points, 0 to 0.05. The abdomen moves half as far (assumed);
+        other points are at rest.
     rate_hz : float
         Frames per second.
     """
@@ -219,9 +219,9 @@ def pendulum(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | No
 def rotor(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
     """Generate a hub at rest with rotating blade tips.
 
-    The hub is above x = 0, and the rate is constant. Blade k is at the angle 2 pi (rotation_hz t + k / blades), from
-    the plane's first axis to its second. The maximum speed is 2 pi rotation_hz radius_m. The signature repeats
-    ``blades`` times per turn.
+    The hub is above x = 0, and the rate is constant. Blade k is at the angle 2 pi (rotation_hz t +
+    k / blades), from the plane's first axis to its second. The maximum speed is 2 pi rotation_hz
+    radius_m. The signature repeats ``blades`` times per turn.
 
     Parameters
     ----------

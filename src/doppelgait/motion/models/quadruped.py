@@ -98,8 +98,8 @@ class QuadrupedConfig(FrozenModel):
         Proportions, mass and usual size, a key of :data:`doppelgait.motion.models.quadruped_gaits.BUILDS`:
         ``"standard"``, breeds of dog, ``"cat"``, ``"horse"``, ``"cow"``.
     withers_m : float, optional
-        Height of the withers when standing: 0.15 to 0.9, for a horse 0.7 to 1.8, for a cow 0.8 to 1.8. The default is
-        that of the build (standard 0.5).
+        Height of the withers when standing: 0.15 to 0.9, for a horse 0.7 to 1.8, for a cow 0.8 to
+        1.8. The default is that of the build (standard 0.5).
     start_phase : float
         Phase at the start in strides, 0 (left hind foot lands) to below 1.
     stride_variation : float
@@ -109,8 +109,8 @@ class QuadrupedConfig(FrozenModel):
     footfall_sd : float
         Standard deviation of the landing time of a foot, in strides, 0 to 0.04.
     asymmetry : float
-        Delay of the landing of both right feet in strides, -0.05 to 0.05. The frequencies in the facts remain those of
-        the gait (f_mu by E-07), although half strides then differ.
+        Delay of the landing of both right feet in strides, -0.05 to 0.05. The frequencies in the
+        facts remain those of the gait (f_mu by E-07), although half strides then differ.
     length_asymmetry : float
         (first - second) / mean of the half strides, starting at the landing of the left hind foot, -0.4 to 0.4.
     trunk_ripple : float
@@ -126,8 +126,8 @@ class QuadrupedConfig(FrozenModel):
     tail_deg : float
         Mean elevation of the tail, -80 to 80 degrees.
     tail_frequency_hz : float
-        Frequency of the sideways swing of the tail, 0 to 5 Hz. The motion repeats every stride only if this frequency
-        is a multiple of the stride frequency.
+        Frequency of the sideways swing of the tail, 0 to 5 Hz. The motion repeats every stride only
+        if this frequency is a multiple of the stride frequency.
     tail_sweep_deg : float
         Maximum sideways angle of the tail to both sides, 0 to 60 degrees.
     rate_hz : float

@@ -92,8 +92,8 @@ BuildName = Literal[
 
 GRAVITY_MPS2 = 9.81
 SWING_TIME_S, SWING_HEIGHT_M = 0.35, 0.46
-"""Duration of a swing, from rest to rest, and the hip height at which it was measured. It is nearly equal in all
-gaits."""
+"""Duration of a swing, from rest to rest, and the hip height at which it was measured. It is nearly
+equal in all gaits."""
 DUTY_LIMITS = (0.15, 0.75)
 
 
@@ -245,8 +245,8 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
     Parameters
     ----------
     rng : Streams or numpy.random.Generator
-        Source of random numbers; always seventeen draws. The same streams (``rng=dg.rng(seed)``) result in the same
-        dog.
+        Source of random numbers; always seventeen draws. The same streams (``rng=dg.rng(seed)``)
+        result in the same dog.
     gait : str, optional
         Fixed gait, a key of :data:`doppelgait.motion.models.quadruped_gaits.GAITS`; sampled by default.
     froude : float, optional

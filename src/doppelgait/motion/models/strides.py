@@ -43,8 +43,8 @@ _LAST_STEP = 1e-9
 
 @dataclass(frozen=True)
 class Curve:
-    """Piecewise cubic curve between knots.
-    The outermost cubics are extrapolated beyond the ends. Shapes: knots (K,); coefficients (4, K - 1).
+    """Piecewise cubic curve between knots. The outermost cubics are extrapolated beyond the ends.
+    Shapes: knots (K,); coefficients (4, K - 1).
     """
 
     knots: FloatArray
@@ -138,9 +138,9 @@ def fit_periodic_pchip(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
 STRIDE_CORRELATION = 0.5
 """Lag-one correlation of successive stride times (assumed)."""
 PACE_CORRELATION = 0.95
-"""Lag-one correlation of a walker's speed, which drifts over 20 steps (assumed). In the model, the steps
-themselves are independent; recorded ones have a correlation of 0.3 (-0.4 to 0.95) in time and -0.3 (-0.6 to 0.5) in
-length."""
+"""Lag-one correlation of a walker's speed, which drifts over 20 steps (assumed). In the model, the
+steps themselves are independent; recorded ones have a correlation of 0.3 (-0.4 to 0.95) in time and
+-0.3 (-0.6 to 0.5) in length."""
 LARGEST_DEVIATION = 3.0
 """Maximum deviation of stride times in standard deviations, so that time always increases."""
 _MARGIN = 2

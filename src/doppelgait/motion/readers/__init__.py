@@ -61,8 +61,8 @@ def read(
     loop_variation : float
         Factor on the variation of the strides in the loop, 0 (exact repetition) to 2.
     treadmill : bool
-        The recording was made on a treadmill: move the body over the ground at the measured belt speed
-        (:func:`~doppelgait.motion.treadmill.move_over_ground`). Needs ``clean``.
+        The recording was made on a treadmill: move the body over the ground at the measured belt
+        speed (:func:`~doppelgait.motion.treadmill.move_over_ground`). Needs ``clean``.
     **options
         Options of the reader, for example ``units``, ``up_axis``, ``rate_hz`` and ``subject`` for C3D.
 

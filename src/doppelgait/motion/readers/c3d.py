@@ -1,8 +1,8 @@
 """C3D files (marker motion capture).
 
-Header and parameter section declare the layout of the samples. A file is read only if its records are consistent and
-the declared samples fit into the file. The byte orders are Intel, DEC and SGI (MIPS). The points are the physical
-markers of one subject, in metres.
+Header and parameter section declare the layout of the samples. A file is read only if its records
+are consistent and the declared samples fit into the file. The byte orders are Intel, DEC and SGI
+(MIPS). The points are the physical markers of one subject, in metres.
 """
 
 from __future__ import annotations

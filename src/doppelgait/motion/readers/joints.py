@@ -69,8 +69,8 @@ def make_euler_rotations(axes: str, angles_rad: FloatArray) -> FloatArray:
 
 
 def make_vector_rotations(vector_rad: FloatArray) -> FloatArray:
-    """Convert rotation vectors (exponential maps) to rotation matrices.
-    ``R = I + sin(a) K + (1 - cos(a)) K K`` (Rodrigues). Shapes: vector_rad (..., 3); returns (..., 3, 3).
+    """Convert rotation vectors (exponential maps) to rotation matrices. ``R = I + sin(a) K + (1 -
+    cos(a)) K K`` (Rodrigues). Shapes: vector_rad (..., 3); returns (..., 3, 3).
     """
     angle = np.linalg.norm(vector_rad, axis=-1)
     # sin(a)/a and (1 - cos(a))/a^2 without a division by zero

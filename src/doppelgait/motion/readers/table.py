@@ -1,7 +1,7 @@
 """Tables of markers: TRC files (Motion Analysis, OpenSim), and csv, tsv or ACCAD text.
 
-A TRC file starts with five header lines. The first row of other tables holds names, and each further row the
-coordinates of one frame.
+A TRC file starts with five header lines. The first row of other tables holds names, and each
+further row the coordinates of one frame.
 """
 
 from __future__ import annotations
@@ -195,8 +195,8 @@ _GLUED = (
     re.compile(rf"(?i)(?P<name>.*?)(?P<axis>[xyz])(?:\s*[\[(]\s*(?P<unit>{_UNIT})\s*[\])]|_(?P<bare>{_UNIT}))?"),
     re.compile(rf"(?i)(?P<axis>[xyz])[_.: ]?(?P<name>.+?)(?:\s*[\[(]\s*(?P<unit>{_UNIT})\s*[\])]|_(?P<bare>{_UNIT}))?"),
 )
-"""Patterns of ``HeadX`` and ``x_Head``. They apply only to triples of adjacent columns, since other names also end in
-x."""
+"""Patterns of ``HeadX`` and ``x_Head``. They apply only to triples of adjacent columns, since other
+names also end in x."""
 _AXIS = re.compile(rf"(?i)([xyz])\d*(?:\s*[\[(]?({_UNIT})[\])]?)?")
 _TIME = re.compile(r"(?i)(?:time|t|timestamp)(?:[_ ]?[\[(]?\s*(s|sec|seconds?|ms|msec|milliseconds?)\s*[\])]?)?")
 _FRAME = re.compile(r"(?i)(?:frames?|field|index|samples?|sub ?frame|#)?(?:#|[_ ]?(?:no|number|nr)\.?)?")

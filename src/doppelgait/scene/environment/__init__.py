@@ -1,7 +1,7 @@
 """Environment effects: walls, reflections by floor and walls, and visibility.
 
-Every effect is a parameter model with a ``kind`` and a pure function from scatterer table to scatterer table. A scene
-file lists them as ``[[environment]]`` tables; they act in that order.
+Every effect is a parameter model with a ``kind`` and a pure function from scatterer table to
+scatterer table. A scene file lists them as ``[[environment]]`` tables; they act in that order.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ def apply_environment(scatterers: xr.Dataset, effects: Sequence[FrozenModel], se
     Returns
     -------
     Dataset
-        The original rows come first, in their order; added rows belong to no target (``target`` -1). Without effects,
-        the table itself is returned.
+        The original rows come first, in their order; added rows belong to no target (``target``
+        -1). Without effects, the table itself is returned.
 
     Raises
     ------

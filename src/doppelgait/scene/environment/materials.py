@@ -1,8 +1,8 @@
 """Permittivity of materials, interfaces and slabs.
 
-The time dependence is exp(j omega t), so a lossy medium has eps = eps' - j eps''. In the mode ``te`` the electric field
-is perpendicular to the plane of incidence, in ``tm`` it is parallel to it. Constants and equations are from
-Recommendation ITU-R P.2040.
+The time dependence is exp(j omega t), so a lossy medium has eps = eps' - j eps''. In the mode
+``te`` the electric field is perpendicular to the plane of incidence, in ``tm`` it is parallel to
+it. Constants and equations are from Recommendation ITU-R P.2040.
 """
 
 from __future__ import annotations
@@ -119,14 +119,14 @@ def relative_permittivity(material: Material, *, wavelength_m: float) -> complex
     Returns
     -------
     complex
-        eps = eps' - j 17.98 sigma / f, f in GHz; the sign follows from the time dependence exp(j omega t)
-        (ITU-R P.2040).
+        eps = eps' - j 17.98 sigma / f, f in GHz; the sign follows from the time dependence exp(j
+        omega t) (ITU-R P.2040).
 
     Raises
     ------
     ConfigError
-        If the material is unknown, or the carrier lies outside the band of a ground material, where its constants are
-        not valid.
+        If the material is unknown, or the carrier lies outside the band of a ground material, where
+        its constants are not valid.
 
     Warns
     -----

@@ -1,7 +1,7 @@
 """Echoes reflected by floor and wall (image method).
 
-Each scatterer gets two added echoes: one with a single reflection (on the outward or the return path), and one with a
-reflection on both paths.
+Each scatterer gets two added echoes: one with a single reflection (on the outward or the return
+path), and one with a reflection on both paths.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ class Mirror:
 
 @dataclass(frozen=True)
 class Rays:
-    """Paths from the radar to points.
-    They have a length, an approach speed and a position relative to the radar; every array is (slow_time, scatterer).
+    """Paths from the radar to points. They have a length, an approach speed and a position relative
+    to the radar; every array is (slow_time, scatterer).
     """
 
     range_m: FloatArray
@@ -189,8 +189,8 @@ class GroundBounce(FrozenModel):
     Parameters
     ----------
     material : str or table
-        Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity, conductivity_s_per_m }``; the
-        thickness is assumed infinite.
+        Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity, conductivity_s_per_m
+        }``; the thickness is assumed infinite.
     roughness_m : float
         Standard deviation of the floor's height, 0 (smooth) to 1 m.
     polarisation : {"vertical", "horizontal"}
@@ -281,8 +281,8 @@ class WallGhost(FrozenModel):
     thickness_m : float
         Thickness of the wall, above 0, up to 5 m.
     side_m : float, optional
-        Distance from the radar of a wall parallel to the boresight. Set either this, or ``position_m`` and
-        ``normal_azimuth_deg``.
+        Distance from the radar of a wall parallel to the boresight. Set either this, or
+        ``position_m`` and ``normal_azimuth_deg``.
     side : {"left", "right"}
         Side of the wall at ``side_m``, looking along the boresight.
     position_m : (float, float), optional

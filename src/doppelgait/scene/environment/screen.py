@@ -31,8 +31,8 @@ class Screen(FrozenModel):
     height_m : float
         Height above the floor, above 0, up to 20 m.
     loss_db : float
-        One-way loss through the screen, 0 to 300 dB; at 7 GHz it is 2 to 3 dB for a wooden board, and metal blocks all
-        power.
+        One-way loss through the screen, 0 to 300 dB; at 7 GHz it is 2 to 3 dB for a wooden board,
+        and metal blocks all power.
     """
 
     kind: Literal["screen"] = "screen"
@@ -72,9 +72,9 @@ def apply_screen(scatterers: xr.Dataset, spec: Screen, setting: Setting) -> xr.D
 
     Notes
     -----
-    Images in the floor are attenuated by the screen's own image below the floor. Images in a side wall are attenuated
-    by the screen, not by its image in that wall. The longer paths around the edges are not modelled: the range remains
-    that of the straight line.
+    Images in the floor are attenuated by the screen's own image below the floor. Images in a side
+    wall are attenuated by the screen, not by its image in that wall. The longer paths around the
+    edges are not modelled: the range remains that of the straight line.
     """
     direct = make_direct_rays(scatterers, effect=spec.kind)
     radar_x_m, radar_y_m, radar_z_m = setting.radar_position_m

@@ -41,8 +41,8 @@ class Wall(FrozenModel):
     Parameters
     ----------
     material : str or table, optional
-        Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity, conductivity_s_per_m }``; needs
-        ``thickness_m``.
+        Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity, conductivity_s_per_m
+        }``; needs ``thickness_m``.
     thickness_m : float, optional
         Thickness of the material, above 0, up to 5 m.
     loss_db : float, optional
@@ -114,9 +114,9 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
 
     Notes
     -----
-    T is evaluated at the carrier: multiple reflections inside the slab change the level, but do not appear as echoes
-    at further ranges. The true ray to a scatterer is shifted by refraction; by Fermat's principle the effect is of
-    second order in the ratio of thickness to range.
+    T is evaluated at the carrier: multiple reflections inside the slab change the level, but do not
+    appear as echoes at further ranges. The true ray to a scatterer is shifted by refraction; by
+    Fermat's principle the effect is of second order in the ratio of thickness to range.
     """
     if not wall_needs_angles(spec):
         return _apply_measured(scatterers, spec, np.True_)
