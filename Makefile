@@ -1,14 +1,15 @@
 # make dataset   set everything up and build the home-alarm dataset from gait models
-# make check     set everything up and run what needs no process, built dataset, training, site or browser
-# make test      set everything up and run every check, as continuous integration does
+# make check     set everything up, lint, type-check and run the tests in this process, 90 s on two processors
+# make test      the same, and the tests of processes, built datasets, training and the browser, as continuous integration does, 5 minutes
+# make release   every test, also those marked `release`: site, examples of the pages, kills, clusters, wheel, studies, as every night
 # make kernels   compile the kernels for the processors that object code ships for, after a change to one
-# make fuzz      damage files for everything that reads them, CASES=100000 of them; make test has a short run
+# make fuzz      damage files for everything that reads them, CASES=100000 of them; make release has a short run
 # make docs      build the documentation site into docs/_build/html, warnings are errors
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: dataset fuzz kernels check lint test docs docs-links benchmark clean
+.PHONY: dataset fuzz kernels check lint test release docs docs-links benchmark clean
 
 dataset: $(VENV)/.installed
 	$(BIN)/doppelgait dataset build home-alarm -o home-alarm
@@ -31,9 +32,12 @@ if [ $$linted -ne 0 ]; then echo "lint failed, see above" >&2; fi; [ $$tests -eq
 endef
 
 check: $(VENV)/.installed-test
-	$(call PYTEST,--ignore tests/system --ignore tests/browser --ignore tests/fuzz)
+	$(call PYTEST,-m "not release" --ignore tests/system --ignore tests/browser --ignore tests/fuzz)
 
 test: $(VENV)/.installed-test
+	$(call PYTEST,-m "not release")
+
+release: $(VENV)/.installed-test
 	$(call PYTEST,)
 
 CASES ?= 100000

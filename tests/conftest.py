@@ -25,27 +25,39 @@ platform.processor()  # kept by Python: importing h5py asks for it, by a process
 
 TESTS = Path(__file__).parent
 LONGEST = (
-    "system/docs/test_site.py", "system/dataset/test_faults.py", "system/docs/test_examples.py",
-    "browser/test_run_page.py", "system/classify/test_classify.py", "system/dataset/test_verify.py",
-    "browser/test_run_tools.py", "system/dataset/test_scenes.py", "system/dataset/test_executors.py",
-    "system/test_packaging.py", "system/classify/test_export_c.py", "system/test_interrupt.py",
-    "system/dataset/test_crash.py", "browser/test_try_page.py", "system/test_object_code.py",
-    "system/test_cli.py", "system/thirdparty/test_thirdparty.py", "system/dataset/test_executors_build.py",
+    "system/docs/test_site.py",
+    "system/docs/test_examples.py",
+    "system/dataset/test_verify.py",
+    "browser/test_run_page.py",
+    "browser/test_run_tools.py",
+    "system/dataset/test_faults.py",
+    "system/classify/test_classify.py",
+    "system/dataset/test_executors.py",
+    "system/dataset/test_scenes.py",
+    "system/test_packaging.py",
+    "system/thirdparty/test_thirdparty.py",
+    "system/test_interrupt.py",
+    "system/dataset/test_crash.py",
+    "browser/test_try_page.py",
     "browser/test_dataset_page.py",
-)  # fmt: skip
+)
 """Files of a quarter of a minute and more, by their time: begun first, so that no worker ends long after the others."""
 
 
+@pytest.hookimpl(tryfirst=True)  # before pytest leaves out what is marked
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=lambda item: _rank(item.path.relative_to(TESTS)))
+    items.sort(key=lambda item: _rank(item.path))
+    for item in items:
+        if item.path.parent == TESTS / "system" / "studies" and item.path.stem != "test_imports":
+            item.add_marker(pytest.mark.release)
     _order_shared(items)
 
 
 def _rank(path: Path) -> tuple[int, str]:
-    name = path.as_posix()
+    name = path.relative_to(TESTS).as_posix() if path.is_relative_to(TESTS) else path.as_posix()
     if name in LONGEST:
         return LONGEST.index(name), name
-    return len(LONGEST) + (path.parts[0] != "system"), name
+    return len(LONGEST) + (not name.startswith("system/")), name
 
 
 def _order_shared(items: list[pytest.Item]) -> None:

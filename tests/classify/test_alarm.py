@@ -74,7 +74,6 @@ def test_two_alarms_with_an_empty_room_between_are_two():
     assert Episode("x", *score_alarm(windows, "human")).find_triggers(0.9).tolist() == [1.0, 3.0]
 
 
-@pytest.mark.slow
 def test_triggers_at_the_models_threshold_are_the_rises_of_the_alarm_of_a_stream():
     day, model = read_day(), load_shipped_model("x4")
     chosen = tuple(one for one in day.episodes if one.label == "a person and a dog cross the room")
@@ -134,7 +133,6 @@ def test_every_scene_of_the_built_in_day_can_be_drawn():
     assert sum(section.should_trigger for section in day.episodes) == 4
 
 
-@pytest.mark.slow
 def test_a_person_triggers_and_a_fan_does_not():
     day = read_day()
     durations_s = {"a person comes in and goes again": 14.0, "fan": 20.0}

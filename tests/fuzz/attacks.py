@@ -37,98 +37,235 @@ def _seed(target: str, folder: Path, number: int = 0) -> None:
         file.rename(folder / file.name)
 
 
-# ---- patterns
+# ---- texts: patterns, numbers, nesting
 
 
-@attack
-def header_with_blanks(folder: Path) -> str:
-    (folder / "a.csv").write_text("time_s,a" + " " * 4000 + "!,b_x_m\n0,0,0\n1,1,1\n2,2,2\n")
-    return "motion-table"
+def edited(target: str, file: str, number: int = 0) -> Callable[[Callable[[str], str]], Attack]:
+    """A seed of a target with a function of the text of one of its files."""
+
+    def register(change: Callable[[str], str]) -> Attack:
+        def make(folder: Path) -> str:
+            _seed(target, folder, number)
+            (folder / file).write_text(change((folder / file).read_text()))
+            return target
+
+        make.__name__ = change.__name__
+        return attack(make)
+
+    return register
 
 
-@attack
-def header_with_marks(folder: Path) -> str:
-    (folder / "a.csv").write_text(
-        "time_s,a" + " _ " * 4000 + "!,b_x(" + "_x(" * 9000 + ",c_x_m\n0,0,0,0\n1,1,1,1\n2,2,2,2\n"
-    )
-    return "motion-table"
+def written(target: str, file: str) -> Callable[[Callable[[], str]], Attack]:
+    """A text alone."""
+
+    def register(make_text: Callable[[], str]) -> Attack:
+        def make(folder: Path) -> str:
+            (folder / file).write_text(make_text())
+            return target
+
+        make.__name__ = make_text.__name__
+        return attack(make)
+
+    return register
 
 
-@attack
-def many_headers_with_marks(folder: Path) -> str:
-    (folder / "a.csv").write_text("time_s" + (",a" + "_x(" * 130) * 2000 + "\n" + "0," * 2000 + "0\n" * 3)
-    return "motion-table"
+def points(make_facts: Callable[[], dict[str, Any]]) -> Attack:
+    """Points of a body in an npz file, with a rate or names of their own."""
+
+    def make(folder: Path) -> str:
+        np.savez(folder / "a.npz", **{"positions": body(), "rate_hz": 50.0, "units": "m", **make_facts()})
+        return "motion-arrays"
+
+    make.__name__ = make_facts.__name__
+    return attack(make)
 
 
-@attack
-def skeleton_comment_with_blanks(folder: Path) -> str:
-    _seed("motion-amc", folder)
-    amc = folder / "07_01.amc"
-    amc.write_text("#!OML:ASF " + " " * 40_000 + "\\" * 40_000 + "\n" + amc.read_text().split("\n", 1)[1])
-    return "motion-amc"
+@written("motion-table", "a.csv")
+def header_with_blanks() -> str:
+    return "time_s,a" + " " * 4000 + "!,b_x_m\n0,0,0\n1,1,1\n2,2,2\n"
 
 
-@attack
-def frames_with_blanks(folder: Path) -> str:
-    _seed("motion-bvh", folder)
-    (folder / "a.bvh").write_text(
-        (folder / "a.bvh").read_text().replace("Frames: 12", "Frames" + " " * 200_000 + "1 2")
-    )
-    return "motion-bvh"
+@written("motion-table", "a.csv")
+def header_with_marks() -> str:
+    return "time_s,a" + " _ " * 4000 + "!,b_x(" + "_x(" * 9000 + ",c_x_m\n0,0,0,0\n1,1,1,1\n2,2,2,2\n"
 
 
-@attack
-def frame_time_with_blanks(folder: Path) -> str:
-    _seed("motion-bvh", folder)
-    text = (folder / "a.bvh").read_text()
-    (folder / "a.bvh").write_text(
-        text.replace("Frame Time: 0.02", "Frame" + " " * 100_000 + "Time" + " " * 100_000 + "1 2")
-    )
-    return "motion-bvh"
+@written("motion-table", "a.csv")
+def many_headers_with_marks() -> str:
+    return "time_s" + (",a" + "_x(" * 130) * 2000 + "\n" + "0," * 2000 + "0\n" * 3
 
 
-@attack
-def names_of_digits(folder: Path) -> str:
-    names = ["1" * 400_000 + "x", *"bcdefghijkl"]
-    np.savez(folder / "a.npz", positions=body(), names=np.array(names), rate_hz=50.0, units="m")
-    return "motion-arrays"
+@written("motion-table", "a.csv")
+def points_of_one_name() -> str:
+    return "time_s," + ("a_x_m,a_y_m,a_z_m," * 19_000).rstrip(",") + "\n" + ("0," * 57_000 + "0\n") * 3
 
 
-@attack
-def platform_with_blanks(folder: Path) -> str:
-    _seed("radar-dca1000", folder, 2)
-    (folder / "a.cfg").write_text("% platform" + " " * 300_000 + "\n" + (folder / "a.cfg").read_text())
-    return "radar-dca1000"
+@written("motion-table", "a.csv")
+def table_of_single_digits() -> str:
+    titles = "t," + ",".join(f"p{n}_{axis}_m" for n in range(50) for axis in "xyz")
+    return titles + "\n" + "".join(f"{t}" + ",1" * 150 + "\n" for t in range(40_000))
 
 
-@attack
-def settings_with_brackets(folder: Path) -> str:
-    _seed("radar-arrays", folder, 1)
+@written("motion-bvh", "a.bvh")
+def joints_without_channels() -> str:
+    sites = "End Site\n{\nOFFSET 0 1 0\n}\n" * 990
+    head = "HIERARCHY\nROOT Hips\n{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n"
+    return f"{head}{sites}}}\nMOTION\nFrames: 20000\nFrame Time: 0.01\n" + "0\n" * 20_000
+
+
+@written("motion-arrays", "a.json")
+def json_of_brackets() -> str:
+    return '{"rate_hz": 1, "positions": [' + "[]," * 5_000_000 + "[]]}"
+
+
+@written("motion-arrays", "a.json")
+def deep_json() -> str:
+    return '{"rate_hz": 1, "positions": ' + "[" * 100_000
+
+
+@written("radar-points", "a.csv")
+def points_of_large_numbers() -> str:
+    return "x,y,doppler,track,time\n" + f"{'9' * 400},1,1,1,0\n0,1,1,1,1\n"
+
+
+@points
+def names_of_digits() -> dict[str, Any]:
+    return {"names": np.array(["1" * 400_000 + "x", *"bcdefghijkl"])}
+
+
+@points
+def names_of_no_characters() -> dict[str, Any]:
+    names = np.array(["abcd"] * 12)
+    names.view("u4")[5] = 2**31
+    return {"names": names}
+
+
+@points
+def frame_rate_of_almost_nothing() -> dict[str, Any]:
+    return {"rate_hz": 1e-308}
+
+
+@edited("motion-amc", "07_01.amc")
+def skeleton_comment_with_blanks(text: str) -> str:
+    return "#!OML:ASF " + " " * 40_000 + "\\" * 40_000 + "\n" + text.split("\n", 1)[1]
+
+
+@edited("motion-amc", "07_01.amc")
+def a_long_word_among_short_ones(text: str) -> str:
+    frames = "".join(f"{t}\nroot 0 0 0 0 0 {'0' * 90 if t == 5 else 0}\n" for t in range(1, 60_000))
+    return "#!OML:ASF 07.asf\n:FULLY-SPECIFIED\n:DEGREES\n" + frames
+
+
+@edited("motion-bvh", "a.bvh")
+def frames_with_blanks(text: str) -> str:
+    return text.replace("Frames: 12", "Frames" + " " * 200_000 + "1 2")
+
+
+@edited("motion-bvh", "a.bvh")
+def frame_time_with_blanks(text: str) -> str:
+    return text.replace("Frame Time: 0.02", "Frame" + " " * 100_000 + "Time" + " " * 100_000 + "1 2")
+
+
+@edited("motion-trc", "a.trc")
+def trc_with_one_wide_row(text: str) -> str:
+    rows = ["1\t0.1" + "\t1" * 36] * 3000
+    return "\n".join([*text.split("\n")[:6], "1\t0.0" + "\t1" * 150_000, *rows])
+
+
+@edited("motion-expmap", "skeleton.json")
+def expmap_offsets_of_long_integers(text: str) -> str:
+    content = json.loads(text)
+    content["offsets"][3] = [10**39, 1e308, 10**400]
+    return json.dumps(content)
+
+
+@edited("motion-expmap", "skeleton.json")
+def expmap_parents_that_are_true(text: str) -> str:
+    content = json.loads(text)
+    content["parents"][2] = True
+    return json.dumps(content)
+
+
+@edited("radar-dca1000", "a.cfg", 2)
+def platform_with_blanks(text: str) -> str:
+    return "% platform" + " " * 300_000 + "\n" + text
+
+
+@edited("radar-arrays", "a.toml", 1)
+def settings_with_brackets(text: str) -> str:
     row = "x = '''" + "[" * 20_000 + "prf_hz " * 20_000 + "'''\n"
-    (folder / "a.toml").write_text(row + (folder / "a.toml").read_text().replace("prf_hz = 25.0", "prf_hz = 'x'"))
-    return "radar-arrays"
+    return row + text.replace("prf_hz = 25.0", "prf_hz = 'x'")
 
 
-@attack
-def points_of_one_name(folder: Path) -> str:
-    columns = "a_x_m,a_y_m,a_z_m," * 19_000
-    (folder / "a.csv").write_text("time_s," + columns.rstrip(",") + "\n" + ("0," * 57_000 + "0\n") * 3)
-    return "motion-table"
+@edited("radar-arrays", "a.toml", 1)
+def deep_toml(text: str) -> str:
+    return ".".join(["a"] * 100_000) + " = 1\n"
+
+
+@edited("radar-arrays", "a.toml", 1)
+def long_integer_in_toml(text: str) -> str:
+    return "prf_hz = " + "9" * 5000 + "\n"
+
+
+@edited("radar-sigmf", "a.sigmf-meta", 1)
+def long_integer_in_sigmf(text: str) -> str:
+    return text.replace("400.0", "9" * 5000)
+
+
+@edited("radar-sigmf", "a.sigmf-meta")
+def sigmf_without_ranges(text: str) -> str:
+    content = json.loads(text)
+    content["global"]["doppelgait:range_m"] = []
+    return json.dumps(content)
 
 
 # ---- HDF5
 
 
-@attack
-def endless_heap_in_results(folder: Path) -> str:
-    _seed("result", folder)
-    content = bytearray((folder / "a.h5").read_bytes())
-    at = content.find(b"GCOL")
-    assert at > 0
-    content[at + 24 : at + 32] = bytes(8)
-    content[at + 16 : at + 18] = bytes(2)
-    (folder / "a.h5").write_bytes(content)
-    return "result"
+def _hdf5(path: Path, change: Callable[[Any], object]) -> None:
+    import h5py
+
+    with h5py.File(path, "r+") as file:
+        change(file)
+
+
+def members(target: str, number: int = 0) -> Callable[[Callable[[Any], object]], Attack]:
+    """A seed of a target whose HDF5 file is changed by its members."""
+
+    def register(change: Callable[[Any], object]) -> Attack:
+        def make(folder: Path) -> str:
+            _seed(target, folder, number)
+            _hdf5(next(path for path in folder.iterdir() if path.suffix in (".h5", ".mat")), change)
+            return target
+
+        make.__name__ = change.__name__
+        return attack(make)
+
+    return register
+
+
+def content(target: str) -> Callable[[Callable[[bytearray], None]], Attack]:
+    """A seed of a target with a function of the bytes of its HDF5 file."""
+
+    def register(change: Callable[[bytearray], None]) -> Attack:
+        def make(folder: Path) -> str:
+            _seed(target, folder)
+            damaged = bytearray((folder / "a.h5").read_bytes())
+            change(damaged)
+            (folder / "a.h5").write_bytes(damaged)
+            return target
+
+        make.__name__ = change.__name__
+        return attack(make)
+
+    return register
+
+
+@content("result")
+def endless_heap_in_results(damaged: bytearray) -> None:
+    at = damaged.index(b"GCOL")
+    damaged[at + 24 : at + 32] = bytes(8)
+    damaged[at + 16 : at + 18] = bytes(2)
 
 
 @attack
@@ -139,50 +276,25 @@ def many_heaps(folder: Path) -> str:
     return "radar-own"
 
 
-def _hdf5(path: Path, change: Callable[[Any], None]) -> None:
-    import h5py
-
-    with h5py.File(path, "r+") as file:
-        change(file)
-
-
-@attack
-def recording_of_80_gigabytes(folder: Path) -> str:
-    _seed("radar-own", folder)
-
-    def change(file: Any) -> None:
-        del file["baseband"]
-        file.create_dataset("baseband", (10**8, 100), "<c8", chunks=(100, 100))
-
-    _hdf5(folder / "a.h5", change)
-    return "radar-own"
+@members("radar-own")
+def recording_of_80_gigabytes(file: Any) -> None:
+    del file["baseband"]
+    file.create_dataset("baseband", (10**8, 100), "<c8", chunks=(100, 100))
 
 
-@attack
-def gzip_in_a_recording(folder: Path) -> str:
-    _seed("radar-own", folder)
-
-    def change(file: Any) -> None:
-        del file["baseband"]
-        values = file.create_dataset("baseband", (16, 6), "<c8", chunks=(16, 6), compression="gzip")
-        packer = zlib.compressobj(9)
-        packed = b"".join(packer.compress(bytes(1 << 20)) for _ in range(300)) + packer.flush()
-        values.id.write_direct_chunk((0, 0), packed)
-
-    _hdf5(folder / "a.h5", change)
-    return "radar-own"
+@members("radar-own")
+def gzip_in_a_recording(file: Any) -> None:
+    del file["baseband"]
+    values = file.create_dataset("baseband", (16, 6), "<c8", chunks=(16, 6), compression="gzip")
+    packer = zlib.compressobj(9)
+    packed = b"".join(packer.compress(bytes(1 << 20)) for _ in range(300)) + packer.flush()
+    values.id.write_direct_chunk((0, 0), packed)
 
 
-@attack
-def gzip_in_acconeer_text(folder: Path) -> str:
-    _seed("radar-acconeer", folder)
-
-    def change(file: Any) -> None:
-        del file["sessions/session_0/session_config"]
-        file.create_dataset("sessions/session_0/session_config", (1,), "S2000000000", chunks=(1,), compression="gzip")
-
-    _hdf5(folder / "a.h5", change)
-    return "radar-acconeer"
+@members("radar-acconeer")
+def gzip_in_acconeer_text(file: Any) -> None:
+    del file["sessions/session_0/session_config"]
+    file.create_dataset("sessions/session_0/session_config", (1,), "S2000000000", chunks=(1,), compression="gzip")
 
 
 def _other_file(target: str, number: int, name: str, way: str) -> Attack:
@@ -285,32 +397,6 @@ def motion_npz_of_80_gigabytes(folder: Path) -> str:
 
 
 @attack
-def trc_with_one_wide_row(folder: Path) -> str:
-    _seed("motion-trc", folder)
-    lines = (folder / "a.trc").read_text().split("\n")
-    rows = ["1\t0.1" + "\t1" * 36] * 3000
-    (folder / "a.trc").write_text("\n".join([*lines[:6], "1\t0.0" + "\t1" * 150_000, *rows]))
-    return "motion-trc"
-
-
-@attack
-def joints_without_channels(folder: Path) -> str:
-    sites = "End Site\n{\nOFFSET 0 1 0\n}\n" * 990
-    text = f"HIERARCHY\nROOT Hips\n{{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n{sites}}}\nMOTION\nFrames: 20000\nFrame Time: 0.01\n"
-    (folder / "a.bvh").write_text(text + "0\n" * 20_000)
-    return "motion-bvh"
-
-
-@attack
-def a_long_word_among_short_ones(folder: Path) -> str:
-    _seed("motion-amc", folder)
-    head = "#!OML:ASF 07.asf\n:FULLY-SPECIFIED\n:DEGREES\n"
-    frames = "".join(f"{t}\nroot 0 0 0 0 0 {'0' * 90 if t == 5 else 0}\n" for t in range(1, 60_000))
-    (folder / "07_01.amc").write_text(head + frames)
-    return "motion-amc"
-
-
-@attack
 def xethru_meta_that_lists_a_file_often(folder: Path) -> str:
     from doppelgait.radar.xethru.records import pack_meta, parse_meta
 
@@ -324,103 +410,7 @@ def xethru_meta_that_lists_a_file_often(folder: Path) -> str:
     return "radar-xethru"
 
 
-@attack
-def json_of_brackets(folder: Path) -> str:
-    (folder / "a.json").write_text('{"rate_hz": 1, "positions": [' + "[]," * 5_000_000 + "[]]}")
-    return "motion-arrays"
-
-
-@attack
-def table_of_single_digits(folder: Path) -> str:
-    titles = "t," + ",".join(f"p{n}_{axis}_m" for n in range(50) for axis in "xyz")
-    (folder / "a.csv").write_text(titles + "\n" + "".join(f"{t}" + ",1" * 150 + "\n" for t in range(40_000)))
-    return "motion-table"
-
-
-# ---- numbers and nesting
-
-
-@attack
-def deep_json(folder: Path) -> str:
-    (folder / "a.json").write_text('{"rate_hz": 1, "positions": ' + "[" * 100_000)
-    return "motion-arrays"
-
-
-@attack
-def deep_toml(folder: Path) -> str:
-    _seed("radar-arrays", folder, 1)
-    (folder / "a.toml").write_text(".".join(["a"] * 100_000) + " = 1\n")
-    return "radar-arrays"
-
-
-@attack
-def long_integer_in_toml(folder: Path) -> str:
-    _seed("radar-arrays", folder, 1)
-    (folder / "a.toml").write_text("prf_hz = " + "9" * 5000 + "\n")
-    return "radar-arrays"
-
-
-@attack
-def long_integer_in_sigmf(folder: Path) -> str:
-    _seed("radar-sigmf", folder, 1)
-    meta = folder / "a.sigmf-meta"
-    meta.write_text(meta.read_text().replace("400.0", "9" * 5000))
-    return "radar-sigmf"
-
-
-@attack
-def sigmf_without_ranges(folder: Path) -> str:
-    _seed("radar-sigmf", folder)
-    content = json.loads((folder / "a.sigmf-meta").read_text())
-    content["global"]["doppelgait:range_m"] = []
-    (folder / "a.sigmf-meta").write_text(json.dumps(content))
-    return "radar-sigmf"
-
-
-@attack
-def expmap_offsets_of_long_integers(folder: Path) -> str:
-    _seed("motion-expmap", folder)
-    content = json.loads((folder / "skeleton.json").read_text())
-    content["offsets"][3] = [10**39, 1e308, 10**400]
-    text = json.dumps(content)
-    (folder / "skeleton.json").write_text(text)
-    return "motion-expmap"
-
-
-@attack
-def expmap_parents_that_are_true(folder: Path) -> str:
-    _seed("motion-expmap", folder)
-    content = json.loads((folder / "skeleton.json").read_text())
-    content["parents"][2] = True
-    (folder / "skeleton.json").write_text(json.dumps(content))
-    return "motion-expmap"
-
-
-@attack
-def names_of_no_characters(folder: Path) -> str:
-    names = np.array(["abcd"] * 12)
-    names.view("u4")[5] = 2**31
-    np.savez(folder / "a.npz", positions=body(), names=names, rate_hz=50.0, units="m")
-    return "motion-arrays"
-
-
-@attack
-def frame_rate_of_almost_nothing(folder: Path) -> str:
-    np.savez(folder / "a.npz", positions=body(), rate_hz=1e-308, units="m")
-    return "motion-arrays"
-
-
 # ---- what no radar and no body can have
-
-
-def _own(name: str, change: Callable[[Any], None]) -> Attack:
-    def make(folder: Path) -> str:
-        _seed("radar-own", folder, 1)
-        _hdf5(folder / "a.h5", change)
-        return "radar-own"
-
-    make.__name__ = f"own_recording_with_{name}"
-    return attack(make)
 
 
 def _put(key: str, place: int, value: float) -> Callable[[Any], None]:
@@ -443,7 +433,8 @@ for _name, _change in {
     "far_ranges": _put("range_m", -1, 1e30), "nan_in_truth": _put("truth/0/centre_range_m", 3, np.nan),
     "negative_noise": lambda file: file.attrs.__setitem__("noise_power_v2", -1.0), "tenfold_prf": _tenfold,
 }.items():  # fmt: skip
-    _own(_name, _change)
+    _change.__name__ = f"own_recording_with_{_name}"
+    members("radar-own", 1)(_change)
 
 
 def _c3d(name: str, factor: float) -> Attack:
@@ -461,63 +452,46 @@ for _name, _factor in (("42_m", 25.0), ("1670_m", 1000.0), ("1.7_nm", 1e-9)):
 
 # ---- types of values and texts that make the HDF5 library write or allocate beyond measure
 
-
-def _damaged_bytes(name: str, target: str, change: Callable[[bytearray], None]) -> Attack:
-    def make(folder: Path) -> str:
-        _seed(target, folder)
-        content = bytearray((folder / "a.h5").read_bytes())
-        change(content)
-        (folder / "a.h5").write_bytes(content)
-        return target
-
-    make.__name__ = name
-    return attack(make)
+TEXT_TYPE = b"\x19\x01\x01\0\x10\0\0\0"
+"""A text of variable length."""
 
 
-def _overlapping_parts(content: bytearray) -> None:
+@content("radar-own")
+def parts_of_complex_numbers_that_overlap(damaged: bytearray) -> None:
     """Declare exponents of the real part that take a double: its values then overlap the imaginary part."""
-    at = content.index(b"r\0\0\0\0\0\0\0" + bytes(4)) + 56
-    assert content[at : at + 4] == struct.pack("<I", 127)
-    content[at] = 130
+    at = damaged.index(b"r\0\0\0\0\0\0\0" + bytes(4)) + 56
+    assert damaged[at : at + 4] == struct.pack("<I", 127)
+    damaged[at] = 130
 
 
-def _sequence_for_a_text(content: bytearray) -> None:
+@content("radar-own")
+def sequence_for_a_text(damaged: bytearray) -> None:
     """Declare a text of variable length as a sequence of characters."""
-    at = content.index(b"\x19\x01\x01\0\x10\0\0\0", content.index(b"units\0"))
-    content[at + 1] = 9
+    damaged[damaged.index(TEXT_TYPE, damaged.index(b"units\0")) + 1] = 9
 
 
-def _long_text(mark: bytes, skip: int) -> Callable[[bytearray], None]:
-    def change(content: bytearray) -> None:
-        at = content.index(b"\x19\x01\x01\0\x10\0\0\0", content.index(mark)) + skip
-        content[at : at + 4] = struct.pack("<I", 1_900_000_000)
-
-    return change
+@content("radar-own")
+def text_of_gigabytes_in_an_attribute(damaged: bytearray) -> None:
+    at = damaged.index(TEXT_TYPE, damaged.index(b"units\0")) + 32
+    damaged[at : at + 4] = struct.pack("<I", 1_900_000_000)
 
 
-def _long_session_text(content: bytearray) -> None:
+@content("radar-acconeer")
+def text_of_gigabytes_in_a_dataset(damaged: bytearray) -> None:
     """A reference to a text is its length, then the place of a heap: change that of the longest."""
-    heaps = [found.start() for found in re.finditer(b"GCOL", content)]
-    places = [found.start() - 4 for heap in heaps for found in re.finditer(re.escape(struct.pack("<Q", heap)), content)]
-    _, at = max((struct.unpack_from("<I", content, place)[0], place) for place in places)
-    content[at : at + 4] = struct.pack("<I", 1_900_000_000)
+    heaps = [found.start() for found in re.finditer(b"GCOL", damaged)]
+    places = [found.start() - 4 for heap in heaps for found in re.finditer(re.escape(struct.pack("<Q", heap)), damaged)]
+    _, at = max((struct.unpack_from("<I", damaged, place)[0], place) for place in places)
+    damaged[at : at + 4] = struct.pack("<I", 1_900_000_000)
 
 
-_damaged_bytes("parts_of_complex_numbers_that_overlap", "radar-own", _overlapping_parts)
-
-
-def _endless_heap_with_reserved_bytes(content: bytearray) -> None:
+@content("radar-own")
+def endless_heap_with_reserved_bytes(damaged: bytearray) -> None:
     """The library does not look at the bytes after the version of a heap."""
-    at = content.index(b"GCOL")
-    content[at + 5] = 0xFF
-    content[at + 16 : at + 18] = bytes(2)
-    content[at + 24 : at + 32] = bytes(8)
-
-
-_damaged_bytes("endless_heap_with_reserved_bytes", "radar-own", _endless_heap_with_reserved_bytes)
-_damaged_bytes("sequence_for_a_text", "radar-own", _sequence_for_a_text)
-_damaged_bytes("text_of_gigabytes_in_an_attribute", "radar-own", _long_text(b"units\0", 32))
-_damaged_bytes("text_of_gigabytes_in_a_dataset", "radar-acconeer", _long_session_text)
+    at = damaged.index(b"GCOL")
+    damaged[at + 5] = 0xFF
+    damaged[at + 16 : at + 18] = bytes(2)
+    damaged[at + 24 : at + 32] = bytes(8)
 
 
 @attack
@@ -531,48 +505,24 @@ def halves_of_characters_in_names(folder: Path) -> str:
     return "motion-arrays"
 
 
-@attack
-def matlab_axis_of_texts(folder: Path) -> str:
+@members("radar-matlab", 2)
+def matlab_axis_of_texts(file: Any) -> None:
+    file.pop("range_axis", None)
+    file["range_axis"] = np.full((1, file["Data_Matrix"].shape[0]), b"0.\x8b", "S3")
+    file.pop("frame_start", None)
+
+
+@members("radar-own")
+def text_of_a_named_type(file: Any) -> None:
     import h5py
 
-    _seed("radar-matlab", folder, 2)
-    path = next(folder.glob("*.mat"))
-
-    def change(file: Any) -> None:
-        file.pop("range_axis", None)
-        file["range_axis"] = np.full((1, file["Data_Matrix"].shape[0]), b"0.\x8b", "S3")
-        file.pop("frame_start", None)
-
-    with h5py.File(path, "r+") as file:
-        change(file)
-    return "radar-matlab"
+    file["named"] = h5py.string_dtype()
+    del file.attrs["format"]
+    file.attrs.create("format", "doppelgait-recording", dtype=file["named"])
 
 
-@attack
-def points_of_large_numbers(folder: Path) -> str:
-    (folder / "a.csv").write_text("x,y,doppler,track,time\n" + f"{'9' * 400},1,1,1,0\n0,1,1,1,1\n")
-    return "radar-points"
-
-
-@attack
-def text_of_a_named_type(folder: Path) -> str:
+@members("radar-own")
+def list_of_texts(file: Any) -> None:
     import h5py
 
-    _seed("radar-own", folder)
-
-    def change(file: Any) -> None:
-        file["named"] = h5py.string_dtype()
-        del file.attrs["format"]
-        file.attrs.create("format", "doppelgait-recording", dtype=file["named"])
-
-    _hdf5(folder / "a.h5", change)
-    return "radar-own"
-
-
-@attack
-def list_of_texts(folder: Path) -> str:
-    import h5py
-
-    _seed("radar-own", folder)
-    _hdf5(folder / "a.h5", lambda file: file["baseband"].attrs.create("units", ["V"], dtype=h5py.string_dtype()))
-    return "radar-own"
+    file["baseband"].attrs.create("units", ["V"], dtype=h5py.string_dtype())

@@ -60,11 +60,13 @@ def found_by(*options: str, fuzz: Path = FUZZ) -> list[dict[str, str]]:
     return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("  {")]
 
 
-def test_findings_of_earlier_rounds_and_damage_end_in_sense_or_one_of_our_errors() -> None:
+@pytest.mark.parametrize("targets", [("attacks",), pytest.param(READERS, marks=pytest.mark.release)], ids=len)
+def test_findings_of_earlier_rounds_and_damage_end_in_sense_or_one_of_our_errors(targets: tuple[str, ...]) -> None:
     """``attacks`` stands for all findings, of which there are fewer than the cases of each."""
-    assert found_by("--target", ",".join(["attacks", *READERS]), "--cases", str(60 * len(READERS))) == []
+    assert found_by("--target", ",".join(targets), "--cases", str(100 * len(targets))) == []
 
 
+@pytest.mark.release
 def test_the_fuzzer_finds_what_it_should(tmp_path: Path) -> None:
     """A hang, a crash, a gigabyte, a foreign error and nonsense, each by a target of its own."""
     place = tmp_path / "fuzz"

@@ -6,7 +6,7 @@ import os
 import signal
 from pathlib import Path
 
-from dataset_plans import tiny_plan
+from dataset_plans import mini_plan, tiny_plan
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.dataset.shard import BuildContext, build_planned
@@ -14,11 +14,6 @@ from doppelgait.dataset.shard import BuildContext, build_planned
 
 def build(folder, executor):
     build_dataset(tiny_plan(), folder, executor=executor, workers=2)
-
-
-def small_plan():
-    """4 examples in 2 shards, that every check of a verification passes."""
-    return tiny_plan(dataset={"examples_per_class": 2, "shard_size": 2})
 
 
 def build_until(folder, number, after):
@@ -34,7 +29,7 @@ def build_until(folder, number, after):
         real(source, target)
 
     os.replace = replace
-    build_dataset(small_plan(), folder, executor="serial")
+    build_dataset(mini_plan(), folder, executor="serial")
 
 
 def warm_up():

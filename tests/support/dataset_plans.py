@@ -36,6 +36,11 @@ def tiny_plan(**changes):
     return validate(PlanConfig, {**table, "dataset": dataset, **changes}, where="plan")
 
 
+def mini_plan(**changes):
+    """4 examples of 1 s in 2 shards."""
+    return tiny_plan(dataset={"examples_per_class": 2, "shard_size": 2}, **changes)
+
+
 def dataset_hash(folder):
     """Hash of every byte of a dataset but its log, which holds times, and the list of hashes, which holds the log's."""
     digest = hashlib.sha256()

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+COMMAND = [sys.executable, "-c", "from doppelgait.cli import main; main()"]
+"""``doppelgait`` in a process of its own."""
 LIMIT_S = 200.0
 """How long a process may take that ends by itself; many times what it needs, since machines may be busy."""
 
@@ -47,6 +51,19 @@ def run(command: Sequence[str], *, timeout: float = LIMIT_S, **options: Any) -> 
     """Run a command to its end; it is killed and the test fails at the limit."""
     with default_signals():
         return subprocess.run(command, timeout=timeout, **options)
+
+
+def python(
+    program: str, *words: object, code: int = 0, timeout: float = LIMIT_S, cwd: object = None, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """Run a program that may import the modules of this folder; it must end with a status and without a traceback."""
+    paths = [environment.get("PYTHONPATH"), os.path.dirname(__file__), os.environ.get("PYTHONPATH")]
+    variables = {**os.environ, **environment, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    line = [sys.executable, "-c", program, *map(str, words)]
+    done = run(line, capture_output=True, text=True, timeout=timeout, cwd=cwd, env=variables, check=False)
+    assert done.returncode == code, done.stderr + done.stdout
+    assert "Traceback" not in done.stderr
+    return done
 
 
 def join(process: Any, seconds: float = LIMIT_S) -> None:

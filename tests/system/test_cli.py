@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import re
 import subprocess
 import sys
@@ -23,6 +22,7 @@ from checkout import ROOT as REPOSITORY
 from doppelgait.cli.app import main
 from doppelgait.dataset import plan_names
 
+START = processes.COMMAND[-1]
 SCENE = """
 seed = 5
 duration_s = 2.0
@@ -44,18 +44,6 @@ motion = { kind = "quadruped", gait = "trot" }
 start_position_m = [2.0, -1.0]
 heading_deg = 0
 """
-
-
-def run_process(*arguments, cwd=None, code=0):
-    """The command in a process of its own."""
-    done = processes.run(
-        [sys.executable, "-c", "from doppelgait.cli.app import main; main()", *map(str, arguments)],
-        capture_output=True, text=True, cwd=cwd, timeout=120, check=False,
-        env={**os.environ, "COLUMNS": "200"},
-    )  # fmt: skip
-    assert done.returncode == code, done.stderr + done.stdout
-    assert "Traceback" not in done.stderr
-    return done
 
 
 def run(*arguments, cwd=None, code=0):
@@ -95,7 +83,10 @@ def test_a_lack_of_memory_is_one_line(monkeypatch, capsys, text):
 
 def test_in_a_process_of_its_own_the_command_says_the_same(recorded):
     for arguments, code in ((("radar", "show", "x4"), 0), (("radar", "show", "x9"), 2)):
-        alone, here = run_process(*arguments, cwd=recorded, code=code), run(*arguments, cwd=recorded, code=code)
+        alone, here = (
+            processes.python(START, *arguments, cwd=recorded, code=code, COLUMNS="200"),
+            run(*arguments, cwd=recorded, code=code),
+        )
         assert (alone.stdout, alone.stderr) == (here.stdout, here.stderr)
 
 
@@ -116,8 +107,7 @@ def test_help_loads_no_science():
         "heavy = {'numpy', 'scipy', 'xarray', 'numba', 'pandas', 'matplotlib', 'h5py', 'sklearn', 'pydantic'}; "
         "print(sorted(heavy & set(sys.modules)))"
     )
-    loaded = processes.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert loaded.stdout.strip() == "[]"
+    assert processes.python(script).stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize(
@@ -244,8 +234,7 @@ def test_the_same_warning_is_said_once():
         "from doppelgait.core.errors import DoppelgaitWarning as W; s(); "
         "[warnings.warn(t, W) for t in ('no unit', 'no unit', 'other')]"
     )
-    done = processes.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert done.stderr.splitlines() == ["warning: no unit", "warning: other"]
+    assert processes.python(script).stderr.splitlines() == ["warning: no unit", "warning: other"]
 
 
 @pytest.mark.shared
@@ -308,11 +297,8 @@ def test_aliasing_and_folding_are_warned_of(tmp_path):
     assert "warning: folding" in done.stderr
 
 
-def test_debug_shows_the_traceback(tmp_path):
-    done = processes.run(
-        [sys.executable, "-c", "from doppelgait.cli.app import main; main()", "--debug", "radar", "show", "x9"],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+def test_debug_shows_the_traceback():
+    done = processes.run([*processes.COMMAND, "--debug", "radar", "show", "x9"], capture_output=True, text=True)
     assert "Traceback" in done.stderr
 
 

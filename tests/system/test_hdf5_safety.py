@@ -16,7 +16,6 @@ from doppelgait.dataset import open_dataset
 from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
 from doppelgait.pipeline.result_files import read_results
 from doppelgait.radar import read_recording, write_recording
-from tiny_dataset import built, tiny_plan
 
 WAYS = ("external", "virtual", "external link", "soft link")
 
@@ -71,13 +70,6 @@ def test_recordings_and_results_hold_their_values_themselves(files, tmp_path, fi
         led_out(content, name, way, tmp_path / "outside.h5")
     with pytest.raises(error, match=r"is a link, which is not followed|are in another file, which is not read"):
         read(path)
-
-
-@pytest.fixture
-def copy(tmp_path_factory, tmp_path):
-    """A dataset that may be changed."""
-    shutil.copytree(built(tmp_path_factory, tiny_plan()), tmp_path / "copy")
-    return tmp_path / "copy"
 
 
 @pytest.mark.parametrize("way", WAYS)

@@ -1,6 +1,5 @@
 """What importing the package loads, in a process of its own."""
 
-import sys
 from pathlib import Path
 
 import processes
@@ -11,7 +10,7 @@ def test_importing_viz_loads_neither_matplotlib_nor_pyplot() -> None:
         "import sys, doppelgait.viz as v; assert 'matplotlib' not in sys.modules; "
         "[getattr(v, name) for name in v.__all__]; assert 'matplotlib.pyplot' not in sys.modules"
     )
-    processes.run([sys.executable, "-c", code], check=True)
+    processes.python(code)
 
 
 def test_simulate_and_analyze_load_no_library_that_they_do_not_use(tmp_path: Path) -> None:
@@ -23,7 +22,7 @@ def test_simulate_and_analyze_load_no_library_that_they_do_not_use(tmp_path: Pat
         "heavy = {'dask', 'numba', 'matplotlib', 'pyarrow.parquet', 'scipy.signal', 'sklearn', 'torch'}; "
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)"
     )
-    processes.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
+    processes.python(code, cwd=tmp_path)
 
 
 def test_a_room_is_simulated_without_dask() -> None:
@@ -43,4 +42,4 @@ def test_a_room_is_simulated_without_dask() -> None:
         "dg.analyze(recording, gate='truth'); "
         "assert 'xarray' in sys.modules; assert not {'dask', 'numba'} & set(sys.modules)"
     )
-    processes.run([sys.executable, "-c", code], check=True)
+    processes.python(code)

@@ -158,7 +158,7 @@ def test_a_script_that_builds_when_it_is_imported_is_told_so(tmp_path):
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("kind", "count"), [("processes", 3), ("import", 2), ("live", 2)])
 def test_commands_end_at_any_moment_with_130(tmp_path, kind, count):
     """Some of what ``tests/fuzz/interrupts.py`` does by the hundred."""

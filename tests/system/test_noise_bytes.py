@@ -1,7 +1,6 @@
 """Bytes of the noise on another processor: compiled anew, in a process of its own."""
 
-import os
-import sys
+import pytest
 
 import processes
 
@@ -17,10 +16,8 @@ print(zlib.crc32(re.astype("<f4").tobytes() + im.astype("<f4").tobytes()))
 """
 
 
+@pytest.mark.release
 def test_bytes_do_not_depend_on_the_processor(tmp_path):
     """Compiled without any vector extension beyond the baseline: no fused multiply-adds, other vector lengths."""
     plain = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(tmp_path)}
-    run = processes.run(
-        [sys.executable, "-c", CHECKSUM], env={**os.environ, **plain}, capture_output=True, text=True, check=True
-    )
-    assert int(run.stdout) == DIGEST
+    assert int(processes.python(CHECKSUM, **plain).stdout) == DIGEST

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
 import sys
 
@@ -63,10 +62,7 @@ pytestmark = pytest.mark.skipif(
 
 def run(before: str = "", level: str = "", **environment: str) -> list[object]:
     program = PROGRAM.format(before=before, level=level, rooms=str(ROOMS))
-    done = processes.run(
-        [sys.executable, "-c", program], env={**os.environ, **environment}, capture_output=True, text=True, check=True
-    )
-    found: list[object] = json.loads(done.stdout.splitlines()[-1])
+    found: list[object] = json.loads(processes.python(program, **environment).stdout.splitlines()[-1])
     return found
 
 
@@ -79,7 +75,7 @@ def test_examples_of_datasets_need_no_numba(plain):
     assert plain[1] is False
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_numba_for_the_same_level_gives_the_same_bytes(plain, tmp_path):
     """Numba for one processor contracts other products and sums: last bits of a feature may differ."""
     before = NUMBA_FOR_SOME.format(tool=str(ROOT / "tools" / "compile_kernels.py"), modules=MODULES)
@@ -117,6 +113,4 @@ def test_code_and_data_stay_within_reach_of_each_other(memory):
     """Sections of object code that lie more than 2 GB apart end the process (SIGABRT)."""
     if memory == "torch first":
         pytest.importorskip("torch")
-    program = [sys.executable, "-c", FAR_APART[memory] + SIMULATE]
-    done = processes.run(program, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    processes.python(FAR_APART[memory] + SIMULATE)

@@ -20,6 +20,7 @@ import doppelgait
 import processes
 from checkout import ROOT
 
+pytestmark = pytest.mark.release
 SLOW_S = 280.0
 PACKAGE = ROOT / "src" / "doppelgait"
 
@@ -152,7 +153,6 @@ def run(built, tmp_path_factory):
     return run
 
 
-@pytest.mark.slow
 def test_the_wheel_works_in_an_environment_of_its_own(run):
     assert run("doppelgait", "--version").strip() == doppelgait.__version__
     assert "No module named 'uvicorn'" in run("python", "-c", "import uvicorn", code=1)
@@ -165,7 +165,6 @@ def test_the_wheel_works_in_an_environment_of_its_own(run):
     assert "doppelgait[viewer]" in run("doppelgait", "view", "shown/recording.h5", "--no-browser", code=2)
 
 
-@pytest.mark.slow
 def test_the_wheel_builds_a_dataset_and_decides_with_its_models(run):
     (run.folder / "plan.toml").write_text(PLAN)
     run("doppelgait", "dataset", "build", "plan.toml", "-o", "tiny", "--executor", "serial")

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
-
 import processes
 
 FIRST_LOOK = """
@@ -23,8 +20,7 @@ with ThreadPoolExecutor(8) as pool:
 
 
 def test_threads_that_look_first_at_the_same_time_all_find_every_plugin():
-    done = processes.run([sys.executable, "-c", FIRST_LOOK], capture_output=True, text=True, timeout=120)
-    assert done.stdout.strip() == "[(6, 'impulse')]", done.stderr
+    assert processes.python(FIRST_LOOK).stdout.strip() == "[(6, 'impulse')]"
 
 
 HALF = """
@@ -49,25 +45,25 @@ with warnings.catch_warnings(record=True) as seen:
 """
 
 
+def install(folder, name, entry):
+    """What pip leaves of a package without modules: its entry points."""
+    facts = folder / f"{name}-1.dist-info"
+    facts.mkdir()
+    (facts / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1\n")
+    (facts / "entry_points.txt").write_text(entry)
+
+
 def test_a_package_that_fails_or_takes_a_name_is_left_out_whole_with_a_warning(tmp_path):
     for name, text in (("half", HALF), ("taken", TAKEN)):
         (tmp_path / f"{name}_plugins.py").write_text(text)
-        (tmp_path / f"{name}-1.dist-info").mkdir()
-        (tmp_path / f"{name}-1.dist-info" / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1\n")
-        entry = f"[doppelgait.plugins]\n{name} = {name}_plugins\n"
-        (tmp_path / f"{name}-1.dist-info" / "entry_points.txt").write_text(entry)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
-    done = processes.run([sys.executable, "-c", LOOK], capture_output=True, text=True, timeout=120, env=environment)
-    assert done.stdout.strip() == "2 [] False doppelgait", done.stderr
+        install(tmp_path, name, f"[doppelgait.plugins]\n{name} = {name}_plugins\n")
+    assert processes.python(LOOK, PYTHONPATH=str(tmp_path)).stdout.strip() == "2 [] False doppelgait"
 
 
 def test_a_package_of_version_0_1_0_is_left_out_with_what_to_do(tmp_path):
-    (tmp_path / "old-1.dist-info").mkdir()
-    (tmp_path / "old-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: old\nVersion: 1\n")
-    (tmp_path / "old-1.dist-info" / "entry_points.txt").write_text("[doppelgait.impairments]\nhum = old_hum:hum\n")
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
+    install(tmp_path, "old", "[doppelgait.impairments]\nhum = old_hum:hum\n")
     look = "from doppelgait.core.plugins import list_foreign_plugins; print(list_foreign_plugins())"
-    done = processes.run([sys.executable, "-c", look], capture_output=True, text=True, timeout=120, env=environment)
+    done = processes.python(look, PYTHONPATH=str(tmp_path))
     assert done.stdout.strip() == "[]"
     assert "'hum' (old_hum:hum) is in the entry-point group 'doppelgait.impairments', which is not read" in done.stderr
     assert "doppelgait.plugins" in done.stderr

@@ -1,7 +1,6 @@
 """The environment of worker processes."""
 
 import os
-import sys
 
 import processes
 from doppelgait.core.worker import WORKER_ENVIRONMENT, mark_workers
@@ -21,4 +20,4 @@ def test_a_prepared_process_works_without_arrow():
         "from doppelgait.core.worker import prepare_worker; prepare_worker(); import pandas, sys; "
         "assert sys.modules['pyarrow'] is None; assert len(pandas.DataFrame({'a': [1, 2]})) == 2"
     )
-    assert processes.run([sys.executable, "-c", program], check=False).returncode == 0
+    processes.python(program)

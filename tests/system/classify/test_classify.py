@@ -28,15 +28,13 @@ from doppelgait.classify.learned import LabelledRows
 from doppelgait.classify.model import row_weights
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.classify.report import format_adaptation_table, format_unknown_table, make_figures, write_report
-from doppelgait.classify.runs import learn, leave_out, refuse_shared, split_into_folds, use_own_splits
+from doppelgait.classify.runs import learn, leave_out, split_into_folds, use_own_splits
 from doppelgait.classify.training import BOOSTING, SVM_C, SVM_GAMMA, Kind, fit
 from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning
-from doppelgait.dataset import open_dataset
 from doppelgait.dataset.open import Dataset
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
 from doppelgait.processing import Analysis
-from tiny_dataset import built, mixed_plan, tiny_plan
 
 SIX = tuple(FEATURE_UNITS)
 C = 299_792_458.0
@@ -259,9 +257,6 @@ def test_targets_stay_on_one_side():
 def test_a_dataset_that_was_split_by_row_is_refused():
     dataset = made_up()
     dataset.index["split"] = np.resize(["train", "test"], len(dataset))
-    rows = collect_rows(dataset)
-    with pytest.raises(DatasetError, match="is in the training and in the test data"):
-        refuse_shared(rows, [use_own_splits(rows, seed=0)[0]])
     with pytest.raises(DatasetError, match="is in the training and in the test data"):
         evaluate(dataset, models=["six-logistic"])
 
@@ -347,6 +342,11 @@ def wrong_datasets():
     untested, lacking, cats = made_up(split=(0.7, 0.3)), made_up(identity="b"), made_up(identity="b")
     del lacking.index["feature_limb_torso_ratio"]
     cats.index["label"] = cats.index["label"].replace("dog", "cat")
+    own, people, unlabelled, partly = (
+        made_up(identity="own", seed=4, classes=classes)
+        for classes in (("human", "dog"), ("human",), *[("human", "dog")] * 2)
+    )
+    unlabelled.index["label"], partly.index.loc[0, "label"] = "unlabelled", "unlabelled"
     return [
         (one, {}, "has the class 'dog' alone"),
         (untested, {}, "no rows in the split test"),
@@ -359,6 +359,16 @@ def wrong_datasets():
         (made_up(), {"left_out": "source"}, "has 1 values"),
         (made_up(), {"left_out": "source", "n_folds": 3}, "use one of them"),
         (made_up(), {"models": ["signature-network"]}, "torch|keeps no 'signature'"),
+        (made_up(), {"own": own, "other": own}, "--adapt and --test: use one of them"),
+        (made_up(), {"own": own, "n_folds": 3}, "--adapt: needs one model for all rows"),
+        (made_up(), {"own": people}, "contains no dog, so that the shift of the decision"),
+        (made_up(), {"own": partly}, "1 of 240 rows are 'unlabelled'; label all or none"),
+        (made_up(), {"own": unlabelled, "own_shares": {"human": 0.9}}, "must name every class"),
+        (made_up(), {"own": unlabelled, "own_shares": {"human": 0.9, "dog": 0.2}}, "together 1"),
+        (made_up(), {"own": unlabelled, "own_shares": {"human": 1.0, "dog": 0.0}}, "each above 0"),
+        (made_up(), {"own_shares": {"human": 0.5, "dog": 0.5}}, "--share: needs --adapt and recordings labelled"),
+        (made_up(), {"unknown": own}, "--unknown .*: has only the classes human, dog, which the models are trained on"),
+        (made_up(), {"unknown": cats, "n_folds": 3}, "--unknown: needs one model for all rows"),
     ]
 
 
@@ -403,7 +413,7 @@ def loop(arrays):
     arrays["left"][inner[0]] = inner[0]
 
 
-BROKEN = [
+TREES = [
     (lambda a: a.update(threshold=np.array([print], dtype=object)), "pickle|Object"),
     (loop, "lead nowhere or back"),
     (lambda a: a["right"].__setitem__(0, 10**6), "lead nowhere or back"),
@@ -414,7 +424,7 @@ BROKEN = [
     (lambda a: a.update(lowest=np.array(["a"] * 6)), "not numbers"),
     (lambda a: a.update({"calibration.slope": np.array([np.nan])}), "calibration"),
     (lambda a: a["value"].__setitem__(0, np.nan), "value holds NaN"),
-    (lambda a: put_text(a, lambda d: d["facts"].update(names=["step", *d["facts"]["names"][1:]])), "m.npz.*'step'"),
+    (lambda a: put_text(a, lambda d: d["facts"].update(names=["step", *d["facts"]["names"][1:]])), "'step'"),
     (lambda a: put_text(a, lambda d: d["facts"].update(alarm="cat")), "not one of its classes"),
     (lambda a: put_text(a, lambda d: d["facts"].update(alarm_threshold=float("nan"))), "alarm_threshold"),
     (lambda a: put_text(a, lambda d: d.update(learned="eval")), "not a model of doppelgait"),
@@ -423,40 +433,31 @@ BROKEN = [
     (lambda a: put_text(a, lambda d: d["facts"].update(abstain_below=7)), "abstain_below"),
     (lambda a: put_text(a, lambda d: d["facts"].update(classes=["human", "dog", "cat"])), "shape"),
 ]
+KERNEL = [
+    (lambda a: a["support"].__setitem__((0, 0), np.nan), "support holds NaN"),
+    (lambda a: a["scale"].__setitem__(0, 0.0), "scale holds"),
+    (lambda a: a.update(support=a["support"][:, 1:]), "support has the shape"),
+    (lambda a: a.update(support=a["support"][1:]), "weight has the shape"),
+    (lambda a: a.update(bias=np.zeros(2)), "bias has the shape"),
+    (lambda a: a.update(median=a["median"][1:]), "median has the shape"),
+    (lambda a: a["told"].__setitem__(0, 6), "told names features"),
+]
+LINEAR = [
+    (lambda a, name=name, value=value: a[name].ravel().__setitem__(0, value), f"{name} holds")
+    for name, value in (("weight", np.nan), ("scale", 0.0), ("scale", -1.0), ("bias", np.inf))
+]
+BROKEN = [
+    (name, *case)
+    for name, cases in (("six-boosting", TREES), ("six-svm", KERNEL), ("six-logistic", LINEAR))
+    for case in cases
+]
 
 
-@pytest.mark.parametrize(("change", "says"), BROKEN)
-def test_a_file_that_was_tampered_with_is_refused(found, tmp_path, change, says):
-    path = save_model(found.models["six-boosting"], tmp_path / "m.npz")
+@pytest.mark.parametrize(("name", "change", "says"), BROKEN)
+def test_a_file_that_was_tampered_with_is_refused(found, tmp_path, name, change, says):
+    path = save_model(found.models[name], tmp_path / "m.npz")
     rewritten(path, change)
-    with pytest.raises(DatasetError, match=says):
-        load_model(path)
-
-
-@pytest.mark.parametrize(("name", "value"), [("weight", np.nan), ("scale", 0.0), ("scale", -1.0), ("bias", np.inf)])
-def test_weights_that_are_no_numbers_are_refused(found, tmp_path, name, value):
-    path = save_model(found.models["six-logistic"], tmp_path / "m.npz")
-    rewritten(path, lambda arrays: arrays[name].ravel().__setitem__(0, value))
-    with pytest.raises(DatasetError, match=f"m.npz.*{name} holds"):
-        load_model(path)
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (lambda a: a["support"].__setitem__((0, 0), np.nan), "support holds NaN"),
-        (lambda a: a["scale"].__setitem__(0, 0.0), "scale holds"),
-        (lambda a: a.update(support=a["support"][:, 1:]), "support has the shape"),
-        (lambda a: a.update(support=a["support"][1:]), "weight has the shape"),
-        (lambda a: a.update(bias=np.zeros(2)), "bias has the shape"),
-        (lambda a: a.update(median=a["median"][1:]), "median has the shape"),
-        (lambda a: a["told"].__setitem__(0, 6), "told names features"),
-    ],
-)
-def test_a_support_vector_machine_that_does_not_fit_together_is_refused(found, tmp_path, change, says):
-    path = save_model(found.models["six-svm"], tmp_path / "m.npz")
-    rewritten(path, change)
-    with pytest.raises(DatasetError, match=f"m.npz.*{says}"):
+    with pytest.raises(DatasetError, match=rf"m\.npz.*({says})"):
         load_model(path)
 
 
@@ -584,10 +585,6 @@ def test_models_are_adapted_to_own_recordings(tmp_path):
     page = write_report(found, tmp_path / "report")[-1].read_text()
     assert "Adapted to own recordings" in page
     assert (tmp_path / "report" / "adaptation.png").is_file()
-    with pytest.raises(ConfigError, match="--adapt and --test: use one of them"):
-        evaluate(made_up(), own=own, other=own, models=["six-logistic"])
-    with pytest.raises(ConfigError, match="--adapt: needs one model for all rows"):
-        evaluate(made_up(), own=own, n_folds=3, models=["six-logistic"])
 
 
 def test_models_are_adapted_to_recordings_without_labels():
@@ -603,9 +600,6 @@ def test_models_are_adapted_to_recordings_without_labels():
     plain = evaluate(made_up(), models=["six-logistic"], keep=True).models["six-logistic"]
     after, before = (np.mean(model.probability(values).argmax(axis=1) == right) for model in (adapted, plain))
     assert after > before + 0.04
-    own.index.loc[0, "label"] = "human"
-    with pytest.raises(DatasetError, match=r"159 of 160 rows are 'unlabelled'; label all or none"):
-        evaluate(made_up(), own=own, models=["six-logistic"])
 
 
 def test_shares_of_own_recordings_are_told():
@@ -616,20 +610,9 @@ def test_shares_of_own_recordings_are_told():
     even = evaluate(made_up(), own=own, models=["six-logistic"])
     shifts = [one.models["six-logistic"].calibration.shift[1] for one in (rare, even)]
     assert shifts[0] < shifts[1] - 0.5
-    for shares, message in (
-        ({"human": 0.9}, "must name every class"), ({"human": 0.9, "dog": 0.2}, "together 1"),
-        ({"human": 1.0, "dog": 0.0}, "each above 0"),
-    ):  # fmt: skip
-        with pytest.raises(ConfigError, match=message):
-            evaluate(made_up(), own=own, own_shares=shares, models=["six-logistic"])
-    with pytest.raises(ConfigError, match="--share: needs --adapt and recordings labelled 'unlabelled'"):
-        evaluate(made_up(), own_shares={"human": 0.5, "dog": 0.5}, models=["six-logistic"])
 
 
-def test_own_recordings_of_one_class_and_of_no_decision_move_nothing():
-    people = made_up(60, identity="own", seed=4, classes=("human",))
-    with pytest.raises(DatasetError, match="contains no dog, so that the shift of the decision"):
-        evaluate(made_up(), own=people, models=["six-logistic"])
+def test_own_recordings_of_no_decision_move_nothing():
     own = made_up(120, identity="own", seed=4)
     plain = evaluate(made_up(), own=own, models=["six-logistic"]).models["six-logistic"]
     flagged = own.index.iloc[:20].assign(quality_flags="no_signal", id=[f"x{k}" for k in range(20)], label="human")
@@ -651,15 +634,6 @@ def test_few_held_rows_turn_nothing_away_and_are_told():
     assert not any(
         "reject targets" in note for note in evaluate(made_up(400), models=["six-logistic"]).document["notes"]
     )
-
-
-def test_unknown_kinds_need_a_further_class_and_one_model():
-    with pytest.raises(
-        DatasetError, match=r"--unknown .*: has only the classes human, dog, which the models are trained on"
-    ):
-        evaluate(made_up(), unknown=made_up(identity="z"), models=["six-logistic"])
-    with pytest.raises(ConfigError, match="--unknown: needs one model for all rows"):
-        evaluate(made_up(), unknown=made_up(identity="z", classes=("human", "cat")), n_folds=3)
 
 
 def test_what_is_unlike_the_training_is_no_decision(found):
@@ -748,11 +722,6 @@ def test_an_unknown_feature_is_no_error_and_a_missing_column_is(found):
 
 
 @pytest.fixture(scope="module")
-def tiny(tmp_path_factory):
-    return open_dataset(built(tmp_path_factory, tiny_plan()))
-
-
-@pytest.fixture(scope="module")
 def recording():
     return run_simulation(parse_run({
         "seed": 3, "duration_s": 2.5, "radar": {"preset": "x4", "prf_hz": 1300},
@@ -761,30 +730,30 @@ def recording():
     }, where="test"))  # fmt: skip
 
 
-def test_a_report_of_a_built_dataset(tiny, tmp_path):
-    result = evaluate(tiny, models=FEATURE_MODELS)
+def test_a_report_of_a_built_dataset(dataset, tmp_path):
+    result = evaluate(dataset, models=FEATURE_MODELS)
     files = {path.name for path in write_report(result, tmp_path / "out")}
     assert {"index.html", "scores.json", "answers.csv", "plan.json", "confusion.png", "roc-human.png"} <= files
     page = (tmp_path / "out" / "index.html").read_text()
     for name in [*FEATURE_MODELS, "chance", "nuisance", "speed"]:
         assert f"<td>{name}</td>" in page
     assert all(name in page for name in files if name.endswith(".png"))
-    assert json.loads((tmp_path / "out" / "plan.json").read_text()) == tiny.description["config"]
+    assert json.loads((tmp_path / "out" / "plan.json").read_text()) == dataset.description["config"]
     assert json.loads((tmp_path / "out" / "scores.json").read_text()) == result.document
     first = {p.name: p.read_bytes() for p in (tmp_path / "out").iterdir() if p.suffix != ".png"}
-    write_report(evaluate(tiny, models=FEATURE_MODELS), tmp_path / "out")
+    write_report(evaluate(dataset, models=FEATURE_MODELS), tmp_path / "out")
     assert first == {p.name: p.read_bytes() for p in (tmp_path / "out").iterdir() if p.suffix != ".png"}
     (tmp_path / "out" / "mine.txt").write_text("mine")
-    for folder in (tiny.directory, tmp_path / "out"):
+    for folder in (dataset.directory, tmp_path / "out"):
         before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
         with pytest.raises(ConfigError, match="which no run of evaluate wrote"):
             write_report(result, folder)
         assert before == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.parametrize("form", ["svg", "pdf"])
-def test_a_report_has_vector_files_next_to_the_figures_of_its_page(tiny, tmp_path, monkeypatch, form):
-    result, out = evaluate(tiny, models=["six-logistic"]), tmp_path / "out"
+@pytest.mark.parametrize("form", ["svg"])
+def test_a_report_has_vector_files_next_to_the_figures_of_its_page(dataset, tmp_path, monkeypatch, form):
+    result, out = evaluate(dataset, models=["six-logistic"]), tmp_path / "out"
     figures = list(make_figures(result.document))[:1]
     monkeypatch.setattr("doppelgait.classify.report.make_figures", lambda _: figures)
     files = [path.name for path in write_report(result, out, figure_format=form)]
@@ -797,8 +766,9 @@ def test_a_report_has_vector_files_next_to_the_figures_of_its_page(tiny, tmp_pat
     assert not (out / f"scores.{form}").exists()
 
 
-def test_a_report_that_fails_leaves_the_older_one(tiny, tmp_path, monkeypatch):
-    result = evaluate(tiny, models=["six-logistic"])
+def test_a_report_that_fails_leaves_the_older_one(dataset, tmp_path, monkeypatch):
+    result = evaluate(dataset, models=["six-logistic"])
+    monkeypatch.setattr("doppelgait.classify.report.make_figures", lambda _: [])
     write_report(result, tmp_path / "out")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     monkeypatch.setattr("doppelgait.classify.report.format_page", lambda *_: 1 / 0)
@@ -850,16 +820,16 @@ def test_an_alarm_says_how_many_people_it_rests_on(found):
     assert facts.alarm_people == people > 5
 
 
-def test_nuisances_are_those_of_verify(tiny):
-    table = collect_inputs(collect_rows(tiny), "nuisance")
+def test_nuisances_are_those_of_verify(dataset):
+    table = collect_inputs(collect_rows(dataset), "nuisance")
     assert "target.range_m" in table.names or any("range" in name for name in table.names)
-    assert len(table.values) == len(tiny)
+    assert len(table.values) == len(dataset)
     assert not np.isnan(table.values[:, table.names.index("index.rcs_total_m2")]).any()
 
 
-def test_a_dataset_of_one_class_in_training_is_refused(tmp_path_factory):
+def test_a_dataset_of_one_class_in_training_is_refused(mixed):
     with pytest.raises(DatasetError, match="no rows in the split test"):
-        evaluate(open_dataset(built(tmp_path_factory, mixed_plan())), models=["six-logistic"])
+        evaluate(mixed, models=["six-logistic"])
 
 
 def test_recording_results_and_file_give_the_same(found, recording, tmp_path):
@@ -894,9 +864,10 @@ def test_learning_is_the_same_twice():
     assert np.array_equal(one, two)
 
 
-def test_an_ensemble_of_several_seeds_is_one_model_with_its_members_beside_it(tiny, tmp_path):
+@pytest.mark.release
+def test_an_ensemble_of_several_seeds_is_one_model_with_its_members_beside_it(dataset, tmp_path):
     seen = []
-    found = evaluate(tiny, n_seeds=2, on_progress=lambda done, of: seen.append((done, of)))
+    found = evaluate(dataset, n_seeds=2, on_progress=lambda done, of: seen.append((done, of)))
     models = found.document["models"]
     assert found.best == "ensemble"
     assert {"extended-logistic", "extended-boosting", "six-logistic", "ensemble"} <= set(models)
@@ -907,6 +878,8 @@ def test_an_ensemble_of_several_seeds_is_one_model_with_its_members_beside_it(ti
     # kept, loaded and asked about a target it decides as it was scored
     again = load_model(save_model(ensemble, tmp_path / "e.npz"))
     tested = found.answers.iloc[0]
-    number = int(np.flatnonzero(tiny.index["id"] == tested["id"])[0])
-    target = TargetInputs({**tiny.index.iloc[number].to_dict(), "quality_flags": ""}, tiny.example(number).signature)
+    number = int(np.flatnonzero(dataset.index["id"] == tested["id"])[0])
+    target = TargetInputs(
+        {**dataset.index.iloc[number].to_dict(), "quality_flags": ""}, dataset.example(number).signature
+    )
     assert decide(target, again, 0).probabilities["human"] == pytest.approx(tested["ensemble:human"], abs=1e-5)

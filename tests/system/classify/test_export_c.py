@@ -58,7 +58,13 @@ def check(build, model, target, folder):
 
 
 @pytest.mark.parametrize(
-    ("n_classes", "integers", "n_examples"), [(2, False, 1000), (3, False, 100), (2, True, 100), (3, True, 1000)]
+    ("n_classes", "integers", "n_examples"),
+    [
+        (2, True, 100),
+        (3, False, 100),
+        pytest.param(2, False, 1000, marks=pytest.mark.release),
+        pytest.param(3, True, 1000, marks=pytest.mark.release),
+    ],
 )
 def test_examples_of_every_kind_agree(build, tmp_path, n_classes, integers, n_examples):
     model = export_model_of("ensemble", n_classes, patch=SMALL)
@@ -68,6 +74,7 @@ def test_examples_of_every_kind_agree(build, tmp_path, n_classes, integers, n_ex
     assert max(float(value) for name, value in found if name != "samples" or not integers) < 1e-4
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("kind", KINDS)
 def test_single_models_agree(build, tmp_path, kind):
     check(build, export_model_of(kind, patch=SMALL), CSettings(n_examples=50), tmp_path / "out")
@@ -273,10 +280,7 @@ def test_networks_alone_keep_their_own_calibration():
     assert select_networks(export_model_of("linear")) is None
 
 
-def test_scales_come_from_held_rows_of_a_dataset(tmp_path_factory, tmp_path):
-    from tiny_dataset import built, tiny_plan
-
-    folder = built(tmp_path_factory, tiny_plan())
+def test_scales_come_from_held_rows_of_a_dataset(folder, tmp_path):
     found = collect_levels(folder, Patch(), 64, 5)
     assert 1 <= len(found) <= 5
     assert {each.shape for each in found} == {(64, 64)}

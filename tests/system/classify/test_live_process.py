@@ -33,7 +33,9 @@ def growing(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("ends", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "ends", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.release), signal.SIGKILL]
+)
 def test_the_log_holds_whole_lines_however_it_ends(growing, tmp_path, ends):
     options = ["--timeout-s", "100", "--log", str(tmp_path / "log")]
     command = [sys.executable, "-c", PROGRAM, "live", str(growing), *options]

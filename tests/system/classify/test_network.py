@@ -10,14 +10,12 @@ from doppelgait.classify.learned import LabelledRows
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.core.errors import DatasetError
 from doppelgait.processing.patches import Patch
-from tiny_dataset import built, tiny_plan
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'doppelgait[torch]'")
 
 from doppelgait.classify import network as nets  # noqa: E402
 from doppelgait.classify.decide import TargetInputs, decide  # noqa: E402
 from doppelgait.classify.evaluation import evaluate  # noqa: E402
-from doppelgait.dataset import open_dataset  # noqa: E402
 from doppelgait.testing import check_classifier  # noqa: E402
 
 SPEC = Patch(n_velocity=16, n_time=16)
@@ -125,25 +123,20 @@ def test_variations():
     assert noisy.max() <= 1
 
 
-@pytest.fixture(scope="module")
-def tiny(tmp_path_factory):
-    return open_dataset(built(tmp_path_factory, tiny_plan()))
-
-
-def test_on_a_built_dataset_kept_and_used_without_torch(tiny, tmp_path):
-    found = evaluate(tiny, models=["signature-network"])
+def test_on_a_built_dataset_kept_and_used_without_torch(dataset, tmp_path):
+    found = evaluate(dataset, models=["signature-network"])
     model = found.models["signature-network"]
     again = load_model(save_model(model, tmp_path / "n.npz"))
-    levels = collect_inputs(collect_rows(tiny), "signature").values
+    levels = collect_inputs(collect_rows(dataset), "signature").values
     assert all(part.shape == (64, part.shape[1]) and part.max() > 0.2 for part in levels)
     assert np.array_equal(again.probability(levels), model.probability(levels))
-    signature = tiny.example(0).signature
+    signature = dataset.example(0).signature
     decision = decide(TargetInputs({"quality_flags": ""}, signature), again, 0)
     assert list(decision.probabilities.values()) == pytest.approx(again.probability(levels[:1])[0])
 
 
-def test_a_tampered_network_is_refused(trained, tiny, tmp_path):
-    model = evaluate(tiny, models=["signature-network"]).models["signature-network"]
+def test_a_tampered_network_is_refused(trained, dataset, tmp_path):
+    model = evaluate(dataset, models=["signature-network"]).models["signature-network"]
     path = save_model(model, tmp_path / "n.npz")
     with np.load(path) as archive:
         arrays = dict(archive)

@@ -85,6 +85,7 @@ def walker(seed):
     return simulate(Scene([target], duration_s=5.0), radar, rng=rng(seed), snr_db=draw.uniform(-3, 18), angles=False)
 
 
+@pytest.mark.release
 def test_fused_probabilities_are_not_overconfident():
     """Of 40 walkers, the mean probability of the likelier class is no higher than a binomial test of 1 % allows."""
     probability, right = [], []

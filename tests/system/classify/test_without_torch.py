@@ -11,8 +11,6 @@ from doppelgait.classify import network
 from doppelgait.classify.evaluation import evaluate
 from doppelgait.classify.learned import LabelledRows
 from doppelgait.core.errors import DatasetError
-from doppelgait.dataset import open_dataset
-from tiny_dataset import built, tiny_plan
 
 
 @pytest.fixture
@@ -22,8 +20,7 @@ def _no_torch(monkeypatch):
 
 
 @pytest.mark.usefixtures("_no_torch")
-def test_all_others_run_and_the_line_says_what_to_do(tmp_path_factory):
-    dataset = open_dataset(built(tmp_path_factory, tiny_plan()))
+def test_all_others_run_and_the_line_says_what_to_do(dataset):
     document = evaluate(dataset).document
     assert "signature-network" not in document["models"]
     assert "extended-boosting" in document["models"]

@@ -9,34 +9,20 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from dataset_plans import tiny_plan
 from doppelgait.core import files
-from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.core.files import hash_file
 from doppelgait.dataset import build_dataset, load_plan, open_dataset
-from doppelgait.dataset.config import PlanConfig
 from doppelgait.motion import boulic_walk
 
 
 def small_plan(**changes):
-    table = {
-        "dataset": {
-            "name": "small",
-            "examples_per_class": 4,
-            "shard_size": 3,
-            "fractions": {"train": 0.5, "test": 0.5},
-            "fields": ["signature", "cadence_map", "baseband"],
-        },
-        "classes": [
-            {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.9, 1.4]}}},
-            {"label": "dog", "motion": {"kind": "quadruped", "gait": "trot"}},
-        ],
-        "scene": {"duration_s": 1.5},
-        "target": {"range_m": {"uniform": [4, 5]}},
-        "noise": {"kind": "snr", "snr_db": {"uniform": [10, 20]}},
-        **changes,
-    }
-    return validate(PlanConfig, table, where="plan")
+    """8 examples of 1.5 s."""
+    fields = ["signature", "cadence_map", "baseband"]
+    dataset = {"name": "small", "examples_per_class": 4, "fields": fields}
+    scene = changes.pop("scene", {"duration_s": 1.5})
+    return tiny_plan(dataset=dataset, scene=scene, target={"range_m": {"uniform": [4, 5]}}, **changes)
 
 
 def hashes(folder):

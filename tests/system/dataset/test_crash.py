@@ -15,7 +15,7 @@ import pytest
 
 import processes
 from checkout import SUPPORT
-from dataset_plans import check_whole, dataset_hash, tiny_plan
+from dataset_plans import check_whole, dataset_hash, mini_plan, tiny_plan
 from doppelgait.core.worker import THREAD_VARIABLES
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.status import read_dataset_status
@@ -129,7 +129,7 @@ def done_after_a_kill(folder):
     return status.n_examples
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_kills_lose_nothing_and_change_nothing(tmp_path, start, reference):
     expected, seconds = reference
     rng = np.random.default_rng(2018)
@@ -154,31 +154,31 @@ def test_kills_lose_nothing_and_change_nothing(tmp_path, start, reference):
     assert sum(0 < count < 24 for count in safe.values()) > 3, "the kills missed the work"
 
 
-@pytest.mark.slow
-def test_a_kill_at_any_file_then_a_build_then_a_verification_that_passes(tmp_path, start):
+@pytest.mark.parametrize("step", [4, pytest.param(1, marks=pytest.mark.release)])
+def test_a_kill_at_any_file_then_a_build_then_a_verification_that_passes(tmp_path, start, step):
     """The files of the end, too: index, lists, card, description and hashes."""
-    from crash_work import build_until, small_plan
+    from crash_work import build_until
 
-    build_dataset(small_plan(), tmp_path / "whole", executor="serial")
+    build_dataset(mini_plan(), tmp_path / "whole", executor="serial")
     files = 1 + 2 * 2 + len(["index", "train", "validation", "test", "card", "description", "hashes"])
     expected, contents, killed = dataset_hash(tmp_path / "whole"), set(), 0
-    for number in range(1, files + 2):
+    for number in range(1, files + 2, step):
         for after in (False, True):
             folder = tmp_path / f"{number}-{after}"
             process = start(folder, number, after, work=build_until)
             processes.join(process)
             assert process.exitcode == (-signal.SIGKILL if number <= files else 0)
             killed += number <= files
-            build_dataset(small_plan(), folder, executor="serial")
+            build_dataset(mini_plan(), folder, executor="serial")
             assert dataset_hash(folder) == expected
             assert list(folder.rglob("*.partial")) == []
             found = verify_dataset(folder, share=0.0, rng=np.random.default_rng(1))
             assert found.verdict == "passed"
             contents.add(found.check("contents").summary)
-    assert (killed, len(contents)) == (2 * files, 1)
+    assert (killed, len(contents)) == (2 * len(range(1, files + 1, step)), 1)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_one_folder_whose_builds_are_killed_again_and_again(tmp_path, start, reference):
     expected, seconds = reference
     rng = np.random.default_rng(7)

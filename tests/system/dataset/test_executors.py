@@ -28,8 +28,9 @@ from executor_work import (
     started,
 )
 
-LOCAL = ["serial", "processes", "dask"]
-SEVERAL = ["processes", "dask"]
+DASK = pytest.param("dask", marks=pytest.mark.release)
+LOCAL = ["serial", "processes", DASK]
+SEVERAL = ["processes", DASK]
 
 
 @pytest.fixture(autouse=True)
@@ -80,7 +81,6 @@ def test_an_error_of_the_work_is_the_callers(executor):
         list(run_shards(no_space, shards(3), executor=executor, workers=2))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("executor", SEVERAL)
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 def test_killed_workers_lose_nothing(tmp_path, executor):
@@ -98,6 +98,7 @@ def test_a_worker_killed_within_its_answer_loses_nothing_and_nobody_waits_for_th
     assert sorted(shard.name for shard, _ in results) == [shard.name for shard in planned]
 
 
+@pytest.mark.release
 @pytest.mark.timeout(300)
 def test_workers_killed_at_random_moments_at_work_or_idle_lose_nothing_and_nobody_waits_for_them(tmp_path):
     rng, planned = np.random.default_rng(5), shards(12)
@@ -116,7 +117,6 @@ def test_workers_killed_at_random_moments_at_work_or_idle_lose_nothing_and_nobod
         assert sorted(names) == [shard.name for shard in planned]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("executor", SEVERAL)
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 def test_workers_that_always_die_end_the_build_with_one_error(executor, monkeypatch):
@@ -125,6 +125,7 @@ def test_workers_that_always_die_end_the_build_with_one_error(executor, monkeypa
         list(run_shards(killed_always, shards(2), executor=executor, workers=2))
 
 
+@pytest.mark.release
 def test_a_cluster_that_does_not_close_does_not_hide_what_the_build_says(monkeypatch):
     distributed = pytest.importorskip("distributed")
     close = distributed.LocalCluster.close

@@ -25,7 +25,7 @@ def reference(tmp_path_factory):
     return whole_hash(tmp_path_factory)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize(("executor", "workers"), [("processes", 4), ("dask", 2)])  # two processes: test_build.py
 def test_every_executor_makes_the_same_dataset(tmp_path, reference, executor, workers):
     if executor == "dask":
@@ -63,7 +63,7 @@ def dask_cluster(tmp_path):
         yield address, workers
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_running_dask_cluster_that_loses_a_worker_in_the_middle(tmp_path, reference, dask_cluster):
     address, workers = dask_cluster
 
@@ -78,7 +78,7 @@ def test_a_running_dask_cluster_that_loses_a_worker_in_the_middle(tmp_path, refe
     check_whole(tmp_path / "d", reference)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 def test_a_lost_dask_scheduler_is_one_error_and_the_rest_is_built_later(tmp_path, reference, dask_cluster):
     from distributed import Client
@@ -112,7 +112,7 @@ def test_parts_one_after_the_other(tmp_path, reference):
     check_whole(tmp_path, reference)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_parts_side_by_side(tmp_path, reference):
     spawn = multiprocessing.get_context("spawn")
     jobs = [spawn.Process(target=build_part, args=(tmp_path, f"{n}/3")) for n in (1, 2, 3)]

@@ -30,19 +30,8 @@ from doppelgait.dataset.open import Dataset
 from doppelgait.radar import Radar
 from doppelgait.radar.readers.sigmf import read_sigmf
 from doppelgait.testing import check_exporter
-from tiny_dataset import built, mixed_plan, tiny_plan
 
 INSTALLED = [form for form in EXPORTERS if form != "zarr"]
-
-
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    return open_dataset(built(tmp_path_factory, tiny_plan()))
-
-
-@pytest.fixture(scope="module")
-def mixed(tmp_path_factory):
-    return open_dataset(built(tmp_path_factory, mixed_plan()))
 
 
 def changed(dataset, folder, row, **values):

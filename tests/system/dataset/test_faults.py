@@ -14,9 +14,10 @@ import pytest
 
 import doppelgait.dataset.build as build
 import doppelgait.dataset.lock as lock
+import doppelgait.dataset.shard as shard
 import processes
 from checkout import SUPPORT
-from dataset_plans import check_whole, dataset_hash, tiny_plan, whole_hash
+from dataset_plans import check_whole, dataset_hash, mini_plan, tiny_plan, whole_hash
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.finish import DATA_VERSION, SCHEMA_VERSION
@@ -24,11 +25,6 @@ from doppelgait.dataset.lock import Part, build_lock, list_running_builds
 from doppelgait.dataset.status import read_dataset_status
 
 LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs Linux")
-
-
-def mini_plan(**changes):
-    """4 examples in 2 shards."""
-    return tiny_plan(dataset={"examples_per_class": 2, "shard_size": 2}, **changes)
 
 
 @pytest.fixture(scope="module")
@@ -112,8 +108,7 @@ def small_disk(tmp_path):
         processes.run(["umount", "-l", str(place)], check=True)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("executor", ["serial", "processes"])
+@pytest.mark.parametrize("executor", ["serial", pytest.param("processes", marks=pytest.mark.release)])
 def test_a_disk_that_is_really_full(small_disk, tiny_hash, executor):
     place, enlarge = small_disk
     with pytest.raises(OutputError, match=r"cannot be written: .*(No space left|file write failed)") as caught:
@@ -143,6 +138,7 @@ if __name__ == "__main__":
 
 
 def script(tmp_path, text):
+    """Command and options of a process that runs a script, which its workers import, too."""
     path = tmp_path / "script.py"
     path.write_text(text)
     places = [os.environ.get("PYTHONPATH"), str(SUPPORT)]
@@ -151,7 +147,7 @@ def script(tmp_path, text):
 
 
 @LINUX
-@pytest.mark.slow
+@pytest.mark.release
 def test_files_that_may_not_be_that_large(tmp_path, tiny_hash):
     done = processes.run(**script(tmp_path, LIMITED), capture_output=True, check=True)
     assert "cannot be written" in done.stdout
@@ -179,9 +175,22 @@ if __name__ == "__main__":
 
 
 @LINUX
-@pytest.mark.slow
-@pytest.mark.parametrize("executor", ["serial", "processes", "dask"])
-@pytest.mark.parametrize("request_to_stop", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("executor", "request_to_stop"),
+    [
+        ("serial", signal.SIGTERM),
+        ("processes", signal.SIGINT),
+        *[
+            pytest.param(executor, number, marks=pytest.mark.release)
+            for executor, number in (
+                ("serial", signal.SIGINT),
+                ("processes", signal.SIGTERM),
+                ("dask", signal.SIGINT),
+                ("dask", signal.SIGTERM),
+            )
+        ],
+    ],
+)
 def test_ctrl_c_and_terminate_leave_a_state_to_go_on_from(tmp_path, tiny_hash, executor, request_to_stop):
     if executor == "dask":
         pytest.importorskip("distributed")
@@ -226,34 +235,27 @@ def dead_pid():
     return process.pid
 
 
-def test_a_folder_that_another_process_builds_is_refused(tmp_path):
-    path = hold(tmp_path / "d", pid=os.getppid(), begun=lock._read_process_start(os.getppid()))
-    with pytest.raises(DatasetError, match=rf"is being built by process {os.getppid()} on .*; wait for it or stop it$"):
+@pytest.mark.parametrize(
+    ("host", "says"),
+    [
+        (None, rf"is being built by process {os.getppid()} on .*; wait for it or stop it$"),
+        ("node17", r"on node17, since .*; if that process has ended, delete .*build\.lock$"),
+    ],
+)
+def test_a_folder_that_another_process_or_host_builds_is_refused(tmp_path, host, says):
+    path = hold(tmp_path / "d", pid=os.getppid(), host=host, begun=lock._read_process_start(os.getppid()))
+    with pytest.raises(DatasetError, match=says):
         build_dataset(mini_plan(), tmp_path / "d", executor="serial")
     assert list((tmp_path / "d").iterdir()) == [path]
 
 
-def test_a_folder_that_another_host_builds_is_refused_with_the_way_out(tmp_path):
-    path = hold(tmp_path / "d", pid=dead_pid(), host="node17")
-    with pytest.raises(DatasetError, match=r"on node17, since .*; if that process has ended, delete .*build\.lock$"):
-        build_dataset(mini_plan(), tmp_path / "d", executor="serial")
-    assert path.exists()
-    path.unlink()
-    assert build_dataset(mini_plan(), tmp_path / "d", executor="serial").n_built == 4
-
-
-def test_the_lock_of_a_dead_process_is_taken_over(tmp_path):
-    hold(tmp_path / "d", pid=dead_pid())
-    assert build_dataset(mini_plan(), tmp_path / "d", executor="serial").n_built == 4
-    assert leftovers(tmp_path / "d") == []
-
-
 @LINUX
 def test_the_lock_of_a_dead_process_whose_number_lives_on_is_taken_over(tmp_path):
-    for pid in (os.getppid(), os.getpid()):
-        hold(tmp_path / "d", pid=pid, begun="1")
+    for pid, begun in ((os.getppid(), "1"), (os.getpid(), "1"), (dead_pid(), "")):
+        hold(tmp_path / "d", pid=pid, begun=begun)
         assert list_running_builds(tmp_path / "d") == []
         build_dataset(mini_plan(), tmp_path / "d", executor="serial")
+        assert leftovers(tmp_path / "d") == []
 
 
 @LINUX
@@ -374,23 +376,26 @@ def test_motion_files_that_vanish_during_the_build_are_failures_of_their_example
     assert all(failure["id"].startswith("ghost-") and failure["spec"] for failure in report.failures)
 
 
-def test_numbers_that_are_none_are_refused_or_recorded_with_the_reason(tmp_path, monkeypatch):
-    import doppelgait.dataset.shard as shard
+def let_one_fail(monkeypatch, error):
+    """Raise an error in place of one example."""
+    real = shard.build_example
 
+    def fail(example, *arguments, **options):
+        if example.id == "dog-000001":
+            raise error
+        return real(example, *arguments, **options)
+
+    monkeypatch.setattr(shard, "build_example", fail)
+
+
+def test_numbers_that_are_none_are_refused_or_recorded_with_the_reason(tmp_path, monkeypatch):
     with pytest.raises(ConfigError, match="speed_mps"):
         build_dataset(
             mini_plan(classes=[{"label": "human", "motion": {"kind": "boulic", "speed_mps": float("nan")}}]),
             tmp_path / "refused", executor="serial",
         )  # fmt: skip
     assert not (tmp_path / "refused").exists()
-    real = shard.build_example
-
-    def diverges(example, *arguments, **options):
-        if example.id == "dog-000001":
-            raise FloatingPointError("invalid value encountered in sqrt")
-        return real(example, *arguments, **options)
-
-    monkeypatch.setattr(shard, "build_example", diverges)
+    let_one_fail(monkeypatch, FloatingPointError("invalid value encountered in sqrt"))
     report = build_dataset(mini_plan(), tmp_path / "d", executor="serial")
     (failure,) = report.failures
     assert failure["id"] == "dog-000001"
@@ -401,30 +406,13 @@ def test_numbers_that_are_none_are_refused_or_recorded_with_the_reason(tmp_path,
 
 @pytest.mark.parametrize(("share", "complete"), [(0.0, False), (0.24, False), (0.25, True), (1.0, True)])
 def test_the_share_that_may_fail(tmp_path, monkeypatch, share, complete):
-    import doppelgait.dataset.shard as shard
-
-    real = shard.build_example
-
-    def one_fails(example, *arguments, **options):
-        if example.id == "dog-000001":
-            raise DatasetError("no luck")
-        return real(example, *arguments, **options)
-
-    monkeypatch.setattr(shard, "build_example", one_fails)
+    let_one_fail(monkeypatch, DatasetError("no luck"))
     report = build_dataset(mini_plan(), tmp_path, executor="serial", max_failed_share=share)
     assert report.too_many_failed is not complete
     assert json.loads((tmp_path / "dataset.json").read_text())["complete"] is complete
     assert (report.n_rows, report.n_failed) == (3, 1)
     with pytest.raises(ConfigError, match="max_failed_share"):
         build_dataset(mini_plan(), tmp_path, executor="serial", max_failed_share=1.1)
-
-
-def test_another_configuration_is_refused_with_the_difference_before_anything_is_touched(tmp_path, mini_hash):
-    build_dataset(mini_plan(), tmp_path, executor="serial")
-    with pytest.raises(DatasetError, match=r"another configuration \(scene\.duration_s: 1\.0 -> 2\.0\); build into"):
-        build_dataset(mini_plan(scene={"duration_s": 2.0}), tmp_path, executor="serial", part="1/2")
-    assert leftovers(tmp_path) == []
-    assert dataset_hash(tmp_path) == mini_hash
 
 
 def test_a_folder_of_an_older_version_is_refused_with_the_command_that_makes_it_again(tmp_path):
@@ -435,12 +423,9 @@ def test_a_folder_of_an_older_version_is_refused_with_the_command_that_makes_it_
     (tmp_path / "shards").mkdir()
     (tmp_path / "shards" / "train-00000-of-00001.h5").write_bytes(b"old")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    with pytest.raises(DatasetError) as refused:
+    says = rf"data version 7, this doppelgait has {DATA_VERSION} .*: doppelgait dataset build PLAN -o FOLDER"
+    with pytest.raises(DatasetError, match=says):
         build_dataset(mini_plan(), tmp_path, executor="serial")
-    assert str(refused.value) == (
-        f"{tmp_path}: was made with data version 7, this doppelgait has {DATA_VERSION} and makes other bytes; "
-        "build the dataset again in another folder: doppelgait dataset build PLAN -o FOLDER"
-    )
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 

@@ -7,9 +7,8 @@ import tomllib
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from doppelgait.cli.app import app
+from command import run
 from doppelgait.core.config import validate
 from doppelgait.dataset import open_dataset
 from doppelgait.dataset.build import build_dataset
@@ -126,12 +125,11 @@ def test_gates_of_tracks_are_left_to_the_build(plan_file, planned):
     plan = assess(sample_examples(planned, 4), planned.folder, gate="track")
     assert all(row["gate cut off"] is None for row in plan.limits)
     change = ["--set", "dataset.gate=track", "--set", "dataset.examples_per_class=2", "--pilot", "0"]
-    run = CliRunner().invoke(app, ["dataset", "plan", str(plan_file), *change])
-    assert run.exit_code == 0, run.output
-    heading = next(line for line in run.stdout.splitlines() if "aliasing" in line)
+    done = run("dataset", "plan", str(plan_file), *change)
+    heading = next(line for line in done.stdout.splitlines() if "aliasing" in line)
     assert "gate cut off" not in heading
     note = 'gate cut off: counted by the build, since the gates are those of tracks (dataset.gate = "track")'
-    assert note in run.stdout
+    assert note in done.stdout
 
 
 def test_a_dataset_within_the_limits_says_so(planned, tmp_path):
@@ -150,17 +148,16 @@ def test_a_dataset_within_the_limits_says_so(planned, tmp_path):
 def test_plan_prints_the_table_and_reports_progress(plan_file, planned, monkeypatch):
     monkeypatch.setattr("doppelgait.cli.output.PROGRESS_DELAY_S", 0.0)
     expected = assess(sample_examples(planned), planned.folder)
-    run = CliRunner().invoke(app, ["dataset", "plan", str(plan_file), "--pilot", "0"])
-    assert run.exit_code == 0, run.output
-    lines = [line.split() for line in run.stdout.splitlines()]
+    done = run("dataset", "plan", str(plan_file), "--pilot", "0")
+    lines = [line.split() for line in done.stdout.splitlines()]
     assert ["class", "rows", "aliasing", "outside", "the", "frame", "gate", "cut", "off"] in lines
     dog = next(row for row in expected.limits if row["class"] == "dog")
     shown = [str(dog[name]) for name in ("rows", "aliasing", "outside the frame", "gate cut off")]
     assert ["dog", *shown] in lines
-    assert "SNR_frame (dB)" in run.stdout
-    assert "drawing examples: 28 of 28" in run.stderr
-    assert "checking ranges and speeds: 28 of 28" in run.stderr
-    answer = CliRunner().invoke(app, ["dataset", "plan", str(plan_file), "--pilot", "0", "--json"])
+    assert "SNR_frame (dB)" in done.stdout
+    assert "drawing examples: 28 of 28" in done.stderr
+    assert "checking ranges and speeds: 28 of 28" in done.stderr
+    answer = run("dataset", "plan", str(plan_file), "--pilot", "0", "--json")
     assert answer.stderr == ""
     found = json.loads(answer.stdout)["feasibility"]
     assert found["limits"] == expected.limits
@@ -171,13 +168,12 @@ def test_a_plan_with_targets_beyond_the_frame_has_its_tables(tmp_path):
     beyond = PLAN.replace("uniform = [2, 7]", "uniform = [14, 30]").replace("range_stop_m = 8", "range_stop_m = 9.6")
     path = tmp_path / "beyond.toml"
     path.write_text(beyond)
-    run = CliRunner().invoke(app, ["dataset", "plan", str(path), "--pilot", "2"])
-    assert run.exit_code == 0, run.output
-    lines = [line.split() for line in run.stdout.splitlines()]
+    done = run("dataset", "plan", str(path), "--pilot", "2")
+    lines = [line.split() for line in done.stdout.splitlines()]
     assert ["class", "rows", "aliasing", "outside", "the", "frame", "folding", "gate", "cut", "off"] in lines
     human = next(line for line in lines if line[:1] == ["human"] and len(line) == 6)
     assert human[3:] == ["14", "14", "14"]
-    assert "outside the frame: target.range_m, radar.range_stop_m" in run.stdout
+    assert "outside the frame: target.range_m, radar.range_stop_m" in done.stdout
     first = lines.index(["range", "(m)", "rows", "without", "echo", "SNR_frame", "(dB)"]) + 1
     assert [line[-2:] for line in lines[first : first + 4]] == [["7", "7"]] * 4
-    assert "2 of 2 examples of the pilot failed; the first is human-000000: gate" in run.stderr
+    assert "2 of 2 examples of the pilot failed; the first is human-000000: gate" in done.stderr

@@ -9,15 +9,13 @@ import pandas as pd
 import pytest
 from matplotlib import colormaps
 from matplotlib.image import imsave
-from typer.testing import CliRunner
 
 from beat import beat, walker, write_glasgow
-from doppelgait.cli.app import app
+from command import run
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset import open_dataset
 from doppelgait.dataset.importing import ImportConfig, import_dataset, import_id
 from doppelgait.dataset.names import label_entries, relabel
-from tiny_dataset import built, tiny_plan
 
 
 @pytest.fixture(scope="module")
@@ -49,27 +47,21 @@ def test_a_glasgow_folder_becomes_a_dataset(glasgow, tmp_path):
     assert np.isfinite(index["feature_doppler_bandwidth_hz"]).all()
 
 
-def test_one_command_scores_simulations_on_a_glasgow_folder(glasgow, tmp_path, tmp_path_factory):
-    dataset = built(tmp_path_factory, tiny_plan())
-    command = ["evaluate", dataset, "--test", glasgow, "--names", "glasgow", "--label", "walking=human", "--label"]
-    done = CliRunner().invoke(app, [str(x) for x in [*command, "*=", "-o", tmp_path / "r", "--models", "six-logistic"]])
-    assert done.exit_code == 0, done.output
+def test_one_command_scores_simulations_on_a_glasgow_folder(glasgow, tmp_path, folder):
+    command = ["evaluate", folder, "--test", glasgow, "--names", "glasgow", "--label", "walking=human", "--label"]
+    done = run(*command, "*=", "-o", tmp_path / "r", "--models", "six-logistic")
     document = json.loads((tmp_path / "r" / "scores.json").read_text())
     assert document["tested"] == {"human": 2, "dog": 0}
     assert document["test_dataset"]["directory"] == str(tmp_path / "r-test")
     assert document["test_dataset"]["config"]["window_s"] is None
     assert "2 rows of 2 recordings" in done.stderr
     command = ["dataset", "import", glasgow, "--names", "glasgow", "-o", tmp_path / "all", "--json"]
-    done = CliRunner().invoke(app, [str(x) for x in command])
-    assert done.exit_code == 1
-    report = json.loads(done.stdout)
+    report = json.loads(run(*command, code=1).stdout)
     assert report["counts"] == {"walking": 2}
     assert "no known recording format" in report["failures"][0]["reason"]
     for wrong in (["--names", "glasgow"], ["--test", str(glasgow), "--label", "walking=human"]):
         with pytest.raises(ConfigError, match="need --test FOLDER and --names"):
-            CliRunner().invoke(
-                app, ["evaluate", str(dataset), "-o", str(tmp_path / "q"), *wrong], catch_exceptions=False
-            )
+            run("evaluate", str(folder), "-o", str(tmp_path / "q"), *wrong)
 
 
 def test_settings_of_all_recordings_are_part_of_the_identity(tmp_path):
@@ -85,21 +77,18 @@ def test_settings_of_all_recordings_are_part_of_the_identity(tmp_path):
             folder / f"{name}.bin"
         )
     command = ["dataset", "import", folder, "--names", "{label}-{subject}.bin", "--gate", "1:2", "--option"]
-    command = [
-        str(x) for x in [*command, "format=dca1000", "--option", f"config={config}", "--json", "-o", tmp_path / "set"]
-    ]
-    done = CliRunner().invoke(app, command)
-    assert done.exit_code == 0, done.output
+    command = [*command, "format=dca1000", "--option", f"config={config}", "--json", "-o", tmp_path / "set"]
+    done = run(*command)
     report = json.loads(done.stdout)
     assert report["counts"] == {"walk": 2}
     assert pd.read_parquet(tmp_path / "set" / "index.parquet")["subject"].tolist() == ["person/anna", "person/ben"]
-    assert json.loads(CliRunner().invoke(app, command).stdout)["was_there"]
+    assert json.loads(run(*command).stdout)["was_there"]
     config.write_text(json.dumps(table | {"start_hz": 61e9}))
     with pytest.raises(DatasetError, match="of other recordings, labels or settings"):
-        CliRunner().invoke(app, command, catch_exceptions=False)
+        run(*command)
 
 
-def test_pictures_in_folders_of_classes_become_a_dataset(tmp_path, tmp_path_factory):
+def test_pictures_in_folders_of_classes_become_a_dataset(tmp_path, dataset):
     """Two people a class, 4 s each: the line of the torso at 1.0 or 2.0 m/s, limbs that swing around it."""
     folder = tmp_path / "pictures"
     times_s, velocity_mps = 0.02 * (np.arange(200) + 0.5), np.linspace(-4, 4, 161)[None]
@@ -116,8 +105,7 @@ level_db = [-40, 0]\ncolormap = "jet"\n"""
     (folder / "picture.toml").write_text(about)
     names = "{label}/{subject}_*.png"
     command = ["dataset", "import", str(folder), "--names", names, "-o"]
-    done = CliRunner().invoke(app, [*command, str(tmp_path / "set"), "--json"])
-    assert done.exit_code == 0, done.output
+    done = run(*command, str(tmp_path / "set"), "--json")
     index = pd.read_parquet(tmp_path / "set" / "index.parquet")
     assert index["subject"].tolist() == ["person/anna", "person/ben"] * 2
     assert index["label"].tolist() == ["running"] * 2 + ["walking"] * 2
@@ -126,17 +114,16 @@ level_db = [-40, 0]\ncolormap = "jet"\n"""
     assert index["notes"].str.startswith("a picture").all()
     assert index["observation_s"].to_numpy() == pytest.approx(4.0)
     assert open_dataset(tmp_path / "set")["running-000000"].signature.shape == (200, 161)
-    done = CliRunner().invoke(app, [*command, str(tmp_path / "cut"), "--window-s", "2", "--json"])
+    done = run(*command, str(tmp_path / "cut"), "--window-s", "2", "--json")
     assert json.loads(done.stdout)["n_rows"] == 8
-    command = ["evaluate", str(built(tmp_path_factory, tiny_plan())), "--test", str(folder), "--names", names]
+    command = ["evaluate", str(dataset.directory), "--test", str(folder), "--names", names]
     models = ["--models", "six-logistic", "--models", "extended-logistic"]
-    done = CliRunner().invoke(app, [*command, "--label", "*ing=human", *models, "-o", str(tmp_path / "r")])
-    assert done.exit_code == 0, done.output
+    done = run(*command, "--label", "*ing=human", *models, "-o", str(tmp_path / "r"))
     assert json.loads((tmp_path / "r" / "scores.json").read_text())["tested"] == {"human": 4, "dog": 0}
     command = ["dataset", "import", str(folder), "--names", names, "-o"]
     (folder / "picture.toml").write_text(about.replace("10e9", "24e9"))
     with pytest.raises(DatasetError, match="of other recordings, labels or settings"):
-        CliRunner().invoke(app, [*command, str(tmp_path / "set")], catch_exceptions=False)
+        run(*command, str(tmp_path / "set"))
     (folder / "picture.toml").unlink()
-    done = CliRunner().invoke(app, [*command, str(tmp_path / "none")])
-    assert "a picture needs a file" in str(done.exception)
+    with pytest.raises(DatasetError, match="a picture needs a file"):
+        run(*command, tmp_path / "none")

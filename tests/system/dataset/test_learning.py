@@ -8,19 +8,6 @@ from sklearn.utils.class_weight import compute_class_weight
 
 import doppelgait as dg
 from doppelgait.core.errors import DatasetError
-from doppelgait.dataset import open_dataset
-from tiny_dataset import built, mixed_plan, tiny_plan
-
-
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    return open_dataset(built(tmp_path_factory, tiny_plan()))
-
-
-@pytest.fixture(scope="module")
-def mixed(tmp_path_factory):
-    """Two pulse rates."""
-    return open_dataset(built(tmp_path_factory, mixed_plan()))
 
 
 def test_batches_of_pictures_have_one_shape_whatever_the_pulse_rate(mixed):

@@ -27,24 +27,9 @@ from doppelgait.dataset.example import label_arrays, parse_unit, read_carrier_hz
 from doppelgait.dataset.learning import POOL_SHARDS, shuffled_rows
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.features.extended import list_features
-from tiny_dataset import built, mixed_plan, sum_signatures, tiny_plan
+from tiny_dataset import mixed_plan, sum_signatures, tiny_plan
 
 X4_WAVELENGTH_M = 299_792_458.0 / 7.29e9
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return built(tmp_path_factory, tiny_plan())
-
-
-@pytest.fixture(scope="module")
-def mixed(tmp_path_factory):
-    return open_dataset(built(tmp_path_factory, mixed_plan()))
-
-
-@pytest.fixture(scope="module")
-def dataset(folder):
-    return open_dataset(folder)
 
 
 def stored(folder, index, number, name):

@@ -126,6 +126,7 @@ def folder_plan(path="walks", **options):
     )
 
 
+@pytest.mark.release
 def test_the_report_plan_has_the_lowest_frame_rates_and_names_its_leaks(walks):
     """On models' takes: every rate holds the fastest scatterer and the window's main lobe, and 1 Hz less does not."""
     (walks / "dog").mkdir()
@@ -211,6 +212,7 @@ def test_a_folder_gives_its_straight_stretches_in_turn_and_loops_short_ones(walk
     assert row["recording"] == "walks/take_1.csv"
 
 
+@pytest.mark.release
 def test_hybrids_are_the_same_bytes_with_any_number_of_workers(walks):
     config = folder_plan(pattern="*.csv", hybrid="retarget")
     config = config.model_copy(update={"dataset": config.dataset.replace(shard_size=2)})
@@ -256,6 +258,7 @@ def _read_once():
 
 
 @pytest.mark.shared
+@pytest.mark.release
 @pytest.mark.usefixtures("_read_once")
 def test_the_report_plan_has_the_170_scenarios_of_its_chapter_5(shared):
     config, _ = load_plan("liland2018")
@@ -278,6 +281,7 @@ def test_the_report_plan_has_the_170_scenarios_of_its_chapter_5(shared):
 
 
 @pytest.mark.shared
+@pytest.mark.release
 @pytest.mark.usefixtures("_read_once")
 def test_the_fair_report_plan_takes_a_folder_of_real_people_and_dogs(shared):
     config, _ = load_plan("liland2018-fair")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning
-from doppelgait.dataset import open_dataset, plan_dataset, stream
+from doppelgait.dataset import plan_dataset, stream
 from doppelgait.dataset.stream import MAX_FAILURES, stream_examples
-from tiny_dataset import TROT, built, mixed_plan, tiny_plan
+from tiny_dataset import TROT, mixed_plan, tiny_plan
 
 PLAN = tiny_plan(fields=["signature"])
 
@@ -33,9 +33,9 @@ def light(monkeypatch):
     monkeypatch.setattr(stream, "build_example", row_only)
 
 
-@pytest.mark.parametrize("plan", [tiny_plan(), mixed_plan()], ids=["tiny", "mixed"])
-def test_planned_numbers_give_the_built_examples(tmp_path_factory, plan):
-    dataset = open_dataset(built(tmp_path_factory, plan))
+@pytest.mark.parametrize(("name", "plan"), [("dataset", tiny_plan()), ("mixed", mixed_plan())])
+def test_planned_numbers_give_the_built_examples(request, name, plan):
+    dataset = request.getfixturevalue(name)
     places = {"shard", "row", "shard_sha256", "split", "group"}
     for example in islice(stream_examples(plan, start=0), len(dataset)):
         kept = dataset[example.id]

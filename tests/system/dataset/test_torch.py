@@ -9,17 +9,11 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import ConfigError, DatasetError
-from doppelgait.dataset import open_dataset
 from doppelgait.dataset.stream import stream_examples
-from tiny_dataset import built, mixed_plan, tiny_plan
+from tiny_dataset import mixed_plan, tiny_plan
 
 torch = pytest.importorskip("torch")
 PLAN = tiny_plan(fields=["signature"])
-
-
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    return open_dataset(built(tmp_path_factory, tiny_plan()))
 
 
 def test_items(dataset):
@@ -96,12 +90,11 @@ def test_stream_labels_and_transform():
     assert all(value.shape == () for value in sums)
 
 
-def test_stream_of_several_targets(tmp_path_factory):
-    dataset = open_dataset(built(tmp_path_factory, mixed_plan()))
+def test_stream_of_several_targets(mixed):
     items = list(islice(stream_examples(mixed_plan().model_copy(), start=0).torch(target="index"), 4))
     assert [number for _, number in items] == [0, 0, 1, 1]
     for number, (tensor, _) in enumerate(items):
-        assert np.array_equal(tensor.numpy(), dataset.array("signature", number))
+        assert np.array_equal(tensor.numpy(), mixed.array("signature", number))
 
 
 # ---- pictures, and examples that a loader's workers share
@@ -113,8 +106,7 @@ def loaded(data, workers, **options):
     return [(int(number), tensor) for tensor, number in loader]
 
 
-def test_pictures_have_one_shape(tmp_path_factory):
-    mixed = open_dataset(built(tmp_path_factory, mixed_plan()))
+def test_pictures_have_one_shape(mixed):
     data = mixed.torch(as_="picture")
     ((batch, labels),) = torch.utils.data.DataLoader(data, batch_size=8, num_workers=1)
     assert batch.shape == (8, 64, 64)

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 import processes
-from checkout import SUPPORT
-from dataset_plans import dataset_hash, tiny_plan
+from dataset_plans import dataset_hash, mini_plan
 from doppelgait.core.errors import DatasetError, DoppelgaitError
 from doppelgait.dataset import open_dataset
 from doppelgait.dataset.build import build_dataset
@@ -25,13 +24,8 @@ from shared_work import made_once
 FLIPS = int(os.environ.get("DOPPELGAIT_FLIPS", "60"))
 
 
-def plan(**changes):
-    """4 examples in 2 shards."""
-    return tiny_plan(dataset={"examples_per_class": 2, "shard_size": 2}, **changes)
-
-
 def build(folder, **changes):
-    return build_dataset(plan(**changes), folder, executor="serial")
+    return build_dataset(mini_plan(**changes), folder, executor="serial")
 
 
 @pytest.fixture(scope="module")
@@ -194,12 +188,11 @@ print(json.loads(open(sys.argv[1] + "/dataset.json").read())["contents_sha256"])
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64" or sys.platform != "linux", reason="kernels of OpenBLAS for x86-64")
+@pytest.mark.release
 def test_the_hash_of_the_contents_does_not_depend_on_the_kernels_for_matrices(tmp_path):
-    found = {}
-    for kernels in ("Prescott", "Haswell"):
-        variables = {**os.environ, "OPENBLAS_CORETYPE": kernels}
-        variables["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), str(SUPPORT)]))
-        command = [sys.executable, "-c", CONTENTS, str(tmp_path / kernels)]
-        found[kernels] = processes.run(command, capture_output=True, check=True, text=True, env=variables).stdout
+    found = {
+        kernels: processes.python(CONTENTS, tmp_path / kernels, OPENBLAS_CORETYPE=kernels).stdout
+        for kernels in ("Prescott", "Haswell")
+    }
     assert found["Prescott"] == found["Haswell"]
     assert len(found["Haswell"]) == 65

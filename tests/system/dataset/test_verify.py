@@ -10,12 +10,11 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 import dataset_plans
 from checkout import ROOT
+from command import run
 from doppelgait import viz
-from doppelgait.cli.app import app
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning, OutputError
 from doppelgait.core.files import hash_file
@@ -151,13 +150,12 @@ def test_the_pages_have_the_format_of_the_option(built, tmp_path, monkeypatch, f
     monkeypatch.setattr("doppelgait.dataset.verify.run.SHEET_SIZE", 1)
     words = ["dataset", "verify", str(built), "--resimulate", "0", "--figures", str(tmp_path), "--format", form]
     monkeypatch.setattr(viz, "save_figure", lambda _, path: path, raising=False)
-    shown = CliRunner().invoke(app, [*words, "--json"])
-    assert shown.exit_code == 0, shown.output
+    shown = run(*words, "--json")
     names = ["signatures-dog", "signatures-human", "features"]
     assert json.loads(shown.stdout)["figures"] == [str(tmp_path / f"{name}.{form}") for name in names]
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_every_class_has_a_page(built, tmp_path, monkeypatch):
     monkeypatch.setattr("doppelgait.dataset.verify.run.SHEET_SIZE", 3)  # two pages of 24 take 10 s to lay out and draw
     figures = []
@@ -530,7 +528,14 @@ def test_a_fact_that_the_plan_does_not_give_fails_though_one_row_only(copy):
 # shipped plans
 
 
-@pytest.mark.parametrize("plan", ["home-alarm", "home-alarm-wide", str(ROOT / "examples" / "rooms-plan.toml")])
+@pytest.mark.parametrize(
+    "plan",
+    [
+        "home-alarm",
+        pytest.param("home-alarm-wide", marks=pytest.mark.release),
+        pytest.param(str(ROOT / "examples" / "rooms-plan.toml"), id="rooms", marks=pytest.mark.release),
+    ],
+)
 def test_every_shipped_plan_passes(plan, tmp_path):
     """The plans after the report need motion files: test_scenes."""
     config, folder = load_plan(plan, overrides=["dataset.examples_per_class=8"])

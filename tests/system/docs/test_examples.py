@@ -33,6 +33,12 @@ BLOCK = re.compile(r"(?:^<!-- (?P<mark>[^\n]*) -->\n)?^```(?P<language>\w+)\n(?P
 SMALLER = {"examples_per_class": "16"}
 """What makes the pages' datasets quick; the pages say how many a reader gets."""
 
+
+def marks_of(page: Path) -> tuple[pytest.MarkDecorator, ...]:
+    """`make test` runs the commands and the code of one page."""
+    return () if page.stem == "own-impairment" else (pytest.mark.release,)
+
+
 Run = Callable[[str], None]
 
 
@@ -136,8 +142,7 @@ def _install(source: Path, target: Path) -> None:
         plugins._load_packages()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [pytest.param(page, id=page.stem, marks=marks_of(page)) for page in PAGES])
 def test_page_does_what_it_says(page: Path, run_page: Run) -> None:
     run_page(page.read_text())
 

@@ -26,7 +26,6 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.plugins import list_plugin_groups
 from doppelgait.scene import RcsSpec
-from tiny_dataset import built, mixed_plan, tiny_plan
 
 DOCS = ROOT / "docs"
 PAGES = sorted(path for path in DOCS.glob("**/*.md") if not {"_build", "reference"} & set(path.relative_to(DOCS).parts))
@@ -238,16 +237,16 @@ def test_the_thresholds_on_the_page_are_those_of_the_program():
     assert tuple(re.findall(r"`([^`]+)`", flags)) == BLOCKING
 
 
-def test_the_dataset_is_read_without_us_as_the_page_says(tmp_path_factory, monkeypatch):
+def test_the_dataset_is_read_without_us_as_the_page_says(dataset, mixed, monkeypatch):
     """Stacked rows in full precision, and rows of several shapes in half."""
     code = re.search(r"```python\n(.*?)```", (DOCS / "dataset-format.md").read_text(), flags=re.DOTALL)
-    for plan in (tiny_plan(), mixed_plan()):
-        folder = built(tmp_path_factory, plan)
+    for read in (dataset, mixed):
+        folder = read.directory
         monkeypatch.chdir(folder.parent)
         names: dict = {}
         exec(code.group(1).replace('Path("home-alarm")', f"Path({folder.name!r})"), names)
         assert "doppelgait" not in code.group(1)
-        example = doppelgait.open_dataset(folder)[names["row"].id]
+        example = read[names["row"].id]
         np.testing.assert_allclose(names["signature"], example.signature.values, rtol=1e-6)
         np.testing.assert_array_equal(names["doppler_hz"], example.signature["doppler"].values)
         assert names["signature"].shape == (names["time_s"].size, names["doppler_hz"].size)
@@ -255,8 +254,7 @@ def test_the_dataset_is_read_without_us_as_the_page_says(tmp_path_factory, monke
         assert names["row"].id in names["train"] or names["row"].split != "train"
 
 
-def test_every_column_field_and_key_of_a_dataset_is_on_the_page(tmp_path_factory, pages):
-    folder = built(tmp_path_factory, tiny_plan())
+def test_every_column_field_and_key_of_a_dataset_is_on_the_page(folder, pages):
     page = (DOCS / "dataset-format.md").read_text() + pages["fields.md"] + pages["extended.md"]
     named = set(re.findall(r"`([^`\n]*)`", page))
     for column in pd.read_parquet(folder / "index.parquet").columns:

@@ -14,7 +14,7 @@ DOCS = ROOT / "docs"
 MADE = ("_build", "auto_gallery", "reference", "__pycache__")
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_site_builds_without_a_warning_with_every_example_run_and_no_broken_link(tmp_path):
     pytest.importorskip("sphinx_gallery", reason="the documentation needs pip install 'doppelgait[docs]'")
     source, site = tmp_path / "docs", tmp_path / "site"

@@ -17,6 +17,7 @@ from doppelgait.radar import read_recording
 
 PACKAGE = Path(__file__).parent / "package"
 LIMIT_S = 300
+pytestmark = pytest.mark.release
 
 SCENE = """
 seed = 4

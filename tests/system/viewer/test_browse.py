@@ -23,7 +23,7 @@ from doppelgait.viewer.examples import build_stored_view
 from doppelgait.viewer.payload import as_json, remove_folders
 from doppelgait.viewer.settings import Settings, parse_parameters, parse_whole
 from doppelgait.viewer.source import OpenedSource
-from tiny_dataset import WALK, built, mixed_plan, tiny_plan
+from tiny_dataset import WALK
 
 N_ROWS = 3000
 FLAGS = ("", "low_confidence", "step_length_m:uncertain", "low_confidence;harmonic_ratio_2:no_peak")
@@ -234,33 +234,23 @@ def test_a_cell_of_a_thumbnail_keeps_the_strongest_sample_that_it_touches():
     assert np.nanmax(found) == values.max()
 
 
-@pytest.fixture(scope="module")
-def tiny(tmp_path_factory):
-    return open_dataset(built(tmp_path_factory, tiny_plan()))
-
-
-@pytest.fixture(scope="module")
-def mixed(tmp_path_factory):
-    return open_dataset(built(tmp_path_factory, mixed_plan()))
-
-
-def test_the_sheet_shows_the_stored_signatures_on_one_scale(tiny):
-    facts, arrays = unpack(Browser(tiny).make_sheet([("label", "dog"), ("limit", "4"), ("offset", "1")]))
-    chosen = tiny.index[tiny.index.label == "dog"].iloc[1:5]
+def test_the_sheet_shows_the_stored_signatures_on_one_scale(dataset):
+    facts, arrays = unpack(Browser(dataset).make_sheet([("label", "dog"), ("limit", "4"), ("offset", "1")]))
+    chosen = dataset.index[dataset.index.label == "dog"].iloc[1:5]
     assert facts["ids"] == chosen.id.tolist()
     assert facts["reasons"] == [None] * 4
     low, high = facts["image"]["db"]
     for number, codes in zip(chosen.index, arrays["thumbnails"], strict=True):
-        strongest_db = 10 * np.log10(tiny.array("signature", number).max())
+        strongest_db = 10 * np.log10(dataset.array("signature", number).max())
         assert low + codes.max() * (high - low) / 255 == pytest.approx(strongest_db, abs=(high - low) / 255)
         assert len(np.unique(codes)) > 20
     assert f"{chosen.truth_ground_speed_mps.iloc[0]:.3g} m/s" in facts["captions"][0]
 
 
-def test_an_opened_example_shows_what_is_stored_and_its_recording(tiny):
-    browser = Browser(tiny)
+def test_an_opened_example_shows_what_is_stored_and_its_recording(dataset):
+    browser = Browser(dataset)
     for name in ("human-000001", "dog-000002"):
-        run, example = browser.run(name), tiny[name]
+        run, example = browser.run(name), dataset[name]
         (view,) = run.targets(None)
         np.testing.assert_array_equal(view.signature, example.signature)
         np.testing.assert_array_equal(view.cadence_map, example.cadence_map)
@@ -276,12 +266,14 @@ def test_an_opened_example_shows_what_is_stored_and_its_recording(tiny):
         assert run.recording.truth[0].body is not None
 
 
-def test_a_step_doppler_map_that_is_not_stored_is_that_of_the_stored_signature(tiny):
-    fields = {name: facts for name, facts in tiny.description["fields"].items() if name == "signature"}
-    slim = replace(tiny, description={**tiny.description, "fields": fields})
+def test_a_step_doppler_map_that_is_not_stored_is_that_of_the_stored_signature(dataset):
+    fields = {name: facts for name, facts in dataset.description["fields"].items() if name == "signature"}
+    slim = replace(dataset, description={**dataset.description, "fields": fields})
     (view,) = Browser(slim).run("human-000004").targets(None)
-    np.testing.assert_allclose(view.cadence_map, tiny["human-000004"].cadence_map, rtol=1e-4, atol=1e-6)
-    (bare,) = Browser(replace(tiny, description={**tiny.description, "fields": {}})).run("human-000004").targets(None)
+    np.testing.assert_allclose(view.cadence_map, dataset["human-000004"].cadence_map, rtol=1e-4, atol=1e-6)
+    (bare,) = (
+        Browser(replace(dataset, description={**dataset.description, "fields": {}})).run("human-000004").targets(None)
+    )
     assert bare.signature is None
     assert bare.cadence_map is None
     assert bare.features["step_length_m"] == view.features["step_length_m"]
@@ -306,18 +298,18 @@ def changed(dataset, **facts):
     return Browser(replace(dataset, description={**dataset.description, **facts}))
 
 
-def test_why_there_is_no_recording_is_told_and_the_arrays_are_shown(tiny):
-    other_row = tiny.index.assign(truth_range_m=tiny.index.truth_range_m * 1.1)
+def test_why_there_is_no_recording_is_told_and_the_arrays_are_shown(dataset):
+    other_row = dataset.index.assign(truth_range_m=dataset.index.truth_range_m * 1.1)
     for browser, words in (
-        (changed(tiny, data_version=5), "has data version 5"),
-        (changed(tiny, origin="imported"), "arrays of measured recordings"),
-        (Browser(replace(tiny, index=other_row)), "motion file is not that of the dataset"),
+        (changed(dataset, data_version=5), "has data version 5"),
+        (changed(dataset, origin="imported"), "arrays of measured recordings"),
+        (Browser(replace(dataset, index=other_row)), "motion file is not that of the dataset"),
     ):
         run = browser.run("dog-000000")
         assert run.recording is None
         assert words in run.reason
         (view,) = run.targets(None)
-        np.testing.assert_array_equal(view.signature, tiny["dog-000000"].signature)
+        np.testing.assert_array_equal(view.signature, dataset["dog-000000"].signature)
         assert view.gate_limits is None
 
 
@@ -333,27 +325,27 @@ def replanned(dataset, **sections):
     {"radar": {"range_stop_m": 5000.0, "fold_echoes": False}},
     {"radar": {"prf_hz": 100_000.0, "pulse_rate_hz": 1e9, "fold_echoes": False}, "scene": {"duration_s": 10.0}},
 ])  # fmt: skip
-def test_what_is_too_large_is_not_simulated(tiny, monkeypatch, sections):
+def test_what_is_too_large_is_not_simulated(dataset, monkeypatch, sections):
     def never(*arguments, **options):
         raise AssertionError("was simulated")
 
     monkeypatch.setattr("doppelgait.viewer.examples.run_simulation", never)
-    run = replanned(tiny, **sections).run("human-000002")
+    run = replanned(dataset, **sections).run("human-000002")
     assert run.recording is None
     assert "too large to simulate here" in run.reason
     assert run.targets(None)[0].signature is not None
     with pytest.raises(AssertionError, match="was simulated"):
-        _ = Browser(tiny).run("human-000002").recording
+        _ = Browser(dataset).run("human-000002").recording
 
 
-def test_nothing_of_a_dataset_is_simulated_before_it_is_asked_for(tiny, monkeypatch):
+def test_nothing_of_a_dataset_is_simulated_before_it_is_asked_for(dataset, monkeypatch):
     pytest.importorskip("starlette")
     from doppelgait.viewer.app import _prepare
     from doppelgait.viewer.source import RunCache
 
     asked = []
     monkeypatch.setattr(Browser, "run", lambda self, example_id: asked.append(example_id))
-    opened = OpenedSource("dataset", "tiny", "tiny", browser=Browser(tiny))
+    opened = OpenedSource("dataset", "tiny", "tiny", browser=Browser(dataset))
     _prepare(RunCache(opened), opened, Settings())
     assert asked == []
 
@@ -380,17 +372,17 @@ def motion_folder(tmp_path):
     "C:a.bvh", "..\\out.bvh",
 ])  # fmt: skip
 @pytest.mark.parametrize("form", ["path", "choice", "skeleton", "companion", "preset"])
-def test_files_outside_the_motion_folder_are_not_opened(tiny, motion_folder, monkeypatch, path, form):
+def test_files_outside_the_motion_folder_are_not_opened(dataset, motion_folder, monkeypatch, path, form):
     opened = []
     monkeypatch.setattr("doppelgait.viewer.examples.resolve_example", lambda *arguments: opened.append(arguments))
     name = path.format(outside=motion_folder.parent / "out.bvh")
-    file, walk = {"kind": "file", "path": name}, tiny.description["config"]["classes"][0]["motion"]
+    file, walk = {"kind": "file", "path": name}, dataset.description["config"]["classes"][0]["motion"]
     opener = {
-        "path": lambda: moved_by(tiny, file),
-        "choice": lambda: moved_by(tiny, {"kind": "file", "path": {"choice": [name]}}),
-        "skeleton": lambda: moved_by(tiny, {"kind": "file", "path": "in.bvh", "skeleton": name}),
-        "companion": lambda: moved_by(tiny, walk, companions=[{"label": "dog", "motion": {"choice": [file]}}]),
-        "preset": lambda: moved_by(tiny, walk, radar={"preset": {"choice": [f"{name}.toml"]}}),
+        "path": lambda: moved_by(dataset, file),
+        "choice": lambda: moved_by(dataset, {"kind": "file", "path": {"choice": [name]}}),
+        "skeleton": lambda: moved_by(dataset, {"kind": "file", "path": "in.bvh", "skeleton": name}),
+        "companion": lambda: moved_by(dataset, walk, companions=[{"label": "dog", "motion": {"choice": [file]}}]),
+        "preset": lambda: moved_by(dataset, walk, radar={"preset": {"choice": [f"{name}.toml"]}}),
     }[form]()
     if (path, form) == ("linked.bvh", "preset"):
         return  # links to nothing
@@ -403,24 +395,26 @@ def test_files_outside_the_motion_folder_are_not_opened(tiny, motion_folder, mon
     assert "start the viewer with --motion-folder FOLDER" in run.reason
 
 
-def test_files_in_the_motion_folder_are_opened(tiny, motion_folder):
-    run = moved_by(tiny, {"kind": "file", "path": "in.bvh"})(motion_folder)
+def test_files_in_the_motion_folder_are_opened(dataset, motion_folder):
+    run = moved_by(dataset, {"kind": "file", "path": "in.bvh"})(motion_folder)
     assert run.recording is None
     assert "in.bvh" in run.reason
     assert "motion-folder" not in run.reason  # it was read, and is no motion
     assert str(motion_folder) not in run.reason
-    assert moved_by(tiny, {"kind": "boulic", "speed_mps": 1.2})(None).load is not None
+    assert moved_by(dataset, {"kind": "boulic", "speed_mps": 1.2})(None).load is not None
 
 
-def test_the_page_does_not_learn_where_folders_are(tiny, tmp_path, monkeypatch):
+def test_the_page_does_not_learn_where_folders_are(dataset, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    browser = Browser(tiny, tmp_path / "motions")
-    text = f"{tiny.directory}/shards/a.h5: no {tmp_path}/motions/x in {tmp_path}, ./y, or /"
-    wanted = f"{tiny.directory.name}/shards/a.h5: no motions/x in {tmp_path.name}, ./y, or /"
+    browser = Browser(dataset, tmp_path / "motions")
+    text = f"{dataset.directory}/shards/a.h5: no {tmp_path}/motions/x in {tmp_path}, ./y, or /"
+    wanted = f"{dataset.directory.name}/shards/a.h5: no motions/x in {tmp_path.name}, ./y, or /"
     assert remove_folders(text, *browser.folders) == wanted
     assert remove_folders(f"in {tmp_path}") == f"in {tmp_path.name}"
-    monkeypatch.chdir(tiny.directory.parent)
-    assert remove_folders(f"{tiny.directory.name}: is", Path(tiny.directory.name)) == f"{tiny.directory.name}: is"
+    monkeypatch.chdir(dataset.directory.parent)
+    assert (
+        remove_folders(f"{dataset.directory.name}: is", Path(dataset.directory.name)) == f"{dataset.directory.name}: is"
+    )
 
 
 def odd_index():
@@ -463,20 +457,20 @@ def test_parameters_that_are_missing_or_too_many_are_named():
         parse_parameters([("x", "1")], ())
 
 
-def test_damaged_and_missing_shards_are_told_in_a_sentence(tiny, tmp_path):
+def test_damaged_and_missing_shards_are_told_in_a_sentence(dataset, tmp_path):
     folder = tmp_path / "copy"
-    shutil.copytree(tiny.directory, folder)
-    shards = sorted(set(tiny.index.shard))
+    shutil.copytree(dataset.directory, folder)
+    shards = sorted(set(dataset.index.shard))
     (folder / "shards" / f"{shards[0]}.h5").write_bytes(b"no HDF5")
     (folder / "shards" / f"{shards[1]}.h5").unlink()
     browser = Browser(open_dataset(folder))
     facts, arrays = unpack(browser.make_sheet([]))
-    for name, reason, codes in zip(tiny.index.shard, facts["reasons"], arrays["thumbnails"], strict=True):
+    for name, reason, codes in zip(dataset.index.shard, facts["reasons"], arrays["thumbnails"], strict=True):
         assert (reason is None) == (name not in shards[:2])
         assert codes.any() == (reason is None)
         assert reason is None or ("cannot be read" in reason and str(tmp_path) not in reason)
     for shard in shards[:2]:
-        name = tiny.index.id[tiny.index.shard == shard].iloc[0]
+        name = dataset.index.id[dataset.index.shard == shard].iloc[0]
         with pytest.raises(DatasetError, match=f"{shard}.h5.*cannot be read.*build it again"):
             browser.run(name).targets(None)
         assert browser.run(name).recording is not None

@@ -31,7 +31,6 @@ from doppelgait.radar import read_recording, write_recording, write_sigmf
 from doppelgait.viewer import server
 from doppelgait.viewer.settings import parse_number, parse_parameters, parse_settings, parse_whole
 from doppelgait.viewer.source import all_ranges_m, can_track, open_path
-from tiny_dataset import built, tiny_plan
 from viewer_client import served, walking_scene
 
 SCENE = walking_scene(1.2)
@@ -54,11 +53,6 @@ def walk(files):
     settings = parse_settings("truth", [], [])
     with served(open_path(files / "walk.h5", settings), settings) as client:
         yield client
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return built(tmp_path_factory, tiny_plan())
 
 
 @pytest.fixture(scope="module")

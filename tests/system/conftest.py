@@ -1,0 +1,35 @@
+"""What the tests of this folder share: two small built datasets, which nobody changes."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from doppelgait.dataset import open_dataset
+from doppelgait.dataset.open import Dataset
+from tiny_dataset import built, mixed_plan, tiny_plan
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the built tiny plan."""
+    return built(tmp_path_factory, tiny_plan())
+
+
+@pytest.fixture(scope="session")
+def dataset(folder: Path) -> Dataset:
+    return open_dataset(folder)
+
+
+@pytest.fixture(scope="session")
+def mixed(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """Two targets in a scene, two pulse rates."""
+    return open_dataset(built(tmp_path_factory, mixed_plan()))
+
+
+@pytest.fixture
+def copy(folder: Path, tmp_path: Path) -> Path:
+    """Folder of the tiny dataset that may be changed."""
+    return shutil.copytree(folder, tmp_path / "copy")
