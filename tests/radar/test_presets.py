@@ -21,7 +21,7 @@ from doppelgait.radar import (
     read_full_preset,
     synthesise,
 )
-from doppelgait.radar.effects import describe_effects
+from doppelgait.radar.link import describe_effects
 from doppelgait.radar.xethru.downconvert import CHIP_TAPS
 
 C = 299_792_458.0

@@ -30,7 +30,7 @@ from doppelgait.radar.impairments import (
     ThermalNoise,
     X4Counts,
 )
-from doppelgait.radar.waveforms.impulse import Impulse
+from doppelgait.radar.waveforms.pulses import Impulse
 from doppelgait.radar.waveforms.sweep import Fmcw
 from doppelgait.testing import check_feature, check_impairment, check_waveform
 

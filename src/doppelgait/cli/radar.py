@@ -383,7 +383,7 @@ def show(
     """
     from doppelgait.core.config import apply_overrides, as_table, write_toml
     from doppelgait.radar import Radar, list_derived_quantities, read_full_preset
-    from doppelgait.radar.effects import describe_effects
+    from doppelgait.radar.link import describe_effects
 
     radar = Radar.preset(preset, **apply_overrides({}, changes or []))
     parameters = radar.model_dump(mode="json")

@@ -232,10 +232,8 @@ class Waveform(FrozenModel):
 WAVEFORMS: Group[type[Waveform]] = Group(
     "waveform",
     built_in=(
-        "doppelgait.radar.waveforms.impulse",
-        "doppelgait.radar.waveforms.matched",
+        "doppelgait.radar.waveforms.pulses",
         "doppelgait.radar.waveforms.sweep",
-        "doppelgait.radar.waveforms.cw",
     ),
 )
 """Waveforms by name; each is a subclass of :class:`Waveform`."""

@@ -10,11 +10,15 @@ from doppelgait.radar.impairments.apply import (
     shift_pulse_times,
 )
 from doppelgait.radar.impairments.clutter import Leakage, StaticClutter
-from doppelgait.radar.impairments.converter import Adc, X4Counts, x4_frame_rate_hz
-from doppelgait.radar.impairments.floor import ColouredNoise, Spur
 from doppelgait.radar.impairments.mixer import DcLeak, IqImbalance, PhaseNoise, image_ratio_db
-from doppelgait.radar.impairments.noise import Interference, ThermalNoise, noise_power_per_sample_v2
-from doppelgait.radar.impairments.timing import DroppedFrames, FrameJitter
+from doppelgait.radar.impairments.noise import (
+    ColouredNoise,
+    Interference,
+    Spur,
+    ThermalNoise,
+    noise_power_per_sample_v2,
+)
+from doppelgait.radar.impairments.recorder import Adc, DroppedFrames, FrameJitter, X4Counts, x4_frame_rate_hz
 
 __all__ = [
     "IMPAIRMENTS",

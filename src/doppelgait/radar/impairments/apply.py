@@ -1,7 +1,4 @@
-"""Declare and apply impairments.
-
-Levels, unit echoes and ranges of samples are here too.
-"""
+"""Declare and apply impairments; levels, unit echoes and ranges of samples."""
 
 from __future__ import annotations
 
@@ -35,9 +32,7 @@ class Apply(Protocol):
 
 
 class ShiftTimes(Protocol):
-    """Fact ``shift_times`` of an impairment that moves pulses in time.
-    It is applied before the scene is observed.
-    """
+    """Fact ``shift_times`` of an impairment that moves pulses, before the scene is observed."""
 
     def __call__(self, times_s: Times, parameters: Any, radar: Radar, rng: np.random.Generator, /) -> Times:
         """Return the times of the pulses, s, after the impairment."""
@@ -47,11 +42,9 @@ IMPAIRMENTS: Group[Apply] = Group(
     "impairment",
     built_in=(
         "doppelgait.radar.impairments.clutter",
-        "doppelgait.radar.impairments.converter",
-        "doppelgait.radar.impairments.floor",
         "doppelgait.radar.impairments.mixer",
         "doppelgait.radar.impairments.noise",
-        "doppelgait.radar.impairments.timing",
+        "doppelgait.radar.impairments.recorder",
     ),
 )
 """Impairments by the ``kind`` of a scene file's ``[[impairments]]``."""
@@ -169,9 +162,7 @@ def find_volts_per_unit(radar: Radar, *, wanted_by: str) -> float:
 
 
 def convert_level_to_volt(level_db: float, radar: Radar, *, in_units: bool, wanted_by: str) -> float:
-    """Convert a level in dB to volts.
-    The reference of the level is 1 V, or one unit of the sensor's own files.
-    """
+    """Convert a level in dB re 1 V, or re one unit of the sensor's own files, to volts."""
     unit_v = find_volts_per_unit(radar, wanted_by=wanted_by) if in_units else 1.0
     return float(db_to_amplitude(level_db)) * unit_v
 
@@ -179,9 +170,7 @@ def convert_level_to_volt(level_db: float, radar: Radar, *, in_units: bool, want
 def make_static_samples(
     range_m: npt.NDArray[np.float64], amplitude_v: npt.NDArray[np.float64], radar: Radar
 ) -> npt.NDArray[np.complex64]:
-    """Return receiver samples of scatterers at rest.
-    Each row of ``range_m`` is a pulse. Shapes: range_m, amplitude_v (I, L); returns (I, S).
-    """
+    """Return receiver samples (I, S) of scatterers at rest, (I, L)."""
     one_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=1.0)
     values = {
         "range": range_m,
@@ -204,9 +193,7 @@ def check_width(samples: Samples, radar: Radar) -> None:
 
 
 def sample_range_m(radar: Radar) -> npt.NDArray[np.float64]:
-    """Return the range of every sample, m.
-    If samples contain echoes from all ranges (fmcw, stepped), there is one value only, the middle of the frame.
-    """
+    """Return the range of every sample, m; the frame's middle if samples hold all ranges (fmcw, stepped)."""
     if radar.waveform.samples_are_bins:
         return radar.range_axis_m()
     return np.array([(radar.range_start_m + radar.range_stop_m) / 2.0])

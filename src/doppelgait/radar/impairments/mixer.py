@@ -70,9 +70,7 @@ class PhaseNoise(FrozenModel):
 
 @plugin("impairment", parameters=PhaseNoise)
 def add_phase_noise(samples: Samples, parameters: PhaseNoise, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Rotate samples by phase noise.
-    The phase depends on the frame and, with a density, on the range.
-    """
+    """Rotate samples by a phase per frame and, with a density, per range."""
     phase_rad = common_phase_rad(samples.shape[0], parameters, radar=radar, rng=rng)
     if parameters.density_dbc_per_hz is not None:
         check_width(samples, radar)
@@ -89,9 +87,7 @@ def add_phase_noise(samples: Samples, parameters: PhaseNoise, radar: Radar, rng:
 def common_phase_rad(
     n_frames: int, spec: PhaseNoise, *, radar: Radar, rng: np.random.Generator
 ) -> npt.NDArray[np.float64]:
-    """Return the phase shared by a frame's samples, rad.
-    It is the sum of white phase, jitter, and a linear drift and a random walk that start at 0.
-    """
+    """Return a frame's common phase, rad: white phase, jitter, and a drift and a random walk from 0."""
     sd_rad = math.hypot(spec.white_rad, 2.0 * math.pi * radar.carrier_hz * spec.jitter_s)
     minutes = np.arange(n_frames) / (60.0 * radar.prf_hz)
     step_rad = spec.walk_rad_per_sqrt_min / math.sqrt(60.0 * radar.prf_hz)
@@ -104,9 +100,7 @@ def common_phase_rad(
 def residual_phase_rad(
     n_frames: int, spec: PhaseNoise, *, radar: Radar, rng: np.random.Generator
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    r"""Return the oscillator phase left after range correlation, rad.
-    It is the phase at reception minus the phase at transmission.
-    """
+    """Return the oscillator phase left after range correlation, at reception minus at transmission, rad."""
     from scipy import fft
 
     length = fft.next_fast_len(2 * n_frames, real=True)

@@ -52,20 +52,13 @@ COSINES = {
 
 
 class _Sweep(Waveform):
-    """A frequency sweep per frame, transformed to range.
-
-    ``lag`` is the epsilon of the module's equation.
-    """
+    """A frequency sweep per frame, transformed to range; ``lag`` is the epsilon of the module's equation."""
 
     needs: ClassVar[tuple[str, ...]] = ("bandwidth_hz", "sweep_s")
     lag: ClassVar[float]
 
     def check(self, radar: Radar) -> None:
-        """Check the sweep.
-
-        It must have an allowed number of samples and not overlap the next sweep; the frame must be within the
-        unambiguous range.
-        """
+        """Check the number of samples, the time to the next sweep, and that the frame is unambiguous."""
         if not 2 <= self.n_samples(radar) <= MAX_SAMPLES:
             raise ValueError(
                 f"sweep_s {radar.sweep_s} at sample_rate_hz {radar.sample_rate_hz:g} makes {self.n_samples(radar):,} "
@@ -82,10 +75,7 @@ class _Sweep(Waveform):
             )
 
     def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
-        """Synthesise the samples of every sweep.
-
-        They include the motion within the sweep, and for FMCW the residual video phase.
-
+        """Synthesise the samples of every sweep, with the motion within it and FMCW's residual video phase.
         With t_d = t_0 - beta u, beta = 2 v / c, the phase is a quadratic function of u.
         """
         from doppelgait.core.kernels.tones import add_tones
@@ -107,10 +97,8 @@ class _Sweep(Waveform):
         return out
 
     def synthesise_bins(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
-        """Synthesise range bins without the samples of every sweep.
-
-        They differ from those of :meth:`compress` by at most 1e-6 of the sum of all amplitudes. For long sweeps and for
-        scatterers that cross much of a range bin in a sweep, the samples are computed.
+        """Synthesise range bins without the samples, to 1e-6 of the sum of all amplitudes.
+        For long sweeps, and scatterers that cross much of a range bin in a sweep, the samples are computed.
         """
         own = type(self).synthesise is _Sweep.synthesise and type(self).compress is _Sweep.compress
         size, n_bins = self.n_samples(radar), self.n_range_bins(radar)
@@ -173,16 +161,12 @@ class _Sweep(Waveform):
         return np.asarray(-0.5 * self.lag * _slope_hz_per_s(radar) * delay_s**2)
 
     def compress(self, samples: npt.NDArray[Any], radar: Radar) -> Matrix:
-        """Window and transform the samples to range bins.
-
-        The inverse transform is divided by the window's sum and referred to the sweep's middle.
-
-        The bins of FMCW are multiplied by exp(-j pi S t_k^2), with the delay t_k of the bin's centre, which removes the
-        residual video phase of a scatterer at the centre. At half a bin from the centre at most pi t_d / T_c remains:
-        0.008 rad at 10 m and a sweep of 25 us, constant while the scatterer stays in the bin.
-        """
+        """Window and transform the samples to range bins, with phases at the sweep's middle."""
         from scipy.fft import ifft
 
+        # The bins of FMCW are multiplied by exp(-j pi S t_k^2), with the delay t_k of the bin's centre, which removes
+        # the residual video phase of a scatterer at the centre. At half a bin from the centre at most pi t_d / T_c
+        # remains: 0.008 rad at 10 m and a sweep of 25 us, constant while the scatterer stays in the bin.
         size = self.n_samples(radar)
         window = make_range_window(radar.range_window, size)
         weights = (window * (size / window.sum())).astype(np.float32)
@@ -196,17 +180,11 @@ class _Sweep(Waveform):
         return out
 
     def n_samples(self, radar: Radar) -> int:
-        """Return the receiver samples S of one sweep.
-
-        It is the sweep duration times the sampling rate, rounded.
-        """
+        """Return the receiver samples S of one sweep: its duration times the sampling rate, rounded."""
         return round(float(radar.sweep_s or 0.0) * radar.sample_rate_hz)
 
     def n_range_bins(self, radar: Radar) -> int:
-        """Return the number of transform bins in the frame.
-
-        The frame extends from range_start_m to below range_stop_m.
-        """
+        """Return the number of transform bins from range_start_m to below range_stop_m."""
         return math.ceil(radar.range_stop_m / self.bin_spacing_m(radar) - 1e-9) - self._find_first_bin(radar)
 
     def first_bin_m(self, radar: Radar) -> float:
@@ -217,24 +195,15 @@ class _Sweep(Waveform):
         return math.ceil(radar.range_start_m / self.bin_spacing_m(radar) - 1e-9)
 
     def bin_spacing_m(self, radar: Radar) -> float:
-        """Return the range bin spacing, c / (2 B).
-
-        There is one bin per sample, without zero padding.
-        """
+        """Return the range bin spacing c / (2 B), one bin per sample, without zero padding."""
         return SPEED_OF_LIGHT_MPS / (2.0 * float(radar.bandwidth_hz or math.nan))
 
     def resolution_m(self, radar: Radar) -> float:
-        """Return the half-power width of an echo.
-
-        It is 0.886 (no window) to 1.64 (Blackman) times c / (2 B).
-        """
+        """Return the half-power width of an echo, 0.886 (no window) to 1.64 (Blackman) times c / (2 B)."""
         return half_power_bins(radar.range_window, self.n_samples(radar)) * self.bin_spacing_m(radar)
 
     def noise_gain(self, radar: Radar) -> float:
-        """Return the noise power ratio of a bin to a sample.
-
-        It is sum(w^2) / sum(w)^2; the noise of neighbouring bins is correlated.
-        """
+        """Return the noise power ratio of a bin to a sample; the noise of neighbouring bins is correlated."""
         return compute_noise_ratio(radar.range_window, self.n_samples(radar))
 
     def independent_bins(self, radar: Radar) -> float:
@@ -249,10 +218,7 @@ class _Sweep(Waveform):
         return self.n_samples(radar) * self.bin_spacing_m(radar)
 
     def coupling_s(self, radar: Radar) -> float:
-        """Return the range shift per velocity, -f_c T_c / B.
-
-        The cause is the range-Doppler coupling of a rising sweep.
-        """
+        """Return the range shift per velocity of a rising sweep, -f_c T_c / B."""
         return -radar.carrier_hz / _slope_hz_per_s(radar)
 
     def figures(self, radar: Radar) -> dict[str, float]:
@@ -285,16 +251,12 @@ class Stepped(_Sweep):
 
 
 def _slope_hz_per_s(radar: Radar) -> float:
-    """Return the sweep slope.
-    It is the bandwidth divided by the sampling time T_c = S / f_s.
-    """
+    """Return the sweep slope, the bandwidth over the sampling time T_c = S / f_s."""
     return float(radar.bandwidth_hz or 0.0) / (radar.waveform.n_samples(radar) / radar.sample_rate_hz)
 
 
 def make_range_window(name: str, n_samples: int) -> npt.NDArray[np.float64]:
-    r"""Return the symmetric window of a sweep without zeros.
-    Shapes: returns (S,).
-    """
+    """Return the symmetric window of a sweep without zeros, shape (S,)."""
     angle = 2.0 * np.pi * (np.arange(n_samples) + 0.5) / n_samples
     terms = [(-1.0) ** k * c * np.cos(k * angle) for k, c in enumerate(COSINES[name])]
     return np.asarray(np.sum(terms, axis=0), dtype=np.float64)
@@ -309,9 +271,7 @@ def _find_kaiser_beta() -> float:
 
 @lru_cache(maxsize=1)
 def tabulate_taps() -> npt.NDArray[np.float32]:
-    r"""Tabulate window derivatives at half bins around a scatterer.
-    Shapes: returns (PLACES * ORDERS * ROW,).
-    """
+    """Tabulate window derivatives at half bins around a scatterer, shape (PLACES * ORDERS * ROW,)."""
     from doppelgait.core.kernels.responses import ORDERS, PLACES, ROW, TAPS
 
     y = np.arange(TAPS) - TAPS // 2 + 1 - ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
@@ -336,9 +296,7 @@ def tabulate_taps() -> npt.NDArray[np.float32]:
 
 @lru_cache(maxsize=8)
 def tabulate_half_bin_responses(name: str, n_samples: int, n_columns: int) -> npt.NDArray[np.float32]:
-    r"""Tabulate the response of range bins to half bins.
-    The scatterers are spread by :func:`tabulate_taps`. Shapes: returns (2 * (S + M + 16).
-    """
+    """Tabulate the response of range bins to half bins, to which :func:`tabulate_taps` spreads scatterers."""
     from scipy.fft import ifft
 
     from doppelgait.core.kernels.responses import TAPS
@@ -358,27 +316,21 @@ def tabulate_half_bin_responses(name: str, n_samples: int, n_columns: int) -> np
 
 
 def compute_noise_ratio(name: str, n_samples: int) -> float:
-    """Return the noise power ratio of the windowed transform.
-    It is sum(w^2) / sum(w)^2, the power after the transform divided by the power before.
-    """
+    """Return sum(w^2) / sum(w)^2, the noise power after the windowed transform over that before."""
     window = make_range_window(name, n_samples)
     return float((window**2).sum() / window.sum() ** 2)
 
 
 @lru_cache(maxsize=64)
 def compute_independent_share(name: str, n_samples: int) -> float:
-    r"""Return the independent noise values per bin.
-    The window correlates the noise of neighbouring bins.
-    """
+    """Return the independent noise values per bin; the window correlates neighbouring bins."""
     spectrum = np.fft.fft(make_range_window(name, n_samples) ** 2)
     return float(np.abs(spectrum[0]) ** 2 / (np.abs(spectrum) ** 2).sum())
 
 
 @lru_cache(maxsize=64)
 def half_power_bins(name: str, n_samples: int) -> float:
-    """Return the half-power width of a tone, bins.
-    It is the width of the main lobe in a transform with the window's length.
-    """
+    """Return the half-power width of a tone's main lobe, bins."""
     from scipy.optimize import brentq
 
     window = make_range_window(name, n_samples)

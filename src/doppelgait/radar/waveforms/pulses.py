@@ -1,6 +1,7 @@
-r"""Rectangular pulse and linear chirp (lfm) behind a matched filter.
+r"""Waveforms without a swept receiver: Gaussian, rectangular and chirped pulses, and continuous wave.
 
-Responses are in closed form.
+The receiver samples are the range bins. A Gaussian pulse is down-converted and sampled along fast time (E-11, E-15,
+E-18). Rectangular pulse and linear chirp (lfm) have a matched filter, with the response in closed form.
 
 With x = t - t_0 from the echo's delay and f_d = 2 v / lambda (Richards, Fundamentals of Radar Signal Processing, 2nd
 ed., sections 4.2 and 4.6.4: the ambiguity function of a pulse and of a chirp of slope S = B / T):
@@ -17,18 +18,19 @@ and the noise is white from bin to bin with the matched filter's bandwidth 1 / T
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.plugins import plugin
-from doppelgait.core.samples import Matrix
+from doppelgait.core.samples import Matrix, Samples, borrow_planes
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, range_to_delay_s, velocity_to_doppler_hz
 from doppelgait.radar.link import compute_scatterer_arrays, path_phase_rad, radial_velocity_mps
-from doppelgait.radar.parameters import Radar, Waveform, check_band, check_sweep_fits
+from doppelgait.radar.parameters import PULSE_SIGMA_S, Radar, Waveform, check_band, check_sweep_fits
 
 RECTANGULAR_WIDTH = 2.0 - math.sqrt(2.0)
 """Half-power width of the triangle (1 - |x|)^2, in pulse durations."""
@@ -43,6 +45,90 @@ VECTOR = 32
 """Vector length, bins; the row length of the table is a multiple of it."""
 TABLE_ERROR = 1e-7
 """Maximum interpolation error of the tabulated response, relative to its peak."""
+
+
+@plugin("waveform")
+class Impulse(Waveform):
+    """A Gaussian pulse."""
+
+    takes: ClassVar[tuple[str, ...]] = (
+        "bandwidth_hz",
+        "bandwidth_level_db",
+        "pulse_sigma_s",
+        "decimation",
+        "noise_bandwidth_hz",
+        "noise_correlation",
+        "sweep_levels",
+        "threshold_step_v",
+        "pulse_rate_hz",
+        "integration_share",
+        "fold_echoes",
+    )
+
+    kind: Literal["impulse"] = "impulse"
+
+    def check(self, radar: Radar) -> None:
+        """Check that the pulse is stated once, has an allowed length, and a band above 0 Hz."""
+        if (radar.bandwidth_hz is None) == (radar.pulse_sigma_s is None):
+            raise ValueError("give exactly one of bandwidth_hz and pulse_sigma_s")
+        shortest_s, longest_s = PULSE_SIGMA_S
+        if not shortest_s <= radar.sigma_s <= longest_s:
+            key = "bandwidth_hz" if radar.pulse_sigma_s is None else "pulse_sigma_s"
+            raise ValueError(
+                f"{key} {getattr(radar, key)} makes a pulse of sigma {radar.sigma_s:.3g} s; allowed are "
+                f"{shortest_s:g} to {longest_s:g} s"
+            )
+        half_band_hz = radar.pulse_bandwidth_hz(10) / 2.0
+        if radar.carrier_hz < half_band_hz:
+            raise ValueError(
+                f"carrier_hz {radar.carrier_hz:g} is below half the pulse's 10 dB bandwidth, {half_band_hz:.4g} Hz: "
+                "the band would extend below 0 Hz; raise carrier_hz or use a longer pulse"
+            )
+
+    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
+        """Sum Gaussian echoes exactly, with an extra phase per path."""
+        from doppelgait.core.kernels.synthesis import add_echoes
+
+        range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
+        out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
+        add_echoes(range_m, amplitude_v, *_make_geometry(radar), out, path_phase_rad(scatterers))
+        return out
+
+    def synthesise_planes(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
+        """Sum Gaussian echoes in the layout of the kernel."""
+        if type(self).synthesise is not Impulse.synthesise:  # a subclass with samples of its own
+            return super().synthesise_planes(scatterers, radar)
+        from doppelgait.core.kernels.synthesis import LANES, echo_planes
+
+        range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
+        n_pulses = range_m.shape[0]
+        planes = borrow_planes((2, radar.n_range_bins, -(-n_pulses // LANES) * LANES))
+        echo_planes(
+            range_m, amplitude_v, *_make_geometry(radar), 0, 0, planes[0], planes[1], path_phase_rad(scatterers)
+        )
+        return Samples.from_planes(planes, n_pulses)
+
+    def resolution_m(self, radar: Radar) -> float:
+        """Return the half-power width of one echo, c sqrt(ln 2) tau (E-11)."""
+        return SPEED_OF_LIGHT_MPS * math.sqrt(math.log(2)) * radar.sigma_s
+
+    def noise_bandwidth_hz(self, radar: Radar) -> float:
+        """Return the bandwidth of the down-conversion filter, the pulse's at 10 dB below its peak."""
+        return radar.pulse_bandwidth_hz(10)
+
+    def figures(self, radar: Radar) -> dict[str, float]:
+        """Return pulse width and bandwidths (E-11)."""
+        return {
+            "pulse_sigma_s": radar.sigma_s,
+            "pulse_bandwidth_3db_hz": radar.pulse_bandwidth_hz(3),
+            "pulse_bandwidth_10db_hz": radar.pulse_bandwidth_hz(10),
+        }
+
+
+def _make_geometry(radar: Radar) -> tuple[float, float, float, float, float]:
+    """Return the pulse geometry for the kernels."""
+    sigma_m = radar.sigma_s * SPEED_OF_LIGHT_MPS / 2.0
+    return radar.range_start_m, radar.bin_spacing_m, sigma_m, radar.wavelength_m, radar.transmit_phase_rad
 
 
 class _MatchedPulse(Waveform):
@@ -78,10 +164,7 @@ class _MatchedPulse(Waveform):
         return SPEED_OF_LIGHT_MPS * _duration_s(radar) / 2.0
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:
-        """Return the matched filter's noise bandwidth, 1 / T.
-
-        The filter is scaled so that its peak has the amplitude of the echo.
-        """
+        """Return the noise bandwidth 1 / T of a matched filter whose peak has the amplitude of the echo."""
         return 1.0 / _duration_s(radar)
 
 
@@ -94,17 +177,11 @@ class Rectangular(_MatchedPulse):
     kind: Literal["rectangular"] = "rectangular"
 
     def check(self, radar: Radar) -> None:
-        """Check the pulse.
-
-        It must not be longer than 1 ms or a frame, or shorter than half a period of its carrier.
-        """
+        """Check that the pulse is at most 1 ms or a frame long, and at least half a period of its carrier."""
         _check_pulse(radar, 1.0 / _duration_s(radar))
 
     def resolution_m(self, radar: Radar) -> float:
-        """Return the half-power width of the triangle.
-
-        (2 - sqrt 2) c T / 2.
-        """
+        """Return the half-power width of the triangle, (2 - sqrt 2) c T / 2."""
         return RECTANGULAR_WIDTH * SPEED_OF_LIGHT_MPS * _duration_s(radar) / 2.0
 
     def figures(self, radar: Radar) -> dict[str, float]:
@@ -121,10 +198,7 @@ class Lfm(_MatchedPulse):
     kind: Literal["lfm"] = "lfm"
 
     def check(self, radar: Radar) -> None:
-        """Check the chirp.
-
-        It must not be longer than 1 ms or a frame, extend below 0 Hz, or have a time-bandwidth product below 2.
-        """
+        """Check that the chirp is at most 1 ms or a frame long, above 0 Hz, and has a time-bandwidth product of 2."""
         bandwidth_hz = float(radar.bandwidth_hz or 0.0)
         _check_pulse(radar, bandwidth_hz)
         if bandwidth_hz * _duration_s(radar) < 2.0:
@@ -134,19 +208,13 @@ class Lfm(_MatchedPulse):
             )
 
     def resolution_m(self, radar: Radar) -> float:
-        """Return the half-power width of a compressed chirp.
-
-        It is about 0.886 c / (2 B).
-        """
+        """Return the half-power width of a compressed chirp, about 0.886 c / (2 B)."""
         duration_s = _duration_s(radar)
         width_s = _compute_half_power_width(float(radar.bandwidth_hz or 0.0) * duration_s) * duration_s
         return width_s * SPEED_OF_LIGHT_MPS / 2.0
 
     def coupling_s(self, radar: Radar) -> float:
-        """Return the range shift per velocity, -f_c T / B.
-
-        This is for a rising chirp.
-        """
+        """Return the range shift per velocity of a rising chirp, -f_c T / B."""
         return -radar.carrier_hz * _duration_s(radar) / float(radar.bandwidth_hz or math.nan)
 
     def figures(self, radar: Radar) -> dict[str, float]:
@@ -188,12 +256,63 @@ def tabulate(n_bins: int, step: float, time_bandwidth: float) -> npt.NDArray[np.
 
 @lru_cache(maxsize=64)
 def _compute_half_power_width(time_bandwidth: float) -> float:
-    """Return the half-power width of a chirp's response.
-    It is in pulse durations, about 0.886 / (B T).
-    """
+    """Return the half-power width of a chirp's response in pulse durations, about 0.886 / (B T)."""
     from scipy.optimize import brentq
 
     def excess(x: float) -> float:
         return float((1.0 - x) * np.sinc(time_bandwidth * x * (1.0 - x))) - math.sqrt(0.5)
 
     return 2.0 * float(brentq(excess, 0.0, min(0.5, 1.0 / time_bandwidth)))
+
+
+@plugin("waveform")
+class Cw(Waveform):
+    """Continuous wave: one sample per frame, the sum of all echoes, in one bin that stands for the whole frame."""
+
+    takes: ClassVar[tuple[str, ...]] = ("noise_bandwidth_hz", "integration_share")
+    ranged: ClassVar[bool] = False
+
+    kind: Literal["cw"] = "cw"
+
+    def fill(self, table: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Set the default sampling rate, the frame rate; it has no effect for this waveform."""
+        if "sample_rate_hz" in table or "prf_hz" not in table:
+            return table
+        return {**table, "sample_rate_hz": table["prf_hz"]}
+
+    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
+        """Sum a exp(j(theta + phi - 4 pi R / lambda)) of all scatterers at all ranges."""
+        range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
+        turns = range_m * (2.0 / radar.wavelength_m)
+        phase_rad = -2.0 * np.pi * (turns - np.rint(turns)) + radar.transmit_phase_rad
+        extra_rad = path_phase_rad(scatterers)
+        if extra_rad is not None:
+            phase_rad += extra_rad
+        total = (amplitude_v * np.exp(1j * phase_rad)).sum(axis=1, keepdims=True)
+        return np.asarray(total, dtype=np.complex64)
+
+    def n_range_bins(self, radar: Radar) -> int:
+        """Return 1, the single range bin."""
+        return 1
+
+    def first_bin_m(self, radar: Radar) -> float:
+        """Return the middle of the frame."""
+        return 0.5 * (radar.range_start_m + radar.range_stop_m)
+
+    def bin_spacing_m(self, radar: Radar) -> float:
+        """Return the span of the frame."""
+        return radar.range_stop_m - radar.range_start_m
+
+    def resolution_m(self, radar: Radar) -> float:
+        """Return the span of the frame."""
+        return self.bin_spacing_m(radar)
+
+    def noise_bandwidth_hz(self, radar: Radar) -> float:
+        """Return the noise bandwidth of a sample, 1 / T_i for a mean over T_i.
+        Without integration, an ideal low-pass of the frame rate is assumed, which passes unambiguous echoes.
+        """
+        return radar.prf_hz / (radar.integration_share or 1.0)
+
+    def unambiguous_range_m(self, radar: Radar) -> float:
+        """Return inf: echoes do not fold."""
+        return float("inf")
