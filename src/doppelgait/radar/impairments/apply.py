@@ -193,7 +193,7 @@ def check_width(samples: Samples, radar: Radar) -> None:
 
 
 def sample_range_m(radar: Radar) -> npt.NDArray[np.float64]:
-    """Return the range of every sample, m; the frame's middle if samples hold all ranges (fmcw, stepped)."""
+    """Return the range of every sample, m; the frame's middle if samples hold all ranges."""
     if radar.waveform.samples_are_bins:
         return radar.range_axis_m()
     return np.array([(radar.range_start_m + radar.range_stop_m) / 2.0])

@@ -87,7 +87,7 @@ def add_phase_noise(samples: Samples, parameters: PhaseNoise, radar: Radar, rng:
 def common_phase_rad(
     n_frames: int, spec: PhaseNoise, *, radar: Radar, rng: np.random.Generator
 ) -> npt.NDArray[np.float64]:
-    """Return a frame's common phase, rad: white phase, jitter, and a drift and a random walk from 0."""
+    """Return the frames' phase, rad: white, jitter, drift and random walk from 0."""
     sd_rad = math.hypot(spec.white_rad, 2.0 * math.pi * radar.carrier_hz * spec.jitter_s)
     minutes = np.arange(n_frames) / (60.0 * radar.prf_hz)
     step_rad = spec.walk_rad_per_sqrt_min / math.sqrt(60.0 * radar.prf_hz)
@@ -100,7 +100,7 @@ def common_phase_rad(
 def residual_phase_rad(
     n_frames: int, spec: PhaseNoise, *, radar: Radar, rng: np.random.Generator
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Return the oscillator phase left after range correlation, at reception minus at transmission, rad."""
+    """Return the oscillator phase at reception minus that at transmission, rad."""
     from scipy import fft
 
     length = fft.next_fast_len(2 * n_frames, real=True)

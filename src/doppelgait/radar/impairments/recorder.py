@@ -57,7 +57,7 @@ DEFAULT_BACKOFF_DB = 12.0
 
 @plugin("impairment", parameters=Adc)
 def quantise(samples: Samples, parameters: Adc, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Round the samples to the converter's levels; more than 1 % of clipped values causes a warning."""
+    """Round the samples to the converter's levels; warn of 1 % clipped values."""
     backoff_db = DEFAULT_BACKOFF_DB if parameters.backoff_db is None else parameters.backoff_db
     samples = samples.add_pending_noise()
     full_scale_v = parameters.full_scale_v or samples.find_largest_part() * float(db_to_amplitude(backoff_db))
@@ -139,7 +139,7 @@ def x4_frame_rate_hz(spec: X4Counts) -> float:
 
 @plugin("impairment", parameters=X4Counts)
 def count(samples: Samples, parameters: X4Counts, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Convert samples to whole counts; warn of an impossible frame rate or 1 % of saturated samples."""
+    """Convert samples to whole counts; warn of impossible rates and saturation."""
     unit_v = find_volts_per_unit(radar, wanted_by="x4_counts")
     band = [band for carrier_hz, band in X4_BANDS.items() if math.isclose(carrier_hz, radar.carrier_hz, rel_tol=0.01)]
     if not band:

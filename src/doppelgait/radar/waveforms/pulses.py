@@ -1,7 +1,7 @@
-r"""Waveforms without a swept receiver: Gaussian, rectangular and chirped pulses, and continuous wave.
+r"""Pulses (Gaussian, rectangular, chirped) and continuous wave.
 
-The receiver samples are the range bins. A Gaussian pulse is down-converted and sampled along fast time (E-11, E-15,
-E-18). Rectangular pulse and linear chirp (lfm) have a matched filter, with the response in closed form.
+The receiver samples are the range bins. A Gaussian pulse is down-converted and sampled along fast
+time (E-11, E-15, E-18). Rectangular pulse and chirp (lfm) have a matched filter in closed form.
 
 With x = t - t_0 from the echo's delay and f_d = 2 v / lambda (Richards, Fundamentals of Radar Signal Processing, 2nd
 ed., sections 4.2 and 4.6.4: the ambiguity function of a pulse and of a chirp of slope S = B / T):
@@ -113,7 +113,7 @@ class Impulse(Waveform):
         return SPEED_OF_LIGHT_MPS * math.sqrt(math.log(2)) * radar.sigma_s
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:
-        """Return the bandwidth of the down-conversion filter, the pulse's at 10 dB below its peak."""
+        """Return the down-conversion filter's bandwidth, the pulse's at -10 dB."""
         return radar.pulse_bandwidth_hz(10)
 
     def figures(self, radar: Radar) -> dict[str, float]:
@@ -164,7 +164,7 @@ class _MatchedPulse(Waveform):
         return SPEED_OF_LIGHT_MPS * _duration_s(radar) / 2.0
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:
-        """Return the noise bandwidth 1 / T of a matched filter whose peak has the amplitude of the echo."""
+        """Return 1 / T, for a matched filter that keeps the echo's amplitude."""
         return 1.0 / _duration_s(radar)
 
 
@@ -177,7 +177,7 @@ class Rectangular(_MatchedPulse):
     kind: Literal["rectangular"] = "rectangular"
 
     def check(self, radar: Radar) -> None:
-        """Check that the pulse is at most 1 ms or a frame long, and at least half a period of its carrier."""
+        """Check that the pulse lasts half a carrier period to 1 ms or a frame."""
         _check_pulse(radar, 1.0 / _duration_s(radar))
 
     def resolution_m(self, radar: Radar) -> float:
@@ -198,7 +198,7 @@ class Lfm(_MatchedPulse):
     kind: Literal["lfm"] = "lfm"
 
     def check(self, radar: Radar) -> None:
-        """Check that the chirp is at most 1 ms or a frame long, above 0 Hz, and has a time-bandwidth product of 2."""
+        """Check the chirp's duration, band and time-bandwidth product, at least 2."""
         bandwidth_hz = float(radar.bandwidth_hz or 0.0)
         _check_pulse(radar, bandwidth_hz)
         if bandwidth_hz * _duration_s(radar) < 2.0:
@@ -267,7 +267,7 @@ def _compute_half_power_width(time_bandwidth: float) -> float:
 
 @plugin("waveform")
 class Cw(Waveform):
-    """Continuous wave: one sample per frame, the sum of all echoes, in one bin that stands for the whole frame."""
+    """Continuous wave: one sample per frame, the sum of the echoes at all ranges."""
 
     takes: ClassVar[tuple[str, ...]] = ("noise_bandwidth_hz", "integration_share")
     ranged: ClassVar[bool] = False
@@ -309,7 +309,7 @@ class Cw(Waveform):
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:
         """Return the noise bandwidth of a sample, 1 / T_i for a mean over T_i.
-        Without integration, an ideal low-pass of the frame rate is assumed, which passes unambiguous echoes.
+        Without integration, an ideal low-pass of the frame rate is assumed.
         """
         return radar.prf_hz / (radar.integration_share or 1.0)
 

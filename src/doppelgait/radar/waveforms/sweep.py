@@ -52,13 +52,13 @@ COSINES = {
 
 
 class _Sweep(Waveform):
-    """A frequency sweep per frame, transformed to range; ``lag`` is the epsilon of the module's equation."""
+    """A frequency sweep per frame, transformed to range; ``lag`` is the equation's epsilon."""
 
     needs: ClassVar[tuple[str, ...]] = ("bandwidth_hz", "sweep_s")
     lag: ClassVar[float]
 
     def check(self, radar: Radar) -> None:
-        """Check the number of samples, the time to the next sweep, and that the frame is unambiguous."""
+        """Check the number of samples, the duration and the unambiguous range."""
         if not 2 <= self.n_samples(radar) <= MAX_SAMPLES:
             raise ValueError(
                 f"sweep_s {radar.sweep_s} at sample_rate_hz {radar.sample_rate_hz:g} makes {self.n_samples(radar):,} "
@@ -75,7 +75,7 @@ class _Sweep(Waveform):
             )
 
     def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
-        """Synthesise the samples of every sweep, with the motion within it and FMCW's residual video phase.
+        """Synthesise sweeps with their motion and FMCW's residual video phase.
         With t_d = t_0 - beta u, beta = 2 v / c, the phase is a quadratic function of u.
         """
         from doppelgait.core.kernels.tones import add_tones
@@ -98,7 +98,7 @@ class _Sweep(Waveform):
 
     def synthesise_bins(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
         """Synthesise range bins without the samples, to 1e-6 of the sum of all amplitudes.
-        For long sweeps, and scatterers that cross much of a range bin in a sweep, the samples are computed.
+        Long sweeps and fast scatterers need the samples.
         """
         own = type(self).synthesise is _Sweep.synthesise and type(self).compress is _Sweep.compress
         size, n_bins = self.n_samples(radar), self.n_range_bins(radar)
@@ -164,9 +164,9 @@ class _Sweep(Waveform):
         """Window and transform the samples to range bins, with phases at the sweep's middle."""
         from scipy.fft import ifft
 
-        # The bins of FMCW are multiplied by exp(-j pi S t_k^2), with the delay t_k of the bin's centre, which removes
-        # the residual video phase of a scatterer at the centre. At half a bin from the centre at most pi t_d / T_c
-        # remains: 0.008 rad at 10 m and a sweep of 25 us, constant while the scatterer stays in the bin.
+        # The turns of FMCW, exp(-j pi S t_k^2) with the delay t_k of the bin's centre, remove the residual
+        # video phase of a scatterer at the centre. At half a bin at most pi t_d / T_c remains: 0.008 rad
+        # at 10 m and a sweep of 25 us, constant while the scatterer stays in the bin.
         size = self.n_samples(radar)
         window = make_range_window(radar.range_window, size)
         weights = (window * (size / window.sum())).astype(np.float32)
@@ -180,7 +180,7 @@ class _Sweep(Waveform):
         return out
 
     def n_samples(self, radar: Radar) -> int:
-        """Return the receiver samples S of one sweep: its duration times the sampling rate, rounded."""
+        """Return the samples S of one sweep: duration times sampling rate, rounded."""
         return round(float(radar.sweep_s or 0.0) * radar.sample_rate_hz)
 
     def n_range_bins(self, radar: Radar) -> int:
@@ -199,11 +199,11 @@ class _Sweep(Waveform):
         return SPEED_OF_LIGHT_MPS / (2.0 * float(radar.bandwidth_hz or math.nan))
 
     def resolution_m(self, radar: Radar) -> float:
-        """Return the half-power width of an echo, 0.886 (no window) to 1.64 (Blackman) times c / (2 B)."""
+        """Return the half-power width, 0.886 (no window) to 1.64 (Blackman) c / (2 B)."""
         return half_power_bins(radar.range_window, self.n_samples(radar)) * self.bin_spacing_m(radar)
 
     def noise_gain(self, radar: Radar) -> float:
-        """Return the noise power ratio of a bin to a sample; the noise of neighbouring bins is correlated."""
+        """Return the noise power ratio of a bin to a sample."""
         return compute_noise_ratio(radar.range_window, self.n_samples(radar))
 
     def independent_bins(self, radar: Radar) -> float:
@@ -271,7 +271,7 @@ def _find_kaiser_beta() -> float:
 
 @lru_cache(maxsize=1)
 def tabulate_taps() -> npt.NDArray[np.float32]:
-    """Tabulate window derivatives at half bins around a scatterer, shape (PLACES * ORDERS * ROW,)."""
+    """Tabulate window derivatives (PLACES, ORDERS, ROW) at half bins."""
     from doppelgait.core.kernels.responses import ORDERS, PLACES, ROW, TAPS
 
     y = np.arange(TAPS) - TAPS // 2 + 1 - ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
@@ -296,7 +296,7 @@ def tabulate_taps() -> npt.NDArray[np.float32]:
 
 @lru_cache(maxsize=8)
 def tabulate_half_bin_responses(name: str, n_samples: int, n_columns: int) -> npt.NDArray[np.float32]:
-    """Tabulate the response of range bins to half bins, to which :func:`tabulate_taps` spreads scatterers."""
+    """Tabulate the response of range bins to the half bins of :func:`tabulate_taps`."""
     from scipy.fft import ifft
 
     from doppelgait.core.kernels.responses import TAPS
