@@ -126,7 +126,7 @@ def check_finite(path: Path, values: npt.NDArray[Any]) -> None:
 
 
 CW_FRAME_M = (0.0, 10.0)
-"""Nominal range interval, m, of the single bin of a continuous-wave recording, which does not measure range."""
+"""Nominal range interval, m, of a continuous-wave recording's single bin."""
 
 
 def make_radar(path: Path, **facts: Any) -> Radar:

@@ -19,7 +19,7 @@ MEDIAN_FRAMES = 9
 FALSE_ALARMS = 1e-3
 """Expected number of noise cells above the threshold in a whole recording."""
 BUSY_SHARE = 0.03
-"""Maximum share of frames in which interference exceeds the threshold in a bin; above it, the bin has a target."""
+"""Share of frames above the threshold from which a bin has a target."""
 
 
 @dataclass(frozen=True)

@@ -101,7 +101,7 @@ MAX_KNOTS = 20
 CELLS_PER_KNOT = 4.0
 """Independent cells per knot, for an uncertainty of about 2 dB."""
 KNOT_EXPONENT = 1.5
-"""Exponent of the knot spacing; knots are denser near the radar, where the direct path decreases steeply."""
+"""Exponent of the knot spacing; the direct path falls steeply near the radar."""
 
 
 @dataclass(frozen=True)

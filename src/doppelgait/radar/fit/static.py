@@ -135,9 +135,9 @@ def compute_factor_variance(static: StaticPart, correlation: ComplexArray, *, no
 
 
 SMALLEST_SHARE = 1e-9
-"""Minimum variance of a component relative to the variance of the differences; below it the component is absent."""
+"""Minimum variance of a component relative to that of the differences."""
 NEAR_BOUND = 1.0
-"""Maximum distance from this bound, in natural logarithms, at which a variance counts as at the bound."""
+"""Distance from this bound, in natural logarithms, that counts as at the bound."""
 
 
 @dataclass(frozen=True)

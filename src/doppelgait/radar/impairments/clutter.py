@@ -24,9 +24,9 @@ from doppelgait.radar.link import echo_amplitude_v
 from doppelgait.radar.parameters import Radar
 
 CELLS_BEYOND = 3
-"""Number of resolution cells with clutter before and behind the frame, because their echoes extend into it."""
+"""Resolution cells before and behind the frame with clutter, which extends into it."""
 SCATTERERS_PER_CELL = 4
-"""Scatterers per half-power width, enough for their sum to be a smooth complex Gaussian process in range."""
+"""Scatterers per half-power width; their sum is then a smooth Gaussian process."""
 MAX_SCATTERERS = 200_000
 
 Level = tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(ge=-400, le=100)]]

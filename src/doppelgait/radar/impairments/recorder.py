@@ -172,7 +172,7 @@ def count(samples: Samples, parameters: X4Counts, radar: Radar, rng: np.random.G
 
 
 LARGEST_JITTER = 0.1
-"""Maximum ratio of jitter (standard deviation) to pulse interval; two pulses then change order once in 1e12."""
+"""Maximum ratio of jitter to pulse interval: pulses change order once in 1e12."""
 
 
 class FrameJitter(FrozenModel):

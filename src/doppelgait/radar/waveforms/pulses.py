@@ -38,9 +38,9 @@ RECTANGULAR_BANDWIDTH = 0.8859
 """Half-power bandwidth of a rectangular pulse times its duration (E-09)."""
 MAX_PULSE_S = 1e-3
 DOPPLER_ERROR = 5e-7
-"""Maximum ratio of Doppler shift to bandwidth, and hence relative error, for which Doppler only shifts the response."""
+"""Maximum ratio of Doppler to bandwidth, and error, for which Doppler only shifts echoes."""
 LONGEST_FRAME = 0.95
-"""Maximum frame length, in pulse durations, for tabulated responses, which have another kink at their ends."""
+"""Maximum frame length, in pulse durations, for tabulated responses (kink at the ends)."""
 VECTOR = 32
 """Vector length, bins; the row length of the table is a multiple of it."""
 TABLE_ERROR = 1e-7
@@ -241,7 +241,7 @@ def _check_pulse(radar: Radar, bandwidth_hz: float) -> None:
 
 @lru_cache(maxsize=4)
 def tabulate(n_bins: int, step: float, time_bandwidth: float) -> npt.NDArray[np.float32]:
-    r"""Tabulate the response of a chirp for :func:`~doppelgait.core.kernels.responses.add_tabled_responses`.
+    r"""Tabulate the response of a chirp for ``add_tabled_responses`` of the kernels.
     Shapes: returns (P, 3, N - 1 + M).
     """
     n_places = max(8, math.ceil(0.5 * math.pi * time_bandwidth * step / (24.0 * TABLE_ERROR) ** (1.0 / 3.0)))

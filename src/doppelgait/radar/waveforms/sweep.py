@@ -36,9 +36,9 @@ ROWS = 2048
 LONGEST_RESPONSE = 4096
 """Maximum sum of samples and range bins of sweeps that are synthesised without their samples."""
 LARGEST_BEND = 0.05
-"""Maximum phase, rad, from the middle to the ends of a sweep by motion, for the synthesis without samples.
+"""Maximum phase by motion, rad, from a sweep's middle to its ends, without samples.
 
-The error, measured with all windows, grows with its fourth power; here it is 6.4e-7 of the sum of amplitudes.
+The error grows with its fourth power; here it is 6.4e-7 of the sum of amplitudes.
 """
 VECTOR = 32
 """Vector length, bins; the row lengths of tables are multiples of it."""
