@@ -37,7 +37,7 @@ from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.radar import Radar, Recording
 from doppelgait.radar.fit import fit_kind, format_kind_preset
 from doppelgait.radar.readers import read_recording, read_several
-from doppelgait.viz.domains import plot_domains
+from doppelgait.viz.tables import plot_domains
 
 SEEDS = 16
 PEOPLE_AT_M = 3.0

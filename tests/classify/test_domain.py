@@ -21,7 +21,7 @@ from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.dataset import PlanConfig
 from doppelgait.radar import Radar, Recording
 from doppelgait.radar.recordings import write_recording
-from doppelgait.viz.domains import plot_domains
+from doppelgait.viz.tables import plot_domains
 
 MODEL = """
 waveform = "impulse"

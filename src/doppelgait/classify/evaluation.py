@@ -258,23 +258,11 @@ def evaluate(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> from doppelgait.dataset import PlanConfig
-    >>> plan = PlanConfig.model_validate(
-    ...     {
-    ...         "dataset": {"name": "tiny", "examples_per_class": 6, "fractions": {"train": 0.5, "test": 0.5}},
-    ...         "scene": {"duration_s": 1.0},
-    ...         "target": {"range_m": 3.0},
-    ...         "classes": [
-    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}},
-    ...             {"label": "dog", "motion": {"kind": "quadruped", "froude": {"uniform": [0.4, 1.0]}}},
-    ...         ],
-    ...     }
-    ... )
+    >>> plan, folder = dg.dataset.load_plan("home-alarm", overrides=["dataset.examples_per_class=8"])
     >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
     >>> found = dg.classify.evaluate(dg.open_dataset("tiny"), models=["six-logistic"])
-    >>> scores = found.document["models"]["six-logistic"]
-    >>> found.document["tested"], round(scores["balanced_accuracy"]["value"], 1)
-    ({'human': 3, 'dog': 3}, 1.0)
+    >>> found.document["tested"]
+    {'human': 1, 'dog': 1}
     """
     rows, nameless = _collect_test_rows(dataset, other, own, own_shares)
     rows = replace(rows, alarm=_choose_alarm_class(rows, alarm_class, needed=day is not None))

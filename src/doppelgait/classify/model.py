@@ -316,11 +316,11 @@ class Model:
         return self.calibration(self.learned.log_probability(values))
 
     def rank(self, values: Inputs) -> FloatArray:
-        """Return the share of held-out rows at the same distance, (n,); 1 for signatures alone."""
+        """Return the share of held-out rows at least as far."""
         return np.ones(len(values)) if self.novelty is None else self.novelty.rank(values)
 
     def mark_outside(self, values: Inputs) -> npt.NDArray[np.bool_]:
-        """Mark features outside the training range, or unknown unlike in training, (n, d)."""
+        """Mark features outside the training range, shape (n, d)."""
         if not self.facts.names:
             return np.zeros((len(values), 0), dtype=bool)
         values = select_features(values)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from doppelgait.classify.alarm import format_day, format_episodes
 from doppelgait.classify.evaluation import Evaluation
 from doppelgait.core.own_folder import PAGE, check_out, complete_folder
+from doppelgait.viz.html import format_figure, format_page, format_table
 from doppelgait.viz.style import (
     BLUE,
     SERIES_COLOURS,
@@ -255,9 +256,6 @@ def plot_importance(name: str, importance: Mapping[str, float]) -> Figure:
     return figure
 
 
-__all__: Sequence[str] = ["make_figures"]
-
-
 FORMAT, FORMAT_VERSION = "doppelgait-evaluation", 1
 LISTING = "report.json"
 
@@ -278,11 +276,6 @@ ALARM_TEXT = (
     "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 % of its class: by "
     "the rows held back for calibration, as in use, and read off the ROC curve of the tested rows.</p>"
 )
-STYLE = """body { font-family: sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
-table { border-collapse: collapse; margin: 1rem 0; } th, td { padding: .25rem .7rem; text-align: right; }
-th { border-bottom: 1px solid #888; } td:first-child, th:first-child { text-align: left; }
-tr.baseline { color: #777; } img { max-width: 100%; } figure { margin: 1.5rem 0; } figcaption { color: #444; }
-pre { background: #f4f4f4; padding: 1rem; overflow-x: auto; } .note { color: #a00; }"""
 
 
 def check_folder(folder: Path) -> Path:
@@ -322,18 +315,7 @@ def write_report(found: Evaluation, folder: str | Path, *, figure_format: str = 
     Examples
     --------
     >>> import doppelgait as dg
-    >>> from doppelgait.dataset import PlanConfig
-    >>> plan = PlanConfig.model_validate(
-    ...     {
-    ...         "dataset": {"name": "tiny", "examples_per_class": 6, "fractions": {"train": 0.5, "test": 0.5}},
-    ...         "scene": {"duration_s": 1.0},
-    ...         "target": {"range_m": 3.0},
-    ...         "classes": [
-    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}},
-    ...             {"label": "dog", "motion": {"kind": "quadruped", "froude": {"uniform": [0.4, 1.0]}}},
-    ...         ],
-    ...     }
-    ... )
+    >>> plan, folder = dg.dataset.load_plan("home-alarm", overrides=["dataset.examples_per_class=8"])
     >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
     >>> found = dg.classify.evaluate(dg.open_dataset("tiny"), models=["six-logistic"])
     >>> dg.classify.write_report(found, "report")[-1].name
@@ -360,13 +342,13 @@ def write_report(found: Evaluation, folder: str | Path, *, figure_format: str = 
             "files": sorted([*texts, *dict(pictures), *vectors]),
         }
         texts[LISTING] = json.dumps(listing, indent=1) + "\n"
-        texts[PAGE] = format_page(document, pictures)
+        texts[PAGE] = make_page(document, pictures)
         for name, text in texts.items():
             (partial / name).write_text(text, encoding="utf-8", newline="\n")
     return [target / name for name in [*(name for name, _ in pictures), *vectors, *texts]]
 
 
-def format_page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> str:
+def make_page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> str:
     """Format the page as HTML."""
     data, other = document["dataset"], document["test_dataset"]
     tested = ", ".join(f"{count} {name}" for name, count in document["tested"].items())
@@ -398,7 +380,7 @@ def format_page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]
             }
             for entry in models[best]
         ]
-        details += [f"<h2>{escape(best)} by {escape(column)}</h2>", _format_table(shares)]
+        details += [f"<h2>{escape(best)} by {escape(column)}</h2>", format_table(shares)]
     baselines = {name for name, model in document["models"].items() if model["kind"]["baseline"]}
     alarms, strangers, own = (
         format_alarm_table(document),
@@ -411,29 +393,25 @@ def format_page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]
         f"No tested target is in the training data. doppelgait {escape(document['doppelgait_version'])}, seed "
         f"{document['seed']}.</p>",
         *(f'<p class="note">{escape(note)}</p>' for note in document["notes"]),
-        _format_table(
+        format_table(
             [{str(key): text for key, text in row.items()} for row in score_table(document)],
-            baselines=baselines,
+            grey=baselines,
         ),
         "<p>Balanced accuracy with its 95 % interval over targets (bootstrap; exact where there are few targets or no "
         "errors). <i>Decided</i>: rows that the model does not abstain from, and its balanced accuracy among them. "
         "Grey: baselines: the most frequent class (chance); the parameters that must not "
         "predict the class (nuisance); the speed alone.</p>",
-        *([ALARM_TEXT, _format_table(alarms, baselines=baselines)] if alarms else []),
+        *([ALARM_TEXT, format_table(alarms, grey=baselines)] if alarms else []),
         *_format_day_parts(document),
-        *([ADAPTATION_TEXT, _format_table(own)] if own else []),
-        *([UNKNOWN_TEXT, _format_table(strangers)] if strangers else []),
-        *(
-            f'<figure><img src="{escape(name)}" alt="{escape(words)}"><figcaption>{escape(words)}</figcaption></figure>'
-            for name, words in pictures
-        ),
+        *([ADAPTATION_TEXT, format_table(own)] if own else []),
+        *([UNKNOWN_TEXT, format_table(strangers)] if strangers else []),
+        *(format_figure(name, words) for name, words in pictures),
         *details,
         "<h2>Training and test data</h2>",
-        _format_table(rows),
+        format_table(rows),
         *plans,
     ]
-    head = f"<meta charset='utf-8'><title>{escape(str(data['name']))}: classification</title><style>{STYLE}</style>"
-    return f"<!doctype html>\n<html lang='en'><head>{head}</head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
+    return format_page(f"{data['name']}: classification", parts)
 
 
 def _format_day_parts(document: Mapping[str, Any]) -> list[str]:
@@ -447,7 +425,7 @@ def _format_day_parts(document: Mapping[str, Any]) -> list[str]:
         f"episodes, {found['repeats']} of each kind; missed: episodes that should trigger and do not; time from the "
         "start of an episode.</p>"
     )
-    return [words, _format_table(format_day(found)), _format_table(format_episodes(found))]
+    return [words, format_table(format_day(found)), format_table(format_episodes(found))]
 
 
 def _describe(facts: Mapping[str, Any]) -> str:
@@ -455,18 +433,17 @@ def _describe(facts: Mapping[str, Any]) -> str:
     return f"{name} ({facts['n_rows']} rows, {escape(facts['origin'])}, id {identity})"
 
 
-def _format_table(rows: Sequence[Mapping[str, Any]], baselines: Iterable[str] = ()) -> str:
-    if not rows:
-        return ""
-    grey = set(baselines)
-    head = "".join(f"<th>{escape(name)}</th>" for name in rows[0])
-    lines = [
-        f"<tr{' class=baseline' if next(iter(row.values())) in grey else ''}>"
-        + "".join(f"<td>{escape(str(value))}</td>" for value in row.values())
-        + "</tr>"
-        for row in rows
+def list_tables(document: Mapping[str, Any]) -> list[list[dict[str, str]]]:
+    """List the tables of an evaluation for a terminal."""
+    day = document.get("alarm_day")
+    tables = [
+        score_table(document),
+        format_alarm_table(document),
+        format_adaptation_table(document),
+        format_unknown_table(document),
+        *([] if day is None else [format_day(day), format_episodes(day)]),
     ]
-    return f"<table><tr>{head}</tr>{''.join(lines)}</table>"
+    return [rows for rows in tables if rows]
 
 
 def score_table(document: Mapping[str, Any]) -> list[dict[str, str]]:

@@ -17,6 +17,7 @@ from doppelgait.cli.output import (
     print_json,
     print_message,
     print_table,
+    print_tables,
     report_progress,
 )
 
@@ -302,17 +303,10 @@ def evaluate(
     Example: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz;
     or doppelgait evaluate home-alarm --test glasgow --names glasgow --label walking=human --label '*=' -o report
     """
-    from doppelgait.classify.alarm import format_day, format_episodes, read_day
+    from doppelgait.classify.alarm import read_day
     from doppelgait.classify.evaluation import evaluate as run_evaluation
     from doppelgait.classify.model_file import save_model
-    from doppelgait.classify.report import (
-        check_folder,
-        format_adaptation_table,
-        format_alarm_table,
-        format_unknown_table,
-        score_table,
-        write_report,
-    )
+    from doppelgait.classify.report import check_folder, list_tables, write_report
     from doppelgait.classify.training import BASELINES
     from doppelgait.core.errors import ConfigError
     from doppelgait.dataset import open_dataset
@@ -349,20 +343,7 @@ def evaluate(
     if as_json:
         print_json(found.document)
         return
-    print_table(score_table(found.document))
-    print()
-    print_table(format_alarm_table(found.document))
-    if adapt is not None:
-        print()
-        print_table(format_adaptation_table(found.document))
-    if unknown is not None:
-        print()
-        print_table(format_unknown_table(found.document))
-    if alarm:
-        print()
-        print_table(format_day(found.document["alarm_day"]))
-        print()
-        print_table(format_episodes(found.document["alarm_day"]))
+    print_tables(list_tables(found.document))
     for note in found.document["notes"]:
         print_message(f"note: {note}")
     print_message(f"report: {page}")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from doppelgait.cli.output import print_json, print_message, print_table, report_progress
+from doppelgait.cli.output import print_json, print_message, print_table, print_tables, report_progress
 
 app = typer.Typer(
     help="Export trained models to other programs and devices.", no_args_is_help=True, rich_markup_mode=None
@@ -115,6 +115,4 @@ def alarm(
     if as_json:
         print_json(found)
         return
-    print_table(format_day(found))
-    print()
-    print_table(format_episodes(found))
+    print_tables([format_day(found), format_episodes(found)])

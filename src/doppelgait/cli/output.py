@@ -49,6 +49,14 @@ def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
         print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
 
 
+def print_tables(tables: Sequence[Sequence[Mapping[str, Any]]]) -> None:
+    """Print tables with an empty line between them."""
+    for number, rows in enumerate(tables):
+        if number:
+            print()
+        print_table(rows)
+
+
 def format_number(value: float | None, digits: int = 3) -> str:
     """Format a number for a table; ``-`` for None."""
     return "-" if value is None else f"{value:.{digits}g}" if abs(value) >= 1e4 else f"{value:.{digits}f}"

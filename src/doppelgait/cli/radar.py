@@ -224,7 +224,7 @@ def compare(
     from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
     from doppelgait.dataset.config import load_plan
     from doppelgait.radar.readers import read_several
-    from doppelgait.viz.domains import plot_domains
+    from doppelgait.viz.tables import plot_domains
 
     check_output(output, ".png", ".svg", ".pdf")
     loaded, folder = (None, None) if plan is None else load_plan(plan)

@@ -19,7 +19,7 @@ from doppelgait.reproduce.entry import Entry, EntryResult, Reading, format_judge
 from doppelgait.reproduce.material import STEEPNESS, THRESHOLD
 from doppelgait.reproduce.measures import CLEAR_DB, HARMONICS, prominence_db
 from doppelgait.viz.maps import add_colour_bar
-from doppelgait.viz.signatures import plot_signature
+from doppelgait.viz.ranges import plot_signature
 from doppelgait.viz.spectra import plot_cadence_map
 from doppelgait.viz.style import CADENCE_LABEL, DOPPLER_LABEL, name_axes
 

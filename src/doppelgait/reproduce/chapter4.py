@@ -31,7 +31,7 @@ from doppelgait.reproduce.measures import (
 )
 from doppelgait.viz.maps import add_colour_bar, add_velocity_axis
 from doppelgait.viz.motion import group_lines, plot_part_lines
-from doppelgait.viz.signatures import plot_signature
+from doppelgait.viz.ranges import plot_signature
 from doppelgait.viz.style import ACCENT, DOPPLER_LABEL, LINE, LINE_COLOURS, make_axes, name_axes, place_legend_below
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from doppelgait.reproduce.material import STEEPNESS, THRESHOLD
 from doppelgait.reproduce.measures import CLEAR_DB, HARMONICS, prominence_db, side_lobe_of_cadence_db
 from doppelgait.viz.maps import add_colour_bar, doppler_limits_hz
 from doppelgait.viz.motion import group_lines, plot_part_lines
-from doppelgait.viz.signatures import plot_signature
+from doppelgait.viz.ranges import plot_signature
 from doppelgait.viz.style import DOPPLER_LABEL, draw_grid, name_axes, place_legend_below
 
 if TYPE_CHECKING:

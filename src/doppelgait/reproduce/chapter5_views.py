@@ -36,7 +36,7 @@ from doppelgait.scene import Scene, Target
 from doppelgait.scene.rcs import RcsSpec
 from doppelgait.viz.maps import add_colour_bar
 from doppelgait.viz.motion import group_lines, plot_part_lines
-from doppelgait.viz.signatures import plot_signature
+from doppelgait.viz.ranges import plot_signature
 from doppelgait.viz.spectra import plot_cadence_map
 from doppelgait.viz.style import CADENCE_LABEL, DOPPLER_LABEL, LINE_COLOURS, make_figure, name_axes
 

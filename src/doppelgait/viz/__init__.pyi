@@ -7,8 +7,8 @@ from doppelgait.viz.motion import stick_frames as stick_frames
 from doppelgait.viz.objects import overview as overview
 from doppelgait.viz.ranges import range_doppler_map as range_doppler_map
 from doppelgait.viz.ranges import range_time as range_time
-from doppelgait.viz.signatures import signature as signature
-from doppelgait.viz.signatures import signature_normalisation as signature_normalisation
+from doppelgait.viz.ranges import signature as signature
+from doppelgait.viz.ranges import signature_normalisation as signature_normalisation
 from doppelgait.viz.spectra import cadence_map as cadence_map
 from doppelgait.viz.spectra import cadence_spectrum as cadence_spectrum
 from doppelgait.viz.spectra import mean_doppler_spectrum as mean_doppler_spectrum

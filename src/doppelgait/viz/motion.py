@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -166,9 +166,7 @@ def _choose_dash(number: int) -> str:
 
 
 def average_without_nan(values: FloatArray, columns: Sequence[int]) -> FloatArray:
-    """Average some columns; shape (T,).
-    The mean is NaN only where all columns are NaN.
-    """
+    """Average some columns; shape (T,)."""
     chosen = values[:, list(columns)]
     known = np.isfinite(chosen)
     count = known.sum(axis=1)
@@ -206,8 +204,7 @@ def scatterer_doppler(scatterers: xr.Dataset, *, wavelength_m: float) -> xr.Data
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
-    >>> from doppelgait import viz
-    >>> doppler_hz = viz.scatterer_doppler(table, wavelength_m=0.04)
+    >>> doppler_hz = dg.viz.scatterer_doppler(table, wavelength_m=0.04)
     >>> round(float(doppler_hz.mean()))  # 2 v / wavelength of the body, Hz
     46
     """
@@ -240,17 +237,12 @@ def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scattere
     AnalysisError
         If the variable or the coordinate is missing.
 
-    See Also
-    --------
-    doppler_lines : the same for Doppler.
-
     Examples
     --------
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
-    >>> from doppelgait import viz
-    >>> figure = viz.range_lines(table)
+    >>> figure = dg.viz.range_lines(table)
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Range of every scatterer', 'time (s)')
     """
@@ -292,17 +284,12 @@ def doppler_lines(
     AnalysisError
         If the variable or the coordinate is missing, or the wavelength is not positive.
 
-    See Also
-    --------
-    range_lines : the same for range.
-
     Examples
     --------
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
-    >>> from doppelgait import viz
-    >>> figure = viz.doppler_lines(table, wavelength_m=0.04)
+    >>> figure = dg.viz.doppler_lines(table, wavelength_m=0.04)
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('True Doppler frequency of every scatterer', 'time (s)')
     """
@@ -323,20 +310,8 @@ def _finish_lines(axes: Axes, time_s: FloatArray, *, title: str, y: str) -> None
     draw_grid(axes)
 
 
-class LabelledMotion(Protocol):
-    """Interface of the motions that can be plotted."""
-
-    @property
-    def positions(self) -> xr.DataArray:
-        """Positions (time, marker, space) in m."""
-
-    @property
-    def facts(self) -> Any:
-        """Facts with ``stride_frequency_hz``."""
-
-
 def stick_frames(
-    motion: LabelledMotion,
+    motion: Any,
     *,
     start_s: float | None = None,
     duration_s: float | None = None,
@@ -374,8 +349,7 @@ def stick_frames(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> from doppelgait import viz
-    >>> figure = viz.stick_frames(dg.motion.boulic_walk(duration_s=2.0))
+    >>> figure = dg.viz.stick_frames(dg.motion.boulic_walk(duration_s=2.0))
     >>> [axes.get_title() for axes in figure.axes][:3]
     ['0.00 s', '0.14 s', '0.28 s']
     """

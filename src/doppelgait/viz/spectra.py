@@ -90,18 +90,13 @@ def cadence_spectrum(
     AnalysisError
         If the array does not conform to its schema or has no cadence below ``max_cadence_hz``.
 
-    See Also
-    --------
-    cadence_map : plot magnitude over cadence and Doppler.
-
     Examples
     --------
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> from doppelgait import viz
-    >>> figure = viz.cadence_spectrum(result.cadence_spectrum)
+    >>> figure = dg.viz.cadence_spectrum(result.cadence_spectrum)
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Cadence spectrum', 'cadence (Hz)')
     """
@@ -171,10 +166,7 @@ def _mark_peak(axes: Axes, cadence_hz: float, level_db: float, text: str, *, lab
 
 
 def levels_below_peak_db(values: npt.ArrayLike, db_range: float, *, amplitude: bool) -> FloatArray:
-    """Return levels in dB relative to the maximum.
-    The levels are limited to twice the range below the peak; without a peak all levels have this
-    limit.
-    """
+    """Return levels in dB relative to the maximum."""
     check_db_range(db_range)
     power = np.asarray(values, dtype=np.float64) ** (2 if amplitude else 1)
     top = float(np.nanmax(power)) if np.isfinite(power).any() else 0.0
@@ -240,11 +232,9 @@ def mean_doppler_spectrum(
 
     Examples
     --------
-    >>> import numpy as np
     >>> from doppelgait import viz
-    >>> figure = viz.mean_doppler_spectrum(
-    ...     [1.0, 4.0, 2.0], doppler_hz=np.array([-50.0, 0.0, 50.0]), wavelength_m=0.04
-    ... )
+    >>> axis_hz = [-50.0, 0.0, 50.0]
+    >>> figure = viz.mean_doppler_spectrum([1.0, 4.0, 2.0], doppler_hz=axis_hz, wavelength_m=0.04)
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Mean Doppler spectrum', 'Doppler frequency (Hz)')
     """
@@ -347,18 +337,13 @@ def cadence_map(
     AnalysisError
         If the array does not conform to its schema or has no cadence below ``max_cadence_hz``.
 
-    See Also
-    --------
-    cadence_spectrum : plot power over cadence alone.
-
     Examples
     --------
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> from doppelgait import viz
-    >>> figure = viz.cadence_map(result.cadence_map)
+    >>> figure = dg.viz.cadence_map(result.cadence_map)
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Cadence-velocity diagram', 'cadence (Hz)')
     """

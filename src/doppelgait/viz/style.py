@@ -78,9 +78,7 @@ QUANTITY_NAMES |= STEP_LENGTHS
 
 
 def describe_quantity(name: str) -> tuple[str, str]:
-    """Return description and unit of a column from its name.
-    ``gait_frequency_hz`` gives ``("gait frequency", "Hz")``.
-    """
+    """Return description and unit of a column from its name."""
     stem, _, suffix = name.rpartition("_")
     unit = UNIT_OF_SUFFIX.get(suffix, "1") if stem else "1"
     words = " ".join(SHORT_WORDS.get(word, word) for word in (stem if unit != "1" else name).split("_"))
@@ -151,10 +149,7 @@ def draw_grid(axes: Axes) -> None:
 
 
 def place_legend_below(figure: Figure, axes: Axes, *, columns: int = 6, inside: bool = False) -> None:
-    """Put a legend below the axes, or inside them.
-    Without labelled artists there is no legend. A legend below the axes needs a figure with a
-    constrained layout.
-    """
+    """Put a legend below the axes, or inside them."""
     handles, labels = axes.get_legend_handles_labels()
     if handles:
         legend = (
@@ -221,8 +216,7 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -
     >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> from doppelgait import viz
-    >>> viz.save_figure(viz.signature(result.signature), "signature.png").name
+    >>> dg.viz.save_figure(dg.viz.signature(result.signature), "signature.png").name
     'signature.png'
     """
     target = Path(path)

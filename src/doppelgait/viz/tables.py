@@ -1,10 +1,10 @@
-"""Figures of features by class, and contact sheets."""
+"""Figures of features, signatures and recordings of several kinds."""
 
 from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +12,8 @@ import numpy.typing as npt
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.viz.maps import (
@@ -23,10 +25,12 @@ from doppelgait.viz.maps import (
     level_limits_db,
     wavelength_m,
 )
-from doppelgait.viz.signatures import Limits, choose_reference, plot_signature
+from doppelgait.viz.ranges import Limits, choose_reference, plot_signature
 from doppelgait.viz.style import (
     DOPPLER_LABEL,
     FEATURE_NAMES,
+    MAP_COLOURS,
+    RANGE_LABEL,
     SHORT_VELOCITY_LABEL,
     TIME_LABEL,
     choose_class_colours,
@@ -98,20 +102,14 @@ def feature_scatter(
     AnalysisError
         If columns are missing or hold no numbers, or the table is empty.
 
-    See Also
-    --------
-    feature_matrix : distributions of several features.
-
     Examples
     --------
     >>> import pandas as pd
     >>> from doppelgait import viz
-    >>> table = pd.DataFrame(
-    ...     {"label": ["human", "dog"], "torso_velocity_mps": [1.2, 1.5], "step_length_m": [0.7, 0.4]}
-    ... )
-    >>> figure = viz.feature_scatter(table, x="torso_velocity_mps", y="step_length_m")
-    >>> figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()
-    ('torso velocity (m/s)', 'step length, radial (m)')
+    >>> table = pd.DataFrame({"label": ["human", "dog"], "step_length_m": [0.7, 0.4]})
+    >>> figure = viz.feature_scatter(table, x="step_length_m", y="step_length_m")
+    >>> figure.axes[0].get_xlabel()
+    'step length, radial (m)'
     """
     values, classes = _select_columns(table, (x, y), by)
     known = np.isfinite(values[x]) & np.isfinite(values[y])
@@ -166,20 +164,14 @@ def feature_matrix(
     AnalysisError
         If columns are missing or hold no numbers, or the table is empty.
 
-    See Also
-    --------
-    feature_scatter : plot two features against each other.
-
     Examples
     --------
     >>> import pandas as pd
     >>> from doppelgait import viz
-    >>> table = pd.DataFrame(
-    ...     {"label": ["human", "dog"], "torso_velocity_mps": [1.2, 1.5], "step_length_m": [0.7, 0.4]}
-    ... )
-    >>> figure = viz.feature_matrix(table, features=["torso_velocity_mps", "step_length_m"])
+    >>> table = pd.DataFrame({"label": ["human", "dog"], "step_length_m": [0.7, 0.4]})
+    >>> figure = viz.feature_matrix(table, features=["step_length_m"])
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
-    ('dog (n = 1), human (n = 1)', 'torso velocity (m/s)')
+    ('dog (n = 1), human (n = 1)', 'step length, radial (m)')
     """
     if not 1 <= len(features) <= 12:
         raise AnalysisError(f"features are {len(features)} columns; 1 to 12 fit on a page")
@@ -261,18 +253,13 @@ def contact_sheet(
     AnalysisError
         If there are no or too many signatures, titles do not match, or units differ.
 
-    See Also
-    --------
-    signature : one signature.
-
     Examples
     --------
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> from doppelgait import viz
-    >>> figure = viz.contact_sheet([result.signature], titles=["human"])
+    >>> figure = dg.viz.contact_sheet([result.signature], titles=["human"])
     >>> figure.axes[0].get_title(loc="left")
     'human'
     """
@@ -317,3 +304,52 @@ def _check_sheet(signatures: Sequence[xr.DataArray], titles: Sequence[str], colu
     if len(units) > 1:
         raise AnalysisError(f"signatures in units {units} have no common dB scale; pass all raw or all normalised")
     return arrays
+
+
+TABLE_TITLE = "AUC (95 % interval); for each statistic, distance in standard deviations (AUC of this statistic alone)"
+
+Picture = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], str]
+
+
+def plot_domains(
+    pictures: Mapping[str, Sequence[Picture]], table: Sequence[Mapping[str, str]], *, title: str
+) -> Figure:
+    """Plot recordings of every kind, with a table below."""
+    columns = max(len(row) for row in pictures.values())
+    figure = make_figure(width_in=11.0, height_in=2.6 * len(pictures) + 0.24 * len(table) + 0.8)
+    heights = [2.6] * len(pictures) + [0.24 * len(table) + 0.4]
+    grid = figure.add_gridspec(len(pictures) + 1, columns, height_ratios=heights)
+    figure.suptitle(title, fontsize=12, x=0.01, ha="left")
+    for line, (kind, shown) in enumerate(pictures.items()):
+        for column, (level_db, axis, label) in enumerate(shown):
+            axes = figure.add_subplot(grid[line, column])
+            level_db = level_db - np.median(level_db)
+            extent = (0.0, float(len(level_db)), float(axis[0]), float(axis[-1]))
+            image = axes.imshow(
+                level_db.T,
+                origin="lower",
+                aspect="auto",
+                extent=extent,
+                vmin=-10.0,
+                vmax=25.0,
+                cmap=MAP_COLOURS,
+                interpolation="nearest",
+            )
+            axes.set_title(kind if column == 0 else "", fontsize=10, loc="left")
+            axes.set_ylabel(label if column == 0 else "", fontsize=9)
+            step = "pulse number" if label == RANGE_LABEL else "window number"
+            axes.set_xlabel(step if line == len(pictures) - 1 else "", fontsize=9)
+            axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
+            axes.tick_params(labelsize=8)
+    figure.colorbar(image, ax=figure.axes, aspect=40, pad=0.02).set_label("level above the median (dB)", fontsize=9)
+    axes = figure.add_subplot(grid[-1, :])
+    axes.axis("off")
+    axes.set_title(TABLE_TITLE, fontsize=9, loc="left")
+    names = list(table[0])
+    cells = [[row[name] for name in names] for row in table]
+    made = axes.table(cellText=cells, colLabels=names, loc="upper center", cellLoc="left", bbox=Bbox.unit())
+    made.auto_set_font_size(False)
+    made.set_fontsize(8)
+    for cell in made.get_celld().values():
+        cell.set_linewidth(0.3)
+    return figure

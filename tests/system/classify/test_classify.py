@@ -771,7 +771,7 @@ def test_a_report_that_fails_leaves_the_older_one(dataset, tmp_path, monkeypatch
     monkeypatch.setattr("doppelgait.classify.report.make_figures", lambda _: [])
     write_report(result, tmp_path / "out")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    monkeypatch.setattr("doppelgait.classify.report.format_page", lambda *_: 1 / 0)
+    monkeypatch.setattr("doppelgait.classify.report.make_page", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         write_report(result, tmp_path / "out")
     assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}

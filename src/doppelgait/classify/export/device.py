@@ -1,4 +1,4 @@
-"""Plan of a model on a small device, its work, and networks in integers.
+"""Plan of a model on a small device, with networks in integers.
 
 The networks have 8-bit weights and activations, and 32-bit sums.
 """
