@@ -11,8 +11,8 @@ import numpy as np
 from clock import Timing, Work, measure
 from scenario import DURATION_S, N_SCATTERERS, fill_planes, make_radar, new_planes, prepare, walking_scene
 
+from doppelgait.core.samples import Samples
 from doppelgait.processing import Analysis
-from doppelgait.processing.signature import compute_plane_signature
 from doppelgait.radar import add_noise, synthesise
 
 SPEED_MPS = 0.6
@@ -70,12 +70,12 @@ def make_case(axis: str, value: Any) -> tuple[float, dict[str, Work]]:
     analysis = Analysis(doppler_bins=128, hop=1, gate_span_m=value if axis == "gate, m" else 1.0)
     case = prepare(radar, scene, analysis)
     planes, clean, cut = new_planes(case), synthesise(case.table, radar), case.cut(1)
+    fill_planes(case, planes)
+    samples = Samples.from_planes(planes, case.slow_time_s.size)
     stages = {
         "synthesis, planes": lambda: fill_planes(case, planes),
         "synthesis, matrix": lambda: synthesise(case.table, radar),
-        "signature, hop 1": lambda: compute_plane_signature(
-            planes[0], planes[1], 0, cut, wavelength_m=radar.wavelength_m
-        ),
+        "signature, hop 1": lambda: cut.sum_power(samples),
         "noise, matrix": lambda: add_noise(clean, noise_power_v2=1e-12, rng=np.random.default_rng(1)),
     }
     return float(radar.n_range_bins if axis == "range bins" else value), stages

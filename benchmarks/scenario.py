@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from doppelgait.core.frames import SlowTime
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.motion import make_motion
 from doppelgait.motion.models import boulic_walk
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.signature import GatedTransform, make_gated_transform
 from doppelgait.radar import Radar
-from doppelgait.radar.simulate import compute_scatterer_arrays
+from doppelgait.radar.link import compute_scatterer_arrays
 from doppelgait.scene import Scene, Target, assemble, compute_body_track, place
 
 N_SCATTERERS = 41
@@ -45,7 +46,7 @@ class Case:
     def cut(self, hop: int | None) -> GatedTransform:
         """Gate and transform at a hop; None is the lossless one."""
         settings = self.analysis.model_copy(update={"hop": hop})
-        return make_gated_transform(self.gate, self.slow_time_s, self.radar.range_axis_m(), settings)
+        return make_gated_transform(self.gate, SlowTime(self.slow_time_s), self.radar.range_axis_m(), settings)
 
 
 def walking_scene(n_scatterers: int, duration_s: float, speed_mps: float) -> Scene:

@@ -21,12 +21,12 @@ from obvious import (
 from scenario import Case, fill_matrix, fill_planes, make_radar, new_planes, prepare, scenario
 
 from doppelgait.core.rng import rng
+from doppelgait.core.samples import Samples
 from doppelgait.dataset import stream_examples
 from doppelgait.motion import boulic_walk, human_gait, quadruped_gait, sample_dog, sample_person
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.processing import Analysis, signature
-from doppelgait.processing.signature import compute_plane_signature
 from doppelgait.radar import Recording, add_noise, synthesise
 from doppelgait.scene import assemble
 
@@ -121,7 +121,8 @@ def synthesis_work(case: Case, full: Case, planes: Any, full_planes: Any) -> dic
 def signature_work(case: Case) -> dict[str, Work]:
     """Signature from the data matrix and from planes, and the features of a signature that exists."""
     noisy = add_noise(synthesise(case.table, case.radar), noise_power_v2=NOISE_V2, rng=np.random.default_rng(1))
-    planes = np.ascontiguousarray(np.stack([noisy.values.real.T, noisy.values.imag.T]))
+    parts = np.ascontiguousarray(np.stack([noisy.values.real.T, noisy.values.imag.T]))
+    planes = Samples.from_planes(parts, case.slow_time_s.size)
     work: dict[str, Work] = {}
     for name, hop in (("hop 1", 1), ("lossless hop", None)):
         settings, cut = case.analysis.model_copy(update={"hop": hop}), case.cut(hop)
@@ -129,9 +130,7 @@ def signature_work(case: Case) -> dict[str, Work]:
         of_matrix = partial(signature, noisy, case.gate, settings, wavelength_m=wavelength_m)
         work |= {
             f"signature, {name}": of_matrix,
-            f"signature of planes, {name}": partial(
-                compute_plane_signature, planes[0], planes[1], 0, cut, wavelength_m=wavelength_m
-            ),
+            f"signature of planes, {name}": partial(cut.sum_power, planes),
             f"features, {name}": partial(analyze_signature, of_matrix(), case.gate, settings, label=None),
         }
     return work

@@ -37,6 +37,7 @@ from harness import finish, make_parser, markdown, match, run_jobs
 
 import doppelgait as dg
 from doppelgait.core.errors import DoppelgaitError
+from doppelgait.core.frames import Frames
 from doppelgait.core.labels import read_axis
 from doppelgait.motion.retime import fit_centre
 from doppelgait.pipeline import Conditions, Result, analyze, simulate
@@ -186,8 +187,8 @@ def true_bandwidth_hz(body: Body, recording: Recording, result: Result) -> float
         gate = Gate.from_truth(body.truth, recording.slow_time_s, settings).during(start_s, stop_s)
     whole = synthesise(body.truth.scatterers, radar)
     pulses = np.searchsorted(read_axis(whole, "slow_time"), recording.slow_time_s - 0.5 / radar.prf_hz)
-    baseband = gate.crop(whole.isel(slow_time=pulses).assign_attrs(recording.facts))
-    return analyze_gated(baseband, radar.wavelength_m, gate, settings, None).features.doppler_bandwidth_hz
+    frames = gate.crop(Frames.of(whole.isel(slow_time=pulses).assign_attrs(recording.facts)))
+    return analyze_gated(frames, radar.wavelength_m, gate, settings, None).features.doppler_bandwidth_hz
 
 
 # Scores --------------------------------------------------------------------------------------------------------------

@@ -25,6 +25,7 @@ import xarray as xr
 from harness import finish, make_parser, quiet, run_jobs
 from tracking import SCENES, Truth
 
+from doppelgait.core.frames import Frames
 from doppelgait.core.labels import read_axis
 from doppelgait.motion.models import quadruped_gait
 from doppelgait.motion.models.human import human_gait
@@ -32,7 +33,8 @@ from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import Result, analyze, simulate
 from doppelgait.pipeline.target import analyze_gated
-from doppelgait.processing import Analysis, Gate, remove_clutter
+from doppelgait.processing import Analysis, Gate
+from doppelgait.processing.clutter import clean_frames
 from doppelgait.processing.common_phase import remove_common_phase
 from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.track import Track, track
@@ -144,7 +146,7 @@ def compare_gates(job: tuple[int, str, float, int]) -> list[dict[str, Any]]:
         pairs = {"whole": whole}
         if best is not None:
             settings = Analysis(clutter="median", extended=False)
-            clean = remove_clutter(remove_common_phase(cluttered.baseband), settings)
+            clean = clean_frames(remove_common_phase(cluttered.frames), settings)
             gate = Gate.from_truth(recording.truth[0], recording.slow_time_s, settings)
             gate = gate.during(best.quality["start_s"], best.quality["stop_s"])
             pairs["gate"] = analyze_gated(gate.crop(clean), recording.radar.wavelength_m, gate, settings, None)
@@ -205,7 +207,7 @@ def share_inside(baseband: xr.DataArray, gate: xr.Dataset | None) -> tuple[float
     total = power.sum()
     if gate is None:
         return np.nan, 0.0
-    part = gate.crop(baseband)
+    part = gate.crop(Frames.of(baseband)).label()
     bins = np.arange(part.sizes["range"])
     low, high = gate.edges(read_axis(part, "range"), read_axis(part, "slow_time"), sharp=False)
     # a cell at the edge counts by the share of it that is inside (E-27)

@@ -31,7 +31,8 @@ from harness import finish, make_parser, quiet, run_jobs
 
 import doppelgait.processing.parts as parts_module
 from doppelgait.core.errors import DoppelgaitError
-from doppelgait.core.labels import read_axis
+from doppelgait.core.frames import Frames
+from doppelgait.core.labels import SIGNATURE, Signal, read_axis
 from doppelgait.core.units import slow_time_axis_s
 from doppelgait.motion.models import human_gait, quadruped_gait, sample_person
 from doppelgait.motion.models.quadruped_gaits import BUILDS, GAITS, froude_speed_mps, hip_height_m
@@ -145,19 +146,21 @@ def score(body: Body, snr_db: float, seed: int, rng_key: int = 5) -> dict[str, A
         "speed_cells": abs(line_mps) / (RADAR.wavelength_m / 2.0 / ANALYSIS.cpi_s),
         "true_share": energy[0] / energy.sum(), "line_error_mps": abs(line_mps - body.speed_mps),
     }  # fmt: skip
-    mask, reason = locate_parts(heard, mu, body.gate, ANALYSIS)
+    mask, reason = locate_parts(Frames.of(heard), Signal.of(mu, SIGNATURE), body.gate, ANALYSIS)
     if mask is None:
         return {**row, "reason": reason}
     quiet = replace(mask, floor_v2=0.0)
     wavelength_m = RADAR.wavelength_m
     found = np.stack(
         [
-            quiet.power_v2(echo, ANALYSIS, wavelength_m=wavelength_m).values.sum(axis=(1, 2), dtype=np.float64)
+            quiet.power_v2(Frames.of(echo), ANALYSIS, wavelength_m=wavelength_m).values.sum(
+                axis=(1, 2), dtype=np.float64
+            )
             for echo in body.echoes
         ],
         axis=1,
     )  # assigned part, true part
-    measured = measure_parts(mask.power_v2(heard, ANALYSIS, wavelength_m=wavelength_m))
+    measured = measure_parts(mask.power_v2(Frames.of(heard), ANALYSIS, wavelength_m=wavelength_m).label())
     torso_mps = float(np.nanmedian(measured["velocity_mps"].values[0]))
     return {
         **row, "reason": "",
@@ -234,10 +237,10 @@ def draw_picture(path: Path) -> None:
     for (kind, seed), axes in zip((("person", 301), ("dog", 302)), rows, strict=True):
         body = observe(draw_motion(kind, seed), 0.0, "ellipsoids", seed)
         mu = body.view(body.whole)
-        mask, reason = locate_parts(body.whole, mu, body.gate, ANALYSIS)
+        mask, reason = locate_parts(Frames.of(body.whole), Signal.of(mu, SIGNATURE), body.gate, ANALYSIS)
         if mask is None:
             raise DoppelgaitError(f"no parts: {reason}")
-        found = measure_parts(mask.power_v2(body.whole, ANALYSIS, wavelength_m=RADAR.wavelength_m))
+        found = measure_parts(mask.power_v2(Frames.of(body.whole), ANALYSIS, wavelength_m=RADAR.wavelength_m).label())
         time_s, speed_mps = read_axis(mu, "time"), read_axis(mu, "velocity")
         level_db = 10 * np.log10(mu.values / mu.values.max(axis=1, keepdims=True) + 1e-9)
         true_v2 = np.stack([body.view(echo).values for echo in body.echoes])

@@ -37,8 +37,7 @@ from xband_measures import FloatArray
 from doppelgait.classify.domain import Comparison, compare_recordings
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.labels import read_axis
-from doppelgait.processing import Analysis
-from doppelgait.processing.bursts import burst_signature
+from doppelgait.processing import Analysis, burst_signature
 from doppelgait.radar import Recording
 from doppelgait.radar.readers.cw_text import read_cw_text
 

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from harness import finish, make_parser, markdown, match
 
+from doppelgait.core.frames import Frames
 from doppelgait.core.rng import rng
 from doppelgait.motion import breathing_person
 from doppelgait.pipeline import simulate
@@ -132,7 +133,7 @@ def breath_table(trials: int, seed: int) -> str:
                 source = np.random.default_rng(seed + trial)
                 pair = source.standard_normal((2, *clean.shape)) * np.sqrt(power / 2 / 10 ** (snr_db / 10))
                 noisy = clean.copy(data=(clean.values + pair[0] + 1j * pair[1]).astype(np.complex64))
-                people = find_breathing(noisy, wavelength_m=radar.wavelength_m)
+                people = find_breathing(Frames.of(noisy), wavelength_m=radar.wavelength_m)
                 near = [person for person in people if abs(person.range_m - 2.0) < 0.2]
                 off += [near[0].rate_hz / 0.25 - 1] if near else []
                 others += len(people) - len(near[:1])

@@ -12,6 +12,7 @@ from doppelgait.core.labels import (
     MOTION,
     NORMALISED_SIGNATURE,
     SIGNATURE,
+    Signal,
     make_array,
     read_axis,
     replace_array_values,
@@ -51,7 +52,8 @@ def test_an_array_is_the_one_that_xarray_makes_of_the_same_parts():
 
 def test_new_values_share_the_coordinates_and_leave_the_old_array_alone():
     old = signature()
-    new = replace_array_values(old, np.zeros((5, 3)), schema=NORMALISED_SIGNATURE, attrs={"normalisation": "sum"})
+    plain = Signal.of(old, SIGNATURE)
+    new = plain.replace(np.zeros((5, 3)), schema=NORMALISED_SIGNATURE, attrs={"normalisation": "sum"}).label()
     assert (new.name, new.attrs) == ("normalised_signature", {"units": "1", "hop": 8, "normalisation": "sum"})
     assert (old.name, old.attrs) == ("signature", {"units": "V^2", "hop": 8})
     assert old.values.any()
@@ -63,7 +65,7 @@ def test_new_values_share_the_coordinates_and_leave_the_old_array_alone():
 
 def test_coordinates_can_be_taken_from_a_like_array():
     cadence_hz = np.array([0.0, 0.5])
-    made = make_array(CADENCE_MAP, np.zeros((2, 3)), {"cadence": cadence_hz}, like=signature())
+    made = Signal.of(signature(), SIGNATURE).with_axes(CADENCE_MAP, np.zeros((2, 3)), cadence=cadence_hz).label()
     assert set(made.coords) == {"cadence", "doppler", "velocity"}
     np.testing.assert_array_equal(read_axis(made, "doppler"), DOPPLER_HZ)
     np.testing.assert_array_equal(made.sel(cadence=0.5, doppler=-10.0), 0.0)

@@ -5,8 +5,9 @@ import pytest
 
 import doppelgait as dg
 from doppelgait.core.errors import RecordingError
+from doppelgait.core.frames import Frames
 from doppelgait.core.labels import BASEBAND, make_array, replace_array_values
-from doppelgait.core.lazy import LONG_PULSES, lazy_rows, read_pulses, read_tiles
+from doppelgait.core.lazy import LONG_PULSES, lazy_rows, read_pulses
 from doppelgait.processing.clutter import remove_static_clutter
 from doppelgait.processing.common_phase import remove_common_phase
 from doppelgait.radar.recordings import read_recording, write_recording
@@ -32,7 +33,7 @@ def test_every_slice_is_that_of_the_values():
 
 def test_tiles_follow_each_other():
     here, _ = basebands(2 * LONG_PULSES + 5)
-    tiles = list(read_tiles(here, 100))
+    tiles = list(Frames.of(here).read_tiles(100))
     assert len(tiles) == 3
     assert all(first % 100 == 0 for first, _ in tiles)
     np.testing.assert_array_equal(np.concatenate([values for _, values in tiles]), here.values)
@@ -43,8 +44,7 @@ def test_clutter_of_a_long_recording_is_that_of_the_whole(kind, monkeypatch):
     here, there = basebands(LONG_PULSES + 9000)
     tiled = remove_static_clutter(there, kind=kind)
     with monkeypatch.context() as whole:
-        for module in ("core.lazy", "processing.clutter"):
-            whole.setattr(f"doppelgait.{module}.LONG_PULSES", 1 << 20)
+        whole.setattr("doppelgait.core.lazy.LONG_PULSES", 1 << 20)
         expected = remove_static_clutter(here, kind=kind).values
     np.testing.assert_allclose(tiled.values, expected, atol=2e-6)
     np.testing.assert_array_equal(
@@ -54,10 +54,10 @@ def test_clutter_of_a_long_recording_is_that_of_the_whole(kind, monkeypatch):
 
 def test_common_phase_of_a_long_recording_is_that_of_the_whole(monkeypatch):
     here, there = basebands(LONG_PULSES + 9000)
-    tiled = remove_common_phase(there)
+    tiled = remove_common_phase(Frames.of(there)).label()
     with monkeypatch.context() as whole:
         whole.setattr("doppelgait.core.lazy.LONG_PULSES", 1 << 20)
-        expected = remove_common_phase(here).values
+        expected = remove_common_phase(Frames.of(here)).matrix
     assert np.abs(expected - here.values).max() > 1.0  # the drift is taken off
     np.testing.assert_allclose(tiled.values, expected, atol=2e-5)
 

@@ -5,7 +5,15 @@ import pytest
 from scipy import stats
 
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.labels import BASEBAND, CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, make_array
+from doppelgait.core.labels import (
+    BASEBAND,
+    CADENCE_MAP,
+    CADENCE_SPECTRUM,
+    NORMALISED_SIGNATURE,
+    SIGNATURE,
+    Signal,
+    make_array,
+)
 from doppelgait.core.rng import Streams
 from doppelgait.features import (
     FEATURE_UNITS,
@@ -175,9 +183,9 @@ def test_occupied_rows_stand_three_standard_deviations_above_the_noise_e38():
     # N_g = 16 and 25 independent columns: std of a row's mean is nu / sqrt(16 * 25) = nu / 20
     mean = 1.0 + np.array([0.0, 0.14, 0.16, -0.2, 5.0])
     coords = {"time": np.arange(50) / RATE_HZ, **doppler_coords(5)}
-    mu = make_array(SIGNATURE, np.tile(mean, (50, 1)), coords, {"n_gate_bins": 16})
+    mu = Signal.of(make_array(SIGNATURE, np.tile(mean, (50, 1)), coords, {"n_gate_bins": 16}), SIGNATURE)
     evidence = Observation(
-        signature=mu, floor_v2=1.0, excess=mu - 1.0, n_independent=25.0,
+        signature=mu, floor_v2=1.0, excess=mu.replace(mu.values - 1.0), n_independent=25.0,
         main_line_hz=None, aligned=None, cadence_parts=None, strongest_v2=None,
         peaks_hz=None, spectrum=None, observation_s=0.4,
     )  # fmt: skip
@@ -263,11 +271,11 @@ def block_signature(low, high, floor, k=200, n_columns=100):
     for j, (a, b) in enumerate(zip(np.resize(low, n_columns), np.resize(high, n_columns), strict=True)):
         values[j, a : b + 1] += 1.0
     coords = {"time": np.arange(n_columns) / RATE_HZ, **doppler_coords(k)}
-    return make_array(SIGNATURE, values, coords, {"n_gate_bins": 16})
+    attrs = {"n_gate_bins": 16, "wavelength_m": WAVELENGTH_M}
+    return Signal.of(make_array(SIGNATURE, values, coords, attrs), SIGNATURE)
 
 
 def envelope_width_hz(mu, floor_v2):
-    mu = mu.assign_attrs(wavelength_m=WAVELENGTH_M)
     observed = Observation(
         signature=mu, floor_v2=floor_v2, main_line_hz=np.zeros(mu.sizes["time"]),
         excess=None, n_independent=25.0, aligned=None, cadence_parts=None, strongest_v2=None, peaks_hz=None,
@@ -279,15 +287,15 @@ def envelope_width_hz(mu, floor_v2):
 def test_envelope_is_the_1_and_99_per_cent_quantile_of_the_power_above_the_noise_e35():
     mu = block_signature(50, 149, 0.01)
     low, high = envelopes_hz(mu, 0.01)
-    doppler_hz = mu.coords["doppler"].values
+    doppler_hz = mu.axis("doppler")
     # 100 equal cells: 1 % is reached in the first, 99 % in the 99th
     assert np.abs(low - doppler_hz[50]).max() <= 5.0
     assert np.abs(high - doppler_hz[148]).max() <= 5.0
     assert envelope_width_hz(mu, 0.01) == pytest.approx(98 * 5.0, abs=5.0)
     # cells that noise alone reaches do not count
-    faint = mu.copy(data=np.where(mu.values > 0.5, mu.values, 0.0199))
+    faint = mu.replace(np.where(mu.values > 0.5, mu.values, 0.0199))
     assert envelope_width_hz(faint, 0.01) == envelope_width_hz(mu, 0.01)
-    strong = mu.copy(data=np.where(mu.values > 0.5, mu.values, 0.5))
+    strong = mu.replace(np.where(mu.values > 0.5, mu.values, 0.5))
     assert envelope_width_hz(strong, 0.01) > 150 * 5.0
 
 
@@ -303,7 +311,7 @@ def test_envelopes_are_those_of_the_cumulative_power_e35(dtype):
     values = np.random.default_rng(3).exponential(1.0, (200, 64)).astype(dtype)
     values[7], values[8, :-1], values[9, 1:] = 0.0, 0.0, 0.0
     coords = {"time": np.arange(200) / RATE_HZ, **doppler_coords(64)}
-    found = envelopes_hz(make_array(SIGNATURE, values, coords, {"n_gate_bins": 16}), 0.3)
+    found = envelopes_hz(Signal.of(make_array(SIGNATURE, values, coords, {"n_gate_bins": 16}), SIGNATURE), 0.3)
     threshold = 0.3 * stats.gamma.isf(stats.norm.sf(4.0), 16) / 16
     power = np.where(values > threshold, values.astype(float) - 0.3, 0.0)
     share = power.cumsum(axis=1) / np.maximum(power.sum(axis=1, keepdims=True), 1e-300)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from doppelgait.core.labels import CADENCE_SPECTRUM, make_array
+from doppelgait.core.labels import CADENCE_SPECTRUM, Signal, make_array
 from doppelgait.features.liland2018 import bandwidth_hz, extract
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import analyze, simulate
@@ -21,7 +21,7 @@ def spectrum(**peaks):
     values = np.full(CADENCE_HZ.size, 0.1)
     for name, height in peaks.items():
         values[np.abs(CADENCE_HZ - float(name[2:].replace("_", "."))).argmin()] = height
-    return make_array(CADENCE_SPECTRUM, values, {"cadence": CADENCE_HZ})
+    return Signal.of(make_array(CADENCE_SPECTRUM, values, {"cadence": CADENCE_HZ}), CADENCE_SPECTRUM)
 
 
 def mean_spectrum():
@@ -62,7 +62,7 @@ def test_bandwidth_is_from_the_first_to_the_last_crossing():
 
 def test_no_peak_gives_no_frequency():
     falling = make_array(CADENCE_SPECTRUM, np.linspace(1, 0, CADENCE_HZ.size), {"cadence": CADENCE_HZ})
-    found = extracted(falling)
+    found = extracted(Signal.of(falling, CADENCE_SPECTRUM))
     assert found.gait_frequency_hz is None
     assert found.features.step_length_m is None
     assert found.features.torso_velocity_mps is not None

@@ -81,20 +81,22 @@ def test_features_do_not_depend_on_a_hop_finer_than_the_lossless_one():
 
 def test_noise_reaches_every_cell_that_the_signature_reads():
     """Of all pulses and bins, those not declared needed may hold anything."""
+    from doppelgait.core.frames import SlowTime
+    from doppelgait.core.samples import Samples
     from doppelgait.processing import Gate
-    from doppelgait.processing.signature import compute_plane_signature, make_gated_transform
+    from doppelgait.processing.signature import make_gated_transform
 
     slow_time_s, range_m = np.arange(700) / 1000.0, 1.0 + 0.05 * np.arange(60)
     gate = Gate.around(slow_time_s, 3.5 - 1.7 * slow_time_s, span_m=0.9, source="given")
     for analysis in (Analysis(), Analysis(hop=1), Analysis(method="liland2018")):
-        cut = make_gated_transform(gate, slow_time_s, range_m, analysis)
+        cut = make_gated_transform(gate, SlowTime(slow_time_s), range_m, analysis)
         needed = cut.find_needed_pulses()
         planes = np.random.default_rng(0).standard_normal((2, 60, 700)).astype(np.float32)
-        expected = compute_plane_signature(*planes, 0, cut, wavelength_m=0.04).values
+        expected = cut.sum_power(Samples.from_planes(planes, 700))
         for n, (first, stop) in enumerate(needed):
             planes[:, n, :first] = planes[:, n, max(stop, first) :] = 1e6
             planes[:, n, :first] = planes[:, n, max(stop + cut.margin_pulses, first) :] = np.nan
-        found = compute_plane_signature(*planes, 0, cut, wavelength_m=0.04).values
+        found = cut.sum_power(Samples.from_planes(planes, 700))
         np.testing.assert_array_equal(found, expected)
         assert (needed[:, 1] - needed[:, 0]).clip(0).sum() < 0.9 * 60 * 700
 

@@ -111,11 +111,11 @@ def test_both_ways_is_more_than_limbs_noise_or_an_image():
 
 def test_power_of_bursts_and_of_the_whole_agree():
     whole = observed(walker())
-    one = transform_motion(whole.baseband, Detector(), wavelength_m=RADAR.wavelength_m)
-    other = transform_motion(in_bursts(whole).baseband, Detector(), wavelength_m=RADAR.wavelength_m)
+    one = transform_motion(whole.frames, Detector(), wavelength_m=RADAR.wavelength_m)
+    other = transform_motion(in_bursts(whole).frames, Detector(), wavelength_m=RADAR.wavelength_m)
     assert np.median(one.peaks_mps()) == pytest.approx(np.median(other.peaks_mps()), abs=0.1)
-    means = average_bursts(in_bursts(whole).baseband)
-    assert means.values[3, 0] == pytest.approx(whole.baseband.values[600:700, 0].mean(), rel=1e-5)
+    means = average_bursts(in_bursts(whole).frames)
+    assert means.matrix[3, 0] == pytest.approx(whole.baseband.values[600:700, 0].mean(), rel=1e-5)
 
 
 @pytest.mark.shared

@@ -167,9 +167,9 @@ def test_one_who_stops_and_goes_on_is_analysed_segment_by_segment(monkeypatch):
     target = Target(walk, start_position_m=(9.0, 0.0), heading_deg=180.0, path=path)
     made = simulate(Scene([target], duration_s=11.5), RADAR, rng=rng(1), snr_db=25.0, conditions=ROOM)
     measured = []
-    share = tracking.measure_share_removed
+    share = tracking.measure_removed
     monkeypatch.setattr(
-        tracking, "measure_share_removed", lambda *given, **more: measured.append(given) or share(*given, **more)
+        tracking, "measure_removed", lambda *given, **more: measured.append(given) or share(*given, **more)
     )
     found = analyze(made)
     assert len(measured) == 1  # of the track, not of every segment: time goes with the length of the recording

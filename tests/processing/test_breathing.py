@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.core.frames import Frames
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import rng
 from doppelgait.motion import breathing_person
@@ -51,7 +52,7 @@ def room(source, level_v=1000.0):
 
 
 def find(values, **settings):
-    return find_breathing(labelled(values), wavelength_m=WAVE_M, settings=BreathingSettings(**settings))
+    return find_breathing(Frames.of(labelled(values)), wavelength_m=WAVE_M, settings=BreathingSettings(**settings))
 
 
 @pytest.mark.parametrize(("seconds", "rate_hz"), [(20, 0.3), (40, 0.15), (120, 0.25), (120, 0.55)])
@@ -168,7 +169,7 @@ def test_rate_of_the_simulated_chest(snr_db, tolerance):
     for seed in range(3):
         added = noise(np.random.default_rng(seed), *clean.shape) * np.sqrt(power / 10 ** (snr_db / 10))
         noisy = clean.copy(data=(clean.values + added).astype(np.complex64))
-        (person,) = find_breathing(noisy, wavelength_m=radar.wavelength_m)
+        (person,) = find_breathing(Frames.of(noisy), wavelength_m=radar.wavelength_m)
         assert person.rate_hz == pytest.approx(0.25, rel=tolerance)
         assert person.range_m == pytest.approx(2.0, abs=0.1)
 
@@ -176,7 +177,9 @@ def test_rate_of_the_simulated_chest(snr_db, tolerance):
 def test_fast_recordings_are_averaged_down():
     times = np.arange(20_000) / 1000.0
     body = echo(times, range_m=1.0, amplitude_v=3, rate_hz=0.3, swing_m=0.004)[:, :20]
-    found = find_breathing(labelled(body + noise(np.random.default_rng(9), 20_000, 20), 1000.0), wavelength_m=WAVE_M)
+    found = find_breathing(
+        Frames.of(labelled(body + noise(np.random.default_rng(9), 20_000, 20), 1000.0)), wavelength_m=WAVE_M
+    )
     assert [person.rate_hz for person in found] == [pytest.approx(0.3, rel=0.01)]
 
 
@@ -184,7 +187,7 @@ def test_what_cannot_be_looked_at_is_refused():
     with pytest.raises(AnalysisError, match=r"10 s or more at 3 Hz or more; this recording has 5 s at 17 Hz"):
         find(noise(np.random.default_rng(0), 85))
     with pytest.raises(AnalysisError, match="wavelength_m = 0"):
-        find_breathing(labelled(noise(np.random.default_rng(0), 340)), wavelength_m=0.0)
+        find_breathing(Frames.of(labelled(noise(np.random.default_rng(0), 340))), wavelength_m=0.0)
     broken = noise(np.random.default_rng(0), 340)
     broken[3, 3] = np.nan
     with pytest.raises(AnalysisError, match="not finite"):

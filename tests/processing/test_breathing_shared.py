@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, find_peaks, sosfiltfilt
 
+from doppelgait.core.frames import Frames
 from doppelgait.processing.breathing import find_breathing
 from doppelgait.radar import read_recording
 
@@ -23,7 +24,7 @@ def radar_folder(shared):
 
 def found_in(recording, **chosen):
     part = recording.baseband.sel(slow_time=slice(*chosen["between_s"])) if chosen else recording.baseband
-    return find_breathing(part, wavelength_m=recording.radar.wavelength_m)
+    return find_breathing(Frames.of(part), wavelength_m=recording.radar.wavelength_m)
 
 
 def breaths_hz(recording):

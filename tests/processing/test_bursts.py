@@ -9,8 +9,17 @@ import pytest
 
 from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.processing import Analysis, Gate, decimate, noise_floor_v2, normalise, signature
-from doppelgait.processing.bursts import burst_signature, find_burst_pulses, get_burst_pulses
+from doppelgait.processing import (
+    Analysis,
+    Gate,
+    burst_signature,
+    decimate,
+    find_burst_pulses,
+    get_burst_pulses,
+    noise_floor_v2,
+    normalise,
+    signature,
+)
 
 PRF_HZ = 3000.0
 M = 128

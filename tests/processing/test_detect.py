@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.core.frames import Frames
+from doppelgait.core.kernels.noise import draw_key
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import rng
 from doppelgait.core.samples import Samples
@@ -19,7 +21,7 @@ from doppelgait.processing.detect.cluster import find_clusters, measure_shapes, 
 from doppelgait.processing.detect.maps import compute_cell_power, compute_maps, estimate_residue_map
 from doppelgait.processing.detect.scans import NO_RANGE_SD_M, find_cells
 from doppelgait.radar import Radar, link
-from doppelgait.radar.simulate import draw_key, label_baseband
+from doppelgait.radar.simulate import label_baseband
 from doppelgait.scene import Scene, Target
 
 WAVELENGTH_M, PRF_HZ, SPACING_M, FIRST_M = 0.0411, 1000.0, 0.05, 0.5
@@ -91,7 +93,7 @@ def test_maps_are_the_equation():
     values = noise(260, 5, n_bins=3) + 2.0
     transform = plan_transform(Analysis(cpi_s=0.02, hop=37), n_pulses=260, prf_hz=PRF_HZ)
     scans = np.arange(transform.n_columns)
-    found = compute_cell_power(baseband(values, range_m=RANGE_M[:3]), transform, scans)
+    found = compute_cell_power(Frames.of(baseband(values, range_m=RANGE_M[:3])), transform, scans)
     n_doppler, window = transform.n_doppler_bins, transform.window
     assert found.shape == (len(scans), n_doppler, 3)
     for j, k in itertools.product(scans, range(n_doppler)):
@@ -124,7 +126,7 @@ def test_cells_of_white_noise_are_above_as_often_as_designed(pfa):
     settings = Detector(pfa=pfa, slow_mps=0.0, clutter="none", near_m=0.0, dynamic_range_db=100.0)
     rates = []
     for seed in range(4):
-        (maps,) = compute_maps(baseband(noise(3001, seed)), settings, wavelength_m=WAVELENGTH_M)
+        (maps,) = compute_maps(Frames.of(baseband(noise(3001, seed))), settings, wavelength_m=WAVELENGTH_M)
         rates.append(find_cells(maps, settings)[0].mean())
     n_cells = 4 * 30 * 101 / 1.46 * 120  # independent ones: 1.46 bins of noise bandwidth (E-23)
     assert np.mean(rates) == pytest.approx(pfa, rel=0.01, abs=2.5 * np.sqrt(pfa / n_cells))

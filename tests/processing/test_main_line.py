@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.kernels.lines import follow_ridge
-from doppelgait.core.labels import SIGNATURE, make_array
+from doppelgait.core.labels import SIGNATURE, Signal, make_array
 from doppelgait.processing import align, choose_line_order, main_line_hz, needs_alignment
 from doppelgait.processing.main_line import choose_velocity, torso_velocity_mps, track_velocity
 
@@ -170,7 +170,9 @@ def lines(time_s, velocities_mps, powers, k=128, prf_hz=500.0):
 def test_track_settles_what_the_main_line_is_e34(line_mps, track_mps, trunk, wanted_mps, agreed):
     time_s = np.arange(300) * 0.01
     mu = lines(time_s, [line_mps, track_mps], [1.0, trunk])
-    found, same = choose_velocity(mu, 0.0, np.full(300, line_mps / 0.02), np.full(300, track_mps / 0.02))
+    found, same = choose_velocity(
+        Signal.of(mu, SIGNATURE), 0.0, np.full(300, line_mps / 0.02), np.full(300, track_mps / 0.02)
+    )
     assert found.mean() * 0.02 == pytest.approx(wanted_mps)
     assert same == agreed
 
@@ -180,7 +182,7 @@ def test_torso_is_followed_under_a_stronger_limb_e34c():
     torso = 1.0 + 0.2 * np.sin(2 * np.pi * 0.7 * time_s)
     limb = 1.0 + 2.0 * np.sin(2 * np.pi * 1.4 * time_s)  # crosses the torso, and is stronger
     mu = lines(time_s, [torso, limb], [1.0, 3.0])
-    found = torso_velocity_mps(mu, 1e-3, np.full(400, 50.0))
+    found = torso_velocity_mps(Signal.of(mu, SIGNATURE), 1e-3, np.full(400, 50.0))
     far = np.abs(limb - torso) > 1.0
     assert np.abs(found - torso)[far].max() < 0.12
     assert found.mean() == pytest.approx(1.0, abs=0.03)

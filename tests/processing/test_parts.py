@@ -9,7 +9,8 @@ import pytest
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import BASEBAND, PART_POWER, make_array, read_axis
+from doppelgait.core.frames import Frames
+from doppelgait.core.labels import BASEBAND, PART_POWER, SIGNATURE, Signal, make_array, read_axis
 from doppelgait.processing import Analysis, Gate, signature
 from doppelgait.processing.parts import LEGS_AHEAD, LEGS_BEHIND, PARTS, locate_parts, measure_parts
 
@@ -56,11 +57,11 @@ def view(baseband):
 
 
 def locate(baseband):
-    return locate_parts(baseband, view(baseband), GATE, ANALYSIS)
+    return locate_parts(Frames.of(baseband), Signal.of(view(baseband), SIGNATURE), GATE, ANALYSIS)
 
 
 def energies(mask, baseband):
-    power = mask.power_v2(baseband, ANALYSIS, wavelength_m=WAVELENGTH_M)
+    power = mask.power_v2(Frames.of(baseband), ANALYSIS, wavelength_m=WAVELENGTH_M).label()
     return power.values.sum(axis=(1, 2), dtype=np.float64)
 
 
@@ -79,7 +80,7 @@ def test_a_limb_is_a_limb_even_where_it_has_the_velocity_of_the_torso():
 def test_the_share_of_the_torso_is_that_of_its_points():
     body = together(TORSO, LEG)
     mask, _ = locate(body)
-    measured = measure_parts(mask.power_v2(body, ANALYSIS, wavelength_m=WAVELENGTH_M))
+    measured = measure_parts(mask.power_v2(Frames.of(body), ANALYSIS, wavelength_m=WAVELENGTH_M).label())
     share = view(TORSO).values.sum() / (view(TORSO).values.sum() + view(LEG).values.sum())
     assert list(measured["part"].values) == list(PARTS)
     assert measured["share"].values[0] == pytest.approx(share, abs=0.04)
@@ -110,7 +111,7 @@ def test_the_long_trunk_of_an_animal_stays_whole():
 def test_parts_add_up_to_the_signature():
     body = together(TORSO, LEG)
     mask, _ = locate(body)
-    power = mask.power_v2(body, ANALYSIS, wavelength_m=WAVELENGTH_M)
+    power = mask.power_v2(Frames.of(body), ANALYSIS, wavelength_m=WAVELENGTH_M).label()
     mu = view(body)
     assert np.allclose(read_axis(power, "time"), read_axis(mu, "time"))
     inside = np.abs(read_axis(mu, "velocity") - SPEED_MPS) < 1.4 * SPEED_MPS
@@ -122,7 +123,8 @@ def test_who_goes_away_has_the_parts_of_who_comes():
     body = together(TORSO, LEG)
     mirrored = as_baseband(np.conj(body.values))
     one, other = (
-        locate(scene)[0].power_v2(scene, ANALYSIS, wavelength_m=WAVELENGTH_M).values for scene in (body, mirrored)
+        locate(scene)[0].power_v2(Frames.of(scene), ANALYSIS, wavelength_m=WAVELENGTH_M).label().values
+        for scene in (body, mirrored)
     )
     # -f of a bin is its mirror image but for the lowest one
     assert np.allclose(one[:, :, 1:], other[:, :, :0:-1], rtol=1e-3, atol=1e-5 * one.max())

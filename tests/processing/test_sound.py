@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from doppelgait.cli.listen import listen
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitError, OutputError
+from doppelgait.core.frames import Frames
 from doppelgait.core.labels import BASEBAND, make_array, read_axis
 from doppelgait.pipeline import analyze, parse_run, run_simulation
 from doppelgait.processing import Analysis, Gate
@@ -93,34 +94,34 @@ class TestSignal:
     @pytest.mark.parametrize("ramp_rad", [0.0, np.pi, -0.7])
     def test_an_echo_that_goes_from_bin_to_bin_is_one_steady_tone(self, ramp_rad):
         baseband, doppler_hz = moving_echo(ramp_rad=ramp_rad)
-        heard = compute_doppler_signal(baseband, whole(baseband))
+        heard = compute_doppler_signal(Frames.of(baseband), whole(baseband))
         assert np.abs(heard) == pytest.approx(1.2 * np.sqrt(2 * np.pi), rel=1e-3)  # the area of the envelope
         assert peak_hz(heard, 1000.0) == pytest.approx(doppler_hz, abs=0.2)
 
     def test_a_gate_that_moves_holds_the_same_tone(self):
         baseband, doppler_hz = moving_echo(ramp_rad=0.3)
         gate = Gate.around(whole(baseband).time_s, [3.5, 2.5], span_m=1.2)
-        heard = compute_doppler_signal(baseband, gate)
+        heard = compute_doppler_signal(Frames.of(baseband), gate)
         assert np.abs(heard) == pytest.approx(1.2 * np.sqrt(2 * np.pi), rel=1e-3)
         assert peak_hz(heard, 1000.0) == pytest.approx(doppler_hz, abs=0.2)
 
     def test_what_is_beside_the_gate_is_not_heard(self):
         baseband, _ = moving_echo(ramp_rad=0.0)
-        heard = np.abs(compute_doppler_signal(baseband, Gate.fixed(3.3, 3.9, time_s=[0.0, 0.999])))
+        heard = np.abs(compute_doppler_signal(Frames.of(baseband), Gate.fixed(3.3, 3.9, time_s=[0.0, 0.999])))
         assert heard[:20].min() > 2.9
         assert heard[700:].max() < 1e-6
 
     def test_what_stands_still_is_taken_off_as_asked(self):
         baseband, doppler_hz = moving_echo(ramp_rad=0.0)
         still = baseband.copy(data=baseband.values + np.complex64(5.0))
-        assert abs(compute_doppler_signal(still, whole(still)).mean()) > 100
-        clean = compute_doppler_signal(still, whole(still), Analysis(clutter="mean"))
+        assert abs(compute_doppler_signal(Frames.of(still), whole(still)).mean()) > 100
+        clean = compute_doppler_signal(Frames.of(still), whole(still), Analysis(clutter="mean"))
         assert abs(clean.mean()) < 1e-3
         assert peak_hz(clean, 1000.0) == pytest.approx(doppler_hz, abs=0.2)
 
     def test_its_spectrum_is_that_of_the_signature(self, walk):
         result = analyze(walk, gate="truth")[0]
-        heard = compute_doppler_signal(walk.baseband, result.gate)
+        heard = compute_doppler_signal(Frames.of(walk.baseband), result.gate)
         mu = result.signature
         cpi, bins = mu.attrs["cpi_pulses"], mu.sizes["doppler"]
         window = np.exp(-0.5 * (np.linspace(-1, 1, cpi) / 0.4) ** 2)
@@ -135,7 +136,7 @@ class TestSignal:
     def test_before_and_after_a_track_it_is_silent(self):
         baseband = recording_of(tone(50.0, rate_hz=1000.0))
         gate = Gate.fixed(-1e6, 1e6, time_s=[0.5, 1.5])
-        heard = np.abs(compute_doppler_signal(baseband, gate))
+        heard = np.abs(compute_doppler_signal(Frames.of(baseband), gate))
         assert heard[500:1501] == pytest.approx(1.0, rel=1e-5)
         assert heard[:495].max() == 0.0
         assert heard[1506:].max() == 0.0
@@ -145,42 +146,42 @@ class TestSignal:
         times_s = (np.arange(10)[:, None] * 0.1 + np.arange(4) * 1e-3).ravel()
         bursts = make_array(BASEBAND, values, {"slow_time": times_s, "range": np.arange(3.0)})
         with pytest.raises(AnalysisError, match="bursts"):
-            compute_doppler_signal(bursts, whole(bursts))
+            compute_doppler_signal(Frames.of(bursts), whole(bursts))
         baseband, _ = moving_echo(ramp_rad=0.0)
         with pytest.raises(AnalysisError, match=r"recorded frame, 1\.98 to 3\.98 m"):
-            compute_doppler_signal(baseband, Gate.fixed(20.0, 21.0, time_s=[0.0, 0.999]))
+            compute_doppler_signal(Frames.of(baseband), Gate.fixed(20.0, 21.0, time_s=[0.0, 0.999]))
 
 
 class TestSound:
     @pytest.mark.parametrize("hz", [97.27, -97.27])
     def test_left_plus_j_right_is_the_signal_with_the_sign_of_the_motion(self, hz):
         baseband = recording_of(tone(hz, rate_hz=1000.0))
-        rate_hz, sound = make_doppler_sound(baseband, whole(baseband))
+        rate_hz, sound = make_doppler_sound(Frames.of(baseband), whole(baseband))
         assert (rate_hz, sound.shape, sound.dtype) == (8000, (16000, 2), np.dtype(np.int16))
         assert peak_hz(sound[:, 0] + 1j * sound[:, 1], rate_hz) == pytest.approx(4 * hz, rel=0.01)
 
     @pytest.mark.parametrize(("hz", "loud", "soft"), [(97.27, 0, 1), (-97.27, 1, 0)])
     def test_sides_puts_approaching_left_and_receding_right(self, hz, loud, soft):
         baseband = recording_of(tone(hz, rate_hz=1000.0))
-        rate_hz, sound = make_doppler_sound(baseband, whole(baseband), pitch=2.0, channels="sides")
+        rate_hz, sound = make_doppler_sound(Frames.of(baseband), whole(baseband), pitch=2.0, channels="sides")
         rms = np.sqrt((sound[1000:-1000].astype(float) ** 2).mean(axis=0))
         assert rms[soft] < 0.01 * rms[loud]
         assert abs(peak_hz(sound[:, loud], rate_hz)) == pytest.approx(2 * abs(hz), rel=0.01)
 
     def test_level_and_ends(self):
         baseband = recording_of(1e-6 * tone(50.0, rate_hz=1000.0))
-        _, sound = make_doppler_sound(baseband, whole(baseband))
+        _, sound = make_doppler_sound(Frames.of(baseband), whole(baseband))
         assert np.abs(sound.astype(int)).max() == round(32767 * 10 ** (-1 / 20))
         assert np.abs(sound[[0, -1]]).max() == 0
         assert np.abs(np.diff(sound.astype(int), axis=0)).max() < 1.3 * 29205 * 2 * np.pi * 200 / 8000
 
     def test_nothing_to_hear_is_silence(self):
         baseband = recording_of(np.zeros(500))
-        assert not make_doppler_sound(baseband, whole(baseband))[1].any()
+        assert not make_doppler_sound(Frames.of(baseband), whole(baseband))[1].any()
 
     def test_without_pitch_the_whole_doppler_band_is_kept(self):
         baseband = recording_of(tone(460.0, rate_hz=1000.0) + tone(20.0, rate_hz=1000.0))
-        rate_hz, sound = make_doppler_sound(baseband, whole(baseband), pitch=1.0)
+        rate_hz, sound = make_doppler_sound(Frames.of(baseband), whole(baseband), pitch=1.0)
         spectrum = np.abs(np.fft.fft(sound @ [1, 1j]))
         hz = np.fft.fftfreq(spectrum.size, 1 / rate_hz)
         assert spectrum[np.abs(hz - 460) < 1].max() == pytest.approx(spectrum[np.abs(hz - 20) < 1].max(), rel=0.03)
@@ -195,13 +196,13 @@ class TestSound:
 
     def test_a_slow_recording_keeps_its_length(self):
         baseband = recording_of(tone(0.3, rate_hz=17.05, duration_s=20.0), 17.05)
-        rate_hz, sound = make_doppler_sound(baseband, whole(baseband), pitch=400.0)
+        rate_hz, sound = make_doppler_sound(Frames.of(baseband), whole(baseband), pitch=400.0)
         assert sound.shape[0] / rate_hz == pytest.approx(baseband.sizes["slow_time"] / 17.05, abs=1 / rate_hz)
         assert peak_hz(sound[:, 0] + 1j * sound[:, 1], rate_hz) == pytest.approx(120.0, rel=0.01)
 
     def test_a_fast_recording_is_decimated_without_aliases(self):
         values = tone(1000.0, rate_hz=128_000.0, duration_s=0.5) + tone(47_000.0, rate_hz=128_000.0, duration_s=0.5)
-        rate_hz, sound = make_doppler_sound(baseband := recording_of(values, 128_000.0), whole(baseband))
+        rate_hz, sound = make_doppler_sound(Frames.of(baseband := recording_of(values, 128_000.0)), whole(baseband))
         spectrum = np.abs(np.fft.fft(sound @ [1, 1j]))
         hz = np.fft.fftfreq(spectrum.size, 1 / rate_hz)
         assert hz[spectrum.argmax()] == pytest.approx(1000.0, abs=2)

@@ -7,6 +7,7 @@ import pytest
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.core.frames import Frames
 from doppelgait.processing import Gate
 from doppelgait.processing.detections import Detection, Scan
 from doppelgait.processing.track import Track, Tracker, track
@@ -271,7 +272,7 @@ def test_gate_covers_the_time_of_the_track_and_no_more() -> None:
     np.testing.assert_allclose(gate.high_m - gate.low_m, 1.6)
     radar = Radar.preset("x4")
     baseband = label_baseband(np.zeros((6000, radar.n_range_bins), dtype=np.complex64), slow_time, radar)
-    part = gate.crop(baseband)
+    part = gate.crop(Frames.of(baseband)).label()
     np.testing.assert_array_equal(part["slow_time"].values, gate.time_s)
     with pytest.raises(AnalysisError, match="pulses"):
         Gate.from_track(one, span_m=1.6, time_s=slow_time[:1000])

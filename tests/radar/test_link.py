@@ -7,12 +7,12 @@ import pytest
 from scipy.stats import norm
 
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.kernels.noise import draw_key
 from doppelgait.core.samples import Samples
 from doppelgait.radar import Radar, list_derived_quantities
 from doppelgait.radar.impairments import ThermalNoise
 from doppelgait.radar.impairments.noise import noise_power_per_sample_v2
 from doppelgait.radar.link import comparator_noise_v, compute_counter_noise_ratio, make_noise_taps, noise_power_v2
-from doppelgait.radar.simulate import draw_key
 
 SHAPE = {
     "carrier_hz": 7.29e9, "prf_hz": 500.0, "sample_rate_hz": 23.328e9, "decimation": 8, "range_stop_m": 5.0,

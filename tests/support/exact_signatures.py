@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from doppelgait.core.labels import CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, make_array
+from doppelgait.core.labels import CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, Signal, make_array
 from doppelgait.features import Extraction, GaitFeatures, Observation
 from doppelgait.features.extended import measure_extended
 from doppelgait.processing.main_line import find_column_peaks
@@ -27,21 +27,21 @@ def signature_of(values, range_m=None):
         "centre_range": ("time", np.full(time_s.size, 5.0) if range_m is None else range_m),
     }  # fmt: skip
     attrs = {"n_gate_bins": 16, "wavelength_m": WAVELENGTH_M, "hop": 8, "cpi_pulses": 101, "prf_hz": PRF_HZ}
-    return make_array(SIGNATURE, values, coords, attrs)
+    return Signal.of(make_array(SIGNATURE, values, coords, attrs), SIGNATURE)
 
 
 def evidence_of(values, line_mps, *, floor=0.0, spectrum=None, **changes):
     """Evidence around a drawn signature, columns normalised to 1 and not aligned."""
     mu = signature_of(values, changes.pop("range_m", None))
     aligned = (values - floor) / (values - floor).sum(axis=1, keepdims=True)
-    coords = {name: mu.coords[name] for name in ("time", "doppler", "velocity")}
     cadence_hz = np.arange(0, 20, 0.025)
     power = np.ones(cadence_hz.size) if spectrum is None else spectrum(cadence_hz)
     return Observation(
-        signature=mu, floor_v2=floor, main_line_hz=np.broadcast_to(line_mps, T.shape) / HALF_M, excess=mu - floor,
-        aligned=make_array(NORMALISED_SIGNATURE, aligned, coords),
+        signature=mu, floor_v2=floor, main_line_hz=np.broadcast_to(line_mps, T.shape) / HALF_M,
+        excess=mu.replace(values - floor),
+        aligned=mu.replace(aligned, schema=NORMALISED_SIGNATURE),
         cadence_parts=None, strongest_v2=values.max(axis=1), peaks_hz=find_column_peaks(mu)[1],
-        spectrum=make_array(CADENCE_SPECTRUM, power, {"cadence": cadence_hz}),
+        spectrum=mu.with_axes(CADENCE_SPECTRUM, power, cadence=cadence_hz),
         observation_s=values.shape[0] / RATE_HZ, n_independent=83.0,
     )  # fmt: skip
 

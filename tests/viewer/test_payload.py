@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import numpy as np
 import pytest
@@ -182,8 +181,7 @@ def test_tiles_of_a_long_recording_give_the_bytes_of_the_whole(recording, monkey
     monkeypatch.setattr("doppelgait.viewer.payload.MEDIAN_OF", 3000)
     monkeypatch.setattr("doppelgait.viewer.recording_panel.MOST_LINE_POINTS", 200)
     whole = payloads()
-    for module in ("core.lazy", "processing.signature"):
-        monkeypatch.setattr(sys.modules[f"doppelgait.{module}"], "LONG_PULSES", 300)
+    monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", 300)
     assert recording.n_pulses > 1000
     assert payloads() == whole
 

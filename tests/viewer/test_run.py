@@ -9,6 +9,7 @@ import pytest
 
 from doppelgait import viz
 from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.core.frames import Frames
 from doppelgait.core.labels import CADENCE_MAP, make_array
 from doppelgait.pipeline import analyze, parse_run, read_results, run_simulation, write_results
 from doppelgait.processing import Analysis, Gate
@@ -216,7 +217,7 @@ def test_bursts_last_until_the_last_one(recording):
     assert told["burst rate"] == f"{prf_hz / 64:.4g} Hz"
     assert "in bursts" in facts["no_sound"]
     with pytest.raises(AnalysisError, match="in bursts"):  # and nothing about a pitch that a mean rate would not allow
-        make_doppler_sound(baseband, Gate.fixed(1.0, 3.0, time_s=baseband["slow_time"]), pitch=4000.0)
+        make_doppler_sound(Frames.of(baseband), Gate.fixed(1.0, 3.0, time_s=baseband["slow_time"]), pitch=4000.0)
     assert unpack(make_recording_payload(Run("all", "recording", load=lambda: recording), None))[0]["no_sound"] is None
 
 
@@ -276,10 +277,10 @@ def test_a_change_of_the_analysis_keeps_one_baseband_and_reads_its_levels_once(r
     for cpi_s in (0.1, 0.15, 0.2):
         make_range_doppler_payload(run, None, start=0, count=1, changes=(("cpi_s", cpi_s),))
     assert len(looked) == 1
-    first = run.clean_baseband(None)
-    assert run.clean_baseband(None, (("cpi_s", 0.3),)) is first
-    run.clean_baseband(None, (("clutter", "mean"),))
-    assert run.clean_baseband(None) is not first
+    first = run.clean_frames(None)
+    assert run.clean_frames(None, (("cpi_s", 0.3),)) is first
+    run.clean_frames(None, (("clutter", "mean"),))
+    assert run.clean_frames(None) is not first
 
 
 def test_the_sound_of_a_long_recording_is_made_tile_by_tile(tmp_path, monkeypatch):
@@ -294,14 +295,14 @@ def test_the_sound_of_a_long_recording_is_made_tile_by_tile(tmp_path, monkeypatc
     gate = Gate.from_truth(recording.truth[0], recording.slow_time_s, Analysis())
     analysis = Analysis(clutter="median")
     monkeypatch.setattr("doppelgait.processing.sound.BLOCK_PULSES", 1500)
-    whole = make_doppler_sound(recording.baseband, gate, analysis)
+    whole = make_doppler_sound(Frames.of(recording.baseband), gate, analysis)
     monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", 1500)
     monkeypatch.setattr("doppelgait.processing.sound.READ_PULSES", 700)
     read, rows = [], StoredRows.__call__
     monkeypatch.setattr(
         StoredRows, "__call__", lambda self, first, stop: read.append(stop - first) or rows(self, first, stop)
     )
-    found = make_doppler_sound(stored.baseband, gate, analysis)
+    found = make_doppler_sound(Frames.of(stored.baseband), gate, analysis)
     assert max(read) <= 1500
     assert found[0] == whole[0]
     np.testing.assert_allclose(found[1], whole[1], atol=2)

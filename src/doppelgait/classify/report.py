@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from doppelgait.classify.alarm import format_day, format_episodes
 from doppelgait.classify.evaluation import Evaluation
-from doppelgait.core.own_folder import PAGE, check_out, complete_folder
+from doppelgait.core.files import PAGE, check_out, complete_folder
 from doppelgait.viz.html import format_figure, format_page, format_table
 from doppelgait.viz.style import (
     BLUE,

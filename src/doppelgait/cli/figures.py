@@ -11,7 +11,8 @@ from doppelgait import viz
 from doppelgait.cli.output import print_message
 from doppelgait.core.errors import AnalysisError, OutputError
 from doppelgait.pipeline import Result
-from doppelgait.processing import Analysis, range_doppler, remove_clutter
+from doppelgait.processing import Analysis, range_doppler
+from doppelgait.processing.clutter import clean_frames
 from doppelgait.radar import Recording
 
 
@@ -19,7 +20,7 @@ def save_figures(
     recording: Recording, results: Sequence[Result], analysis: Analysis, folder: Path, form: str = "png"
 ) -> Iterator[Path]:
     """Plot every figure into a folder."""
-    recording = recording.with_baseband(remove_clutter(recording.baseband, analysis))
+    recording = recording.with_frames(clean_frames(recording.frames, analysis))
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

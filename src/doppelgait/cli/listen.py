@@ -98,7 +98,9 @@ def listen(
         allowed = "0" if len(found) == 1 else f"0 to {len(found) - 1}"
         raise AnalysisError(f"--target {target}: must be {allowed}; {recording} has no more targets")
     label, limits = found[target]
-    rate_hz, samples = make_doppler_sound(loaded.baseband, limits, settings, pitch=pitch, channels=channels.value)
+    rate_hz, samples = make_doppler_sound(
+        loaded.frames.find_bursts(), limits, settings, pitch=pitch, channels=channels.value
+    )
     with open_atomically(output) as partial:
         write_wav(str(partial), rate_hz, samples)
     facts = {

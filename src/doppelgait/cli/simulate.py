@@ -149,8 +149,9 @@ def simulate(
     folder = scene.resolve().parent if scene is not None else None
     where = str(scene or "--motion")
     spec = parse_run(apply_overrides(table, changes or []), where=where, text=text, folder=folder)
-    recording = run_simulation(spec, folder=folder, in_tiles=output.suffix.lower() == ".h5")
-    written = write_to(recording, output, names)
+    in_file = output.suffix.lower() == ".h5"
+    recording = run_simulation(spec, folder=folder, path=output if in_file else None)
+    written = output if in_file else write_to(recording, output, names)
     facts = {
         "file": str(written),
         "n_pulses": recording.n_pulses,

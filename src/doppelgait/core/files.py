@@ -1,16 +1,18 @@
-"""Atomic writing of files, and their hashes."""
+"""Atomic writing of files and output folders, and hashes of files."""
 
 from __future__ import annotations
 
 import hashlib
 import os
 import platform
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 
-from doppelgait.core.errors import OutputError
+from doppelgait.core.documents import parse_json
+from doppelgait.core.errors import ConfigError, OutputError
 
 _NUMBERS = count()
 
@@ -56,3 +58,55 @@ def hash_file(path: Path) -> str:
     """Compute the hexadecimal SHA-256 of a file."""
     with path.open("rb") as handle:
         return hashlib.file_digest(handle, "sha256").hexdigest()
+
+
+PAGE = "index.html"
+
+
+def check_out(out: Path, *, listing: str, file_format: str, command: str) -> None:
+    """Refuse a path that cannot become the output folder.
+    The check is made before any work is done. A folder with other files is also refused.
+    """
+    if not out.resolve().parent.is_dir():
+        raise ConfigError(f"{out}: the folder {out.resolve().parent} does not exist; make it first")
+    if out.exists() and not out.is_dir():
+        raise ConfigError(f"{out}: is a file; give a folder that does not exist yet")
+    present = [path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir()] if out.exists() else []
+    try:
+        document = parse_json((out / listing).read_text(encoding="utf-8"))
+        ours = {PAGE, listing, *document["files"]} if document["format"] == file_format else set()
+    except (OSError, ValueError, KeyError, TypeError):
+        ours = set()
+    foreign = sorted(set(present) - ours)
+    if foreign:
+        raise ConfigError(
+            f"{out}: holds {foreign[0]}{' and more' if len(foreign) > 1 else ''}, which no run of "
+            f"{command} wrote; give another folder"
+        )
+
+
+@contextmanager
+def complete_folder(out: Path) -> Iterator[Path]:
+    """Write a folder atomically: complete under its name, or absent.
+    The block writes to the yielded folder. It is renamed to ``out`` if the block succeeds, and removed if it raises.
+    """
+    out = out.resolve()
+    partial = out.with_name(f".{out.name}.partial-{os.getpid()}")
+    before = out.with_name(f".{out.name}.before-{os.getpid()}")
+    try:
+        partial.mkdir()
+        yield partial
+        if out.exists():
+            out.rename(before)
+        try:
+            partial.rename(out)
+        except OSError:
+            if before.exists():
+                before.rename(out)
+            raise
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be written: {error}") from None
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+        if out.exists():
+            shutil.rmtree(before, ignore_errors=True)

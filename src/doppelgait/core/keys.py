@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import inspect
 import re
+import sys
 import types
 from collections.abc import Iterator, Mapping
-from importlib import import_module
 from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel
@@ -182,7 +182,8 @@ def _referred(text: str, module: str) -> str:
     if named is None:
         return ""
     place, _, name = named.group(1).rpartition(".")
-    return inspect.getdoc(getattr(import_module(place or module), name)) or ""
+    referred = getattr(sys.modules.get(place or module), name, None)
+    return "" if referred is None else inspect.getdoc(referred) or ""
 
 
 def _sections(docstring: str) -> Iterator[tuple[str, str]]:

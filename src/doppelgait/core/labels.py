@@ -5,9 +5,10 @@ The time-like dimension is first, range or Doppler last. Values have SI units, n
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from functools import partial, wraps
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -70,25 +71,36 @@ to -4 pi R / lambda.
 """
 
 
-@dataclass(slots=True)
-class Plain:
-    """Array of a schema that makes its labels on demand.
-    Making labels takes longer than most computations with the values, and intermediate results need no labels.
+Coord = tuple[tuple[str, ...], npt.NDArray[Any], Mapping[Any, Any]]
+"""Dimensions, values and attributes of a coordinate."""
+
+
+@dataclass(slots=True, eq=False)
+class Signal:
+    """Array of a schema with its coordinates, without the cost of labels.
+    Labels are made where a public function returns (:func:`takes_labels`).
     """
 
     schema: Schema
     values: npt.NDArray[Any]
-    axes: Mapping[str, npt.NDArray[Any]]
+    coords: Mapping[str, Coord]
     attrs: dict[Any, Any]
-    like: xr.DataArray
-    columns: slice | None = None
 
     @classmethod
-    def of(cls, array: xr.DataArray, schema: Schema) -> Plain:
-        """Remove the labels of a valid labelled array."""
+    def of(cls, array: xr.DataArray | Signal, *schemas: Schema) -> Signal:
+        """Remove the labels of an array that conforms to one of the schemas."""
+        if isinstance(array, Signal):
+            if array.schema not in schemas:
+                raise AnalysisError(f"{schemas[0].name}: this is a {array.schema.name}")
+            return array
+        units = getattr(array, "attrs", {}).get("units")
+        schema = next((schema for schema in schemas if schema.units == units), schemas[0])
         check_signal(array, schema)
-        axes = {str(name): read_axis(array, str(name)) for name in array.coords.variables}
-        return cls(schema, np.ascontiguousarray(array.values), axes, dict(array.attrs), array)
+        coords = {
+            str(name): (variable.dims, read_axis(array, str(name)), variable.attrs)
+            for name, variable in array.coords.variables.items()
+        }
+        return cls(schema, np.ascontiguousarray(array.values), coords, dict(array.attrs))
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -100,24 +112,84 @@ class Plain:
         """Length of every dimension by name."""
         return dict(zip(self.schema.dims, self.values.shape, strict=True))
 
-    def add_labels(self) -> xr.DataArray:
+    def axis(self, name: str) -> npt.NDArray[Any]:
+        """Return the values of a coordinate."""
+        return self.coords[name][1]
+
+    def label(self) -> xr.DataArray:
         """Make the labelled array."""
-        like = self.like if self.columns is None else self.like.isel({self.like.dims[0]: self.columns})
-        own = {name: self.axes[name] for name in self.schema.dims if name not in like.coords.variables}
-        if own or self.schema.dims != like.dims:
-            return make_array(self.schema, self.values, own, self.attrs, like=like)
-        return replace_array_values(like, self.values, schema=self.schema, attrs=self.attrs)
+        own = {
+            name: (dims, values if dims == (name,) else values.copy(), attrs)  # the index of a dimension never changes
+            for name, (dims, values, attrs) in self.coords.items()
+        }
+        return make_array(self.schema, self.values, own, self.attrs)
+
+    def replace(
+        self, values: npt.NDArray[Any], *, schema: Schema | None = None, attrs: Mapping[str, Any] | None = None
+    ) -> Signal:
+        """Return the signal with other values of the same shape."""
+        schema = schema or self.schema
+        return Signal(schema, values, self.coords, {**self.attrs, "units": schema.units, **(attrs or {})})
+
+    def with_axes(self, schema: Schema, values: npt.NDArray[Any], **axes: npt.NDArray[Any]) -> Signal:
+        """Return a signal of another schema, with new axes and those in common."""
+        coords: dict[str, Coord] = {name: ((name,), axis, {}) for name, axis in axes.items()}
+        kept = [name for name in (*schema.dims, *schema.extra) if name not in axes]
+        return Signal(schema, values, {**{name: self.coords[name] for name in kept}, **coords}, {"units": schema.units})
+
+    def take_columns(self, columns: slice) -> Signal:
+        """Slice the signal along its first dimension."""
+        along = self.schema.dims[:1]
+        coords = {
+            name: (dims, values[columns] if dims == along else values, attrs)
+            for name, (dims, values, attrs) in self.coords.items()
+        }
+        return Signal(self.schema, self.values[columns], coords, dict(self.attrs))
 
 
-Signal = TypeVar("Signal", xr.DataArray, Plain)
-"""Array with labels, or with labels that are made on demand."""
+P = ParamSpec("P")
+R = TypeVar("R")
+R_co = TypeVar("R_co", covariant=True)
+AnySignal = TypeVar("AnySignal", xr.DataArray, Signal)
 
 
-def make_like(like: Signal, schema: Schema, values: npt.NDArray[Any], coords: Mapping[str, Any]) -> Signal:
-    """Make an array of another schema from one with like coordinates."""
-    if isinstance(like, Plain):
-        return Plain(schema, values, {**like.axes, **coords}, {"units": schema.units}, like.like, like.columns)
-    return make_array(schema, values, coords, like=like)
+class Step(Protocol[P]):
+    """Function from an array to an array, labelled as its argument is."""
+
+    def __call__(self, array: AnySignal, *args: P.args, **kwargs: P.kwargs) -> AnySignal:
+        """Return the new array."""
+
+
+class Measure(Protocol[P, R_co]):
+    """Function from an array, labelled or not, to a measured value."""
+
+    def __call__(self, array: xr.DataArray | Signal, *args: P.args, **kwargs: P.kwargs) -> R_co:
+        """Return the measured value."""
+
+
+def maps_signal(*schemas: Schema) -> Callable[[Callable[Concatenate[Signal, P], Signal]], Step[P]]:
+    """Let a function from signal to signal take labelled arrays; it then returns a labelled array."""
+    return partial(_take_labels, schemas)
+
+
+def measures_signal(*schemas: Schema) -> Callable[[Callable[Concatenate[Signal, P], R]], Measure[P, R]]:
+    """Let a function that measures a signal take labelled arrays."""
+    return partial(_take_labels, schemas)
+
+
+def _take_labels(schemas: tuple[Schema, ...], function: Callable[..., Any]) -> Any:
+    first_name = function.__code__.co_varnames[0]
+
+    @wraps(function)
+    def run(*args: Any, **kwargs: Any) -> Any:
+        array, *others = args or [kwargs.pop(first_name)]
+        given = Signal.of(array, *schemas)
+        found = function(given, *others, **kwargs)
+        if not isinstance(found, Signal) or isinstance(array, Signal):
+            return found
+        return array if found is given else found.label()
+
+    return run
 
 
 def make_array(
@@ -125,8 +197,6 @@ def make_array(
     values: npt.ArrayLike,
     coords: Mapping[str, Any],
     attrs: Mapping[str, Any] | None = None,
-    *,
-    like: xr.DataArray | None = None,
 ) -> xr.DataArray:
     """Make a labelled array that conforms to ``schema``.
     Units are set from the schema.
@@ -136,10 +206,6 @@ def make_array(
     for name, coordinate in coords.items():
         variables[name], index = _label_coordinate(name, coordinate)
         indexes |= {name: index} if index is not None else {}
-    if like is not None:
-        wanted = [name for name in (*schema.dims, *schema.extra) if name not in coords]
-        variables |= {name: _copy_coordinate(like.coords.variables[name]) for name in wanted}
-        indexes |= {name: like.xindexes[name] for name in wanted if name in like.xindexes}
     array = label_values(schema.dims, values, {"units": schema.units, **(attrs or {})})
     for name, variable in variables.items():
         if any(array.sizes.get(dim) != size for dim, size in variable.sizes.items()):
@@ -149,34 +215,13 @@ def make_array(
     return check_signal(_assemble_array(array, variables, indexes, schema.name), schema)
 
 
-def take_columns(array: Signal, columns: slice) -> Signal:
-    """Slice an array along its first dimension."""
-    if not isinstance(array, Plain):
-        return array.isel({array.dims[0]: columns})
-    if array.columns is not None:
-        return take_columns(Plain.of(array.add_labels(), array.schema), columns)
-    along, named = array.schema.dims[:1], array.like.coords.variables
-    axes = {name: values[columns] if named[name].dims == along else values for name, values in array.axes.items()}
-    return Plain(array.schema, array.values[columns], axes, dict(array.attrs), array.like, columns)
-
-
-def replace_array_values(
-    array: Signal,
-    values: npt.NDArray[Any] | LazilyIndexedArray,
-    *,
-    schema: Schema | None = None,
-    attrs: Mapping[str, Any] | None = None,
-) -> Signal:
+def replace_array_values(array: xr.DataArray, values: npt.NDArray[Any] | LazilyIndexedArray) -> xr.DataArray:
     """Return an array with new values and copied coordinates."""
-    facts = {**array.attrs, **({"units": schema.units} if schema is not None else {}), **(attrs or {})}
     if values.shape != array.shape:
         raise ValueError(f"values of shape {values.shape} do not fit coordinates of shape {array.shape}")
-    if isinstance(array, Plain):
-        return Plain(schema or array.schema, np.asarray(values), array.axes, facts, array.like, array.columns)
-    variable = label_values(array.dims, values, facts)
-    name = array.name if schema is None else schema.name
+    variable = label_values(array.dims, values, array.attrs)
     coords = {name: _copy_coordinate(coordinate) for name, coordinate in array.coords.variables.items()}
-    return _assemble_array(variable, coords, array.xindexes, name)
+    return _assemble_array(variable, coords, array.xindexes, array.name)
 
 
 def label_values(
@@ -267,12 +312,10 @@ def _label_coordinate(name: str, coordinate: Any) -> tuple[xr.Variable, PandasIn
     return variable, index
 
 
-def read_axis(array: xr.DataArray | xr.Dataset | Plain, name: str) -> npt.NDArray[Any]:
+def read_axis(array: xr.DataArray | xr.Dataset, name: str) -> npt.NDArray[Any]:
     """Return the values of a coordinate.
     ``array.coords[name]`` takes 30 times as long, since it makes a labelled array first.
     """
-    if isinstance(array, Plain):
-        return array.axes[name]
     variable = array.coords.variables[name]
     if isinstance(variable, xr.IndexVariable):
         values = array.get_index(name).values  # the variable's own `values` takes five more calls
@@ -281,15 +324,8 @@ def read_axis(array: xr.DataArray | xr.Dataset | Plain, name: str) -> npt.NDArra
     return np.asarray(variable.values)
 
 
-AnySignal = TypeVar("AnySignal", bound=xr.DataArray | Plain)
-
-
-def check_signal(array: AnySignal, schema: Schema) -> AnySignal:
+def check_signal(array: xr.DataArray, schema: Schema) -> xr.DataArray:
     """Return the array if it conforms to ``schema``, or raise."""
-    if isinstance(array, Plain):
-        if array.schema is not schema:
-            raise AnalysisError(f"{schema.name}: this is a {array.schema.name}")
-        return array
     faults = []
     if not isinstance(array, xr.DataArray):
         raise AnalysisError(f"{schema.name} must be an xarray.DataArray, not {type(array).__name__}")

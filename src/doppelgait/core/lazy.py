@@ -14,10 +14,6 @@ import xarray as xr
 from xarray.backends import BackendArray
 from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
-from doppelgait.core.labels import replace_array_values
-
-Matrix = npt.NDArray[np.complex64]
-
 LONG_PULSES = 1 << 15
 """Approximate number of pulses of a tile. Longer recordings are processed in tiles."""
 
@@ -56,14 +52,11 @@ def read_pulses(baseband: xr.DataArray | xr.Variable, first: int, stop: int) -> 
     return np.asarray(baseband.isel(slow_time=slice(first, stop)).values)
 
 
-def read_tiles(baseband: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterator[tuple[int, Any]]:
-    """Yield the first pulse and the values, tile by tile.
-    Every tile except the last has a number of pulses that ``multiple`` divides. A short recording is one tile.
-    """
-    count = baseband.sizes["slow_time"]
-    size = count if count <= LONG_PULSES else max(LONG_PULSES // multiple, 1) * multiple
-    for first in range(0, count, size):
-        yield first, read_pulses(baseband, first, min(first + size, count))
+def read_tiles(array: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterator[tuple[int, Any]]:
+    """Yield the first pulse and the values of every tile, of a multiple of ``multiple`` pulses but for the last."""
+    size = max(LONG_PULSES // multiple, 1) * multiple
+    for first in range(0, array.sizes["slow_time"], size):
+        yield first, read_pulses(array, first, first + size)
 
 
 def is_lazy(baseband: xr.DataArray) -> bool:
@@ -74,14 +67,3 @@ def is_lazy(baseband: xr.DataArray) -> bool:
 def take_every_row(array: xr.DataArray | xr.Variable, step: int) -> npt.NDArray[Any]:
     """Return every ``step``-th row of an array, from the first."""
     return np.concatenate([tile[-first % step :: step].copy() for first, tile in read_tiles(array)])
-
-
-def map_rows(baseband: xr.DataArray, change: Callable[[Matrix, int], Matrix]) -> xr.DataArray:
-    """Apply a function to the pulses of a baseband.
-    For a long baseband, it is applied on demand.
-    """
-    if baseband.sizes["slow_time"] <= LONG_PULSES:
-        return replace_array_values(baseband, change(baseband.values, 0))
-    return replace_array_values(
-        baseband, lazy_rows(baseband.shape, lambda first, stop: change(read_pulses(baseband, first, stop), first))
-    )

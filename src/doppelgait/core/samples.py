@@ -124,15 +124,7 @@ class Samples:
 
     @classmethod
     def stored(cls, shape: tuple[int, int], rows: Rows) -> Samples:
-        """Wrap samples that are read or computed on demand.
-
-        Parameters
-        ----------
-        shape : (int, int)
-            Pulses and samples.
-        rows : callable
-            Function of a first and a stop number that returns these pulses, complex64.
-        """
+        """Wrap samples that ``rows(first, stop)`` reads or computes on every access."""
         made = cls._make(shape, None, None, None, False)
         made._stored = rows
         return made
@@ -144,18 +136,12 @@ class Samples:
 
     @classmethod
     def own(cls, matrix: Matrix) -> Samples:
-        """Wrap a complex64 matrix that nothing else uses.
-
-        The samples may change it.
-        """
+        """Wrap a complex64 matrix that nothing else uses; the samples may change it."""
         return cls._make(matrix.shape, np.ascontiguousarray(matrix, dtype=np.complex64), None, None, True)
 
     @classmethod
     def from_planes(cls, planes: Planes, n_pulses: int) -> Samples:
-        """Wrap planes that nothing else uses.
-
-        They have the shape (2, samples, n_pulses or more), and the samples may change them.
-        """
+        """Wrap planes (2, samples, n_pulses or more) that nothing else uses; the samples may change them."""
         return cls._make((n_pulses, planes.shape[1]), None, np.ascontiguousarray(planes), None, True)
 
     @property
@@ -184,24 +170,9 @@ class Samples:
         return noisy._planes if noisy._planes is not None else _split(noisy.matrix, slice(0, self.shape[1]))
 
     def read(self, spans: Spans, margin: int = 0) -> tuple[Planes, int]:
-        """Read planes of some samples (range bins).
-
-        Noise is computed only for the needed pulses.
-
-        Parameters
-        ----------
-        spans : ndarray, shape (samples, 2)
-            First and one past the last needed pulse of every sample; an empty span for a sample that is not needed.
-        margin : int
-            Number of pulses after each span that must be finite; their values are arbitrary.
-
-        Returns
-        -------
-        planes : ndarray, shape (2, rows, at least pulses)
-            Planes from the first to the last needed sample. They must not be changed. Values outside the spans are
-            undefined and may be NaN.
-        first : int
-            Number of the sample in row 0.
+        """Read planes of the samples (range bins) with a span, and the number of the first one.
+        Each row of ``spans`` is the first and one past the last needed pulse; noise is computed only there. Values
+        outside may be NaN, but for the next ``margin`` pulses. The planes must not be changed.
         """
         needed = np.flatnonzero(spans[:, 0] < spans[:, 1])
         first, stop = (int(needed[0]), int(needed[-1]) + 1) if needed.size else (0, 0)
@@ -219,20 +190,7 @@ class Samples:
         return noisy, first
 
     def read_tile(self, pulses: slice, columns: slice) -> Planes:
-        """Read planes of some pulses and range bins.
-
-        The values are those of :meth:`read`, in an array of the tile's size.
-
-        Parameters
-        ----------
-        pulses, columns : slice
-            Slices with start and stop inside the samples.
-
-        Returns
-        -------
-        ndarray, shape (2, columns, pulses)
-            Real and imaginary parts. They must not be changed.
-        """
+        """Read planes (2, columns, pulses) of some pulses and range bins; they must not be changed."""
         if self._stored is not None:
             tile = _split(self._stored(pulses.start, pulses.stop), columns)
         elif self._matrix is not None:
@@ -247,21 +205,18 @@ class Samples:
             add_noise_block(tile[0], tile[1], 0, tile.shape[2], columns.start, pulses.start, *self._noise)
         return tile
 
-    def with_noise(self, key: np.uint64, power_v2: float, factor: Factor = WHITE) -> Samples:
-        """Return the samples with complex Gaussian noise pending.
-
-        It is white, or correlated over samples by the taps ``factor`` of unit energy (E-18c). The result shares the
-        memory of these samples; from then on, only the result may change it.
+    def with_noise(self, key: np.uint64, power_v2: float, factor: Factor = WHITE, *, first_pulse: int = 0) -> Samples:
+        """Return the samples with complex Gaussian noise pending, white or correlated by the taps ``factor`` (E-18c).
+        The result shares the memory of these samples, which then only it may change. To an excerpt that starts at
+        ``first_pulse`` of a longer recording, the noise of that recording is added at once.
         """
+        if first_pulse:
+            return self._add_noise_from(first_pulse, key, power_v2, factor)
         quiet = self.add_pending_noise()
         owned, quiet._owned, self._owned = quiet._owned, False, False
         return self._make(quiet.shape, quiet._matrix, quiet._planes, Noise(key, math.sqrt(power_v2), factor), owned)
 
-    def add_noise_from(self, first_pulse: int, key: np.uint64, power_v2: float, factor: Factor = WHITE) -> Samples:
-        """Add the noise of a longer recording to an excerpt.
-
-        The noise is that of :meth:`with_noise`. The excerpt starts at ``first_pulse`` of the longer recording.
-        """
+    def _add_noise_from(self, first_pulse: int, key: np.uint64, power_v2: float, factor: Factor) -> Samples:
         from doppelgait.core.kernels.noise import add_noise_block
 
         planes, n_pulses = self.planes[:, :, : self.shape[0]].copy(), self.shape[0]
@@ -309,10 +264,7 @@ class Samples:
         return self._make(self.shape, matrix, planes, self._noise, True)
 
     def freeze(self) -> Samples:
-        """Return the same values, protected from change.
-
-        A later change of either object is made in a copy.
-        """
+        """Return the same values; a later change of either object is made in a copy."""
         self._owned = False
         frozen = self._make(self.shape, self._matrix, self._planes, self._noise, False)
         frozen._stored = self._stored

@@ -19,6 +19,7 @@ import pandas as pd
 import xarray as xr
 
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.frames import SlowTime
 from doppelgait.core.labels import read_axis
 from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.pipeline.simulate import choose_lowest_prf, observe_scene, pulse_times_s, split_targets
@@ -100,7 +101,7 @@ def _leaves_frame(
     if radar.burst_pulses is not None:
         low, high = gate.edges(bins_m, slow_time_s, sharp=analysis.sharp_edges)
     else:
-        cut = make_gated_transform(gate, slow_time_s, bins_m, analysis)
+        cut = make_gated_transform(gate, SlowTime(slow_time_s), bins_m, analysis)
         low, high = cut.low, cut.high
     return bool((low < -0.5).any() or (high > bins_m.size - 0.5).any())
 

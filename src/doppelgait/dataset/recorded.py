@@ -6,7 +6,7 @@ import json
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ import xarray as xr
 
 from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
-from doppelgait.core.labels import BASEBAND, make_array, read_axis
+from doppelgait.core.labels import read_axis
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.core.worker import limit_blas_threads
 from doppelgait.dataset.config import ImportConfig
@@ -28,7 +28,6 @@ from doppelgait.pipeline import Result, analyze
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.pipeline.pictures import is_picture, read_picture
 from doppelgait.pipeline.spectrogram import make_level_gate
-from doppelgait.processing import get_burst_pulses
 from doppelgait.radar import read_recording
 from doppelgait.radar.recording import Recording
 
@@ -77,7 +76,7 @@ def cut(
         times_s, pulses = read_axis(recording, "time"), 1
     else:
         times_s = recording.slow_time_s.astype(np.float64)
-        pulses = get_burst_pulses(recording.baseband) or 1
+        pulses = recording.frames.slow_time.find_bursts().burst_pulses or 1
     block_starts_s = times_s[: times_s.size // pulses * pulses : pulses] - times_s[0]
     if block_starts_s.size < 2:
         raise AnalysisError(f"has {block_starts_s.size} {'pulses' if pulses == 1 else 'bursts'}, at least 2 are needed")
@@ -105,13 +104,12 @@ def _make_part(recording: Recording | xr.DataArray, blocks: _Blocks, start_s: fl
         cropped = recording.isel(time=chosen)
         times = ("time", read_axis(cropped, "time") - read_axis(cropped, "time")[:1], cropped["time"].attrs)
         return Part(start_s, stop_s, cropped.assign_coords(time=times))
-    whole = recording.baseband
-    times_s = read_axis(whole, "slow_time")[chosen]
+    part = recording.frames.take_pulses(chosen)
+    times_s = part.slow_time.time_s
     if times_s.size < 2:
         raise AnalysisError(f"{start_s:g} to {stop_s:g} s: holds {times_s.size} pulses, at least 2 are needed")
-    coords = {"slow_time": times_s - times_s[0], "range": read_axis(whole, "range")}
-    baseband = make_array(BASEBAND, whole.values[chosen], coords, whole.attrs)
-    return Part(start_s, stop_s, recording.with_baseband(baseband, truth=()))
+    part = replace(part, slow_time=replace(part.slow_time, time_s=times_s - times_s[0]))
+    return Part(start_s, stop_s, recording.with_frames(part, truth=()))
 
 
 SEVERAL = "several_tracks:the_label_went_to_the_surest"

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
-from doppelgait.core.labels import SIGNATURE, Plain, check_signal, read_axis
+from doppelgait.core.labels import SIGNATURE, Signal, measures_signal
 from doppelgait.features.measures import compute_quantile
 
 FloatArray = npt.NDArray[np.float64]
@@ -28,16 +27,15 @@ LEAST_NOISE_SIGMAS = 1.0
 """Lowest level of the bandwidth, in standard deviations of a noise cell."""
 
 
-def envelopes_hz(signature: xr.DataArray | Plain, floor_v2: float) -> tuple[FloatArray, FloatArray]:
+def envelopes_hz(signature: Signal, floor_v2: float) -> tuple[FloatArray, FloatArray]:
     """Compute lower and upper Doppler envelope of every column (E-35b)."""
     from doppelgait.core.kernels.features import power_quantiles
 
-    check_signal(signature, SIGNATURE)
     threshold = floor_v2 * compute_noise_quantile(max(1.0, float(signature.attrs["n_gate_bins"])))
     low, high = np.empty((2, signature.shape[0]))
     values = np.ascontiguousarray(signature.values)
     power_quantiles(values, float(threshold), float(floor_v2), *POWER_QUANTILES, low, high)
-    doppler_hz = read_axis(signature, "doppler")
+    doppler_hz = signature.axis("doppler")
     bin_hz = float(doppler_hz[1] - doppler_hz[0])
     return doppler_hz[0] + bin_hz * low, doppler_hz[0] + bin_hz * high
 
@@ -52,7 +50,8 @@ def compute_noise_quantile(n_bins: float) -> float:
     return float(gammainccinv(n_bins, float(ndtr(-DETECTION_SIGMAS)))) / n_bins
 
 
-def strongest_cells_v2(signature: xr.DataArray | Plain) -> npt.NDArray[Any]:
+@measures_signal(SIGNATURE)
+def strongest_cells_v2(signature: Signal) -> npt.NDArray[Any]:
     """Find every column's strongest cell, V^2."""
     cells = signature.values
     found = cells[np.arange(cells.shape[0]), cells.argmax(axis=1)]  # max(axis=1) takes twice as long

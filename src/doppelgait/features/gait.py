@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.labels import Plain, read_axis
+from doppelgait.core.labels import SIGNATURE, Signal, measures_signal
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.features.doppler import (
@@ -41,7 +41,8 @@ NO_GAIT_RATIO = 0.1
 """Smallest limb-torso ratio rho of a target with a gait; walkers and dogs have 0.4 or more."""
 
 
-def snr_mu_db(signature: Plain, floor_v2: float) -> float:
+@measures_signal(SIGNATURE)
+def snr_mu_db(signature: Signal, floor_v2: float) -> float:
     """Compute the signature SNR in dB.
 
     The SNR is the median over time of (strongest cell - floor) / floor; inf without noise.
@@ -127,7 +128,7 @@ def extract(observed: Observation, *, bandwidth_threshold: float, cpi_s: float, 
     whole = GaitFeatures(torso_velocity_mps=velocity_mps, doppler_bandwidth_hz=bandwidth_hz)
     features = _add_gait(whole, observed.spectrum, frequency_hz, rho, flags)
     threshold_hz = bandwidth_threshold_hz(
-        observed.mean_row, read_axis(observed.aligned, "doppler"), threshold=bandwidth_threshold
+        observed.mean_row, observed.aligned.axis("doppler"), threshold=bandwidth_threshold
     ) - single_tone_width_hz(cpi_s=cpi_s, window_steepness=window_steepness, threshold=bandwidth_threshold)
     quality |= {
         "periodicity": gait.periodicity,
@@ -176,12 +177,12 @@ def _check_frequency(gait: GaitFrequency, columns: Mapping[Any, Any], flags: lis
 
 
 def _add_gait(
-    whole: GaitFeatures, spectrum: Plain, frequency_hz: float | None, rho: LimbTorsoRatio, flags: list[str]
+    whole: GaitFeatures, spectrum: Signal, frequency_hz: float | None, rho: LimbTorsoRatio, flags: list[str]
 ) -> GaitFeatures:
     if frequency_hz is None:
         flags.append("step_length,harmonic_ratios,limb_torso_ratio:need_a_gait_frequency")
         return whole
-    cadence_hz, power = read_axis(spectrum, "cadence"), spectrum.values
+    cadence_hz, power = spectrum.axis("cadence"), spectrum.values
     second, third = (peak_ratio(cadence_hz, power, frequency_hz, h) for h in (2, 3))
     for number, value in ((2, second), (3, third)):
         if value is None:

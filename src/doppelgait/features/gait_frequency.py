@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import Plain, read_axis, sampling_rate_hz
+from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Signal, sampling_rate_hz
 from doppelgait.features.limbs import Rows, average_columns, detrend_rows, group_size, limb_rows, summed_rows
 
 FloatArray = npt.NDArray[np.float64]
@@ -133,7 +133,7 @@ class Rhythm:
 
 
 def estimate_gait_frequency(
-    aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floor_v2: float, *, velocity_mps: float
+    aligned: Signal | xr.DataArray, excess: Signal | xr.DataArray, floor_v2: float, *, velocity_mps: float
 ) -> GaitFrequency:
     """Estimate f_mu, its confidence and the octaves' probabilities (E-33).
 
@@ -169,7 +169,8 @@ def estimate_gait_frequency(
     """
     from doppelgait.core.kernels.periodicity import highest_between, share_near_harmonics
 
-    rhythms = measure_target_rhythms(aligned, excess, floor_v2)
+    rows = Signal.of(aligned, NORMALISED_SIGNATURE)
+    rhythms = measure_target_rhythms(rows, Signal.of(excess, SIGNATURE, NORMALISED_SIGNATURE), floor_v2)
     whole, limbs = rhythms[0], rhythms[2]
     seconds = whole.likeness.size / whole.rate_hz
     if not whole.likeness.any() or GRID_HZ[-1] * seconds < LEAST_PERIODS:
@@ -195,9 +196,7 @@ def estimate_gait_frequency(
     )
 
 
-def measure_target_rhythms(
-    aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floor_v2: float
-) -> tuple[Rhythm, ...]:
+def measure_target_rhythms(aligned: Signal, excess: Signal, floor_v2: float) -> tuple[Rhythm, ...]:
     """Measure four sets of rows, two of them whitened."""
     slow = average_columns(aligned)
     wide = summed_rows(slow, slow.bin_hz)
@@ -205,16 +204,14 @@ def measure_target_rhythms(
     return measure_rhythms([detrend_rows(wide.values, wide.rate_hz), limbs.values], wide.rate_hz)
 
 
-def _compute_cell_noise(
-    slow: Rows, aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floor_v2: float
-) -> FloatArray:
+def _compute_cell_noise(slow: Rows, aligned: Signal, excess: Signal, floor_v2: float) -> FloatArray:
     """Compute the noise of a cell in averaged columns.
     The noise is the standard deviation in each column of :func:`average_columns`, shape (J',).
     """
     from doppelgait.core.kernels.features import positive_sums
 
     cell_v2 = floor_v2 / math.sqrt(max(1.0, float(excess.attrs["n_gate_bins"])))
-    size, total_v2 = group_size(sampling_rate_hz(read_axis(aligned, "time"))), np.empty(slow.values.shape[0])
+    size, total_v2 = group_size(sampling_rate_hz(aligned.axis("time"))), np.empty(slow.values.shape[0])
     positive_sums(np.ascontiguousarray(excess.values), size, total_v2)
     weight = slow.values.sum(axis=1)
     weight *= cell_v2 * size

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
-from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, check_signal, read_axis
+from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, Signal, measures_signal
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -19,7 +18,8 @@ MIN_SNR = 4.0
 NEAR_SHARE, NEAR_HZ = 0.06, 0.25
 
 
-def harmonic_ratio(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) -> float | None:
+@measures_signal(CADENCE_SPECTRUM)
+def harmonic_ratio(spectrum: Signal, frequency_hz: float, harmonic: int) -> float | None:
     """Compare a harmonic with the fundamental (E-37).
 
     The ratio is a check of f_mu: it is near ``harmonic`` if f_mu is correct.
@@ -51,9 +51,8 @@ def harmonic_ratio(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) -
     >>> round(dg.features.harmonic_ratio(result.cadence_spectrum, result.gait_frequency_hz, 2), 1)
     2.0
     """
-    check_signal(spectrum, CADENCE_SPECTRUM)
     values = np.asarray(spectrum.values, dtype=np.float64)
-    return peak_ratio(read_axis(spectrum, "cadence"), values, frequency_hz, harmonic)
+    return peak_ratio(spectrum.axis("cadence"), values, frequency_hz, harmonic)
 
 
 def peak_ratio(cadence_hz: FloatArray, values: FloatArray, frequency_hz: float, harmonic: int) -> float | None:
@@ -74,8 +73,9 @@ class LimbTorsoRatio:
     amplitude_ratio: float | None
 
 
+@measures_signal(CADENCE_MAP)
 def limb_torso_ratio(
-    step_doppler: xr.DataArray, mean_spectrum: FloatArray, frequency_hz: float, occupied: npt.NDArray[np.bool_]
+    step_doppler: Signal, mean_spectrum: FloatArray, frequency_hz: float, occupied: npt.NDArray[np.bool_]
 ) -> LimbTorsoRatio:
     """Compute the ratio of oscillating to constant Doppler power (E-38).
 
@@ -115,9 +115,8 @@ def limb_torso_ratio(
     >>> round(found.ratio, 1)
     0.9
     """
-    check_signal(step_doppler, CADENCE_MAP)
     values = np.ascontiguousarray(step_doppler.values[:, occupied])
-    return ratio_of_rows(read_axis(step_doppler, "cadence"), values, mean_spectrum[occupied], frequency_hz)
+    return ratio_of_rows(step_doppler.axis("cadence"), values, mean_spectrum[occupied], frequency_hz)
 
 
 def highest_cadence_hz(frequency_hz: float) -> float:

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
-from doppelgait.core.labels import CADENCE_SPECTRUM, check_signal, read_axis
+from doppelgait.core.labels import Signal
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.features.feature_set import Extraction, GaitFeatures
 from doppelgait.features.measures import find_local_maxima
@@ -29,12 +28,11 @@ def bandwidth_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, threshold: f
 
 
 def extract(
-    mean_spectrum: FloatArray, doppler_hz: FloatArray, spectrum: xr.DataArray, *, wavelength_m: float, threshold: float
+    mean_spectrum: FloatArray, doppler_hz: FloatArray, spectrum: Signal, *, wavelength_m: float, threshold: float
 ) -> Extraction:
     """Extract the six features by the report's method.
     Shapes: mean_spectrum (K,); doppler_hz (K,).
     """
-    check_signal(spectrum, CADENCE_SPECTRUM)
     best = int(mean_spectrum.argmax())
     torso_hz, torso_amplitude = float(doppler_hz[best]), float(mean_spectrum[best])
     velocity_mps = float(doppler_to_velocity_mps(torso_hz, wavelength_m))
@@ -59,13 +57,13 @@ def extract(
         harmonic_ratio_3=harmonics[1][0] / step_hz if harmonics[1] else None,
         limb_torso_ratio=total / torso_amplitude if complete else None,
     )
-    seconds = 1.0 / float(read_axis(spectrum, "cadence")[1])
+    seconds = 1.0 / float(spectrum.axis("cadence")[1])
     flags = () if complete else ("harmonics:no_peak_near_the_expected_place",)
     return Extraction(features, step_hz, torso_hz, step_hz * seconds, {**quality, "observation_s": seconds}, flags)
 
 
-def _find_highest(spectrum: xr.DataArray, low_hz: float, high_hz: float) -> tuple[float, float] | None:
-    cadence_hz = read_axis(spectrum, "cadence")
+def _find_highest(spectrum: Signal, low_hz: float, high_hz: float) -> tuple[float, float] | None:
+    cadence_hz = spectrum.axis("cadence")
     values = np.asarray(spectrum.values, dtype=np.float64)
     peaks = find_local_maxima(values, first=1, last=values.size - 2)
     peaks = peaks[(cadence_hz[peaks] >= low_hz) & (cadence_hz[peaks] <= high_hz)]

@@ -11,9 +11,8 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
-from doppelgait.core.labels import NORMALISED_SIGNATURE, Plain, check_signal, read_axis, sampling_rate_hz
+from doppelgait.core.labels import Signal, sampling_rate_hz
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -48,14 +47,13 @@ class Rows:
         return float(self.doppler_hz[1] - self.doppler_hz[0])
 
 
-def average_columns(normalised: xr.DataArray | Plain) -> Rows:
+def average_columns(normalised: Signal) -> Rows:
     """Average groups of columns of a normalised signature.
     The result has at least 40 columns per second.
     """
-    check_signal(normalised, NORMALISED_SIGNATURE)
-    rate_hz = sampling_rate_hz(read_axis(normalised, "time"))
+    rate_hz = sampling_rate_hz(normalised.axis("time"))
     group = group_size(rate_hz)
-    return Rows(sum_groups(normalised.values, group) / group, read_axis(normalised, "doppler"), rate_hz / group)
+    return Rows(sum_groups(normalised.values, group) / group, normalised.axis("doppler"), rate_hz / group)
 
 
 def group_size(rate_hz: float) -> int:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.labels import Plain, read_axis, sampling_rate_hz
+from doppelgait.core.labels import Signal, sampling_rate_hz
 from doppelgait.features.doppler import envelopes_hz, raised_by_noise_v2, width_level_v2
 from doppelgait.features.feature_set import Extraction, FloatArray, GaitFeatures
 from doppelgait.features.measures import compute_quantile, compute_square_difference
@@ -86,7 +86,7 @@ class Observation:
 
     Parameters
     ----------
-    signature : Plain (time, doppler)
+    signature : Signal (time, doppler)
         mu, V^2.
     floor_v2 : float
         Noise floor nu.
@@ -94,13 +94,13 @@ class Observation:
         Strongest cell of every column, and its Doppler.
     main_line_hz : ndarray, shape (J,)
         Straight main line.
-    excess : Plain (time, doppler)
+    excess : Signal (time, doppler)
         mu - nu, aligned as ``aligned``.
-    aligned : Plain (time, doppler)
+    aligned : Signal (time, doppler)
         Normalised signature, aligned to the main line if that drifts.
     cadence_parts : CadenceParts
         Single rows of the cadence map of :attr:`rows`.
-    spectrum : Plain (cadence)
+    spectrum : Signal (cadence)
         Power spectrum S.
     observation_s : float
     n_independent : float
@@ -130,15 +130,15 @@ class Observation:
     (1.0, 1.2)
     """
 
-    signature: Plain
+    signature: Signal
     floor_v2: float
     strongest_v2: npt.NDArray[Any]
     peaks_hz: FloatArray
     main_line_hz: FloatArray
-    excess: Plain
-    aligned: Plain
+    excess: Signal
+    aligned: Signal
     cadence_parts: Any
-    spectrum: Plain
+    spectrum: Signal
     observation_s: float
     n_independent: float
 
@@ -238,9 +238,9 @@ class Observation:
         return self.floor_v2 / float(np.sqrt(max(1.0, float(self.signature.attrs["n_gate_bins"]))))
 
     @cached_property
-    def rows(self) -> Plain:
+    def rows(self) -> Signal:
         """Aligned normalised signature, detrended (E-31); (time, doppler)."""
-        found: Plain = self.cadence_parts.detrend()
+        found: Signal = self.cadence_parts.detrend()
         return found
 
     @cached_property
@@ -279,7 +279,7 @@ class Observation:
     @cached_property
     def velocity_mps(self) -> FloatArray:
         """Velocity of every Doppler row; shape (K,)."""
-        return np.asarray(read_axis(self.signature, "doppler") * self.mps_per_hz)
+        return np.asarray(self.signature.axis("doppler") * self.mps_per_hz)
 
     @cached_property
     def bin_mps(self) -> float:
@@ -289,7 +289,7 @@ class Observation:
     @cached_property
     def rate_hz(self) -> float:
         """Columns per second."""
-        return sampling_rate_hz(read_axis(self.signature, "time"))
+        return sampling_rate_hz(self.signature.axis("time"))
 
     @cached_property
     def line_mps(self) -> FloatArray:
@@ -363,7 +363,7 @@ class Observation:
 
         It is (range / mean range)^4 of the gate.
         """
-        centre_m = read_axis(self.signature, "centre_range")
+        centre_m = self.signature.axis("centre_range")
         return np.asarray((centre_m / centre_m.mean()) ** 4)
 
     @cached_property
@@ -416,7 +416,7 @@ class Observation:
     @cached_property
     def cadence(self) -> tuple[FloatArray, FloatArray]:
         """Cadence axis and power spectrum, 0.5 to 20 Hz (E-32)."""
-        cadence_hz = read_axis(self.spectrum, "cadence")
+        cadence_hz = self.spectrum.axis("cadence")
         first, last = np.searchsorted(cadence_hz, CADENCE_HZ)
         return cadence_hz[first:last], self.spectrum.values[first:last]
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import SIGNATURE, check_signal, read_axis
+from doppelgait.core.labels import SIGNATURE, Signal, measures_signal
 
 NUMBERS = ("lower_velocity_mps", "upper_velocity_mps", "power_v2", "spectral_entropy")
 """Columns of :func:`measure_columns`."""
@@ -20,7 +20,8 @@ LOWER, UPPER = 0.125, 0.875
 """Shares of the power of a frame below the two velocities."""
 
 
-def measure_columns(signature: xr.DataArray, *, noise_floor_v2: float = 0.0) -> xr.DataArray:
+@measures_signal(SIGNATURE)
+def measure_columns(signature: Signal, *, noise_floor_v2: float = 0.0) -> xr.DataArray:
     """Measure four numbers of every column of a signature.
 
     Let ``p[k] = max(mu[t, k] - nu, 0)`` and ``q[k] = p[k] / sum(p)``, with ascending velocities. The lower and upper
@@ -61,9 +62,8 @@ def measure_columns(signature: xr.DataArray, *, noise_floor_v2: float = 0.0) -> 
     >>> numbers.mean("time").values[:2].round(1)  # edges of the signature, m/s
     array([0.8, 1.9], dtype=float32)
     """
-    check_signal(signature, SIGNATURE)
     power = np.maximum(signature.values.astype(np.float64) - noise_floor_v2, 0.0)
-    velocity_mps = signature.coords["velocity"].values
+    velocity_mps = signature.axis("velocity")
     if velocity_mps[0] > velocity_mps[-1]:
         power, velocity_mps = power[:, ::-1], velocity_mps[::-1]
     total = power.sum(axis=1)
@@ -86,7 +86,7 @@ def measure_columns(signature: xr.DataArray, *, noise_floor_v2: float = 0.0) -> 
         ],
         axis=1,
     )
-    coords = {"time": read_axis(signature, "time"), "number": list(NUMBERS)}
+    coords = {"time": signature.axis("time"), "number": list(NUMBERS)}
     return xr.DataArray(values.astype(np.float32), dims=("time", "number"), coords=coords, name="ti_frames")
 
 

@@ -8,24 +8,21 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import xarray as xr
 
-from doppelgait import processing
 from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.lazy import LONG_PULSES
+from doppelgait.core.frames import Frames
 from doppelgait.pipeline.result import Result, TargetList
-from doppelgait.pipeline.target import add_body_parts, analyze_signature
+from doppelgait.pipeline.target import analyze_gated, analyze_signature
 from doppelgait.pipeline.tracking import Tracking, track_targets
 from doppelgait.pipeline.verdicts import is_echo
 from doppelgait.processing import Analysis, Gate
-from doppelgait.processing.clutter import remove_from_planes
+from doppelgait.processing.clutter import clean_frames
 from doppelgait.processing.gate import GateChoice
-from doppelgait.processing.signature import compute_plane_signature, compute_tiled_signature, make_gated_transform
 from doppelgait.radar.readers import read_recording
 from doppelgait.radar.recording import Recording
 
-__all__ = ["Result", "analyze", "analyze_signature", "compute_gated_signatures", "flag_overlaps"]
+__all__ = ["Result", "analyze", "analyze_signature", "flag_overlaps"]
 
 
 def analyze(
@@ -97,15 +94,25 @@ def analyze(
         found = track_targets(recording, settings, tracking or Tracking())
         return TargetList(flag_overlaps(found), reason=found.reason)
     gates, labels = _choose_gates(recording, gate, settings, gate_error_m)
-    signatures = compute_gated_signatures(recording, gates, settings)
+    clean = clean_gates(recording.frames, gates, settings)
+    wavelength_m = recording.radar.wavelength_m
     results = [
-        analyze_signature(mu, own_gate, settings, label=label)
-        for mu, own_gate, label in zip(signatures, gates, labels, strict=True)
+        analyze_gated(clean, wavelength_m, own_gate, settings, label)
+        for own_gate, label in zip(gates, labels, strict=True)
     ]
-    if settings.parts:
-        baseband = processing.remove_clutter(recording.baseband, settings)
-        results = [add_body_parts(result, baseband) for result in results]
     return TargetList(flag_overlaps(results))
+
+
+def clean_gates(frames: Frames, gates: Sequence[Gate], analysis: Analysis) -> Frames:
+    """Remove static clutter from the range bins that the gates touch."""
+    if analysis.clutter == "none":
+        return frames
+    slow_time, range_m = frames.slow_time, frames.range_m
+    touched = [
+        own.touched_bins(*own.edges(range_m, slow_time.time_s, sharp=analysis.sharp_edges), range_m) for own in gates
+    ]
+    bins = slice(min(part.start for part in touched), max(part.stop for part in touched))
+    return clean_frames(frames, analysis, bins=bins)
 
 
 def _choose_gates(
@@ -127,37 +134,6 @@ def _choose_gates(
         for truth in recording.truth
     ]
     return gates, [truth.label or None for truth in recording.truth]
-
-
-def compute_gated_signatures(recording: Recording, gates: Sequence[Gate], analysis: Analysis) -> list[xr.DataArray]:
-    """Compute clutter-free micro-Doppler signatures of several gates.
-    Only the samples that the gates need are read.
-    """
-    wavelength_m = recording.radar.wavelength_m
-    if "burst_pulses" in recording.facts:
-        clean = processing.remove_clutter(recording.baseband, analysis)
-        return [processing.burst_signature(clean, gate, analysis, wavelength_m=wavelength_m) for gate in gates]
-    cuts = [
-        make_gated_transform(
-            gate, recording.slow_time_s, recording.range_m, analysis, bin_share=recording.independent_bin_share
-        )
-        for gate in gates
-    ]
-    analysis = analysis.resolved(None)
-    if recording.n_pulses > LONG_PULSES:
-        if analysis.clutter == "none":
-            return [
-                compute_tiled_signature(recording.samples.read_tile, cut, wavelength_m=wavelength_m) for cut in cuts
-            ]
-        clean = processing.remove_clutter(recording.baseband, analysis)
-        return [processing.signature(clean, gate, analysis, wavelength_m=wavelength_m) for gate in gates]
-    spans = np.stack([cut.find_needed_pulses() for cut in cuts])
-    spans = np.stack([spans[:, :, 0].min(axis=0), spans[:, :, 1].max(axis=0)], axis=1)
-    if analysis.clutter != "none":  # clutter removal needs the whole recording
-        spans[spans[:, 0] < spans[:, 1]] = (0, recording.n_pulses)
-    planes, first_bin = recording.samples.read(spans, cuts[0].margin_pulses)
-    planes = remove_from_planes(planes, recording.n_pulses, analysis, prf_hz=cuts[0].prf_hz)
-    return [compute_plane_signature(planes[0], planes[1], first_bin, cut, wavelength_m=wavelength_m) for cut in cuts]
 
 
 def flag_overlaps(results: Sequence[Result]) -> list[Result]:

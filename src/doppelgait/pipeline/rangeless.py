@@ -6,14 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
-from doppelgait.core.labels import read_axis
+from doppelgait.core.frames import Frames
 from doppelgait.pipeline.result import Result
 from doppelgait.pipeline.target import analyze_gated
-from doppelgait.processing import Analysis, Gate, burst_signature, get_burst_pulses, noise_floor_v2
+from doppelgait.processing import Analysis, Gate, noise_floor_v2
+from doppelgait.processing.bursts import make_frame_gate
 from doppelgait.processing.detect import Detector
 from doppelgait.processing.detect.maps import compute_maps, noise_factor
+from doppelgait.processing.signature import compute_signature
 from doppelgait.processing.track import Tracker
 from doppelgait.processing.track_segments import SegmentationSettings, TrackSegment, find_track_segments
 
@@ -55,11 +56,11 @@ class Motion:
         return np.array([np.median(peaks[np.abs(self.time_s - t) <= half + 1e-9]) for t in self.time_s])
 
 
-def transform_motion(clean: xr.DataArray, detector: Detector, *, wavelength_m: float) -> Motion:
+def transform_motion(clean: Frames, detector: Detector, *, wavelength_m: float) -> Motion:
     """Transform a one-bin recording, with or without bursts."""
-    if get_burst_pulses(clean) is not None:
-        mu = burst_signature(clean, None, Analysis(), wavelength_m=wavelength_m)
-        return Motion(read_axis(mu, "time"), read_axis(mu, "velocity"), mu.values, noise_floor_v2(mu))
+    if clean.slow_time.burst_pulses is not None:
+        mu = compute_signature(clean, make_frame_gate(clean), Analysis(), wavelength_m=wavelength_m)
+        return Motion(mu.axis("time"), mu.axis("velocity"), mu.values, noise_floor_v2(mu))
     blocks = list(compute_maps(clean, detector, wavelength_m=wavelength_m))
     return Motion(
         np.concatenate([maps.time_s for maps in blocks]),
@@ -116,7 +117,7 @@ def find_steady_segments(
 
 
 def analyze_motion(
-    clean: xr.DataArray,
+    clean: Frames,
     motion: Motion,
     times: list[tuple[float, float]],
     analysis: Analysis,
@@ -154,10 +155,10 @@ def analyze_motion(
     )
 
 
-def _make_whole_gate(clean: xr.DataArray, start_s: float, stop_s: float) -> Gate:
+def _make_whole_gate(clean: Frames, start_s: float, stop_s: float) -> Gate:
     """Make a gate over one bin, keeping bursts whole."""
-    times_s, range_m = read_axis(clean, "slow_time"), float(read_axis(clean, "range")[0])
-    pulses = get_burst_pulses(clean) or 1
+    times_s, range_m = clean.slow_time.time_s, float(clean.range_m[0])
+    pulses = clean.slow_time.burst_pulses or 1
     edges = np.arange(0, times_s.size + 1, pulses)
     first = max(int(np.searchsorted(times_s[edges[:-1]], start_s, side="right")) - 1, 0)
     last = min(int(np.searchsorted(times_s[edges[1:] - 1], stop_s)), edges.size - 2)

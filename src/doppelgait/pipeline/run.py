@@ -180,7 +180,9 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "",
     return validate(Run, {"scene": parsed, **radar, **rest}, where=where, text=text)
 
 
-def run_simulation(run: Run, *, folder: Path | None = None, angles: bool = True, in_tiles: bool = False) -> Recording:
+def run_simulation(
+    run: Run, *, folder: Path | None = None, angles: bool = True, path: str | Path | None = None
+) -> Recording:
     """Simulate a run; equal runs give equal bytes.
 
     Parameters
@@ -188,7 +190,7 @@ def run_simulation(run: Run, *, folder: Path | None = None, angles: bool = True,
     run : Run
     folder : Path, optional
         Folder to which motion paths are relative.
-    angles, in_tiles : bool
+    angles, path
         As for :func:`doppelgait.pipeline.simulate`.
 
     See Also
@@ -206,4 +208,4 @@ def run_simulation(run: Run, *, folder: Path | None = None, angles: bool = True,
     scene, radar = place(run.scene, run.streams, folder=folder), run.radar
     if run.auto_prf:
         radar = choose_lowest_prf(scene, radar, cpi_s=run.analysis.cpi_s)
-    return simulate(scene, radar, angles=angles, rng=run.streams, conditions=run.conditions, in_tiles=in_tiles)
+    return simulate(scene, radar, angles=angles, rng=run.streams, conditions=run.conditions, path=path)

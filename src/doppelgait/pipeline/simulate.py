@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -10,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait.core import lazy
 from doppelgait.core.config import check_type, validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import label_axis, label_table, read_axis, select_scatterers
-from doppelgait.core.lazy import LONG_PULSES
 from doppelgait.core.rng import Streams
 from doppelgait.core.samples import Factor, Matrix, Samples
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
@@ -26,16 +28,14 @@ from doppelgait.radar.impairments import ThermalNoise, apply_impairments, noise_
 from doppelgait.radar.link import make_noise_taps
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording, TargetTruth
+from doppelgait.radar.recordings import read_hdf5, write_recording
 from doppelgait.radar.simulate import (
-    compress_samples,
-    draw_key,
-    frame_power_v2,
+    compress,
     lowest_prf_hz,
     noise_level_v2,
     snr_frame_db,
     strongest_powers_v2,
-    synthesise_bins,
-    synthesise_planes,
+    synthesise_echoes,
     warn_of_limits,
 )
 from doppelgait.scene import LineOfSight, PlacedScene, PlacedTarget, Scene, assemble, compute_body_track, place_body_at
@@ -65,7 +65,7 @@ def simulate(
     conditions: Conditions | None = None,
     snr_db: float | None = None,
     angles: bool = True,
-    in_tiles: bool = False,
+    path: str | Path | None = None,
 ) -> Recording:
     """Simulate the recording of a scene by a radar.
 
@@ -87,10 +87,10 @@ def simulate(
         in dB; ``inf`` for no noise. The power is that of the targets, without ghosts, background bodies and clutter.
     angles : bool
         Add the aspect angle of every scatterer and the bodies for plots to the truth; False is faster.
-    in_tiles : bool
-        Compute samples and truth at every access instead of storing them, so that memory hardly grows with the
-        duration. Use it for a recording of more than 32,768 pulses that is only written to a file. The values are the
-        same. It has no effect on recordings with impairments.
+    path : str or Path, optional
+        File for the recording (HDF5). More than 32,768 pulses are then synthesised tile by tile into the file, so that
+        memory hardly grows with the duration, and the samples of the returned recording are read from the file.
+        Impairments and environment effects need the whole recording in memory.
 
     Returns
     -------
@@ -133,46 +133,29 @@ def simulate(
     snr_db = _check_noise(conditions, rng=rng, snr_db=snr_db)
     placed = as_placed(scene, rng)
     slow_time_s = pulse_times_s(placed.observation_s, radar)
-    later = in_tiles and not conditions.impairments and slow_time_s.size > LONG_PULSES
-    scatterers, tracks = observe_scene(placed, radar, slow_time_s, conditions, angles=angles, streams=rng, later=later)
+    scatterers, tracks = observe_scene(placed, radar, slow_time_s, conditions, angles=angles, streams=rng)
     warn_of_limits(scatterers, radar)
     # without impairments the samples before the range transform are not needed: compute the bins directly
-    bare = not conditions.impairments and not radar.waveform.samples_are_bins
-    # the echoes of the targets set the signal level; ghosts and background bodies are added to them
-    if later:
-        signal_v2 = _signal_in_tiles_v2(scatterers, radar)
-    else:
-        targets, others = split_targets(scatterers)
-        synthesise = synthesise_bins if bare else synthesise_planes
-        samples = synthesise(targets, radar)
-        signal_v2 = frame_power_v2(samples if bare else compress_samples(samples, radar))
-        if others is not None:
-            samples += synthesise(others, radar)
-    # level of the receiver noise, mean square in a range bin
-    thermal = [spec for spec in conditions.impairments if isinstance(spec, ThermalNoise)]
-    noise_v2 = 0.0
-    if thermal:
-        noise_v2 = sum(noise_power_per_sample_v2(spec, radar) for spec in thermal) * radar.waveform.noise_gain(radar)
-    elif rng is not None and (snr_db is not None or conditions.noise.kind != "none"):
-        noise_v2 = noise_level_v2(radar, signal_v2, snr_db)
+    echoes = Echoes(scatterers, radar, compressed=not conditions.impairments)
+    in_file = path is not None and not conditions.impairments and not echoes.is_short
+    samples, signal_v2 = (None, echoes.measure_signal_v2()) if in_file else echoes.synthesise()
+    noise_v2 = _choose_noise_v2(conditions, radar, signal_v2, snr_db, rng)
     noise: NoiseLevel | None = None
-    if rng is not None and noise_v2 > 0 and not thermal:
+    if rng is not None and noise_v2 > 0 and not conditions.has_impairment("thermal_noise"):
+        from doppelgait.core.kernels.noise import draw_key
+
         noise = draw_key(rng.generator("noise")), noise_v2 / radar.waveform.noise_gain(radar), make_noise_taps(radar)
-    if later:
-        rows = partial(_rows, scatterers, radar, noise)
-        samples = Samples.stored((slow_time_s.size, radar.range_axis_m().size), rows)
-    elif rng is not None:  # noise first, then the impairments in order
-        if noise is not None and bare:
-            silent = Samples.own(np.zeros((slow_time_s.size, radar.waveform.n_samples(radar)), dtype=np.complex64))
-            samples += compress_samples(silent.with_noise(*noise), radar)
-        elif noise is not None:
-            samples = samples.with_noise(*noise)
+    if samples is None:
+        samples = Samples.stored((slow_time_s.size, radar.n_range_bins), partial(echoes.read_noisy, noise))
+    else:
+        samples = echoes.add_noise(samples, noise)
+    if rng is not None:  # noise first, then the impairments in order
         _, samples_rng = _make_impairment_generators(rng)
         samples = apply_impairments(samples, conditions.impairments, radar=radar, rng=samples_rng)
     # the truth stores the bodies for plots, at the rate of a screen
     shown_s = slow_time_s[:: math.ceil(radar.prf_hz / BODY_RATE_HZ)] if angles else None
-    return Recording(
-        samples if bare or later else compress_samples(samples, radar),
+    recording = Recording(
+        echoes.compress(samples),
         radar,
         slow_time_s,
         radar.range_axis_m(),
@@ -188,11 +171,96 @@ def simulate(
         radar_azimuth_deg=placed.scene.radar_azimuth_deg,
         radar_tilt_deg=placed.scene.radar_tilt_deg,
     )
+    if path is None:
+        return recording
+    write_recording(recording, path)
+    return recording if recording.samples.in_memory else read_hdf5(Path(path))
 
 
 NoiseLevel = tuple[np.uint64, float, Factor]
 """Key, mean square (V^2), and filter taps over range of the receiver noise."""
 ECHO_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase")
+
+
+@dataclass(frozen=True)
+class Echoes:
+    """Echoes of a scatterer table, synthesised tile by tile; a short recording is one tile.
+    ``compressed``: as range bins, otherwise as the receiver's samples.
+    """
+
+    scatterers: xr.Dataset
+    radar: Radar
+    compressed: bool
+
+    @property
+    def n_pulses(self) -> int:
+        """Pulses of the recording."""
+        return self.scatterers.sizes["slow_time"]
+
+    @property
+    def is_short(self) -> bool:
+        """True if all pulses are one tile."""
+        return self.n_pulses <= lazy.LONG_PULSES
+
+    def compress(self, samples: Samples) -> Samples:
+        """Compress samples to range bins, unless they are."""
+        if self.compressed or self.radar.waveform.samples_are_bins:
+            return samples
+        return Samples.own(compress(samples.matrix, self.radar))
+
+    def make_tile(self, first: int, stop: int) -> tuple[Samples, npt.NDArray[np.float32]]:
+        """Synthesise some pulses; also return the targets' strongest power of every pulse, V^2.
+        Ghosts and background bodies are added to the echoes of the targets, which set the signal level.
+        """
+        table = self.scatterers if self.is_short else _read_pulses(self.scatterers, first, stop)
+        targets, others = split_targets(table)
+        samples = synthesise_echoes(targets, self.radar, compressed=self.compressed)
+        strongest_v2 = strongest_powers_v2(self.compress(samples))
+        if others is not None:
+            samples += synthesise_echoes(others, self.radar, compressed=self.compressed)
+        return samples, strongest_v2
+
+    def _make_tiles(self) -> Iterator[tuple[int, Samples, npt.NDArray[np.float32]]]:
+        for first in range(0, self.n_pulses, lazy.LONG_PULSES):
+            yield first, *self.make_tile(first, min(first + lazy.LONG_PULSES, self.n_pulses))
+
+    def measure_signal_v2(self) -> float:
+        """Measure the signal level of SNR_frame without storing samples."""
+        return _average_v2([strongest_v2 for _, _, strongest_v2 in self._make_tiles()])
+
+    def synthesise(self) -> tuple[Samples, float]:
+        """Synthesise all pulses without noise; also return the signal level of SNR_frame, V^2."""
+        if self.is_short:
+            samples, strongest_v2 = self.make_tile(0, self.n_pulses)
+            return samples, _average_v2([strongest_v2])
+        waveform, levels = self.radar.waveform, []
+        width = self.radar.n_range_bins if self.compressed else waveform.n_samples(self.radar)
+        matrix = np.empty((self.n_pulses, width), dtype=np.complex64)
+        for first, samples, strongest_v2 in self._make_tiles():
+            matrix[first : first + samples.shape[0]] = samples.matrix
+            levels.append(strongest_v2)
+        return Samples.own(matrix), _average_v2(levels)
+
+    def add_noise(self, samples: Samples, noise: NoiseLevel | None, first_pulse: int = 0) -> Samples:
+        """Add the receiver noise of the pulses from ``first_pulse``; it is that of the receiver's samples."""
+        if noise is None:
+            return samples
+        if self.radar.waveform.samples_are_bins or not self.compressed:
+            return samples.with_noise(*noise, first_pulse=first_pulse)
+        silent = np.zeros((2, self.radar.waveform.n_samples(self.radar), samples.shape[0]), dtype=np.float32)
+        heard = Samples.from_planes(silent, samples.shape[0]).with_noise(*noise, first_pulse=first_pulse)
+        samples += compress(heard.matrix, self.radar)
+        return samples
+
+    def read_noisy(self, noise: NoiseLevel | None, first: int, stop: int) -> Matrix:
+        """Return some pulses of the recording, (stop - first, bins)."""
+        return self.add_noise(self.make_tile(first, stop)[0], noise, first).matrix
+
+
+def _average_v2(strongest_v2: list[npt.NDArray[np.float32]]) -> float:
+    """Average the strongest power over the pulses."""
+    powers = np.concatenate(strongest_v2)
+    return float(powers.mean(dtype=np.float64)) if powers.size else 0.0
 
 
 def _read_pulses(scatterers: xr.Dataset, first: int, stop: int) -> xr.Dataset:
@@ -203,33 +271,16 @@ def _read_pulses(scatterers: xr.Dataset, first: int, stop: int) -> xr.Dataset:
     return label_table(values, coords, scatterers.attrs)
 
 
-def _signal_in_tiles_v2(scatterers: xr.Dataset, radar: Radar) -> float:
-    """Return :func:`frame_power_v2` of a long recording's targets."""
-    strongest = []
-    for first in range(0, scatterers.sizes["slow_time"], LONG_PULSES):
-        targets, _ = split_targets(_read_pulses(scatterers, first, first + LONG_PULSES))
-        strongest.append(strongest_powers_v2(_bins(targets, radar)))
-    return float(np.concatenate(strongest).mean(dtype=np.float64))
-
-
-def _bins(scatterers: xr.Dataset, radar: Radar) -> Samples:
-    bare = not radar.waveform.samples_are_bins
-    return (synthesise_bins if bare else synthesise_planes)(scatterers, radar)
-
-
-def _rows(scatterers: xr.Dataset, radar: Radar, noise: NoiseLevel | None, first: int, stop: int) -> Matrix:
-    """Compute some pulses of a recording, (stop - first, bins)."""
-    targets, others = split_targets(_read_pulses(scatterers, first, stop))
-    samples = _bins(targets, radar)
-    if others is not None:
-        samples += _bins(others, radar)
-    if noise is None:
-        return samples.matrix
-    if radar.waveform.samples_are_bins:
-        return samples.add_noise_from(first, *noise).matrix
-    silent = np.zeros((2, radar.waveform.n_samples(radar), stop - first), dtype=np.float32)
-    samples += compress_samples(Samples.from_planes(silent, stop - first).add_noise_from(first, *noise), radar)
-    return samples.matrix
+def _choose_noise_v2(
+    conditions: Conditions, radar: Radar, signal_v2: float, snr_db: float | None, rng: Streams | None
+) -> float:
+    """Return the level of the receiver noise, mean square in a range bin, V^2."""
+    thermal = [spec for spec in conditions.impairments if isinstance(spec, ThermalNoise)]
+    if thermal:
+        return sum(noise_power_per_sample_v2(spec, radar) for spec in thermal) * radar.waveform.noise_gain(radar)
+    if rng is None or (snr_db is None and conditions.noise.kind == "none"):
+        return 0.0
+    return noise_level_v2(radar, signal_v2, snr_db)
 
 
 def _check_noise(conditions: Conditions, *, rng: Streams | None, snr_db: float | None) -> float | None:
@@ -257,7 +308,6 @@ def observe_scene(
     *,
     angles: bool,
     streams: Streams | None,
-    later: bool = False,
 ) -> tuple[xr.Dataset, list[LineOfSight]]:
     """Observe a scene through its environment and the antenna.
     Shapes: slow_time_s (I,).
@@ -285,7 +335,8 @@ def observe_scene(
 
     bodies = make_scatterers(placed, times_s, scene_rng)
     wanted = ("azimuth", "elevation", "aspect") if angles else ()
-    if later and not conditions.environment and not patterned and room.receiver_position_m is None:
+    plain = not conditions.environment and not patterned and room.receiver_position_m is None
+    if plain and times_s.size > lazy.LONG_PULSES:
         return tabulate_later(placed, bodies, times_s, wanted), tracks
     table = tabulate(placed, bodies, times_s, wanted)
     scatterers = apply_room(table, placed, bodies, conditions.environment, through) if directions else through(table)

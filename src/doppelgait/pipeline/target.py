@@ -13,7 +13,8 @@ import xarray as xr
 
 from doppelgait import features as feature_layer
 from doppelgait import processing
-from doppelgait.core.labels import SIGNATURE, Plain, read_axis, replace_array_values
+from doppelgait.core.frames import Frames
+from doppelgait.core.labels import SIGNATURE, Signal
 from doppelgait.features import Extraction, Observation, liland2018
 from doppelgait.features.extended import measure_extended
 from doppelgait.features.ground_motion import GroundMotion, estimate_ground_motion
@@ -22,6 +23,7 @@ from doppelgait.pipeline.result import LateArrays, Result
 from doppelgait.processing import Analysis, Gate, main_line
 from doppelgait.processing.cadence import CadenceParts
 from doppelgait.processing.parts import PARTS, locate_parts
+from doppelgait.processing.signature import compute_signature
 
 SIDEWAYS_COSINE = 0.6
 """|cos psi| below which lateral sway, with the period of the stride, can be stronger than the steps (E-33)."""
@@ -35,38 +37,34 @@ GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
 
 
 def analyze_gated(
-    baseband: xr.DataArray, wavelength_m: float, gate: Gate, analysis: Analysis, label: str | None
+    clean: Frames, wavelength_m: float, gate: Gate, analysis: Analysis, label: str | None = None
 ) -> Result:
-    """Analyse the target in a gate without clutter."""
-    in_bursts = processing.get_burst_pulses(baseband) is not None
-    make_signature = processing.burst_signature if in_bursts else processing.signature
-    mu = make_signature(baseband, gate, analysis, wavelength_m=wavelength_m)
+    """Analyse the target in a gate of frames without clutter."""
+    mu = compute_signature(clean, gate, analysis, wavelength_m=wavelength_m)
     result = analyze_signature(mu, gate, analysis, label=label)
-    return add_body_parts(result, baseband) if analysis.parts else result
+    return add_body_parts(result, clean) if analysis.parts else result
 
 
-def add_body_parts(result: Result, baseband: xr.DataArray) -> Result:
+def add_body_parts(result: Result, clean: Frames) -> Result:
     """Add a body's parts, or a flag (E-40)."""
     mask, reason = None, "recorded_in_bursts"
-    if processing.get_burst_pulses(baseband) is None:
-        mask, reason = locate_parts(baseband, result.signature, result.gate, result.analysis)
+    mu = Signal.of(result.signature, SIGNATURE)
+    if clean.slow_time.burst_pulses is None:
+        mask, reason = locate_parts(clean, mu, result.gate, result.analysis)
     if mask is None:
         return replace(result, flags=(*result.flags, f"parts:{reason}"))
-    wavelength_m = float(result.signature.attrs["wavelength_m"])
-    power = mask.power_v2(baseband, result.analysis, wavelength_m=wavelength_m)
+    power = mask.power_v2(clean, result.analysis, wavelength_m=float(mu.attrs["wavelength_m"]))
     energy = power.values.sum(axis=(1, 2), dtype=np.float64)
     shares = {f"{name}_energy_share": float(part) for name, part in zip(PARTS, energy / energy.sum(), strict=True)}
-    return replace(result, quality={**result.quality, **shares}, arrays=LateArrays(result.arrays, part_power=power))
+    return replace(
+        result, quality={**result.quality, **shares}, arrays=LateArrays(result.arrays, part_power=power.label)
+    )
 
 
-def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label: str | None) -> Result:
+def analyze_signature(mu: Signal | xr.DataArray, gate: Gate, analysis: Analysis, *, label: str | None) -> Result:
     """Analyse one target's signature."""
-    liland = analysis.method == "liland2018"
-    usable: xr.DataArray | Plain
-    if liland:
-        usable, share = processing.crop_to_frame(mu)
-    else:
-        usable, share = processing.crop_to_frame(processing.decimate(Plain.of(mu, SIGNATURE)))
+    mu, liland = Signal.of(mu, SIGNATURE), analysis.method == "liland2018"
+    usable, share = processing.crop_to_frame(mu if liland else processing.decimate(mu))
     shown = processing.crop_to_frame(mu)[0]
     thinned = usable.attrs["hop"] != mu.attrs["hop"]
     further: dict[str, Any] = {}
@@ -79,16 +77,16 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
         spectrum = processing.cadence_spectrum(cadence_map, power=False)
         extraction = liland2018.extract(
             processing.mean_doppler_spectrum(normalised),
-            read_axis(usable, "doppler"),
+            usable.axis("doppler"),
             spectrum,
             wavelength_m=float(usable.attrs["wavelength_m"]),
             threshold=analysis.bandwidth_threshold,
         )
         line_hz = np.full(usable.sizes["time"], extraction.torso_doppler_hz)
         late = LateArrays(
-            normalised_signature=normalised,
-            cadence_map=cadence_map,
-            cadence_spectrum=spectrum,
+            normalised_signature=normalised.label,
+            cadence_map=cadence_map.label,
+            cadence_spectrum=spectrum.label,
             mean_doppler_spectrum=processing.mean_doppler_spectrum(normalised),
         )
     else:
@@ -96,15 +94,15 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
         extraction, line_hz = observed.extraction, observed.main_line_hz
         aligned = observed.aligned is not plain
         late = LateArrays(
-            normalised_signature=plain.add_labels,
+            normalised_signature=plain.label,
             cadence_map=partial(_label_cadence_map, observed, aligned),
-            cadence_spectrum=observed.spectrum.add_labels,
+            cadence_spectrum=observed.spectrum.label,
             mean_doppler_spectrum=partial(processing.mean_doppler_spectrum, plain),
         )
         if analysis.extended:
             torso_mps = main_line.torso_velocity_mps(observed.signature, observed.floor_v2, line_hz)
             if thinned:
-                torso_mps = np.interp(read_axis(shown, "time"), read_axis(observed.signature, "time"), torso_mps)
+                torso_mps = np.interp(shown.axis("time"), observed.signature.axis("time"), torso_mps)
             over_time["torso_velocity_mps"] = torso_mps
             deviations = estimate_uncertainties(observed)
             further = {"extended": measure_extended(observed).values, "standard_deviation": deviations}
@@ -128,7 +126,7 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
         flags=tuple(flags),
         arrays=LateArrays(
             late,
-            signature=shown,
+            signature=shown.label,
             main_line_hz=main_line.extrapolate_line(line_hz, usable, shown) if thinned else line_hz,
             **over_time,
         ),
@@ -137,23 +135,21 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
 
 
 def _label_cadence_map(observed: Observation, aligned: bool) -> xr.DataArray:
-    found = processing.cadence_map(observed.rows).add_labels()
+    found = processing.cadence_map(observed.rows).label()
     found.attrs[ALIGNED] = aligned
     return found
 
 
 def _measure_ground_motion(
-    mu: xr.DataArray | Plain, gate: Gate, extraction: Extraction, deviations: Mapping[str, float | None]
+    mu: Signal, gate: Gate, extraction: Extraction, deviations: Mapping[str, float | None]
 ) -> tuple[dict[str, Any], dict[str, float | None], list[str]]:
     """Measure ground speed and aspect from range (E-34b).
     Also returns their standard deviations and the flags.
     """
-    centre_m = read_axis(mu, "centre_range")
+    centre_m = mu.axis("centre_range")
     follows = np.ptp(centre_m) > 0  # a fixed gate does not follow a target
     motion = (
-        estimate_ground_motion(read_axis(mu, "time"), centre_m, range_sd_m=gate.range_sd_m)
-        if follows
-        else GroundMotion()
+        estimate_ground_motion(mu.axis("time"), centre_m, range_sd_m=gate.range_sd_m) if follows else GroundMotion()
     )
     step_m = step_sd_m = None
     frequency_hz, frequency_sd_hz = extraction.gait_frequency_hz, deviations.get("gait_frequency_hz")
@@ -175,9 +171,10 @@ def _measure_ground_motion(
     return dict(zip(GROUND_QUALITY, values, strict=True)), dict(zip(GROUND_QUALITY, sd, strict=True)), flags
 
 
-def observe(usable: xr.DataArray | Plain, analysis: Analysis) -> tuple[Observation, Plain]:
+def observe(usable: Signal | xr.DataArray, analysis: Analysis) -> tuple[Observation, Signal]:
     """Compute the observation of a signature for features (E-28 to E-38)."""
-    mu = usable if isinstance(usable, Plain) else Plain.of(usable, SIGNATURE)
+    mu = Signal.of(usable, SIGNATURE)
+    mu = mu.replace(mu.values)  # its number of bins is replaced by that of independent ones
     floor_v2 = processing.noise_floor_v2(mu)
     mu.attrs["n_gate_bins"] = processing.count_independent_bins(mu, floor_v2)
     normalised = processing.normalise(mu, floor_v2, mode=analysis.normalisation)
@@ -185,12 +182,12 @@ def observe(usable: xr.DataArray | Plain, analysis: Analysis) -> tuple[Observati
     (strongest_v2, peaks_hz), bin_hz = main_line.find_column_peaks(mu), main_line.bin_width_hz(mu)  # used several times
     straight = main_line.fit_line(peaks_hz, bin_hz, order=1, tapered=True)
     track_mps, bend_mps, agreed = None, 0.0, True
-    if np.ptp(read_axis(mu, "centre_range")) > 0:  # a fixed gate does not follow a target
-        track = main_line.track_velocity(read_axis(mu, "time"), read_axis(mu, "centre_range"))
+    if np.ptp(mu.axis("centre_range")) > 0:  # a fixed gate does not follow a target
+        track = main_line.track_velocity(mu.axis("time"), mu.axis("centre_range"))
         track_mps, bend_mps = track.mean_mps, track.bend_mps
         track_hz = 2.0 * track.line_mps / float(mu.attrs["wavelength_m"])
         straight, agreed = main_line.choose_velocity(mu, floor_v2, straight, track_hz)
-    excess = replace_array_values(mu, mu.values - mu.values.dtype.type(floor_v2))
+    excess = mu.replace(mu.values - mu.values.dtype.type(floor_v2))
     aligned = normalised
     if main_line.has_drift(main_line.fit_line(peaks_hz, bin_hz, order=1)):
         line = main_line.fit_line(peaks_hz, bin_hz, order=processing.choose_line_order(seconds))

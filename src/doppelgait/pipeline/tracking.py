@@ -9,13 +9,10 @@ from functools import partial
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
-from doppelgait import processing
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError, warn_caller
-from doppelgait.core.labels import read_axis, sampling_rate_hz
-from doppelgait.core.lazy import read_tiles
+from doppelgait.core.frames import Frames
 from doppelgait.features import GaitFeatures
 from doppelgait.features.ground_motion import estimate_segment_motion
 from doppelgait.pipeline import rangeless
@@ -26,15 +23,17 @@ from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.breathing import BreathingSettings, BreathingTarget, find_breathing
 from doppelgait.processing.bursts import average_bursts
 from doppelgait.processing.clutter import (
-    measure_share_removed,
+    clean_frames,
+    measure_removed,
     predict_torso_share_removed,
-    remove_static_clutter,
+    remove_from_frames,
     sum_pulses,
 )
 from doppelgait.processing.common_phase import remove_common_phase
 from doppelgait.processing.config import MIN_CPI_PULSES
-from doppelgait.processing.detect import Detector, find_scans
+from doppelgait.processing.detect import Detector
 from doppelgait.processing.detect.maps import compute_maps, noise_factor
+from doppelgait.processing.detect.scans import detect_bodies
 from doppelgait.processing.detections import Scan
 from doppelgait.processing.track import Track, Tracker, split_tracks, track
 from doppelgait.processing.track_segments import SegmentationSettings, find_track_segments
@@ -94,19 +93,18 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
     """Detect and analyse all bodies of a recording.
     Moving bodies are first in the list, in order of appearance. An empty list has a reason.
     """
-    baseband, wavelength_m = recording.baseband, recording.radar.wavelength_m
-    unknown = np.flatnonzero(np.concatenate([~np.isfinite(values).all(axis=1) for _, values in read_tiles(baseband)]))
+    frames, wavelength_m = recording.frames, recording.radar.wavelength_m
+    unknown = np.flatnonzero(np.concatenate([~np.isfinite(tile).all(axis=1) for _, tile in frames.read_tiles()]))
     if unknown.size:
         raise AnalysisError(
-            f"{recording.source}: {unknown.size} of {baseband.shape[0]} frames have values that are not finite (first: "
+            f"{recording.source}: {unknown.size} of {frames.n_pulses} frames have values that are not finite (first: "
             f"frame {unknown[0]}); remove those frames or fill them"
         )
-    if baseband.sizes["range"] == 1:
-        return _analyze_without_range(baseband, wavelength_m, analysis, tracking)
-    raw = remove_common_phase(baseband)
-    clean = processing.remove_clutter(raw, analysis)
-    times_s = read_axis(raw, "slow_time")
-    prf_hz = sampling_rate_hz(times_s)
+    if frames.n_bins == 1:
+        return _analyze_without_range(frames.find_bursts(), wavelength_m, analysis, tracking)
+    raw = remove_common_phase(frames)
+    clean = clean_frames(raw, analysis)
+    prf_hz = raw.slow_time.rate_hz
     scans: list[Scan] | None = None
     tracks: list[Track] = []
     if prf_hz * tracking.detector.cpi_s < MIN_CPI_PULSES:
@@ -116,20 +114,21 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
             "detected, and no moving bodies"
         )
     else:
-        scans = find_scans(raw, tracking.detector, wavelength_m=wavelength_m, in_phase=True)
+        raw, clean = raw.find_bursts(), clean.find_bursts()
+        scans = detect_bodies(raw, tracking.detector, wavelength_m=wavelength_m, in_phase=True)
         tracks = track(scans, tracking.tracker, velocity_span_mps=wavelength_m * prf_hz / 2)
         tracks = split_tracks(tracks, clean, wavelength_m=wavelength_m, cpi_s=tracking.detector.cpi_s)
     persons: list[BreathingTarget] = []
     breath_needs = _describe_missing_breath(raw)
     if not breath_needs:
-        persons = find_breathing(baseband, wavelength_m=wavelength_m, settings=tracking.breathing)
+        persons = find_breathing(frames, wavelength_m=wavelength_m, settings=tracking.breathing)
     if not tracks and not persons:
         nothing_moves = _explain_missing_track(raw, scans, wavelength_m, tracking)
         return TargetList(reason=f"{nothing_moves}; {breath_needs or 'no range bin shows steady breathing for 12 s'}")
-    tracks = _link(tracks, persons, read_axis(raw, "range"))
+    tracks = _link(tracks, persons, raw.range_m)
     total = sum_pulses(raw)
     analyze = partial(_analyze_track, raw, clean, total, wavelength_m, persons, analysis, tracking)
-    moving = [_flag_lost_frames(analyze(found), baseband) for found in tracks]
+    moving = [_flag_lost_frames(analyze(found), frames) for found in tracks]
     still = [
         _analyze_breathing(clean, wavelength_m, person, analysis)
         for person in persons
@@ -142,7 +141,7 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
         for other in others:
             taken |= before.gate.shares(other.gate)
         if before.segments and taken.any():
-            alone = _flag_lost_frames(analyze(found, taken=taken), baseband)
+            alone = _flag_lost_frames(analyze(found, taken=taken), frames)
             judged[number] = _copy_verdict(judged[number], before, alone)
     return TargetList(judged)
 
@@ -155,36 +154,34 @@ def _copy_verdict(judged: Result, before: Result, alone: Result) -> Result:
     return replace(alone, flags=flags, quality=quality, segments=segments)
 
 
-def _flag_lost_frames(result: Result, baseband: xr.DataArray) -> Result:
+def _flag_lost_frames(result: Result, frames: Frames) -> Result:
     """Flag the bandwidth if lost frames were filled.
     A recorder that loses frames repeats the last frame or stores zeros. The resulting jumps are wide in Doppler.
     """
-    times_s = read_axis(baseband, "slow_time")
+    times_s = frames.slow_time.time_s
     first, stop = np.searchsorted(times_s, [result.quality["start_s"], result.quality["stop_s"]])
-    repeated, before = 0, np.empty((0, baseband.shape[1]), dtype=np.complex64)
-    for _, values in read_tiles(baseband.isel(slow_time=slice(first, stop))):
+    repeated, before = 0, np.empty((0, frames.n_bins), dtype=np.complex64)
+    for _, values in frames.take_pulses(slice(first, stop)).read_tiles():
         repeated += int((values[1:] == values[:-1]).all(axis=1).sum()) + int((values[:1] == before).all(axis=1).sum())
         before = values[-1:]
     share = repeated / (stop - first - 1) if stop - first > 1 else 0.0
-    segments = tuple(_flag_lost_frames(segment, baseband) for segment in result.segments)
+    segments = tuple(_flag_lost_frames(segment, frames) for segment in result.segments)
     quality, flags = {**result.quality, "lost_frame_share": share}, result.flags
     if share > LOST_SHARE:
         flags = (*flags, f"doppler_bandwidth:{100 * share:.0f}_per_cent_of_the_frames_were_lost")
     return replace(result, quality=quality, flags=flags, segments=segments)
 
 
-def _analyze_without_range(
-    baseband: xr.DataArray, wavelength_m: float, analysis: Analysis, tracking: Tracking
-) -> TargetList:
+def _analyze_without_range(frames: Frames, wavelength_m: float, analysis: Analysis, tracking: Tracking) -> TargetList:
     """Analyse motion or breath in the only range bin."""
-    in_bursts = processing.get_burst_pulses(baseband) is not None
-    clean = baseband if in_bursts else processing.remove_clutter(baseband, analysis)
+    kind = "none" if frames.slow_time.burst_pulses is not None else analysis.clutter
+    clean = remove_from_frames(frames, kind=kind, time_s=analysis.clutter_time_s)
     motion = rangeless.transform_motion(clean, tracking.detector, wavelength_m=wavelength_m)
     times = rangeless.find_motion(motion, tracking.detector, tracking.tracker)
     if times:
         found = rangeless.analyze_motion(clean, motion, times, analysis, tracking.pieces, wavelength_m=wavelength_m)
         return TargetList([found])
-    slow = average_bursts(baseband)
+    slow = average_bursts(frames)
     needs = _describe_missing_breath(slow)
     persons = [] if needs else find_breathing(slow, wavelength_m=wavelength_m, settings=tracking.breathing)
     if persons:
@@ -197,29 +194,24 @@ def _analyze_without_range(
     )
 
 
-def _describe_missing_breath(raw: xr.DataArray) -> str:
+def _describe_missing_breath(raw: Frames) -> str:
     """Return why breathing cannot be detected, or an empty text."""
-    times_s = read_axis(raw, "slow_time")
-    if times_s[-1] - times_s[0] < MIN_BREATHING_S:
-        return f"{times_s[-1] - times_s[0]:.1f} s are too short to detect breathing, which needs {MIN_BREATHING_S:g} s"
-    if sampling_rate_hz(times_s) < MIN_BREATHING_HZ:
-        return (
-            f"{sampling_rate_hz(times_s):.3g} frames/s are too few to detect breathing, which needs "
-            f"{MIN_BREATHING_HZ:g}"
-        )
+    slow_time = raw.slow_time
+    if slow_time.duration_s < MIN_BREATHING_S:
+        return f"{slow_time.duration_s:.1f} s are too short to detect breathing, which needs {MIN_BREATHING_S:g} s"
+    if slow_time.rate_hz < MIN_BREATHING_HZ:
+        return f"{slow_time.rate_hz:.3g} frames/s are too few to detect breathing, which needs {MIN_BREATHING_HZ:g}"
     return ""
 
 
-def _explain_missing_track(
-    raw: xr.DataArray, scans: Sequence[Scan] | None, wavelength_m: float, tracking: Tracking
-) -> str:
+def _explain_missing_track(raw: Frames, scans: Sequence[Scan] | None, wavelength_m: float, tracking: Tracking) -> str:
     """Explain why no moving body was found, with numbers."""
     if scans is None:
-        return f"moving bodies cannot be detected at {sampling_rate_hz(read_axis(raw, 'slow_time')):.3g} frames/s"
+        return f"moving bodies cannot be detected at {raw.slow_time.rate_hz:.3g} frames/s"
     detector, tracker = tracking.detector, tracking.tracker
     hits = sum(bool(scan.detections) for scan in scans)
     seen = f"{hits} of {len(scans)} scans have detections"
-    span_mps = wavelength_m * sampling_rate_hz(read_axis(raw, "slow_time")) / 2
+    span_mps = wavelength_m * raw.slow_time.rate_hz / 2
     resting = track(scans, tracker.model_copy(update={"still_travel_m": 0.0}), velocity_span_mps=span_mps)
     if resting:
         most_m = max(float(np.ptp(one.range_m)) for one in resting)
@@ -234,10 +226,10 @@ def _explain_missing_track(
     if brief:
         longest_s = max(one.last_s - one.first_s for one in brief)
         return f"{seen}, but none for {tracker.min_duration_s:g} s (longest {longest_s:.1f} s)"
-    best_db, place, fastest_mps = -math.inf, "", wavelength_m * sampling_rate_hz(read_axis(raw, "slow_time")) / 4
+    best_db, place, fastest_mps = -math.inf, "", wavelength_m * raw.slow_time.rate_hz / 4
     if fastest_mps <= detector.slow_mps:
         return f"{seen}; speeds are unambiguous to {fastest_mps:.2g} m/s only, below walking speed"
-    for maps in compute_maps(remove_static_clutter(raw, kind=detector.clutter), detector, wavelength_m=wavelength_m):
+    for maps in compute_maps(remove_from_frames(raw, kind=detector.clutter), detector, wavelength_m=wavelength_m):
         snr = maps.power_v2 / np.maximum(maps.floor_v2, 1e-300)
         snr[:, np.abs(maps.velocity_mps) < detector.slow_mps] = 0.0  # residual clutter
         scan, doppler, number = np.unravel_index(int(snr.argmax()), snr.shape)
@@ -310,8 +302,8 @@ def _summarise_breath(person: BreathingTarget) -> dict[str, float]:
 
 
 def _analyze_track(
-    raw: xr.DataArray,
-    clean: xr.DataArray,
+    raw: Frames,
+    clean: Frames,
     total: npt.NDArray[np.complex128],
     wavelength_m: float,
     persons: Sequence[BreathingTarget],
@@ -325,7 +317,7 @@ def _analyze_track(
     gate = Gate.from_track(
         found,
         span_m=analysis.gate_span_m,
-        time_s=read_axis(raw, "slow_time"),
+        time_s=raw.slow_time.time_s,
         cpi_s=tracking.detector.cpi_s,
         doppler_hz=analysis.gate_doppler_hz,
     )
@@ -343,7 +335,7 @@ def _analyze_track(
         usable = [part for part in cut if part.stop_s - part.start_s >= tracking.pieces.min_usable_s] or usable
     measured = None
     if analysis.clutter not in ("none", "auto"):
-        measured = measure_share_removed(raw, clean, gate, total=total)
+        measured = measure_removed(raw, clean, gate, total=total)
     analyze_segment = partial(_analyze_segment, clean, measured, wavelength_m, found, analysis)
     results = [analyze_segment(gate.during(segment.start_s, segment.stop_s)) for segment in usable]
     facts = {
@@ -365,15 +357,15 @@ def _analyze_track(
 
 
 def _analyze_segment(
-    clean: xr.DataArray,
-    measured: xr.DataArray | None,
+    clean: Frames,
+    measured: tuple[FloatArray, FloatArray] | None,
     wavelength_m: float,
     found: Track,
     analysis: Analysis,
     gate: Gate,
 ) -> Result:
     """Analyse one segment, flagging hidden gait and clutter losses.
-    ``measured`` is the result of :func:`measure_share_removed` for the whole track.
+    ``measured`` is the result of :func:`measure_removed` for the whole track.
     """
     result = analyze_gated(gate.crop(clean), wavelength_m, gate, analysis, None)
     start_s, stop_s = gate.start_s, gate.stop_s
@@ -387,15 +379,16 @@ def _analyze_segment(
             flags.append("aspect_beyond_75_deg:gait_is_hidden")
     removed = 0.0
     if measured is not None and analysis.clutter not in ("none", "auto"):  # measured, otherwise predicted
-        share = measured.values[(read_axis(measured, "time") >= start_s) & (read_axis(measured, "time") <= stop_s)]
+        block_s, share = measured
+        share = share[(block_s >= start_s) & (block_s <= stop_s)]
         known = share[np.isfinite(share)]
-        times_s = read_axis(clean, "slow_time")
+        times_s = clean.slow_time.time_s
         by_gain = predict_torso_share_removed(
             gate,
             gate.time_s,
             kind=analysis.clutter,
             wavelength_m=wavelength_m,
-            prf_hz=sampling_rate_hz(times_s),
+            prf_hz=clean.slow_time.rate_hz,
             n_pulses=times_s.size,
             clutter_time_s=analysis.clutter_time_s,
         )
@@ -406,14 +399,12 @@ def _analyze_segment(
     return replace(result, quality={**result.quality, **quality}, flags=tuple(dict.fromkeys(flags)))
 
 
-def _analyze_breathing(clean: xr.DataArray, wavelength_m: float, person: BreathingTarget, analysis: Analysis) -> Result:
+def _analyze_breathing(clean: Frames, wavelength_m: float, person: BreathingTarget, analysis: Analysis) -> Result:
     """Analyse a motionless person who was detected by breathing."""
-    prf_hz = sampling_rate_hz(read_axis(clean, "slow_time"))
+    prf_hz = clean.slow_time.rate_hz
     slow = analysis.model_copy(update={"cpi_s": max(analysis.cpi_s, 3 * MIN_CPI_PULSES / prf_hz)})
     span_m = STILL_SPAN_M / 2
-    gate = Gate.fixed(
-        person.range_m - span_m, person.range_m + span_m, time_s=read_axis(clean, "slow_time"), source="track"
-    )
+    gate = Gate.fixed(person.range_m - span_m, person.range_m + span_m, time_s=clean.slow_time.time_s, source="track")
     result = analyze_gated(clean, wavelength_m, gate, slow, None)
     quality = {
         **_summarise_breath(person),

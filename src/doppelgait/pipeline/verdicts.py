@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait import processing
-from doppelgait.core.labels import read_axis
+from doppelgait.core.frames import Frames
 from doppelgait.pipeline.result import Result
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import frame_limits_m
+from doppelgait.processing.signature import compute_signature
 from doppelgait.radar import Radar
 
 FloatArray = npt.NDArray[np.float64]
@@ -104,9 +104,9 @@ class Verdict:
     evidence: tuple[tuple[str, float], ...] = ()
 
 
-def judge(results: Sequence[Result], clean: xr.DataArray, analysis: Analysis, radar: Radar) -> list[Result]:
+def judge(results: Sequence[Result], clean: Frames, analysis: Analysis, radar: Radar) -> list[Result]:
     """Add verdict, evidence and flag to tracked targets."""
-    first_m, last_m = frame_limits_m(read_axis(clean, "range"))
+    first_m, last_m = frame_limits_m(clean.range_m)
     seen = {
         n: observe_strip(result.gate, clean, analysis, radar.wavelength_m)
         for n, result in enumerate(results)
@@ -152,12 +152,12 @@ def _get_rhythms(ghost: Result, body: Result) -> tuple[float, float] | None:
     return float(ghost.gait_frequency_hz or 0.0), float(body.gait_frequency_hz or 0.0)
 
 
-def observe_strip(gate: Gate, clean: xr.DataArray, analysis: Analysis, wavelength_m: float) -> TrackStrip:
+def observe_strip(gate: Gate, clean: Frames, analysis: Analysis, wavelength_m: float) -> TrackStrip:
     """Measure Doppler in a strip around a target's track."""
     strip = Gate(gate.time_s, gate.centre_m, STRIP_M)
-    mu = processing.decimate(processing.signature(gate.crop(clean), strip, analysis, wavelength_m=wavelength_m))
+    mu = processing.decimate(compute_signature(gate.crop(clean), strip, analysis, wavelength_m=wavelength_m))
     floor_v2 = processing.noise_floor_v2(mu)
-    times_s = read_axis(mu, "time")
+    times_s = mu.axis("time")
     every = max(round(STEP_S / max(float(np.median(np.diff(times_s))), 1e-9)), 1) if times_s.size > 1 else 1
     steps = max(times_s.size // every, 1)
     grouped = np.concatenate(
@@ -171,7 +171,7 @@ def observe_strip(gate: Gate, clean: xr.DataArray, analysis: Analysis, wavelengt
     range_m = gate.centre_at(np.clip(around_s, gate.start_s, gate.stop_s))
     width_s = np.diff(np.clip(around_s, gate.start_s, gate.stop_s), axis=1)[:, 0]
     approach_mps = -np.diff(range_m, axis=1)[:, 0] / np.maximum(width_s, 1e-9)
-    velocity_mps = read_axis(mu, "doppler") * wavelength_m / 2
+    velocity_mps = mu.axis("doppler") * wavelength_m / 2
     return TrackStrip(time_s, gate.centre_at(time_s), approach_mps, grouped, velocity_mps)
 
 

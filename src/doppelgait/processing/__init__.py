@@ -1,6 +1,6 @@
 """Signal processing from complex baseband to cadence-velocity diagram."""
 
-from doppelgait.processing.bursts import burst_signature, find_burst_pulses, get_burst_pulses
+from doppelgait.processing.bursts import find_burst_pulses, get_burst_pulses
 from doppelgait.processing.cadence import (
     cadence_map,
     cadence_spectrum,
@@ -21,7 +21,7 @@ from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.gate import Gate
 from doppelgait.processing.main_line import align, choose_line_order, main_line_hz, needs_alignment
 from doppelgait.processing.normalise import count_independent_bins, count_independent_columns, noise_floor_v2, normalise
-from doppelgait.processing.signature import crop_to_frame, decimate, range_doppler, signature
+from doppelgait.processing.signature import burst_signature, crop_to_frame, decimate, range_doppler, signature
 
 __all__ = [
     "Analysis",

@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import BASEBAND, check_signal, read_axis, sampling_rate_hz
-from doppelgait.core.lazy import read_tiles
+from doppelgait.core.frames import Frames
+from doppelgait.core.labels import sampling_rate_hz
 from doppelgait.processing.breath_signal import (
     BreathSpectrum,
     compute_breath_spectrum,
@@ -117,17 +116,16 @@ class _SlowSeries:
 
 
 def find_breathing(
-    baseband: xr.DataArray, *, wavelength_m: float, settings: BreathingSettings | None = None
+    frames: Frames, *, wavelength_m: float, settings: BreathingSettings | None = None
 ) -> list[BreathingTarget]:
     """Detect motionless people by their breathing.
     Pulses are averaged to about 10 Hz.
     """
     options = settings or BreathingSettings()
-    check_signal(baseband, BASEBAND)
-    pulse_times, range_m = read_axis(baseband, "slow_time"), read_axis(baseband, "range")
+    pulse_times, range_m = frames.slow_time.time_s, frames.range_m
     if not (math.isfinite(wavelength_m) and wavelength_m > 0):
         raise AnalysisError(f"wavelength_m = {wavelength_m:g} is not allowed: it must be above 0 m")
-    rate_hz = sampling_rate_hz(pulse_times)
+    rate_hz = frames.slow_time.rate_hz
     if pulse_times.size / rate_hz < SHORTEST_S or rate_hz < LEAST_RATE_HZ:
         raise AnalysisError(
             f"breathing needs {SHORTEST_S:g} s or more at {LEAST_RATE_HZ:g} Hz or more; this recording has "
@@ -136,7 +134,7 @@ def find_breathing(
     # average to about 10 Hz
     size = max(1, int(rate_hz / WORKING_RATE_HZ))
     count = pulse_times.size // size
-    values = np.concatenate([average_blocks(tile, size) for _, tile in read_tiles(baseband, size)])
+    values = np.concatenate([average_blocks(tile, size) for _, tile in frames.read_tiles(size)])
     if not np.isfinite(values).all():
         raise AnalysisError("the baseband has values that are not finite; remove those pulses or fill them")
     times = pulse_times[: count * size].reshape(count, size).mean(axis=1)

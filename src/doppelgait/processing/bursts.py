@@ -6,24 +6,21 @@ sampling and sending. A processing interval must not cross a pause, so every bur
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait.core import frames as core_frames
 from doppelgait.core.errors import AnalysisError, warn_caller
-from doppelgait.core.labels import BASEBAND, SIGNATURE, check_signal, make_array, read_axis
-from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
-from doppelgait.processing.config import MIN_CPI_PULSES, Analysis, find_fast_length, gaussian_window
-from doppelgait.processing.gate import Gate, compute_bin_share
+from doppelgait.core.frames import Frames, SlowTime
+from doppelgait.core.samples import Samples
+from doppelgait.processing.config import MIN_CPI_PULSES, Analysis, Transform, find_fast_length, gaussian_window
+from doppelgait.processing.gate import Gate
 
 FloatArray = npt.NDArray[np.float64]
 
-PAUSE = 1.5
-"""Ratio of a slow-time step to the usual step above which the step is a pause between bursts."""
 UNEVEN = 0.1
 """Largest relative deviation of a burst period from the usual period that causes no warning."""
 
@@ -59,23 +56,7 @@ def find_burst_pulses(slow_time_s: npt.ArrayLike) -> int | None:
     >>> find_burst_pulses(np.concatenate([burst_s + 0.1 * n for n in range(10)]))
     8
     """
-    times = np.asarray(slow_time_s, dtype=float)
-    steps = np.diff(times)
-    if steps.size < 2 or not (steps > 0).all():
-        return None
-    # The usual step is the shortest third: with two pulses in a burst every other step is a pause.
-    usual = float(np.quantile(steps, 0.3, method="lower"))
-    ends = np.flatnonzero(steps > PAUSE * usual) + 1
-    if not ends.size:
-        return None
-    lengths = np.diff([0, *ends])
-    if (lengths != lengths[0]).any() or times.size - ends[-1] > lengths[0]:
-        found = sorted({int(n) for n in (*lengths, times.size - ends[-1])})
-        raise AnalysisError(
-            f"the bursts of this recording have different lengths ({', '.join(map(str, found))} pulses); pulses are "
-            "missing or burst_pulses must be given"
-        )
-    return int(lengths[0])
+    return core_frames.find_burst_pulses(np.asarray(slow_time_s, dtype=float))
 
 
 def get_burst_pulses(baseband: xr.DataArray) -> int | None:
@@ -96,118 +77,40 @@ def get_burst_pulses(baseband: xr.DataArray) -> int | None:
     >>> dg.processing.get_burst_pulses(recording.baseband)
     96
     """
-    stated = baseband.attrs.get("burst_pulses")
-    return int(stated) if stated is not None else find_burst_pulses(read_axis(baseband, "slow_time"))
+    return Frames.of(baseband).slow_time.find_bursts().burst_pulses
 
 
-def average_bursts(baseband: xr.DataArray) -> xr.DataArray:
+def average_bursts(frames: Frames) -> Frames:
     """Average the pulses of each burst, to observe slow motion."""
-    pulses = get_burst_pulses(baseband)
+    pulses = frames.slow_time.burst_pulses
     if pulses is None:
-        return baseband
-    count = baseband.sizes["slow_time"] // pulses
-    values = baseband.values[: count * pulses].reshape(count, pulses, -1).mean(axis=1)
-    times_s = read_axis(baseband, "slow_time")[: count * pulses].reshape(count, pulses).mean(axis=1)
-    attrs = {name: value for name, value in baseband.attrs.items() if name != "burst_pulses"}
-    return make_array(BASEBAND, values, {"slow_time": times_s, "range": read_axis(baseband, "range")}, attrs)
+        return frames
+    count = frames.n_pulses // pulses
+    values = frames.matrix[: count * pulses].reshape(count, pulses, -1).mean(axis=1)
+    times_s = frames.slow_time.time_s[: count * pulses].reshape(count, pulses).mean(axis=1)
+    facts = {name: value for name, value in frames.facts.items() if name != "burst_pulses"}
+    return replace(frames, samples=Samples(values), slow_time=SlowTime(times_s), facts=facts)
 
 
-@dataclass(frozen=True)
-class _Bursts:
-    """Slow time in bursts.
-    Shapes: time_s (J,).
-    """
-
-    count: int
-    pulses: int
-    prf_hz: float
-    period_s: float
-    time_s: FloatArray
+def make_frame_gate(frames: Frames) -> Gate:
+    """Make the gate over every range bin."""
+    range_m = frames.range_m
+    spacing_m = float((range_m[-1] - range_m[0]) / max(range_m.size - 1, 1))
+    ends_s = frames.slow_time.time_s[[0, -1]]
+    return Gate(ends_s, np.full(2, range_m.mean()), spacing_m * range_m.size, None, "frame")
 
 
-def burst_signature(
-    baseband: xr.DataArray,
-    gate: Gate | None,
-    analysis: Analysis,
-    *,
-    wavelength_m: float,
-    burst_pulses: int | None = None,
-    remove_mean: bool = True,
-) -> xr.DataArray:
-    """Compute the micro-Doppler signature with one column per burst.
-
-    The signature follows E-23 to E-27 with M equal to the pulses of a burst:
-
-    ``mu[j, k] = sum_n g[j, n] |sum_m w[m] (Y[jM + m, n] - mean_m) e^{-j 2 pi k m / K}|^2``,
-
-    where g is the share of range bin n inside the gate. Cadences above half the burst rate alias.
-
-    Parameters
-    ----------
-    baseband : DataArray (slow_time, range)
-        V.
-    gate : Gate, optional
-        None selects every range bin. Data without range (one bin) are inside any gate.
-    analysis : Analysis
-        ``window_steepness``, ``doppler_bins`` (K >= M), ``gate_edges`` and ``method`` (K = M by default for
-        ``liland2018``) are used. ``cpi_s`` and ``hop`` are not used: the burst is the processing interval.
-    wavelength_m : float
-        For the velocity axis.
-    burst_pulses : int, optional
-        Pulses per burst, 5 or more; by default the attribute of the recording, or derived from its times.
-    remove_mean : bool
-        Subtract the mean of every burst and range bin first. This removes static echoes and the receiver's offset.
-
-    Returns
-    -------
-    DataArray (time, doppler)
-        float32, V^2, with the coordinates and attributes of :func:`doppelgait.processing.signature`. ``prf_hz`` is
-        the rate within a burst, ``cpi_pulses`` is M, and ``hop`` is the burst period in pulses at that rate.
-
-    Raises
-    ------
-    AnalysisError
-        If there are no bursts, they have fewer than 5 pulses, K < M, or the gate lies outside the frame.
-
-    See Also
-    --------
-    signature : signature of a recording without pauses.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=2.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("ti-60-burst"))
-    >>> gate = dg.Gate.fixed(0.5, 5.0, time_s=[0.0, 2.0])
-    >>> signature = dg.processing.burst_signature(
-    ...     recording.baseband, gate, dg.Analysis(), wavelength_m=recording.radar.wavelength_m
-    ... )
-    >>> signature.sizes["time"]  # one column per burst
-    37
+def transform_bursts(
+    frames: Frames, transform: Transform, low: FloatArray, high: FloatArray, *, remove_mean: bool = True
+) -> npt.NDArray[np.float32]:
+    """Sum the power of every burst over the gate's bins, (J, K).
+    Shapes: low, high (J,).
     """
     from scipy import fft
 
-    check_signal(baseband, BASEBAND)
-    bursts = _split_bursts(read_axis(baseband, "slow_time"), burst_pulses or get_burst_pulses(baseband))
-    wanted = analysis.doppler_bins or (
-        bursts.pulses if analysis.method == "liland2018" else find_fast_length(bursts.pulses)
-    )
-    if wanted < bursts.pulses:
-        raise AnalysisError(f"doppler_bins is {wanted}, but a burst has {bursts.pulses} pulses: K >= M")
-    ranges_m = read_axis(baseband, "range")
-    if gate is None:
-        spacing_m = float((ranges_m[-1] - ranges_m[0]) / max(ranges_m.size - 1, 1))
-        low = np.full(bursts.time_s.size, -0.5)
-        high = low + ranges_m.size
-        middle_m = np.full(bursts.count, ranges_m.mean())
-        facts: dict[str, Any] = {"source": "frame", "span_m": spacing_m * ranges_m.size, "doppler_limited": False}
-    else:
-        low, high = gate.edges(ranges_m, bursts.time_s, sharp=analysis.sharp_edges)
-        gate.touched_bins(low, high, ranges_m)
-        middle_m, facts = gate.centre_at(bursts.time_s), gate.facts
-    window = gaussian_window(bursts.pulses, analysis.window_steepness)
-    cube = baseband.values[: bursts.count * bursts.pulses].reshape(bursts.count, bursts.pulses, -1)
-    power = np.zeros((bursts.count, wanted), dtype=np.float32)
+    count, size = transform.n_columns, transform.window.size
+    cube = frames.matrix[: count * size].reshape(count, size, -1)
+    power = np.zeros((count, transform.n_doppler_bins), dtype=np.float32)
     for n in range(cube.shape[2]):
         share = np.clip(np.minimum(high, n + 0.5) - np.maximum(low, n - 0.5), 0.0, 1.0)
         if not share.any():
@@ -215,42 +118,34 @@ def burst_signature(
         pulses = cube[:, :, n].astype(np.complex128)
         if remove_mean:
             pulses -= pulses.mean(axis=1, keepdims=True)
-        spectrum = fft.fftshift(fft.fft(pulses * window, wanted, axis=1), axes=1)
+        spectrum = fft.fftshift(fft.fft(pulses * transform.window, transform.n_doppler_bins, axis=1), axes=1)
         power += (share[:, None] * (spectrum.real**2 + spectrum.imag**2)).astype(np.float32)
-    doppler_hz = doppler_axis_hz(wanted, bursts.prf_hz)
-    if gate is not None:
-        gate.close_doppler_band(power, doppler_hz)
-    inside = np.minimum(high, ranges_m.size - 0.5) - np.maximum(low, -0.5)
-    coords = {
-        "time": bursts.time_s,
-        "doppler": doppler_hz,
-        "velocity": ("doppler", doppler_to_velocity_mps(doppler_hz, wavelength_m)),
-        "centre_range": ("time", middle_m, {"units": "m"}),
-        "gate_share": ("time", np.clip(inside / (high - low), 0.0, 1.0), {"units": "1"}),
-    }
-    attrs = {
-        "prf_hz": bursts.prf_hz,
-        "wavelength_m": wavelength_m,
-        "cpi_pulses": bursts.pulses,
-        "hop": max(1, round(bursts.period_s * bursts.prf_hz)),
-        "window_energy": float((window**2).sum()),
-        "n_gate_bins": float(high[0] - low[0]) * compute_bin_share(baseband),
-        "gate": json.dumps(facts),
-    }
-    return make_array(SIGNATURE, power, coords, attrs)
+    return power
 
 
-def _split_bursts(slow_time_s: FloatArray, pulses: int | None) -> _Bursts:
-    if pulses is None:
-        raise AnalysisError("the recording has no bursts: its pulses are evenly spaced; use the plain signature")
+@dataclass(frozen=True)
+class Bursts:
+    """Transform and slow time of a recording in bursts.
+    Shapes: time_s (J,). ``hop`` is the burst period in pulses at the rate within a burst.
+    """
+
+    transform: Transform
+    prf_hz: float
+    time_s: FloatArray
+    hop: int
+
+
+def split_bursts(slow_time: SlowTime, analysis: Analysis) -> Bursts:
+    """Divide slow time into bursts, each a column of the transform."""
+    pulses = slow_time.burst_pulses or 0
     if pulses < MIN_CPI_PULSES:
         raise AnalysisError(
             f"a burst has {pulses} pulse{'s' * (pulses != 1)}, at least {MIN_CPI_PULSES} are needed to measure Doppler"
         )
-    count = slow_time_s.size // pulses
+    count = slow_time.size // pulses
     if not count:
-        raise AnalysisError(f"the recording has {slow_time_s.size} pulses, less than one burst of {pulses}")
-    times = slow_time_s[: count * pulses].reshape(count, pulses)
+        raise AnalysisError(f"the recording has {slow_time.size} pulses, less than one burst of {pulses}")
+    times = slow_time.time_s[: count * pulses].reshape(count, pulses)
     lengths_s = times[:, -1] - times[:, 0]
     if not (np.diff(times, axis=1) > 0).all() or np.ptp(lengths_s) > 0.5 * lengths_s.mean() / (pulses - 1):
         raise AnalysisError(
@@ -267,4 +162,9 @@ def _split_bursts(slow_time_s: FloatArray, pulses: int | None) -> _Bursts:
             f"{uneven} of {periods_s.size} periods between bursts differ from the usual {period_s:.4g} s: bursts are "
             "missing or late, and cadence frequencies are inaccurate there"
         )
-    return _Bursts(count, pulses, prf_hz, period_s, middle_s)
+    wanted = analysis.doppler_bins or (pulses if analysis.method == "liland2018" else find_fast_length(pulses))
+    if wanted < pulses:
+        raise AnalysisError(f"doppler_bins is {wanted}, but a burst has {pulses} pulses: K >= M")
+    window = gaussian_window(pulses, analysis.window_steepness)
+    transform = Transform(window, wanted, pulses, 0, count)
+    return Bursts(transform, prf_hz, middle_s, max(1, round(period_s * prf_hz)))

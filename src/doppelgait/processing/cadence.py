@@ -9,18 +9,15 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.labels import (
     CADENCE_MAP,
     CADENCE_SPECTRUM,
     NORMALISED_SIGNATURE,
-    Plain,
+    SIGNATURE,
     Signal,
-    check_signal,
-    make_like,
-    read_axis,
-    replace_array_values,
+    maps_signal,
+    measures_signal,
     sampling_rate_hz,
 )
 from doppelgait.processing.normalise import copy_rows
@@ -185,7 +182,8 @@ Without padding, a bin of 1 / T_o is coarser than 10 % for fewer than five perio
 """
 
 
-def observation_s(signature: xr.DataArray | Plain) -> float:
+@measures_signal(SIGNATURE, NORMALISED_SIGNATURE)
+def observation_s(signature: Signal) -> float:
     """Compute the observed time T_o of a signature.
 
     T_o is the number of columns times their spacing.
@@ -199,7 +197,7 @@ def observation_s(signature: xr.DataArray | Plain) -> float:
     >>> round(dg.processing.observation_s(result.signature), 1)
     2.9
     """
-    return signature.sizes["time"] / sampling_rate_hz(read_axis(signature, "time"))
+    return signature.sizes["time"] / sampling_rate_hz(signature.axis("time"))
 
 
 def detrend_order(seconds: float) -> int:
@@ -220,6 +218,7 @@ def detrend_order(seconds: float) -> int:
     return min(max(round(1.2 * seconds), 1), 6)
 
 
+@maps_signal(NORMALISED_SIGNATURE)
 def detrend(normalised: Signal, *, order: int) -> Signal:
     """Remove every Doppler row's least-squares polynomial in time (E-31).
 
@@ -248,9 +247,8 @@ def detrend(normalised: Signal, *, order: int) -> Signal:
     >>> round(float(left), 3)  # share of the mean that is left
     0.0
     """
-    check_signal(normalised, NORMALISED_SIGNATURE)
     trend = _make_orthonormal_basis(normalised.shape[0], order) @ _project_rows(normalised.values, order)
-    return replace_array_values(normalised, np.subtract(normalised.values, trend, out=trend))
+    return normalised.replace(np.subtract(normalised.values, trend, out=trend))
 
 
 def _project_rows(values: FloatArray, order: int) -> FloatArray:
@@ -272,6 +270,7 @@ def _make_orthonormal_basis(n_columns: int, order: int) -> npt.NDArray[np.float6
     return np.asarray(basis, dtype=np.float64)
 
 
+@maps_signal(NORMALISED_SIGNATURE)
 def cadence_map(rows: Signal, *, padded: bool = True, tapered: bool | None = None) -> Signal:
     """Compute the cadence-velocity diagram D (E-30).
 
@@ -306,10 +305,9 @@ def cadence_map(rows: Signal, *, padded: bool = True, tapered: bool | None = Non
     >>> round(float(diagram.sum("doppler").idxmax("cadence")), 1)  # gait frequency, Hz
     1.7
     """
-    check_signal(rows, NORMALISED_SIGNATURE)
     weights, length, cadence_hz = _make_cadence_grid(rows, padded, tapered)
     magnitude = compute_magnitudes(rows.values, weights, length, cadence_hz.size)
-    return make_like(rows, CADENCE_MAP, magnitude, {"cadence": cadence_hz})
+    return rows.with_axes(CADENCE_MAP, magnitude, cadence=cadence_hz)
 
 
 class CadenceParts:
@@ -317,7 +315,7 @@ class CadenceParts:
     The rows are spread onto a coarser time grid once (step 1 of :func:`compute_magnitudes`) (E-31).
     """
 
-    def __init__(self, rows: Plain, order: int) -> None:
+    def __init__(self, rows: Signal, order: int) -> None:
         self._like, self._values, self._order = rows, rows.values, order
         self._weights, self._length, self.cadence_hz = _make_cadence_grid(rows, True, None)
         self._response = np.ones(self.cadence_hz.size)
@@ -325,22 +323,22 @@ class CadenceParts:
         if step == 1:
             self._values = self.detrend().values
             return
-        rate_hz = sampling_rate_hz(read_axis(rows, "time"))
+        rate_hz = sampling_rate_hz(rows.axis("time"))
         trend = _smear_basis(self._values.shape[0], rate_hz, order, step) @ _project_rows(self._values, order)
         self._values, self._response = _smear(self._values, self._weights, self._length, self.cadence_hz.size, step)
         self._values -= trend
         self._weights, self._length = np.ones(self._values.shape[0]), self._length // step
 
-    def detrend(self) -> Plain:
+    def detrend(self) -> Signal:
         """Remove the polynomials in time from the rows (E-31)."""
         return detrend(self._like, order=self._order)
 
-    def spectrum(self) -> Plain:
+    def spectrum(self) -> Signal:
         """Compute the power spectrum S (E-32).
         The result equals :func:`cadence_spectrum` of :func:`cadence_map` within 1e-12 of the largest value.
         """
         powers = sum_powers(self._values, self._weights, self._length, self.cadence_hz.size) / self._response**2
-        return make_like(self._like, CADENCE_SPECTRUM, powers, {"cadence": self.cadence_hz})
+        return self._like.with_axes(CADENCE_SPECTRUM, powers, cadence=self.cadence_hz)
 
     def rows(self, wanted: npt.NDArray[np.int64], highest_hz: float) -> tuple[FloatArray, FloatArray]:
         """Compute some Doppler rows of D up to a cadence.
@@ -357,11 +355,9 @@ def _smear_basis(n_columns: int, rate_hz: float, order: int, step: int) -> Float
     return _smear(_make_orthonormal_basis(n_columns, order), weights, length, cadence_hz.size, step)[0]
 
 
-def _make_cadence_grid(
-    rows: xr.DataArray | Plain, padded: bool, tapered: bool | None
-) -> tuple[FloatArray, int, FloatArray]:
+def _make_cadence_grid(rows: Signal, padded: bool, tapered: bool | None) -> tuple[FloatArray, int, FloatArray]:
     """Return the column weights, the transform length and the cadences."""
-    return _make_grid(rows.shape[0], sampling_rate_hz(read_axis(rows, "time")), padded, tapered)
+    return _make_grid(rows.shape[0], sampling_rate_hz(rows.axis("time")), padded, tapered)
 
 
 @lru_cache(maxsize=8)
@@ -390,7 +386,8 @@ def make_taper(n_columns: int, tapered: bool) -> npt.NDArray[np.float64]:
     return np.asarray(0.5 - 0.5 * np.cos(2.0 * np.pi * (np.arange(n_columns) + 1) / (n_columns + 1)))
 
 
-def mean_doppler_spectrum(normalised: xr.DataArray | Plain) -> npt.NDArray[np.float64]:
+@measures_signal(NORMALISED_SIGNATURE)
+def mean_doppler_spectrum(normalised: Signal) -> npt.NDArray[np.float64]:
     """Average every Doppler row over time (E-30).
 
     D_1, the constant column of the cadence-velocity diagram, shape (K,).
@@ -406,10 +403,10 @@ def mean_doppler_spectrum(normalised: xr.DataArray | Plain) -> npt.NDArray[np.fl
     >>> round(float(doppler_hz[spectrum.argmax()]))  # strongest Doppler, Hz
     48
     """
-    check_signal(normalised, NORMALISED_SIGNATURE)
     return np.asarray(normalised.values.mean(axis=0))
 
 
+@maps_signal(CADENCE_MAP)
 def cadence_spectrum(step_doppler: Signal, *, power: bool = True) -> Signal:
     """Sum the cadence-velocity diagram over Doppler.
 
@@ -437,7 +434,6 @@ def cadence_spectrum(step_doppler: Signal, *, power: bool = True) -> Signal:
     >>> round(float(spectrum.idxmax("cadence")), 1)  # gait frequency, Hz
     1.7
     """
-    check_signal(step_doppler, CADENCE_MAP)
     values = step_doppler.values
     summed = np.einsum("qk,qk->q", values, values) if power else values.sum(axis=1)
-    return make_like(step_doppler, CADENCE_SPECTRUM, summed, {})
+    return step_doppler.with_axes(CADENCE_SPECTRUM, summed)

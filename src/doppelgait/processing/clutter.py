@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from functools import lru_cache
+from collections.abc import Callable, Iterable, Iterator
+from functools import lru_cache, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -12,16 +12,8 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import (
-    BASEBAND,
-    SHARE_REMOVED,
-    check_signal,
-    make_array,
-    read_axis,
-    replace_array_values,
-    sampling_rate_hz,
-)
-from doppelgait.core.lazy import LONG_PULSES, lazy_rows, map_rows, read_pulses, read_tiles
+from doppelgait.core.frames import Frames
+from doppelgait.core.labels import SHARE_REMOVED, make_array
 from doppelgait.core.samples import Planes, Samples
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
@@ -133,38 +125,77 @@ def remove_static_clutter(
     >>> round(float(left), 3)  # share of the static echoes that is left
     0.0
     """
-    check_signal(baseband, BASEBAND)
+    frames = Frames.of(baseband)
     if kind in ("none", "auto"):
         return baseband
-    prf_hz = sampling_rate_hz(read_axis(baseband, "slow_time"))
-    if kind in ("mean", "median"):
-        count, block = baseband.sizes["slow_time"], _count_block_pulses(baseband.sizes["slow_time"], prf_hz)
-        planes = (Samples(values).planes[:, :, : values.shape[0]] for _, values in read_tiles(baseband, block))
-        part_re, part_im = _average_static_part(planes, kind, count, block)
-        static = (part_re + 1j * part_im).astype(np.complex64)[:, 0]
-        return map_rows(baseband, lambda values, first: values - static)
-    clean, start_pulses = _make_filter(kind, prf_hz=prf_hz, time_s=time_s, cutoff_hz=cutoff_hz)
-    return _filter_baseband(baseband, clean, start_pulses)
+    return remove_from_frames(frames, kind=kind, time_s=time_s, cutoff_hz=cutoff_hz).label()
 
 
-def remove_from_planes(planes: Planes, n_pulses: int, analysis: Analysis, *, prf_hz: float) -> Planes:
-    """Remove static clutter from planes by ``analysis.clutter``.
-    The planes have the shape (2, bins, n_pulses or more); see :func:`remove_static_clutter`.
+def clean_frames(frames: Frames, analysis: Analysis, *, bins: slice | None = None) -> Frames:
+    """Remove static clutter by ``analysis.clutter``."""
+    return remove_from_frames(frames, kind=analysis.clutter, time_s=analysis.clutter_time_s, bins=bins)
+
+
+def remove_from_frames(
+    frames: Frames,
+    *,
+    kind: ClutterKind,
+    time_s: float = CLUTTER_TIME_S,
+    cutoff_hz: float = MTI_CUTOFF_HZ,
+    bins: slice | None = None,
+) -> Frames:
+    """Remove static clutter from frames, or from some range bins; the others are then 0.
+    Frames of more than one tile are cleaned tile by tile, on demand.
     """
-    kind = analysis.clutter
     if kind in ("none", "auto"):
-        return planes
-    planes = planes[:, :, :n_pulses]
+        return frames
+    chosen = slice(0, frames.n_bins) if bins is None else bins
+    block = min(max(round(MEDIAN_BLOCK_S * frames.slow_time.rate_hz), 1), frames.n_pulses)
+    tiles = partial(_iterate_planes, frames, chosen, block)
     if kind in ("mean", "median"):
-        return np.asarray(
-            planes - _average_static_part([planes], kind, n_pulses, _count_block_pulses(n_pulses, prf_hz))
-        )
-    clean, start_pulses = _make_filter(kind, prf_hz=prf_hz, time_s=analysis.clutter_time_s)
-    return clean(planes, planes[..., :start_pulses].mean(axis=-1, dtype=np.float64, keepdims=True), None)[0]
+        static = _average_static_part(tiles(), kind, frames.n_pulses, block)
+        clean: Clean = lambda planes, state: (np.asarray(planes - static), None)  # noqa: E731
+    else:
+        clean = _make_filter(frames, chosen, kind, time_s=time_s, cutoff_hz=cutoff_hz)
+    if frames.is_short:
+        return frames.with_samples(_make_samples(clean(next(tiles()), None)[0], chosen, frames.shape))
+    states = [None]  # before each tile
+    if kind not in ("mean", "median"):
+        for planes in tiles():
+            states.append(clean(planes, states[-1])[1])
+    size = frames.count_tile_pulses(block)
+
+    @lru_cache(maxsize=1)
+    def tile(number: int) -> Values:
+        first, stop = number * size, min((number + 1) * size, frames.n_pulses)
+        planes = frames.samples.read_tile(slice(first, stop), chosen)
+        cleaned = clean(planes, states[number] if len(states) > 1 else None)[0]
+        return _make_samples(cleaned, chosen, (stop - first, frames.n_bins)).matrix
+
+    def rows(first: int, stop: int) -> Values:
+        parts = []
+        for number in range(first // size, -(-stop // size)):
+            start = number * size
+            parts.append(tile(number)[max(first - start, 0) : stop - start])
+        return np.concatenate(parts) if parts else np.empty((0, frames.n_bins), dtype=np.complex64)
+
+    return frames.with_samples(Samples.stored(frames.shape, rows))
 
 
-def _count_block_pulses(n_pulses: int, prf_hz: float) -> int:
-    return min(max(round(MEDIAN_BLOCK_S * prf_hz), 1), n_pulses)
+def _iterate_planes(frames: Frames, bins: slice, block_pulses: int) -> Iterator[Planes]:
+    """Yield the planes of some bins, tile by tile of whole blocks."""
+    size = frames.count_tile_pulses(block_pulses)
+    for first in range(0, frames.n_pulses, size):
+        yield frames.samples.read_tile(slice(first, min(first + size, frames.n_pulses)), bins)
+
+
+def _make_samples(planes: Planes, bins: slice, shape: tuple[int, int]) -> Samples:
+    """Make samples from the planes of some bins; the others are 0."""
+    if planes.shape[1] == shape[1]:
+        return Samples.from_planes(planes, shape[0])
+    whole = np.zeros((2, shape[1], shape[0]), dtype=np.float32)
+    whole[:, bins] = planes
+    return Samples.from_planes(whole, shape[0])
 
 
 def _average_static_part(tiles: Iterable[Planes], kind: ClutterKind, n_pulses: int, block_pulses: int) -> Planes:
@@ -176,76 +207,43 @@ def _average_static_part(tiles: Iterable[Planes], kind: ClutterKind, n_pulses: i
     return np.asarray(np.median(means, axis=-1, keepdims=True), dtype=np.float32)
 
 
-Clean = Callable[[Planes, FloatArray, Any], tuple[Planes, Any]]
-"""Filter of a tile of planes.
-
-The arguments are the planes, the level before the first pulse of the recording and the filter state before the tile.
-The function returns the filtered planes and the filter state after the tile.
-"""
+Clean = Callable[[Planes, Any], tuple[Planes, Any]]
+"""Filter of a tile of planes: from planes and the state before the tile to filtered planes and the state after it."""
 
 
-def _make_filter(kind: str, *, prf_hz: float, time_s: float, cutoff_hz: float = MTI_CUTOFF_HZ) -> tuple[Clean, int]:
-    """Return a filter along the pulses, and its first averaging length.
-    The initial level is the mean of this number of pulses.
-    """
+def _make_filter(frames: Frames, bins: slice, kind: str, *, time_s: float, cutoff_hz: float) -> Clean:
+    """Return a filter along the pulses; its first level is the mean of its first time constant or period."""
     from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi
 
+    prf_hz = frames.slow_time.rate_hz
     if kind == "exponential":
-        alpha = -math.expm1(-1.0 / (time_s * prf_hz))
-
-        def exponential(planes: Planes, level: FloatArray, state: Any) -> tuple[Planes, Any]:
-            mean, state = lfilter(
-                [alpha], [1.0, alpha - 1.0], planes, axis=-1, zi=(1.0 - alpha) * level if state is None else state
-            )
-            return np.asarray(planes - mean, dtype=np.float32), state
-
-        return exponential, max(round(time_s * prf_hz), 1)
-    if not 0.0 < cutoff_hz < prf_hz / 2.0:
+        start_pulses = max(round(time_s * prf_hz), 1)
+    elif not 0.0 < cutoff_hz < prf_hz / 2.0:
         raise AnalysisError(
             f"clutter removal 'mti' at {cutoff_hz:g} Hz needs more than {2 * cutoff_hz:g} frames per second, and the "
             f"recording has {prf_hz:g}; use 'mean', 'median' or 'exponential'"
         )
+    else:
+        start_pulses = max(round(prf_hz / cutoff_hz), 1)
+    start = frames.samples.read_tile(slice(0, min(start_pulses, frames.n_pulses)), bins)
+    level = start.mean(axis=-1, dtype=np.float64, keepdims=True)
+    if kind == "exponential":
+        alpha = -math.expm1(-1.0 / (time_s * prf_hz))
+
+        def exponential(planes: Planes, state: Any) -> tuple[Planes, Any]:
+            before = (1.0 - alpha) * level if state is None else state
+            mean, state = lfilter([alpha], [1.0, alpha - 1.0], planes, axis=-1, zi=before)
+            return np.asarray(planes - mean, dtype=np.float32), state
+
+        return exponential
     sections = np.asarray(butter(MTI_ORDER, cutoff_hz, "highpass", fs=prf_hz, output="sos"))
 
-    def high_pass(planes: Planes, level: FloatArray, state: Any) -> tuple[Planes, Any]:
+    def high_pass(planes: Planes, state: Any) -> tuple[Planes, Any]:
         state = sosfilt_zi(sections)[:, None, None, :] * level if state is None else state
         values, state = sosfilt(sections, planes, axis=-1, zi=state)
         return np.asarray(values, dtype=np.float32), state
 
-    return high_pass, max(round(prf_hz / cutoff_hz), 1)
-
-
-def _filter_baseband(baseband: xr.DataArray, clean: Clean, start_pulses: int) -> xr.DataArray:
-    """Filter a baseband along its pulses.
-    A long recording is filtered tile by tile, on demand.
-    """
-    count = baseband.sizes["slow_time"]
-
-    def planes_of(first: int, stop: int) -> Planes:
-        return Samples(read_pulses(baseband, first, stop)).planes[:, :, : stop - first]
-
-    level = planes_of(0, min(start_pulses, count)).mean(axis=-1, dtype=np.float64, keepdims=True)
-    if count <= LONG_PULSES:
-        return replace_array_values(
-            baseband, Samples.from_planes(clean(planes_of(0, count), level, None)[0], count).matrix
-        )
-    states = [None]  # before each tile
-    for first in range(0, count - LONG_PULSES, LONG_PULSES):
-        states.append(clean(planes_of(first, first + LONG_PULSES), level, states[-1])[1])
-
-    @lru_cache(maxsize=1)
-    def tile(number: int) -> Values:
-        first, stop = number * LONG_PULSES, min((number + 1) * LONG_PULSES, count)
-        return Samples.from_planes(clean(planes_of(first, stop), level, states[number])[0], stop - first).matrix
-
-    def rows(first: int, stop: int) -> Values:
-        parts = []
-        for number in range(first // LONG_PULSES, -(-stop // LONG_PULSES)):
-            start = number * LONG_PULSES
-            parts.append(tile(number)[max(first - start, 0) : stop - start])
-        return np.concatenate(parts) if parts else np.empty((0, baseband.shape[1]), dtype=np.complex64)
-
-    return replace_array_values(baseband, lazy_rows(baseband.shape, rows))
+    return high_pass
 
 
 def average_blocks(values: npt.NDArray[np.float32], block_pulses: int) -> FloatArray:
@@ -384,30 +382,44 @@ def measure_share_removed(
     >>> round(abs(float(share.mean())), 2)  # nothing of a walk
     0.0
     """
-    check_signal(before, BASEBAND)
-    check_signal(after, BASEBAND)
-    n_pulses = before.sizes["slow_time"]
+    times_s, share = measure_removed(
+        Frames.of(before), Frames.of(after), gate, total=total, block_s=block_s, reference_share=reference_share
+    )
+    return make_array(SHARE_REMOVED, share, {"time": times_s})
+
+
+def measure_removed(
+    before: Frames,
+    after: Frames,
+    gate: Gate,
+    *,
+    total: npt.NDArray[np.complex128] | None = None,
+    block_s: float = 0.1,
+    reference_share: float = 0.2,
+) -> tuple[FloatArray, FloatArray]:
+    """Return times and shares of :func:`measure_share_removed`."""
+    n_pulses = before.n_pulses
     if total is None:
         total = sum_pulses(before)
     before, after = gate.crop(before), gate.crop(after)
-    times = read_axis(before, "slow_time")
-    low, high = gate.edges(read_axis(before, "range"), times, sharp=True)
-    bins = np.arange(before.sizes["range"])
+    times = before.slow_time.time_s
+    low, high = gate.edges(before.range_m, times, sharp=True)
+    bins = np.arange(before.n_bins)
 
     def covered(first: int, size: int) -> npt.NDArray[np.bool_]:
         part = slice(first, first + size)
         return np.asarray((bins > low[part, None]) & (bins < high[part, None]))
 
     elsewhere, count = total, np.full(bins.size, n_pulses)
-    for first, values in read_tiles(before):
+    for first, values in before.read_tiles():
         inside = covered(first, values.shape[0])
         elsewhere = elsewhere - np.einsum("in,in->n", values, inside, dtype=np.complex128)
         count -= inside.sum(axis=0)
     clutter, usual = elsewhere / np.maximum(count, 1), count >= reference_share * n_pulses
-    length = min(max(1, round(block_s * sampling_rate_hz(times))), times.size)
+    length = min(max(1, round(block_s * before.slow_time.rate_hz)), times.size)
     # per pulse: remaining power, power of the body, bins with a reference, bins of the gate
     sums = np.empty((4, times.size))
-    for (first, values), (_, cleaned) in zip(read_tiles(before), read_tiles(after), strict=True):
+    for (first, values), (_, cleaned) in zip(before.read_tiles(), after.read_tiles(), strict=True):
         inside = covered(first, values.shape[0])
         known = inside & usual
         sums[:, first : first + values.shape[0]] = (
@@ -424,12 +436,12 @@ def measure_share_removed(
     left, body, n_known, n_inside = (sum_blocks(values) for values in sums)
     usable = (n_known >= 0.5 * n_inside) & (body > 0)
     share = np.where(usable, np.maximum(1.0 - left / np.where(usable, body, 1.0), 0.0), np.nan)
-    return make_array(SHARE_REMOVED, share, {"time": sum_blocks(times) / length})
+    return sum_blocks(times) / length, share
 
 
-def sum_pulses(baseband: xr.DataArray) -> npt.NDArray[np.complex128]:
-    """Sum a baseband over its pulses, for :func:`measure_share_removed`."""
-    return np.asarray(sum(values.sum(axis=0, dtype=np.complex128) for _, values in read_tiles(baseband)))
+def sum_pulses(frames: Frames) -> npt.NDArray[np.complex128]:
+    """Sum frames over their pulses, for :func:`measure_removed`."""
+    return np.asarray(sum(values.sum(axis=0, dtype=np.complex128) for _, values in frames.read_tiles()))
 
 
 def predict_torso_share_removed(

@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
-from doppelgait.core.labels import BASEBAND, check_signal, read_axis, sampling_rate_hz
-from doppelgait.core.lazy import map_rows, read_tiles
+from doppelgait.core.frames import Frames
 
 Values = npt.NDArray[np.complex64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -32,18 +30,16 @@ LEAST_VARIANCE = 1e-14
 TINY = float(np.finfo(np.float32).tiny)
 
 
-def remove_common_phase(baseband: xr.DataArray) -> xr.DataArray:
+def remove_common_phase(frames: Frames) -> Frames:
     r"""Remove the phase that other bins share.
     The phase that the bins of other zones have in common is subtracted from each range bin.
     """
-    check_signal(baseband, BASEBAND)
-    range_m = read_axis(baseband, "range")
+    range_m, count = frames.range_m, frames.n_pulses
     zone_m = max(ZONE_M, ZONE_BINS * float(range_m[1] - range_m[0])) if range_m.size > 1 else ZONE_M
-    block = max(round(BLOCK_S * sampling_rate_hz(read_axis(baseband, "slow_time"))), 1)
-    if range_m[-1] - range_m[0] < 2 * zone_m or baseband.sizes["slow_time"] < 2 * block:
-        return baseband
-    count = baseband.sizes["slow_time"]
-    tiles = partial(read_tiles, baseband, block)
+    block = max(round(BLOCK_S * frames.slow_time.rate_hz), 1)
+    if range_m[-1] - range_m[0] < 2 * zone_m or count < 2 * block:
+        return frames
+    tiles = partial(frames.read_tiles, block)
     zone = ((range_m - range_m[0]) / zone_m).astype(np.int64)
     member = (zone[:, None] == np.arange(zone[-1] + 1)).astype(np.float32)
     far = (np.abs(np.subtract.outer(np.arange(zone[-1] + 1), np.arange(zone[-1] + 1))) > 1).astype(np.float32)
@@ -58,7 +54,7 @@ def remove_common_phase(baseband: xr.DataArray) -> xr.DataArray:
     wanted = np.maximum(LEAST_WEIGHT, MARGIN * own) / np.maximum(own @ member @ far, TINY)[zone]
     served = wanted <= block
     if not served.any():
-        return baseband
+        return frames
     pointing = ((weight / weight.max() * static.conj())[:, None] * member).astype(np.complex64)
     zones = np.unique(zone[served])
     turns = np.concatenate([(values @ pointing @ far)[:, zones] for _, values in tiles()])
@@ -73,7 +69,7 @@ def remove_common_phase(baseband: xr.DataArray) -> xr.DataArray:
 
     trial = _compute_moments(lambda: (turned(served, values, first) for first, values in tiles()), count)[1]
     better = served & (trial < _compute_moments(lambda: (values for _, values in tiles()), count)[1])
-    return map_rows(baseband, partial(turned, better)) if better.any() else baseband
+    return frames.map_tiles(partial(turned, better)) if better.any() else frames
 
 
 def _turn(pointer: Values, pulses: int) -> Values:

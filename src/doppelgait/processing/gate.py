@@ -12,7 +12,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.labels import read_axis
+from doppelgait.core.frames import Frames
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.track.live import Track
 
@@ -333,12 +333,9 @@ class Gate:
         chosen = (self.time_s >= start_s - SLACK_S) & (self.time_s <= stop_s + SLACK_S)
         return replace(self, time_s=self.time_s[chosen], centre_m=self.centre_m[chosen])
 
-    def crop(self, baseband: xr.DataArray) -> xr.DataArray:
+    def crop(self, frames: Frames) -> Frames:
         """Crop a recording to the times of the gate."""
-        times_s = read_axis(baseband, "slow_time")
-        first = int(np.searchsorted(times_s, self.start_s - SLACK_S))
-        stop = int(np.searchsorted(times_s, self.stop_s + SLACK_S))
-        return baseband.isel(slow_time=slice(first, stop))
+        return frames.take_pulses(frames.slow_time.find_pulses(self.start_s, self.stop_s))
 
     def edges(self, range_m: FloatArray, time_s: npt.ArrayLike, *, sharp: bool) -> tuple[FloatArray, FloatArray]:
         """Compute lower and upper edges in range bins.
@@ -411,10 +408,3 @@ def _make_frame_error(low_m: float, high_m: float, range_m: FloatArray) -> Analy
         f"gate {low_m:.4g} to {high_m:.4g} m: lies outside the recorded frame, {first_m:.2f} to {last_m:.2f} m; use "
         "ranges inside"
     )
-
-
-def compute_bin_share(baseband: xr.DataArray) -> float:
-    """Return the independent noise values per range bin.
-    The number is an attribute of the recording; it is 1 if the attribute is missing.
-    """
-    return float(baseband.attrs.get("independent_bin_share", 1.0))

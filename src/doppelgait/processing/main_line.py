@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import Plain, Signal, read_axis, replace_array_values
+from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Signal, maps_signal, measures_signal
 from doppelgait.processing.normalise import compute_median
 
 FloatArray = npt.NDArray[np.float64]
@@ -33,11 +32,11 @@ ALIGN_ABOVE_HZ = 10.0
 """Drift of the straight main line over the observation above which a signature is aligned (E-29)."""
 
 
-def find_column_peaks(signature: xr.DataArray | Plain) -> tuple[npt.NDArray[Any], FloatArray]:
+def find_column_peaks(signature: Signal) -> tuple[npt.NDArray[Any], FloatArray]:
     """Find every column's strongest cell and its Doppler."""
     from doppelgait.core.kernels import columns
 
-    values, doppler_hz = np.ascontiguousarray(signature.values), read_axis(signature, "doppler")
+    values, doppler_hz = np.ascontiguousarray(signature.values), signature.axis("doppler")
     strongest, place = np.empty(values.shape[0], values.dtype), np.empty(values.shape[0])
     columns.column_peaks(values, strongest, place)
     place *= doppler_hz[1] - doppler_hz[0]
@@ -45,7 +44,8 @@ def find_column_peaks(signature: xr.DataArray | Plain) -> tuple[npt.NDArray[Any]
     return strongest, place
 
 
-def main_line_hz(signature: xr.DataArray | Plain, *, order: int, tapered: bool = False) -> FloatArray:
+@measures_signal(SIGNATURE, NORMALISED_SIGNATURE)
+def main_line_hz(signature: Signal, *, order: int, tapered: bool = False) -> FloatArray:
     """Fit a robust polynomial to the strongest Doppler (E-29, E-34).
 
     Parameters
@@ -104,18 +104,18 @@ def _make_line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray
     return basis, parabola, np.ones(n_columns)
 
 
-def extrapolate_line(line_hz: FloatArray, signature: xr.DataArray | Plain, wanted: xr.DataArray | Plain) -> FloatArray:
+def extrapolate_line(line_hz: FloatArray, signature: Signal, wanted: Signal) -> FloatArray:
     """Extrapolate a straight line to other columns.
     The result has the shape (J of ``wanted``,).
     """
-    times_s = read_axis(signature, "time")
+    times_s = signature.axis("time")
     slope = (line_hz[-1] - line_hz[0]) / (times_s[-1] - times_s[0])
-    return np.asarray(line_hz[0] + slope * (read_axis(wanted, "time") - times_s[0]))
+    return np.asarray(line_hz[0] + slope * (wanted.axis("time") - times_s[0]))
 
 
-def bin_width_hz(signature: xr.DataArray | Plain) -> float:
+def bin_width_hz(signature: Signal) -> float:
     """Return the width of a Doppler bin."""
-    doppler_hz = read_axis(signature, "doppler")
+    doppler_hz = signature.axis("doppler")
     return float(doppler_hz[1] - doppler_hz[0])
 
 
@@ -137,7 +137,8 @@ def choose_line_order(observation_s: float) -> int:
     return 1 if observation_s < 1.3 else 2 if observation_s < 2.5 else 3
 
 
-def needs_alignment(signature: xr.DataArray | Plain) -> bool:
+@measures_signal(SIGNATURE, NORMALISED_SIGNATURE)
+def needs_alignment(signature: Signal) -> bool:
     """Return True if the main line drifts over 10 Hz.
 
     See Also
@@ -163,6 +164,7 @@ def has_drift(straight_hz: FloatArray) -> bool:
     return bool(abs(straight_hz[-1] - straight_hz[0]) > ALIGN_ABOVE_HZ)
 
 
+@maps_signal(SIGNATURE, NORMALISED_SIGNATURE)
 def align(array: Signal, line_hz: FloatArray) -> Signal:
     """Shift every column by minus the line (E-29).
 
@@ -208,7 +210,7 @@ def align(array: Signal, line_hz: FloatArray) -> Signal:
     whole = np.floor(shift)
     moved = np.empty(array.shape)
     shift_columns(np.ascontiguousarray(array.values), whole.astype(np.int64) % moved.shape[1], shift - whole, moved)
-    return replace_array_values(array, moved)
+    return array.replace(moved)
 
 
 @dataclass(frozen=True)
@@ -240,13 +242,13 @@ def _make_cubic_basis(n_columns: int) -> tuple[FloatArray, FloatArray]:
 
 
 def choose_velocity(
-    signature: xr.DataArray | Plain, floor_v2: float, line_hz: FloatArray, track_hz: FloatArray
+    signature: Signal, floor_v2: float, line_hz: FloatArray, track_hz: FloatArray
 ) -> tuple[FloatArray, bool]:
     """Choose between main line and track velocity (E-34).
     The track's velocity is chosen if limbs are stronger than the trunk or if a person stops.
     """
     half_m = float(signature.attrs["wavelength_m"]) / 2.0
-    seconds = float(np.ptp(read_axis(signature, "time")))
+    seconds = float(np.ptp(signature.axis("time")))
     apart_mps, speed_mps = abs(float(line_hz.mean() - track_hz.mean())) * half_m, abs(float(track_hz.mean())) * half_m
     band_hz = bin_width_hz(signature) * signature.sizes["doppler"]
     ambiguous = np.abs(track_hz).max() > UNFOLDED_SHARE * band_hz / 2.0
@@ -255,7 +257,7 @@ def choose_velocity(
     from doppelgait.core.kernels.columns import strongest_about
 
     values, bin_hz = np.ascontiguousarray(signature.values), bin_width_hz(signature)
-    centre = np.rint((track_hz - float(read_axis(signature, "doppler")[0])) / bin_hz).astype(np.int64)
+    centre = np.rint((track_hz - float(signature.axis("doppler")[0])) / bin_hz).astype(np.int64)
     near, strongest = np.empty((2, centre.size))
     strongest_about(values, centre, round(NEAR_TRACK_MPS / half_m / bin_hz), near, strongest)
     if compute_median(near) - floor_v2 >= BODY_SHARE * (compute_median(strongest) - floor_v2):
@@ -263,15 +265,15 @@ def choose_velocity(
     return line_hz, apart_mps <= max(DIFFERING_SHARE * speed_mps, LEAST_APART_MPS, TRACK_ERROR_M / seconds)
 
 
-def torso_velocity_mps(signature: xr.DataArray | Plain, floor_v2: float, line_hz: FloatArray) -> FloatArray:
+def torso_velocity_mps(signature: Signal, floor_v2: float, line_hz: FloatArray) -> FloatArray:
     """Follow the torso's radial velocity over time (E-34c).
     Shapes: line_hz (J,).
     """
     from doppelgait.core.kernels.lines import follow_ridge, refined_ridge
 
-    values, doppler_hz = np.ascontiguousarray(signature.values), read_axis(signature, "doppler")
+    values, doppler_hz = np.ascontiguousarray(signature.values), signature.axis("doppler")
     bin_hz, half_m = bin_width_hz(signature), float(signature.attrs["wavelength_m"]) / 2.0
-    time_s, range_m = read_axis(signature, "time"), read_axis(signature, "centre_range")
+    time_s, range_m = signature.axis("time"), signature.axis("centre_range")
     if np.ptp(range_m) > 0 and time_s.size > 4:
         track = track_velocity(time_s, range_m)
         _, position = _make_cubic_basis(time_s.size)

@@ -6,18 +6,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import (
-    NORMALISED_SIGNATURE,
-    SIGNATURE,
-    Plain,
-    Signal,
-    check_signal,
-    read_axis,
-    replace_array_values,
-)
+from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Signal, maps_signal, measures_signal
 from doppelgait.processing.config import Normalisation
 
 INDEPENDENT_AFTER_S = 0.06
@@ -28,7 +19,8 @@ COUNTED_EVERY = 4
 """Every fourth column is used: neighbouring columns share most of their pulses and add no information on the noise."""
 
 
-def noise_floor_v2(signature: xr.DataArray | Plain) -> float:
+@measures_signal(SIGNATURE)
+def noise_floor_v2(signature: Signal) -> float:
     """Estimate the mean noise of a signature (E-28).
 
     The estimate uses the Doppler rows of least power. The third of the rows with the least mean power gives a first
@@ -63,7 +55,6 @@ def noise_floor_v2(signature: xr.DataArray | Plain) -> float:
     """
     from doppelgait.core.kernels.columns import row_means
 
-    check_signal(signature, SIGNATURE)
     values = np.ascontiguousarray(signature.values)
     row_power = np.empty(values.shape[1])
     row_means(values, row_power)
@@ -89,7 +80,8 @@ def copy_rows(values: npt.NDArray[Any], rows: npt.NDArray[np.int64]) -> npt.NDAr
     return found
 
 
-def count_independent_bins(signature: xr.DataArray | Plain, floor_v2: float) -> float:
+@measures_signal(SIGNATURE)
+def count_independent_bins(signature: Signal, floor_v2: float) -> float:
     """Estimate the number of independent range bins (E-27).
 
     The number is the squared mean over the variance of the cells in the Doppler rows of least power, at least 1. It is
@@ -143,7 +135,8 @@ def compute_median(cells: npt.NDArray[np.floating[Any]]) -> float:
     return float(ordered[:middle].max() + ordered[middle]) / 2.0
 
 
-def count_independent_columns(signature: xr.DataArray | Plain) -> float:
+@measures_signal(SIGNATURE)
+def count_independent_columns(signature: Signal) -> float:
     """Count the practically independent columns, J_eff (E-38).
 
     J_eff is T_o / 60 ms, at least 1.
@@ -161,10 +154,11 @@ def count_independent_columns(signature: xr.DataArray | Plain) -> float:
     >>> result.signature.sizes["time"], round(dg.processing.count_independent_columns(result.signature))
     (372, 48)
     """
-    times = read_axis(signature, "time")
+    times = signature.axis("time")
     return max(1.0, float(times[-1] - times[0]) / INDEPENDENT_AFTER_S)
 
 
+@maps_signal(SIGNATURE)
 def normalise(signature: Signal, floor_v2: float, *, mode: Normalisation = "sum") -> Signal:
     """Remove the noise floor and scale every column (E-28).
 
@@ -198,7 +192,6 @@ def normalise(signature: Signal, floor_v2: float, *, mode: Normalisation = "sum"
     >>> normalised.sum("doppler").values[:2].round(2)  # sum of every column
     array([1., 1.])
     """
-    check_signal(signature, SIGNATURE)
     from doppelgait.core.kernels.columns import scale_excess, sum_excess
 
     power, floor = np.ascontiguousarray(signature.values), float(floor_v2)
@@ -209,9 +202,9 @@ def normalise(signature: Signal, floor_v2: float, *, mode: Normalisation = "sum"
     elif mode == "max":
         scale = highest
     elif mode == "r4":
-        centre = read_axis(signature, "centre_range")
+        centre = signature.axis("centre_range")
         scale = (centre.mean() / centre) ** 4 * sums.mean()
     else:
         raise AnalysisError(f"normalisation {mode!r} is not known; allowed are sum, max and r4")
     scale_excess(power, floor, np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0), values)
-    return replace_array_values(signature, values, schema=NORMALISED_SIGNATURE, attrs={"normalisation": mode})
+    return signature.replace(values, schema=NORMALISED_SIGNATURE, attrs={"normalisation": mode})

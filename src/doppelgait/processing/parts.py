@@ -17,14 +17,15 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import PART_POWER, SIGNATURE, check_signal, make_array, read_axis
+from doppelgait.core.frames import Frames
+from doppelgait.core.labels import PART_POWER, Coord, Signal, check_signal, read_axis
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.processing.cadence import observation_s
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
 from doppelgait.processing.main_line import choose_line_order, main_line_hz
 from doppelgait.processing.normalise import noise_floor_v2
-from doppelgait.processing.signature import plan_for, range_doppler
+from doppelgait.processing.signature import RangeDoppler, compute_range_doppler, plan_for
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -73,15 +74,16 @@ class PartMask:
     low: FloatArray
     high: FloatArray
 
-    def power_v2(self, baseband: xr.DataArray, analysis: Analysis, *, wavelength_m: float) -> xr.DataArray:
+    def power_v2(self, frames: Frames, analysis: Analysis, *, wavelength_m: float) -> Signal:
         """Compute the power of every part, noise floor subtracted."""
         found: list[npt.NDArray[np.float32]] = []
         times: list[FloatArray] = []
-        for maps, at, share in _iterate_gated_maps(baseband, analysis, self.columns, self.low, self.high, wavelength_m):
-            ahead = read_axis(maps, "velocity")[None, :] - self.torso_mps[at, None]
-            off_m = (read_axis(maps, "range")[None, :] - self.torso_range_m[at, None]) / self.length_m
+        for maps, bins, at, share in _iterate_gated_maps(frames, analysis, self.columns, self.low, self.high):
+            velocity_mps = np.asarray(doppler_to_velocity_mps(maps.doppler_hz, wavelength_m))
+            ahead = velocity_mps[None, :] - self.torso_mps[at, None]
+            off_m = (frames.range_m[None, bins] - self.torso_range_m[at, None]) / self.length_m
             inside = (ahead / self.width_mps)[:, :, None] ** 2 + off_m[:, None, :] ** 2 < 1.0
-            cells = (maps.values - np.float32(self.floor_v2)) * share[:, None, :]
+            cells = (maps.power_v2 - np.float32(self.floor_v2)) * share[:, None, :]
             torso, all_v2 = (cells * inside).sum(axis=2), cells.sum(axis=2)
             swing = ahead * self.direction
             limb = (swing > SLOWEST * self.speed_mps - self.beyond_mps) & (
@@ -90,22 +92,19 @@ class PartMask:
             leg = limb & ((swing > LEGS_AHEAD * self.speed_mps) | (swing < -LEGS_BEHIND * self.speed_mps))
             rest = np.where(limb, all_v2 - torso, 0.0)
             found.append(np.stack([torso, rest * leg, rest * ~leg]).astype(np.float32))
-            times.append(read_axis(maps, "time"))
-        coords = {
-            "part": np.arange(len(PARTS), dtype=np.float64),
-            "time": np.concatenate(times),
-            "doppler": read_axis(maps, "doppler"),
-            "velocity": ("doppler", read_axis(maps, "velocity")),
+            times.append(maps.time_s)
+        coords: dict[str, Coord] = {
+            "part": (("part",), np.arange(len(PARTS), dtype=np.float64), {}),
+            "time": (("time",), np.concatenate(times), {}),
+            "doppler": (("doppler",), maps.doppler_hz, {}),
+            "velocity": (("doppler",), velocity_mps, {}),
         }
-        attrs = {"parts": " ".join(PARTS), "torso_mps": float(np.median(self.torso_mps))}
-        return make_array(PART_POWER, np.concatenate(found, axis=1), coords, attrs)
+        attrs = {"units": PART_POWER.units, "parts": " ".join(PARTS), "torso_mps": float(np.median(self.torso_mps))}
+        return Signal(PART_POWER, np.concatenate(found, axis=1), coords, attrs)
 
 
-def locate_parts(
-    baseband: xr.DataArray, signature: xr.DataArray, gate: Gate, analysis: Analysis
-) -> tuple[PartMask | None, str]:
+def locate_parts(frames: Frames, signature: Signal, gate: Gate, analysis: Analysis) -> tuple[PartMask | None, str]:
     """Locate torso and limbs in range-Doppler maps (E-40)."""
-    check_signal(signature, SIGNATURE)
     wavelength_m = float(signature.attrs["wavelength_m"])
     nu_v2 = noise_floor_v2(signature)
     snr = float(np.median(signature.values.max(axis=1))) / max(nu_v2, 1e-300)
@@ -119,20 +118,20 @@ def locate_parts(
     if speed_mps < LEAST_SPEED_CELLS * cell_mps:
         return None, f"torso_slower_than_{LEAST_SPEED_CELLS:g}_doppler_cells"
     width_mps = SWAY_SHARE * speed_mps + SWAY_CELLS * cell_mps
-    transform, prf_hz = plan_for(baseband, analysis)
-    times_s = read_axis(signature, "time")
-    starts_s = read_axis(baseband, "slow_time")[0] + transform.compute_centre_pulses() / prf_hz
+    slow_time = frames.slow_time
+    times_s = signature.axis("time")
+    starts_s = slow_time.start_s + plan_for(slow_time, analysis).compute_centre_pulses() / slow_time.rate_hz
     columns = int(np.abs(starts_s - times_s[0]).argmin()) + np.arange(times_s.size)
-    range_m = read_axis(baseband, "range")
+    range_m = frames.range_m
     low, high = gate.edges(range_m, times_s, sharp=analysis.sharp_edges)
     floor_v2 = nu_v2 / float(high[0] - low[0])
     # power at the torso's velocity, by range
     profile = np.zeros((times_s.size, range_m.size))
-    for maps, at, share in _iterate_gated_maps(baseband, analysis, columns, low, high, wavelength_m):
-        near = np.abs(read_axis(maps, "velocity")[None, :] - torso_mps[at, None]) < width_mps
-        cells = (maps.values - np.float32(floor_v2)) * share[:, None, :]
-        first = int(np.abs(range_m - read_axis(maps, "range")[0]).argmin())
-        profile[at, first : first + maps.sizes["range"]] = np.einsum("jkn,jk->jn", cells, near)
+    for maps, bins, at, share in _iterate_gated_maps(frames, analysis, columns, low, high):
+        velocity_mps = np.asarray(doppler_to_velocity_mps(maps.doppler_hz, wavelength_m))
+        near = np.abs(velocity_mps[None, :] - torso_mps[at, None]) < width_mps
+        cells = (maps.power_v2 - np.float32(floor_v2)) * share[:, None, :]
+        profile[at, bins] = np.einsum("jkn,jk->jn", cells, near)
     np.maximum(profile, 0.0, out=profile)
     weight = profile.sum(axis=1)
     known = weight > 0
@@ -175,26 +174,20 @@ def locate_parts(
 
 
 def _iterate_gated_maps(
-    baseband: xr.DataArray,
-    analysis: Analysis,
-    columns: npt.NDArray[np.int64],
-    low: FloatArray,
-    high: FloatArray,
-    wavelength_m: float,
-) -> Iterator[tuple[xr.DataArray, slice, FloatArray]]:
-    """Yield blocks of range-Doppler maps, with columns and shares.
-    The maps have the bins that the gate touches. A share (J of the block, bins) is the part of a bin inside the gate.
+    frames: Frames, analysis: Analysis, columns: npt.NDArray[np.int64], low: FloatArray, high: FloatArray
+) -> Iterator[tuple[RangeDoppler, slice, slice, FloatArray]]:
+    """Yield blocks of range-Doppler maps, with their bins, columns and shares.
+    The bins are those that the gate touches. A share (J of the block, bins) is the part of a bin inside the gate.
     """
     for start in range(0, columns.size, BLOCK):
         at = slice(start, min(start + BLOCK, columns.size))
         first = max(int(np.floor(low[at].min() + 0.5)), 0)
-        stop = min(int(np.ceil(high[at].max() + 0.5)), baseband.sizes["range"])
-        bins = np.arange(first, stop)
-        cropped = baseband.isel(range=slice(first, stop))
-        maps = next(range_doppler(cropped, analysis, wavelength_m=wavelength_m, columns=columns[at], block=BLOCK))
-        upper = np.minimum(bins[None, :] + 0.5, high[at, None])
-        share = np.clip(upper - np.maximum(bins[None, :] - 0.5, low[at, None]), 0.0, 1.0)
-        yield maps, at, share
+        bins = slice(first, min(int(np.ceil(high[at].max() + 0.5)), frames.n_bins))
+        numbers = np.arange(bins.start, bins.stop)
+        maps = next(compute_range_doppler(frames.take_bins(bins), analysis, columns=columns[at], block=BLOCK))
+        upper = np.minimum(numbers[None, :] + 0.5, high[at, None])
+        share = np.clip(upper - np.maximum(numbers[None, :] - 0.5, low[at, None]), 0.0, 1.0)
+        yield maps, bins, at, share
 
 
 def measure_parts(power: xr.DataArray) -> xr.Dataset:

@@ -3,44 +3,27 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait.core import lazy
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import (
-    BASEBAND,
-    RANGE_DOPPLER,
-    SIGNATURE,
-    Signal,
-    check_signal,
-    make_array,
-    read_axis,
-    replace_array_values,
-    sampling_rate_hz,
-    take_columns,
-)
-from doppelgait.core.lazy import LONG_PULSES, read_pulses
-from doppelgait.core.samples import Planes, Samples
+from doppelgait.core.frames import Frames, SlowTime
+from doppelgait.core.labels import RANGE_DOPPLER, SIGNATURE, AnySignal, Coord, Signal, make_array, maps_signal
+from doppelgait.core.samples import Samples
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
+from doppelgait.processing.bursts import make_frame_gate, split_bursts, transform_bursts
 from doppelgait.processing.config import Analysis, Transform, find_lossless_hop, plan_transform
-from doppelgait.processing.gate import Gate, compute_bin_share
+from doppelgait.processing.gate import Gate
 
 
-def plan_for(baseband: xr.DataArray, analysis: Analysis) -> tuple[Transform, float]:
-    """Plan a recording's transform; also return its frame rate in Hz."""
-    check_signal(baseband, BASEBAND)
-    return _plan(read_axis(baseband, "slow_time"), analysis)
-
-
-def _plan(slow_time_s: Any, analysis: Analysis) -> tuple[Transform, float]:
-    prf_hz = sampling_rate_hz(slow_time_s)
-    return plan_transform(analysis, n_pulses=slow_time_s.size, prf_hz=prf_hz), prf_hz
+def plan_for(slow_time: SlowTime, analysis: Analysis) -> Transform:
+    """Plan a recording's transform."""
+    return plan_transform(analysis, n_pulses=slow_time.size, prf_hz=slow_time.rate_hz)
 
 
 def range_doppler(
@@ -83,44 +66,60 @@ def range_doppler(
     >>> round(float(power.max("doppler").idxmax("range")), 1)  # range of the strongest cell, m
     6.8
     """
+    frames = Frames.of(baseband)
+    wanted = None if columns is None else np.asarray(columns)
+    for maps in compute_range_doppler(frames, analysis, columns=wanted, block=block):
+        coords = {
+            "time": maps.time_s,
+            "doppler": maps.doppler_hz,
+            "velocity": ("doppler", doppler_to_velocity_mps(maps.doppler_hz, wavelength_m)),
+            "range": frames.range_m,
+        }
+        yield make_array(RANGE_DOPPLER, maps.power_v2, coords, {"window_energy": maps.window_energy})
+
+
+@dataclass(frozen=True)
+class RangeDoppler:
+    """Range-Doppler maps of some columns.
+    Shapes: time_s (J,); doppler_hz (K,); power_v2 (J, K, N).
+    """
+
+    time_s: npt.NDArray[np.float64]
+    doppler_hz: npt.NDArray[np.float64]
+    power_v2: npt.NDArray[np.float32]
+    window_energy: float
+
+
+def compute_range_doppler(
+    frames: Frames, analysis: Analysis, *, columns: npt.NDArray[np.int64] | None = None, block: int = 64
+) -> Iterator[RangeDoppler]:
+    """Compute range-Doppler maps in blocks of columns (E-24)."""
     from scipy import fft
 
-    transform, prf_hz = plan_for(baseband, analysis)
-    wanted = np.arange(transform.n_columns) if columns is None else np.asarray(columns)
+    transform, prf_hz = plan_for(frames.slow_time, analysis), frames.slow_time.rate_hz
+    wanted = np.arange(transform.n_columns) if columns is None else columns
     window = transform.window.astype(np.float32)
-    doppler_hz = doppler_axis_hz(transform.n_doppler_bins, prf_hz)
-    frames_of = _make_frame_reader(baseband, transform.half_window if analysis.zero_padded else 0, window.size)
+    pad = transform.half_window if analysis.zero_padded else 0
+    centres_s = frames.slow_time.start_s + transform.compute_centre_pulses() / prf_hz
     for start in range(0, wanted.size, block):
         part = wanted[start : start + block]
-        frames = frames_of(part * transform.hop) * window[None, :, None]
-        spectrum = fft.fftshift(fft.fft(frames, transform.n_doppler_bins, axis=1), axes=1)
-        coords = {
-            "time": read_axis(baseband, "slow_time")[0] + transform.compute_centre_pulses()[part] / prf_hz,
-            "doppler": doppler_hz,
-            "velocity": ("doppler", doppler_to_velocity_mps(doppler_hz, wavelength_m)),
-            "range": read_axis(baseband, "range"),
-        }
-        power = (spectrum.real**2 + spectrum.imag**2).astype(np.float32)
-        yield make_array(RANGE_DOPPLER, power, coords, {"window_energy": float((transform.window**2).sum())})
+        intervals = _read_intervals(frames, part * transform.hop - pad, window.size) * window[None, :, None]
+        spectrum = fft.fftshift(fft.fft(intervals, transform.n_doppler_bins, axis=1), axes=1)
+        yield RangeDoppler(
+            centres_s[part],
+            doppler_axis_hz(transform.n_doppler_bins, prf_hz),
+            (spectrum.real**2 + spectrum.imag**2).astype(np.float32),
+            float((transform.window**2).sum()),
+        )
 
 
-def _make_frame_reader(baseband: xr.DataArray, pad: int, size: int) -> Callable[[Any], Any]:
-    """Return a function that reads ``size`` pulses from each first pulse.
-    The baseband is zero-padded by ``pad`` pulses at both ends.
-    """
-    count = baseband.sizes["slow_time"]
-    if count <= LONG_PULSES:
-        padded = np.pad(baseband.values, ((pad, pad), (0, 0))) if pad else baseband.values
-        return lambda first: padded[first[:, None] + np.arange(size)]
-
-    def of_long(first: npt.NDArray[np.int64]) -> npt.NDArray[np.complex64]:
-        frames = np.zeros((first.size, size, baseband.sizes["range"]), dtype=np.complex64)
-        for frame, start in zip(frames, (first - pad).tolist(), strict=True):
-            low, high = max(start, 0), min(start + size, count)
-            frame[low - start : high - start] = read_pulses(baseband, low, high)
-        return frames
-
-    return of_long
+def _read_intervals(frames: Frames, first: npt.NDArray[np.int64], size: int) -> npt.NDArray[np.complex64]:
+    """Read ``size`` pulses from each first pulse, zero outside the recording, (J, size, N)."""
+    intervals = np.zeros((first.size, size, frames.n_bins), dtype=np.complex64)
+    for interval, start in zip(intervals, first.tolist(), strict=True):
+        low, high = max(start, 0), min(start + size, frames.n_pulses)
+        interval[low - start : high - start] = frames.read(low, high)
+    return intervals
 
 
 def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelength_m: float) -> xr.DataArray:
@@ -164,29 +163,99 @@ def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelen
     >>> round(float(signature.sum("time").idxmax("doppler")))  # strongest Doppler, Hz
     48
     """
-    check_signal(baseband, BASEBAND)
-    cut = make_gated_transform(
-        gate,
-        read_axis(baseband, "slow_time"),
-        read_axis(baseband, "range"),
-        analysis,
-        bin_share=compute_bin_share(baseband),
-    )
-    if cut.n_pulses > LONG_PULSES:
-        return compute_tiled_signature(partial(_read_tile, baseband), cut, wavelength_m=wavelength_m)
-    planes, first_bin = Samples(baseband.values).read(cut.find_needed_pulses(), cut.margin_pulses)
-    return compute_plane_signature(planes[0], planes[1], first_bin, cut, wavelength_m=wavelength_m)
+    return compute_signature(Frames.of(baseband), gate, analysis, wavelength_m=wavelength_m).label()
 
 
-def _read_tile(baseband: xr.DataArray, pulses: slice, columns: slice) -> Planes:
-    values = read_pulses(baseband, pulses.start, pulses.stop)
-    return Samples(values).read_tile(slice(0, values.shape[0]), columns)
+def burst_signature(
+    baseband: xr.DataArray,
+    gate: Gate | None,
+    analysis: Analysis,
+    *,
+    wavelength_m: float,
+    burst_pulses: int | None = None,
+    remove_mean: bool = True,
+) -> xr.DataArray:
+    """Compute the micro-Doppler signature with one column per burst.
+
+    The signature follows E-23 to E-27 with M equal to the pulses of a burst:
+
+    ``mu[j, k] = sum_n g[j, n] |sum_m w[m] (Y[jM + m, n] - mean_m) e^{-j 2 pi k m / K}|^2``,
+
+    where g is the share of range bin n inside the gate. Cadences above half the burst rate alias.
+
+    Parameters
+    ----------
+    baseband : DataArray (slow_time, range)
+        V.
+    gate : Gate, optional
+        None selects every range bin. Data without range (one bin) are inside any gate.
+    analysis : Analysis
+        ``window_steepness``, ``doppler_bins`` (K >= M), ``gate_edges`` and ``method`` (K = M by default for
+        ``liland2018``) are used. ``cpi_s`` and ``hop`` are not used: the burst is the processing interval.
+    wavelength_m : float
+        For the velocity axis.
+    burst_pulses : int, optional
+        Pulses per burst, 5 or more; by default the attribute of the recording, or derived from its times.
+    remove_mean : bool
+        Subtract the mean of every burst and range bin first. This removes static echoes and the receiver's offset.
+
+    Returns
+    -------
+    DataArray (time, doppler)
+        float32, V^2, with the coordinates and attributes of :func:`doppelgait.processing.signature`. ``prf_hz`` is
+        the rate within a burst, ``cpi_pulses`` is M, and ``hop`` is the burst period in pulses at that rate.
+
+    Raises
+    ------
+    AnalysisError
+        If there are no bursts, they have fewer than 5 pulses, K < M, or the gate lies outside the frame.
+
+    See Also
+    --------
+    signature : signature of a recording without pauses.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=2.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("ti-60-burst"))
+    >>> gate = dg.Gate.fixed(0.5, 5.0, time_s=[0.0, 2.0])
+    >>> signature = dg.processing.burst_signature(
+    ...     recording.baseband, gate, dg.Analysis(), wavelength_m=recording.radar.wavelength_m
+    ... )
+    >>> signature.sizes["time"]  # one column per burst
+    37
+    """
+    frames = Frames.of(baseband)
+    pulses = burst_pulses or frames.slow_time.find_bursts().burst_pulses
+    if pulses is None:
+        raise AnalysisError("the recording has no bursts: its pulses are evenly spaced; use the plain signature")
+    frames = replace(frames, slow_time=replace(frames.slow_time, burst_pulses=pulses))
+    if gate is None:
+        gate = make_frame_gate(frames)
+    cut = make_gated_transform(gate, frames.slow_time, frames.range_m, analysis, bin_share=frames.bin_share)
+    power = cut.sum_bursts(frames, remove_mean=remove_mean)
+    return cut.make_signature(power, wavelength_m=wavelength_m).label()
+
+
+def compute_signature(frames: Frames, gate: Gate, analysis: Analysis, *, wavelength_m: float) -> Signal:
+    """Compute the signature of frames; in bursts, every burst is a column."""
+    cut = make_gated_transform(gate, frames.slow_time, frames.range_m, analysis, bin_share=frames.bin_share)
+    in_bursts = frames.slow_time.burst_pulses is not None
+    power = cut.sum_bursts(frames) if in_bursts else cut.sum_power(frames.samples)
+    return cut.make_signature(power, wavelength_m=wavelength_m)
+
+
+TILE_PULSES = 1 << 10
+"""Number of pulses in a tile of a long recording."""
+LANES = 16
+"""Number of columns that the kernel transforms together; tiles of whole groups give the same bytes as one pass."""
 
 
 @dataclass(frozen=True)
 class GatedTransform:
     """Gate and transform of one recording.
-    Shapes: range_m (N,); time_s (J,); low, high (J,).
+    Shapes: range_m (N,); time_s (J,); low, high (J,). ``hop`` is the distance of columns in pulses.
     """
 
     gate: Gate
@@ -197,12 +266,18 @@ class GatedTransform:
     time_s: npt.NDArray[np.float64]
     low: npt.NDArray[np.float64]
     high: npt.NDArray[np.float64]
+    hop: int
     bin_share: float = 1.0
 
     @property
     def n_bins(self) -> int:
         """Range bins of the recording, N."""
         return self.range_m.size
+
+    @property
+    def is_short(self) -> bool:
+        """True if all pulses are one tile."""
+        return self.n_pulses <= lazy.LONG_PULSES
 
     @property
     def margin_pulses(self) -> int:
@@ -230,120 +305,105 @@ class GatedTransform:
             np.maximum(bins[:, 1], min(end[n], self.n_pulses), out=bins[:, 1])
         return spans
 
+    def iterate_tiles(self) -> Iterator[slice]:
+        """Yield the columns of every tile; a short recording is one tile."""
+        step, size = self.transform.n_columns, self.transform.n_columns
+        if not self.is_short:
+            step = max(TILE_PULSES // self.transform.hop // LANES, 1) * LANES
+        for start in range(0, size, step):
+            yield slice(start, min(start + step, size))
+
+    def sum_power(self, samples: Samples) -> npt.NDArray[np.float32]:
+        """Sum the power over the gate's bins, (J, K) (E-27)."""
+        from doppelgait.core.kernels.signature import gated_signature
+
+        transform = self.transform
+        spans = self.find_needed_pulses()
+        window = np.zeros(transform.n_doppler_bins, dtype=np.float32)
+        window[: transform.window.size] = transform.window
+        power = np.zeros((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
+        for columns in self.iterate_tiles():
+            first = transform.first_pulse + transform.hop * columns.start
+            low, high = self.low[columns], self.high[columns]
+            if self.is_short:
+                planes, first_bin = samples.read(spans, self.margin_pulses)
+                begin, n_pulses = 0, self.n_pulses
+            else:
+                lowest, highest = int(np.floor(low.min() - 0.5)) + 1, int(np.ceil(high.max() + 0.5))
+                bins = slice(max(lowest, 0), min(highest, self.n_bins))
+                if bins.start >= bins.stop:
+                    continue
+                after = transform.first_pulse + transform.hop * (columns.stop + 1) + window.size
+                pulses = slice(max(first, 0), min(after, self.n_pulses))
+                planes, first_bin = samples.read_tile(pulses, bins), bins.start
+                begin, n_pulses = pulses.start, planes.shape[2]
+            gated_signature(
+                planes[0],
+                planes[1],
+                n_pulses,
+                first - begin,
+                transform.hop,
+                window,
+                low - first_bin,
+                high - first_bin,
+                power[columns],
+            )
+        return power
+
+    def sum_bursts(self, frames: Frames, *, remove_mean: bool = True) -> npt.NDArray[np.float32]:
+        """Sum the power over the gate's bins, a column a burst, (J, K)."""
+        self.gate.touched_bins(self.low, self.high, self.range_m)
+        return transform_bursts(frames, self.transform, self.low, self.high, remove_mean=remove_mean)
+
+    def make_signature(self, power: npt.NDArray[np.float32], *, wavelength_m: float) -> Signal:
+        """Add axes and facts to the power of the gate."""
+        doppler_hz = doppler_axis_hz(self.transform.n_doppler_bins, self.prf_hz)
+        self.gate.close_doppler_band(power, doppler_hz)
+        inside = np.minimum(self.high, self.n_bins - 0.5) - np.maximum(self.low, -0.5)
+        coords: dict[str, Coord] = {
+            "time": (("time",), self.time_s, {}),
+            "doppler": (("doppler",), doppler_hz, {}),
+            "velocity": (("doppler",), np.asarray(doppler_to_velocity_mps(doppler_hz, wavelength_m)), {}),
+            "centre_range": (("time",), self.gate.centre_at(self.time_s), {"units": "m"}),
+            "gate_share": (("time",), np.clip(inside / (self.high - self.low), 0.0, 1.0), {"units": "1"}),
+        }
+        attrs = {
+            "units": SIGNATURE.units,
+            "prf_hz": self.prf_hz,
+            "wavelength_m": wavelength_m,
+            "cpi_pulses": self.transform.window.size,
+            "hop": self.hop,
+            "window_energy": float((self.transform.window**2).sum()),
+            "n_gate_bins": float(self.high[0] - self.low[0]) * self.bin_share,
+            "gate": json.dumps(self.gate.facts),
+        }
+        return Signal(SIGNATURE, power, coords, attrs)
+
 
 NEED_BLOCK = 32
 """Number of columns that :meth:`GatedTransform.find_needed_pulses` processes together."""
 
 
 def make_gated_transform(
-    gate: Gate, slow_time_s: Any, range_m: Any, analysis: Analysis, *, bin_share: float = 1.0
+    gate: Gate,
+    slow_time: SlowTime,
+    range_m: npt.NDArray[np.float64],
+    analysis: Analysis,
+    *,
+    bin_share: float = 1.0,
 ) -> GatedTransform:
     """Prepare a recording's gate and transform."""
-    transform, prf_hz = _plan(slow_time_s, analysis)
-    time_s = slow_time_s[0] + transform.compute_centre_pulses() / prf_hz
+    if slow_time.burst_pulses is not None:
+        bursts = split_bursts(slow_time, analysis)
+        transform, prf_hz, time_s, hop = bursts.transform, bursts.prf_hz, bursts.time_s, bursts.hop
+    else:
+        transform, prf_hz = plan_for(slow_time, analysis), slow_time.rate_hz
+        time_s, hop = slow_time.start_s + transform.compute_centre_pulses() / prf_hz, transform.hop
     low, high = gate.edges(range_m, time_s, sharp=analysis.sharp_edges)
-    return GatedTransform(gate, transform, prf_hz, slow_time_s.size, range_m, time_s, low, high, bin_share)
+    return GatedTransform(gate, transform, prf_hz, slow_time.size, range_m, time_s, low, high, hop, bin_share)
 
 
-def compute_plane_signature(
-    plane_re: npt.NDArray[np.float32],
-    plane_im: npt.NDArray[np.float32],
-    first_bin: int,
-    cut: GatedTransform,
-    *,
-    wavelength_m: float,
-) -> xr.DataArray:
-    """Compute the signature from planes of some range bins.
-    The planes are the real and imaginary parts; the rest is as for :func:`signature`.
-    """
-    from doppelgait.core.kernels.signature import gated_signature
-
-    transform = cut.transform
-    out = np.empty((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
-    gated_signature(
-        plane_re,
-        plane_im,
-        cut.n_pulses,
-        transform.first_pulse,
-        transform.hop,
-        _pad_window(transform),
-        cut.low - first_bin,
-        cut.high - first_bin,
-        out,
-    )
-    return _label_signature(out, cut, wavelength_m)
-
-
-TILE_PULSES = 1 << 10
-"""Number of pulses in a tile of a long recording."""
-ReadTile = Callable[[slice, slice], Planes]
-LANES = 16
-"""Number of columns that the kernel transforms together; tiles of whole groups give the same bytes as one pass."""
-
-
-def compute_tiled_signature(read_tile: ReadTile, cut: GatedTransform, *, wavelength_m: float) -> xr.DataArray:
-    """Compute a long recording's signature tile by tile.
-    The bytes are the same as those of :func:`compute_plane_signature`.
-    """
-    from doppelgait.core.kernels.signature import gated_signature
-
-    cut.gate.touched_bins(cut.low, cut.high, cut.range_m)
-    transform, window = cut.transform, _pad_window(cut.transform)
-    out = np.zeros((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
-    step = max(TILE_PULSES // transform.hop // LANES, 1) * LANES
-    for start in range(0, transform.n_columns, step):
-        columns = slice(start, min(start + step, transform.n_columns))
-        low, high = cut.low[columns], cut.high[columns]
-        bins = slice(max(int(np.floor(low.min() - 0.5)) + 1, 0), min(int(np.ceil(high.max() + 0.5)), cut.n_bins))
-        if bins.start >= bins.stop:
-            continue
-        first = transform.first_pulse + transform.hop * start
-        after = transform.first_pulse + transform.hop * (columns.stop - 1) + window.size + 2 * transform.hop
-        pulses = slice(max(first, 0), min(after, cut.n_pulses))
-        tile = read_tile(pulses, bins)
-        gated_signature(
-            tile[0],
-            tile[1],
-            tile.shape[2],
-            first - pulses.start,
-            transform.hop,
-            window,
-            low - bins.start,
-            high - bins.start,
-            out[columns],
-        )
-    return _label_signature(out, cut, wavelength_m)
-
-
-def _pad_window(transform: Transform) -> npt.NDArray[np.float32]:
-    window = np.zeros(transform.n_doppler_bins, dtype=np.float32)
-    window[: transform.window.size] = transform.window
-    return window
-
-
-def _label_signature(out: npt.NDArray[np.float32], cut: GatedTransform, wavelength_m: float) -> xr.DataArray:
-    doppler_hz = doppler_axis_hz(cut.transform.n_doppler_bins, cut.prf_hz)
-    cut.gate.close_doppler_band(out, doppler_hz)
-    inside = np.minimum(cut.high, cut.n_bins - 0.5) - np.maximum(cut.low, -0.5)
-    coords = {
-        "time": cut.time_s,
-        "doppler": doppler_hz,
-        "velocity": ("doppler", doppler_to_velocity_mps(doppler_hz, wavelength_m)),
-        "centre_range": ("time", cut.gate.centre_at(cut.time_s), {"units": "m"}),
-        "gate_share": ("time", np.clip(inside / (cut.high - cut.low), 0.0, 1.0), {"units": "1"}),
-    }
-    attrs = {
-        "prf_hz": cut.prf_hz,
-        "wavelength_m": wavelength_m,
-        "cpi_pulses": cut.transform.window.size,
-        "hop": cut.transform.hop,
-        "window_energy": float((cut.transform.window**2).sum()),
-        "n_gate_bins": float(cut.high[0] - cut.low[0]) * cut.bin_share,
-        "gate": json.dumps(cut.gate.facts),
-    }
-    return make_array(SIGNATURE, out, coords, attrs)
-
-
+@maps_signal(SIGNATURE)
 def decimate(signature: Signal) -> Signal:
     """Decimate a signature to the lossless hop.
 
@@ -363,8 +423,8 @@ def decimate(signature: Signal) -> Signal:
     every = find_lossless_hop(signature.attrs["cpi_pulses"]) // signature.attrs["hop"]
     if every <= 1:
         return signature
-    kept = take_columns(signature, slice(None, None, every))
-    return replace_array_values(kept, np.ascontiguousarray(kept.values), attrs={"hop": signature.attrs["hop"] * every})
+    kept = signature.take_columns(slice(None, None, every))
+    return kept.replace(np.ascontiguousarray(kept.values), attrs={"hop": signature.attrs["hop"] * every})
 
 
 MIN_SHARE = 0.5
@@ -372,7 +432,7 @@ MIN_SHARE = 0.5
 MIN_COLUMNS = 8
 
 
-def crop_to_frame(signature: Signal) -> tuple[Signal, float]:
+def crop_to_frame(signature: AnySignal) -> tuple[AnySignal, float]:
     """Crop a signature to the time inside the frame.
 
     The time in which the gate is mostly outside is removed.
@@ -405,8 +465,11 @@ def crop_to_frame(signature: Signal) -> tuple[Signal, float]:
     >>> kept.sizes["time"], share
     (372, 1.0)
     """
-    check_signal(signature, SIGNATURE)
-    share = read_axis(signature, "gate_share")
+    if isinstance(signature, xr.DataArray):
+        given = Signal.of(signature, SIGNATURE)
+        kept, inside = crop_to_frame(given)
+        return (signature if kept is given else kept.label()), inside
+    share = signature.axis("gate_share")
     if share.size < MIN_COLUMNS:
         raise AnalysisError(
             f"the signature has {share.size} column{'s' * (share.size > 1)}, at least {MIN_COLUMNS} are needed; "
@@ -422,6 +485,6 @@ def crop_to_frame(signature: Signal) -> tuple[Signal, float]:
             f"the gate lies outside the recorded frame for all but {stop - first} of {share.size} columns; move the "
             "gate, or record with another range_start_m and range_stop_m"
         )
-    kept = take_columns(signature, slice(int(first), int(stop)))
-    scaled = kept.values / read_axis(kept, "gate_share")[:, None].astype(np.float32)
-    return replace_array_values(kept, scaled), float(share.mean())
+    kept = signature.take_columns(slice(int(first), int(stop)))
+    scaled = kept.values / kept.axis("gate_share")[:, None].astype(np.float32)
+    return kept.replace(scaled), float(share.mean())

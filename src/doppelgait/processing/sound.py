@@ -10,13 +10,10 @@ from typing import IO, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import BASEBAND, check_signal, read_axis, sampling_rate_hz
-from doppelgait.core.lazy import read_pulses
-from doppelgait.processing.bursts import get_burst_pulses
-from doppelgait.processing.clutter import remove_clutter
+from doppelgait.core.frames import Frames
+from doppelgait.processing.clutter import clean_frames
 from doppelgait.processing.common_phase import remove_common_phase
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
@@ -125,28 +122,25 @@ HALF_FILTER = 32
 FULL_SCALE = 32767
 
 
-def compute_doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysis | None = None) -> Values:
+def compute_doppler_signal(frames: Frames, gate: Gate, analysis: Analysis | None = None) -> Values:
     r"""Compute the complex Doppler signal of a gated target.
     The bins of one echo differ in phase only by a ramp of :math:`\theta` per bin, which is the same for all echoes
     (E-17, E-18).
     """
-    check_signal(baseband, BASEBAND)
-    _check_steady(baseband)
+    _check_steady(frames)
     if gate.source == "track":
-        baseband = remove_common_phase(baseband)
-    time_s, range_m = read_axis(baseband, "slow_time"), read_axis(baseband, "range")
+        frames = remove_common_phase(frames)
+    time_s, range_m, settings = frames.slow_time.time_s, frames.range_m, analysis or Analysis()
     low, high = gate.edges(range_m, time_s, sharp=False)
     bins = gate.touched_bins(low, high, range_m)
-    clean = remove_clutter(baseband.isel(range=bins), analysis or Analysis())
+    clean = clean_frames(frames.take_bins(bins), settings)
     numbers = np.arange(bins.start, bins.start + clean.shape[1])
 
     def parts() -> Iterator[Values]:
         """Yield blocks of pulses, weighted by the share of each bin."""
         for first in range(0, clean.shape[0], BLOCK_PULSES):
             rows = slice(first, min(first + BLOCK_PULSES, clean.shape[0]))
-            read = [
-                read_pulses(clean, n, min(n + READ_PULSES, rows.stop)) for n in range(first, rows.stop, READ_PULSES)
-            ]
+            read = [clean.read(n, min(n + READ_PULSES, rows.stop)) for n in range(first, rows.stop, READ_PULSES)]
             inside = np.minimum(high[rows, None], numbers + 0.5) - np.maximum(low[rows, None], numbers - 0.5)
             yield np.concatenate(read) * np.clip(inside, 0.0, 1.0).astype(np.float32)
 
@@ -161,23 +155,21 @@ def compute_doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysi
     return signal * present
 
 
-def explain_silence(baseband: xr.DataArray) -> str | None:
-    """Return why a recording has no sound, or None.
-    The reason holds for every gate; the recording is (slow_time, range).
-    """
-    if get_burst_pulses(baseband) is not None:
+def explain_silence(frames: Frames) -> str | None:
+    """Return why a recording has no sound, or None; the reason holds for every gate."""
+    if frames.slow_time.find_bursts().burst_pulses is not None:
         return "the pulses of this recording come in bursts, with pauses between them: it has no sound"
     return None
 
 
-def _check_steady(baseband: xr.DataArray) -> None:
-    reason = explain_silence(baseband)
+def _check_steady(frames: Frames) -> None:
+    reason = explain_silence(frames)
     if reason is not None:
         raise AnalysisError(reason)
 
 
 def make_doppler_sound(
-    baseband: xr.DataArray,
+    frames: Frames,
     gate: Gate,
     analysis: Analysis | None = None,
     *,
@@ -190,10 +182,10 @@ def make_doppler_sound(
     from scipy.fft import next_fast_len
     from scipy.signal import firwin, hilbert, resample_poly
 
-    _check_steady(baseband)  # before the rate: the mean rate of bursts means nothing
-    prf_hz = sampling_rate_hz(read_axis(baseband, "slow_time"))
+    _check_steady(frames)  # before the rate: the mean rate of bursts means nothing
+    prf_hz = frames.slow_time.rate_hz
     factor, rate_hz = plan_sound(prf_hz, pitch)
-    signal = compute_doppler_signal(baseband, gate, analysis)
+    signal = compute_doppler_signal(frames, gate, analysis)
     ratio = Fraction(rate_hz / (factor * prf_hz)).limit_denominator(MOST_STEPS)
     # rate conversion without images and aliases; 0.9 of the narrower band is unchanged
     up, down = ratio.numerator, ratio.denominator

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from functools import partial
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,8 +12,9 @@ import xarray as xr
 
 from doppelgait.core.config import format_canonical_json
 from doppelgait.core.errors import ConfigError, RecordingError
-from doppelgait.core.labels import BASEBAND, check_signal, make_array, read_axis
-from doppelgait.core.lazy import is_lazy, lazy_rows, read_pulses, read_tiles
+from doppelgait.core.frames import Frames, SlowTime
+from doppelgait.core.labels import read_axis
+from doppelgait.core.lazy import read_tiles
 from doppelgait.core.notebook import plot, show_html, show_text
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import velocity_to_doppler_hz
@@ -188,21 +188,20 @@ class Recording:
         AnalysisError
             If the array is not a baseband.
         """
-        check_signal(baseband, BASEBAND)
-        further = {name: value for name, value in baseband.attrs.items() if name not in ("units", "radar")}
-        slow_time_s, range_m = read_axis(baseband, "slow_time"), read_axis(baseband, "range")
-        if is_lazy(baseband):
-            samples = Samples.stored((slow_time_s.size, range_m.size), partial(read_pulses, baseband))
-        else:
-            samples = Samples(baseband.values)
-        return cls(samples, radar, slow_time_s, range_m, facts=further, **facts)
+        frames = Frames.of(baseband)
+        further = {name: value for name, value in frames.facts.items() if name != "radar"}
+        return cls(frames.samples, radar, frames.slow_time.time_s, frames.range_m, facts=further, **facts)
 
     def with_baseband(self, baseband: xr.DataArray, **changes: Any) -> Recording:
         """Return the recording with other samples and further changes."""
-        kept = {item.name: getattr(self, item.name) for item in fields(self)}
-        for name in ("samples", "radar", "slow_time_s", "range_m", "facts"):
-            del kept[name]
-        return Recording.from_baseband(baseband, self.radar, **{**kept, **changes})
+        frames = Frames.of(baseband)
+        further = {name: value for name, value in frames.facts.items() if name != "radar"}
+        return self.with_frames(frames, **{"facts": further, **changes})
+
+    def with_frames(self, frames: Frames, **changes: Any) -> Recording:
+        """Return the recording with other frames and further changes."""
+        times_s, range_m = frames.slow_time.time_s, frames.range_m
+        return replace(self, samples=frames.samples, slow_time_s=times_s, range_m=range_m, **changes)
 
     def between(self, start_s: float, stop_s: float) -> Recording:
         """Return the part of the recording between two times.
@@ -245,8 +244,8 @@ class Recording:
                 f"{self.n_pulses} from {self.slow_time_s[0]:g} to {self.slow_time_s[-1]:g} s"
             )
         pulses = slice(first, stop)
-        return self.with_baseband(
-            self.baseband.isel(slow_time=pulses),
+        return self.with_frames(
+            self.frames.take_pulses(pulses),
             truth=[truth.during(pulses, start_s, stop_s) for truth in self.truth],
             **({"snr_frame_db": NAN} if stop - first < self.n_pulses else {}),
         )
@@ -259,12 +258,16 @@ class Recording:
         file are read at every access (``samples.in_memory``): select a part,
         ``baseband.isel(slow_time=slice(0, 1000))``.
         """
-        matrix: Any = lazy_rows(self.samples.shape, self.samples.rows)
-        if self.samples.in_memory:
-            matrix = self.samples.matrix.view()
-            matrix.flags.writeable = False
-        coords = {"slow_time": self.slow_time_s, "range": self.range_m}
-        return make_array(BASEBAND, matrix, coords, {**make_baseband_facts(self.radar), **self.facts})
+        return self.frames.label({**make_baseband_facts(self.radar), **self.facts})
+
+    @cached_property
+    def frames(self) -> Frames:
+        """Samples with slow time and range axis, without labels."""
+        share = self.radar.waveform.independent_bins(self.radar)
+        facts = {**({"independent_bin_share": share} if share < 1.0 else {}), **self.facts}
+        burst = self.facts.get("burst_pulses")
+        slow_time = SlowTime(self.slow_time_s, None if burst is None else int(burst))
+        return Frames(self.samples, slow_time, self.range_m, facts)
 
     def __repr__(self) -> str:
         return show_text("Recording", self._facts())

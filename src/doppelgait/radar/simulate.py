@@ -12,31 +12,11 @@ import xarray as xr
 from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
 from doppelgait.core.labels import BASEBAND, make_array, read_axis, replace_array_values
 from doppelgait.core.lazy import read_tiles
-from doppelgait.core.samples import WHITE, Factor, Samples
+from doppelgait.core.samples import WHITE, Samples
 from doppelgait.core.units import velocity_to_doppler_hz
-from doppelgait.radar.link import compute_scatterer_arrays, fold_scatterers, make_noise_taps, noise_power_v2
+from doppelgait.radar.link import fold_scatterers, make_noise_taps, noise_power_v2
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import make_baseband_facts
-
-__all__ = [
-    "add_noise",
-    "add_receiver_noise",
-    "compress",
-    "compress_samples",
-    "compute_scatterer_arrays",
-    "draw_key",
-    "frame_power_v2",
-    "label_baseband",
-    "lowest_prf_hz",
-    "noise_level_v2",
-    "snr_frame_db",
-    "strongest_powers_v2",
-    "synthesise",
-    "synthesise_bins",
-    "synthesise_planes",
-    "synthesise_samples",
-    "warn_of_limits",
-]
 
 
 def synthesise(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
@@ -71,7 +51,8 @@ def synthesise(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
     >>> abs(baseband).idxmax("range").values.round(1)  # range of the strongest echo after 0 and 1 s
     array([6.8, 5.7])
     """
-    return label_baseband(synthesise_bins(scatterers, radar).matrix, read_axis(scatterers, "slow_time"), radar)
+    samples = synthesise_echoes(scatterers, radar, compressed=True)
+    return label_baseband(samples.matrix, read_axis(scatterers, "slow_time"), radar)
 
 
 def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.complex64]:
@@ -105,18 +86,12 @@ def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.c
     return radar.waveform.synthesise(fold_scatterers(scatterers, radar), radar)
 
 
-def synthesise_planes(scatterers: xr.Dataset, radar: Radar) -> Samples:
-    """Synthesise receiver samples in their fastest layout.
-    The values are those of :func:`synthesise_samples`; :func:`doppelgait.pipeline.simulate` calls this function.
-    """
-    return radar.waveform.synthesise_planes(fold_scatterers(scatterers, radar), radar)
-
-
-def synthesise_bins(scatterers: xr.Dataset, radar: Radar) -> Samples:
-    """Synthesise noise-free range bins of all scatterers.
-    The values are those of :func:`synthesise`, without labels.
-    """
-    return Samples.own(radar.waveform.synthesise_bins(fold_scatterers(scatterers, radar), radar))
+def synthesise_echoes(scatterers: xr.Dataset, radar: Radar, *, compressed: bool) -> Samples:
+    """Synthesise noise-free echoes: as range bins, or as the receiver's samples in their fastest layout."""
+    table, waveform = fold_scatterers(scatterers, radar), radar.waveform
+    if compressed and not waveform.samples_are_bins:
+        return Samples.own(waveform.synthesise_bins(table, radar))
+    return waveform.synthesise_planes(table, radar)
 
 
 def compress(samples: Samples | npt.NDArray[Any], radar: Radar) -> npt.NDArray[np.complex64]:
@@ -170,11 +145,6 @@ def label_baseband(values: Any, slow_time_s: Any, radar: Radar) -> xr.DataArray:
     return make_array(BASEBAND, values, coords, make_baseband_facts(radar))
 
 
-def draw_key(rng: np.random.Generator) -> np.uint64:
-    """Draw the key of one noise from a generator."""
-    return np.uint64(rng.integers(0, 2**64, dtype=np.uint64))
-
-
 def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.Generator) -> xr.DataArray:
     """Add Gaussian receiver noise to a baseband (E-18).
 
@@ -198,38 +168,13 @@ def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.G
     >>> float(f"{float((abs(added) ** 2).mean()):.1e}")  # mean square, V^2
     1e-12
     """
+    from doppelgait.core.kernels.noise import add_noise_matrix, draw_key
+
     stated = baseband.attrs.get("radar")
     factor = WHITE if stated is None else make_noise_taps(Radar.model_validate_json(stated))
-    return replace_array_values(
-        baseband, add_receiver_noise(baseband.values, noise_power_v2=noise_power_v2, rng=rng, factor=factor)
-    )
-
-
-def add_receiver_noise(
-    samples: npt.NDArray[Any], *, noise_power_v2: float, rng: np.random.Generator, factor: Factor = WHITE
-) -> npt.NDArray[np.complex64]:
-    """Return samples or range bins with noise.
-    The noise is that of :func:`add_noise`, with the correlation of ``factor``; the result is a new array.
-    """
-    from doppelgait.core.kernels.noise import add_noise_matrix
-
-    result = np.array(samples, dtype=np.result_type(samples.dtype, np.complex64), order="C")
-    add_noise_matrix(result, draw_key(rng), float(np.sqrt(noise_power_v2)), factor)
-    return result
-
-
-def compress_samples(samples: Samples, radar: Radar) -> Samples:
-    """Compress receiver samples to range bins.
-    The values are those of :func:`compress`; samples that are the range bins are returned unchanged.
-    """
-    return samples if radar.waveform.samples_are_bins else Samples.own(compress(samples.matrix, radar))
-
-
-def frame_power_v2(bins: Samples) -> float:
-    """Return the signal level of SNR_frame, V^2.
-    It is the time mean of the strongest bin's |y|^2.
-    """
-    return 0.0 if 0 in bins.shape else float(strongest_powers_v2(bins).mean(dtype=np.float64))
+    noisy = np.array(baseband.values, dtype=np.result_type(baseband.dtype, np.complex64), order="C")
+    add_noise_matrix(noisy, draw_key(rng), float(np.sqrt(noise_power_v2)), factor)
+    return replace_array_values(baseband, noisy)
 
 
 def strongest_powers_v2(bins: Samples) -> npt.NDArray[np.float32]:

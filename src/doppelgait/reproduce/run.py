@@ -13,7 +13,7 @@ from pathlib import Path
 from doppelgait import __version__
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning
-from doppelgait.core.own_folder import PAGE, check_out, complete_folder
+from doppelgait.core.files import PAGE, check_out, complete_folder
 from doppelgait.reproduce.entry import KINDS, Outcome, collect_entries, pick
 from doppelgait.reproduce.material import Material
 from doppelgait.viz.style import save_figure

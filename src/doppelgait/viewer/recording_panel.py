@@ -13,10 +13,11 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.labels import read_axis, sampling_rate_hz
-from doppelgait.core.lazy import lazy_rows, read_pulses, read_tiles, take_every_row
+from doppelgait.core.frames import Frames, SlowTime
+from doppelgait.core.labels import read_axis
+from doppelgait.core.lazy import lazy_rows, take_every_row
 from doppelgait.core.units import power_to_db
-from doppelgait.processing import Analysis, get_burst_pulses, range_doppler
+from doppelgait.processing import Analysis, range_doppler
 from doppelgait.processing.config import MIN_CPI_PULSES
 from doppelgait.processing.gate import GateChoice
 from doppelgait.processing.signature import plan_for
@@ -57,14 +58,13 @@ def make_recording_payload(run: Run, gate: GateChoice | None, *, changes: Change
         known = {"name": run.name, "kind": run.kind, "facts": [], "notes": run.notes, "reason": run.reason}
         empty = dict.fromkeys(("duration_s", "start_s", "prf_hz", "wavelength_m", "range_time", "scene"))
         return pack({**known, **empty, "bodies": [], "truth": [], "no_sound": run.reason}, {})
-    baseband = run.clean_baseband(gate, changes)
-    times_s = read_axis(baseband, "slow_time")
+    clean = run.clean_frames(gate, changes)
+    times_s, range_m, range_time = clean.slow_time.time_s, clean.range_m, None
     arrays: Arrays = {}
-    range_time, range_m = None, read_axis(baseband, "range")
     if range_m.size > 1:
         range_time, arrays["range_time"] = encode_image(
             "range_time",
-            _make_power(baseband),
+            _make_power(clean),
             describe_axis("time", "s", times_s),
             describe_axis("range", "m", range_m),
             unit="dB re 1 V",
@@ -81,7 +81,7 @@ def make_recording_payload(run: Run, gate: GateChoice | None, *, changes: Change
         "wavelength_m": recording.radar.wavelength_m,
         "clutter": run.analysis(gate, changes).clutter,
         "analysis": run.analysis_facts(gate, changes),
-        "no_sound": explain_silence(recording.baseband),
+        "no_sound": explain_silence(recording.frames),
         "range_time": range_time,
         "scene": None
         if recording.radar_position_m is None
@@ -100,20 +100,20 @@ def make_recording_payload(run: Run, gate: GateChoice | None, *, changes: Change
     return pack(facts, arrays)
 
 
-def _make_power(baseband: xr.DataArray) -> xr.DataArray:
+def _make_power(clean: Frames) -> xr.DataArray:
     def rows(first: int, stop: int) -> npt.NDArray[np.float32]:
-        values = read_pulses(baseband, first, stop)
+        values = clean.read(first, stop)
         return np.asarray(values.real**2 + values.imag**2)
 
-    return baseband.copy(data=lazy_rows(baseband.shape, rows, np.float32))
+    return clean.label().copy(data=lazy_rows(clean.shape, rows, np.float32))
 
 
 def _list_facts(recording: Recording) -> Iterator[tuple[str, str]]:
-    radar, baseband = recording.radar, recording.baseband
-    range_m = read_axis(baseband, "range")
+    radar, range_m = recording.radar, recording.range_m
     yield "radar", radar.name or radar.waveform.kind
     yield "carrier", f"{radar.carrier_hz / 1e9:.4g} GHz"
-    times_s, prf_hz, pulses = recording.slow_time_s, radar.prf_hz, get_burst_pulses(baseband)
+    slow_time = recording.frames.slow_time.find_bursts()
+    times_s, prf_hz, pulses = slow_time.time_s, radar.prf_hz, slow_time.burst_pulses
     if pulses is None:
         yield "frame rate", f"{prf_hz:.4g} Hz"
     else:
@@ -197,7 +197,7 @@ IN_BURSTS = "this recording has bursts of pulses; its signature has one column p
 
 
 @dataclass(frozen=True)
-class Frames:
+class ShownFrames:
     """Frames of a recording with common levels."""
 
     columns: npt.NDArray[np.int64]
@@ -212,17 +212,17 @@ def make_range_doppler_payload(
     reason = explain_missing_maps(run)
     if reason is not None:
         return pack({"frames": None, "reason": reason}, {})
-    baseband = run.clean_baseband(gate, changes)
-    analysis = make_frame_analysis(baseband, run.analysis(gate, changes))
+    clean = run.clean_frames(gate, changes)
+    analysis = make_frame_analysis(clean.slow_time, run.analysis(gate, changes))
     wavelength_m = run.require_recording().radar.wavelength_m
-    strongest_v = run.keep(f"strongest, {clutter_key(analysis)}", lambda: find_strongest_v(baseband))
+    strongest_v = run.keep(f"strongest, {clutter_key(analysis)}", lambda: find_strongest_v(clean))
     frames = run.keep(
-        f"frames, {analysis.model_dump_json()}", lambda: plan_frames(baseband, analysis, wavelength_m, strongest_v)
+        f"frames, {analysis.model_dump_json()}", lambda: plan_frames(clean, analysis, wavelength_m, strongest_v)
     )
     if start >= frames.columns.size:
         raise ConfigError(f"from: {start} is not allowed; this recording has frames 0 to {frames.columns.size - 1}")
     wanted = frames.columns[start : start + count]
-    cube = _compute_cube(baseband, analysis, wavelength_m, wanted)
+    cube = _compute_cube(clean, analysis, wavelength_m, wanted)
     levels = level_db(cube.transpose("time", "range", "doppler").values)
     doppler_hz = read_axis(cube, "doppler")
     ranges = describe_axis("range", "m", read_axis(cube, "range"))
@@ -234,8 +234,9 @@ def make_range_doppler_payload(
             levels = np.maximum.reduceat(levels, np.arange(0, levels.shape[dim], block), axis=dim)
             first, step = facts["first"] + (block - 1) / 2 * facts["step"], block * facts["step"]
             facts.update({"first": first, "step": step, "n": levels.shape[dim], "block": block})
-    transform, prf_hz = plan_for(baseband, analysis)
-    times_s = read_axis(baseband, "slow_time")[0] + transform.compute_centre_pulses()[frames.columns] / prf_hz
+    slow_time = clean.slow_time
+    centres = plan_for(slow_time, analysis).compute_centre_pulses()[frames.columns]
+    times_s = slow_time.start_s + centres / slow_time.rate_hz
     header = {
         "time": describe_axis("time", "s", times_s),
         "from": start,
@@ -257,50 +258,50 @@ def explain_missing_maps(run: Run) -> str | None:
     """Return why a run has no range-Doppler maps, or None."""
     if run.recording is None:
         return run.reason
-    baseband = run.recording.baseband
-    if baseband.sizes["range"] < 2:
+    frames = run.recording.frames.find_bursts()
+    if frames.n_bins < 2:
         return ONE_BIN
-    if get_burst_pulses(baseband) is not None:
+    if frames.slow_time.burst_pulses is not None:
         return IN_BURSTS
     try:
-        plan_for(baseband, make_frame_analysis(baseband, run.analysis(None)))
+        plan_for(frames.slow_time, make_frame_analysis(frames.slow_time, run.analysis(None)))
     except AnalysisError as error:
         return str(error)
     return None
 
 
-def make_frame_analysis(baseband: xr.DataArray, analysis: Analysis) -> Analysis:
+def make_frame_analysis(slow_time: SlowTime, analysis: Analysis) -> Analysis:
     """Return the analysis of the frames."""
-    least_s = SLOW_PULSES / sampling_rate_hz(read_axis(baseband, "slow_time"))
+    least_s = SLOW_PULSES / slow_time.rate_hz
     return analysis if analysis.cpi_s >= least_s else analysis.model_copy(update={"cpi_s": least_s})
 
 
-def find_strongest_v(baseband: xr.DataArray) -> float:
+def find_strongest_v(clean: Frames) -> float:
     """Return the largest amplitude of a recording, reading it in tiles."""
-    return max(float(np.abs(values).max()) for _, values in read_tiles(baseband))
+    return max(float(np.abs(values).max()) for _, values in clean.read_tiles())
 
 
-def plan_frames(baseband: xr.DataArray, analysis: Analysis, wavelength_m: float, strongest_v: float) -> Frames:
+def plan_frames(clean: Frames, analysis: Analysis, wavelength_m: float, strongest_v: float) -> ShownFrames:
     """Choose the intervals to show, and common levels.
     The upper limit of the levels is that of all echoes in phase.
     """
-    transform, _ = plan_for(baseband, analysis)
+    transform = plan_for(clean.slow_time, analysis)
     step = math.ceil(transform.n_columns / MOST_FRAMES)
     columns = np.arange(0, transform.n_columns, step)
     looked_at = columns[np.unique(np.linspace(0, columns.size - 1, LOOKED_AT).round().astype(int))]
-    levels = level_db(_compute_cube(baseband, analysis, wavelength_m, looked_at).values)
+    levels = level_db(_compute_cube(clean, analysis, wavelength_m, looked_at).values)
     known = levels[np.isfinite(levels)]
     highest = float(known.max()) if known.size else 0.0
     bound = strongest_v * float(transform.window.sum())
     top = float(power_to_db(bound**2)) if bound > 0 else 0.0
     low, high = shown_range_db(levels, highest)
-    return Frames(columns, (top - DEEPEST_DB, top), (low, high))
+    return ShownFrames(columns, (top - DEEPEST_DB, top), (low, high))
 
 
 def _compute_cube(
-    baseband: xr.DataArray, analysis: Analysis, wavelength_m: float, columns: npt.NDArray[np.int64]
+    clean: Frames, analysis: Analysis, wavelength_m: float, columns: npt.NDArray[np.int64]
 ) -> xr.DataArray:
-    blocks = range_doppler(baseband, analysis, wavelength_m=wavelength_m, columns=columns)
+    blocks = range_doppler(clean.label(), analysis, wavelength_m=wavelength_m, columns=columns)
     return xr.concat(list(blocks), dim="time")
 
 
@@ -313,8 +314,8 @@ def make_sound_wav(run: Run, gate: GateChoice | None, parameters: Mapping[str, s
     channels = parameters.get("channels", get_args(Channels)[0])
     if channels not in get_args(Channels):
         raise ConfigError(f"channels: {channels!r} is not allowed; it must be {' or '.join(get_args(Channels))}")
-    baseband = run.require_recording().baseband
-    silent = explain_silence(baseband)
+    frames = run.require_recording().frames
+    silent = explain_silence(frames)
     if silent is not None:  # independent of the analysis
         raise AnalysisError(silent)
     targets = run.targets(gate, changes)
@@ -322,7 +323,7 @@ def make_sound_wav(run: Run, gate: GateChoice | None, parameters: Mapping[str, s
     limits = targets[number].gate_limits if targets else None
     if limits is None:
         raise AnalysisError(f"{run.name}: there is no target with a gate to listen to")
-    rate_hz, samples = make_doppler_sound(baseband, limits, run.analysis(gate, changes), pitch=pitch, channels=channels)
+    rate_hz, samples = make_doppler_sound(frames, limits, run.analysis(gate, changes), pitch=pitch, channels=channels)
     file = io.BytesIO()
     write_wav(file, rate_hz, samples)
     return file.getvalue()

@@ -17,11 +17,13 @@ import xarray as xr
 from doppelgait import processing
 from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError, DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.frames import Frames
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.pipeline import Result, analyze
-from doppelgait.processing import Analysis, get_burst_pulses, remove_clutter
+from doppelgait.processing import Analysis
+from doppelgait.processing.clutter import clean_frames
 from doppelgait.processing.gate import Gate, GateChoice
-from doppelgait.processing.signature import plan_for
+from doppelgait.processing.signature import compute_signature, plan_for
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.viewer.payload import signature_picture
 from doppelgait.viewer.settings import CHANGEABLE, Changes, Settings
@@ -193,7 +195,7 @@ class Run:
     notes: tuple[str, ...] = ()
     _analyses: dict[tuple[GateChoice, str], Analysed] = field(default_factory=dict, repr=False)
     _kept: dict[str, Any] = field(default_factory=dict, repr=False)
-    _clean: tuple[str, xr.DataArray] | None = field(default=None, repr=False)
+    _clean: tuple[str, Frames] | None = field(default=None, repr=False)
 
     @cached_property
     def recording(self) -> Recording | None:
@@ -234,18 +236,20 @@ class Run:
         """
         analysis = self.analysis(gate, changes)
         facts = {name: getattr(analysis, name) for name in CHANGEABLE}
-        if facts["hop"] is None and self.recording is not None and get_burst_pulses(self.recording.baseband) is None:
+        slow_time = None if self.recording is None else self.recording.frames.slow_time.find_bursts()
+        if facts["hop"] is None and slow_time is not None and slow_time.burst_pulses is None:
             with suppress(AnalysisError):
-                facts["hop"] = plan_for(self.recording.baseband, analysis)[0].hop
+                facts["hop"] = plan_for(slow_time, analysis).hop
         return facts
 
-    def clean_baseband(self, gate: GateChoice | None, changes: Changes = ()) -> xr.DataArray:
-        """Return the baseband without clutter, as it is analysed."""
+    def clean_frames(self, gate: GateChoice | None, changes: Changes = ()) -> Frames:
+        """Return the frames without clutter, as they are analysed."""
         analysis = self.analysis(gate, changes)
         key = clutter_key(analysis)
         if self._clean is None or self._clean[0] != key:  # only one is stored: it may be as large as the recording
             self._clean = None
-            self._clean = key, remove_clutter(self.require_recording().baseband, analysis)
+            frames = self.require_recording().frames.find_bursts()
+            self._clean = key, clean_frames(frames, analysis)
         return self._clean[1]
 
     def keep(self, name: str, make: Callable[[], T]) -> T:
@@ -281,7 +285,7 @@ class Run:
             recording = self.require_recording()
             results = analyze(recording, gate=gate, analysis=done, tracking=self.settings.tracking)
             truths = match_truths(recording, results)
-            clean, wavelength_m = self.clean_baseband(gate, changes), recording.radar.wavelength_m
+            clean, wavelength_m = self.clean_frames(gate, changes), recording.radar.wavelength_m
             return [
                 replace(make_view(result, known), track_picture=track_picture(result, clean, wavelength_m))
                 for result, known in zip(results, truths, strict=True)
@@ -294,15 +298,15 @@ class Run:
         return self._analyses[key]
 
 
-def track_picture(result: Result, clean: xr.DataArray, wavelength_m: float) -> Picture | None:
+def track_picture(result: Result, clean: Frames, wavelength_m: float) -> Picture | None:
     """Encode the signature of a whole track, or None without segments.
     Only the picture is stored, because the array may be as large as those of all segments together.
     """
     if not result.segments:
         return None
     gate = result.gate
-    signature = processing.signature(gate.crop(clean), gate, result.analysis, wavelength_m=wavelength_m)
-    return signature_picture(processing.crop_to_frame(signature)[0], "track")
+    signature = compute_signature(gate.crop(clean), gate, result.analysis, wavelength_m=wavelength_m)
+    return signature_picture(processing.crop_to_frame(signature)[0].label(), "track")
 
 
 def clutter_key(analysis: Analysis) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from doppelgait import __version__
 from doppelgait.core.errors import AnalysisError, ConfigError, RecordingError
 from doppelgait.features import FEATURE_UNITS
-from doppelgait.processing import Analysis, get_burst_pulses
+from doppelgait.processing import Analysis
 from doppelgait.processing.gate import Gate, GateChoice, frame_limits_m
 from doppelgait.radar.recording import Recording
 from doppelgait.viewer.browse import Browser
@@ -101,7 +101,7 @@ def add_other(opened: OpenedSource, path: str | Path, settings: Settings) -> Ope
 
 def can_track(recording: Recording) -> bool:
     """Return True if targets can be tracked."""
-    return recording.n_range_bins > 1 and get_burst_pulses(recording.baseband) is None
+    return recording.n_range_bins > 1 and recording.frames.slow_time.find_bursts().burst_pulses is None
 
 
 def all_ranges_m(recording: Recording) -> tuple[float, float]:

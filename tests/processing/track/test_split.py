@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from doppelgait.core.frames import Frames
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.processing.track import Track, split_tracks
 from doppelgait.processing.track.split import profile_offsets_m, sum_torso_profiles
@@ -39,7 +40,7 @@ def track_of(start_m, speed_mps, times_s=TIMES_S):
 
 
 def divided(clean, *tracks):
-    return split_tracks(tracks, clean, wavelength_m=WAVELENGTH_M, cpi_s=0.1)
+    return split_tracks(tracks, Frames.of(clean), wavelength_m=WAVELENGTH_M, cpi_s=0.1)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1])
@@ -105,7 +106,7 @@ def test_profile_is_the_power_beside_the_track():
     """One echo: a Gaussian of the pulse, the same in every scan; another Doppler is left out."""
     offsets_m = profile_offsets_m()
     clean = echoes((7.0, 1.2, 1.0, 0.0), (7.8, -1.2, 1.0, 0.0))
-    profiles = sum_torso_profiles(clean, track_of(7.0, 1.2), wavelength_m=WAVELENGTH_M, cpi_s=0.1)
+    profiles = sum_torso_profiles(Frames.of(clean), track_of(7.0, 1.2), wavelength_m=WAVELENGTH_M, cpi_s=0.1)
     assert profiles.shape == (TIMES_S.size, offsets_m.size)
     # smeared by the 0.12 m that the body walks in an interval, weighed by the window
     shape = (profiles / profiles.max(axis=1, keepdims=True)).mean(axis=0)

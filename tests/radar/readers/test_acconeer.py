@@ -8,8 +8,7 @@ import pytest
 
 from acconeer_file import subsweep, write_file
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
-from doppelgait.processing import Analysis
-from doppelgait.processing.bursts import burst_signature
+from doppelgait.processing import Analysis, burst_signature
 from doppelgait.radar.readers.acconeer import read_acconeer, sniff_acconeer
 from recording_damage import outcomes
 

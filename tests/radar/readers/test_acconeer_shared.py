@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from doppelgait.processing import Analysis
-from doppelgait.processing.bursts import burst_signature
+from doppelgait.processing import Analysis, burst_signature
 from doppelgait.radar.readers.acconeer import read_acconeer, sniff_acconeer
 
 pytestmark = pytest.mark.shared

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
-from doppelgait.processing import Analysis
-from doppelgait.processing.bursts import burst_signature
+from doppelgait.processing import Analysis, burst_signature
 from doppelgait.radar import read_recording
 from doppelgait.radar.readers.cw_text import read_cw_text, sniff_cw_text
 from recording_damage import outcomes

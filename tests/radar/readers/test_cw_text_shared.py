@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning
-from doppelgait.processing import Analysis
-from doppelgait.processing.bursts import burst_signature
+from doppelgait.processing import Analysis, burst_signature
 from doppelgait.radar.readers.cw_text import read_cw_text, sniff_cw_text
 
 pytestmark = pytest.mark.shared

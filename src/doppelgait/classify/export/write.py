@@ -20,7 +20,7 @@ from doppelgait.classify.learned import Ensemble, FloatArray, Network, join_inpu
 from doppelgait.classify.model import Model
 from doppelgait.classify.model_file import save_model
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.own_folder import check_out, complete_folder
+from doppelgait.core.files import check_out, complete_folder
 from doppelgait.processing.patches import Levels, Patch, levels_of
 
 FORMS = ("c", "numpy", "onnx")

@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
-from doppelgait.core.labels import read_axis, sampling_rate_hz
-from doppelgait.core.lazy import read_pulses
+from doppelgait.core.frames import Frames
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.config import Analysis, Transform
 from doppelgait.processing.detect.config import Detector
@@ -123,31 +121,30 @@ class Maps:
         return float(self.velocity_mps[1] - self.velocity_mps[0])
 
 
-def compute_maps(baseband: xr.DataArray, settings: Detector, *, wavelength_m: float) -> Iterator[Maps]:
+def compute_maps(frames: Frames, settings: Detector, *, wavelength_m: float) -> Iterator[Maps]:
     """Compute maps in blocks of about a minute.
     Each block has its own noise map.
     """
-    hop = max(1, round(settings.hop_s * sampling_rate_hz(read_axis(baseband, "slow_time"))))
+    prf_hz = frames.slow_time.rate_hz
+    hop = max(1, round(settings.hop_s * prf_hz))
     analysis = Analysis(cpi_s=settings.cpi_s, hop=hop, window_steepness=settings.window_steepness)
-    transform, prf_hz = plan_for(baseband, analysis)
+    transform = plan_for(frames.slow_time, analysis)
     doppler_hz = doppler_axis_hz(transform.n_doppler_bins, prf_hz)
-    times_s = read_axis(baseband, "slow_time")[0] + transform.compute_centre_pulses() / prf_hz
+    times_s = frames.slow_time.start_s + transform.compute_centre_pulses() / prf_hz
     n_blocks = math.ceil(transform.n_columns / BLOCK_SCANS)
     for scans in np.array_split(np.arange(transform.n_columns), n_blocks):
-        power = compute_cell_power(baseband, transform, scans)
+        power = compute_cell_power(frames, transform, scans)
         yield Maps(
             time_s=times_s[scans],
             doppler_hz=doppler_hz,
             velocity_mps=doppler_to_velocity_mps(doppler_hz, wavelength_m),
-            range_m=read_axis(baseband, "range"),
+            range_m=frames.range_m,
             power_v2=power,
             floor_v2=estimate_noise_map(power),
         )
 
 
-def compute_cell_power(
-    baseband: xr.DataArray, transform: Transform, scans: npt.NDArray[np.int64]
-) -> npt.NDArray[np.float32]:
+def compute_cell_power(frames: Frames, transform: Transform, scans: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
     """Compute the power of every range-Doppler cell (E-24).
     The power is divided by sum(w^2), so that the mean of white noise is its variance.
     """
@@ -155,17 +152,17 @@ def compute_cell_power(
 
     window = (transform.window / np.sqrt((transform.window**2).sum())).astype(np.float32)[:, None]
     n_doppler, size = transform.n_doppler_bins, window.shape[0]
-    n_bins = baseband.sizes["range"]
+    n_bins = frames.n_bins
     power = np.empty((scans.size, n_doppler, n_bins), dtype=np.float32)
     first_half = n_doppler - n_doppler // 2
     for start in range(0, scans.size, TRANSFORM_SCANS):
         part = scans[start : start + TRANSFORM_SCANS]
-        frames = np.zeros((part.size, n_doppler, n_bins), dtype=np.complex64)
+        intervals = np.zeros((part.size, n_doppler, n_bins), dtype=np.complex64)
         pulses = transform.first_pulse + transform.hop * part
-        values = read_pulses(baseband, pulses[0], pulses[-1] + size)
+        values = frames.read(pulses[0], pulses[-1] + size)
         for row, pulse in enumerate(pulses - pulses[0]):
-            np.multiply(values[pulse : pulse + size], window, out=frames[row, :size])
-        spectrum = fft.fft(frames, axis=1, overwrite_x=True)
+            np.multiply(values[pulse : pulse + size], window, out=intervals[row, :size])
+        spectrum = fft.fft(intervals, axis=1, overwrite_x=True)
         out = power[start : start + part.size]
         _square_values(spectrum[:, :first_half], out[:, n_doppler // 2 :])
         _square_values(spectrum[:, first_half:], out[:, : n_doppler // 2])

@@ -9,10 +9,9 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import BASEBAND, check_signal
+from doppelgait.core.frames import Frames
 from doppelgait.core.units import db_to_power
-from doppelgait.processing.bursts import get_burst_pulses
-from doppelgait.processing.clutter import remove_static_clutter
+from doppelgait.processing.clutter import remove_from_frames
 from doppelgait.processing.common_phase import remove_common_phase
 from doppelgait.processing.detect.cfar import (
     MIN_TRAINING,
@@ -25,7 +24,6 @@ from doppelgait.processing.detect.cluster import Shape, find_clusters, keep_bodi
 from doppelgait.processing.detect.config import Detector
 from doppelgait.processing.detect.maps import Maps, compute_maps, estimate_residue_map, noise_factor
 from doppelgait.processing.detections import Detection, Scan
-from doppelgait.processing.gate import compute_bin_share
 
 FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -78,15 +76,19 @@ def find_scans(
     >>> [round(body.range_m, 1) for body in scans[10].detections]  # ranges of the bodies, m
     [5.5]
     """
-    check_signal(baseband, BASEBAND)
-    chosen = settings or Detector()
-    if get_burst_pulses(baseband) is not None:
+    frames = Frames.of(baseband).find_bursts()
+    return detect_bodies(frames, settings or Detector(), wavelength_m=wavelength_m, in_phase=in_phase)
+
+
+def detect_bodies(frames: Frames, chosen: Detector, *, wavelength_m: float, in_phase: bool = False) -> list[Scan]:
+    """Find bodies in every interval of frames."""
+    if frames.slow_time.burst_pulses is not None:
         raise AnalysisError(
             "detection in a recording with bursts is not supported: a processing interval must not cross a pause; set "
             "the range of the target with --gate 1.2:2.8 (gate=(1.2, 2.8))"
         )
-    steady = baseband if in_phase or chosen.clutter == "none" else remove_common_phase(baseband)
-    moving = remove_static_clutter(steady, kind=chosen.clutter)
+    steady = frames if in_phase or chosen.clutter == "none" else remove_common_phase(frames)
+    moving = remove_from_frames(steady, kind=chosen.clutter)
     scans: list[Scan] = []
     for maps in compute_maps(moving, chosen, wavelength_m=wavelength_m):
         mask, peak = find_cells(maps, chosen)
@@ -96,9 +98,7 @@ def find_scans(
             join_doppler_bins=_round_to_odd(chosen.join_doppler_hz / float(maps.doppler_hz[1] - maps.doppler_hz[0])),
         )
         # neighbouring bins that share noise exceed a threshold together, so that their summed power is higher
-        cells = keep_bodies(
-            cells, peak, maps.power_v2, maps.floor_v2, min_snr=chosen.min_snr / compute_bin_share(baseband)
-        )
+        cells = keep_bodies(cells, peak, maps.power_v2, maps.floor_v2, min_snr=chosen.min_snr / frames.bin_share)
         # clusters of one body are merged, and bodies with too few cells are removed
         shape = measure_shapes(cells, maps.power_v2, maps.floor_v2, box_quantile=chosen.box_quantile)
         group = merge_groups(

@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
-from doppelgait.core.labels import read_axis, sampling_rate_hz
-from doppelgait.core.lazy import read_pulses
+from doppelgait.core.frames import Frames
 from doppelgait.processing.config import gaussian_window
 from doppelgait.processing.track.live import Track
 
@@ -54,12 +52,12 @@ class Ridge:
     deep: npt.NDArray[np.bool_]
 
 
-def sum_torso_profiles(clean: xr.DataArray, found: Track, *, wavelength_m: float, cpi_s: float) -> FloatArray:
+def sum_torso_profiles(clean: Frames, found: Track, *, wavelength_m: float, cpi_s: float) -> FloatArray:
     """Compute the moving power along range around a track.
     Shapes: returns (T, D).
     """
-    times_s, range_m = read_axis(clean, "slow_time"), read_axis(clean, "range")
-    prf_hz = sampling_rate_hz(times_s)
+    times_s, range_m = clean.slow_time.time_s, clean.range_m
+    prf_hz = clean.slow_time.rate_hz
     size = min(max(1, round(cpi_s * prf_hz)), times_s.size)
     window = gaussian_window(size, WINDOW_STEEPNESS)
     slow_s = np.arange(size) / prf_hz
@@ -71,7 +69,7 @@ def sum_torso_profiles(clean: xr.DataArray, found: Track, *, wavelength_m: float
         zip(pulses, found.range_m, found.velocity_mps, strict=True)
     ):
         if number % READ_SCANS == 0:
-            start, read = first, read_pulses(clean, first, int(pulses[number : number + READ_SCANS][-1]) + size)
+            start, read = first, clean.read(first, int(pulses[number : number + READ_SCANS][-1]) + size)
         low, high = np.searchsorted(range_m, [centre_m - REACH_M - STEP_M, centre_m + REACH_M + STEP_M])
         if high - low < 2:
             continue
@@ -127,7 +125,7 @@ def find_ridge(profiles: FloatArray, found: Track, others: Sequence[Track]) -> R
     return Ridge(own_m, other_m, deep)
 
 
-def split_tracks(tracks: Sequence[Track], clean: xr.DataArray, *, wavelength_m: float, cpi_s: float) -> list[Track]:
+def split_tracks(tracks: Sequence[Track], clean: Frames, *, wavelength_m: float, cpi_s: float) -> list[Track]:
     """Divide tracks that follow two bodies.
 
     Bodies that are nearer to each other than the detector's box have one track. The power within 0.35 m/s of the track
@@ -139,7 +137,7 @@ def split_tracks(tracks: Sequence[Track], clean: xr.DataArray, *, wavelength_m: 
     Parameters
     ----------
     tracks : sequence of Track
-    clean : DataArray (slow_time, range)
+    clean : Frames
         Without static clutter.
     wavelength_m, cpi_s : float
 

@@ -1,0 +1,206 @@
+"""Frames of a recording: samples, slow time and range axis, read in tiles.
+
+Every step from synthesis to observation takes and returns frames. A short recording is one tile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core import lazy
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import BASEBAND, check_signal, make_array, read_axis, sampling_rate_hz
+from doppelgait.core.lazy import is_lazy, lazy_rows, read_pulses
+from doppelgait.core.samples import Matrix, Samples
+
+FloatArray = npt.NDArray[np.float64]
+
+SLACK_S = 1e-9
+"""Tolerance for the rounding of pulse times."""
+PAUSE = 1.5
+"""Ratio of a slow-time step to the usual step above which the step is a pause between bursts."""
+
+
+@dataclass(frozen=True, eq=False)
+class SlowTime:
+    """Times of the pulses of a recording, and the only owner of their rate.
+    Shapes: time_s (I,). ``burst_pulses`` is the number of pulses in a burst, None for evenly spaced pulses.
+    """
+
+    time_s: FloatArray
+    burst_pulses: int | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of pulses."""
+        return self.time_s.size
+
+    @property
+    def start_s(self) -> float:
+        """Time of the first pulse."""
+        return float(self.time_s[0])
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last pulse."""
+        return float(self.time_s[-1] - self.time_s[0])
+
+    @cached_property
+    def rate_hz(self) -> float:
+        """Mean pulse rate, pauses between bursts included."""
+        return sampling_rate_hz(self.time_s)
+
+    def find_bursts(self) -> SlowTime:
+        """Count the pulses of a burst from the pauses, where no file or radar states them."""
+        return self if self.burst_pulses is not None else replace(self, burst_pulses=find_burst_pulses(self.time_s))
+
+    def __getitem__(self, pulses: slice) -> SlowTime:
+        return replace(self, time_s=self.time_s[pulses])
+
+    def find_pulses(self, start_s: float, stop_s: float) -> slice:
+        """Return the pulses from ``start_s`` to ``stop_s``, both included."""
+        first, stop = np.searchsorted(self.time_s, [start_s - SLACK_S, stop_s + SLACK_S])
+        return slice(int(first), int(stop))
+
+
+def find_burst_pulses(time_s: FloatArray) -> int | None:
+    """Count the pulses per burst from pauses; None without a pause."""
+    steps = np.diff(time_s)
+    if steps.size < 2 or not (steps > 0).all():
+        return None
+    # The usual step is the shortest third: with two pulses in a burst every other step is a pause.
+    usual = float(np.quantile(steps, 0.3, method="lower"))
+    ends = np.flatnonzero(steps > PAUSE * usual) + 1
+    if not ends.size:
+        return None
+    lengths = np.diff([0, *ends])
+    if (lengths != lengths[0]).any() or time_s.size - ends[-1] > lengths[0]:
+        found = sorted({int(n) for n in (*lengths, time_s.size - ends[-1])})
+        raise AnalysisError(
+            f"the bursts of this recording have different lengths ({', '.join(map(str, found))} pulses); pulses are "
+            "missing or burst_pulses must be given"
+        )
+    return int(lengths[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Complex samples (pulse, bin) with their slow time and range axis.
+    Shapes: range_m (N,); a radar without range has one bin. ``facts`` are further facts of the samples.
+    """
+
+    samples: Samples
+    slow_time: SlowTime
+    range_m: FloatArray
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, baseband: xr.DataArray | Frames) -> Frames:
+        """Remove the labels of a baseband; frames are returned unchanged."""
+        if isinstance(baseband, Frames):
+            return baseband
+        check_signal(baseband, BASEBAND)
+        shape = (baseband.shape[0], baseband.shape[1])
+        samples = (
+            Samples.stored(shape, partial(read_pulses, baseband)) if is_lazy(baseband) else Samples(baseband.values)
+        )
+        facts = {name: value for name, value in baseband.attrs.items() if name != "units"}
+        burst = facts.get("burst_pulses")
+        slow_time = SlowTime(read_axis(baseband, "slow_time"), None if burst is None else int(burst))
+        return cls(samples, slow_time, read_axis(baseband, "range"), facts)
+
+    def label(self, facts: Mapping[str, Any] | None = None) -> xr.DataArray:
+        """Make the labelled array; values that are not in memory are read at every access."""
+        values: Any = self.matrix.view() if self.samples.in_memory else lazy_rows(self.shape, self.samples.rows)
+        if self.samples.in_memory:
+            values.flags.writeable = False
+        coords = {"slow_time": self.slow_time.time_s, "range": self.range_m}
+        return make_array(BASEBAND, values, coords, self.facts if facts is None else facts)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Pulses and range bins."""
+        return self.samples.shape
+
+    @property
+    def n_pulses(self) -> int:
+        """Number of pulses, I."""
+        return self.samples.shape[0]
+
+    @property
+    def n_bins(self) -> int:
+        """Number of range bins, N."""
+        return self.samples.shape[1]
+
+    @property
+    def bin_share(self) -> float:
+        """Independent noise values per range bin; below 1 if a window over the sweep correlates bins."""
+        return float(self.facts.get("independent_bin_share", 1.0))
+
+    @cached_property
+    def matrix(self) -> Matrix:
+        """All values as one matrix (pulse, bin)."""
+        return self.samples.matrix
+
+    def read(self, first: int, stop: int) -> Matrix:
+        """Return the values of some pulses."""
+        return self.matrix[first:stop] if self.samples.in_memory else self.samples.rows(first, stop)
+
+    def read_tiles(self, multiple: int = 1) -> Iterator[tuple[int, Matrix]]:
+        """Yield the first pulse and the values of every tile.
+        Every tile except the last has a number of pulses that ``multiple`` divides.
+        """
+        size = self.count_tile_pulses(multiple)
+        for first in range(0, self.n_pulses, size):
+            yield first, self.read(first, min(first + size, self.n_pulses))
+
+    def count_tile_pulses(self, multiple: int = 1) -> int:
+        """Return the number of pulses of a tile, a multiple of ``multiple`` or the whole recording."""
+        return self.n_pulses if self.is_short else max(lazy.LONG_PULSES // multiple, 1) * multiple
+
+    @property
+    def is_short(self) -> bool:
+        """True if all pulses are one tile."""
+        return self.n_pulses <= lazy.LONG_PULSES
+
+    def find_bursts(self) -> Self:
+        """Count the pulses of a burst from the pauses, where they are not stated."""
+        return replace(self, slow_time=self.slow_time.find_bursts())
+
+    def with_samples(self, samples: Samples) -> Self:
+        """Return the frames with other samples of the same shape."""
+        return replace(self, samples=samples)
+
+    def map_tiles(self, change: Callable[[Matrix, int], Matrix]) -> Self:
+        """Apply a function of values and first pulse; more than one tile is changed on demand."""
+        if self.is_short:
+            return self.with_samples(Samples(change(self.matrix, 0)))
+        return self.with_samples(Samples.stored(self.shape, lambda first, stop: change(self.read(first, stop), first)))
+
+    def take_pulses(self, pulses: slice) -> Self:
+        """Return some pulses."""
+        first, stop, _ = pulses.indices(self.n_pulses)
+        stop = max(first, stop)
+        if self.samples.in_memory or stop - first <= lazy.LONG_PULSES:
+            samples = Samples(self.read(first, stop))
+        else:
+            shape = (stop - first, self.n_bins)
+            samples = Samples.stored(shape, lambda low, high: self.samples.rows(first + low, first + high))
+        return replace(self, samples=samples, slow_time=self.slow_time[pulses])
+
+    def take_bins(self, bins: slice) -> Self:
+        """Return some range bins."""
+        range_m = self.range_m[bins]
+        if self.samples.in_memory:
+            samples = Samples(self.matrix[:, bins])
+        else:
+            shape = (self.n_pulses, range_m.size)
+            samples = Samples.stored(shape, lambda low, high: self.samples.rows(low, high)[:, bins])
+        return replace(self, samples=samples, range_m=range_m)
