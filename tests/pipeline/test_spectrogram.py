@@ -6,7 +6,6 @@ import json
 import sys
 from collections.abc import Iterator
 from importlib import import_module
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -217,22 +216,8 @@ def test_study_turns_the_axis_of_the_runner(study: ModuleType) -> None:
     assert float(mu.velocity[int(mu.values[5].argmax())]) == pytest.approx(4.6 - 9.2 * 239 / 256 + 9.2)
 
 
-def test_study_marks_the_fastest_moments(study: ModuleType) -> None:
-    level_db = np.clip(walker_db(torso_hz=82.0, step_hz=1.9), -30.0, -10.0)
-    mu = signature_of(level_db, floor_db=-30.0)
-    times_s = study.step_times_s(analyze_signature(mu, make_level_gate(mu), ANALYSIS, label=None))
-    fastest = (np.arange(1, 7) + 0.5) / 1.9  # 1 - cos is largest half a period after 0
-    np.testing.assert_allclose([times_s[np.abs(times_s - t).argmin()] for t in fastest], fastest, atol=0.03)
-    assert times_s.size == pytest.approx((TIME_S[-1] - TIME_S[0]) * 1.9, abs=1)
-
-
 def test_study_counts_agreement(study: ModuleType) -> None:
     tally = study.Tally()
     for found, wanted in ((1.04, 1.0), (-1.09, -1.0), (2.1, 1.0), (0.5, 1.0), (1.0, -1.0), (None, 1.0), (1.0, None)):
         tally.add(found, wanted)
     assert tally.cells() == "1/6 | 2/6 | 2/6"
-
-
-def test_study_names_missing_data(study: ModuleType, tmp_path: Path) -> None:
-    with pytest.raises(SystemExit, match=r"decoded_levels\.npz: not there"):
-        study.main(tmp_path, tmp_path / "out")
