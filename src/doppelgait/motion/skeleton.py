@@ -1,4 +1,4 @@
-"""Body parts of known markers and joints, and the height of a body from them (E-01).
+"""Body parts of known markers and joints. Also the height of a body from them (E-01).
 
 There are two kinds of names. :data:`PERSON_WORDS` and :data:`ANIMAL_WORDS` contain markers, and joints with the name of
 the joint (knee, wrist) or of the bone that ends there (femur, humerus in ASF/AMC). Joints of BVH skeletons have the

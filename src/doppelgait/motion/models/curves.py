@@ -1,4 +1,4 @@
-"""Mean curves of people and dogs over a cycle, measured on recordings (``curves.toml``).
+"""Mean curves of people and dogs over a cycle. Measured on recordings (``curves.toml``).
 
 Curves of people describe trunk, ankle and foot as a function of speed. They are means of half of the recorded subjects
 (``studies/motion_curves.py`` tests them on the other half). Each value is linear in the inverse of the dimensionless
@@ -109,7 +109,7 @@ def _find_harmonics(gait: str, name: PersonCurve) -> tuple[npt.NDArray[np.comple
 
 
 def _transform(samples: list[float], count: int) -> npt.NDArray[np.complex128]:
-    """Return the first harmonics of 20 samples over a cycle, or of 10 over half of it."""
+    """Return the first harmonics of samples over a cycle. 20 samples, or 10 over half of it."""
     harmonics = np.fft.rfft(np.tile(samples, 20 // len(samples)))[:count] / 10
     harmonics[0] /= 2
     return harmonics

@@ -1,4 +1,4 @@
-"""Tables of markers: TRC files (Motion Analysis, OpenSim), and csv, tsv or ACCAD text.
+"""Tables of markers: TRC files, and csv, tsv or ACCAD text.
 
 A TRC file starts with five header lines. The first row of other tables holds names, and each
 further row the coordinates of one frame.

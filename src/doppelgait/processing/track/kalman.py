@@ -63,7 +63,7 @@ def make_constant_velocity_model(interval_s: float, *, acceleration_noise_m2ps3:
 
 
 def make_resting_model(interval_s: float, *, time_constant_s: float, velocity_sd_mps: float) -> Model:
-    """Build the model of a resting body: its velocity is an Ornstein-Uhlenbeck process around 0.
+    """Build the model of a resting body. Its velocity is an Ornstein-Uhlenbeck process around 0.
     With a = exp(-dt/tau), Q = s^2 [[tau^2 (2 dt/tau - 3 + 4 a - a^2), -tau (1 - a)^2], [., 1 - a^2]].
     """
     tau, variance = time_constant_s, velocity_sd_mps**2

@@ -188,7 +188,7 @@ def slab_reflection(
 def slab_transmission(
     cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float, wavelength_m: float, mode: Mode
 ) -> ComplexArray:
-    """Compute the transmission coefficient of a slab in air, with all internal reflections (ITU-R P.2040)."""
+    """Compute the transmission coefficient of a slab in air. With all internal reflections (ITU-R P.2040)."""
     # (1 - r^2) exp(-jq) / (1 - r^2 exp(-2jq)): field at the back face to that opposite on the front
     # face
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
