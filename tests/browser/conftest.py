@@ -6,7 +6,6 @@ import os
 import queue
 import shutil
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -28,7 +27,6 @@ ARGUMENTS = (
 NO_BROWSER = "no chromium on the PATH: install it (apt install chromium) or name it in CHROMIUM"
 NO_DRIVER = "playwright is not installed: pip install 'doppelgait[test]'"
 START_S = 60.0
-START = "from doppelgait.cli.app import main; main()"
 
 Serve = Callable[..., str]
 
@@ -59,7 +57,7 @@ def browser() -> Iterator[Any]:
 @contextmanager
 def viewer(*arguments: str) -> Iterator[str]:
     """``doppelgait view ARGUMENTS --no-browser`` in a process of its own; gives the address that it prints."""
-    command = [sys.executable, "-c", START, "view", *arguments, "--no-browser"]
+    command = [*processes.COMMAND, "view", *arguments, "--no-browser"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with processes.started(command, **pipes) as process:
         lines: queue.Queue[str] = queue.Queue()

@@ -6,7 +6,6 @@ import json
 import re
 import signal
 import subprocess
-import sys
 
 import pytest
 from playwright.sync_api import expect
@@ -19,7 +18,6 @@ from doppelgait.radar import Radar
 from doppelgait.radar.frames import write_frames
 from doppelgait.scene import Scene, Target
 
-START = "from doppelgait.cli.app import main; main()"
 SLOW = 60_000
 COLOURS = """(id) => {
   const canvas = document.getElementById(id);
@@ -37,8 +35,8 @@ def walk(tmp_path_factory):
 
 
 def test_a_stream_is_shown_and_stays_after_its_end(walk, page, tmp_path):
-    alone = processes.run([sys.executable, "-c", START, "live", str(walk)], capture_output=True, text=True)
-    command = [sys.executable, "-c", START, "live", str(walk), "--view", "--no-browser"]
+    alone = processes.run([*processes.COMMAND, "live", str(walk)], capture_output=True, text=True)
+    command = [*processes.COMMAND, "live", str(walk), "--view", "--no-browser"]
     with (
         (tmp_path / "lines").open("w") as lines,
         processes.started(command, stdout=lines, stderr=subprocess.PIPE, text=True) as process,

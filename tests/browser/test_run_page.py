@@ -270,13 +270,6 @@ def test_the_scene_turns_zooms_and_names_what_is_under_the_mouse(page: Any, url:
     assert float(found.group(2)) == pytest.approx(np.linalg.norm(place - [0, 0, 1]), abs=0.02)
 
 
-def test_fits_a_narrow_window(page: Any, url: str) -> None:
-    page.set_viewport_size({"width": 400, "height": 800})
-    opened(page, url)
-    assert page.evaluate("document.documentElement.scrollWidth") <= 400
-    assert page.locator("#canvas-signature").bounding_box()["width"] > 350
-
-
 SEGMENTS = [[0.0, 1.0], [1.2, 2.4]]
 FLAGS = {
     "harmonic_ratio_2:no_peak_6_db_above_its_surroundings": "second harmonic ratio: "

@@ -350,6 +350,7 @@ def test_the_picture_comes_first_in_a_narrow_window(page: Any, url: str) -> None
     play = page.locator("#play").bounding_box()
     assert play["y"] + play["height"] <= 800, "the time is out of sight"
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    assert page.locator("#canvas-signature").bounding_box()["width"] > 350
 
 
 def test_range_doppler_has_the_levels_of_its_frame(page: Any, url: str) -> None:

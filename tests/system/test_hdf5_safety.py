@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 
 import h5py
@@ -131,8 +132,6 @@ def test_groups_that_hold_themselves_and_names_with_slashes(tmp_path):
     ({"config": {"classes": [{"label": "a", "examples": "x"}], "dataset": {}}}, "numbers of examples"),
 ])  # fmt: skip
 def test_a_damaged_description_is_named(copy, changes, words):
-    import json
-
     description = json.loads((copy / "dataset.json").read_text())
     description = {key: value for key, value in {**description, **changes}.items() if value is not None}
     (copy / "dataset.json").write_text(json.dumps(description))

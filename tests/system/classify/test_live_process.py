@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
-import sys
 import threading
 
 import pytest
@@ -17,8 +16,6 @@ from doppelgait.pipeline import simulate
 from doppelgait.radar import Radar
 from doppelgait.radar.frames import END_RECORD, write_frames
 from doppelgait.scene import Scene, Target
-
-PROGRAM = "from doppelgait.cli.app import main; main()"
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +35,7 @@ def growing(tmp_path_factory):
 )
 def test_the_log_holds_whole_lines_however_it_ends(growing, tmp_path, ends):
     options = ["--timeout-s", "100", "--log", str(tmp_path / "log")]
-    command = [sys.executable, "-c", PROGRAM, "live", str(growing), *options]
+    command = [*processes.COMMAND, "live", str(growing), *options]
     with processes.started(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         limit = threading.Timer(processes.LIMIT_S, process.kill)
         limit.start()

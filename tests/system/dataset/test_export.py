@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import errno
-import hashlib
 import io
 import json
 import resource
@@ -79,7 +78,7 @@ def test_parquet_of_features(dataset, tmp_path):
     assert schema.equals(pq.read_schema(tmp_path / "out" / "test.parquet"))
 
 
-def test_parquet_with_arrays(dataset, tmp_path, monkeypatch):
+def test_parquet_with_arrays(dataset, tmp_path):
     fields = ["signature", "baseband", "truth_range_m"]
     export_dataset(dataset, tmp_path / "out", form={"kind": "parquet", "rows_per_group": 4}, fields=fields)
     table = pq.read_table(tmp_path / "out" / "test.parquet")
@@ -114,7 +113,7 @@ def members(path):
         return {m.name: tar.extractfile(m).read() for m in tar.getmembers()}
 
 
-def test_webdataset_by_plain_tarfile(dataset, tmp_path, monkeypatch):
+def test_webdataset_by_plain_tarfile(dataset, tmp_path):
     export_dataset(dataset, tmp_path / "out", form={"kind": "webdataset", "examples_per_tar": 4})
     assert sorted(p.name for p in (tmp_path / "out").glob("*.tar")) == [
         "test-000000.tar", "test-000001.tar", "train-000000.tar", "train-000001.tar",
@@ -130,15 +129,6 @@ def test_webdataset_by_plain_tarfile(dataset, tmp_path, monkeypatch):
         found = json.loads(files[f"{example.id}.json"])
         assert found == row | {"class_number": {"human": 0, "dog": 1}[example.label]}
         assert files[f"{example.id}.cls"] == str(found["class_number"]).encode()
-
-
-def test_webdataset_gives_the_same_bytes_again(dataset, tmp_path):
-    hashes = []
-    for name in ("one", "two"):
-        export_dataset(dataset, tmp_path / name, form="webdataset", fields=["signature"])
-        content = b"".join(path.read_bytes() for path in sorted((tmp_path / name).glob("*.tar")))
-        hashes.append(hashlib.sha256(content).hexdigest())
-    assert hashes[0] == hashes[1]
 
 
 def test_webdataset_by_its_own_package(dataset, tmp_path):
@@ -163,7 +153,7 @@ def test_names_of_files_are_unique_and_have_one_dot_less():
 # ---- zarr
 
 
-def test_zarr_by_xarray(dataset, tmp_path, monkeypatch):
+def test_zarr_by_xarray(dataset, tmp_path):
     pytest.importorskip("zarr")
     import xarray as xr
 
@@ -324,9 +314,6 @@ def test_interrupted_export_leaves_nothing(dataset, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         export_dataset(dataset, tmp_path / "out", form="webdataset", on_progress=stop)
     assert not list(tmp_path.iterdir())
-
-
-def test_folder_that_cannot_be_made(dataset, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot be written"):
         export_dataset(dataset, tmp_path / "file" / "out", form="csv")
@@ -416,20 +403,17 @@ def test_a_broken_exporter_is_caught(dataset, tmp_path, register, fault, says):
 # ---- licences
 
 
-@pytest.mark.parametrize("licence", ["CC-BY-NC-4.0", "", "for research only"])
+@pytest.mark.parametrize("licence", ["CC-BY-NC-4.0", "", "for research only", "CC-BY-4.0"])
 def test_release_is_refused_by_name(dataset, tmp_path, licence):
-    blocked = changed(dataset, tmp_path / "copy", 1, source="recording", recording="dogs/rex.bvh", licence=licence)
+    recorded = changed(dataset, tmp_path / "copy", 1, source="recording", recording="dogs/rex.bvh", licence=licence)
+    if licence == "CC-BY-4.0":
+        refuse_unreleasable(recorded)
+        return
     named = licence or "licence unknown"
     with pytest.raises(DatasetError, match=rf"cannot be released, .*: dogs/rex.bvh \({named}\); state"):
-        export_dataset(blocked, tmp_path / "out", form="csv", release=True)
-    export_dataset(blocked, tmp_path / "out", form="csv")
+        export_dataset(recorded, tmp_path / "out", form="csv", release=True)
+    export_dataset(recorded, tmp_path / "out", form="csv")
     assert (tmp_path / "out" / "index.csv").is_file()
-
-
-def test_release_of_models_and_free_recordings(dataset, tmp_path):
-    refuse_unreleasable(dataset)
-    free = changed(dataset, tmp_path / "copy", 1, source="recording", recording="dogs/rex.bvh", licence="CC-BY-4.0")
-    refuse_unreleasable(free)
 
 
 def test_release_counts_everybody_in_a_scene(mixed, tmp_path):

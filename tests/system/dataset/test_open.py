@@ -80,22 +80,16 @@ def test_example_is_what_h5py_reads_with_the_librarys_labels(folder, dataset):
         assert example.row["snr_frame_db"] == index["snr_frame_db"][number]
 
 
-def test_signature_and_features_fit_together(dataset):
+def test_examples_come_in_order_fit_their_features_and_go_into_the_figures(dataset):
     """The strongest Doppler row of a stored signature is near the torso's, so row and array belong together."""
+    assert [example.id for example in dataset] == list(dataset.index["id"])
     for example in dataset:
         power = example.signature.mean("time")
         strongest_hz = float(power.doppler.values[power.values.argmax()])
         assert strongest_hz == pytest.approx(example.row["torso_doppler_hz"], abs=25.0)
-
-
-def test_example_goes_into_the_figures_unchanged(dataset):
-    example = dataset.example(0)
-    for figure in (
-        viz.signature(example.signature),
-        viz.cadence_map(example.cadence_map),
-        viz.range_time(example.baseband),
-    ):
-        assert figure.axes
+    assert viz.signature(example.signature).axes
+    assert viz.cadence_map(example.cadence_map).axes
+    assert viz.range_time(example.baseband).axes
 
 
 def test_half_precision_and_hop_are_undone(mixed):
@@ -132,10 +126,6 @@ def test_radar_that_no_plan_tells(description):
         read_radar(description, row)
     assert np.isnan(read_carrier_hz(description, row))
     assert read_carrier_hz(description, row | {"carrier_hz": 24e9}) == 24e9
-
-
-def test_iteration_gives_every_example_in_order(dataset):
-    assert [example.id for example in dataset["test"]] == list(dataset["test"].index["id"])
 
 
 def test_missing_arrays_are_left_out_and_named():
@@ -202,16 +192,6 @@ def test_undetermined_features_are_nan(dataset):
     assert np.array_equal(np.isnan(column), flagged.to_numpy())
 
 
-def test_scikit_learn_takes_them(dataset):
-    from sklearn.model_selection import GroupKFold, cross_val_score
-    from sklearn.neighbors import KNeighborsClassifier
-
-    X, y, groups = dataset.features(["feature_torso_velocity_mps", "feature_doppler_bandwidth_hz"])
-    scores = cross_val_score(KNeighborsClassifier(3), X, y, groups=groups, cv=GroupKFold(3))
-    assert scores.shape == (3,)
-    assert np.isfinite(scores).all()
-
-
 def test_extended_features_hold_nothing_that_only_a_simulation_knows(dataset):
     found = dataset.features("extended")
     names = [name for name in dataset.index.columns if name.startswith("extended_")]
@@ -231,21 +211,6 @@ def test_named_columns(dataset):
     )
     assert found.units == ("dB", "deg", "m^2")
     assert parse_unit("extended_limb_share") == "1"
-
-
-@pytest.mark.parametrize(
-    ("names", "message"),
-    [
-        (["truth_aspct_deg"], "no column 'truth_aspct_deg'; near in spelling: truth_aspect_deg"),
-        (["x"], "no column 'x'.*; dataset.index.columns lists all"),
-        (["label"], "label: holds .* values, which are not features"),
-        ("seven", "'seven' is not allowed; it must be 'six', 'extended' or a list"),
-        ([], "is not allowed"),
-    ],
-)
-def test_wrong_feature_names(dataset, names, message):
-    with pytest.raises(DatasetError, match=message):
-        dataset.features(names)
 
 
 def test_rows_without_flags(dataset):
@@ -272,32 +237,27 @@ def test_select(dataset):
 
 
 @pytest.mark.parametrize(
-    ("query", "message"),
+    ("read", "argument", "message"),
     [
-        ("truth_aspct_deg < 30", "no column 'truth_aspct_deg'; near in spelling: truth_aspect_deg"),
-        ("label ==", "is no query"),
-        ("label < 3", "is no query"),
-        ("truth_range_m + 1", "is no condition"),
-        ("label = 'dog'", "is no query: invalid syntax; allowed are"),
-        ("", "is no query"),
+        ("select", "truth_aspct_deg < 30", "no column 'truth_aspct_deg'; near in spelling: truth_aspect_deg"),
+        ("select", "label ==", "is no query"),
+        ("select", "label < 3", "is no query"),
+        ("select", "truth_range_m + 1", "is no condition"),
+        ("select", "label = 'dog'", "is no query: invalid syntax; allowed are"),
+        ("select", "", "is no query"),
+        ("__getitem__", "validation", "no split 'validation'; there are test, train"),
+        ("__getitem__", "humn-000001", "neither .* here; the splits are train, test; near in spelling: human-000001"),
+        ("__getitem__", 3, "neither a split nor the id"),
+        ("features", ["truth_aspct_deg"], "no column 'truth_aspct_deg'; near in spelling: truth_aspect_deg"),
+        ("features", ["x"], "no column 'x'.*; dataset.index.columns lists all"),
+        ("features", ["label"], "label: holds .* values, which are not features"),
+        ("features", "seven", "'seven' is not allowed; it must be 'six', 'extended' or a list"),
+        ("features", [], "is not allowed"),
     ],
 )
-def test_wrong_query_is_one_error(dataset, query, message):
+def test_wrong_queries_keys_and_names_are_one_error(dataset, read, argument, message):
     with pytest.raises(DatasetError, match=message):
-        dataset.select(query)
-
-
-@pytest.mark.parametrize(
-    ("key", "message"),
-    [
-        ("validation", "no split 'validation'; there are test, train"),
-        ("humn-000001", "neither .* here; the splits are train, test; near in spelling: human-000001"),
-        (3, "neither a split nor the id"),
-    ],
-)
-def test_wrong_key(dataset, key, message):
-    with pytest.raises(DatasetError, match=message):
-        dataset[key]
+        getattr(dataset, read)(argument)
 
 
 # ---- versions and damage

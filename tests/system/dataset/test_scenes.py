@@ -23,7 +23,7 @@ from doppelgait.dataset.shard import BuildContext, build_planned, build_shard
 from doppelgait.dataset.shard_files import decode
 from doppelgait.dataset.verify import verify_dataset
 from doppelgait.features import measure_columns
-from doppelgait.motion import readers
+from doppelgait.motion import boulic_walk, readers
 from doppelgait.pipeline import run_simulation
 from doppelgait.radar import Radar
 
@@ -178,8 +178,6 @@ def test_the_fair_report_plan_passes_verify(tmp_path):
 
 
 def write_take(path, *, speed_mps, duration_s=5.0):
-    from doppelgait.motion.models import boulic_walk
-
     motion = boulic_walk(speed_mps=speed_mps, duration_s=duration_s)
     names = [f"{m}_{a}_m" for m in motion.markers for a in "xyz"]
     table = np.column_stack([motion.time_s, motion.position_m.reshape(motion.time_s.size, -1)])
@@ -226,26 +224,19 @@ def test_hybrids_are_the_same_bytes_with_any_number_of_workers(walks):
 
 
 @pytest.mark.parametrize(
-    ("options", "error", "says"),
+    ("options", "says"),
     [
-        ({"path": "runs"}, ConfigError, r"classes\.0\.motion\.path: 'runs' is not allowed: there is no such folder"),
-        ({"patern": "*"}, ConfigError, r"patern: unknown key; allowed are .*pattern"),
-        (
-            {"pattern": "*.txt"},
-            DatasetError,
-            r"has no straight segment of gait .* in 1 files: .*not a supported motion format",
-        ),
-        ({"min_duration_s": 50}, DatasetError, r"has no straight segment of gait"),
+        ({"path": "runs"}, r"classes\.0\.motion\.path: 'runs' is not allowed: there is no such folder"),
+        ({"patern": "*"}, r"patern: unknown key; allowed are .*pattern"),
+        ({"pattern": "*.txt"}, r"has no straight segment of gait .* in 1 files: .*not a supported motion format"),
+        ({"min_duration_s": 50}, r"has no straight segment of gait"),
+        ({"scene": {}}, r"scene\.duration_s: null is not allowed with a folder"),
     ],
 )
-def test_wrong_folders_are_refused(walks, options, error, says):
-    with pytest.raises(error, match=says):
-        plan_dataset(folder_plan(**options), folder=walks)
-
-
-def test_a_folder_needs_a_duration(walks):
-    config = folder_plan().model_copy(update={"scene": {}})
-    with pytest.raises(ConfigError, match=r"scene\.duration_s: null is not allowed with a folder"):
+def test_wrong_folders_are_refused(walks, options, says):
+    config = folder_plan(**{key: value for key, value in options.items() if key != "scene"})
+    config = config.model_copy(update={key: value for key, value in options.items() if key == "scene"})
+    with pytest.raises((ConfigError, DatasetError), match=says):
         plan_dataset(config, folder=walks)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
+import runpy
 import sys
 
 import pytest
@@ -116,20 +116,13 @@ def test_a_constant_has_the_words_below_its_assignment():
     assert words_of_constant("TYPICAL_RCS_M2", TYPICAL_RCS_M2)[0].startswith("Mean total cross section of a person")
 
 
-def check_links():
-    spec = importlib.util.spec_from_file_location("check_links", DOCS / "check_links.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.check
-
-
 def test_the_link_check_finds_what_is_broken(tmp_path):
     (tmp_path / "a.html").write_text(
         '<h1 id="top">A</h1><a href="b.html#here">1</a><a href="#top">2</a><a href="https://example.org/x">3</a>'
         '<a href="b.html#gone">4</a><a href="c.html">5</a><a href="#nowhere">6</a><script src="https://cdn/x.js"></script>'
     )
     (tmp_path / "b.html").write_text('<p id="here">B</p><img src="a.html"><img src="data:image/png;base64,AA==">')
-    wrong, pages = check_links()(tmp_path)
+    wrong, pages = runpy.run_path(str(DOCS / "check_links.py"))["check"](tmp_path)
     assert len(pages) == 2
     assert sorted(wrong) == [
         "a.html: #nowhere: no such place in that page",

@@ -105,10 +105,7 @@ def trickle(client, byte):
     """Send byte after byte until the connection is closed, and give what came."""
     got = []
 
-    def read():
-        got.append(all_of(client))
-
-    reader = threading.Thread(target=read, daemon=True)
+    reader = threading.Thread(target=lambda: got.append(all_of(client)), daemon=True)
     reader.start()
 
     def ended():

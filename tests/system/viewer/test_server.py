@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -19,14 +20,12 @@ import processes
 pytest.importorskip("starlette")
 pytest.importorskip("uvicorn")
 
-from typer.testing import CliRunner
-
+from command import run
 from dataset_plans import put_index
 from doppelgait.cli.output import explain_reader_options
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, RecordingError
 from doppelgait.dataset import open_dataset
 from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
-from doppelgait.processing import Gate
 from doppelgait.radar import read_recording, write_recording, write_sigmf
 from doppelgait.viewer import server
 from doppelgait.viewer.settings import parse_number, parse_parameters, parse_settings, parse_whole
@@ -155,7 +154,6 @@ def test_parameters_of_a_dataset_are_checked(dataset, path):
 
 def test_values_are_checked():
     assert parse_parameters([("a", "1")], ["a", "b"]) == {"a": "1"}
-    assert Gate.parse("1.5:2") == (1.5, 2.0)
     assert parse_number("p", "2e1", least=0, most=20) == 20.0
     assert parse_whole({}, "n", 3, least=0, most=5) == 3
     for bad in ("", "٣", "+1", "1_0", " 1", "6"):
@@ -233,9 +231,7 @@ def test_address_is_this_computer_alone_and_ports_are_not_shared():
 
 
 def test_missing_packages_are_named(monkeypatch):
-    import importlib.util
-
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(DoppelgaitError, match=r"doppelgait\[viewer\]"):
         server.serve(None)
 
@@ -243,8 +239,7 @@ def test_missing_packages_are_named(monkeypatch):
 def test_command_prints_the_address_and_ends_when_interrupted(files):
     import urllib.request
 
-    start = "from doppelgait.cli.app import main; main()"
-    command = [sys.executable, "-c", start, "view", str(files / "walk.h5"), "--gate", "truth", "--no-browser"]
+    command = [*processes.COMMAND, "view", str(files / "walk.h5"), "--gate", "truth", "--no-browser"]
     with processes.started(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         url = process.stdout.readline().strip()
         assert len(url.split("/")[-2]) >= 32
@@ -277,7 +272,7 @@ told.with_suffix(".part").rename(told)
 )
 def test_the_secret_is_not_on_the_command_line_of_the_browser(files, tmp_path, command, ended_by, status):
     (tmp_path / "browser.py").write_text(BROWSER)
-    line = [sys.executable, "-c", "from doppelgait.cli import main; main()", command, str(files / "walk.h5")]
+    line = [*processes.COMMAND, command, str(files / "walk.h5")]
     line += ["--view"] if command == "live" else []
     told = tmp_path / "told.json"
     environment = {**os.environ, "BROWSER": f"{sys.executable} {tmp_path / 'browser.py'} {told} %s"}
@@ -313,38 +308,15 @@ def test_the_viewer_goes_on_where_no_file_can_be_written(monkeypatch, capsys):
     ("options", "named"), [(["--port", "8000"], "--port 8000"), (["--no-browser"], "--no-browser")]
 )
 def test_options_of_the_page_are_refused_without_it(options, named):
-    from doppelgait.cli.app import app
-
-    found = CliRunner().invoke(app, ["live", "nothing.h5", *options])
-    assert isinstance(found.exception, ConfigError)
-    assert str(found.exception).startswith(f"{named}: has no effect without --view")
+    with pytest.raises(ConfigError, match=f"^{named}: has no effect without --view"):
+        run("live", "nothing.h5", *options)
 
 
 def test_command_says_what_is_wrong_before_it_starts(files):
-    from typer import Typer
-
-    from doppelgait.cli.view import view
-
-    app = Typer()
-    app.command()(view)
-    cases = {
-        "no truth": ["--gate", "truth"],
-        "no such file": [],
-    }
-    (files / "bare.h5").unlink(missing_ok=True)
-    for match, options in cases.items():
-        path = files / "bare.h5" if match == "no such file" else _without_truth(files)
-        found = CliRunner().invoke(app, [str(path), *options])
-        assert isinstance(found.exception, DoppelgaitError)
-        assert match in str(found.exception)
-
-
-def _without_truth(files):
-    from dataclasses import replace
-
-    path = files / "untold.h5"
-    write_recording(replace(read_recording(files / "walk.h5"), truth=()), path)
-    return path
+    write_recording(replace(read_recording(files / "walk.h5"), truth=()), files / "untold.h5")
+    for says, words in (("no truth", ("untold.h5", "--gate", "truth")), ("no such file", ("bare.h5",))):
+        with pytest.raises(DoppelgaitError, match=says):
+            run("view", files / words[0], *words[1:])
 
 
 def test_readers_ask_for_options_in_the_words_of_the_command(files):
@@ -355,12 +327,9 @@ def test_readers_ask_for_options_in_the_words_of_the_command(files):
     told["global"] = {key: value for key, value in told["global"].items() if "doppelgait" not in key}
     told["captures"] = [{"core:sample_start": 0}]
     place.write_text(json.dumps(told))
-    from doppelgait.cli.app import app
-
-    for command in (["view"], ["analyze"], ["listen", "-o", str(files / "a.wav")]):
-        found = CliRunner().invoke(app, [command[0], str(place), *command[1:]])
-        assert isinstance(found.exception, RecordingError), found.output
-        assert "; here: --option carrier_hz=..." in str(found.exception), command
+    for command, *words in (["view"], ["analyze"], ["listen", "-o", files / "a.wav"]):
+        with pytest.raises(RecordingError, match="; here: --option carrier_hz="):
+            run(command, place, *words)
 
 
 @pytest.mark.parametrize(

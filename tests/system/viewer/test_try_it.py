@@ -17,6 +17,7 @@ from doppelgait.viewer.try_controls import Limit, list_controls
 from doppelgait.viewer.try_it import describe_controls, format_scene_toml, make_scene_table, parse_controls, run_of
 from viewer_client import served
 
+pytestmark = pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
 SHORT = {"duration_s": "2", "radar": "x4-255fps", "range_m": "3"}
 
 
@@ -77,9 +78,6 @@ def test_the_same_values_give_the_same_data_and_the_seed_another():
     first, again, other = (run_of({"seed": seed, **SHORT}).require_recording() for seed in ("3", "3", "4"))
     assert np.array_equal(first.baseband.values, again.baseband.values)
     assert not np.array_equal(first.baseband.values, other.baseband.values)
-
-
-def test_noise_can_be_off():
     assert np.isinf(run_of({"noise": "off", **SHORT}).require_recording().snr_frame_db)
     assert run_of({"snr_db": "10", **SHORT}).require_recording().snr_frame_db == pytest.approx(10.0, abs=0.5)
 
@@ -111,12 +109,14 @@ def test_a_mistake_is_one_sentence_that_says_what_is_allowed(given, says):
         run_of(given)
 
 
-@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
-@pytest.mark.parametrize("given", [
-    {"aspect_deg": "-20", "snr_db": "12.5"},
-    {"who": "dog", "gait": "trot", "speed_mps": "2", "company": "person", "noise": "off"},
-    {"who": "fan", "rotation_hz": "2.5"},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"aspect_deg": "-20", "snr_db": "12.5"},
+        {"who": "dog", "gait": "trot", "speed_mps": "2", "company": "person", "noise": "off"},
+        {"who": "fan", "rotation_hz": "2.5"},
+    ],
+)
 def test_the_scene_file_gives_the_same_baseband(tmp_path, given):
     parameters = {**given, **SHORT}
     (tmp_path / "scene.toml").write_text(format_scene_toml(make_scene_table(parameters)), encoding="utf-8")
@@ -130,7 +130,6 @@ def test_defaults_go_with_the_target():
     assert "height_m" not in parse_controls({"who": "cat"})
 
 
-@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
 @pytest.mark.parametrize("speed", ["0.3", "1.6", "1.9", "2.6", "4", "6.5", "9"])
 def test_at_every_speed_the_page_has_features(speed):
     velocity_mps = run_of({"speed_mps": speed}).targets(None)[0].features["torso_velocity_mps"]
@@ -145,7 +144,6 @@ def test_at_every_speed_the_page_has_features(speed):
     {"range_m": "3", "aspect_deg": "170", "speed_mps": "5", "company": "dog"},
     {"range_m": "1", "radar": "acconeer-a121"},  # sees from 1.385 m
 ])  # fmt: skip
-@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
 def test_nobody_comes_nearer_than_a_metre_and_the_page_says_so(given):
     low = 1.385 if given.get("radar") else 1.0
     run = run_of({**given, "noise": "off"})
@@ -162,7 +160,6 @@ def test_a_range_that_is_far_enough_stays():
     assert make_scene_table({"range_m": "1", "who": "fan", "radar": "acconeer-a121"})["targets"][0]["range_m"] == 1.4
 
 
-@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
 def test_the_band_of_a_fan_goes_with_its_rotation():
     fans = [run_of({"who": "fan", "rotation_hz": hz}).targets(None)[0] for hz in "36"]
     bands = [
