@@ -30,7 +30,7 @@ _LAZY = {
     "Streams": "doppelgait.core.rng",
     "rng": "doppelgait.core.rng",
     "plugin": "doppelgait.core.plugins",
-    "view": "doppelgait.viewer.notebook",
+    "view": "doppelgait.viewer.server",
 }
 PLUGIN_ROOMS: tuple[str, ...] = (
     "doppelgait.features.feature_set",

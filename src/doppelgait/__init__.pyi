@@ -30,7 +30,7 @@ from doppelgait.radar.parameters import Radar as Radar
 from doppelgait.radar.recording import Recording as Recording
 from doppelgait.scene.scene import Scene as Scene
 from doppelgait.scene.scene import Target as Target
-from doppelgait.viewer.notebook import view as view
+from doppelgait.viewer.server import view as view
 
 __version__: str
 PLUGIN_ROOMS: tuple[str, ...]

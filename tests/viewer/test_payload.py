@@ -10,11 +10,15 @@ import xarray as xr
 
 from doppelgait.pipeline import analyze, parse_run, run_simulation
 from doppelgait.processing import Analysis, gaussian_window
+from doppelgait.viewer.panels import (
+    MOST_FRAMES,
+    make_range_doppler_payload,
+    make_recording_payload,
+    make_targets_payload,
+)
 from doppelgait.viewer.payload import as_json, describe_axis, encode_image, find_block_maxima, pack
-from doppelgait.viewer.recording_panel import MOST_FRAMES, make_range_doppler_payload, make_recording_payload
 from doppelgait.viewer.run import Run
 from doppelgait.viewer.settings import Settings
-from doppelgait.viewer.target_panel import make_targets_payload
 from viewer_client import unpack, walking_scene
 
 SCENE = walking_scene(1.6)
@@ -179,7 +183,7 @@ def test_tiles_of_a_long_recording_give_the_bytes_of_the_whole(recording, monkey
         return make_recording_payload(run, None), make_range_doppler_payload(run, None, start=0, count=256)
 
     monkeypatch.setattr("doppelgait.viewer.payload.MEDIAN_OF", 3000)
-    monkeypatch.setattr("doppelgait.viewer.recording_panel.MOST_LINE_POINTS", 200)
+    monkeypatch.setattr("doppelgait.viewer.panels.MOST_LINE_POINTS", 200)
     whole = payloads()
     monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", 300)
     assert recording.n_pulses > 1000

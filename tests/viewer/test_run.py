@@ -18,11 +18,16 @@ from doppelgait.radar import read_recording, write_recording
 from doppelgait.radar.recording import TargetTruth
 from doppelgait.radar.recordings import StoredRows
 from doppelgait.viewer import recording_panel
-from doppelgait.viewer.recording_panel import make_range_doppler_payload, make_recording_payload
+from doppelgait.viewer.panels import (
+    is_aligned,
+    make_range_doppler_payload,
+    make_recording_payload,
+    make_targets_payload,
+    select_segment,
+)
 from doppelgait.viewer.run import MOST_ANALYSES, Run, compute_true_values, make_view, match_truths
 from doppelgait.viewer.settings import Settings, parse_changes
 from doppelgait.viewer.source import RunCache, add_other, describe_session, open_path, parse_reference
-from doppelgait.viewer.target_panel import is_aligned, make_targets_payload, select_segment
 from viewer_client import unpack
 
 TIMES_S = np.arange(0.0, 10.0, 0.01)

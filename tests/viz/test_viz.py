@@ -124,9 +124,6 @@ def texts(axes: Axes) -> str:
     return "\n".join(text.get_text() for text in axes.texts)
 
 
-# maps and levels ------------------------------------------------------------------------------------------------
-
-
 def test_signature_draws_db_of_the_input_clipped_to_the_range() -> None:
     mu = make_signature()
     axes = viz.signature(mu, db_range=20.0).axes[0]
@@ -135,12 +132,7 @@ def test_signature_draws_db_of_the_input_clipped_to_the_range() -> None:
     assert (image_db(axes) == level.max() - 20.0).any()
     assert axes.images[0].get_clim() == pytest.approx((level.max() - 20.0, level.max()))
     assert axes.images[0].get_extent() == pytest.approx((0.475, 2.475, -260.0, 252.0))
-
-
-def test_approaching_is_up_and_time_runs_right() -> None:
-    axes = viz.signature(make_signature()).axes[0]
-    image = axes.images[0]
-    assert image.origin == "lower"
+    assert axes.images[0].origin == "lower"  # approaching is up, and time runs right
     assert axes.get_ylim()[0] < 0.0 < 80.0 < axes.get_ylim()[1]
     assert axes.get_xlim()[0] < axes.get_xlim()[1]
 
@@ -238,9 +230,6 @@ def test_uneven_time_axis_is_drawn_where_it_is() -> None:
     assert not axes.images
 
 
-# signature overlays ------------------------------------------------------------------------------------------------
-
-
 def test_truth_lines_are_one_a_scatterer_in_their_parts_colours() -> None:
     truth = viz.scatterer_doppler(make_scatterers(), wavelength_m=WAVELENGTH_M)
     axes = viz.signature(make_signature(), truth_doppler=truth, main_line_hz=80.0).axes[0]
@@ -277,9 +266,6 @@ def test_contact_sheet_has_one_scale_for_all() -> None:
     assert len({axes.images[0].get_clim() for axes in panels}) == 1
     assert len({axes.get_ylim() for axes in panels}) == 1
     assert image_db(panels[1]).max() == pytest.approx(image_db(panels[0]).max() - 20.0, abs=1e-4)
-
-
-# range ------------------------------------------------------------------------------------------------------------
 
 
 def test_range_time_draws_the_magnitude_in_db_with_range_up() -> None:
@@ -343,9 +329,6 @@ def test_infinite_doppler_band_fills_the_axis() -> None:
     bottom, top = axes.get_ylim()
     assert bottom <= low < bottom + 5.0
     assert top - 5.0 < high <= top
-
-
-# motion ------------------------------------------------------------------------------------------------------------
 
 
 def test_range_lines_are_thin_for_points_and_bold_for_torso_and_feet() -> None:
@@ -424,9 +407,6 @@ def test_stick_frames_of_a_standing_body_and_of_unknown_stride() -> None:
     assert [axes.get_title() for axes in panels] == ["0.00 s", "2.00 s"]
     reach = np.ptp([points.get_offsets()[:, 0] for points in panels[0].collections if points.get_label() == "left leg"])
     assert reach == pytest.approx(0.8)
-
-
-# cadence and spectra -------------------------------------------------------------------------------------------------
 
 
 def test_step_doppler_is_amplitude_in_db_over_cadence() -> None:
@@ -519,9 +499,6 @@ def test_bandwidth_given_as_a_width_is_put_where_the_power_is() -> None:
     assert (low + high) / 2 == pytest.approx(80.0, abs=6.0)
 
 
-# tables --------------------------------------------------------------------------------------------------------------
-
-
 def test_scatter_leaves_out_unknown_rows_and_counts_them() -> None:
     axes = viz.feature_scatter(make_table(), x="torso_velocity_mps", y="step_length_m").axes[0]
     assert labels_of(axes) == ["dog (n = 3, 1 left out)", "human (n = 3, 2 left out)"]
@@ -560,9 +537,6 @@ def test_matrix_of_a_feature_that_nobody_has() -> None:
 )  # fmt: skip
 def test_units_come_from_the_column_names(name: str, label: str) -> None:
     assert label_quantity(name) == label
-
-
-# overview ------------------------------------------------------------------------------------------------------------
 
 
 def make_overview(**changes: object) -> Figure:
@@ -607,9 +581,6 @@ def test_overview_without_anything_determined(tmp_path: Path) -> None:
     figure = make_overview(features={"step_length_m": float("nan")}, gate=None, gait_frequency_hz=None, flags=())
     assert viz.save_figure(figure, tmp_path / "page.png").stat().st_size > 0
     assert "no gait frequency" in "".join(texts(axes) for axes in figure.axes)
-
-
-# files ---------------------------------------------------------------------------------------------------------------
 
 
 def test_same_input_gives_same_bytes(tmp_path: Path) -> None:
@@ -657,9 +628,6 @@ def test_vector_files_keep_the_axes_words_and_their_bytes(tmp_path: Path, suffix
     assert b"Date" not in files[0].read_bytes()
 
 
-# axes of the user ----------------------------------------------------------------------------------------------------
-
-
 def single_panels() -> dict[str, Callable[..., Figure]]:
     return {
         "signature": partial(viz.signature, make_signature(), main_line_hz=80.0),
@@ -700,9 +668,6 @@ def test_every_plot_function_of_one_panel_takes_axes() -> None:
     plots = {name for name in viz.__all__ if name not in several | {"save_figure", "scatterer_doppler"}}
     assert plots == set(single_panels())
     assert all("ax" in inspect.signature(getattr(viz, name)).parameters for name in plots)
-
-
-# errors --------------------------------------------------------------------------------------------------------------
 
 
 def wrong_calls() -> dict[str, tuple[object, str]]:

@@ -16,13 +16,11 @@ from doppelgait.cli import (
     analyze,
     classify,
     dataset,
-    demo,
     keys,
     listen,
     live,
     model,
     motion,
-    plugins,
     radar,
     reproduce,
     simulate,
@@ -75,9 +73,9 @@ app.command("live")(live.live)
 app.command("reproduce")(reproduce.reproduce)
 app.command("view")(view.view)
 app.command("listen")(listen.listen)
-app.command("demo")(demo.run_demo)
+app.command("demo")(simulate.run_demo)
 app.command("keys")(keys.keys)
-app.command("plugins")(plugins.plugins)
+app.command("plugins")(keys.plugins)
 
 _debug = False
 

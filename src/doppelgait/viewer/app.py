@@ -22,17 +22,17 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError
-from doppelgait.viewer.payload import as_json, remove_folders
-from doppelgait.viewer.recording_panel import (
+from doppelgait.viewer.panels import (
     MOST_PER_REQUEST,
     make_range_doppler_payload,
     make_recording_payload,
     make_sound_wav,
+    make_targets_payload,
 )
+from doppelgait.viewer.payload import as_json, remove_folders
 from doppelgait.viewer.run import Run
 from doppelgait.viewer.settings import CHANGEABLE, Pairs, Settings, parse_parameters, parse_whole
 from doppelgait.viewer.source import Reference, RunCache, describe_session, parse_reference
-from doppelgait.viewer.target_panel import make_targets_payload
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator

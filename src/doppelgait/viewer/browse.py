@@ -301,7 +301,8 @@ def _reduce_signature(signature: xr.DataArray, times_s: FloatArray, velocities: 
 
 def find_strongest(values: FloatArray, samples: FloatArray, edges: FloatArray) -> FloatArray:
     """Return each cell's largest sample along the first axis.
-    A cell without samples is NaN. Shapes: values (n, m); samples (n,); edges (cells + 1,); returns (cells, m).
+    A cell without samples is NaN. Shapes: values (n, m); samples (n,); edges (cells + 1,); returns
+    (cells, m).
     """
     half = float(samples[1] - samples[0]) / 2.0
     first = np.searchsorted(samples + half, edges[:-1], side="right")

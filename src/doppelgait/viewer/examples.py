@@ -1,7 +1,7 @@
 """Examples of a dataset, simulated again within limits.
 
-The limits are for datasets of other authors: their plans cannot start a very large simulation, and can read only files
-of one folder.
+The limits are for datasets of other authors: their plans cannot start a very large simulation, and
+can read only files of one folder.
 """
 
 from __future__ import annotations

@@ -128,7 +128,8 @@ class Reference:
 
 def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
     """Parse the reference to a run.
-    ``run=2`` is the second recording, ``example=ID`` an example, and ``try=1`` the simulation of the controls.
+    ``run=2`` is the second recording, ``example=ID`` an example, and ``try=1`` the simulation of
+    the controls.
     """
     trying = any(key == "try" for key, _ in query)
     own: list[str] = []

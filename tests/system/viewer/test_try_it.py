@@ -13,8 +13,15 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models.registry import MOTION_MODELS
 from doppelgait.pipeline import Run, run_simulation
 from doppelgait.radar import Radar
-from doppelgait.viewer.try_controls import Limit, list_controls
-from doppelgait.viewer.try_it import describe_controls, format_scene_toml, make_scene_table, parse_controls, run_of
+from doppelgait.viewer.try_it import (
+    Limit,
+    describe_controls,
+    format_scene_toml,
+    list_controls,
+    make_scene_table,
+    parse_controls,
+    run_of,
+)
 from viewer_client import served
 
 pytestmark = pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
