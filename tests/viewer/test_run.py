@@ -17,7 +17,7 @@ from doppelgait.processing.sound import make_doppler_sound
 from doppelgait.radar import read_recording, write_recording
 from doppelgait.radar.recording import TargetTruth
 from doppelgait.radar.recordings import StoredRows
-from doppelgait.viewer import recording_panel
+from doppelgait.viewer import panels
 from doppelgait.viewer.panels import (
     is_aligned,
     make_range_doppler_payload,
@@ -277,8 +277,8 @@ def test_a_request_changes_parameters_of_the_analysis(recording):
 def test_a_change_of_the_analysis_keeps_one_baseband_and_reads_its_levels_once(recording, monkeypatch):
     run = Run("a", "recording", load=lambda: recording)
     looked = []
-    find = recording_panel.find_strongest_v
-    monkeypatch.setattr(recording_panel, "find_strongest_v", lambda baseband: looked.append(1) or find(baseband))
+    find = panels.find_strongest_v
+    monkeypatch.setattr(panels, "find_strongest_v", lambda baseband: looked.append(1) or find(baseband))
     for cpi_s in (0.1, 0.15, 0.2):
         make_range_doppler_payload(run, None, start=0, count=1, changes=(("cpi_s", cpi_s),))
     assert len(looked) == 1

@@ -213,9 +213,7 @@ class Browser:
 
 
 def choose_evenly(rows: Rows, classes: Rows, lots: Rows, most: int) -> Rows:
-    """Choose up to ``most`` rows randomly, classes by share.
-    The same rows give the same choice. Shapes: rows, classes, lots (n,).
-    """
+    """Choose up to ``most`` rows randomly, classes by share."""
     if rows.size <= most:
         return rows
     order = np.lexsort((lots, classes))

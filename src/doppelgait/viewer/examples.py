@@ -246,9 +246,7 @@ def _select_prefix(row: dict[str, Any], prefix: str) -> dict[str, Any]:
 
 
 def _read_truth(row: dict[str, Any]) -> dict[str, Any] | None:
-    """Return true values by feature and frequency name.
-    It is None for measured data and empty scenes.
-    """
+    """Return true values by feature and frequency name."""
     known = _select_prefix(row, "truth_")
     velocity_mps, frequency_hz = (
         _number(known.pop("radial_velocity_mps", None)),

@@ -289,9 +289,7 @@ def find_strongest_v(clean: Frames) -> float:
 
 
 def plan_frames(clean: Frames, analysis: Analysis, wavelength_m: float, strongest_v: float) -> ShownFrames:
-    """Choose the intervals to show, and common levels.
-    The upper limit of the levels is that of all echoes in phase.
-    """
+    """Choose the intervals to show, and common levels."""
     transform = plan_for(clean.slow_time, analysis)
     step = math.ceil(transform.n_columns / MOST_FRAMES)
     columns = np.arange(0, transform.n_columns, step)
@@ -472,9 +470,7 @@ def is_aligned(view: TargetView, method: str) -> bool | None:
 
 
 def _describe_spectrum(view: TargetView, name: str, method: str, arrays: Arrays) -> dict[str, Any] | None:
-    """Describe the cadence spectrum in dB with its peaks.
-    The spectrum of the report's method is a sum of magnitudes.
-    """
+    """Describe the cadence spectrum in dB with its peaks."""
     spectrum = view.cadence_spectrum
     if spectrum is None or spectrum.size == 0:
         return None

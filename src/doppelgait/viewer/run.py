@@ -299,9 +299,7 @@ class Run:
 
 
 def track_picture(result: Result, clean: Frames, wavelength_m: float) -> Picture | None:
-    """Encode the signature of a whole track, or None without segments.
-    Only the picture is stored, because the array may be as large as those of all segments together.
-    """
+    """Encode the signature of a whole track, or None without segments."""
     if not result.segments:
         return None
     gate = result.gate

@@ -64,9 +64,7 @@ def list_speed_limits() -> tuple[Limit, ...]:
 
 
 def _list_gaits(who: str) -> Iterator[tuple[str, float, float, float]]:
-    """Yield gaits with their speed limits at 1 m size.
-    The last item is the power of the size with which speeds scale. The first gait is "auto".
-    """
+    """Yield gaits with their speed limits at 1 m size."""
     if who == "person":
         run = _human_mps("run")
         yield "auto", 0.0, run[1], 0.5
