@@ -8,6 +8,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+PACKAGES := --editable packages/liland2018 --editable packages/conformance
 
 .PHONY: dataset fuzz kernels check lint test release docs docs-links benchmark clean
 
@@ -15,8 +16,8 @@ dataset: $(VENV)/.installed
 	$(BIN)/doppelgait dataset build home-alarm -o home-alarm
 
 lint: $(VENV)/.installed-test
-	$(BIN)/ruff check src tests benchmarks studies tools docs
-	$(BIN)/ruff format --check src tests benchmarks studies tools docs
+	$(BIN)/ruff check src packages tests benchmarks studies tools docs
+	$(BIN)/ruff format --check src packages tests benchmarks studies tools docs
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
@@ -63,14 +64,14 @@ $(BIN)/python:
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if v >= (3, 11) else f"doppelgait needs Python 3.11 or newer, $(PYTHON) is {v.major}.{v.minor}; set PYTHON=python3.12 or the like")'
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.installed: pyproject.toml | $(BIN)/python
+$(VENV)/.installed: pyproject.toml packages/*/pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable .
+	$(BIN)/python -m pip install --quiet --editable . $(PACKAGES)
 	touch $@
 
-$(VENV)/.installed-test: pyproject.toml | $(BIN)/python
+$(VENV)/.installed-test: pyproject.toml packages/*/pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable ".[test]"
+	$(BIN)/python -m pip install --quiet --editable ".[test]" $(PACKAGES)
 	touch $(VENV)/.installed $@
 
 $(VENV)/.installed-docs: pyproject.toml $(VENV)/.installed

@@ -25,13 +25,13 @@ def commands(app: typer.Typer, prefix: str = "doppelgait") -> Iterator[tuple[str
             yield from commands(group.typer_instance, f"{prefix} {group.name}")
 
 
-def commands_page(app: typer.Typer) -> str:
+def commands_page(app: typer.Typer, others: dict[str, Callable[..., Any]]) -> str:
     """Markdown of all commands: what each does, its examples, arguments and options."""
     lines = ["# Command line", "", "Made from the program; `doppelgait COMMAND --help` says the same.", ""]
     callback = app.registered_callback
     if callback is not None and callback.callback is not None:
         lines += ["## doppelgait", "", str(app.info.help or ""), "", *_options(callback.callback)]
-    for name, function in sorted(commands(app)):
+    for name, function in sorted([*commands(app), *((f"doppelgait {n}", f) for n, f in others.items())]):
         lines += [f"## {name}", "", f"    {_usage(name, function)}", "", *_words(function), *_options(function)]
     return "\n".join(lines) + "\n"
 

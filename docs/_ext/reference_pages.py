@@ -8,7 +8,7 @@ from api_pages import BESIDE, PACKAGES, api_page, homes
 from command_pages import commands_page
 from setting_pages import groups, settings_page
 
-from doppelgait.cli.app import app
+from doppelgait.cli.app import app, load_commands
 from doppelgait.dataset.shard_files import AXIS_UNITS, FIELDS
 from doppelgait.features.extended import list_features
 
@@ -16,7 +16,7 @@ from doppelgait.features.extended import list_features
 def pages() -> dict[str, str]:
     """File name and text of every page."""
     found = homes()
-    texts = {"commands.md": commands_page(app)}
+    texts = {"commands.md": commands_page(app, load_commands())}
     configuration = groups()
     texts |= {f"configuration/{name}.md": settings_page(*group) for name, group in configuration.items()}
     texts |= {f"api/{place}.rst": api_page(place, found) for place in (*PACKAGES, *BESIDE)}

@@ -56,7 +56,6 @@ _SUBPACKAGES = {
     "pipeline",
     "processing",
     "radar",
-    "reproduce",
     "scene",
     "testing",
     "viewer",

@@ -8,7 +8,6 @@ from doppelgait import motion as motion
 from doppelgait import pipeline as pipeline
 from doppelgait import processing as processing
 from doppelgait import radar as radar
-from doppelgait import reproduce as reproduce
 from doppelgait import scene as scene
 from doppelgait import testing as testing
 from doppelgait import viewer as viewer

@@ -11,7 +11,7 @@ from doppelgait.pipeline import Conditions, simulate
 from doppelgait.radar import Radar, list_preset_names, synthesise
 from doppelgait.radar.link import compute_scatterer_arrays, fold_scatterers, noise_power_v2
 from doppelgait.scene import Scene, Target
-from doppelgait.testing.conformance.radars import make_table
+from doppelgait_conformance.radars import make_table
 
 C = 299_792_458.0
 X4 = Radar.preset("x4")

@@ -6,6 +6,7 @@ Heavy imports happen inside the commands.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
@@ -22,12 +23,11 @@ from doppelgait.cli import (
     model,
     motion,
     radar,
-    reproduce,
     simulate,
     view,
 )
 from doppelgait.cli.output import print_message, show_warnings_plainly
-from doppelgait.core.errors import DoppelgaitError
+from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.core.interrupt import is_stop_requested
 from doppelgait.core.worker import collect_garbage_rarely
 
@@ -43,6 +43,45 @@ class _Commands(TyperGroup):
 
             error.message = reword_fault(error.message)
             raise
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(dict.fromkeys([*super().list_commands(ctx), *sorted(load_commands())]))
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        command = super().get_command(ctx, cmd_name)
+        if command is not None:
+            return command
+        function = load_commands().get(cmd_name)
+        if function is None and cmd_name in PACKAGES:
+            package, folder = PACKAGES[cmd_name]
+            raise ConfigError(
+                f"the command {cmd_name!r} is in the package {package}, which is not installed; install it from the "
+                f"sources of doppelgait with pip install {folder}"
+            )
+        if function is None:
+            return None
+        alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+        alone.command(cmd_name)(function)
+        return typer.main.get_command(alone)
+
+
+PACKAGES = {"reproduce": ("doppelgait-liland2018", "packages/liland2018")}
+"""Package and folder of the commands that are not part of the wheel."""
+
+
+def load_commands() -> dict[str, Callable[..., Any]]:
+    """Load the commands of other packages: functions with typer's annotations.
+    Each is an entry point of the group ``doppelgait.commands``; one that cannot be loaded is left out with a warning.
+    """
+    from importlib.metadata import entry_points
+
+    functions = {}
+    for entry in entry_points(group="doppelgait.commands"):
+        try:
+            functions[entry.name] = entry.load()
+        except Exception as error:
+            print_message(f"warning: the command {entry.name!r} ({entry.value}) cannot be loaded: {error}")
+    return functions
 
 
 app = typer.Typer(
@@ -70,7 +109,6 @@ app.command("analyze")(analyze.analyze)
 app.command("evaluate")(classify.evaluate)
 app.command("classify")(classify.classify)
 app.command("live")(live.live)
-app.command("reproduce")(reproduce.reproduce)
 app.command("view")(view.view)
 app.command("listen")(listen.listen)
 app.command("demo")(simulate.run_demo)

@@ -354,8 +354,8 @@ def _load_packages() -> None:
             entry for group in found.groups if group.startswith("doppelgait.") for entry in found.select(group=group)
         ]
         for entry in ours:
-            if entry.group != ENTRY_POINTS and entry.value not in _LOADED:  # the groups of version 0.1.0
-                _LOADED.add(entry.value)
+            if entry.group not in (ENTRY_POINTS, "doppelgait.commands") and entry.value not in _LOADED:
+                _LOADED.add(entry.value)  # of a group of version 0.1.0
                 warn_caller(
                     f"the plug-in {entry.name!r} ({entry.value}) is in the entry-point group {entry.group!r}, which is "
                     f"not read, and is left out; name a module in the group {ENTRY_POINTS!r} that registers it with "

@@ -1,6 +1,6 @@
-"""Checks for other software: plug-in contracts and physics.
+"""Contract checks for the plug-ins of other packages.
 
-The physics is in :mod:`.conformance`.
+The physics of a simulator is checked by the package ``doppelgait_conformance``.
 """
 
 from importlib import import_module

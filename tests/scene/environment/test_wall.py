@@ -18,7 +18,7 @@ from doppelgait.scene.environment.materials import (
     slab_reflection,
     slab_transmission,
 )
-from doppelgait.testing.conformance.theory import refracted_radii_m
+from doppelgait_conformance.theory import refracted_radii_m
 from echo_table import C_MPS, LAMBDA_M, echo_table, echoes
 
 K = 2 * np.pi / LAMBDA_M

@@ -150,8 +150,8 @@ def test_page_does_what_it_says(page: Path, run_page: Run) -> None:
 def _command(words: list[str]) -> tuple[Any, list[str]]:
     """The command of a line and its own words."""
     found: Any = typer.main.get_command(app)
-    while words and words[0] in getattr(found, "commands", {}):
-        found, words = found.commands[words[0]], words[1:]
+    while words and hasattr(found, "commands") and (inner := found.get_command(None, words[0])):
+        found, words = inner, words[1:]
     return found, words
 
 

@@ -199,8 +199,9 @@ def test_every_public_name_is_documented_once(pages):
     )
     assert len(documented) == len(set(documented))
     assert "doppelgait.scene.Scene" in documented, "by its package, not by the short name in the top package"
-    initials = (ROOT / "src" / "doppelgait").rglob("__init__.py")
-    listing = {".".join(p.parent.relative_to(ROOT / "src").parts) for p in initials if "\n__all__ = " in p.read_text()}
+    paths = [path for folder in ("src", "packages") for path in (ROOT / folder).rglob("__init__.py")]
+    initials = [path for path in paths if "\n__all__ = " in path.read_text()]
+    listing = {".".join(path.parent.parts[path.parts.index("src") + 1 :]) for path in initials}
     assert listing - {"doppelgait.viewer"} == set(PACKAGES)
     for place in PACKAGES:
         module = importlib.import_module(place)

@@ -24,7 +24,7 @@ from doppelgait.cli.app import app
 from doppelgait.dataset import Dataset, finish
 from doppelgait.pipeline import result_files
 from doppelgait.radar import recordings
-from doppelgait.reproduce import run
+from doppelgait_liland2018 import run
 
 PAGE = (ROOT / "docs" / "stability.md").read_text() if (ROOT / "docs").is_dir() else ""
 LIST = ROOT / "tests" / "support" / "stable_names.txt"
@@ -57,8 +57,8 @@ def python_names():
 def commands(command=None, path=""):
     """Commands with their options and arguments."""
     command = command or typer.main.get_command(app)
-    for name, inner in getattr(command, "commands", {}).items():
-        yield from commands(inner, f"{path} {name}".strip())
+    for name in command.list_commands(None) if hasattr(command, "commands") else ():
+        yield from commands(command.get_command(None, name), f"{path} {name}".strip())
     if not hasattr(command, "commands"):
         yield f"command {path}"
         options = {option for one in command.params for option in (*one.opts, *one.secondary_opts)}
