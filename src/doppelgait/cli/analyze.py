@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from doppelgait.cli.output import (
+    AsJson,
     FigureFormat,
     FigureOption,
     check_output,
@@ -32,6 +33,7 @@ Changes = Annotated[
     typer.Option("--set", help="Change a parameter, for example cpi_s=0.15 or tracking.detector.pfa=1e-4; repeatable."),
 ]
 ReaderOptions = Annotated[list[str] | None, typer.Option("--option", help=OPTION_HELP)]
+GateOption = Annotated[str, typer.Option("--gate", help="Range gate of the targets: track, truth, or FROM:TO in m.")]
 WindowS = Annotated[
     float | None,
     typer.Option("--window-s", help="Analyse windows of this length, s; tracks are linked across windows."),
@@ -54,12 +56,33 @@ SEGMENTS = {"n_pieces": "n_segments"}
 """Names in the table for diagnostics that files store under an older name."""
 
 
+def parse_analysis(table: Mapping[str, Any], changes: Sequence[str] | None) -> tuple[Analysis, Tracking]:
+    """Change analysis and tracking parameters by ``--set``."""
+    from doppelgait.core.config import apply_overrides, validate
+    from doppelgait.pipeline import Tracking
+    from doppelgait.processing import Analysis
+
+    changed = apply_overrides(table, changes or [])
+    tracking = validate(Tracking, changed.pop("tracking", {}), where="tracking")
+    return validate(Analysis, changed, where="analysis"), tracking
+
+
+def open_recording(path: Path, options: Sequence[str] | None) -> Recording:
+    """Read a recording with ``--option``, and print its notes."""
+    from doppelgait.core.config import apply_overrides
+    from doppelgait.radar import read_recording
+
+    with explain_reader_options():
+        recording = read_recording(path, **apply_overrides({}, options or []))
+    for note in recording.notes:
+        print_message(f"note: {note}")
+    return recording
+
+
 def analyze(
     recording: Annotated[Path, typer.Argument(help="Recording: our .h5, XeThru, or any format of 'radar formats'.")],
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Result file to write, .h5.")] = None,
-    gate: Annotated[
-        str, typer.Option("--gate", help="Range gate of the targets: track, truth, or FROM:TO in m.")
-    ] = "track",
+    gate: GateOption = "track",
     method: Annotated[
         str, typer.Option("--method", help="Analysis method: standard, or liland2018 for the method of the report.")
     ] = "standard",
@@ -69,7 +92,7 @@ def analyze(
     figure_format: FigureOption = FigureFormat.png,
     window_s: WindowS = None,
     hop_s: HopS = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Analyse a recording: signature, cadence-velocity diagram, features.
 
@@ -82,22 +105,15 @@ def analyze(
 
     Example: doppelgait analyze evening.h5 --window-s 4 --hop-s 1
     """
-    from doppelgait.core.config import apply_overrides, validate
     from doppelgait.core.errors import ConfigError
-    from doppelgait.pipeline import Tracking, describe_results, write_results
     from doppelgait.pipeline import analyze as run_analysis
-    from doppelgait.processing import Analysis, Gate
-    from doppelgait.radar import read_recording
+    from doppelgait.pipeline import describe_results, write_results
+    from doppelgait.processing import Gate
 
     if output is not None:
         check_output(output, ".h5")
-    table = apply_overrides({"method": method}, changes or [])
-    tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
-    settings = validate(Analysis, table, where="analysis")
-    with explain_reader_options():
-        loaded = read_recording(recording, **apply_overrides({}, options or []))
-    for note in loaded.notes:
-        print_message(f"note: {note}")
+    settings, tracking = parse_analysis({"method": method}, changes)
+    loaded = open_recording(recording, options)
     choice = Gate.parse(gate, where="--gate")
     if window_s is not None or hop_s is not None:
         refused = [name for name, value in (("-o", output), ("--figures", figures)) if value is not None]

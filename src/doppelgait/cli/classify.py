@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from doppelgait.cli.analyze import HopS, ReaderOptions, WindowS
+from doppelgait.cli.analyze import GateOption, HopS, ReaderOptions, WindowS, open_recording, parse_analysis
 from doppelgait.cli.dataset import LABEL_HELP, NAMES_HELP
 from doppelgait.cli.output import (
+    AsJson,
     FigureFormat,
     PageFigureOption,
-    explain_reader_options,
     format_number,
     print_json,
     print_message,
@@ -26,21 +26,18 @@ if TYPE_CHECKING:
     from doppelgait.classify.timeline import TrackDecision
 
 
+MODEL_HELP = "Model of 'evaluate --save', .npz, or the name of one that comes with doppelgait"
+ModelOption = Annotated[
+    str | None, typer.Option("--model", help=f"{MODEL_HELP}; by default the one that fits the radar.")
+]
+
+
 def classify(
     recording: Annotated[
         Path, typer.Argument(help="Recording in any format of 'radar formats', or result file of 'analyze -o'.")
     ],
-    model: Annotated[
-        str | None,
-        typer.Option(
-            "--model",
-            help="Model of 'evaluate --save', .npz, or the name of one that comes with doppelgait; by default the one "
-            "that fits the radar.",
-        ),
-    ] = None,
-    gate: Annotated[
-        str, typer.Option("--gate", help="Range gate of the targets: track, truth, or FROM:TO in m.")
-    ] = "track",
+    model: ModelOption = None,
+    gate: GateOption = "track",
     changes: Annotated[
         list[str] | None,
         typer.Option("--set", help="Change a parameter of the model's analysis, or tracking...; repeatable."),
@@ -48,7 +45,7 @@ def classify(
     options: ReaderOptions = None,
     window_s: WindowS = None,
     hop_s: HopS = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Classify a recording's targets with calibrated probabilities.
 
@@ -80,21 +77,12 @@ def classify(
         loaded = loaded or (choose_model(results) if results else None)
         decisions = run_classification(recording, loaded)
     else:
-        from doppelgait.core.config import apply_overrides, validate
-        from doppelgait.pipeline import Tracking
-        from doppelgait.processing import Analysis, Gate
-        from doppelgait.radar import read_recording
+        from doppelgait.processing import Gate
 
         # resolve the path: a reader uses the name, and "." has none
-        path = recording.resolve() if recording.is_dir() else recording
-        with explain_reader_options():
-            read = read_recording(path, **apply_overrides({}, options or []))
-        for note in read.notes:
-            print_message(f"note: {note}")
+        read = open_recording(recording.resolve() if recording.is_dir() else recording, options)
         loaded = loaded or choose_model(read)
-        table = apply_overrides(loaded.facts.analysis, changes or [])
-        tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
-        settings = validate(Analysis, table, where="analysis")
+        settings, tracking = parse_analysis(loaded.facts.analysis, changes)
         choice = Gate.parse(gate, where="--gate")
         if window_s is not None or hop_s is not None:
             from doppelgait.classify.timeline import check_window, classify_over_time
@@ -294,7 +282,7 @@ def evaluate(
         int,
         typer.Option("--seeds", min=1, max=20, help="Number of seeds to train with; the ensemble combines the models."),
     ] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Train classifiers on a dataset and write a report.
 
@@ -376,9 +364,7 @@ def _parse_shares(texts: list[str] | None) -> dict[str, float] | None:
 def _import_test(
     dataset: Path, folder: Path | None, names: str | None, classes: list[str], options: list[str], output: Path
 ) -> Path:
-    """Import a folder of recordings as a dataset.
-    The dataset is written next to the report and uses the analysis settings of the training data.
-    """
+    """Import recordings as a dataset next to the report, analysed like the training data."""
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.core.errors import ConfigError, DatasetError
     from doppelgait.dataset import open_dataset

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from doppelgait.cli.output import (
+    AsJson,
     FigureFormat,
     FigureOption,
     format_duration,
@@ -32,7 +33,6 @@ MotionFolder = Annotated[
     Path | None,
     typer.Option("--motion-folder", help="Folder of the plan's motion files; by default the folder of the plan file."),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 LEAKS_LOOKED_AT = 1000
 """Number of examples that the leakage test of a plan uses."""
 FEASIBILITY_LOOKED_AT = 500

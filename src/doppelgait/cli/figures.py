@@ -8,8 +8,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from doppelgait import viz
-from doppelgait.cli.output import print_message
-from doppelgait.core.errors import AnalysisError, OutputError
+from doppelgait.cli.output import make_folder, print_message
+from doppelgait.core.errors import AnalysisError
 from doppelgait.pipeline import Result
 from doppelgait.processing import Analysis, range_doppler
 from doppelgait.processing.clutter import clean_frames
@@ -21,10 +21,7 @@ def save_figures(
 ) -> Iterator[Path]:
     """Plot every figure into a folder."""
     recording = recording.with_frames(clean_frames(recording.frames, analysis))
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be created: {error}") from None
+    make_folder(folder)
     for name, figure in _make_figures(recording, results, analysis):
         path = folder / f"{name}.{form}"
         viz.save_figure(figure, path)

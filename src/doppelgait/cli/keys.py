@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from doppelgait.cli.output import print_json, print_table
+from doppelgait.cli.output import AsJson, print_json, print_table
 
 
 def keys(
@@ -16,7 +16,7 @@ def keys(
         str | None,
         typer.Argument(help="Topic such as radar, GROUP.NAME such as motion.human, or TABLE.KEY such as dataset.seed."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Print the keys of configuration files.
 
@@ -152,7 +152,7 @@ def plugins(
     group: Annotated[
         list[str] | None, typer.Argument(help="Groups to list, for example impairment; by default all.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """List all plug-ins with their parameters."""
     from doppelgait.core.errors import ConfigError

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from doppelgait.cli.analyze import ReaderOptions
-from doppelgait.cli.output import check_output, explain_reader_options, print_json, print_message
+from doppelgait.cli.analyze import GateOption, ReaderOptions, open_recording, parse_analysis
+from doppelgait.cli.output import AsJson, check_output, print_json, print_message
 
 if TYPE_CHECKING:
     from doppelgait.pipeline import Tracking
@@ -34,9 +34,7 @@ class StereoChannels(StrEnum):
 def listen(
     recording: Annotated[Path, typer.Argument(help="Recording: our .h5, XeThru, or any format of 'radar formats'.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Sound to write, .wav.")],
-    gate: Annotated[
-        str, typer.Option("--gate", help="Range gate of the targets: track, truth, or FROM:TO in m.")
-    ] = "track",
+    gate: GateOption = "track",
     target: Annotated[int, typer.Option("--target", min=0, help="Number of the target, from 0.")] = 0,
     pitch: Annotated[
         float | None,
@@ -56,7 +54,7 @@ def listen(
         typer.Option("--set", help="Change a parameter of the analysis, for example clutter=mean; repeatable."),
     ] = None,
     options: ReaderOptions = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Make the Doppler signal of one target audible.
 
@@ -67,22 +65,14 @@ def listen(
 
     Example: doppelgait listen walk.h5 -o walk.wav --gate truth --pitch 6 --channels sides
     """
-    from doppelgait.core.config import apply_overrides, validate
     from doppelgait.core.errors import AnalysisError
     from doppelgait.core.files import open_atomically
-    from doppelgait.pipeline import Tracking
-    from doppelgait.processing import Analysis
     from doppelgait.processing.sound import make_doppler_sound, plan_sound, write_wav
-    from doppelgait.radar import read_recording
 
     check_output(output, ".wav")
-    table = apply_overrides({}, changes or [])
-    tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
-    settings = validate(Analysis, table, where="analysis").resolved("track")
-    with explain_reader_options():
-        loaded = read_recording(recording, **apply_overrides({}, options or []))
-    for note in loaded.notes:
-        print_message(f"note: {note}")
+    analysis, tracking = parse_analysis({}, changes)
+    settings = analysis.resolved("track")
+    loaded = open_recording(recording, options)
     factor, _ = plan_sound(loaded.radar.prf_hz, pitch)
     prf_hz = loaded.radar.prf_hz
     highest_hz = factor * prf_hz / 2.0

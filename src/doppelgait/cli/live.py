@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from doppelgait.cli.analyze import HopS, ReaderOptions, WindowS
-from doppelgait.cli.classify import describe_model, explain_model
+from doppelgait.cli.classify import ModelOption, describe_model, explain_model
 from doppelgait.cli.output import print_message
 
 if TYPE_CHECKING:
@@ -101,14 +101,7 @@ def live(
         str,
         typer.Argument(help="A file, which may still grow; - for standard input; tcp://HOST:PORT or udp://HOST:PORT."),
     ],
-    model: Annotated[
-        str | None,
-        typer.Option(
-            "--model",
-            help="Model of 'evaluate --save', .npz, or the name of one that comes with doppelgait; by default the one "
-            "that fits the radar.",
-        ),
-    ] = None,
+    model: ModelOption = None,
     window_s: WindowS = None,
     hop_s: HopS = None,
     log: Annotated[

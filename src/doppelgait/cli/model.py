@@ -7,7 +7,10 @@ from typing import Annotated
 
 import typer
 
-from doppelgait.cli.output import print_json, print_message, print_table, print_tables, report_progress
+from doppelgait.cli.classify import MODEL_HELP
+from doppelgait.cli.output import AsJson, print_json, print_message, print_table, print_tables, report_progress
+
+ModelArgument = Annotated[str, typer.Argument(help=f"{MODEL_HELP}.")]
 
 app = typer.Typer(
     help="Export trained models to other programs and devices.", no_args_is_help=True, rich_markup_mode=None
@@ -21,9 +24,7 @@ def _group() -> None:
 
 @app.command("export")
 def export(
-    model: Annotated[
-        str, typer.Argument(help="Model of 'evaluate --save', .npz, or the name of one that comes with doppelgait.")
-    ],
+    model: ModelArgument,
     form: Annotated[str, typer.Option("--form", help="Form: onnx, c, or numpy (a scorer that needs only NumPy).")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write.")],
     integers: Annotated[bool, typer.Option("--int8", help="C: network in 8-bit integers instead of float32.")] = False,
@@ -52,7 +53,7 @@ def export(
     ] = None,
     n_examples: Annotated[int, typer.Option("--examples", min=1, max=10_000, help="C: number of golden vectors.")] = 16,
     seed: Annotated[int, typer.Option("--seed", min=0, help="C: seed of the simulated examples.")] = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write a trained model for other programs.
 
@@ -83,9 +84,7 @@ def export(
 
 @app.command("alarm")
 def alarm(
-    model: Annotated[
-        str, typer.Argument(help="Model of 'evaluate --save', .npz, or the name of one that comes with doppelgait.")
-    ],
+    model: ModelArgument,
     day: Annotated[
         Path | None, typer.Option("--day", help="Day of episodes, TOML file; by default the built-in home-alarm-day.")
     ] = None,
@@ -95,7 +94,7 @@ def alarm(
             "--repeats", min=1, help="Recordings of each kind of episode; by default the number in the day file."
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Score a model as an alarm over simulated days.
 

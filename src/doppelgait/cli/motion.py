@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from doppelgait.cli.output import check_output, print_json, print_message, print_table
+from doppelgait.cli.output import AsJson, check_output, print_json, print_message, print_table
 
 app = typer.Typer(help="Inspect motion recordings and convert them.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -30,7 +30,7 @@ def info(
     start: Start = None,
     stop: Stop = None,
     options: Options = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Print facts about a motion recording, before and after cleaning.
 

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 
 import typer
 
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingError
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning, OutputError, RecordingError
 from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
 
 ASKS = re.compile(r"\bgive (?!a |one )|; set (?=[a-z]+_)|name it,|(?=\b[a-z_]+ must be given)")
@@ -81,9 +81,7 @@ def explain_reader_options() -> Iterator[None]:
 
 
 def show_warnings_plainly() -> None:
-    """Print each warning of doppelgait once, on one line.
-    File and line of the source are left out.
-    """
+    """Print each warning of doppelgait once, on one line."""
     usual = warnings.showwarning
     said: set[str] = set()
 
@@ -181,10 +179,19 @@ class FigureFormat(StrEnum):
     pdf = "pdf"
 
 
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 FigureOption = Annotated[FigureFormat, typer.Option("--format", help="Format of the figures.")]
 PageFigureOption = Annotated[
     FigureFormat, typer.Option("--format", help="Format of the figures; svg and pdf are in addition to the page's png.")
 ]
+
+
+def make_folder(folder: Path, name: str = "") -> None:
+    """Make a folder for output; ``name`` is its option for the message."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{name}{folder}: cannot be created: {error}") from None
 
 
 def check_output(path: Path, *suffixes: str) -> Path:

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from doppelgait.cli.output import (
+    AsJson,
     FigureFormat,
     FigureOption,
     check_output,
     explain_reader_options,
     format_number,
+    make_folder,
     print_json,
     print_message,
     print_table,
@@ -48,7 +50,7 @@ def fit(
     ] = None,
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder to write a figure into.")] = None,
     figure_format: FigureOption = FigureFormat.png,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Fit the noise and faults of a sensor to recordings.
     One recording of an empty room gives a calibrated preset of one sensor.
@@ -78,14 +80,10 @@ def fit(
         import numpy as np
 
         from doppelgait import viz
-        from doppelgait.core.errors import OutputError
         from doppelgait.core.units import power_to_db
         from doppelgait.viz.ranges import plot_sensor_fit
 
-        try:
-            figures.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"{figures}: cannot be created: {error}") from None
+        make_folder(figures)
         figure = plot_sensor_fit(
             range_m=found.range_m,
             static_db=power_to_db(np.abs(found.echo_v) ** 2),
@@ -202,7 +200,7 @@ def compare(
         list[str] | None, typer.Option("--option", help="Reader option KEY=VALUE; may be repeated.")
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the simulated recordings.")] = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Compare real recordings with simulated ones.
 
@@ -293,7 +291,7 @@ def points(
     approaching_positive: Annotated[
         bool, typer.Option("--approaching-positive", help="Set if positive Doppler means an approaching target.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """List a point-cloud log's tracks with speeds.
 
@@ -315,7 +313,7 @@ def points(
 
 
 @app.command("list")
-def list_presets(as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
+def list_presets(as_json: AsJson = False) -> None:
     """List the presets.
 
     Example: doppelgait radar list
@@ -344,7 +342,7 @@ def list_presets(as_json: Annotated[bool, typer.Option("--json", help="Print JSO
 
 
 @app.command("formats")
-def list_formats(as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
+def list_formats(as_json: AsJson = False) -> None:
     """List the formats of recordings that can be read.
 
     The options supply the values that files of a format do not store.
@@ -372,7 +370,7 @@ def show(
     changes: Annotated[
         list[str] | None, typer.Option("--set", help="Change a parameter, KEY=VALUE; may be repeated.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
     as_toml: Annotated[bool, typer.Option("--toml", help="Print a radar file, to be changed and used.")] = False,
 ) -> None:
     """Show a preset's parameters, derived quantities and effects.

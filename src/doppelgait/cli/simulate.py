@@ -14,7 +14,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from doppelgait.cli.output import FigureFormat, FigureOption, check_output, print_json, print_message
+from doppelgait.cli.output import (
+    AsJson,
+    FigureFormat,
+    FigureOption,
+    check_output,
+    make_folder,
+    print_json,
+    print_message,
+)
 
 if TYPE_CHECKING:
     from doppelgait.radar import Recording
@@ -125,7 +133,7 @@ def simulate(
     session_id: Annotated[
         str | None, typer.Option("--session-id", help="Session of a XeThru recording; doppelgait_SEED by default.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Simulate the radar recording of a scene.
 
@@ -283,15 +291,11 @@ def run_demo(
     """
     from doppelgait.cli.analyze import print_features
     from doppelgait.cli.figures import save_figures
-    from doppelgait.core.errors import OutputError
     from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
     from doppelgait.radar import write_recording
 
     spec = parse_run(DEMO_SCENE, where="demo")
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"-o {output}: cannot be created: {error}") from None
+    make_folder(output, "-o ")
     recording = run_simulation(spec)
     write_recording(recording, output / "recording.h5")
     results = analyze(recording, gate="truth", analysis=spec.analysis)
