@@ -59,7 +59,7 @@ def pages():
 def cited():
     """Labels in docstrings, words below constants and messages of the package."""
     found = set()
-    for path in (ROOT / "src").rglob("*.py"):
+    for path in (*(ROOT / "src").rglob("*.py"), *(ROOT / "packages").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 found |= set(LABEL.findall(node.value))
