@@ -38,11 +38,8 @@ def own(tmp_path_factory, folder):
     return target
 
 
-def test_the_report_is_there(own):
-    assert {"index.html", "scores.json", "answers.csv", "plan.json"} <= {p.name for p in (own / "report").iterdir()}
-
-
 def test_figures_of_the_report_have_no_faults(own):
+    assert {"index.html", "scores.json", "answers.csv", "plan.json"} <= {p.name for p in (own / "report").iterdir()}
     document = json.loads((own / "report" / "scores.json").read_text())
     found = {name: faults(figure) for name, _, figure in make_figures(document)}
     assert {"scores", "confusion", "reliability", "roc-human"} <= set(found)
@@ -65,9 +62,10 @@ def test_a_recording_is_classified(own):
     assert target["label"] in ("human", "dog")
     assert target["abstained"] == bool(target["reason"])
     assert sum(target["probabilities"].values()) == pytest.approx(1)
-    text = text_of("classify", own / "walk.h5", "--model", own / "m.npz", "--gate", "truth")
-    assert target["label"] in text
-    assert "likeliest" in text
+    shown = run("classify", own / "walk.h5", "--model", own / "m.npz", "--gate", "truth")
+    assert target["label"] in shown.stdout
+    assert "likeliest" in shown.stdout
+    assert "note: alarm: " in shown.stderr
 
 
 def test_a_recording_is_classified_in_windows(own):
@@ -137,11 +135,7 @@ def test_features_of_windows_are_rows(own):
         text_of(*arguments, "-o", own / "r.h5")
 
 
-def test_an_alarm_is_explained(own):
-    assert "note: alarm: " in run("classify", own / "walk.h5", "--model", own / "m.npz").stderr
-
-
-def test_mistakes_are_one_clear_error(own, folder, tmp_path):
+def test_mistakes_are_one_clear_error(own, folder, tmp_path, monkeypatch):
     for name, says in (("m.pkl", r"must end in \.npz"), ("no/m.npz", "does not exist"), ("r/m.npz", "the report")):
         with pytest.raises(ConfigError, match=rf"^--save .*{says}"):
             text_of("evaluate", folder, "-o", tmp_path / "r", "--save", tmp_path / name)
@@ -159,13 +153,10 @@ def test_mistakes_are_one_clear_error(own, folder, tmp_path):
         text_of("classify", own / "walk.h5", "--model", own / "walk.h5")
     with pytest.raises(RecordingError):
         text_of("classify", own / "none.h5", "--model", own / "m.npz")
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_folder_that_is_no_recording_is_one_clear_error(own, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(RecordingError):
         text_of("classify", ".", "--model", own / "m.npz")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.shared

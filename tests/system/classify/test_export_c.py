@@ -49,6 +49,12 @@ def build(tmp_path):
     return build
 
 
+def rows_of(program, samples):
+    """Numbers that a program prints, a row a line, of what it reads."""
+    done = run([str(program)], input=samples.tobytes(), capture_output=True)
+    return np.array([line.split() for line in done.stdout.decode().splitlines()], dtype=float)
+
+
 def check(build, model, target, folder):
     """Export, compile and run the test of golden vectors; return its text and the export."""
     made = export_model(model, "c", folder, target)
@@ -151,8 +157,7 @@ def test_a_stream_gives_one_decision_per_window_with_weights_of_bins(build, tmp_
     device, rng = plan(model, bins=2, window_s=0.6, still_time_s=None), np.random.default_rng(2)
     windows = device.n_stft * device.hop * np.arange(3)
     samples = np.concatenate([walk_samples(rng, device) for _ in range(4)])[: windows[-1] + device.window_pulses]
-    done = run([str(program)], input=samples.tobytes(), capture_output=True)
-    rows = np.array([line.split() for line in done.stdout.decode().splitlines()], dtype=float)
+    rows = rows_of(program, samples)
     assert rows[:, 0].tolist() == (device.window_pulses + windows).tolist()
     weighted = samples * np.array([0.5, 1.0])  # a weight of power
     levels = [convert_samples(weighted[start : start + device.window_pulses], device) for start in windows]
@@ -173,10 +178,7 @@ def test_a_sample_that_is_no_number_costs_no_later_window(build, tmp_path):
     samples = np.concatenate([walk_samples(rng, device) for _ in range(3)])
     damaged = samples.copy()
     damaged[device.window_pulses // 2] = complex(np.nan, np.inf)
-    rows = []
-    for sent in (samples, damaged):
-        done = run([str(program)], input=sent.tobytes(), capture_output=True)
-        rows.append(np.array([line.split() for line in done.stdout.decode().splitlines()], dtype=float))
+    rows = [rows_of(program, sent) for sent in (samples, damaged)]
     assert np.isfinite(rows[1]).all()
     assert rows[1][0, 1] != rows[0][0, 1]
     np.testing.assert_allclose(rows[1][1:, 1], rows[0][1:, 1], atol=0.02)  # the mean taken off has seen one sample less
@@ -205,8 +207,7 @@ def test_features_alone_count_where_there_is_no_signature(build, tmp_path):
     levels[:] = None
     expected = model.probability(join_inputs(features, levels))
     program = build(made.folder, tmp_path / "features.c")
-    done = run([str(program)], input=features.astype(np.float32).tobytes(), capture_output=True)
-    rows = np.array([line.split() for line in done.stdout.decode().splitlines()], dtype=float)
+    rows = rows_of(program, features.astype(np.float32))
     assert np.allclose(rows[:, 0], expected[:, 1], atol=1e-4)
     sure = expected.max(axis=1) >= 0.8
     assert 0 < sure.sum() < 100
@@ -238,10 +239,9 @@ def test_a_gate_that_follows_a_simulated_person_gives_what_analyze_gives(build, 
     samples = np.ascontiguousarray(recording.baseband.values).view(np.float32)
     rows = np.hstack([samples, np.clip(inside / bin_m, 0.0, 1.0)]).astype(np.float32)
     (tmp_path / "moving.c").write_text(MOVING)
-    done = run([str(build(made.folder, tmp_path / "moving.c"))], input=rows.tobytes(), capture_output=True)
-    n, probability, *_ = done.stdout.decode().split()
-    assert int(n) == device.window_pulses
-    assert abs(float(probability) - expected[1]) < 1e-3
+    ((n, probability, *_),) = rows_of(build(made.folder, tmp_path / "moving.c"), rows)
+    assert n == device.window_pulses
+    assert abs(probability - expected[1]) < 1e-3
     assert 0.02 < expected[1] < 0.98
 
 
@@ -249,9 +249,8 @@ def test_silence_is_not_decided(build, tmp_path):
     model = export_model_of("network", patch=SMALL, abstain_below=0.0)
     made = export_model(model, "c", tmp_path / "out", CSettings(n_examples=1))
     (tmp_path / "stream.c").write_text(STREAM)
-    n = plan(model).window_pulses
-    done = run([str(build(made.folder, tmp_path / "stream.c"))], input=bytes(8 * n), capture_output=True)
-    assert done.stdout.decode().split()[3] == "0"
+    silence = np.zeros(plan(model).window_pulses, np.complex64)
+    assert rows_of(build(made.folder, tmp_path / "stream.c"), silence)[0, 3] == 0
 
 
 def test_more_bins_can_be_chosen_by_the_compiler(build, tmp_path):

@@ -24,6 +24,7 @@ from doppelgait.viewer.payload import as_json, remove_folders
 from doppelgait.viewer.settings import Settings, parse_parameters, parse_whole
 from doppelgait.viewer.source import OpenedSource
 from tiny_dataset import WALK
+from viewer_client import unpack
 
 N_ROWS = 3000
 FLAGS = ("", "low_confidence", "step_length_m:uncertain", "low_confidence;harmonic_ratio_2:no_peak")
@@ -75,18 +76,6 @@ def ids_of(browser, query):
         if offset >= answer["n_matching"]:
             assert len(found) == answer["n_matching"]
             return found
-
-
-def unpack(payload):
-    """Header and arrays of a payload, read without the code that wrote it."""
-    assert payload[:4] == b"DGV1"
-    length = int.from_bytes(payload[4:8], "little")
-    facts, body = json.loads(payload[8 : 8 + length]), payload[8 + length :]
-    arrays = {
-        name: np.frombuffer(body, a["dtype"], int(np.prod(a["shape"])), a["offset"]).reshape(a["shape"])
-        for name, a in facts["arrays"].items()
-    }
-    return facts, arrays
 
 
 FILTERS = [

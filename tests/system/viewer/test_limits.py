@@ -197,8 +197,7 @@ def test_connections_that_are_answered_stay():
         processes.wait_until(lambda: application.held == 3)
         assert all_of(connect(REQUEST)).startswith(b"HTTP/1.1 503 ")
         application.release.set()
-        for one in held:
-            assert answer_of(one).startswith(b"HTTP/1.1 200 ")
+        assert all(answer_of(one).startswith(b"HTTP/1.1 200 ") for one in held)
         assert answer_of(connect(REQUEST)).startswith(b"HTTP/1.1 200 ")  # in the place of one that waits again
 
 
