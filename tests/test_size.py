@@ -12,6 +12,7 @@ import sys
 import tokenize
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -81,6 +82,7 @@ def count_comments(text: str) -> int:
     return sum(not re.match(r"#\s*(fmt|type|noqa|pragma)", comment) for comment in comments)
 
 
+@cache
 def measure() -> dict[str, dict[str, int]]:
     """Measure every figure of ``size.toml``."""
     rooms = sorted(path.parent for path in PACKAGE.glob("*/__init__.py"))

@@ -74,6 +74,7 @@ def test_two_alarms_with_an_empty_room_between_are_two():
     assert Episode("x", *score_alarm(windows, "human")).find_triggers(0.9).tolist() == [1.0, 3.0]
 
 
+@pytest.mark.release
 def test_triggers_at_the_models_threshold_are_the_rises_of_the_alarm_of_a_stream():
     day, model = read_day(), load_shipped_model("x4")
     chosen = tuple(one for one in day.episodes if one.label == "a person and a dog cross the room")

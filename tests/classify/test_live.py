@@ -212,6 +212,7 @@ def test_a_window_that_cannot_be_analysed_is_counted_and_said_once(walk, monkeyp
     assert (found.counts.failed, found.counts.windows) == (4, 4)
 
 
+@pytest.mark.release
 def test_memory_is_that_of_one_window():
     """Ten thousand windows' worth of frames change no array but the ring."""
     ring = live_module._Ring(RADAR, RADAR.range_axis_m()[:4], 0.01, 0.01)

@@ -39,6 +39,7 @@ def test_a_frame_rate_too_low_for_doppler_leaves_out_one_figure(analysed, figure
     assert "note: no figure 0-human-range-doppler: cpi_s = 0.001" in capsys.readouterr().err
 
 
+@pytest.mark.release
 def test_no_figure_has_faults(figures):
     found = {name: faults(figure, "pdf" if "dog" in name else "svg") for name, figure in figures.items()}
     assert {name: words for name, words in found.items() if words} == {}

@@ -335,6 +335,7 @@ def test_bins_are_quantiles_and_missing_values_have_their_own():
     assert leakage.bin_values(pd.Series([5.0, 5.0, 7.0]), 6).tolist() == [1, 1, 2]
 
 
+@pytest.mark.release
 def test_chance_is_called_chance_as_often_as_it_should(monkeypatch):
     """P-values of tables without a leak are uniform or, for ties, larger."""
     monkeypatch.setattr(leakage, "PERMUTATIONS", 49)

@@ -58,6 +58,7 @@ def test_short_windows_of_recorded_walks_and_runs(shared: Path) -> None:
     assert np.nanmax(every) < 0.10
 
 
+@pytest.mark.release
 @pytest.mark.shared
 def test_dog_segments_without_a_beat_agree_with_the_footfalls_of_the_table(shared: Path) -> None:
     folder = shared / "data" / "mocap"

@@ -164,6 +164,7 @@ def test_the_loop_keeps_the_speed_of_the_clip(variation: float) -> None:
     assert _ground_speed(looped) == pytest.approx(_ground_speed(clip), rel=0.01)
 
 
+@pytest.mark.release
 def test_successive_strides_vary_as_measured() -> None:
     clip = boulic_walk(speed_mps=1.2, duration_s=2.6)
     looped = loop(clip, duration_s=200.0)

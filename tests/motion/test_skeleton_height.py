@@ -107,6 +107,7 @@ def test_a_dog_that_jumps_is_no_taller(shared: Path, name: str, start_s: float) 
     assert describe_recording(file, **part)["cleaned"]["stature_m"] == height_m
 
 
+@pytest.mark.release
 @pytest.mark.shared
 def test_one_dog_has_one_withers_height_in_all_its_recordings(shared: Path) -> None:
     files = sorted((shared / "data" / "mocap" / "dog" / "mann-bvh").glob("*.bvh"))

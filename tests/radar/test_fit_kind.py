@@ -125,6 +125,7 @@ def test_a_line_is_found_in_all_bins_and_a_target_is_none() -> None:
     assert find_mains_harmonic(37.0, 1000.0, 1.0) == ""
 
 
+@pytest.mark.release
 def test_noise_over_doppler_range_and_between_bins() -> None:
     from doppelgait.radar.impairments import apply_impairments, make_impairment
 

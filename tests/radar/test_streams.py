@@ -377,6 +377,7 @@ def test_of_a_slow_consumer_the_oldest_frames_are_dropped():
     assert sum("too slow" in text for text in texts) == 1
 
 
+@pytest.mark.release
 def test_a_hundred_thousand_frames_need_no_more_memory_than_a_thousand(tmp_path):
     path = tmp_path / "long.dgf"
     rng = np.random.default_rng(3)

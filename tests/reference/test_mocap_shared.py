@@ -60,6 +60,7 @@ def test_the_horse_without_a_unit_is_refused_with_what_to_do(shared: Path) -> No
         read(_files(shared, "horse")["horse/vhdc-csv/Horse1_M1_walk1_kinematics.csv"])
 
 
+@pytest.mark.release
 def test_all_clinical_walks_are_read(shared: Path) -> None:
     paths = _files(shared, "clinic")
     assert len(paths) == 41

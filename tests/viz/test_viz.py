@@ -583,6 +583,7 @@ def test_overview_without_anything_determined(tmp_path: Path) -> None:
     assert "no gait frequency" in "".join(texts(axes) for axes in figure.axes)
 
 
+@pytest.mark.release
 def test_same_input_gives_same_bytes(tmp_path: Path) -> None:
     files = [viz.save_figure(make_overview(), tmp_path / f"{number}.png") for number in range(3)]
     assert len({path.read_bytes() for path in files}) == 1
