@@ -15,8 +15,8 @@ from doppelgait.core.plugins import list_plugin_groups
 from doppelgait.radar import Radar
 
 
-def run(*words: str) -> str:
-    result = CliRunner().invoke(app, ["keys", *words], catch_exceptions=False)
+def run(*words: str, command: str = "keys") -> str:
+    result = CliRunner().invoke(app, [command, *words], catch_exceptions=False)
     assert result.exit_code == 0, result.output
     return result.stdout
 
@@ -133,3 +133,24 @@ def test_a_key_of_a_table_is_printed_alone(topic: str, heading: str, key: str) -
 def test_an_unknown_topic_names_those_that_exist(topic: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         run(topic)
+
+
+def test_all_plugins_are_listed_with_their_parameters() -> None:
+    rows = json.loads(run("--json", command="plugins"))
+    assert [row["group"] for row in rows] == sorted(row["group"] for row in rows)
+    assert {(row["group"], row["name"]) for row in rows} == {
+        (group, name) for group, plugins in list_plugin_groups().items() for name in plugins
+    }
+    (parquet,) = (row for row in rows if row["name"] == "parquet")
+    assert parquet == {
+        "group": "exporter", "name": "parquet", "package": "doppelgait", "version": "1",
+        "parameters": ["rows_per_group"],
+    }  # fmt: skip
+
+
+def test_groups_can_be_chosen() -> None:
+    lines = run("exporter", command="plugins").splitlines()
+    assert lines[0].split() == ["group", "name", "package", "version", "parameters"]
+    assert {line.split()[0] for line in lines[1:]} == {"exporter"}
+    with pytest.raises(ConfigError, match="plugins sonar: no such group; groups are classifier, environment, exporter"):
+        run("sonar", command="plugins")

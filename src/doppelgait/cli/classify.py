@@ -364,7 +364,7 @@ def _parse_shares(texts: list[str] | None) -> dict[str, float] | None:
 def _import_test(
     dataset: Path, folder: Path | None, names: str | None, classes: list[str], options: list[str], output: Path
 ) -> Path:
-    """Import recordings as a dataset next to the report, analysed like the training data."""
+    """Import recordings as a dataset next to the report."""
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.core.errors import ConfigError, DatasetError
     from doppelgait.dataset import open_dataset

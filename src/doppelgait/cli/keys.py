@@ -48,15 +48,14 @@ def keys(
             print()
         print(f"{name}: {_words(summary_of(model))}")
         for key in list_keys(model):
-            facts = [_words(key.type), key.unit, _words(key.limits)]
-            print(f"  {key.key}: {', '.join(filter(None, [*facts, _format_default(key.default)]))}")
+            default = DEFAULTS.get(key.default, f"default {_words(key.default)}")
+            facts = [_words(key.type), key.unit, _words(key.limits), default]
+            print(f"  {key.key}: {', '.join(filter(None, facts))}")
             print(textwrap.fill(_words(key.description), 110, initial_indent="      ", subsequent_indent="      "))
 
 
-def _format_default(default: str) -> str:
-    """Format a default for people."""
-    words = {"": "", "required": "required", "its defaults": "optional"}
-    return words.get(default, f"default {_words(default)}")
+DEFAULTS = {"": "", "required": "required", "its defaults": "optional"}
+"""Texts for people of the defaults that are no values."""
 
 
 def _print_topics(*, as_json: bool) -> None:

@@ -236,7 +236,7 @@ def plot_overview(
     above, below = figure.subfigures(2, 1, height_ratios=(1.1, 1.0), squeeze=False)[:, 0]
     limits_hz = doppler_limits_hz(check_signature(signature))
     left, right = above.subplots(1, 2)
-    image = plot_range_time(left, baseband, tracks=gate, db_range=None)
+    image = plot_range_time(left, baseband, tracks=gate)
     name_axes(left, title="Range against time", x=TIME_LABEL, y=RANGE_LABEL)
     add_colour_bar(image, left, quantity="magnitude", reference="1 V")
     legend_under(left, columns=6)
@@ -255,8 +255,6 @@ def plot_overview(
         cadence_map,
         gait_frequency_hz=gait_frequency_hz,
         harmonics_hz=harmonics_hz,
-        max_cadence_hz=None,
-        db_range=None,
         doppler_hz=None if from_main_line(cadence_map) else limits_hz,
         doubtful="gait_frequency_hz" in doubtful,
     )
@@ -268,8 +266,6 @@ def plot_overview(
         cadence_spectrum,
         gait_frequency_hz=gait_frequency_hz,
         harmonics_hz=harmonics_hz,
-        max_cadence_hz=None,
-        db_range=40.0,
         amplitude=amplitude,
         doubtful="gait_frequency_hz" in doubtful,
     )

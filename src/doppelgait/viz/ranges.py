@@ -121,7 +121,11 @@ def range_time(
 
 
 def plot_range_time(
-    axes: Axes, baseband: xr.DataArray, *, tracks: xr.Dataset | Mapping[str, xr.Dataset] | None, db_range: float | None
+    axes: Axes,
+    baseband: xr.DataArray,
+    *,
+    tracks: xr.Dataset | Mapping[str, xr.Dataset] | None,
+    db_range: float | None = None,
 ) -> ScalarMappable:
     """Plot map and gate limits of :func:`range_time` on existing axes."""
     check_array(baseband, BASEBAND)

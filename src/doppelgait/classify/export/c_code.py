@@ -51,11 +51,9 @@ class Sources:
             found["window_bytes"] = self._window_bytes(self.device)
             found["buffer_bytes"] = self._buffer_bytes(self.device)
             found["ram_bytes"] = found["window_bytes"] + found["buffer_bytes"]
-            found |= {f"multiply_adds_{name}": round(value) for name, value in self._count_work(self.device).items()}
+            work = count_work(self.device, self.networks)
+            found |= {f"multiply_adds_{name}": round(value) for name, value in work.items()}
         return found
-
-    def _count_work(self, device: Device) -> dict[str, float]:
-        return count_work(device, self.networks)
 
     def _count_layer_values(self, device: Device) -> tuple[int, int]:
         """Return the sizes of the two buffers of the layers."""
