@@ -17,8 +17,8 @@ velocity of the body's centre, that of L_m its size over the true f_mu; B_mu and
 compared with their values without noise.
 
 `--fit` prints the weights: those of highest posterior at the true frequency over half A at all noise levels, recorded
-targets counted twice, views beyond 60 degrees and less than 1.5 periods with weight 0.3. It takes 30 minutes of one
-core.
+targets counted twice, views beyond 60 degrees and less than 1.5 periods with weight 0.3. It takes about 11 minutes of
+one core.
 
 Not shown: two bodies in one gate, tracked gates, ellipsoids, and aspects beyond 80 degrees.
 """

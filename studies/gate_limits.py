@@ -22,8 +22,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 import xarray as xr
-from gates import MODELS, SEED, SPAN_M, X4, own_track, spoilt, tracks_in, truth_of, walk_past
+from gates import MODELS, SEED, SPAN_M, X4, own_track, spoilt, tracks_in, walk_past
 from harness import finish, make_parser, quiet, run_jobs
+from tracking import truth_of
 
 from doppelgait.core.labels import read_axis
 from doppelgait.core.rng import Streams

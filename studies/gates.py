@@ -23,7 +23,7 @@ import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 from harness import finish, make_parser, quiet, run_jobs
-from tracking import SCENES, Truth
+from tracking import SCENES, Truth, truth_of
 
 from doppelgait.core.frames import Frames
 from doppelgait.core.labels import read_axis
@@ -92,13 +92,6 @@ def spoilt(
     if clutter_db is not None:
         values = values + complex_noise(rng, baseband.shape[1:], echo_v2 * 10 ** (clutter_db / 10))
     return baseband.copy(data=values.astype(np.complex64))
-
-
-def truth_of(recording: Recording) -> Truth:
-    """Return the true ranges and velocities of all bodies."""
-    ranges = np.transpose([one.centre_range_m for one in recording.truth])
-    velocities = np.transpose([one.centre_velocity_mps for one in recording.truth])
-    return Truth(recording.slow_time_s, ranges, velocities)
 
 
 def tracks_in(baseband: xr.DataArray, radar: Radar, detector: Detector | None = None) -> list[Track]:

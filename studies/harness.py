@@ -100,7 +100,7 @@ def markdown(table: pd.DataFrame | Sequence[str], rows: Sequence[Sequence[object
 
     def cell(value: object) -> str:
         if isinstance(value, float | np.floating):
-            return f"{value:.{digits}f}" if np.isfinite(value) else "-"
+            return "-" if np.isnan(value) else f"{value:.{digits}f}"
         text = str(value)
         return "-" if text in ("None", "nan", "nan%") else text
 

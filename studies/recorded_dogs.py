@@ -81,12 +81,9 @@ class Strides:
     stride_s: FloatArray
     duty: dict[str, float]
     lag: dict[str, float]
-    lag_sd: dict[str, float]
     speed: dict[str, FloatArray] = field(default_factory=dict)
     height: dict[str, FloatArray] = field(default_factory=dict)
     ahead: dict[str, FloatArray] = field(default_factory=dict)
-    aside: dict[str, FloatArray] = field(default_factory=dict)
-    at: dict[str, FloatArray] = field(default_factory=dict)
     swing: dict[str, FloatArray] = field(default_factory=dict)
 
 
@@ -137,7 +134,6 @@ def measure_strides(motion: Motion, *, zero: str = "left_hind") -> Strides | Non
     way = body[-1, :2] - body[0, :2]
     speed_mps = float(np.linalg.norm(way)) / float(times_s[-1] - times_s[0])
     forward = way / np.linalg.norm(way)
-    left = np.array([-forward[1], forward[0]])
     hip_m = 0.8 * motion.facts.height_m
     x = {point: at[:, :2] @ forward for point, at in place.items()}
     window = max(5, round(SPEED_WINDOW_S * rate_hz) | 1)
@@ -157,15 +153,13 @@ def measure_strides(motion: Motion, *, zero: str = "left_hind") -> Strides | Non
         return None
     usual_s = float(np.median(periods))
     base = touch.get("left_hind", np.empty(0))
-    lag, lag_sd = {}, {}
+    lag = {}
     for foot, t in touch.items():
         phases = [((v - base[np.argmin(np.abs(base - v))]) / usual_s) for v in t] if base.size else []
         if phases:
             z = np.exp(2j * np.pi * np.array(phases)).mean()
             lag[foot] = float(np.angle(z) / (2 * np.pi) % 1)
-            lag_sd[foot] = float(np.sqrt(max(-2 * np.log(abs(z)), 0)) / (2 * np.pi))
-    curves: tuple[dict[str, list[FloatArray]], ...] = ({}, {}, {}, {})
-    at: dict[str, list[float]] = {}
+    curves: tuple[dict[str, list[FloatArray]], ...] = ({}, {}, {})
     for point in found:
         side = point.partition("_")[0]
         if side in ("left", "right"):
@@ -182,11 +176,9 @@ def measure_strides(motion: Motion, *, zero: str = "left_hind") -> Strides | Non
                 speed[point],
                 (place[point][:, 2] - floor_m) / hip_m,
                 (x[point] - centre) / hip_m,
-                (place[point] - body)[:, :2] @ left / hip_m,
             )
             for table, row in zip(curves, rows, strict=True):
                 table.setdefault(point, []).append(np.interp(at_s, times_s, row))
-            at.setdefault(point, []).append(first_s)
     shapes = {}
     for foot, found_s in swings.items():
         width_s = found_s[:, 1:] - found_s[:, :1]
@@ -204,8 +196,6 @@ def measure_strides(motion: Motion, *, zero: str = "left_hind") -> Strides | Non
             for foot, found_s in swings.items()
         },
         lag,
-        lag_sd,
         *({p: np.array(v) for p, v in table.items()} for table in curves),
-        {p: np.array(v) for p, v in at.items()},
         shapes,
     )

@@ -6,7 +6,7 @@ Question: how many recorded people and dogs do the shipped models recognise unde
 
 For every model (`tools/train_models.py`) people and dogs of motion capture are simulated with its own plan: radar,
 rooms, noise. Nothing is chosen by the scores. With `--write` the scores go into the model's card. Complete datasets in
-OUT are taken as they are: empty it after a change of the package. It takes 20 minutes of one core.
+OUT are taken as they are: empty it after a change of the package. It takes about 5 minutes of one core.
 
 Not shown: real recordings. Dogs of the plans move at up to 3.2 m/s; recorded dogs that gallop are twice as fast.
 """

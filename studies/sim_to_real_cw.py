@@ -14,7 +14,8 @@ One function, `measure`, takes the strongest approaching line of a burst as the 
 around the torso, and leaves out clipped bursts and bursts less than 25 dB above the noise. The profile is the mean in
 dB over bursts, and then over recordings. No constant of the sensor model is chosen by it. Simulated sets are made with
 five seeds of 48 recordings; tables have mean and range over them. A domain classifier separates the reported half from
-each set, tested on recordings that it has not seen; an AUC of 0.5 means no separation. It takes 25 minutes of one core.
+each set, tested on recordings that it has not seen; an AUC of 0.5 means no separation. It takes about 3 minutes of one
+core.
 
 Not shown: no class is recognised. The bursts show no steps, and there are only two recordings, of one dog.
 """

@@ -1,7 +1,5 @@
 """Synthetic X-band images of random targets, a training set.
 
-By the sensor model of :mod:`xband_sensor`.
-
 The dataset builder has no place for this display (twenty bursts without their mean, one range bin of each, levels cut
 at -30 and -10 dB below the image's own maximum) nor for swaying ground, so that the images are made here, with the
 functions of the pipeline. Cheaper than the full sensor model and the same picture: a sweep has 72 samples instead of
@@ -23,23 +21,32 @@ import sim_to_real_inputs as store
 import sim_to_real_motions as motions
 import xband_gait
 import xband_measures as measures
-import xband_sensor as sensor
 from scipy.interpolate import CubicSpline
 from xband_measures import FloatArray
 
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.rng import Streams
+from doppelgait.motion import make_motion
+from doppelgait.motion.motion import Motion
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.pipeline.spectrogram import make_level_gate
 from doppelgait.processing.patches import Patch
+from doppelgait.radar import Radar, Recording
 from doppelgait.scene import Scene, Target
 from doppelgait.scene.rcs import RcsSpec
 
 ComplexArray = npt.NDArray[np.complex128]
 
-RADAR = sensor.RADAR.model_copy(update={"sample_rate_hz": 50e3})
+FULL_RADAR = Radar.preset("xband-fmcw", carrier_hz=9.7e9, prf_hz=1.0 / measures.PRI_S)
+"""1008 samples at 700 kS/s (1.44 ms) every 1.68 ms: unambiguous to 4.6 m/s, as the figures' axis says."""
+RADAR = FULL_RADAR.model_copy(update={"sample_rate_hz": 50e3})
+OBSERVATION_S = measures.N_SWEEPS * measures.PRI_S
+GROUND_PER_M = 4
+SWAY_S, SWAY_M = 0.15, 0.004
+"""Correlation time and mean displacement of the ground's points."""
+FIELD = {"kind": "ground_bounce", "material": "medium_dry_ground"}
 GROUND_RADAR = RADAR.model_copy(update={"prf_hz": 100.0})
 SPEEDS_MPS = (0.6, 4.4)
 PATCH = Patch(velocity_mps=measures.EDGE_MPS, n_velocity=64, column_s=1 / 12, n_time=48, range_db=20.0)
@@ -99,7 +106,7 @@ def draw_place(rng: np.random.Generator) -> Place:
 
 def sample_motion(plan: Plan, label: str, speed_mps: float, rng: np.random.Generator) -> motions.LabelledMotion:
     """Sample a target with a drifting pace, as long as the images."""
-    seconds = sensor.OBSERVATION_S + 0.1
+    seconds = OBSERVATION_S + 0.1
     pace = motions.drifting(rng, seconds, most=0.3 if plan.gait_variation else 0.0, starts=False)
     varied, moved = plan.gait_variation, plan.motion_variation
     found = motions.make_model_motion(label, speed_mps, seconds, rng, varied=varied, moved=moved)
@@ -121,6 +128,36 @@ def draw_company(plan: Plan, number: int, rng: np.random.Generator) -> tuple[lis
     return found, behind_m
 
 
+def ground(length_m: float, rng: np.random.Generator, *, sway_m: float = SWAY_M) -> Motion:
+    """Sample ground points that sway in the wind.
+
+    Along the line of sight; Gaussian processes of exponentially distributed size.
+    """
+    count, rate_hz = round(length_m * GROUND_PER_M), 50.0
+    n_frames = round((OBSERVATION_S + 1.0) * rate_hz)
+    reach = round(4 * SWAY_S * rate_hz)
+    kernel = np.exp(-((np.arange(-reach, reach + 1) / (SWAY_S * rate_hz)) ** 2))
+    white = rng.standard_normal((count, n_frames + 2 * reach))
+    smooth = np.array([np.convolve(row, kernel, mode="valid") for row in white]) / np.sqrt((kernel**2).sum())
+    displaced_m = smooth * sway_m * rng.standard_exponential((count, 1))
+    position_m = np.zeros((n_frames, count, 3))
+    position_m[:, :, 0] = (rng.uniform(-0.5, 0.5, count) * length_m)[None] + displaced_m.T
+    position_m[:, :, 2] = 0.3
+    names = [f"tuft{number}" for number in range(count)]
+    facts = {"source": "ground", "kind": "ground", "mass_kg": 1.0, "height_m": 0.3}
+    return make_motion(position_m, rate_hz=rate_hz, markers=names, parts=[""] * count, facts=facts)
+
+
+def burst_bins(recording: Recording, *, error_m: float = 0.0) -> list[int]:
+    """Return the range bin of the body in every burst.
+
+    In the middle of the burst. Or of a place ``error_m`` behind it.
+    """
+    range_m, track_m = recording.range_m, recording.truth[0].centre_range_m + error_m
+    middles = measures.BURST_SWEEPS * np.arange(measures.N_BURSTS) + measures.BURST_SWEEPS // 2
+    return [int(np.argmin(np.abs(range_m - track_m[middle]))) for middle in middles]
+
+
 def echoes_of(plan: Plan, number: int) -> dict[str, Any]:
     """Simulate the echoes of one example in the kept range bins. Burst by burst, without the means of the bursts."""
     streams = np.random.default_rng([plan.seed, number]).spawn(4)
@@ -131,7 +168,7 @@ def echoes_of(plan: Plan, number: int) -> dict[str, Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)  # feet and paws alias, as they do in the recordings
         signal, bins = _target_echo(company, behind_m, place, rcs, rng=noise_streams[0])
-        ground = _ground_echo(place, bins, motions.speed_of(company[0], sensor.OBSERVATION_S), noise_streams[1])
+        ground = _ground_echo(place, bins, motions.speed_of(company[0], OBSERVATION_S), noise_streams[1])
     return {
         "mover": signal, "ground": ground, "noise_db": place.noise_db, "label": plan.kinds[number % len(plan.kinds)],
         "group": f"model-{plan.seed}-{number}",
@@ -142,12 +179,12 @@ def _target_echo(
     company: list[motions.LabelledMotion], behind_m: list[float], place: Place, rcs: RcsSpec, *,
     rng: np.random.Generator,
 ) -> tuple[ComplexArray, list[int]]:  # fmt: skip
-    field = ({**sensor.FIELD[0], "roughness_m": place.roughness_m},) if place.reflects else ()
+    field = ({**FIELD, "roughness_m": place.roughness_m},) if place.reflects else ()
     targets = [
         Target(one.motion, rcs=rcs, range_m=place.range_m + more_m, aspect_deg=place.aspect_deg)
         for one, more_m in zip(company, behind_m, strict=True)
     ]
-    scene = Scene(targets, radar_position_m=(0.0, 0.0, place.height_m), duration_s=sensor.OBSERVATION_S)
+    scene = Scene(targets, radar_position_m=(0.0, 0.0, place.height_m), duration_s=OBSERVATION_S)
     recording = simulate(
         scene,
         RADAR,
@@ -155,16 +192,16 @@ def _target_echo(
         conditions=Conditions(noise={"kind": "none"}, environment=field),
         angles=False,
     )
-    bins = sensor.burst_bins(recording, error_m=place.gate_error_m)
+    bins = burst_bins(recording, error_m=place.gate_error_m)
     return measures.stitched(recording.baseband.values, bins), bins
 
 
 def _ground_echo(place: Place, bins: list[int], speed_mps: float, rng: np.random.Generator) -> ComplexArray:
     """Simulate the ground echo in the bins of the bursts. On the sweeps of the echo of the target."""
-    length_m = speed_mps * sensor.OBSERVATION_S + 8.0
+    length_m = speed_mps * OBSERVATION_S + 8.0
     echo = RcsSpec(kind="equal", total_m2=place.ground_m2 * length_m)
-    around = Target(sensor.ground(length_m, rng, sway_m=place.sway_m), rcs=echo, range_m=place.range_m)
-    scene = Scene([around], radar_position_m=(0.0, 0.0, place.height_m), duration_s=sensor.OBSERVATION_S)
+    around = Target(ground(length_m, rng, sway_m=place.sway_m), rcs=echo, range_m=place.range_m)
+    scene = Scene([around], radar_position_m=(0.0, 0.0, place.height_m), duration_s=OBSERVATION_S)
     recording = simulate(
         scene,
         GROUND_RADAR,

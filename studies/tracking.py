@@ -36,7 +36,7 @@ from doppelgait.processing import Gate
 from doppelgait.processing.detect.scans import find_scans
 from doppelgait.processing.detections import Detection, Scan
 from doppelgait.processing.track import Track, Tracker, track
-from doppelgait.radar import Radar, add_noise
+from doppelgait.radar import Radar, Recording, add_noise
 from doppelgait.scene import Scene, Target
 from doppelgait.testing.tracking import compare_tracks, range_iou
 
@@ -267,7 +267,7 @@ def run_scene(job: tuple[str, int]) -> list[dict[str, Any]]:
     name, number = job
     rng = np.random.default_rng([SEED, list(SCENES).index(name), number])
     recording = simulate(SCENES[name](rng), RADAR, angles=False)
-    truth = _truth_of(recording.truth, recording.slow_time_s)
+    truth = truth_of(recording)
     cases = {"sampled": draw_scans(truth, rng)} if truth.range_m.size else {}
     for level_db in LEVELS_DB if truth.range_m.size else LEVELS_DB[:1]:
         baseband = noisy_copy(recording.baseband, level_db, rng)
@@ -283,11 +283,13 @@ def run_scene(job: tuple[str, int]) -> list[dict[str, Any]]:
     ]
 
 
-def _truth_of(truths: list, slow_time_s: FloatArray) -> Truth:
-    shape = (slow_time_s.size, len(truths))
+def truth_of(recording: Recording) -> Truth:
+    """Return the true ranges and velocities of all bodies."""
+    times_s, truths = recording.slow_time_s, recording.truth
+    shape = (times_s.size, len(truths))
     ranges = np.reshape(np.transpose([t.centre_range_m for t in truths]), shape)
     velocities = np.reshape(np.transpose([t.centre_velocity_mps for t in truths]), shape)
-    return Truth(slow_time_s, ranges, velocities)
+    return Truth(times_s, ranges, velocities)
 
 
 def tabulate(rows: pd.DataFrame) -> pd.DataFrame:

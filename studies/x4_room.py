@@ -19,7 +19,7 @@ Assumed: the carrier (7.29 GHz); noise figure (6 dB), transmit power and antenna
 person's level. Of the person only range and rate are known: 1.75 m of stature, radar cross section 0.8 m^2 times mass
 over 80 kg, radar at the height of the chest. The recorded person moves the whole body at first and then sits still; the
 simulated one only breathes. The part from 40 s on is therefore compared too, with the chest's amplitude taken from the
-phase of the recording. It takes 3 minutes of one core.
+phase of the recording. It takes about 1 minute of one core.
 
 Not shown: other rooms and other modules. Two radars of one room and one person are a small sample.
 """

@@ -9,7 +9,7 @@ RADAR_DATA holds `fmcw_xband_manga/decoded_levels.npz` (what these images are: `
 `cw24_kmkim036`. The images enter at the signature: levels between -30 and -10 dB, a column every 8 sweeps of 1.68 ms.
 (The source prints 7 s for what by its own velocity axis are 8.4 s.) Rows within 0.4 m/s of zero, the ground, are
 emptied; the features get nothing else. One image is cut before the dog brakes, and of the runner, whose Doppler wraps,
-the axis is turned so that it starts at -0.6 m/s. It takes 2 minutes of one core.
+the axis is turned so that it starts at -0.6 m/s. It takes about 1 minute of one core.
 
 Not shown: the readings by eye were not blind, and the estimator was chosen with these images in view.
 """

@@ -32,10 +32,6 @@ SLOWEST_MPS = 0.4
 """Nearer to zero than this is the ground."""
 QUIET_MPS = (0.8, 3.4)
 """Speeds on the far side of zero at which nothing but noise is expected."""
-ENVELOPE_DB = -22.0
-LINE_MPS = 0.3
-"""Half the width of the trunk's line."""
-MODULATION_HZ = (0.8, 6.0)
 
 
 def read_levels(path: Path, keys: Iterable[str] | None = None) -> dict[str, FloatArray]:
@@ -82,51 +78,6 @@ def displayed_db(power: FloatArray) -> FloatArray:
     return np.asarray(np.clip(level_db, FLOOR_DB, CEILING_DB))
 
 
-def towards(level_db: FloatArray, *, direction: int) -> FloatArray:
-    """Flip an image so that the side of the target is above. Velocities of a receding target (-1) change sign."""
-    return level_db if direction > 0 else level_db[(N_ROWS - np.arange(N_ROWS)) % N_ROWS]
-
-
-def torso_speed_mps(level_db: FloatArray) -> float:
-    """Return the median over time of the strongest speed above 0.4 m/s. Where several rows are clipped, their mean."""
-    side = VELOCITY_MPS > SLOWEST_MPS
-    strongest = level_db[side] == level_db[side].max(axis=0)
-    speed_mps = (strongest * VELOCITY_MPS[side, None]).sum(axis=0) / strongest.sum(axis=0)
-    return float(np.median(speed_mps))
-
-
-def line_share(level_db: FloatArray) -> float:
-    """Return the share of columns in which the trunk's line is strongest.
-
-    Beyond 0.4 m/s on the side of the target; the line is within 0.3 m/s of :func:`torso_speed_mps`.
-    """
-    side = VELOCITY_MPS > SLOWEST_MPS
-    near = np.abs(VELOCITY_MPS[side] - torso_speed_mps(level_db)) <= LINE_MPS
-    return float((level_db[side][near].max(axis=0) >= level_db[side][~near].max(axis=0)).mean())
-
-
-def envelope_mps(level_db: FloatArray) -> float:
-    """Return the 95th percentile over time of the highest speed. On the side of the target, above -22 dB."""
-    seen = (level_db > ENVELOPE_DB) & (VELOCITY_MPS[:, None] > SLOWEST_MPS)
-    highest = np.where(seen, VELOCITY_MPS[:, None], 0.0).max(axis=0)
-    return float(np.percentile(highest, 95))
-
-
-def modulation_hz(level_db: FloatArray) -> float:
-    """Return the strongest modulation between 0.8 and 6 Hz.
-
-    Of the summed spectra of all rows on the side of the target.
-    """
-    rows = level_db[VELOCITY_MPS > SLOWEST_MPS]
-    time = np.linspace(-1.0, 1.0, rows.shape[1])
-    trend = np.polynomial.polynomial.polyvander(time, 2)
-    rows = rows - (trend @ np.linalg.lstsq(trend, rows.T, rcond=None)[0]).T
-    spectrum = (np.abs(np.fft.rfft(rows * np.hanning(rows.shape[1]), 8 * N_COLUMNS, axis=1)) ** 2).sum(axis=0)
-    frequency_hz = np.fft.rfftfreq(8 * N_COLUMNS, COLUMN_S)
-    inside = (frequency_hz >= MODULATION_HZ[0]) & (frequency_hz <= MODULATION_HZ[1])
-    return float(frequency_hz[inside][np.argmax(spectrum[inside])])
-
-
 def noise_db(level_db: FloatArray) -> float:
     """Estimate the mean noise of a pixel, dB.
 
@@ -137,33 +88,3 @@ def noise_db(level_db: FloatArray) -> float:
     share = float((level_db[quiet] > FLOOR_DB + 0.5 * (CEILING_DB - FLOOR_DB) / 255).mean())
     share = min(max(share, 1e-5), 1.0 - 1e-5)
     return FLOOR_DB - 10.0 * float(np.log10(-np.log(share)))
-
-
-def boundary_step_db(level_db: FloatArray) -> float:
-    """Return the level step at the joints of bursts, dB.
-
-    Near zero Doppler, relative to the middle of bursts. A column's window is centred on a joint every 32 columns, first
-    at column 24.
-    """
-    slow = level_db[np.abs(VELOCITY_MPS) < SLOWEST_MPS / 2.0].mean(axis=0)
-    place = (np.arange(N_COLUMNS) - 24) % (BURST_SWEEPS // HOP_SWEEPS)
-    return float(slow[place == 0].mean() - slow[(place >= 14) & (place <= 18)].mean())
-
-
-def histogram_distance_db(one: FloatArray, other: FloatArray) -> float:
-    """Return the Wasserstein distance of the levels of two images, dB."""
-    from scipy.stats import wasserstein_distance
-
-    return float(wasserstein_distance(one.ravel(), other.ravel()))
-
-
-def profile_distance(one: FloatArray, other: FloatArray, *, ground: bool) -> tuple[float, float]:
-    """Return rms difference, dB, and correlation of the velocity profiles. With or without ground."""
-    rows = np.ones(N_ROWS, dtype=bool) if ground else np.abs(VELOCITY_MPS) > SLOWEST_MPS
-    first, second = one.mean(axis=1)[rows], other.mean(axis=1)[rows]
-    return float(np.sqrt(np.mean((first - second) ** 2))), float(np.corrcoef(first, second)[0, 1])
-
-
-def clipped_shares(level_db: FloatArray) -> tuple[float, float]:
-    """Return the shares of pixels at floor and ceiling."""
-    return float((level_db <= FLOOR_DB).mean()), float((level_db >= CEILING_DB).mean())

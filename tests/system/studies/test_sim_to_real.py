@@ -131,8 +131,8 @@ def test_ground_and_clipping_can_be_left_out(images: ModuleType) -> None:
 def test_few_samples_and_slow_ground_change_no_echo(images: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     """72 samples a sweep against the radar's 1008, and ground at 100 sweeps/s against all 595: the same echoes."""
     quick = images.echoes_of(images.Plan(), 2)
-    monkeypatch.setattr(images, "RADAR", images.sensor.RADAR)
-    monkeypatch.setattr(images, "GROUND_RADAR", images.sensor.RADAR.model_copy(update={"sample_rate_hz": 50e3}))
+    monkeypatch.setattr(images, "RADAR", images.FULL_RADAR)
+    monkeypatch.setattr(images, "GROUND_RADAR", images.FULL_RADAR.model_copy(update={"sample_rate_hz": 50e3}))
     full = images.echoes_of(images.Plan(), 2)
     for name, least in (("mover", 0.99), ("ground", 0.99)):
         likeness = abs(np.vdot(quick[name], full[name])) / np.linalg.norm(quick[name]) / np.linalg.norm(full[name])
