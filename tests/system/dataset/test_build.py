@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import json
 
-import h5py
-import numpy as np
 import pandas as pd
 import pytest
 
 from dataset_plans import tiny_plan
-from doppelgait.core import files
-from doppelgait.core.errors import ConfigError, DatasetError, OutputError
+from doppelgait.core.errors import DatasetError
 from doppelgait.core.files import hash_file
 from doppelgait.dataset import build_dataset, load_plan, open_dataset
 from doppelgait.motion import boulic_walk
@@ -64,19 +61,6 @@ def test_a_second_build_makes_nothing(built, monkeypatch):
     assert (report.n_built, report.n_reused) == (0, 8)
 
 
-def test_a_damaged_a_missing_and_a_half_written_shard_are_made_again(built, tmp_path):
-    folder, _ = built
-    build_dataset(small_plan(), tmp_path, workers=1)
-    shards = sorted((tmp_path / "shards").glob("*.h5"))
-    shards[0].write_bytes(shards[0].read_bytes()[:-10])
-    shards[1].unlink()
-    (tmp_path / "shards" / "train-00000-of-00009.h5.partial").write_bytes(b"rest of a killed run")
-    report = build_dataset(small_plan(), tmp_path, workers=1)
-    assert report.n_built > 0
-    assert hashes(tmp_path) == hashes(folder)
-    assert not list(tmp_path.rglob("*.partial"))
-
-
 def test_another_configuration_in_the_same_folder_is_refused_with_the_difference(built):
     folder, _ = built
     before = hashes(folder)
@@ -90,21 +74,6 @@ def test_a_foreign_folder_is_not_touched(tmp_path):
     with pytest.raises(DatasetError, match="contains no dataset"):
         build_dataset(small_plan(), tmp_path, workers=1)
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.doc"]
-
-
-def test_a_failing_example_is_recorded_and_the_others_are_kept(tmp_path):
-    names = [f"broken{n}.c3d" for n in range(4)]
-    classes = [
-        {"label": "human", "motion": {"kind": "boulic"}},
-        {"label": "ghost", "motion": {"kind": "file", "path": {"choice": names}}},
-    ]
-    for name in names:
-        (tmp_path / name).write_text(f"not a C3D file: {name}")
-    report = build_dataset(small_plan(classes=classes), tmp_path / "d", folder=tmp_path, workers=1)
-    assert (report.n_examples, report.n_built, report.n_reused) == (4, 4, 0)
-    assert len(report.failures) == 4
-    assert all("broken" in f["reason"] and "Traceback" not in f["reason"] for f in report.failures)
-    assert not json.loads((tmp_path / "d" / "dataset.json").read_text())["complete"]
 
 
 def test_a_second_build_tries_failed_examples_again_and_only_their_shards(built, tmp_path, monkeypatch):
@@ -131,17 +100,6 @@ def test_a_second_build_tries_failed_examples_again_and_only_their_shards(built,
     assert second.n_reused == 8 - len(tried[0].examples)
     assert hashes(tmp_path) == hashes(built[0])
     assert json.loads((tmp_path / "dataset.json").read_text())["complete"]
-
-
-def test_a_wrong_motion_is_refused_before_anything_is_written_and_the_folder_takes_the_right_plan(tmp_path):
-    wrong = [
-        {"label": "dog", "motion": {"kind": "quadruped"}},
-        {"label": "human", "motion": {"kind": "boulic", "speed": {"uniform": [0.9, 1.4]}}},
-    ]
-    with pytest.raises(ConfigError, match=r"class 'human'.*classes\.1\.motion\.speed: unknown key"):
-        build_dataset(small_plan(classes=wrong), tmp_path / "d", workers=1)
-    assert not (tmp_path / "d").exists()
-    assert build_dataset(small_plan(), tmp_path / "d", workers=1).failures == []
 
 
 def walker(path, *, speed_mps=1.2, **options):
@@ -176,39 +134,8 @@ def test_recordings_are_in_the_index_and_the_card(built, tmp_path, monkeypatch):
     assert "licences" not in model_card
 
 
-def test_a_class_added_to_the_plan_is_refused_in_few_words(built):
-    classes = [*small_plan().model_dump()["classes"], {"label": "cat", "motion": {"kind": "quadruped", "gait": "trot"}}]
-    with pytest.raises(DatasetError, match=r"\(classes\.2: absent -> \{\"label\": \"cat\"[^()]*\);") as caught:
-        build_dataset(small_plan(classes=classes), built[0], workers=1)
-    assert len(str(caught.value)) < 400
-
-
-def test_a_full_disk_is_one_error_and_keeps_what_was_built(tmp_path, monkeypatch):
-    def no_space(path):
-        raise OSError(28, "No space left on device")
-
-    real = files.sync_file
-    monkeypatch.setattr(files, "sync_file", lambda path: no_space(path) if path.name.startswith("t") else real(path))
-    with pytest.raises(OutputError, match="No space left"):
-        build_dataset(small_plan(), tmp_path, workers=1)
-    monkeypatch.undo()
-    assert build_dataset(small_plan(), tmp_path, workers=1).n_examples == 8
-
-
-def test_features_arrays_and_truth_read_back(built):
-    folder, _ = built
-    dataset = open_dataset(folder)
-    X, y, groups = dataset["train"].features()
-    assert X.shape == (4, 6)
-    assert set(y) == {"human", "dog"}
-    assert len(set(groups)) == 4
-    assert len(dataset.select("label == 'dog'")) == 4
-    array = dataset.array("signature", 0)
-    assert array.dtype == np.float32
-    assert array.ndim == 2
-    assert np.isfinite(array).all()
-    assert dataset.array("baseband", 0).dtype == np.complex64
-    walkers = dataset.select("label == 'human'").index
+def test_gait_frequencies_are_near_their_truth(built):
+    walkers = open_dataset(built[0]).select("label == 'human'").index
     assert (walkers["gait_frequency_hz"] / walkers["truth_gait_frequency_hz"] - 1).abs().max() < 0.1
 
 
@@ -216,25 +143,6 @@ def test_features_arrays_and_truth_read_back(built):
 def test_a_body_that_stands_still_has_no_aspect(tmp_path):
     build_dataset(small_plan(classes=[{"label": "rest", "motion": {"kind": "breathing"}}]), tmp_path, workers=1)
     assert pd.read_parquet(tmp_path / "index.parquet")["truth_aspect_deg"].isna().all()
-
-
-def test_a_shard_is_readable_with_plain_h5py(built):
-    folder, _ = built
-    index = pd.read_parquet(folder / "index.parquet")
-    row = index.iloc[3]
-    with h5py.File(folder / "shards" / f"{row['shard']}.h5") as file:
-        assert file["id"].asstr()[row["row"]] == row["id"]
-        assert file["signature"].shape[0] == len(file["id"])
-
-
-def test_open_dataset_says_what_is_missing(tmp_path, built):
-    with pytest.raises(DatasetError, match="build it first"):
-        open_dataset(tmp_path)
-    dataset = open_dataset(built[0])
-    with pytest.raises(DatasetError, match="'valid' is neither a split nor"):
-        dataset["valid"]
-    with pytest.raises(DatasetError, match="keeps no 'truth'"):
-        dataset.array("truth", 0)
 
 
 def test_home_alarm_stays_inside_the_frame_and_never_aliases(tmp_path):

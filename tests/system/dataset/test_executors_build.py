@@ -135,10 +135,6 @@ def test_a_build_without_a_part_finishes_what_parts_began(tmp_path, reference):
 def test_a_wrong_part_is_one_error_before_anything_is_written(tmp_path, part):
     with pytest.raises(ConfigError, match="must be I/N"):
         build_dataset(tiny_plan(), tmp_path / "d", part=part)
-    assert not (tmp_path / "d").exists()
-
-
-def test_an_unknown_executor_is_one_error_before_anything_is_written(tmp_path):
     with pytest.raises(ConfigError, match="known are serial, processes, dask"):
         build_dataset(tiny_plan(), tmp_path / "d", executor="threads")
     assert not (tmp_path / "d").exists()

@@ -77,14 +77,11 @@ def test_shares_of_shares_are_the_stream_too(light):
     assert sorted(name for part in parts for name in ids(part, 4)) == sorted(serial)
 
 
-def test_arrays_do_not_depend_on_the_worker():
+def test_arrays_do_not_depend_on_the_worker_and_a_seed_makes_another_stream():
     serial = list(islice(stream_examples(PLAN), 4))
     for k in range(2):
         share = list(islice(stream_examples(PLAN, worker=(k, 2)), 2))
         assert all(same(a, b) for a, b in zip(share, serial[k::2], strict=True))
-
-
-def test_seed_makes_another_stream():
     one, two = (next(iter(stream_examples(PLAN, seed=seed))) for seed in (1, 2))
     assert one.id == two.id
     assert not same(one, two)

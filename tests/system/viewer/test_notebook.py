@@ -47,13 +47,12 @@ def test_a_recording_is_served_until_it_is_stopped(recording: dg.Recording) -> N
         get(page.url)
 
 
-def test_a_path_is_opened_as_by_the_command(recording: dg.Recording, tmp_path: Path) -> None:
+def test_a_path_is_opened_as_by_the_command_and_what_cannot_be_shown_is_one_error(
+    recording: dg.Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_recording(recording, tmp_path / "walk.h5")
     with dg.view(tmp_path / "walk.h5", gate="truth") as page:
         assert repr(page).startswith("View of walk.h5: http://")
-
-
-def test_what_cannot_be_shown_is_one_error(recording: dg.Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(RecordingError, match=r"^nothing\.h5: no such file or folder$"):
         dg.view("nothing.h5")
     with pytest.raises(ConfigError, match=r"^source: int is not allowed; give a recording, or the path"):
