@@ -28,11 +28,13 @@ from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.viewer.payload import (
     DEEPEST_DB,
     MOST,
+    average_axis,
     describe_axis,
     describe_doppler,
     doppler_picture,
     encode,
     encode_image,
+    find_block_maxima,
     find_block_size,
     level_db,
     pack,
@@ -235,12 +237,9 @@ def make_range_doppler_payload(
     ranges = describe_axis("range", "m", read_axis(cube, "range"))
     rows = describe_doppler(doppler_hz, float(2.0 * read_axis(cube, "velocity")[0] / doppler_hz[0]))
     # The resolution of a screen is enough: the strongest cell of every block.
-    for dim, facts in ((1, ranges), (2, rows)):
-        block = math.ceil(levels.shape[dim] / MOST_PARTS[dim - 1])
-        if block > 1:
-            levels = np.maximum.reduceat(levels, np.arange(0, levels.shape[dim], block), axis=dim)
-            first, step = facts["first"] + (block - 1) / 2 * facts["step"], block * facts["step"]
-            facts.update({"first": first, "step": step, "n": levels.shape[dim], "block": block})
+    blocks = [find_block_size(size, most) for size, most in zip(levels.shape[1:], MOST_PARTS, strict=True)]
+    levels = find_block_maxima(levels, 1, *blocks)
+    ranges, rows = (average_axis(facts, block) for facts, block in zip((ranges, rows), blocks, strict=True))
     slow_time = clean.slow_time
     centres = plan_for(slow_time, analysis).compute_centre_pulses()[frames.columns]
     times_s = slow_time.start_s + centres / slow_time.rate_hz

@@ -103,8 +103,8 @@ def encode_image(
     low, high = level_span_db(strongest)
     facts = {
         "array": name,
-        "x": _average_axis(x, blocks[0]),
-        "y": _average_axis(y, blocks[1]),
+        "x": average_axis(x, blocks[0]),
+        "y": average_axis(y, blocks[1]),
         "db": [low, high],
         "shown_db": shown_range_db(level_db(np.concatenate(some)), high),
         "unit": unit,
@@ -135,15 +135,15 @@ def find_block_size(size: int, most: int) -> int:
     return max(1, math.ceil(size / most))
 
 
-def find_block_maxima(values: FloatArray, columns: int, rows: int) -> FloatArray:
-    """Return the strongest cell per block of ``columns`` times ``rows``."""
-    for dim, block in enumerate((columns, rows)):
+def find_block_maxima(values: FloatArray, *blocks: int) -> FloatArray:
+    """Return the strongest cell of every block, one size per axis."""
+    for dim, block in enumerate(blocks):
         if block > 1:
             values = np.maximum.reduceat(values, np.arange(0, values.shape[dim], block), axis=dim)
     return values
 
 
-def _average_axis(facts: Axis, block: int) -> Axis:
+def average_axis(facts: Axis, block: int) -> Axis:
     """Return the axis of the centres of blocks."""
     if block == 1:
         return facts
