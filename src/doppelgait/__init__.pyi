@@ -13,6 +13,9 @@ from doppelgait import testing as testing
 from doppelgait import viewer as viewer
 from doppelgait import viz as viz
 from doppelgait.classify.live import live as live
+from doppelgait.core.errors import ConfigError as ConfigError
+from doppelgait.core.errors import DoppelgaitError as DoppelgaitError
+from doppelgait.core.errors import DoppelgaitWarning as DoppelgaitWarning
 from doppelgait.core.plugins import plugin as plugin
 from doppelgait.core.rng import Streams as Streams
 from doppelgait.core.rng import rng as rng

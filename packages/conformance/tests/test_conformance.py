@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import doppelgait_conformance as conformance
-from doppelgait.core.errors import ConfigError
+from doppelgait import ConfigError
 from doppelgait.radar import Radar
 from doppelgait_conformance import (
     Check,

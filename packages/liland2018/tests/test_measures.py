@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from scipy import signal, stats
 from sklearn.metrics import roc_auc_score
 
-from doppelgait.core.labels import CADENCE_SPECTRUM, NORMALISED_SIGNATURE, make_array
 from doppelgait.processing import gaussian_window
 from doppelgait_liland2018 import measures
 from doppelgait_liland2018.drawing import band_hz
@@ -25,11 +25,11 @@ def signature_of(lines_hz, width_hz=8.0, doppler_hz=None, level=1.0):
     values = np.exp(-0.5 * ((doppler[None, :, None] - lines[:, None, :]) / width_hz) ** 2).sum(axis=2)
     times = np.arange(lines.shape[0]) / RATE_HZ
     coords = {"time": times, "doppler": doppler, "velocity": ("doppler", doppler * WAVELENGTH_M / 2)}
-    return make_array(NORMALISED_SIGNATURE, np.asarray(level)[..., None] * values, coords)
+    return xr.DataArray(np.asarray(level)[..., None] * values, coords, ("time", "doppler"))
 
 
 def spectrum(values, bin_hz):
-    return make_array(CADENCE_SPECTRUM, values, {"cadence": bin_hz * np.arange(len(values))})
+    return xr.DataArray(values, {"cadence": bin_hz * np.arange(len(values))})
 
 
 # windows

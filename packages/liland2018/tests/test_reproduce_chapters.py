@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from doppelgait.core.errors import MotionError
+from doppelgait import DoppelgaitError
 from doppelgait_liland2018 import chapter2, chapter3_data, chapter3_frame, measures
 from doppelgait_liland2018.material import Material, make_point_table, simulate_slow_time_signal
 
@@ -73,12 +73,12 @@ def test_phase_between_lines_does_not_see_drift_or_harmonics(phase_deg):
 
 
 def test_phase_and_cycle_need_a_whole_stride(material):
-    with pytest.raises(MotionError, match="shorter than one stride"):
+    with pytest.raises(DoppelgaitError, match="shorter than one stride"):
         measures.phase_between_deg(np.arange(50.0), np.arange(50.0), stride_hz=1.0, rate_hz=100.0)
     motion = material.make_walker().motion
-    with pytest.raises(MotionError, match=r"left_paw touches down 0 times where two are needed"):
+    with pytest.raises(DoppelgaitError, match=r"left_paw touches down 0 times where two are needed"):
         measures.one_cycle_s(motion, "left_paw")
-    with pytest.raises(MotionError, match="no point is known to be of the left hind paw"):
+    with pytest.raises(DoppelgaitError, match="no point is known to be of the left hind paw"):
         measures.average_part_line(motion.positions.isel(space=0), "left_hind_paw")
 
 

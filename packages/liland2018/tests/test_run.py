@@ -13,8 +13,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning, MotionError, OutputError
-from doppelgait.viz.style import make_axes
+from doppelgait import ConfigError, DoppelgaitError, DoppelgaitWarning
 from doppelgait_liland2018 import run as module
 from doppelgait_liland2018.command import reproduce as command
 from doppelgait_liland2018.entry import (
@@ -28,8 +27,10 @@ from doppelgait_liland2018.entry import (
     place_of,
     summarise_readings,
 )
+from doppelgait_liland2018.folder import OutputError
 from doppelgait_liland2018.material import Material
 from doppelgait_liland2018.run import reproduce
+from doppelgait_liland2018.style import make_axes
 
 REPORT = [
     *("2.6", "2.12", "2.13", "2.14", "2.15", "2.16", "2.18", "2.19", "2.20"),
@@ -53,7 +54,7 @@ def _draw(material):
 
 
 def _fail(material):
-    raise MotionError("no such gait here")
+    raise DoppelgaitError("no such gait here")
 
 
 def _warn(material):

@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from doppelgait.core.labels import read_axis
 from doppelgait.motion.models import moving_point
-from doppelgait.motion.retime import travel_speed_mps
 from doppelgait_liland2018 import appendix_a, chapter4, chapter4_features, chapter5, chapter5_study, chapter5_views
 from doppelgait_liland2018.material import Material
+from doppelgait_liland2018.measures import read_axis, travel_speed_mps
 from doppelgait_liland2018.scenarios import AWAY_EVERY, Scenario, is_wrong, make_scenarios, observe, run_study
 
 SEED = 7

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from typing import Any
 
-from doppelgait.core.config import convert_to_json
-from doppelgait.core.errors import ConfigError
-from doppelgait_conformance import format_report, run_conformance
+from doppelgait import ConfigError
+from doppelgait_conformance import Check, format_report, run_conformance
+
+
+def _convert(check: Check) -> dict[str, Any]:
+    """Convert a check for JSON: numbers that are not finite are null."""
+    values = asdict(check).items()
+    return {name: None if isinstance(value, float) and not math.isfinite(value) else value for name, value in values}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -26,11 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
-    print(
-        json.dumps([convert_to_json(asdict(check)) for check in checks], indent=1)
-        if options.json
-        else format_report(checks)
-    )
+    print(json.dumps([_convert(check) for check in checks], indent=1) if options.json else format_report(checks))
     return int(any(check.passed is False for check in checks))
 
 

@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.errors import AnalysisError
-from doppelgait.radar.parameters import Radar
+from doppelgait.radar import Radar
 from doppelgait_conformance import theory
 
 Complex = npt.NDArray[np.complex128]
@@ -96,7 +95,7 @@ def simulate_baseband(bench: Bench, scatterers: xr.Dataset, radar: Radar) -> tup
     result = bench.simulator(scatterers, radar)
     if isinstance(result, xr.DataArray):
         if result.dims != ("slow_time", "range") or "range" not in result.coords:
-            raise AnalysisError(
+            raise ValueError(
                 f"the simulator's DataArray has the dimensions {result.dims}; it must have (slow_time, range) and a "
                 "coordinate range, m"
             )
@@ -111,28 +110,28 @@ def check_complex(values: Any, shape: tuple[int, int], *, what: str) -> Complex:
     """Check the shape of values and return them as complex128."""
     array = np.asarray(values)
     if array.shape != shape:
-        raise AnalysisError(f"{what} has the shape {array.shape}; it must be {shape}")
+        raise ValueError(f"{what} has the shape {array.shape}; it must be {shape}")
     return array.astype(np.complex128)
 
 
 def simulate_bins(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
     """Simulate the noise-free baseband."""
-    from doppelgait.radar.simulate import synthesise
+    from doppelgait.radar import synthesise
 
     return synthesise(scatterers, radar)
 
 
 def simulate_sweep(scatterers: xr.Dataset, radar: Radar, /) -> npt.NDArray[np.complex64]:
     """Simulate the receiver samples of every sweep."""
-    from doppelgait.radar.simulate import synthesise_samples
+    from doppelgait.radar import synthesise_samples
 
     return synthesise_samples(scatterers, radar)
 
 
 def sample_receiver_noise(radar: Radar, /, *, n_pulses: int, rng: np.random.Generator) -> npt.NDArray[np.complex64]:
     """Sample thermal noise of the receiver, compressed to range bins."""
+    from doppelgait.radar import compress
     from doppelgait.radar.impairments import ThermalNoise, apply_impairments
-    from doppelgait.radar.simulate import compress
 
     silence = np.zeros((n_pulses, radar.waveform.n_samples(radar)), dtype=np.complex64)
     return compress(apply_impairments(silence, [ThermalNoise()], radar=radar, rng=rng), radar)
@@ -182,8 +181,7 @@ def apply_floor(
 
 
 def _apply_effect(scatterers: xr.Dataset, effect: dict[str, Any], carrier_hz: float, *, height_m: float) -> xr.Dataset:
-    from doppelgait.core.units import carrier_to_wavelength_m
     from doppelgait.scene.environment import Setting, apply_environment, make_effect
 
-    setting = Setting(carrier_to_wavelength_m(carrier_hz), (0.0, 0.0, height_m))
+    setting = Setting(theory.C_MPS / carrier_hz, (0.0, 0.0, height_m))
     return apply_environment(scatterers, [make_effect(effect)], setting)

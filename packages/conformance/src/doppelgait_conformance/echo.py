@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from doppelgait.radar.parameters import Radar
+from doppelgait.radar import Radar
 from doppelgait_conformance import theory
 from doppelgait_conformance.bench import Bench, check_complex, simulate_baseband
 from doppelgait_conformance.radars import change_radar, make_approach, make_table, place_m, speed_mps

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.radar.parameters import Radar
+from doppelgait.radar import Radar
 from doppelgait_conformance import theory
 from doppelgait_conformance.bench import Bench, Complex, simulate_baseband
 from doppelgait_conformance.radars import make_narrow_radar

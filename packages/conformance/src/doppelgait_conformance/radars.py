@@ -9,13 +9,14 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.errors import ConfigError
-from doppelgait.core.labels import SCATTERER_VARIABLES
-from doppelgait.radar.parameters import Radar
+from doppelgait import ConfigError
+from doppelgait.radar import Radar
 from doppelgait_conformance import theory
 
 Float = npt.NDArray[np.float64]
 DIMS = ("slow_time", "scatterer")
+UNITS = {"range": "m", "radial_velocity": "m/s", "rcs": "m^2", "path_gain": "1"}
+"""Units of the columns of a scatterer table; the others are angles, rad."""
 
 
 def make_table(
@@ -34,7 +35,7 @@ def make_table(
     for name, value in wanted.items():
         array = np.asarray(value, dtype=float)
         array = array[:, None] if array.ndim == 1 else array
-        columns[name] = (DIMS, np.array(np.broadcast_to(array, ranges_m.shape)), {"units": SCATTERER_VARIABLES[name]})
+        columns[name] = (DIMS, np.array(np.broadcast_to(array, ranges_m.shape)), {"units": UNITS.get(name, "rad")})
     n_pulses, n_scatterers = ranges_m.shape
     times_s = np.arange(n_pulses) / 1000.0 if slow_time_s is None else np.asarray(slow_time_s, dtype=float)
     return xr.Dataset(

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import xarray as xr
 
-from doppelgait.radar.parameters import Radar
+from doppelgait.radar import Radar
 from doppelgait_conformance import theory
 from doppelgait_conformance.bench import Bench, Complex, check_complex, simulate_baseband
 from doppelgait_conformance.radars import change_radar, make_table, place_m

@@ -9,8 +9,8 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from doppelgait.core.errors import ConfigError
-from doppelgait.radar.parameters import Radar
+from doppelgait import ConfigError
+from doppelgait.radar import Radar
 from doppelgait_conformance import bench, echo, equivalence, receiver, theory
 from doppelgait_conformance.bench import Bench, Noise, Quantise, Simulator, Sweep, TwoRay, Wall
 from doppelgait_conformance.check import Check

@@ -10,7 +10,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.radar.parameters import Radar
+from doppelgait.radar import Radar
 
 Complex = npt.NDArray[np.complex128]
 Float = npt.NDArray[np.float64]

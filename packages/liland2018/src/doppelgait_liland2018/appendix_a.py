@@ -10,18 +10,16 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from doppelgait import viz
 from doppelgait.pipeline import analyze
 from doppelgait.processing import Analysis
-from doppelgait.viz.maps import add_colour_bar
-from doppelgait.viz.ranges import plot_signature
-from doppelgait.viz.spectra import plot_cadence_map
-from doppelgait.viz.style import CADENCE_LABEL, DOPPLER_LABEL, name_axes
 from doppelgait_liland2018.chapter4_features import HARMONIC_NAMES, bin_hz, found_hz
 from doppelgait_liland2018.chapter5 import format_number
-from doppelgait_liland2018.drawing import MAX_CADENCE_HZ, make_panels, plot_cadence_amplitude
+from doppelgait_liland2018.drawing import MAX_CADENCE_HZ, plot_cadence_amplitude
 from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement
 from doppelgait_liland2018.material import STEEPNESS, THRESHOLD
 from doppelgait_liland2018.measures import CLEAR_DB, HARMONICS, prominence_db
+from doppelgait_liland2018.style import make_panels
 
 if TYPE_CHECKING:
     from doppelgait.pipeline import Result
@@ -87,19 +85,11 @@ def make_interval(cpi_s: float, material: Material) -> EntryResult:
     """Make one of Figs. A.1 to A.6."""
     result, true_hz = _analyze_walk(material, cpi_s)
     figure, (left, middle, right) = make_panels(3, width_in=15.0, height_in=5.0)
-    image = plot_signature(left, result.normalised_signature, db_range=30.0, doppler_hz=(-200.0, 450.0))
-    add_colour_bar(image, left, quantity="power")
-    name_axes(left, title="(a) signature", x="time (s)", y=DOPPLER_LABEL)
-    image = plot_cadence_map(
-        middle,
-        result.cadence_map,
-        gait_frequency_hz=None,
-        max_cadence_hz=MAX_CADENCE_HZ,
-        db_range=30.0,
-        doppler_hz=(-200.0, 450.0),
-    )
-    add_colour_bar(image, middle, quantity="magnitude")
-    name_axes(middle, title="(b) cadence-velocity diagram", x=CADENCE_LABEL, y=DOPPLER_LABEL)
+    limits_hz = (-200.0, 450.0)
+    viz.signature(result.normalised_signature, db_range=30.0, doppler_hz=limits_hz, title="(a) signature", ax=left)
+    title = "(b) cadence-velocity diagram"
+    viz.cadence_map(result.cadence_map, max_cadence_hz=MAX_CADENCE_HZ, db_range=30.0, title=title, ax=middle)
+    middle.set_ylim(*limits_hz)
     plot_cadence_amplitude(
         right, result.cadence_spectrum, found_hz(result), true_hz=true_hz, title="(c) cadence spectrum"
     )

@@ -9,11 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait import viz
-from doppelgait.core.labels import read_axis
-from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar import Radar
-from doppelgait.viz.motion import side_view_m
-from doppelgait.viz.style import ACCENT, make_axes, make_figure, name_axes, place_legend_below
 from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement
 from doppelgait_liland2018.material import Material, NamedMotion, make_point_table, simulate_slow_time_signal
 from doppelgait_liland2018.measures import (
@@ -23,7 +19,10 @@ from doppelgait_liland2018.measures import (
     measure_departure,
     one_cycle_s,
     phase_between_deg,
+    read_axis,
+    velocity_to_doppler_hz,
 )
+from doppelgait_liland2018.style import ACCENT, make_axes, make_figure, name_axes, place_legend_below
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -110,7 +109,10 @@ def make_2_15(material: Material) -> EntryResult:
     """Make Fig. 2.15: walker points and names."""
     motion = material.make_walker().motion
     frame = int(0.55 * np.ptp(motion.time_s) / 5 * motion.rate_hz)
-    side_m = side_view_m(motion.position_m)[frame]
+    middle_m = (motion.position_m.min(axis=1) + motion.position_m.max(axis=1))[:, :2] / 2.0
+    path = (middle_m[-1] - middle_m[0]) / np.linalg.norm(middle_m[-1] - middle_m[0])
+    ground_m = motion.position_m[frame][:, :2] - middle_m[frame]
+    side_m = np.stack([ground_m @ path, motion.position_m[frame][:, 2]], axis=-1)
     front_m = motion.position_m[frame][:, 1:] - [motion.position_m[frame][:, 1].mean(), 0.0]
     names = motion.markers
     figure = make_figure(width_in=11.0, height_in=7.0)

@@ -7,22 +7,19 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 from matplotlib.figure import Figure
 from scipy.signal import find_peaks
 
-from doppelgait.core.rng import Streams
-from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
+from doppelgait import Streams, viz
 from doppelgait.pipeline import simulate
 from doppelgait.radar import Radar, Recording, add_noise, noise_power_v2, synthesise
-from doppelgait.scene import Scene, Target
-from doppelgait.scene.rcs import RCS_PER_MASS_M2_PER_KG, RcsSpec
-from doppelgait.viz.maps import add_colour_bar
-from doppelgait.viz.motion import group_lines, plot_part_lines
-from doppelgait.viz.ranges import plot_range_time
-from doppelgait.viz.style import ACCENT, LINE, make_figure, name_axes, place_legend_below
+from doppelgait.scene import RcsSpec, Scene, Target
 from doppelgait_liland2018.chapter3_frame import compute_spectrum, measure_first_null
 from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement
 from doppelgait_liland2018.material import RCS_M2, Material, NamedMotion, make_point_table, simulate_slow_time_signal
+from doppelgait_liland2018.measures import doppler_to_velocity_mps, power_to_db
+from doppelgait_liland2018.style import ACCENT, LINE, make_figure, name_axes, place_legend_below
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -267,13 +264,10 @@ def _plot_two_panels(recording: Recording, title: str) -> Figure:
     """Plot all points' ranges next to the data matrix."""
     figure = make_figure(width_in=13.0, height_in=5.0)
     left, right = figure.subplots(1, 2)
-    for truth in recording.truth:
-        plot_part_lines(left, group_lines(truth.scatterers["range"]))
-    name_axes(left, title=f"(a) range of every point, {title}", x="time (s)", y="range (m)")
-    image = plot_range_time(right, recording.baseband, tracks=None, db_range=None)
-    name_axes(right, title="(b) radar data matrix", x="time (s)", y="range (m)")
+    scatterers = xr.concat([truth.scatterers for truth in recording.truth], "scatterer")
+    viz.range_lines(scatterers, title=f"(a) range of every point, {title}", ax=left)
+    viz.range_time(recording.baseband, title="(b) radar data matrix", ax=right)
     left.set(xlim=right.get_xlim(), ylim=right.get_ylim())
-    add_colour_bar(image, right, quantity="magnitude (re maximum)", reference="1 V")
     return figure
 
 
@@ -378,7 +372,7 @@ def make_3_15(material: Material) -> EntryResult:
 
 
 def _speed_mps(body: NamedMotion) -> float:
-    from doppelgait.motion.retime import travel_speed_mps
+    from doppelgait_liland2018.measures import travel_speed_mps
 
     return travel_speed_mps(body.motion)
 
@@ -399,7 +393,7 @@ def make_table_3_2(material: Material) -> EntryResult:
                 "sum of the scatterers (m²)": total_m2,
                 "scatterers": scatterers.sizes["scatterer"],
                 "mass (kg)": mass_kg,
-                "in datasets (m²)": RCS_PER_MASS_M2_PER_KG * mass_kg,
+                "in datasets (m²)": 0.01 * mass_kg,
             }
         )
         readings.append(

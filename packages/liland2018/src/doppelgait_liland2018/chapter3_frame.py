@@ -8,12 +8,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.units import power_to_db
-from doppelgait.radar import Radar, synthesise, synthesise_rf
-from doppelgait.radar.rf import down_convert, sample_rf_frames
-from doppelgait.viz.style import ACCENT, LINE, legend_under, make_figure, name_axes, place_legend_below
+from doppelgait.radar import Radar, echo_amplitude_v, synthesise, synthesise_rf
 from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement
 from doppelgait_liland2018.material import Material, make_point_table
+from doppelgait_liland2018.measures import power_to_db
+from doppelgait_liland2018.style import ACCENT, LINE, legend_under, make_figure, name_axes, place_legend_below
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -258,15 +257,19 @@ def make_3_10(material: Material) -> EntryResult:
     """Make Fig. 3.10: spectrum before and after down-conversion."""
     radar = _make_full_rate_radar(material)
     table = make_point_table(radar, 2, range_m=RANGE_M, velocity_mps=0.0)
-    frames = sample_rf_frames(table, radar, margin=MARGIN)
-    baseband = down_convert(frames, radar, margin=MARGIN)
-    time_s = np.arange(frames.shape[1]) / radar.sample_rate_hz
-    literal = frames[0] * np.cos(2 * np.pi * radar.carrier_hz * time_s)
+    closed, sampled = synthesise(table, radar).values, synthesise_rf(table, radar).values
+    # The received frame, sample by sample (E-16): the pulse on the carrier, delayed by 2 R / c.
+    time_s = np.arange(radar.n_range_bins + 2 * MARGIN) / radar.sample_rate_hz
+    since_s = time_s + (2 * radar.range_start_m - 2 * RANGE_M) / SPEED_OF_LIGHT - MARGIN / radar.sample_rate_hz
+    carrier = np.cos(2 * np.pi * radar.carrier_hz * since_s + radar.transmit_phase_rad)
+    amplitude_v = echo_amplitude_v(radar, range_m=RANGE_M, rcs_m2=1.0)
+    received = amplitude_v * np.exp(-0.5 * (since_s / radar.sigma_s) ** 2) * carrier
+    literal = received * np.cos(2 * np.pi * radar.carrier_hz * time_s)
     figure = make_figure(width_in=13.0, height_in=4.2)
     panels = figure.subplots(1, 3, sharey=True)
     signals = {
-        "(a) received frame": frames[0],
-        "(b) down-converted, complex and filtered": baseband[0],
+        "(a) received frame": received,
+        "(b) down-converted, complex and filtered": sampled[0],
         "as printed: real part only, no filter": literal,
     }
     found = {}
@@ -280,7 +283,6 @@ def make_3_10(material: Material) -> EntryResult:
     (before_hz, before), (after_hz, after), (_, printed) = found.values()
     positive = before_hz > 0
     image = np.abs(after_hz) > 7e9
-    closed, sampled = synthesise(table, radar).values, synthesise_rf(table, radar).values
     readings = [
         Reading(
             "highest power before, at frequency",

@@ -13,13 +13,8 @@ import pandas as pd
 import xarray as xr
 
 from doppelgait import viz
-from doppelgait.core.labels import read_axis
 from doppelgait.processing import Analysis, gaussian_window, range_doppler
-from doppelgait.viz.maps import add_colour_bar, add_velocity_axis
-from doppelgait.viz.motion import group_lines, plot_part_lines
-from doppelgait.viz.ranges import plot_signature
-from doppelgait.viz.style import ACCENT, DOPPLER_LABEL, LINE, LINE_COLOURS, make_axes, name_axes, place_legend_below
-from doppelgait_liland2018.drawing import make_panels, plot_numbered_marks
+from doppelgait_liland2018.drawing import plot_numbered_marks
 from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement, summarise_readings
 from doppelgait_liland2018.measures import (
     column_level_rise_db,
@@ -28,17 +23,26 @@ from doppelgait_liland2018.measures import (
     main_frequency_hz,
     make_printed_window,
     measure_column_rate_hz,
+    read_axis,
     share_near_lines,
     side_lobe_db,
     torso_line_hz,
     upper_envelope_hz,
+)
+from doppelgait_liland2018.style import (
+    ACCENT,
+    LINE,
+    LINE_COLOURS,
+    make_axes,
+    make_panels,
+    name_axes,
 )
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from doppelgait.pipeline import Result
-    from doppelgait.radar.recording import Recording
+    from doppelgait.radar import Recording
     from doppelgait_liland2018.material import Material
 
 WINDOW_PULSES, WINDOW_STEEPNESS = 40, 0.3
@@ -369,15 +373,13 @@ def make_lines_and_signature(material: Material) -> EntryResult:
     doppler_hz = recording.truth[0].doppler_hz(recording.radar.wavelength_m)
     limits_hz = float(doppler_hz.min()) - 50.0, float(doppler_hz.max()) + 50.0
     figure, (left, right) = make_panels(2, height_in=5.6)
-    plot_part_lines(left, group_lines(lines), bold=1.8)
+    title = "(a) true Doppler frequency of every point"
+    wavelength_m = recording.radar.wavelength_m
+    viz.doppler_lines(recording.truth[0].scatterers, wavelength_m=wavelength_m, title=title, ax=left)
     left.set(xlim=(first_s, last_s), ylim=limits_hz)
-    name_axes(left, title="(a) true Doppler frequency of every point", x="time (s)", y=DOPPLER_LABEL)
-    image = plot_signature(right, result.normalised_signature, db_range=30.0, doppler_hz=limits_hz)
+    title = "(b) micro-Doppler signature"
+    viz.signature(result.normalised_signature, db_range=30.0, doppler_hz=limits_hz, title=title, ax=right)
     right.set_xlim(first_s, last_s)
-    name_axes(right, title="(b) micro-Doppler signature", x="time (s)", y=DOPPLER_LABEL)
-    add_velocity_axis(right, recording.radar.wavelength_m)
-    add_colour_bar(image, right, quantity="power")
-    place_legend_below(figure, left)
     top_hz = upper_envelope_hz(result.normalised_signature, ENVELOPE)
     inside = slice(100, -100)  # ends are zero-padded
     true_top_hz = doppler_hz.max(axis=1)
@@ -423,10 +425,7 @@ def make_five_cycles(material: Material) -> EntryResult:
     steps = find_peaks(top_hz, rate_hz, smoothing_s=SMOOTHING_S)
     torso_hz = torso_line_hz(mu, reach_hz=40.0)
     figure, axes = make_axes()
-    image = plot_signature(axes, mu, db_range=30.0)
-    name_axes(axes, title="Five gait cycles", x="time (s)", y=DOPPLER_LABEL)
-    add_velocity_axis(axes, recording.radar.wavelength_m)
-    add_colour_bar(image, axes, quantity="power")
+    viz.signature(mu, db_range=30.0, title="Five gait cycles", ax=axes)
     axes.plot(read_axis(mu, "time"), torso_hz, color=LINE_COLOURS[0], lw=1.2)
     _mark_parts(axes, read_axis(mu, "time")[steps], torso_hz, float(np.quantile(top_hz, 0.98)), float(bottom_hz.min()))
     observed_s = mu.sizes["time"] / rate_hz

@@ -10,15 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from doppelgait import viz
-from doppelgait.core.labels import read_axis
-from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.processing import cadence_map
-from doppelgait.viz.style import make_axes
 from doppelgait_liland2018.chapter4 import TORSO_HZ, TORSO_READ_HZ, walk
-from doppelgait_liland2018.drawing import MAX_CADENCE_HZ, make_panels, plot_cadence_amplitude, plot_mean_doppler
+from doppelgait_liland2018.drawing import MAX_CADENCE_HZ, plot_cadence_amplitude, plot_mean_doppler
 from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement
 from doppelgait_liland2018.material import THRESHOLD
-from doppelgait_liland2018.measures import HARMONICS, prominence_db
+from doppelgait_liland2018.measures import HARMONICS, doppler_to_velocity_mps, prominence_db, read_axis
+from doppelgait_liland2018.style import make_axes, make_panels
 
 if TYPE_CHECKING:
     from doppelgait.pipeline import Result

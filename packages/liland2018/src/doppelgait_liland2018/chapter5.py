@@ -11,25 +11,28 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from doppelgait.core.labels import read_axis
-from doppelgait.motion.retime import travel_speed_mps
-from doppelgait.viz.maps import add_colour_bar, doppler_limits_hz
-from doppelgait.viz.motion import group_lines, plot_part_lines
-from doppelgait.viz.ranges import plot_signature
-from doppelgait.viz.style import DOPPLER_LABEL, draw_grid, name_axes, place_legend_below
+from doppelgait import viz
 from doppelgait_liland2018.chapter4 import ENVELOPE
 from doppelgait_liland2018.chapter4_features import HARMONIC_NAMES, bin_hz, found_hz
-from doppelgait_liland2018.drawing import make_panels, plot_cadence_amplitude, plot_mean_doppler
+from doppelgait_liland2018.drawing import plot_cadence_amplitude, plot_mean_doppler
 from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement
 from doppelgait_liland2018.material import STEEPNESS, THRESHOLD
-from doppelgait_liland2018.measures import CLEAR_DB, HARMONICS, prominence_db, side_lobe_of_cadence_db
+from doppelgait_liland2018.measures import (
+    CLEAR_DB,
+    HARMONICS,
+    prominence_db,
+    read_axis,
+    side_lobe_of_cadence_db,
+    travel_speed_mps,
+)
+from doppelgait_liland2018.style import make_panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from doppelgait.pipeline import Result
-    from doppelgait.radar.recording import Recording
+    from doppelgait.radar import Recording
     from doppelgait_liland2018.material import Material, NamedMotion
 
 PRF_HZ = 1300.0
@@ -144,15 +147,12 @@ def make_ranges(material: Material) -> EntryResult:
     for letter, panel, body in zip("ab", axes, bodies, strict=True):
         truth = material.recording(body, prf_hz=PRF_HZ).truth[0]
         scatterers = truth.scatterers
-        plot_part_lines(panel, group_lines(scatterers["range"]))
-        name_axes(panel, title=f"({letter}) {body.about}"[:80], x="time (s)", y="range (m)")
-        draw_grid(panel)
+        viz.range_lines(scatterers, title=f"({letter}) {body.about}"[:80], ax=panel)
         counts.append(scatterers.sizes["scatterer"])
         # Span of the distance of a foot ahead of the body centre; NaN where no foot is known.
         feet = [n for n, part in enumerate(read_axis(scatterers, "part")) if str(part).endswith("_foot")]
         ahead_m = truth.centre_range_m[:, None] - scatterers["range"].values[:, feet]
         swings.append(float((ahead_m.max(axis=0) - ahead_m.min(axis=0)).mean()) if feet else NAN)
-    place_legend_below(figure, axes[0])
     readings = [
         Reading(
             "points of the recorded person",
@@ -186,15 +186,15 @@ def make_ranges(material: Material) -> EntryResult:
 def make_signatures(material: Material) -> EntryResult:
     """Make Fig. 5.3: signatures of people and walkers."""
     results = analyze_four(material)
-    limits = [doppler_limits_hz(result.normalised_signature) for *_, result in results]
-    shared_hz = min(low for low, _ in limits), max(high for _, high in limits)
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
-        image = plot_signature(axes, result.normalised_signature, db_range=30.0, doppler_hz=shared_hz)
-        add_colour_bar(image, axes, quantity="power")
-        name_axes(axes, title="", x="time (s)", y=DOPPLER_LABEL)
+        viz.signature(result.normalised_signature, db_range=30.0, ax=axes)
 
     figure = _plot_four_panels(material, draw)
+    panels = figure.axes[:4]
+    low_hz, high_hz = (pick(axes.get_ylim()[end] for axes in panels) for end, pick in ((0, min), (1, max)))
+    for axes in panels:
+        axes.set_ylim(low_hz, high_hz)
     readings = []
     for name, _, recording, result in results:
         body_hz = float(2.0 * recording.truth[0].centre_velocity_mps.mean() / recording.radar.wavelength_m)

@@ -12,19 +12,6 @@ import numpy as np
 import pandas as pd
 
 from doppelgait.features import FEATURE_UNITS
-from doppelgait.viz.style import (
-    BLUE,
-    LINE,
-    ORANGE,
-    REFERENCE,
-    SKY,
-    VERMILLION,
-    draw_grid,
-    label_quantity,
-    name_axes,
-    place_legend_below,
-)
-from doppelgait_liland2018.drawing import make_panels
 from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement
 from doppelgait_liland2018.material import RUNS
 from doppelgait_liland2018.scenarios import (
@@ -38,6 +25,18 @@ from doppelgait_liland2018.scenarios import (
     roc_area,
     run_study,
     tabulate_separation,
+)
+from doppelgait_liland2018.style import (
+    BLUE,
+    LINE,
+    ORANGE,
+    REFERENCE,
+    SKY,
+    VERMILLION,
+    draw_grid,
+    make_panels,
+    name_axes,
+    place_legend_below,
 )
 
 if TYPE_CHECKING:
@@ -59,6 +58,14 @@ NEAR_M = 0.15
 """Step lengths within this distance of the line through the people agree with it."""
 LONG_M = 1.5
 """Steps longer than this are called wrong in the report."""
+FEATURE_LABELS = {
+    "torso_velocity_mps": "torso velocity (m/s)",
+    "doppler_bandwidth_hz": "Doppler bandwidth (Hz)",
+    "step_length_m": "step length, radial (m)",
+    "harmonic_ratio_2": "second harmonic ratio",
+    "harmonic_ratio_3": "third harmonic ratio",
+    "limb_torso_ratio": "limb-torso ratio",
+}
 NEAR_RATIO = 0.1
 SPEED_OFF_MPS, SLOW_MPS = 0.3, 0.1
 FEWEST_STRIDES = 1.2
@@ -284,7 +291,7 @@ def make_features(material: Material) -> EntryResult:
                 panel,
                 title=title,
                 x="scenario number" if row == 5 else "",
-                y=label_quantity(name),
+                y=FEATURE_LABELS[name],
             )
     place_legend_below(feature_figure, axes[0])
     figure = feature_figure

@@ -14,37 +14,33 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from doppelgait import viz
-from doppelgait.core.labels import read_axis
-from doppelgait.core.rng import Streams
-from doppelgait.core.units import doppler_to_velocity_mps
-from doppelgait.motion import loop
+from doppelgait import Streams, viz
+from doppelgait.motion import Motion, loop
 from doppelgait.motion.models import quadruped_gait
-from doppelgait.motion.motion import Motion
-from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.processing import Analysis
-from doppelgait.scene import Scene, Target
-from doppelgait.scene.rcs import RcsSpec
-from doppelgait.viz.maps import add_colour_bar
-from doppelgait.viz.motion import group_lines, plot_part_lines
-from doppelgait.viz.ranges import plot_signature
-from doppelgait.viz.spectra import plot_cadence_map
-from doppelgait.viz.style import CADENCE_LABEL, DOPPLER_LABEL, LINE_COLOURS, make_figure, name_axes
+from doppelgait.scene import RcsSpec, Scene, Target
 from doppelgait_liland2018.chapter4 import ENVELOPE
 from doppelgait_liland2018.chapter4_features import bin_hz, found_hz
 from doppelgait_liland2018.chapter5 import format_number
-from doppelgait_liland2018.drawing import make_panels, plot_cadence_amplitude, plot_mean_doppler
+from doppelgait_liland2018.drawing import plot_cadence_amplitude, plot_mean_doppler
 from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement
 from doppelgait_liland2018.material import RCS_M2, RUNS, THRESHOLD, NamedMotion
-from doppelgait_liland2018.measures import torso_line_hz, upper_envelope_hz
+from doppelgait_liland2018.measures import (
+    doppler_to_velocity_mps,
+    read_axis,
+    torso_line_hz,
+    travel_speed_mps,
+    upper_envelope_hz,
+)
 from doppelgait_liland2018.scenarios import WRONG
+from doppelgait_liland2018.style import LINE_COLOURS, make_figure, make_panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from doppelgait.pipeline import Result
-    from doppelgait.radar.recording import Recording
+    from doppelgait.radar import Recording
     from doppelgait_liland2018.material import Material
 
 REPORT_DOPPLER_HZ = 263.0
@@ -167,23 +163,17 @@ def _plot_five_panels(recording: Recording, result: Result) -> Figure:
     figure = make_figure(width_in=15.0, height_in=8.6)
     grid = figure.add_gridspec(2, 6)
     wavelength_m = recording.radar.wavelength_m
-    lines = viz.scatterer_doppler(recording.truth[0].scatterers, wavelength_m=wavelength_m)
     true_hz = recording.truth[0].doppler_hz(wavelength_m)
     limits_hz = float(true_hz.min()) - 40.0, float(true_hz.max()) + 40.0
     upper = [figure.add_subplot(grid[0, 2 * n : 2 * n + 2]) for n in range(3)]
     lower = [figure.add_subplot(grid[1, 2 * n : 2 * n + 2]) for n in range(3)]
-    plot_part_lines(upper[0], group_lines(lines), bold=1.6)
-    times_s = read_axis(lines, "slow_time")
-    upper[0].set(xlim=(times_s[0], times_s[-1]), ylim=limits_hz)
-    name_axes(upper[0], title="(a) true Doppler frequencies", x="time (s)", y=DOPPLER_LABEL)
-    image = plot_signature(upper[1], result.normalised_signature, db_range=30.0, doppler_hz=limits_hz)
-    add_colour_bar(image, upper[1], quantity="power")
-    name_axes(upper[1], title="(b) signature", x="time (s)", y=DOPPLER_LABEL)
-    image = plot_cadence_map(
-        upper[2], result.cadence_map, gait_frequency_hz=None, max_cadence_hz=20.0, db_range=30.0, doppler_hz=limits_hz
-    )
-    add_colour_bar(image, upper[2], quantity="magnitude")
-    name_axes(upper[2], title="(c) cadence-velocity diagram", x=CADENCE_LABEL, y=DOPPLER_LABEL)
+    scatterers, title = recording.truth[0].scatterers, "(a) true Doppler frequencies"
+    viz.doppler_lines(scatterers, wavelength_m=wavelength_m, title=title, ax=upper[0])
+    upper[0].set_ylim(*limits_hz)
+    viz.signature(result.normalised_signature, db_range=30.0, doppler_hz=limits_hz, title="(b) signature", ax=upper[1])
+    title = "(c) cadence-velocity diagram"
+    viz.cadence_map(result.cadence_map, max_cadence_hz=20.0, db_range=30.0, title=title, ax=upper[2])
+    upper[2].set_ylim(*limits_hz)
     plot_cadence_amplitude(
         lower[0],
         result.cadence_spectrum,
@@ -249,9 +239,8 @@ def make_aspect(material: Material) -> EntryResult:
     figure, axes = make_panels(2, height_in=5.0)
     highest_hz = float(upper_envelope_hz(views[0.0].normalised_signature, ENVELOPE).max()) + 60.0
     for letter, panel, (aspect, result) in zip("ab", axes, views.items(), strict=True):
-        image = plot_signature(panel, result.normalised_signature, db_range=30.0, doppler_hz=(-150.0, highest_hz))
-        add_colour_bar(image, panel, quantity="power")
-        name_axes(panel, title=f"({letter}) aspect angle {aspect:.0f}°", x="time (s)", y=DOPPLER_LABEL)
+        limits_hz, title = (-150.0, highest_hz), f"({letter}) aspect angle {aspect:.0f}°"
+        viz.signature(result.normalised_signature, db_range=30.0, doppler_hz=limits_hz, title=title, ax=panel)
     widths = {aspect: format_number(result.features.doppler_bandwidth_hz) for aspect, result in views.items()}
     bin_hz = VIEWS_PRF_HZ / views[0.0].signature.sizes["doppler"]
     readings = [

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import sys
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from doppelgait.cli.output import FigureFormat, PageFigureOption, print_message, print_table, report_progress
+
+class FigureFormat(StrEnum):
+    """Formats of figure files."""
+
+    png = "png"
+    svg = "svg"
+    pdf = "pdf"
 
 
 def reproduce(
@@ -23,7 +31,10 @@ def reproduce(
         ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random numbers in the scenarios.")] = 2018,
-    figure_format: PageFigureOption = FigureFormat.png,
+    figure_format: Annotated[
+        FigureFormat,
+        typer.Option("--format", help="Format of the figures; svg and pdf are in addition to the page's png."),
+    ] = FigureFormat.png,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
 ) -> None:
     """Reproduce the figures and tables of Liland (2018).
@@ -36,35 +47,32 @@ def reproduce(
 
     Example: doppelgait reproduce some --only fig-4.13 --only table-3.2
     """
+    from doppelgait_liland2018.entry import KINDS
     from doppelgait_liland2018.run import reproduce as make_all
 
-    with report_progress("figures and tables", quiet=quiet) as on_progress:
-        outcomes = make_all(
-            output,
-            only=only or (),
-            motion_folder=motion_folder,
-            seed=seed,
-            figure_format=figure_format,
-            progress=on_progress,
-        )
-    print_table(
-        [
-            {
-                "number": one.entry.number,
-                "agree": one.count_kind("agrees"),
-                "set": one.count_kind("set"),
-                "differ": one.count_kind("differs"),
-                "not stated": one.count_kind("not stated"),
-                "seconds": f"{one.seconds:.1f}",
-                "title": one.entry.title if one.made else f"NOT MADE: {one.error}",
-            }
-            for one in outcomes
-        ]
+    def show(done: int, total: int) -> None:
+        if 10 * done // total > 10 * (done - 1) // total:  # every tenth
+            print(f"figures and tables: {done} of {total}", file=sys.stderr)
+
+    outcomes = make_all(
+        output,
+        only=only or (),
+        motion_folder=motion_folder,
+        seed=seed,
+        figure_format=figure_format,
+        progress=None if quiet else show,
     )
-    print_message(f"page: {output / 'index.html'}")
-    failed = [one.entry.number for one in outcomes if one.made is None]
+    cells: list[tuple[str, ...]] = [("number", "agree", "set", "differ", "not stated", "seconds", "title")]
+    for outcome in outcomes:
+        counts = [str(outcome.count_kind(kind)) for kind in KINDS]
+        title = outcome.entry.title if outcome.made else f"NOT MADE: {outcome.error}"
+        cells.append((outcome.entry.number, *counts, f"{outcome.seconds:.1f}", title))
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    for line in cells:
+        print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
+    print(f"page: {output / 'index.html'}", file=sys.stderr)
+    failed = [outcome.entry.number for outcome in outcomes if outcome.made is None]
     if failed:
-        print_message(
-            f"error: {', '.join(failed)} could not be reproduced from these motions; the page has the reasons"
-        )
+        reason = "could not be reproduced from these motions; the page has the reasons"
+        print(f"error: {', '.join(failed)} {reason}", file=sys.stderr)
         raise typer.Exit(1)

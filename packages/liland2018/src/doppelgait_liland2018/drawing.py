@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.labels import read_axis
-from doppelgait.viz.spectra import mark_harmonics
-from doppelgait.viz.style import (
+from doppelgait_liland2018.measures import read_axis
+from doppelgait_liland2018.style import (
     ACCENT,
     CADENCE_LABEL,
     DOPPLER_LABEL,
@@ -23,27 +22,18 @@ from doppelgait.viz.style import (
     SHADE,
     draw_grid,
     legend_under,
-    make_figure,
+    mark_harmonics,
     name_axes,
 )
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 FloatArray = npt.NDArray[np.float64]
 
 MAX_CADENCE_HZ = 20.0
 AMPLITUDE_LABEL = "amplitude"
-
-
-def make_panels(
-    across: int, down: int = 1, *, width_in: float = 12.0, height_in: float = 4.4
-) -> tuple[Figure, list[Axes]]:
-    """Make a figure with rows of axes."""
-    figure = make_figure(width_in=width_in, height_in=height_in)
-    return figure, list(figure.subplots(down, across, squeeze=False).flat)
 
 
 def plot_cadence_amplitude(

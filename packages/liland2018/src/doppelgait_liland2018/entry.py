@@ -11,7 +11,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from doppelgait.core.errors import ConfigError
+from doppelgait import ConfigError
 
 if TYPE_CHECKING:
     import pandas as pd

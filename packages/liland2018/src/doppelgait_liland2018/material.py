@@ -12,18 +12,15 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning, warn_caller
-from doppelgait.core.labels import SCATTERER_VARIABLES
-from doppelgait.core.units import slow_time_axis_s
-from doppelgait.motion.motion import Motion
+from doppelgait import ConfigError, DoppelgaitError, DoppelgaitWarning
+from doppelgait.motion import Motion
 from doppelgait.pipeline import Result, analyze, simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, Recording, synthesise
-from doppelgait.scene import Scene, Target
-from doppelgait.scene.rcs import RcsSpec
+from doppelgait.scene import RcsSpec, Scene, Target
 
 if TYPE_CHECKING:
-    from doppelgait.motion.models.quadruped_gaits import GaitName
+    from doppelgait_liland2018.scenarios import GaitName
 
 FOLDERS = {"human": "human", "dog": "dog"}
 """Folder of a motion folder by label, as the plan ``liland2018`` of the dataset builder has them."""
@@ -34,6 +31,8 @@ CHEN_SPEED_MPS = 2 * 0.491 * PERSON_M
 DOG_WITHERS_M = 0.5
 DOG_SPEED_MPS = 3.0
 SHOWN_REASONS = 3
+UNITS = {"range": "m", "radial_velocity": "m/s", "rcs": "m^2", "path_gain": "1"}
+"""Units of the columns of a scatterer table."""
 
 
 @dataclass(frozen=True)
@@ -125,8 +124,7 @@ def check_folder(folder: Path) -> None:
 def read_recorded(folder: Path, label: str) -> list[NamedMotion]:
     """Read a label's straight, steady segments, longest first."""
     from doppelgait.motion import find_segments, read
-    from doppelgait.motion.gait import add_gait_facts
-    from doppelgait.motion.segments import crop
+    from doppelgait.motion.readers import take_part
 
     root = folder / FOLDERS[label]
     files = sorted(path for path in root.rglob("*") if path.is_file()) if root.is_dir() else []
@@ -138,16 +136,15 @@ def read_recorded(folder: Path, label: str) -> list[NamedMotion]:
                 # ignore the warnings of cleaning; the command "motion info" shows them
                 warnings.simplefilter("ignore", DoppelgaitWarning)
                 motion, name = read(file), file.relative_to(folder).as_posix()
-                found += [
-                    NamedMotion(f"{name}, segment {number}", label, add_gait_facts(crop(motion, segment)), real=True)
-                    for number, segment in enumerate(find_segments(motion), start=1)
-                ]
+                for number in range(1, len(find_segments(motion)) + 1):
+                    segment = take_part(file, motion, segment=number, loop_to_s=None)
+                    found.append(NamedMotion(f"{name}, segment {number}", label, segment, real=True))
         except DoppelgaitError as error:
             refused[file.name] = str(error).replace(f"{file}: ", "").partition(";")[0]
     if refused:
         shown = "; ".join(f"{name}: {reason}" for name, reason in list(refused.items())[:SHOWN_REASONS])
         text = f"{root.name}: {len(refused)} of {len(files)} motion files are left out: {shown}"
-        warn_caller(text)
+        warnings.warn(text, DoppelgaitWarning, stacklevel=2)
     return sorted(found, key=lambda body: (-body.seconds, body.name))
 
 
@@ -157,7 +154,7 @@ def make_point_table(
     """Make a table of points at constant velocity.
     Shapes: range_m (L,); velocity_mps (L,); rcs_m2 (L,).
     """
-    time_s = slow_time_axis_s(n_frames, radar.prf_hz)
+    time_s = np.arange(n_frames) / radar.prf_hz
     ranges, speeds, sections = np.broadcast_arrays(
         *(np.atleast_1d(np.asarray(values, dtype=float)) for values in (range_m, velocity_mps, rcs_m2))
     )
@@ -170,7 +167,7 @@ def make_point_table(
     }
     dims = ("slow_time", "scatterer")
     return xr.Dataset(
-        {name: (dims, array, {"units": SCATTERER_VARIABLES[name]}) for name, array in values.items()},
+        {name: (dims, array, {"units": UNITS[name]}) for name, array in values.items()},
         coords={
             "slow_time": ("slow_time", time_s, {"units": "s"}),
             "target": ("scatterer", np.arange(ranges.size)),

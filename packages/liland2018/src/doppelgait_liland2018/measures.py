@@ -3,16 +3,46 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.errors import MotionError
-from doppelgait.core.labels import read_axis, sampling_rate_hz
-from doppelgait.motion.motion import Motion
+from doppelgait import DoppelgaitError
+from doppelgait.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
+
+
+def read_axis(array: xr.DataArray | xr.Dataset, name: str) -> npt.NDArray[Any]:
+    """Return the values of a coordinate."""
+    return np.asarray(array.coords[name].values)
+
+
+def power_to_db(power: npt.ArrayLike) -> Any:
+    """Convert a power ratio to dB; 0 gives -inf."""
+    with np.errstate(divide="ignore"):
+        return 10.0 * np.log10(np.asarray(power, dtype=float))
+
+
+def velocity_to_doppler_hz(velocity_mps: npt.ArrayLike, wavelength_m: float) -> Any:
+    """Convert velocity to Doppler shift, 2 v / lambda (E-05)."""
+    return 2.0 * np.asarray(velocity_mps, dtype=float) / wavelength_m
+
+
+def doppler_to_velocity_mps(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Any:
+    """Convert Doppler shift to velocity, f lambda / 2 (E-05)."""
+    return np.asarray(doppler_hz, dtype=float) * wavelength_m / 2.0
+
+
+def travel_speed_mps(motion: Motion) -> float:
+    """Return the net ground speed of torso or trunk, or of all points."""
+    central = [n for n, part in enumerate(motion.parts) if part in ("torso", "trunk")] or range(len(motion.parts))
+    ends_m: Any = sum(motion.position_m[[0, -1], n, :2].astype(float) for n in central)
+    before, after = ends_m / len(central)
+    return float(math.hypot(*(after - before)) / (motion.time_s[-1] - motion.time_s[0]))
+
 
 FINE = 1 << 16
 """Length of the zero-padded transform in which side lobes are searched."""
@@ -147,7 +177,8 @@ def column_level_rise_db(signature: xr.DataArray) -> float:
 
 def measure_column_rate_hz(signature: xr.DataArray) -> float:
     """Return the column rate of a signature, Hz."""
-    return sampling_rate_hz(read_axis(signature, "time"))
+    times = read_axis(signature, "time")
+    return float((times.size - 1) / (times[-1] - times[0]))
 
 
 def one_cycle_s(motion: Motion, foot: str) -> tuple[float, float]:
@@ -156,7 +187,7 @@ def one_cycle_s(motion: Motion, foot: str) -> tuple[float, float]:
     """
     touchdowns = motion.facts.footfalls.get(foot, [])
     if len(touchdowns) < 2:
-        raise MotionError(
+        raise DoppelgaitError(
             f"{motion.label}: {foot} touches down {len(touchdowns)} times where two are needed "
             "for a gait cycle; take a longer recording"
         )
@@ -178,7 +209,7 @@ def average_part_line(lines: xr.DataArray, part: str) -> FloatArray:
     """Average a body part's lines, shape (I,)."""
     chosen = read_axis(lines, "part").astype(str) == part
     if not chosen.any():
-        raise MotionError(f"no point is known to be of the {part.replace('_', ' ')}; its line is needed")
+        raise DoppelgaitError(f"no point is known to be of the {part.replace('_', ' ')}; its line is needed")
     return np.asarray(lines.values[:, chosen].mean(axis=1), dtype=np.float64)
 
 
@@ -200,7 +231,7 @@ def phase_between_deg(first: npt.ArrayLike, second: npt.ArrayLike, *, stride_hz:
     """
     samples = round(np.floor(len(np.asarray(first)) * stride_hz / rate_hz + 1e-6) * rate_hz / stride_hz)
     if samples < 2:
-        raise MotionError("the motion is shorter than one stride: no phase between the limbs can be read")
+        raise DoppelgaitError("the motion is shorter than one stride: no phase between the limbs can be read")
     angle = 2 * np.pi * stride_hz * np.arange(samples) / rate_hz
     shapes = np.stack([np.ones(samples), angle, np.cos(angle), np.sin(angle)], axis=1)
     lines = np.stack([np.asarray(values, dtype=np.float64)[:samples] for values in (first, second)], axis=1)

@@ -10,12 +10,10 @@ from dataclasses import replace
 from html import escape
 from pathlib import Path
 
-from doppelgait import __version__
-from doppelgait.core.documents import parse_json
-from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning
-from doppelgait.core.files import PAGE, check_out, complete_folder
-from doppelgait.viz.style import save_figure
+from doppelgait import ConfigError, DoppelgaitError, DoppelgaitWarning, __version__
+from doppelgait.viz import save_figure
 from doppelgait_liland2018.entry import KINDS, Outcome, collect_entries, pick
+from doppelgait_liland2018.folder import PAGE, check_out, complete_folder
 from doppelgait_liland2018.material import Material
 
 SHOWN_ROWS = 30
@@ -134,7 +132,7 @@ def _keep_other_entries(out: Path, numbers: set[str]) -> None:
     earlier = out / READINGS
     if not earlier.is_file():
         return
-    others = [one["number"] for one in parse_json(earlier.read_bytes())["entries"] if one["number"] not in numbers]
+    others = [one["number"] for one in json.loads(earlier.read_bytes())["entries"] if one["number"] not in numbers]
     if others:
         raise ConfigError(
             f"--only would replace the page in {out}, and its {len(others)} other figures and tables would be lost; "
@@ -152,7 +150,7 @@ def reproduce(
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Outcome]:
     """Make the report's figures, tables and judgements."""
-    check_out(out, listing=READINGS, file_format=FORMAT, command="reproduce")
+    check_out(out, listing=READINGS, file_format=FORMAT)
     entries = pick(collect_entries(), only)
     _keep_other_entries(out, {entry.number for entry in entries})
     material = Material(seed=seed, motion_folder=motion_folder)

@@ -5,27 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import DoppelgaitError
-from doppelgait.core.rng import Streams
+from doppelgait import DoppelgaitError, Streams
+from doppelgait.motion import Motion
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait, sample_person
-from doppelgait.motion.models.quadruped_gaits import BUILDS, GAITS, GaitName, froude_speed_mps, hip_height_m
-from doppelgait.motion.motion import Motion
-from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import analyze, choose_lowest_prf, simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar
-from doppelgait.scene import Scene, Target
-from doppelgait.scene.rcs import RcsSpec
+from doppelgait.scene import RcsSpec, Scene, Target
+from doppelgait_liland2018.measures import travel_speed_mps
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from doppelgait.radar.recording import Recording
+    from doppelgait.radar import Recording
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -114,7 +111,17 @@ AWAY_EVERY = 3
 """Interval of receding scenarios: every third target recedes, the others approach."""
 WALKER_CYCLES = 5
 RUNNER_SHARE = 0.35
-DOG_GAITS: tuple[GaitName, ...] = ("walk", "pace", "trot", "canter", "gallop", "bound")
+GaitName = Literal["walk", "pace", "trot", "canter", "gallop", "bound"]
+FROUDE: dict[GaitName, tuple[float, float, float]] = {
+    "walk": (0.05, 0.5, 0.2),
+    "pace": (0.1, 1.0, 0.4),
+    "trot": (0.3, 2.5, 1.0),
+    "canter": (1.0, 5.0, 2.0),
+    "gallop": (1.2, 10.0, 4.0),
+    "bound": (1.0, 6.0, 2.5),
+}
+"""Lowest, highest and usual Froude number of a dog's gait, as in doppelgait's models."""
+DOG_GAITS = tuple(FROUDE)
 REPORT_HOP_S = 0.005
 """Columns of the report's method; it takes every frame, which changes nothing that its bin of 1 / T_o shows."""
 WRONG = 0.10
@@ -191,10 +198,10 @@ def _sample_dog(seed: int, number: int) -> Scenario:
     """
     rng = Streams(seed, number).generator("motion", "dog")
     gait = DOG_GAITS[number % len(DOG_GAITS)]
-    slowest, fastest, usual = GAITS[gait].froude
+    slowest, fastest, usual = FROUDE[gait]
     low, high = math.sqrt(slowest * usual), math.sqrt(usual * fastest)
     withers_m, froude = float(rng.uniform(0.25, 0.65)), float(rng.uniform(low, high))
-    speed_mps = froude_speed_mps(froude, hip_height_m(BUILDS["standard"], withers_m))
+    speed_mps = math.sqrt(froude * 9.81 * (0.8 * withers_m))  # the hip stands at 0.8 of the withers
     seconds = _sample_seconds(speed_mps, rng)
     motion = quadruped_gait(
         gait=gait,
