@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from checkout import SHARED
-from doppelgait_liland2018 import chapter2, chapter3_data
+from doppelgait_liland2018.entry import ENTRIES
 from doppelgait_liland2018.material import Material
 
 pytestmark = [
@@ -30,8 +30,7 @@ def material(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def made(material):
-    entries = {entry.number: entry for module in (chapter2, chapter3_data) for entry in module.ENTRIES}
-    return lambda number: {r.name: r for r in entries[number].make(material).readings}
+    return lambda number: {r.name: r for r in ENTRIES[number].make(material).readings}
 
 
 def test_recordings_take_the_place_of_models(material):

@@ -204,15 +204,10 @@ def test_the_page_shows_each_number_beside_what_is_stated_and_asks_nothing_of_th
     assert "The first 30 of 40 rows" in text
 
 
-def test_only_what_is_asked_for_is_made(few, tmp_path):
-    outcomes = reproduce(tmp_path / "out", only=["table-9.1"])
-    assert [one.entry.number for one in outcomes] == ["table-9.1"]
-    assert not list((tmp_path / "out/figures").iterdir())
-
-
 def test_an_earlier_run_is_replaced_and_nothing_else(few, tmp_path):
     out = tmp_path / "out"
-    reproduce(out, only=["table-9.1"])
+    assert [one.entry.number for one in reproduce(out, only=["table-9.1"])] == ["table-9.1"]
+    assert not list((out / "figures").iterdir())
     reproduce(out, only=["table-9.1", "fig-9.1"])
     assert (out / "figures/fig-9.1.png").exists()
     reproduce(out)

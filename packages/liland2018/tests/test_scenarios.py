@@ -8,6 +8,7 @@ import pytest
 
 from doppelgait.motion.models import moving_point
 from doppelgait_liland2018 import appendix_a, chapter4, chapter4_features, chapter5, chapter5_study, chapter5_views
+from doppelgait_liland2018.entry import ENTRIES
 from doppelgait_liland2018.material import Material
 from doppelgait_liland2018.measures import read_axis, travel_speed_mps
 from doppelgait_liland2018.scenarios import AWAY_EVERY, Scenario, is_wrong, make_scenarios, observe, run_study
@@ -21,8 +22,7 @@ def material():
 
 
 def made(material, module, number):
-    (entry,) = [entry for entry in module.ENTRIES if entry.number == number]
-    return entry.make(material)
+    return ENTRIES[number].make(material)
 
 
 def numbers(outcome):
@@ -251,8 +251,7 @@ def test_another_dog_is_compared_with_nothing(material):
 
 
 @pytest.mark.parametrize(
-    ("module", "number"),
-    [(chapter4, "fig-4.7"), (chapter4_features, "fig-4.15"), (chapter5, "table-5.2")],
+    ("module", "number"), [(chapter4, "fig-4.7"), (chapter4_features, "fig-4.15"), (chapter5, "table-5.2")]
 )
 def test_what_was_set_is_not_said_to_agree(material, module, number):
     outcome = made(material, module, number)

@@ -1,7 +1,4 @@
-"""Agreement of tracks with a reference: distances, gates, purity.
-
-The distances are OSPA and GOSPA; switches are counted, too.
-"""
+"""Agreement of tracks with a reference: distances, gates, purity."""
 
 from __future__ import annotations
 
@@ -17,9 +14,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class Gospa(NamedTuple):
-    """GOSPA at one time.
-    ``distance`` is the p-th root of the sum of the other parts.
-    """
+    """GOSPA at one time."""
 
     distance: float
     localisation: float
@@ -30,9 +25,7 @@ class Gospa(NamedTuple):
 
 
 def ospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0, order: float = 2.0) -> float:
-    """Compute the optimal subpattern assignment distance (OSPA).
-    Schuhmacher, Vo, Vo, IEEE Trans. Signal Process. 56, 2008, 3447. Shapes: found, reference (M,).
-    """
+    """Compute the optimal subpattern assignment distance (OSPA)."""
     a, b = _to_points(found), _to_points(reference)
     n = max(len(a), len(b))
     if n == 0:
@@ -44,9 +37,7 @@ def ospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0,
 
 
 def gospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0, order: float = 2.0) -> Gospa:
-    """Compute the generalised OSPA with alpha = 2.
-    Rahmathullah, Garcia-Fernandez, Svensson, FUSION 2017, Proposition 1.
-    """
+    """Compute the generalised OSPA with alpha = 2."""
     a, b = _to_points(found), _to_points(reference)
     near = np.minimum(_measure_distances(a, b), cutoff) ** order
     rows, columns = _assign(near)
@@ -60,9 +51,7 @@ def gospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0
 
 
 def range_iou(gate: Gate, reference: Gate) -> FloatArray:
-    """Compute intersection over union of two gates over time.
-    Shapes: returns (T,).
-    """
+    """Compute intersection over union of two gates over time."""
     times_s, own_s = reference.time_s, gate.time_s
     low, high = (np.interp(times_s, own_s, limit) for limit in (gate.low_m, gate.high_m))
     ref_low, ref_high = reference.low_m, reference.high_m
@@ -74,9 +63,7 @@ def range_iou(gate: Gate, reference: Gate) -> FloatArray:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Tracks against reference tracks over all times.
-    Shapes: completeness (N,); purity (M,); owner (M,); first_match (N,).
-    """
+    """Tracks against reference tracks over all times."""
 
     gospa: float
     ospa: float
@@ -91,9 +78,7 @@ class Agreement:
 def compare_tracks(
     found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0, order: float = 2.0
 ) -> Agreement:
-    """Compare tracks with reference tracks.
-    Shapes: found (T, M); reference (T, N).
-    """
+    """Compare tracks with reference tracks."""
     tracks, truths = (np.atleast_2d(np.asarray(values, dtype=float)) for values in (found, reference))
     matches = np.full(truths.shape, -1, dtype=np.int64)
     before: dict[int, int] = {}
@@ -122,9 +107,7 @@ def compare_tracks(
 def _match(
     tracks: FloatArray, truths: FloatArray, *, cutoff: float, order: float, before: dict[int, int]
 ) -> dict[int, int]:
-    """Match tracks to references at one time.
-    Pairs persist while they are near (as in CLEAR MOT).
-    """
+    """Match tracks to references at one time."""
     cost = np.abs(tracks[:, None] - truths[None, :])
     kept = {n: m for n, m in before.items() if cost[m, n] < cutoff}
     rest_n = [n for n in range(truths.size) if n not in kept and np.isfinite(truths[n])]

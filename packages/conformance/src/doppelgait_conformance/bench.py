@@ -24,9 +24,7 @@ class Sweep(Protocol):
     """De-chirped samples of every sweep of an FMCW radar."""
 
     def __call__(self, scatterers: xr.Dataset, radar: Radar, /) -> Any:
-        """Return complex samples (I, S) in order of time.
-        The sign of the beat does not matter.
-        """
+        """Return complex samples (I, S) in order of time."""
 
 
 class Noise(Protocol):

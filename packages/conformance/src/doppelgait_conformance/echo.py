@@ -1,7 +1,4 @@
-"""Checks of a point echo: level, phase, Doppler, range.
-
-The range profile and the coupling are among them.
-"""
+"""Checks of a point echo: level, phase, Doppler, range."""
 
 from __future__ import annotations
 
@@ -18,9 +15,7 @@ FRACTIONS = (0.12, 0.3, 0.5, 0.7, 0.9)
 
 
 def radar_equation(bench: Bench, radar: Radar) -> float:
-    """Compare an echo's level with the radar equation, dB.
-    The level is that of the strongest bin, over sqrt(2 Z0 P_r G_rx).
-    """
+    """Compare an echo's level with the radar equation, dB."""
     range_m = np.array([place_m(radar, fraction) for fraction in FRACTIONS])
     rcs_m2, gain = np.array([0.1, 0.5, 1.0, 3.0, 10.0]), np.array([1.0, 0.25, 1.0, 0.01, 2.0])
     _, bins = simulate_baseband(bench, make_table(range_m, rcs=rcs_m2, path_gain=gain), radar)
@@ -29,9 +24,7 @@ def radar_equation(bench: Bench, radar: Radar) -> float:
 
 
 def phase_linearity(bench: Bench, radar: Radar) -> float:
-    """Compare the phase per metre with theory, rad.
-    Theory is -4 pi / lambda, over half a wavelength.
-    """
+    """Compare the phase per metre with theory, rad."""
     offset_m = np.linspace(-0.25, 0.25, 17) * theory.wavelength_m(radar)
     _, bins = simulate_baseband(bench, make_table(place_m(radar, 0.5) + offset_m), radar)
     bins = bins[:, np.abs(bins[8]).argmax()]  # strongest in the middle row
@@ -40,9 +33,7 @@ def phase_linearity(bench: Bench, radar: Radar) -> float:
 
 
 def absolute_phase(bench: Bench, radar: Radar) -> float:
-    """Compare the phase of an echo with theory, rad.
-    The echo is in the middle of a bin; theory is theta - 4 pi R / lambda.
-    """
+    """Compare the phase of an echo with theory, rad."""
     range_m = np.array([place_m(radar, fraction) for fraction in FRACTIONS])
     _, bins = simulate_baseband(bench, make_table(range_m), radar)
     strongest = bins[np.arange(range_m.size), np.abs(bins).argmax(axis=1)]
@@ -61,9 +52,7 @@ def path_phase(bench: Bench, radar: Radar) -> float:
 
 
 def doppler_sign(bench: Bench, radar: Radar) -> float:
-    """Compare the Doppler shift with +2 v / lambda, %.
-    Of an approaching and a receding scatterer. Measured by pulse pairs over all bins.
-    """
+    """Compare the Doppler shift with +2 v / lambda, %."""
     errors = []
     for velocity_mps in (speed_mps(radar), -speed_mps(radar)):
         step_m, middle_m = velocity_mps / radar.prf_hz, place_m(radar, 0.5)
@@ -78,9 +67,7 @@ def doppler_sign(bench: Bench, radar: Radar) -> float:
 
 
 def range_migration(bench: Bench, radar: Radar) -> float:
-    """Compare the strongest bin with the true range, in bins.
-    The scatterer crosses the frame. Half a bin is natural.
-    """
+    """Compare the strongest bin with the true range, in bins."""
     start_m, stop_m = place_m(radar, 0.85), place_m(radar, 0.2)
     velocity_mps = speed_mps(radar)
     scene = make_approach(radar, start_m=start_m, stop_m=stop_m, n_pulses=301, velocity_mps=velocity_mps)
@@ -90,9 +77,7 @@ def range_migration(bench: Bench, radar: Radar) -> float:
 
 
 def superposition(bench: Bench, radar: Radar) -> float:
-    """Compare three echoes together with their sum.
-    The difference is relative to the maximum.
-    """
+    """Compare three echoes together with their sum."""
     rng = np.random.default_rng(5)
     range_m = np.array([place_m(radar, fraction) for fraction in (0.3, 0.32, 0.6)]) + rng.uniform(-0.1, 0.1, (7, 3))
     together = make_table(
@@ -104,9 +89,7 @@ def superposition(bench: Bench, radar: Radar) -> float:
 
 
 def frame_integration(bench: Bench, radar: Radar) -> float:
-    """Compare a moving echo's loss with sinc(f_d T_i), dB.
-    A frame sums over 0.8 of its time; a wrong sign beyond a null fails.
-    """
+    """Compare a moving echo's loss with sinc(f_d T_i), dB."""
     share, turns = 0.8, np.array([0.1, -0.35, 0.6, 0.85, -1.4, 2.5])
     summing = change_radar(radar, integration_share=share)
     speed_of_turn = 0.5 * theory.wavelength_m(radar) * radar.prf_hz / share
@@ -118,9 +101,7 @@ def frame_integration(bench: Bench, radar: Radar) -> float:
 
 
 def folding(bench: Bench, radar: Radar) -> float:
-    """Compare earlier pulses' echoes with later frames, relative.
-    The pulse interval is slightly longer than a frame.
-    """
+    """Compare earlier pulses' echoes with later frames, relative."""
     start_m = radar.range_start_m + 0.2 * (radar.range_stop_m - radar.range_start_m)
     pulse_m = 1.007 * (radar.range_stop_m - start_m)
     short = {"sweep_s": 20.0 / (radar.bandwidth_hz or math.nan)} if radar.waveform.kind == "lfm" else {}
@@ -138,9 +119,7 @@ def folding(bench: Bench, radar: Radar) -> float:
 
 
 def worst_db(ratio: np.ndarray) -> float:
-    """Return the largest deviation of amplitude ratios from 1, dB.
-    Infinite where a ratio is 0.
-    """
+    """Return the largest deviation of amplitude ratios from 1, dB."""
     smallest, largest = float(ratio.min()), float(ratio.max())
     return 20.0 * max(abs(math.log10(smallest)), abs(math.log10(largest))) if smallest > 0 else math.inf
 
@@ -151,9 +130,7 @@ CELLS = 2.0
 
 
 def range_profile(bench: Bench, radar: Radar) -> float:
-    """Compare range profile and transformed spectrum, dB.
-    Within two cells (equivalence i).
-    """
+    """Compare range profile and transformed spectrum, dB."""
     axis_m = theory.range_axis_m(radar)
     middle_m, step_m = place_m(radar, 0.6), axis_m[1] - axis_m[0]
     range_m = middle_m + step_m * np.linspace(-0.5, 0.5, 9)
@@ -174,9 +151,7 @@ def _relative_db(amplitude: np.ndarray, column: np.ndarray) -> np.ndarray:
 
 
 def beat_frequency(bench: Bench, radar: Radar) -> float:
-    """Compare the beat frequency with theory, %.
-    The scatterer is at rest, then moves. Theory is S 2 R / c - 2 v f_c / c. The sign of the beat is a convention.
-    """
+    """Compare the beat frequency with theory, %."""
     assert bench.sweep is not None
     range_m, velocity_mps = place_m(radar, 0.3), speed_mps(radar) * np.array([0.0, 1.0, -1.0])
     scene = make_table(np.full(3, range_m), radial_velocity=velocity_mps)
@@ -191,9 +166,7 @@ def beat_frequency(bench: Bench, radar: Radar) -> float:
 
 
 def range_doppler_coupling(bench: Bench, radar: Radar) -> float:
-    """Compare a moving scatterer's range shift with theory, %.
-    Theory is -f_c v T / B. The velocity makes it 0.3 cells.
-    """
+    """Compare a moving scatterer's range shift with theory, %."""
     cell_m = theory.half_power_width_m(radar)
     velocity_mps = -0.3 * cell_m / theory.coupling_s(radar)
     place = [_strongest_place_m(bench, radar, speed, cell_m) for speed in (velocity_mps, -velocity_mps)]
@@ -202,9 +175,7 @@ def range_doppler_coupling(bench: Bench, radar: Radar) -> float:
 
 
 def _strongest_place_m(bench: Bench, radar: Radar, velocity_mps: float, cell_m: float) -> float:
-    """Find where a moving scatterer is strongest in a bin.
-    The bin is that of a scatterer at rest; the place is relative to it.
-    """
+    """Find where a moving scatterer is strongest in a bin."""
     middle_m = place_m(radar, 0.6)
     _, resting = simulate_baseband(bench, make_table(np.array([middle_m])), radar)
     offset_m = np.linspace(-0.7, 0.7, 141) * cell_m

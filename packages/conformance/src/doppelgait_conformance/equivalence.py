@@ -1,7 +1,4 @@
-"""Checks that every narrow-band waveform shows the same walk.
-
-The reference is the sum of the phasors of the scatterers.
-"""
+"""Checks that every narrow-band waveform shows the same walk."""
 
 from __future__ import annotations
 
@@ -30,9 +27,7 @@ STEPS_HZ = (0.8, 4.0)
 
 
 def same_signature(bench: Bench, radar: Radar) -> float:
-    """Return 1 minus the signatures' correlation.
-    The reference is sum a exp(j(theta - 4 pi R / lambda)) (equivalence iii).
-    """
+    """Return 1 minus the signatures' correlation."""
     return float(1.0 - np.corrcoef(_simulate_signature(bench, radar).ravel(), compute_wanted_signature().ravel())[0, 1])
 
 
@@ -55,9 +50,7 @@ def _simulate_signature(bench: Bench, radar: Radar) -> Float:
 
 @lru_cache(maxsize=1)
 def compute_wanted_signature() -> Float:
-    """Compute the signature of the walk's summed phasors.
-    All radars of a small band share carrier, frame rate and levels.
-    """
+    """Compute the signature of the walk's summed phasors."""
     radar = make_narrow_radar("cw")
     scene = walk(radar.prf_hz)
     range_m = scene["range"].values
@@ -77,9 +70,7 @@ def walk(prf_hz: float) -> xr.Dataset:
 
 
 def compute_signature(bins: Complex) -> Float:
-    """Compute the share of power (time, Doppler) in Hann windows.
-    Power is summed over range, Doppler ascends.
-    """
+    """Compute the share of power (time, Doppler) in Hann windows."""
     starts = np.arange(0, bins.shape[0] - CPI + 1, HOP)
     frames = bins[starts[:, None] + np.arange(CPI)] * np.hanning(CPI)[None, :, None]
     spectrum = np.fft.fftshift(np.fft.fft(frames, N_DOPPLER, axis=1), axes=1)
@@ -94,9 +85,7 @@ def torso_doppler_hz(share: Float, prf_hz: float) -> float:
 
 
 def step_frequency_hz(share: Float, prf_hz: float) -> float:
-    """Return the strongest frequency of the spectrum's width.
-    The width is the same for steps of the left and the right foot.
-    """
+    """Return the strongest frequency of the spectrum's width."""
     doppler = np.arange(N_DOPPLER) - N_DOPPLER // 2
     width = np.sqrt(share @ doppler**2 - (share @ doppler) ** 2)
     size = PADDED * width.size

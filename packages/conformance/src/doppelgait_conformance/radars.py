@@ -20,14 +20,9 @@ UNITS = {"range": "m", "radial_velocity": "m/s", "rcs": "m^2", "path_gain": "1"}
 
 
 def make_table(
-    range_m: npt.ArrayLike,
-    *,
-    slow_time_s: npt.ArrayLike | None = None,
-    **values: npt.ArrayLike,
+    range_m: npt.ArrayLike, *, slow_time_s: npt.ArrayLike | None = None, **values: npt.ArrayLike
 ) -> xr.Dataset:
-    """Make a scatterer table of ranges (I, L) or (I,).
-    Cross sections are 1 m^2 and velocities 0 unless ``values`` has others.
-    """
+    """Make a scatterer table of ranges (I, L) or (I,)."""
     ranges_m = np.asarray(range_m, dtype=float)
     ranges_m = ranges_m[:, None] if ranges_m.ndim == 1 else ranges_m
     wanted = {"range": ranges_m, "radial_velocity": 0.0, "rcs": 1.0, "path_gain": 1.0, **values}
@@ -50,9 +45,7 @@ def make_table(
 
 
 def place_m(radar: Radar, fraction: float) -> float:
-    """Return the range at a fraction of the frame.
-    It is 1 m or more. It is the middle of a bin, except for a CW radar.
-    """
+    """Return the range at a fraction of the frame."""
     wanted_m = radar.range_start_m + fraction * (radar.range_stop_m - radar.range_start_m)
     wanted_m = max(wanted_m, 1.0)
     if radar.waveform.kind == "cw":

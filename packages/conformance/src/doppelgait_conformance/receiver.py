@@ -25,9 +25,7 @@ def noise_power(bench: Bench, radar: Radar) -> float:
 
 
 def noise_whiteness(bench: Bench, radar: Radar) -> float:
-    """Return the larger of pulse correlation and non-circularity of noise.
-    The latter is |E w^2| / E |w|^2, 0 where I and Q are alike.
-    """
+    """Return the larger of pulse correlation and non-circularity of noise."""
     noise = _sample_noise(bench, radar)
     power_v2 = (np.abs(noise) ** 2).mean()
     pair = np.abs((noise[1:] * np.conj(noise[:-1])).mean())
@@ -42,9 +40,7 @@ LAGS = 4
 
 
 def counter_noise(bench: Bench, radar: Radar) -> float:
-    """Compare the noise of swept-threshold counters with E-18b, dB.
-    The largest deviation for input noise of 1, 5 and 20 threshold steps. The counter pauses for a tenth of the frame.
-    """
+    """Compare the noise of swept-threshold counters with E-18b, dB."""
     pulses = {"pulse_rate_hz": 165.0 * 4.0 * radar.prf_hz, "sweep_levels": 4, "integration_share": 0.9}
     errors = []
     for steps in NOISE_STEPS:
@@ -54,9 +50,7 @@ def counter_noise(bench: Bench, radar: Radar) -> float:
 
 
 def noise_correlation(bench: Bench, radar: Radar) -> float:
-    """Compare the noise correlation over range with its statement.
-    The largest deviation at 1 to 4 bins apart.
-    """
+    """Compare the noise correlation over range with its statement."""
     radar = change_radar(radar, noise_correlation=radar.noise_correlation or CORRELATION)
     noise = _sample_noise(bench, radar)
     power_v2 = (np.abs(noise) ** 2).mean()
@@ -66,9 +60,7 @@ def noise_correlation(bench: Bench, radar: Radar) -> float:
 
 
 def matched_snr(bench: Bench, radar: Radar) -> float:
-    """Compare the matched SNR with E / N0, dB.
-    Equivalence v. Without a window along sweeps.
-    """
+    """Compare the matched SNR with E / N0, dB."""
     from scipy.signal import fftconvolve
 
     impulse = radar.waveform.kind == "impulse"
@@ -100,9 +92,7 @@ def _sample_noise(bench: Bench, radar: Radar) -> Complex:
 
 
 def quantisation_snr(bench: Bench, radar: Radar) -> float:
-    """Compare the quantisation SNR of a tone with theory, dB.
-    Theory is 6.02 b + 1.76 - back-off.
-    """
+    """Compare the quantisation SNR of a tone with theory, dB."""
     del radar
     errors = [_quantisation_error_db(bench, bits, backoff_db) for bits in (8, 10, 12) for backoff_db in (1.0, 12.0)]
     return max(errors)
@@ -122,10 +112,7 @@ def _quantisation_error_db(bench: Bench, bits: int, backoff_db: float) -> float:
 
 
 def quantisation_bias(bench: Bench, radar: Radar) -> float:
-    """Return the largest mean error between two codes, in steps.
-    With noise of half a step rms. Gaussian noise of s steps leaves exp(-2 pi^2 s^2) / pi of it: 0.0023 (Widrow and
-    Kollar, Quantization Noise, 2008).
-    """
+    """Return the largest mean error between two codes, in steps."""
     del radar
     assert bench.quantise is not None
     bits, n = 8, 100_000
@@ -157,9 +144,7 @@ LOWEST_FIELD = 10.0 ** (-30.0 / 20.0)
 
 
 def wall_loss(bench: Bench, radar: Radar) -> float:
-    """Compare a wall's two-way loss with a slab's, dB.
-    It is |T|^4 with the spreading of a bundle of rays that the slab refracts.
-    """
+    """Compare a wall's two-way loss with a slab's, dB."""
     return max(abs(10.0 * math.log10(gain)) for gain, _, _, _ in _measure_walls(bench, radar))
 
 
@@ -208,9 +193,7 @@ def _phase_rad(scatterers: xr.Dataset) -> np.ndarray:
 
 
 def two_ray_pattern(bench: Bench, radar: Radar) -> float:
-    """Compare a floor's field with the two-ray formula, dB.
-    The formula is (exp(-jkR) / R + Gamma exp(-jkg) / g)^2, at heights from 0.05 to 1.8 m.
-    """
+    """Compare a floor's field with the two-ray formula, dB."""
     assert bench.two_ray is not None
     height_m, ground_m = (side.ravel() for side in np.meshgrid(np.linspace(0.05, 1.8, 36), np.linspace(2.0, 8.0, 25)))
     direct_m = np.hypot(ground_m, height_m - RADAR_HEIGHT_M)

@@ -1,7 +1,4 @@
-"""Closed forms from first principles and radar parameters.
-
-Nothing here calls the tested code: no derived property of :class:`Radar`, no other layer.
-"""
+"""Closed forms from first principles and radar parameters."""
 
 from __future__ import annotations
 
@@ -30,9 +27,7 @@ def wavelength_m(radar: Radar) -> float:
 
 
 def count_averages(radar: Radar) -> int:
-    """Return the whole pulses per frame and threshold level (E-18).
-    Only pulses within the integration time of a frame count.
-    """
+    """Return the whole pulses per frame and threshold level (E-18)."""
     if not radar.pulse_rate_hz:
         return 1
     summed_s = (radar.integration_share if radar.integration_share > 0 else 1.0) / radar.prf_hz
@@ -40,9 +35,7 @@ def count_averages(radar: Radar) -> int:
 
 
 def pulse_sigma_s(radar: Radar) -> float:
-    """Return the standard deviation of a Gaussian envelope.
-    Its power spectrum exp(-4 pi^2 tau^2 f^2) is L dB down at B/2.
-    """
+    """Return the standard deviation of a Gaussian envelope."""
     if radar.pulse_sigma_s is not None:
         return radar.pulse_sigma_s
     # the level "3 dB" is half power
@@ -65,9 +58,7 @@ def sweep_time_s(radar: Radar) -> float:
 
 
 def range_axis_m(radar: Radar) -> Float:
-    """Return the range bins.
-    Every D c / (2 f_s) (E-15), every c / (2 B) counted from 0, or the middle of the frame.
-    """
+    """Return the range bins."""
     start_m, stop_m = radar.range_start_m, radar.range_stop_m
     if radar.waveform.kind == "cw":
         return np.array([(start_m + stop_m) / 2.0])
@@ -80,9 +71,7 @@ def range_axis_m(radar: Radar) -> Float:
 
 
 def received_w(radar: Radar, *, range_m: Float, gain_m2: Float) -> Float:
-    """Evaluate the radar equation, W.
-    P_t G_t G_r lambda^2 sigma / ((4 pi)^3 R^4). ``gain_m2`` is sigma times the path gain.
-    """
+    """Evaluate the radar equation, W."""
     sent_w = 10.0 ** ((radar.tx_power_dbm + radar.tx_gain_dbi + radar.rx_gain_dbi - 30.0) / 10.0)
     return np.asarray(sent_w * wavelength_m(radar) ** 2 * gain_m2 / ((4.0 * np.pi) ** 3 * range_m**4))
 
@@ -99,9 +88,7 @@ def echo_v(radar: Radar, *, range_m: Float, gain_m2: Float) -> Float:
 
 
 def make_window(radar: Radar) -> Float:
-    """Return the window along a sweep.
-    Samples in the middle of S equal parts of the cosine sum (Harris 1978).
-    """
+    """Return the window along a sweep."""
     x = (np.arange(count_sweep_samples(radar)) + 0.5) / count_sweep_samples(radar)
     terms = {"none": (1.0,), "hann": (0.5, 0.5), "hamming": (0.54, 0.46), "blackman": (0.42, 0.5, 0.08)}
     shape = sum(c * (-1) ** k * np.cos(2.0 * np.pi * k * x) for k, c in enumerate(terms[radar.range_window]))
@@ -144,9 +131,7 @@ def input_noise_v(radar: Radar) -> float:
 
 
 def compute_energy_ratio(radar: Radar, *, range_m: float, gain_m2: float) -> float:
-    """Return E / N0 of N_eff averaged pulses.
-    P_r times the integral of the square of the envelope, over k T0 F.
-    """
+    """Return E / N0 of N_eff averaged pulses."""
     if radar.waveform.kind == "impulse":
         length_s = math.sqrt(math.pi) * pulse_sigma_s(radar)
     else:
@@ -158,9 +143,7 @@ def compute_energy_ratio(radar: Radar, *, range_m: float, gain_m2: float) -> flo
 
 
 def power_spectrum(radar: Radar) -> tuple[Float, Float]:
-    """Return frequencies from the carrier, Hz, and the received spectrum.
-    Its transform is the range profile (E-11).
-    """
+    """Return frequencies from the carrier, Hz, and the received spectrum."""
     if radar.waveform.kind == "impulse":
         tau = pulse_sigma_s(radar)
         frequency_hz = np.linspace(-1.5, 1.5, 2001) / tau
@@ -179,9 +162,7 @@ def power_spectrum(radar: Radar) -> tuple[Float, Float]:
 
 
 def compute_profile(radar: Radar, offset_m: Float) -> Float:
-    """Return the range profile at offsets from a point echo.
-    It is 1 at 0. It is the magnitude of the transform of the spectrum.
-    """
+    """Return the range profile at offsets from a point echo."""
     frequency_hz, weight = power_spectrum(radar)
     delay_s = 2.0 * offset_m.ravel() / C_MPS
     values = np.array([np.abs((weight * np.exp(2j * np.pi * frequency_hz * one)).sum()) for one in delay_s])
@@ -213,10 +194,7 @@ def compute_permittivity(*, permittivity: float, conductivity_s_per_m: float, ca
 
 
 def compute_slab_insertion(cosine: float, *, permittivity: complex, thickness_m: float, wavelength_m: float) -> complex:
-    """Return the field ratio behind and without a slab.
-    The electric field is parallel to the slab. By the slab's characteristic matrix (Born and Wolf, Principles of
-    Optics, section 1.6).
-    """
+    """Return the field ratio behind and without a slab."""
     inside = np.sqrt(permittivity - 1.0 + cosine**2)
     turn = 2.0 * np.pi * thickness_m / wavelength_m
     matrix = np.array(
@@ -243,8 +221,6 @@ def refracted_radii_m(range_m: float, angle_rad: float, *, index: float, thickne
 
 
 def compute_floor_reflection(sin_grazing: Float, *, permittivity: complex) -> Complex:
-    """Return the Fresnel coefficient of a half space, vertical polarisation.
-    The sign refers to the vertical field.
-    """
+    """Return the Fresnel coefficient of a half space, vertical polarisation."""
     root = np.sqrt(permittivity - 1.0 + sin_grazing**2)
     return np.asarray((permittivity * sin_grazing - root) / (permittivity * sin_grazing + root))

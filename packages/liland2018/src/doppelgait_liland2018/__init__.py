@@ -1,4 +1,1 @@
-"""Figures and tables of Liland (2018), reproduced and judged.
-
-The command is ``doppelgait reproduce``.
-"""
+"""Figures and tables of Liland (2018), reproduced and judged."""

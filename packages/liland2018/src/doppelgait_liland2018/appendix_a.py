@@ -1,7 +1,4 @@
-"""Appendix A: length of the processing interval.
-
-Figs. A.1 to A.6.
-"""
+"""Appendix A: length of the processing interval."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ from doppelgait.processing import Analysis
 from doppelgait_liland2018.chapter4_features import HARMONIC_NAMES, bin_hz, found_hz
 from doppelgait_liland2018.chapter5 import format_number
 from doppelgait_liland2018.drawing import MAX_CADENCE_HZ, plot_cadence_amplitude
-from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement
+from doppelgait_liland2018.entry import EntryResult, Reading, entry, judge
 from doppelgait_liland2018.material import STEEPNESS, THRESHOLD
 from doppelgait_liland2018.measures import CLEAR_DB, HARMONICS, prominence_db
 from doppelgait_liland2018.style import make_panels
@@ -40,9 +37,7 @@ SAME_DB = 1.0
 
 
 def _analyze_walk(material: Material, cpi_s: float) -> tuple[Result, float]:
-    """Analyse the walk of chapter 4 with another T_d.
-    Returns the result and the true step frequency.
-    """
+    """Analyse the walk of chapter 4 with another T_d."""
     recording = material.recording(material.make_walker(), prf_hz=PRF_HZ)
     analysis = Analysis(
         method="liland2018",
@@ -125,7 +120,7 @@ def make_interval(cpi_s: float, material: Material) -> EntryResult:
         f"{', '.join(seen) or 'no peak'} stand{'s' if len(seen) < 2 else ''} out by {CLEAR_DB:g} dB or more, and f_m "
         f"as found is {'right' if right_step else 'wrong'}."
     )
-    return EntryResult(figure, readings, format_judgement(readings, text), table)
+    return judge(figure, readings, text, table)
 
 
 STATED = {
@@ -137,12 +132,6 @@ STATED = {
     0.01: "Shorter than 0.1 s does not make the peaks more prominent.",
 }
 
-ENTRIES = tuple(
-    Entry(
-        f"fig-A.{place}",
-        f"Signature, cadence-velocity diagram and cadence spectrum with T_d = {cpi_s:g} s",
-        STATED[cpi_s],
-        partial(make_interval, cpi_s),
-    )
-    for place, cpi_s in enumerate(INTERVALS_S, start=1)
-)
+for place, interval_s in enumerate(INTERVALS_S, start=1):
+    title = f"Signature, cadence-velocity diagram and cadence spectrum with T_d = {interval_s:g} s"
+    entry(f"fig-A.{place}", title, STATED[interval_s])(partial(make_interval, interval_s))

@@ -1,7 +1,4 @@
-"""Chapter 2: Doppler shift, walkers and a dog.
-
-Figs. 2.6 to 2.20.
-"""
+"""Chapter 2: Doppler shift, walkers and a dog."""
 
 from __future__ import annotations
 
@@ -10,7 +7,7 @@ import numpy.typing as npt
 
 from doppelgait import viz
 from doppelgait.radar import Radar
-from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement
+from doppelgait_liland2018.entry import EntryResult, Reading, entry, judge
 from doppelgait_liland2018.material import Material, NamedMotion, make_point_table, simulate_slow_time_signal
 from doppelgait_liland2018.measures import (
     average_part_line,
@@ -45,8 +42,13 @@ BONES = (
 """Points of the walker that are joined in Figure 2.15."""
 
 
+@entry(
+    "fig-2.6",
+    "Doppler shift against radial velocity",
+    "The shift is proportional to the radial velocity; in the example shifts beyond 150 Hz either way alias. "
+    "Elsewhere the report takes 300 frames a second to allow 6 m/s.",
+)
 def make_2_6(material: Material) -> EntryResult:
-    """Make Fig. 2.6: Doppler shift against radial velocity."""
     radar = material.radar(prf_hz=PRF_2_6_HZ, range_stop_m=16.0)
     velocity_mps = np.linspace(-6.0, 6.0, 97)
     measured_hz = np.array([_measure_doppler_hz(radar, speed) for speed in velocity_mps])
@@ -93,20 +95,18 @@ def make_2_6(material: Material) -> EntryResult:
         "shifts beyond +-150 Hz alias. The limits are +-3.08 m/s; the 6 m/s that the report takes from them for "
         "300 frames a second is the width of the whole band, so a walking person's feet alias there."
     )
-    return EntryResult(figure, readings, format_judgement(readings, text))
+    return judge(figure, readings, text)
 
 
 def _measure_doppler_hz(radar: Radar, velocity_mps: float) -> float:
-    """Measure the Doppler shift of a moving point.
-    By the mean phase step from frame to frame of the range bin that it passes.
-    """
+    """Measure the Doppler shift of a moving point."""
     table = make_point_table(radar, FRAMES_2_6, range_m=8.0, velocity_mps=velocity_mps)
     signal_v = simulate_slow_time_signal(radar, table, range_m=8.0)
     return float(np.angle(np.vdot(signal_v[:-1], signal_v[1:])) / (2 * np.pi) * radar.prf_hz)
 
 
+@entry("fig-2.15", "The walker of Boulic and Chen", "The model has 17 point scatterers with names.")
 def make_2_15(material: Material) -> EntryResult:
-    """Make Fig. 2.15: walker points and names."""
     motion = material.make_walker().motion
     frame = int(0.55 * np.ptp(motion.time_s) / 5 * motion.rate_hz)
     middle_m = (motion.position_m.min(axis=1) + motion.position_m.max(axis=1))[:, :2] / 2.0
@@ -144,13 +144,16 @@ def make_2_15(material: Material) -> EntryResult:
     panels[0].set_title("from the side", fontsize=11.5, loc="left")
     panels[1].set_title("from the front", fontsize=11.5, loc="left")
     readings = [Reading("points of the walker", len(names), "1", 17.0, fixed=True)]
-    return EntryResult(
-        figure, readings, format_judgement(readings, "one point for every joint and end of the limbs, as published.")
-    )
+    return judge(figure, readings, "one point for every joint and end of the limbs, as published.")
 
 
+@entry(
+    "fig-2.16",
+    "Doppler shift of that walker, one gait cycle",
+    "Head-on, one gait cycle from the contact of the right foot. The right ankle stands still in stance, moves "
+    "slightly backwards at the end of it, and peaks in mid-swing at about 300 Hz, 6.17 m/s.",
+)
 def make_2_16(material: Material) -> EntryResult:
-    """Make Fig. 2.16: walker's Doppler shift per gait cycle."""
     walker = material.make_walker()
     recording = material.recording(walker)
     truth, wavelength_m = recording.truth[0], recording.radar.wavelength_m
@@ -204,35 +207,20 @@ def make_2_16(material: Material) -> EntryResult:
         f"the ankle peaks at {ankle_hz[peak]:.0f} Hz in the swing, the torso has {torso_hz.mean():.0f} Hz. The ankle "
         "rests only a tenth of a second after its contact: Boulic's curves do not lock the foot to the floor."
     )
-    return EntryResult(figure, readings, format_judgement(readings, text))
-
-
-CHAPTER2_ENTRIES = (
-    Entry(
-        "fig-2.6",
-        "Doppler shift against radial velocity",
-        "The shift is proportional to the radial velocity; in the example shifts beyond 150 Hz either way alias. "
-        "Elsewhere the report takes 300 frames a second to allow 6 m/s.",
-        make_2_6,
-    ),
-    Entry("fig-2.15", "The walker of Boulic and Chen", "The model has 17 point scatterers with names.", make_2_15),
-    Entry(
-        "fig-2.16",
-        "Doppler shift of that walker, one gait cycle",
-        "Head-on, one gait cycle from the contact of the right foot. The right ankle stands still in stance, moves "
-        "slightly backwards at the end of it, and peaks in mid-swing at about 300 Hz, 6.17 m/s.",
-        make_2_16,
-    ),
-)
-"""Figures of chapter 2 that need no recording."""
+    return judge(figure, readings, text)
 
 
 OPPOSITE_TOLERANCE_DEG = 20.0
 """Tolerance, degrees, of the report's statement "opposite phase"."""
 
 
+@entry(
+    "fig-2.12",
+    "A walking person from the side, one gait cycle",
+    "Nine side views of a recorded walk (CMU, 41 markers). The right foot is in front at the start; after one gait "
+    "cycle, two steps, the right heel is back at its place relative to the body.",
+)
 def make_2_12(material: Material) -> EntryResult:
-    """Make Fig. 2.12: nine side views of a gait cycle."""
     person = material.person()
     motion = person.motion
     start_s, cycle_s = one_cycle_s(motion, "right_foot")
@@ -261,11 +249,16 @@ def make_2_12(material: Material) -> EntryResult:
         f"the right foot lands {readings[3].ours:.2f} m before the left, and after {steps} steps is within "
         f"{abs(readings[2].ours):.2f} m of its place against the body."
     )
-    return EntryResult(figure, readings, format_judgement(readings, text))
+    return judge(figure, readings, text)
 
 
+@entry(
+    "fig-2.13",
+    "Range of every point of that walk",
+    "The feet swing about the body most and in opposite phase; the breast-bone marker runs in a straight line, so "
+    "the person keeps a constant velocity.",
+)
 def make_2_13(material: Material) -> EntryResult:
-    """Make Fig. 2.13: range of every point over time."""
     person = material.person()
     truth = material.recording(person).truth[0]
     figure = viz.range_lines(truth.scatterers, title="Range of every point of a walking person")
@@ -295,11 +288,16 @@ def make_2_13(material: Material) -> EntryResult:
         f"straight line of "
         f"constant velocity as the torso, {phase:.0f} degrees apart."
     )
-    return EntryResult(figure, readings, format_judgement(readings, text))
+    return judge(figure, readings, text)
 
 
+@entry(
+    "fig-2.14",
+    "Doppler shift of every point of that walk",
+    "With a wavelength of 0.0411 m the breast bone hardly varies in Doppler, the heels have the largest shifts. So "
+    "many markers clutter the picture.",
+)
 def make_2_14(material: Material) -> EntryResult:
-    """Make Fig. 2.14: Doppler shift per point and cycle."""
     person = material.person()
     recording = material.recording(person)
     truth, wavelength_m = recording.truth[0], recording.radar.wavelength_m
@@ -324,33 +322,7 @@ def make_2_14(material: Material) -> EntryResult:
         f"the torso keeps near {torso_hz.mean():.0f} Hz (rms {np.std(torso_hz):.0f} Hz) while the feet in their swing "
         f"reach {max(feet_hz) / torso_hz.mean():.1f} times that, other parts {max(highest_hz.values()):.0f} Hz."
     )
-    return EntryResult(figure, readings, format_judgement(readings, text))
-
-
-PERSON_ENTRIES = (
-    Entry(
-        "fig-2.12",
-        "A walking person from the side, one gait cycle",
-        "Nine side views of a recorded walk (CMU, 41 markers). The right foot is in front at the start; after one gait "
-        "cycle, two steps, the right heel is back at its place relative to the body.",
-        make_2_12,
-    ),
-    Entry(
-        "fig-2.13",
-        "Range of every point of that walk",
-        "The feet swing about the body most and in opposite phase; the breast-bone marker runs in a straight line, so "
-        "the person keeps a constant velocity.",
-        make_2_13,
-    ),
-    Entry(
-        "fig-2.14",
-        "Doppler shift of every point of that walk",
-        "With a wavelength of 0.0411 m the breast bone hardly varies in Doppler, the heels have the largest shifts. So "
-        "many markers clutter the picture.",
-        make_2_14,
-    ),
-)
-"""Figures of a recorded person in chapter 2."""
+    return judge(figure, readings, text)
 
 
 TOGETHER_TOLERANCE_DEG = 20.0
@@ -364,8 +336,13 @@ def _format_gait_note(dog: NamedMotion) -> str:
     return "" if dog.gait == "bound" else f"this dog's gait is a {dog.gait}: left and right do not land together"
 
 
+@entry(
+    "fig-2.18",
+    "A galloping dog from the side, one gait cycle",
+    "Nine side views of the only usable dog recording. Left and right legs move in the same phase and land "
+    "together; fore and hind legs meet under the trunk before the hind legs kick off.",
+)
 def make_2_18(material: Material) -> EntryResult:
-    """Make Fig. 2.18: nine side views of a gait cycle."""
     dog = material.find_galloping_dog()
     start_s, cycle_s = one_cycle_s(dog.motion, "left_hind")
     figure = viz.stick_frames(dog.motion, start_s=start_s, duration_s=cycle_s, title=f"One gait cycle, {dog.gait}")
@@ -396,11 +373,16 @@ def make_2_18(material: Material) -> EntryResult:
         if dog.gait == "bound"
         else f"the recording at hand is a {dog.gait}, in which left and right are out of step; the report's dog bounds."
     )
-    return EntryResult(figure, readings, format_judgement(readings, text))
+    return judge(figure, readings, text)
 
 
+@entry(
+    "fig-2.19",
+    "Range of every point of that dog",
+    "The marker on the trunk lies ahead of the hind paws; both hind paws swing in phase, at what the report calls "
+    "the step frequency.",
+)
 def make_2_19(material: Material) -> EntryResult:
-    """Make Fig. 2.19: range of every point over time."""
     dog = material.find_galloping_dog()
     truth = material.recording(dog, prf_hz=DOG_PRF_HZ).truth[0]
     figure = viz.range_lines(truth.scatterers, title=f"Range of every point of a dog, {dog.gait}")
@@ -431,11 +413,16 @@ def make_2_19(material: Material) -> EntryResult:
         f"the hind paws swing about the trunk {phase:.0f} degrees apart, once a stride: what repeats in the range "
         "lines is the stride, not the step frequency that the report names (E-07)."
     )
-    return EntryResult(figure, readings, format_judgement(readings, text))
+    return judge(figure, readings, text)
 
 
+@entry(
+    "fig-2.20",
+    "Doppler shift of every point of that dog",
+    "The trunk varies more than a person's, going up and down with the head, at about 3 m/s; the hind paws have no "
+    "shift while they stand before they kick off.",
+)
 def make_2_20(material: Material) -> EntryResult:
-    """Make Fig. 2.20: Doppler shift over time."""
     dog = material.find_galloping_dog()
     recording = material.recording(dog, prf_hz=DOG_PRF_HZ)
     truth, wavelength_m = recording.truth[0], recording.radar.wavelength_m
@@ -482,36 +469,8 @@ def make_2_20(material: Material) -> EntryResult:
         "Hz. The report's two speeds for its one recording, 3 m/s here and 263 Hz (5.4 m/s) in chapter 5, cannot both "
         "be right."
     )
-    return EntryResult(figure, readings, format_judgement(readings, text))
+    return judge(figure, readings, text)
 
 
 def _format_relative_note(line_hz: npt.NDArray[np.float64]) -> str:
     return f"{np.std(line_hz) / abs(np.mean(line_hz)):.0%} of the mean"
-
-
-DOG_ENTRIES = (
-    Entry(
-        "fig-2.18",
-        "A galloping dog from the side, one gait cycle",
-        "Nine side views of the only usable dog recording. Left and right legs move in the same phase and land "
-        "together; fore and hind legs meet under the trunk before the hind legs kick off.",
-        make_2_18,
-    ),
-    Entry(
-        "fig-2.19",
-        "Range of every point of that dog",
-        "The marker on the trunk lies ahead of the hind paws; both hind paws swing in phase, at what the report calls "
-        "the step frequency.",
-        make_2_19,
-    ),
-    Entry(
-        "fig-2.20",
-        "Doppler shift of every point of that dog",
-        "The trunk varies more than a person's, going up and down with the head, at about 3 m/s; the hind paws have no "
-        "shift while they stand before they kick off.",
-        make_2_20,
-    ),
-)
-"""Figures of the dog in chapter 2."""
-
-ENTRIES = (*CHAPTER2_ENTRIES, *PERSON_ENTRIES, *DOG_ENTRIES)

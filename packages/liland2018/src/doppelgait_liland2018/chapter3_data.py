@@ -1,7 +1,4 @@
-"""Chapter 3, slow time: Doppler, resolution, data matrix.
-
-Figs. 3.11 to 3.15, Tables 3.2 and 3.3.
-"""
+"""Chapter 3, slow time: Doppler, resolution, data matrix."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ from doppelgait.pipeline import simulate
 from doppelgait.radar import Radar, Recording, add_noise, noise_power_v2, synthesise
 from doppelgait.scene import RcsSpec, Scene, Target
 from doppelgait_liland2018.chapter3_frame import compute_spectrum, measure_first_null
-from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement
+from doppelgait_liland2018.entry import EntryResult, Reading, entry, judge
 from doppelgait_liland2018.material import RCS_M2, Material, NamedMotion, make_point_table, simulate_slow_time_signal
 from doppelgait_liland2018.measures import doppler_to_velocity_mps, power_to_db
 from doppelgait_liland2018.style import ACCENT, LINE, make_figure, name_axes, place_legend_below
@@ -42,17 +39,19 @@ def _make_radar(material: Material) -> Radar:
 
 
 def simulate_tones(radar: Radar, n_frames: int, shifts_hz: npt.ArrayLike) -> npt.NDArray[np.complex128]:
-    """Simulate equal points at Doppler shifts.
-    They are in phase in the middle of the frames.
-    """
+    """Simulate equal points at Doppler shifts."""
     speeds = doppler_to_velocity_mps(np.atleast_1d(np.asarray(shifts_hz, dtype=float)), radar.wavelength_m)
     return simulate_slow_time_signal(
         radar, make_point_table(radar, n_frames, range_m=RANGE_M, velocity_mps=speeds), range_m=RANGE_M
     )
 
 
+@entry(
+    "fig-3.11",
+    "Slow-time signal of one point, over 10 and over 31 frames",
+    "A point with a shift of 24 Hz at 300 frames a second: 10 frames are too short for one period, 31 hold two.",
+)
 def make_3_11(material: Material) -> EntryResult:
-    """Make Fig. 3.11: slow-time signal of one point."""
     radar = _make_radar(material)
     figure = make_figure(width_in=11.0, height_in=4.2)
     periods = {}
@@ -73,11 +72,16 @@ def make_3_11(material: Material) -> EntryResult:
         Reading("periods in 31 frames", periods[CPI_FRAMES], "1", 2.0, 0.5, "the report: about two"),
     ]
     text = f"of 24 Hz 10 frames at 300 Hz hold {periods[10]:.2f} periods, 31 frames {periods[CPI_FRAMES]:.2f}."
-    return EntryResult(figure, readings, format_judgement(readings, text))
+    return judge(figure, readings, text)
 
 
+@entry(
+    "fig-3.12",
+    "What a Doppler spectrum holds",
+    "Noise spread evenly, static objects at 0 Hz, two receding targets on the left, an approaching one on the "
+    "right. The spectrum is said to be periodic with half the frame rate.",
+)
 def make_3_12(material: Material) -> EntryResult:
-    """Make Fig. 3.12: Doppler spectrum with noise and targets."""
     radar, frames = _make_radar(material), 300
     shifts_hz = np.array([0.0, *TARGETS_3_12])
     table = make_point_table(
@@ -139,7 +143,7 @@ def make_3_12(material: Material) -> EntryResult:
         "noise is everywhere, the wall at 0 Hz, receding targets at negative and approaching targets "
         "at positive shifts. The spectrum repeats after f_p = 300 Hz, not after f_p/2."
     )
-    return EntryResult(figure, readings, format_judgement(readings, text))
+    return judge(figure, readings, text)
 
 
 def _measure_power_at(signal: npt.ArrayLike, frequency_hz: FloatArray) -> FloatArray:
@@ -148,8 +152,13 @@ def _measure_power_at(signal: npt.ArrayLike, frequency_hz: FloatArray) -> FloatA
     return np.asarray(np.abs(carriers @ values) ** 2)
 
 
+@entry(
+    "fig-3.13",
+    "Doppler resolution: two points at four spacings",
+    "31 frames at 300 Hz, 0.1 s, resolve 10 Hz. At 72 and 24 Hz the two are obvious, at 14 Hz they begin to blend, "
+    "at 5 Hz they cannot be distinguished.",
+)
 def make_3_13(material: Material) -> EntryResult:
-    """Make Fig. 3.13: spectra of two points, four spacings."""
     radar = _make_radar(material)
     figure = make_figure(width_in=11.0, height_in=7.0)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
@@ -163,10 +172,7 @@ def make_3_13(material: Material) -> EntryResult:
         frequency_hz, power = compute_spectrum(simulate_tones(radar, CPI_FRAMES, shifts_hz), PRF_HZ, points=POINTS)
         panel.plot(frequency_hz, np.sqrt(power), color="black", lw=1.4)
         name_axes(
-            panel,
-            title=f"({letter}) {spacing_hz:.0f} Hz apart",
-            x="Doppler frequency (Hz)",
-            y="magnitude (re maximum)",
+            panel, title=f"({letter}) {spacing_hz:.0f} Hz apart", x="Doppler frequency (Hz)", y="magnitude (re maximum)"
         )
         panel.tick_params(labelleft=True, labelbottom=True)
         seen[letter] = count_and_dip(power)
@@ -200,13 +206,11 @@ def make_3_13(material: Material) -> EntryResult:
         f"peaks are {counts}; at 14 Hz they run into each other (a dip of {seen['c'][1]:.1f} dB). Two points in phase "
         "need more than the 10 Hz of the Rayleigh criterion, which is for powers added."
     )
-    return EntryResult(figure, readings, format_judgement(readings, text))
+    return judge(figure, readings, text)
 
 
 def count_and_dip(power: FloatArray) -> tuple[int, float]:
-    """Count maxima within 6 dB and their dip.
-    The dip between the outermost two is in dB, 0 for one maximum.
-    """
+    """Count maxima within 6 dB and their dip."""
     peaks = find_peaks(power, height=float(power.max()) * 10 ** (PEAK_LEVEL_DB / 10))[0]
     if peaks.size < 2:
         return int(peaks.size), 0.0
@@ -215,39 +219,12 @@ def count_and_dip(power: FloatArray) -> tuple[int, float]:
 
 
 def smallest_spacing_hz(radar: Radar) -> float:
-    """Return the smallest spacing with two peaks, 0.1 Hz steps.
-    Of two equal points in phase.
-    """
+    """Return the smallest spacing with two peaks, 0.1 Hz steps."""
     for spacing_hz in np.arange(5.0, 30.0, 0.1):
         both = simulate_tones(radar, CPI_FRAMES, [-spacing_hz / 2, spacing_hz / 2])
         if count_and_dip(compute_spectrum(both, PRF_HZ, points=POINTS)[1])[0] == 2:
             return float(spacing_hz)
     return float("nan")
-
-
-DOPPLER_ENTRIES = (
-    Entry(
-        "fig-3.11",
-        "Slow-time signal of one point, over 10 and over 31 frames",
-        "A point with a shift of 24 Hz at 300 frames a second: 10 frames are too short for one period, 31 hold two.",
-        make_3_11,
-    ),
-    Entry(
-        "fig-3.12",
-        "What a Doppler spectrum holds",
-        "Noise spread evenly, static objects at 0 Hz, two receding targets on the left, an approaching one on the "
-        "right. The spectrum is said to be periodic with half the frame rate.",
-        make_3_12,
-    ),
-    Entry(
-        "fig-3.13",
-        "Doppler resolution: two points at four spacings",
-        "31 frames at 300 Hz, 0.1 s, resolve 10 Hz. At 72 and 24 Hz the two are obvious, at 14 Hz they begin to blend, "
-        "at 5 Hz they cannot be distinguished.",
-        make_3_13,
-    ),
-)
-"""Figures of slow time in chapter 3."""
 
 
 FRAMES_3_14, SECONDS_3_14, BINS_3_14, START_M_3_14 = 1938, 1.3, 162, 14.0
@@ -277,8 +254,13 @@ def _gain_db(power: FloatArray, rate_hz: float) -> float:
     return float(power_to_db(power[-ends:].mean() / power[:ends].mean()))
 
 
+@entry(
+    "fig-3.14",
+    "Range and data matrix of a galloping dog",
+    "The dog starts at 14 m and keeps its velocity towards the radar for about 1.3 s: 1938 frames of 162 range "
+    "bins. The nearer it is the stronger the echo.",
+)
 def make_3_14(material: Material) -> EntryResult:
-    """Make Fig. 3.14: a galloping dog approaches."""
     dog = material.find_galloping_dog()
     seconds = min(SECONDS_3_14, dog.seconds)
     radar = material.radar(prf_hz=PRF_3_14_HZ, range_start_m=6.5, range_stop_m=14.8)
@@ -330,11 +312,15 @@ def make_3_14(material: Material) -> EntryResult:
         "do not fit together: the frame rate is above the range of Table 5.1, and 162 bins reach far enough only if "
         "every 8th sample is kept."
     )
-    return EntryResult(_plot_two_panels(recording, dog.gait or "dog"), readings, format_judgement(readings, text))
+    return judge(_plot_two_panels(recording, dog.gait or "dog"), readings, text)
 
 
+@entry(
+    "fig-3.15",
+    "Range and data matrix of two people who cross",
+    "Two recorded people approach and pass each other in range; the nearer they are the more power comes back.",
+)
 def make_3_15(material: Material) -> EntryResult:
-    """Make Fig. 3.15: two people pass each other."""
     first = material.person()
     speed_mps = _speed_mps(first)
     others = [one for one in material.make_walkers() if one.name != first.name and one.seconds >= 2.0] or [first]
@@ -368,7 +354,7 @@ def make_3_15(material: Material) -> EntryResult:
     ]
     times = "once" if crossings.size == 1 else f"{crossings.size} times"
     text = f"the two sets of lines cross {times}; the echo changes by {rises_db:+.0f} dB to the end."
-    return EntryResult(_plot_two_panels(recording, "two people"), readings, format_judgement(readings, text))
+    return judge(_plot_two_panels(recording, "two people"), readings, text)
 
 
 def _speed_mps(body: NamedMotion) -> float:
@@ -377,8 +363,12 @@ def _speed_mps(body: NamedMotion) -> float:
     return travel_speed_mps(body.motion)
 
 
+@entry(
+    "table-3.2",
+    "Radar cross section of the targets",
+    "1 m² for a person, 0.2 m² for a dog, in equal shares over the scatterers; only their ratio is said to matter.",
+)
 def make_table_3_2(material: Material) -> EntryResult:
-    """Make Table 3.2: radar cross sections."""
     import pandas as pd
 
     rows, readings = [], []
@@ -403,11 +393,16 @@ def make_table_3_2(material: Material) -> EntryResult:
         "every scatterer takes an equal share of the report's total. As the totals reveal the label, "
         "datasets take 0.01 m² per kilogram for people and dogs alike, divided by body part (E-08)."
     )
-    return EntryResult(None, readings, format_judgement(readings, text), pd.DataFrame(rows))
+    return judge(None, readings, text, pd.DataFrame(rows))
 
 
+@entry(
+    "table-3.3",
+    "Four scales of time and frequency",
+    "Carrier period and frequency, pulse duration τ and bandwidth 1/τ, repetition interval and frequency, and a "
+    "line width proportional to one over the processing interval.",
+)
 def make_table_3_3(material: Material) -> EntryResult:
-    """Make Table 3.3: four scales of time and frequency."""
     import pandas as pd
 
     from doppelgait_liland2018.chapter3_frame import compute_spectrum, measure_half_power_width
@@ -441,37 +436,4 @@ def make_table_3_3(material: Material) -> EntryResult:
         f"for the report's Gaussian pulse B = 1/τ is {1.0 / readings[0].ours:.1f} times too much; the other three "
         "scales are inverse to each other by definition."
     )
-    return EntryResult(None, readings, format_judgement(readings, text), table)
-
-
-DATA_ENTRIES = (
-    Entry(
-        "fig-3.14",
-        "Range and data matrix of a galloping dog",
-        "The dog starts at 14 m and keeps its velocity towards the radar for about 1.3 s: 1938 frames of 162 range "
-        "bins. The nearer it is the stronger the echo.",
-        make_3_14,
-    ),
-    Entry(
-        "fig-3.15",
-        "Range and data matrix of two people who cross",
-        "Two recorded people approach and pass each other in range; the nearer they are the more power comes back.",
-        make_3_15,
-    ),
-    Entry(
-        "table-3.2",
-        "Radar cross section of the targets",
-        "1 m² for a person, 0.2 m² for a dog, in equal shares over the scatterers; only their ratio is said to matter.",
-        make_table_3_2,
-    ),
-    Entry(
-        "table-3.3",
-        "Four scales of time and frequency",
-        "Carrier period and frequency, pulse duration τ and bandwidth 1/τ, repetition interval and frequency, and a "
-        "line width proportional to one over the processing interval.",
-        make_table_3_3,
-    ),
-)
-"""Figures and tables of the data matrix in chapter 3."""
-
-ENTRIES = (*DOPPLER_ENTRIES, *DATA_ENTRIES)
+    return judge(None, readings, text, table)

@@ -1,7 +1,4 @@
-"""Chapter 3, fast time: pulse, range bins, down-conversion.
-
-Figs. 3.4 to 3.10.
-"""
+"""Chapter 3, fast time: pulse, range bins, down-conversion."""
 
 from __future__ import annotations
 
@@ -9,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.radar import Radar, echo_amplitude_v, synthesise, synthesise_rf
-from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement
+from doppelgait_liland2018.entry import EntryResult, Reading, entry, judge
 from doppelgait_liland2018.material import Material, make_point_table
 from doppelgait_liland2018.measures import power_to_db
 from doppelgait_liland2018.style import ACCENT, LINE, legend_under, make_figure, name_axes, place_legend_below
@@ -29,9 +26,7 @@ def compute_spectrum(values: npt.ArrayLike, rate_hz: float, *, points: int) -> t
 
 
 def measure_half_power_width(axis: FloatArray, power: FloatArray) -> float:
-    """Return the highest peak's width at half height.
-    By linear interpolation.
-    """
+    """Return the highest peak's width at half height."""
     peak, level = int(power.argmax()), power.max() / 2.0
     left, right = peak, peak
     while power[left] > level:
@@ -50,8 +45,13 @@ def measure_first_null(axis: FloatArray, power: FloatArray) -> float:
     return float(axis[peak + rising[0]] - axis[peak])
 
 
+@entry(
+    "fig-3.4",
+    "A rectangular pulse and its spectrum",
+    "The spectrum of a pulse of duration τ has its main lobe between -1/τ and 1/τ. The bandwidth is called 1/τ, "
+    "and the half-power bandwidth A τ/√2.",
+)
 def make_3_4(material: Material) -> EntryResult:
-    """Make Fig. 3.4: a rectangular pulse and its spectrum."""
     rate_hz, points = 1000.0 / PULSE_S, 1 << 18
     time_s = (np.arange(4000) - 1999.5) / rate_hz
     pulse = (np.abs(time_s) < PULSE_S / 2).astype(float)
@@ -82,11 +82,16 @@ def make_3_4(material: Material) -> EntryResult:
         f"the main lobe ends at ±{null:.2f}/τ. The report then gives the half-power bandwidth twice: as 1/τ, "
         "which is 13 % too much, and as A τ / √2, which is the level of the spectrum there and no bandwidth."
     )
-    return EntryResult(figure, readings, format_judgement(readings, text))
+    return judge(figure, readings, text)
 
 
+@entry(
+    "fig-3.5",
+    "A finite train of pulses on a carrier",
+    "Four scales: period of the carrier, duration of the pulse, repetition interval, coherent processing interval; "
+    "each has its inverse in the spectrum.",
+)
 def make_3_5(material: Material) -> EntryResult:
-    """Make Fig. 3.5: pulse train and spectrum scales."""
     count, pulse_s, interval_s = int(TRAIN["pulses"]), TRAIN["pulse_s"], TRAIN["interval_s"]
     rate_hz, carrier_hz = 1000.0, 100.0
     time_s = np.arange(round(count * interval_s * rate_hz)) / rate_hz
@@ -129,11 +134,15 @@ def make_3_5(material: Material) -> EntryResult:
         ),
     ]
     text = f"lines lie {readings[0].ours:.2f} f_p apart, {readings[1].ours:.2f} / T_d from peak to null."
-    return EntryResult(figure, readings, format_judgement(readings, text))
+    return judge(figure, readings, text)
 
 
+@entry(
+    "fig-3.8",
+    "The Gaussian pulse and its spectrum",
+    "With τ = 1 ns on 7.2 GHz the spectrum is Gaussian too; its half-power bandwidth is said to be 1/τ = 1 GHz.",
+)
 def make_3_8(material: Material) -> EntryResult:
-    """Make Fig. 3.8: the Gaussian pulse and its spectrum."""
     radar = material.radar()
     sigma_s, rate_hz = radar.sigma_s, 100e9
     time_s = (np.arange(4096) - 2047.5) / rate_hz
@@ -172,32 +181,7 @@ def make_3_8(material: Material) -> EntryResult:
         "with the pulse as printed and τ = 1 ns it is 265 MHz, a quarter of the 1 GHz stated, so the report's range "
         "resolution is 25 cm and not 7 cm."
     )
-    return EntryResult(figure, readings, format_judgement(readings, text))
-
-
-PULSE_ENTRIES = (
-    Entry(
-        "fig-3.4",
-        "A rectangular pulse and its spectrum",
-        "The spectrum of a pulse of duration τ has its main lobe between -1/τ and 1/τ. The bandwidth is called 1/τ, "
-        "and the half-power bandwidth A τ/√2.",
-        make_3_4,
-    ),
-    Entry(
-        "fig-3.5",
-        "A finite train of pulses on a carrier",
-        "Four scales: period of the carrier, duration of the pulse, repetition interval, coherent processing interval; "
-        "each has its inverse in the spectrum.",
-        make_3_5,
-    ),
-    Entry(
-        "fig-3.8",
-        "The Gaussian pulse and its spectrum",
-        "With τ = 1 ns on 7.2 GHz the spectrum is Gaussian too; its half-power bandwidth is said to be 1/τ = 1 GHz.",
-        make_3_8,
-    ),
-)
-"""Figures of single pulses in chapter 3."""
+    return judge(figure, readings, text)
 
 
 RANGE_M = 2.0
@@ -209,8 +193,10 @@ def _make_full_rate_radar(material: Material) -> Radar:
     return material.radar(decimation=1, range_start_m=1.0, range_stop_m=3.0)
 
 
+@entry(
+    "fig-3.9", "Range bins of a frame", "A frame from r_min to r_max holds N samples, c t_s/2 apart: the range bins."
+)
 def make_3_9(material: Material) -> EntryResult:
-    """Make Fig. 3.9: one frame with an echo."""
     full = _make_full_rate_radar(material)
     kept = full.model_copy(update={"decimation": 8})
     table = make_point_table(full, 2, range_m=RANGE_M, velocity_mps=0.0)
@@ -250,11 +236,15 @@ def make_3_9(material: Material) -> EntryResult:
         "two repairs are made: a frame lasts 2 r_span/c, not r_span/c (E-10), and the first sample lies at r_min, "
         "not one sample later (E-15). All other recordings here keep every 8th sample, which changes no signature."
     )
-    return EntryResult(figure, readings, format_judgement(readings, text))
+    return judge(figure, readings, text)
 
 
+@entry(
+    "fig-3.10",
+    "Spectrum before and after down-conversion",
+    "Before, the echo lies about the carrier frequency; after multiplying with the carrier it lies about 0 Hz.",
+)
 def make_3_10(material: Material) -> EntryResult:
-    """Make Fig. 3.10: spectrum before and after down-conversion."""
     radar = _make_full_rate_radar(material)
     table = make_point_table(radar, 2, range_m=RANGE_M, velocity_mps=0.0)
     closed, sampled = synthesise(table, radar).values, synthesise_rf(table, radar).values
@@ -308,27 +298,8 @@ def make_3_10(material: Material) -> EntryResult:
         "stays symmetrical, so approaching and receding could not be distinguished, and an image stays at 8.7 GHz; the "
         "complex product and a low-pass (E-17) give what the report's Eq. 3.28 assumes."
     )
-    return EntryResult(figure, readings, format_judgement(readings, text))
+    return judge(figure, readings, text)
 
 
 def _highest_ghz(frequency_hz: FloatArray, power: FloatArray) -> float:
     return float(frequency_hz[power.argmax()]) / 1e9
-
-
-FRAME_ENTRIES = (
-    Entry(
-        "fig-3.9",
-        "Range bins of a frame",
-        "A frame from r_min to r_max holds N samples, c t_s/2 apart: the range bins.",
-        make_3_9,
-    ),
-    Entry(
-        "fig-3.10",
-        "Spectrum before and after down-conversion",
-        "Before, the echo lies about the carrier frequency; after multiplying with the carrier it lies about 0 Hz.",
-        make_3_10,
-    ),
-)
-"""Figures of one frame in chapter 3."""
-
-ENTRIES = (*PULSE_ENTRIES, *FRAME_ENTRIES)

@@ -1,7 +1,4 @@
-"""Chapter 4 of the report up to the signature.
-
-Window, maps, gate, columns, true Doppler (Figs. 4.3 to 4.11).
-"""
+"""Chapter 4 of the report up to the signature."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ import xarray as xr
 from doppelgait import viz
 from doppelgait.processing import Analysis, gaussian_window, range_doppler
 from doppelgait_liland2018.drawing import plot_numbered_marks
-from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement, summarise_readings
+from doppelgait_liland2018.entry import EntryResult, Reading, entry, judge, summarise_readings
 from doppelgait_liland2018.measures import (
     column_level_rise_db,
     find_peaks,
@@ -29,14 +26,7 @@ from doppelgait_liland2018.measures import (
     torso_line_hz,
     upper_envelope_hz,
 )
-from doppelgait_liland2018.style import (
-    ACCENT,
-    LINE,
-    LINE_COLOURS,
-    make_axes,
-    make_panels,
-    name_axes,
-)
+from doppelgait_liland2018.style import ACCENT, LINE, LINE_COLOURS, make_axes, make_panels, name_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,15 +52,17 @@ TORSO_HZ, TORSO_READ_HZ = 100.0, 15.0
 
 
 def walk(material: Material) -> tuple[Recording, Result]:
-    """Simulate and analyse the scenario of chapter 4.
-    Five gait cycles towards the radar at 1000 Hz, by the report's method.
-    """
+    """Simulate and analyse the scenario of chapter 4."""
     walker = material.make_walker()
     return material.recording(walker, prf_hz=1000.0), material.result(walker, prf_hz=1000.0)
 
 
+@entry(
+    "fig-4.3",
+    "Gaussian window over the frames of a CPI, and its spectrum",
+    "With M = 40 frames and a steepness of 0.3 the side lobes lie 65.4 dB below the main lobe.",
+)
 def make_window(material: Material) -> EntryResult:
-    """Make Fig. 4.3: window and its spectrum."""
     window = gaussian_window(WINDOW_PULSES, WINDOW_STEEPNESS)
     figure, (left, right) = make_panels(2)
     left.plot(np.arange(1, window.size + 1), window, color=LINE, marker=".")
@@ -97,14 +89,11 @@ def make_window(material: Material) -> EntryResult:
         ),
         Reading("main lobe, full width at half power", half_power_width_bins(window), "1/T_d"),
     ]
-    return EntryResult(
+    return judge(
         figure,
         readings,
-        format_judgement(
-            readings,
-            f"with the centred window the side lobes lie at {lobe_db:.1f} dB; the printed formula is half "
-            f"a sample off its centre and gives {readings[1].ours - lobe_db:.1f} dB more.",
-        ),
+        f"with the centred window the side lobes lie at {lobe_db:.1f} dB; the printed formula is half "
+        f"a sample off its centre and gives {readings[1].ours - lobe_db:.1f} dB more.",
     )
 
 
@@ -131,8 +120,13 @@ def _centre_m(result: Result, time_s: float) -> float:
     return float(result.gate.centre_at(time_s))
 
 
+@entry(
+    "fig-4.5",
+    "Range-Doppler map of a walking person",
+    "The person approaches: torso and head are the two strongest clusters near 100 Hz, the limbs smaller ones; a "
+    "single point has a negative Doppler, an arm or foot that swings back.",
+)
 def make_range_doppler(material: Material) -> EntryResult:
-    """Make Fig. 4.5: range-Doppler map of a walking person."""
     power, result, lowest_hz = _map_at_backward_foot(material)
     shown = _crop(power, _centre_m(result, float(power.coords["time"])))
     strongest = shown.values.max(axis=1)
@@ -177,19 +171,20 @@ def make_range_doppler(material: Material) -> EntryResult:
     ]
     figure = viz.range_doppler_map(shown, db_range=40.0, title="Range-Doppler map of a walking person")
     figure.axes[0].set_ylim(SHOWN_HZ)
-    return EntryResult(
+    return judge(
         figure,
         readings,
-        format_judgement(
-            readings,
-            f"the strongest cell lies at {torso_hz:.0f} Hz in the map shown and at {readings[0].ours:.0f} "
-            f"Hz over a step; a part of the walker has {lowest_hz:.0f} Hz, where a foot or arm moves back.",
-        ),
+        f"the strongest cell lies at {torso_hz:.0f} Hz in the map shown and at {readings[0].ours:.0f} "
+        f"Hz over a step; a part of the walker has {lowest_hz:.0f} Hz, where a foot or arm moves back.",
     )
 
 
+@entry(
+    "fig-4.7",
+    "Range-Doppler map with the gate of the tracker",
+    "The gate is put around the target from the simulation's own truth; a real system would need a tracker.",
+)
 def make_gate_figure(material: Material) -> EntryResult:
-    """Make Fig. 4.7: range-Doppler map with the gate."""
     power, result, _ = _map_at_backward_foot(material)
     time_s = float(power.coords["time"])
     shown = _crop(power, _centre_m(result, time_s))
@@ -204,20 +199,17 @@ def make_gate_figure(material: Material) -> EntryResult:
     ]
     figure = viz.range_doppler_map(shown, gate=gate.limits, db_range=40.0, title="Gate on the range-Doppler map")
     figure.axes[0].set_ylim(SHOWN_HZ)
-    return EntryResult(
+    return judge(
         figure,
         readings,
-        format_judgement(
-            readings,
-            f"the gate from the truth holds {100.0 * inside:.0f} % of the map's power. As in the report "
-            "it knows class and Doppler of the target, which a tracker would not; our own method takes one span "
-            "for all classes and no Doppler limits.",
-        ),
+        f"the gate from the truth holds {100.0 * inside:.0f} % of the map's power. As in the report "
+        "it knows class and Doppler of the target, which a tracker would not; our own method takes one span "
+        "for all classes and no Doppler limits.",
     )
 
 
+@entry("table-4.1", "Range span of the gate by target", "1 m for a person, 1.5 m for a dog.")
 def make_span_table(material: Material) -> EntryResult:
-    """Make Table 4.1."""
     bodies = {"human": [material.make_walker(), material.person()], "dog": [material.find_galloping_dog()]}
     readings, too_long = [], []
     for label, several in bodies.items():
@@ -240,8 +232,12 @@ def make_span_table(material: Material) -> EntryResult:
     )
 
 
+@entry(
+    "fig-4.8",
+    "Doppler limits of the gate",
+    "The limits are the highest and lowest Doppler of all points, constant over the observation.",
+)
 def make_doppler_limits(material: Material) -> EntryResult:
-    """Make Fig. 4.8: Doppler limits of the gate."""
     recording, result = walk(material)
     wavelength_m = recording.radar.wavelength_m
     figure = viz.doppler_lines(
@@ -266,19 +262,20 @@ def make_doppler_limits(material: Material) -> EntryResult:
         Reading("B_H", high_hz, "Hz", note=f"highest of all points: {doppler_hz.max():.1f} Hz"),
         Reading("B_L", low_hz, "Hz", note=f"lowest of all points: {doppler_hz.min():.1f} Hz"),
     ]
-    return EntryResult(
+    return judge(
         figure,
         readings,
-        format_judgement(
-            readings,
-            "the gate takes its limits from all true Doppler lines over the whole observation, so that "
-            "the measured bandwidth is bounded by the truth; our own method does without such limits.",
-        ),
+        "the gate takes its limits from all true Doppler lines over the whole observation, so that "
+        "the measured bandwidth is bounded by the truth; our own method does without such limits.",
     )
 
 
+@entry(
+    "fig-4.9",
+    "Signature of a dog before and after the columns are normalised",
+    "Without it the signal is much stronger on the right than on the left; dividing every column removes that.",
+)
 def make_normalisation(material: Material) -> EntryResult:
-    """Make Fig. 4.9: a dog's signature, normalised."""
     dog = material.find_galloping_dog()
     recording = material.recording(dog, prf_hz=DOG_PRF_HZ)
     result = material.result(dog, prf_hz=DOG_PRF_HZ)
@@ -305,56 +302,12 @@ def make_normalisation(material: Material) -> EntryResult:
             fixed=True,
         ),
     ]
-    return EntryResult(
+    return judge(
         figure,
         readings,
-        format_judgement(
-            readings,
-            f"the signature changes by {rise_db:+.1f} dB towards the right, {expected_db:+.1f} dB of it "
-            "by the radar equation, and is even once every column is divided by its maximum.",
-        ),
+        f"the signature changes by {rise_db:+.1f} dB towards the right, {expected_db:+.1f} dB of it "
+        "by the radar equation, and is even once every column is divided by its maximum.",
     )
-
-
-CHAPTER4_ENTRIES = (
-    Entry(
-        "fig-4.3",
-        "Gaussian window over the frames of a CPI, and its spectrum",
-        "With M = 40 frames and a steepness of 0.3 the side lobes lie 65.4 dB below the main lobe.",
-        make_window,
-    ),
-    Entry(
-        "fig-4.5",
-        "Range-Doppler map of a walking person",
-        "The person approaches: torso and head are the two strongest clusters near 100 Hz, the limbs smaller ones; a "
-        "single point has a negative Doppler, an arm or foot that swings back.",
-        make_range_doppler,
-    ),
-    Entry(
-        "fig-4.7",
-        "Range-Doppler map with the gate of the tracker",
-        "The gate is put around the target from the simulation's own truth; a real system would need a tracker.",
-        make_gate_figure,
-    ),
-    Entry(
-        "table-4.1",
-        "Range span of the gate by target",
-        "1 m for a person, 1.5 m for a dog.",
-        make_span_table,
-    ),
-    Entry(
-        "fig-4.8",
-        "Doppler limits of the gate",
-        "The limits are the highest and lowest Doppler of all points, constant over the observation.",
-        make_doppler_limits,
-    ),
-    Entry(
-        "fig-4.9",
-        "Signature of a dog before and after the columns are normalised",
-        "Without it the signal is much stronger on the right than on the left; dividing every column removes that.",
-        make_normalisation,
-    ),
-)
 
 
 FloatArray = npt.NDArray[np.float64]
@@ -364,8 +317,14 @@ LINE_REACH_HZ = 15.0
 SMOOTHING_S = 0.03
 
 
+@entry(
+    "fig-4.10",
+    "True Doppler of all points, and the signature of the same walk",
+    "The signature should resemble the true lines as closely as possible; the torso is strongest and "
+    "varies least, the saw "
+    "teeth above and below are the legs, the ankle of which reaches about 300 Hz (Fig. 2.16).",
+)
 def make_lines_and_signature(material: Material) -> EntryResult:
-    """Make Fig. 4.10: true Doppler and signature."""
     recording, result = walk(material)
     lines = viz.scatterer_doppler(recording.truth[0].scatterers, wavelength_m=recording.radar.wavelength_m)
     stride_s = 1.0 / recording.truth[0].stride_frequency_hz
@@ -400,19 +359,20 @@ def make_lines_and_signature(material: Material) -> EntryResult:
             note="a single line is 28.6 Hz wide at t_mu, so up to 14 Hz belong to the window",
         ),
     ]
-    return EntryResult(
+    return judge(
         figure,
         readings,
-        format_judgement(
-            readings,
-            f"{100.0 * readings[1].ours:.0f} % of the signature's power lies within {LINE_REACH_HZ:g} Hz "
-            "of a true line, about the width of the window.",
-        ),
+        f"{100.0 * readings[1].ours:.0f} % of the signature's power lies within {LINE_REACH_HZ:g} Hz "
+        "of a true line, about the width of the window.",
     )
 
 
+@entry(
+    "fig-4.11",
+    "Signature of five gait cycles with its parts named",
+    "Five gait cycles are ten steps, one peak each; the main line oscillates at twice the gait frequency.",
+)
 def make_five_cycles(material: Material) -> EntryResult:
-    """Make Fig. 4.11: signature of five gait cycles."""
     recording, result = walk(material)
     mu, truth = result.normalised_signature, recording.truth[0]
     rate_hz = measure_column_rate_hz(mu)
@@ -444,15 +404,12 @@ def make_five_cycles(material: Material) -> EntryResult:
         Reading("mean of the main line", float(torso_hz.mean()), "Hz", TORSO_HZ, TORSO_READ_HZ),
         Reading("from the highest to the lowest edge (label 4)", float(top_hz.max() - bottom_hz.min()), "Hz"),
     ]
-    return EntryResult(
+    return judge(
         figure,
         readings,
-        format_judgement(
-            readings,
-            f"{steps.size} steps in {readings[1].ours:.0f} gait cycles, and a main line that oscillates "
-            f"{readings[2].ours:.1f} times a cycle. Labels as in the report: 1 main line, 2 gait cycle, 3 step, "
-            "4 bandwidth, 5 width of the main line, 6 zero Doppler.",
-        ),
+        f"{steps.size} steps in {readings[1].ours:.0f} gait cycles, and a main line that oscillates "
+        f"{readings[2].ours:.1f} times a cycle. Labels as in the report: 1 main line, 2 gait cycle, 3 step, "
+        "4 bandwidth, 5 width of the main line, 6 zero Doppler.",
     )
 
 
@@ -477,23 +434,3 @@ def _mark_parts(axes: Axes, step_s: FloatArray, torso_hz: FloatArray, top_hz: fl
         marks["5"] = (late_s + 0.08, wide_hz[1] + 15.0)
     axes.axhline(0.0, color="white", lw=0.8, ls=":")
     plot_numbered_marks(axes, marks)
-
-
-SIGNATURE_ENTRIES = (
-    Entry(
-        "fig-4.10",
-        "True Doppler of all points, and the signature of the same walk",
-        "The signature should resemble the true lines as closely as possible; the torso is strongest and "
-        "varies least, the saw "
-        "teeth above and below are the legs, the ankle of which reaches about 300 Hz (Fig. 2.16).",
-        make_lines_and_signature,
-    ),
-    Entry(
-        "fig-4.11",
-        "Signature of five gait cycles with its parts named",
-        "Five gait cycles are ten steps, one peak each; the main line oscillates at twice the gait frequency.",
-        make_five_cycles,
-    ),
-)
-
-ENTRIES = (*CHAPTER4_ENTRIES, *SIGNATURE_ENTRIES)

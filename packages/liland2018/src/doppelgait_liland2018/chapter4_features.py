@@ -1,7 +1,4 @@
-"""Chapter 4 of the report: cadence map and features.
-
-Figs. 4.12 to 4.15.
-"""
+"""Chapter 4 of the report: cadence map and features."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from doppelgait import viz
 from doppelgait.processing import cadence_map
 from doppelgait_liland2018.chapter4 import TORSO_HZ, TORSO_READ_HZ, walk
 from doppelgait_liland2018.drawing import MAX_CADENCE_HZ, plot_cadence_amplitude, plot_mean_doppler
-from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement
+from doppelgait_liland2018.entry import EntryResult, Reading, entry, format_judgement, judge
 from doppelgait_liland2018.material import THRESHOLD
 from doppelgait_liland2018.measures import HARMONICS, doppler_to_velocity_mps, prominence_db, read_axis
 from doppelgait_liland2018.style import make_axes, make_panels
@@ -41,8 +38,13 @@ def bin_hz(result: Result) -> float:
     return float(read_axis(result.cadence_spectrum, "cadence")[1])
 
 
+@entry(
+    "fig-4.12",
+    "Cadence-velocity diagram up to 20 Hz",
+    "The mean Doppler is about +100 Hz, hence v_m about 2 m/s. The constant part is far stronger than the step "
+    "frequency f_m and its harmonics f_2 and f_3.",
+)
 def make_step_doppler(material: Material) -> EntryResult:
-    """Make Fig. 4.12: cadence-velocity diagram up to 20 Hz."""
     recording, result = walk(material)
     with_constant = cadence_map(result.normalised_signature, padded=False, tapered=False)
     figure = viz.cadence_map(
@@ -75,19 +77,21 @@ def make_step_doppler(material: Material) -> EntryResult:
         ),
         Reading("constant part above the step frequency (1: yes)", float(constant.max() > at_step.max()), "1", 1.0),
     ]
-    return EntryResult(
+    return judge(
         figure,
         readings,
-        format_judgement(
-            readings,
-            f"the constant part stands at {torso_hz:+.0f} Hz and is {readings[2].ours:.1f} times as high "
-            "as what there is at the step frequency.",
-        ),
+        f"the constant part stands at {torso_hz:+.0f} Hz and is {readings[2].ours:.1f} times as high "
+        "as what there is at the step frequency.",
     )
 
 
+@entry(
+    "fig-4.13",
+    "Cadence spectrum D_g with f_m, f_2 and f_3",
+    "Summed over Doppler and without the mean of every row, the spectrum has peaks at the step frequency and at "
+    "twice and three times it.",
+)
 def make_cadence_spectrum(material: Material) -> EntryResult:
-    """Make Fig. 4.13: cadence spectrum with f_m, f_2 and f_3."""
     recording, result = walk(material)
     true_hz = recording.truth[0].gait_frequency_hz
     figure, axes = make_axes(height_in=4.6)
@@ -116,20 +120,21 @@ def make_cadence_spectrum(material: Material) -> EntryResult:
             for h, name in zip(HARMONICS, HARMONIC_NAMES, strict=True)
         ),
     ]
-    return EntryResult(
+    return judge(
         figure,
         readings,
-        format_judgement(
-            readings,
-            f"the peaks stand out by {', '.join(f'{one.ours:.0f}' for one in readings[-3:])} dB. Once the "
-            "mean is taken off every row there is no peak of f_0 left, unlike what the report's text says of its "
-            "figure.",
-        ),
+        f"the peaks stand out by {', '.join(f'{one.ours:.0f}' for one in readings[-3:])} dB. Once the "
+        "mean is taken off every row there is no peak of f_0 left, unlike what the report's text says of its "
+        "figure.",
     )
 
 
+@entry(
+    "fig-4.14",
+    "Constant part D_1 with the Doppler f_d of the torso",
+    "The highest value A_fd of the first column lies at the torso's Doppler f_d.",
+)
 def make_first_column(material: Material) -> EntryResult:
-    """Make Fig. 4.14: constant part with torso Doppler."""
     recording, result = walk(material)
     figure, (axes,) = make_panels(1, width_in=10.5)
     doppler_hz = read_axis(result.signature, "doppler")
@@ -165,8 +170,12 @@ def make_first_column(material: Material) -> EntryResult:
     )
 
 
+@entry(
+    "fig-4.15",
+    "Micro-Doppler bandwidth from D_1",
+    "The bandwidth goes from the first to the last crossing of 0.04 of the maximum, a threshold found best by trial.",
+)
 def make_bandwidth(material: Material) -> EntryResult:
-    """Make Fig. 4.15: micro-Doppler bandwidth from the constant part."""
     recording, result = walk(material)
     figure, (axes,) = make_panels(1, width_in=10.5)
     plot_mean_doppler(
@@ -191,43 +200,9 @@ def make_bandwidth(material: Material) -> EntryResult:
             "B_mu by ours (edges of the signature)", float(ours.features.doppler_bandwidth_hz or float("nan")), "Hz"
         ),
     ]
-    return EntryResult(
+    return judge(
         figure,
         readings,
-        format_judgement(
-            readings,
-            f"the band of {readings[1].ours:.0f} Hz compares with a true span of {np.ptp(doppler_hz):.0f} "
-            "Hz; all 17 points are equally strong here, and what a foot reaches for moments only is averaged away.",
-        ),
+        f"the band of {readings[1].ours:.0f} Hz compares with a true span of {np.ptp(doppler_hz):.0f} "
+        "Hz; all 17 points are equally strong here, and what a foot reaches for moments only is averaged away.",
     )
-
-
-ENTRIES = (
-    Entry(
-        "fig-4.12",
-        "Cadence-velocity diagram up to 20 Hz",
-        "The mean Doppler is about +100 Hz, hence v_m about 2 m/s. The constant part is far stronger than the step "
-        "frequency f_m and its harmonics f_2 and f_3.",
-        make_step_doppler,
-    ),
-    Entry(
-        "fig-4.13",
-        "Cadence spectrum D_g with f_m, f_2 and f_3",
-        "Summed over Doppler and without the mean of every row, the spectrum has peaks at the step frequency and at "
-        "twice and three times it.",
-        make_cadence_spectrum,
-    ),
-    Entry(
-        "fig-4.14",
-        "Constant part D_1 with the Doppler f_d of the torso",
-        "The highest value A_fd of the first column lies at the torso's Doppler f_d.",
-        make_first_column,
-    ),
-    Entry(
-        "fig-4.15",
-        "Micro-Doppler bandwidth from D_1",
-        "The bandwidth goes from the first to the last crossing of 0.04 of the maximum, a threshold found best by "
-        "trial.",
-        make_bandwidth,
-    ),
-)

@@ -1,7 +1,4 @@
-"""Chapter 5: parameters of slow and fast walkers.
-
-Tables 5.1 and 5.2, Figs. 5.1, 5.3 to 5.6.
-"""
+"""Chapter 5: parameters of slow and fast walkers."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from doppelgait import viz
 from doppelgait_liland2018.chapter4 import ENVELOPE
 from doppelgait_liland2018.chapter4_features import HARMONIC_NAMES, bin_hz, found_hz
 from doppelgait_liland2018.drawing import plot_cadence_amplitude, plot_mean_doppler
-from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement
+from doppelgait_liland2018.entry import EntryResult, Reading, entry, format_judgement, judge
 from doppelgait_liland2018.material import STEEPNESS, THRESHOLD
 from doppelgait_liland2018.measures import (
     CLEAR_DB,
@@ -87,8 +84,13 @@ def _plot_four_panels(
     return figure
 
 
+@entry(
+    "table-5.1",
+    "Parameters of the radar",
+    "An X4: 7.29 GHz, 23.328 GS/s, 4 dBi antennas, 10 dB gain, 1 ns, 0 dBm; frame rates of 300 to 1300 Hz, chosen "
+    "for each scenario as low as aliasing allows. 300 Hz are said to limit speeds to 6 m/s.",
+)
 def make_radar_table(material: Material) -> EntryResult:
-    """Make Table 5.1."""
     radar = material.radar()
     readings = [
         Reading(words, float(getattr(radar, name)) / scale, unit, value, 1e-9, fixed=True)
@@ -112,19 +114,16 @@ def make_radar_table(material: Material) -> EntryResult:
             "a Gaussian of 1 ns standard deviation has 0.265 / tau; 1 GHz would take 0.265 ns",
         ),
     ]
-    return EntryResult(
+    return judge(
         None,
         readings,
-        format_judgement(
-            readings,
-            f"the parameters themselves were set. Of what the report concludes from them, 300 Hz is "
-            f"unambiguous to {readings[-2].ours:.1f} m/s, and a pulse of 1 ns has {readings[-1].ours:.3f} GHz.",
-        ),
+        f"the parameters themselves were set. Of what the report concludes from them, 300 Hz is "
+        f"unambiguous to {readings[-2].ours:.1f} m/s, and a pulse of 1 ns has {readings[-1].ours:.3f} GHz.",
     )
 
 
+@entry("table-5.2", "Parameters of the feature extraction", "T_d = 0.1 s, sigma_w = 0.4, t_mu = 0.04.")
 def make_analysis_table(material: Material) -> EntryResult:
-    """Make Table 5.2."""
     result = analyze_four(material)[0][3]
     cpi_s = result.signature.attrs["cpi_pulses"] / PRF_HZ
     readings = [
@@ -134,13 +133,16 @@ def make_analysis_table(material: Material) -> EntryResult:
         Reading("steepness sigma_w", STEEPNESS, "1", 0.4, 0.0, fixed=True),
         Reading("threshold t_mu", THRESHOLD, "1", 0.04, 0.0, fixed=True),
     ]
-    return EntryResult(
-        None, readings, format_judgement(readings, "these are the parameters of all figures of this chapter.")
-    )
+    return judge(None, readings, "these are the parameters of all figures of this chapter.")
 
 
+@entry(
+    "fig-5.1",
+    "Range of every point: a recorded person and the walker",
+    "Both look alike, with the same oscillations of arms and feet; recordings have 30 to 70 markers, the walker "
+    "17, and so give a more diffuse signature.",
+)
 def make_ranges(material: Material) -> EntryResult:
-    """Make Fig. 5.1: range of every walking point."""
     bodies = (material.person(), material.make_walker(SLOW_WALKER_MPS, cycles=5))
     figure, axes = make_panels(2, height_in=5.4)
     counts, swings = [], []
@@ -183,8 +185,12 @@ def make_ranges(material: Material) -> EntryResult:
     )
 
 
+@entry(
+    "fig-5.3",
+    "Signatures of two people and two walkers, slow and fast",
+    "The faster ones have their main line at a higher Doppler; the observation is as long as the recording.",
+)
 def make_signatures(material: Material) -> EntryResult:
-    """Make Fig. 5.3: signatures of people and walkers."""
     results = analyze_four(material)
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
@@ -211,9 +217,7 @@ def make_signatures(material: Material) -> EntryResult:
     readings += _compare_speeds(
         "main line at a higher Doppler for the faster", [reading.ours for reading in readings[:4]]
     )
-    return EntryResult(
-        figure, readings, format_judgement(readings, "the main lines of slow and fast are compared, pair by pair.")
-    )
+    return judge(figure, readings, "the main lines of slow and fast are compared, pair by pair.")
 
 
 def _compare_speeds(words: str, values: list[float]) -> list[Reading]:
@@ -224,8 +228,14 @@ def _compare_speeds(words: str, values: list[float]) -> list[Reading]:
     ]
 
 
+@entry(
+    "fig-5.4",
+    "Cadence spectra of the four",
+    "The walkers have lower side lobes, for they are observed over more gait cycles; for the people the harmonics "
+    "hardly stand out, least for the fast one. f_m is the same for both walkers, since the model is said to keep "
+    "its step frequency.",
+)
 def make_step_spectra(material: Material) -> EntryResult:
-    """Make Fig. 5.4: cadence spectra of the four targets."""
     results = analyze_four(material)
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
@@ -284,19 +294,20 @@ def make_step_spectra(material: Material) -> EntryResult:
             "report seems to have kept it constant",
         )
     )
-    return EntryResult(
+    return judge(
         figure,
         readings,
-        format_judgement(
-            readings,
-            "a rectangular record has side lobes of -13.3 dB however long it is, what changes is how far "
-            "off they are. In the published model the walkers' step frequency rises with speed.",
-        ),
+        "a rectangular record has side lobes of -13.3 dB however long it is, what changes is how far "
+        "off they are. In the published model the walkers' step frequency rises with speed.",
     )
 
 
+@entry(
+    "fig-5.5",
+    "Doppler f_d and height A_fd of the torso for the four",
+    "f_d is lower for the slow ones; A_fd is much the same for all, which is put down to equal cross sections.",
+)
 def make_torso_lines(material: Material) -> EntryResult:
-    """Make Fig. 5.5: torso line Doppler and height."""
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
         plot_mean_doppler(
@@ -309,12 +320,7 @@ def make_torso_lines(material: Material) -> EntryResult:
     heights = [float(result.quality["torso_amplitude"]) for *_, result in results]
     readings += [Reading(f"A_fd, {name}", height, "1") for name, height in zip(NAMES, heights, strict=True)]
     readings.append(
-        Reading(
-            "largest over smallest A_fd",
-            max(heights) / min(heights),
-            "1",
-            note="the report: much the same",
-        )
+        Reading("largest over smallest A_fd", max(heights) / min(heights), "1", note="the report: much the same")
     )
     readings.append(
         Reading(
@@ -340,8 +346,8 @@ def make_torso_lines(material: Material) -> EntryResult:
     )
 
 
+@entry("fig-5.6", "Micro-Doppler bandwidth of the four", "The bandwidth grows with the speed of the target.")
 def make_bandwidths(material: Material) -> EntryResult:
-    """Make Fig. 5.6: micro-Doppler bandwidth of the four."""
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
         plot_mean_doppler(
@@ -360,56 +366,4 @@ def make_bandwidths(material: Material) -> EntryResult:
         span_hz = float(np.ptp(recording.truth[0].doppler_hz(recording.radar.wavelength_m)))
         readings.append(Reading(f"B_mu, {name}", width, "Hz", note=f"true span of the points {span_hz:.0f} Hz"))
     readings += _compare_speeds("B_mu larger for the faster", widths)
-    return EntryResult(
-        figure, readings, format_judgement(readings, "the bandwidths of slow and fast are compared, pair by pair.")
-    )
-
-
-ENTRIES = (
-    Entry(
-        "table-5.1",
-        "Parameters of the radar",
-        "An X4: 7.29 GHz, 23.328 GS/s, 4 dBi antennas, 10 dB gain, 1 ns, 0 dBm; frame rates of 300 to 1300 Hz, chosen "
-        "for each scenario as low as aliasing allows. 300 Hz are said to limit speeds to 6 m/s.",
-        make_radar_table,
-    ),
-    Entry(
-        "fig-5.1",
-        "Range of every point: a recorded person and the walker",
-        "Both look alike, with the same oscillations of arms and feet; recordings have 30 to 70 markers, the walker "
-        "17, and so give a more diffuse signature.",
-        make_ranges,
-    ),
-    Entry(
-        "table-5.2",
-        "Parameters of the feature extraction",
-        "T_d = 0.1 s, sigma_w = 0.4, t_mu = 0.04.",
-        make_analysis_table,
-    ),
-    Entry(
-        "fig-5.3",
-        "Signatures of two people and two walkers, slow and fast",
-        "The faster ones have their main line at a higher Doppler; the observation is as long as the recording.",
-        make_signatures,
-    ),
-    Entry(
-        "fig-5.4",
-        "Cadence spectra of the four",
-        "The walkers have lower side lobes, for they are observed over more gait cycles; for the people the harmonics "
-        "hardly stand out, least for the fast one. f_m is the same for both walkers, since the model is said to keep "
-        "its step frequency.",
-        make_step_spectra,
-    ),
-    Entry(
-        "fig-5.5",
-        "Doppler f_d and height A_fd of the torso for the four",
-        "f_d is lower for the slow ones; A_fd is much the same for all, which is put down to equal cross sections.",
-        make_torso_lines,
-    ),
-    Entry(
-        "fig-5.6",
-        "Micro-Doppler bandwidth of the four",
-        "The bandwidth grows with the speed of the target.",
-        make_bandwidths,
-    ),
-)
+    return judge(figure, readings, "the bandwidths of slow and fast are compared, pair by pair.")

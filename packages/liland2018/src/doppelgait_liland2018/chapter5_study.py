@@ -1,7 +1,4 @@
-"""Chapter 5: step lengths and features of all scenarios.
-
-Figs. 5.8 and 5.9.
-"""
+"""Chapter 5: step lengths and features of all scenarios."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from doppelgait.features import FEATURE_UNITS
-from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement
+from doppelgait_liland2018.entry import EntryResult, Reading, entry, judge
 from doppelgait_liland2018.material import RUNS
 from doppelgait_liland2018.scenarios import (
     METHOD_NAMES,
@@ -73,9 +70,7 @@ FEWEST_STRIDES = 1.2
 
 
 def make_study_table(material: Material) -> pd.DataFrame:
-    """Return study features by scenario and method.
-    Speeds and step lengths are without sign.
-    """
+    """Return study features by scenario and method."""
 
     def make() -> pd.DataFrame:
         # recorded motions with a known stride that is seen more than once
@@ -105,8 +100,13 @@ def describe_counts(table: pd.DataFrame) -> str:
     return ", ".join(words).replace("persons", "people")
 
 
+@entry(
+    "fig-5.8",
+    "Step length against speed, people and dogs",
+    "Step length grows linearly with speed for most targets; values above 1.5 m are wrong estimates of f_m; the "
+    "dog's step is far shorter for its speed.",
+)
 def make_step_length(material: Material) -> EntryResult:
-    """Make Fig. 5.8: step length against speed."""
     table = make_study_table(material)
     figure, axes = make_panels(2, height_in=5.6)
     for letter, panel, method in zip("ab", axes, METHODS, strict=True):
@@ -164,7 +164,7 @@ def make_step_length(material: Material) -> EntryResult:
         )
         length_readings += read_wrong_shares(length_part, name)
     readings = length_readings
-    return EntryResult(figure, readings, format_judgement(readings, _describe_lengths(table)), table)
+    return judge(figure, readings, _describe_lengths(table), table)
 
 
 def _plot_groups(axes: Axes, part: pd.DataFrame, x: str, y: str) -> None:
@@ -181,9 +181,7 @@ def _fit_line(part: pd.DataFrame) -> tuple[float, float]:
 
 
 def _compare_with_line(part: pd.DataFrame, label: str) -> pd.Series:
-    """Return step lengths relative to the people's line.
-    At the same speed.
-    """
+    """Return step lengths relative to the people's line."""
     slope, offset = _fit_line(part)
     chosen = part[part["label"] == label]
     return chosen["step_length_m"] - offset - slope * chosen["torso_velocity_mps"]
@@ -195,9 +193,7 @@ def _count_near_line(part: pd.DataFrame) -> float:
 
 
 def _read_distance_below_line(part: pd.DataFrame, name: str) -> list[Reading]:
-    """Read how far dogs lie below the line.
-    By kind of gait, with the separation of the classes.
-    """
+    """Read how far dogs lie below the line."""
     people_m, dogs_m = (_compare_with_line(part, label) for label in CLASSES)
     asymmetric = part.loc[dogs_m.index, "gait"].isin(RUNS)
     kinds = {"walk, pace, trot": dogs_m[~asymmetric], "canter, gallop, bound": dogs_m[asymmetric]}
@@ -223,9 +219,7 @@ def _read_distance_below_line(part: pd.DataFrame, name: str) -> list[Reading]:
 
 
 def read_wrong_shares(part: pd.DataFrame, name: str) -> list[Reading]:
-    """Read the shares of wrong step frequencies.
-    Of all, by class, and beyond the resolution of its bin.
-    """
+    """Read the shares of wrong step frequencies."""
     part = part[part["true_gait_frequency_hz"].notna()]
     beyond = is_wrong(part, WRONG, bins=1.0)
     readings = [
@@ -270,8 +264,13 @@ def _describe_lengths(table: pd.DataFrame) -> str:
     return words + (f"; {len(left_out)} could not be observed." if left_out else ".")
 
 
+@entry(
+    "fig-5.9",
+    "The six features of all scenarios",
+    "v_m alone shows nothing; B_mu follows it and is high for the walkers; beta_1 and beta_2 are mostly 2 and 3; "
+    "rho is higher for the walkers and expected to be higher for people than for pets, of which there was one.",
+)
 def make_features(material: Material) -> EntryResult:
-    """Make Fig. 5.9: six features of all scenarios."""
     table = make_study_table(material)
     # Every feature against the number of the scenario, the report's method on the left, ours on the right.
     feature_figure, axes = make_panels(2, len(FEATURE_UNITS), width_in=12.0, height_in=16.0)
@@ -287,12 +286,7 @@ def make_features(material: Material) -> EntryResult:
             panel.set_ylim(*limits)
             letter = "abcdef"[row]
             title = f"({letter}) {METHOD_NAMES[method]}" if row == 0 else f"({letter})"
-            name_axes(
-                panel,
-                title=title,
-                x="scenario number" if row == 5 else "",
-                y=FEATURE_LABELS[name],
-            )
+            name_axes(panel, title=title, x="scenario number" if row == 5 else "", y=FEATURE_LABELS[name])
     place_legend_below(feature_figure, axes[0])
     figure = feature_figure
     separation = tabulate_separation(table, COMPARED, classes=CLASSES)
@@ -340,7 +334,7 @@ def make_features(material: Material) -> EntryResult:
             )
         )
     readings = feature_readings
-    return EntryResult(figure, readings, format_judgement(readings, _describe_features(table, separation)), separation)
+    return judge(figure, readings, _describe_features(table, separation), separation)
 
 
 def _compare_statements(readings: list[Reading], name: str) -> list[Reading]:
@@ -374,21 +368,3 @@ def _describe_features(table: pd.DataFrame, separation: pd.DataFrame) -> str:
         f"{'No single feature separates' if best['apart'] < 0.45 else 'One feature nearly separates'} the classes; the "
         f"best is {best['feature']} (ROC area {best['roc_area']:.2f})."
     )
-
-
-ENTRIES = (
-    Entry(
-        "fig-5.8",
-        "Step length against speed, people and dogs",
-        "Step length grows linearly with speed for most targets; values above 1.5 m are wrong estimates of f_m; the "
-        "dog's step is far shorter for its speed.",
-        make_step_length,
-    ),
-    Entry(
-        "fig-5.9",
-        "The six features of all scenarios",
-        "v_m alone shows nothing; B_mu follows it and is high for the walkers; beta_1 and beta_2 are mostly 2 and 3; "
-        "rho is higher for the walkers and expected to be higher for people than for pets, of which there was one.",
-        make_features,
-    ),
-)

@@ -1,9 +1,4 @@
-"""Chapter 5: galloping dog and other directions.
-
-A walk across the line of sight, and one to and fro.
-
-Figs. 5.2, 5.7, 5.10 and 5.11.
-"""
+"""Chapter 5: galloping dog and other directions."""
 
 from __future__ import annotations
 
@@ -24,7 +19,7 @@ from doppelgait_liland2018.chapter4 import ENVELOPE
 from doppelgait_liland2018.chapter4_features import bin_hz, found_hz
 from doppelgait_liland2018.chapter5 import format_number
 from doppelgait_liland2018.drawing import plot_cadence_amplitude, plot_mean_doppler
-from doppelgait_liland2018.entry import Entry, EntryResult, Reading, format_judgement
+from doppelgait_liland2018.entry import EntryResult, Reading, entry, judge
 from doppelgait_liland2018.material import RCS_M2, RUNS, THRESHOLD, NamedMotion
 from doppelgait_liland2018.measures import (
     doppler_to_velocity_mps,
@@ -51,9 +46,7 @@ PRF_HZ = 1491.0
 
 
 def find_fast_dog(material: Material) -> NamedMotion:
-    """Return the fastest recorded galloping dog, or a model.
-    The model has the speed of the report's f_d = 263 Hz, 5.41 m/s.
-    """
+    """Return the fastest recorded galloping dog, or a model."""
     recorded = [one for one in material.dogs() if one.real and one.gait in RUNS]
     if recorded:
         return material.use(max(recorded, key=lambda one: travel_speed_mps(one.motion)))
@@ -66,8 +59,12 @@ def find_fast_dog(material: Material) -> NamedMotion:
     return material.use(material.compute_once("fast dog", make))
 
 
+@entry(
+    "fig-5.2",
+    "Range of every point of the galloping dog",
+    "The one usable recording of a dog: two gait cycles of gallop in a straight line.",
+)
 def make_ranges(material: Material) -> EntryResult:
-    """Make Fig. 5.2: range of every galloping point."""
     dog = material.find_galloping_dog()
     recording = material.recording(dog, prf_hz=PRF_HZ)
     truth = recording.truth[0]
@@ -84,19 +81,21 @@ def make_ranges(material: Material) -> EntryResult:
         Reading("radial speed", float(-line[0]), "m/s", note="the report: about 3 m/s read off its Fig. 2.20"),
         Reading("largest departure of the body from a straight line", float(np.abs(off_m).max()), "m"),
     ]
-    return EntryResult(
+    return judge(
         figure,
         readings,
-        format_judgement(
-            readings,
-            f"the body keeps to a straight line within {readings[2].ours:.2f} m. It is another dog than "
-            "the report's, so there is no number to compare.",
-        ),
+        f"the body keeps to a straight line within {readings[2].ours:.2f} m. It is another dog than "
+        "the report's, so there is no number to compare.",
     )
 
 
+@entry(
+    "fig-5.7",
+    "Features of the galloping dog",
+    "f_m comes out at 2.98 Hz, which the report takes for an error, since it expects about 6 Hz; f_2 is 6.05 Hz, "
+    "B_mu 607 Hz, the height 0.79 and f_d 263 Hz.",
+)
 def make_features(material: Material) -> EntryResult:
-    """Make Fig. 5.7: features of the galloping dog."""
     dog = find_fast_dog(material)
     recording, result = material.recording(dog, prf_hz=PRF_HZ), material.result(dog, prf_hz=PRF_HZ)
     ours = material.result(dog, prf_hz=PRF_HZ, method="standard")
@@ -138,9 +137,7 @@ def make_features(material: Material) -> EntryResult:
             "the report reads about 3 m/s off its Fig. 2.20 for the same dog: its numbers contradict each other",
         ),
     ]
-    return EntryResult(
-        figure, readings, format_judgement(readings, _judge_peak(format_number(first), stride_hz, bin_hz(result)))
-    )
+    return judge(figure, readings, _judge_peak(format_number(first), stride_hz, bin_hz(result)))
 
 
 def _judge_peak(found: float, stride_hz: float, width_hz: float) -> str:
@@ -200,23 +197,6 @@ def _plot_five_panels(recording: Recording, result: Result) -> Figure:
     return figure
 
 
-DOG_ENTRIES = (
-    Entry(
-        "fig-5.2",
-        "Range of every point of the galloping dog",
-        "The one usable recording of a dog: two gait cycles of gallop in a straight line.",
-        make_ranges,
-    ),
-    Entry(
-        "fig-5.7",
-        "Features of the galloping dog",
-        "f_m comes out at 2.98 Hz, which the report takes for an error, since it expects about 6 Hz; f_2 is 6.05 Hz, "
-        "B_mu 607 Hz, the height 0.79 and f_d 263 Hz.",
-        make_features,
-    ),
-)
-
-
 VIEWS_PRF_HZ = 1000.0
 ACROSS_RANGE_M = 8.0
 LEG_M, LANE_M, CORNER_M = 4.0, 1.0, 0.4
@@ -229,8 +209,12 @@ SNR_DB = 20.0
 """SNR of the frames: the tracker needs a noise floor to detect a target."""
 
 
+@entry(
+    "fig-5.10",
+    "The same walk across and along the line of sight",
+    "At an aspect of 90 degrees the main line is near 0 Hz and the envelopes are far smaller than at 0 degrees.",
+)
 def make_aspect(material: Material) -> EntryResult:
-    """Make Fig. 5.10: walking across and along sight."""
     person = material.person()
     views = {
         90.0: material.result(person, prf_hz=VIEWS_PRF_HZ, aspect_deg=90.0, range_m=ACROSS_RANGE_M),
@@ -251,22 +235,17 @@ def make_aspect(material: Material) -> EntryResult:
         Reading("B_mu across over along", widths[90.0] / widths[0.0], "1", note="the report: far smaller envelopes"),
         Reading("B_mu smaller across than along (1: yes)", float(widths[90.0] < widths[0.0]), "1", 1.0),
     ]
-    return EntryResult(
+    return judge(
         figure,
         readings,
-        format_judgement(
-            readings,
-            f"across the line of sight the main line is at {readings[0].ours:.0f} Hz and B_mu is "
-            f"{readings[4].ours:.2f} of that along it. The report's caption repeats that of Fig. 5.1; its text says "
-            "what is shown.",
-        ),
+        f"across the line of sight the main line is at {readings[0].ours:.0f} Hz and B_mu is "
+        f"{readings[4].ours:.2f} of that along it. The report's caption repeats that of Fig. 5.1; its text says "
+        "what is shown.",
     )
 
 
 def to_and_fro(material: Material) -> tuple[Recording, Result, Result]:
-    """Simulate and analyse a person on four parallel lanes.
-    Towards the radar and away in turn. Returns the recording, the report's result and ours.
-    """
+    """Simulate and analyse a person on four parallel lanes."""
     person = material.person()
 
     def make() -> tuple[Recording, Result, Result]:
@@ -297,8 +276,13 @@ def make_lanes(motion: Motion) -> Scene:
     return Scene([target], duration_s=seconds)
 
 
+@entry(
+    "fig-5.11",
+    "Signature of a person who walks in several directions",
+    "The main line changes sign, which makes it nearly impossible to find the step frequency; divided into four "
+    "shorter observations it could be found, if they are not too short.",
+)
 def make_directions(material: Material) -> EntryResult:
-    """Make Fig. 5.11: signature of walking to and fro."""
     recording, report, ours = to_and_fro(material)
     true_hz = recording.truth[0].gait_frequency_hz
     figure = viz.signature(report.normalised_signature, db_range=25.0, title="A person who walks to and fro")
@@ -323,15 +307,12 @@ def make_directions(material: Material) -> EntryResult:
         Reading("largest relative error of f_m in them", float(error), "1"),
     ]
     wrong = not abs(report_hz / true_hz - 1.0) < WRONG
-    return EntryResult(
+    return judge(
         figure,
         readings,
-        format_judgement(
-            readings,
-            f"the main line changes sign {changes} times. The report's method takes the whole and finds "
-            f"{report_hz:.2f} Hz, {'wrong' if wrong else 'right all the same'}; ours divides the observation by "
-            "itself (bars at the top), as the report proposes, and without any truth.",
-        ),
+        f"the main line changes sign {changes} times. The report's method takes the whole and finds "
+        f"{report_hz:.2f} Hz, {'wrong' if wrong else 'right all the same'}; ours divides the observation by "
+        "itself (bars at the top), as the report proposes, and without any truth.",
         segments,
     )
 
@@ -350,27 +331,6 @@ def tabulate_segments(result: Result) -> pd.DataFrame:
 
 
 def sign_changes(values: npt.ArrayLike, still: float) -> int:
-    """Count the sign changes of a curve.
-    Values nearer to 0 than ``still`` have no sign.
-    """
+    """Count the sign changes of a curve."""
     curve = np.asarray(values, dtype=np.float64)
     return int(np.count_nonzero(np.diff(np.sign(curve[np.abs(curve) > still]))))
-
-
-VIEWS_ENTRIES = (
-    Entry(
-        "fig-5.10",
-        "The same walk across and along the line of sight",
-        "At an aspect of 90 degrees the main line is near 0 Hz and the envelopes are far smaller than at 0 degrees.",
-        make_aspect,
-    ),
-    Entry(
-        "fig-5.11",
-        "Signature of a person who walks in several directions",
-        "The main line changes sign, which makes it nearly impossible to find the step frequency; divided into four "
-        "shorter observations it could be found, if they are not too short.",
-        make_directions,
-    ),
-)
-
-ENTRIES = (*DOG_ENTRIES, *VIEWS_ENTRIES)

@@ -1,7 +1,4 @@
-"""Plots shared by chapters 4, 5 and the appendix.
-
-The report's spectra in amplitude, in its style.
-"""
+"""Plots shared by chapters 4, 5 and the appendix."""
 
 from __future__ import annotations
 
@@ -69,9 +66,7 @@ def plot_mean_doppler(
     normalised: bool = False,
     title: str = "",
 ) -> None:
-    """Plot D_1 over Doppler.
-    As it is with its peak, or over its maximum with the threshold of the bandwidth. Shapes: values, doppler_hz (K,).
-    """
+    """Plot D_1 over Doppler."""
     level, frequency = np.asarray(values, dtype=np.float64), np.asarray(doppler_hz, dtype=np.float64)
     if normalised:
         level = level / level.max()

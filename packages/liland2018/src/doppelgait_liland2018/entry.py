@@ -52,9 +52,7 @@ class Reading:
 
 
 def summarise_readings(readings: Sequence[Reading]) -> str:
-    """Summarise the readings of an entry in words.
-    The words begin a judgement.
-    """
+    """Summarise the readings of an entry in words."""
     kinds = {reading.kind for reading in readings}
     if "differs" in kinds:
         return "Differs in part" if "agrees" in kinds else "Differs"
@@ -79,6 +77,9 @@ class EntryResult:
     table: pd.DataFrame | None = None
 
 
+Make = Callable[["Material"], EntryResult]
+
+
 @dataclass(frozen=True)
 class Entry:
     """A figure or table of the report."""
@@ -86,7 +87,28 @@ class Entry:
     number: str
     title: str
     stated: str
-    make: Callable[[Material], EntryResult]
+    make: Make
+
+
+ENTRIES: dict[str, Entry] = {}
+"""Entries of the imported chapters by number."""
+
+
+def entry(number: str, title: str, stated: str) -> Callable[[Make], Make]:
+    """Register the function that makes a figure or table, with what the report states of it."""
+
+    def register(make: Make) -> Make:
+        ENTRIES[number] = Entry(number, title, stated, make)
+        return make
+
+    return register
+
+
+def judge(
+    figure: Figure | None, readings: Sequence[Reading], text: str, table: pd.DataFrame | None = None
+) -> EntryResult:
+    """Make the result of an entry with its judgement."""
+    return EntryResult(figure, readings, format_judgement(readings, text), table)
 
 
 STORED_NAMES = {"fixed": "given"}
@@ -149,41 +171,34 @@ class Outcome:
 
 
 def _convert_finite(value: str | float | None) -> str | float | None:
-    """Convert to a float, None if not finite.
-    Texts, truth values and None are returned unchanged.
-    """
+    """Convert to a float, None if not finite."""
     if value is None or isinstance(value, (str, bool)):
         return value
     return float(value) if math.isfinite(value) else None
 
 
 CHAPTERS = re.compile(r"(chapter\d|appendix)")
-"""Modules of this package that hold entries, by the start of their names; each has a tuple ``ENTRIES``."""
+"""Modules of this package that hold entries, by the start of their names."""
 
 
 def collect_entries() -> tuple[Entry, ...]:
     """Return every entry, chapter by chapter, figures before tables."""
     package = import_module("doppelgait_liland2018")
     names = sorted(module.name for module in pkgutil.iter_modules(package.__path__) if CHAPTERS.match(module.name))
-    found: list[Entry] = []
     for name in names:
-        found += getattr(import_module(f"doppelgait_liland2018.{name}"), "ENTRIES", ())
-    return tuple(sorted(found, key=lambda entry: place_of(entry.number)))
+        import_module(f"doppelgait_liland2018.{name}")
+    return tuple(sorted(ENTRIES.values(), key=lambda entry: place_of(entry.number)))
 
 
 def place_of(number: str) -> tuple[int, str, int]:
-    """Return a number's sort key: chapter, kind, position.
-    Appendices come last.
-    """
+    """Return a number's sort key: chapter, kind, position."""
     kind, _, rest = number.partition("-")
     chapter, _, within = rest.partition(".")
     return int(chapter) if chapter.isdigit() else 100 + ord(chapter), kind, int(within)
 
 
 def pick(entries: Sequence[Entry], only: Sequence[str]) -> tuple[Entry, ...]:
-    """Select entries by number, in report order.
-    Without numbers all entries are selected.
-    """
+    """Select entries by number, in report order."""
     by_number = {entry.number: entry for entry in entries}
     for number in only:
         if number not in by_number:

@@ -66,9 +66,7 @@ class NamedMotion:
 
 
 def make_chen_walker(speed_mps: float = CHEN_SPEED_MPS, *, cycles: int = 5) -> NamedMotion:
-    """Make the walker of the published program (Chen 2011).
-    For whole gait cycles, right foot landing first.
-    """
+    """Make the walker of the published program (Chen 2011)."""
     from doppelgait.motion import boulic_walk
 
     stride_hz = np.sqrt(speed_mps / (0.491 * PERSON_M)) / 1.346
@@ -82,9 +80,7 @@ def make_chen_walker(speed_mps: float = CHEN_SPEED_MPS, *, cycles: int = 5) -> N
 
 
 def make_model_people() -> list[NamedMotion]:
-    """Make model walkers and a runner.
-    By the jointed model, with feet locked to the floor.
-    """
+    """Make model walkers and a runner."""
     from doppelgait.motion import human_gait
 
     found = []
@@ -96,9 +92,7 @@ def make_model_people() -> list[NamedMotion]:
 
 
 def make_model_dogs() -> list[NamedMotion]:
-    """Make the report's bounding dog, and other gaits.
-    A bound moves left and right legs together.
-    """
+    """Make the report's bounding dog, and other gaits."""
     from doppelgait.motion import quadruped_gait
 
     gaits: tuple[GaitName, ...] = ("bound", "walk", "trot", "gallop")
@@ -151,9 +145,7 @@ def read_recorded(folder: Path, label: str) -> list[NamedMotion]:
 def make_point_table(
     radar: Radar, n_frames: int, *, range_m: npt.ArrayLike, velocity_mps: npt.ArrayLike, rcs_m2: npt.ArrayLike = 1.0
 ) -> xr.Dataset:
-    """Make a table of points at constant velocity.
-    Shapes: range_m (L,); velocity_mps (L,); rcs_m2 (L,).
-    """
+    """Make a table of points at constant velocity."""
     time_s = np.arange(n_frames) / radar.prf_hz
     ranges, speeds, sections = np.broadcast_arrays(
         *(np.atleast_1d(np.asarray(values, dtype=float)) for values in (range_m, velocity_mps, rcs_m2))
@@ -197,9 +189,7 @@ RUNS = ("gallop", "canter", "bound", "transverse_gallop")
 
 
 class Material:
-    """Radar, targets, recordings and results of one run.
-    Each is computed on first use.
-    """
+    """Radar, targets, recordings and results of one run."""
 
     def __init__(self, *, seed: int = 2018, motion_folder: Path | None = None) -> None:
         if motion_folder is not None:
@@ -250,9 +240,7 @@ class Material:
         return self.use(self.compute_once(key, lambda: make_chen_walker(speed_mps, cycles=cycles)))
 
     def make_walkers(self) -> list[NamedMotion]:
-        """Return people walking with known feet.
-        The most points first: the report's person had 41.
-        """
+        """Return people walking with known feet."""
         parts = {"left_foot", "right_foot", "torso"}
         fit = [
             one
@@ -262,15 +250,11 @@ class Material:
         return sorted(fit, key=lambda one: (-len(one.motion.markers), -one.seconds)) or self.people()
 
     def person(self) -> NamedMotion:
-        """Return the recorded walk of the report.
-        The first of :meth:`make_walkers`.
-        """
+        """Return the recorded walk of the report."""
         return self.use(self.make_walkers()[0])
 
     def find_galloping_dog(self) -> NamedMotion:
-        """Return the longest gallop, canter or bound.
-        It stands for the recorded dog of the report.
-        """
+        """Return the longest gallop, canter or bound."""
         return self.use(next((one for one in self.dogs() if one.gait in RUNS), self.dogs()[0]))
 
     def radar(self, **changes: Any) -> Radar:
@@ -286,9 +270,7 @@ class Material:
         range_m: float | None = None,
         duration_s: float | None = None,
     ) -> Recording:
-        """Simulate a target's noise-free recording.
-        The radar is the report's.
-        """
+        """Simulate a target's noise-free recording."""
         self.use(body)
         key = ("recording", body.name, prf_hz, aspect_deg, range_m, duration_s)
         target = Target(
@@ -312,11 +294,6 @@ class Material:
     ) -> Result:
         """Analyse a target in its true gate."""
         seen = self.recording(body, **recording)
-        analysis = Analysis(
-            method=method,
-            cpi_s=cpi_s,
-            window_steepness=STEEPNESS,
-            bandwidth_threshold=THRESHOLD,
-        )
+        analysis = Analysis(method=method, cpi_s=cpi_s, window_steepness=STEEPNESS, bandwidth_threshold=THRESHOLD)
         key = ("result", id(seen), method, cpi_s)  # the recording is stored, so that its id stays unique
         return self.compute_once(key, lambda: analyze(seen, gate="truth", analysis=analysis)[0])

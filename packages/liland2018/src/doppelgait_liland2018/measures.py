@@ -54,17 +54,13 @@ CLEAR_DB = 6.0
 
 
 def make_printed_window(n_pulses: int, steepness: float) -> FloatArray:
-    """Return the window of Eq. 4.4, shape (M,).
-    It is half a sample off its centre.
-    """
+    """Return the window of Eq. 4.4, shape (M,)."""
     m = np.arange(1, n_pulses + 1)
     return np.asarray(np.exp(-0.5 * ((m - n_pulses / 2) / (steepness * n_pulses / 2)) ** 2))
 
 
 def side_lobe_db(window: npt.ArrayLike) -> float:
-    """Return a real window's highest side lobe, dB.
-    Relative to the main lobe, hence negative.
-    """
+    """Return a real window's highest side lobe, dB."""
     weights = np.asarray(window, dtype=np.float64)
     magnitude = np.abs(np.fft.rfft(weights, FINE))
     first_minimum = int(np.flatnonzero(np.diff(magnitude) > 0)[0])
@@ -72,9 +68,7 @@ def side_lobe_db(window: npt.ArrayLike) -> float:
 
 
 def half_power_width_bins(window: npt.ArrayLike) -> float:
-    """Return the main lobe's half-power width, bins.
-    A bin is 1 / T_d.
-    """
+    """Return the main lobe's half-power width, bins."""
     weights = np.asarray(window, dtype=np.float64)
     power = np.abs(np.fft.rfft(weights, FINE)) ** 2
     below = int(np.flatnonzero(power < 0.5 * power[0])[0])
@@ -83,9 +77,7 @@ def half_power_width_bins(window: npt.ArrayLike) -> float:
 
 
 def upper_envelope_hz(signature: xr.DataArray, level: float) -> FloatArray:
-    """Return the upper envelope of a signature, shape (J,).
-    The highest Doppler at which a column reaches a share of its maximum.
-    """
+    """Return the upper envelope of a signature, shape (J,)."""
     values, doppler_hz = signature.values, read_axis(signature, "doppler")
     reached = values >= level * values.max(axis=1, keepdims=True)
     last = values.shape[1] - 1 - np.argmax(reached[:, ::-1], axis=1)
@@ -93,9 +85,7 @@ def upper_envelope_hz(signature: xr.DataArray, level: float) -> FloatArray:
 
 
 def find_peaks(values: npt.ArrayLike, rate_hz: float, *, smoothing_s: float) -> npt.NDArray[np.int64]:
-    """Find a curve's peaks above half its usual height.
-    The usual height is from the 5th to the 95th percentile; both ends count. Shapes: values (J,).
-    """
+    """Find a curve's peaks above half its usual height."""
     from scipy import signal
     from scipy.ndimage import gaussian_filter1d
 
@@ -107,9 +97,7 @@ def find_peaks(values: npt.ArrayLike, rate_hz: float, *, smoothing_s: float) -> 
 
 
 def main_frequency_hz(values: npt.ArrayLike, rate_hz: float) -> float:
-    """Return a curve's strongest frequency.
-    The highest bin of the zero-padded spectrum without its trend.
-    """
+    """Return a curve's strongest frequency."""
     from scipy.signal import detrend
 
     curve = detrend(np.asarray(values, dtype=np.float64)) * np.hanning(len(np.asarray(values)))
@@ -119,9 +107,7 @@ def main_frequency_hz(values: npt.ArrayLike, rate_hz: float) -> float:
 
 
 def torso_line_hz(signature: xr.DataArray, *, reach_hz: float) -> FloatArray:
-    """Return the power-weighted mean Doppler per column, shape (J,).
-    Within a reach of the strongest row of all.
-    """
+    """Return the power-weighted mean Doppler per column, shape (J,)."""
     doppler_hz = read_axis(signature, "doppler")
     middle_hz = doppler_hz[int(signature.values.mean(axis=0).argmax())]
     near = np.abs(doppler_hz - middle_hz) <= reach_hz
@@ -132,9 +118,7 @@ def torso_line_hz(signature: xr.DataArray, *, reach_hz: float) -> FloatArray:
 def share_near_lines(
     signature: xr.DataArray, lines_hz: npt.ArrayLike, line_time_s: npt.ArrayLike, *, reach_hz: float
 ) -> float:
-    """Return the power share near Doppler lines.
-    Shapes: lines_hz (I, L); line_time_s (I,).
-    """
+    """Return the power share near Doppler lines."""
     times, doppler_hz = np.asarray(line_time_s), read_axis(signature, "doppler")
     nearest = np.abs(times[None, :] - read_axis(signature, "time")[:, None]).argmin(axis=1)
     distance = np.abs(doppler_hz[None, :, None] - np.asarray(lines_hz)[nearest][:, None, :]).min(axis=2)
@@ -143,9 +127,7 @@ def share_near_lines(
 
 
 def prominence_db(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) -> float:
-    """Return the prominence of a harmonic in D_g, dB.
-    Its peak over the median from half a fundamental below it to half a fundamental above it.
-    """
+    """Return the prominence of a harmonic in D_g, dB."""
     cadence_hz, values = read_axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
     off_hz = np.abs(cadence_hz - harmonic * frequency_hz)
     near, around = off_hz <= NEAR * frequency_hz, off_hz <= 0.5 * frequency_hz
@@ -155,9 +137,7 @@ def prominence_db(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) ->
 
 
 def side_lobe_of_cadence_db(spectrum: xr.DataArray, frequency_hz: float) -> float:
-    """Return D_g's highest side lobe from f_m to f_2.
-    Relative to the peak of f_m, within 0.3 to 0.7 of the interval.
-    """
+    """Return D_g's highest side lobe from f_m to f_2."""
     cadence_hz, values = read_axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
     phase = cadence_hz / frequency_hz
     between, near = (phase >= 1.3) & (phase <= 1.7), np.abs(phase - 1.0) <= NEAR
@@ -167,9 +147,7 @@ def side_lobe_of_cadence_db(spectrum: xr.DataArray, frequency_hz: float) -> floa
 
 
 def column_level_rise_db(signature: xr.DataArray) -> float:
-    """Return the level of last over first columns, dB.
-    The mean maximum of a tenth of the columns each.
-    """
+    """Return the level of last over first columns, dB."""
     top = signature.values.max(axis=1)
     count = max(1, top.size // 10)
     return float(10.0 * np.log10(top[-count:].mean() / top[:count].mean()))
@@ -182,9 +160,7 @@ def measure_column_rate_hz(signature: xr.DataArray) -> float:
 
 
 def one_cycle_s(motion: Motion, foot: str) -> tuple[float, float]:
-    """Return start and duration of a foot's first cycle.
-    Between its first two touchdowns.
-    """
+    """Return start and duration of a foot's first cycle."""
     touchdowns = motion.facts.footfalls.get(foot, [])
     if len(touchdowns) < 2:
         raise DoppelgaitError(
@@ -195,9 +171,7 @@ def one_cycle_s(motion: Motion, foot: str) -> tuple[float, float]:
 
 
 def forward_m(motion: Motion) -> xr.DataArray:
-    """Return every point's position along the travel, m.
-    Relative to the mean of all points; lines (time, marker).
-    """
+    """Return every point's position along the travel, m."""
     ground = motion.position_m[:, :, :2]
     centre = ground.mean(axis=1)
     travel = centre[-1] - centre[0]
@@ -226,9 +200,7 @@ def measure_departure(values: npt.ArrayLike) -> float:
 
 
 def phase_between_deg(first: npt.ArrayLike, second: npt.ArrayLike, *, stride_hz: float, rate_hz: float) -> float:
-    """Return two lines' phase at the stride frequency.
-    A straight line and a wave are fitted to whole strides of each. Shapes: first, second (I,).
-    """
+    """Return two lines' phase at the stride frequency."""
     samples = round(np.floor(len(np.asarray(first)) * stride_hz / rate_hz + 1e-6) * rate_hz / stride_hz)
     if samples < 2:
         raise DoppelgaitError("the motion is shorter than one stride: no phase between the limbs can be read")

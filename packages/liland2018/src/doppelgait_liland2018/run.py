@@ -36,9 +36,7 @@ font-variant-numeric: tabular-nums; white-space: nowrap; }
 
 
 def format_page(outcomes: Sequence[Outcome], *, recordings: bool) -> str:
-    """Format the page as HTML.
-    It needs only the figures next to it.
-    """
+    """Format the page as HTML."""
     links = " ".join(
         f'<a href="#{one.entry.number}">{escape(format_heading(one.entry.number))}</a>' for one in outcomes
     )

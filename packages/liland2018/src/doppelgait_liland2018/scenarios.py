@@ -33,9 +33,7 @@ def _drop_unknown(values: npt.ArrayLike) -> FloatArray:
 
 
 def cohens_d(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
-    """Return Cohen's d from pooled standard deviation.
-    NaN with fewer than two values in a class.
-    """
+    """Return Cohen's d from pooled standard deviation."""
     a, b = _drop_unknown(first), _drop_unknown(second)
     if min(a.size, b.size) < 2:
         return math.nan
@@ -44,9 +42,7 @@ def cohens_d(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
 
 
 def roc_area(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
-    """Return the area under the ROC curve.
-    The share of pairs in which the first class has the larger value, ties counted half.
-    """
+    """Return the area under the ROC curve."""
     a, b = _drop_unknown(first), np.sort(_drop_unknown(second))
     if not a.size or not b.size:
         return math.nan
@@ -76,18 +72,14 @@ def tabulate_separation(table: pd.DataFrame, features: Sequence[str], *, classes
 
 
 def is_wrong(table: pd.DataFrame, share: float, *, bins: float = 0.0) -> pd.Series:
-    """Mark gait frequencies that are missing or wrong.
-    Wrong by more than a share of the true one; NaN truths give False.
-    """
+    """Mark gait frequencies that are missing or wrong."""
     error_hz = (table["gait_frequency_hz"] - table["true_gait_frequency_hz"]).abs()
     allowed_hz = np.maximum(share * table["true_gait_frequency_hz"], bins / table["observation_s"])
     return ~(error_hz <= allowed_hz) & table["true_gait_frequency_hz"].notna()
 
 
 def fit_line(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[float, float]:
-    """Return a robust line's slope and offset (Theil, Sen).
-    The slope is the median of the slopes of all pairs. Up to 29 % of outliers do not affect it.
-    """
+    """Return a robust line's slope and offset (Theil, Sen)."""
     from scipy.stats import theilslopes
 
     a, b = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
@@ -169,9 +161,7 @@ def _make_recorded_scenario(label: str, name: str, motion: Motion) -> Scenario:
 
 
 def _sample_person(seed: int, number: int) -> Scenario:
-    """Sample a person who walks or runs.
-    A walk has 0.7 to 1.4 of the preferred speed.
-    """
+    """Sample a person who walks or runs."""
     rng = Streams(seed, number).generator("motion", "person")
     person = sample_person(rng)
     runs = rng.random() < RUNNER_SHARE
@@ -193,9 +183,7 @@ def _sample_person(seed: int, number: int) -> Scenario:
 
 
 def _sample_dog(seed: int, number: int) -> Scenario:
-    """Sample a dog of 0.25 to 0.65 m per gait.
-    Its Froude number is in the middle of the range of the gait.
-    """
+    """Sample a dog of 0.25 to 0.65 m per gait."""
     rng = Streams(seed, number).generator("motion", "dog")
     gait = DOG_GAITS[number % len(DOG_GAITS)]
     slowest, fastest, usual = FROUDE[gait]
@@ -220,9 +208,7 @@ def _sample_seconds(speed_mps: float, rng: np.random.Generator) -> float:
 
 
 def observe(scenario: Scenario, radar: Radar) -> Recording:
-    """Simulate a scenario without noise.
-    The frame rate is the lowest unaliased one.
-    """
+    """Simulate a scenario without noise."""
     height_m = PERSON_M if scenario.group == "recorded person" else None
     target = Target(
         scenario.motion,

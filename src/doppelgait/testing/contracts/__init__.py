@@ -1,7 +1,4 @@
-"""Contract checks of plug-ins: rules that the rest relies on.
-
-Each check raises an ``AssertionError`` that names the plug-in and the broken rule. Call it in a test of the plug-in.
-"""
+"""Contract checks of plug-ins: rules that the rest relies on."""
 
 from __future__ import annotations
 
@@ -17,9 +14,7 @@ def require(condition: Any, text: str) -> None:
 
 
 def require_close(actual: Any, wanted: Any, text: str, rtol: float = 1e-4) -> None:
-    """Require two arrays to be almost equal.
-    The tolerance is relative to the largest value.
-    """
+    """Require two arrays to be almost equal."""
     scale = float(np.abs(wanted).max(initial=0.0)) or 1.0
     worst = float(np.abs(np.asarray(actual) - np.asarray(wanted)).max(initial=0.0)) / scale
     require(worst <= rtol, f"{text} (differs by {worst:.2g} of the largest value)")

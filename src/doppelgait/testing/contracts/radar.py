@@ -61,9 +61,7 @@ def check_waveform(kind: str, radar: Radar) -> None:
 
 
 def _check_waveform_numbers(name: str, radar: Radar) -> None:
-    """Check counts, lengths and ratios before use.
-    Callers divide by them or loop over them.
-    """
+    """Check counts, lengths and ratios before use."""
     waveform = radar.waveform
     for label in ("n_samples", "n_range_bins"):
         count = getattr(waveform, label)(radar)
@@ -136,9 +134,7 @@ def _check_synthesis(name: str, radar: Radar) -> None:
 
 
 def _check_point_echo(name: str, radar: Radar) -> None:
-    """Check amplitude, phase and half-power width of a point echo.
-    The echo is in the middle of a bin.
-    """
+    """Check amplitude, phase and half-power width of a point echo."""
     from doppelgait.radar.link import echo_amplitude_v
 
     waveform, axis_m = radar.waveform, radar.range_axis_m()

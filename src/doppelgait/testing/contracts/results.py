@@ -86,9 +86,7 @@ def _is_same_number(one: float | None, other: float | None) -> bool:
 
 @lru_cache(maxsize=1)
 def _make_walking_signature() -> xr.DataArray:
-    """Simulate the signature of a walk inside the frame.
-    Computed at the lossless hop.
-    """
+    """Simulate the signature of a walk inside the frame."""
     from doppelgait.core.rng import Streams
     from doppelgait.motion import boulic_walk
     from doppelgait.pipeline import analyze, simulate
