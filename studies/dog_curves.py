@@ -2,8 +2,8 @@
 
     python studies/dog_curves.py MOTION_FOLDER [--dog MANN]
 
-Averages all strides of one dog by gait and prints the tables of ``doppelgait.motion.models.curves``.
-Gallops are those in the rotary order; those with the other lead are mirrored.
+Averages all strides of one dog by gait and prints the tables of ``doppelgait.motion.models.curves``. Gallops are those
+in the rotary order; those with the other lead are mirrored. It takes half a minute of one core.
 """
 
 from __future__ import annotations

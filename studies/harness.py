@@ -206,7 +206,7 @@ def format_index() -> str:
         "Each page belongs to a script in `studies/`: question, method, the command that makes it again, and tables. "
         f"The present data version is {DATA_VERSION}.",
         markdown(("page", "data version"), rows),
-        "These studies make tables of the package, or have not been run for this data version:",
+        "Studies without a page (they make tables of the package, or have not been run):",
         markdown(("script", "question", "time"), missing),
         "```{toctree}\n:hidden:\n:maxdepth: 1\n:glob:\n\n*\n```",
     ]

@@ -71,43 +71,34 @@ def one_walker(rng: np.random.Generator) -> Scene:
     return Scene([walker], duration_s=4.5)
 
 
+def pair(seconds: float, *bodies: tuple[Motion, str, tuple[float, float], float]) -> Scene:
+    """Make a scene of bodies: motion, label, start and heading."""
+    targets = [
+        Target(motion, label=label, start_position_m=start_m, heading_deg=heading_deg)
+        for motion, label, start_m, heading_deg in bodies
+    ]
+    return Scene(targets, duration_s=seconds)
+
+
 def crossing(rng: np.random.Generator) -> Scene:
-    """Make a scene of two people who pass each other in range. The crossing of the report's Figure 3.15."""
-    seconds = 5.0
+    """Make a scene of two people who pass each other in range."""
     coming, going = rng.uniform(0.8, 1.3, size=2)
-    return Scene(
-        [
-            Target(person(rng, coming, seconds), label="human", start_position_m=(8.2, 0.5), heading_deg=180),
-            Target(person(rng, going, seconds), label="human", start_position_m=(2.0, -0.5), heading_deg=0),
-        ],
-        duration_s=seconds,
-    )
+    first = (person(rng, coming, 5.0), "human", (8.2, 0.5), 180)
+    return pair(5.0, first, (person(rng, going, 5.0), "human", (2.0, -0.5), 0))
 
 
 def person_and_dog(rng: np.random.Generator) -> Scene:
     """Make a scene of an approaching person and a receding dog."""
-    seconds = 4.0
     coming, going = rng.uniform(0.8, 1.2), rng.uniform(1.3, 1.6)
-    return Scene(
-        [
-            Target(person(rng, coming, seconds), label="human", start_position_m=(7.5, 0.4), heading_deg=180),
-            Target(dog(rng, going, seconds), label="dog", start_position_m=(3.0, -0.4), heading_deg=0),
-        ],
-        duration_s=seconds,
-    )
+    first = (person(rng, coming, 4.0), "human", (7.5, 0.4), 180)
+    return pair(4.0, first, (dog(rng, going, 4.0), "dog", (3.0, -0.4), 0))
 
 
 def dog_overtakes(rng: np.random.Generator) -> Scene:
-    """Make a scene of a dog that overtakes a person. For two seconds they are one detection."""
-    seconds = 5.0
+    """Make a scene of a dog that overtakes a person; for two seconds they are one detection."""
     slow, fast = rng.uniform(0.6, 0.9), rng.uniform(1.3, 1.6)
-    return Scene(
-        [
-            Target(person(rng, slow, seconds), label="human", start_position_m=(7.0, 0.4), heading_deg=180),
-            Target(dog(rng, fast, seconds), label="dog", start_position_m=(9.0, -0.4), heading_deg=180),
-        ],
-        duration_s=seconds,
-    )
+    first = (person(rng, slow, 5.0), "human", (7.0, 0.4), 180)
+    return pair(5.0, first, (dog(rng, fast, 5.0), "dog", (9.0, -0.4), 180))
 
 
 def stop_and_turn(rng: np.random.Generator) -> Scene:
