@@ -20,7 +20,7 @@ def format_page(title: str, parts: Sequence[str], *, style: str = STYLE) -> str:
 
 
 def format_table(rows: Sequence[Mapping[str, Any]], *, grey: Iterable[str] = ()) -> str:
-    """Format rows as a table, some of them grey by their first cell."""
+    """Format rows as a table, grey where the first cell is named."""
     if not rows:
         return ""
     baselines = set(grey)
