@@ -380,16 +380,18 @@ def convert_to_json(value: Any) -> Any:
     """Convert a value to plain JSON types.
     Non-finite numbers become None, NumPy values become Python values, and other objects become text.
     """
-    if isinstance(value, Mapping):
-        return {str(key): convert_to_json(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [convert_to_json(inner) for inner in value]
+    if value is None or type(value) in (str, int, bool):
+        return value
+    if type(value) is float:
+        return value if math.isfinite(value) else None
     if isinstance(value, np.ndarray | np.generic):
         plain = value.tolist()
         return str(plain) if isinstance(plain, np.generic) else convert_to_json(plain)
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, str | int) else str(value)
+    if isinstance(value, list | tuple):
+        return [convert_to_json(inner) for inner in value]
+    if isinstance(value, Mapping):
+        return {str(key): convert_to_json(inner) for key, inner in value.items()}
+    return value if isinstance(value, str | int) else str(value)
 
 
 def as_table(model: BaseModel) -> dict[str, Any]:

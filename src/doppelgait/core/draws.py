@@ -51,14 +51,10 @@ def _sample_choice(values: list[Any], rng: np.random.Generator) -> Any:
 
 
 def _check_two_numbers(name: str, values: Any) -> tuple[float, float]:
-    numbers = (
-        isinstance(values, list)
-        and len(values) == 2
-        and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-    )
-    if not numbers or not all(abs(v) <= LARGEST for v in values):
-        raise ConfigError(f"{name} = {values}: needs two numbers of {LARGEST:g} at most")
-    return float(values[0]), float(values[1])
+    numbers = values if isinstance(values, list) else []
+    if [type(number) in (int, float) and abs(number) <= LARGEST for number in numbers] == [True, True]:
+        return float(values[0]), float(values[1])
+    raise ConfigError(f"{name} = {values}: needs two numbers of {LARGEST:g} at most")
 
 
 DISTRIBUTIONS: dict[str, Drawer] = {

@@ -47,9 +47,11 @@ def lazy_rows(
     return LazilyIndexedArray(_Source(shape, dtype, rows))
 
 
-def read_pulses(baseband: xr.DataArray | xr.Variable, first: int, stop: int) -> Any:
-    """Return some pulses of a baseband as (pulses, range bins)."""
-    return np.asarray(baseband.isel(slow_time=slice(first, stop)).values)
+def read_pulses(array: xr.DataArray | xr.Variable, first: int, stop: int) -> Any:
+    """Return some pulses of an array, whose first dimension is slow time."""
+    variable = array.variable if isinstance(array, xr.DataArray) else array
+    data: Any = variable._data
+    return data[first:stop] if isinstance(data, np.ndarray) else np.asarray(variable[first:stop].values)
 
 
 def read_tiles(array: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterator[tuple[int, Any]]:

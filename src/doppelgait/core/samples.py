@@ -271,14 +271,7 @@ class Samples:
         return frozen
 
     def quantise(self, step: float, lowest: float, highest: float, limit: float = math.inf) -> tuple[Samples, int]:
-        """Round in-phase and quadrature values to converter steps.
-
-        Returns
-        -------
-        samples : Samples
-        n_beyond : int
-            Number of values with a magnitude above ``limit``.
-        """
+        """Round both parts to converter steps; also count the values above ``limit``."""
         from doppelgait.core.kernels.parts import quantise_parts
 
         noisy = self.add_pending_noise()
@@ -290,16 +283,7 @@ class Samples:
         return changed, n_beyond
 
     def rotate(self, common: Turns, phases: Turns, weights: Turns) -> Samples:
-        """Rotate every sample by a weighted sum of phases.
-
-        Sample n of pulse i is rotated by common[i] + sum_k weights[n, k] phases[k, i] turns.
-
-        Parameters
-        ----------
-        common : ndarray, shape (pulses,)
-        phases : ndarray, shape (K, pulses)
-        weights : ndarray, shape (samples, K)
-        """
+        """Rotate sample n of pulse i by common[i] + weights[n] @ phases[:, i] turns."""
         from doppelgait.core.kernels.parts import LANES, rotate_parts
 
         noisy = self.add_pending_noise()
@@ -335,14 +319,7 @@ class Samples:
         return changed
 
     def add_at(self, pulses: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], values: npt.ArrayLike) -> Samples:
-        """Add complex values to the samples ``columns`` of ``pulses``.
-
-        Every sample may occur only once.
-
-        Parameters
-        ----------
-        pulses, columns, values : ndarray, broadcast against each other
-        """
+        """Add values to samples, broadcast; every sample may occur only once."""
         changed, added = self.add_pending_noise()._make_writable(), np.asarray(values)
         if changed._matrix is not None:
             changed._matrix[pulses, columns] += added
@@ -352,10 +329,7 @@ class Samples:
         return changed
 
     def apply_imbalance(self, gain: float, phase_rad: float) -> Samples:
-        """Apply gain and phase imbalance to the quadrature part.
-
-        The result is Re y + j gain Im(y e^(j phase)).
-        """
+        """Make Re y + j gain Im(y e^(j phase)): gain and phase imbalance of the quadrature part."""
         changed = self.add_pending_noise()._make_writable()
         by_im, by_re = np.float32(gain * math.cos(phase_rad)), np.float32(gain * math.sin(phase_rad))
         if changed._planes is not None:

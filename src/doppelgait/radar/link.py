@@ -12,7 +12,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.labels import replace_values, select_scatterers
+from doppelgait.core.labels import read_axis, replace_values, select_scatterers
 from doppelgait.core.units import (
     NOISE_DENSITY_W_PER_HZ,
     REFERENCE_IMPEDANCE_OHM,
@@ -193,8 +193,8 @@ def compute_scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any,
     """
     from doppelgait.core.kernels.integration import integrate_echoes
 
-    range_m = np.ascontiguousarray(scatterers["range"].values, dtype=np.float64)
-    tables = (scatterers[name].values for name in ("rcs", "path_gain"))
+    range_m = np.ascontiguousarray(read_axis(scatterers, "range"), dtype=np.float64)
+    tables = (read_axis(scatterers, name) for name in ("rcs", "path_gain"))
     rcs_m2, path_gain = (  # one row of a broadcast view saves a pass over memory
         np.ascontiguousarray(table[:1] if table.strides[0] == 0 else table, dtype=np.float64) for table in tables
     )
@@ -210,7 +210,7 @@ def fold_scatterers(scatterers: xr.Dataset, radar: Radar) -> xr.Dataset:
     """Place earlier pulses' echoes where they appear (E-10b).
     An echo from R appears at R - k c / (2 pulse rate), with the amplitude and phase of R.
     """
-    range_m, waveform = scatterers["range"].values, radar.waveform
+    range_m, waveform = read_axis(scatterers, "range"), radar.waveform
     if not radar.folds_pulses or range_m.size == 0:
         return scatterers
     pulse_m, reach_m = waveform.unambiguous_range_m(radar), waveform.reach_m(radar)
@@ -254,7 +254,7 @@ def path_phase_rad(scatterers: xr.Dataset) -> npt.NDArray[np.float64] | None:
     """
     if "path_phase" not in scatterers:
         return None
-    return np.ascontiguousarray(scatterers["path_phase"].values, dtype=np.float64)
+    return np.ascontiguousarray(read_axis(scatterers, "path_phase"), dtype=np.float64)
 
 
 def radial_velocity_mps(scatterers: xr.Dataset) -> npt.NDArray[np.float64]:
@@ -275,7 +275,7 @@ def radial_velocity_mps(scatterers: xr.Dataset) -> npt.NDArray[np.float64]:
             "the scatterer table has no radial_velocity, which waveforms with a sweep and radars with an "
             "integration_share need; add it"
         )
-    return np.asarray(scatterers["radial_velocity"].values, dtype=np.float64)
+    return np.asarray(read_axis(scatterers, "radial_velocity"), dtype=np.float64)
 
 
 def list_derived_quantities(radar: Radar) -> dict[str, float]:

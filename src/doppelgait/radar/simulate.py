@@ -246,7 +246,7 @@ def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
     if scatterers.sizes["scatterer"] == 0:
         return
     fastest_mps = 0.0
-    for _, speeds in read_tiles(scatterers["radial_velocity"].variable):
+    for _, speeds in read_tiles(scatterers.variables["radial_velocity"]):
         fastest_mps = max(fastest_mps, float(speeds.max()), -float(speeds.min()))
     if fastest_mps >= radar.unambiguous_velocity_mps:
         needed = 2.0 * float(velocity_to_doppler_hz(fastest_mps, radar.wavelength_m)) + 60.0
@@ -258,7 +258,7 @@ def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
     if not own.any() or not radar.waveform.ranged:
         return
     nearest, farthest, outside = math.inf, -math.inf, 0.0
-    for _, ranges_m in read_tiles(scatterers["range"].variable):
+    for _, ranges_m in read_tiles(scatterers.variables["range"]):
         ranges_m = ranges_m if own.all() else ranges_m[:, own]
         low_m, high_m = float(ranges_m.min()), float(ranges_m.max())
         nearest, farthest = min(nearest, low_m), max(farthest, high_m)

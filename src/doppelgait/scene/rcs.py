@@ -8,6 +8,7 @@ The same law applies to people and animals, so that the power does not reveal th
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -195,7 +196,7 @@ def compute_part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
     known = np.array([part in PART_WEIGHTS for part in parts])
     if not known.any():
         raise ConfigError("rcs kind 'body_parts' needs points with known body parts; use 'equal'")
-    counts = {part: sum(p == part for p in parts) for part in set(parts)}
+    counts = Counter(parts)
     shares = {part: PART_WEIGHTS.get(part, 0.0) for part in counts}
     for part, heir in HEIRS.items():
         if part not in counts and heir in counts:
@@ -209,8 +210,7 @@ def compute_part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
 
 
 def is_split_by_part(parts: Sequence[str]) -> bool:
-    """Return True if ``auto`` splits by body part."""
-    # this is the case if the trunk is known, or the part of every point
+    """Return True if the trunk or the part of every point is known: ``auto`` splits by part."""
     return any(part in BODY_CENTRE_PARTS for part in parts) or all(part in PART_WEIGHTS for part in parts)
 
 
