@@ -32,9 +32,6 @@ def spectrum(values, bin_hz):
     return xr.DataArray(values, {"cadence": bin_hz * np.arange(len(values))})
 
 
-# windows
-
-
 def test_side_lobe_of_the_reports_window_against_scipy():
     window = signal.windows.gaussian(40, std=0.3 * 19.5)
     frequency, response = signal.freqz(window, worN=200_000)
@@ -60,9 +57,6 @@ def test_side_lobe_and_width_of_a_rectangle():
 def test_half_power_width_of_the_analysis_window():
     # E-23: 1.384 bins for M = 101, sigma_w = 0.4
     assert measures.half_power_width_bins(gaussian_window(101, 0.4)) == pytest.approx(1.384, abs=1e-3)
-
-
-# signatures
 
 
 def test_upper_envelope_is_where_the_highest_line_falls_to_the_level():
@@ -115,9 +109,6 @@ def test_rise_of_the_columns_is_that_of_the_range():
     assert measures.column_level_rise_db(mu) == pytest.approx(10 * math.log10(last / first), abs=1e-9)
 
 
-# cadence spectra
-
-
 def test_prominence_is_the_peak_over_the_median_about_it():
     values = np.full(200, 0.5)
     values[[40, 80, 120]] = 5.0, 2.0, 0.5  # f_m = 2 Hz; no third harmonic
@@ -134,9 +125,6 @@ def test_side_lobes_between_the_peaks():
 def test_band_goes_from_the_first_to_the_last_crossing():
     level = np.array([0.0, 0.05, 0.03, 1.0, 0.2, 0.039, 0.0])
     assert band_hz(level, np.arange(7.0), 0.04) == (1.0, 4.0)
-
-
-# classes
 
 
 def test_cohens_d_by_hand_and_without_unknown_values():

@@ -32,9 +32,6 @@ def made(material):
     return lambda number: material.compute_once(("test", number), lambda: ENTRIES[number].make(material))
 
 
-# single points
-
-
 def test_a_point_table_is_straight_motion_centred_on_its_range(material):
     table = make_point_table(material.radar(), 101, range_m=[5.0, 6.0], velocity_mps=[2.0, -1.0], rcs_m2=[1.0, 0.3])
     assert table["range"].values[50] == pytest.approx([5.0, 6.0])
@@ -57,9 +54,6 @@ def test_the_measured_slope_is_two_over_the_wavelength(made):
 def test_a_point_aliases_by_whole_frame_rates(material, velocity_mps, shift_hz):
     measured = chapter2._measure_doppler_hz(material.radar(prf_hz=300.0, range_stop_m=16.0), velocity_mps)
     assert measured == pytest.approx(shift_hz, abs=0.02)
-
-
-# gait lines
 
 
 @pytest.mark.parametrize("phase_deg", [0.0, 30.0, 90.0, 180.0])
@@ -98,9 +92,6 @@ def test_forward_places_follow_the_direction_of_travel(material):
     lines = measures.forward_m(turned)
     expected = motion.position_m[:, :, 0] - motion.position_m[:, :, 0].mean(axis=1, keepdims=True)
     np.testing.assert_allclose(lines.values, expected, atol=0.02)
-
-
-# the walker, a person, a dog
 
 
 def test_the_ankle_peaks_where_differences_of_its_positions_say(material, made):
@@ -143,9 +134,6 @@ def test_the_stand_in_for_the_dog_bounds(material, made):
     assert readings_of(made("fig-2.20"))["hind paws, smallest shift"].ours == pytest.approx(0.0, abs=1e-6)
 
 
-# pulses
-
-
 def test_a_rectangular_pulse_has_the_width_of_the_sinc(made):
     half = brentq(lambda x: np.sinc(x) ** 2 - 0.5, 0.1, 0.9)
     found = readings_of(made("fig-3.4"))
@@ -183,9 +171,6 @@ def test_down_conversion_leaves_no_image_and_the_printed_one_does(made):
     # cos(a) cos(b): half of the amplitude goes to the sum frequency, aliased, in two lines of a quarter each way
     assert found["the same as printed, without a filter"].ours > -7
     assert found["down-converted frame against the closed form, largest error"].ours < 1e-4
-
-
-# slow time
 
 
 def dirichlet(frequency_hz, frames, prf_hz):
@@ -239,9 +224,6 @@ def test_a_spectrum_repeats_after_the_frame_rate(made):
     assert found["period of the spectrum"].ours == 300.0
     assert found["targets, largest error of the shift"].ours < 0.5
     assert found["wall, at shift"].ours == pytest.approx(0.0, abs=0.2)
-
-
-# data matrix
 
 
 def test_gain_between_the_ends_goes_with_the_fourth_power_of_range():

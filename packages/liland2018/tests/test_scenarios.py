@@ -29,9 +29,6 @@ def numbers(outcome):
     return {reading.name: reading for reading in outcome.readings}
 
 
-# scenarios
-
-
 def test_recordings_come_first_and_models_fill_up():
     recorded = make_scenarios({}, {}, seed=SEED, counts=(2, 0, 0))[0].motion
     found = make_scenarios({"a": recorded}, {"b": recorded, "c": recorded, "d": recorded}, seed=SEED, counts=(3, 2, 2))
@@ -113,9 +110,6 @@ def test_figures_of_the_study(material, monkeypatch):
     assert set(features.table["method"]) == {"the report's method", "ours"}
 
 
-# chapter 4
-
-
 def test_window_of_figure_4_3(material):
     found = numbers(made(material, chapter4, "fig-4.3"))
     lobe = found["highest side lobe, M = 40, sigma_w = 0.3"]
@@ -168,9 +162,6 @@ def test_torso_line_and_harmonics(material):
     assert height == pytest.approx(columns.mean(axis=0).max(), rel=1e-6)
 
 
-# chapter 5 and appendix
-
-
 def test_radar_table_names_the_two_errors(material):
     found = numbers(made(material, chapter5, "table-5.1"))
     assert found["highest speed that does not alias at 300 Hz"].ours == pytest.approx(3.084, abs=1e-3)
@@ -206,9 +197,6 @@ def test_every_peak_of_the_appendix_is_judged_by_its_own_prominence(material):
     # f_m stands out with 0.5 s too, and the shorter the interval the more: the report says neither
     assert not expected[0.5].iloc[0]
     assert not expected[0.01].iloc[0]
-
-
-# judgements
 
 
 def test_the_torso_of_the_map_is_a_mean_over_a_step(material):

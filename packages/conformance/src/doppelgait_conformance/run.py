@@ -21,7 +21,6 @@ Measure = Callable[[Bench, Radar], float]
 RANGED = tuple(name for name in theory.WAVEFORMS if name != "cw")
 PULSED = ("impulse", "rectangular", "lfm")
 CHIRPED = ("lfm", "fmcw", "stepped")
-PULSED = ("impulse", "rectangular", "lfm")
 
 
 @dataclass(frozen=True)

@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from doppelgait import viz
-from doppelgait.pipeline import analyze
+from doppelgait.pipeline import Result, analyze
 from doppelgait.processing import Analysis
 from doppelgait_liland2018.chapter4_features import HARMONIC_NAMES, bin_hz, found_hz
 from doppelgait_liland2018.chapter5 import format_number
 from doppelgait_liland2018.drawing import MAX_CADENCE_HZ, plot_cadence_amplitude
 from doppelgait_liland2018.entry import EntryResult, Reading, entry, judge
-from doppelgait_liland2018.material import STEEPNESS, THRESHOLD
+from doppelgait_liland2018.material import STEEPNESS, THRESHOLD, Material
 from doppelgait_liland2018.measures import CLEAR_DB, HARMONICS, prominence_db
 from doppelgait_liland2018.style import make_panels
-
-if TYPE_CHECKING:
-    from doppelgait.pipeline import Result
-    from doppelgait_liland2018.material import Material
 
 PRF_HZ = 1000.0
 INTERVALS_S = (1.0, 0.5, 0.3, 0.1, 0.05, 0.01)

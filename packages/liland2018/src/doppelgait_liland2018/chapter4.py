@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 import xarray as xr
+from matplotlib.axes import Axes
 
 from doppelgait import viz
+from doppelgait.pipeline import Result
 from doppelgait.processing import Analysis, gaussian_window, range_doppler
+from doppelgait.radar import Recording
 from doppelgait_liland2018.drawing import plot_numbered_marks
 from doppelgait_liland2018.entry import EntryResult, Reading, entry, judge, summarise_readings
+from doppelgait_liland2018.material import Material
 from doppelgait_liland2018.measures import (
     column_level_rise_db,
     find_peaks,
@@ -27,13 +29,6 @@ from doppelgait_liland2018.measures import (
     upper_envelope_hz,
 )
 from doppelgait_liland2018.style import ACCENT, LINE, LINE_COLOURS, make_axes, make_panels, name_axes
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from doppelgait.pipeline import Result
-    from doppelgait.radar import Recording
-    from doppelgait_liland2018.material import Material
 
 WINDOW_PULSES, WINDOW_STEEPNESS = 40, 0.3
 """Window of Fig. 4.3."""

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from doppelgait import viz
+from doppelgait.pipeline import Result
 from doppelgait.processing import cadence_map
 from doppelgait_liland2018.chapter4 import TORSO_HZ, TORSO_READ_HZ, walk
 from doppelgait_liland2018.drawing import MAX_CADENCE_HZ, plot_cadence_amplitude, plot_mean_doppler
 from doppelgait_liland2018.entry import EntryResult, Reading, entry, format_judgement, judge
-from doppelgait_liland2018.material import THRESHOLD
+from doppelgait_liland2018.material import THRESHOLD, Material
 from doppelgait_liland2018.measures import HARMONICS, doppler_to_velocity_mps, prominence_db, read_axis
 from doppelgait_liland2018.style import make_axes, make_panels
-
-if TYPE_CHECKING:
-    from doppelgait.pipeline import Result
-    from doppelgait_liland2018.material import Material
 
 HARMONIC_NAMES = ("f_m", "f_2", "f_3")
 RATIO_BIN = 0.1

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from doppelgait import viz
+from doppelgait.pipeline import Result
+from doppelgait.radar import Recording
 from doppelgait_liland2018.chapter4 import ENVELOPE
 from doppelgait_liland2018.chapter4_features import HARMONIC_NAMES, bin_hz, found_hz
 from doppelgait_liland2018.drawing import plot_cadence_amplitude, plot_mean_doppler
 from doppelgait_liland2018.entry import EntryResult, Reading, entry, format_judgement, judge
-from doppelgait_liland2018.material import STEEPNESS, THRESHOLD
+from doppelgait_liland2018.material import STEEPNESS, THRESHOLD, Material, NamedMotion
 from doppelgait_liland2018.measures import (
     CLEAR_DB,
     HARMONICS,
@@ -23,14 +26,6 @@ from doppelgait_liland2018.measures import (
     travel_speed_mps,
 )
 from doppelgait_liland2018.style import make_panels
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from doppelgait.pipeline import Result
-    from doppelgait.radar import Recording
-    from doppelgait_liland2018.material import Material, NamedMotion
 
 PRF_HZ = 1300.0
 """Frame rate, Hz, of all four targets, the maximum in the report: nothing aliases, and all spectra have equal bins."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 
 from doppelgait.features import FEATURE_UNITS
 from doppelgait_liland2018.entry import EntryResult, Reading, entry, judge
-from doppelgait_liland2018.material import RUNS
+from doppelgait_liland2018.material import RUNS, Material
 from doppelgait_liland2018.scenarios import (
     METHOD_NAMES,
     METHODS,
@@ -35,11 +35,6 @@ from doppelgait_liland2018.style import (
     name_axes,
     place_legend_below,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from doppelgait_liland2018.material import Material
 
 GROUP_COLOURS = {
     "recorded person": BLUE,

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from matplotlib.figure import Figure
 
 from doppelgait import Streams, viz
 from doppelgait.motion import Motion, loop
 from doppelgait.motion.models import quadruped_gait
-from doppelgait.pipeline import analyze, simulate
+from doppelgait.pipeline import Result, analyze, simulate
 from doppelgait.processing import Analysis
+from doppelgait.radar import Recording
 from doppelgait.scene import RcsSpec, Scene, Target
 from doppelgait_liland2018.chapter4 import ENVELOPE
 from doppelgait_liland2018.chapter4_features import bin_hz, found_hz
 from doppelgait_liland2018.chapter5 import format_number
 from doppelgait_liland2018.drawing import plot_cadence_amplitude, plot_mean_doppler
 from doppelgait_liland2018.entry import EntryResult, Reading, entry, judge
-from doppelgait_liland2018.material import RCS_M2, RUNS, THRESHOLD, NamedMotion
+from doppelgait_liland2018.material import RCS_M2, RUNS, THRESHOLD, Material, NamedMotion
 from doppelgait_liland2018.measures import (
     doppler_to_velocity_mps,
     read_axis,
@@ -30,13 +31,6 @@ from doppelgait_liland2018.measures import (
 )
 from doppelgait_liland2018.scenarios import WRONG
 from doppelgait_liland2018.style import LINE_COLOURS, make_figure, make_panels
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from doppelgait.pipeline import Result
-    from doppelgait.radar import Recording
-    from doppelgait_liland2018.material import Material
 
 REPORT_DOPPLER_HZ = 263.0
 DOG_WITHERS_M = 0.5
@@ -167,6 +161,7 @@ def _plot_five_panels(recording: Recording, result: Result) -> Figure:
     scatterers, title = recording.truth[0].scatterers, "(a) true Doppler frequencies"
     viz.doppler_lines(scatterers, wavelength_m=wavelength_m, title=title, ax=upper[0])
     upper[0].set_ylim(*limits_hz)
+    upper[0].legend_ = None  # it would cover half of this small panel
     viz.signature(result.normalised_signature, db_range=30.0, doppler_hz=limits_hz, title="(b) signature", ax=upper[1])
     title = "(c) cadence-velocity diagram"
     viz.cadence_map(result.cadence_map, max_cadence_hz=20.0, db_range=30.0, title=title, ax=upper[2])

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
+from matplotlib.axes import Axes
 
 from doppelgait_liland2018.measures import read_axis
 from doppelgait_liland2018.style import (
@@ -22,10 +23,6 @@ from doppelgait_liland2018.style import (
     mark_harmonics,
     name_axes,
 )
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
 
 FloatArray = npt.NDArray[np.float64]
 

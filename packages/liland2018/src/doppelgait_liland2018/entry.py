@@ -9,15 +9,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
 
 from doppelgait import ConfigError
-
-if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
-
-    from doppelgait_liland2018.material import Material
+from doppelgait_liland2018.material import Material
 
 KINDS = ("agrees", "set", "differs", "not stated")
 """Kinds of a reading: within the tolerance of the report's number; set as the report has it; outside; nothing to

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +18,7 @@ from doppelgait.pipeline import Result, analyze, simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, Recording, synthesise
 from doppelgait.scene import RcsSpec, Scene, Target
-
-if TYPE_CHECKING:
-    from doppelgait_liland2018.scenarios import GaitName
+from doppelgait_liland2018.scenarios import GaitName
 
 FOLDERS = {"human": "human", "dog": "dog"}
 """Folder of a motion folder by label, as the plan ``liland2018`` of the dataset builder has them."""

@@ -5,24 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from doppelgait import DoppelgaitError, Streams
 from doppelgait.motion import Motion
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait, sample_person
 from doppelgait.pipeline import analyze, choose_lowest_prf, simulate
 from doppelgait.processing import Analysis
-from doppelgait.radar import Radar
+from doppelgait.radar import Radar, Recording
 from doppelgait.scene import RcsSpec, Scene, Target
 from doppelgait_liland2018.measures import travel_speed_mps
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from doppelgait.radar import Recording
 
 FloatArray = npt.NDArray[np.float64]
 
