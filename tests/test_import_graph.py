@@ -14,6 +14,10 @@ from graphlib import CycleError, TopologicalSorter
 import grimp
 import pytest
 
+from checkout import ROOT
+
+PACKAGE = ROOT / "src" / "doppelgait"
+
 
 def circle(imports: Mapping[str, Iterable[str]]) -> list[str]:
     """One circle of the graph, from module to module; empty if there is none."""
@@ -42,3 +46,11 @@ def test_imports_in_functions_and_for_types_count(imports: dict[str, set[str]]) 
 def test_a_circle_is_found() -> None:
     assert sorted(set(circle({"a": ["b"], "b": ["c"], "c": ["a"], "d": ["a"]}))) == ["a", "b", "c"]
     assert circle({"a": ["b", "c"], "b": ["c"]}) == []
+
+
+def test_no_module_reaches_another_by_name() -> None:
+    """Imports by name are hidden from the layers; plug-ins, topics, workers and lazy packages may."""
+    allowed = {"core/plugins.py", "core/worker.py", "cli/topics.py"}
+    modules = [path for path in PACKAGE.rglob("*.py") if path.name != "__init__.py"]
+    users = {path.relative_to(PACKAGE).as_posix() for path in modules if "import_module" in path.read_text()}
+    assert users == allowed

@@ -1,7 +1,6 @@
 """Show objects in notebooks: a table of facts and a picture.
 
-The pictures are made by :mod:`doppelgait.viz.objects`, a module of a higher layer. It is therefore imported by name and
-on first use, like the built-in plug-ins of a group (:mod:`doppelgait.core.plugins`).
+The pictures are plug-ins of :mod:`doppelgait.viz.objects`, a module of a higher layer, loaded on first use.
 """
 
 from __future__ import annotations
@@ -10,17 +9,18 @@ import base64
 import io
 from collections.abc import Mapping
 from html import escape
-from importlib import import_module
 from typing import Any
 
-DRAWING = "doppelgait.viz.objects"
+from doppelgait.core.plugins import Group
+
+DRAWINGS: Group[Any] = Group("drawing", ("doppelgait.viz.objects",), listed=False)
 PICTURE_IN = (5.2, 3.2)
 """Width and height of the picture."""
 
 
 def plot(name: str, value: Any, *, ax: Any = None, **settings: Any) -> Any:
     """Plot an object by the named function; return its axes."""
-    return getattr(import_module(DRAWING), f"plot_{name}")(value, ax=ax, **settings)
+    return DRAWINGS[name].run(value, ax=ax, **settings)
 
 
 def show_text(title: str, facts: Mapping[str, str]) -> str:
@@ -49,8 +49,8 @@ def show_html(title: str, facts: Mapping[str, str], name: str, value: Any) -> st
     )
     picture = ""
     if name:
-        figure, axes = import_module(DRAWING).make_axes(width_in=PICTURE_IN[0], height_in=PICTURE_IN[1])
-        plot(name, value, ax=axes)
+        figure = plot(name, value).figure
+        figure.set_size_inches(*PICTURE_IN)
         image = io.BytesIO()
         figure.savefig(image, format="png", dpi=80, metadata={"Software": None})
         content = base64.b64encode(image.getvalue()).decode()

@@ -29,6 +29,7 @@ ENTRY_POINTS = "doppelgait.plugins"
 
 GROUP_NAMES = (
     "classifier",
+    "drawing",
     "environment",
     "exporter",
     "feature",
@@ -143,7 +144,7 @@ def plugin(
     """
     module = str(sys._getframe(1).f_globals.get("__name__", ""))
     if group not in GROUP_NAMES and group not in _GROUPS:
-        known_groups = ", ".join(sorted({*GROUP_NAMES, *_GROUPS}))
+        known_groups = ", ".join(sorted({*GROUP_NAMES, *_GROUPS} - {"drawing"}))
         raise ConfigError(f"unknown group of plug-ins {group!r}; known are: {known_groups}")
 
     def register(item: T) -> T:
@@ -182,6 +183,8 @@ class Group(Generic[T]):
         Word for a plug-in of the group in messages; by default the name with spaces.
     check : callable, optional
         Function that raises :class:`ConfigError` for a plug-in with facts that the group cannot use.
+    listed : bool
+        Show the group where plug-ins are listed.
     """
 
     def __init__(
@@ -191,13 +194,15 @@ class Group(Generic[T]):
         *,
         noun: str | None = None,
         check: Callable[[Plugin[Any]], None] = lambda plugin: None,
+        listed: bool = True,
     ) -> None:
         self.name = name
         self.check = check
         self.noun = noun or name.replace("_", " ")
         self._built_in = tuple(built_in)
         self._complete = False
-        _GROUPS[name] = self
+        if listed:
+            _GROUPS[name] = self
 
     def _load_plugins(self) -> dict[str, Plugin[T]]:
         known = _REGISTERED.setdefault(self.name, {})

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.plugins import plugin
 from doppelgait.viz.maps import (
     add_colour_bar,
     add_velocity_axis,
@@ -114,6 +115,7 @@ def overview(recording: Any, result: Any = None, *, title: str | None = None, **
     return plot_overview(baseband, **{**found, **arrays, "title": name})
 
 
+@plugin("drawing", "recording")
 def plot_recording(recording: Any, *, ax: Axes | None = None, **settings: Any) -> Axes:
     """Plot the range-time map of a recording."""
     ax = make_axes(ax)[1]
@@ -121,6 +123,7 @@ def plot_recording(recording: Any, *, ax: Axes | None = None, **settings: Any) -
     return ax
 
 
+@plugin("drawing", "result")
 def plot_result(result: Any, *, ax: Axes | None = None, **settings: Any) -> Axes:
     """Plot the signature of a result with its main line."""
     ax = make_axes(ax)[1]
@@ -128,6 +131,7 @@ def plot_result(result: Any, *, ax: Axes | None = None, **settings: Any) -> Axes
     return ax
 
 
+@plugin("drawing", "scene")
 def plot_scene(scene: Any, *, ax: Axes | None = None) -> Axes:
     """Plot a scene from above: radar, starts and headings."""
     ax = make_axes(ax)[1]
@@ -164,6 +168,7 @@ def _place_of(target: Any, radar_m: Place) -> tuple[Place | None, float | None]:
     return place_m, target.bearing_deg + 180.0 + target.aspect_deg
 
 
+@plugin("drawing", "radar")
 def plot_radar(radar: Any, *, ax: Axes | None = None) -> Axes:
     """Plot the unambiguous ranges and velocities of a radar."""
     ax = make_axes(ax)[1]
@@ -201,6 +206,7 @@ def _order(split: str) -> tuple[int, str]:
     return (known.index(split) if split in known else len(known), split)
 
 
+@plugin("drawing", "dataset")
 def plot_dataset(dataset: Any, *, ax: Axes | None = None) -> Axes:
     """Plot the rows of a dataset by class and split."""
     counts = dataset.index.groupby(["label", "split"]).size()
@@ -208,6 +214,7 @@ def plot_dataset(dataset: Any, *, ax: Axes | None = None) -> Axes:
     return plot_counts({str(label): counts[label].to_dict() for label in labels}, ax=ax)
 
 
+@plugin("drawing", "model")
 def plot_model(model: Any, *, ax: Axes | None = None) -> Axes:
     """Plot the rows that a model was trained on."""
     facts = model.facts
