@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
-from doppelgait.core.plugins import Group
+from doppelgait.core.plugins import DRAWING, Group
 
-DRAWINGS: Group[Any] = Group("drawing", ("doppelgait.viz.objects",), listed=False)
+DRAWINGS: Group[Any] = Group(DRAWING, ("doppelgait.viz.objects",), listed=False)
 PICTURE_IN = (5.2, 3.2)
 """Width and height of the picture."""
 

@@ -29,7 +29,6 @@ ENTRY_POINTS = "doppelgait.plugins"
 
 GROUP_NAMES = (
     "classifier",
-    "drawing",
     "environment",
     "exporter",
     "feature",
@@ -43,6 +42,8 @@ GROUP_NAMES = (
     "waveform",
 )
 """Names of doppelgait's groups, available before the subpackages that declare them are imported."""
+DRAWING = "drawing"
+"""Group of the pictures of objects; no configuration names it."""
 NAMING_KEYS = ("kind", "gate", "format")
 """Keys of a configuration with one or several names of plug-ins, in addition to the names of the groups."""
 CHOICES = ("choice", "cycle")
@@ -143,8 +144,8 @@ def plugin(
     'V^2'
     """
     module = str(sys._getframe(1).f_globals.get("__name__", ""))
-    if group not in GROUP_NAMES and group not in _GROUPS:
-        known_groups = ", ".join(sorted({*GROUP_NAMES, *_GROUPS} - {"drawing"}))
+    if group not in (*GROUP_NAMES, *_GROUPS, DRAWING):
+        known_groups = ", ".join(sorted({*GROUP_NAMES, *_GROUPS}))
         raise ConfigError(f"unknown group of plug-ins {group!r}; known are: {known_groups}")
 
     def register(item: T) -> T:
