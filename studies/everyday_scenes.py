@@ -25,7 +25,7 @@ from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
-from doppelgait.scene.companions import leashed_dog, side_by_side
+from doppelgait.scene.placement import leashed_dog, side_by_side
 
 FloatArray = npt.NDArray[np.float64]
 Rng = np.random.Generator

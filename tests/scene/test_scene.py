@@ -24,7 +24,7 @@ from doppelgait.scene import (
     place,
     scatterer_rcs_m2,
 )
-from doppelgait.scene.companions import leashed_dog, side_by_side
+from doppelgait.scene.placement import leashed_dog, side_by_side
 
 
 def points(paths, rate_hz=100.0, parts=None, **facts):

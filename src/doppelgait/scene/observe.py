@@ -31,15 +31,6 @@ class LineOfSight:
     """Geometry of points seen from the radar.
 
     Every array has the shape of the points' leading axes.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> placed = dg.scene.place(scene)
-    >>> track = dg.scene.compute_body_track(placed.targets[0], scene, [0.0, 1.0])
-    >>> track.range_m.round(1)  # 1.2 m nearer after 1 s
-    array([6.8, 5.6])
     """
 
     range_m: FloatArray

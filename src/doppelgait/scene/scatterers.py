@@ -55,15 +55,6 @@ class Scatterers:
         One point per scatterer, L of them.
     rcs_m2, path_gain : ndarray, broadcastable to (I, L)
         Radar cross section (m^2) and two-way power gain of the path (1) at the I pulse times.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> import numpy as np
-    >>> motion = dg.motion.boulic_walk(duration_s=2.0)
-    >>> scatterers = dg.scene.compute_scatterers(motion, dg.scene.RcsSpec(), np.array([0.0, 1.0]), (5.0, 0.0, 1.0))
-    >>> scatterers.rcs_m2.size, round(float(scatterers.rcs_m2.sum()), 2)  # number and total
-    (17, 0.7)
     """
 
     motion: Motion

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib import import_module
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
@@ -296,8 +295,7 @@ class Scene(FrozenModel):
         return show_text("Scene", self._shown())
 
     def _repr_html_(self) -> str:
-        placement = import_module("doppelgait.scene.placement")  # by name: it is built on this module
-        return show_html("Scene", self._shown(), "scene", placement.state_ranges(self))
+        return show_html("Scene", self._shown(), "scene", self)
 
     def _shown(self) -> dict[str, str]:
         return {

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
+from doppelgait.scene.placement import state_ranges
 from doppelgait.viz.maps import (
     add_colour_bar,
     add_velocity_axis,
@@ -134,7 +135,7 @@ def plot_result(result: Any, *, ax: Axes | None = None, **settings: Any) -> Axes
 @plugin("drawing", "scene")
 def plot_scene(scene: Any, *, ax: Axes | None = None) -> Axes:
     """Plot a scene from above: radar, starts and headings."""
-    ax = make_axes(ax)[1]
+    scene, ax = state_ranges(scene), make_axes(ax)[1]
     radar_m: Place = tuple(scene.radar_position_m[:2])
     ax.plot(*radar_m, marker="^", color=ACCENT, ms=9, ls="none")
     ax.annotate("radar", radar_m, xytext=(6, 6), textcoords="offset points", fontsize=9, color=ACCENT)

@@ -14,12 +14,10 @@ from pydantic import AfterValidator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.scene.environment.losses import Screen, Visibility, Wall, apply_screen, apply_visibility, apply_wall
 from doppelgait.scene.environment.materials import MATERIALS, Dielectric, Material, relative_permittivity
 from doppelgait.scene.environment.reflections import GroundBounce, WallGhost, apply_ground_bounce, apply_wall_ghost
 from doppelgait.scene.environment.registry import ENVIRONMENT, Apply, Setting
-from doppelgait.scene.environment.screen import Screen, apply_screen
-from doppelgait.scene.environment.visibility import Visibility, apply_visibility
-from doppelgait.scene.environment.wall import Wall, apply_wall
 
 __all__ = [
     "ENVIRONMENT",

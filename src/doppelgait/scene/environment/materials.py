@@ -8,6 +8,7 @@ it. Constants and equations are from Recommendation ITU-R P.2040.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -254,6 +255,18 @@ def interpolate_coefficient(
     grid = np.linspace(lowest, highest, count)
     values = np.interp(cos_incidence.ravel(), grid, coefficient(grid))
     return np.asarray(values, dtype=np.complex128).reshape(cos_incidence.shape)
+
+
+def interpolate_modes(
+    coefficient: Callable[..., ComplexArray], cos_incidence: FloatArray, *, permittivity: complex, **slab: float
+) -> tuple[ComplexArray, ComplexArray]:
+    """Interpolate a coefficient of a slab in the modes TE and TM."""
+
+    def interpolate(mode: Mode) -> ComplexArray:
+        one_mode = partial(coefficient, permittivity=permittivity, mode=mode, **slab)
+        return interpolate_coefficient(one_mode, cos_incidence, **slab)
+
+    return interpolate("te"), interpolate("tm")
 
 
 def compute_te_share(along: FloatArray, aside: FloatArray, up: FloatArray) -> FloatArray:

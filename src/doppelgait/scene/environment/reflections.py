@@ -27,6 +27,7 @@ from doppelgait.scene.environment.materials import (
     compute_te_share,
     interface_reflection,
     interpolate_coefficient,
+    interpolate_modes,
     relative_permittivity,
     slab_reflection,
 )
@@ -400,12 +401,7 @@ def compute_wall_reflection(image: Rays, normal_rad: float, spec: WallGhost, wav
     toward_m = image.along(normal_rad)
     cosine = np.clip(toward_m / np.maximum(image.range_m, 1e-12), 0.0, 1.0)
     slab = {"thickness_m": spec.thickness_m, "wavelength_m": wavelength_m}
-    te = interpolate_coefficient(
-        lambda c: slab_reflection(c, permittivity=permittivity, mode="te", **slab), cosine, **slab
-    )
-    tm = interpolate_coefficient(
-        lambda c: slab_reflection(c, permittivity=permittivity, mode="tm", **slab), cosine, **slab
-    )
+    te, tm = interpolate_modes(slab_reflection, cosine, permittivity=permittivity, **slab)
     share = compute_te_share(toward_m, image.along(normal_rad + math.pi / 2), image.z_m)
     return te * share - tm * (1.0 - share) if spec.polarisation == "vertical" else tm * share - te * (1.0 - share)
 

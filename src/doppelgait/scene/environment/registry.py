@@ -46,6 +46,6 @@ class Apply(Protocol):
 
 ENVIRONMENT: Group[Apply] = Group(
     "environment",
-    built_in=tuple(f"doppelgait.scene.environment.{name}" for name in ("reflections", "screen", "visibility", "wall")),
+    built_in=("doppelgait.scene.environment.losses", "doppelgait.scene.environment.reflections"),
 )
 """Environment effects by the ``kind`` of a scene file's ``[[environment]]``."""

@@ -6,7 +6,7 @@ from scipy.special import fresnel
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.scene.environment import Screen, Setting, apply_environment, make_effect
-from doppelgait.scene.environment.screen import knife_edge_db
+from doppelgait.scene.environment.losses import knife_edge_db
 from echo_table import LAMBDA_M, echo_table
 
 SOFA = Screen(from_m=(3.0, -1.0), to_m=(3.0, 1.0), height_m=0.8, loss_db=200.0)
