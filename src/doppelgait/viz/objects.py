@@ -152,8 +152,7 @@ def plot_scene(scene: Any, *, ax: Axes | None = None) -> Axes:
             tip_m = (place_m[0] + 0.8 * math.cos(turn), place_m[1] + 0.8 * math.sin(turn))
             ax.annotate("", tip_m, xytext=place_m, arrowprops={"arrowstyle": "->", "color": colours[name]})
     name_axes(ax, title="Scene from above", x="x (m)", y="y (m)")
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.margins(0.2)
+    ax.set(aspect="equal", adjustable="datalim", xmargin=0.2, ymargin=0.2)
     ax.grid(color="#e0e0e0", lw=0.6)
     return ax
 
