@@ -15,8 +15,7 @@ from matplotlib.figure import Figure
 import doppelgait as dg
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset import Dataset
-from doppelgait.scene.placement import state_ranges
-from doppelgait.viz.objects import plot_dataset, plot_scene
+from doppelgait.viz.objects import plot_dataset
 from doppelgait.viz.style import make_axes
 
 SCENE = dg.Scene([dg.Target("boulic", label="human", range_m=4.0, aspect_deg=20.0)], duration_s=2.0)
@@ -80,18 +79,19 @@ def test_a_dataset_has_its_identity_and_a_legend_that_covers_no_bar(shown: dict[
     assert not [bar for bar in axes.patches if bar.get_width() and bar.get_window_extent().overlaps(legend)]
 
 
-def test_a_scene_shows_its_targets_where_they_are_placed() -> None:
+def test_a_scene_shows_its_targets_where_they_are_placed(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = []
+    monkeypatch.setattr("doppelgait.scene.placement.show_html", lambda *facts: shown.append(facts[-1]))
     walk = dg.motion.boulic_walk(speed_mps=2.0, duration_s=5.0)
     scene = dg.Scene([dg.Target(walk, label="human"), dg.Target("boulic", vary={}), dg.Target(walk, range_m=4.0)])
-    ranges_m = [target.range_m for target in state_ranges(scene).targets]
-    assert ranges_m == pytest.approx([7.0, 5.1, 4.0], abs=0.2)
+    scene._repr_html_()
+    assert [target.range_m for target in shown[0].targets] == pytest.approx([7.0, 5.1, 4.0], abs=0.2)
     middle = dg.scene.place(dg.Scene([dg.Target(walk)])).targets[0].motion
-    assert middle.position_m[middle.n_frames // 2, :, 0].mean() == pytest.approx(ranges_m[0], abs=0.1)
-    drawn = [line.get_xydata()[0, 0] for line in plot_scene(scene).lines]
-    assert drawn == pytest.approx([0.0, *ranges_m])
+    frame = middle.n_frames // 2
+    assert middle.position_m[frame, :, 0].mean() == pytest.approx(shown[0].targets[0].range_m, abs=0.1)
     missing = dg.Scene([dg.Target("missing.c3d")])
-    assert state_ranges(missing) is missing
-    assert len(plot_scene(missing).lines) == 1, "the radar alone"
+    missing._repr_html_()
+    assert shown[1] is missing
 
 
 def test_a_scene_states_its_duration() -> None:

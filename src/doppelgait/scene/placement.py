@@ -18,6 +18,7 @@ import numpy as np
 from doppelgait.core.config import validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning, MotionError, warn_caller
+from doppelgait.core.notebook import show_html
 from doppelgait.core.rng import Streams
 from doppelgait.motion.follow import follow, steady_speed_mps
 from doppelgait.motion.motion import Motion
@@ -257,6 +258,15 @@ def state_ranges(scene: Scene) -> Scene:
             target = target.model_copy(update={"range_m": _choose_range_m(found.motion, placed.observation_s)})
         stated.append(target)
     return scene.model_copy(update={"targets": tuple(stated)})
+
+
+def _show_scene(scene: Scene) -> str:
+    """Format a scene for a notebook, with its targets where :func:`place` puts them."""
+    return show_html("Scene", scene.tabulate_facts(), "scene", state_ranges(scene))
+
+
+# here and not in the class, because placement is built on the scene
+Scene._repr_html_ = _show_scene  # type: ignore[attr-defined]
 
 
 def build_motion(

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, SerializeAsAny, field_v
 
 from doppelgait.core.config import FrozenModel, InnerError, as_table, read_toml, validate, write_toml
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.notebook import show_html, show_text
+from doppelgait.core.notebook import show_text
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.paths import Path, make_path
 from doppelgait.motion.retime import ScalingMode, Variation
@@ -292,12 +292,10 @@ class Scene(FrozenModel):
         return write_toml(as_table(self))
 
     def __repr__(self) -> str:
-        return show_text("Scene", self._shown())
+        return show_text("Scene", self.tabulate_facts())
 
-    def _repr_html_(self) -> str:
-        return show_html("Scene", self._shown(), "scene", self)
-
-    def _shown(self) -> dict[str, str]:
+    def tabulate_facts(self) -> dict[str, str]:
+        """Return targets, duration and radar position in words."""
         return {
             "targets": "; ".join(target.describe() for target in self.targets) or "none",
             "duration": self._describe_duration(),

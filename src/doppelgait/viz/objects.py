@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
-from doppelgait.scene.placement import state_ranges
 from doppelgait.viz.maps import (
     add_colour_bar,
     add_velocity_axis,
@@ -135,7 +134,7 @@ def plot_result(result: Any, *, ax: Axes | None = None, **settings: Any) -> Axes
 @plugin("drawing", "scene")
 def plot_scene(scene: Any, *, ax: Axes | None = None) -> Axes:
     """Plot a scene from above: radar, starts and headings."""
-    scene, ax = state_ranges(scene), make_axes(ax)[1]
+    ax = make_axes(ax)[1]
     radar_m: Place = tuple(scene.radar_position_m[:2])
     ax.plot(*radar_m, marker="^", color=ACCENT, ms=9, ls="none")
     ax.annotate("radar", radar_m, xytext=(6, 6), textcoords="offset points", fontsize=9, color=ACCENT)
@@ -152,7 +151,8 @@ def plot_scene(scene: Any, *, ax: Axes | None = None) -> Axes:
             tip_m = (place_m[0] + 0.8 * math.cos(turn), place_m[1] + 0.8 * math.sin(turn))
             ax.annotate("", tip_m, xytext=place_m, arrowprops={"arrowstyle": "->", "color": colours[name]})
     name_axes(ax, title="Scene from above", x="x (m)", y="y (m)")
-    ax.set(aspect="equal", adjustable="datalim", xmargin=0.2, ymargin=0.2)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.margins(0.2)
     ax.grid(color="#e0e0e0", lw=0.6)
     return ax
 
