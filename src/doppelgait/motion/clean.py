@@ -193,9 +193,7 @@ def fill_linear(position: FloatArray) -> FloatArray:
 
 
 def fill_gaps(position: FloatArray, *, gap_limit: int) -> tuple[FloatArray, dict[str, Any]]:
-    """Fill gaps in paths by a cubic spline.
-    Shapes: position (T, P, 3); filled (T, P, 3); returns (T, P, 3).
-    """
+    """Fill gaps in paths (T, P, 3) by a cubic spline."""
     from scipy.interpolate import CubicSpline
 
     filled = position.copy()

@@ -47,9 +47,7 @@ BLOCK_FRAMES = 1 << 15
 
 @dataclass(frozen=True)
 class Gait:
-    """Straight motion in a frame that travels with the body.
-    The origin is below the mean body centre.
-    """
+    """Straight motion in a frame that travels below the mean body centre."""
 
     motion: Motion
     spline: Spline

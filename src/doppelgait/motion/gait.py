@@ -96,9 +96,7 @@ def _smooth(path: FloatArray, *, rate_hz: float, smoothing_s: float) -> FloatArr
 
 
 def measure_travel(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
-    """Measure displacement, path length, straightness and mean speed.
-    Shapes: position (T, P, 3).
-    """
+    """Measure displacement, path length, straightness and mean speed of points (T, P, 3)."""
     path = _smooth(_find_seen_path(_find_seen_frames(position)), rate_hz=rate_hz, smoothing_s=SMOOTHING_S)
     if len(path) < 2 or not np.isfinite(path).all():
         return {}

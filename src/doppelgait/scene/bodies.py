@@ -207,9 +207,7 @@ def average_points(motion: Motion, groups: Sequence[Sequence[int]]) -> npt.NDArr
 
 @dataclass(frozen=True)
 class Ellipsoids:
-    """Ellipsoids at I times.
-    Shapes: centre_m (I, S, 3); along, across (I, S, 3); semi_axes_m (S, 3).
-    """
+    """S ellipsoids at I times: centre_m, along, across (I, S, 3); semi_axes_m (S, 3)."""
 
     centre_m: FloatArray
     along: FloatArray
@@ -219,9 +217,7 @@ class Ellipsoids:
 
 @dataclass(frozen=True)
 class Skeleton:
-    """Joints, segments and semi-axes of one body.
-    Joints are a motion table; semi-axes are (S, 3), m: across, upright, along.
-    """
+    """Joints, segments and semi-axes (S, 3) of one body, m: across, upright, along."""
 
     joints: Motion
     segments: tuple[Segment, ...]

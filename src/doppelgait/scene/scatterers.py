@@ -93,14 +93,10 @@ class View:
 
 
 class RcsKind(Protocol):
-    """Kind of radar cross section.
-    The function returns points of the placed motion and their mean cross sections.
-    """
+    """Kind of radar cross section: points of the placed motion and their means."""
 
     def __call__(self, view: View, parameters: Any, /) -> tuple[Motion, FloatArray]:
-        """Return the motion and cross sections of L points.
-        Cross sections in m^2, shape (L,) or (I, L).
-        """
+        """Return L points and their cross sections in m^2, shape (L,) or (I, L)."""
 
 
 def compute_scatterers(

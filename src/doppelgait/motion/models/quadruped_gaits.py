@@ -99,9 +99,7 @@ DUTY_LIMITS = (0.15, 0.75)
 
 @dataclass(frozen=True)
 class Build:
-    """Size and proportions of an animal.
-    Lengths are relative to those of the standard dog of the same hip height.
-    """
+    """Size and proportions of an animal, relative to the standard dog of the same hip height."""
 
     withers_m: float
     mass_kg: float

@@ -201,12 +201,8 @@ def slab_transmission(
 def insertion_coefficient(
     cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float, wavelength_m: float, mode: Mode
 ) -> ComplexArray:
-    """Compute the insertion coefficient of a slab for a plane wave.
-
-    The slab multiplies the field behind it by t exp(j 2 pi d cos / lambda).
-
-    Parameters are those of :func:`slab_transmission`.
-    """
+    """Compute the insertion coefficient of a slab for a plane wave."""
+    # the slab multiplies the field behind it by t exp(j 2 pi d cos / lambda)
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
     t = slab_transmission(
         cosine, permittivity=permittivity, thickness_m=thickness_m, wavelength_m=wavelength_m, mode=mode

@@ -55,9 +55,7 @@ class Mirror:
 
 @dataclass(frozen=True)
 class Rays:
-    """Paths from the radar to points. They have a length, an approach speed and a position relative
-    to the radar; every array is (slow_time, scatterer).
-    """
+    """Paths from the radar to points, relative to the radar; arrays (slow_time, scatterer)."""
 
     range_m: FloatArray
     velocity_mps: FloatArray
