@@ -117,18 +117,20 @@ CHEN_RADII_M = {
 TORSO_M = (0.16, 0.13)
 """Transverse semi-axes of the torso, m: from side to side, and from front to back (Chen uses 0.15 m for both).
 
-They are half the chest breadth and depth of adults: 0.322 and 0.243 m for men of 1.76 m, 0.280 and 0.239 m for women of
-1.63 m (Gordon et al. 1989), scaled to 1.80 m and averaged over both sexes. The front reflects (0.16 / 0.13)^4 = 3.6 dB
-more than the side; with 0.17 and 0.11 m the difference would be 7.6 dB.
+They are half the chest breadth and depth of adults: 0.322 and 0.243 m for men of 1.76 m, 0.280 and
+0.239 m for women of 1.63 m (Gordon et al. 1989), scaled to 1.80 m and averaged over both sexes. The
+front reflects (0.16 / 0.13)^4 = 3.6 dB more than the side; with 0.17 and 0.11 m the difference
+would be 7.6 dB.
 """
 
 CHEST, RUMP = (0.16, 0.23, 0.16), (0.13, 0.17, 0.13)
 """Semi-axes (across, upright, along) of the blunt ends of an animal's trunk, divided by the withers height.
 
-A trunk ends in the chest between the shoulders and in the rump, not in the tips of ellipsoids. Both ellipsoids are as
-wide as the model's shoulders or hips with their muscles (0.11 + 0.05 and 0.10 + 0.03), as high as thorax and abdomen,
-and circular from above. The front of the chest is then at the point of the shoulder, and the back of the rump at the
-root of the tail. These values are assumed: no measured curvature of an animal's chest is known.
+A trunk ends in the chest between the shoulders and in the rump, not in the tips of ellipsoids. Both
+ellipsoids are as wide as the model's shoulders or hips with their muscles (0.11 + 0.05 and 0.10 +
+0.03), as high as thorax and abdomen, and circular from above. The front of the chest is then at the
+point of the shoulder, and the back of the rump at the root of the tail. These values are assumed:
+no measured curvature of an animal's chest is known.
 """
 
 PERSON = _make_person()

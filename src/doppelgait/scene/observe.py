@@ -135,15 +135,17 @@ def assemble(
     Returns
     -------
     Dataset (slow_time, scatterer)
-        The variables of :data:`doppelgait.core.labels.SCATTERER_VARIABLES`, with ``target``, ``marker`` and ``part``
-        of every scatterer. ``target`` is the number among the scene's ``observed_targets``, -1 for background bodies.
-        The table of an empty room has no scatterers.
+        The variables of :data:`doppelgait.core.labels.SCATTERER_VARIABLES`, with ``target``,
+        ``marker`` and ``part`` of every scatterer. ``target`` is the number among the scene's
+        ``observed_targets``, -1 for background bodies. The table of an empty room has no
+        scatterers.
 
-        For a bistatic radar, ``range`` and ``radial_velocity`` are those of :func:`bistatic_line_of_sight`,
-        ``path_gain`` contains :func:`compute_bistatic_spreading` and the occlusion of both paths, angles are those
-        from the transmitter, and the attribute ``bistatic`` is set. The radar cross section is then the monostatic
-        one along the bisector of the two paths to the body centre, which is exact for smooth convex bodies in the
-        limit of short waves (Kell, Proc. IEEE 53, 1965); forward scattering is not modelled.
+        For a bistatic radar, ``range`` and ``radial_velocity`` are those of
+        :func:`bistatic_line_of_sight`, ``path_gain`` contains :func:`compute_bistatic_spreading`
+        and the occlusion of both paths, angles are those from the transmitter, and the attribute
+        ``bistatic`` is set. The radar cross section is then the monostatic one along the bisector
+        of the two paths to the body centre, which is exact for smooth convex bodies in the limit of
+        short waves (Kell, Proc. IEEE 53, 1965); forward scattering is not modelled.
 
     Raises
     ------

@@ -344,9 +344,10 @@ def _read_once(file: Path, stamp: tuple[int, int], options: str) -> Motion:
 def side_by_side(first: Target, second: Target, *, side_m: float = 0.7, ahead_m: float = 0.0) -> list[Target]:
     """Make two targets that keep together.
 
-    The second target follows a path parallel to the first target's path, at the first target's speed. Where the path
-    curves, the outer target moves faster (:func:`doppelgait.motion.follow.follow`), so that both stay abreast. Each
-    target stops in its own stride, at most half a stride from the abreast position.
+    The second target follows a path parallel to the first target's path, at the first target's
+    speed. Where the path curves, the outer target moves faster
+    (:func:`doppelgait.motion.follow.follow`), so that both stay abreast. Each target stops in its
+    own stride, at most half a stride from the abreast position.
 
     Parameters
     ----------

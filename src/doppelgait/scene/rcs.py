@@ -1,9 +1,10 @@
 """Radar cross section: total and shares of points.
 
-The total is 0.01 m^2 per kilogram of body mass, that is 0.8 m^2 for 80 kg (E-08b; 0.37 to 1.9 m^2 were measured for a
-person of 91 kg at 4.8 and 9.4 GHz). It is the same at every carrier: averages of people at 23-28 and 76-81 GHz are
-close to each other (Fortuny-Guasch and Chareau 2013), and 3GPP uses 0.73 m^2 in all bands (TR 38.901, release 19).
-The same law applies to people and animals, so that the power does not reveal the class.
+The total is 0.01 m^2 per kilogram of body mass, that is 0.8 m^2 for 80 kg (E-08b; 0.37 to 1.9 m^2
+were measured for a person of 91 kg at 4.8 and 9.4 GHz). It is the same at every carrier: averages
+of people at 23-28 and 76-81 GHz are close to each other (Fortuny-Guasch and Chareau 2013), and 3GPP
+uses 0.73 m^2 in all bands (TR 38.901, release 19). The same law applies to people and animals, so
+that the power does not reveal the class.
 """
 
 from __future__ import annotations
@@ -37,9 +38,10 @@ ASSUMED_MASS_KG = 80.0
 TYPICAL_RCS_M2 = {"human": 0.8, "dog": 0.2, "cat": 0.045}
 """Mean total cross section of a person of 80 kg, a dog of 20 kg and a cat of 4.5 kg (E-08b), m^2.
 
-The person's value is in the middle of the measurements of a man of 91 kg over all aspects, 0.37 to 1.88 m^2 at 4.8 GHz
-and 0.50 to 1.22 m^2 at 9.4 GHz; the cross section is roughly proportional to body mass (Schultz, Burgener and King
-1958). No measurement of a dog or a cat at these frequencies is known: the same proportion is assumed for them.
+The person's value is in the middle of the measurements of a man of 91 kg over all aspects, 0.37 to
+1.88 m^2 at 4.8 GHz and 0.50 to 1.22 m^2 at 9.4 GHz; the cross section is roughly proportional to
+body mass (Schultz, Burgener and King 1958). No measurement of a dog or a cat at these frequencies
+is known: the same proportion is assumed for them.
 """
 
 MOST_NAMES = 8
@@ -112,8 +114,9 @@ class RcsSpec(FrozenModel):
         ``ellipsoids``: one scatterer per body segment with a direction-dependent cross section
         (:mod:`doppelgait.scene.bodies`); needs points with known joints.
     total_m2 : float, optional
-        Sum over the scatterers (sigma), m^2; by default 0.01 m^2 per kilogram of body mass. For ellipsoids it is the
-        mean of this sum over the motion's frames and all horizontal directions.
+        Sum over the scatterers (sigma), m^2; by default 0.01 m^2 per kilogram of body mass. For
+        ellipsoids it is the mean of this sum over the motion's frames and all horizontal
+        directions.
     total_spread_db : float
         Standard deviation of a log-normal factor of mean 1 on the total, sampled once per target, 0
         to 10 dB; 2 dB is usual between people.

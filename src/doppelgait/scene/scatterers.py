@@ -179,10 +179,11 @@ def scatter_ellipsoids(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
 def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) -> tuple[Motion, FloatArray]:
     """Merge points with a median distance below a limit (E-08).
 
-    Echoes of points within a quarter wavelength (1.03 cm at 7.29 GHz) add coherently: the cross section of L points can
-    be up to L times the sum of their cross sections. The groups are constant over the motion. They are found by
-    complete linkage: any two points of a group are closer than the limit. Ties between equal distances (of a symmetric
-    body) are resolved by the order of the points.
+    Echoes of points within a quarter wavelength (1.03 cm at 7.29 GHz) add coherently: the cross
+    section of L points can be up to L times the sum of their cross sections. The groups are
+    constant over the motion. They are found by complete linkage: any two points of a group are
+    closer than the limit. Ties between equal distances (of a symmetric body) are resolved by the
+    order of the points.
 
     Parameters
     ----------
@@ -195,8 +196,9 @@ def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) 
     Returns
     -------
     motion : Motion
-        Groups at the mean position of their points, named ``"A+B"``, with the body part of the strongest point, in the
-        order of their first points. The report lists the groups as ``merged``.
+        Groups at the mean position of their points, named ``"A+B"``, with the body part of the
+        strongest point, in the order of their first points. The report lists the groups as
+        ``merged``.
     rcs_m2 : ndarray, shape (number of groups,)
         Sums over the groups; the total does not change.
 

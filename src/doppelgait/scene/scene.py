@@ -71,9 +71,10 @@ class Target(FrozenModel):
     Parameters
     ----------
     motion : Motion, table, str or Path
-        A cleaned recording or a model's motion, or the table of a scene file: ``kind`` names a motion model, whose
-        parameters are the other keys; ``kind = "file"`` takes ``path`` (relative to the scene file) and the options of
-        its reader, such as ``start_s`` and ``stop_s``. A string is the name of a model or the path of a file.
+        A cleaned recording or a model's motion, or the table of a scene file: ``kind`` names a
+        motion model, whose parameters are the other keys; ``kind = "file"`` takes ``path``
+        (relative to the scene file) and the options of its reader, such as ``start_s`` and
+        ``stop_s``. A string is the name of a model or the path of a file.
     label : str
         Class of the target, for example ``"human"`` or ``"dog"``.
     rcs : RcsSpec or str

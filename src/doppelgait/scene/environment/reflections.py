@@ -326,10 +326,11 @@ def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) 
     Returns
     -------
     Dataset
-        The rows ``...:ghost_mixed`` are added at the apparent range (R + g)/2 (one path direct, the other by the wall),
-        and ``...:ghost`` at g, the distance of the mirror image: g = sqrt(R^2 + 4 h_r h), with the distances h_r and h
-        of radar and scatterer from the wall. Every reflection multiplies the field by the slab's coefficient at its
-        angle of incidence, cos = (h_r + h)/g. Radial velocities are -d(range)/dt; the rate of h is that of
+        The rows ``...:ghost_mixed`` are added at the apparent range (R + g)/2 (one path direct, the
+        other by the wall), and ``...:ghost`` at g, the distance of the mirror image: g = sqrt(R^2 +
+        4 h_r h), with the distances h_r and h of radar and scatterer from the wall. Every
+        reflection multiplies the field by the slab's coefficient at its angle of incidence, cos =
+        (h_r + h)/g. Radial velocities are -d(range)/dt; the rate of h is that of
         :func:`rate_per_s`. While a scatterer is behind the wall, the gain of its ghosts is 0.
 
     Raises
