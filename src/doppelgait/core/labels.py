@@ -88,7 +88,7 @@ class Signal:
 
     @classmethod
     def of(cls, array: xr.DataArray | Signal, *schemas: Schema) -> Signal:
-        """Remove the labels of an array that conforms to one of the schemas."""
+        """Remove the labels of an array that has one of the schemas."""
         if isinstance(array, Signal):
             if array.schema not in schemas:
                 raise AnalysisError(f"{schemas[0].name}: this is a {array.schema.name}")

@@ -1,4 +1,4 @@
-"""Docstrings: first sentences are short and say what a thing does, and their examples run."""
+"""Docstrings: first clauses are short and say what a thing does, and their examples run."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def first_lines(path: Path) -> Iterator[tuple[str, str]]:
     """Name and first line of every docstring of a module."""
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, Documented) and (docstring := ast.get_docstring(node)):
-            yield getattr(node, "name", path.stem), docstring.splitlines()[0].split(". ")[0]
+            yield getattr(node, "name", path.stem), re.split(r"[.,;:] | \(", docstring.splitlines()[0])[0]
 
 
 def name_of(path: Path) -> str:

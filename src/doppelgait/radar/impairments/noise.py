@@ -121,7 +121,7 @@ def add_interference(samples: Samples, parameters: Interference, radar: Radar, r
 def find_hit_pulses(
     n_pulses: int, spec: Interference, *, radar: Radar, rng: np.random.Generator
 ) -> npt.NDArray[np.int64]:
-    """Return the pulses i whose interval from i/f_p to (i+1)/f_p overlaps a burst."""
+    """Return the pulses i that overlap a burst, from i/f_p to (i+1)/f_p."""
     record_s = n_pulses / radar.prf_hz
     n_bursts = rng.poisson(spec.rate_hz * (record_s + spec.duration_s))  # includes earlier bursts
     start_s = rng.uniform(-spec.duration_s, record_s, size=n_bursts)

@@ -177,7 +177,7 @@ class Rectangular(_MatchedPulse):
     kind: Literal["rectangular"] = "rectangular"
 
     def check(self, radar: Radar) -> None:
-        """Check that the pulse lasts half a carrier period to 1 ms or a frame."""
+        """Check that the pulse lasts half a carrier period to 1 ms, or a frame."""
         _check_pulse(radar, 1.0 / _duration_s(radar))
 
     def resolution_m(self, radar: Radar) -> float:
@@ -281,7 +281,7 @@ class Cw(Waveform):
         return {**table, "sample_rate_hz": table["prf_hz"]}
 
     def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
-        """Sum a exp(j(theta + phi - 4 pi R / lambda)) of all scatterers at all ranges."""
+        """Sum the echoes of all scatterers at all ranges, a exp(j(theta + phi - 4 pi R / lambda))."""
         range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         turns = range_m * (2.0 / radar.wavelength_m)
         phase_rad = -2.0 * np.pi * (turns - np.rint(turns)) + radar.transmit_phase_rad
