@@ -44,7 +44,7 @@ from doppelgait.pipeline import simulate
 from doppelgait.pipeline.conditions import Conditions, Noise
 from doppelgait.radar import Radar, Recording
 from doppelgait.radar.fit import SensorFit, fit_sensor, format_calibrated_preset
-from doppelgait.radar.fit.static import fit_series
+from doppelgait.radar.fit.room import fit_series
 from doppelgait.radar.impairments import apply_impairments, make_impairment
 from doppelgait.radar.link import comparator_noise_v, noise_power_v2
 from doppelgait.radar.readers import read_recording

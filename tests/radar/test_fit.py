@@ -27,11 +27,12 @@ from doppelgait.radar.fit import (
     format_calibrated_preset,
     sensor_as_dict,
 )
-from doppelgait.radar.fit.frames import find_frame_faults
-from doppelgait.radar.fit.levels import estimate_leakage, fit_clutter_profile
-from doppelgait.radar.fit.static import (
+from doppelgait.radar.fit.room import (
     compute_factor_variance,
     compute_leverage,
+    estimate_leakage,
+    find_frame_faults,
+    fit_clutter_profile,
     fit_series,
     fit_static_part,
     level_db,

@@ -32,7 +32,7 @@ from doppelgait.radar.frames import (
     write_frames,
 )
 from doppelgait.radar.streams import Stream
-from doppelgait.radar.xethru.export import write_xethru_recording
+from doppelgait.radar.xethru.writer import write_xethru_recording
 
 N_FRAMES, PRF_HZ = 400, 500.0
 SESSION = {"session_id": "a", "start_time": datetime(2020, 5, 1, 12, tzinfo=UTC)}

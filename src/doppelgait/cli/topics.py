@@ -117,7 +117,7 @@ def _plan_models() -> list[tuple[str, type[BaseModel]]]:
 
 def _file_models() -> list[tuple[str, type[BaseModel]]]:
     return _models(
-        "doppelgait.radar.readers.array_facts:ArrayFacts",
-        "doppelgait.radar.readers.ti_config:ChirpConfig",
+        "doppelgait.radar.readers.arrays:ArrayFacts",
+        "doppelgait.radar.readers.dca1000:ChirpConfig",
         "doppelgait.pipeline.pictures:PictureSettings",
     )

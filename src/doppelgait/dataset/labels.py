@@ -22,7 +22,7 @@ from doppelgait.core.files import hash_file
 from doppelgait.dataset.config import SPLITS, parse_gate
 from doppelgait.pipeline.pictures import SETTINGS_NAME, SUFFIXES, find_settings_file, is_picture
 from doppelgait.processing.gate import GateChoice
-from doppelgait.radar.readers.ti_config import find_config
+from doppelgait.radar.readers.dca1000 import find_config
 from doppelgait.radar.xethru.records import META_NAME
 
 PAIRS = (("_RE.txt", "_IM.txt"), (".sigmf-meta", ".sigmf-data"))

@@ -60,9 +60,7 @@ def label_measured(
     notes: Sequence[str] = (),
     attrs: Mapping[str, Any] | None = None,
 ) -> Recording:
-    """Make a recording of measured values.
-    Shapes: values (I, N).
-    """
+    """Make a recording of measured values. Shapes: values (I, N)."""
     check_shape(path, values)
     check_finite(path, values)
     coords = {"slow_time": slow_time_s, "range": range_m}

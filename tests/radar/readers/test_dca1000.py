@@ -11,8 +11,7 @@ import doppelgait as dg
 from beat import approaching, beat, walker
 from doppelgait.core.errors import AnalysisError, RecordingError
 from doppelgait.radar import read_recording
-from doppelgait.radar.readers.dca1000 import read_dca1000, sniff_dca1000
-from doppelgait.radar.readers.ti_config import read_config
+from doppelgait.radar.readers.dca1000 import read_config, read_dca1000, sniff_dca1000
 
 C_MPS = 299_792_458.0
 TABLE = {

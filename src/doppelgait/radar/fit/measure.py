@@ -17,10 +17,12 @@ import numpy.typing as npt
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array, read_axis
 from doppelgait.core.units import db_to_power, power_to_db
-from doppelgait.radar.fit.levels import MAX_LEVERAGE, NEAR_M, ClutterProfile
 from doppelgait.radar.fit.model import BUSY_SHARE, MAX_PHASE_VARIANCE, MIN_BINS, MIN_FRAMES, SensorFit, fit_sensor
-from doppelgait.radar.fit.static import (
+from doppelgait.radar.fit.room import (
     DB_PER_NEPER,
+    MAX_LEVERAGE,
+    NEAR_M,
+    ClutterProfile,
     Estimate,
     compute_factor_variance,
     compute_leverage,
@@ -405,9 +407,7 @@ def _measure_correlation(spectrum: ComplexArray, lags: int = 8) -> tuple[Complex
 
 
 def _measure_over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the noise level over the absolute frequency.
-    It is NaN where there was motion.
-    """
+    """Return the noise level over the absolute frequency. It is NaN where there was motion."""
     size_hz = np.unique(np.abs(f_hz))
     level, sd = np.full(size_hz.size, np.nan), np.full(size_hz.size, np.nan)
     expected = math.log(4.0) / math.log(4.0 / 3.0)
@@ -545,9 +545,7 @@ def _estimate_channel_noise(spectrum: ComplexArray, f_hz: FloatArray, upper: Mas
 
 
 def _estimate_constant(windows: ComplexArray, step_v: float) -> dict[str, Estimate]:
-    """Estimate the constant of a radar with few bins.
-    It is the median of I and the median of Q.
-    """
+    """Estimate the constant of a radar with few bins. It is the median of I and the median of Q."""
 
     def value(chosen: npt.NDArray[np.intp]) -> complex:
         part = windows[chosen].ravel()

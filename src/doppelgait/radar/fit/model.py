@@ -14,20 +14,21 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.units import db_to_power, power_to_db
-from doppelgait.radar.fit.frames import Bursts, FrameFaults, find_bursts, find_frame_faults
-from doppelgait.radar.fit.levels import (
+from doppelgait.radar.fit.room import (
+    Bursts,
     ClutterProfile,
+    Estimate,
+    FrameFaults,
     Leakage,
     NoiseFloor,
-    estimate_leakage,
-    estimate_noise_floor,
-    fit_clutter_profile,
-)
-from doppelgait.radar.fit.static import (
-    Estimate,
     SeriesFit,
     StaticPart,
     compute_factor_variance,
+    estimate_leakage,
+    estimate_noise_floor,
+    find_bursts,
+    find_frame_faults,
+    fit_clutter_profile,
     fit_series,
     fit_static_part,
     level_db,
@@ -127,10 +128,7 @@ class SensorFit:
 
     @property
     def level_of_unit_db(self) -> float | None:
-        """Level of one file unit, dB re 1 V.
-
-        It is None if the radar does not state it.
-        """
+        """Level of one file unit, dB re 1 V. It is None if the radar does not state it."""
         unit = self.radar.volts_per_unit
         return None if unit is None else 20.0 * math.log10(unit)
 
@@ -319,10 +317,7 @@ def list_flags(fit: SensorFit) -> tuple[str, ...]:
 
 
 def estimate_rows(fit: SensorFit) -> list[tuple[str, Estimate, str]]:
-    """Return name, estimate and unit of every fitted scalar.
-
-    They are in the order to print.
-    """
+    """Return name, estimate and unit of every fitted scalar. They are in the order to print."""
     level, unit_db = fit.noise_level_db, fit.level_of_unit_db
     rows = [("noise level", level, "dB re 1 V")]
     if unit_db is not None:
@@ -350,10 +345,7 @@ def estimate_rows(fit: SensorFit) -> list[tuple[str, Estimate, str]]:
 
 
 def sensor_as_dict(fit: SensorFit) -> dict[str, Any]:
-    """Return a fit as JSON values.
-
-    Unknown values are None.
-    """
+    """Return a fit as JSON values. Unknown values are None."""
     unit_db = fit.level_of_unit_db
     return {
         "source": fit.source,

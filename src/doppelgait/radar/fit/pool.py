@@ -1,26 +1,215 @@
 """Pool the measurements of several recordings of one sensor kind.
 
-Every quantity has a mean and a spread between recordings: the variation that the uncertainties of single values do not
-explain.
+Every quantity has a mean and a spread between recordings: the variation that the uncertainties of single
+values do not explain. Gain and noise figure are fitted to the pooled levels.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError
-from doppelgait.radar.fit.gain import fit_gain
+from doppelgait.core.units import db_to_amplitude, power_to_db
 from doppelgait.radar.fit.measure import SLOW_CELLS, SensorMeasurement, measure_recording
-from doppelgait.radar.fit.population import PooledQuantity, pool
-from doppelgait.radar.fit.static import Estimate
+from doppelgait.radar.fit.model import PLAUSIBLE_NOISE_FIGURE_DB
+from doppelgait.radar.fit.room import DB_PER_NEPER, Estimate
+from doppelgait.radar.link import echo_amplitude_v, find_noise_slope, noise_power_v2
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
+
+MIN_FOR_SPREAD = 3
+"""Minimum number of recordings for a spread."""
+LEVEL = 0.95
+MATTERS = 3.0
+"""Minimum distance from 0, in standard deviations, of a fault in the model."""
+
+
+@dataclass(frozen=True)
+class PooledQuantity:
+    """A quantity over several recordings.
+
+    Parameters
+    ----------
+    mean : Estimate
+    spread, low, high : float
+        Standard deviation between recordings without the measurement error, and its 95 % interval; NaN for fewer than
+        three recordings.
+    count : int
+        Number of recordings.
+    """
+
+    mean: Estimate
+    spread: float
+    low: float
+    high: float
+    count: int
+
+    @property
+    def spread_is_known(self) -> bool:
+        """True if recordings differ by more than their uncertainties.
+
+        The significance level is 2.5 %.
+        """
+        return self.count >= MIN_FOR_SPREAD and self.low > 0.0
+
+
+def pool(estimates: Iterable[Estimate]) -> PooledQuantity:
+    r"""Pool estimates of a quantity that differs between recordings.
+
+    Mean and spread :math:`\tau` of :math:`x_k = \mu + \tau u_k + s_k e_k` by Paule and Mandel (J. Res. NBS 87, 1982,
+    377): :math:`Q(\tau^2) = \sum_k (x_k - \mu)^2 / (s_k^2 + \tau^2)` equals K - 1; the limits of :math:`\tau` are where
+    it equals the quantiles of chi squared (Viechtbauer, Stat. Med. 26, 2007, 37). The uncertainty of the mean is that
+    of the weighted mean, or the one from the scatter if that is larger.
+
+    Raises
+    ------
+    AnalysisError
+        If no estimate is finite.
+    """
+    from scipy.optimize import brentq
+    from scipy.stats import chi2
+
+    good = [e for e in estimates if math.isfinite(e.value) and math.isfinite(e.sd)]
+    if not good:
+        raise AnalysisError("nothing to pool: no recording shows this quantity")
+    values, variances = np.array([e.value for e in good]), np.array([max(e.sd, 1e-12) ** 2 for e in good])
+    count = len(good)
+
+    def weighted(between: float) -> tuple[float, float, float]:
+        weights = 1.0 / (variances + between)
+        mean = float(np.sum(weights * values) / np.sum(weights))
+        return mean, float(np.sum(weights * (values - mean) ** 2)), float(np.sum(weights))
+
+    if count < MIN_FOR_SPREAD:
+        mean, scatter, weight = weighted(0.0)
+        inflation = max(scatter / max(count - 1, 1), 1.0)
+        return PooledQuantity(Estimate(mean, math.sqrt(inflation / weight)), math.nan, math.nan, math.nan, count)
+
+    def variance_at(target: float) -> float:
+        if weighted(0.0)[1] <= target:
+            return 0.0
+        most = float(np.var(values)) * count + 1e-30
+        while weighted(most)[1] > target:
+            most *= 10.0
+        return float(brentq(lambda between: weighted(between)[1] - target, 0.0, most, xtol=most * 1e-12))
+
+    between = variance_at(count - 1.0)
+    mean, scatter, weight = weighted(between)
+    low, high = (variance_at(float(chi2.ppf(share, count - 1))) for share in ((1 + LEVEL) / 2, (1 - LEVEL) / 2))
+    sd = math.sqrt(max(scatter / (count - 1), 1.0) / weight)
+    return PooledQuantity(Estimate(mean, sd), math.sqrt(between), math.sqrt(low), math.sqrt(high), count)
+
+
+PERSON_M2 = 0.8
+"""Radar cross section of a person, from which the gain follows by the level of the echoes."""
+
+
+def rescale_radar(radar: Radar, scale_db: float) -> Radar:
+    """Return a radar with volts scaled up.
+    Echoes, noise and the step of a counter are scaled together, so that the SNR does not change.
+    """
+    changes = {"receiver_gain_db": radar.receiver_gain_db + scale_db}
+    if radar.threshold_step_v is not None:
+        changes["threshold_step_v"] = radar.threshold_step_v * float(db_to_amplitude(scale_db))
+    return radar.model_copy(update=changes)
+
+
+def fit_gain(
+    radar: Radar,
+    same: Sequence[SensorMeasurement],
+    pooled: dict[str, PooledQuantity],
+    people_at_m: float | None,
+    *,
+    radar_is_known: bool,
+) -> Radar:
+    """Return a radar with fitted gain and noise figure.
+    The spread of both is added to ``pooled``.
+    """
+    if "noise_level_db" not in pooled:
+        return radar
+    direct = pooled.get("direct_path_db")
+    by_gain = direct is not None and direct.count == len(same) and direct.spread_is_known
+    channels = "noise_iq_gain_db" if is_noise_separate(pooled) else "iq_gain_db"
+    quadrature_db = pooled[channels].mean.value if channels in pooled else 0.0
+    added_db = DB_PER_NEPER * math.log((1.0 + 10.0 ** (quadrature_db / 10.0)) / 2.0)
+    gain_db = 0.0
+    echoes = [m.echo_db for m in same if math.isfinite(m.echo_db)]
+    if people_at_m is not None and echoes:
+        expected_v = float(echo_amplitude_v(radar, range_m=people_at_m, rcs_m2=PERSON_M2))
+        gain_db = float(np.median(echoes)) - 20.0 * math.log10(expected_v)
+
+    def figures() -> PooledQuantity:
+        found = []
+        for one in same:
+            if "noise_level_db" not in one.estimates:
+                continue
+            level = one.estimates["noise_level_db"]
+            own, own_db, own_sd = one.recording.radar, 0.0, 0.0
+            if radar_is_known:
+                own = radar.model_copy(update={"prf_hz": own.prf_hz})
+            if by_gain and direct is not None:
+                own_db = one.estimates["direct_path_db"].value - direct.mean.value
+                own_sd = one.estimates["direct_path_db"].sd
+            own = rescale_radar(own, gain_db)  # units differ in gain, but not in the step of a counter
+            own = own.model_copy(update={"receiver_gain_db": own.receiver_gain_db + own_db})
+            figure = find_noise_figure(own, Estimate(level.value - added_db, level.sd))
+            found.append(Estimate(figure.value, math.hypot(figure.sd, own_sd)))
+        return pool(found)
+
+    figure = figures()
+    low_db, high_db = PLAUSIBLE_NOISE_FIGURE_DB
+    if people_at_m is None and not low_db <= figure.mean.value <= high_db:
+        # such a noise figure is impossible: the scale of the file to volts is unknown, so that the gain is changed
+        plausible_db = max(radar.noise_figure_db, MATTERS * (figure.spread if figure.spread_is_known else 0.0))
+        gain_db = (figure.mean.value - plausible_db) * find_noise_slope(radar)
+        figure = figures()
+    if by_gain and direct is not None:
+        pooled["gain_db"] = direct
+        # no level shows the difference between the mean gain of these units and that of their kind
+        mean = Estimate(figure.mean.value, math.hypot(figure.mean.sd, direct.mean.sd))
+        figure = replace(figure, mean=mean)
+    pooled["noise_figure_db"] = figure
+    limited_db = min(max(figure.mean.value, 0.0), 100.0)
+    fitted = {**rescale_radar(radar, gain_db).model_dump(), "noise_figure_db": limited_db}
+    return validate(Radar, fitted, where=f"the radar fitted to {len(same)} recordings; its values should be in V")
+
+
+def is_noise_separate(pooled: Mapping[str, PooledQuantity]) -> bool:
+    """Return True if noise and echo images differ.
+    They differ in gain or phase of Q relative to I if the noise arises behind the mixer.
+    """
+    for name, least in (("iq_gain_db", 0.5), ("iq_phase_deg", 3.0)):
+        if name not in pooled:
+            return False
+        echo, noise = pooled[name].mean, pooled[f"noise_{name}"].mean
+        if abs(echo.value - noise.value) > max(MATTERS * math.hypot(echo.sd, noise.sd), least):
+            return True
+    return False
+
+
+def find_noise_figure(radar: Radar, level_db: Estimate) -> Estimate:
+    """Return the noise figure for a measured level.
+    It is found by bisection, because the level behind a threshold counter is not proportional to it.
+    """
+    from scipy.optimize import brentq
+
+    def level_at(figure_db: float) -> float:
+        return float(power_to_db(noise_power_v2(radar.model_copy(update={"noise_figure_db": figure_db}))))
+
+    lowest, highest = -1000.0, 1000.0  # the scale of a file may be anything
+    if not level_at(lowest) < level_db.value < level_at(highest):
+        return Estimate(math.nan, math.inf)
+    value = float(brentq(lambda figure_db: level_at(figure_db) - level_db.value, lowest, highest))
+    slope = level_at(value + 0.5) - level_at(value - 0.5)
+    return Estimate(value, level_db.sd / slope)
+
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -295,9 +484,7 @@ def _pool_doppler(
 
 
 def _pool_over_range(spaced: Sequence[SensorMeasurement]) -> tuple[tuple[float, float], ...]:
-    """Return the noise over range, or nothing if it is flat.
-    Bins are averaged in groups.
-    """
+    """Return the noise over range, or nothing if it is flat. Bins are averaged in groups."""
     usable = [m for m in spaced if m.range_db.size]
     if not usable:
         return ()

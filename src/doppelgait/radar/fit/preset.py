@@ -1,4 +1,4 @@
-"""Write a fitted sensor model as a calibrated preset.
+"""Write fitted sensor models as presets: of one sensor, or of a kind of sensors with distributions.
 
 Radar parameters come first, then the impairments that were fitted with them.
 """
@@ -7,17 +7,24 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from typing import Any
 
 from doppelgait.core.config import validate
-from doppelgait.radar.fit.gain import rescale_radar
+from doppelgait.radar.fit.measure import SLOW_CELLS
 from doppelgait.radar.fit.model import PLAUSIBLE_NOISE_FIGURE_DB, SensorFit
-from doppelgait.radar.fit.static import DB_PER_NEPER, Estimate
+from doppelgait.radar.fit.pool import (
+    MATTERS,
+    SHAPE_DB,
+    PooledQuantity,
+    SensorKind,
+    find_mains_harmonic,
+    is_noise_separate,
+    rescale_radar,
+)
+from doppelgait.radar.fit.room import DB_PER_NEPER, Estimate
 from doppelgait.radar.parameters import Radar, find_possible_correlation
-
-SIGNIFICANT = 3.0
-"""Minimum distance from 0, in standard deviations, of a drift, a walk or a constant in the preset."""
 
 
 def calibrate_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
@@ -149,7 +156,7 @@ def _iterate_impairments(fit: SensorFit) -> Iterable[tuple[dict[str, Any], dict[
         {"levels": _format_fitted(fit, sd_db, "dB a knot") + "; holds the direct path too"},
     )
     constant = fit.leakage.constant_v
-    if constant.value > SIGNIFICANT * constant.sd:
+    if constant.value > MATTERS * constant.sd:
         level_db = 2.0 * DB_PER_NEPER * math.log(constant.value)
         sd = 2.0 * DB_PER_NEPER * constant.sd / constant.value
         yield {"kind": "dc_leak", "level_db": round(level_db, 2)}, {"level_db": _format_fitted(fit, sd, "dB")}
@@ -211,7 +218,7 @@ def _make_interference_table(fit: SensorFit) -> tuple[dict[str, Any], dict[str, 
 
 
 def _is_significant(estimate: Estimate) -> bool:
-    return abs(estimate.value) > SIGNIFICANT * estimate.sd
+    return abs(estimate.value) > MATTERS * estimate.sd
 
 
 def _round_digits(value: float) -> float:
@@ -240,3 +247,275 @@ def _format_toml(value: Any) -> str:
     if isinstance(value, list) and value and isinstance(value[0], list):
         return "[\n" + "".join(f"    [{', '.join(_format_toml(cell) for cell in row)}],\n" for row in value) + "]"
     return json.dumps(value, ensure_ascii=False)
+
+
+UNITS = {
+    "noise_level_db": "dB re 1 V",
+    "noise_figure_db": "dB",
+    "gain_db": "dB",
+    "direct_path_db": "dB re 1 V",
+    "white_rad": "rad",
+    "walk_rad_per_sqrt_min": "rad/sqrt(min)",
+    "drift_rad_per_min": "rad/min",
+    "iq_gain_db": "dB",
+    "iq_phase_deg": "deg",
+    "noise_iq_gain_db": "dB",
+    "noise_iq_phase_deg": "deg",
+    "dc_level_db": "dB re 1 V",
+    "dc_i_v": "V",
+    "dc_q_v": "V",
+    "drop_probability": "of all frames",
+}
+"""Unit of each pooled quantity by its name."""
+
+
+MAX_KNOTS = 16
+
+
+def kind_rows(kind: SensorKind) -> list[dict[str, str]]:
+    """Return pooled quantities as rows to print."""
+    named = {**kind.pooled, **{f"clutter at {range_m:.2f} m": level for range_m, level in kind.clutter}}
+    named |= {_name_line(kind, n): line.level_db for n, line in enumerate(kind.lines)}
+    return [
+        {
+            "quantity": name,
+            "mean": f"{p.mean.value:.4g}",
+            "+-": f"{p.mean.sd:.2g}",
+            "spread": "-" if math.isnan(p.spread) else f"{p.spread:.2g}",
+            "95 %": "-" if math.isnan(p.spread) else f"{p.low:.2g} to {p.high:.2g}",
+            "unit": UNITS.get(name, "dB re 1 V"),
+            "from": str(p.count),
+        }
+        for name, p in named.items()
+    ]
+
+
+def _name_line(kind: SensorKind, number: int) -> str:
+    line = kind.lines[number]
+    mains = find_mains_harmonic(line.frequency_hz, kind.radar.prf_hz, max(line.half_width_hz, 0.5))
+    return f"line at {line.frequency_hz:+.4g} Hz" + (f" ({mains}?)" if mains else "")
+
+
+def format_kind_preset(kind: SensorKind) -> str:
+    """Return the text of a preset with distributions.
+
+    A plan draws each distribution once per example.
+
+    Every value has a comment with its source; quantities that the recordings do not show are listed at the top.
+
+    Raises
+    ------
+    ConfigError
+        If the fitted values do not make a radar or an impairment.
+    """
+    from doppelgait.core.draws import replace_by_middle
+    from doppelgait.radar.impairments import make_impairment
+
+    tables = list(_iterate_kind_impairments(kind))
+    for table, _ in tables:
+        make_impairment(replace_by_middle(table))
+    names = ", ".join(m.recording.source or "a recording" for m in kind.recordings[:5])
+    more = len(kind.recordings) - 5
+    lines = [
+        f"# {clean_comment(f'Sensors of a kind, fitted from {len(kind.recordings)} recordings')}: "
+        f"{clean_comment(names)}{f' and {more} more' if more > 0 else ''}.",
+        "# A number after +- is one standard deviation. A distribution is the spread between recordings without",
+        "# the measurement error; a plan draws from it for every example, otherwise its centre is used.",
+        "# Levels are dB re 1 V at the receiver output.",
+        "# Receiver noise arises behind the mixer: the thermal_noise below replaces the noise of the radar."
+        if is_noise_separate(kind.pooled)
+        else "# Receiver noise is in the radar: do not add thermal_noise.",
+        *(f"# Refused: {clean_comment(name)}: {clean_comment(why)}." for name, why in kind.refused.items()),
+        *(f"# Left out: {clean_comment(why)}." for why in kind.left_out),
+        "",
+    ]
+    values = kind.radar.model_dump(mode="json", exclude_none=True)
+    values["name"] = f"{kind.radar.name}, fitted"
+    comments: dict[str, str] = {}
+    if "noise_figure_db" in kind.pooled:
+        figure = kind.pooled["noise_figure_db"]
+        values["noise_figure_db"] = _draw(figure, kind.radar.noise_figure_db)
+        if figure.spread_is_known and figure.mean.value < MATTERS * figure.spread:  # a normal draw would fall below 0
+            values["noise_figure_db"] = _draw(figure, kind.radar.noise_figure_db, lowest=0.0)
+        use = "not used: thermal_noise below" if is_noise_separate(kind.pooled) else "gives the measured noise"
+        comments["noise_figure_db"] = f"{_format_comment(figure, 'dB')}; {use}"
+    if "gain_db" in kind.pooled:
+        gain = kind.pooled["gain_db"]
+        values["receiver_gain_db"] = _draw(gain, kind.radar.receiver_gain_db)
+        comments["receiver_gain_db"] = _format_comment(gain, "dB") + "; the spread is that of the direct path"
+    if kind.correlation and "noise_correlation" in kind.radar.waveform.takes:
+        values["noise_correlation"] = list(find_possible_correlation(kind.correlation))
+        comments["noise_correlation"] = "fitted: between bins 1, 2, ... apart"
+    default = f"as {kind.radar.name}"
+    nested = {name for name, value in values.items() if isinstance(value, dict) and name not in comments}
+    lines += [format_setting(k, v, comments.get(k, default)) for k, v in values.items() if k not in nested]
+    for name in sorted(nested):
+        lines += ["", f"[{name}]", *(format_setting(k, v, default) for k, v in values[name].items())]
+    for table, why in tables:
+        lines += ["", "[[impairments]]", *(format_setting(k, v, why.get(k, "")) for k, v in table.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _draw(pooled: PooledQuantity, middle: float, *, digits: int = 4, lowest: float | None = None) -> Any:
+    """Return a number, or a distribution of known spread.
+    The distribution is normal, or uniform with the same spread if a value must not fall below ``lowest``.
+    """
+    value = round(middle, digits) if lowest is None else float(f"{middle:.4g}")
+    if not pooled.spread_is_known:
+        return value
+    if lowest is None:
+        return {"normal": [value, float(f"{pooled.spread:.3g}")]}
+    half = math.sqrt(3.0) * pooled.spread
+    return {"uniform": [float(f"{max(middle - half, lowest):.4g}"), float(f"{middle + half:.4g}")]}
+
+
+def _format_comment(pooled: PooledQuantity, unit: str) -> str:
+    text = f"fitted from {pooled.count} recordings, mean +-{pooled.mean.sd:.2g} {unit}"
+    if math.isnan(pooled.spread):
+        return f"{text}; too few for a spread"
+    known = "spread" if pooled.spread_is_known else "no spread beyond the uncertainty: 95 %"
+    return f"{text}; {known} {pooled.low:.2g} to {pooled.high:.2g}"
+
+
+def _iterate_kind_impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
+    """Yield impairments in order, with comments."""
+    found = kind.pooled
+    table: dict[str, Any]
+    apart = is_noise_separate(found)
+    if not apart:
+        yield from _iterate_noise(kind)
+    if kind.clutter:
+        levels = [[round(r, 3), _draw(level, level.mean.value, digits=2)] for r, level in kind.clutter]
+        worst = max(level.mean.sd for _, level in kind.clutter)
+        text = f"fitted from up to {max(level.count for _, level in kind.clutter)} recordings, +-{worst:.2g} dB a knot"
+        yield {"kind": "static_clutter", "levels": levels}, {"levels": text + "; holds the direct path too"}
+    if "white_rad" in found:
+        names = {"white_rad": "rad", "walk_rad_per_sqrt_min": "rad/sqrt(min)"}
+        table = {k: _draw(found[k], max(found[k].mean.value, 0.0), lowest=0.0) for k in names}
+        yield {"kind": "phase_noise", **table}, {k: _format_comment(found[k], unit) for k, unit in names.items()}
+    if apart:
+        # echoes pass both, the noise behind the mixer passes the second only: I is unchanged, and both together give
+        # the Q of the echoes
+        g, phi, own_g, own_phi = (
+            10.0 ** (found[name].mean.value / 20.0) if name.endswith("_db") else math.radians(found[name].mean.value)
+            for name in ("iq_gain_db", "iq_phase_deg", "noise_iq_gain_db", "noise_iq_phase_deg")
+        )
+        kept = g * math.cos(phi) / (own_g * math.cos(own_phi))
+        mixed = (g * math.sin(phi) - own_g * math.sin(own_phi)) / (own_g * math.cos(own_phi))
+        gain_db, phase_deg = 20.0 * math.log10(math.hypot(kept, mixed)), math.degrees(math.atan2(mixed, kept))
+        gain, phase = found["iq_gain_db"], found["iq_phase_deg"]
+        table = {"gain_db": _draw(gain, gain_db), "phase_deg": _draw(phase, phase_deg, digits=3)}
+        why = f"; with the next one {gain.mean.value:.2f} dB and {phase.mean.value:.1f} deg"
+        comments = {"gain_db": _format_comment(gain, "dB") + why, "phase_deg": _format_comment(phase, "deg")}
+        yield {"kind": "iq_imbalance", **table}, comments
+        level = found["noise_level_db"]
+        level_db = level.mean.value - DB_PER_NEPER * math.log((1.0 + own_g**2) / 2.0)
+        yield (
+            {"kind": "thermal_noise", "level_db": _draw(level, level_db, digits=2)},
+            {"level_db": _format_comment(level, "dB") + "; replaces the radar's own: it arises behind the mixer"},
+        )
+        yield from _iterate_noise(kind)
+        table = {"gain_db": round(20.0 * math.log10(own_g), 3), "phase_deg": round(math.degrees(own_phi), 2)}
+        yield (
+            {"kind": "iq_imbalance", **table},
+            {"gain_db": _format_comment(found["noise_iq_gain_db"], "dB") + "; of the noise"},
+        )
+    elif "iq_gain_db" in found:
+        gain, phase = found["iq_gain_db"], found["iq_phase_deg"]
+        if any(p.spread_is_known or abs(p.mean.value) > MATTERS * p.mean.sd for p in (gain, phase)):
+            table = {"gain_db": _draw(gain, gain.mean.value), "phase_deg": _draw(phase, phase.mean.value, digits=3)}
+            yield (
+                {"kind": "iq_imbalance", **table},
+                {"gain_db": _format_comment(gain, "dB"), "phase_deg": _format_comment(phase, "deg")},
+            )
+    if (constant := _find_constant(kind)) is not None:
+        yield constant
+    share = found.get("drop_probability")
+    if share is not None and share.mean.value > 0.0:
+        most = 0.9 * kind.run_length / (1.0 + kind.run_length)
+        middle = min(share.mean.value, most)
+        table = {"probability": _draw(share, middle, lowest=0.0), "mean_length": round(max(kind.run_length, 1.0), 3)}
+        yield {"kind": "dropped_frames", **table}, {"probability": _format_comment(share, "of all frames")}
+    if kind.bits:
+        why = "reached" if math.isfinite(kind.full_scale_v) and kind.clipped else "never reached: assumed"
+        table = {"kind": "adc", "bits": kind.bits, "full_scale_v": float(f"{kind.full_scale_v:.6g}")}
+        yield (
+            table,
+            {"bits": "from the steps of the values", "full_scale_v": f"{why}; {100 * kind.clipped:.2g} % clipped"},
+        )
+
+
+def _iterate_noise(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
+    """Yield the impairments that add to the samples, except white noise."""
+    noise_db = kind.pooled["noise_level_db"].mean.value if "noise_level_db" in kind.pooled else math.nan
+    table: dict[str, Any]
+    if math.isfinite(noise_db) and sum(e.value > max(SHAPE_DB, MATTERS * e.sd) for _, e in kind.doppler) >= 2:
+        # power above the white floor
+        table = {"kind": "coloured_noise", "levels": _subtract_level(_make_doppler_knots(kind), noise_db, 0.0)}
+        text = "fitted: noise over the white floor, by Doppler; constant outside, 20 dB below the floor where refused"
+        yield table, {"levels": text}
+    if math.isfinite(noise_db) and kind.range_db:
+        lowest_db = min(level_db for _, level_db in kind.range_db)
+        table = {"kind": "coloured_noise", "levels": [[0.0, round(noise_db, 2)]]}
+        table["range_db"] = _subtract_level(list(kind.range_db), 0.0, lowest_db)
+        yield table, {"range_db": "fitted: noise over its lowest level, by range"}
+    for number, line in enumerate(kind.lines):
+        frequency = {"frequency_hz": round(line.frequency_hz, 3)}
+        table = {"kind": "spur", **frequency, "level_db": _draw(line.level_db, line.level_db.mean.value, digits=2)}
+        yield table, {"frequency_hz": _name_line(kind, number), "level_db": _format_comment(line.level_db, "dB")}
+
+
+def _make_doppler_knots(kind: SensorKind) -> list[tuple[float, float]]:
+    """Return knots of noise over the floor, by Doppler.
+    At refused frequencies it is that floor, 0 dB; an impairment extends its outer knots to both sides.
+    """
+    step_hz, runs = kind.doppler_step_hz, [[kind.doppler[0]]]
+    for before, here in pairwise(kind.doppler):
+        if here[0] - before[0] > 1.5 * step_hz:
+            runs.append([])
+        runs[-1].append(here)
+    thin = math.ceil(len(kind.doppler) / MAX_KNOTS)
+    knots: list[tuple[float, float]] = []
+    for run in runs:
+        if run[0][0] > (SLOW_CELLS + 1.5) * step_hz:
+            knots.append((run[0][0] - step_hz, 0.0))
+        knots += [(f, e.value) for f, e in [*run[:-1:thin], run[-1]]]
+        if run[-1][0] < kind.radar.prf_hz / 2.0 - 1.5 * step_hz:
+            knots.append((run[-1][0] + step_hz, 0.0))
+    return knots
+
+
+def _subtract_level(knots: list[tuple[float, float]], reference_db: float, lowest_db: float) -> list[list[float]]:
+    """Return knots of the power over a lowest level.
+    They are in dB relative to a reference, with a minimum of -20 dB.
+    """
+    excess = [(x, max(10.0 ** (level_db / 10.0) - 10.0 ** (lowest_db / 10.0), 0.01)) for x, level_db in knots]
+    return [[round(x, 4), round(reference_db + DB_PER_NEPER * math.log(power), 2)] for x, power in excess]
+
+
+def _find_constant(kind: SensorKind) -> tuple[dict[str, Any], dict[str, str]] | None:
+    """Return the constant of all bins, if significant."""
+    found = kind.pooled
+    if "dc_level_db" in found and found["dc_level_db"].count > len(kind.recordings) / 2:
+        level = found["dc_level_db"]
+        return {"kind": "dc_leak", "level_db": _draw(level, level.mean.value, digits=2)}, {
+            "level_db": _format_comment(level, "dB")
+        }
+    if "dc_i_v" not in found or found["dc_i_v"].count < len(kind.recordings) / 2:
+        return None
+    in_phase, quadrature = found["dc_i_v"], found["dc_q_v"]
+    size_v = math.hypot(in_phase.mean.value, quadrature.mean.value)
+    spread_v = math.hypot(*(0.0 if math.isnan(p.spread) else p.spread for p in (in_phase, quadrature)))
+    if size_v < MATTERS * math.hypot(in_phase.mean.sd, quadrature.mean.sd) and spread_v == 0.0:
+        return None
+    why = f"fitted: I {in_phase.mean.value:.3g}, Q {quadrature.mean.value:.3g} V, each with the spread {spread_v:.2g} V"
+    if size_v < 2.0 * spread_v:  # without a common phase it is static echoes of the room rather than a constant
+        level_db = 20.0 * math.log10(math.hypot(size_v, spread_v))
+        return {"kind": "dc_leak", "level_db": round(level_db, 2)}, {"level_db": why}
+    size: Any = round(20.0 * math.log10(size_v), 2)
+    phase: Any = round(math.degrees(math.atan2(quadrature.mean.value, in_phase.mean.value)), 2)
+    if in_phase.spread_is_known or quadrature.spread_is_known:
+        share = spread_v / math.sqrt(2.0) / size_v
+        size = {"normal": [size, round(2.0 * DB_PER_NEPER * share, 3)]}
+        phase = {"normal": [phase, round(math.degrees(share), 2)]}
+    return {"kind": "dc_leak", "level_db": size, "phase_deg": phase}, {"level_db": why}

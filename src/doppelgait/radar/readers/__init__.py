@@ -58,7 +58,7 @@ RADAR_WRITERS: Group[Writer] = Group(
     "radar_writer",
     built_in=(
         "doppelgait.radar.recordings",
-        "doppelgait.radar.xethru.export",
+        "doppelgait.radar.xethru.writer",
         "doppelgait.radar.readers.arrays",
         "doppelgait.radar.readers.sigmf",
         "doppelgait.radar.frames",

@@ -65,9 +65,7 @@ class Entry:
     n_delayed: int
 
     def columns(self, number: int) -> slice:
-        """Return the points of a subsweep in a sweep.
-        Subsweeps are consecutive.
-        """
+        """Return the points of a subsweep in a sweep. Subsweeps are consecutive."""
         first = sum(one.num_points for one in self.subsweeps[:number])
         return slice(first, first + self.subsweeps[number].num_points)
 
@@ -175,9 +173,7 @@ def _parse_optional(config: Mapping[str, Any], key: str, most: float) -> float |
 
 
 def _read_ticks(result: Any, n_frames: int) -> npt.NDArray[np.int64]:
-    """Return the times of the frames in ticks.
-    The counter of some boards wraps at 2^32.
-    """
+    """Return the times of the frames in ticks. The counter of some boards wraps at 2^32."""
     if "tick" not in result:
         return np.empty(0, dtype=np.int64)
     ticks = np.asarray(result["tick"][()], dtype=np.int64)

@@ -1,32 +1,266 @@
-"""Samples that a DCA1000 board captured from a TI sensor.
+"""Samples that a DCA1000 board captured from a TI sensor, and the settings of the sensor.
 
-The file contains only 16-bit numbers; a second file has the settings. Their order follows TI's application report
-SWRA581B, "Mmwave Radar Device ADC Raw Data Capture": xWR12xx and xWR14xx send the four receivers in parallel, one lane
-each (I of all, then Q of all; an inactive receiver sends zeros); the other devices send one receiver after the other
-over two lanes, two samples at a time (I, I, Q, Q).
+The file contains only 16-bit numbers. Their order follows TI's application report SWRA581B, "Mmwave Radar
+Device ADC Raw Data Capture": xWR12xx and xWR14xx send the four receivers in parallel, one lane each (I of
+all, then Q of all; an inactive receiver sends zeros); the other devices send one receiver after the other
+over two lanes, two samples at a time (I, I, Q, Q). The settings are a TOML or JSON file with doppelgait's
+keys, or TI's ``.cfg`` text with the commands of the "mmWave SDK User's Guide".
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field, model_validator
 
-from doppelgait.core.errors import RecordingError
+from doppelgait.core.config import FrozenModel, read_toml, validate
+from doppelgait.core.documents import parse_json
+from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.radar.measured import check_number, label_sweeps, make_radar
-from doppelgait.radar.readers.ti_config import (
-    DEVICES,
-    FOUR_LANES,
-    MAX_CONFIG_BYTES,
-    ChirpConfig,
-    find_config,
-    read_config,
-)
 from doppelgait.radar.recording import Recording
+
+MAX_CONFIG_BYTES = 1 << 20
+DEVICES = ("xwr12xx", "xwr14xx", "xwr16xx", "xwr18xx", "xwr64xx", "xwr68xx")
+FOUR_LANES = ("xwr12xx", "xwr14xx")
+"""Devices with one lane per receiver; the others send all receivers over two lanes."""
+OUTPUTS = ("real", "complex1x", "complex2x")
+"""Outputs of the converter, in the order of TI's format numbers."""
+
+
+class ChirpConfig(FrozenModel):
+    """Settings that are needed to read a file of samples.
+
+    Parameters
+    ----------
+    device : str
+        Device family; it determines the order of the samples.
+    output : {"complex1x", "complex2x", "real"}
+        Output of the converter: all frequencies of complex1x are above 0, and half of those of the others.
+    q_first : bool
+        True if the imaginary part is first (TI's sample swap).
+    receivers : tuple of int
+        Active receivers, counted from 0.
+    n_samples : int
+        Samples of a chirp; an even number.
+    sample_rate_hz : float
+        Samples per second within a chirp.
+    start_hz : float
+        Frequency at the start of a chirp.
+    slope_hz_per_s : float
+        Rise of the frequency per second.
+    idle_s : float
+        Idle time before a chirp.
+    adc_start_s : float
+        Time from the start of a chirp to its first sample.
+    ramp_s : float
+        Time from the start of a chirp to its end.
+    chirps_per_loop : int
+        Chirps of a loop, one per transmitter in turn.
+    loops : int
+        Loops of a frame.
+    frames : int
+        Number of frames; 0 for all that the file holds.
+    frame_period_s : float
+        Time from the start of one frame to the start of the next.
+    """
+
+    device: Literal["xwr12xx", "xwr14xx", "xwr16xx", "xwr18xx", "xwr64xx", "xwr68xx"]
+    output: Literal["real", "complex1x", "complex2x"] = "complex1x"
+    q_first: bool = False
+    receivers: tuple[int, ...] = Field(default=(0, 1, 2, 3), min_length=1, max_length=4)
+    n_samples: int = Field(ge=2, le=65_536)
+    sample_rate_hz: float = Field(gt=0, le=1e9)
+    start_hz: float = Field(gt=1e9, lt=1e12)
+    slope_hz_per_s: float = Field(gt=0, le=1e15)
+    idle_s: float = Field(ge=0, le=1)
+    adc_start_s: float = Field(default=0.0, ge=0, le=1)
+    ramp_s: float = Field(gt=0, le=1)
+    chirps_per_loop: int = Field(default=1, ge=1, le=512)
+    loops: int = Field(ge=1, le=65_536)
+    frames: int = Field(default=0, ge=0, le=10_000_000)
+    frame_period_s: float = Field(gt=0, le=60)
+
+    @model_validator(mode="after")
+    def _check_consistency(self) -> Self:
+        if any(not 0 <= one <= 3 for one in self.receivers) or list(self.receivers) != sorted(set(self.receivers)):
+            raise ValueError(f"receivers: {self.receivers} is not allowed; they must be among 0 to 3, rising")
+        if self.n_samples % 2:
+            raise ValueError(f"n_samples: {self.n_samples} is not allowed; it must be even")
+        if self.adc_start_s + self.sweep_s > self.ramp_s * (1 + 1e-9):
+            raise ValueError(
+                f"ramp_s: {self.ramp_s:g} is shorter than adc_start_s and {self.n_samples} samples at "
+                f"{self.sample_rate_hz:g} Hz, {self.adc_start_s + self.sweep_s:.6g} s"
+            )
+        if self.frame_period_s < self.loops * self.loop_s * (1 - 1e-9):
+            raise ValueError(
+                f"frame_period_s: {self.frame_period_s:g} is shorter than {self.loops} loops of "
+                f"{self.chirps_per_loop} chirps, {self.loops * self.loop_s:.6g} s"
+            )
+        return self
+
+    @property
+    def sweep_s(self) -> float:
+        """Sampling time of a chirp."""
+        return self.n_samples / self.sample_rate_hz
+
+    @property
+    def loop_s(self) -> float:
+        """Time between equal chirps of successive loops."""
+        return self.chirps_per_loop * (self.idle_s + self.ramp_s)
+
+
+def find_config(path: Path) -> Path | None:
+    """Return settings next to a sample file, or None.
+    They have its stem and the suffix .toml, .json or .cfg; otherwise they are the only .cfg in its folder.
+    """
+    for suffix in (".toml", ".json", ".cfg"):
+        if (own := path.with_suffix(suffix)).is_file():
+            return own
+    only = sorted(path.parent.glob("*.cfg")) if path.parent.is_dir() else []
+    return only[0] if len(only) == 1 and only[0].is_file() else None
+
+
+def read_config(path: Path, *, device: str | None = None) -> ChirpConfig:
+    """Read the settings of a file of samples."""
+    text, where = "", f"{path}: radar settings"
+    try:
+        if not path.is_file():
+            raise RecordingError(f"{path}: no such file of radar settings")
+        if path.stat().st_size > MAX_CONFIG_BYTES:
+            raise RecordingError(f"{path}: has {path.stat().st_size:,} bytes; radar settings have at most 1 MiB")
+        table: Mapping[str, Any]
+        if path.suffix.lower() == ".toml":
+            table, text = read_toml(path)
+        elif path.suffix.lower() == ".json":
+            table = parse_json(path.read_text(encoding="utf-8"))
+            if not isinstance(table, dict):
+                raise RecordingError(f"{path}: holds no JSON object with the keys of the radar settings")
+        else:
+            table = _parse_commands(path, path.read_text(encoding="utf-8", errors="replace"))
+        if device is not None:
+            table = {**table, "device": device}
+        if "device" not in table:
+            raise RecordingError(
+                f"{path}: does not state the device; give the option device, one of {', '.join(DEVICES)}"
+            )
+        return validate(ChirpConfig, table, where=where, text=text)
+    except ConfigError as error:
+        raise RecordingError(str(error)) from None
+    except ValueError as error:
+        raise RecordingError(f"{path}: is no JSON: {error}") from None
+
+
+Commands = dict[str, list[tuple[int, list[float]]]]
+"""Type of the commands of a file: lists of line number and values, by name."""
+
+NUMBER_OF_VALUES = {"channelCfg": 3, "adcCfg": 2, "profileCfg": 14, "chirpCfg": 8, "frameCfg": 7}
+CHANGES = {3: "start frequency", 4: "slope", 5: "idle time", 6: "start of sampling"}
+"""Positions of the values in a chirpCfg that change a chirp relative to its profile."""
+
+
+def _is_swapped(path: Path, numbers: list[float], device: str) -> bool:
+    """Return whether Q comes before I by adcbufCfg.
+    Newer lines have a subframe as first value, those of older kits have none.
+    """
+    if not numbers:
+        return False
+    if len(numbers) not in (4, 5):
+        raise RecordingError(f"{path}: adcbufCfg has {len(numbers)} numbers; 5 are read, or 4 without the subframe")
+    _, swap, interleave, _ = numbers[-4:]
+    if interleave == 0 and device and device not in FOUR_LANES:
+        raise RecordingError(
+            f"{path}: adcbufCfg: receivers that alternate are not allowed for {device}; its samples come receiver by "
+            "receiver (1)"
+        )
+    return swap == 1
+
+
+def _find_profile(path: Path, commands: Commands, first: int, last: int) -> list[float]:
+    """Return the common profile of the chirps of a frame."""
+    if not 0 <= first <= last <= 511:
+        raise RecordingError(f"{path}: frameCfg: chirps {first} to {last} are not allowed; they are 0 to 511, rising")
+    chirps: dict[int, tuple[int, list[float]]] = {}
+    for number, values in commands["chirpCfg"]:
+        if not 0 <= values[0] <= values[1] <= 511:
+            raise RecordingError(f"{path}: line {number}, chirpCfg: chirps must be 0 to 511, rising")
+        chirps |= dict.fromkeys(range(int(values[0]), int(values[1]) + 1), (number, values))
+    used = [chirps[number] for number in range(first, last + 1) if number in chirps]
+    profiles = {int(values[2]) for _, values in used}
+    if len(used) != last - first + 1 or len(profiles) != 1:
+        raise RecordingError(
+            f"{path}: frameCfg: takes chirps {first} to {last}, of which each needs a chirpCfg and all the same profile"
+        )
+    for number, values in used:
+        if changed := [name for place, name in CHANGES.items() if values[place]]:
+            raise RecordingError(
+                f"{path}: line {number}, chirpCfg: changes {', '.join(changed)} of the profile; only equal "
+                "chirps are read"
+            )
+    found = [values for _, values in commands["profileCfg"] if int(values[0]) in profiles]
+    if len(found) != 1:
+        raise RecordingError(f"{path}: has {len(found)} profileCfg of number {profiles.pop()}; one is needed")
+    return found[0]
+
+
+def _parse_commands(path: Path, text: str) -> dict[str, Any]:
+    """Translate TI's commands to the keys of :class:`ChirpConfig`."""
+    commands: Commands = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split("%")[0].split()
+        if not words or words[0] not in (*NUMBER_OF_VALUES, "adcbufCfg"):
+            continue
+        try:
+            values = [float(word) for word in words[1:]]
+        except ValueError:
+            raise RecordingError(f"{path}: line {number}, {words[0]}: holds a word that is no number") from None
+        count = NUMBER_OF_VALUES.get(words[0], len(values))
+        if len(values) != count or not all(abs(value) < 1e12 for value in values):
+            raise RecordingError(
+                f"{path}: line {number}, {words[0]}: has {len(values)} numbers; it must have {count}, below 1e12"
+            )
+        commands.setdefault(words[0], []).append((number, values))
+    if missing := [name for name in NUMBER_OF_VALUES if name not in commands]:
+        raise RecordingError(f"{path}: lacks the command {', '.join(missing)}")
+
+    def only(name: str) -> list[float]:
+        if len(commands[name]) > 1:
+            lines = ", ".join(str(number) for number, _ in commands[name])
+            raise RecordingError(f"{path}: has {name} in lines {lines}; one is read")
+        return commands[name][0][1]
+
+    frame, channel, adc = only("frameCfg"), only("channelCfg"), only("adcCfg")
+    first, last = int(frame[0]), int(frame[1])
+    profile = _find_profile(path, commands, first, last)
+    if adc[1] not in (0, 1, 2):
+        raise RecordingError(f"{path}: adcCfg: output format {adc[1]:g} is not allowed; 0 (real), 1 or 2 (complex)")
+    mask = int(channel[0])
+    platform = re.search(r"platform\s*+:?+\s*+(xwr\d\dxx)", text, re.IGNORECASE)
+    device = platform[1].lower() if platform else ""
+    return {
+        **({"device": device} if device else {}),
+        "output": OUTPUTS[int(adc[1])],
+        "q_first": _is_swapped(path, commands.get("adcbufCfg", [(0, [])])[0][1], device),
+        "receivers": [bit for bit in range(4) if mask >> bit & 1],
+        "n_samples": profile[9],
+        "sample_rate_hz": profile[10] * 1e3,
+        "start_hz": profile[1] * 1e9,
+        "slope_hz_per_s": profile[7] * 1e12,
+        "idle_s": profile[2] * 1e-6,
+        "adc_start_s": profile[3] * 1e-6,
+        "ramp_s": profile[4] * 1e-6,
+        "chirps_per_loop": last - first + 1,
+        "loops": frame[2],
+        "frames": frame[3],
+        "frame_period_s": frame[4] * 1e-3,
+    }
+
 
 VOLTS_PER_CODE = 1.0 / 2**15
 PAUSE = 0.01

@@ -53,9 +53,7 @@ class Variable:
 
 
 def list_variables(path: Path, *, max_bytes: int) -> dict[str, Variable]:
-    """List the variables of a file by name.
-    The file is read, but no variable is unpacked.
-    """
+    """List the variables of a file by name. The file is read, but no variable is unpacked."""
     if path.stat().st_size > max_bytes:
         raise ValueError(f"the file has {path.stat().st_size:,} bytes; up to {max_bytes:,} are read")
     content = memoryview(path.read_bytes())
@@ -206,9 +204,7 @@ def read_matlab(
     bin_spacing_m: float | None = None,
     filter: Literal["hamming", "chip"] = "hamming",
 ) -> Recording:
-    """Read X4 RF frames of a MATLAB file.
-    Versions 5, 7 and 7.3 are read (E-17).
-    """
+    """Read X4 RF frames of a MATLAB file. Versions 5, 7 and 7.3 are read (E-17)."""
     content = _load(path, matrix)
     frames = content[MATRIX]
     rate_hz = _find_fact(path, content, "actual_fps", prf_hz, "prf_hz")
@@ -296,9 +292,7 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
 
 
 def _check_facts(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> None:
-    """Check that facts are numbers and axes are short.
-    This is done before they are loaded.
-    """
+    """Check that facts are numbers and axes are short. This is done before they are loaded."""
     for fact in (name for name in FACTS if name in shapes):
         size, most = math.prod(shapes[fact]), MAX_BINS if fact in AXES else 1
         if not 1 <= size <= most:

@@ -73,9 +73,7 @@ class Meta:
 
 
 def pack_meta(meta: Meta) -> bytes:
-    """Return the bytes of a meta file.
-    :func:`parse_meta` reads them.
-    """
+    """Return the bytes of a meta file. :func:`parse_meta` reads them."""
     session = meta.session_id.encode("utf-8") + b"\0"
     time_ms = meta.duration_ms if meta.trailer_ms is None else meta.trailer_ms
     trailer = TRAILER_HEAD.pack(time_ms, TRAILER, len(meta.file_names)) + b"".join(
@@ -312,9 +310,7 @@ def find_data_type_by_file(file_name: str) -> DataType | None:
 
 @lru_cache(maxsize=4096)
 def record_dtype(kind: DataType, *, count: int) -> np.dtype[np.void]:
-    """Return the structured type of a record.
-    Each of its arrays has ``count`` values.
-    """
+    """Return the structured type of a record. Each of its arrays has ``count`` values."""
     if not kind.header:
         raise RecordingError(f"records of the XeThru data type {kind.name} have no known layout; read its bytes")
     return np.dtype([*kind.header, *((name, code, (count,)) for name, code in kind.payload)])

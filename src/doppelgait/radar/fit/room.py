@@ -1,0 +1,438 @@
+"""Parts of an empty room's recording: static echoes and their common factor, faulty frames, noise and clutter.
+
+Phase and gain are fitted as drift, random walk and jitter. Every fitted value is an :class:`Estimate`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+DB_PER_NEPER = 10.0 / math.log(10.0)
+"""Decibels of a power ratio per unit of its natural logarithm."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted value with its uncertainty.
+
+    Parameters
+    ----------
+    value : float
+        Value in the unit of its field or row name.
+    sd : float
+        Standard uncertainty (one standard deviation) in the same unit; inf if the recording does not show the value.
+    """
+
+    value: float
+    sd: float
+
+    def scale(self, factor: float) -> Estimate:
+        """Return the estimate in another unit."""
+        return Estimate(self.value * factor, self.sd * abs(factor))
+
+
+def level_db(power: Estimate) -> Estimate:
+    """Return the level 10 log10 of a power, with uncertainty."""
+    if not power.value > 0:
+        return Estimate(-math.inf, math.inf)
+    return Estimate(10.0 * math.log10(power.value), DB_PER_NEPER * power.sd / power.value)
+
+
+def take_root(power: float, sd: float) -> Estimate:
+    """Return the square root of a variance that may be negative."""
+    value = math.sqrt(max(power, 0.0))
+    return Estimate(value, math.sqrt(value * value + sd) - value)
+
+
+ComplexArray = npt.NDArray[np.complex128]
+FloatArray = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class StaticPart:
+    """Rank-one model y = z c + rest of a room.
+    Shapes: echo_v (N,); reference_v (N,); factor (I,); rest_v (I, N).
+    """
+
+    echo_v: ComplexArray
+    reference_v: ComplexArray
+    factor: ComplexArray
+    rest_v: ComplexArray
+
+
+def fit_static_part(samples_v: ComplexArray, *, bins: Mask | None = None) -> StaticPart:
+    """Fit static echo and common factor by least squares.
+    The factor is the eigenvector of the largest eigenvalue of the bins' covariance, followed by one average.
+    """
+    from scipy.linalg import eigh
+
+    chosen = np.ones(samples_v.shape[1], dtype=bool) if bins is None else bins
+    part = samples_v[:, chosen]
+    last = part.shape[1] - 1
+    shape = eigh(part.conj().T @ part, subset_by_index=(last, last))[1][:, 0].conj()
+    shares = part @ shape.conj()
+    turn = np.exp(1j * (np.angle(np.sum(shares)) - np.angle(shares)))  # phases are relative to the mean frame
+    echo = np.mean(samples_v * turn[:, None], axis=0)
+    reference = np.where(chosen, echo, 0.0)
+    energy = _compute_energy(reference)
+    factor = samples_v @ reference.conj() / energy if energy > 0 else np.ones(len(samples_v), dtype=complex)
+    return StaticPart(echo, reference, factor, samples_v - factor[:, None] * echo)
+
+
+def split_still_part(samples_v: ComplexArray) -> StaticPart:
+    """Split samples into time mean and residual.
+    This is for echoes that are too weak to show a common phase.
+    """
+    echo = np.mean(samples_v, axis=0)
+    return StaticPart(echo, np.zeros_like(echo), np.ones(len(samples_v), dtype=complex), samples_v - echo)
+
+
+def _compute_energy(values_v: ComplexArray) -> float:
+    return float(np.sum(np.abs(values_v) ** 2))
+
+
+def multiply_correlation(values_v: ComplexArray, correlation: ComplexArray) -> ComplexArray:
+    """Multiply the noise correlation matrix by a vector.
+    The matrix R is Toeplitz with the lags 0, 1, ... (rho_l = E w_n+l w_n*); the result is R a.
+    """
+    both = np.concatenate([correlation[:0:-1].conj(), correlation])
+    summed = np.convolve(values_v, both, mode="full")
+    first = len(correlation) - 1
+    return np.asarray(summed[first : first + values_v.size])
+
+
+def compute_leverage(static: StaticPart, correlation: ComplexArray) -> FloatArray:
+    """Return each bin's noise share lost with the common factor. The result has the shape (N,)."""
+    echo, reference = static.echo_v, static.reference_v
+    energy = _compute_energy(reference)
+    if not energy > 0:
+        return np.zeros(echo.size)
+    summed = multiply_correlation(reference, correlation)
+    whole = float(np.real(np.vdot(reference, summed)))
+    share = 2.0 * np.real(echo.conj() * summed) / energy - np.abs(echo) ** 2 * whole / energy**2
+    return np.asarray(share, dtype=np.float64)
+
+
+def compute_factor_variance(static: StaticPart, correlation: ComplexArray, *, noise_power_v2: float) -> float:
+    """Return the variance that noise adds to the common factor.
+    The phase (rad^2) and the relative gain of a frame both have this variance: a^H R a sigma^2 / (2 S^2).
+    """
+    reference = static.reference_v
+    energy = _compute_energy(reference)
+    if not energy > 0:
+        return float("inf")
+    whole = float(np.real(np.vdot(reference, multiply_correlation(reference, correlation))))
+    return whole * noise_power_v2 / (2.0 * energy**2)
+
+
+SMALLEST_SHARE = 1e-9
+"""Minimum variance of a component relative to that of the differences."""
+NEAR_BOUND = 1.0
+"""Distance from this bound, in natural logarithms, that counts as at the bound."""
+
+
+@dataclass(frozen=True)
+class SeriesFit:
+    """Drift, random walk and white jitter of a series. The unit of the series is written as u."""
+
+    drift_per_s: Estimate
+    walk_per_root_s: Estimate
+    white: Estimate
+
+
+def fit_series(values: FloatArray, *, time_s: FloatArray, measurement_variance: float = 0.0) -> SeriesFit:
+    """Fit drift, random walk and white jitter to a series.
+    The differences of x have the covariance q dt I + s^2 T, where T is tridiagonal with 2 and -1. The restricted
+    likelihood is used, which allows for the fitted drift (Patterson and Thompson, Biometrika 58, 1971, 545).
+    """
+    from scipy.fft import dst
+    from scipy.optimize import minimize
+
+    steps_s = np.diff(time_s)
+    rows = np.arange(1, steps_s.size + 1)
+    white_shape = 2.0 - 2.0 * np.cos(np.pi * rows / (steps_s.size + 1))
+    differences, ramp = (dst(x, type=1, norm="ortho") for x in (np.diff(values), steps_s))
+    scale = float(np.var(np.diff(values)))
+    if not scale > 0:
+        slope = float((values[-1] - values[0]) / (time_s[-1] - time_s[0]))
+        return SeriesFit(Estimate(slope, 0.0), Estimate(0.0, 0.0), Estimate(0.0, 0.0))
+
+    def slope_of(variance: FloatArray) -> float:
+        return float(np.sum(ramp * differences / variance) / np.sum(ramp**2 / variance))
+
+    def cost(logarithms: FloatArray) -> float:
+        variance = scale * (np.exp(logarithms[0]) + np.exp(logarithms[1]) * white_shape)
+        misfit = np.sum(np.log(variance) + (differences - slope_of(variance) * ramp) ** 2 / variance)
+        return float(0.5 * (misfit + np.log(np.sum(ramp**2 / variance))))
+
+    bounds = [(np.log(SMALLEST_SHARE), np.log(10.0))] * 2
+    starts = (np.log([0.01, 0.5]), np.log([0.9, 0.01]), np.log([1e-6, 0.5]))
+    best = min(
+        (minimize(cost, start, bounds=bounds, method="L-BFGS-B") for start in starts), key=lambda found: found.fun
+    )
+    parts = scale * np.where(best.x <= bounds[0][0] + NEAR_BOUND, 0.0, np.exp(best.x))
+    variance = scale * (np.exp(best.x[0]) + np.exp(best.x[1]) * white_shape)
+    sd_walk, sd_white = _compute_fisher_sd(variance, white_shape)
+    # at the upper end of the interval: the uncertainty of a walk that is estimated too low would be too small
+    sd_walk, _ = _compute_fisher_sd(variance + sd_walk, white_shape)
+    drift = Estimate(slope_of(variance), float(1.0 / np.sqrt(np.sum(ramp**2 / variance))))
+    step_s = float(np.mean(steps_s))
+    return SeriesFit(
+        drift,
+        take_root(parts[0] / step_s, sd_walk / step_s),
+        take_root(float(parts[1]) - measurement_variance, sd_white),
+    )
+
+
+def _compute_fisher_sd(variance: FloatArray, white_shape: FloatArray) -> tuple[float, float]:
+    shapes = np.stack([np.ones_like(white_shape), white_shape]) / variance
+    spread = np.sqrt(np.diag(np.linalg.inv(0.5 * shapes @ shapes.T)))
+    return float(spread[0]), float(spread[1])
+
+
+MEDIAN_FRAMES = 9
+"""Length of the running median, frames; bursts of up to four frames stand out of it."""
+FALSE_ALARMS = 1e-3
+"""Expected number of noise cells above the threshold in a whole recording."""
+BUSY_SHARE = 0.03
+"""Share of frames above the threshold from which a bin has a target."""
+
+
+@dataclass(frozen=True)
+class FrameFaults:
+    """Faulty frames of a recording. Shapes: dropped (I,)."""
+
+    dropped: Mask
+    blank: int
+    lost: int
+    probability: Estimate
+    mean_length: float
+
+
+def find_frame_faults(samples_v: ComplexArray, *, slow_time_s: FloatArray) -> FrameFaults:
+    """Find dropped and lost frames.
+    A dropped frame repeats exactly or is zero (noise never repeats); a lost frame is a gap of the time axis.
+    """
+    blank = ~samples_v.any(axis=1)
+    repeated = np.concatenate([[False], (samples_v[1:] == samples_v[:-1]).all(axis=1)])
+    dropped = blank | repeated
+    steps = np.diff(slow_time_s)
+    lost = int(np.sum(np.maximum(np.round(steps / np.median(steps)) - 1, 0)))
+    runs = int(np.sum(dropped & ~np.concatenate([[False], dropped[:-1]])))
+    length = float(dropped.sum() / runs) if runs else 0.0
+    total, faulty = len(samples_v) + lost, int(dropped.sum()) + lost
+    share = (faulty + 1) / (total + 2)
+    sd = math.sqrt(share * (1 - share) / total * max(length, 1.0))
+    return FrameFaults(dropped, int(blank.sum()), lost, Estimate(faulty / total, sd), length)
+
+
+@dataclass(frozen=True)
+class Bursts:
+    """Interference in an otherwise good recording. Shapes: frames (I,)."""
+
+    frames: Mask
+    level_db: float
+    mean_length: float
+    share: float
+
+
+def find_bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> Bursts:
+    """Find frames with interference.
+    Such frames have cells far above the noise after a running median has removed slow motion.
+    """
+    nothing = np.zeros(len(rest_v), dtype=bool)
+    if not noise_power_v2 > 0 or not quiet.any():
+        return Bursts(nothing, math.nan, 0.0, 0.0)
+    rest = rest_v[:, quiet]
+    power = np.abs(rest - _compute_running_median(rest.real) - 1j * _compute_running_median(rest.imag)) ** 2
+    floor = np.maximum(np.median(power, axis=0) / math.log(2.0), noise_power_v2)
+    hit: Mask = np.asarray(power > floor * math.log(power.size / FALSE_ALARMS))
+    hit[: MEDIAN_FRAMES // 2] = hit[len(hit) - MEDIAN_FRAMES // 2 :] = False
+    hit &= hit.mean(axis=0) <= BUSY_SHARE
+    frames: Mask = np.asarray(hit.any(axis=1))
+    if not frames.any():
+        return Bursts(nothing, math.nan, 0.0, 0.0)
+    runs = int(np.sum(frames & ~np.concatenate([[False], frames[:-1]])))
+    level = float(10.0 * np.log10(np.mean(power[hit])))
+    return Bursts(frames, level, float(frames.sum() / runs), float(hit[frames].mean()))
+
+
+def _compute_running_median(values: FloatArray) -> FloatArray:
+    """Return the running median of nine frames per bin.
+    The first and last frame are repeated beyond the ends.
+    """
+    half = MEDIAN_FRAMES // 2
+    padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_FRAMES, axis=0)
+    return np.asarray(np.partition(windows, half, axis=-1)[..., half])
+
+
+LAGS = 8
+"""Maximum lag of the noise correlation, bins; on-chip filters extend over two or three."""
+MAX_LEVERAGE = 0.5
+"""Maximum share of a bin's noise in the common factor; bins above it are not used."""
+MEDIAN_SPREAD = 1.2533
+"""Ratio of the standard deviations of a median and a mean of Gaussian values, sqrt(pi / 2)."""
+FLAT_DB = 1.0
+"""Maximum change of a flat noise floor over the frame, dB."""
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """Noise of an empty room. Shapes: by_bin_v2 (N,); correlation (L,)."""
+
+    power_v2: Estimate
+    by_bin_v2: FloatArray
+    slope_db_per_m: Estimate
+    flat: bool
+    correlation: ComplexArray
+    independent_bins: float
+
+
+def estimate_noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFloor:
+    """Estimate the mean square of the noise.
+    The estimate uses frame-to-frame differences of the residual after removal of the static part.
+    """
+    from scipy.stats import gamma
+
+    steps = np.diff(static.rest_v, axis=0)
+    correlation = estimate_bin_correlation(steps)
+    taken = compute_leverage(static, correlation)
+    by_bin = np.mean(np.abs(steps) ** 2, axis=0) / 2.0 / np.maximum(1.0 - taken, 1.0 - MAX_LEVERAGE)
+    by_bin = np.where(taken > MAX_LEVERAGE, np.nan, by_bin)
+    used = by_bin[np.isfinite(by_bin)]
+    weights = np.abs(correlation[1:]) ** 2
+    independent = max(used.size / (1.0 + 2.0 * float(np.sum(weights))), 1.0)
+    degrees = len(steps) / 1.5  # differences of neighbouring frames share one: relative variance 1.5 / n
+    middle = float(np.median(used)) / float(gamma.median(degrees) / degrees)
+    spread = 1.4826 * float(np.median(np.abs(used - np.median(used))))
+    least = float(np.sqrt(1.5 / len(steps))) * middle
+    power = Estimate(middle, MEDIAN_SPREAD * max(spread, least) / float(np.sqrt(independent)))
+    slope, flat = _fit_slope(by_bin, range_m, independent)
+    return NoiseFloor(power, by_bin, slope, flat, correlation, independent)
+
+
+def estimate_bin_correlation(steps: ComplexArray) -> ComplexArray:
+    """Estimate the noise correlation rho_l at a lag of l bins.
+    It is the median over the bins; insignificant values are set to 0.
+    """
+    size = np.sqrt(np.maximum(np.mean(np.abs(steps) ** 2, axis=0), 1e-300))
+    unit = steps / size
+    lags = min(LAGS, steps.shape[1] - 1)
+    rho = np.zeros(lags + 1, dtype=complex)
+    rho[0] = 1.0
+    for lag in range(1, lags + 1):
+        products = np.mean(unit[:, lag:] * unit[:, :-lag].conj(), axis=0)
+        rho[lag] = np.median(products.real) + 1j * np.median(products.imag)
+    chance = 4.0 / np.sqrt(steps.size)
+    first = next((lag for lag in range(1, lags + 1) if abs(rho[lag]) < chance), lags + 1)
+    rho[first:] = 0.0
+    return rho
+
+
+def _fit_slope(by_bin: FloatArray, range_m: FloatArray, independent: float) -> tuple[Estimate, bool]:
+    """Fit the level's slope in dB over range.
+    It is the Theil-Sen slope; its standard deviation follows from the median absolute deviation.
+    """
+    from scipy.stats import theilslopes
+
+    used = np.isfinite(by_bin) & (by_bin > 0)
+    if used.sum() < 3:
+        return Estimate(0.0, float("inf")), True
+    level = DB_PER_NEPER * np.log(by_bin[used])
+    distance = range_m[used]
+    slope, offset = theilslopes(level, distance)[:2]
+    rest = level - slope * distance - offset
+    spread = 1.4826 * float(np.median(np.abs(rest - np.median(rest))))
+    sd = spread / (float(np.std(distance)) * np.sqrt(independent))
+    span = float(distance[-1] - distance[0])
+    return Estimate(float(slope), float(sd)), bool(abs(slope) * span <= max(FLAT_DB, 3.0 * sd * span))
+
+
+MAX_KNOTS = 20
+CELLS_PER_KNOT = 4.0
+"""Independent cells per knot, for an uncertainty of about 2 dB."""
+KNOT_EXPONENT = 1.5
+"""Exponent of the knot spacing; the direct path falls steeply near the radar."""
+
+
+@dataclass(frozen=True)
+class ClutterProfile:
+    """Mean clutter level, linear in dB between knots.
+    Shapes: range_m (M,); level_db (M,); sd_db (M,).
+    """
+
+    range_m: FloatArray
+    level_db: FloatArray
+    sd_db: FloatArray
+
+    def at(self, range_m: npt.ArrayLike) -> FloatArray:
+        """Return the level at a range, dB re 1 V. It is constant beyond the ends."""
+        return np.asarray(np.interp(np.asarray(range_m, dtype=float), self.range_m, self.level_db))
+
+
+def fit_clutter_profile(
+    echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float, resolution_m: float
+) -> ClutterProfile:
+    """Fit the most likely clutter profile to static powers.
+    Each cell is assumed to be complex Gaussian. Shapes: echo_v (N,); range_m (N,).
+    """
+    spacing = float(np.mean(np.diff(range_m)))
+    sigma = resolution_m / (2.0 * math.sqrt(math.log(2.0)))
+    per_cell = max(1.0, sigma * math.sqrt(2.0 * math.pi) / spacing)
+    count = int(np.clip(len(range_m) / per_cell / CELLS_PER_KNOT, 2, MAX_KNOTS))
+    knots = range_m[0] + (range_m[-1] - range_m[0]) * np.linspace(0.0, 1.0, count) ** KNOT_EXPONENT
+    power = np.maximum(np.abs(echo_v) ** 2 - noise_power_v2, 0.1 * noise_power_v2)
+    basis = np.stack([np.interp(range_m, knots, row) for row in np.eye(count)], axis=1)
+    inverse = np.linalg.pinv(basis.T @ basis)
+    # Fisher scoring for exponential powers with log mean basis @ logs; steps are limited, the cost is convex
+    power = np.maximum(power, np.finfo(float).tiny)
+    logs = np.asarray(inverse @ basis.T @ np.log(power), dtype=np.float64) + np.euler_gamma
+    for _ in range(200):
+        ratio = power * np.exp(-np.clip(basis @ logs, -700.0, 700.0))
+        step = np.clip(inverse @ basis.T @ (ratio - 1.0), -1.0, 1.0)
+        logs = logs + step
+        if np.max(np.abs(step)) < 1e-9:
+            break
+    sd = DB_PER_NEPER * np.sqrt(np.diag(inverse) * per_cell)
+    return ClutterProfile(knots, DB_PER_NEPER * logs, sd)
+
+
+@dataclass(frozen=True)
+class Leakage:
+    """Strongest static echo nearby, and a constant over range."""
+
+    range_m: float
+    level_db: Estimate
+    constant_v: Estimate
+
+
+NEAR_M = 1.0
+"""Maximum range, m, of a static echo that counts as leakage from transmitter to receiver."""
+
+
+def estimate_leakage(
+    echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float, per_cell: float = 2.0
+) -> Leakage:
+    """Estimate direct path and constant of the static echo. Shapes: echo_v (N,); range_m (N,)."""
+    near = range_m < NEAR_M
+    level, place = Estimate(-math.inf, math.inf), math.nan
+    if near.any():
+        strongest = int(np.argmax(np.abs(echo_v) * near))
+        power = float(np.abs(echo_v[strongest]) ** 2)
+        place = float(range_m[strongest])
+        if power > 0:
+            level = Estimate(DB_PER_NEPER * math.log(power), 2.0 * DB_PER_NEPER * math.sqrt(noise_power_v2 / 2 / power))
+    far = echo_v[~near] if (~near).sum() >= 4 else echo_v
+    weights = 1.0 / (
+        np.abs(far - np.median(far.real) - 1j * np.median(far.imag)) ** 2
+        + (float(np.median(np.abs(far) ** 2)) + np.finfo(float).tiny)
+    )
+    constant = np.sum(weights * far) / np.sum(weights)
+    scatter = float(np.sqrt(np.sum(weights**2 * np.abs(far - constant) ** 2) * per_cell) / np.sum(weights))
+    return Leakage(place, level, Estimate(float(abs(constant)), scatter))
