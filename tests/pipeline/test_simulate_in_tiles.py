@@ -12,11 +12,6 @@ from doppelgait.pipeline import parse_run, run_simulation
 TILE = 300
 
 
-@pytest.fixture
-def small_tiles(monkeypatch):
-    monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", TILE)
-
-
 def scene(**changes):
     targets = [
         {"label": "human", "motion": {"kind": "human"}, "range_m": 4.0, **changes},
@@ -78,7 +73,8 @@ def test_impairments_of_tiles_are_those_of_the_whole(monkeypatch):
     np.testing.assert_array_equal(make(table).samples.matrix, whole.samples.matrix)
 
 
-def test_only_one_tile_of_a_long_recording_is_computed_at_a_time(tmp_path, small_tiles, monkeypatch):
+def test_only_one_tile_of_a_long_recording_is_computed_at_a_time(tmp_path, monkeypatch):
+    monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", TILE)
     module, sizes = importlib.import_module("doppelgait.pipeline.simulate"), []
     pulses = module._read_pulses
 

@@ -38,7 +38,7 @@ GRAVITY_MPS2 = 9.81
 
 @dataclass(frozen=True)
 class SpeedLaw:
-    """Power law of relative stride length against the dimensionless speed V / sqrt(g l)."""
+    """Power law of stride length against dimensionless speed V / sqrt(g l)."""
 
     exponent: float
     spread: float

@@ -213,7 +213,7 @@ def compute_part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
 
 
 def is_split_by_part(parts: Sequence[str]) -> bool:
-    """Return True if the trunk or the part of every point is known: ``auto`` splits by part."""
+    """Return True if ``auto`` splits by part: trunk or every point is known."""
     return any(part in BODY_CENTRE_PARTS for part in parts) or all(part in PART_WEIGHTS for part in parts)
 
 

@@ -73,7 +73,7 @@ DEFAULT_ISOLATION_DB = 34.0
 
 
 def leakage_v(spec: Leakage, radar: Radar) -> float:
-    """Return the stated level or sqrt(2 Z0 P_t) 10^((G_rx - isolation) / 20), V."""
+    """Return the stated level, V, or sqrt(2 Z0 P_t) 10^((G_rx - isolation)/20)."""
     if spec.level_db is not None:
         return convert_level_to_volt(spec.level_db, radar, in_units=spec.in_units, wanted_by="leakage: level_db")
     loss_db = DEFAULT_ISOLATION_DB if spec.isolation_db is None else spec.isolation_db
