@@ -22,7 +22,23 @@ Arrays = Mapping[str, Array]
 
 
 class Scorer:
-    """Model of one file."""
+    """Model of one file.
+
+    Parameters
+    ----------
+    path : path
+        Model file (``.npz``).
+
+    Attributes
+    ----------
+    classes : list of str
+    features : list of str
+        Names of the features in their order; empty for a model of signatures alone.
+    patch : dict or None
+        Format of the pictures; None for a model of features alone.
+    facts : dict
+        Training data, conditions, thresholds and so on.
+    """
 
     def __init__(self, path: str | Path) -> None:
         with np.load(Path(path), allow_pickle=False) as archive:
@@ -42,7 +58,19 @@ class Scorer:
         self.patch = next((form["patch"] for form, _ in self._members if form["learned"] == "network"), None)
 
     def probability(self, features: npt.ArrayLike | None = None, whole: Sequence[Array | None] | None = None) -> Array:
-        """Return calibrated probabilities for equally frequent classes."""
+        """Return calibrated probabilities for equally frequent classes.
+
+        Parameters
+        ----------
+        features : array_like, shape (n, d), optional
+            In the order of ``features``; NaN for unknown.
+        whole : sequence of ndarray (n_velocity, any) or None, optional
+            Levels of every signature, of :func:`levels`.
+
+        Returns
+        -------
+        ndarray, shape (n, n_classes)
+        """
         table = None if features is None else np.asarray(features, dtype=np.float64)
         answers = [self._member(form, own, table, whole) for form, own in self._members]
         if self._joined:
@@ -54,7 +82,10 @@ class Scorer:
         return np.asarray(np.exp(log_softmax(slope * found + shift)))
 
     def decide(self, probability: Array) -> list[str | None]:
-        """Return a class per row, None below the threshold."""
+        """Return a class per row, None below the threshold.
+
+        doppelgait abstains for more reasons: flags of the analysis, another radar, features unlike the training data.
+        """
         sure = probability.max(axis=1) >= self.facts["abstain_below"]
         return [self.classes[best] if ok else None for best, ok in zip(probability.argmax(axis=1), sure, strict=True)]
 
@@ -158,7 +189,26 @@ def signature(
     hop: int | None = None,
     n_doppler: int | None = None,
 ) -> tuple[Array, float, Array]:
-    """Compute the short-time power of one gate (E-24, E-27)."""
+    """Compute the short-time power of one gate (E-24, E-27).
+
+    Parameters
+    ----------
+    samples : ndarray of complex, shape (n_pulses, n_bins)
+        Range bins of the gate, without static echoes.
+    prf_hz, cpi_s, window_steepness : float
+        Pulse rate, and the model's analysis (``facts["analysis"]``; the defaults are those of doppelgait).
+    taper : ndarray, optional
+        Another window than the Gaussian one.
+    hop, n_doppler : int, optional
+        Number of pulses between columns, and length of the transform.
+
+    Returns
+    -------
+    power : ndarray, shape (n_columns, n_doppler)
+    column_s : float
+        Time from column to column.
+    doppler_hz : ndarray, shape (n_doppler,)
+    """
     if taper is None:
         cpi = 2 * int(cpi_s * prf_hz / 2.0 + 1e-9) + 1
         half = (cpi - 1) / 2.0
@@ -174,7 +224,20 @@ def signature(
 
 def levels(power: Array, patch: Mapping[str, Any], *, column_s: float, velocity_mps: Array) -> Array:
     """Convert signature power to levels, 0 to 1.
-    Shapes: power (n_columns, n_doppler); velocity_mps (n_doppler,); returns (n_velocity, any).
+
+    Parameters
+    ----------
+    power : ndarray, shape (n_columns, n_doppler)
+    patch : dict
+        Of the model.
+    column_s : float
+        Time from column to column.
+    velocity_mps : ndarray, shape (n_doppler,)
+        ``doppler_hz * wavelength_m / 2``, rising; approaching is positive.
+
+    Returns
+    -------
+    ndarray of float32, shape (n_velocity, any)
     """
     rows = np.sort(power.mean(axis=0, dtype=np.float64))
     rows = rows[rows > 0]
