@@ -49,134 +49,66 @@ class Rule:
     needs: str = "simulator"
 
 
+def _name_rule(
+    measure: Measure,
+    what: str,
+    limit: float,
+    unit: str,
+    source: str,
+    waveforms: tuple[str, ...] = theory.WAVEFORMS,
+    needs: str = "simulator",
+) -> Rule:
+    """Make the rule with the name of its function."""
+    return Rule(measure.__name__, what, limit, unit, source, measure, waveforms, needs)
+
+
 RULES = (
-    Rule("radar_equation", "level of an echo", 0.01, "dB", "radar equation, E-14", echo.radar_equation),
-    Rule("phase_linearity", "phase per metre of range", 1e-3, "rad", "-4 pi / lambda, E-13", echo.phase_linearity),
-    Rule(
-        "absolute_phase", "phase of an echo on a bin", 1e-3, "rad", "theta - 4 pi R / lambda, E-18", echo.absolute_phase
+    _name_rule(echo.radar_equation, "level of an echo", 0.01, "dB", "radar equation, E-14"),
+    _name_rule(echo.phase_linearity, "phase per metre of range", 1e-3, "rad", "-4 pi / lambda, E-13"),
+    _name_rule(echo.absolute_phase, "phase of an echo on a bin", 1e-3, "rad", "theta - 4 pi R / lambda, E-18"),
+    _name_rule(echo.path_phase, "turn of an echo by path_phase", 1e-3, "rad", "exp(j phi)"),
+    _name_rule(echo.doppler_sign, "Doppler shift, both signs", 0.1, "%", "+2 v / lambda, E-05"),
+    _name_rule(echo.superposition, "echoes together and one by one", 1e-5, "1", "linearity, E-18"),
+    _name_rule(echo.range_migration, "strongest bin of a crossing target", 0.52, "bins", "E-15, E-18", RANGED),
+    _name_rule(echo.range_profile, "profile within 2 cells", 0.1, "dB", "transform of the spectrum", RANGED),
+    _name_rule(echo.range_doppler_coupling, "range shift of a target", 2.0, "%", "-f_c v T / B", CHIRPED),
+    _name_rule(echo.beat_frequency, "beat of a point target", 0.1, "%", "S 2 R / c - 2 v f_c / c", ("fmcw",), "sweep"),
+    _name_rule(echo.frame_integration, "loss of a moving echo", 0.1, "dB", "sinc(f_d T_i), E-13b", (*PULSED, "cw")),
+    _name_rule(echo.folding, "echoes beyond the next pulse", 1e-4, "1", "R - k c / (2 pulse rate), E-10b", PULSED),
+    _name_rule(receiver.noise_power, "noise in a bin", 0.1, "dB", "2 Z0 k T0 F B G / N, E-18", needs="noise"),
+    _name_rule(
+        receiver.counter_noise, "noise of a threshold sweep", 0.1, "dB", "0.564 s d / n, E-18b", ("impulse",), "noise"
     ),
-    Rule("path_phase", "turn of an echo by path_phase", 1e-3, "rad", "exp(j phi)", echo.path_phase),
-    Rule("doppler_sign", "Doppler shift, both signs", 0.1, "%", "+2 v / lambda, E-05", echo.doppler_sign),
-    Rule("superposition", "echoes together and one by one", 1e-5, "1", "linearity, E-18", echo.superposition),
-    Rule(
-        "range_migration",
-        "strongest bin of a crossing target",
-        0.52,
-        "bins",
-        "E-15, E-18",
-        echo.range_migration,
-        RANGED,
+    _name_rule(
+        receiver.noise_correlation, "noise of bins 1 to 4 apart", 0.02, "1", "the radar's own, E-18c", PULSED, "noise"
     ),
-    Rule("range_profile", "profile within 2 cells", 0.1, "dB", "transform of the spectrum", echo.range_profile, RANGED),
-    Rule(
-        "range_doppler_coupling",
-        "range shift of a target",
-        2.0,
-        "%",
-        "-f_c v T / B",
-        echo.range_doppler_coupling,
-        CHIRPED,
+    _name_rule(receiver.noise_whiteness, "correlation, circularity", 0.02, "1", "0", needs="noise"),
+    _name_rule(receiver.matched_snr, "SNR after matched processing", 0.3, "dB", "E / N0", needs="noise"),
+    _name_rule(equivalence.same_signature, "signature of a walk: 1 - correlation", 0.01, "1", "sum of phasors"),
+    _name_rule(equivalence.same_gait, "speed and step frequency of a walk", 1.0, "%", "sum of phasors"),
+    _name_rule(
+        receiver.quantisation_snr, "SNR of a tone, 8 to 12 bit", 0.5, "dB", "6.02 b + 1.76 - back-off", (), "quantise"
     ),
-    Rule(
-        "beat_frequency",
-        "beat of a point target",
-        0.1,
-        "%",
-        "S 2 R / c - 2 v f_c / c",
-        echo.beat_frequency,
-        ("fmcw",),
-        "sweep",
-    ),
-    Rule(
-        "frame_integration",
-        "loss of a moving echo",
-        0.1,
-        "dB",
-        "sinc(f_d T_i), E-13b",
-        echo.frame_integration,
-        (*PULSED, "cw"),
-    ),
-    Rule("folding", "echoes beyond the next pulse", 1e-4, "1", "R - k c / (2 pulse rate), E-10b", echo.folding, PULSED),
-    Rule("noise_power", "noise in a bin", 0.1, "dB", "2 Z0 k T0 F B G / N, E-18", receiver.noise_power, needs="noise"),
-    Rule(
-        "counter_noise",
-        "noise of a threshold sweep",
-        0.1,
-        "dB",
-        "0.564 s d / n, E-18b",
-        receiver.counter_noise,
-        ("impulse",),
-        "noise",
-    ),
-    Rule(
-        "noise_correlation",
-        "noise of bins 1 to 4 apart",
-        0.02,
-        "1",
-        "the radar's own, E-18c",
-        receiver.noise_correlation,
-        PULSED,
-        "noise",
-    ),
-    Rule("noise_whiteness", "correlation, circularity", 0.02, "1", "0", receiver.noise_whiteness, needs="noise"),
-    Rule("matched_snr", "SNR after matched processing", 0.3, "dB", "E / N0", receiver.matched_snr, needs="noise"),
-    Rule(
-        "same_signature",
-        "signature of a walk: 1 - correlation",
-        0.01,
-        "1",
-        "sum of phasors",
-        equivalence.same_signature,
-    ),
-    Rule("same_gait", "speed and step frequency of a walk", 1.0, "%", "sum of phasors", equivalence.same_gait),
-    Rule(
-        "quantisation_snr",
-        "SNR of a tone, 8 to 12 bit",
-        0.5,
-        "dB",
-        "6.02 b + 1.76 - back-off",
-        receiver.quantisation_snr,
-        (),
-        "quantise",
-    ),
-    Rule(
-        "quantisation_bias",
+    _name_rule(
+        receiver.quantisation_bias,
         "mean error with noise of 0.5 steps",
         0.02,
         "steps",
         "exp(-2 pi^2 s^2) / pi",
-        receiver.quantisation_bias,
         (),
         "quantise",
     ),
-    Rule(
-        "wall_loss",
-        "two-way loss, 3 walls, 3 angles",
-        0.1,
-        "dB",
-        "characteristic matrix of a slab",
-        receiver.wall_loss,
-        (),
-        "wall",
+    _name_rule(
+        receiver.wall_loss, "two-way loss, 3 walls, 3 angles", 0.1, "dB", "characteristic matrix of a slab", (), "wall"
     ),
-    Rule("wall_delay", "further range", 0.1, "mm", "(sqrt(eps' - sin^2) - cos) d", receiver.wall_delay, (), "wall"),
-    Rule(
-        "wall_phase",
-        "turn of the echo",
-        0.01,
-        "rad",
-        "characteristic matrix of a slab",
-        receiver.wall_phase,
-        (),
-        "wall",
-    ),
-    Rule(
-        "two_ray_pattern",
+    _name_rule(receiver.wall_delay, "further range", 0.1, "mm", "(sqrt(eps' - sin^2) - cos) d", (), "wall"),
+    _name_rule(receiver.wall_phase, "turn of the echo", 0.01, "rad", "characteristic matrix of a slab", (), "wall"),
+    _name_rule(
+        receiver.two_ray_pattern,
         "field over a floor",
         0.1,
         "dB",
         "(exp(-jkR) / R + Gamma exp(-jkg) / g)^2",
-        receiver.two_ray_pattern,
         (),
         "two_ray",
     ),

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from doppelgait import viz
 from doppelgait.radar import Radar
-from doppelgait_liland2018.entry import EntryResult, Reading, entry, judge
+from doppelgait_liland2018.entry import EntryResult, Reading, compare_statement, entry, judge
 from doppelgait_liland2018.material import Material, NamedMotion, make_point_table, simulate_slow_time_signal
 from doppelgait_liland2018.measures import (
     average_part_line,
@@ -194,7 +194,7 @@ def make_2_16(material: Material) -> EntryResult:
             "the published curves bring the foot down while it still moves and let it slip in stance",
         ),
         Reading("right ankle, lowest shift", float(ankle_hz.min()), "Hz", note="the report: slightly negative"),
-        Reading("right ankle below zero before its swing (1: yes)", float(ankle_hz.min() < 0), "1", 1.0),
+        compare_statement("right ankle below zero before its swing", ankle_hz.min() < 0),
         Reading(
             "highest shift, at this share of the gait cycle",
             float(time_s[peak] / cycle_s),
@@ -276,11 +276,9 @@ def make_2_13(material: Material) -> EntryResult:
         ),
         Reading("right foot about its straight line (rms)", measure_departure(right_m), "m"),
         Reading("torso about its straight line (rms)", measure_departure(torso_m), "m", note="the report: very little"),
-        Reading(
-            "both feet together swing farthest of all parts (1: yes)",
-            float(max(swings, key=lambda pair: float(np.mean(np.square(swings[pair])))) == "foot"),
-            "1",
-            1.0,
+        compare_statement(
+            "both feet together swing farthest of all parts",
+            max(swings, key=lambda pair: float(np.mean(np.square(swings[pair])))) == "foot",
         ),
     ]
     text = (
@@ -316,7 +314,7 @@ def make_2_14(material: Material) -> EntryResult:
         Reading("torso, rms variation", float(np.std(torso_hz)), "Hz", note="the report: little"),
         Reading("feet, highest", max(feet_hz), "Hz"),
         Reading("all other parts, highest", max(highest_hz.values()), "Hz"),
-        Reading("both feet above every other part (1: yes)", float(min(feet_hz) > max(highest_hz.values())), "1", 1.0),
+        compare_statement("both feet above every other part", min(feet_hz) > max(highest_hz.values())),
     ]
     text = (
         f"the torso keeps near {torso_hz.mean():.0f} Hz (rms {np.std(torso_hz):.0f} Hz) while the feet in their swing "
@@ -456,11 +454,9 @@ def make_2_20(material: Material) -> EntryResult:
         Reading("hind paws, highest shift", max(float(line.max()) for line in paws_hz), "Hz"),
         Reading("trunk, rms variation", variation_hz[0], "Hz", note=_format_relative_note(trunk_hz)),
         Reading("torso of a person, rms variation", variation_hz[1], "Hz", note=_format_relative_note(torso_hz)),
-        Reading(
-            "trunk varies more than a person's torso (1: yes)",
-            float(variation_hz[0] > variation_hz[1]),
-            "1",
-            1.0,
+        compare_statement(
+            "trunk varies more than a person's torso",
+            variation_hz[0] > variation_hz[1],
             note="in Hz, as the figures show it",
         ),
     ]

@@ -13,7 +13,7 @@ from doppelgait.pipeline import simulate
 from doppelgait.radar import Radar, Recording, add_noise, noise_power_v2, synthesise
 from doppelgait.scene import RcsSpec, Scene, Target
 from doppelgait_liland2018.chapter3_frame import compute_spectrum, measure_first_null
-from doppelgait_liland2018.entry import EntryResult, Reading, entry, judge
+from doppelgait_liland2018.entry import EntryResult, Reading, compare_statement, entry, judge
 from doppelgait_liland2018.material import RCS_M2, Material, NamedMotion, make_point_table, simulate_slow_time_signal
 from doppelgait_liland2018.measures import doppler_to_velocity_mps, power_to_db
 from doppelgait_liland2018.style import ACCENT, LINE, make_figure, name_axes, place_legend_below
@@ -68,7 +68,7 @@ def make_3_11(material: Material) -> EntryResult:
     readings = [
         Reading("Doppler shift by the phase steps", measured_hz, "Hz", SHIFT_3_11_HZ, 0.05, fixed=True),
         Reading("periods in 10 frames", periods[10], "1", note="the report: less than one"),
-        Reading("less than one period in 10 frames (1: yes)", float(periods[10] < 1), "1", 1.0),
+        compare_statement("less than one period in 10 frames", periods[10] < 1),
         Reading("periods in 31 frames", periods[CPI_FRAMES], "1", 2.0, 0.5, "the report: about two"),
     ]
     text = f"of 24 Hz 10 frames at 300 Hz hold {periods[10]:.2f} periods, 31 frames {periods[CPI_FRAMES]:.2f}."
@@ -305,7 +305,7 @@ def make_3_14(material: Material) -> EntryResult:
             "dB",
             note=f"R⁻⁴ alone: {_gain_db(centre_m**-4.0, radar.prf_hz):.1f} dB; the points interfere",
         ),
-        Reading("stronger when nearer (1: yes)", float(rises_db > 0), "1", 1.0),
+        compare_statement("stronger when nearer", rises_db > 0),
     ]
     text = (
         f"from {centre_m[0]:.1f} to {centre_m[-1]:.1f} m the echo changes by {rises_db:+.1f} dB. The report's numbers "
@@ -350,7 +350,7 @@ def make_3_15(material: Material) -> EntryResult:
             for name, truth in zip(("first", "second"), recording.truth, strict=True)
         ],
         Reading("echo at the end over that at the start", rises_db, "dB"),
-        Reading("stronger when nearer (1: yes)", float(rises_db > 0), "1", 1.0),
+        compare_statement("stronger when nearer", rises_db > 0),
     ]
     times = "once" if crossings.size == 1 else f"{crossings.size} times"
     text = f"the two sets of lines cross {times}; the echo changes by {rises_db:+.0f} dB to the end."

@@ -13,7 +13,7 @@ from doppelgait.pipeline import Result
 from doppelgait.processing import Analysis, gaussian_window, range_doppler
 from doppelgait.radar import Recording
 from doppelgait_liland2018.drawing import plot_numbered_marks
-from doppelgait_liland2018.entry import EntryResult, Reading, entry, judge, summarise_readings
+from doppelgait_liland2018.entry import EntryResult, Reading, compare_statement, entry, judge, summarise_readings
 from doppelgait_liland2018.material import Material
 from doppelgait_liland2018.measures import (
     column_level_rise_db,
@@ -150,11 +150,9 @@ def make_range_doppler(material: Material) -> EntryResult:
             "the report's moment is not known, hence a mean",
         ),
         Reading("Doppler of the strongest cell in the map shown", torso_hz, "Hz"),
-        Reading(
-            "part of the walker below 0 Hz in the map shown (1: yes)",
-            float(lowest_hz < 0.0),
-            "1",
-            1.0,
+        compare_statement(
+            "part of the walker below 0 Hz in the map shown",
+            lowest_hz < 0.0,
             note="the moment is chosen so",
             fixed=True,
         ),
@@ -286,7 +284,7 @@ def make_normalisation(material: Material) -> EntryResult:
             "dB",
             note=f"the fourth power of the range alone gives {expected_db:.1f} dB",
         ),
-        Reading("stronger on the right before normalisation (1: yes)", float(rise_db > 0.0), "1", 1.0),
+        compare_statement("stronger on the right before normalisation", rise_db > 0.0),
         Reading(
             "the same after normalisation",
             column_level_rise_db(result.normalised_signature),

@@ -9,7 +9,7 @@ from doppelgait.pipeline import Result
 from doppelgait.processing import cadence_map
 from doppelgait_liland2018.chapter4 import TORSO_HZ, TORSO_READ_HZ, walk
 from doppelgait_liland2018.drawing import MAX_CADENCE_HZ, plot_cadence_amplitude, plot_mean_doppler
-from doppelgait_liland2018.entry import EntryResult, Reading, entry, format_judgement, judge
+from doppelgait_liland2018.entry import EntryResult, Reading, compare_statement, entry, format_judgement, judge
 from doppelgait_liland2018.material import THRESHOLD, Material
 from doppelgait_liland2018.measures import HARMONICS, doppler_to_velocity_mps, prominence_db, read_axis
 from doppelgait_liland2018.style import make_axes, make_panels
@@ -70,7 +70,7 @@ def make_step_doppler(material: Material) -> EntryResult:
             "1",
             note="the report: much higher; it gives no number",
         ),
-        Reading("constant part above the step frequency (1: yes)", float(constant.max() > at_step.max()), "1", 1.0),
+        compare_statement("constant part above the step frequency", constant.max() > at_step.max()),
     ]
     return judge(
         figure,

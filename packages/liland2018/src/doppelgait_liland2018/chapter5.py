@@ -15,7 +15,7 @@ from doppelgait.radar import Recording
 from doppelgait_liland2018.chapter4 import ENVELOPE
 from doppelgait_liland2018.chapter4_features import HARMONIC_NAMES, bin_hz, found_hz
 from doppelgait_liland2018.drawing import plot_cadence_amplitude, plot_mean_doppler
-from doppelgait_liland2018.entry import EntryResult, Reading, entry, format_judgement, judge
+from doppelgait_liland2018.entry import EntryResult, Reading, compare_statement, entry, format_judgement, judge
 from doppelgait_liland2018.material import STEEPNESS, THRESHOLD, Material, NamedMotion
 from doppelgait_liland2018.measures import (
     CLEAR_DB,
@@ -218,7 +218,7 @@ def make_signatures(material: Material) -> EntryResult:
 def _compare_speeds(words: str, values: list[float]) -> list[Reading]:
     """Compare values of fast and slow walkers."""
     return [
-        Reading(f"{words}, {kind} (1: yes)", float(values[slow + 1] > values[slow]), "1", 1.0)
+        compare_statement(f"{words}, {kind}", values[slow + 1] > values[slow])
         for kind, slow in (("person", 0), ("walker", 2))
     ]
 
@@ -254,11 +254,8 @@ def make_step_spectra(material: Material) -> EntryResult:
         Reading(f"side lobes between f_m and f_2, {name}", side, "dB") for name, side in zip(NAMES, sides, strict=True)
     ]
     readings += [
-        Reading(
-            f"side lobes of the {NAMES[walker]} below those of the {NAMES[person]} (1: yes)",
-            float(sides[walker] < sides[person]),
-            "1",
-            1.0,
+        compare_statement(
+            f"side lobes of the {NAMES[walker]} below those of the {NAMES[person]}", sides[walker] < sides[person]
         )
         for walker in (2, 3)
         for person in (0, 1)
@@ -269,12 +266,8 @@ def make_step_spectra(material: Material) -> EntryResult:
         level_db = prominence_db(result.cadence_spectrum, recording.truth[0].gait_frequency_hz, harmonic)
         readings += [
             Reading(f"prominence of {words}, {name}", level_db, "dB"),
-            Reading(
-                f"{words} hidden, {name} (1: yes)",
-                float(level_db < CLEAR_DB),
-                "1",
-                1.0,
-                note=f"hidden: stands out by less than {CLEAR_DB:g} dB",
+            compare_statement(
+                f"{words} hidden, {name}", level_db < CLEAR_DB, note=f"hidden: stands out by less than {CLEAR_DB:g} dB"
             ),
         ]
     slow, fast = (results[n][2].truth[0].gait_frequency_hz for n in (2, 3))
@@ -318,11 +311,9 @@ def make_torso_lines(material: Material) -> EntryResult:
         Reading("largest over smallest A_fd", max(heights) / min(heights), "1", note="the report: much the same")
     )
     readings.append(
-        Reading(
-            f"A_fd much the same, within {100 * SAME:.0f} % of each other (1: yes)",
-            float(max(heights) / min(heights) <= 1.0 + SAME),
-            "1",
-            1.0,
+        compare_statement(
+            f"A_fd much the same, within {100 * SAME:.0f} % of each other",
+            max(heights) / min(heights) <= 1.0 + SAME,
             note="the report gives no number for it",
         )
     )

@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from doppelgait.features import FEATURE_UNITS
-from doppelgait_liland2018.entry import EntryResult, Reading, entry, judge
+from doppelgait_liland2018.entry import EntryResult, Reading, compare_statement, entry, judge
 from doppelgait_liland2018.material import RUNS, Material
 from doppelgait_liland2018.scenarios import (
     METHOD_NAMES,
@@ -138,11 +138,9 @@ def make_step_length(material: Material) -> EntryResult:
         ]
         if length_method == METHODS[0]:
             length_readings.append(
-                Reading(
-                    f"most people within {NEAR_M} m of the line, {name} (1: yes)",
-                    float(_count_near_line(length_part) > 0.5),
-                    "1",
-                    1.0,
+                compare_statement(
+                    f"most people within {NEAR_M} m of the line, {name}",
+                    _count_near_line(length_part) > 0.5,
                     note="more than half of them",
                 )
             )
@@ -345,7 +343,7 @@ def _compare_statements(readings: list[Reading], name: str) -> list[Reading]:
         "beta_1 mostly 2": ours[f"beta_1 within {NEAR_RATIO} of 2, {name}"] > 50.0,
         "beta_2 mostly 3": ours[f"beta_2 within {NEAR_RATIO} of 3, {name}"] > 50.0,
     }
-    return [Reading(f"{words}, {name} (1: yes)", float(is_so), "1", 1.0) for words, is_so in said.items()]
+    return [compare_statement(f"{words}, {name}", is_so) for words, is_so in said.items()]
 
 
 def _read_ratio(part: pd.DataFrame, name: str) -> float:

@@ -20,7 +20,7 @@ from doppelgait_liland2018.chapter4 import ENVELOPE
 from doppelgait_liland2018.chapter4_features import bin_hz, found_hz
 from doppelgait_liland2018.chapter5 import format_number
 from doppelgait_liland2018.drawing import plot_cadence_amplitude, plot_mean_doppler
-from doppelgait_liland2018.entry import EntryResult, Reading, entry, judge
+from doppelgait_liland2018.entry import EntryResult, Reading, compare_statement, entry, judge
 from doppelgait_liland2018.material import RCS_M2, RUNS, THRESHOLD, Material, NamedMotion
 from doppelgait_liland2018.measures import (
     doppler_to_velocity_mps,
@@ -228,7 +228,7 @@ def make_aspect(material: Material) -> EntryResult:
         Reading("B_mu across", widths[90.0], "Hz"),
         Reading("B_mu along", widths[0.0], "Hz"),
         Reading("B_mu across over along", widths[90.0] / widths[0.0], "1", note="the report: far smaller envelopes"),
-        Reading("B_mu smaller across than along (1: yes)", float(widths[90.0] < widths[0.0]), "1", 1.0),
+        compare_statement("B_mu smaller across than along", widths[90.0] < widths[0.0]),
     ]
     return judge(
         figure,
@@ -295,7 +295,7 @@ def make_directions(material: Material) -> EntryResult:
             "1",
             note=f"true {sign_changes(recording.truth[0].centre_velocity_mps, STILL_MPS)}",
         ),
-        Reading("main line changes sign (1: yes)", float(changes > 0), "1", 1.0),
+        compare_statement("main line changes sign", changes > 0),
         Reading("f_m of the whole by the report's method", report_hz, "Hz", note=f"true {true_hz:.2f} Hz"),
         Reading("segments of steady motion found by ours", float(len(segments)), "1", note=f"{LEGS} lanes are walked"),
         Reading("segments with a known f_m", float(segments["f_m (Hz)"].notna().sum()), "1"),

@@ -11,6 +11,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
@@ -47,6 +48,11 @@ class Reading:
     def agrees(self) -> bool | None:
         """True within tolerance; None without both numbers."""
         return {"agrees": True, "differs": False}.get(self.kind)
+
+
+def compare_statement(words: str, holds: bool | np.bool_, *, note: str = "", fixed: bool = False) -> Reading:
+    """Compare a statement of the report, without a number, with what is measured."""
+    return Reading(f"{words} (1: yes)", float(holds), "1", 1.0, note=note, fixed=fixed)
 
 
 def summarise_readings(readings: Sequence[Reading]) -> str:
