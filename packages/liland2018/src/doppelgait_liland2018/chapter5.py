@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -77,6 +78,16 @@ def _plot_four_panels(
         speed = f"{travel_speed_mps(body.motion):.1f} m/s"
         panel.set_title(f"({letter}) {name}, {speed}", fontsize=11, loc="left")
     return figure
+
+
+def _plot_four_spectra(material: Material, *, torso: bool = False, **options: Any) -> Figure:
+    """Plot D_1 of the four, with the torso's peak on demand."""
+
+    def draw(axes: Axes, recording: Recording, result: Result) -> None:
+        doppler_hz, peak_hz = read_axis(result.signature, "doppler"), result.torso_doppler_hz if torso else None
+        plot_mean_doppler(axes, result.mean_doppler_spectrum, doppler_hz, peak_hz=peak_hz, **options)
+
+    return _plot_four_panels(material, draw)
 
 
 @entry(
@@ -296,14 +307,8 @@ def make_step_spectra(material: Material) -> EntryResult:
     "f_d is lower for the slow ones; A_fd is much the same for all, which is put down to equal cross sections.",
 )
 def make_torso_lines(material: Material) -> EntryResult:
-
-    def draw(axes: Axes, recording: Recording, result: Result) -> None:
-        plot_mean_doppler(
-            axes, result.mean_doppler_spectrum, read_axis(result.signature, "doppler"), peak_hz=result.torso_doppler_hz
-        )
-
     results = analyze_four(material)
-    figure = _plot_four_panels(material, draw)
+    figure = _plot_four_spectra(material, torso=True)
     readings = [Reading(f"f_d, {name}", format_number(result.torso_doppler_hz), "Hz") for name, _, _, result in results]
     heights = [float(result.quality["torso_amplitude"]) for *_, result in results]
     readings += [Reading(f"A_fd, {name}", height, "1") for name, height in zip(NAMES, heights, strict=True)]
@@ -334,18 +339,8 @@ def make_torso_lines(material: Material) -> EntryResult:
 
 @entry("fig-5.6", "Micro-Doppler bandwidth of the four", "The bandwidth grows with the speed of the target.")
 def make_bandwidths(material: Material) -> EntryResult:
-
-    def draw(axes: Axes, recording: Recording, result: Result) -> None:
-        plot_mean_doppler(
-            axes,
-            result.mean_doppler_spectrum,
-            read_axis(result.signature, "doppler"),
-            threshold=THRESHOLD,
-            normalised=True,
-        )
-
     results = analyze_four(material)
-    figure = _plot_four_panels(material, draw)
+    figure = _plot_four_spectra(material, threshold=THRESHOLD, normalised=True)
     widths = [format_number(result.features.doppler_bandwidth_hz) for *_, result in results]
     readings = []
     for width, (name, _, recording, _) in zip(widths, results, strict=True):

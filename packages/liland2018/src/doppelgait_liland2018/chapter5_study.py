@@ -114,14 +114,14 @@ def make_step_length(material: Material) -> EntryResult:
         panel.set(xlim=(0.0, None), ylim=(0.0, 3.0))
         name_axes(panel, title=f"({letter}) {METHOD_NAMES[method]}", x="torso speed (m/s)", y="step length (m)")
     place_legend_below(figure, axes[0])
-    length_readings = []
+    readings = []
     for length_method in METHODS:
         length_part, name = table[table["method"] == length_method], METHOD_NAMES[length_method]
         people = np.asarray(
             length_part.loc[length_part["label"] == "human", ["torso_velocity_mps", "step_length_m"]].corr()
         )
         long_steps = length_part[length_part["step_length_m"] > LONG_M]
-        length_readings += [
+        readings += [
             Reading(f"slope of the line through the people, {name}", _fit_line(length_part)[0], "s"),
             Reading(f"people within {NEAR_M} m of it, {name}", 100.0 * _count_near_line(length_part), "%"),
             Reading(f"correlation of step length and speed, people, {name}", float(people[0, 1]), "1"),
@@ -137,7 +137,7 @@ def make_step_length(material: Material) -> EntryResult:
             ),
         ]
         if length_method == METHODS[0]:
-            length_readings.append(
+            readings.append(
                 compare_statement(
                     f"most people within {NEAR_M} m of the line, {name}",
                     _count_near_line(length_part) > 0.5,
@@ -146,7 +146,7 @@ def make_step_length(material: Material) -> EntryResult:
             )
         error_mps = (length_part["torso_velocity_mps"] - length_part["true_velocity_mps"].abs()).abs()
         still = int((length_part["torso_velocity_mps"] < SLOW_MPS).sum())
-        length_readings.append(
+        readings.append(
             Reading(
                 f"speeds off by more than {SPEED_OFF_MPS} m/s, {name}",
                 100.0 * float((error_mps > SPEED_OFF_MPS).mean()),
@@ -155,8 +155,7 @@ def make_step_length(material: Material) -> EntryResult:
                 + (f"; {still} near 0, where a standing foot outshines the torso" if still else ""),
             )
         )
-        length_readings += read_wrong_shares(length_part, name)
-    readings = length_readings
+        readings += read_wrong_shares(length_part, name)
     return judge(figure, readings, _describe_lengths(table), table)
 
 
@@ -215,32 +214,16 @@ def read_wrong_shares(part: pd.DataFrame, name: str) -> list[Reading]:
     """Read the shares of wrong step frequencies."""
     part = part[part["true_gait_frequency_hz"].notna()]
     beyond = is_wrong(part, WRONG, bins=1.0)
-    readings = [
-        Reading(
-            f"step frequencies off by more than {100 * WRONG:.0f} %, {name}",
-            100.0 * float(part["wrong"].mean()),
-            "%",
-            note=f"{int(part['wrong'].sum())} of {len(part)}",
-        )
+    percent = f"{100 * WRONG:.0f} %"
+    return [
+        _read_share(f"step frequencies off by more than {percent}, {name}", part["wrong"]),
+        *(_read_share(f"the same, {group}", rows["wrong"]) for group, rows in part.groupby("group", sort=False)),
+        _read_share(f"off by more than {percent} and a bin of 1 / T_o, {name}", beyond),
     ]
-    readings += [
-        Reading(
-            f"the same, {group}",
-            100.0 * float(rows["wrong"].mean()),
-            "%",
-            note=f"{int(rows['wrong'].sum())} of {len(rows)}",
-        )
-        for group, rows in part.groupby("group", sort=False)
-    ]
-    readings.append(
-        Reading(
-            f"off by more than {100 * WRONG:.0f} % and a bin of 1 / T_o, {name}",
-            100.0 * float(beyond.mean()),
-            "%",
-            note=f"{int(beyond.sum())} of {len(part)}",
-        )
-    )
-    return readings
+
+
+def _read_share(words: str, marked: pd.Series) -> Reading:
+    return Reading(words, 100.0 * float(marked.mean()), "%", note=f"{int(marked.sum())} of {len(marked)}")
 
 
 def _describe_lengths(table: pd.DataFrame) -> str:
@@ -266,7 +249,7 @@ def _describe_lengths(table: pd.DataFrame) -> str:
 def make_features(material: Material) -> EntryResult:
     table = make_study_table(material)
     # Every feature against the number of the scenario, the report's method on the left, ours on the right.
-    feature_figure, axes = make_panels(2, len(FEATURE_UNITS), width_in=12.0, height_in=16.0)
+    figure, axes = make_panels(2, len(FEATURE_UNITS), width_in=12.0, height_in=16.0)
     for row, name in enumerate(FEATURE_UNITS):
         for column, method in enumerate(METHODS):
             panel, part = axes[2 * row + column], table[table["method"] == method]
@@ -280,11 +263,10 @@ def make_features(material: Material) -> EntryResult:
             letter = "abcdef"[row]
             title = f"({letter}) {METHOD_NAMES[method]}" if row == 0 else f"({letter})"
             name_axes(panel, title=title, x="scenario number" if row == 5 else "", y=FEATURE_LABELS[name])
-    place_legend_below(feature_figure, axes[0])
-    figure = feature_figure
+    place_legend_below(figure, axes[0])
     separation = tabulate_separation(table, COMPARED, classes=CLASSES)
     separation["method"] = separation["method"].map(METHOD_NAMES)
-    feature_readings = []
+    readings = []
     for feature_method in METHODS:
         feature_part, feature_name = table[table["method"] == feature_method], METHOD_NAMES[feature_method]
         walkers, people = (
@@ -294,7 +276,7 @@ def make_features(material: Material) -> EntryResult:
         rho, width = "limb_torso_ratio", "doppler_bandwidth_hz"
         speeds = walkers["torso_velocity_mps"]
         as_fast = people[people["torso_velocity_mps"].between(speeds.min(), speeds.max())]
-        feature_readings += [
+        readings += [
             Reading(
                 f"rho of the walkers over that of the other people, medians, {feature_name}",
                 float(walkers[rho].median() / people[rho].median()),
@@ -316,9 +298,9 @@ def make_features(material: Material) -> EntryResult:
                 for place, column in ((1, "harmonic_ratio_2"), (2, "harmonic_ratio_3"))
             ),
         ]
-    feature_readings += _compare_statements(feature_readings, METHOD_NAMES[METHODS[0]])
+    readings += _compare_statements(readings, METHOD_NAMES[METHODS[0]])
     for feature_row in separation.to_dict("records"):
-        feature_readings.append(
+        readings.append(
             Reading(
                 f"ROC area of people against dogs by {feature_row['feature']}, {feature_row['method']}",
                 feature_row["roc_area"],
@@ -326,7 +308,6 @@ def make_features(material: Material) -> EntryResult:
                 note=f"Cohen's d {feature_row['cohens_d']:.2f}",
             )
         )
-    readings = feature_readings
     return judge(figure, readings, _describe_features(table, separation), separation)
 
 
