@@ -330,8 +330,10 @@ DOG_PRF_HZ = 1491.0
 CHOSEN = "the speed of the substitute model was set to this value, so that agreement is no evidence"
 
 
-def _format_gait_note(dog: NamedMotion) -> str:
-    return "" if dog.gait == "bound" else f"this dog's gait is a {dog.gait}: left and right do not land together"
+def _compare_paws(words: str, phase_deg: float, dog: NamedMotion) -> Reading:
+    """Compare the phase of two paws with the report's "same phase"."""
+    note = "" if dog.gait == "bound" else f"this dog's gait is a {dog.gait}: left and right do not land together"
+    return Reading(words, phase_deg, "deg", 0.0, TOGETHER_TOLERANCE_DEG, note, not dog.real)
 
 
 @entry(
@@ -352,15 +354,7 @@ def make_2_18(material: Material) -> EntryResult:
     readings = [
         Reading("points of the body", len(dog.motion.markers), "1", note="the report's dog carries 24 markers"),
         *[
-            Reading(
-                f"phase between left and right {pair} paw",
-                phase_deg,
-                "deg",
-                0.0,
-                TOGETHER_TOLERANCE_DEG,
-                _format_gait_note(dog),
-                not dog.real,
-            )
+            _compare_paws(f"phase between left and right {pair} paw", phase_deg, dog)
             for pair, phase_deg in phases_deg.items()
         ],
         Reading("stride frequency", facts.stride_frequency_hz, "Hz"),
@@ -389,15 +383,7 @@ def make_2_19(material: Material) -> EntryResult:
     left_m, right_m = (average_part_line(range_m, f"{side}_hind_paw") for side in ("left", "right"))
     phase = phase_between_deg(left_m, right_m, stride_hz=truth.stride_frequency_hz, rate_hz=DOG_PRF_HZ)
     readings = [
-        Reading(
-            "phase between the hind paws",
-            phase,
-            "deg",
-            0.0,
-            TOGETHER_TOLERANCE_DEG,
-            _format_gait_note(dog),
-            not dog.real,
-        ),
+        _compare_paws("phase between the hind paws", phase, dog),
         Reading(
             "trunk nearer to the radar than the hind paws, mean",
             float((left_m - trunk_m).mean()),

@@ -11,11 +11,12 @@ from scipy.signal import find_peaks
 from doppelgait import Streams, viz
 from doppelgait.pipeline import simulate
 from doppelgait.radar import Radar, Recording, add_noise, noise_power_v2, synthesise
-from doppelgait.scene import RcsSpec, Scene, Target
+from doppelgait.scene import Scene
 from doppelgait_liland2018.chapter3_frame import compute_spectrum, measure_first_null
 from doppelgait_liland2018.entry import EntryResult, Reading, compare_statement, entry, judge
-from doppelgait_liland2018.material import RCS_M2, Material, NamedMotion, make_point_table, simulate_slow_time_signal
-from doppelgait_liland2018.measures import doppler_to_velocity_mps, power_to_db
+from doppelgait_liland2018.material import Material, make_point_table, make_target, simulate_slow_time_signal
+from doppelgait_liland2018.measures import doppler_to_velocity_mps, power_to_db, travel_speed_mps
+from doppelgait_liland2018.scenarios import RCS_M2
 from doppelgait_liland2018.style import ACCENT, LINE, make_figure, name_axes, place_legend_below
 
 FloatArray = npt.NDArray[np.float64]
@@ -264,13 +265,7 @@ def make_3_14(material: Material) -> EntryResult:
     dog = material.find_galloping_dog()
     seconds = min(SECONDS_3_14, dog.seconds)
     radar = material.radar(prf_hz=PRF_3_14_HZ, range_start_m=6.5, range_stop_m=14.8)
-    target = Target(
-        dog.motion,
-        label="dog",
-        rcs=RcsSpec(kind="equal", total_m2=RCS_M2["dog"]),
-        start_position_m=(START_M_3_14, 0.0),
-        heading_deg=180.0,
-    )
+    target = make_target(dog, start_position_m=(START_M_3_14, 0.0), heading_deg=180.0)
     recording = simulate(Scene([target], duration_s=seconds), radar, angles=False)
     power = (np.abs(recording.baseband.values) ** 2).sum(axis=1)
     centre_m = recording.truth[0].centre_range_m
@@ -322,18 +317,12 @@ def make_3_14(material: Material) -> EntryResult:
 )
 def make_3_15(material: Material) -> EntryResult:
     first = material.person()
-    speed_mps = _speed_mps(first)
+    speed_mps = travel_speed_mps(first.motion)
     others = [one for one in material.make_walkers() if one.name != first.name and one.seconds >= 2.0] or [first]
-    second = material.use(max(others, key=lambda one: abs(_speed_mps(one) - speed_mps)))
+    second = material.use(max(others, key=lambda one: abs(travel_speed_mps(one.motion) - speed_mps)))
     seconds = min(first.seconds, second.seconds, 4.0)
     targets = [
-        Target(
-            body.motion,
-            label="human",
-            rcs=RcsSpec(kind="equal", total_m2=RCS_M2["human"]),
-            range_m=CROSSING_M,
-            bearing_deg=bearing_deg,
-        )
+        make_target(body, range_m=CROSSING_M, bearing_deg=bearing_deg)
         for body, bearing_deg in ((first, -BEARING_DEG), (second, BEARING_DEG))
     ]
     radar = material.radar(range_stop_m=10.0)
@@ -355,12 +344,6 @@ def make_3_15(material: Material) -> EntryResult:
     times = "once" if crossings.size == 1 else f"{crossings.size} times"
     text = f"the two sets of lines cross {times}; the echo changes by {rises_db:+.0f} dB to the end."
     return judge(_plot_two_panels(recording, "two people"), readings, text)
-
-
-def _speed_mps(body: NamedMotion) -> float:
-    from doppelgait_liland2018.measures import travel_speed_mps
-
-    return travel_speed_mps(body.motion)
 
 
 @entry(

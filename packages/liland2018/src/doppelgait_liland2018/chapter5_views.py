@@ -21,7 +21,7 @@ from doppelgait_liland2018.chapter4_features import bin_hz, found_hz
 from doppelgait_liland2018.chapter5 import format_number
 from doppelgait_liland2018.drawing import plot_cadence_amplitude, plot_mean_doppler
 from doppelgait_liland2018.entry import EntryResult, Reading, compare_statement, entry, judge
-from doppelgait_liland2018.material import RCS_M2, RUNS, THRESHOLD, Material, NamedMotion
+from doppelgait_liland2018.material import RUNS, THRESHOLD, Material, NamedMotion
 from doppelgait_liland2018.measures import (
     doppler_to_velocity_mps,
     read_axis,
@@ -29,7 +29,7 @@ from doppelgait_liland2018.measures import (
     travel_speed_mps,
     upper_envelope_hz,
 )
-from doppelgait_liland2018.scenarios import WRONG
+from doppelgait_liland2018.scenarios import RCS_M2, WRONG
 from doppelgait_liland2018.style import LINE_COLOURS, make_figure, make_panels
 
 REPORT_DOPPLER_HZ = 263.0

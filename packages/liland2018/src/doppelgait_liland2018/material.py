@@ -18,12 +18,10 @@ from doppelgait.pipeline import Result, analyze, simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, Recording, synthesise
 from doppelgait.scene import RcsSpec, Scene, Target
-from doppelgait_liland2018.scenarios import GaitName
+from doppelgait_liland2018.scenarios import PERSON_M, RCS_M2, GaitName
 
 FOLDERS = {"human": "human", "dog": "dog"}
 """Folder of a motion folder by label, as the plan ``liland2018`` of the dataset builder has them."""
-PERSON_M = 1.8
-"""Stature of people in the report."""
 CHEN_SPEED_MPS = 2 * 0.491 * PERSON_M
 """Nominal speed of the walker with the ankle that the report shows at about 300 Hz: two leg lengths a second."""
 DOG_WITHERS_M = 0.5
@@ -167,6 +165,11 @@ def make_point_table(
     )
 
 
+def make_target(body: NamedMotion, **options: Any) -> Target:
+    """Make a target with the report's cross section (its Table 3.2), the same for every scatterer (Eq. 3.2)."""
+    return Target(body.motion, label=body.label, rcs=RcsSpec(kind="equal", total_m2=RCS_M2[body.label]), **options)
+
+
 def simulate_slow_time_signal(radar: Radar, table: xr.Dataset, *, range_m: float) -> npt.NDArray[np.complex128]:
     """Simulate the noise-free slow-time signal at a range, V."""
     baseband = synthesise(table, radar)
@@ -175,8 +178,6 @@ def simulate_slow_time_signal(radar: Radar, table: xr.Dataset, *, range_m: float
 
 T = TypeVar("T")
 
-RCS_M2 = {"human": 1.0, "dog": 0.2}
-"""Total radar cross section by label, the same for every scatterer of a target (the report's Table 3.2, Eq. 3.2)."""
 STEEPNESS = 0.4
 THRESHOLD = 0.04
 """sigma_w and t_mu of the report's Table 5.2."""
@@ -271,13 +272,7 @@ class Material:
         """Simulate a target's noise-free recording."""
         self.use(body)
         key = ("recording", body.name, prf_hz, aspect_deg, range_m, duration_s)
-        target = Target(
-            body.motion,
-            label=body.label,
-            rcs=RcsSpec(kind="equal", total_m2=RCS_M2[body.label]),
-            aspect_deg=aspect_deg,
-            range_m=range_m,
-        )
+        target = make_target(body, aspect_deg=aspect_deg, range_m=range_m)
         return self.compute_once(
             key, lambda: simulate(Scene([target], duration_s=duration_s), self.radar(prf_hz=prf_hz))
         )

@@ -91,6 +91,7 @@ N_PEOPLE, N_WALKERS, N_DOGS = 148, 21, 200
 RCS_M2 = {"human": 1.0, "dog": 0.2}
 """Cross sections of the report's Table 3.2; the columns are normalised, so that they have no effect."""
 PERSON_M = 1.8
+"""Stature of people in the report."""
 LONGEST_S = 5.0
 SHORTEST_S = 1.0
 RECORDED_M = (3.0, 6.0)
