@@ -132,10 +132,7 @@ def make_cadence_spectrum(material: Material) -> EntryResult:
 def make_first_column(material: Material) -> EntryResult:
     recording, result = walk(material)
     figure, (axes,) = make_panels(1, width_in=10.5)
-    doppler_hz = read_axis(result.signature, "doppler")
-    plot_mean_doppler(
-        axes, result.mean_doppler_spectrum, doppler_hz, peak_hz=result.torso_doppler_hz, title="Mean Doppler spectrum"
-    )
+    plot_mean_doppler(axes, result, title="Mean Doppler spectrum")
     ours = material.result(material.make_walker(), method="standard", prf_hz=1000.0)
     true_mps = float(recording.truth[0].centre_velocity_mps.mean())
     readings = [
@@ -173,14 +170,8 @@ def make_first_column(material: Material) -> EntryResult:
 def make_bandwidth(material: Material) -> EntryResult:
     recording, result = walk(material)
     figure, (axes,) = make_panels(1, width_in=10.5)
-    plot_mean_doppler(
-        axes,
-        result.mean_doppler_spectrum,
-        read_axis(result.signature, "doppler"),
-        threshold=THRESHOLD,
-        normalised=True,
-        title=f"Mean Doppler spectrum, normalised; dashed: threshold {THRESHOLD:g}",
-    )
+    title = f"Mean Doppler spectrum, normalised; dashed: threshold {THRESHOLD:g}"
+    plot_mean_doppler(axes, result, bandwidth=True, title=title)
     doppler_hz = recording.truth[0].doppler_hz(recording.radar.wavelength_m)
     ours = material.result(material.make_walker(), method="standard", prf_hz=1000.0)
     readings = [

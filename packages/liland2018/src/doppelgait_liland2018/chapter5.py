@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -80,12 +79,11 @@ def _plot_four_panels(
     return figure
 
 
-def _plot_four_spectra(material: Material, *, torso: bool = False, **options: Any) -> Figure:
-    """Plot D_1 of the four, with the torso's peak on demand."""
+def _plot_four_spectra(material: Material, *, bandwidth: bool = False) -> Figure:
+    """Plot D_1 of the four, with the torso's peak or the bandwidth."""
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
-        doppler_hz, peak_hz = read_axis(result.signature, "doppler"), result.torso_doppler_hz if torso else None
-        plot_mean_doppler(axes, result.mean_doppler_spectrum, doppler_hz, peak_hz=peak_hz, **options)
+        plot_mean_doppler(axes, result, bandwidth=bandwidth)
 
     return _plot_four_panels(material, draw)
 
@@ -308,7 +306,7 @@ def make_step_spectra(material: Material) -> EntryResult:
 )
 def make_torso_lines(material: Material) -> EntryResult:
     results = analyze_four(material)
-    figure = _plot_four_spectra(material, torso=True)
+    figure = _plot_four_spectra(material)
     readings = [Reading(f"f_d, {name}", format_number(result.torso_doppler_hz), "Hz") for name, _, _, result in results]
     heights = [float(result.quality["torso_amplitude"]) for *_, result in results]
     readings += [Reading(f"A_fd, {name}", height, "1") for name, height in zip(NAMES, heights, strict=True)]
@@ -340,7 +338,7 @@ def make_torso_lines(material: Material) -> EntryResult:
 @entry("fig-5.6", "Micro-Doppler bandwidth of the four", "The bandwidth grows with the speed of the target.")
 def make_bandwidths(material: Material) -> EntryResult:
     results = analyze_four(material)
-    figure = _plot_four_spectra(material, threshold=THRESHOLD, normalised=True)
+    figure = _plot_four_spectra(material, bandwidth=True)
     widths = [format_number(result.features.doppler_bandwidth_hz) for *_, result in results]
     readings = []
     for width, (name, _, recording, _) in zip(widths, results, strict=True):

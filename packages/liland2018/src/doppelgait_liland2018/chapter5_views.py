@@ -21,7 +21,7 @@ from doppelgait_liland2018.chapter4_features import bin_hz, found_hz
 from doppelgait_liland2018.chapter5 import format_number
 from doppelgait_liland2018.drawing import plot_cadence_amplitude, plot_mean_doppler
 from doppelgait_liland2018.entry import EntryResult, Reading, compare_statement, entry, judge
-from doppelgait_liland2018.material import RUNS, THRESHOLD, Material, NamedMotion
+from doppelgait_liland2018.material import RUNS, Material, NamedMotion
 from doppelgait_liland2018.measures import (
     doppler_to_velocity_mps,
     read_axis,
@@ -173,22 +173,8 @@ def _plot_five_panels(recording: Recording, result: Result) -> Figure:
         true_hz=recording.truth[0].gait_frequency_hz,
         title="sum of (c)",
     )
-    doppler_hz = read_axis(result.signature, "doppler")
-    plot_mean_doppler(
-        lower[1],
-        result.mean_doppler_spectrum,
-        doppler_hz,
-        threshold=THRESHOLD,
-        normalised=True,
-        title="(d) mean Doppler spectrum, normalised",
-    )
-    plot_mean_doppler(
-        lower[2],
-        result.mean_doppler_spectrum,
-        doppler_hz,
-        peak_hz=result.torso_doppler_hz,
-        title="(e) mean Doppler spectrum",
-    )
+    plot_mean_doppler(lower[1], result, bandwidth=True, title="(d) mean Doppler spectrum, normalised")
+    plot_mean_doppler(lower[2], result, title="(e) mean Doppler spectrum")
     return figure
 
 

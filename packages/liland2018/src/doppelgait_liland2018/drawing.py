@@ -9,6 +9,8 @@ import numpy.typing as npt
 import xarray as xr
 from matplotlib.axes import Axes
 
+from doppelgait.pipeline import Result
+from doppelgait_liland2018.material import THRESHOLD
 from doppelgait_liland2018.measures import read_axis
 from doppelgait_liland2018.style import (
     ACCENT,
@@ -53,19 +55,12 @@ def plot_cadence_amplitude(
     legend_under(axes, columns=2)
 
 
-def plot_mean_doppler(
-    axes: Axes,
-    values: npt.ArrayLike,
-    doppler_hz: npt.ArrayLike,
-    *,
-    peak_hz: float | None = None,
-    threshold: float | None = None,
-    normalised: bool = False,
-    title: str = "",
-) -> None:
-    """Plot D_1 over Doppler."""
-    level, frequency = np.asarray(values, dtype=np.float64), np.asarray(doppler_hz, dtype=np.float64)
-    if normalised:
+def plot_mean_doppler(axes: Axes, result: Result, *, bandwidth: bool = False, title: str = "") -> None:
+    """Plot D_1 over Doppler with the torso's peak, or normalised with the bandwidth."""
+    level = np.asarray(result.mean_doppler_spectrum, dtype=np.float64)
+    frequency = np.asarray(read_axis(result.signature, "doppler"), dtype=np.float64)
+    peak_hz = None if bandwidth else result.torso_doppler_hz
+    if bandwidth:
         level = level / level.max()
     axes.plot(frequency, level, color=LINE, lw=1.3)
     # Part of the Doppler axis that holds more than 0.3 % of the maximum, 0 Hz and a margin.
@@ -90,9 +85,9 @@ def plot_mean_doppler(
             fontsize=9,
             color=ACCENT,
         )
-    if threshold is not None:
-        first, last = band_hz(level, frequency, threshold)
-        axes.axhline(threshold * float(level.max()), color=REFERENCE, lw=1.0, ls="--")
+    if bandwidth:
+        first, last = band_hz(level, frequency, THRESHOLD)
+        axes.axhline(THRESHOLD * float(level.max()), color=REFERENCE, lw=1.0, ls="--")
         axes.axvspan(first, last, color=SHADE, alpha=0.35, lw=0, zorder=0)
         axes.annotate(
             f"bandwidth {last - first:.0f} Hz",
@@ -102,7 +97,7 @@ def plot_mean_doppler(
             color=LINE,
         )
     draw_grid(axes)
-    name_axes(axes, title=title, x=DOPPLER_LABEL, y="amplitude (re maximum)" if normalised else AMPLITUDE_LABEL)
+    name_axes(axes, title=title, x=DOPPLER_LABEL, y="amplitude (re maximum)" if bandwidth else AMPLITUDE_LABEL)
 
 
 def band_hz(level: FloatArray, doppler_hz: FloatArray, threshold: float) -> tuple[float, float]:
