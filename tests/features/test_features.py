@@ -31,7 +31,7 @@ from doppelgait.features.doppler import (
     width_level_v2,
     width_of_bins,
 )
-from doppelgait.features.measures import compute_square_difference, find_local_maxima, refine
+from doppelgait.features.measures import compute_square_difference, find_local_maxima
 from doppelgait.features.observed import Observation
 from doppelgait.motion import make_motion
 from doppelgait.motion.models import breathing_person, moving_point
@@ -71,13 +71,6 @@ def swinging_rows(frequency_hz, seconds, harmonics=(1.0, 0.6), noise=0.0, seed=0
 
 
 # --- Peaks --------------------------------------------------------------------------------------------------------
-
-
-def test_parabola_finds_the_top_between_samples():
-    x = np.arange(20)
-    index, height = refine(3.0 - 0.1 * (x - 7.3) ** 2, 7)
-    assert index == pytest.approx(7.3)
-    assert height == pytest.approx(3.0)
 
 
 def test_local_maxima_never_include_the_ends():

@@ -13,11 +13,12 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from xarray.core.indexing import LazilyIndexedArray
 
 from doppelgait.core import lazy
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, check_signal, make_array, read_axis, sampling_rate_hz
-from doppelgait.core.lazy import is_lazy, lazy_rows, read_pulses
+from doppelgait.core.lazy import lazy_rows, read_pulses
 from doppelgait.core.samples import Matrix, Samples
 
 FloatArray = npt.NDArray[np.float64]
@@ -108,9 +109,8 @@ class Frames:
             return baseband
         check_signal(baseband, BASEBAND)
         shape = (baseband.shape[0], baseband.shape[1])
-        samples = (
-            Samples.stored(shape, partial(read_pulses, baseband)) if is_lazy(baseband) else Samples(baseband.values)
-        )
+        stored = shape[0] > lazy.LONG_PULSES and isinstance(baseband.variable._data, LazilyIndexedArray)
+        samples = Samples.stored(shape, partial(read_pulses, baseband)) if stored else Samples(baseband.values)
         facts = {name: value for name, value in baseband.attrs.items() if name != "units"}
         burst = facts.get("burst_pulses")
         slow_time = SlowTime(read_axis(baseband, "slow_time"), None if burst is None else int(burst))
@@ -174,6 +174,10 @@ class Frames:
         """Count the pulses of a burst from the pauses, where they are not stated."""
         return replace(self, slow_time=self.slow_time.find_bursts())
 
+    def settle(self) -> Self:
+        """Return the frames as a matrix, once and for all; frames in a file are returned unchanged."""
+        return self.with_samples(Samples(self.matrix)) if self.samples.in_memory else self
+
     def with_samples(self, samples: Samples) -> Self:
         """Return the frames with other samples of the same shape."""
         return replace(self, samples=samples)
@@ -188,8 +192,10 @@ class Frames:
         """Return some pulses."""
         first, stop, _ = pulses.indices(self.n_pulses)
         stop = max(first, stop)
-        if self.samples.in_memory or stop - first <= lazy.LONG_PULSES:
-            samples = Samples(self.read(first, stop))
+        if "matrix" in self.__dict__:  # it exists: a view costs nothing
+            samples = Samples(self.matrix[first:stop])
+        elif self.samples.in_memory or stop - first <= lazy.LONG_PULSES:
+            samples = self.samples.take_pulses(first, stop)
         else:
             shape = (stop - first, self.n_bins)
             samples = Samples.stored(shape, lambda low, high: self.samples.rows(first + low, first + high))

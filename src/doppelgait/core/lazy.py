@@ -61,11 +61,6 @@ def read_tiles(array: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterator
         yield first, read_pulses(array, first, first + size)
 
 
-def is_lazy(baseband: xr.DataArray) -> bool:
-    """Return True if a long baseband is not in memory yet."""
-    return baseband.sizes["slow_time"] > LONG_PULSES and isinstance(baseband.variable._data, LazilyIndexedArray)
-
-
 def take_every_row(array: xr.DataArray | xr.Variable, step: int) -> npt.NDArray[Any]:
     """Return every ``step``-th row of an array, from the first."""
     return np.concatenate([tile[-first % step :: step].copy() for first, tile in read_tiles(array)])

@@ -263,6 +263,12 @@ class Samples:
             planes[:] = self._planes
         return self._make(self.shape, matrix, planes, self._noise, True)
 
+    def take_pulses(self, first: int, stop: int) -> Samples:
+        """Copy some pulses, in the layout of the samples; pending noise is added."""
+        if self._planes is None or self._noise is not None:
+            return Samples(self.rows(first, stop))
+        return Samples.from_planes(self._planes[:, :, first:stop], stop - first)
+
     def freeze(self) -> Samples:
         """Return the same values; a later change of either object is made in a copy."""
         self._owned = False

@@ -22,16 +22,6 @@ def find_local_maxima(values: FloatArray, *, first: int, last: int) -> npt.NDArr
     return np.flatnonzero(found) + start
 
 
-def refine(values: FloatArray, index: int) -> tuple[float, float]:
-    """Fit a parabola through a local maximum.
-    Returns its position (in samples) and height.
-    """
-    left, centre, right = values[index - 1 : index + 2]
-    bend = left - 2.0 * centre + right
-    offset = 0.5 * (left - right) / bend if bend < 0 else 0.0
-    return index + float(offset), float(centre - 0.25 * (left - right) * offset)
-
-
 def compute_quantile(values: npt.NDArray[np.floating[Any]], share: float) -> float:
     """Compute quantiles of values without NaN.
     The result equals np.quantile; the computation takes a tenth of the time.

@@ -247,8 +247,8 @@ class Echoes:
             return samples
         if self.radar.waveform.samples_are_bins or not self.compressed:
             return samples.with_noise(*noise, first_pulse=first_pulse)
-        silent = np.zeros((2, self.radar.waveform.n_samples(self.radar), samples.shape[0]), dtype=np.float32)
-        heard = Samples.from_planes(silent, samples.shape[0]).with_noise(*noise, first_pulse=first_pulse)
+        silent = np.zeros((samples.shape[0], self.radar.waveform.n_samples(self.radar)), dtype=np.complex64)
+        heard = Samples.own(silent).with_noise(*noise, first_pulse=first_pulse)
         samples += compress(heard.matrix, self.radar)
         return samples
 

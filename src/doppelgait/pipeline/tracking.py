@@ -93,7 +93,7 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
     """Detect and analyse all bodies of a recording.
     Moving bodies are first in the list, in order of appearance. An empty list has a reason.
     """
-    frames, wavelength_m = recording.frames, recording.radar.wavelength_m
+    frames, wavelength_m = recording.frames.settle(), recording.radar.wavelength_m
     unknown = np.flatnonzero(np.concatenate([~np.isfinite(tile).all(axis=1) for _, tile in frames.read_tiles()]))
     if unknown.size:
         raise AnalysisError(

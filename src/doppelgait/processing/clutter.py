@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +14,7 @@ import xarray as xr
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.frames import Frames
 from doppelgait.core.labels import SHARE_REMOVED, make_array
-from doppelgait.core.samples import Planes, Samples
+from doppelgait.core.samples import Planes, Samples, borrow_planes
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
 
@@ -144,21 +144,25 @@ def remove_from_frames(
     cutoff_hz: float = MTI_CUTOFF_HZ,
     bins: slice | None = None,
 ) -> Frames:
-    """Remove static clutter from frames, or from some range bins; the others are then 0.
+    """Remove static clutter from frames, or from some range bins; the others are then undefined.
     Frames of more than one tile are cleaned tile by tile, on demand.
     """
     if kind in ("none", "auto"):
         return frames
     chosen = slice(0, frames.n_bins) if bins is None else bins
     block = min(max(round(MEDIAN_BLOCK_S * frames.slow_time.rate_hz), 1), frames.n_pulses)
-    tiles = partial(_iterate_planes, frames, chosen, block)
+    whole = list(_iterate_planes(frames, chosen, block)) if frames.is_short else []  # read once
+
+    def tiles() -> Iterator[Planes]:
+        yield from whole or _iterate_planes(frames, chosen, block)
+
     if kind in ("mean", "median"):
         static = _average_static_part(tiles(), kind, frames.n_pulses, block)
-        clean: Clean = lambda planes, state: (np.asarray(planes - static), None)  # noqa: E731
+        clean: Clean = lambda planes, state: (np.subtract(planes, static, out=planes), None)  # noqa: E731
     else:
         clean = _make_filter(frames, chosen, kind, time_s=time_s, cutoff_hz=cutoff_hz)
-    if frames.is_short:
-        return frames.with_samples(_make_samples(clean(next(tiles()), None)[0], chosen, frames.shape))
+    if whole:
+        return frames.with_samples(_make_samples(clean(whole[0], None)[0], chosen, frames.shape))
     states = [None]  # before each tile
     if kind not in ("mean", "median"):
         for planes in tiles():
@@ -190,10 +194,10 @@ def _iterate_planes(frames: Frames, bins: slice, block_pulses: int) -> Iterator[
 
 
 def _make_samples(planes: Planes, bins: slice, shape: tuple[int, int]) -> Samples:
-    """Make samples from the planes of some bins; the others are 0."""
+    """Make samples from the planes of some bins; the others are undefined."""
     if planes.shape[1] == shape[1]:
         return Samples.from_planes(planes, shape[0])
-    whole = np.zeros((2, shape[1], shape[0]), dtype=np.float32)
+    whole = borrow_planes((2, shape[1], shape[0]))
     whole[:, bins] = planes
     return Samples.from_planes(whole, shape[0])
 
