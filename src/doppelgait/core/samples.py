@@ -190,7 +190,7 @@ class Samples:
         return noisy, first
 
     def read_tile(self, pulses: slice, columns: slice) -> Planes:
-        """Read planes (2, columns, pulses) of some pulses and range bins; they must not be changed."""
+        """Copy planes (2, columns, pulses) of some pulses and range bins."""
         if self._stored is not None:
             tile = _split(self._stored(pulses.start, pulses.stop), columns)
         elif self._matrix is not None:

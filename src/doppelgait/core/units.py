@@ -51,11 +51,6 @@ def watt_to_volt(power_w: npt.ArrayLike) -> Any:
     return np.sqrt(2.0 * REFERENCE_IMPEDANCE_OHM * np.asarray(power_w, dtype=float))
 
 
-def volt_to_watt(envelope_v: npt.ArrayLike) -> Any:
-    """Convert amplitude to mean power, a^2 / (2 Z0) (E-14)."""
-    return np.abs(np.asarray(envelope_v)) ** 2 / (2.0 * REFERENCE_IMPEDANCE_OHM)
-
-
 def carrier_to_wavelength_m(carrier_hz: float) -> float:
     """Convert a carrier frequency to its wavelength."""
     return SPEED_OF_LIGHT_MPS / carrier_hz
@@ -101,14 +96,6 @@ def doppler_axis_hz(n_bins: int, prf_hz: float) -> FloatArray:
     Bin k is f_p (k - floor(K/2)) / K; the axis contains 0 exactly.
     """
     return prf_hz * (np.arange(n_bins) - n_bins // 2) / n_bins
-
-
-def doppler_to_bin(doppler_hz: npt.ArrayLike, n_bins: int, prf_hz: float) -> Any:
-    """Convert a Doppler frequency to a fractional bin number.
-
-    Bins are those of :func:`doppler_axis_hz`.
-    """
-    return np.asarray(doppler_hz, dtype=float) * n_bins / prf_hz + n_bins // 2
 
 
 def slow_time_axis_s(n_pulses: int, prf_hz: float) -> FloatArray:

@@ -151,10 +151,10 @@ def remove_from_frames(
         return frames
     chosen = slice(0, frames.n_bins) if bins is None else bins
     block = min(max(round(MEDIAN_BLOCK_S * frames.slow_time.rate_hz), 1), frames.n_pulses)
-    whole = list(_iterate_planes(frames, chosen, block)) if frames.is_short else []  # read once
+    whole = list(frames.read_planes(chosen, block)) if frames.is_short else []  # read once
 
     def tiles() -> Iterator[Planes]:
-        yield from whole or _iterate_planes(frames, chosen, block)
+        yield from whole or frames.read_planes(chosen, block)
 
     if kind in ("mean", "median"):
         static = _average_static_part(tiles(), kind, frames.n_pulses, block)
@@ -184,13 +184,6 @@ def remove_from_frames(
         return np.concatenate(parts) if parts else np.empty((0, frames.n_bins), dtype=np.complex64)
 
     return frames.with_samples(Samples.stored(frames.shape, rows))
-
-
-def _iterate_planes(frames: Frames, bins: slice, block_pulses: int) -> Iterator[Planes]:
-    """Yield the planes of some bins, tile by tile of whole blocks."""
-    size = frames.count_tile_pulses(block_pulses)
-    for first in range(0, frames.n_pulses, size):
-        yield frames.samples.read_tile(slice(first, min(first + size, frames.n_pulses)), bins)
 
 
 def _make_samples(planes: Planes, bins: slice, shape: tuple[int, int]) -> Samples:
