@@ -31,8 +31,8 @@ from doppelgait.features.doppler import (
     width_level_v2,
     width_of_bins,
 )
-from doppelgait.features.measures import compute_square_difference, find_local_maxima
-from doppelgait.features.observed import Observation
+from doppelgait.features.liland2018 import find_local_maxima
+from doppelgait.features.observed import Observation, compute_square_difference
 from doppelgait.motion import make_motion
 from doppelgait.motion.models import breathing_person, moving_point
 from doppelgait.motion.models.boulic import boulic_walk

@@ -18,7 +18,7 @@ from doppelgait.features.gait_frequency import (
     refine_on_harmonics,
 )
 from doppelgait.features.limbs import Rows, average_columns, limb_rows, sum_groups, torso_line_hz
-from doppelgait.features.measures import compute_square_difference
+from doppelgait.features.observed import compute_square_difference
 
 RATE_HZ, N_DOPPLER, PRF_HZ = 125.0, 128, 1000.0
 WAVELENGTH_M = 0.0411

@@ -404,7 +404,7 @@ def plan_names() -> list[str]:
     >>> dg.dataset.plan_names()
     ['home-alarm', 'home-alarm-wide', 'liland2018', 'liland2018-fair']
     """
-    folder = resources.files("doppelgait.dataset.plans")
+    folder = resources.files("doppelgait.dataset") / "plans"
     return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
 
 
@@ -431,7 +431,7 @@ def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanC
     """
     name = str(plan)
     if name in plan_names() and not Path(name).is_file():
-        with resources.as_file(resources.files("doppelgait.dataset.plans") / f"{name}.toml") as path:
+        with resources.as_file(resources.files("doppelgait.dataset") / "plans" / f"{name}.toml") as path:
             table, text = read_toml(path)
         folder = Path.cwd()
     elif Path(name).is_file():

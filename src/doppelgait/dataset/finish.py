@@ -20,7 +20,7 @@ from doppelgait.core.plugins import identify_plugins
 from doppelgait.dataset.config import MAX_SHARDS, SPLITS, FieldSpec, PlanConfig, shorten
 from doppelgait.dataset.feasibility import limits_of_index
 from doppelgait.dataset.motions import list_motion_files
-from doppelgait.dataset.radar_files import replace_radar_files, store_radar_files
+from doppelgait.dataset.resolve import replace_radar_files, store_radar_files
 from doppelgait.dataset.shard_files import INDEX_NAMES, describe_fields
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.radar_table import RadarFile

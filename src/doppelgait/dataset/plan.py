@@ -13,8 +13,14 @@ from typing import Any, NamedTuple
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset.config import MAX_SHARDS, SPLITS, PlanConfig
 from doppelgait.dataset.motions import Progress, expand_folders, list_motion_files, refuse_copies, refuse_two_spellings
-from doppelgait.dataset.radar_files import store_radar_files
-from doppelgait.dataset.resolve import ExampleSpec, find_class, make_example_id, resolve_example, resolve_rows
+from doppelgait.dataset.resolve import (
+    ExampleSpec,
+    find_class,
+    make_example_id,
+    resolve_example,
+    resolve_rows,
+    store_radar_files,
+)
 from doppelgait.dataset.splits import assign_splits, group_subjects
 
 

@@ -17,6 +17,7 @@ from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.features.doppler import (
     LEAST_NOISE_SIGMAS,
     bandwidth_threshold_hz,
+    compute_quantile,
     single_tone_width_hz,
     strongest_cells_v2,
     width_of_bins,
@@ -24,7 +25,6 @@ from doppelgait.features.doppler import (
 from doppelgait.features.feature_set import FEATURE_UNITS, Extraction, GaitFeatures
 from doppelgait.features.gait_frequency import GaitFrequency, estimate_gait_frequency
 from doppelgait.features.harmonics import LimbTorsoRatio, highest_cadence_hz, peak_ratio, ratio_of_rows
-from doppelgait.features.measures import compute_quantile
 from doppelgait.features.observed import Observation
 
 MIN_SNR_DB = 0.0

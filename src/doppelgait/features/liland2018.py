@@ -11,7 +11,6 @@ import numpy.typing as npt
 from doppelgait.core.labels import Signal
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.features.feature_set import Extraction, GaitFeatures
-from doppelgait.features.measures import find_local_maxima
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -60,6 +59,18 @@ def extract(
     seconds = 1.0 / float(spectrum.axis("cadence")[1])
     flags = () if complete else ("harmonics:no_peak_near_the_expected_place",)
     return Extraction(features, step_hz, torso_hz, step_hz * seconds, {**quality, "observation_s": seconds}, flags)
+
+
+def find_local_maxima(values: FloatArray, *, first: int, last: int) -> npt.NDArray[np.int64]:
+    """Find the local maxima of an array, without its ends.
+    The result has the indices i in ``first..last`` with values[i-1] < values[i] >= values[i+1].
+    """
+    start, stop = max(first, 1), min(last, values.size - 2) + 1
+    if stop <= start:
+        return np.empty(0, dtype=np.int64)
+    here = values[start:stop]
+    found = (here > values[start - 1 : stop - 1]) & (here >= values[start + 1 : stop + 1])
+    return np.flatnonzero(found) + start
 
 
 def _find_highest(spectrum: Signal, low_hz: float, high_hz: float) -> tuple[float, float] | None:

@@ -14,9 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.labels import Signal, sampling_rate_hz
-from doppelgait.features.doppler import envelopes_hz, raised_by_noise_v2, width_level_v2
+from doppelgait.features.doppler import compute_quantile, envelopes_hz, raised_by_noise_v2, width_level_v2
 from doppelgait.features.feature_set import Extraction, FloatArray, GaitFeatures
-from doppelgait.features.measures import compute_quantile, compute_square_difference
 
 TIME_SHARES = (0.05, 0.95)
 OCCUPIED_SIGMAS = 3.0
@@ -457,6 +456,15 @@ def make_slow_basis(n_columns: int, order: int) -> FloatArray:
     basis = np.asarray(np.linalg.qr(np.polynomial.legendre.legvander(positions, order))[0], dtype=np.float64)
     basis.flags.writeable = False
     return basis
+
+
+def compute_square_difference(rows: FloatArray, first: int = 0, last: int | None = None) -> FloatArray:
+    """Compute the rows' normalised square-difference autocorrelation (E-33)."""
+    from doppelgait.core.kernels import periodicity
+
+    found = np.empty((rows.shape[0] if last is None else last + 1) - first)
+    periodicity.square_difference(np.ascontiguousarray(rows), first, found)
+    return found
 
 
 def compute_autocorrelation_at(rows: FloatArray, lag: float) -> float | None:

@@ -21,8 +21,7 @@ from doppelgait.core.draws import resolve
 from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.dataset import Dataset, Example, PlanConfig
 from doppelgait.dataset.example import find_plan_number, suggest_names
-from doppelgait.dataset.radar_files import list_radar_files
-from doppelgait.dataset.resolve import find_class, resolve_example
+from doppelgait.dataset.resolve import find_class, list_radar_files, resolve_example
 from doppelgait.dataset.shard import make_truth_columns
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import run as pipeline_run

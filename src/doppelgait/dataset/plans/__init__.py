@@ -1,1 +1,0 @@
-"""Built-in dataset plans, one TOML file each."""
