@@ -262,7 +262,7 @@ def build(level: str, target: Path) -> None:
                     "kernel": member.name, "returns": returns,
                     "arguments": [argument.get("scalar", "array") for argument in arguments],
                 }  # fmt: skip
-                module.link_in(llvm.parse_assembly(str(compiled_result.library._final_module)))
+                module.link_in(llvm.parse_assembly(dispatcher.inspect_llvm(signature)))
                 native = compiled_result.fndesc.llvm_func_name
                 module.link_in(llvm.parse_assembly(entry_code(symbol, native, arguments, returns)))
     for member in (*module.functions, *module.global_variables):

@@ -5,7 +5,7 @@ They contain only quantities that an analysis can measure.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -239,6 +239,3 @@ def select_split(rows: Rows, name: str) -> IntArray:
     if name not in SPLITS:
         raise DatasetError(f"split {name!r} is not known; allowed are {', '.join(SPLITS)}")
     return np.flatnonzero((rows.index["split"] == name).to_numpy(dtype=bool) & (rows.origin == 0))
-
-
-Progress = Callable[[int, int], None]

@@ -2,10 +2,43 @@
 
 from __future__ import annotations
 
-from importlib import import_module
+from collections.abc import Iterable
 from typing import Any
 
 from pydantic import BaseModel
+
+from doppelgait.classify.alarm import Day, EpisodeSection
+from doppelgait.dataset.config import (
+    ClassSection,
+    DatasetSection,
+    FieldSpec,
+    ImportConfig,
+    PlanConfig,
+    SourceSection,
+    SplitSection,
+)
+from doppelgait.dataset.motions import FolderMotion
+from doppelgait.motion.hybrid import Hybrid
+from doppelgait.motion.models import MOTION_MODELS
+from doppelgait.motion.paths import PATHS, StopSpec
+from doppelgait.motion.retime import Variation
+from doppelgait.pipeline import Tracking
+from doppelgait.pipeline.conditions import Noise
+from doppelgait.pipeline.pictures import PictureSettings
+from doppelgait.processing import Analysis
+from doppelgait.processing.breathing import BreathingSettings
+from doppelgait.processing.detect.config import Detector
+from doppelgait.processing.track.live import Tracker
+from doppelgait.processing.track_segments import SegmentationSettings
+from doppelgait.radar import WAVEFORMS
+from doppelgait.radar.antenna import Antenna
+from doppelgait.radar.impairments import IMPAIRMENTS
+from doppelgait.radar.parameters import Radar
+from doppelgait.radar.readers.arrays import ArrayFacts
+from doppelgait.radar.readers.dca1000 import ChirpConfig
+from doppelgait.scene.environment import ENVIRONMENT, Dielectric
+from doppelgait.scene.rcs import RCS, RcsSpec
+from doppelgait.scene.scene import Scene, Target
 
 TOPICS = {
     "scene": "Scene file",
@@ -18,106 +51,61 @@ TOPICS = {
 }
 """Titles of the topics; each topic is a page of the documentation."""
 
-TABLES = {
-    "dataset": "doppelgait.dataset.config:DatasetSection",
-    "dataset.split": "doppelgait.dataset.config:SplitSection",
-    "classes": "doppelgait.dataset.config:ClassSection",
-    "sources": "doppelgait.dataset.config:SourceSection",
-    "target": "doppelgait.scene.scene:Target",
-    "targets": "doppelgait.scene.scene:Target",
-    "noise": "doppelgait.pipeline.conditions:Noise",
-    "tracking": "doppelgait.pipeline:Tracking",
-    "tracking.detector": "doppelgait.processing.detect.config:Detector",
+TABLES: dict[str, type[BaseModel]] = {
+    "dataset": DatasetSection,
+    "dataset.split": SplitSection,
+    "classes": ClassSection,
+    "sources": SourceSection,
+    "target": Target,
+    "targets": Target,
+    "noise": Noise,
+    "tracking": Tracking,
+    "tracking.detector": Detector,
 }
 """Model of every table of a file that has another name than its topic."""
 
+Models = list[tuple[str, type[BaseModel]]]
 
-def models_of(topic: str) -> list[tuple[str, type[BaseModel]]]:
+
+def models_of(topic: str) -> Models:
     """Return headings and models of a topic."""
-    made = {
-        "scene": _scene_models,
-        "motion": _motion_models,
-        "radar": _radar_models,
-        "surroundings": _list_models,
-        "analysis": _analysis_models,
-        "plan": _plan_models,
-        "files": _file_models,
+    waveforms = [entry for entry in WAVEFORMS.values() if entry.parameters and len(entry.parameters.model_fields) > 1]
+    own_rcs = [entry for entry in RCS.values() if entry.parameters is not RcsSpec]
+    models: dict[str, Models] = {
+        "scene": [*_name(Scene, Target, RcsSpec), *_list_kinds("rcs", own_rcs), *_name(Variation, Noise)],
+        "motion": [
+            *_list_kinds("motion", MOTION_MODELS.values()),
+            *_list_kinds("path", PATHS.values()),
+            *_name(StopSpec),
+        ],
+        "radar": [*_name(Radar, Antenna), *_list_kinds("waveform", waveforms)],
+        "surroundings": [
+            *_list_kinds("environment", ENVIRONMENT.values()),
+            *_name(Dielectric),
+            *_list_kinds("impairments", IMPAIRMENTS.values()),
+        ],
+        "analysis": _name(Analysis, Tracking, Detector, Tracker, SegmentationSettings, BreathingSettings),
+        "plan": _name(
+            PlanConfig,
+            DatasetSection,
+            FieldSpec,
+            SplitSection,
+            ClassSection,
+            SourceSection,
+            FolderMotion,
+            Hybrid,
+            ImportConfig,
+            Day,
+            EpisodeSection,
+        ),
+        "files": _name(ArrayFacts, ChirpConfig, PictureSettings),
     }
-    return made[topic]() if topic in made else [(topic, _get(TABLES[topic]))]
+    return models[topic] if topic in models else [(topic, TABLES[topic])]
 
 
-def _get(place: str) -> Any:
-    module, _, name = place.partition(":")
-    return getattr(import_module(module), name)
+def _name(*models: type[BaseModel]) -> Models:
+    return [(model.__name__, model) for model in models]
 
 
-def _models(*places: str) -> list[tuple[str, type[BaseModel]]]:
-    return [(place.partition(":")[2], _get(place)) for place in places]
-
-
-def _radar_models() -> list[tuple[str, type[BaseModel]]]:
-    waveforms = _get("doppelgait.radar:WAVEFORMS").values()
-    own = [plugin for plugin in waveforms if set(plugin.parameters.model_fields) != {"kind"}]
-    models = _models("doppelgait.radar.parameters:Radar", "doppelgait.radar.antenna:Antenna")
-    return [*models, *((f'waveform, kind = "{plugin.name}"', plugin.parameters) for plugin in own)]
-
-
-def _scene_models() -> list[tuple[str, type[BaseModel]]]:
-    shared = _get("doppelgait.scene.rcs:RcsSpec")
-    own = [plugin for plugin in _get("doppelgait.scene.rcs:RCS").values() if plugin.parameters is not shared]
-    models = _models("doppelgait.scene.scene:Scene", "doppelgait.scene.scene:Target")
-    models += [("RcsSpec", shared), *((f'rcs, kind = "{plugin.name}"', plugin.parameters) for plugin in own)]
-    return [*models, *_models("doppelgait.motion.retime:Variation", "doppelgait.pipeline.conditions:Noise")]
-
-
-def _motion_models() -> list[tuple[str, type[BaseModel]]]:
-    models, paths = _get("doppelgait.motion.models:MOTION_MODELS"), _get("doppelgait.motion.paths:PATHS")
-    found = [(f'motion, kind = "{name}"', models[name].parameters) for name in models]
-    found += [(f'path, kind = "{name}"', paths[name].parameters) for name in paths]
-    return [*found, *_models("doppelgait.motion.paths:StopSpec")]
-
-
-def _list_models() -> list[tuple[str, type[BaseModel]]]:
-    effects, impairments = (
-        _get("doppelgait.scene.environment:ENVIRONMENT"),
-        _get("doppelgait.radar.impairments:IMPAIRMENTS"),
-    )
-    found = [(f'environment, kind = "{name}"', effects[name].parameters) for name in effects]
-    found += _models("doppelgait.scene.environment:Dielectric")
-    return found + [(f'impairments, kind = "{name}"', impairments[name].parameters) for name in impairments]
-
-
-def _analysis_models() -> list[tuple[str, type[BaseModel]]]:
-    return _models(
-        "doppelgait.processing:Analysis",
-        "doppelgait.pipeline:Tracking",
-        "doppelgait.processing.detect.config:Detector",
-        "doppelgait.processing.track.live:Tracker",
-        "doppelgait.processing.track_segments:SegmentationSettings",
-        "doppelgait.processing.breathing:BreathingSettings",
-    )
-
-
-def _plan_models() -> list[tuple[str, type[BaseModel]]]:
-    config = "doppelgait.dataset.config"
-    return _models(
-        f"{config}:PlanConfig",
-        f"{config}:DatasetSection",
-        f"{config}:FieldSpec",
-        f"{config}:SplitSection",
-        f"{config}:ClassSection",
-        f"{config}:SourceSection",
-        "doppelgait.dataset.motions:FolderMotion",
-        "doppelgait.motion.hybrid:Hybrid",
-        "doppelgait.dataset.config:ImportConfig",
-        "doppelgait.classify.alarm:Day",
-        "doppelgait.classify.alarm:EpisodeSection",
-    )
-
-
-def _file_models() -> list[tuple[str, type[BaseModel]]]:
-    return _models(
-        "doppelgait.radar.readers.arrays:ArrayFacts",
-        "doppelgait.radar.readers.dca1000:ChirpConfig",
-        "doppelgait.pipeline.pictures:PictureSettings",
-    )
+def _list_kinds(key: str, plugins: Iterable[Any]) -> Models:
+    return [(f'{key}, kind = "{plugin.name}"', plugin.parameters) for plugin in plugins]

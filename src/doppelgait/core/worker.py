@@ -9,10 +9,9 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
-from importlib import import_module
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -96,23 +95,20 @@ def prepare_worker() -> None:
         sys.modules.setdefault("pyarrow", None)  # type: ignore[arg-type]
 
 
-def serve(pipes: Sequence[Connection], module: str) -> None:
-    """Load a module, then serve requests until the pipes close."""
+def serve(pipes: Sequence[Connection]) -> None:
+    """Receive the work by the first pipe, with all that it imports; then serve requests until the pipes close."""
     prepare_worker()
-    import_module(module)
+    work = _receive(pipes[0])
     if len(pipes) == 1:
-        _serve_one(pipes[0])
+        _serve_one(pipes[0], work)
     workers = []
     for number, pipe in enumerate(pipes):
         worker = os.fork()
         if worker == 0:
             ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # if this process is killed, its workers are, too
-            for other in (
-                *pipes[:number],
-                *pipes[number + 1 :],
-            ):  # a pipe must close when its worker ends
-                other.close()
-            _serve_one(pipe)
+            for other in (*pipes[:number], *pipes[number + 1 :]):
+                other.close()  # a pipe must close when its worker ends
+            _serve_one(pipe, work)
         workers.append(worker)
     for pipe in pipes:
         pipe.close()
@@ -124,21 +120,24 @@ def serve(pipes: Sequence[Connection], module: str) -> None:
 PR_SET_PDEATHSIG = 1
 
 
-def _serve_one(pipe: Connection) -> NoReturn:
+def _receive(pipe: Connection) -> Any:
+    try:
+        return pipe.recv()
+    except (OSError, EOFError):
+        os._exit(0)
+    except Exception:  # the message cannot be unpickled: another version or a missing module
+        traceback.print_exc()
+        os._exit(1)
+
+
+def _serve_one(pipe: Connection, work: Callable[[Any], Any]) -> NoReturn:
     received: SimpleQueue[Any] = SimpleQueue()
 
     def read() -> None:
-        try:
-            while True:
-                received.put(pipe.recv())
-        except (OSError, EOFError):
-            os._exit(0)
-        except Exception:  # the message cannot be unpickled: another version or a missing module
-            traceback.print_exc()
-            os._exit(1)
+        while True:
+            received.put(_receive(pipe))
 
     threading.Thread(target=read, daemon=True).start()
-    work = received.get()
     while True:
         try:
             answer = work(received.get())

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import platform
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -23,7 +23,7 @@ from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.core.files import hash_file
 from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
-from doppelgait.dataset.config import PlanConfig, list_differences
+from doppelgait.dataset.config import PlanConfig, Progress, list_differences
 from doppelgait.dataset.executors import check_executor, run_shards
 from doppelgait.dataset.finish import (
     DATA_VERSION,
@@ -43,7 +43,6 @@ from doppelgait.dataset.shard import BuildContext, build_shard
 
 __all__ = ["BuildReport", "build_dataset", "make_index", "read_finished_record"]
 
-Progress = Callable[[int, int], None]
 
 CHECKED_EXAMPLES = 200
 """Number of examples, spread over the plan, that are resolved before anything is written, to find errors early."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib import resources
 from itertools import zip_longest
 from pathlib import Path
@@ -57,6 +57,8 @@ def _format_value(value: Any) -> str:
 
 SCENE_KEYS = tuple(name for name in Scene.model_fields if name != "targets")
 SPLITS = ("train", "validation", "test")
+Progress = Callable[[int, int], None]
+"""Function that is told how many are done, of how many."""
 MAX_SHARDS = 200_000
 """Maximum number of shards of a dataset; each shard has two files."""
 LEAKS = (

@@ -120,17 +120,17 @@ def _start_workers(work: Work, workers: int) -> Iterator[list[Connection]]:
     pipes = [here for here, _ in ends]
     theirs = [there for _, there in ends]
     # the fork server, one process that forks itself
-    groups = [theirs] if sys.platform == "linux" else [[there] for there in theirs]
-    processes = [spawn.Process(target=serve, args=(group, "doppelgait.dataset.shard"), daemon=True) for group in groups]
+    groups = [ends] if sys.platform == "linux" else [[end] for end in ends]
+    processes = [spawn.Process(target=serve, args=([end for _, end in group],), daemon=True) for group in groups]
     try:
         with mark_workers(), ignore_ctrl_c():
             for process in processes:
                 process.start()
         for there in theirs:
             there.close()  # otherwise the pipe would not close when the worker ends
-        for here in pipes:
+        for group in groups:
             with suppress(OSError):  # a dead worker is detected when the first result is read
-                here.send(work)
+                group[0][0].send(work)
         yield list(pipes)
     finally:
         for pipe in pipes:

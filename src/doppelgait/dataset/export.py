@@ -19,14 +19,13 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import DatasetError, OutputError
 from doppelgait.core.plugins import Group
 from doppelgait.dataset.card import list_blocked_recordings
-from doppelgait.dataset.config import SPLITS
+from doppelgait.dataset.config import SPLITS, Progress
 from doppelgait.dataset.lock import write_new_folder
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.shard_files import name_axis
 
 __all__ = ["EXPORTERS", "ExportReport", "export_dataset", "refuse_unreleasable"]
 
-Progress = Callable[[int, int], None]
 Exporter = Callable[["Dataset", Path, tuple[str, ...], Any, Callable[[int], None]], None]
 """Writer, called with (dataset, empty folder, fields, parameters, done). It calls ``done`` with the number of rows
 written since the last call."""

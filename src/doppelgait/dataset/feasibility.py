@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ import xarray as xr
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.frames import SlowTime
 from doppelgait.core.labels import read_axis
+from doppelgait.dataset.config import Progress
 from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.pipeline.simulate import choose_lowest_prf, observe_scene, pulse_times_s, split_targets
 from doppelgait.processing import Analysis, Gate
@@ -45,8 +46,6 @@ RANGE_PARTS = 4
 """Number of range intervals, with equally many rows each, in the table of the SNR."""
 SNR_PULSES = 200
 """Number of pulses over which the expected SNR of a row is averaged."""
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import hashlib
 import re
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from doppelgait.core.files import hash_file
 from doppelgait.core.plugins import identify_plugins
 from doppelgait.dataset.build import log_entry
 from doppelgait.dataset.card import import_card
-from doppelgait.dataset.config import ImportConfig
+from doppelgait.dataset.config import ImportConfig, Progress
 from doppelgait.dataset.finish import (
     DATA_VERSION,
     SCHEMA_VERSION,
@@ -38,8 +38,6 @@ from doppelgait.dataset.splits import PlannedEntry, plan_entries
 
 __all__ = ["ImportConfig", "ImportReport", "LabelEntry", "import_dataset", "import_id", "read_labels"]
 
-
-Progress = Callable[[int, int], None]
 
 NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Literal
@@ -14,7 +14,7 @@ from pydantic import Field
 
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, DoppelgaitWarning, warn_caller
-from doppelgait.dataset.config import PlanConfig, SourceSection, shorten
+from doppelgait.dataset.config import PlanConfig, Progress, SourceSection, shorten
 from doppelgait.motion.motion import Motion
 
 BOTH = " + "
@@ -187,7 +187,6 @@ SPARE_S = 0.1
 """Time, s, by which a looped motion exceeds the scene."""
 SHOWN_REASONS = 3
 
-Progress = Callable[[int, int], None]
 HybridMode = Literal["none", "retarget", "blend"]
 
 

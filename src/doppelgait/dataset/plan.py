@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.dataset.config import MAX_SHARDS, SPLITS, PlanConfig
-from doppelgait.dataset.motions import Progress, expand_folders, list_motion_files, refuse_copies, refuse_two_spellings
+from doppelgait.dataset.config import MAX_SHARDS, SPLITS, PlanConfig, Progress
+from doppelgait.dataset.motions import expand_folders, list_motion_files, refuse_copies, refuse_two_spellings
 from doppelgait.dataset.resolve import (
     ExampleSpec,
     find_class,

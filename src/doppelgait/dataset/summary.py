@@ -6,7 +6,6 @@ import os
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -22,8 +21,6 @@ from doppelgait.dataset.splits import parse_source
 PILOT_EXAMPLES = 8
 ROW_BYTES = 5000
 """An index row and its copy in the shard's record."""
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +21,6 @@ from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.dataset.shard_files import ShardFiles
 from doppelgait.dataset.status import read_description
 
-Progress = Callable[[int, int], None]
 Status = Literal["passed", "warning", "failed", "skipped", "not applicable"]
 
 SHOWN_NAMES = 5

@@ -13,13 +13,13 @@ import pandas as pd
 import xarray as xr
 
 from doppelgait.core.errors import ConfigError, OutputError
+from doppelgait.dataset.config import Progress
 from doppelgait.dataset.finish import make_index, read_records
 from doppelgait.dataset.open import check_index as check_index_columns
 from doppelgait.dataset.open import read_index
 from doppelgait.dataset.verify.contents import (
     Check,
     Contents,
-    Progress,
     Verification,
     list_planned_shards,
     read_known_description,
