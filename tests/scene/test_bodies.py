@@ -24,7 +24,6 @@ from doppelgait.scene.bodies import (
     compute_frame_ellipsoids,
     ellipsoid_rcs_m2,
     find_nearest_points,
-    horizontal_mean_rcs_m2,
     seen_rcs_m2,
 )
 from doppelgait.scene.observe import compute_ranges_and_velocities
@@ -32,19 +31,11 @@ from doppelgait.scene.observe import compute_ranges_and_velocities
 T = np.arange(0, 0.9, 0.01)
 
 
-def sphere_directions(n=200_000):
-    """Directions spread evenly over the sphere (Fibonacci)."""
-    z = 1 - (2 * np.arange(n) + 1) / n
-    azimuth = np.pi * (1 + 5**0.5) * np.arange(n)
-    flat = np.sqrt(1 - z * z)
-    return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), z], axis=-1)
-
-
 # --- Closed forms ---------------------------------------------------------------------------------------------------
 
 
 def test_limits_sphere_broadside_end_on():
-    np.testing.assert_allclose(ellipsoid_rcs_m2([0.3] * 3, sphere_directions(50)), np.pi * 0.09, rtol=1e-12)
+    assert ellipsoid_rcs_m2([0.3] * 3, [0.48, 0.6, -0.64]) == pytest.approx(np.pi * 0.09)
     a, c = 0.07, 0.22
     assert ellipsoid_rcs_m2([a, a, c], [0.6, 0.8, 0]) == pytest.approx(np.pi * c**2)
     assert ellipsoid_rcs_m2([a, a, c], [0, 0, 1]) == pytest.approx(np.pi * a**4 / c**2)
@@ -52,31 +43,10 @@ def test_limits_sphere_broadside_end_on():
     assert ellipsoid_rcs_m2([0.1, 0.2, 0.4], [0, 1, 0]) == pytest.approx(np.pi * (0.1**2 / 0.2) * (0.4**2 / 0.2))
 
 
-@pytest.mark.parametrize("axes", [(0.1, 0.1, 0.3), (0.07, 0.115, 0.15), (0.3, 0.3, 0.05)])
-def test_mean_over_all_directions_is_a_quarter_of_the_surface(axes):
-    """The mean of pi over the Gaussian curvature is surface / 4."""
-    a, b, c = axes
-    u = np.linspace(0, np.pi, 2001)[:, None]
-    v = np.linspace(0, 2 * np.pi, 2001)[None, :]
-    bent = (b * c * np.sin(u) * np.cos(v)) ** 2 + (a * c * np.sin(u) * np.sin(v)) ** 2 + (a * b * np.cos(u)) ** 2
-    area = np.trapezoid(np.trapezoid(np.sin(u) * np.sqrt(bent), v[0], axis=1), u[:, 0])
-    assert ellipsoid_rcs_m2(axes, sphere_directions()).mean() == pytest.approx(area / 4, rel=1e-4)
-
-
 def turned(seed, axes):
     """One ellipsoid of random attitude at the origin."""
     frame = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0]
     return Ellipsoids(np.zeros((1, 1, 3)), frame[None, None, 2], frame[None, None, 0], np.array([axes])), frame
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_horizontal_mean_against_the_sum_over_azimuths(seed):
-    axes = (0.07, 0.115, 0.15)
-    body, frame = turned(seed, axes)
-    azimuth = np.arange(3600) * np.pi / 1800
-    level = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)], axis=-1)
-    wanted = ellipsoid_rcs_m2(axes, level @ frame.T).mean()
-    assert horizontal_mean_rcs_m2(body)[0, 0] == pytest.approx(wanted, rel=1e-10)
 
 
 def test_what_the_radar_sees_is_the_ellipsoid_in_its_own_axes():
@@ -122,13 +92,6 @@ def test_scatterers_are_the_segments_where_they_face_the_radar():
     np.testing.assert_allclose(ahead[:, 0], 0.13 * walk.facts.height_m / 1.8, rtol=0.03)
     assert np.abs(ahead[:, 1:]).max() < 0.04
     assert str(points.positions.sel(marker="left_thigh").coords["part"].values) == "left_thigh"
-
-
-def test_the_front_of_a_torso_reflects_two_to_four_db_more_than_its_side():
-    skeleton = build_skeleton(boulic_walk(duration_s=1.0))
-    body = compute_frame_ellipsoids(skeleton)
-    front, side = (seen_rcs_m2(body, at)[:, 1].mean() for at in ((1e4, 0, 1.2), (0, 1e4, 1.2)))
-    assert 2 < 10 * np.log10(front / side) < 4
 
 
 def test_the_axes_follow_the_joints_between_frames():
@@ -306,9 +269,9 @@ def integral(point, normal, area, radar, wavelength_m, back=None):
 SWING = 0.5 * np.sin(2 * np.pi * 1.0 * np.arange(0, 0.5, 1 / 250))
 
 
-@pytest.mark.parametrize("axes", [(0.07, 0.07, 0.22), (0.16, 0.13, 0.26)])
-def test_phase_and_doppler_are_those_of_the_physical_optics_integral(axes):
+def test_phase_and_doppler_are_those_of_the_physical_optics_integral():
     """The mesh is far above resonance (k a = 90)."""
+    axes = (0.16, 0.13, 0.26)
     body, frames = swinging(axes, SWING)
     wavelength_m, radar, every = 0.01, np.array([4.0, 0.5, 0.9]), 3
     k, times = 2 * np.pi / wavelength_m, np.arange(SWING.size)[::every] / 250

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from doppelgait.core.labels import read_axis
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.models.quadruped import quadruped_gait
-from doppelgait.scene import RcsSpec, Scene, Target, assemble, place
+from doppelgait.scene import Scene, Target, assemble, place
 from doppelgait.scene.bodies import (
     EDGE_M,
     Ellipsoids,
@@ -121,30 +120,6 @@ def test_an_ellipsoid_does_not_hide_what_it_contains():
         assert own[points.index(segment.end), n], names[n]
     assert not own[points.index("left_hand"), names.index("torso")]
     assert own.sum() < 0.25 * own.size
-
-
-def hidden_share(aspect_deg, **rcs):
-    walk = boulic_walk(speed_mps=1.2, duration_s=2.2)
-    table = assemble(
-        Scene([Target(walk, aspect_deg=aspect_deg, rcs=RcsSpec(occlusion=True, **rcs))]), np.arange(0, 2, 0.01)
-    )
-    mean = table["path_gain"].values.mean(axis=0)
-    return dict(zip(read_axis(table, "marker").tolist(), mean, strict=True))
-
-
-@pytest.mark.parametrize("kind", ["auto", "ellipsoids"])
-def test_from_the_side_the_far_arm_is_hidden_and_the_near_one_is_not(kind):
-    """Aspect +90: the walker turns counter-clockwise and shows the radar the right side or the left, not both."""
-    near, far = {}, {}
-    for aspect_deg in (90.0, -90.0):
-        gain = hidden_share(aspect_deg, kind=kind)
-        part = "upper_arm" if kind == "ellipsoids" else "shoulder"
-        sides = {side: gain[f"{side}_{part}"] for side in ("left", "right")}
-        seen = max(sides, key=sides.get)
-        near[aspect_deg], far[aspect_deg] = seen, min(sides.values())
-        assert sides[seen] > 0.9
-        assert far[aspect_deg] < 0.3
-    assert near[90.0] != near[-90.0]
 
 
 def test_without_the_option_every_path_gain_is_1():

@@ -121,13 +121,6 @@ def test_models_are_frozen_and_changed_ones_are_checked():
         scene.targets[0].replace(range_m=-1.0)
 
 
-def test_faults_of_a_file_name_key_line_value_and_what_is_allowed(tmp_path):
-    path = tmp_path / "scene.toml"
-    path.write_text('duration_s = 1.0\n[[targets]]\nmotion = { kind = "boulic" }\nrange_m = -3.0\n')
-    with pytest.raises(ConfigError, match=r"scene\.toml: targets\.0\.range_m \(line 4\): -3\.0 .* greater than 0"):
-        Scene.from_toml(path)
-
-
 STEPS = ("build_motion", "scale_to_height", "follow", "place_motion")
 
 

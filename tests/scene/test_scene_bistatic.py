@@ -11,10 +11,10 @@ from doppelgait.core.labels import read_axis
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.radar import Radar
-from doppelgait.radar.link import echo_amplitude_v, received_power_w
+from doppelgait.radar.link import received_power_w
 from doppelgait.radar.simulate import synthesise
-from doppelgait.scene import Scene, Target, assemble, compute_body_track, line_of_sight, place
-from doppelgait.scene.observe import bistatic_line_of_sight, compute_bistatic_spreading
+from doppelgait.scene import Scene, Target, assemble, compute_body_track, place
+from doppelgait.scene.observe import compute_bistatic_spreading
 
 SPEED_OF_LIGHT = 299_792_458.0
 TRANSMITTER, RECEIVER = (0.3, -0.4, 1.2), (2.1, 1.5, 0.7)
@@ -46,26 +46,6 @@ def point(position_m, velocity_mps, duration_s=1.4):
 # --- Geometry -----------------------------------------------------------------------------------------------------
 
 
-def test_range_is_constant_on_an_ellipse_and_its_tangent_has_no_doppler():
-    foci, semi_major = 1.7, 4.0  # the foci are the transmitter and the receiver, half their distance
-    semi_minor = math.sqrt(semi_major**2 - foci**2)
-    angle = np.linspace(0.1, 2 * np.pi, 50)
-    ellipse = np.stack([semi_major * np.cos(angle), semi_minor * np.sin(angle), np.zeros(50)], axis=-1)
-    tangent = np.stack([-semi_major * np.sin(angle), semi_minor * np.cos(angle), np.zeros(50)], axis=-1)
-    ends = {"transmitter_position_m": (-foci, 0, 0), "receiver_position_m": (foci, 0, 0)}
-    sight = bistatic_line_of_sight(ellipse, tangent, **ends)
-    np.testing.assert_allclose(sight.range_m, semi_major, rtol=1e-14)
-    np.testing.assert_allclose(sight.radial_velocity_mps, 0.0, atol=1e-12)
-    # along the normal, inwards, it is v cos(beta / 2), beta from the law of cosines at the point
-    normal = -np.stack([semi_minor * np.cos(angle), semi_major * np.sin(angle), np.zeros(50)], axis=-1)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    there = semi_major + foci / semi_major * ellipse[:, 0]  # R_t = a + e x, R_r = a - e x
-    back = 2 * semi_major - there
-    cos_beta = (there**2 + back**2 - (2 * foci) ** 2) / (2 * there * back)
-    sight = bistatic_line_of_sight(ellipse, 1.3 * normal, **ends)
-    np.testing.assert_allclose(sight.radial_velocity_mps, 1.3 * np.sqrt((1 + cos_beta) / 2), rtol=1e-12)
-
-
 def test_table_and_centre_track_follow_the_two_ways():
     velocity = np.array([-0.9, 0.5, 0.0])
     motion = point((0, 0, 0.8), velocity)
@@ -86,34 +66,6 @@ def test_table_and_centre_track_follow_the_two_ways():
     for name, of_table in (("range_m", "range"), ("radial_velocity_mps", "radial_velocity"), ("aspect_rad", "aspect")):
         np.testing.assert_allclose(getattr(track, name), table[of_table].values[:, 0], rtol=1e-9)
     np.testing.assert_array_equal(compute_body_track(place(scene).targets[0], scene, TIMES).range_m, track.range_m)
-
-
-def test_doppler_of_the_echo_is_that_of_both_ways():
-    radar = Radar.preset("x4", prf_hz=2000.0)
-    velocity = np.array([-1.1, 0.0, 0.0])
-    target = Target(point((0, 0, 1.0), velocity), start_position_m=(4.0, 1.0), heading_deg=180.0)
-    scene = Scene([target], radar_position_m=(0, 0, 1.0), receiver_position_m=(1.0, 3.0, 1.0))
-    times = 0.5 + np.arange(-20, 21) / radar.prf_hz
-    echo = synthesise(assemble(scene, times), radar).values
-    strongest = np.abs(echo[20]).argmax()
-    turns = np.unwrap(np.angle(echo[:, strongest])) / (2 * np.pi)
-    doppler_hz = np.polyfit(times, turns, 1)[0]
-    at = np.array([4.0, 1.0, 1.0]) + velocity * 0.5
-    units = [at - end for end in np.array([[0, 0, 1.0], [1.0, 3.0, 1.0]])]
-    along = sum(np.dot(velocity, u) / np.linalg.norm(u) for u in units)
-    assert doppler_hz == pytest.approx(-along / (SPEED_OF_LIGHT / radar.carrier_hz), rel=2e-4)
-
-
-@pytest.mark.parametrize("rcs", ["auto", BODY], ids=["points", "body"])
-def test_transmitter_and_receiver_may_change_places(rcs):
-    target = walker(rcs=rcs)
-    one, other = (
-        assemble(Scene([target], radar_position_m=a, receiver_position_m=b), TIMES)
-        for a, b in ((TRANSMITTER, RECEIVER), (RECEIVER, TRANSMITTER))
-    )
-    for name in ("range", "radial_velocity", "rcs", "path_gain"):
-        np.testing.assert_allclose(one[name].values, other[name].values, rtol=1e-9, atol=1e-12)
-    assert np.abs(one["azimuth"].values - other["azimuth"].values).min() > 0.1
 
 
 @pytest.mark.parametrize("rcs", ["auto", {**BODY, "fluctuation": "swerling3", "total_spread_db": 3.0}])
@@ -142,19 +94,6 @@ def test_echo_has_the_power_of_the_bistatic_radar_equation(there, back):
     wavelength = SPEED_OF_LIGHT / radar.carrier_hz
     expected = 1e-3 * 10 ** (radar.tx_power_dbm / 10) * gain * wavelength**2 * 0.6 / (4 * np.pi) ** 3
     assert power_w == pytest.approx(expected / near[0] ** 2 / near[1] ** 2, rel=1e-12)
-
-
-def test_amplitudes_of_a_scene_fall_with_both_ways():
-    scene = Scene([walker()], radar_position_m=TRANSMITTER, receiver_position_m=RECEIVER)
-    table = assemble(scene, TIMES)
-    volts = echo_amplitude_v(
-        Radar.preset("x4"), range_m=table["range"].values, rcs_m2=table["rcs"].values,
-        path_gain=table["path_gain"].values,
-    )  # fmt: skip
-    alone = [assemble(Scene([walker()], radar_position_m=end), TIMES) for end in (TRANSMITTER, RECEIVER)]
-    product = alone[0]["range"].values * alone[1]["range"].values
-    constant = volts * product / np.sqrt(table["rcs"].values)
-    np.testing.assert_allclose(constant, constant[0, 0], rtol=1e-12)
 
 
 def test_occlusion_is_that_of_both_ways():
@@ -228,11 +167,6 @@ def test_an_empty_room_has_a_table_without_scatterers(angles):
     assert not synthesise(table, Radar.preset("x4")).values.any()
 
 
-def test_an_empty_room_needs_to_know_for_how_long():
-    with pytest.raises(ConfigError, match="at least 1 item"):
-        Scene([])
-
-
 # --- Scene files --------------------------------------------------------------------------------------------------
 
 
@@ -241,9 +175,8 @@ def test_a_scene_file_knows_receiver_boresight_and_background():
     keys = {
         "duration_s": 1.0, "radar_azimuth_deg": 30, "radar_tilt_deg": -10, "receiver_position_m": [1.0, 2.0, 0.5],
     }  # fmt: skip
-    spec = validate(Scene, {"targets": [{"motion": {"kind": "boulic"}}, fan], **keys})
-    assert Scene.model_validate_json(spec.model_dump_json()) == spec
-    scene = spec
+    scene = validate(Scene, {"targets": [{"motion": {"kind": "boulic"}}, fan], **keys})
+    assert Scene.model_validate_json(scene.model_dump_json()) == scene
     assert [target.background for target in scene.targets] == [False, True]
     assert (scene.radar_azimuth_deg, scene.radar_tilt_deg) == (30, -10)
     assert scene.receiver_position_m == (1.0, 2.0, 0.5)
@@ -259,24 +192,11 @@ def test_a_scene_file_knows_receiver_boresight_and_background():
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [
-        ("radar_tilt_deg", 91.0),
-        ("radar_azimuth_deg", 400.0),
-        ("receiver_position_m", (1.0, 2.0)),
-        ("receiver_position_m", (1.0, 2.0, math.inf)),
-    ],
+    [("radar_tilt_deg", 91.0), ("radar_azimuth_deg", 400.0), ("receiver_position_m", (1.0, 2.0, math.inf))],
 )
 def test_places_of_the_radar_that_make_no_sense_are_refused(key, value):
-    with pytest.raises(ConfigError, match=key):
-        Scene([], duration_s=1.0, **{key: value})
     with pytest.raises(ConfigError, match=key):
         Scene(duration_s=1.0, **{key: value})
 
 
 # --- Tilt ---------------------------------------------------------------------------------------------------------
-
-
-def test_a_torso_below_the_radar_has_the_cosine_of_its_depression():
-    sight = line_of_sight(np.array([[1.5, 0.0, 1.0]]), np.array([[-1.0, 0.0, 0.0]]), (0.0, 0.0, 2.0))
-    assert sight.radial_velocity_mps[0] == pytest.approx(math.cos(math.atan2(1.0, 1.5)))
-    assert sight.radial_velocity_mps[0] == pytest.approx(0.83, abs=0.003)  # 17 % low

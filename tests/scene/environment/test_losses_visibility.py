@@ -22,14 +22,6 @@ def table(range_m, path_gain):
     )
 
 
-def test_gain_goes_straight_in_db_and_stays_beyond_the_ends():
-    spec = Visibility(gain_db=[[1.0, -20.0], [3.0, 0.0], [5.0, -40.0]])
-    seen = apply_visibility(table([0.2, 1.0, 2.0, 3.0, 4.5, 5.0, 90.0], 0.5), spec, SETTING)
-    level_db = 10 * np.log10(seen["path_gain"].values / 0.5)
-    np.testing.assert_allclose(level_db, [[-20, -20, -10, 0, -30, -40, -40]], atol=1e-9)
-    assert seen["path_gain"].attrs["units"] == "1"
-
-
 def test_every_echo_at_every_time_by_its_own_range():
     ranges, gains = np.random.default_rng(0).uniform(0, 10, (50, 7)), np.random.default_rng(1).uniform(0, 1, (50, 7))
     points = [(0.5, -200.0), (0.6, -3.0), (8.0, 0.0)]

@@ -9,9 +9,7 @@ from doppelgait.scene.environment import Setting, Wall, apply_environment, make_
 from doppelgait.scene.environment.materials import (
     MATERIALS,
     Dielectric,
-    compute_te_share,
     insertion_coefficient,
-    interface_reflection,
     interpolate_coefficient,
     relative_permittivity,
     slab_delay_m,
@@ -91,49 +89,6 @@ def test_slab_equals_the_characteristic_matrix(mode):
     np.testing.assert_allclose(t, [one[1] for one in expected], rtol=1e-9)
 
 
-@pytest.mark.parametrize("mode", ["te", "tm"])
-def test_slab_equals_the_sum_of_its_internal_reflections(mode):
-    eps, angle = 3.0 - 0.2j, np.radians(35.0)
-    cosine, inside = np.cos(angle), np.sqrt(eps - np.sin(angle) ** 2)
-    r = interface_reflection(cosine, permittivity=eps, mode=mode)
-    through = np.exp(-1j * K * 0.02 * inside)
-    sums = [(1 - r**2) * through * (r * through) ** (2 * n) for n in range(60)]
-    back = [-r * (1 - r**2) * through**2 * (r * through) ** (2 * n) for n in range(60)]
-    options = {"permittivity": eps, "thickness_m": 0.02, "wavelength_m": LAMBDA_M, "mode": mode}
-    np.testing.assert_allclose(slab_transmission(cosine, **options), np.sum(sums), rtol=1e-12)
-    np.testing.assert_allclose(slab_reflection(cosine, **options), r + np.sum(back), rtol=1e-12)
-
-
-@pytest.mark.parametrize("mode", ["te", "tm"])
-@pytest.mark.parametrize("thickness_m", [0.003, 0.0173, 0.21])
-def test_a_lossless_slab_keeps_the_energy(mode, thickness_m):
-    options = {"permittivity": 4.1 + 0j, "thickness_m": thickness_m, "wavelength_m": LAMBDA_M, "mode": mode}
-    power = np.abs(slab_reflection(COSINES, **options)) ** 2 + np.abs(slab_transmission(COSINES, **options)) ** 2
-    np.testing.assert_allclose(power, 1.0, rtol=1e-12)
-
-
-def test_a_lossless_half_wave_slab_is_clear():
-    options = {"permittivity": 4.0 + 0j, "thickness_m": LAMBDA_M / 4, "wavelength_m": LAMBDA_M, "mode": "te"}
-    assert slab_transmission(1.0, **options) == pytest.approx(-1.0)
-    assert abs(slab_reflection(1.0, **options)) < 1e-12
-    quarter = slab_reflection(1.0, **{**options, "thickness_m": LAMBDA_M / 8})
-    assert quarter == pytest.approx(-(4 - 1) / (4 + 1))  # (1 - n^2) / (1 + n^2)
-
-
-def test_interface_signs_brewster_and_reciprocity():
-    n = 2.0
-    assert interface_reflection(1.0, permittivity=4.0, mode="te") == pytest.approx((1 - n) / (1 + n))
-    assert interface_reflection(1.0, permittivity=4.0, mode="tm") == pytest.approx((n - 1) / (n + 1))
-    assert interface_reflection(0.0, permittivity=4.0, mode="tm") == pytest.approx(-1.0, abs=1e-5)
-    brewster = np.cos(np.arctan(n))
-    assert abs(interface_reflection(brewster, permittivity=4.0, mode="tm")) < 1e-12
-    assert interface_reflection(brewster, permittivity=4.0, mode="te") == pytest.approx((1 - n**2) / (1 + n**2))
-    inside = np.sqrt(1 - (1 - COSINES**2) / 4)  # Snell
-    for mode in ("te", "tm"):  # seen from the other medium: the opposite
-        other = interface_reflection(inside, permittivity=0.25, mode=mode)
-        np.testing.assert_allclose(other, -interface_reflection(COSINES, permittivity=4.0, mode=mode), atol=1e-12)
-
-
 def test_no_slab_no_change_and_metal_stops_all():
     air = {"permittivity": 1 + 0j, "thickness_m": 0.3, "wavelength_m": LAMBDA_M}
     for mode in ("te", "tm"):
@@ -143,20 +98,6 @@ def test_no_slab_no_change_and_metal_stops_all():
     np.testing.assert_allclose(slab_reflection(COSINES, mode="te", **options), -1.0, rtol=1e-3)
     np.testing.assert_allclose(slab_reflection(COSINES, mode="tm", **options), 1.0, rtol=5e-3)
     assert np.all(np.isfinite(slab_transmission(np.array([0.0, 1.0]), mode="tm", **options)))
-
-
-@pytest.mark.parametrize(
-    ("material", "thickness_m", "loss_db", "delay_cm"),
-    [
-        ("plasterboard", 0.0125, 0.8, 0.8), ("chipboard", 0.020, 2.8, 1.2), ("wood", 0.040, 2.1, 1.6),
-        ("glass", 0.004, 3.3, 0.6), ("brick", 0.115, 3.7, 11.2), ("concrete", 0.200, 32.7, 25.8),
-    ],
-)  # fmt: skip
-def test_table_of_walls_at_7_29_ghz(material, thickness_m, loss_db, delay_cm):
-    eps = relative_permittivity(material, wavelength_m=LAMBDA_M)
-    t = slab_transmission(1.0, permittivity=eps, thickness_m=thickness_m, wavelength_m=LAMBDA_M, mode="te")
-    assert -20 * np.log10(abs(t)) == pytest.approx(loss_db, abs=0.1)
-    assert 100 * slab_delay_m(1.0, permittivity=eps, thickness_m=thickness_m) == pytest.approx(delay_cm, abs=0.05)
 
 
 def test_delay_at_an_angle_is_that_of_the_refracted_way():
@@ -196,17 +137,6 @@ def test_many_rays_by_fewer_values(mode, thickness_m):
         interpolate_coefficient(coefficient, few, thickness_m=thickness_m, wavelength_m=LAMBDA_M),
         insertion_coefficient(few, **options),
     )
-
-
-def test_share_of_te_from_the_fields_themselves():
-    rng = np.random.default_rng(5)
-    for azimuth, elevation in rng.uniform(-1.3, 1.3, (20, 2)):
-        u = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-        up = np.array([0, 0, 1.0]) - u[2] * u
-        across = np.cross(u, [1.0, 0, 0])
-        expected = (up @ across / np.linalg.norm(up) / np.linalg.norm(across)) ** 2
-        assert compute_te_share(*(3.0 * u)) == pytest.approx(expected, abs=1e-9)
-    assert compute_te_share(np.array(2.0), np.array(0.0), np.array(0.0)) == 1.0
 
 
 # --- The wall of a scene ------------------------------------------------------------------------------------------
@@ -292,20 +222,6 @@ def test_wall_turns_with_the_boresight_or_stands_where_it_is_told():
     for other in (by_boresight, by_itself):
         for name in ("range", "path_gain", "path_phase"):
             np.testing.assert_allclose(other[name].values, straight[name].values, rtol=1e-9, atol=1e-9)
-
-
-def test_tm_crosses_more_easily_than_te():
-    table = echo_table(np.array([[[3.0, 4.0, 1.0]]]), SETTING.radar_position_m)  # 53 degrees
-    gains = [
-        apply_environment(table, [Wall(material="wood", thickness_m=0.01, polarisation=p)], SETTING)["path_gain"].item()
-        for p in ("vertical", "horizontal")
-    ]
-    eps = relative_permittivity("wood", wavelength_m=LAMBDA_M)
-    expected = [abs(film(eps, 0.01, np.degrees(np.arctan2(4, 3)), mode)[1]) for mode in ("te", "tm")]
-    delayed = (1 + slab_delay_m(0.6, permittivity=eps, thickness_m=0.01) / 5.0) ** 4  # as the radar equation divides
-    wanted = np.array(expected) ** 4 * delayed * spreading([5.0], [np.degrees(np.arctan2(4, 3))], eps, 0.01)
-    np.testing.assert_allclose(gains, wanted, rtol=1e-6)
-    assert gains[1] > gains[0]
 
 
 @pytest.mark.parametrize("polarisation", ["vertical", "horizontal"])
