@@ -13,11 +13,8 @@ from doppelgait.processing import (
     Analysis,
     Gate,
     burst_signature,
-    decimate,
     find_burst_pulses,
     get_burst_pulses,
-    noise_floor_v2,
-    normalise,
     signature,
 )
 
@@ -126,18 +123,6 @@ def test_data_without_range_lie_inside_any_gate():
     inside = (whole.doppler.values >= 0) & (whole.doppler.values <= 500)
     assert np.array_equal(gated.values, np.where(inside, whole.values, 0.0))
     np.testing.assert_allclose(gated.gate_share.values, 1.0)
-
-
-def test_what_follows_takes_it():
-    rng = np.random.default_rng(4)
-    times = burst_times(count=40)
-    noise = (rng.normal(size=times.size) + 1j * rng.normal(size=times.size)) / np.sqrt(2)
-    noise += 2.0 * np.exp(2j * np.pi * 200.0 * times)
-    mu = burst_signature(labelled(noise, times), None, Analysis(), wavelength_m=LAMBDA_M)
-    assert mu.attrs["hop"] == 600  # 0.2 s at 3 kHz
-    assert noise_floor_v2(mu) == pytest.approx((gaussian(M) ** 2).sum(), rel=0.15)
-    np.testing.assert_allclose(normalise(mu, 0.0).sum("doppler"), 1.0)
-    assert decimate(mu) is mu
 
 
 def test_static_echoes_are_gone():

@@ -11,10 +11,7 @@ from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.frames import Frames
 from doppelgait.core.kernels.noise import draw_key
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.core.rng import rng
 from doppelgait.core.samples import Samples
-from doppelgait.motion import boulic_walk
-from doppelgait.pipeline import simulate
 from doppelgait.processing import Analysis, plan_transform
 from doppelgait.processing.detect import Detector, estimate_noise_map, find_scans, noise_factor
 from doppelgait.processing.detect.cluster import find_clusters, measure_shapes, merge_groups
@@ -22,7 +19,6 @@ from doppelgait.processing.detect.maps import compute_cell_power, compute_maps, 
 from doppelgait.processing.detect.scans import NO_RANGE_SD_M, find_cells
 from doppelgait.radar import Radar, link
 from doppelgait.radar.simulate import label_baseband
-from doppelgait.scene import Scene, Target
 
 WAVELENGTH_M, PRF_HZ, SPACING_M, FIRST_M = 0.0411, 1000.0, 0.05, 0.5
 RANGE_M = FIRST_M + SPACING_M * np.arange(120)
@@ -262,19 +258,6 @@ def test_what_is_left_of_drifting_clutter_is_no_body():
     assert sum(len(scan.detections) for scan in scans_of(left, Detector(clutter="none", slow_mps=0.0))) >= 45
     # the phase is common to all bins, and nothing is left of it in the first place
     assert sum(len(scan.detections) for scan in scans_of(values, Detector(slow_mps=0.0))) < 10
-
-
-@pytest.mark.parametrize("aspect_deg", [0.0, 90.0])
-def test_a_walker_is_one_body_in_every_scan(aspect_deg):
-    radar = Radar.preset("x4")
-    scene = Scene([Target(boulic_walk(speed_mps=1.2, duration_s=3.0), range_m=5.0, aspect_deg=aspect_deg)])
-    recording = simulate(scene, radar, rng=rng(1), snr_db=15.0)
-    scans = find_scans(recording.baseband, wavelength_m=radar.wavelength_m)
-    pulses = recording.baseband.coords["slow_time"].values
-    for scan in scans:
-        centre_m = np.interp(scan.time_s, pulses, recording.truth[0].centre_range_m)
-        assert min(abs(d.range_m - centre_m) for d in scan.detections) < 0.25
-    assert sum(len(scan.detections) for scan in scans) <= len(scans) + 3
 
 
 def test_without_range_there_is_one_detection_for_each_cluster_of_doppler():

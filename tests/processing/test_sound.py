@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,10 +11,10 @@ from scipy.io import wavfile
 from typer.testing import CliRunner
 
 from doppelgait.cli.listen import listen
-from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitError, OutputError
+from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitError
 from doppelgait.core.frames import Frames
 from doppelgait.core.labels import BASEBAND, make_array, read_axis
-from doppelgait.pipeline import analyze, parse_run, run_simulation
+from doppelgait.pipeline import parse_run, run_simulation
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.sound import compute_doppler_signal, lengthen, make_doppler_sound, plan_sound
 from doppelgait.radar import write_recording
@@ -77,14 +76,6 @@ class TestStretched:
         assert np.abs(np.diff(step_rad))[inner].max() < 0.01  # a click is a jump of the phase ...
         assert np.abs(np.diff(np.abs(made)))[inner].max() < 0.01  # ... or of the level
 
-    def test_two_lines_of_unlike_sign_stay_two_lines(self):
-        made = lengthen(tone(150.0) + 0.3 * tone(-90.0), 4.0, window_samples=200)
-        spectrum = np.abs(np.fft.fft(made * np.hanning(made.size)))
-        hz = np.fft.fftfreq(made.size, 1 / RATE_HZ)
-        levels = {f: spectrum[np.abs(hz - f) < 2].max() for f in (150.0, -90.0, -150.0, 90.0)}
-        assert levels[-90.0] / levels[150.0] == pytest.approx(0.3, rel=0.05)
-        assert max(levels[-150.0], levels[90.0]) < 0.01 * levels[150.0]
-
     def test_what_happens_at_a_time_stays_at_that_time(self):
         made = lengthen(np.where(np.arange(4000) < 2600, 0, tone(80.0)), 4.0, window_samples=200)
         assert np.flatnonzero(np.abs(made) > 0.5)[0] / made.size == pytest.approx(0.65, abs=50 / 4000)
@@ -118,20 +109,6 @@ class TestSignal:
         clean = compute_doppler_signal(Frames.of(still), whole(still), Analysis(clutter="mean"))
         assert abs(clean.mean()) < 1e-3
         assert peak_hz(clean, 1000.0) == pytest.approx(doppler_hz, abs=0.2)
-
-    def test_its_spectrum_is_that_of_the_signature(self, walk):
-        result = analyze(walk, gate="truth")[0]
-        heard = compute_doppler_signal(Frames.of(walk.baseband), result.gate)
-        mu = result.signature
-        cpi, bins = mu.attrs["cpi_pulses"], mu.sizes["doppler"]
-        window = np.exp(-0.5 * (np.linspace(-1, 1, cpi) / 0.4) ** 2)
-        starts = np.round(read_axis(mu, "time") * walk.radar.prf_hz).astype(int) - cpi // 2
-        own = np.abs(np.fft.fftshift([np.fft.fft(heard[s : s + cpi] * window, bins) for s in starts], axes=1)) ** 2
-        means = mu.values.mean(axis=0), own.mean(axis=0)
-        assert np.corrcoef(*means)[0, 1] > 0.98
-        assert np.corrcoef(np.sqrt(mu.values).ravel(), np.sqrt(own).ravel())[0, 1] > 0.93
-        to_noise_db = [10 * np.log10(mean.max() / np.median(mean)) for mean in means]
-        assert to_noise_db[1] > to_noise_db[0]  # bins in phase gain on the noise
 
     def test_before_and_after_a_track_it_is_silent(self):
         baseband = recording_of(tone(50.0, rate_hz=1000.0))
@@ -194,12 +171,6 @@ class TestSound:
     def test_pitch_and_rate_follow_the_frame_rate(self, prf_hz, wanted):
         assert plan_sound(prf_hz) == pytest.approx(wanted)
 
-    def test_a_slow_recording_keeps_its_length(self):
-        baseband = recording_of(tone(0.3, rate_hz=17.05, duration_s=20.0), 17.05)
-        rate_hz, sound = make_doppler_sound(Frames.of(baseband), whole(baseband), pitch=400.0)
-        assert sound.shape[0] / rate_hz == pytest.approx(baseband.sizes["slow_time"] / 17.05, abs=1 / rate_hz)
-        assert peak_hz(sound[:, 0] + 1j * sound[:, 1], rate_hz) == pytest.approx(120.0, rel=0.01)
-
     def test_a_fast_recording_is_decimated_without_aliases(self):
         values = tone(1000.0, rate_hz=128_000.0, duration_s=0.5) + tone(47_000.0, rate_hz=128_000.0, duration_s=0.5)
         rate_hz, sound = make_doppler_sound(Frames.of(baseband := recording_of(values, 128_000.0)), whole(baseband))
@@ -248,13 +219,6 @@ class TestCommand:
         assert facts["label"] == "human"
         assert peak_hz(sound[:, 0] + 1j * sound[:, 1], rate_hz) == pytest.approx(4 * 2 * 1.2 / 0.0411, rel=0.25)
 
-    def test_a_given_gate_and_sides(self, file, tmp_path):
-        done = self.run(file, "-o", tmp_path / "a.wav", "--gate", "2:5", "--channels", "sides", "--pitch", "2")
-        assert done.exit_code == 0, done.output
-        _, sound = wavfile.read(tmp_path / "a.wav")
-        left, right = (sound.astype(float) ** 2).mean(axis=0)
-        assert left > 5 * right
-
     @pytest.mark.parametrize(("words", "says"), [
         (["--gate", "truth", "--target", "1"], "--target 1: must be 0"),
         (["--gate", "20:21"], "outside the recorded frame"),
@@ -266,18 +230,6 @@ class TestCommand:
         done = self.run(file, "-o", tmp_path / "old.wav", *words)
         assert isinstance(done.exception, DoppelgaitError)
         assert says in str(done.exception)
-        assert (tmp_path / "old.wav").read_bytes() == b"kept"
-        assert [path.name for path in tmp_path.iterdir()] == ["old.wav"]
-
-    def test_a_full_disk_leaves_the_older_file(self, file, tmp_path, monkeypatch):
-        def half(path, *given):
-            Path(path).write_bytes(b"RIFF")
-            raise OSError(28, "No space left on device")
-
-        monkeypatch.setattr("doppelgait.processing.sound.write_wav", half)
-        (tmp_path / "old.wav").write_bytes(b"kept")
-        done = self.run(file, "-o", tmp_path / "old.wav", "--gate", "truth")
-        assert isinstance(done.exception, OutputError)
         assert (tmp_path / "old.wav").read_bytes() == b"kept"
         assert [path.name for path in tmp_path.iterdir()] == ["old.wav"]
 

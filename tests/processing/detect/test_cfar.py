@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import ndimage, stats
+from scipy import stats
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.processing.detect import ca_factor, noise_factor, os_factor, os_pfa
@@ -53,14 +53,6 @@ def test_ordered_statistic_factor(pfa, published):
     assert product == pytest.approx(pfa, rel=1e-9)
 
 
-def test_ordered_statistic_of_summed_cells_by_counting():
-    generator, n_training, rank, n_summed = np.random.default_rng(5), 12, 8, 3
-    factor = os_factor(n_training, rank, 2e-2, n_summed=n_summed)
-    training = np.sort(generator.gamma(n_summed, size=(300_000, n_training)), axis=1)[:, rank - 1]
-    hits = np.count_nonzero(generator.gamma(n_summed, size=300_000) > factor * training)
-    assert_probability(hits, 300_000, 2e-2)
-
-
 def test_the_integral_for_sums_agrees_with_the_product_for_single_cells():
     shares = np.linspace(0.0, 1.0, 200_001)[1:-1]  # Pfa by a plain Riemann sum over the ordered cell's quantile
     density = stats.beta.pdf(shares, 10, 7)
@@ -89,20 +81,6 @@ def test_false_alarms_above_a_known_floor(pfa):
     assert_probability(int(np.count_nonzero(cells > 3.7 * noise_factor(pfa))), cells.size, pfa, confidence=0.95)
     sums = np.random.default_rng(2).gamma(5, size=1_000_000)
     assert_probability(int(np.count_nonzero(sums > 5 * noise_factor(pfa, n_summed=5))), sums.size, pfa)
-
-
-@pytest.mark.parametrize("snr_db", [0.0, 10.0, 16.0])
-def test_a_swerling_1_cell_is_detected_as_often_as_in_closed_form(snr_db):
-    snr, n = 10 ** (snr_db / 10), 200_000
-    generator = np.random.default_rng(3)
-    echo = np.sqrt(snr / 2) * generator.standard_normal((2, n)) + np.sqrt(0.5) * generator.standard_normal((2, n))
-    power = (echo**2).sum(axis=0)
-    pfa = 1e-4
-    assert_probability(int(np.count_nonzero(power > noise_factor(pfa))), n, pfa ** (1 / (1 + snr)))
-    cells = exponential((n, 13), 8)
-    cells[:, 6] = power
-    expected = (1 + ca_factor(8, pfa) / 8 / (1 + snr)) ** -8
-    assert_probability(int(np.count_nonzero(mark_above_ca(cells, SHORT, pfa)[:, 6])), n, expected)
 
 
 def test_masks_are_those_of_a_literal_loop():
@@ -137,27 +115,6 @@ def test_cells_without_enough_training_are_never_above():
     assert count_training_cells(few, 12)[0] == 3
     assert not mark_above_ca(cells, few, 1e-1)[0, 0]
     assert not mark_above_os(cells, few, 1e-1, rank_share=0.5)[0, 0]
-
-
-def body_in_noise():
-    """Exponential noise of mean 1 and a body of 12 range bins by 24 Doppler bins, 20 dB above it (K, N)."""
-    cells = exponential((128, 188), 9)
-    cells[70:94, 90:102] *= 100
-    return cells
-
-
-def test_a_small_window_is_masked_by_the_body_itself_and_a_wide_guard_is_not():
-    cells = body_in_noise()
-    outer, inner = (ndimage.uniform_filter(cells, size) * np.prod(size) for size in ((57, 25), (13, 9)))
-    n_training = 57 * 25 - 13 * 9
-    assert n_training == 1308  # guard 4 x 6 and training 8 x 22 on either side in range and Doppler
-    small_guard = cells > (outer - inner) / n_training * ca_factor(n_training, 1e-3)
-    window = make_range_window(bin_spacing_m=0.0514, window_m=2.0, guard_m=0.75, resolution_m=0.09)
-    along_range = mark_above_os(cells, window, 1e-3, rank_share=0.6)
-    body = (slice(70, 94), slice(90, 102))
-    assert small_guard[body].mean() < 0.6
-    assert along_range[body].mean() > 0.85
-    assert (cells > noise_factor(1e-3))[body].mean() == pytest.approx(1e-3 ** (1 / 100), abs=0.05)
 
 
 def test_what_cannot_be_had_is_refused():
