@@ -53,21 +53,6 @@ def test_envelope_statistics_of_a_swinging_block(sense):
     assert found["envelope_periodicity"] == pytest.approx(1.0, abs=0.01)
 
 
-@pytest.mark.parametrize("line_mps", [1.5, -1.5])
-def test_figures_of_the_envelopes_are_those_of_their_reaches(line_mps):
-    swing = np.sin(2 * np.pi * 2.0 * T + 0.3)
-    observed = evidence_of(block(-3.0 + 0.3 * swing, 3.0 + swing), line_mps)
-    edges, lead, lag = observed.edges, observed.forward_mps, observed.backward_mps
-    limits = [*np.percentile(lead, (5, 95)), *np.percentile(lag, (5, 95))]
-    low, high = observed.edges_mps
-    wanted = [
-        1.0, lead.mean(), lead.std(), lag.mean(), lag.std(), *limits, np.percentile(high - low, 5),
-        np.percentile(high, 95) - np.percentile(low, 5), (lead > (limits[0] + limits[1]) / 2).mean(),
-    ]  # fmt: skip
-    np.testing.assert_allclose(edges, wanted, rtol=1e-9)
-    assert lead.mean() == pytest.approx(1.5, abs=0.1)
-
-
 def test_swing_duty_is_the_share_of_the_time_far_out():
     ahead = np.where((2.0 * T) % 1.0 < 0.3, 3.0, 1.0)
     assert extended_of(block(0.5, 1.5 + ahead), 1.5)["swing_duty"] == pytest.approx(0.3, abs=0.01)
@@ -303,11 +288,3 @@ def test_power_direction_and_time_reversal_do_not_matter(walker_mu):
         for feature, value in wanted.standard_deviations.items():
             if value is not None:
                 assert found.standard_deviations[feature] == pytest.approx(value, rel=10 * tolerance), (name, feature)
-
-
-def test_a_walker_has_plausible_features(walker_mu):
-    found = assessed(walker_mu).extended
-    assert found["forward_envelope_mean_mps"] > found["backward_envelope_mean_mps"]  # the swinging foot
-    assert found["envelope_periodicity"] > 0.8
-    assert 0.3 < found["swing_duty"] < 0.7
-    assert found["alternate_likeness"] > 0.85  # left and right are mirror images

@@ -18,7 +18,6 @@ from doppelgait.features.gait_frequency import (
     refine_on_harmonics,
 )
 from doppelgait.features.limbs import Rows, average_columns, limb_rows, sum_groups, torso_line_hz
-from doppelgait.features.observed import compute_square_difference
 
 RATE_HZ, N_DOPPLER, PRF_HZ = 125.0, 128, 1000.0
 WAVELENGTH_M = 0.0411
@@ -277,12 +276,6 @@ def test_a_frequency_outside_the_search_stays():
     found, width_hz = refine_on_harmonics(2.3, [rhythm])
     assert found == 2.3
     assert np.isnan(width_hz)
-
-
-def test_square_difference_of_a_cosine_is_its_own_cosine():
-    t = np.arange(400) / 40.0
-    values = np.stack([np.cos(2 * np.pi * 2 * t), np.sin(2 * np.pi * 2 * t)], axis=1)
-    np.testing.assert_allclose(compute_square_difference(values), np.cos(2 * np.pi * 2 * t), atol=1e-9)
 
 
 def test_sets_of_rows_are_measured_together_as_alone_e33():

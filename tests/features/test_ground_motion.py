@@ -156,15 +156,6 @@ def test_a_side_view_is_flagged_and_its_ground_speed_given(motion, aspect_deg):
     assert result.quality["ground_step_length_m"] == pytest.approx(expected_m)
 
 
-def test_two_targets_that_pass_each_other_are_flagged():
-    walk = boulic_walk(speed_mps=1.2, duration_s=3.0)
-    apart = Scene([Target(walk, range_m=3.5), Target(walk, range_m=8.0)])
-    meeting = Scene([Target(walk, range_m=5.0), Target(walk, range_m=5.0, aspect_deg=180.0)])
-    for scene, flagged in ((apart, False), (meeting, True)):
-        results = analyze(simulate(scene, Radar.preset("x4-long")), gate="truth")
-        assert all(("gates_overlap" in r.flags) == flagged for r in results)
-
-
 def test_an_aliased_recording_leaves_a_trace():
     walk = boulic_walk(speed_mps=1.5, duration_s=3.0)
     with pytest.warns(UserWarning, match="aliasing"):

@@ -83,7 +83,6 @@ def test_two_who_pass_each_other_are_two():
 
 
 @pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
-@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
 def test_who_passes_another_is_analysed_while_alone():
     """The true ranges say when that is; before, all of a result counted as shared for a moment of it."""
     walk = boulic_walk(speed_mps=0.9, duration_s=9.0)
@@ -282,15 +281,6 @@ def test_one_who_sits_is_found_by_the_breath():
     assert found[0].gait_frequency_hz is None
     assert any(flag.startswith("keeps_still") for flag in found[0].flags)
     assert math.isfinite(found[0].to_json(arrays=False)["quality"]["breathing_rate_hz"])
-
-
-def test_a_clutter_choice_is_kept_and_median_is_the_default():
-    blind, _ = recording_of(Target(WALK, range_m=4.5))
-    as_asked = analyze(blind, analysis=Analysis(clutter="exponential"))[0]
-    by_default = analyze(blind)[0]
-    named = analyze(blind, analysis=Analysis(clutter="median"))[0]
-    assert by_default.features == named.features
-    assert as_asked.features != named.features
 
 
 def test_frames_that_were_filled_in_are_flagged():
