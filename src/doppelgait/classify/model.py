@@ -96,9 +96,8 @@ Conditions = Mapping[str, tuple[float, float]]
 
 
 def read_wavelength_m(signature: xr.DataArray) -> float:
-    """Return the wavelength of a signature in m, or NaN.
-    The wavelength is the attribute, or follows from the axes by v = f wavelength / 2.
-    """
+    """Return the wavelength of a signature in m, or NaN."""
+    # without the attribute it follows from the axes by v = f wavelength / 2
     if "wavelength_m" in signature.attrs:
         return float(signature.attrs["wavelength_m"])
     if not {"velocity", "doppler"} <= set(signature.coords):
@@ -149,9 +148,7 @@ def find_training_conditions(found: Mapping[str, FloatArray], train: IntArray) -
 
 
 def mark_outside(values: FloatArray, name: str, trained: Conditions) -> npt.NDArray[np.bool_]:
-    """Mark values of a condition outside the training range.
-    The tolerance is included. Unknown values are never outside.
-    """
+    """Mark values outside the training range and its tolerance."""
     if name not in trained:
         return np.zeros(np.shape(values), dtype=bool)
     low, high = accepted_range(name, *trained[name])

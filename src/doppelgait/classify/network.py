@@ -229,9 +229,7 @@ def _compute_validation_loss(
 
 
 def _to_arrays(state: Mapping[str, Any], spec: Patch) -> Network:
-    """Convert the network to plain arrays.
-    Batch normalisation becomes one scale and one bias.
-    """
+    """Convert to plain arrays, with batch normalisation as scale and bias."""
     arrays = {name: values.cpu().contiguous().numpy() for name, values in state.items()}
     kernels, scales, biases = [], [], []
     for number in range(len(CHANNELS)):

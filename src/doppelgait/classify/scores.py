@@ -49,9 +49,7 @@ def compute_recalls(labels: IntArray, right: Bools, n_classes: int) -> FloatArra
 
 
 def balanced_accuracy(labels: IntArray, right: Bools, n_classes: int) -> float:
-    """Return the mean recall of all classes.
-    The result is NaN if a class is absent, because the recall of a single class is not an accuracy.
-    """
+    """Return the mean recall, NaN if a class is absent."""
     return float(compute_recalls(labels, right, n_classes).mean())
 
 
@@ -66,9 +64,7 @@ def clopper_pearson_interval(hits: float, n: float, level: float = LEVEL) -> tup
 
 
 def wilson_interval(right: Bools, groups: Groups, level: float = LEVEL) -> tuple[float, float]:
-    """Return a share's exact interval, a trial per target.
-    The interval is valid even if all rows of a target are equal.
-    """
+    """Return a share's exact interval, a trial per target."""
     count = np.unique(groups).size
     return clopper_pearson_interval(float(right.mean()) * count, float(count), level) if count else (0.0, 1.0)
 

@@ -35,9 +35,8 @@ class Trainer(Protocol):
     """A plug-in of the group ``classifier``: a function that trains."""
 
     def __call__(self, train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Learned:
-        """Train on ``train``.
-        The rows in ``held``, of other targets, only decide when to stop.
-        """
+        """Train on ``train``."""
+        # the rows in ``held``, of other targets, only decide when to stop
 
 
 CLASSIFIERS: Group[Trainer] = Group(

@@ -333,9 +333,7 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
 
 
 def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int]) -> dict[str, Any]:
-    """Build a shard in its worker and return the counts.
-    The record is written to the folder.
-    """
+    """Build a shard in its worker and return the counts."""
     if release != RELEASE:
         raise DatasetError(
             f"a worker has doppelgait {RELEASE}, this build {release}; install the same version everywhere"
@@ -351,9 +349,7 @@ def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int])
 
 
 def read_finished_record(target: Path, shard: Shard, identity: str) -> dict[str, Any] | None:
-    """Return a complete dataset shard's record, else None.
-    Shards with failures count as incomplete.
-    """
+    """Return the record of a complete shard without failures, else None."""
     record = _read_complete_record(target, shard, identity)
     return None if record is None or record["failures"] else record
 
@@ -379,9 +375,7 @@ def _read_complete_record(target: Path, shard: Shard, identity: str) -> dict[str
 
 
 def _remove_unfinished_files(job: _Job) -> None:
-    """Remove half-written files.
-    While other parts run, only files of own shards are removed.
-    """
+    """Remove half-written files, only own ones while other parts run."""
     own = {shard.name for shard in job.own}
     # list the files before the locks: a writer has its lock before its files
     leftovers = list(job.target.rglob("*.partial"))
@@ -393,9 +387,7 @@ def _remove_unfinished_files(job: _Job) -> None:
 
 @contextmanager
 def _stop_in_order(target: Path) -> Iterator[None]:
-    """Stop the block in order on Ctrl-C or termination.
-    The message explains how to resume.
-    """
+    """Stop the block in order on Ctrl-C or termination."""
     try:
         with stop_in_order():
             yield

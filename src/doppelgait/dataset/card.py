@@ -22,16 +22,13 @@ blocks a release, because the licences that forbid it cannot be listed."""
 
 
 def blocks_release(licence: str) -> bool:
-    """Return True if a licence blocks release of derived data.
-    A licence blocks release unless it is known to allow it. If several are joined by AND, each must allow it.
-    """
+    """Return True if a licence blocks release of derived data."""
+    # joined by AND, each licence must allow it
     return any(FREE.fullmatch(part.strip()) is None for part in licence.split(" AND "))
 
 
 def list_licences(index: pd.DataFrame) -> pd.DataFrame:
-    """List the recordings of an index with their licences.
-    Columns are ``recording``, ``licence``, ``rows`` and ``blocked``; the table is empty for models.
-    """
+    """List the recordings of an index with their licences."""
     columns = ["recording", "licence", "rows", "blocked"]
     if index.empty or "recording" not in index:
         return pd.DataFrame(columns=columns)
@@ -49,9 +46,7 @@ def list_blocked_recordings(index: pd.DataFrame) -> list[str]:
 
 
 def release_warning(licences: pd.DataFrame) -> str:
-    """Return a sentence on the licences that block a release.
-    The input is the table of :func:`list_licences`. The sentence is empty if nothing blocks.
-    """
+    """Return a sentence on the licences that block a release, or ""."""
     blocked = int(licences["blocked"].sum())
     if not blocked:
         return ""
@@ -222,9 +217,7 @@ LEAK_SENTENCES = {
 
 
 def _format_leaks(leaks: Sequence[str]) -> str:
-    """Write the section on the leaks of a plan.
-    The text is empty for a plan without leaks.
-    """
+    """Write the section on the leaks of a plan."""
     if not leaks:
         return ""
     named = [f"- `{leak}`: {LEAK_SENTENCES.get(leak, 'set by class, so that it reveals the class')}." for leak in leaks]
@@ -346,9 +339,7 @@ def count_examples(index: pd.DataFrame) -> pd.DataFrame:
 
 
 def tabulate_features(index: pd.DataFrame) -> pd.DataFrame:
-    """Tabulate median and 5 to 95 % range per feature and class.
-    The cells are strings and include the number of missing values.
-    """
+    """Tabulate median and 5 to 95 % range per feature and class."""
     rows = []
     for name, unit in {**FEATURE_UNITS, "gait_frequency_hz": "Hz"}.items():
         column = name if name in index else f"feature_{name}"

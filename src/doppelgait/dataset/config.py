@@ -26,9 +26,7 @@ _ABSENT = object()
 
 
 def shorten(value: Any) -> str:
-    """Format a value as JSON of at most :data:`SHOWN_LENGTH` characters.
-    The middle of a longer text is left out.
-    """
+    """Format a value as JSON of at most :data:`SHOWN_LENGTH` characters."""
     text = json.dumps(value, ensure_ascii=False, default=str)
     if len(text) <= SHOWN_LENGTH:
         return text
@@ -36,9 +34,7 @@ def shorten(value: Any) -> str:
 
 
 def list_differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
-    """Yield dotted keys with differing values, ``key: old -> new``.
-    A key that is missing on one side is shown as ``absent``.
-    """
+    """Yield dotted keys with differing values, ``key: old -> new``."""
     if isinstance(old, dict) and isinstance(new, dict):
         for name in sorted(set(old) | set(new)):
             yield from list_differences(
@@ -116,9 +112,8 @@ class FieldSpec(FrozenModel):
 
 
 def _list_field_specs(fields: Sequence[Any]) -> tuple[list[Any], list[str]]:
-    """Return the tables of fields and their names.
-    Other values are returned unchanged; the validation of the model rejects them.
-    """
+    """Return the tables of fields and their names."""
+    # the validation of the model rejects other values
     specs = [{"name": one} if isinstance(one, str) else one for one in fields]
     names = [one.get("name") if isinstance(one, dict) else getattr(one, "name", None) for one in specs]
     return specs, [name for name in names if isinstance(name, str)]
@@ -450,9 +445,7 @@ FIELDS_OF_RECORDINGS = ("signature", "cadence_map", "ti_frames", "baseband")
 
 
 def parse_gate(value: Any, *, where: str = "") -> GateChoice:
-    """Parse the gate of measured recordings.
-    Allowed are ``"track"``, ``"1.2:2.8"`` or two ranges in m; other values raise a ConfigError.
-    """
+    """Parse a gate: ``"track"``, ``"1.2:2.8"`` or two ranges in m."""
     return Gate.parse(value, names=("track",), lowest_m=0.0, where=where)
 
 

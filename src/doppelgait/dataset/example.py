@@ -100,9 +100,7 @@ class Features:
 
 
 def build_feature_matrix(index: pd.DataFrame, names: str | Sequence[str], without_flags: Sequence[str]) -> Features:
-    """Build the feature matrix of the rows of an index.
-    See :meth:`doppelgait.dataset.Dataset.features`.
-    """
+    """Build the feature matrix of the rows of an index."""
     columns = find_feature_columns(index, names)
     rows = index
     if without_flags:
@@ -126,9 +124,7 @@ def build_feature_matrix(index: pd.DataFrame, names: str | Sequence[str], withou
 
 
 def find_feature_columns(index: pd.DataFrame, names: str | Sequence[str]) -> dict[str, str]:
-    """Return the columns of the index by feature name.
-    The names are a feature set (``six``, ``extended``) or a list.
-    """
+    """Return the columns of the index by feature name."""
     six = {name: f"feature_{name}" for name in FEATURE_UNITS}
     if names == "six":
         return six
@@ -150,9 +146,7 @@ def parse_unit(column: str) -> str:
 
 
 def suggest_names(name: str, known: Iterable[str]) -> str:
-    """Return a hint of similar names for an error message.
-    Without similar names the hint has the number of names.
-    """
+    """Return a hint of similar names, or their number, for messages."""
     names = sorted(known)
     close = get_close_matches(name, names, n=5, cutoff=0.5)
     if close:
@@ -167,9 +161,7 @@ Stored = Callable[[str], npt.NDArray[Any] | None]
 
 
 def read_analysis(description: Mapping[str, Any], row: Mapping[str, Any]) -> Analysis:
-    """Return a row's analysis settings.
-    The settings are those of the dataset's configuration.
-    """
+    """Return a row's analysis settings from the dataset's configuration."""
     config, number = _plan_place(description, row)
     table = config.get("analysis", {})
     if number is not None:
@@ -358,9 +350,7 @@ def read_radar(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
 
 
 def find_plan_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> int:
-    """Return the number of a row's example in its plan.
-    This version of doppelgait must be able to simulate the example again.
-    """
+    """Return the number of a row's example in its plan."""
     if description.get("origin", "simulated") != "simulated":
         raise DatasetError("the dataset contains arrays of measured recordings, not the recordings themselves")
     version = description.get("data_version")
@@ -383,9 +373,7 @@ def _plan_place(description: Mapping[str, Any], row: Mapping[str, Any]) -> tuple
 
 
 def number_in_plan(config: Mapping[str, Any], scene_id: str) -> int | None:
-    """Return an example's number in its plan.
-    The number is part of the id. The classes are numbered one after the other.
-    """
+    """Return an example's number in its plan."""
     label, _, within = scene_id.rpartition("-")
     first = 0
     for section in config.get("classes", ()):

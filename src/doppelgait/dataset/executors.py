@@ -41,9 +41,7 @@ class WorkersLostError(Exception):
 
 
 def restart_lost_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequence[Shard]) -> Results:
-    """Yield the results of ``run``; restart it when workers are lost.
-    A restart covers the shards that are missing.
-    """
+    """Yield the results of ``run``; restart it when workers are lost."""
     left = {shard.name: shard for shard in shards}
     losses = 0
     while left:
@@ -112,9 +110,7 @@ def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
 
 @contextmanager
 def _start_workers(work: Work, workers: int) -> Iterator[list[Connection]]:
-    """Start worker processes that end with the block.
-    The function returns the pipe to each worker.
-    """
+    """Yield pipes to worker processes that end with the block."""
     spawn = multiprocessing.get_context("spawn")
     ends = [spawn.Pipe() for _ in range(workers)]
     pipes = [here for here, _ in ends]
@@ -202,9 +198,7 @@ def _wait_for_some(client: Client, running: dict[DaskFuture[Any], Any], *, is_lo
 
 @contextmanager
 def _connect_client(address: str, workers: int) -> Iterator[Client]:
-    """Connect to a scheduler's address or a local cluster.
-    A local cluster ends with the block.
-    """
+    """Connect to a scheduler, or to a local cluster for the block."""
     import dask
     from distributed import Client, LocalCluster
     from distributed.system import MEMORY_LIMIT
@@ -233,9 +227,8 @@ def _connect_client(address: str, workers: int) -> Iterator[Client]:
 
 
 def _close_cluster(cluster: LocalCluster) -> None:
-    """Close a local cluster.
-    Closing can fail if a worker dies, starts or ends slowly at that moment.
-    """
+    """Close a local cluster."""
+    # closing can fail if a worker dies, starts or ends slowly at that moment
     with suppress(Exception):
         cluster.close()
 
@@ -250,9 +243,7 @@ def run_shards(
     executor: str = "processes",
     workers: int | None = None,
 ) -> Results:
-    """Call ``work`` per shard, yielding results as they finish.
-    The order of the results is arbitrary.
-    """
+    """Call ``work`` per shard, yielding results as they finish."""
     check_executor(executor)
     count = min(workers or os.cpu_count() or 1, max(len(shards), 1))
     if executor == "serial" or (executor == "processes" and count == 1):
@@ -264,9 +255,8 @@ def run_shards(
 
 
 def check_executor(executor: str) -> None:
-    """Refuse the name of an unknown executor.
-    If a worker imports a main script without a guard, the worker ends here.
-    """
+    """Refuse the name of an unknown executor."""
+    # a worker that imports a main script without a guard ends here
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         os._exit(UNGUARDED)
     host, colon, port = executor.removeprefix("dask://").rpartition(":")

@@ -139,12 +139,8 @@ def export_dataset(
 
 
 def refuse_unreleasable(dataset: Dataset) -> None:
-    """Raise a :class:`DatasetError` if a licence blocks the release.
-
-    The message names every such recording.
-
-    All targets of a scene count, selected or not, because the arrays contain the echoes of all of them.
-    """
+    """Raise a :class:`DatasetError` if a licence blocks the release."""
+    # all targets of a scene count, because the arrays contain the echoes of all of them
     whole = pd.read_parquet(dataset.directory / "index.parquet")
     names = list_blocked_recordings(whole[whole["scene_id"].isin(dataset.index["scene_id"])])
     if names:
@@ -157,9 +153,7 @@ def refuse_unreleasable(dataset: Dataset) -> None:
 
 @contextmanager
 def _open_new_folder(target: Path) -> Iterator[Path]:
-    """Open a temporary folder that becomes ``target`` on success.
-    The temporary folder is removed if the block fails.
-    """
+    """Open a temporary folder that becomes ``target`` on success."""
     if target.exists():
         raise DatasetError(f"{target}: exists already; nothing is overwritten; choose another folder")
     try:
@@ -183,18 +177,14 @@ def iterate_splits(dataset: Dataset) -> Iterator[tuple[str, npt.NDArray[np.int64
 
 
 def flatten_index(dataset: Dataset) -> pd.DataFrame:
-    """Return the index without positions in shard files.
-    The column ``class_number`` is inserted after the label.
-    """
+    """Return the index with ``class_number``, without positions in shard files."""
     table = dataset.index.drop(columns=[name for name in PLACES if name in dataset.index])
     table.insert(list(table.columns).index("label") + 1, "class_number", dataset.class_numbers())
     return table
 
 
 def read_arrays(dataset: Dataset, row: int, fields: tuple[str, ...]) -> dict[str, npt.NDArray[np.generic]]:
-    """Return a row's arrays in linear units, with axes.
-    A field without axes in its shard is returned alone.
-    """
+    """Return a row's arrays in linear units, with axes if stored."""
     arrays: dict[str, npt.NDArray[np.generic]] = {}
     for name in fields:
         arrays[name] = dataset.array(name, row)
@@ -207,7 +197,5 @@ def read_arrays(dataset: Dataset, row: int, fields: tuple[str, ...]) -> dict[str
 
 
 def make_file_name(example_id: str) -> str:
-    """Return a file name for an example's id.
-    Everything but letters, digits, ``_`` and ``-`` is escaped.
-    """
+    """Return a file name for an example's id, escaping other characters."""
     return quote(example_id, safe="").replace(".", "%2E").replace("~", "%7E")

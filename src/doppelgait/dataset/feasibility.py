@@ -106,9 +106,8 @@ def _leaves_frame(
 
 
 def _expected_snr_db(table: xr.Dataset, number: int, radar: Radar) -> float:
-    """Return the SNR_frame of a target by the radar equation, dB.
-    The echo powers in each range cell are added; the strongest cell of every pulse is used.
-    """
+    """Return the SNR_frame of a target by the radar equation, dB."""
+    # the echo powers in each range cell are added; the strongest cell of every pulse is used
     targets, _ = split_targets(table.isel(slow_time=slice(None, None, -(-table.sizes["slow_time"] // SNR_PULSES))))
     range_m, amplitude_v = compute_scatterer_arrays(targets, radar)
     seen = (read_axis(targets, "target") == number) & (range_m >= radar.range_start_m) & (range_m <= radar.range_stop_m)

@@ -52,9 +52,7 @@ precision; last bits of most steps, after optimisation."""
 
 
 def plan_plugins(plan: PlanConfig, folder: Path) -> list[dict[str, Any]]:
-    """Identify the plug-ins of other packages that a plan uses.
-    Plug-ins that read its presets and motion files are included.
-    """
+    """Identify the plug-ins of other packages that a plan uses."""
     tables = [store_radar_files(plan, folder).model_dump(mode="json")]
     return identify_plugins(tables, {"motion_reader": [folder / path for path in _list_motion_files(plan)]})
 
@@ -166,9 +164,7 @@ def plan_header(plan: PlanConfig, identity: str, folder: Path) -> Header:
 
 
 def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_failed_share: float = 0.0) -> Totals:
-    """Write a folder's index, splits, card, description and hashes.
-    All shards must exist.
-    """
+    """Write a folder's index, splits, card, description and hashes."""
     import pandas as pd
 
     totals = tally(read_records(target, names))
@@ -205,9 +201,7 @@ def format_checksums(hashes: Mapping[str, str]) -> str:
 
 
 def make_card(directory: str | Path) -> str:
-    """Return the card of a dataset.
-    The card of an incomplete dataset describes the shards that exist.
-    """
+    """Return the card of a dataset, complete or not."""
     from doppelgait.dataset.card import format_card
 
     folder = Path(directory)
@@ -247,9 +241,7 @@ def write_description(target: Path, description: Mapping[str, Any]) -> None:
 
 
 def write_splits(folder: Path, index: pd.DataFrame) -> None:
-    """Write the ids of every split that has rows.
-    There is one id per line, in the order of the index.
-    """
+    """Write the ids of every split, one per line."""
     folder.mkdir(exist_ok=True)
     for split in SPLITS:
         ids: Iterable[str] = index["id"][index["split"] == split] if len(index) else ()
@@ -327,9 +319,7 @@ def tally(records: Iterable[Record]) -> Totals:
 
 
 def make_index(records: Iterable[Record]) -> pd.DataFrame:
-    """Make the index table, one row per target.
-    Numbers are float64; unknown values are NaN.
-    """
+    """Make the index table, one row per target."""
     kept = list(records)
     columns = tally(kept).columns
     frame: pd.DataFrame = _make_table(list(_rows(kept)), columns).to_pandas()

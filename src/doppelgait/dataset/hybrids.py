@@ -58,9 +58,7 @@ def add_hybrids(
 
 
 def _make_factor_ranges(clip: Motion) -> dict[str, Any]:
-    """Return the distributions of the three factors of a clip.
-    The table is empty if the clip cannot be changed.
-    """
+    """Return the three factors' distributions, {} if a clip cannot change."""
     law = find_speed_law(clip)
     speed, stride = (tuple(map(math.log, limits)) for limits in (find_speed_limits(clip), find_stride_limits(law)))
     reach: list[float] = []
@@ -90,9 +88,7 @@ def _retarget(clip: Motion, speed_factor: float, stride_factor: float) -> None:
 
 
 def _group_families(clips: Sequence[Motion], subjects: Sequence[str]) -> list[list[int]]:
-    """Group clips of subjects that are blended with each other.
-    The clips of a group have the same gait and the same points.
-    """
+    """Group clips of equal gait and points whose subjects are blended."""
     alike: dict[tuple[Any, ...], dict[str, list[int]]] = {}
     for number, (clip, subject) in enumerate(zip(clips, subjects, strict=True)):
         key = (clip.facts.species, tuple(clip.markers))
@@ -111,9 +107,7 @@ def _group_families(clips: Sequence[Motion], subjects: Sequence[str]) -> list[li
 
 
 def _fit(clip: Motion, other: Motion, hybrid: Mapping[str, Any]) -> list[float]:
-    """Return the speed factor range of a blended clip.
-    The range is empty if equal weights, or either end of the ranges, cannot be generated.
-    """
+    """Return a blended clip's range of speed factors, [] if impossible."""
     speeds = hybrid["speed_factor"]["log_uniform"]
     found: list[float] = []
 

@@ -209,19 +209,7 @@ def import_id(
     config: ImportConfig,
     plugins: Sequence[Mapping[str, Any]] = (),
 ) -> str:
-    """Compute the identity of an import, 16 hex digits.
-
-    It is a hash of labels, recordings, configuration and data version.
-
-    Parameters
-    ----------
-    labels : path or sequence of LabelEntry
-    hashes : dict
-        SHA-256 of every recording by its path in the folder.
-    config : ImportConfig
-    plugins : sequence of mapping
-        Plug-ins of other packages, from :func:`doppelgait.core.plugins.identify_plugins`.
-    """
+    """Compute an import's identity: labels, recordings, configuration and data version."""
     settings = format_canonical_json(config)
     digest = hashlib.sha256(f"import {DATA_VERSION}\n{settings}\n{format_canonical_json(hashes)}\n".encode())
     if isinstance(labels, str | Path):
@@ -234,9 +222,7 @@ def import_id(
 
 
 def _find_same_import(target: Path, identity: str) -> list[str] | None:
-    """Return the shards of the same import in the folder.
-    The result is None if the folder is empty; other content raises an error.
-    """
+    """Return the shards of the same import, None for an empty folder."""
     description = target / "dataset.json"
     if not description.is_file():
         return None

@@ -92,9 +92,7 @@ def list_recording_files(path: Path) -> tuple[Path, ...]:
 
 
 def hash_recording(folder: Path, recording: str) -> str:
-    """Hash names and bytes of a recording's files (SHA-256, hex).
-    An unreadable file is hashed as unreadable.
-    """
+    """Hash names and bytes of a recording's files (SHA-256, hex)."""
     digest = hashlib.sha256()
     for path in list_recording_files(folder / recording):
         try:
@@ -169,9 +167,7 @@ def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
 
 
 def _split_cells(path: Path, text: str, delimiter: str, *, most: int | None = None) -> list[tuple[int, list[str]]]:
-    """Split a CSV text into non-empty lines with their numbers.
-    The number of a line is that of its start.
-    """
+    """Split a CSV text into non-empty lines with their numbers."""
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True)
     lines: list[tuple[int, list[str]]] = []
     before = 0

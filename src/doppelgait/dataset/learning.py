@@ -152,9 +152,8 @@ POOL_SHARDS = MAX_OPEN // 2
 
 
 def shuffled_rows(index: pd.DataFrame, rng: np.random.Generator) -> npt.NDArray[np.int64]:
-    """Shuffle rows so that shard files open once.
-    The shards are put in random order; the rows of :data:`POOL_SHARDS` of them at a time are shuffled together.
-    """
+    """Shuffle rows so that shard files open once."""
+    # rows of a few shards at a time are shuffled together, so that files open once
     codes, shards = pd.factorize(index["shard"])
     place_of_shard = rng.permutation(len(shards))
     pool = place_of_shard[codes] // POOL_SHARDS
@@ -191,9 +190,7 @@ def _read(
 def stack(
     dataset: StoredExamples, field: str, rows: npt.NDArray[np.int64], patch: Patch | None = None
 ) -> npt.NDArray[Any]:
-    """Stack the arrays of rows as one, (row, ...).
-    Different shapes are a :class:`DatasetError`.
-    """
+    """Stack the arrays of rows as one, (row, ...)."""
     values = [read_fields(dataset, [field], int(row), patch)[field] for row in rows]
     for row, value in zip(rows, values, strict=True):
         if value.shape != values[0].shape:
@@ -206,9 +203,7 @@ def stack(
 
 
 def epoch_rows(index: pd.DataFrame, seed: int | None, epoch: int, worker: int, workers: int) -> npt.NDArray[np.int64]:
-    """Return the rows of one worker in one epoch.
-    The workers take the rows of the epoch in turn: each row is in the share of exactly one of them.
-    """
+    """Return the rows of one worker in one epoch, each once."""
     rows = np.arange(len(index))
     if seed is not None:
         rows = shuffled_rows(index, Streams(seed, epoch).generator("batches"))
@@ -243,9 +238,7 @@ def collect_arrays(dataset: StoredExamples, field: str, as_: As, memory_mb: floa
 
 
 def balanced_weights(counts: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
-    """Return weights that balance all present classes.
-    They are n / (number of present classes * count), so that their mean over the rows is 1; 0 for an absent class.
-    """
+    """Return weights of mean 1 that balance all present classes."""
     present = counts > 0
     weights = np.zeros(counts.size)
     weights[present] = counts.sum() / (present.sum() * counts[present])

@@ -58,9 +58,7 @@ class Holder:
 
     @property
     def alive(self) -> bool:
-        """False if the process has certainly ended.
-        A process of another host cannot be checked.
-        """
+        """False if the process has certainly ended, on this host."""
         if self.host != platform.node():
             return True
         if self.pid == os.getpid():
@@ -74,9 +72,7 @@ class Holder:
 
 @contextmanager
 def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
-    """Lock the folder, or part of it, for the block.
-    The lock of a dead process is replaced.
-    """
+    """Lock the folder, or part of it, for the block."""
     name = "build.lock" if part is None else f"build-{part.number}-of-{part.among}.lock"
     path = (directory / name).resolve()
     since, pid = datetime.now(UTC).isoformat(timespec="seconds"), os.getpid()
@@ -117,9 +113,7 @@ def list_running_builds(directory: Path) -> list[Holder]:
 
 
 def read_lock(path: Path) -> Holder | None:
-    """Read the holder of a lock.
-    The result is None if the lock is gone or incomplete.
-    """
+    """Read the holder of a lock, None if gone or incomplete."""
     end = time.monotonic() + WRITING_SECONDS
     while True:
         try:
@@ -139,9 +133,7 @@ _numbers = count()
 
 @contextmanager
 def write_new_folder(target: Path) -> Iterator[Path]:
-    """Write a folder that gets its name when complete.
-    The block writes to a temporary folder next to the target that no other process or thread uses.
-    """
+    """Write a folder that gets its name when complete."""
     start = f"{target.name}.{platform.node()}-"
     for leftover in target.parent.glob(f"{glob.escape(start)}*.partial"):
         pid = leftover.name.removeprefix(start).partition("-")[0]
@@ -183,9 +175,7 @@ def _is_running(pid: int) -> bool:
 
 
 def _read_process_start(pid: int) -> str:
-    """Return the start of a process in clock ticks.
-    The text is empty if the system does not provide it.
-    """
+    """Return the start of a process in clock ticks, or ""."""
     with suppress(OSError):
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
         return "ended" if fields[0] == "Z" else fields[19]

@@ -26,16 +26,12 @@ PHANTOM_SPEED_MPS = {"uniform": [0.4, 2.0]}
 
 
 def get_recording_path(motion: Mapping[str, Any]) -> str:
-    """Return the path of a resolved motion's recording, as written.
-    It is empty for a model.
-    """
+    """Return the path of a motion's recording as written, or ""."""
     return str(motion["path"]) if motion["kind"] == "file" else ""
 
 
 def list_recording_paths(motion: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the paths of a resolved motion's recordings, as written.
-    A blended motion has two paths, a model has none.
-    """
+    """Return the paths of a resolved motion's recordings, as written."""
     other = (motion.get("hybrid") or {}).get("other") if motion["kind"] == "file" else None
     return tuple(filter(None, (get_recording_path(motion), get_recording_path(other) if other else "")))
 
@@ -46,9 +42,7 @@ def find_source_entry(recording: str, sources: Sequence[SourceSection]) -> Sourc
 
 
 def find_subject(motion: Mapping[str, Any], row_id: str, sources: Sequence[SourceSection] = ()) -> str:
-    """Return the subject of a motion.
-    The subject comes from ``[[sources]]`` or is the recording.
-    """
+    """Return the subject of a motion."""
     recording = get_recording_path(motion)
     if not recording:
         return f"model/{row_id}"
@@ -121,9 +115,7 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
 
 
 def list_motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:
-    """List the paths of motion files in tables.
-    The paths are as written and sorted; all choices of a distribution are included.
-    """
+    """List the paths of motion files in tables, as written, sorted."""
     found: set[str] = set()
 
     def walk(value: Any) -> None:
@@ -152,9 +144,8 @@ def _list_strings(value: Any) -> list[str]:
 
 
 def refuse_two_spellings(paths: Iterable[str], folder: Path) -> None:
-    """Raise a :class:`ConfigError` if two paths lead to one file.
-    The file would be two subjects, perhaps in two splits.
-    """
+    """Raise a :class:`ConfigError` if two paths lead to one file."""
+    # the file would be two subjects, perhaps in two splits
     seen: dict[Path, str] = {}
     for path in paths:
         first = seen.setdefault((folder / path).resolve(), path)
@@ -163,9 +154,7 @@ def refuse_two_spellings(paths: Iterable[str], folder: Path) -> None:
 
 
 def refuse_copies(paths: Iterable[str], folder: Path, sources: Sequence[SourceSection]) -> None:
-    """Raise a :class:`ConfigError` if equal files would be different subjects.
-    These could be in two splits.
-    """
+    """Raise a :class:`ConfigError` if equal files would be different subjects."""
     by_size: dict[int, list[str]] = {}
     for path in paths:
         if (folder / path).is_file():
@@ -231,9 +220,7 @@ def _has_folders(value: Any) -> bool:
 
 
 def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | None = None) -> PlanConfig:
-    """Replace a plan's folders by lists of their segments.
-    This is the only step of planning that reads files.
-    """
+    """Replace a plan's folders by lists of their segments."""
     if not has_folders(plan):
         return plan
     seconds = plan.scene.get("duration_s")
@@ -269,9 +256,8 @@ def _list_segments(
     sources: Sequence[SourceSection],
     on_progress: Progress | None,
 ) -> list[dict[str, Any]]:
-    """Return motion tables of a folder's usable segments.
-    The order is the first segment of every file, then the second, and so on.
-    """
+    """Return motion tables of a folder's usable segments."""
+    # the first segment of every file, then the second, and so on
     root = folder / spec.path
     if not root.is_dir():
         raise ConfigError(

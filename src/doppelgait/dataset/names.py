@@ -95,9 +95,7 @@ def label_entries(
     gate: GateChoice,
     options: Mapping[str, Any] | None = None,
 ) -> Path | list[LabelEntry]:
-    """Choose labels of files or names, with classes.
-    The path of the file is returned if its lines stay unchanged.
-    """
+    """Choose labels of files or names, with classes."""
     if labels is not None and names is None and not (classes or options):
         return labels
     if (labels is None) == (names is None):

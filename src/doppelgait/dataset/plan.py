@@ -25,9 +25,7 @@ from doppelgait.dataset.splits import assign_splits, group_subjects
 
 
 class PlannedExample(NamedTuple):
-    """Planned example with its subjects and split.
-    Its distributions are sampled when it is built.
-    """
+    """Planned example with its subjects and split, not yet sampled."""
 
     number: int
     class_number: int
@@ -39,9 +37,7 @@ class PlannedExample(NamedTuple):
 
 @dataclass(frozen=True)
 class Shard:
-    """Examples of one shard file.
-    The examples are planned examples or labelled recordings, each with ``id`` and ``split``.
-    """
+    """Planned examples or labelled recordings of one shard file."""
 
     name: str
     split: str
@@ -49,9 +45,7 @@ class Shard:
 
 
 def split_into_shards(entries: Sequence[Any], size: int) -> Iterator[Shard]:
-    """Yield shards of up to ``size`` examples per split.
-    The order is that of the entries.
-    """
+    """Yield shards of up to ``size`` examples per split, in order."""
     for split in SPLITS:
         chosen = [entry for entry in entries if entry.split == split]
         count = -(-len(chosen) // size)
@@ -78,9 +72,7 @@ class Plan:
         return resolve_example(self.config, number, self.folder, split=entry.split, group=entry.group)
 
     def shards(self) -> Iterator[Shard]:
-        """Yield shards of one split each.
-        Examples of all classes are interleaved, so that every shard is mixed.
-        """
+        """Yield shards of one split each, with interleaved classes."""
 
         def place(entry: PlannedExample) -> tuple[float, int]:
             section = self.config.classes[entry.class_number]
@@ -164,9 +156,7 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
 
 
 def check_examples(plan: Plan, *, most: int | None = None, on_progress: Progress | None = None) -> int:
-    """Resolve examples over the plan to find forbidden values.
-    Such values are then reported before anything is built.
-    """
+    """Resolve examples over the plan to find forbidden values early."""
     total = spread_count(plan, most)
     for done, _ in enumerate(sample_examples(plan, most), start=1):
         if on_progress is not None:
@@ -188,9 +178,7 @@ def sample_examples(plan: Plan, most: int | None = None) -> Iterator[ExampleSpec
 
 
 def collect_nuisance(example: ExampleSpec, row: int = 0) -> dict[str, Any]:
-    """Return all sampled values of a row except its motion.
-    These must not predict the class. Keys are dotted, values numbers and texts.
-    """
+    """Return all sampled values of a row except its motion, flat."""
     run = example.run.model_dump(mode="json", exclude={"seed", "example"})
     targets = run["scene"].pop("targets")
     own = {name: value for name, value in targets[row].items() if name not in ("motion", "label")}

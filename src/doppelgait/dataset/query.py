@@ -37,9 +37,7 @@ ALLOWED = (
 
 
 def select_rows(index: pd.DataFrame, query: str) -> npt.NDArray[np.bool_]:
-    """Mark the rows that fulfil a query.
-    Unknown values fulfil no condition.
-    """
+    """Mark the rows that fulfil a query."""
     try:
         if len(query) > MAX_LENGTH:
             raise ValueError(f"has {len(query)} characters, allowed are {MAX_LENGTH}")
@@ -61,9 +59,7 @@ def _is_condition(value: Any) -> bool:
 
 
 def _evaluate_value(node: ast.expr, index: pd.DataFrame) -> Any:
-    """Return the value of a part of a query.
-    It is a column, a number, a text or a list.
-    """
+    """Return a column, a number, a text or a list."""
     match node:
         case ast.Name(id=name):
             if name not in index.columns:

@@ -126,9 +126,7 @@ class RecordedExamples:
     identity: str
 
     def make(self, entry: PlannedEntry) -> ExampleData:
-        """Analyse the windows of an entry.
-        A fault of the recording is a failure, not an error.
-        """
+        """Analyse the windows of an entry; faults become failures."""
         made, line, config = ExampleData(), entry.entry, self.config
 
         def fail(name: str, error: Exception) -> None:
@@ -227,9 +225,7 @@ def _read(
 
 
 def find_labelled_result(results: Sequence[Result]) -> Result | None:
-    """Return the result for a recording's only label.
-    The result is the track with the longest duration, weighted by its confidence.
-    """
+    """Return the track of longest duration weighted by confidence, or None."""
 
     def weight(result: Result) -> tuple[bool, bool, float]:
         quality = result.quality
@@ -255,9 +251,7 @@ def _make_outcome_columns(planned: PlannedEntry, results: Sequence[Result], resu
 
 @contextmanager
 def _collect_messages(folder: Path) -> Iterator[list[str]]:
-    """Collect the warnings of the block, without the folder's path.
-    The list is filled when the block ends.
-    """
+    """Collect the warnings of the block, when it ends."""
     messages: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoppelgaitWarning)

@@ -96,9 +96,7 @@ class ExampleSpec(FrozenModel):
 
 
 def find_class(plan: PlanConfig, number: int) -> tuple[int, int]:
-    """Return an example's class number and number within the class.
-    Beyond the plan the classes alternate.
-    """
+    """Return an example's class number and number within the class."""
     rest = number
     for place, section in enumerate(plan.classes):
         count = plan.count_class_examples(section)
@@ -115,9 +113,7 @@ def make_example_id(label: str, number: int) -> str:
 
 
 def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec, ...], list[dict[str, Any]]]:
-    """Return the rows of an example and their targets.
-    Motions are sampled, placements are not.
-    """
+    """Return the rows of an example and their targets."""
     place, within = find_class(plan, number)
     section, name = plan.classes[place], make_example_id(plan.classes[place].label, within)
     key = f"classes.{place}.motion"
@@ -163,9 +159,8 @@ def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[Row
 
 
 def _make_sampler(plan: PlanConfig, number: int) -> Draw:
-    """Return the function that samples values of an example.
-    Cycles advance with the number within the class, in the same order for every class.
-    """
+    """Return the function that samples values of an example."""
+    # cycles advance with the number within the class, in the same order for every class
     turn = find_class(plan, number)[1]
     return lambda value, key: resolve(value, seed=plan.dataset.seed, example=number, key=key, turn=turn)
 
@@ -187,9 +182,8 @@ def resolve_example(plan: PlanConfig, number: int, folder: Path, *, split: str =
 def _run_spec(
     plan: PlanConfig, section: ClassSection, number: int, targets: list[dict[str, Any]], name: str, folder: Path
 ) -> Run:
-    """Resolve the run of an example.
-    Everything except the motions and the keys in ``dataset.leaks`` is sampled independently of the class.
-    """
+    """Resolve the run of an example."""
+    # all but motions and the keys in ``dataset.leaks`` is sampled independently of the class
     draw = _make_sampler(plan, number)
     first = {**draw({**plan.target, **section.target}, "target"), **targets[0]}
     if section.motion.get("kind") == EMPTY_SCENE or targets[0]["motion"]["kind"] == EMPTY_SCENE:
@@ -240,9 +234,7 @@ def _resolve_noise(plan: PlanConfig, draw: Draw) -> dict[str, Any]:
 
 
 def _sample_list(plan: PlanConfig, draw: Draw, key: str) -> list[Any]:
-    """Sample a list of the plan.
-    Entries that were sampled as ``{}`` are left out.
-    """
+    """Sample a list of the plan, leaving out what becomes ``{}``."""
     entries = draw(getattr(plan, key), key)
     if not isinstance(entries, list):
         raise ConfigError(f"{key}: {shorten(entries)} is not allowed: must be a list of tables")
@@ -250,9 +242,7 @@ def _sample_list(plan: PlanConfig, draw: Draw, key: str) -> list[Any]:
 
 
 def store_radar_files(plan: PlanConfig, folder: Path) -> PlanConfig:
-    """Replace the names of a plan's radar files by their values.
-    A plan without such files is returned unchanged.
-    """
+    """Replace the names of a plan's radar files by their values."""
 
     def store(named: str | RadarFile) -> dict[str, Any]:
         if isinstance(named, RadarFile):
@@ -268,25 +258,20 @@ def store_radar_files(plan: PlanConfig, folder: Path) -> PlanConfig:
 
 
 def list_radar_files(radar: Mapping[str, Any]) -> list[str | RadarFile]:
-    """List the radar files of a ``[radar]`` table.
-    A file is a name, or stored with its values.
-    """
+    """List the radar files of a ``[radar]`` table."""
     found: list[str | RadarFile] = []
     replace_radar_files(radar, found.append)
     return found
 
 
 def load_radar_files(radar: Mapping[str, Any]) -> Any:
-    """Make an object of each stored radar file.
-    Sampling a plan leaves such an object unchanged: the distributions of a radar file have their own random streams.
-    """
+    """Make an object of each stored radar file."""
+    # sampling leaves such an object unchanged: a radar file has its own random streams
     return replace_radar_files(radar, lambda named: named)
 
 
 def replace_radar_files(value: Any, change: Callable[[Any], Any], *, in_preset: bool = False) -> Any:
-    """Replace the radar files of a table.
-    They are under ``preset`` or among its choices.
-    """
+    """Replace the radar files under ``preset`` or among its choices."""
     if isinstance(value, Mapping):
         if in_preset and set(value) == STORED_KEYS and isinstance(value["values"], Mapping):
             return change(RadarFile(str(value["file"]), value["values"]))

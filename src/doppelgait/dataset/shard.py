@@ -123,9 +123,7 @@ def _format_specs(specs: Sequence[FrozenModel]) -> str:
 
 
 def make_truth_columns(truth: TargetTruth) -> dict[str, Any]:
-    """Return the index columns of simulations only.
-    Their names begin with ``truth_``.
-    """
+    """Return the columns ``truth_*``, of simulations only."""
     aspect_rad = truth.centre_aspect_rad[np.isfinite(truth.centre_aspect_rad)]  # undefined for a body without motion
     return {
         "truth_gait": truth.gait,
@@ -163,9 +161,7 @@ class ExampleMaker(Protocol):
         ...
 
     def make(self, entry: Any) -> ExampleData:
-        """Make an example.
-        A fault of the example is a failure, not an error.
-        """
+        """Make an example; its faults become failures."""
         ...
 
 

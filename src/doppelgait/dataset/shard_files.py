@@ -54,9 +54,7 @@ def describe_fields(specs: Sequence[FieldSpec]) -> dict[str, dict[str, Any]]:
 
 
 def encode(values: npt.ArrayLike, spec: FieldSpec) -> Array:
-    """Encode an array in its field's precision.
-    Every ``hop``-th row is kept.
-    """
+    """Encode an array in its field's precision."""
     kept = np.asarray(values)[:: spec.hop]
     if not spec.is_half:
         return np.ascontiguousarray(kept.astype(np.dtype(FIELDS[spec.name]["dtype"]).newbyteorder("<"), copy=False))
@@ -66,9 +64,7 @@ def encode(values: npt.ArrayLike, spec: FieldSpec) -> Array:
 
 
 def decode(values: npt.ArrayLike, facts: Mapping[str, Any]) -> Array:
-    """Decode a stored array to linear units.
-    ``facts`` is the field's entry of ``dataset.json``.
-    """
+    """Decode a stored array to linear units."""
     stored = np.asarray(values)
     if facts.get("scale", "linear") == "linear":
         return stored
@@ -77,16 +73,12 @@ def decode(values: npt.ArrayLike, facts: Mapping[str, Any]) -> Array:
 
 
 def name_axis(field: str, dim: str) -> str | None:
-    """Return the name of a field's axis in a shard.
-    It is None for a dimension without one (``scatterer``).
-    """
+    """Return the name of a field's axis in a shard."""
     return f"{field}_{dim}_{AXIS_UNITS[dim]}" if dim in AXIS_UNITS else None
 
 
 def encode_arrays(fields: Sequence[FieldSpec], signals: Mapping[str, xr.DataArray | None]) -> Arrays:
-    """Encode the arrays of one row, with their axes.
-    Those of a target that was not found (None) are empty.
-    """
+    """Encode one row's arrays with axes, empty for None."""
     stored: dict[str, Array] = {}
     for spec in fields:
         signal = signals[spec.name]
@@ -103,9 +95,8 @@ def encode_arrays(fields: Sequence[FieldSpec], signals: Mapping[str, xr.DataArra
 
 
 def write_shard(path: Path, split: str, ids: list[str], arrays: Sequence[Arrays], *, identity: str = "") -> None:
-    """Write one dataset per field, one chunk per row.
-    Where shapes differ every row has a dataset of its own. ``identity`` is the id of the whole dataset.
-    """
+    """Write one dataset per field, one chunk per row."""
+    # where shapes differ every row has a dataset of its own
     import h5py
 
     image = io.BytesIO()  # a full disk then fails in one plain write and not inside HDF5
@@ -132,9 +123,8 @@ MEASURED_TEXTS = ("flags", "warnings", "notes", "quality_verdict")
 
 
 def hash_contents(rows: Sequence[Mapping[str, Any]], arrays: Iterable[Arrays]) -> str:
-    """Hash specification, whole numbers and arrays of rows (SHA-256).
-    Measured numbers are left out: their last bits depend on the processor and on the libraries for matrices.
-    """
+    """Hash specification, whole numbers and arrays of rows (SHA-256)."""
+    # measured numbers are left out: their last bits depend on the processor and libraries
     digest = hashlib.sha256()
     for row, stored in zip(rows, arrays, strict=True):
         exact = {name: value for name, value in row.items() if isinstance(value, str | int)}
@@ -153,9 +143,7 @@ LEVEL = 1
 
 
 def _write_chunks(file: Any, name: str, chunks: Sequence[Array]) -> None:
-    """Write equally shaped arrays as chunks of one dataset.
-    The arrays are stacked along the first axis.
-    """
+    """Write equally shaped arrays as chunks of one dataset."""
     first = chunks[0]
     shape = (len(chunks) * first.shape[0], *first.shape[1:])
     options: dict[str, Any] = {"chunks": first.shape, "compression": "gzip", "compression_opts": LEVEL, "shuffle": True}
@@ -213,9 +201,7 @@ class ShardFiles:
             ) from None
 
     def _find(self, shard: str, name: str, row: int) -> tuple[Any, bool]:
-        """Find an array's HDF5 dataset, None where absent.
-        The second item is True if the array is one row of it.
-        """
+        """Find an array's HDF5 dataset, and whether it is one row."""
         import h5py
 
         files = self._get_files()
@@ -241,9 +227,8 @@ class ShardFiles:
         return get_own_member(found, str(row)), False
 
     def _get_files(self) -> OrderedDict[str, tuple[Any, dict[str, Any]]]:
-        """Return the files of this process and thread.
-        After a fork the parent's files are left to the parent.
-        """
+        """Return the files of this process and thread."""
+        # after a fork the parent's files are left to the parent
         if getattr(self._local, "pid", None) != os.getpid():
             self._local.pid = os.getpid()
             self._local.files = OrderedDict()
@@ -262,9 +247,7 @@ class ShardFiles:
         return self.folder / f"{shard}.h5"
 
     def close(self) -> None:
-        """Close the files of this process and thread.
-        Reading opens them again.
-        """
+        """Close the files of this process and thread."""
         files = self._get_files()
         while files:
             files.popitem()[1][0].close()

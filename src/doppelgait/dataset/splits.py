@@ -23,9 +23,7 @@ SHOWN_NAMES = 4
 
 
 def group_subjects(scenes: Iterable[Sequence[str]]) -> dict[str, str]:
-    """Return the group of every subject.
-    Subjects that share a scene share a group, named after the first of them in order.
-    """
+    """Return every subject's group, named after its first subject."""
     parent: dict[str, str] = {}
 
     def root(name: str) -> str:
@@ -49,9 +47,7 @@ def parse_source(subject: str) -> str:
 
 
 def list_names(index: pd.DataFrame, column: str) -> list[tuple[str, ...]]:
-    """List what every row of an index is made of.
-    For subjects and recordings the list has every name of a blended motion.
-    """
+    """List what every row of an index is made of."""
     further = {"subject": "others", "recording": "motion"}.get(column, "")
     names, texts = (
         index[name].fillna("").astype(str).tolist() if name in index else [""] * len(index)
@@ -109,9 +105,7 @@ def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]])
 
 
 def _split_by_share(dataset: DatasetSection, names: Sequence[str]) -> dict[str, str]:
-    """Split names by the hash of seed and name.
-    ``stable`` compares the hash of each name with the planned fractions.
-    """
+    """Split names by the hash of seed and name."""
     share_of = {
         name: int.from_bytes(hashlib.sha256(f"{dataset.seed}/{name}".encode()).digest()[:8], "big") / 2**64
         for name in names

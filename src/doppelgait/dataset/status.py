@@ -58,9 +58,7 @@ class Status:
 
 
 def read_dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
-    """Report the status of a dataset.
-    Half-written files are removed if no build uses the folder.
-    """
+    """Report the status of a dataset."""
     folder = Path(directory)
     description = read_description(folder)
     running = list_running_builds(folder)

@@ -44,9 +44,7 @@ class NumberedExamples(Protocol):
 
 
 def as_item(arrays: Mapping[str, npt.NDArray[Any]], transform: Transform | None, target: int) -> Item:
-    """Make the item of a loader.
-    It is ``(tensor, target)`` for one field, ``({field: tensor}, target)`` for several.
-    """
+    """Make ``(tensor, target)``, or ``({field: tensor}, target)`` of several fields."""
     tensors = {name: torch.from_numpy(np.ascontiguousarray(values)) for name, values in arrays.items()}
     inputs = next(iter(tensors.values())) if len(tensors) == 1 else tensors
     return (inputs if transform is None else transform(inputs)), target
@@ -61,9 +59,7 @@ def check_request(fields: Sequence[str], target: str) -> None:
 
 
 class TorchExamples(MapDataset[Item]):  # type: ignore[misc, unused-ignore]  # torch may be missing
-    """Map-style dataset; every worker opens its own files.
-    See :meth:`doppelgait.dataset.Dataset.torch`.
-    """
+    """Map-style dataset; every worker opens its own files."""
 
     def __init__(
         self,
@@ -88,9 +84,7 @@ class TorchExamples(MapDataset[Item]):  # type: ignore[misc, unused-ignore]  # t
 
 
 class IterableExamples(IterableDataset[Item]):  # type: ignore[misc, unused-ignore]  # torch may be missing
-    """Dataset with rows that a loader's workers share.
-    See :meth:`doppelgait.dataset.Dataset.torch_iterable`.
-    """
+    """Dataset with rows that a loader's workers share."""
 
     def __init__(self, examples: TorchExamples, seed: int | None) -> None:
         Streams(0 if seed is None else seed)  # check here and not in a worker
@@ -115,9 +109,7 @@ class IterableExamples(IterableDataset[Item]):  # type: ignore[misc, unused-igno
 
 
 class TorchStream(IterableDataset[Item]):  # type: ignore[misc, unused-ignore]  # torch may be missing
-    """Endless dataset with numbers that a loader's workers share.
-    See :meth:`ExampleStream.torch`.
-    """
+    """Endless dataset with numbers that a loader's workers share."""
 
     def __init__(
         self,

@@ -142,9 +142,7 @@ def list_parts(model: Model) -> list[tuple[Any, float, float, npt.NDArray[np.flo
 
 
 def select_networks(model: Model) -> Model | None:
-    """Return the networks of a model alone, or None.
-    The networks keep their calibrations; the calibration of the whole model is left out.
-    """
+    """Return the networks of a model with their calibrations, or None."""
     parts = list_parts(model)
     seeing = [part for part in parts if isinstance(part[0], Network)]
     if not seeing or len(seeing) == len(parts):
@@ -222,9 +220,7 @@ class IntegerNetwork(Network):
 
 
 def pooled(layer: npt.NDArray[np.generic], kernel: npt.NDArray[np.generic]) -> FloatArray:
-    """Convolve and take the maximum of 2 x 2.
-    Exact for integers with sums far below 2^53.
-    """
+    """Convolve and take the maximum of 2 x 2."""
     padded = np.pad(layer, ((0, 0), (0, 0), (1, 1), (1, 1))).astype(np.float64)
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(2, 3))
     found = np.moveaxis(np.tensordot(windows, kernel.astype(np.float64), axes=((1, 4, 5), (1, 2, 3))), -1, 1)

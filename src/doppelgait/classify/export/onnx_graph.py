@@ -34,9 +34,8 @@ def build_onnx_model(model: Model) -> Any:
 
 
 def round_threshold(threshold: Any) -> Any:
-    """Round thresholds of trees down to float32.
-    Every float32 value then takes the same branch as in double precision.
-    """
+    """Round thresholds of trees down to float32."""
+    # every float32 value then takes the same branch as in double precision
     rounded = np.asarray(threshold, dtype=np.float64).astype(np.float32)
     return np.where(rounded > threshold, np.nextafter(rounded, np.float32(-np.inf)), rounded).astype(np.float32)
 

@@ -141,9 +141,7 @@ class Contents:
         return f"made with data version {version}, this doppelgait makes {DATA_VERSION}"
 
     def resolve_sample(self, rng: np.random.Generator, *, most: int = MAX_EXAMPLES) -> list[ExampleSpec]:
-        """Resolve index examples again, up to ``most``.
-        They are chosen at random, as many of every class.
-        """
+        """Resolve random examples again, as many of every class."""
         if self.plan is None:
             return []
         present = set(self.index["scene_id"])

@@ -34,9 +34,8 @@ Pair = tuple[float, int, int]
 
 
 def check_groups(contents: Contents) -> Check:
-    """Check that no subject or other group crosses splits.
-    All who share a scene are then in one split, too. Of a blended motion every subject and every recording counts.
-    """
+    """Check that no subject or other group crosses splits."""
+    # of a blended motion every subject and every recording counts
     index = contents.index
     torn: dict[str, list[str]] = {}
     for key in KINDS:
@@ -60,9 +59,8 @@ def check_groups(contents: Contents) -> Check:
 
 
 def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callable[[], None]) -> Check:
-    """Find signatures that occur in two splits.
-    They may not be the same, or differ in level and rounding only. Identical: equal bytes, of all rows.
-    """
+    """Find signatures that occur in two splits."""
+    # identical: equal bytes, of all rows; near: differing in level and rounding only
     splits = contents.index["split"].to_numpy(dtype=str)
     if len(set(splits)) < 2:
         return Check("duplicates", "not applicable", "rows of one split only")
@@ -152,18 +150,15 @@ def _read(
 
 
 def make_picture(power: npt.NDArray[Any]) -> Float32Array:
-    """Average a signature into :data:`SHAPE` cells for comparison.
-    The cells are in dB above their median, with the mean removed and norm 1, flat.
-    """
+    """Average a signature into :data:`SHAPE` cells for comparison."""
+    # dB above the median, mean removed, norm 1, flat
     small = _average(_average(np.asarray(power, dtype=np.float32), SHAPE[0]).T, SHAPE[1]).T
     level = np.maximum(small, max(float(np.median(small)), 1e-37))
     return _scale_to_unit(10.0 * np.log10(level).ravel())
 
 
 def _average(values: npt.NDArray[Any], count: int) -> npt.NDArray[Any]:
-    """Average rows into ``count`` groups.
-    Rows are repeated where there are fewer.
-    """
+    """Average rows into ``count`` groups."""
     size = values.shape[0]
     starts = np.arange(count) * size // count
     if size < count:
@@ -179,9 +174,7 @@ def _scale_to_unit(values: npt.NDArray[Any]) -> Float32Array:
 
 
 def _find_equal(digests: dict[int, bytes], splits: npt.NDArray[np.str_]) -> list[tuple[int, int]]:
-    """Return the first pair across splits per digest.
-    Only digests that occur in more than one split have a pair.
-    """
+    """Return the first pair across splits per digest."""
     first: dict[tuple[bytes, str], int] = {}
     for number, digest in digests.items():
         first.setdefault((digest, str(splits[number])), number)
@@ -194,9 +187,7 @@ def _find_equal(digests: dict[int, bytes], splits: npt.NDArray[np.str_]) -> list
 def _find_nearest(
     rows: npt.NDArray[np.int64], others: npt.NDArray[np.int64], pictures: dict[int, Float32Array]
 ) -> Iterator[Pair]:
-    """Yield the nearest of ``others`` to each of ``rows``.
-    Products are computed block by block.
-    """
+    """Yield the nearest of ``others`` to each of ``rows``."""
     table = np.stack([pictures[int(n)] for n in others])
     for start in range(0, len(rows), BLOCK):
         block = rows[start : start + BLOCK]

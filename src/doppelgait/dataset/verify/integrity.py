@@ -39,9 +39,7 @@ class ShardFindings:
 def look_at_shards(
     directory: Path, identity: str, names: Sequence[str], index: pd.DataFrame | None, tick: Callable[[], None]
 ) -> ShardFindings:
-    """Compare shards with their records, and these with the index.
-    Shards are hashed; one is in memory at a time.
-    """
+    """Compare shards with their records, and these with the index."""
     findings = ShardFindings((), (), {}, {}, {}, {}, [])
     files = ShardFiles(directory / "shards", identity)
     places = {} if index is None else index.groupby("shard", sort=False).indices
@@ -73,9 +71,7 @@ def look_at_shards(
 
 
 def _record(path: Path, identity: str, files: ShardFiles, findings: ShardFindings) -> tuple[dict[str, Any] | None, str]:
-    """Return an intact shard's record, or its fault.
-    The hashes are kept in the findings.
-    """
+    """Return an intact shard's record, or its fault."""
     try:
         findings.hashes[path.stem] = hash_file(path)
         record = parse_json(path.with_suffix(".json").read_text())
@@ -108,9 +104,7 @@ def _record(path: Path, identity: str, files: ShardFiles, findings: ShardFinding
 
 
 def _describe_difference(part: pd.DataFrame, record: Mapping[str, Any]) -> str:
-    """Describe the first difference of index rows and a record.
-    The text is empty if there is none.
-    """
+    """Describe the first difference of index rows and a record, or ""."""
     rows = record["rows"]
     ids = [row["id"] for row in rows]
     if part["id"].tolist() != ids:
@@ -130,9 +124,7 @@ def _describe_difference(part: pd.DataFrame, record: Mapping[str, Any]) -> str:
 
 
 def check_shards(findings: ShardFindings, *, complete: bool) -> Check:
-    """Check the shards against their records.
-    Missing shards are no fault while the dataset is incomplete.
-    """
+    """Check the shards against their records."""
     total = len(findings.whole) + len(findings.missing) + len(findings.damaged)
     numbers = {
         "shards": total,
@@ -240,9 +232,7 @@ MOST_LOST = 0.05
 
 
 def check_identity(contents: Contents) -> Check:
-    """Check the ``id`` of ``dataset.json``.
-    Configuration and source files are hashed again.
-    """
+    """Hash configuration and source files again to check the ``id``."""
     if contents.plan is None or contents.unlike:
         status = contents.no_plan_status if contents.plan is None else "skipped"
         return Check("identity", status, contents.no_plan or f"cannot be hashed again: {contents.unlike}")
@@ -284,9 +274,7 @@ def check_rows(contents: Contents) -> Check:
 
 
 def check_balance(contents: Contents, *, missing_shards: int) -> Check:
-    """Check the examples of every class in every split.
-    Failed ones are named.
-    """
+    """Check the examples of every class in every split."""
     if contents.plan is None:
         found: Any = contents.index.groupby(["label", "split"]).size() if len(contents.index) else {}
         there = {f"{label}/{split}": int(count) for (label, split), count in dict(found).items()}

@@ -80,9 +80,7 @@ class Cells:
 
 
 def guess_classes(table: pd.DataFrame, rng: np.random.Generator) -> Guess:
-    """Guess ``label`` from all other columns but ``group``.
-    Folds keep groups together.
-    """
+    """Guess ``label`` from all columns but ``group``, which folds keep together."""
     names = [str(name) for name in table.columns if name not in ("label", "group")]
     labels, _ = pd.factorize(table["label"], sort=True)
     groups, _ = pd.factorize(table["group"])
@@ -108,9 +106,7 @@ def guess_classes(table: pd.DataFrame, rng: np.random.Generator) -> Guess:
 def _p_value(
     accuracy: float, cells: Cells, folds: IntArray, labels: IntArray, groups: IntArray, rng: np.random.Generator
 ) -> float:
-    """Return the share of permutations that do as well, this one counted.
-    More permutations are made if none of the first :data:`PERMUTATIONS` does.
-    """
+    """Return the share of permutations that do as well, this one counted."""
     made = better = 0
     while made < PERMUTATIONS or (not better and made < MOST_PERMUTATIONS):
         permuted = np.column_stack([permute_labels(labels, groups, rng) for _ in range(min(AT_A_TIME, PERMUTATIONS))])
@@ -120,9 +116,7 @@ def _p_value(
 
 
 def make_cells(columns: Sequence[pd.Series]) -> Cells:
-    """Return the cells of every column and of every pair.
-    Pairs are used for up to :data:`MOST_PAIRED` columns.
-    """
+    """Return the cells of every column and of every pair."""
     terms = [bin_values(column, BINS) for column in columns]
     if len(columns) <= MOST_PAIRED:
         coarse = [bin_values(column, PAIR_BINS) for column in columns]
@@ -137,9 +131,7 @@ def make_cells(columns: Sequence[pd.Series]) -> Cells:
 
 
 def bin_values(column: pd.Series, count: int) -> IntArray:
-    """Return every value's quantile bin from 1, missing 0.
-    If there are few different values, each has a bin.
-    """
+    """Return every value's quantile bin from 1, missing 0."""
     if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
         values = column.to_numpy(dtype=np.float64, na_value=np.nan)
     else:
@@ -197,9 +189,8 @@ def balanced_accuracy(labels: IntArray, guesses: IntArray, n_classes: int) -> np
 
 
 def permute_labels(labels: IntArray, groups: IntArray, rng: np.random.Generator) -> IntArray:
-    """Permute labels over groups.
-    Groups with one label swap labels; groups with several labels permute them within the group.
-    """
+    """Permute labels over groups."""
+    # groups with one label swap labels; groups with several permute them within the group
     n_groups = int(groups.max()) + 1
     low, high = np.full(n_groups, labels.max()), np.zeros(n_groups, dtype=labels.dtype)
     np.minimum.at(low, groups, labels)
@@ -234,9 +225,7 @@ SHOWN_PARAMETERS = 3
 
 
 def check_nuisance(contents: Contents, examples: Sequence[ExampleSpec], rng: np.random.Generator) -> Check:
-    """Check that nuisance parameters do not predict the class.
-    Parameters are PRF, range, bearing, aspect, level, noise, gate error and the like.
-    """
+    """Check that nuisance parameters do not predict the class."""
     index = contents.index
     leaks = (contents.description.get("config") or {}).get("dataset", {}).get("leaks", ())
     if examples:
@@ -288,9 +277,8 @@ def drop_leaks(table: pd.DataFrame, leaks: Sequence[str]) -> pd.DataFrame:
 
 
 def select_varying(table: pd.DataFrame) -> pd.DataFrame:
-    """Select label, group and the parameters that differ beyond rounding, each once.
-    No radar measures the sixth digit of a level. The index repeats some values of the plan under another name.
-    """
+    """Select label, group and the parameters that differ beyond rounding, each once."""
+    # no radar measures the sixth digit of a level; the index repeats some values of the plan
     table = table.apply(lambda values: round_values(values) if pd.api.types.is_numeric_dtype(values) else values)
     kept = ["label", "group"]
     for name in table.columns.drop(kept):
@@ -300,9 +288,7 @@ def select_varying(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def round_values(values: pd.Series) -> pd.Series:
-    """Round numbers to five significant digits.
-    Values that were summed in another order then become equal.
-    """
+    """Round numbers to five digits, so that equal sums are equal."""
     numbers = values.to_numpy(dtype=np.float64)
     known = np.isfinite(numbers) & (numbers != 0)
     unit = 10.0 ** (np.floor(np.log10(np.abs(numbers[known]))) - 4.0)
@@ -312,9 +298,7 @@ def round_values(values: pd.Series) -> pd.Series:
 
 
 def tabulate_nuisances(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> pd.DataFrame:
-    """Tabulate the nuisance parameters of examples that were resolved again.
-    The values of the index are in the table, too.
-    """
+    """Tabulate the nuisance parameters of examples that were resolved again."""
     flat = tabulate_examples(examples).drop(columns=["label", "group"])
     rows = index.drop_duplicates("id").set_index("id").loc[flat.index]
     stated = _select_measured(rows).rename(
@@ -326,9 +310,7 @@ def tabulate_nuisances(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> 
 
 
 def tabulate_examples(examples: Sequence[ExampleSpec]) -> pd.DataFrame:
-    """Tabulate label, group and nuisance parameters of resolved examples.
-    Rows are named by their identifiers.
-    """
+    """Tabulate label, group and nuisance parameters of resolved examples."""
     records, names = [], []
     for example in examples:
         snr_db = example.run.noise.snr_db if example.run.noise.kind == "snr" else np.nan

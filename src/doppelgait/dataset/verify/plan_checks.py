@@ -31,9 +31,8 @@ MOST_PLACED = 200
 
 
 def refuse_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
-    """Raise a :class:`DatasetError` if nuisance parameters predict the class.
-    Nothing is simulated. The range error of the gates is not judged: no key of a plan can make it differ by class.
-    """
+    """Raise a :class:`DatasetError` if nuisance parameters predict the class."""
+    # the range error of the gates is not judged: no key can make it differ by class
     moving = [e for e in examples if all(row.source != "none" for row in e.rows)]
     table = (
         select_varying(drop_leaks(tabulate_examples(moving), (*leaks, *UNJUDGED)))

@@ -51,9 +51,7 @@ class Difference:
 
 
 def choose(contents: Contents, share: float, rng: np.random.Generator) -> list[PlannedExample]:
-    """Choose a random share of the existing examples.
-    At least three of every class are chosen.
-    """
+    """Choose a share of the examples, at least three per class."""
     if contents.plan is None or not share > 0:
         return []
     present = set(contents.index["scene_id"])
@@ -66,9 +64,7 @@ def choose(contents: Contents, share: float, rng: np.random.Generator) -> list[P
 
 
 def check_resimulation(contents: Contents, chosen: Sequence[PlannedExample], tick: Callable[[], None]) -> Check:
-    """Compare examples that are made again with the stored ones.
-    The arrays are byte-identical, or equal within the tolerances for another processor or library.
-    """
+    """Compare examples that are made again with the stored ones."""
     if contents.plan is None or contents.unlike or not chosen:
         reason = contents.no_plan or contents.unlike or "none was requested, or none exists"
         status: Any = (
@@ -155,9 +151,7 @@ def _is_same(there: Any, made: Any) -> bool:
 
 
 def _compare_numbers(made: Any, there: Any) -> float:
-    """Return the relative difference of two numbers.
-    It is infinite where only one of them is known.
-    """
+    """Return the relative difference of two numbers, infinite if one is unknown."""
     unknown = (made is None, there is None or there != there)
     if any(unknown):
         return 0.0 if all(unknown) else math.inf
@@ -166,9 +160,8 @@ def _compare_numbers(made: Any, there: Any) -> float:
 
 
 def check_measured_snr(contents: Contents, chosen: Sequence[PlannedExample], tick: Callable[[], None]) -> Check:
-    """Compare SNR_frame of a few examples with the index.
-    Echoes and noise are simulated separately. Signal: time mean of the strongest range bin's power without noise.
-    """
+    """Compare SNR_frame of a few examples with the index."""
+    # signal: time mean of the strongest range bin's power without noise
     if contents.plan is None or contents.unlike:
         status: Any = contents.no_plan_status if contents.plan is None else "skipped"
         return Check("measured SNR", status, contents.no_plan or contents.unlike)

@@ -56,9 +56,7 @@ decimated to 400 to 800."""
 
 
 def plot_sheets(contents: Contents, folder: Path, rng: np.random.Generator, form: str = "png") -> list[Path]:
-    """Plot signatures per class on pages, and features.
-    A page has up to 24 signatures, where they are kept.
-    """
+    """Plot signatures per class on pages, and features."""
     from doppelgait.viz import feature_matrix, save_figure
 
     try:
@@ -79,9 +77,7 @@ def plot_sheets(contents: Contents, folder: Path, rng: np.random.Generator, form
 
 
 def _plot_sheet(contents: Contents, label: str, rng: np.random.Generator) -> Any:
-    """Plot the page of one class.
-    It is None where no row has a signature.
-    """
+    """Plot the page of one class, None without a signature."""
     from doppelgait.viz import contact_sheet
 
     members = np.flatnonzero((contents.index["label"] == label).to_numpy(dtype=bool))
@@ -117,9 +113,7 @@ def _plot_sheet(contents: Contents, label: str, rng: np.random.Generator) -> Any
 
 
 def divide_by_floor(signature: xr.DataArray, floor_v2: float | None) -> xr.DataArray:
-    """Divide a signature by its noise floor.
-    Without a known floor its median is used. The columns are decimated to what a page shows.
-    """
+    """Divide a signature by its noise floor, or else its median."""
     known = floor_v2 is not None and floor_v2 > 0
     level = float(floor_v2) if known and floor_v2 is not None else float(signature.median())
     shown = signature[:: max(1, signature.sizes["time"] // MOST_TIMES)]
@@ -213,9 +207,7 @@ def verify_dataset(
 def _open(
     target: Path, description: dict[str, Any], folder: Path, tick: Callable[[], None]
 ) -> tuple[Contents, list[Check], int]:
-    """Return the intact shards' contents and the file checks.
-    The last item is the number of shards that are missing or damaged.
-    """
+    """Return intact shards' contents, file checks and the number of others."""
     index, reason = None, ""
     if (target / "index.parquet").exists():
         try:

@@ -77,9 +77,7 @@ def read_column(index: pd.DataFrame, name: str) -> FloatArray:
 
 
 def check_velocity(index: pd.DataFrame) -> Check:
-    """Check the torso velocity against the body's mean radial velocity.
-    Rows that show nothing are left out.
-    """
+    """Check the torso velocity against the body's mean radial velocity."""
     truth, found = read_column(index, "truth_radial_velocity_mps"), read_column(index, "feature_torso_velocity_mps")
     error = np.abs(found - truth)
     table = pd.DataFrame({"label": index["label"], "error": error})
@@ -89,9 +87,7 @@ def check_velocity(index: pd.DataFrame) -> Check:
 
 
 def check_gait_frequency(index: pd.DataFrame) -> Check:
-    """Check the gait frequency against the truth.
-    Rows of 10 dB and more that are not flagged are used.
-    """
+    """Check the gait frequency against the truth."""
     truth, found = read_column(index, "truth_gait_frequency_hz"), read_column(index, "gait_frequency_hz")
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.abs(found / truth - 1.0)
@@ -103,9 +99,7 @@ def check_gait_frequency(index: pd.DataFrame) -> Check:
 
 
 def check_snr(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> Check:
-    """Check SNR_frame of the index against the plan.
-    A plan that sets a level of noise has nothing to check.
-    """
+    """Check SNR_frame of the index against the plan."""
     asked = {e.id: e.run.noise.snr_db for e in examples if e.run.noise.kind == "snr"}
     if not asked:
         return Check("planned SNR", "not applicable", "the plan sets no SNR")
@@ -116,9 +110,8 @@ def check_snr(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> Check:
 
 
 def check_aspect(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> Check:
-    """Check the aspect angle against the plan's.
-    Bodies that walk straight through the planned place are used.
-    """
+    """Check the aspect angle against the plan's."""
+    # bodies that walk straight through the planned place are used
     table = []
     first = index[index["id"] == index["scene_id"]].drop_duplicates("id")
     rows: dict[str, Any] = {row["id"]: row for row in first.to_dict("records")}
@@ -137,9 +130,7 @@ def check_aspect(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> Check:
 
 
 def expected_aspect_deg(example: ExampleSpec, row: Mapping[str, Any]) -> float:
-    """Return a planned path's mean aspect at a point.
-    It passes the planned place at mid-time, half the body's height up (E-04).
-    """
+    """Return a planned path's mean aspect at a point (E-04)."""
     target = example.run.scene.targets[0]
     range_m = target.range_m or float(row["truth_range_m"])
     turn = math.radians(180.0 + target.aspect_deg)
@@ -156,9 +147,7 @@ MOST_LIMITED = 0.05
 
 
 def check_feasibility(contents: Contents) -> Check:
-    """Check how many rows reach a limit of the radar.
-    The limits are aliasing, targets outside the frame, folded echoes and truncated gates.
-    """
+    """Check how many rows reach a limit of the radar."""
     if contents.measured:
         return Check("feasibility", "not applicable", "imported recordings have no truth to compare with")
     counts = limits_of_index(contents.index)
@@ -182,9 +171,8 @@ MAX_EMPTY_SHARE = 0.05
 
 
 def check_visible_targets(contents: Contents) -> Check:
-    """Check that targets which declare motion are visible.
-    A class that is only noise, or mostly, fails; an empty scene that moves is a warning.
-    """
+    """Check that targets which declare motion are visible."""
+    # a class that is mostly noise fails; an empty scene that moves is a warning
     if contents.measured:
         return Check("visible targets", "not applicable", "imported recordings declare no motion")
     index = contents.index
