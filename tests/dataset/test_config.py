@@ -33,24 +33,6 @@ def test_fields_that_are_none(fields):
         resolve_example(changed("dataset.fields", fields))
 
 
-@pytest.mark.parametrize(
-    ("value", "words"),
-    [
-        ({"choice": 3}, "choice = 3: needs a list"),
-        ({"choice": {}}, "needs a list"),
-        ({"cycle": 3}, "cycle = 3: needs"),
-        ({"uniform": [-1e308, 1e308]}, r"needs two numbers of 1e\+100 at most"),
-        ({"uniform": [float("nan"), 1.0]}, "needs two numbers"),
-        ({"uniform": [float("inf"), float("inf")]}, "needs two numbers"),
-        ({"log_uniform": [1.0, float("inf")]}, "needs two numbers"),
-        ({"normal": [1e308, 1e308]}, "needs two numbers"),
-    ],
-)
-def test_distributions_that_are_none(value, words):
-    with pytest.raises(ConfigError, match=words):
-        resolve_example(changed("target.range_m", value))
-
-
 def test_messages_are_short_however_long_the_names_are():
     for table in (
         changed("target.key" + "y" * 100_000, 1),

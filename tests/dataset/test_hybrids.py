@@ -11,7 +11,6 @@ import pytest
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
-from doppelgait.dataset.card import blocks_release
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.hybrids import add_hybrids
 from doppelgait.dataset.motions import list_motion_files, list_recording_paths
@@ -178,8 +177,3 @@ def test_clips_of_other_points_and_gaits_are_no_partners():
 def test_wrong_hybrids_are_named(takes, motion, says):
     with pytest.raises(ConfigError, match=says):
         plan_dataset(plan(classes=[{"label": "human", "motion": motion}]), folder=takes)
-
-
-def test_each_of_several_licences_must_allow_a_release():
-    assert not blocks_release("MIT AND CC-BY-4.0")
-    assert blocks_release("MIT AND CC-BY-NC-4.0")

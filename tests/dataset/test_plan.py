@@ -65,20 +65,11 @@ CHILD = {"height_m": {"uniform": [1.0, 1.5]}, "speed_mps": {"uniform": [0.5, 0.8
 
 
 @pytest.mark.parametrize("turned", [False, True], ids=["after", "before"])
-def test_a_draw_can_be_multiplied_by_another_key_wherever_it_stands(turned):
+def test_times_changes_no_draw_by_more_than_its_factor(turned):
     table = dict(reversed(CHILD.items())) if turned else CHILD
-    sampled = [draw(table, n) for n in range(200)]
-    ratio = np.array([d["speed_mps"] / d["height_m"] for d in sampled])
-    assert list(sampled[0]) == list(table)
-    assert 0.5 <= ratio.min() < 0.52
-    assert 0.78 < ratio.max() <= 0.8
-    assert np.corrcoef([d["height_m"] for d in sampled], [d["speed_mps"] for d in sampled])[0, 1] > 0.5
-    assert abs(np.corrcoef([d["height_m"] for d in sampled], ratio)[0, 1]) < 0.2
-
-
-def test_times_changes_no_draw_by_more_than_its_factor():
     alone = draw({"height_m": CHILD["height_m"], "speed_mps": {"uniform": [0.5, 0.8]}})
-    together = draw(CHILD)
+    together = draw(table)
+    assert list(together) == list(table)
     assert together["height_m"] == alone["height_m"]
     assert together["speed_mps"] == alone["speed_mps"] * alone["height_m"]
 
@@ -95,21 +86,15 @@ def test_times_takes_plain_numbers_choices_cycles_and_products():
 @pytest.mark.parametrize(
     ("table", "says"),
     [
-        (
-            {"v": {"uniform": [0, 1], "times": "height"}, "height_m": 1},
-            "k.v: times = 'height': is not a key of the same table; its other keys are height_m",
-        ),
-        (
-            {"v": {"uniform": [0, 1], "times": "w"}, "w": {"uniform": [0, 1], "times": "v"}},
-            "k.w: times = 'v': is circular: v -> w -> v",
-        ),
+        ({"v": {"uniform": [0, 1], "times": "height"}, "height_m": 1}, "k.v: times = 'height': is not a key"),
+        ({"v": {"choice": [1], "times": "w"}, "w": {"choice": [1], "times": "v"}}, "k.w: times = 'v': is circular"),
         ({"v": {"uniform": [0, 1], "times": "v"}}, "is circular: v -> v"),
         ({"v": {"uniform": [0, 1], "times": "gait"}, "gait": "walk"}, "gait is 'walk', which is not a number"),
         ({"v": {"choice": ["a"], "times": "w"}, "w": 1}, "its draw is 'a', which is not a number"),
         ({"v": {"uniform": [0, 1], "times": 2}}, "k.v: times = 2: is not allowed; it must name a key of"),
         ({"uniform": [0, 1], "times": "w"}, "k: times = 'w': is not allowed"),
     ],
-)  # fmt: skip
+)
 def test_wrong_factors_are_named(table, says):
     with pytest.raises(ConfigError) as refused:
         draw(table)
@@ -125,9 +110,7 @@ def test_a_plan_can_state_the_speed_of_children_by_their_height():
     motions = [e.run.scene.targets[0].motion for e in examples]
     assert all(0.5 <= m["speed_mps"] / m["height_m"] <= 0.8 for m in motions)
     wrong = {"kind": "boulic", "speed_mps": CHILD["speed_mps"]}
-    with pytest.raises(
-        ConfigError, match=r"class 'child': example child-000000: .*motion\.speed_mps: times = 'height_m'"
-    ):
+    with pytest.raises(ConfigError, match=r"example child-000000: .*motion\.speed_mps: times = 'height_m'"):
         examples_of(plan(classes=[{"label": "child", "motion": wrong}]))
 
 
@@ -144,6 +127,14 @@ def test_the_middle_of_a_product_is_the_product_of_the_middles():
         ({"normal": [1, -1]}, "standard deviation"),
         ({"choice": []}, "at least one"),
         ({"uniform": ["a", 1]}, "two numbers"),
+        ({"choice": 3}, "choice = 3: needs a list"),
+        ({"choice": {}}, "needs a list"),
+        ({"cycle": 3}, "cycle = 3: needs"),
+        ({"uniform": [-1e308, 1e308]}, r"needs two numbers of 1e\+100 at most"),
+        ({"uniform": [float("nan"), 1.0]}, "two numbers"),
+        ({"uniform": [float("inf"), float("inf")]}, "two numbers"),
+        ({"log_uniform": [1.0, float("inf")]}, "two numbers"),
+        ({"normal": [1e308, 1e308]}, "two numbers"),
     ],
 )
 def test_wrong_distributions_are_named(value, says):
@@ -232,10 +223,7 @@ def test_identity_follows_the_motion_files(tmp_path):
         ({"analysis": {"hops": 1}}, "analysis.hops"),
         ({"target": {"range_m": -1}}, ": target.range_m: -1"),
         ({"target": {"range_mm": 3}}, ": target.range_mm: unknown key"),
-        (
-            {"companions": [{"label": "dog", "motion": {"kind": "boulic"}, "range_mm": 3}]},
-            ": companions: range_mm: unknown key",
-        ),
+        ({"companions": [{"label": "a", "motion": {"kind": "boulic"}, "range_mm": 3}]}, ": companions: range_mm: unkn"),
         ({"background": [{"motion": {"kind": "fan"}, "range_mm": 3}]}, ": background: range_mm: unknown key"),
         ({"typo": 1}, "typo.*unknown key"),
     ],
@@ -304,39 +292,24 @@ def with_dog_motion(motion):
 @pytest.mark.parametrize(
     ("motion", "says"),
     [
-        ({"kind": "boulic", "speed": {"uniform": [1.5, 1.5]}}, r"classes\.1\.motion\.speed: unknown key.*1\.5"),
-        (
-            {"kind": "boulic", "speed_mps": {"uniform": [-2, -2]}},
-            r"classes\.1\.motion\.speed_mps: -2\.0 is not allowed",
-        ),
-        ({"kind": "quadruped", "gait": "hop"}, r"classes\.1\.motion\.gait: 'hop' is not allowed"),
-        ({"kind": "quadruped", "froude": 9}, r"classes\.1\.motion\.froude: 9 is not allowed: .*set gait = \"auto\""),
-        ({"kind": "quadruped", "gait": "auto", "froude": 99}, r"classes\.1\.motion\.froude: 99 is not allowed: [^;]*$"),
-        (
-            {"kind": "boulic", "speed_mps": {"unifrom": [2, 1]}},
-            r"classes\.1\.motion\.speed_mps: 'unifrom' is no distribution; known are uniform, .*did you mean uniform",
-        ),
-        ({"kind": "unicorn"}, r"classes\.1\.motion\.kind: 'unicorn' is not allowed: known are file, .*boulic"),
-        ({"speed_mps": 1}, r"classes\.1\.motion: \{\"speed_mps\": 1\} is not allowed: needs kind"),
-        ({"choice": ["boulic"]}, r"classes\.1\.motion: \"boulic\" is not allowed: needs kind"),
-        ({"kind": "file"}, r"classes\.1\.motion\.path: null is not allowed"),
-        (
-            {"kind": "file", "path": "no.c3d"},
-            r"classes\.1\.motion\.path: 'no\.c3d' is not allowed: there is no",
-        ),
-        (
-            {"kind": "file", "path": "a.c3d", "speed": 1},
-            r"classes\.1\.motion\.speed: 1 is not .*start_s.*units",
-        ),
-        (
-            {"kind": "boulic", "speed_mps": {"uniform": [1]}},
-            r"classes\.1\.motion\.speed_mps: uniform = \[1\]: needs two",
-        ),
+        ({"kind": "boulic", "speed": {"uniform": [1.5, 1.5]}}, r"\.speed: unknown key.*1\.5"),
+        ({"kind": "boulic", "speed_mps": {"uniform": [-2, -2]}}, r"\.speed_mps: -2\.0 is not allowed"),
+        ({"kind": "quadruped", "gait": "hop"}, r"\.gait: 'hop' is not allowed"),
+        ({"kind": "quadruped", "froude": 9}, r"\.froude: 9 is not allowed: .*set gait = \"auto\""),
+        ({"kind": "quadruped", "gait": "auto", "froude": 99}, r"\.froude: 99 is not allowed: [^;]*$"),
+        ({"kind": "boulic", "speed_mps": {"unifrom": [2, 1]}}, r"\.speed_mps: 'unifrom' is no .*did you mean uniform"),
+        ({"kind": "unicorn"}, r"\.kind: 'unicorn' is not allowed: known are file, .*boulic"),
+        ({"speed_mps": 1}, r": \{\"speed_mps\": 1\} is not allowed: needs kind"),
+        ({"choice": ["boulic"]}, r": \"boulic\" is not allowed: needs kind"),
+        ({"kind": "file"}, r"\.path: null is not allowed"),
+        ({"kind": "file", "path": "no.c3d"}, r"\.path: 'no\.c3d' is not allowed: there is no"),
+        ({"kind": "file", "path": "a.c3d", "speed": 1}, r"\.speed: 1 is not .*start_s.*units"),
+        ({"kind": "boulic", "speed_mps": {"uniform": [1]}}, r"\.speed_mps: uniform = \[1\]: needs two"),
     ],
 )
 def test_a_wrong_motion_is_refused_while_planning(tmp_path, motion, says):
     (tmp_path / "a.c3d").touch()
-    with pytest.raises(ConfigError, match=rf"class 'dog': example dog-000000: {says}"):
+    with pytest.raises(ConfigError, match=rf"class 'dog': example dog-000000: classes\.1\.motion{says}"):
         check_examples(plan_dataset(with_dog_motion(motion), folder=tmp_path))
 
 
@@ -364,12 +337,6 @@ def test_all_examples_of_a_recording_are_in_one_split_beside_draws_of_a_model(tm
     assert len(of_files) == 6
     assert len(set.union(*of_files)) > 1  # recordings are not all in one split by accident
     assert {e.split for e in examples} == {"train", "validation", "test"}
-
-
-def test_too_few_recordings_for_a_split_name_the_class(tmp_path):
-    two = plan(classes=[{"label": "dog", "motion": files(tmp_path, "a.c3d", "b.c3d")}])
-    with pytest.raises(DatasetError, match=r"class 'dog' has 2 subjects, too few .*name more recordings"):
-        examples_of(two, folder=tmp_path)
 
 
 def test_a_recording_is_in_one_split_even_if_two_classes_take_it(tmp_path):
@@ -443,54 +410,6 @@ def test_settings_of_uneven_strides_have_the_same_ranges_for_people_and_dogs(pla
     longest = max(ranges, key=len)
     assert kinds == set(STRIDE_SETTINGS)
     assert all(found == longest[: len(found)] for found in ranges)
-
-
-def test_home_alarm_keeps_every_nuisance_outside_the_classes():
-    loaded, _ = load_plan("home-alarm", overrides=["dataset.examples_per_class=40"])
-    assert all(
-        set(section.model_dump(exclude_defaults=True)) <= {"label", "motion", "examples"} for section in loaded.classes
-    )
-    examples = examples_of(loaded)
-    assert {e.run.radar.prf_hz for e in examples} == {1300.0}
-    assert {e.run.scene.duration_s for e in examples} == {2.5}
-    assert {e.run.analysis.gate_span_m for e in examples} == {1.6}
-    motions = [e.run.scene.targets[0].motion for e in examples]
-    spread = {name: [m.get("stride_variation", m.get("step_time_sd")) for m in motions[at]] for name, at in HALVES}
-    assert all(0 <= value <= 0.05 for values in spread.values() for value in values)
-    assert ks_2samp(spread["human"], spread["dog"]).pvalue > 1e-3  # the same range, whatever it does to each
-
-
-HALVES = (("human", slice(0, 40)), ("dog", slice(40, 80)))
-
-
-NUISANCES = {
-    "range_m": lambda e: e.run.scene.targets[0].range_m,
-    "bearing_deg": lambda e: e.run.scene.targets[0].bearing_deg,
-    "aspect_deg": lambda e: e.run.scene.targets[0].aspect_deg,
-    "radar_height_m": lambda e: e.run.scene.radar_position_m[2],
-    "rcs_total_m2": lambda e: e.run.scene.targets[0].rcs.total_m2,
-    "snr_db": lambda e: e.run.noise.snr_db,
-    "gate_error_m": lambda e: e.gate_error_m,
-}
-
-
-@pytest.fixture(scope="module")
-def many_examples():
-    loaded, _ = load_plan("home-alarm", overrides=["dataset.examples_per_class=1500"])
-    examples = examples_of(loaded)
-    return [[e for e in examples if e.label == label] for label in ("human", "dog")]
-
-
-@pytest.mark.parametrize("name", NUISANCES)
-def test_a_nuisance_has_the_same_law_for_every_class(many_examples, name):
-    people, dogs = ([NUISANCES[name](e) for e in of_class] for of_class in many_examples)
-    assert len(set(people)) == len(set(dogs)) == 1500
-    assert ks_2samp(people, dogs).pvalue > 1e-3
-
-
-def test_the_comparison_of_laws_sees_a_gate_error_that_grows_with_the_class(many_examples):
-    people, dogs = ([e.gate_error_m for e in of_class] for of_class in many_examples)
-    assert ks_2samp(people, 2 * np.array(dogs)).pvalue < 1e-9
 
 
 def test_subjects_who_share_a_scene_share_a_group():
@@ -619,6 +538,7 @@ def test_numbers_beyond_the_plan_go_on_without_end_and_repeat_no_draw():
 
 def test_what_is_no_motion_is_drawn_from_one_law_for_every_class():
     config, folder = load_plan("home-alarm", overrides=["dataset.examples_per_class=300"])
+    assert all(set(one.model_dump(exclude_defaults=True)) <= {"label", "motion", "examples"} for one in config.classes)
     laid_out = plan_dataset(config, folder=folder)
     values = [collect_nuisance(laid_out.example(n)) for n in range(600)]
     assert not [key for key in values[0] if "motion" in key or "label" in key]
@@ -661,19 +581,6 @@ def test_companions_are_placed_by_the_law_of_the_targets_and_never_beside_nobody
     assert all(len(e.rows) == 1 for e in examples if e.label == "empty")
     assert all(4 <= t.range_m <= 6 for pair in pairs for t in pair)
     assert all(mine.range_m != its.range_m for mine, its in pairs)
-
-
-def leaky(**changes):
-    config = plan(dataset={"name": "x", "examples_per_class": 60}, **changes)
-    refuse_leaks(examples_of(config), np.random.default_rng(0))
-
-
-def test_a_leaky_plan_is_refused_with_the_parameters_names():
-    honest = {"range_m": {"uniform": [4, 6]}, "rcs": {"total_m2": 0.5}}
-    leaky(target=honest)
-    near = {"label": "human", "motion": {"kind": "boulic"}, "range_m": {"uniform": [2.5, 3]}}
-    with pytest.raises(DatasetError, match=r"nuisance parameters alone predict classes.*target\.range_m"):
-        leaky(target=honest, companions=[near])
 
 
 def test_a_tiny_plan_with_the_default_seed_is_not_refused_by_chance():
@@ -785,16 +692,13 @@ def test_copies_of_a_file_are_one_subject_or_refused(tmp_path):
     plan_dataset(same, folder=tmp_path)
 
 
-@pytest.mark.parametrize("licence", ["CC0-1.0", "CC-BY-4.0", "CC BY 4.0", "cc-by-sa-4.0", "MIT", "Apache-2.0", "own"])
-def test_licences_that_allow_it_do_not_block_a_release(licence):
-    assert not blocks_release(licence)
+FREE = ["CC0-1.0", "CC-BY-4.0", "CC BY 4.0", "cc-by-sa-4.0", "MIT", "Apache-2.0", "own", "MIT AND CC-BY-4.0"]
+BLOCKED = ["", "unknown", "CC-BY-NC-4.0", "CC BY-ND 4.0", "proprietary", "research use only", "none found", "TODO"]
 
 
-@pytest.mark.parametrize(
-    "licence", ["", "unknown", "CC-BY-NC-4.0", "CC BY-ND 4.0", "proprietary", "research use only", "none found", "TODO"]
-)
-def test_all_other_licences_block_a_release(licence):
-    assert blocks_release(licence)
+@pytest.mark.parametrize("licence", [*FREE, *BLOCKED, "MIT AND CC-BY-NC-4.0"])
+def test_licences_that_do_not_allow_a_release_block_it(licence):
+    assert blocks_release(licence) == (licence not in FREE)
 
 
 class Ripple(FrozenModel):

@@ -134,11 +134,6 @@ def test_recordings_are_in_the_index_and_the_card(built, tmp_path, monkeypatch):
     assert "licences" not in model_card
 
 
-def test_gait_frequencies_are_near_their_truth(built):
-    walkers = open_dataset(built[0]).select("label == 'human'").index
-    assert (walkers["gait_frequency_hz"] / walkers["truth_gait_frequency_hz"] - 1).abs().max() < 0.1
-
-
 @pytest.mark.filterwarnings("error")
 def test_a_body_that_stands_still_has_no_aspect(tmp_path):
     build_dataset(small_plan(classes=[{"label": "rest", "motion": {"kind": "breathing"}}]), tmp_path, workers=1)

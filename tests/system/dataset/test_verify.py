@@ -145,14 +145,13 @@ def test_an_honest_dataset_passes_every_check_and_is_left_as_it_was(built):
     json.dumps(found.as_dict(), allow_nan=False)
 
 
-@pytest.mark.parametrize("form", ["png", "svg", "pdf"])
-def test_the_pages_have_the_format_of_the_option(built, tmp_path, monkeypatch, form):
+def test_the_pages_have_the_format_of_the_option(built, tmp_path, monkeypatch):
     monkeypatch.setattr("doppelgait.dataset.verify.run.SHEET_SIZE", 1)
-    words = ["dataset", "verify", str(built), "--resimulate", "0", "--figures", str(tmp_path), "--format", form]
+    words = ["dataset", "verify", str(built), "--resimulate", "0", "--figures", str(tmp_path), "--format", "svg"]
     monkeypatch.setattr(viz, "save_figure", lambda _, path: path, raising=False)
     shown = run(*words, "--json")
     names = ["signatures-dog", "signatures-human", "features"]
-    assert json.loads(shown.stdout)["figures"] == [str(tmp_path / f"{name}.{form}") for name in names]
+    assert json.loads(shown.stdout)["figures"] == [str(tmp_path / f"{name}.svg") for name in names]
 
 
 @pytest.mark.release
@@ -227,17 +226,14 @@ def test_a_complete_dataset_may_miss_no_shard_and_no_index(copy):
     assert "cannot be read" in verify(copy).check("index").summary
 
 
-def test_a_changed_value_of_the_index_is_found(copy):
+def test_another_value_or_order_and_a_missing_row_of_the_index_are_found(copy):
     index = pd.read_parquet(copy / "index.parquet")
-    index.loc[3, "feature_torso_velocity_mps"] += 1e-9
-    put_index(copy, index)
+    changed = index.copy()
+    changed.loc[3, "feature_torso_velocity_mps"] += 1e-9
+    put_index(copy, changed)
     found = verify(copy)
     assert failed(found) == {"index"}
     assert f"feature_torso_velocity_mps of {index.loc[3, 'id']} is" in found.check("index").summary
-
-
-def test_another_order_and_a_missing_row_of_the_index_are_found(copy):
-    index = pd.read_parquet(copy / "index.parquet")
     put_index(copy, pd.concat([index[20:], index[:20]]))
     assert "another order" in verify(copy).check("index").summary
     put_index(copy, index.drop(index=5))
@@ -398,18 +394,6 @@ def test_a_mirrored_floor_and_a_curtain_are_no_part_of_the_snr(tmp_path):
     assert check.numbers["largest_error_db"] < 0.1
 
 
-def test_a_dataset_of_nothing_but_noise_fails(tmp_path):
-    plan = small_plan(
-        dataset={"name": "noise", "examples_per_class": 12}, target={"rcs": {"total_m2": 1e-20}}, noise={}
-    )
-    build_dataset(plan, tmp_path / "noise", executor="serial")
-    found = verify(tmp_path / "noise")
-    assert "visible targets" in failed(found)
-    words = found.check("visible targets").summary
-    assert "human declares motion, but only 0 % of 12" in words
-    assert "dog declares motion, but only 0 % of 12" in words
-
-
 def test_an_empty_room_is_allowed_and_judged_without_the_level_of_echoes(tmp_path):
     classes = [*small_plan().model_dump()["classes"][:1], {"label": "nobody", "motion": "none"}]
     plan = small_plan(dataset={"name": "room", "examples_per_class": 12}, classes=classes, noise={})
@@ -421,18 +405,6 @@ def test_an_empty_room_is_allowed_and_judged_without_the_level_of_echoes(tmp_pat
 
 
 # leaks
-
-
-def test_one_recording_in_two_splits_is_named(copy):
-    def share(row):
-        row.update(recording="walk-07.bvh" if row["id"].endswith("-000003") or row["split"] == "test" else "")
-
-    ids = pd.read_parquet(copy / "index.parquet").set_index("id")["split"]
-    assert ids["human-000003"] != "test"
-    tamper(copy, rows=share)
-    found = verify(copy)
-    assert failed(found) == {"groups"}
-    assert "recordings in more than one split: walk-07.bvh (test, train)" in found.check("groups").summary
 
 
 def copied(source, target, *, scale=1.0, noise=0.0):

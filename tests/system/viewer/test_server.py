@@ -230,12 +230,6 @@ def test_address_is_this_computer_alone_and_ports_are_not_shared():
                 other.connect(("127.0.0.2", port))
 
 
-def test_missing_packages_are_named(monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(DoppelgaitError, match=r"doppelgait\[viewer\]"):
-        server.serve(None)
-
-
 def test_command_prints_the_address_and_ends_when_interrupted(files):
     import urllib.request
 
