@@ -1,7 +1,5 @@
 """One Chromium for all browser tests, the viewer's server on a free port, and a page that tells on itself."""
 
-from __future__ import annotations
-
 import os
 import queue
 import shutil

@@ -1,7 +1,5 @@
 """The dataset browser in a real browser: filters, table, scatter, contact sheet, and an example opened from them."""
 
-from __future__ import annotations
-
 import re
 import time
 

@@ -1,7 +1,5 @@
 """The page of a stream in Chromium: pictures, tracks, the threshold, and what the lines of JSON say."""
 
-from __future__ import annotations
-
 import json
 import re
 import signal

@@ -1,7 +1,5 @@
 """The page of one recording in a real browser: what it shows, and that it moves, reads and keeps what it should."""
 
-from __future__ import annotations
-
 import json
 import re
 import time

@@ -1,7 +1,5 @@
 """The page of one's own recording: analysis, zoom, measuring, saving, and how the page uses its space."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re

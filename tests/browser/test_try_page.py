@@ -1,7 +1,5 @@
 """The page "Try it" in Chromium: a slider redraws, mistakes stand beside the form, the sound follows the cursor."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from urllib.parse import parse_qs, urlsplit

@@ -1,7 +1,5 @@
 """Domain classifier: the same sensor is not told apart, another one is, by the statistic that differs."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

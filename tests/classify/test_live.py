@@ -1,7 +1,5 @@
 """Live decisions: the same as of the file, gaps, clocks, and a slow analysis."""
 
-from __future__ import annotations
-
 import threading
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Flags that prevent a decision."""
 
-from __future__ import annotations
-
 import pytest
 
 from doppelgait.classify.model import BLOCKING, find_blocking_flag

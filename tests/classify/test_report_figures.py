@@ -1,7 +1,5 @@
 """Figures of the report of ``evaluate``: lines that can be distinguished."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Decisions over time: windows, links, fused evidence."""
 
-from __future__ import annotations
-
 import itertools
 from types import SimpleNamespace
 
@@ -67,9 +65,6 @@ def decisions(monkeypatch, windows):
     return [tracks.add(window(4.0 * n), [target(3.0, 0.0)])[0] for n in range(len(windows))]
 
 
-# Windows -------------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def walk():
     scene = Scene([Target(boulic_walk(speed_mps=1.2, duration_s=5.0), range_m=5.0)])
@@ -119,9 +114,6 @@ def test_a_hop_is_above_zero_and_no_longer_than_the_window(window_s, hop_s):
         check_window(window_s, hop_s)
 
 
-# Links ---------------------------------------------------------------------------------------------------------------
-
-
 def test_who_pass_each_other_keep_their_numbers():
     """Ranges 2 + t and 8 - t cross at t = 3."""
     links, hop_s, numbers = Links(), 1.0, []
@@ -148,9 +140,6 @@ def test_memory_of_links_and_beliefs_does_not_grow(monkeypatch):
         tracks.add(window(n * 1.0), [target(1.0 + 30.0 * n, 0.0, length_s=0.5)])
     assert 1 < len(tracks.links.kept) <= 10
     assert set(tracks._beliefs) <= tracks.links.kept
-
-
-# Fusion --------------------------------------------------------------------------------------------------------------
 
 
 def test_the_belief_is_that_of_all_histories():

@@ -1,7 +1,5 @@
 """Figures of ``analyze``: no fault that a reader would see, and vector files."""
 
-from __future__ import annotations
-
 import pytest
 
 import doppelgait as dg

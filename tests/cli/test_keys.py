@@ -1,7 +1,5 @@
 """The keys of configuration files, as the command and the documentation print them."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

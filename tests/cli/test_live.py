@@ -1,7 +1,5 @@
 """The log of decisions: power cuts and full disks."""
 
-from __future__ import annotations
-
 import errno
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Progress of commands: none for short work, a bar or lines for longer work."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 

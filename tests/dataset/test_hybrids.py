@@ -1,7 +1,5 @@
 """Folders as hybrids: ranges, partners, subjects that share a split, licences, and the draw of every example."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

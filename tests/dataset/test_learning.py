@@ -1,7 +1,5 @@
 """Pictures in dB against closed forms, the shares of workers, and balanced weights against scikit-learn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

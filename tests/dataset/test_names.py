@@ -1,7 +1,5 @@
 """Labels and subjects from the names of files."""
 
-from __future__ import annotations
-
 import pytest
 
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning

@@ -1,7 +1,5 @@
 """The plan: distributions, splits, identity, shards; nothing is simulated."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 from typing import Literal

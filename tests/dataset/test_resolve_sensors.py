@@ -1,7 +1,5 @@
 """Plans whose preset holds distributions: one sensor per example."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Stored arrays: precision, hops and what comes back."""
 
-from __future__ import annotations
-
 import json
 
 import h5py

@@ -1,7 +1,5 @@
 """Parts of the verification on tables made by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +18,6 @@ from doppelgait.dataset.verify.truth import check_visible_targets
 def contents(index, **description):
     described = {"fields": {}, "classes": {}, "config": {}, **description}
     return Contents(Path("nowhere"), described, pd.DataFrame(index), True, {}, None, "no plan")
-
-
-# truth
 
 
 def walkers(n=40, **changes):
@@ -81,9 +76,6 @@ def test_off_as_a_whole_is_the_binomial_tail_below_a_thousandth(hits, rows, off)
     assert truth.has_too_few_hits(hits, rows) == off
 
 
-# visible targets
-
-
 def test_a_class_that_declares_motion_and_is_only_noise_fails_with_its_name():
     table = walkers()
     assert check_visible_targets(contents(table)).status == "passed"
@@ -108,9 +100,6 @@ def test_an_empty_class_may_be_noise_and_one_with_a_target_is_a_warning():
     assert "dog is an empty scene, but something moves in 100 %" in found.summary
     table["feature_torso_velocity_mps"] = 0.0  # a wall, not a target
     assert check_visible_targets(contents(table)).status == "passed"
-
-
-# leaks
 
 
 def people(**changes):
@@ -163,9 +152,6 @@ def test_model_walkers_with_the_same_parameters_in_two_splits_are_a_warning():
     assert found.numbers["same_walkers"] == 2
 
 
-# duplicates
-
-
 def test_a_picture_ignores_level_and_tells_shapes_apart():
     rng = np.random.default_rng(0)
     power = rng.exponential(size=(200, 130))
@@ -212,9 +198,6 @@ def test_equal_features_in_two_splits_are_found_where_no_signature_is_kept():
     found = duplicates.check_duplicates(contents(table), *arguments)
     assert found.status == "failed"
     assert "a (train) and e (test) identical" in found.summary
-
-
-# leakage
 
 
 def parameters(n, *, leak=0.0, seed=0, per_group=1):
@@ -355,9 +338,6 @@ def test_rounding_of_a_level_tells_no_class():
     assert np.isnan(found[4])
     assert found[5] == pytest.approx(1e-30, rel=1e-12)
     assert round_values(pd.Series([0.5, 0.5001])).nunique() == 2
-
-
-# report
 
 
 def test_a_warning_does_not_fail_a_verification_and_a_skipped_check_is_no_pass():

@@ -1,7 +1,5 @@
 """What the tests of this folder share: two small built datasets, which nobody changes."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Files of strangers: nothing in an HDF5 file of ours is read from another file."""
 
-from __future__ import annotations
-
 import json
 import shutil
 
@@ -113,9 +111,6 @@ def test_groups_that_hold_themselves_and_names_with_slashes(tmp_path):
             get_own_member(file, "inner/values")
     with pytest.raises(ValueError, match=r"the group 'inner/again' has two names"):
         open_hdf5(tmp_path / "loop.h5")
-
-
-# ---- damaged descriptions and indexes: one error that names what
 
 
 @pytest.mark.parametrize(("changes", "words"), [

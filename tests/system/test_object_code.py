@@ -1,7 +1,5 @@
 """Object code that ships with the package: the same bytes as Numba's, and Numba where there is none."""
 
-from __future__ import annotations
-
 import json
 import platform
 import sys

@@ -1,7 +1,5 @@
 """The wheel and the source archive as they are released: what is in them, and that the wheel works on its own."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Plug-ins in a process of its own."""
 
-from __future__ import annotations
-
 import processes
 
 FIRST_LOOK = """

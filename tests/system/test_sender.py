@@ -1,7 +1,5 @@
 """The example sender plays a recording over every transport."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from contextlib import AbstractContextManager

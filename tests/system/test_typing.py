@@ -1,7 +1,5 @@
 """Type checkers know the names of the package, though they are imported on first use."""
 
-from __future__ import annotations
-
 import ast
 import tomllib
 from importlib import import_module

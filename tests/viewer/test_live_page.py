@@ -1,7 +1,5 @@
 """The page of a stream: what it shows, in fixed memory, without a change of the decisions."""
 
-from __future__ import annotations
-
 import http.client
 import json
 from types import SimpleNamespace

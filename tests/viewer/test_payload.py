@@ -1,7 +1,5 @@
 """What the viewer sends, taken apart again and compared with the arrays that it was made of."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which body a target is compared with, over which times, and how segments and bursts are shown."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The palette: colours of a figure stay distinct in every colour-vision deficiency."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figures hold the data they are given, on axes with units; tiny labelled arrays with known answers."""
 
-from __future__ import annotations
-
 import inspect
 import threading
 from collections.abc import Callable
@@ -581,14 +579,6 @@ def test_overview_without_anything_determined(tmp_path: Path) -> None:
     figure = make_overview(features={"step_length_m": float("nan")}, gate=None, gait_frequency_hz=None, flags=())
     assert viz.save_figure(figure, tmp_path / "page.png").stat().st_size > 0
     assert "no gait frequency" in "".join(texts(axes) for axes in figure.axes)
-
-
-@pytest.mark.release
-def test_same_input_gives_same_bytes(tmp_path: Path) -> None:
-    files = [viz.save_figure(make_overview(), tmp_path / f"{number}.png") for number in range(3)]
-    assert len({path.read_bytes() for path in files}) == 1
-    assert viz.save_figure(make_overview(title="dog"), tmp_path / "4.png").read_bytes() != files[0].read_bytes()
-    assert not [path for path in tmp_path.iterdir() if path.suffix != ".png"]
 
 
 def test_threads_draw_the_same_bytes(tmp_path: Path) -> None:

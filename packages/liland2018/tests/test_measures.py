@@ -49,11 +49,6 @@ def test_printed_window_is_off_its_centre():
     assert measures.side_lobe_db(window) == pytest.approx(-63.81, abs=0.01)
 
 
-def test_side_lobe_and_width_of_a_rectangle():
-    assert measures.side_lobe_db(np.ones(400)) == pytest.approx(-13.26, abs=0.01)
-    assert measures.half_power_width_bins(np.ones(400)) == pytest.approx(0.8859, abs=1e-3)
-
-
 def test_half_power_width_of_the_analysis_window():
     # E-23: 1.384 bins for M = 101, sigma_w = 0.4
     assert measures.half_power_width_bins(gaussian_window(101, 0.4)) == pytest.approx(1.384, abs=1e-3)

@@ -1,7 +1,5 @@
 """Numbers of chapters 2 and 3 against closed forms and brute force that share no code with them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +9,7 @@ from scipy.optimize import brentq
 from doppelgait import DoppelgaitError
 from doppelgait_liland2018 import chapter2, chapter3_data, chapter3_frame, measures
 from doppelgait_liland2018.entry import ENTRIES
-from doppelgait_liland2018.material import Material, make_point_table, simulate_slow_time_signal
+from doppelgait_liland2018.material import Material
 
 LIGHT = 299_792_458.0
 WAVELENGTH_M = LIGHT / 7.29e9
@@ -30,13 +28,6 @@ def readings_of(made):
 def made(material):
     """What an entry gives, made once: ``made("fig-3.13")``."""
     return lambda number: material.compute_once(("test", number), lambda: ENTRIES[number].make(material))
-
-
-def test_a_point_table_is_straight_motion_centred_on_its_range(material):
-    table = make_point_table(material.radar(), 101, range_m=[5.0, 6.0], velocity_mps=[2.0, -1.0], rcs_m2=[1.0, 0.3])
-    assert table["range"].values[50] == pytest.approx([5.0, 6.0])
-    assert table["range"].values[0] - table["range"].values[-1] == pytest.approx([0.2, -0.1])
-    assert table["rcs"].values[7] == pytest.approx([1.0, 0.3])
 
 
 def test_the_measured_slope_is_two_over_the_wavelength(made):
@@ -251,10 +242,3 @@ def test_tables_hold_the_sections_and_scales_of_the_report(made):
     assert readings_of(scales)["bandwidth times pulse width τ"].ours == pytest.approx(0.26501, abs=1e-4)
     width = readings_of(scales)["width of a line times T_d"].ours
     assert width == pytest.approx(2 * brentq(lambda x: np.sinc(x) ** 2 - 0.5, 0.1, 0.9), rel=2e-3)
-
-
-def test_slow_time_signal_is_the_bin_of_the_point(material):
-    radar = material.radar(prf_hz=300.0)
-    table = make_point_table(radar, 11, range_m=5.0, velocity_mps=0.0)
-    near, far = (np.abs(simulate_slow_time_signal(radar, table, range_m=place)).mean() for place in (5.0, 8.0))
-    assert far < 1e-6 * near

@@ -1,7 +1,5 @@
 """The reproduction with real motion: a CMU walk, which the report used too, and a galloping dog."""
 
-from __future__ import annotations
-
 import shutil
 
 import numpy as np

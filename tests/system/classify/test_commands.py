@@ -1,7 +1,5 @@
 """``evaluate`` and ``classify`` as commands."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

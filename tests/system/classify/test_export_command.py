@@ -1,7 +1,5 @@
 """``doppelgait model export`` as a command."""
 
-from __future__ import annotations
-
 import json
 from importlib.util import find_spec
 

@@ -1,7 +1,5 @@
 """``doppelgait live`` as a service: told to stop, or killed, while frames arrive."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess

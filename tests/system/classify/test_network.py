@@ -1,7 +1,5 @@
 """The network: its plain form against torch, the same twice, early stopping; skipped where torch is not installed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

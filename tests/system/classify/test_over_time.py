@@ -1,7 +1,5 @@
 """Decisions over time, from simulated rooms to the shipped model's answers."""
 
-from __future__ import annotations
-
 import tomllib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Without torch everything but training a network works, and one line says what to install."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Building: same bytes for any worker count, resume, failures, refusals, reading back."""
 
-from __future__ import annotations
-
 import json
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """Builds whose main process or worker is killed at random moments: nothing lost, nothing half, the same dataset."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -1,7 +1,5 @@
 """Executors: the same results from each, killed workers, early ends, bounded queues, clear errors."""
 
-from __future__ import annotations
-
 import os
 import sys
 import threading

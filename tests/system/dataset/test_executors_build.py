@@ -1,7 +1,5 @@
 """The same dataset from every executor, in parts, and with a worker killed in the middle."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -1,7 +1,5 @@
 """Exported datasets, each read back with the plain reader of its form."""
 
-from __future__ import annotations
-
 import csv
 import errno
 import io
@@ -48,9 +46,6 @@ def expected_table(dataset):
     numbers = table["label"].map({"human": 0, "dog": 1})
     table.insert(3, "class_number", numbers)
     return table
-
-
-# ---- tables
 
 
 def test_csv_is_the_index(dataset, tmp_path):
@@ -105,9 +100,6 @@ def test_parquet_keeps_types_where_a_split_has_no_values(dataset, tmp_path):
     assert pa.types.is_large_string(types[0]) or pa.types.is_string(types[0])
 
 
-# ---- webdataset
-
-
 def members(path):
     with tarfile.open(path) as tar:
         return {m.name: tar.extractfile(m).read() for m in tar.getmembers()}
@@ -148,9 +140,6 @@ def test_names_of_files_are_unique_and_have_one_dot_less():
     assert len(set(names)) == len(ids)
     assert not any(set(name) & set("./~ ") for name in names)
     assert make_file_name("human-000001") == "human-000001"
-
-
-# ---- zarr
 
 
 def test_zarr_by_xarray(dataset, tmp_path):
@@ -213,9 +202,6 @@ def test_without_zarr_one_error(dataset, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-# ---- sigmf
-
-
 def test_sigmf_by_our_reader(dataset, tmp_path):
     export_dataset(dataset["test"], tmp_path / "out", form="sigmf")
     assert len(list((tmp_path / "out").rglob("*.sigmf-meta"))) == 6
@@ -248,9 +234,6 @@ def test_sigmf_has_one_recording_per_scene(mixed, tmp_path):
         assert [a["core:label"] for a in meta["annotations"]] == ["human", "dog"]
         rows = mixed.index[mixed.index["scene_id"] == path.name.partition(".")[0]]
         assert meta["global"]["doppelgait:prf_hz"] == pytest.approx(rows["prf_hz"].iloc[0])
-
-
-# ---- all forms
 
 
 @pytest.mark.parametrize("form", INSTALLED)
@@ -323,9 +306,6 @@ def test_wrong_requests(dataset, tmp_path, options, message):
     assert not list(tmp_path.iterdir())
 
 
-# ---- exporters as plug-ins
-
-
 @pytest.fixture
 def register(monkeypatch):
     """Register exporters for one test."""
@@ -383,9 +363,6 @@ def test_a_broken_exporter_is_caught(dataset, tmp_path, register, fault, says):
 
     with pytest.raises(AssertionError, match=rf"exporter 'lines': .*{says}"):
         check_exporter("lines", open_dataset(copy))
-
-
-# ---- licences
 
 
 @pytest.mark.parametrize("licence", ["CC-BY-NC-4.0", "", "for research only", "CC-BY-4.0"])

@@ -1,7 +1,5 @@
 """Full disks, locks, interruptions, bad sources: one clear error each, and what was built stays valid."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

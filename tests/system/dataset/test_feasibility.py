@@ -1,7 +1,5 @@
 """Limits that a plan foresees, against the warnings and flags of the dataset that is built from it."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 

@@ -1,7 +1,5 @@
 """Import of recordings with labels: the table of labels, parts of recordings, splits, rows, folders, identity."""
 
-from __future__ import annotations
-
 import errno
 import json
 import math
@@ -81,9 +79,6 @@ def write(place, text, *, encoding="utf-8"):
 
 def entries_of(place, text, **options):
     return read_labels(write(place, text), place, **options)
-
-
-# --- The table of labels ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t"])
@@ -244,9 +239,6 @@ def test_wrong_settings_are_named(table, says):
         validate(ImportConfig, table)
 
 
-# --- Splits -------------------------------------------------------------------------------------------------------
-
-
 def planned(place, text, config=GATE):
     return plan_entries(entries_of(place, text), config, "labels.csv")
 
@@ -300,9 +292,6 @@ def test_shares_keep_subjects_whole_and_refuse_too_few(tmp_path):
     few = "file,label,subject\n0.h5,a,s\n1.h5,a,s\n"
     with pytest.raises(DatasetError, match=r"labels\.csv: class 'a' has 1 subjects.*record more subjects"):
         planned(place, few, ImportConfig(split={"train": 0.5, "test": 0.5}))
-
-
-# --- Parts of a recording -----------------------------------------------------------------------------------------
 
 
 def counted(times_s, **attrs):
@@ -359,9 +348,6 @@ def test_bursts_are_not_cut():
 def test_parts_that_are_not_there_are_refused(limits, says):
     with pytest.raises(AnalysisError, match=says):
         cut(counted(np.arange(1000) / 100.0), **limits)
-
-
-# --- The dataset --------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -590,9 +576,6 @@ def test_formats_and_options_of_the_reader_are_passed_on(recordings):
     wrong = "file,label,option.colour\narray.npz,a,red\nslow1.h5,b,\n"
     report = import_dataset(recordings, write(recordings, wrong), recordings.parent / "n", config=GATE)
     assert "no option colour" in report.failures[0]["reason"]
-
-
-# --- Whose is the label -------------------------------------------------------------------------------------------
 
 
 def result(**quality):

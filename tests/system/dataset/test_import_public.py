@@ -1,7 +1,5 @@
 """Published sets of recordings, made here in their formats, become datasets and test sets."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Real recordings (the shared test data) with their labels, imported as a dataset."""
 
-from __future__ import annotations
-
 import csv
 import re
 import shutil

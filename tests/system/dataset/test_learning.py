@@ -1,7 +1,5 @@
 """Pictures, arrays and class weights of built datasets; behind torch in test_torch.py."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from sklearn.utils.class_weight import compute_class_weight

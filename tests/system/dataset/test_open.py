@@ -1,7 +1,5 @@
 """Opened datasets against plain h5py, pandas and NumPy."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import os
@@ -119,9 +117,6 @@ def test_field_that_is_not_kept(dataset, mixed):
         dataset.array("envelope", 0)
 
 
-# ---- features
-
-
 def test_six_features_for_scikit_learn(dataset):
     X, y, groups = dataset["train"].features()
     index = dataset["train"].index
@@ -183,9 +178,6 @@ def test_rows_without_flags(dataset):
     assert list(dataset.features(without_flags=patterns).ids) == list(dataset.index["id"][keep])
 
 
-# ---- queries and keys
-
-
 def test_select(dataset):
     part = dataset.select("truth_range_m < 3.5 and label == 'dog'")
     index = dataset.index
@@ -218,9 +210,6 @@ def test_select(dataset):
 def test_wrong_queries_keys_and_names_are_one_error(dataset, read, argument, message):
     with pytest.raises(DatasetError, match=message):
         getattr(dataset, read)(argument)
-
-
-# ---- versions and damage
 
 
 def edited(folder, target, **changes):
@@ -276,9 +265,6 @@ def test_damaged_shard_is_named(folder, tmp_path):
     path.unlink()
     with pytest.raises(DatasetError, match=f"{path.name}: signature of row 0 cannot be read"):
         dataset.array("signature", 0)
-
-
-# ---- batches and files
 
 
 def test_batches_hold_every_example_once(dataset):

@@ -1,7 +1,5 @@
 """Scenes of a plan beyond one target in its truth gate: companions, nobody, tracks, folders of recordings."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from functools import cache

@@ -1,7 +1,5 @@
 """Examples simulated while they are used, against the built dataset."""
 
-from __future__ import annotations
-
 from itertools import islice
 
 import numpy as np

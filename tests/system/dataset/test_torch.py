@@ -1,7 +1,5 @@
 """Datasets and streams behind a torch DataLoader; skipped where torch is not installed."""
 
-from __future__ import annotations
-
 import pickle
 from itertools import islice
 
@@ -93,9 +91,6 @@ def test_stream_of_several_targets(mixed):
     assert [number for _, number in items] == [0, 0, 1, 1]
     for number, (tensor, _) in enumerate(items):
         assert np.array_equal(tensor.numpy(), mixed.array("signature", number))
-
-
-# ---- pictures, and examples that a loader's workers share
 
 
 def loaded(data, workers, **options):

@@ -1,7 +1,5 @@
 """Damage and mix-ups of a dataset's files: each is found by build, status, open or verify, and none is a traceback."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform

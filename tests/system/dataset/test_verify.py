@@ -1,7 +1,5 @@
 """A small dataset, honest and tampered with: every check is seen to pass and to fail."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil
@@ -127,9 +125,6 @@ def states(folder):
     }
 
 
-# an honest dataset
-
-
 def test_an_honest_dataset_passes_every_check_and_is_left_as_it_was(built):
     before, seen = states(built), []
     found = verify(built, share=0.01, on_progress=lambda *step: seen.append(step))
@@ -171,9 +166,6 @@ def test_every_class_has_a_page(built, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("no folder")
     with pytest.raises(OutputError, match="file: cannot be written"):
         verify(built, figures=tmp_path / "file")
-
-
-# files
 
 
 def test_a_half_built_dataset_is_checked_as_far_as_it_is_there(copy):
@@ -302,9 +294,6 @@ def test_failed_examples_are_named_and_too_many_of_a_class_fail(tmp_path):
         assert "there is no such file" in elsewhere.check(name).summary
 
 
-# made again
-
-
 def test_rounding_of_another_processor_is_within_tolerance_and_said_so(copy):
     def shake(file, rows):
         stored = file["signature"][:]
@@ -347,9 +336,6 @@ def test_swapped_labels_are_found_in_every_row_and_when_made_again(copy):
     assert {"rows", "re-simulation"} <= failed(found)
     assert found.check("rows").numbers["different"] == 2 * N
     assert "label is" in found.check("re-simulation").summary
-
-
-# truth
 
 
 @pytest.mark.parametrize(
@@ -404,9 +390,6 @@ def test_an_empty_room_is_allowed_and_judged_without_the_level_of_echoes(tmp_pat
     assert set(found.check("nuisance").numbers) == {"all classes"}
 
 
-# leaks
-
-
 def copied(source, target, *, scale=1.0, noise=0.0):
     """The signature of one row in the place of another's."""
 
@@ -429,9 +412,6 @@ def test_a_signature_in_two_splits_is_found_identical_or_louder(copy, scale, noi
     found = verify(copy)
     assert failed(found) == {"duplicates"}
     assert f"{first['id']} (train) and {last['id']} (test) {how}" in found.check("duplicates").summary
-
-
-# nuisance
 
 
 def test_cross_sections_by_body_mass_fail_with_the_key_to_set(tmp_path):
@@ -483,9 +463,6 @@ def test_a_fact_that_the_plan_does_not_give_fails_though_one_row_only(copy):
     found = verify(copy, share=1.0)
     assert found.check("re-simulation").status == "failed"
     assert "dog-000000: truth_range_m is 1.0" in found.check("re-simulation").summary
-
-
-# shipped plans
 
 
 @pytest.mark.parametrize(

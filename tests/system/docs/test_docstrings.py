@@ -1,7 +1,5 @@
 """Docstrings: first clauses are short and say what a thing does, and their examples run."""
 
-from __future__ import annotations
-
 import ast
 import doctest
 import importlib

@@ -4,8 +4,6 @@ Every block of a page is used, in order, in one empty folder: ``python`` is run,
 above a block says what else it is: ``<!-- file: NAME -->`` or ``<!-- not run: REASON -->``. ``text`` is output.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import re

@@ -1,7 +1,5 @@
 """Our extensions of Sphinx on a page of their own: equations, their labels and links, references, link check."""
 
-from __future__ import annotations
-
 import runpy
 import sys
 

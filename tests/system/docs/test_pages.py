@@ -1,7 +1,5 @@
 """The pages made from the code say all that the code has, and the equations that docstrings cite are there."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import json

@@ -1,7 +1,5 @@
 """The documentation site as published: every page built, every example of the gallery run, every link followed."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 

@@ -5,8 +5,6 @@ page and the changelog, and raises the minor version; ``python tests/system/docs
 list with the columns of an index.parquet.
 """
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import re

@@ -1,9 +1,9 @@
 """The scripts in studies/ are no package: their folder is on the path while a file of this folder is tested."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
+from importlib import import_module
+from types import ModuleType
 
 import pytest
 
@@ -17,3 +17,9 @@ def studies_on_path() -> Iterator[None]:
     sys.path.insert(0, folder)
     yield
     sys.path.remove(folder)
+
+
+@pytest.fixture(scope="module")
+def study(request: pytest.FixtureRequest) -> ModuleType:
+    """Script that a file tests: ``everyday.py`` of ``test_everyday.py``."""
+    return import_module(request.path.stem.removeprefix("test_").removesuffix("_shared"))

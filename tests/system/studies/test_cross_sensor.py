@@ -1,7 +1,5 @@
 """Plans, rows and tables of the study between sensors."""
 
-from importlib import import_module
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,11 +11,6 @@ from doppelgait.classify.training import join
 
 C = 299_792_458.0
 SENSORS = ("X4, 7.29 GHz", "24 GHz", "60 GHz", "77 GHz")
-
-
-@pytest.fixture(scope="module")
-def study():
-    return import_module("cross_sensor")
 
 
 @pytest.fixture(scope="module")
@@ -76,25 +69,6 @@ def test_scores_are_those_of_scikit_learn(study):
     assert found["accuracy"] == pytest.approx(balanced_accuracy_score(person, called))
     assert found["f1"] == pytest.approx(f1_score(person, called, average="macro"))
     assert found["auc"] == pytest.approx(roc_auc_score(person, rows["p"]))
-
-
-def test_tables_keep_pairs_of_radars_and_models_apart(study):
-    """A model that is right where trained and tested agree, and calls everybody a person elsewhere."""
-    lines = [
-        {"trained": trained, "tested": tested, "model": f"ensemble, {setting}", "label": label,
-         "p": float(label == "human" or (trained != tested and setting == "plain"))}
-        for trained in (*SENSORS, study.OTHERS) for tested in SENSORS for setting in study.SETTINGS
-        for label in ("human", "dog") if trained in SENSORS or setting != "stretch alone"
-    ]  # fmt: skip
-    sensors = pd.DataFrame({"radar": SENSORS, "aliased": 0.25})
-    found = {"tested": pd.DataFrame(lines), "sensors": sensors}
-    table = "\n".join(study.report([found, found]).values())
-    right, chance = "100.0", "50.0"
-    assert f"| 24 GHz | {chance} | {right} | {chance} | {chance} |" in table
-    assert f"| ensemble, plain | {right} | {chance} | {chance} |" in table
-    assert f"| ensemble, recipe | {right} | {right} | {right} |" in table
-    assert f"| ensemble, stretch alone | {right} | {right} |  |" in table
-    assert "| 60 GHz | 0.25 |" in table
 
 
 def test_one_ensemble_for_every_network(study, seen):

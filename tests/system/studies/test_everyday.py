@@ -1,7 +1,5 @@
 """What the study of everyday scenes counts as true, near enough, flagged and silently wrong."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from importlib import import_module
@@ -17,11 +15,6 @@ from doppelgait.scene import Scene, Target
 from doppelgait.scene.placement import place
 
 SPEED_MPS = 1.2
-
-
-@pytest.fixture(scope="module")
-def study() -> ModuleType:
-    return import_module("everyday")
 
 
 def walker(study: ModuleType, **where: object) -> object:
@@ -123,19 +116,6 @@ def test_number_of_targets(
     found = study.number_state(np.array(distances_m, dtype=float), targets, flagged=False)
     assert found == (state, dict(zip(("missing", "false", "twice"), wrong, strict=True)))
     assert study.number_state(np.array(distances_m, dtype=float), targets, flagged=True)[0] in ("cautious", "flagged")
-
-
-def row(seed: int, number: str, **states: str) -> dict[str, object]:
-    """One line of the study with one result."""
-    own = {name: "right" for name in ("v", "f", "L", "ground", "aspect", "B")} | states
-    wrong = {"missing": int(number != "right"), "false": 0, "twice": 0}
-    return {"scene": "s", "cause": "c", "seed": seed, "number": number, "wrong": wrong, "results": [{"state": own}]}
-
-
-def test_tables_count_recordings(study: ModuleType) -> None:
-    rows = [row(0, "right", f="silent", L="silent"), row(1, "silent"), row(2, "right", B="silent"), row(9, "right")]
-    last = study.table(rows, "cause", study.STATES).splitlines()[-1]
-    assert last.startswith("| all | 4 | 2 | 2 | 1 | 3 / 0 / 1 / 0 / 0 | 4 / 0 / 0 / 0 / 0 | 3 / 0 / 1 / 0 / 0 |")
 
 
 def test_every_scene_can_be_drawn_and_is_drawn_alike(study: ModuleType) -> None:

@@ -1,9 +1,6 @@
 """What the study of the gait frequency and the features counts, on rows whose answer is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from importlib import import_module
 from types import ModuleType
 
 import numpy as np
@@ -11,11 +8,6 @@ import pandas as pd
 import pytest
 
 from doppelgait.processing import Analysis, Gate, signature
-
-
-@pytest.fixture(scope="module")
-def study() -> ModuleType:
-    return import_module("gait_frequency")
 
 
 def make_rows(study: ModuleType, found_hz: list[float | None], **columns: object) -> pd.DataFrame:

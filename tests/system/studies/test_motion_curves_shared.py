@@ -1,7 +1,5 @@
 """Studies of recorded targets against the models: curves, halves, table."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -128,41 +126,3 @@ def test_the_horse_is_compared_with_a_model_of_the_same_marked_points(mocap):
     means = rows.groupby(["mover", "source"])["bandwidth"].mean()
     for target in ("horse walk", "horse trot"):
         assert means[target, "model"] == pytest.approx(means[target, "recorded"], rel=0.15)
-
-
-def test_pictures_show_held_people_and_animals_apart_without_misread_clips():
-    from motion_pictures import LABELS, draw, select
-
-    targets = [
-        ("walk", "held", 5),
-        ("run", "tuning", 5),
-        ("trot", "Tencent", 3),
-        ("walk", "MANN", 5),
-        ("trot", "MANN", 2),
-    ]
-    rows = pd.DataFrame(
-        {"mover": target, "half": half, "source": source, "bandwidth": 1.0 + number, "rho": np.nan}
-        | {"alternate_steps": 0.5 * number, "gait_frequency_hz": 2.0, "own_frequency_hz": 2.0}
-        for target, half, count in targets
-        for source in ("recorded", "model")
-        for number in range(count)
-    )
-    misread = rows.iloc[[0]].assign(gait_frequency_hz=0.7, bandwidth=9.0)
-    parts = select(pd.concat([rows, misread]))
-    assert {title: found for title, (_, found) in parts.items()} == {
-        "people": [("held", "walk")],
-        "animals": [("MANN", "walk"), ("MANN", "trot"), ("Tencent", "trot")],
-    }
-    assert set(parts["people"][0]["half"]) == {"held"}
-    figure = draw(*parts["people"])
-    titles = [axes.get_title() for axes in figure.axes]
-    shown = ("bandwidth", "alternate_steps", "gait_frequency_hz")
-    assert titles == [LABELS[name] for name in shown], "what has no values has no panel"
-    recorded = next(line for line in figure.axes[0].lines if len(line.get_ydata()) == 5)
-    np.testing.assert_array_equal(np.sort(recorded.get_ydata()), np.arange(1.0, 6.0))
-    assert figure.axes[1].get_ylim() == (-1.0, 2.0)
-    assert {text.get_text() for text in draw(*parts["animals"]).axes[0].texts} == {"tuning dog", "held-out dog"}
-    bars = [len(axes.collections) for axes in (figure.axes[0], draw(*parts["animals"]).axes[0])]
-    assert bars == [4, 8], "two trots have dots but no bars"
-    beyond = parts["people"][0].assign(alternate_steps=[-3.0, *[0.5] * 8, 4.0])
-    assert [text.get_text() for text in draw(beyond, [("held", "walk")]).axes[1].texts] == ["2 beyond the axis"]

@@ -1,6 +1,5 @@
 """Plans and tables of the recipe's study."""
 
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -11,19 +10,14 @@ from doppelgait.dataset import load_plan
 from doppelgait.motion.retime import Variation
 
 
-@pytest.fixture(scope="module")
-def recipe():
-    return import_module("recipe")
-
-
 @pytest.mark.parametrize(
     ("variant", "motion", "sensor"),
     [("plain", False, False), ("varied motion", True, False), ("varied sensors", False, True),
      ("both varied", True, True)],
 )  # fmt: skip
-def test_a_variant_adds_what_it_says_to_both_classes_alike(recipe, variant, motion, sensor):
-    plan, _ = recipe.plan_of(variant, 3, 20)
-    evidence, _ = load_plan(recipe.PLAN)
+def test_a_variant_adds_what_it_says_to_both_classes_alike(study, variant, motion, sensor):
+    plan, _ = study.plan_of(variant, 3, 20)
+    evidence, _ = load_plan(study.PLAN)
     assert plan.dataset.seed == 2021
     assert ("vary" in plan.target) == motion
     assert (plan.radar != evidence.radar) == sensor
@@ -34,25 +28,18 @@ def test_a_variant_adds_what_it_says_to_both_classes_alike(recipe, variant, moti
         assert set(plan.target["vary"]) == set(Variation.model_fields)
 
 
-def test_half_of_the_rows_wrong_is_a_wrong_recording(recipe):
+def test_half_of_the_rows_wrong_is_a_wrong_recording(study):
     rows = pd.DataFrame({
         "label": "human", "half": "held", "truth_gait": ["run"] * 4 + ["walk"] * 2, "recording": list("aabbcd"),
         "right:m": [True, False, True, True, False, True], "truth_gait_frequency_hz": 3.0, "observation_s": 4.0,
         "truth_aspect_deg": 0.0, "quality_snr_mu_db": 20.0, "truth_ground_speed_mps": 3.0,
     })  # fmt: skip
     better = rows.assign(**{"right:m": True})
-    table = recipe.recordings_wrong([rows, better], "m").split("\n")[2:]
+    table = study.recordings_wrong([rows, better], "m").split("\n")[2:]
     assert table == ["| human run | 2 | 1, 0 | a |", "| human walk | 2 | 1, 0 | c |"]
 
 
-def test_odds_are_limited(recipe):
-    odds = recipe.log_odds(pd.Series([0.5, 0.0, 1.0]))
-    assert odds[0] == pytest.approx(0)
-    assert odds[2] == pytest.approx(np.log(1e6), rel=1e-3)
-    assert odds[1] == pytest.approx(-odds[2])
-
-
-def test_a_shifted_answer_is_adapted_in_the_table(recipe):
+def test_a_shifted_answer_is_adapted_in_the_table(study):
     rng = np.random.default_rng(0)
     human = np.arange(240) % 2 == 0
     rows = pd.DataFrame({
@@ -61,7 +48,7 @@ def test_a_shifted_answer_is_adapted_in_the_table(recipe):
         "truth_aspect_deg": 0.0, "quality_snr_mu_db": 20.0, "truth_ground_speed_mps": 3.0,
         "p:m": 1.0 / (1.0 + np.exp(-(np.where(human, 2.0, -2.0) + 3.0 + rng.normal(size=240)))),
     })  # fmt: skip
-    lines = recipe.adaptation_table([rows, rows], "m").split("\n")[2:]
+    lines = study.adaptation_table([rows, rows], "m").split("\n")[2:]
     numbers = [[float(cell.split()[0]) for cell in line.strip("| ").split("|")] for line in lines]
     assert [line[0] for line in numbers] == [0, 1, 2, 5, 10, 20]
     assert numbers[0][1] == numbers[0][2] == numbers[0][3] < 70
@@ -70,7 +57,7 @@ def test_a_shifted_answer_is_adapted_in_the_table(recipe):
     assert numbers[-1][4] < numbers[0][4] / 3
 
 
-def test_halves_are_those_of_the_models(recipe, tmp_path: Path) -> None:
+def test_halves_are_those_of_the_models(study, tmp_path: Path) -> None:
     (tmp_path / "clinic").mkdir()
     for subject in ("A1", "A2"):
         (tmp_path / "clinic" / f"Subject{subject}_Cycle1.bvh").touch()
@@ -82,4 +69,4 @@ def test_halves_are_those_of_the_models(recipe, tmp_path: Path) -> None:
         ],
     })  # fmt: skip
     expected = ["tuning", "held", "tuning", "held", "tuning", "held"]
-    assert recipe.with_half(rows, tmp_path)["half"].tolist() == expected
+    assert study.with_half(rows, tmp_path)["half"].tolist() == expected

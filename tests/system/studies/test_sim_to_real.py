@@ -1,7 +1,5 @@
 """The parts of the sim-to-real studies whose answers are known: motions, images, training and held-out data."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from types import ModuleType
 from typing import Any
@@ -30,12 +28,6 @@ def models() -> ModuleType:
 
 def walk(motions: ModuleType) -> Any:
     return motions.make_model_motion("human", 1.2, SECONDS, np.random.default_rng(1), varied=False).motion
-
-
-def test_at_its_own_pace_a_motion_is_itself(motions: ModuleType) -> None:
-    motion = walk(motions)
-    same = motions.hurried(motion, SECONDS, np.ones_like)
-    assert np.abs(same.position_m - motion.position_m[: same.time_s.size]).max() < 1e-9
 
 
 def test_at_half_the_pace_it_goes_half_as_far(motions: ModuleType) -> None:
@@ -90,14 +82,6 @@ def test_speed_and_place_do_not_know_the_class(images: ModuleType, monkeypatch: 
         assert {len(place) for place in places} == {1, 2, 3, 4}
     speeds = {label: [speed for one, speed in asked if one == label] for label in ("human", "dog", "large")}
     assert speeds["human"] == speeds["dog"] == speeds["large"]
-
-
-def test_a_pair_is_a_person_and_a_dog(images: ModuleType) -> None:
-    plan = images.Plan(kinds=("pair",), groups=0.0)
-    company, behind_m = images.draw_company(plan, 0, np.random.default_rng(0))
-    assert [one.label for one in company] == ["human", "dog"]
-    assert behind_m[0] == 0.0
-    assert abs(behind_m[1]) <= 2.0
 
 
 def tone(images: ModuleType, velocity_mps: float) -> np.ndarray:

@@ -1,7 +1,5 @@
 """The 24 GHz sensor model and the measure of its profile, where the answer is known."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -19,11 +17,6 @@ from doppelgait.scene.rcs import RcsSpec
 from doppelgait.scene.scatterers import View
 
 TORSO_MPS = 1.6
-
-
-@pytest.fixture(scope="module")
-def study() -> ModuleType:
-    return import_module("sim_to_real_cw")
 
 
 @pytest.fixture(scope="module")

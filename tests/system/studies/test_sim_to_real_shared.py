@@ -1,7 +1,5 @@
 """The quick form of the 24 GHz study on the real recordings (the X-band one: ``test_sim_to_real_xband``)."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path

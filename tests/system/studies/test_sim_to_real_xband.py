@@ -1,8 +1,5 @@
 """The quick form of the X-band study on the real images: what its protocol promises."""
 
-from __future__ import annotations
-
-from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -17,11 +14,6 @@ COUNT = 24
 @pytest.fixture(scope="module")
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("sim-to-real-xband")
-
-
-@pytest.fixture(scope="module")
-def study() -> ModuleType:
-    return import_module("sim_to_real_xband")
 
 
 def quick_size(study: ModuleType, **more: Any) -> Any:
@@ -93,8 +85,3 @@ def test_real_and_synthetic_are_of_one_form(study: ModuleType, run: Any, shared:
     assert list(real.columns) == list(made.columns)
     assert real.levels[0].shape == made.levels[0].shape
     assert all(group.startswith("real/") for group in real.groups)
-
-
-def test_missing_images_are_named(study: ModuleType, tmp_path: Path) -> None:
-    with pytest.raises(SystemExit, match=r"decoded_levels\.npz: not there"):
-        study.run_study(tmp_path, tmp_path / "out", quick_size(study))

@@ -1,7 +1,5 @@
 """A package of another laboratory, installed by pip: commands, files, plans and Python find it by its entry point."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys

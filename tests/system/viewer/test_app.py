@@ -1,7 +1,5 @@
 """Who the viewer's server refuses: asked over a real socket, as a browser or an intruder would."""
 
-from __future__ import annotations
-
 import json
 import socket
 

@@ -1,7 +1,5 @@
 """The dataset browser's server side: filters, sorting, scatter, contact sheet, and what an opened example shows."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections import Counter

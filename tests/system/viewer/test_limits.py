@@ -1,7 +1,5 @@
 """Clients that keep the viewer's server waiting, over real sockets: they are closed, and others are served."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

@@ -1,7 +1,5 @@
 """The viewer from Python: a page served from a thread, for this computer alone."""
 
-from __future__ import annotations
-
 import re
 import urllib.error
 import urllib.request

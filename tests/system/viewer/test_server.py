@@ -1,7 +1,5 @@
 """What the viewer opens, which parameters each address takes, and how it starts."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """What "Try it" offers, what it simulates, mistakes in one sentence, and the scene file."""
 
-from __future__ import annotations
-
 import json
 from urllib.parse import urlencode
 
