@@ -26,7 +26,7 @@ from doppelgait.core.labels import (
     make_array,
 )
 from doppelgait.viz.maps import doppler_limits_hz, level_limits_db, occupied_rows
-from doppelgait.viz.motion import PART_COLOURS, choose_part_colour, find_part_group
+from doppelgait.viz.motion import PART_COLOURS, find_part_group
 from doppelgait.viz.spectra import densest_band_hz
 from doppelgait.viz.style import label_quantity
 
@@ -232,7 +232,7 @@ def test_truth_lines_are_one_a_scatterer_in_their_parts_colours() -> None:
     truth = viz.scatterer_doppler(make_scatterers(), wavelength_m=WAVELENGTH_M)
     axes = viz.signature(make_signature(), truth_doppler=truth, main_line_hz=80.0).axes[0]
     assert len(axes.lines) == len(PARTS) + 1
-    assert [line.get_color() for line in axes.lines[:-1]] == [choose_part_colour(part) for part in PARTS]
+    assert [line.get_color() for line in axes.lines[:-1]] == [PART_COLOURS[find_part_group(part)] for part in PARTS]
     np.testing.assert_allclose(axes.lines[3].get_ydata(), 2 * 2.5 / WAVELENGTH_M)
     assert labels_of(axes) == ["torso", "head", "left leg", "right leg", "left arm", "main line"]
     assert axes.get_ylim()[1] > 2 * 4.0 / WAVELENGTH_M

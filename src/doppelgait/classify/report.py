@@ -22,11 +22,10 @@ from doppelgait.viz.style import (
     SHARE_COLOURS,
     draw_grid,
     label_quantity,
-    legend_under,
     make_axes,
     make_figure,
     name_axes,
-    place_legend_below,
+    place_legend,
 )
 
 BASELINE_COLOUR = "#888888"
@@ -109,7 +108,7 @@ def score_bars(document: Document) -> Figure:
     axes.set(xlim=(0.0, 1.02), ylim=(-0.6, len(models) - 0.4))
     draw_grid(axes)
     name_axes(axes, title="Balanced accuracy of every model", x="balanced accuracy", y="")
-    place_legend_below(figure, axes)
+    place_legend(axes)
     return figure
 
 
@@ -164,7 +163,7 @@ def plot_roc(document: Document, label: str) -> Figure:
         x="share of the other classes, falsely detected",
         y=f"share of {label}, detected",
     )
-    place_legend_below(figure, axes, columns=2)
+    place_legend(axes, columns=2)
     return figure
 
 
@@ -185,7 +184,7 @@ def plot_reliability(document: Document) -> Figure:
         axes.scatter(x, y, s=[20.0 + 200.0 * entry["share"] for entry in bins], color=looks[name]["color"], alpha=0.7)
     draw_grid(axes)
     name_axes(axes, title="Calibration", x=CONFIDENCE_LABEL, y=CORRECT_LABEL)
-    place_legend_below(figure, axes, columns=1)
+    place_legend(axes, columns=1)
     return figure
 
 
@@ -215,7 +214,7 @@ def plot_adaptation(document: Document) -> Figure:
     name_axes(calibrated, title=f"Calibration of {best}", x=CONFIDENCE_LABEL, y=CORRECT_LABEL)
     for panel in (axes, calibrated):
         draw_grid(panel)
-        legend_under(panel, columns=2)
+        place_legend(panel, "panel", columns=2)
     return figure
 
 
@@ -241,7 +240,7 @@ def plot_condition(document: Document, condition: str) -> Figure:
     axes.set_ylim(-0.12, 1.05)
     draw_grid(axes)
     name_axes(axes, title=f"Accuracy by {facts['words'].rpartition(' (')[0]}", x=facts["words"], y="balanced accuracy")
-    place_legend_below(figure, axes, columns=4)
+    place_legend(axes, columns=4)
     return figure
 
 

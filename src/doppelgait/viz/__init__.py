@@ -1,7 +1,8 @@
 """Figures of labelled arrays, without pyplot.
 
-Every function returns a ``matplotlib.figure.Figure``. The functions are imported on first use, so
-that matplotlib is loaded only for a plot.
+Every function returns a ``matplotlib.figure.Figure``. A function with the parameter ``ax`` plots on
+these axes, by default on those of a new figure. The functions are imported on first use, so that
+matplotlib is loaded only for a plot.
 """
 
 from importlib import import_module

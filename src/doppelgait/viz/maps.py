@@ -45,9 +45,7 @@ def check_db_range(db_range: float) -> float:
 
 
 def compute_level_db(power: npt.ArrayLike) -> FloatArray:
-    """Convert powers to levels in dB.
-    Powers of 0 or less (after subtraction of a floor) give -inf without a warning. NaN stays NaN.
-    """
+    """Convert powers to dB; 0 or less, without a floor, gives -inf."""
     return np.asarray(power_to_db(np.maximum(np.asarray(power, dtype=np.float64), 0.0)), dtype=np.float64)
 
 
@@ -94,12 +92,7 @@ def occupied_rows(power: FloatArray) -> npt.NDArray[np.bool_]:
         quiet, floor = (float(np.quantile(level_db, share, method="lower")) for share in (0.02, 0.2))
         threshold = max(floor + max(3.0, 2.5 * (floor - quiet)), float(level_db.max()) - 40.0)
         occupied |= level_db > threshold
-    return keep_runs_of_three(occupied)
-
-
-def keep_runs_of_three(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Keep only flags in a run of three or more."""
-    padded = np.pad(flags, 2)
+    padded = np.pad(occupied, 2)
     runs = padded[:-2] & padded[1:-1] & padded[2:]
     return runs[:-2] | runs[1:-1] | runs[2:]
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,7 +30,7 @@ from doppelgait.viz.style import (
     make_axes,
     make_figure,
     name_axes,
-    place_legend_below,
+    place_legend,
 )
 
 FloatArray = npt.NDArray[np.float64]
@@ -81,16 +79,6 @@ def find_part_group(part: str) -> str:
     return part if part in PART_COLOURS else "other"
 
 
-def rank_part(part: str) -> int:
-    """Return the position of a part in its limb."""
-    return next(rank for rank, ending in enumerate(LIMB_ORDER) if part.endswith(ending))
-
-
-def choose_part_colour(part: str) -> str:
-    """Return the colour of a body part."""
-    return PART_COLOURS[find_part_group(part)]
-
-
 def format_bold_name(part: str) -> str | None:
     """Return the legend entry of a part with a bold line."""
     if part in TORSO:
@@ -98,18 +86,8 @@ def format_bold_name(part: str) -> str | None:
     return part.replace("_", " ") if part.endswith(FEET) else None
 
 
-@dataclass(frozen=True)
-class PartLines:
-    """Lines over time, each with its body part."""
-
-    time_s: FloatArray
-    values: FloatArray
-    parts: tuple[str, ...]
-    target: npt.NDArray[np.int64]
-
-
-def group_lines(array: xr.DataArray) -> PartLines:
-    """Return the lines of an array (slow_time, scatterer), by ``part``."""
+def plot_part_lines(axes: Axes, array: xr.DataArray, *, width: float = THIN, bold: float = BOLD) -> None:
+    """Plot lines (slow_time, scatterer) in the colours of their parts."""
     name = array.name or "scatterers"
     if array.dims != ("slow_time", "scatterer") or "slow_time" not in array.coords:
         raise AnalysisError(
@@ -119,61 +97,39 @@ def group_lines(array: xr.DataArray) -> PartLines:
         raise AnalysisError(f"{name}: coordinate 'part' (body part of every scatterer) is missing")
     if array.size == 0:
         raise AnalysisError(f"{name}: nothing to plot, its shape is {array.shape}")
-    count = array.sizes["scatterer"]
-    target = array.coords["target"].values if "target" in array.coords else np.zeros(count, dtype=np.int64)
-    return PartLines(
-        time_s=np.asarray(array.coords["slow_time"].values, dtype=np.float64),
-        values=np.asarray(array.values, dtype=np.float64),
-        parts=tuple(str(part) for part in array.coords["part"].values),
-        target=np.unique(np.asarray(target), return_inverse=True)[1].astype(np.int64),
-    )
-
-
-def plot_part_lines(axes: Axes, lines: PartLines, *, width: float = THIN, bold: float = BOLD) -> None:
-    """Plot thin lines in the colours of their parts."""
-    for number in dict.fromkeys(lines.target.tolist() if bold else ()):
-        first = number == 0
-        names = [format_bold_name(part) if lines.target[n] == number else None for n, part in enumerate(lines.parts)]
+    time_s, values = read_axis(array, "slow_time"), np.asarray(array.values, dtype=np.float64)
+    parts = [str(part) for part in array.coords["part"].values]
+    target = array.coords["target"].values if "target" in array.coords else np.zeros(len(parts))
+    numbers = np.unique(target, return_inverse=True)[1]
+    dashes = [TARGET_STYLES[number % len(TARGET_STYLES)] for number in numbers]
+    for number in dict.fromkeys(numbers.tolist() if bold else ()):
+        names = [format_bold_name(part) if numbers[n] == number else None for n, part in enumerate(parts)]
         for name in dict.fromkeys(name for name in names if name):
             chosen = [n for n, other in enumerate(names) if other == name]
+            known = np.isfinite(values[:, chosen])
+            total = np.where(known, values[:, chosen], 0.0).sum(axis=1)
+            mean = np.full(total.shape, np.nan)
+            np.divide(total, known.sum(axis=1), out=mean, where=known.any(axis=1))
             axes.plot(
-                lines.time_s,
-                average_without_nan(lines.values, chosen),
-                color=choose_part_colour(lines.parts[chosen[0]]),
+                time_s,
+                mean,
+                color=PART_COLOURS[find_part_group(parts[chosen[0]])],
                 lw=bold,
-                ls=_choose_dash(number),
-                label=f"{name} (mean)" if first else None,
+                ls=dashes[chosen[0]],
+                label=f"{name} (mean)" if number == 0 else None,
                 zorder=3,
             )
-    labelled: set[str] = set()
-    for column, part in enumerate(lines.parts):
-        group = find_part_group(part)
-        label = group if group not in labelled else None
-        labelled.add(group)
+    groups = [find_part_group(part) for part in parts]
+    for column, group in enumerate(groups):
         axes.plot(
-            lines.time_s,
-            lines.values[:, column],
+            time_s,
+            values[:, column],
             color=PART_COLOURS[group],
             lw=width,
             alpha=0.8,
-            ls=_choose_dash(int(lines.target[column])),
-            label=label,
+            ls=dashes[column],
+            label=group if groups.index(group) == column else None,
         )
-
-
-def _choose_dash(number: int) -> str:
-    return TARGET_STYLES[number % len(TARGET_STYLES)]
-
-
-def average_without_nan(values: FloatArray, columns: Sequence[int]) -> FloatArray:
-    """Average some columns; shape (T,)."""
-    chosen = values[:, list(columns)]
-    known = np.isfinite(chosen)
-    count = known.sum(axis=1)
-    total = np.where(known, chosen, 0.0).sum(axis=1)
-    mean = np.full(total.shape, np.nan)
-    np.divide(total, count, out=mean, where=count > 0)
-    return mean
 
 
 SMALL, LARGE = 18.0, 48.0
@@ -224,13 +180,6 @@ def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scattere
     scatterers : Dataset (slow_time, scatterer)
         With ``range`` in m and the coordinate ``part``; a second target (coordinate ``target``) is
         dashed.
-    title : str
-    ax : Axes, optional
-        Axes for the plot; by default those of a new figure.
-
-    Returns
-    -------
-    Figure
 
     Raises
     ------
@@ -246,12 +195,7 @@ def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scattere
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Range of every scatterer', 'time (s)')
     """
-    lines = group_lines(_get_variable(scatterers, "range"))
-    figure, axes = make_axes(ax)
-    plot_part_lines(axes, lines)
-    _finish_lines(axes, lines.time_s, title=title, y=RANGE_LABEL)
-    place_legend_below(figure, axes, inside=ax is not None)
-    return figure
+    return _plot_scatterers(scatterers, None, title, ax)
 
 
 def doppler_lines(
@@ -271,13 +215,6 @@ def doppler_lines(
         With ``radial_velocity`` in m/s, positive when approaching, and the coordinate ``part``.
     wavelength_m : float
         Positive.
-    title : str
-    ax : Axes, optional
-        Axes for the plot; by default those of a new figure.
-
-    Returns
-    -------
-    Figure
 
     Raises
     ------
@@ -293,21 +230,25 @@ def doppler_lines(
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('True Doppler frequency of every scatterer', 'time (s)')
     """
+    return _plot_scatterers(scatterers, wavelength_m, title, ax)
+
+
+def _plot_scatterers(scatterers: xr.Dataset, wavelength_m: float | None, title: str, ax: Axes | None) -> Figure:
+    """Plot ranges, or with a wavelength Doppler frequencies."""
     figure, axes = make_axes(ax)
-    add_velocity_axis(axes, wavelength_m)
-    lines = group_lines(scatterer_doppler(scatterers, wavelength_m=wavelength_m))
+    if wavelength_m is None:
+        lines = _get_variable(scatterers, "range")
+    else:
+        add_velocity_axis(axes, wavelength_m)
+        lines = scatterer_doppler(scatterers, wavelength_m=wavelength_m)
+        axes.axhline(0.0, color="black", lw=0.6, zorder=0)
     plot_part_lines(axes, lines)
-    axes.axhline(0.0, color="black", lw=0.6, zorder=0)
-    _finish_lines(axes, lines.time_s, title=title, y=DOPPLER_LABEL)
-    place_legend_below(figure, axes, inside=ax is not None)
-    return figure
-
-
-def _finish_lines(axes: Axes, time_s: FloatArray, *, title: str, y: str) -> None:
-    name_axes(axes, title=title, x=TIME_LABEL, y=y)
-    if time_s.size > 1:
-        axes.set_xlim(float(time_s[0]), float(time_s[-1]))
+    name_axes(axes, title=title, x=TIME_LABEL, y=RANGE_LABEL if wavelength_m is None else DOPPLER_LABEL)
+    if lines.sizes["slow_time"] > 1:
+        axes.set_xlim(*read_axis(lines, "slow_time")[[0, -1]])
     draw_grid(axes)
+    place_legend(axes, "figure" if ax is None else "inside")
+    return figure
 
 
 def stick_frames(
@@ -333,7 +274,6 @@ def stick_frames(
         whole motion if the stride is unknown.
     n_frames : int
         2 to 16.
-    title : str
 
     Returns
     -------
@@ -358,7 +298,14 @@ def stick_frames(
     stride_hz = float(motion.facts.stride_frequency_hz)
     if not 2 <= n_frames <= 16:
         raise AnalysisError(f"n_frames is {n_frames}; 2 to 16 fit on a page")
-    frames = _choose_cycle_frames(times_s, stride_hz, start_s, duration_s, n_frames)
+    start = float(times_s[0]) if start_s is None else start_s
+    stride_s = 1.0 / stride_hz if stride_hz > 0 else np.inf
+    lasts = min(stride_s, float(times_s[-1]) - start) if duration_s is None else duration_s
+    if not (times_s[0] <= start and lasts > 0 and start + lasts <= times_s[-1] + 1e-9):
+        raise AnalysisError(
+            f"frames from {start:g} s for {lasts:g} s do not lie in the motion, {times_s[0]:g} to {times_s[-1]:g} s"
+        )
+    frames = [int(np.abs(times_s - time).argmin()) for time in np.linspace(start, start + lasts, n_frames)]
     side_m = side_view_m(positions.values[frames])
     if not np.isfinite(side_m).any():
         raise AnalysisError("the motion has no known point in these frames: nothing to plot")
@@ -368,37 +315,22 @@ def stick_frames(
         # Points, large for torso and feet; the parts of every limb joined from the body outwards.
         for group in dict.fromkeys(find_part_group(part) for part in parts):
             chosen = [n for n, part in enumerate(parts) if find_part_group(part) == group]
-            colour = choose_part_colour(parts[chosen[0]])
+            colour = PART_COLOURS[group]
             sizes = [LARGE if format_bold_name(parts[n]) else SMALL for n in chosen]
             axes.scatter(points_m[chosen, 0], points_m[chosen, 1], s=sizes, color=colour, lw=0, label=group)
-            limb = sorted({parts[n] for n in chosen} & LIMB_PARTS, key=rank_part)
+            inner = {parts[n] for n in chosen} & LIMB_PARTS
+            limb = [part for ending in LIMB_ORDER for part in sorted(inner) if part.endswith(f"_{ending}")]
             joints = [points_m[[n for n in chosen if parts[n] == part]].mean(axis=0) for part in limb]
             if len(joints) > 1:
                 axes.plot(*np.transpose(joints), color=colour, lw=1.3, alpha=0.7, zorder=1)
         axes.set_title(f"{time_s - times_s[0]:.2f} s", fontsize=10)
     figure.suptitle(f"{title}, from {times_s[0]:.2f} s", fontsize=11.5, x=0.01, ha="left")
-    place_legend_below(figure, panels[0], columns=8)
+    place_legend(panels[0], columns=8)
     return figure
 
 
-def _choose_cycle_frames(
-    times_s: FloatArray, stride_hz: float, start_s: float | None, duration_s: float | None, n_frames: int
-) -> list[int]:
-    start = float(times_s[0]) if start_s is None else start_s
-    stride_s = 1.0 / stride_hz if stride_hz > 0 else np.inf
-    lasts = min(stride_s, float(times_s[-1]) - start) if duration_s is None else duration_s
-    if not (times_s[0] <= start and lasts > 0 and start + lasts <= times_s[-1] + 1e-9):
-        raise AnalysisError(
-            f"frames from {start:g} s for {lasts:g} s do not lie in the motion, {times_s[0]:g} to {times_s[-1]:g} s"
-        )
-    wanted = np.linspace(start, start + lasts, n_frames)
-    return [int(np.abs(times_s - time).argmin()) for time in wanted]
-
-
 def side_view_m(position_m: FloatArray) -> FloatArray:
-    """Project points along the path of the body and height.
-    The origin is the middle of the body. Shapes: position_m (F, P, 3); returns (F, P, 2).
-    """
+    """Project points (F, P, 3) along the path of the body and height."""
     low, high = np.fmin.reduce(position_m, axis=1), np.fmax.reduce(position_m, axis=1)
     centre = (low + high)[:, :2] / 2.0
     path = centre[-1] - centre[0]

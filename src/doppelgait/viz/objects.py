@@ -23,12 +23,7 @@ from doppelgait.viz.maps import (
     wavelength_m,
 )
 from doppelgait.viz.ranges import choose_reference, plot_range_time, plot_signature, range_time, signature
-from doppelgait.viz.spectra import (
-    from_main_line,
-    label_cadence_map,
-    plot_cadence_map,
-    plot_cadence_spectrum,
-)
+from doppelgait.viz.spectra import label_cadence_map, plot_cadence_map, plot_cadence_spectrum
 from doppelgait.viz.style import (
     ACCENT,
     CADENCE_LABEL,
@@ -41,13 +36,11 @@ from doppelgait.viz.style import (
     choose_class_colours,
     describe_flag,
     describe_quantity,
-    legend_under,
     make_axes,
     make_figure,
     name_axes,
+    place_legend,
 )
-
-Place = tuple[float, float]
 
 
 def overview(recording: Any, result: Any = None, *, title: str | None = None, **arrays: Any) -> Figure:
@@ -67,10 +60,6 @@ def overview(recording: Any, result: Any = None, *, title: str | None = None, **
         Without a result: ``signature``, ``cadence_map``, ``cadence_spectrum`` and ``features``
         (values by name), and optionally ``gate``, ``main_line_hz``, ``gait_frequency_hz``,
         ``amplitude`` and ``flags``.
-
-    Returns
-    -------
-    Figure
 
     Raises
     ------
@@ -135,15 +124,21 @@ def plot_result(result: Any, *, ax: Axes | None = None, **settings: Any) -> Axes
 def plot_scene(scene: Any, *, ax: Axes | None = None) -> Axes:
     """Plot a scene from above: radar, starts and headings."""
     ax = make_axes(ax)[1]
-    radar_m: Place = tuple(scene.radar_position_m[:2])
+    radar_m = tuple(scene.radar_position_m[:2])
     ax.plot(*radar_m, marker="^", color=ACCENT, ms=9, ls="none")
     ax.annotate("radar", radar_m, xytext=(6, 6), textcoords="offset points", fontsize=9, color=ACCENT)
     names = [target.label or "target" for target in scene.targets]
     colours = choose_class_colours(names)
     for name, target in zip(names, scene.targets, strict=True):
-        place_m, heading_deg = _place_of(target, radar_m)
-        if place_m is None:
+        heading_deg = target.heading_deg
+        if target.start_position_m is not None:
+            place_m = target.start_position_m[:2]
+        elif target.range_m is None or target.path is not None:
             continue
+        else:
+            bearing = math.radians(target.bearing_deg)
+            place_m = [radar_m[n] + target.range_m * turn(bearing) for n, turn in enumerate((math.cos, math.sin))]
+            heading_deg = target.bearing_deg + 180.0 + target.aspect_deg
         ax.plot(*place_m, marker="o", color=colours[name], ms=7, ls="none")
         ax.annotate(name, place_m, xytext=(6, 6), textcoords="offset points", fontsize=9, color=colours[name])
         if heading_deg is not None:
@@ -155,17 +150,6 @@ def plot_scene(scene: Any, *, ax: Axes | None = None) -> Axes:
     ax.margins(0.2)
     ax.grid(color="#e0e0e0", lw=0.6)
     return ax
-
-
-def _place_of(target: Any, radar_m: Place) -> tuple[Place | None, float | None]:
-    """Return place and heading of a target from its parameters."""
-    if target.start_position_m is not None:
-        return tuple(target.start_position_m[:2]), target.heading_deg
-    if target.range_m is None or target.path is not None:
-        return None, None
-    bearing = math.radians(target.bearing_deg)
-    place_m = (radar_m[0] + target.range_m * math.cos(bearing), radar_m[1] + target.range_m * math.sin(bearing))
-    return place_m, target.bearing_deg + 180.0 + target.aspect_deg
 
 
 @plugin("drawing", "radar")
@@ -184,12 +168,17 @@ def plot_radar(radar: Any, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+SPLITS = ("train", "validation", "test", "trained on", "held out", "own recordings")
+"""Order of the bars."""
+
+
 def plot_counts(
     counts: Mapping[str, Mapping[str, int]], *, ax: Axes | None = None, title: str = "Rows by class"
 ) -> Axes:
     """Plot rows by class, stacked by split."""
     ax = make_axes(ax)[1]
-    splits = sorted({split for by_split in counts.values() for split in by_split}, key=_order)
+    names = {split: None for by_split in counts.values() for split in by_split}
+    splits = [split for split in SPLITS if split in names] + sorted(set(names) - set(SPLITS))
     left = np.zeros(len(counts))
     for split, colour in zip(splits, ("#1f3b57", "#56b4e9", "#e69f00", "#b79f00"), strict=False):
         n_rows = np.array([by_split.get(split, 0) for by_split in counts.values()])
@@ -199,11 +188,6 @@ def plot_counts(
     ax.margins(y=0.6 if len(counts) == 1 else 0.05)
     ax.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, frameon=False)  # covers no bar
     return ax
-
-
-def _order(split: str) -> tuple[int, str]:
-    known = ("train", "validation", "test", "trained on", "held out", "own recordings")
-    return (known.index(split) if split in known else len(known), split)
 
 
 @plugin("drawing", "dataset")
@@ -246,11 +230,11 @@ def plot_overview(
     image = plot_range_time(left, baseband, tracks=gate)
     name_axes(left, title="Range against time", x=TIME_LABEL, y=RANGE_LABEL)
     add_colour_bar(image, left, quantity="magnitude", reference="1 V")
-    legend_under(left, columns=6)
+    place_legend(left, "panel")
     signature_image = plot_signature(right, signature, main_line_hz=main_line_hz, doppler_hz=limits_hz)
     name_axes(right, title="Micro-Doppler signature", x=TIME_LABEL, y=DOPPLER_LABEL)
     add_velocity_axis(right, wavelength_m(signature), label=SHORT_VELOCITY_LABEL)
-    legend_under(right)
+    place_legend(right, "panel", columns=1)
     add_colour_bar(signature_image, right, quantity="power", reference=choose_reference(signature))
     left, middle, right = below.subplots(1, 3, width_ratios=(1.15, 1.15, 0.9))
     ratios = [features.get(f"harmonic_ratio_{number}") for number in (2, 3)]
@@ -262,7 +246,7 @@ def plot_overview(
         cadence_map,
         gait_frequency_hz=gait_frequency_hz,
         harmonics_hz=harmonics_hz,
-        doppler_hz=None if from_main_line(cadence_map) else limits_hz,
+        doppler_hz=limits_hz if label_cadence_map(cadence_map) == DOPPLER_LABEL else None,
         doubtful="gait_frequency_hz" in doubtful,
     )
     name_axes(left, title="Cadence-velocity diagram", x=CADENCE_LABEL, y=label_cadence_map(cadence_map))
@@ -278,7 +262,7 @@ def plot_overview(
     )
     name_axes(middle, title="Cadence spectrum", x=CADENCE_LABEL, y=LEVEL_LABEL)
     for axes in (left, middle):
-        legend_under(axes)
+        place_legend(axes, "panel", columns=1)
     _plot_features(right, {**features, "gait_frequency_hz": gait_frequency_hz}, flags, doubtful)
     return figure
 

@@ -29,7 +29,7 @@ from doppelgait.viz.maps import (
     plot_map,
     wavelength_m,
 )
-from doppelgait.viz.motion import group_lines, plot_part_lines
+from doppelgait.viz.motion import plot_part_lines
 from doppelgait.viz.style import (
     ACCENT,
     DOPPLER_LABEL,
@@ -46,7 +46,7 @@ from doppelgait.viz.style import (
     make_figure,
     map_lines,
     name_axes,
-    place_legend_below,
+    place_legend,
 )
 
 FloatArray = npt.NDArray[np.float64]
@@ -90,13 +90,6 @@ def range_time(
         Gate limits ``range_low`` and ``range_high`` in m, of one target or of several by label.
     db_range : float, optional
         Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
-    title : str
-    ax : Axes, optional
-        Axes for the plot; by default those of a new figure.
-
-    Returns
-    -------
-    Figure
 
     Raises
     ------
@@ -116,7 +109,7 @@ def range_time(
     image = plot_range_time(axes, baseband, tracks=tracks, db_range=db_range)
     name_axes(axes, title=title, x=TIME_LABEL, y=RANGE_LABEL)
     add_colour_bar(image, axes, quantity="magnitude", reference="1 V")
-    place_legend_below(figure, axes, inside=ax is not None)
+    place_legend(axes, "figure" if ax is None else "inside")
     return figure
 
 
@@ -179,13 +172,6 @@ def range_doppler_map(
         the map has no time.
     db_range : float, optional
         Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
-    title : str
-    ax : Axes, optional
-        Axes for the plot; by default those of a new figure.
-
-    Returns
-    -------
-    Figure
 
     Raises
     ------
@@ -238,7 +224,7 @@ def range_doppler_map(
         )
     add_velocity_axis(axes, wavelength_m(power))
     add_colour_bar(image, axes, quantity="power", reference="1 V²")
-    place_legend_below(figure, axes, inside=ax is not None)
+    place_legend(axes, "figure" if ax is None else "inside")
     return figure
 
 
@@ -268,13 +254,6 @@ def signature(
         Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
     doppler_hz : (float, float), optional
         Doppler limits; by default the occupied part of the axis with 0 Hz and a margin.
-    title : str
-    ax : Axes, optional
-        Axes for the plot; by default those of a new figure.
-
-    Returns
-    -------
-    Figure
 
     Raises
     ------
@@ -304,7 +283,7 @@ def signature(
     name_axes(axes, title=title, x=TIME_LABEL, y=DOPPLER_LABEL)
     add_velocity_axis(axes, wavelength)
     add_colour_bar(image, axes, quantity="power", reference=choose_reference(signature))
-    place_legend_below(figure, axes, inside=ax is not None)
+    place_legend(axes, "figure" if ax is None else "inside")
     return figure
 
 
@@ -339,7 +318,7 @@ def plot_signature(
     )
     width_s = axes.get_xlim()
     if truth_doppler is not None:
-        plot_part_lines(axes, group_lines(truth_doppler), width=0.8, bold=0.0)
+        plot_part_lines(axes, truth_doppler, width=0.8, bold=0.0)
     if main_line_hz is not None:
         values = np.asarray(main_line_hz, dtype=np.float64)
         count = signature.sizes["time"]
@@ -379,10 +358,6 @@ def signature_normalisation(
         Dynamic range of both maps in dB; by default down to the noise of each, at most 40 dB.
     doppler_hz : (float, float), optional
         Doppler limits of both maps; by default those of the normalised signature.
-
-    Returns
-    -------
-    Figure
 
     Raises
     ------
@@ -440,5 +415,5 @@ def plot_sensor_fit(
         axes.plot(time_s, values, color=LINE, lw=0.7)
         name_axes(axes, title="", x=TIME_LABEL, y=words)
         draw_grid(axes)
-    place_legend_below(figure, levels)
+    place_legend(levels)
     return figure

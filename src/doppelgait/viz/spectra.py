@@ -39,7 +39,7 @@ from doppelgait.viz.style import (
     draw_grid,
     make_axes,
     name_axes,
-    place_legend_below,
+    place_legend,
 )
 
 FloatArray = npt.NDArray[np.float64]
@@ -77,13 +77,6 @@ def cadence_spectrum(
         True if the values are amplitudes (20 log10), False if they are powers (10 log10).
     doubtful : bool
         True if the frequencies have low confidence; they are then shown with a question mark.
-    title : str
-    ax : Axes, optional
-        Axes for the plot; by default those of a new figure.
-
-    Returns
-    -------
-    Figure
 
     Raises
     ------
@@ -112,7 +105,7 @@ def cadence_spectrum(
         doubtful=doubtful,
     )
     name_axes(axes, title=title, x=CADENCE_LABEL, y=LEVEL_LABEL)
-    place_legend_below(figure, axes, inside=ax is not None)
+    place_legend(axes, "figure" if ax is None else "inside")
     return figure
 
 
@@ -128,27 +121,18 @@ def plot_cadence_spectrum(
     doubtful: bool = False,
 ) -> None:
     """Plot curve and marks of :func:`cadence_spectrum` on existing axes."""
-    shown = crop_cadence(check_array(spectrum, CADENCE_SPECTRUM), cadence_reach_hz(max_cadence_hz, gait_frequency_hz))
+    shown = crop_cadence(check_array(spectrum, CADENCE_SPECTRUM), max_cadence_hz, gait_frequency_hz)
     cadence_hz = shown.coords["cadence"].values
-    level_db = levels_below_peak_db(shown.values, db_range, amplitude=amplitude)
-    axes.plot(cadence_hz, level_db, color=LINE, lw=1.3)
-    draw_grid(axes)
-    axes.set(xlim=(0.0, float(cadence_hz[-1])), ylim=level_axis_db(level_db, db_range))
-    mark_harmonics(axes, [gait_frequency_hz, *harmonics_hz], cadence_hz, level_db, doubtful=doubtful)
+    level_db = plot_levels(axes, cadence_hz, shown.values ** (2 if amplitude else 1), db_range)
+    axes.set_xlim(0.0, float(cadence_hz[-1]))
+    for number, value in enumerate([gait_frequency_hz, *harmonics_hz], start=1):
+        if value is not None and np.isfinite(value) and value <= axes.get_xlim()[1]:
+            words = f"{number}: {'gait frequency' if number == 1 else 'harmonic'}, {value:.2f} Hz" + " ?" * doubtful
+            _mark_peak(axes, value, float(np.interp(value, cadence_hz, level_db)), str(number), label=words)
     if gait_frequency_hz is None:
         axes.text(
             0.99, 0.96, "no gait frequency", transform=axes.transAxes, ha="right", va="top", color=ACCENT, fontsize=9
         )
-
-
-def mark_harmonics(
-    axes: Axes, found_hz: Sequence[float | None], cadence_hz: FloatArray, level: FloatArray, *, doubtful: bool = False
-) -> None:
-    """Mark the gait frequency and its harmonics by number."""
-    for number, value in enumerate(found_hz, start=1):
-        if value is not None and np.isfinite(value) and value <= axes.get_xlim()[1]:
-            words = f"{number}: {'gait frequency' if number == 1 else 'harmonic'}, {value:.2f} Hz" + " ?" * doubtful
-            _mark_peak(axes, value, float(np.interp(value, cadence_hz, level)), str(number), label=words)
 
 
 def _mark_peak(axes: Axes, cadence_hz: float, level_db: float, text: str, *, label: str | None = None) -> None:
@@ -165,23 +149,22 @@ def _mark_peak(axes: Axes, cadence_hz: float, level_db: float, text: str, *, lab
     )
 
 
-def levels_below_peak_db(values: npt.ArrayLike, db_range: float, *, amplitude: bool) -> FloatArray:
-    """Return levels in dB relative to the maximum."""
-    check_db_range(db_range)
-    power = np.asarray(values, dtype=np.float64) ** (2 if amplitude else 1)
-    top = float(np.nanmax(power)) if np.isfinite(power).any() else 0.0
-    if not top > 0:
-        return np.full(power.shape, -2.0 * db_range)
-    return np.maximum(compute_level_db(power / top), -2.0 * db_range)
-
-
-def level_axis_db(level_db: FloatArray, db_range: float) -> tuple[float, float]:
-    """Return the ends of the level axis.
-    The lower end is at most ``db_range`` below the peak, and at most 5 to 10 dB below the data.
+def plot_levels(axes: Axes, x: FloatArray, values: npt.ArrayLike, db_range: float) -> FloatArray:
+    """Plot powers in dB below their maximum, and return the levels.
+    The axis ends at most ``db_range`` below the peak, and at most 5 to 10 dB below the data.
     """
+    check_db_range(db_range)
+    power = np.asarray(values, dtype=np.float64)
+    top = float(np.nanmax(power)) if np.isfinite(power).any() else 0.0
+    level_db = np.full(power.shape, -2.0 * db_range)
+    if top > 0:
+        level_db = np.maximum(compute_level_db(power / top), -2.0 * db_range)
+    axes.plot(x, level_db, color=LINE, lw=1.3)
+    draw_grid(axes)
     lowest = 5.0 * float(np.floor(np.nanquantile(level_db, 0.05) / 5.0)) - 5.0
     bottom = max(-db_range, min(lowest, -15.0))
-    return bottom, -0.2 * bottom
+    axes.set_ylim(bottom, -0.2 * bottom)
+    return level_db
 
 
 def mean_doppler_spectrum(
@@ -217,13 +200,6 @@ def mean_doppler_spectrum(
         t_mu relative to the maximum, plotted as a level.
     db_range : float
         Range of the level axis, dB.
-    title : str
-    ax : Axes, optional
-        Axes for the plot; by default those of a new figure.
-
-    Returns
-    -------
-    Figure
 
     Raises
     ------
@@ -246,10 +222,8 @@ def mean_doppler_spectrum(
     if threshold is not None and not 0 < threshold < 1:
         raise AnalysisError(f"threshold is {threshold}; it is relative to the maximum, between 0 and 1")
     figure, axes = make_axes(ax, height_in=4.6)
-    level_db = levels_below_peak_db(power, db_range, amplitude=False)
-    axes.plot(axis_hz, level_db, color=LINE, lw=1.3)
-    draw_grid(axes)
-    axes.set(xlim=(float(axis_hz[0]), float(axis_hz[-1])), ylim=level_axis_db(level_db, db_range))
+    level_db = plot_levels(axes, axis_hz, power, db_range)
+    axes.set_xlim(float(axis_hz[0]), float(axis_hz[-1]))
     if bandwidth_hz is not None:
         edges_hz = bandwidth_hz if isinstance(bandwidth_hz, tuple) else densest_band_hz(power, axis_hz, bandwidth_hz)
         axes.axvspan(*edges_hz, color=SHADE, alpha=0.45, lw=0, zorder=0)
@@ -324,13 +298,6 @@ def cadence_map(
         Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
     doubtful : bool
         True if the gait frequency has low confidence; it is then shown with a question mark.
-    title : str
-    ax : Axes, optional
-        Axes for the plot; by default those of a new figure.
-
-    Returns
-    -------
-    Figure
 
     Raises
     ------
@@ -360,18 +327,13 @@ def cadence_map(
     name_axes(axes, title=title, x=CADENCE_LABEL, y=label_cadence_map(cadence_map))
     add_velocity_axis(axes, wavelength_m(cadence_map))
     add_colour_bar(image, axes, quantity="magnitude")
-    place_legend_below(figure, axes, inside=ax is not None)
+    place_legend(axes, "figure" if ax is None else "inside")
     return figure
 
 
 def label_cadence_map(cadence_map: xr.DataArray) -> str:
     """Return the label of a cadence map's Doppler axis."""
-    return FROM_LINE_LABEL if from_main_line(cadence_map) else DOPPLER_LABEL
-
-
-def from_main_line(cadence_map: xr.DataArray) -> bool:
-    """Return True if Doppler is relative to the main line."""
-    return bool(cadence_map.attrs.get("aligned", False))
+    return FROM_LINE_LABEL if cadence_map.attrs.get("aligned", False) else DOPPLER_LABEL
 
 
 def plot_cadence_map(
@@ -386,7 +348,7 @@ def plot_cadence_map(
     doubtful: bool = False,
 ) -> ScalarMappable:
     """Plot the map of :func:`cadence_map` on existing axes."""
-    shown = crop_cadence(check_array(cadence_map, CADENCE_MAP), cadence_reach_hz(max_cadence_hz, gait_frequency_hz))
+    shown = crop_cadence(check_array(cadence_map, CADENCE_MAP), max_cadence_hz, gait_frequency_hz)
     level_db = amplitude_to_db(shown.values).T
     image = plot_map(
         axes,
@@ -422,17 +384,10 @@ def plot_cadence_map(
     return image
 
 
-def cadence_reach_hz(max_cadence_hz: float | None, gait_frequency_hz: float | None) -> float:
-    """Return the right end of the cadence axis.
-    The default is 3.6 times the gait frequency, limited to 8 to 20 Hz.
-    """
-    if max_cadence_hz is not None:
-        return max_cadence_hz
-    return min(max(8.0, 3.6 * (gait_frequency_hz or 0.0)), 20.0)
-
-
-def crop_cadence(array: xr.DataArray, max_cadence_hz: float) -> xr.DataArray:
-    """Crop an array (cadence, ...) at a cadence."""
+def crop_cadence(array: xr.DataArray, max_cadence_hz: float | None, gait_frequency_hz: float | None) -> xr.DataArray:
+    """Crop an array (cadence, ...), by default to show three harmonics."""
+    if max_cadence_hz is None:
+        max_cadence_hz = min(max(8.0, 3.6 * (gait_frequency_hz or 0.0)), 20.0)
     shown = array.isel(cadence=array.coords["cadence"].values <= max_cadence_hz + 1e-9)
     if shown.sizes["cadence"] < 2:
         raise AnalysisError(

@@ -14,7 +14,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
-from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 
 from doppelgait.core.config import check_type
@@ -148,35 +147,21 @@ def draw_grid(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
-def place_legend_below(figure: Figure, axes: Axes, *, columns: int = 6, inside: bool = False) -> None:
-    """Put a legend below the axes, or inside them."""
+def place_legend(axes: Axes, where: Literal["figure", "panel", "inside"] = "figure", *, columns: int = 6) -> None:
+    """Put a legend below the figure or the panel, or inside it."""
     handles, labels = axes.get_legend_handles_labels()
-    if handles:
-        legend = (
-            axes.legend(handles, labels, loc="best", fontsize=8)
-            if inside
-            else figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
-        )
-        strengthen(legend)
-
-
-def legend_under(axes: Axes, *, columns: int = 1) -> None:
-    """Put the legend of one panel below its labels."""
-    if axes.get_legend_handles_labels()[0]:
-        strengthen(
-            axes.legend(
-                loc="upper center",
-                bbox_to_anchor=(0.5, -0.16),
-                ncols=columns,
-                fontsize=8.5,
-                frameon=False,
-                borderaxespad=0.0,
-            )
-        )
-
-
-def strengthen(legend: Legend) -> None:
-    """Make thin lines and small or pale marks of a legend readable."""
+    if not handles:
+        return
+    if where == "inside":
+        legend = axes.legend(handles, labels, loc="best", fontsize=8)
+    elif where == "panel":
+        below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "borderaxespad": 0.0}
+        legend = axes.legend(handles, labels, ncols=columns, fontsize=8.5, frameon=False, **below)
+    else:
+        figure = axes.get_figure(root=True)
+        assert figure is not None
+        legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
+    # Thin lines and small or pale marks of a legend are not readable.
     for handle in legend.legend_handles:
         if isinstance(handle, Line2D):
             handle.set(linewidth=max(handle.get_linewidth(), 1.5), alpha=1.0)

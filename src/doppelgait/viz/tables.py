@@ -40,7 +40,7 @@ from doppelgait.viz.style import (
     make_axes,
     make_figure,
     name_axes,
-    place_legend_below,
+    place_legend,
 )
 
 if TYPE_CHECKING:
@@ -89,13 +89,6 @@ def feature_scatter(
         left out, and the legend has their number.
     by : str
         Column of the class.
-    title : str, optional
-    ax : Axes, optional
-        Axes for the plot; by default those of a new figure.
-
-    Returns
-    -------
-    Figure
 
     Raises
     ------
@@ -131,7 +124,7 @@ def feature_scatter(
     x_label, y_label = label_quantity(x), label_quantity(y)
     words = f"{describe_quantity(y)[0]} against {describe_quantity(x)[0]}"
     name_axes(axes, title=title or words[0].upper() + words[1:], x=x_label, y=y_label)
-    place_legend_below(figure, axes, inside=ax is not None)
+    place_legend(axes, "figure" if ax is None else "inside")
     return figure
 
 
@@ -151,7 +144,6 @@ def feature_matrix(
         their number.
     by : str
         Column of the class.
-    title : str
 
     Returns
     -------
@@ -204,7 +196,7 @@ def feature_matrix(
     for axes in panels[len(features) :]:
         axes.set_visible(False)
     figure.suptitle(title, fontsize=11.5, x=0.01, ha="left")
-    place_legend_below(figure, panels[0])
+    place_legend(panels[0])
     return figure
 
 
@@ -244,10 +236,6 @@ def contact_sheet(
     doppler_hz : (float, float), optional
         Doppler limits; by default limits that include the occupied part of every signature.
 
-    Returns
-    -------
-    Figure
-
     Raises
     ------
     AnalysisError
@@ -263,7 +251,16 @@ def contact_sheet(
     >>> figure.axes[0].get_title(loc="left")
     'human'
     """
-    arrays = _check_sheet(signatures, titles, columns)
+    arrays = [check_signature(array) for array in signatures]
+    if not 1 <= len(arrays) <= 64 or len(titles) != len(arrays):
+        raise AnalysisError(
+            f"a contact sheet takes 1 to 64 signatures and one title each; got {len(arrays)} and {len(titles)}"
+        )
+    if columns is not None and columns < 1:
+        raise AnalysisError(f"columns is {columns}; it must be 1 or more")
+    units = sorted({str(array.attrs["units"]) for array in arrays})
+    if len(units) > 1:
+        raise AnalysisError(f"signatures in units {units} have no common dB scale; pass all raw or all normalised")
     levels = np.concatenate([compute_level_db(array.values).ravel() for array in arrays])
     limits_db = level_limits_db(levels, db_range)
     across = min(columns or math.ceil(math.sqrt(len(arrays))), len(arrays))
@@ -290,20 +287,6 @@ def contact_sheet(
         add_velocity_axis(panels[number], wavelength_m(arrays[0]), label=SHORT_VELOCITY_LABEL)
     add_colour_bar(image, *panels, quantity="power", reference=choose_reference(arrays[0]))
     return figure
-
-
-def _check_sheet(signatures: Sequence[xr.DataArray], titles: Sequence[str], columns: int | None) -> list[xr.DataArray]:
-    arrays = [check_signature(array) for array in signatures]
-    if not 1 <= len(arrays) <= 64 or len(titles) != len(arrays):
-        raise AnalysisError(
-            f"a contact sheet takes 1 to 64 signatures and one title each; got {len(arrays)} and {len(titles)}"
-        )
-    if columns is not None and columns < 1:
-        raise AnalysisError(f"columns is {columns}; it must be 1 or more")
-    units = sorted({str(array.attrs["units"]) for array in arrays})
-    if len(units) > 1:
-        raise AnalysisError(f"signatures in units {units} have no common dB scale; pass all raw or all normalised")
-    return arrays
 
 
 TABLE_TITLE = "AUC (95 % interval); for each statistic, distance in standard deviations (AUC of this statistic alone)"
