@@ -92,7 +92,7 @@ def occupied_rows(power: FloatArray) -> npt.NDArray[np.bool_]:
         quiet, floor = (float(np.quantile(level_db, share, method="lower")) for share in (0.02, 0.2))
         threshold = max(floor + max(3.0, 2.5 * (floor - quiet)), float(level_db.max()) - 40.0)
         occupied |= level_db > threshold
-    padded = np.pad(occupied, 2)
+    padded: npt.NDArray[np.bool_] = np.pad(occupied, 2)
     runs = padded[:-2] & padded[1:-1] & padded[2:]
     return runs[:-2] | runs[1:-1] | runs[2:]
 

@@ -13,40 +13,23 @@ from matplotlib.figure import Figure
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import MOTION, read_axis
 from doppelgait.core.units import velocity_to_doppler_hz
+from doppelgait.viz import style
 from doppelgait.viz.maps import add_velocity_axis, check_array
-from doppelgait.viz.style import (
-    ACCENT,
-    BLUE,
-    DOPPLER_LABEL,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    RANGE_LABEL,
-    REFERENCE,
-    SKY,
-    TARGET_STYLES,
-    TIME_LABEL,
-    draw_grid,
-    make_axes,
-    make_figure,
-    name_axes,
-    place_legend,
-)
 
 FloatArray = npt.NDArray[np.float64]
 
 PART_COLOURS = {
-    "torso": ACCENT,
-    "head": PURPLE,
-    "neck": PURPLE,
-    "left arm": ORANGE,
-    "right arm": SKY,
-    "left foreleg": ORANGE,
-    "right foreleg": SKY,
-    "left leg": GREEN,
-    "right leg": BLUE,
-    "left hind leg": GREEN,
-    "right hind leg": BLUE,
+    "torso": style.ACCENT,
+    "head": style.PURPLE,
+    "neck": style.PURPLE,
+    "left arm": style.ORANGE,
+    "right arm": style.SKY,
+    "left foreleg": style.ORANGE,
+    "right foreleg": style.SKY,
+    "left leg": style.GREEN,
+    "right leg": style.BLUE,
+    "left hind leg": style.GREEN,
+    "right hind leg": style.BLUE,
     "tail": "#8c564b",
     "other": "#b0b0b0",
 }
@@ -101,7 +84,7 @@ def plot_part_lines(axes: Axes, array: xr.DataArray, *, width: float = THIN, bol
     parts = [str(part) for part in array.coords["part"].values]
     target = array.coords["target"].values if "target" in array.coords else np.zeros(len(parts))
     numbers = np.unique(target, return_inverse=True)[1]
-    dashes = [TARGET_STYLES[number % len(TARGET_STYLES)] for number in numbers]
+    dashes = [style.TARGET_STYLES[number % len(style.TARGET_STYLES)] for number in numbers]
     for number in dict.fromkeys(numbers.tolist() if bold else ()):
         names = [format_bold_name(part) if numbers[n] == number else None for n, part in enumerate(parts)]
         for name in dict.fromkeys(name for name in names if name):
@@ -235,7 +218,7 @@ def doppler_lines(
 
 def _plot_scatterers(scatterers: xr.Dataset, wavelength_m: float | None, title: str, ax: Axes | None) -> Figure:
     """Plot ranges, or with a wavelength Doppler frequencies."""
-    figure, axes = make_axes(ax)
+    figure, axes = style.make_axes(ax)
     if wavelength_m is None:
         lines = _get_variable(scatterers, "range")
     else:
@@ -243,11 +226,13 @@ def _plot_scatterers(scatterers: xr.Dataset, wavelength_m: float | None, title: 
         lines = scatterer_doppler(scatterers, wavelength_m=wavelength_m)
         axes.axhline(0.0, color="black", lw=0.6, zorder=0)
     plot_part_lines(axes, lines)
-    name_axes(axes, title=title, x=TIME_LABEL, y=RANGE_LABEL if wavelength_m is None else DOPPLER_LABEL)
+    style.name_axes(
+        axes, title=title, x=style.TIME_LABEL, y=style.RANGE_LABEL if wavelength_m is None else style.DOPPLER_LABEL
+    )
     if lines.sizes["slow_time"] > 1:
         axes.set_xlim(*read_axis(lines, "slow_time")[[0, -1]])
-    draw_grid(axes)
-    place_legend(axes, "figure" if ax is None else "inside")
+    style.draw_grid(axes)
+    style.place_legend(axes, "figure" if ax is None else "inside")
     return figure
 
 
@@ -325,7 +310,7 @@ def stick_frames(
                 axes.plot(*np.transpose(joints), color=colour, lw=1.3, alpha=0.7, zorder=1)
         axes.set_title(f"{time_s - times_s[0]:.2f} s", fontsize=10)
     figure.suptitle(f"{title}, from {times_s[0]:.2f} s", fontsize=11.5, x=0.01, ha="left")
-    place_legend(panels[0], columns=8)
+    style.place_legend(panels[0], columns=8)
     return figure
 
 
@@ -350,11 +335,11 @@ def _make_panels(side_m: FloatArray, n_frames: int) -> tuple[Figure, list[Axes]]
     low, high = min(-0.05, float(np.nanmin(side_m[..., 1]))), 1.06 * float(np.nanmax(side_m[..., 1]))
     panel_in = min(11.0 / across, 2.9 * 2.0 * reach / (high - low))
     height_in = rows * (panel_in * (high - low) / (2.0 * reach) + 0.5) + 0.6
-    figure = make_figure(width_in=max(panel_in * across + 0.6, 7.0), height_in=height_in, compressed=True)
+    figure = style.make_figure(width_in=max(panel_in * across + 0.6, 7.0), height_in=height_in, compressed=True)
     panels = list(figure.subplots(rows, across, sharex=True, sharey=True, squeeze=False).flat)
     for number, axes in enumerate(panels):
         axes.set(xlim=(-reach, reach), ylim=(low, high), aspect="equal", visible=number < n_frames)
-        axes.axhline(0.0, color=REFERENCE, lw=0.8, zorder=0)
+        axes.axhline(0.0, color=style.REFERENCE, lw=0.8, zorder=0)
         last = number + across >= n_frames
         axes.tick_params(labelsize=8, labelbottom=last)
         axes.set_xlabel("along the path (m)" if last else "", fontsize=9)

@@ -15,32 +15,8 @@ from matplotlib.figure import Figure
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
-from doppelgait.viz.maps import (
-    add_colour_bar,
-    add_velocity_axis,
-    check_signature,
-    doppler_limits_hz,
-    wavelength_m,
-)
-from doppelgait.viz.ranges import choose_reference, plot_range_time, plot_signature, range_time, signature
-from doppelgait.viz.spectra import label_cadence_map, plot_cadence_map, plot_cadence_spectrum
-from doppelgait.viz.style import (
-    ACCENT,
-    CADENCE_LABEL,
-    DOPPLER_LABEL,
-    GRID,
-    LEVEL_LABEL,
-    RANGE_LABEL,
-    SHORT_VELOCITY_LABEL,
-    TIME_LABEL,
-    choose_class_colours,
-    describe_flag,
-    describe_quantity,
-    make_axes,
-    make_figure,
-    name_axes,
-    place_legend,
-)
+from doppelgait.viz import ranges, spectra, style
+from doppelgait.viz.maps import check_signature, doppler_limits_hz
 
 
 def overview(recording: Any, result: Any = None, *, title: str | None = None, **arrays: Any) -> Figure:
@@ -107,28 +83,28 @@ def overview(recording: Any, result: Any = None, *, title: str | None = None, **
 @plugin("drawing", "recording")
 def plot_recording(recording: Any, *, ax: Axes | None = None, **settings: Any) -> Axes:
     """Plot the range-time map of a recording."""
-    ax = make_axes(ax)[1]
-    range_time(recording.baseband, ax=ax, **settings)
+    ax = style.make_axes(ax)[1]
+    ranges.range_time(recording.baseband, ax=ax, **settings)
     return ax
 
 
 @plugin("drawing", "result")
 def plot_result(result: Any, *, ax: Axes | None = None, **settings: Any) -> Axes:
     """Plot the signature of a result with its main line."""
-    ax = make_axes(ax)[1]
-    signature(result.signature, ax=ax, **{"main_line_hz": result.arrays.get("main_line_hz"), **settings})
+    ax = style.make_axes(ax)[1]
+    ranges.signature(result.signature, ax=ax, **{"main_line_hz": result.arrays.get("main_line_hz"), **settings})
     return ax
 
 
 @plugin("drawing", "scene")
 def plot_scene(scene: Any, *, ax: Axes | None = None) -> Axes:
     """Plot a scene from above: radar, starts and headings."""
-    ax = make_axes(ax)[1]
+    ax = style.make_axes(ax)[1]
     radar_m = tuple(scene.radar_position_m[:2])
-    ax.plot(*radar_m, marker="^", color=ACCENT, ms=9, ls="none")
-    ax.annotate("radar", radar_m, xytext=(6, 6), textcoords="offset points", fontsize=9, color=ACCENT)
+    ax.plot(*radar_m, marker="^", color=style.ACCENT, ms=9, ls="none")
+    ax.annotate("radar", radar_m, xytext=(6, 6), textcoords="offset points", fontsize=9, color=style.ACCENT)
     names = [target.label or "target" for target in scene.targets]
-    colours = choose_class_colours(names)
+    colours = style.choose_class_colours(names)
     for name, target in zip(names, scene.targets, strict=True):
         heading_deg = target.heading_deg
         if target.start_position_m is not None:
@@ -145,7 +121,7 @@ def plot_scene(scene: Any, *, ax: Axes | None = None) -> Axes:
             turn = math.radians(heading_deg)
             tip_m = (place_m[0] + 0.8 * math.cos(turn), place_m[1] + 0.8 * math.sin(turn))
             ax.annotate("", tip_m, xytext=place_m, arrowprops={"arrowstyle": "->", "color": colours[name]})
-    name_axes(ax, title="Scene from above", x="x (m)", y="y (m)")
+    style.name_axes(ax, title="Scene from above", x="x (m)", y="y (m)")
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.2)
     ax.grid(color="#e0e0e0", lw=0.6)
@@ -155,12 +131,14 @@ def plot_scene(scene: Any, *, ax: Axes | None = None) -> Axes:
 @plugin("drawing", "radar")
 def plot_radar(radar: Any, *, ax: Axes | None = None) -> Axes:
     """Plot the unambiguous ranges and velocities of a radar."""
-    ax = make_axes(ax)[1]
+    ax = style.make_axes(ax)[1]
     ranged = radar.waveform.kind != "cw"
     start_m, stop_m = (radar.range_start_m, radar.range_stop_m) if ranged else (0.0, 1.0)
     reach_mps = radar.unambiguous_velocity_mps
     ax.fill_between([start_m, stop_m], -reach_mps, reach_mps, color="#9ecae1", alpha=0.6, lw=0)
-    name_axes(ax, title="Unambiguous range and velocity", x="range (m)" if ranged else "no range", y="velocity (m/s)")
+    style.name_axes(
+        ax, title="Unambiguous range and velocity", x="range (m)" if ranged else "no range", y="velocity (m/s)"
+    )
     if not ranged:
         ax.set_xticks([])
     ax.axhline(0.0, color="#606060", lw=0.8)
@@ -176,7 +154,7 @@ def plot_counts(
     counts: Mapping[str, Mapping[str, int]], *, ax: Axes | None = None, title: str = "Rows by class"
 ) -> Axes:
     """Plot rows by class, stacked by split."""
-    ax = make_axes(ax)[1]
+    ax = style.make_axes(ax)[1]
     names = {split: None for by_split in counts.values() for split in by_split}
     splits = [split for split in SPLITS if split in names] + sorted(set(names) - set(SPLITS))
     left = np.zeros(len(counts))
@@ -184,7 +162,7 @@ def plot_counts(
         n_rows = np.array([by_split.get(split, 0) for by_split in counts.values()])
         ax.barh(list(counts), n_rows, left=left, color=colour, label=split)
         left = left + n_rows
-    name_axes(ax, title=title, x="rows", y="")
+    style.name_axes(ax, title=title, x="rows", y="")
     ax.margins(y=0.6 if len(counts) == 1 else 0.05)
     ax.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, frameon=False)  # covers no bar
     return ax
@@ -222,47 +200,32 @@ def plot_overview(
     title: str = "Overview",
 ) -> Figure:
     """Plot one target on one page."""
-    figure = make_figure(width_in=13.0, height_in=8.6)
+    figure = style.make_figure(width_in=13.0, height_in=8.6)
     figure.suptitle(title, fontsize=13, x=0.01, ha="left")
     above, below = figure.subfigures(2, 1, height_ratios=(1.1, 1.0), squeeze=False)[:, 0]
     limits_hz = doppler_limits_hz(check_signature(signature))
     left, right = above.subplots(1, 2)
-    image = plot_range_time(left, baseband, tracks=gate)
-    name_axes(left, title="Range against time", x=TIME_LABEL, y=RANGE_LABEL)
-    add_colour_bar(image, left, quantity="magnitude", reference="1 V")
-    place_legend(left, "panel")
-    signature_image = plot_signature(right, signature, main_line_hz=main_line_hz, doppler_hz=limits_hz)
-    name_axes(right, title="Micro-Doppler signature", x=TIME_LABEL, y=DOPPLER_LABEL)
-    add_velocity_axis(right, wavelength_m(signature), label=SHORT_VELOCITY_LABEL)
-    place_legend(right, "panel", columns=1)
-    add_colour_bar(signature_image, right, quantity="power", reference=choose_reference(signature))
+    ranges.range_time(baseband, tracks=gate, ax=left)
+    ranges.signature(signature, main_line_hz=main_line_hz, doppler_hz=limits_hz, ax=right)
+    style.place_legend(left, "panel")
+    style.place_legend(right, "panel", columns=1)
+    right.child_axes[0].set_ylabel(style.SHORT_VELOCITY_LABEL)
     left, middle, right = below.subplots(1, 3, width_ratios=(1.15, 1.15, 0.9))
     ratios = [features.get(f"harmonic_ratio_{number}") for number in (2, 3)]
-    harmonics_hz = [
-        None if gait_frequency_hz is None or ratio is None else ratio * gait_frequency_hz for ratio in ratios
-    ]
-    cadence_image = plot_cadence_map(
-        left,
-        cadence_map,
-        gait_frequency_hz=gait_frequency_hz,
-        harmonics_hz=harmonics_hz,
-        doppler_hz=limits_hz if label_cadence_map(cadence_map) == DOPPLER_LABEL else None,
-        doubtful="gait_frequency_hz" in doubtful,
-    )
-    name_axes(left, title="Cadence-velocity diagram", x=CADENCE_LABEL, y=label_cadence_map(cadence_map))
-    add_velocity_axis(left, wavelength_m(cadence_map), label=SHORT_VELOCITY_LABEL)
-    add_colour_bar(cadence_image, left, quantity="magnitude")
-    plot_cadence_spectrum(
-        middle,
-        cadence_spectrum,
-        gait_frequency_hz=gait_frequency_hz,
-        harmonics_hz=harmonics_hz,
-        amplitude=amplitude,
-        doubtful="gait_frequency_hz" in doubtful,
-    )
-    name_axes(middle, title="Cadence spectrum", x=CADENCE_LABEL, y=LEVEL_LABEL)
+    marks: dict[str, Any] = {
+        "gait_frequency_hz": gait_frequency_hz,
+        "harmonics_hz": [
+            None if gait_frequency_hz is None or ratio is None else ratio * gait_frequency_hz for ratio in ratios
+        ],
+        "doubtful": "gait_frequency_hz" in doubtful,
+    }
+    spectra.cadence_map(cadence_map, ax=left, **marks)
+    if left.get_ylabel() == style.DOPPLER_LABEL:
+        left.set_ylim(limits_hz)
+    left.child_axes[0].set_ylabel(style.SHORT_VELOCITY_LABEL)
+    spectra.cadence_spectrum(cadence_spectrum, amplitude=amplitude, ax=middle, **marks)
     for axes in (left, middle):
-        place_legend(axes, "panel", columns=1)
+        style.place_legend(axes, "panel", columns=1)
     _plot_features(right, {**features, "gait_frequency_hz": gait_frequency_hz}, flags, doubtful)
     return figure
 
@@ -275,7 +238,7 @@ def _plot_features(
     step = 1.0 / max(len(values) + 4, 11)
     for row, (name, value) in enumerate(values.items()):
         height = 1.0 - (row + 0.6) * step
-        axes.text(0.0, height, describe_quantity(name)[0], fontsize=10, va="center")
+        axes.text(0.0, height, style.describe_quantity(name)[0], fontsize=10, va="center")
         axes.text(
             1.0,
             height,
@@ -284,19 +247,19 @@ def _plot_features(
             va="center",
             ha="right",
         )
-        axes.plot([0.0, 1.0], [height - step / 2] * 2, color=GRID, lw=0.8)
+        axes.plot([0.0, 1.0], [height - step / 2] * 2, color=style.GRID, lw=0.8)
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
     shown = [flag for flag in flags if flag != "low_confidence" or not doubtful]  # else explained by the question mark
-    text = "\n".join(textwrap.fill(describe_flag(flag), 44) for flag in shown)
+    text = "\n".join(textwrap.fill(style.describe_flag(flag), 44) for flag in shown)
     text = "? low confidence\n" * bool(doubtful) + text
-    axes.text(0.0, 1.0 - (len(values) + 0.4) * step, text, fontsize=8.5, va="top", color=ACCENT)
+    axes.text(0.0, 1.0 - (len(values) + 0.4) * step, text, fontsize=8.5, va="top", color=style.ACCENT)
 
 
 def format_value(name: str, value: float | None) -> str:
     """Format a value with its unit in about three digits."""
     if value is None or not np.isfinite(value):
         return "not determined"
-    unit = describe_quantity(name)[1]
+    unit = style.describe_quantity(name)[1]
     digits = 0 if abs(value) >= 100 else 1 if abs(value) >= 20 else 2
     sign = "+" if unit == "m/s" and value > 0 else ""
     return f"{sign}{value:.{digits}f}" + ("" if unit == "1" else f" {unit}")

@@ -17,6 +17,7 @@ from matplotlib.patheffects import withStroke
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, Schema
 from doppelgait.core.lazy import LONG_PULSES, take_every_row
+from doppelgait.viz import style
 from doppelgait.viz.maps import (
     add_colour_bar,
     add_velocity_axis,
@@ -30,29 +31,11 @@ from doppelgait.viz.maps import (
     wavelength_m,
 )
 from doppelgait.viz.motion import plot_part_lines
-from doppelgait.viz.style import (
-    ACCENT,
-    DOPPLER_LABEL,
-    LINE,
-    LINE_COLOURS,
-    MAP_COLOURS,
-    OVERLAY_COLOURS,
-    RANGE_LABEL,
-    SKY,
-    TIME_LABEL,
-    YELLOW,
-    draw_grid,
-    make_axes,
-    make_figure,
-    map_lines,
-    name_axes,
-    place_legend,
-)
 
 FloatArray = npt.NDArray[np.float64]
 Limits = tuple[float, float]
 
-MAIN_LINE = (LINE_COLOURS[0], YELLOW)
+MAIN_LINE = (style.LINE_COLOURS[0], style.YELLOW)
 """Colour of the main line on the coloured and on the grey map."""
 ONE_MAP = Schema("range_doppler", ("doppler", "range"), "V^2", extra={"velocity": "doppler"})
 GATE_RANGES = ("range_low", "range_high")
@@ -105,22 +88,7 @@ def range_time(
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Range against time', 'time (s)')
     """
-    figure, axes = make_axes(ax)
-    image = plot_range_time(axes, baseband, tracks=tracks, db_range=db_range)
-    name_axes(axes, title=title, x=TIME_LABEL, y=RANGE_LABEL)
-    add_colour_bar(image, axes, quantity="magnitude", reference="1 V")
-    place_legend(axes, "figure" if ax is None else "inside")
-    return figure
-
-
-def plot_range_time(
-    axes: Axes,
-    baseband: xr.DataArray,
-    *,
-    tracks: xr.Dataset | Mapping[str, xr.Dataset] | None,
-    db_range: float | None = None,
-) -> ScalarMappable:
-    """Plot map and gate limits of :func:`range_time` on existing axes."""
+    figure, axes = style.make_axes(ax)
     check_array(baseband, BASEBAND)
     count = baseband.sizes["slow_time"]
     every = math.ceil(count / MOST_COLUMNS) if count > LONG_PULSES else 1
@@ -136,7 +104,7 @@ def plot_range_time(
     )
     limits = axes.get_xlim(), axes.get_ylim()
     named = {"gate": tracks} if isinstance(tracks, xr.Dataset) else dict(tracks or {})
-    for (label, gate), (colour, style) in zip(named.items(), map_lines(list(named)), strict=True):
+    for (label, gate), (colour, dash) in zip(named.items(), style.map_lines(list(named)), strict=True):
         check_gate(gate, *GATE_RANGES)
         for name in GATE_RANGES:
             axes.plot(
@@ -146,10 +114,13 @@ def plot_range_time(
                 label=(label if label == "gate" else f"gate: {label}") if name == "range_low" else None,
                 path_effects=[withStroke(linewidth=3.0, foreground="black", alpha=0.6)],
                 color=colour,
-                ls=style,
+                ls=dash,
             )
     axes.set(xlim=limits[0], ylim=limits[1])
-    return image
+    style.name_axes(axes, title=title, x=style.TIME_LABEL, y=style.RANGE_LABEL)
+    add_colour_bar(image, axes, quantity="magnitude", reference="1 V")
+    style.place_legend(axes, "figure" if ax is None else "inside")
+    return figure
 
 
 def range_doppler_map(
@@ -191,7 +162,7 @@ def range_doppler_map(
     ('Range-Doppler map at 0.05 s', 'range (m)')
     """
     check_array(power, ONE_MAP)
-    figure, axes = make_axes(ax)
+    figure, axes = style.make_axes(ax)
     level_db = compute_level_db(power.values)
     image = plot_map(
         axes,
@@ -201,7 +172,12 @@ def range_doppler_map(
         limits_db=level_limits_db(level_db, db_range),
     )
     time_s = float(power.coords["time"]) if "time" in power.coords else None
-    name_axes(axes, title=title if time_s is None else f"{title} at {time_s:.2f} s", x=RANGE_LABEL, y=DOPPLER_LABEL)
+    style.name_axes(
+        axes,
+        title=title if time_s is None else f"{title} at {time_s:.2f} s",
+        x=style.RANGE_LABEL,
+        y=style.DOPPLER_LABEL,
+    )
     if gate is not None:
         gates = check_gate(gate, *GATE_RANGES, *GATE_BAND)
         times_s = gates.coords["time"].values
@@ -217,14 +193,14 @@ def range_doppler_map(
                 r_high - r_low,
                 d_high - d_low,
                 fill=False,
-                edgecolor=LINE_COLOURS[0],
+                edgecolor=style.LINE_COLOURS[0],
                 lw=1.8,
                 label="gate",
             )
         )
     add_velocity_axis(axes, wavelength_m(power))
     add_colour_bar(image, axes, quantity="power", reference="1 V²")
-    place_legend(axes, "figure" if ax is None else "inside")
+    style.place_legend(axes, "figure" if ax is None else "inside")
     return figure
 
 
@@ -271,7 +247,7 @@ def signature(
     ('Micro-Doppler signature', 'time (s)')
     """
     wavelength = wavelength_m(check_signature(signature))
-    figure, axes = make_axes(ax)
+    figure, axes = style.make_axes(ax)
     image = plot_signature(
         axes,
         signature,
@@ -280,10 +256,10 @@ def signature(
         db_range=db_range,
         doppler_hz=doppler_hz,
     )
-    name_axes(axes, title=title, x=TIME_LABEL, y=DOPPLER_LABEL)
+    style.name_axes(axes, title=title, x=style.TIME_LABEL, y=style.DOPPLER_LABEL)
     add_velocity_axis(axes, wavelength)
     add_colour_bar(image, axes, quantity="power", reference=choose_reference(signature))
-    place_legend(axes, "figure" if ax is None else "inside")
+    style.place_legend(axes, "figure" if ax is None else "inside")
     return figure
 
 
@@ -314,7 +290,7 @@ def plot_signature(
         y=signature.coords["doppler"].values,
         level_db=level_db,
         limits_db=limits_db or level_limits_db(level_db, db_range),
-        colours=MAP_COLOURS if truth_doppler is None else OVERLAY_COLOURS,
+        colours=style.MAP_COLOURS if truth_doppler is None else style.OVERLAY_COLOURS,
     )
     width_s = axes.get_xlim()
     if truth_doppler is not None:
@@ -378,12 +354,12 @@ def signature_normalisation(
     """
     check_signature(signature)
     limits_hz = doppler_hz or doppler_limits_hz(check_signature(normalised))
-    figure = make_figure(width_in=12.5, height_in=5.0)
+    figure = style.make_figure(width_in=12.5, height_in=5.0)
     pair = figure.subplots(1, 2, sharey=True)
     titles = ("(a) signature", "(b) columns normalised")
     for axes, array, title in zip(pair, (signature, normalised), titles, strict=True):
         image = plot_signature(axes, array, db_range=db_range, doppler_hz=limits_hz)
-        name_axes(axes, title=title, x=TIME_LABEL, y=DOPPLER_LABEL if axes is pair[0] else "")
+        style.name_axes(axes, title=title, x=style.TIME_LABEL, y=style.DOPPLER_LABEL if axes is pair[0] else "")
         add_colour_bar(image, axes, quantity="power", reference=choose_reference(array))
     add_velocity_axis(pair[1], wavelength_m(normalised))
     return figure
@@ -402,18 +378,18 @@ def plot_sensor_fit(
     title: str = "Fitted sensor model",
 ) -> Figure:
     """Plot levels over range, and common phase over time."""
-    figure = make_figure(width_in=10.5, height_in=7.5)
+    figure = style.make_figure(width_in=10.5, height_in=7.5)
     grid = figure.add_gridspec(2, 2, height_ratios=(3, 2))
     levels = figure.add_subplot(grid[0, :])
-    levels.plot(range_m, static_db, color=LINE, lw=1.0, label="static echo")
-    levels.plot(knots_m, knots_db, color=ACCENT, lw=1.6, marker="o", ms=3.5, label="clutter profile")
-    levels.plot(range_m, noise_db, color=SKY, lw=1.2, label="noise per frame")
-    name_axes(levels, title=title, x=RANGE_LABEL, y="level (dB re 1 V)")
-    draw_grid(levels)
+    levels.plot(range_m, static_db, color=style.LINE, lw=1.0, label="static echo")
+    levels.plot(knots_m, knots_db, color=style.ACCENT, lw=1.6, marker="o", ms=3.5, label="clutter profile")
+    levels.plot(range_m, noise_db, color=style.SKY, lw=1.2, label="noise per frame")
+    style.name_axes(levels, title=title, x=style.RANGE_LABEL, y="level (dB re 1 V)")
+    style.draw_grid(levels)
     for column, (values, words) in enumerate(((phase_rad, "common phase (rad)"), (gain_db, "common gain (dB)"))):
         axes = figure.add_subplot(grid[1, column])
-        axes.plot(time_s, values, color=LINE, lw=0.7)
-        name_axes(axes, title="", x=TIME_LABEL, y=words)
-        draw_grid(axes)
-    place_legend(levels)
+        axes.plot(time_s, values, color=style.LINE, lw=0.7)
+        style.name_axes(axes, title="", x=style.TIME_LABEL, y=words)
+        style.draw_grid(axes)
+    style.place_legend(levels)
     return figure

@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM
 from doppelgait.core.units import power_to_db
+from doppelgait.viz import style
 from doppelgait.viz.maps import (
     add_colour_bar,
     add_velocity_axis,
@@ -25,21 +25,6 @@ from doppelgait.viz.maps import (
     level_limits_db,
     plot_map,
     wavelength_m,
-)
-from doppelgait.viz.style import (
-    ACCENT,
-    CADENCE_LABEL,
-    DOPPLER_LABEL,
-    FROM_LINE_LABEL,
-    LEVEL_LABEL,
-    LINE,
-    LINE_COLOURS,
-    REFERENCE,
-    SHADE,
-    draw_grid,
-    make_axes,
-    name_axes,
-    place_legend,
 )
 
 FloatArray = npt.NDArray[np.float64]
@@ -93,37 +78,11 @@ def cadence_spectrum(
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Cadence spectrum', 'cadence (Hz)')
     """
-    figure, axes = make_axes(ax, height_in=4.6)
-    plot_cadence_spectrum(
-        axes,
-        spectrum,
-        gait_frequency_hz=gait_frequency_hz,
-        harmonics_hz=harmonics_hz,
-        max_cadence_hz=max_cadence_hz,
-        db_range=db_range,
-        amplitude=amplitude,
-        doubtful=doubtful,
-    )
-    name_axes(axes, title=title, x=CADENCE_LABEL, y=LEVEL_LABEL)
-    place_legend(axes, "figure" if ax is None else "inside")
-    return figure
-
-
-def plot_cadence_spectrum(
-    axes: Axes,
-    spectrum: xr.DataArray,
-    *,
-    gait_frequency_hz: float | None,
-    harmonics_hz: Sequence[float | None],
-    max_cadence_hz: float | None = None,
-    db_range: float = 40.0,
-    amplitude: bool,
-    doubtful: bool = False,
-) -> None:
-    """Plot curve and marks of :func:`cadence_spectrum` on existing axes."""
+    figure, axes = style.make_axes(ax, height_in=4.6)
     shown = crop_cadence(check_array(spectrum, CADENCE_SPECTRUM), max_cadence_hz, gait_frequency_hz)
     cadence_hz = shown.coords["cadence"].values
-    level_db = plot_levels(axes, cadence_hz, shown.values ** (2 if amplitude else 1), db_range)
+    power = np.asarray(shown.values, dtype=np.float64) ** (2 if amplitude else 1)
+    level_db = plot_levels(axes, cadence_hz, power, db_range)
     axes.set_xlim(0.0, float(cadence_hz[-1]))
     for number, value in enumerate([gait_frequency_hz, *harmonics_hz], start=1):
         if value is not None and np.isfinite(value) and value <= axes.get_xlim()[1]:
@@ -131,12 +90,22 @@ def plot_cadence_spectrum(
             _mark_peak(axes, value, float(np.interp(value, cadence_hz, level_db)), str(number), label=words)
     if gait_frequency_hz is None:
         axes.text(
-            0.99, 0.96, "no gait frequency", transform=axes.transAxes, ha="right", va="top", color=ACCENT, fontsize=9
+            0.99,
+            0.96,
+            "no gait frequency",
+            transform=axes.transAxes,
+            ha="right",
+            va="top",
+            color=style.ACCENT,
+            fontsize=9,
         )
+    style.name_axes(axes, title=title, x=style.CADENCE_LABEL, y=style.LEVEL_LABEL)
+    style.place_legend(axes, "figure" if ax is None else "inside")
+    return figure
 
 
 def _mark_peak(axes: Axes, cadence_hz: float, level_db: float, text: str, *, label: str | None = None) -> None:
-    axes.plot([cadence_hz], [level_db], marker="o", color=ACCENT, ms=5, ls="none", label=label)
+    axes.plot([cadence_hz], [level_db], marker="o", color=style.ACCENT, ms=5, ls="none", label=label)
     axes.annotate(
         text,
         (cadence_hz, level_db),
@@ -145,7 +114,7 @@ def _mark_peak(axes: Axes, cadence_hz: float, level_db: float, text: str, *, lab
         ha="center",
         va="bottom",
         fontsize=9,
-        color=ACCENT,
+        color=style.ACCENT,
     )
 
 
@@ -159,8 +128,8 @@ def plot_levels(axes: Axes, x: FloatArray, values: npt.ArrayLike, db_range: floa
     level_db = np.full(power.shape, -2.0 * db_range)
     if top > 0:
         level_db = np.maximum(compute_level_db(power / top), -2.0 * db_range)
-    axes.plot(x, level_db, color=LINE, lw=1.3)
-    draw_grid(axes)
+    axes.plot(x, level_db, color=style.LINE, lw=1.3)
+    style.draw_grid(axes)
     lowest = 5.0 * float(np.floor(np.nanquantile(level_db, 0.05) / 5.0)) - 5.0
     bottom = max(-db_range, min(lowest, -15.0))
     axes.set_ylim(bottom, -0.2 * bottom)
@@ -221,12 +190,12 @@ def mean_doppler_spectrum(
         )
     if threshold is not None and not 0 < threshold < 1:
         raise AnalysisError(f"threshold is {threshold}; it is relative to the maximum, between 0 and 1")
-    figure, axes = make_axes(ax, height_in=4.6)
+    figure, axes = style.make_axes(ax, height_in=4.6)
     level_db = plot_levels(axes, axis_hz, power, db_range)
     axes.set_xlim(float(axis_hz[0]), float(axis_hz[-1]))
     if bandwidth_hz is not None:
         edges_hz = bandwidth_hz if isinstance(bandwidth_hz, tuple) else densest_band_hz(power, axis_hz, bandwidth_hz)
-        axes.axvspan(*edges_hz, color=SHADE, alpha=0.45, lw=0, zorder=0)
+        axes.axvspan(*edges_hz, color=style.SHADE, alpha=0.45, lw=0, zorder=0)
         axes.annotate(
             f"bandwidth {edges_hz[1] - edges_hz[0]:.0f} Hz",
             (sum(edges_hz) / 2.0, 0.03),
@@ -234,11 +203,11 @@ def mean_doppler_spectrum(
             ha="center",
             va="bottom",
             fontsize=9,
-            color=LINE,
+            color=style.LINE,
         )
     if threshold is not None:
         threshold_level_db = float(power_to_db(threshold))
-        axes.axhline(threshold_level_db, color=REFERENCE, lw=1.0, ls="--")
+        axes.axhline(threshold_level_db, color=style.REFERENCE, lw=1.0, ls="--")
         axes.annotate(
             f"threshold {threshold:g} ({threshold_level_db:.1f} dB)",
             (0.99, threshold_level_db),
@@ -248,13 +217,13 @@ def mean_doppler_spectrum(
             ha="right",
             va="bottom",
             fontsize=9,
-            color=REFERENCE,
+            color=style.REFERENCE,
         )
     if torso_doppler_hz is not None:
         level = float(np.interp(torso_doppler_hz, axis_hz, level_db))
         _mark_peak(axes, torso_doppler_hz, level, f"torso {torso_doppler_hz:.1f} Hz")
     add_velocity_axis(axes, wavelength_m, above=True)
-    name_axes(axes, title=title, x=DOPPLER_LABEL, y=LEVEL_LABEL)
+    style.name_axes(axes, title=title, x=style.DOPPLER_LABEL, y=style.LEVEL_LABEL)
     return figure
 
 
@@ -314,40 +283,7 @@ def cadence_map(
     >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
     ('Cadence-velocity diagram', 'cadence (Hz)')
     """
-    figure, axes = make_axes(ax)
-    image = plot_cadence_map(
-        axes,
-        cadence_map,
-        gait_frequency_hz=gait_frequency_hz,
-        harmonics_hz=harmonics_hz,
-        max_cadence_hz=max_cadence_hz,
-        db_range=db_range,
-        doubtful=doubtful,
-    )
-    name_axes(axes, title=title, x=CADENCE_LABEL, y=label_cadence_map(cadence_map))
-    add_velocity_axis(axes, wavelength_m(cadence_map))
-    add_colour_bar(image, axes, quantity="magnitude")
-    place_legend(axes, "figure" if ax is None else "inside")
-    return figure
-
-
-def label_cadence_map(cadence_map: xr.DataArray) -> str:
-    """Return the label of a cadence map's Doppler axis."""
-    return FROM_LINE_LABEL if cadence_map.attrs.get("aligned", False) else DOPPLER_LABEL
-
-
-def plot_cadence_map(
-    axes: Axes,
-    cadence_map: xr.DataArray,
-    *,
-    gait_frequency_hz: float | None,
-    max_cadence_hz: float | None = None,
-    db_range: float | None = None,
-    harmonics_hz: Sequence[float | None] | None = None,
-    doppler_hz: tuple[float, float] | None = None,
-    doubtful: bool = False,
-) -> ScalarMappable:
-    """Plot the map of :func:`cadence_map` on existing axes."""
+    figure, axes = style.make_axes(ax)
     shown = crop_cadence(check_array(cadence_map, CADENCE_MAP), max_cadence_hz, gait_frequency_hz)
     level_db = amplitude_to_db(shown.values).T
     image = plot_map(
@@ -357,8 +293,7 @@ def plot_cadence_map(
         level_db=level_db,
         limits_db=level_limits_db(level_db, db_range),
     )
-    limits_hz = doppler_hz or doppler_limits_hz(shown**2)
-    axes.set(xlim=(0.0, float(shown.coords["cadence"].values[-1])), ylim=limits_hz)
+    axes.set(xlim=(0.0, float(shown.coords["cadence"].values[-1])), ylim=doppler_limits_hz(shown**2))
     if gait_frequency_hz is not None:
         higher_hz = (2.0 * gait_frequency_hz, 3.0 * gait_frequency_hz) if harmonics_hz is None else harmonics_hz
         marked_hz = {
@@ -371,17 +306,23 @@ def plot_cadence_map(
         if numbers:
             label += f", and its harmonic{'s' * (len(numbers) > 1)} {' and '.join(numbers)}"
         for number, value in marked_hz.items():
-            axes.axvline(value, ymin=0.94, color=LINE_COLOURS[0], lw=1.6, label=label if number == 1 else None)
+            axes.axvline(value, ymin=0.94, color=style.LINE_COLOURS[0], lw=1.6, label=label if number == 1 else None)
             axes.annotate(
                 str(number),
                 (value, 0.93),
                 xycoords=("data", "axes fraction"),
-                color=LINE_COLOURS[0],
+                color=style.LINE_COLOURS[0],
                 fontsize=9,
                 ha="center",
                 va="top",
             )
-    return image
+    from_line = cadence_map.attrs.get("aligned", False)
+    doppler_label = style.FROM_LINE_LABEL if from_line else style.DOPPLER_LABEL
+    style.name_axes(axes, title=title, x=style.CADENCE_LABEL, y=doppler_label)
+    add_velocity_axis(axes, wavelength_m(cadence_map))
+    add_colour_bar(image, axes, quantity="magnitude")
+    style.place_legend(axes, "figure" if ax is None else "inside")
+    return figure
 
 
 def crop_cadence(array: xr.DataArray, max_cadence_hz: float | None, gait_frequency_hz: float | None) -> xr.DataArray:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from threading import Lock
-from typing import Literal
+from typing import Any, Literal
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -155,7 +155,7 @@ def place_legend(axes: Axes, where: Literal["figure", "panel", "inside"] = "figu
     if where == "inside":
         legend = axes.legend(handles, labels, loc="best", fontsize=8)
     elif where == "panel":
-        below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "borderaxespad": 0.0}
+        below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "borderaxespad": 0.0}
         legend = axes.legend(handles, labels, ncols=columns, fontsize=8.5, frameon=False, **below)
     else:
         figure = axes.get_figure(root=True)

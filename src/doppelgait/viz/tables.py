@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 
 from doppelgait.core.errors import AnalysisError
+from doppelgait.viz import style
 from doppelgait.viz.maps import (
     add_colour_bar,
     add_velocity_axis,
@@ -26,22 +27,6 @@ from doppelgait.viz.maps import (
     wavelength_m,
 )
 from doppelgait.viz.ranges import Limits, choose_reference, plot_signature
-from doppelgait.viz.style import (
-    DOPPLER_LABEL,
-    FEATURE_NAMES,
-    MAP_COLOURS,
-    RANGE_LABEL,
-    SHORT_VELOCITY_LABEL,
-    TIME_LABEL,
-    choose_class_colours,
-    describe_quantity,
-    draw_grid,
-    label_quantity,
-    make_axes,
-    make_figure,
-    name_axes,
-    place_legend,
-)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -106,9 +91,9 @@ def feature_scatter(
     """
     values, classes = _select_columns(table, (x, y), by)
     known = np.isfinite(values[x]) & np.isfinite(values[y])
-    figure, axes = make_axes(ax, width_in=9.5, height_in=6.0)
+    figure, axes = style.make_axes(ax, width_in=9.5, height_in=6.0)
     size = float(np.clip(4000.0 / len(classes), 5.0, 26.0))
-    for name, colour in choose_class_colours(classes.tolist()).items():
+    for name, colour in style.choose_class_colours(classes.tolist()).items():
         members = classes == name
         chosen = members & known
         axes.scatter(
@@ -120,16 +105,20 @@ def feature_scatter(
             lw=0,
             label=_count(name, known, members),
         )
-    draw_grid(axes)
-    x_label, y_label = label_quantity(x), label_quantity(y)
-    words = f"{describe_quantity(y)[0]} against {describe_quantity(x)[0]}"
-    name_axes(axes, title=title or words[0].upper() + words[1:], x=x_label, y=y_label)
-    place_legend(axes, "figure" if ax is None else "inside")
+    style.draw_grid(axes)
+    x_label, y_label = style.label_quantity(x), style.label_quantity(y)
+    words = f"{style.describe_quantity(y)[0]} against {style.describe_quantity(x)[0]}"
+    style.name_axes(axes, title=title or words[0].upper() + words[1:], x=x_label, y=y_label)
+    style.place_legend(axes, "figure" if ax is None else "inside")
     return figure
 
 
 def feature_matrix(
-    table: pd.DataFrame, *, features: Sequence[str] = FEATURE_NAMES, by: str = "label", title: str = "Features by class"
+    table: pd.DataFrame,
+    *,
+    features: Sequence[str] = style.FEATURE_NAMES,
+    by: str = "label",
+    title: str = "Features by class",
 ) -> Figure:
     """Plot the distribution of every feature by class.
 
@@ -170,13 +159,13 @@ def feature_matrix(
     values, classes = _select_columns(table, features, by)
     across = min(3, len(features))
     down = -(-len(features) // across)
-    figure = make_figure(width_in=12.0, height_in=1.2 + 2.9 * down)
+    figure = style.make_figure(width_in=12.0, height_in=1.2 + 2.9 * down)
     panels = list(figure.subplots(down, across, squeeze=False).flat)
     for axes, name in zip(panels, features, strict=False):
         column = values[name]
         known = np.isfinite(column)
         edges = make_bin_edges(column[known], len(table))
-        for label, colour in choose_class_colours(classes.tolist()).items():
+        for label, colour in style.choose_class_colours(classes.tolist()).items():
             members = classes == label
             inside = np.clip(column[members & known], edges[0], edges[-1])
             counts = np.histogram(inside, edges)[0]
@@ -189,14 +178,16 @@ def feature_matrix(
                 lw=1.6,
                 label=label,
             )
-        draw_grid(axes)
-        name_axes(axes, title="", x=label_quantity(name), y="share of class (%)")
-        words = ", ".join(_count(label, known, classes == label) for label in choose_class_colours(classes.tolist()))
+        style.draw_grid(axes)
+        style.name_axes(axes, title="", x=style.label_quantity(name), y="share of class (%)")
+        words = ", ".join(
+            _count(label, known, classes == label) for label in style.choose_class_colours(classes.tolist())
+        )
         axes.set_title("\n".join(textwrap.wrap(words, 56)), fontsize=8.5, loc="left")
     for axes in panels[len(features) :]:
         axes.set_visible(False)
     figure.suptitle(title, fontsize=11.5, x=0.01, ha="left")
-    place_legend(panels[0])
+    style.place_legend(panels[0])
     return figure
 
 
@@ -265,7 +256,7 @@ def contact_sheet(
     limits_db = level_limits_db(levels, db_range)
     across = min(columns or math.ceil(math.sqrt(len(arrays))), len(arrays))
     down = math.ceil(len(arrays) / across)
-    figure = make_figure(width_in=12.0, height_in=1.4 + 2.1 * down)
+    figure = style.make_figure(width_in=12.0, height_in=1.4 + 2.1 * down)
     grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False)
     panels = list(grid.flat)
     occupied = np.array([doppler_limits_hz(array) for array in arrays])
@@ -281,10 +272,10 @@ def contact_sheet(
     for number, axes in enumerate(panels):
         axes.set_visible(number < len(arrays))
         axes.tick_params(labelbottom=number + across >= len(arrays))
-    figure.supxlabel(TIME_LABEL, fontsize=10)
-    figure.supylabel(DOPPLER_LABEL, fontsize=10)
+    figure.supxlabel(style.TIME_LABEL, fontsize=10)
+    figure.supylabel(style.DOPPLER_LABEL, fontsize=10)
     for number in range(across - 1, len(arrays), across):
-        add_velocity_axis(panels[number], wavelength_m(arrays[0]), label=SHORT_VELOCITY_LABEL)
+        add_velocity_axis(panels[number], wavelength_m(arrays[0]), label=style.SHORT_VELOCITY_LABEL)
     add_colour_bar(image, *panels, quantity="power", reference=choose_reference(arrays[0]))
     return figure
 
@@ -299,7 +290,7 @@ def plot_domains(
 ) -> Figure:
     """Plot recordings of every kind, with a table below."""
     columns = max(len(row) for row in pictures.values())
-    figure = make_figure(width_in=11.0, height_in=2.6 * len(pictures) + 0.24 * len(table) + 0.8)
+    figure = style.make_figure(width_in=11.0, height_in=2.6 * len(pictures) + 0.24 * len(table) + 0.8)
     heights = [2.6] * len(pictures) + [0.24 * len(table) + 0.4]
     grid = figure.add_gridspec(len(pictures) + 1, columns, height_ratios=heights)
     figure.suptitle(title, fontsize=12, x=0.01, ha="left")
@@ -315,12 +306,12 @@ def plot_domains(
                 extent=extent,
                 vmin=-10.0,
                 vmax=25.0,
-                cmap=MAP_COLOURS,
+                cmap=style.MAP_COLOURS,
                 interpolation="nearest",
             )
             axes.set_title(kind if column == 0 else "", fontsize=10, loc="left")
             axes.set_ylabel(label if column == 0 else "", fontsize=9)
-            step = "pulse number" if label == RANGE_LABEL else "window number"
+            step = "pulse number" if label == style.RANGE_LABEL else "window number"
             axes.set_xlabel(step if line == len(pictures) - 1 else "", fontsize=9)
             axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
             axes.tick_params(labelsize=8)
