@@ -149,9 +149,7 @@ class Fault(NamedTuple):
 
 
 class InnerError(ValueError):
-    """Error of an inner table, raised by a validator.
-    The error of the outer table then names every faulty key in full (``targets.0.rcs.share``).
-    """
+    """Error of an inner table; the error of the outer table names its keys in full."""
 
     def __init__(self, error: ConfigError) -> None:
         super().__init__(str(error))
@@ -233,9 +231,7 @@ def reword_fault(message: str) -> str:
 
 
 def _drop_derived_faults(faults: Sequence[Any]) -> list[Any]:
-    """Remove faults that only follow from others.
-    A list can be too short because its entries are faulty.
-    """
+    """Remove faults that only follow from others: a list is short without its faulty entries."""
     places = [fault["loc"] for fault in faults]
     return [
         fault
@@ -298,9 +294,7 @@ def format_line_note(text: str, location: Sequence[str | int]) -> str:
 
 
 def find_key_line(text: str, location: Sequence[str | int]) -> int | None:
-    """Find the line of a dotted TOML key, from 1.
-    A number in ``location`` selects the ``[[table]]`` of that index.
-    """
+    """Find the line of a dotted TOML key, from 1; a number selects a ``[[table]]``."""
     rows = [row.split("#")[0] for row in text.splitlines()]
     names = [str(part) for part in location if isinstance(part, str)]
     if not rows or not names:
@@ -320,9 +314,7 @@ def find_key_line(text: str, location: Sequence[str | int]) -> int | None:
 
 
 def read_toml(path: str | Path) -> tuple[dict[str, Any], str]:
-    """Read a TOML file; return its table and its text.
-    For a missing or invalid file, a :class:`ConfigError` names the file.
-    """
+    """Read a TOML file; return its table and its text."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except UnicodeDecodeError:
@@ -336,9 +328,7 @@ def read_toml(path: str | Path) -> tuple[dict[str, Any], str]:
 
 
 def apply_overrides(table: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
-    """Apply ``KEY=VALUE`` changes to a table.
-    Keys are dotted, and list entries are numbered from 0 (``targets.0.label=dog``).
-    """
+    """Apply ``KEY=VALUE`` changes with dotted keys to a table (``targets.0.label=dog``)."""
     result: dict[str, Any] = parse_json(json.dumps(table, default=str))
     for override in overrides:
         key, separator, text = override.partition("=")
@@ -377,9 +367,7 @@ def _set_key(table: dict[str, Any], key: str, value: Any, override: str) -> None
 
 
 def convert_to_json(value: Any) -> Any:
-    """Convert a value to plain JSON types.
-    Non-finite numbers become None, NumPy values become Python values, and other objects become text.
-    """
+    """Convert a value to plain JSON types; non-finite numbers become None, other objects text."""
     if value is None or type(value) in (str, int, bool):
         return value
     if type(value) is float:
@@ -395,9 +383,7 @@ def convert_to_json(value: Any) -> Any:
 
 
 def as_table(model: BaseModel) -> dict[str, Any]:
-    """Return a model's explicitly set fields and every ``kind``.
-    The values are plain types that TOML supports.
-    """
+    """Return a model's explicitly set fields and every ``kind``, as types that TOML supports."""
     names = [name for name in type(model).model_fields if name in model.model_fields_set or name == "kind"]
     return {name: _convert_to_plain(value) for name in names if (value := getattr(model, name)) is not None}
 
@@ -422,8 +408,6 @@ def write_toml(table: Mapping[str, Any]) -> str:
 
 
 def format_canonical_json(value: BaseModel | Mapping[str, Any]) -> str:
-    """Format parameters as one-line JSON with sorted keys.
-    Equal parameters result in equal text.
-    """
+    """Format parameters as one-line JSON with sorted keys."""
     data = value.model_dump(mode="json") if isinstance(value, BaseModel) else value
     return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)

@@ -23,9 +23,7 @@ CELL_BYTES = 72
 
 
 def limit_bytes(stored_bytes: int) -> int:
-    """Return the memory limit for a file's values.
-    The limit is 256 MB or 16 times the size of the file, whichever is larger.
-    """
+    """Return the memory limit for a file's values: 256 MB, or 16 times its size if larger."""
     stated = os.environ.get(VARIABLE, "")
     try:
         limit_mb = float(stated) if stated else DEFAULT_MB

@@ -120,9 +120,7 @@ def _refuse_misspelt_law(table: Mapping[str, Any], key: str) -> None:
 
 
 def _sample_table(table: Mapping[str, Any], key: str, sample: Callable[[Any, str, Sibling], Any]) -> dict[str, Any]:
-    """Sample the values of a table in order of their dependence.
-    A value that multiplies another one (``times``) is sampled first.
-    """
+    """Sample the values of a table; one that another multiplies (``times``) comes first."""
     found: dict[str, Any] = {}
     begun: list[str] = []
 

@@ -19,9 +19,7 @@ _NUMBERS = count()
 
 @contextmanager
 def open_atomically(path: str | os.PathLike[str], *, os_errors: bool = False) -> Iterator[Path]:
-    """Write a file atomically: complete under its name, or absent.
-    The block writes to a temporary path in the same folder, which is then renamed.
-    """
+    """Write a file atomically: complete under its name after the block, or absent."""
     target = Path(path)
     if not os_errors and not target.parent.is_dir():
         raise OutputError(f"{target}: cannot be written: no such folder {target.parent}")
@@ -41,9 +39,7 @@ def open_atomically(path: str | os.PathLike[str], *, os_errors: bool = False) ->
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a small file atomically.
-    If writing fails, an existing file stays unchanged and ``OSError`` is raised.
-    """
+    """Write a small file atomically; after an ``OSError`` an existing file is unchanged."""
     with open_atomically(path, os_errors=True) as partial:
         partial.write_bytes(content)
 
@@ -64,9 +60,7 @@ PAGE = "index.html"
 
 
 def check_out(out: Path, *, listing: str, file_format: str, command: str) -> None:
-    """Refuse a path that cannot become the output folder.
-    The check is made before any work is done. A folder with other files is also refused.
-    """
+    """Refuse a path that cannot become the output folder, before any work is done."""
     if not out.resolve().parent.is_dir():
         raise ConfigError(f"{out}: the folder {out.resolve().parent} does not exist; make it first")
     if out.exists() and not out.is_dir():
@@ -87,9 +81,7 @@ def check_out(out: Path, *, listing: str, file_format: str, command: str) -> Non
 
 @contextmanager
 def complete_folder(out: Path) -> Iterator[Path]:
-    """Write a folder atomically: complete under its name, or absent.
-    The block writes to the yielded folder. It is renamed to ``out`` if the block succeeds, and removed if it raises.
-    """
+    """Write a folder atomically: complete under its name after the block, or absent."""
     out = out.resolve()
     partial = out.with_name(f".{out.name}.partial-{os.getpid()}")
     before = out.with_name(f".{out.name}.before-{os.getpid()}")

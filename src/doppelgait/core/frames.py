@@ -31,9 +31,7 @@ PAUSE = 1.5
 
 @dataclass(frozen=True, eq=False)
 class SlowTime:
-    """Times of the pulses of a recording, and the only owner of their rate.
-    Shapes: time_s (I,). ``burst_pulses`` is the number of pulses in a burst, None for evenly spaced pulses.
-    """
+    """Times of the pulses, s, the owner of their rate; ``burst_pulses`` is None without bursts."""
 
     time_s: FloatArray
     burst_pulses: int | None = None
@@ -93,9 +91,7 @@ def find_burst_pulses(time_s: FloatArray) -> int | None:
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Complex samples (pulse, bin) with their slow time and range axis.
-    Shapes: range_m (N,); a radar without range has one bin. ``facts`` are further facts of the samples.
-    """
+    """Complex samples (pulse, bin) with their slow time, range axis (N,) and further facts."""
 
     samples: Samples
     slow_time: SlowTime
@@ -154,9 +150,7 @@ class Frames:
         return self.matrix[first:stop] if self.samples.in_memory else self.samples.rows(first, stop)
 
     def read_tiles(self, multiple: int = 1) -> Iterator[tuple[int, Matrix]]:
-        """Yield the first pulse and the values of every tile.
-        Every tile except the last has a number of pulses that ``multiple`` divides.
-        """
+        """Yield the first pulse and the values of every tile, of ``multiple`` k pulses."""
         size = self.count_tile_pulses(multiple)
         for first in range(0, self.n_pulses, size):
             yield first, self.read(first, min(first + size, self.n_pulses))

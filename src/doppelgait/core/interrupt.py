@@ -38,9 +38,7 @@ _mark = _StopRequest()
 
 @contextmanager
 def stop_in_order() -> Iterator[None]:
-    """Let signals stop this block only at :func:`raise_if_stopped`.
-    The signals are SIGINT (Ctrl-C) and SIGTERM.
-    """
+    """Let SIGINT and SIGTERM stop this block only at :func:`raise_if_stopped`."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -65,9 +63,7 @@ def stop_in_order() -> Iterator[None]:
 
 
 def raise_if_stopped() -> None:
-    """Raise KeyboardInterrupt if a stop signal has arrived.
-    Only signals inside the current block of :func:`stop_in_order` count.
-    """
+    """Raise KeyboardInterrupt if a stop signal has arrived (:func:`stop_in_order`)."""
     if _mark.requested:
         raise KeyboardInterrupt
 
@@ -80,9 +76,7 @@ def _request(number: int, frame: FrameType | None) -> None:
 
 
 def restore_signals() -> None:
-    """Make sure that SIGINT and SIGTERM end this process.
-    Outside of :func:`stop_in_order` they raise KeyboardInterrupt.
-    """
+    """Make sure that SIGINT and SIGTERM end this process."""
     alone = threading.current_thread() is threading.main_thread()
     if _mark.watched or not alone or not hasattr(os, "register_at_fork"):
         return
@@ -131,9 +125,7 @@ def _end_process() -> None:
 
 @contextmanager
 def ignore_ctrl_c() -> Iterator[None]:
-    """Start processes that ignore Ctrl-C.
-    In this process, Ctrl-C takes effect at the end of the block.
-    """
+    """Start processes that ignore Ctrl-C; here it takes effect at the end of the block."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return

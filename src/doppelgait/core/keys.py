@@ -75,9 +75,7 @@ class Key(NamedTuple):
 
 
 def list_keys(model: type[BaseModel]) -> list[Key]:
-    """List the keys of a model in their order.
-    Type, default and limits quote TOML in backticks. The description is reStructuredText from the docstring.
-    """
+    """List the keys of a model in their order; descriptions are reStructuredText."""
     texts = parameter_words(model)
     return [
         Key(name, _kind(field.annotation), unit_of(name), _default(field), _limits(field), texts.get(name, ""))
@@ -92,9 +90,7 @@ def unit_of(key: str) -> str:
 
 
 def summary_of(model: type[BaseModel]) -> str:
-    """Return the first paragraph of a model's docstring.
-    If the paragraph only names a function, the function's first paragraph is returned.
-    """
+    """Return the first paragraph of a model's docstring, or that of the function that it names."""
     text = inspect.cleandoc(model.__doc__ or "")
     first = text.split("\n\n")[0]
     if first.startswith("Parameters of :func:"):
@@ -159,9 +155,7 @@ def _limits(field: FieldInfo) -> str:
 
 
 def parameter_words(model: type[BaseModel]) -> dict[str, str]:
-    """Return the description of every key.
-    The descriptions are from the docstrings of the model, of its bases and of the object that it refers to.
-    """
+    """Return the description of every key, from the docstrings of a model and of its bases."""
     found: dict[str, str] = {}
     for owner in model.__mro__:
         if owner.__module__.partition(".")[0] in ("pydantic", "builtins"):

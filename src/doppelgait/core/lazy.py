@@ -41,9 +41,7 @@ class _Source(BackendArray):
 def lazy_rows(
     shape: tuple[int, ...], rows: Callable[[int, int], npt.NDArray[Any]], dtype: Any = np.complex64
 ) -> LazilyIndexedArray:
-    """Make values for a labelled array from a row function.
-    Every access calls the function again; nothing is cached.
-    """
+    """Make values for a labelled array from a row function; nothing is cached."""
     return LazilyIndexedArray(_Source(shape, dtype, rows))
 
 

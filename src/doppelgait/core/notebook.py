@@ -24,9 +24,7 @@ def plot(name: str, value: Any, *, ax: Any = None, **settings: Any) -> Any:
 
 
 def show_text(title: str, facts: Mapping[str, str]) -> str:
-    """Format an object as one to five lines of text.
-    Facts beyond the last line are replaced by three dots.
-    """
+    """Format an object as one to five lines of text; three dots replace further facts."""
     words = [f"{name} {value}" for name, value in facts.items() if value]
     lines, line = [], ""
     for word in words:
@@ -39,9 +37,7 @@ def show_text(title: str, facts: Mapping[str, str]) -> str:
 
 
 def show_html(title: str, facts: Mapping[str, str], name: str, value: Any) -> str:
-    """Format an object as a small table and an inline PNG.
-    If the name of the plot is empty, there is no picture.
-    """
+    """Format an object as a small table and, if the plot has a name, an inline PNG."""
     rows = "".join(
         f'<tr><th style="text-align:left">{escape(key)}</th><td style="text-align:left">{escape(text)}</td></tr>'
         for key, text in facts.items()

@@ -44,17 +44,13 @@ Array = npt.NDArray[Any]
 
 
 def is_npz(head: bytes) -> bool:
-    """Return True if bytes are the start of an npz file.
-    An npz file is a zip archive with a ``.npy`` file as its first member.
-    """
+    """Return True if bytes start an npz file: a zip archive that begins with ``.npy``."""
     length = int.from_bytes(head[26:28], "little")
     return head[:4] == b"PK\x03\x04" and head[30 : 30 + length].endswith(b".npy")
 
 
 def load_npy(path: Path, error: Callable[[str], Exception]) -> Array:
-    """Load the array of a ``.npy`` file.
-    It raises the same errors as :func:`load_npz`.
-    """
+    """Load the array of a ``.npy`` file. It raises the same errors as :func:`load_npz`."""
     try:
         with path.open("rb") as stream:
             shape, fortran_order, dtype = _read_header(path, "the array", stream, error)

@@ -86,9 +86,7 @@ def is_hdf5(path: str | Path) -> bool:
 
 
 def read_stated_format(path: str | Path) -> str | None:
-    """Return the format that an HDF5 file states, or None.
-    For a file that doppelgait did not write, it is None.
-    """
+    """Return the format that an HDF5 file states, or None if doppelgait did not write it."""
     try:
         with open_hdf5(path, members=False) as file:
             stated = file.attrs.get("format")
@@ -165,9 +163,7 @@ def _check_attributes(member: Any, name: str) -> None:
 
 
 def _type_fault(kind: Any, *, references: bool = False) -> str:
-    """Return why values of a type must not be read, or "".
-    The library converts values of a damaged type without a check of offsets and sizes.
-    """
+    """Return why values of a type must not be read, or "": the library converts without a check."""
     from h5py import h5t
 
     class_, size = kind.get_class(), kind.get_size()
@@ -192,9 +188,7 @@ def _type_fault(kind: Any, *, references: bool = False) -> str:
 
 
 def _value_bytes(found: Any, name: str, text_bytes: int, *, references: bool = False) -> int:
-    """Return the size of a dataset's values, 0 for groups.
-    ``text_bytes`` is the length assumed for each text of variable length.
-    """
+    """Return the size of a dataset's values, 0 for groups; a text counts ``text_bytes``."""
     import h5py
 
     if not isinstance(found, h5py.Dataset):
@@ -226,9 +220,7 @@ def _value_bytes(found: Any, name: str, text_bytes: int, *, references: bool = F
 
 
 def _check_lengths(dataset: Any, name: str, count: int) -> None:
-    """Refuse texts with a declared length beyond the file's size.
-    The library allocates the length that a text declares.
-    """
+    """Refuse texts with a declared length beyond the file's size, which the library allocates."""
     import h5py
 
     if dataset.id.get_create_plist().get_layout() != h5py.h5d.CONTIGUOUS:
@@ -247,9 +239,7 @@ def _check_lengths(dataset: Any, name: str, count: int) -> None:
 
 
 def _check_chunks(dataset: Any, name: str, chunk_bytes: int) -> None:
-    """Refuse chunks that decompress to more than their size.
-    The library decompresses a chunk without a limit. Chunks too small to exceed it are not decompressed here.
-    """
+    """Refuse chunks that decompress to more than their size, which the library does not limit."""
     large: list[Any] = []
     dataset.id.chunk_iter(
         lambda info: large.append(info.chunk_offset) if info.size * INFLATES > limit_bytes(0) else None
@@ -266,9 +256,7 @@ def _check_chunks(dataset: Any, name: str, chunk_bytes: int) -> None:
 
 @lru_cache(maxsize=64)
 def _find_file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
-    """Return why HDF5 must not open a file, or "".
-    Texts are stored in global heaps, chains of objects that each state their length.
-    """
+    """Return why HDF5 must not open a file, or ""."""
     with path.open("rb") as file:
         head = file.read(USER_BLOCKS[-1] + 64)
         at = _find_signature(head)
@@ -293,9 +281,7 @@ def _find_signature(head: bytes) -> int | None:
 
 
 def _find(file: BinaryIO, mark: bytes, after: int = 0) -> Iterator[tuple[int, bytes]]:
-    """Yield the positions of a mark and the bytes after it.
-    The file is read in blocks. A memory map would keep every searched page in memory.
-    """
+    """Yield the positions of a mark and the bytes after it; a memory map would stay in memory."""
     window, kept, first = len(mark) + after, b"", 0
     file.seek(0)
     while True:
@@ -313,9 +299,7 @@ def _find(file: BinaryIO, mark: bytes, after: int = 0) -> Iterator[tuple[int, by
 
 
 def _find_endless_heaps(content: mmap.mmap, starts: Iterable[int]) -> Iterator[int]:
-    """Yield the start of every heap with an endless chain of objects.
-    Chains of a damaged file may join, so every object is visited once.
-    """
+    """Yield the start of every heap with an endless chain of objects; chains may join."""
     size = len(content)
     faults: dict[int, int] = {}  # by the start of an object: the invalid object that ends its chain
     for start in starts:

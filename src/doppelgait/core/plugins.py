@@ -81,10 +81,7 @@ class Plugin(Generic[T]):
 
     @property
     def identity(self) -> dict[str, str]:
-        """Name, version and package release of a plug-in.
-
-        The identity of a dataset contains them for plug-ins of other packages.
-        """
+        """Name, version and package release of a plug-in, for the identity of a dataset."""
         releases = packages_distributions().get(self.package, [])
         release = version(releases[0]) if releases else ""
         return {
@@ -240,10 +237,7 @@ class Group(Generic[T]):
         return [found[name] for name in sorted(found)]
 
     def of(self, parameters: FrozenModel) -> Plugin[T]:
-        """Return the plug-in that a parameter model belongs to.
-
-        The model's field ``kind`` selects it.
-        """
+        """Return the plug-in of a parameter model, by its field ``kind``."""
         found = self[str(getattr(parameters, "kind", None))]
         if found.parameters is None or not isinstance(parameters, found.parameters):
             raise ConfigError(f"{self.noun} {found.name!r} takes {found.parameters}, not {type(parameters).__name__}")
@@ -282,10 +276,7 @@ class Group(Generic[T]):
 
 
 def list_plugin_groups() -> dict[str, Group[Any]]:
-    """Return all groups of plug-ins by name.
-
-    The subpackages that declare them are imported if necessary.
-    """
+    """Return all groups of plug-ins by name."""
     from doppelgait import PLUGIN_ROOMS
 
     for module in PLUGIN_ROOMS:
@@ -351,9 +342,7 @@ def _read_head(path: Path) -> bytes:
 
 
 def _load_packages() -> None:
-    """Import the plug-in modules of installed packages, once.
-    A module that cannot be imported causes a warning and is left out.
-    """
+    """Import the plug-in modules of installed packages, once; a failed import causes a warning."""
     with _LOADING:
         found = entry_points()
         ours = [

@@ -100,8 +100,5 @@ RandomSource: TypeAlias = "Streams | np.random.Generator"
 
 
 def as_generator(source: RandomSource, purpose: str) -> np.random.Generator:
-    """Return the generator of a purpose.
-
-    A generator is returned unchanged and continues from its state.
-    """
+    """Return the generator of a purpose; a generator is returned unchanged."""
     return source.generator(purpose) if isinstance(source, Streams) else source

@@ -33,9 +33,7 @@ _of_thread = threading.local()
 
 
 def borrow_planes(shape: tuple[int, ...]) -> Planes:
-    """Make float32 planes, in reused memory of this thread if possible.
-    New memory takes a third of the time of computing the echoes, because the system clears every page.
-    """
+    """Make float32 planes in reused memory of this thread: new pages cost a third of the echoes."""
     n_values = math.prod(shape)
     spare: list[Planes] = _of_thread.__dict__.setdefault("spare", [])
     while spare and spare[-1].size != n_values:
@@ -245,9 +243,7 @@ class Samples:
         return self._make(self.shape, self._matrix, self._planes, self._noise, False).add_pending_noise()
 
     def _make_writable(self, keep: bool = True) -> Samples:
-        """Return samples that may be changed.
-        They are these samples if possible. Otherwise the values are copied if ``keep``, or undefined.
-        """
+        """Return samples that may be changed: these, a copy if ``keep``, or undefined ones."""
         return self if self._owned else self._allocate(keep)
 
     def copy(self) -> Samples:
@@ -403,9 +399,7 @@ class Samples:
 
 
 def _change_samples(samples: Samples, ufunc: Any, other: Any) -> Samples:
-    """Add, subtract or multiply samples by an operand.
-    The operand is a number, an array that fits (pulses, samples), or samples.
-    """
+    """Add, subtract or multiply samples by a number, an array that fits, or samples."""
     changed = samples.add_pending_noise()._make_writable()
     if changed._matrix is not None:
         values = other.matrix if isinstance(other, Samples) else np.asarray(other)

@@ -62,18 +62,12 @@ def range_to_delay_s(range_m: npt.ArrayLike) -> Any:
 
 
 def velocity_to_doppler_hz(velocity_mps: npt.ArrayLike, wavelength_m: float) -> Any:
-    """Convert velocity to Doppler shift, 2 v_r / lambda (E-05).
-
-    It is positive for an approaching target.
-    """
+    """Convert velocity to Doppler shift, 2 v_r / lambda; positive for approaching (E-05)."""
     return 2.0 * np.asarray(velocity_mps, dtype=float) / wavelength_m
 
 
 def doppler_to_velocity_mps(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Any:
-    """Convert Doppler shift to velocity, f_d lambda / 2 (E-05).
-
-    It is positive for an approaching target.
-    """
+    """Convert Doppler shift to velocity, f_d lambda / 2; positive for approaching (E-05)."""
     return np.asarray(doppler_hz, dtype=float) * wavelength_m / 2.0
 
 
@@ -83,18 +77,12 @@ def unambiguous_velocity_mps(prf_hz: float, wavelength_m: float) -> float:
 
 
 def cpi_to_pulses(cpi_s: float, prf_hz: float) -> int:
-    """Compute the pulses in a coherent processing interval (E-21).
-
-    M = 2 floor(T_d f_p / 2) + 1 is always odd.
-    """
+    """Compute the pulses in a coherent processing interval, 2 floor(T_d f_p / 2) + 1 (E-21)."""
     return 2 * math.floor(cpi_s * prf_hz / 2.0 + 1e-9) + 1
 
 
 def doppler_axis_hz(n_bins: int, prf_hz: float) -> FloatArray:
-    """Compute the Doppler axis of K points (E-25).
-
-    Bin k is f_p (k - floor(K/2)) / K; the axis contains 0 exactly.
-    """
+    """Compute the Doppler axis of K points, f_p (k - floor(K/2)) / K (E-25)."""
     return prf_hz * (np.arange(n_bins) - n_bins // 2) / n_bins
 
 

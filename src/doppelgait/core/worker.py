@@ -33,9 +33,7 @@ every example spends a tenth of its time on new pages. Other systems ignore them
 
 @contextmanager
 def mark_workers() -> Iterator[None]:
-    """Mark processes started in this context as workers.
-    The environment of the caller is restored afterwards.
-    """
+    """Mark processes started in this context as workers by the environment."""
     before = {name: os.environ.get(name) for name in WORKER_ENVIRONMENT}
     os.environ.update(WORKER_ENVIRONMENT)
     try:
@@ -55,9 +53,7 @@ _limits: list[Any] = []
 
 @contextmanager
 def limit_blas_threads() -> Iterator[None]:
-    """Limit this process's matrix products to one thread.
-    The bytes of a product depend on the number of threads.
-    """
+    """Limit matrix products to one thread: their bytes depend on the number of threads."""
     with _limiting:
         if not _limits:
             _limits.append(_find_blas().limit(limits=1))
@@ -73,9 +69,7 @@ def limit_blas_threads() -> Iterator[None]:
 
 @lru_cache(maxsize=1)
 def _find_blas() -> Any:
-    """Find and cache the controller of all BLAS libraries.
-    Finding them takes 5 ms, so it is done once. SciPy's must be loaded to be found.
-    """
+    """Find and cache the controller of all BLAS libraries, SciPy's included (5 ms)."""
     import scipy.linalg  # noqa: F401
     from threadpoolctl import ThreadpoolController
 

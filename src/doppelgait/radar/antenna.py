@@ -148,9 +148,7 @@ def rotate_to_boresight(
     boresight_azimuth_rad: float = 0.0,
     boresight_tilt_rad: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
-    r"""Rotate directions into the frame of an antenna.
-    The antenna is tilted up and then rotated about the vertical axis.
-    """
+    """Rotate directions into the frame of an antenna: tilted up, then about the vertical axis."""
     turn = np.asarray(azimuth_rad, dtype=float) - boresight_azimuth_rad
     elevation = np.asarray(elevation_rad, dtype=float)
     cos_tilt, sin_tilt = math.cos(boresight_tilt_rad), math.sin(boresight_tilt_rad)

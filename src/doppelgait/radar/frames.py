@@ -60,9 +60,7 @@ SAME = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Header:
-    """Radar of a stream, and its range bins.
-    Shapes: range_m (N,).
-    """
+    """Radar of a stream, and its range bins. Shapes: range_m (N,)."""
 
     radar: Radar
     range_m: npt.NDArray[np.float64]
@@ -75,9 +73,7 @@ class Header:
         return {key: float(value) for key, value in zip(FACTS, values, strict=True)}
 
     def difference(self, other: Header, *, keys: Iterable[str] = FACTS, tolerance: float = SAME) -> str:
-        """Return the first differing fact of two headers.
-        The text has both values; it is empty if the headers agree.
-        """
+        """Return the first differing fact of two headers with both values, or ""."""
         for key in keys:
             mine, theirs = self.facts[key], other.facts[key]
             if not math.isclose(mine, theirs, rel_tol=tolerance, abs_tol=1e-9):
@@ -87,9 +83,7 @@ class Header:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Frame as received: counter, sender's time, samples in V.
-    Without a counter, the sender's time is used unchanged.
-    """
+    """Frame as received: counter, if any, sender's time, samples in V."""
 
     counter: int | None
     clock_s: float
@@ -111,9 +105,7 @@ def encode_header(header: Header) -> bytes:
 
 
 def encode_frame(counter: int, clock_s: float, row: npt.NDArray[Any]) -> bytes:
-    """Return the record of one frame.
-    Shapes: row (N,).
-    """
+    """Return the record of one frame. Shapes: row (N,)."""
     return encode_record(FRAME, STAMP.pack(counter, clock_s) + np.asarray(row, dtype="<c8").tobytes())
 
 
@@ -227,9 +219,7 @@ class FrameParser:
             self._buffer.clear()
 
     def _check_head(self, version: int, kind: int, length: int) -> str:
-        """Return the fault of a record's head, or "".
-        A length is valid only if it is that of the header, or short.
-        """
+        """Return the fault of a record's head, or ""."""
         if version != VERSION or kind not in (HEADER, FRAME, END):
             return f"a record of version {version} and kind {kind}"
         most = {HEADER: MAX_HEADER_BYTES, END: 0}.get(kind, 0)
@@ -278,9 +268,7 @@ def make_recording_header(recording: Recording) -> Header:
 def make_header(
     radar: Radar, range_m: npt.NDArray[np.float64], facts: Mapping[str, Any], slow_time_s: npt.NDArray[np.float64]
 ) -> Header:
-    """Return the header of frames.
-    If only the recording states bursts, they are added to the radar.
-    """
+    """Return the header of frames; bursts that only the recording states are added."""
     pulses = int(facts.get("burst_pulses", 1))
     if pulses > 1 and radar.burst_pulses is None and slow_time_s.size > pulses:
         period_s = max(float(np.median(np.diff(slow_time_s[::pulses]))), pulses / radar.prf_hz)

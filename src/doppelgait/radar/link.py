@@ -100,9 +100,7 @@ def echo_amplitude_v(
 
 
 def comparator_noise_v(radar: Radar) -> float:
-    """Return one pulse's rms noise at the comparator, V.
-    It is real input noise up to half the sampling rate, s^2 = Z0 k T0 F G_rx f_s / 2 (E-18b).
-    """
+    """Return one pulse's rms noise at the comparator, V, s^2 = Z0 k T0 F G_rx f_s / 2 (E-18b)."""
     density_w = NOISE_DENSITY_W_PER_HZ * db_to_power(radar.noise_figure_db + radar.receiver_gain_db)
     return math.sqrt(REFERENCE_IMPEDANCE_OHM * density_w * radar.sample_rate_hz / 2.0)
 
@@ -115,9 +113,7 @@ def compute_counter_noise_ratio(radar: Radar) -> float:
 
 
 def find_noise_slope(radar: Radar) -> float:
-    """Return dB of noise per dB of noise figure or gain.
-    It is 1 for a receiver that averages, and 1/2 for a swept-threshold counter (E-18b).
-    """
+    """Return dB of noise per dB of gain: 1, or 1/2 for a swept-threshold counter (E-18b)."""
     return 1.0 if radar.threshold_step_v is None else 0.5
 
 
@@ -207,9 +203,7 @@ def compute_scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any,
 
 
 def fold_scatterers(scatterers: xr.Dataset, radar: Radar) -> xr.Dataset:
-    """Place earlier pulses' echoes where they appear (E-10b).
-    An echo from R appears at R - k c / (2 pulse rate), with the amplitude and phase of R.
-    """
+    """Place echoes of earlier pulses k at R - k c / (2 pulse rate) (E-10b)."""
     range_m, waveform = read_axis(scatterers, "range"), radar.waveform
     if not radar.folds_pulses or range_m.size == 0:
         return scatterers
@@ -326,9 +320,7 @@ RECEIVER_ERRORS = {
 
 
 def describe_effects(radar: Radar, impairments: Collection[str] = ()) -> dict[str, str]:
-    """Describe noise, integration, folding and receiver errors by name.
-    ``impairments`` are the kinds that act on the radar's samples.
-    """
+    """Describe noise, integration, folding and receiver errors by name."""
     waveform = radar.waveform
     folding_m = waveform.unambiguous_range_m(radar)
     if radar.threshold_step_v is not None:

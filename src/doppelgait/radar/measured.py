@@ -21,9 +21,7 @@ CHECK_ROWS = 4096
 
 
 def check_number(path: Path, name: str, value: Any, *, above: float = -math.inf, most: float = math.inf) -> float:
-    """Return a finite number within limits.
-    It must be above ``above`` and at most ``most``; other values raise a :class:`RecordingError`.
-    """
+    """Return a finite number above ``above`` and at most ``most``."""
     number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
     if number and math.isfinite(value) and above < value <= most:
         return float(value)
@@ -36,9 +34,7 @@ def check_number(path: Path, name: str, value: Any, *, above: float = -math.inf,
 
 
 def adapt_preset(path: Path, preset: str | Path, *, n_range_bins: int, range_start_m: float, **facts: Any) -> Radar:
-    """Return a preset radar with a recording's own facts.
-    These are its frame, its number of range bins, and further parameters.
-    """
+    """Return a preset radar with a recording's own frame and further parameters."""
     if not isinstance(preset, str | Path):
         raise RecordingError(f"{path}: radar = {preset!r} is not allowed; it must be a preset or the path of its file")
     try:
@@ -79,9 +75,7 @@ def label_sweeps(
     notes: Sequence[str] = (),
     attrs: Mapping[str, Any] | None = None,
 ) -> Recording:
-    """Make a recording of the beat samples of frequency sweeps.
-    Shapes: samples (I, S); slow_time_s (I,).
-    """
+    """Make a recording of the beat samples (I, S) of frequency sweeps."""
     window = "without a window" if radar.range_window == "none" else f"with a {radar.range_window.title()} window"
     said = [
         f"range bins are the transform of a sweep's samples {window}; static echoes are not removed",
@@ -105,9 +99,7 @@ def check_shape(path: Path, values: npt.NDArray[Any]) -> None:
 
 
 def check_finite(path: Path, values: npt.NDArray[Any]) -> None:
-    """Refuse values that are not finite.
-    These are NaN, infinity, and values beyond single precision. The error states their number and the first position.
-    """
+    """Refuse values that are not finite in single precision, with the position of the first."""
     faults, first = 0, (0, 0)
     for start in range(0, values.shape[0], CHECK_ROWS):
         rows = values[start : start + CHECK_ROWS]
@@ -128,9 +120,7 @@ CW_FRAME_M = (0.0, 10.0)
 
 
 def make_radar(path: Path, **facts: Any) -> Radar:
-    """Make a radar from facts of a file.
-    A parameter that is not allowed raises a :class:`RecordingError` that names the file.
-    """
+    """Make a radar from facts of a file; a :class:`RecordingError` names the file."""
     try:
         return validate(Radar, facts, where="radar")
     except ConfigError as error:
@@ -138,9 +128,7 @@ def make_radar(path: Path, **facts: Any) -> Radar:
 
 
 def make_cw_radar(path: Path, *, name: str, carrier_hz: float, prf_hz: float, **facts: Any) -> Radar:
-    """Make a continuous-wave radar with one range bin.
-    It has one sample per pulse; the bin represents the whole frame.
-    """
+    """Make a continuous-wave radar with one range bin, which represents the whole frame."""
     start_m, stop_m = CW_FRAME_M
     return make_radar(
         path,

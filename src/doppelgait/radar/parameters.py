@@ -250,9 +250,7 @@ def _parse_waveform(value: Any) -> Any:
 
 
 def _serialise_waveform(waveform: Waveform, info: SerializationInfo) -> Any:
-    """Return a waveform as its name, or as a table.
-    The name alone where it has no parameters of its own.
-    """
+    """Return a waveform as its name, or as a table if it has parameters of its own."""
     if set(type(waveform).model_fields) == {"kind"}:
         return waveform.kind
     return waveform.model_dump(mode=info.mode, exclude_none=info.exclude_none)
@@ -593,9 +591,7 @@ class Radar(FrozenModel):
 
 
 def check_correlation(noise_correlation: tuple[float, ...]) -> None:
-    """Check that a correlation over bins is possible for noise.
-    The spectrum 1 + 2 sum rho_l cos(l w) must not be negative (``ValueError``).
-    """
+    """Check that a correlation is possible: 1 + 2 sum rho_l cos(l w) is never negative."""
     least = _find_least_density(noise_correlation)
     if least < -1e-9:
         raise ValueError(
@@ -606,9 +602,7 @@ def check_correlation(noise_correlation: tuple[float, ...]) -> None:
 
 
 def find_possible_correlation(estimate: Iterable[float]) -> tuple[float, ...]:
-    """Return an estimated correlation, shrunk to a possible one.
-    Estimates have errors, and are truncated where they are not significant.
-    """
+    """Return an estimated correlation, shrunk to a possible one."""
     found = np.asarray(tuple(estimate)[:MAX_CORRELATED_BINS], dtype=np.float64)
     while True:
         values = tuple(float(rho) for rho in np.round(found, 4))

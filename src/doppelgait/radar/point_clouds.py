@@ -48,9 +48,7 @@ NEW_TRACK_S = 1.0
 
 @dataclass(frozen=True)
 class PointTrack:
-    """One body of a log, frame by frame.
-    Shapes: times_s (T,); range_m, velocity_mps (T,); position_m (T, 3).
-    """
+    """One body of a log, frame by frame (T,)."""
 
     track: int
     times_s: FloatArray
@@ -132,9 +130,7 @@ def _read_csv(file: Path) -> dict[str, Any]:
 
 
 def _read_json(file: Path) -> list[dict[str, float]]:
-    """Read the frames of the Industrial Visualizer.
-    A point is x, y, z, Doppler, SNR, noise and track; times are in ms.
-    """
+    """Read the frames of the Industrial Visualizer: x, y, z, Doppler, SNR, noise, track; ms."""
     rows: list[dict[str, float]] = []
     where, before = "the file", slice(0, 0)
     try:
@@ -170,9 +166,7 @@ def _read_json(file: Path) -> list[dict[str, float]]:
 
 
 def collect_tracks(points: pd.DataFrame) -> list[PointTrack]:
-    """Collect a log's tracks with five frames or more.
-    A number that reappears after :data:`NEW_TRACK_S` belongs to another body, because sensors reuse numbers.
-    """
+    """Collect a log's tracks with five frames or more; sensors reuse numbers."""
     tracks = []
     seen = points[points["track"] >= 0].sort_values("time_s", kind="stable")
     again = seen.groupby("track")["time_s"].diff().gt(NEW_TRACK_S).groupby(seen["track"]).cumsum()
@@ -227,9 +221,7 @@ def tabulate_tracks(tracks: Sequence[PointTrack]) -> pd.DataFrame:
 def interpolate_ranges(
     tracks: Sequence[PointTrack], times_s: npt.ArrayLike, *, longest_gap_s: float = 0.5
 ) -> FloatArray:
-    """Interpolate the ranges of tracks, for their evaluation.
-    Shapes: times_s (T,); returns (T, number of tracks).
-    """
+    """Interpolate the ranges of tracks at times (T,); returns (T, number of tracks)."""
     times = np.asarray(times_s, dtype=np.float64)
     found = np.full((times.size, len(tracks)), np.nan)
     for column, one in enumerate(tracks):

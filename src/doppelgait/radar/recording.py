@@ -338,9 +338,7 @@ FASTEST_MPS = 1e4
 
 
 def check_plausible(recording: Recording, where: str) -> None:
-    """Check that axes and facts are plausible for a radar.
-    The readers check the samples, because they have the position in the file.
-    """
+    """Check that axes and facts are plausible for a radar; readers check the samples."""
     times_s, range_m = recording.slow_time_s, recording.range_m
     for key, values, (low, high) in (("slow_time_s", times_s, TIMES_S), ("range_m", range_m, RANGES_M)):
         fault = np.flatnonzero(~((low <= values) & (values <= high)))
@@ -391,16 +389,12 @@ def _refuse(where: str, key: str, value: str, allowed: str) -> None:
 
 
 def make_baseband_facts(radar: Radar) -> dict[str, str | float]:
-    """Return the attributes of a baseband array.
-    These are the radar as JSON, and the independent noise values per range bin if below 1.
-    """
+    """Return the attributes of a baseband: the radar as JSON, independent noise values per bin."""
     share = radar.waveform.independent_bins(radar)
     return {"radar": format_canonical_json(radar), **({"independent_bin_share": share} if share < 1.0 else {})}
 
 
 def list_further_facts(baseband: xr.DataArray) -> dict[str, str | int | float]:
-    """Return the baseband's facts without a field of their own in files.
-    An example is the number of pulses in a burst.
-    """
+    """Return the baseband's facts without a field of their own, such as the pulses in a burst."""
     facts = {name: value.item() if isinstance(value, np.generic) else value for name, value in baseband.attrs.items()}
     return {k: v for k, v in facts.items() if k not in ("units", "radar") and isinstance(v, str | int | float)}

@@ -151,9 +151,7 @@ def _put_tiles(group: Any, name: str, values: xr.Variable, dtype: str, units: st
 
 
 def sniff_hdf5(path: Path) -> bool:
-    """Return whether a file is a doppelgait recording.
-    A damaged HDF5 file without the attribute ``format`` counts, too.
-    """
+    """Return whether a file is a doppelgait recording, or a damaged HDF5 file without a format."""
     with path.open("rb") as file:
         if file.read(len(SIGNATURE)) != SIGNATURE:
             return False
@@ -280,9 +278,7 @@ def _read_stamp(path: Path) -> tuple[int, int, int]:
 
 
 def _read_truth(group: Any, slow_time_s: Any, number: int, path: Path | None) -> TargetTruth:
-    """Read the truth of one target.
-    With a ``path``, values per pulse and scatterer remain in that file and are read on demand.
-    """
+    """Read the truth of one target; with a ``path``, values are read on demand."""
     parts, markers = (parse_json(group.attrs[key]) for key in ("part", "marker"))
     shape = (len(slow_time_s), len(parts))
     dims = ("slow_time", "scatterer")

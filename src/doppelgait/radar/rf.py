@@ -22,9 +22,7 @@ FILTER_BETA = 9.5
 
 
 def sample_rf_frames(scatterers: xr.Dataset, radar: Radar, *, margin: int) -> npt.NDArray[np.float64]:
-    """Return full-rate real samples of the received RF frames (E-16).
-    Shapes: returns (I, n_full + 2 margin).
-    """
+    """Return full-rate real samples (I, n_full + 2 margin) of the received RF frames (E-16)."""
     n_full = (radar.n_range_bins - 1) * radar.decimation + 1
     first_s = range_to_delay_s(radar.range_start_m) - margin / radar.sample_rate_hz
     time_s = first_s + np.arange(n_full + 2 * margin) / radar.sample_rate_hz
@@ -46,9 +44,7 @@ def sample_rf_frames(scatterers: xr.Dataset, radar: Radar, *, margin: int) -> np
 
 
 def make_low_pass_taps(radar: Radar) -> npt.NDArray[np.float64]:
-    """Return the taps of a symmetric Kaiser low-pass (E-17).
-    It passes the pulse and rejects the image at twice the carrier.
-    """
+    """Return the taps of a symmetric Kaiser low-pass that rejects the image (E-17)."""
     from scipy.signal import firwin
 
     taps: npt.NDArray[np.float64] = firwin(
@@ -58,9 +54,7 @@ def make_low_pass_taps(radar: Radar) -> npt.NDArray[np.float64]:
 
 
 def down_convert(frames: npt.NDArray[np.float64], radar: Radar, *, margin: int) -> npt.NDArray[np.complex128]:
-    """Convert real RF frames to complex baseband (E-17).
-    The steps are: mix with exp(-j 2 pi f_c t), low-pass, decimate by D. Shapes: frames (I, n_full + 2 margin).
-    """
+    """Convert real RF frames (I, n_full + 2 margin) to baseband: mix, low-pass, decimate (E-17)."""
     from scipy.signal import oaconvolve
 
     first_s = range_to_delay_s(radar.range_start_m) - margin / radar.sample_rate_hz

@@ -188,9 +188,7 @@ def strongest_powers_v2(bins: Samples) -> npt.NDArray[np.float32]:
 
 
 def noise_level_v2(radar: Radar, signal_v2: float, snr_db: float | None) -> float:
-    """Return the noise level to add, V^2.
-    It is the thermal level (E-18), or the level for an SNR_frame in dB; inf gives 0.
-    """
+    """Return the noise level to add, V^2: thermal (E-18), or for an SNR_frame in dB."""
     if snr_db is None:
         return noise_power_v2(radar)
     if math.isnan(snr_db) or snr_db == -math.inf:
@@ -204,9 +202,7 @@ def noise_level_v2(radar: Radar, signal_v2: float, snr_db: float | None) -> floa
 
 
 def snr_frame_db(signal_v2: float, noise_v2: float) -> float:
-    """Return SNR_frame in dB.
-    It is inf without noise, and -inf without an echo in the frame.
-    """
+    """Return SNR_frame in dB. It is inf without noise, and -inf without an echo in the frame."""
     if not noise_v2 > 0:
         return math.inf
     return 10.0 * math.log10(signal_v2 / noise_v2) if signal_v2 > 0 else -math.inf
@@ -234,9 +230,7 @@ def lowest_prf_hz(scatterers: xr.Dataset, radar: Radar, cpi_s: float) -> float:
 
 
 def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
-    """Warn of scatterers that the radar cannot show.
-    The warnings state the values (E-06, E-15).
-    """
+    """Warn of scatterers that the radar cannot show. The warnings state the values (E-06, E-15)."""
     if radar.n_range_bins > 1 and radar.bin_spacing_m > 2.0 * radar.range_resolution_m:
         warn_caller(
             f"sparse range bins: their spacing is {radar.bin_spacing_m:.3g} m, but an echo is only "

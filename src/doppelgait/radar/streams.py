@@ -484,9 +484,7 @@ def _tcp_bytes(listener: socket.socket, stream: Stream) -> Iterator[bytes]:
 
 
 def _receive_udp_frames(listener: socket.socket, stream: Stream) -> Iterator[Header | Frame]:
-    """Yield the frames of one sender of datagrams.
-    A new sender with the same header replaces it.
-    """
+    """Yield the frames of one sender of datagrams; one with the same header replaces it."""
     parser, sender, heard = FrameParser(stream.source), None, math.inf
     with listener:
         while not stream.closing.is_set():

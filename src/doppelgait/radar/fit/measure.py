@@ -252,9 +252,7 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
 
 
 def compute_windowed_power(part: ComplexArray, prf_hz: float) -> tuple[FloatArray, FloatArray, ComplexArray]:
-    """Return Doppler axis, power and spectrum of centred windows.
-    The window is a Hann window; white noise has the power of one sample in every cell.
-    """
+    """Return Doppler axis, power and spectrum of centred windows; white noise keeps its power."""
     length = part.shape[1]
     shape = np.hanning(length + 2)[1:-1]
     mean = np.tensordot(shape / shape.sum(), part, axes=(0, 1))[:, None]
@@ -264,9 +262,7 @@ def compute_windowed_power(part: ComplexArray, prf_hz: float) -> tuple[FloatArra
 
 
 def find_converter(samples: ComplexArray) -> tuple[float, float, Mask]:
-    """Return a converter's step, full scale and clipping.
-    The step is found from values on a lattice, the full scale from many equal values at both ends.
-    """
+    """Return a converter's step, full scale and clipping, from values on a lattice."""
     parts = np.concatenate([samples.real.ravel(), samples.imag.ravel()])
     found, counts = np.unique(parts, return_counts=True)
     unclipped = np.zeros(samples.shape, dtype=bool)
@@ -286,9 +282,7 @@ def find_converter(samples: ComplexArray) -> tuple[float, float, Mask]:
 
 
 def _fit_room(recording: Recording, refused: dict[str, str]) -> SensorFit | None:
-    """Fit static echoes, phase and faults of continuous frames.
-    In a recording of bursts, the first pulse of each burst is such a frame.
-    """
+    """Fit static echoes, phase and faults of continuous frames, or of the first of every burst."""
     what = "clutter and phase noise"
     if recording.n_range_bins < MIN_BINS:
         refused[what] = f"{recording.n_range_bins} range bins; {MIN_BINS} are needed"
@@ -341,9 +335,7 @@ def _list_room_estimates(room: SensorFit, refused: dict[str, str]) -> dict[str, 
 
 
 def _remove_common_phase(samples: ComplexArray, bad: Mask) -> tuple[ComplexArray, FloatArray]:
-    """Subtract static echoes times one factor per frame.
-    Nothing is subtracted if the echoes are too weak or the bins too few.
-    """
+    """Subtract static echoes times one factor per frame, if they are strong enough."""
     nothing = np.zeros(samples.shape[1])
     if samples.shape[1] < MIN_BINS or (~bad).sum() < MIN_FRAMES:
         return samples, nothing
@@ -358,9 +350,7 @@ def _remove_common_phase(samples: ComplexArray, bad: Mask) -> tuple[ComplexArray
 
 
 def _find_quiet_windows(power: FloatArray, upper: Mask) -> Mask:
-    """Return the windows with noise alone in the upper half-band.
-    Noise is identified by the spread of its powers, not by its level.
-    """
+    """Return the windows with noise alone in the upper half-band, by the spread of their powers."""
     cells = power[:, upper]
     low, high = np.quantile(cells, (0.25, 0.75), axis=1)
     ratio = high / np.maximum(low, np.finfo(float).tiny) / (math.log(4.0) / math.log(4.0 / 3.0))
@@ -370,17 +360,13 @@ def _find_quiet_windows(power: FloatArray, upper: Mask) -> Mask:
 
 
 def _measure_bin_levels(cells: FloatArray) -> tuple[float, FloatArray]:
-    """Return the noise power, overall and of every bin.
-    Both are estimated from low quantiles of quiet cells.
-    """
+    """Return the noise power, overall and of every bin, from low quantiles of quiet cells."""
     by_bin = np.quantile(cells.reshape(-1, cells.shape[2]), QUANTILE, axis=0) / AT_QUANTILE
     return float(np.median(by_bin)), by_bin
 
 
 def _estimate_by_jackknife(estimate: Callable[[npt.NDArray[np.intp]], float], count: int, most: int = 16) -> Estimate:
-    """Return an estimate with its jackknife uncertainty.
-    Groups of consecutive windows are omitted in turn.
-    """
+    """Return an estimate with its jackknife uncertainty, by groups of consecutive windows."""
     groups = np.array_split(np.arange(count), min(most, count))
     left_out = np.array([estimate(np.setdiff1d(np.arange(count), group)) for group in groups])
     g = len(groups)
@@ -389,9 +375,7 @@ def _estimate_by_jackknife(estimate: Callable[[npt.NDArray[np.intp]], float], co
 
 
 def _measure_correlation(spectrum: ComplexArray, lags: int = 8) -> tuple[ComplexArray, float]:
-    """Return the correlation at a lag of l bins, and its uncertainty.
-    It is the median over the bins of the mean over quiet cells.
-    """
+    """Return the correlation at a lag of l bins, and its uncertainty: a median over the bins."""
     n_bins = spectrum.shape[2]
     size = np.abs(spectrum)
     # a cell far above the others contains an echo
@@ -429,9 +413,7 @@ def _measure_over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArr
 
 
 def _find_lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> tuple[Line, ...]:
-    """Find lines in Doppler.
-    They exceed their neighbours in three quarters of all windows and bins.
-    """
+    """Find lines in Doppler: cells over their neighbours in most windows and bins."""
     n_pulses, n_bins = rest.shape
     if not recording.facts.get("burst_pulses"):
         window = max(window, 1 << int(math.log2(max(n_pulses / 8, 1))))
@@ -526,9 +508,7 @@ def convert_ratio(ratio: complex) -> tuple[float, float]:
 
 
 def _estimate_channel_noise(spectrum: ComplexArray, f_hz: FloatArray, upper: Mask) -> dict[str, Estimate]:
-    """Estimate gain and phase of Q for noise alone.
-    Noise of amplifiers behind the mixer is not affected by the mixer's error.
-    """
+    """Estimate gain and phase of Q for noise alone, that of amplifiers behind the mixer."""
     both = upper & (f_hz != f_hz.min())  # half the pulse rate has no opposite frequency
     mirrored = np.roll(spectrum[:, ::-1], 1, axis=1)
     square = np.sum((spectrum * mirrored)[:, both], axis=(1, 2))

@@ -235,9 +235,7 @@ def _name(recording: Recording) -> str:
 def _separate(
     samples: ComplexArray, range_m: FloatArray
 ) -> tuple[Bursts, NoiseFloor, StaticPart, tuple[MovingInterval, ...]]:
-    """Separate interference, noise, static part and targets.
-    Two passes are needed, because each of them hides the others in the first.
-    """
+    """Separate interference, noise, static part and targets; each hides the others at first."""
     quiet = np.ones(range_m.size, dtype=bool)
     kept = np.ones(len(samples), dtype=bool)
     for _ in range(2):

@@ -182,9 +182,7 @@ def fit_gain(
 
 
 def is_noise_separate(pooled: Mapping[str, PooledQuantity]) -> bool:
-    """Return True if noise and echo images differ.
-    They differ in gain or phase of Q relative to I if the noise arises behind the mixer.
-    """
+    """Return True if noise and echo images differ: the noise then arises behind the mixer."""
     for name, least in (("iq_gain_db", 0.5), ("iq_phase_deg", 3.0)):
         if name not in pooled:
             return False
@@ -195,9 +193,7 @@ def is_noise_separate(pooled: Mapping[str, PooledQuantity]) -> bool:
 
 
 def find_noise_figure(radar: Radar, level_db: Estimate) -> Estimate:
-    """Return the noise figure for a measured level.
-    It is found by bisection, because the level behind a threshold counter is not proportional to it.
-    """
+    """Return the noise figure for a measured level, by bisection."""
     from scipy.optimize import brentq
 
     def level_at(figure_db: float) -> float:
@@ -283,9 +279,7 @@ class SensorKind:
 
 
 def _find_difference(radar: Radar, other: Radar) -> str:
-    """Return the difference of two radars as text, or "".
-    The noise of a frame depends on the number of averaged pulses, so that frame rates must agree.
-    """
+    """Return the difference of two radars as text, or ""."""
     if abs(radar.carrier_hz / other.carrier_hz - 1.0) > SAME:
         return f"carrier {radar.carrier_hz / 1e9:.4g} GHz instead of the {other.carrier_hz / 1e9:.4g} GHz"
     if abs(radar.prf_hz / other.prf_hz - 1.0) > SAME:
@@ -441,9 +435,7 @@ def _pool_clutter(spaced: Sequence[SensorMeasurement], range_m: FloatArray) -> t
 def _pool_doppler(
     same: Sequence[SensorMeasurement], refused: dict[str, str]
 ) -> tuple[tuple[tuple[float, Estimate], ...], float]:
-    """Return noise over the floor by Doppler, and cell width.
-    Only recordings with the windows of the fastest one are used.
-    """
+    """Return noise over the floor by Doppler, and cell width, with the fastest one's windows."""
     usable = [m for m in same if "noise_level_db" in m.estimates]
     if not usable:
         return (), math.nan
@@ -520,9 +512,7 @@ def _pool_correlation(spaced: Sequence[SensorMeasurement]) -> tuple[float, ...]:
 
 
 def _pool_lines(same: Sequence[SensorMeasurement]) -> tuple[PooledLine, ...]:
-    """Return lines that at least half of the recordings share.
-    At least two recordings must share a line, because motion differs between recordings.
-    """
+    """Return lines that at least half of the recordings share, and at least two."""
     found: list[PooledLine] = []
     for one in same:
         for line in one.lines:
@@ -543,9 +533,7 @@ MAINS_HZ = (50.0, 60.0)
 
 
 def find_mains_harmonic(frequency_hz: float, prf_hz: float, half_width_hz: float) -> str:
-    """Return the mains harmonic at the frequency of a line, or "".
-    Aliasing by the frame rate is included.
-    """
+    """Return the mains harmonic at the frequency of a line, with aliasing, or ""."""
     for mains_hz in MAINS_HZ:
         for multiple in range(1, 9):
             for sign in (1.0, -1.0):

@@ -146,9 +146,7 @@ def _format_fitted(fit: SensorFit, sd: float, unit: str) -> str:
 
 
 def _iterate_impairments(fit: SensorFit) -> Iterable[tuple[dict[str, Any], dict[str, str]]]:
-    """Yield impairment tables with comments in their order.
-    The order is: echoes of the room, their phase, then faults of the recorder.
-    """
+    """Yield impairment tables with comments: echoes, their phase, then faults of the recorder."""
     knots = [[round(r, 4), round(level, 2)] for r, level in zip(fit.clutter.range_m, fit.clutter.level_db, strict=True)]
     sd_db = float(fit.clutter.sd_db.max())
     yield (
@@ -232,16 +230,12 @@ def format_setting(key: str, value: Any, comment: str) -> str:
 
 
 def clean_comment(comment: str) -> str:
-    """Remove line breaks and control characters from a comment.
-    They would end the comment, or are not allowed in TOML.
-    """
+    """Remove line breaks and control characters, which would end a comment."""
     return " ".join("".join(c if c.isprintable() else " " for c in comment).split())
 
 
 def _format_toml(value: Any) -> str:
-    """Return a value in TOML.
-    For strings, numbers, booleans and lists of them, the JSON text is valid TOML.
-    """
+    """Return a value in TOML; strings, numbers, booleans and lists are written as in JSON."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{name} = {_format_toml(inner)}" for name, inner in value.items()) + " }"
     if isinstance(value, list) and value and isinstance(value[0], list):
@@ -357,9 +351,7 @@ def format_kind_preset(kind: SensorKind) -> str:
 
 
 def _draw(pooled: PooledQuantity, middle: float, *, digits: int = 4, lowest: float | None = None) -> Any:
-    """Return a number, or a distribution of known spread.
-    The distribution is normal, or uniform with the same spread if a value must not fall below ``lowest``.
-    """
+    """Return a number, or its distribution: normal, or uniform if it has a ``lowest`` value."""
     value = round(middle, digits) if lowest is None else float(f"{middle:.4g}")
     if not pooled.spread_is_known:
         return value

@@ -55,9 +55,7 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class StaticPart:
-    """Rank-one model y = z c + rest of a room.
-    Shapes: echo_v (N,); reference_v (N,); factor (I,); rest_v (I, N).
-    """
+    """Rank-one model y = z c + rest of a room: factor (I,), echo_v (N,), rest_v (I, N)."""
 
     echo_v: ComplexArray
     reference_v: ComplexArray
@@ -66,9 +64,7 @@ class StaticPart:
 
 
 def fit_static_part(samples_v: ComplexArray, *, bins: Mask | None = None) -> StaticPart:
-    """Fit static echo and common factor by least squares.
-    The factor is the eigenvector of the largest eigenvalue of the bins' covariance, followed by one average.
-    """
+    """Fit static echo and common factor by least squares, from the largest eigenvalue."""
     from scipy.linalg import eigh
 
     chosen = np.ones(samples_v.shape[1], dtype=bool) if bins is None else bins
@@ -85,9 +81,7 @@ def fit_static_part(samples_v: ComplexArray, *, bins: Mask | None = None) -> Sta
 
 
 def split_still_part(samples_v: ComplexArray) -> StaticPart:
-    """Split samples into time mean and residual.
-    This is for echoes that are too weak to show a common phase.
-    """
+    """Split samples into time mean and residual, for echoes without a common phase."""
     echo = np.mean(samples_v, axis=0)
     return StaticPart(echo, np.zeros_like(echo), np.ones(len(samples_v), dtype=complex), samples_v - echo)
 
@@ -97,9 +91,7 @@ def _compute_energy(values_v: ComplexArray) -> float:
 
 
 def multiply_correlation(values_v: ComplexArray, correlation: ComplexArray) -> ComplexArray:
-    """Multiply the noise correlation matrix by a vector.
-    The matrix R is Toeplitz with the lags 0, 1, ... (rho_l = E w_n+l w_n*); the result is R a.
-    """
+    """Multiply the Toeplitz matrix of the noise correlation rho_l by a vector."""
     both = np.concatenate([correlation[:0:-1].conj(), correlation])
     summed = np.convolve(values_v, both, mode="full")
     first = len(correlation) - 1
@@ -119,9 +111,7 @@ def compute_leverage(static: StaticPart, correlation: ComplexArray) -> FloatArra
 
 
 def compute_factor_variance(static: StaticPart, correlation: ComplexArray, *, noise_power_v2: float) -> float:
-    """Return the variance that noise adds to the common factor.
-    The phase (rad^2) and the relative gain of a frame both have this variance: a^H R a sigma^2 / (2 S^2).
-    """
+    """Return the variance of the common factor by noise, a^H R a sigma^2 / (2 S^2)."""
     reference = static.reference_v
     energy = _compute_energy(reference)
     if not energy > 0:
@@ -215,9 +205,7 @@ class FrameFaults:
 
 
 def find_frame_faults(samples_v: ComplexArray, *, slow_time_s: FloatArray) -> FrameFaults:
-    """Find dropped and lost frames.
-    A dropped frame repeats exactly or is zero (noise never repeats); a lost frame is a gap of the time axis.
-    """
+    """Find dropped frames (zero or an exact repetition) and lost ones (gaps of time)."""
     blank = ~samples_v.any(axis=1)
     repeated = np.concatenate([[False], (samples_v[1:] == samples_v[:-1]).all(axis=1)])
     dropped = blank | repeated
@@ -242,9 +230,7 @@ class Bursts:
 
 
 def find_bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> Bursts:
-    """Find frames with interference.
-    Such frames have cells far above the noise after a running median has removed slow motion.
-    """
+    """Find frames with interference: cells far above the noise after a running median."""
     nothing = np.zeros(len(rest_v), dtype=bool)
     if not noise_power_v2 > 0 or not quiet.any():
         return Bursts(nothing, math.nan, 0.0, 0.0)
@@ -263,9 +249,7 @@ def find_bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> 
 
 
 def _compute_running_median(values: FloatArray) -> FloatArray:
-    """Return the running median of nine frames per bin.
-    The first and last frame are repeated beyond the ends.
-    """
+    """Return the running median of nine frames per bin; the ends are repeated."""
     half = MEDIAN_FRAMES // 2
     padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_FRAMES, axis=0)
@@ -295,9 +279,7 @@ class NoiseFloor:
 
 
 def estimate_noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFloor:
-    """Estimate the mean square of the noise.
-    The estimate uses frame-to-frame differences of the residual after removal of the static part.
-    """
+    """Estimate the mean square of the noise, from differences of the residual by frame."""
     from scipy.stats import gamma
 
     steps = np.diff(static.rest_v, axis=0)
@@ -318,9 +300,7 @@ def estimate_noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFlo
 
 
 def estimate_bin_correlation(steps: ComplexArray) -> ComplexArray:
-    """Estimate the noise correlation rho_l at a lag of l bins.
-    It is the median over the bins; insignificant values are set to 0.
-    """
+    """Estimate the noise correlation rho_l at a lag of l bins; insignificant values are 0."""
     size = np.sqrt(np.maximum(np.mean(np.abs(steps) ** 2, axis=0), 1e-300))
     unit = steps / size
     lags = min(LAGS, steps.shape[1] - 1)
@@ -336,9 +316,7 @@ def estimate_bin_correlation(steps: ComplexArray) -> ComplexArray:
 
 
 def _fit_slope(by_bin: FloatArray, range_m: FloatArray, independent: float) -> tuple[Estimate, bool]:
-    """Fit the level's slope in dB over range.
-    It is the Theil-Sen slope; its standard deviation follows from the median absolute deviation.
-    """
+    """Fit the level's slope in dB over range: Theil-Sen, with the median absolute deviation."""
     from scipy.stats import theilslopes
 
     used = np.isfinite(by_bin) & (by_bin > 0)
@@ -363,9 +341,7 @@ KNOT_EXPONENT = 1.5
 
 @dataclass(frozen=True)
 class ClutterProfile:
-    """Mean clutter level, linear in dB between knots.
-    Shapes: range_m (M,); level_db (M,); sd_db (M,).
-    """
+    """Mean clutter level, linear in dB between knots (M,)."""
 
     range_m: FloatArray
     level_db: FloatArray
@@ -379,9 +355,7 @@ class ClutterProfile:
 def fit_clutter_profile(
     echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float, resolution_m: float
 ) -> ClutterProfile:
-    """Fit the most likely clutter profile to static powers.
-    Each cell is assumed to be complex Gaussian. Shapes: echo_v (N,); range_m (N,).
-    """
+    """Fit the most likely clutter profile to static echoes (N,), complex Gaussian cells."""
     spacing = float(np.mean(np.diff(range_m)))
     sigma = resolution_m / (2.0 * math.sqrt(math.log(2.0)))
     per_cell = max(1.0, sigma * math.sqrt(2.0 * math.pi) / spacing)

@@ -160,9 +160,7 @@ def echo_energy_m(radar: Radar) -> float:
 
 
 def make_clutter_ranges(radar: Radar) -> tuple[npt.NDArray[np.float64], float]:
-    """Return the ranges and the spacing of clutter scatterers, m.
-    They may begin before range 0: otherwise a frame that starts at 0 would have half the power in its first cell.
-    """
+    """Return the ranges and the spacing of clutter scatterers, m; they may begin before 0."""
     cell_m = radar.range_resolution_m
     span_m = radar.range_stop_m - radar.range_start_m
     if cell_m < span_m:

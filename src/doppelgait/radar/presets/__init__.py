@@ -96,9 +96,7 @@ def read_full_preset(name: str | Path) -> dict[str, Any]:
 
 
 def read_preset(name: str | Path) -> dict[str, Any]:
-    """Return the table of a preset, which must not be changed.
-    The table of a built-in preset is shared.
-    """
+    """Return the table of a preset, which is shared and must not be changed."""
     if str(name).lower().endswith(".toml"):
         return _read_file(Path(name))
     if str(name) not in list_preset_names():
@@ -111,9 +109,7 @@ def read_preset(name: str | Path) -> dict[str, Any]:
 
 
 def _read_file(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Read a radar file; one with the key ``preset`` changes that preset.
-    A relative path of a preset file is resolved against the folder of the file that names it.
-    """
+    """Read a radar file; one with the key ``preset`` changes that preset."""
     table, text = read_toml(path)
     if "preset" not in table:
         return table
@@ -132,8 +128,6 @@ def _read_file(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
 
 @lru_cache(maxsize=64)
 def _parse_built_in(name: str) -> dict[str, Any]:
-    """Parse the table of a built-in preset once.
-    Planning needs it for every example.
-    """
+    """Parse the table of a built-in preset once. Planning needs it for every example."""
     with resources.as_file(resources.files("doppelgait.radar.presets") / f"{name}.toml") as path:
         return read_toml(path)[0]

@@ -46,9 +46,7 @@ class Subsweep:
 
 @dataclass(frozen=True)
 class Entry:
-    """One sensor's frames of one session.
-    Shapes: values (frames, sweeps, points); ticks (frames,).
-    """
+    """One sensor's frames (frames, sweeps, points) of one session."""
 
     values: npt.NDArray[np.complex64]
     ticks: npt.NDArray[np.int64]
@@ -71,9 +69,7 @@ class Entry:
 
 
 def open_entry(path: Path, file: Any, *, session: int, group: int, entry: int) -> Entry:
-    """Read one entry of an open file.
-    Missing content raises an error of h5py, ValueError or RecordingError.
-    """
+    """Read one entry of an open file."""
     generation = _read_text(file["generation"])
     if generation != "a121":
         raise RecordingError(f"{path}: is of sensor generation {generation!r}; only 'a121' is read")
@@ -157,9 +153,7 @@ def _parse_whole(config: Mapping[str, Any], key: str, least: int, most: int) -> 
 
 
 def _parse_optional(config: Mapping[str, Any], key: str, most: float) -> float | None:
-    """Return a positive number or None.
-    None stands for a missing value, null or 0, the vendor's value for "does not apply".
-    """
+    """Return a positive number, or None for a missing value, null or 0 ("does not apply")."""
     value = config.get(key)
     if value is None or value == 0:
         return None
@@ -207,9 +201,7 @@ def sniff_acconeer(path: Path) -> bool:
 
 
 def list_subsweeps(path: Path) -> list[dict[str, Any]]:
-    """List the first entry's subsweeps as reader options.
-    The list is empty for a damaged file; the reader then reports the fault.
-    """
+    """List the first entry's subsweeps as reader options; none of a damaged file."""
     try:
         part = _open(path, session=0, group=0, entry=0)
     except RecordingError:
@@ -298,9 +290,7 @@ def _open(path: Path, **which: int) -> Entry:
 def _find_sweep_times(
     path: Path, part: Entry, sweep_rate_hz: float | None
 ) -> tuple[npt.NDArray[np.float64], float, list[str]]:
-    """Return sweep times, sweep rate and notes on assumptions.
-    The rate is the sweep rate within a frame.
-    """
+    """Return sweep times, sweep rate within a frame, and notes on assumptions."""
     n_frames, per_frame = part.values.shape[:2]
     if part.continuous:
         rate_hz = sweep_rate_hz or part.sweep_rate_hz
@@ -335,9 +325,7 @@ def _find_sweep_times(
 
 
 def _find_frame_times(path: Path, part: Entry) -> tuple[npt.NDArray[np.float64], list[str]]:
-    """Return the start of every frame by the recorder's ticks.
-    If the ticks are evenly spaced except for rounding, the times are evenly spaced.
-    """
+    """Return the start of every frame by the recorder's ticks, even except for rounding."""
     ticks = part.ticks
     if part.values.shape[0] == 1:
         return np.zeros(1), []

@@ -86,9 +86,7 @@ class ArrayFacts(FrozenModel):
 
 
 def read_facts(path: Path, options: Mapping[str, Any]) -> ArrayFacts:
-    """Read facts about an array.
-    They are read from the TOML file of the same stem, if it exists; options take precedence.
-    """
+    """Read facts about an array from its TOML file; options take precedence."""
     sidecar = path.with_suffix(".toml")
     table: dict[str, Any] = {}
     text = ""
@@ -111,9 +109,7 @@ class ArrayFrame:
 
 
 def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mapping[str, Any]) -> ArrayFrame:
-    """Determine axes and radar of a (pulses, range bins) array.
-    An entry of ``facts`` takes precedence over an axis in the file, and the axis over the radar's parameter.
-    """
+    """Determine axes and radar: facts come before axes in the file, these before the radar."""
     n_pulses, n_bins = shape
     stated = _read_stated_radar(path, facts)
     slow_time_s = None if facts.prf_hz else _read_axis(path, axes, "slow_time_s", n_pulses)
@@ -184,9 +180,7 @@ def _read_stated_radar(path: Path, facts: ArrayFacts) -> Radar | None:
 
 
 def _make_radar(path: Path, facts: ArrayFacts, stated: Radar | None, known: Mapping[str, float], n_bins: int) -> Radar:
-    """Return the stated radar updated by the recording's facts.
-    Without a stated radar, it is made from these facts only.
-    """
+    """Return the stated radar updated by the recording's facts, or one of these only."""
     table: dict[str, Any] = {name: known[name] for name in ("prf_hz", "carrier_hz")}
     start_m = max(known["range_start_m"], 0.0)
     if stated is None and n_bins == 1:
@@ -323,9 +317,7 @@ def _pick(path: Path, arrays: Arrays, key: str | None) -> npt.NDArray[Any]:
 
 
 def _join(i: npt.NDArray[Any], q: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Join I and Q to complex values.
-    The type is wide enough to keep 32-bit integers exact before scaling.
-    """
+    """Join I and Q to complex values; 32-bit integers stay exact."""
     joined = np.empty(i.shape, np.result_type(i.dtype, np.complex64))
     joined.real, joined.imag = i, q
     return joined

@@ -28,9 +28,7 @@ HEAD_BYTES = 256
 
 
 def sniff_cw_text(path: Path) -> bool:
-    """Return whether a path is a pair of continuous-wave text files.
-    It is one of them, or their common stem.
-    """
+    """Return whether a path is one of two continuous-wave text files, or their common stem."""
     try:
         names = _find_pair(Path(path))
     except RecordingError:

@@ -117,9 +117,7 @@ class ChirpConfig(FrozenModel):
 
 
 def find_config(path: Path) -> Path | None:
-    """Return settings next to a sample file, or None.
-    They have its stem and the suffix .toml, .json or .cfg; otherwise they are the only .cfg in its folder.
-    """
+    """Return settings next to a sample file: .toml, .json, .cfg of its stem, or the only .cfg."""
     for suffix in (".toml", ".json", ".cfg"):
         if (own := path.with_suffix(suffix)).is_file():
             return own
@@ -166,9 +164,7 @@ CHANGES = {3: "start frequency", 4: "slope", 5: "idle time", 6: "start of sampli
 
 
 def _is_swapped(path: Path, numbers: list[float], device: str) -> bool:
-    """Return whether Q comes before I by adcbufCfg.
-    Newer lines have a subframe as first value, those of older kits have none.
-    """
+    """Return whether Q comes before I by adcbufCfg; newer lines begin with a subframe."""
     if not numbers:
         return False
     if len(numbers) not in (4, 5):

@@ -30,9 +30,7 @@ VOLTS_PER_CODE = 1.0 / 4096
 
 
 def sniff_glasgow(path: Path) -> bool:
-    """Return whether a file begins as a Glasgow recording.
-    It starts with four numbers and a complex sample.
-    """
+    """Return whether a file begins with four numbers and a complex sample."""
     if not Path(path).is_file():
         return False
     with Path(path).open("rb") as file:

@@ -168,9 +168,7 @@ def sniff_matlab(path: Path) -> bool:
 
 
 def list_matrices(path: Path) -> list[dict[str, Any]]:
-    """List a file's frame matrices as reader options.
-    The list is empty for a damaged file; the reader then reports the fault.
-    """
+    """List a file's frame matrices as reader options; none of a damaged file."""
     try:
         return [{"matrix": name} for name in _find_frame_matrices(_read_shapes(path))]
     except Exception:  # the libraries raise nearly anything at damaged bytes
@@ -246,9 +244,7 @@ def read_matlab(
 
 
 def _load(path: Path, matrix: str | None) -> dict[str, Any]:
-    """Load the frames, their name and the facts.
-    The frames are under ``MATRIX``; missing facts are omitted.
-    """
+    """Load the frames (``MATRIX``), their name and the facts; missing facts are omitted."""
     if matrix is not None and not isinstance(matrix, str):
         raise RecordingError(f"{path}: matrix = {matrix!r} is not allowed; it must be the name of a matrix")
     with path.open("rb") as file:
@@ -328,9 +324,7 @@ def _convert_to_scalar(value: npt.NDArray[Any]) -> Any:
 
 
 def _start_m(path: Path, content: dict[str, Any], n_bins: int, spacing_m: float, value: float | None) -> float:
-    """Return the range of the first RF bin.
-    It is that of the option, the axis or the frame's start.
-    """
+    """Return the range of the first RF bin: the option, the axis or the frame's start."""
     if value is not None:
         return check_number(path, "range_start_m", value, above=-1e3, most=1e6)
     for key in (name for name in AXES if name in content):

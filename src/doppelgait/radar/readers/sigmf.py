@@ -64,9 +64,7 @@ class Metadata:
 
     @property
     def scale_v(self) -> Any:
-        """Volts of one unit of the samples.
-        It is the stated value, otherwise 1 V corresponds to the largest integer or to 1.
-        """
+        """Volts of one unit: as stated, otherwise 1 V is the largest integer, or 1."""
         largest = float(2 ** (8 * self.number.itemsize - 1)) if self.number.kind in "iu" else 1.0
         return self.common.get("doppelgait:scale_v", 1.0 / largest)
 
@@ -196,9 +194,7 @@ MAX_ROWS = 100_000_000
 
 
 def sniff_sigmf(path: Path) -> bool:
-    """Return whether a path is one of a SigMF pair.
-    Its metadata start like JSON and have a SigMF data type.
-    """
+    """Return whether a path is one of a SigMF pair, by the start of its metadata."""
     file = Path(path)
     meta = find_sigmf_pair(file)[0]
     if not file.is_file() or not meta.is_file():
@@ -356,9 +352,7 @@ def _make_foreign_radar(
     bin_spacing_m: float | None,
     notes: list[str],
 ) -> tuple[Radar, FloatArray]:
-    """Return radar and range axis of a file of other software.
-    Assumptions are added to ``notes``.
-    """
+    """Return radar and range axis of a foreign file; assumptions are added to ``notes``."""
     name = str(meta.common.get("core:hw", "SigMF recording"))[:200]
     if n_bins == 1:
         radar = make_cw_radar(path, name=name, carrier_hz=carrier_hz, prf_hz=prf_hz)
@@ -492,9 +486,7 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
 def _find_even_segments(
     slow_time_s: npt.NDArray[np.float64], radar_prf_hz: float
 ) -> tuple[npt.NDArray[np.int64], float]:
-    """Find the evenly spaced segments of slow time.
-    The result is the first pulse of each segment, and the pulses per second of the longest one.
-    """
+    """Return the first pulses of evenly spaced segments, and the rate of the longest one."""
     if slow_time_s.size < 2:
         return np.zeros(1, dtype=np.int64), radar_prf_hz
     steps_s = np.diff(slow_time_s)

@@ -241,9 +241,7 @@ def _check_pulse(radar: Radar, bandwidth_hz: float) -> None:
 
 @lru_cache(maxsize=4)
 def tabulate(n_bins: int, step: float, time_bandwidth: float) -> npt.NDArray[np.float32]:
-    r"""Tabulate the response of a chirp for ``add_tabled_responses`` of the kernels.
-    Shapes: returns (P, 3, N - 1 + M).
-    """
+    """Tabulate the response of a chirp for ``add_tabled_responses``: (P, 3, N - 1 + M)."""
     n_places = max(8, math.ceil(0.5 * math.pi * time_bandwidth * step / (24.0 * TABLE_ERROR) ** (1.0 / 3.0)))
     nodes = (1.0 + np.array([-1.0, 0.0, 1.0]) * math.sqrt(0.75)) / 2.0
     place = (np.arange(n_places)[:, None] + nodes) / n_places
@@ -308,9 +306,7 @@ class Cw(Waveform):
         return self.bin_spacing_m(radar)
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:
-        """Return the noise bandwidth of a sample, 1 / T_i for a mean over T_i.
-        Without integration, an ideal low-pass of the frame rate is assumed.
-        """
+        """Return the noise bandwidth of a sample, 1 / T_i for a mean over T_i."""
         return radar.prf_hz / (radar.integration_share or 1.0)
 
     def unambiguous_range_m(self, radar: Radar) -> float:

@@ -97,9 +97,7 @@ class _Sweep(Waveform):
         return out
 
     def synthesise_bins(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
-        """Synthesise range bins without the samples, to 1e-6 of the sum of all amplitudes.
-        Long sweeps and fast scatterers need the samples.
-        """
+        """Synthesise range bins without the samples, to 1e-6 of the sum of all amplitudes."""
         own = type(self).synthesise is _Sweep.synthesise and type(self).compress is _Sweep.compress
         size, n_bins = self.n_samples(radar), self.n_range_bins(radar)
         if not own or size + n_bins > LONGEST_RESPONSE:
@@ -211,10 +209,7 @@ class _Sweep(Waveform):
         return compute_independent_share(radar.range_window, self.n_samples(radar))
 
     def unambiguous_range_m(self, radar: Radar) -> float:
-        """Return the range at which echoes fold.
-
-        The beat phase then changes by one turn from sample to sample: f_s c / (2 S) = S_samples c / (2 B).
-        """
+        """Return the range at which echoes fold, S_samples c / (2 B)."""
         return self.n_samples(radar) * self.bin_spacing_m(radar)
 
     def coupling_s(self, radar: Radar) -> float:

@@ -29,9 +29,7 @@ LARGEST_GAP = 1_000_000
 
 
 def derive_frame_numbers(counters: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[np.int64], int, int]:
-    """Derive frame numbers from 32-bit counters, and count lost frames.
-    Shapes: counters (n,); numbers (n,); returns (n,).
-    """
+    """Derive frame numbers (n,) from 32-bit counters, and count lost frames."""
     steps = np.mod(np.diff(counters.astype(np.int64)), COUNTER_PERIOD)
     if steps.size and (steps.min() < 1 or steps.max() > LARGEST_GAP):
         return np.arange(counters.size), 0, 0
@@ -40,9 +38,7 @@ def derive_frame_numbers(counters: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[
 
 
 def measured_rate_hz(time_ms: npt.NDArray[np.int64], numbers: npt.NDArray[np.int64]) -> float | None:
-    """Measure the frame rate from the times of the records.
-    The times are integer milliseconds, and records may be written in bursts. Shapes: time_ms (n,); numbers (n,).
-    """
+    """Measure the frame rate from integer milliseconds of records, perhaps written in bursts."""
     n = min(time_ms.size, numbers.size)
     if n < 2:
         return None
@@ -246,9 +242,7 @@ def convert_records(
     conjugate: bool = False,
     filter: FrameFilter = "hamming",
 ) -> tuple[npt.NDArray[np.complex64], Radar, npt.NDArray[np.float64]]:
-    """Convert records to volts.
-    The options are those of :func:`read_xethru_recording`; ``rate_hz`` is the frame rate if the records state none.
-    """
+    """Convert records to volts with the options of :func:`read_xethru_recording`."""
     is_rf = source.name in ("radar_rf", "radar_rf_normalized") or (source.name == "datafloat" and kind == "rf")
     needed = ("range_start_m", "bin_spacing_m", "carrier_hz", "prf_hz")
     facts: dict[str, float] = {}
@@ -296,9 +290,7 @@ def _refuse_missing(source: Records, missing: list[str]) -> None:
 
 
 def _read_constant(source: Records, name: str) -> float:
-    """Return a header field that all records share.
-    The value is the shortest decimal number that rounds to this float32.
-    """
+    """Return a header field that all records share, the shortest decimal of its float32."""
     values = np.ascontiguousarray(source.records[name])
     bits = values.view("<u4")  # a damaged NaN is then equal to itself
     changed = np.flatnonzero(bits != bits[0])

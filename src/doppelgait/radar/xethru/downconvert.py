@@ -181,9 +181,7 @@ def _compute_gain(cycles_per_sample: float, decimation: int, filter: FrameFilter
 def _make_complex_taps(
     cycles_per_sample: float, decimation: int, filter: FrameFilter
 ) -> tuple[npt.NDArray[np.complex128], float]:
-    """Return filter and mixer in one, and its centre.
-    The taps are ``h[k] exp(-j 2 pi f_c k / f_s)``; the centre of the envelope is in samples.
-    """
+    """Return the taps ``h[k] exp(-j 2 pi f_c k / f_s)``, and the envelope's centre in samples."""
     if filter == "chip":
         bands = [band for band, value in CHIP_CARRIER.items() if abs(value - cycles_per_sample) < 1e-3]
         if not bands or decimation != 8:

@@ -221,9 +221,7 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
 
 
 def _find_main_path(path: Path) -> Path:
-    """Return the first file to read.
-    It is the folder's meta file, otherwise that of its first part, otherwise its only data file.
-    """
+    """Return the first file to read: a meta file, or the only data file."""
     if not path.is_dir():
         return path
     if (path / META_NAME).is_file():

@@ -287,9 +287,7 @@ _BY_MASK = {entry.mask: entry for entry in _TYPES}
 
 
 def find_data_type(name: str) -> DataType:
-    """Return the data type of a name.
-    An unknown name raises a :class:`RecordingError` that lists the known names.
-    """
+    """Return the data type of a name, or raise a :class:`RecordingError`."""
     if name not in DATA_TYPES:
         raise RecordingError(f"unknown XeThru data type {name!r}; known are: {', '.join(DATA_TYPES)}")
     return DATA_TYPES[name]
@@ -317,9 +315,7 @@ def record_dtype(kind: DataType, *, count: int) -> np.dtype[np.void]:
 
 
 def record_bytes(kind: DataType, *, count: int) -> int:
-    """Return the length of a record with ``count`` values.
-    The structured type is not made, because a damaged count can be very large.
-    """
+    """Return the length of a record with ``count`` values, which may be very large."""
     head = np.dtype(list(kind.header)).itemsize
     return head + count * sum(np.dtype(code).itemsize for _, code in kind.payload)
 
@@ -369,9 +365,7 @@ def make_records(name: str, **fields: Any) -> npt.NDArray[np.void]:
 
 
 def parse_records(content: bytes | memoryview, kind: DataType) -> tuple[list[npt.NDArray[np.void]], int]:
-    """Split the content of a data file into records.
-    Consecutive records of one size form one array, which shares the memory of ``content``.
-    """
+    """Split a data file into records; those of one size share one array, without a copy."""
     blocks, offset = [], 0
     while (found := _find_next_block(content, kind, offset)) is not None:
         blocks.append(found)
@@ -380,9 +374,7 @@ def parse_records(content: bytes | memoryview, kind: DataType) -> tuple[list[npt
 
 
 def _find_next_block(content: bytes | memoryview, kind: DataType, offset: int) -> npt.NDArray[np.void] | None:
-    """Return the next run of equally long records, or None.
-    The records start at ``offset``; the result is None without a complete record.
-    """
+    """Return the next run of equally long records from ``offset``, or None."""
     head = np.dtype(list(kind.header))
     left = len(content) - offset
     if left < head.itemsize:
