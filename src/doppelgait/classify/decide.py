@@ -64,16 +64,6 @@ class Decision:
         Of the analysis.
     quality : mapping
         Range, times and SNR of the target, carrier and pulse rate, as far as known.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> model = dg.classify.open_model("x4")
-    >>> decisions = dg.classify.classify(recording, model)
-    >>> decisions[0].label, round(decisions[0].probability, 1)
-    ('human', 1.0)
     """
 
     target: int

@@ -159,13 +159,6 @@ class Evaluation:
     models : dict
         Trained models by name, as scored; after a cross-validation trained on all rows, and only
         with ``keep``.
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> from doppelgait.classify import Evaluation
-    >>> Evaluation({"seed": 0}, pd.DataFrame(), best="ensemble", models={}).best
-    'ensemble'
     """
 
     document: dict[str, Any]

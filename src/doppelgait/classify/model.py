@@ -264,13 +264,6 @@ class Model:
         Share of the training rows in which a feature is unknown.
     novelty : Novelty or None
         Distance from the training rows; None for models of signatures alone.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> model = dg.classify.open_model("x4")
-    >>> model.facts.classes
-    ('human', 'animal')
     """
 
     facts: Facts

@@ -103,16 +103,6 @@ class TrackDecision:
         approaching.
     window : Decision
         About the window alone, with times of the recording.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> model = dg.classify.open_model("x4")
-    >>> decisions = dg.classify.classify_over_time(recording, model, window_s=3.0)
-    >>> [(decision.stop_s, decision.label) for decision in decisions]
-    [(3.0, 'human')]
     """
 
     track: int

@@ -73,24 +73,6 @@ class BuildReport:
     seconds : float
     bytes : int
         Size of the shards.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> from doppelgait.dataset import PlanConfig
-    >>> plan = PlanConfig.model_validate(
-    ...     {
-    ...         "dataset": {"name": "tiny", "examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}},
-    ...         "scene": {"duration_s": 1.0},
-    ...         "target": {"range_m": 3.0},
-    ...         "classes": [
-    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}}
-    ...         ],
-    ...     }
-    ... )
-    >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
-    >>> report.n_built, report.n_failed
-    (2, 0)
     """
 
     directory: Path
@@ -186,20 +168,10 @@ def build_dataset(
     Examples
     --------
     >>> import doppelgait as dg
-    >>> from doppelgait.dataset import PlanConfig
-    >>> plan = PlanConfig.model_validate(
-    ...     {
-    ...         "dataset": {"name": "tiny", "examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}},
-    ...         "scene": {"duration_s": 1.0},
-    ...         "target": {"range_m": 3.0},
-    ...         "classes": [
-    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}}
-    ...         ],
-    ...     }
-    ... )
+    >>> plan, folder = dg.dataset.load_plan("home-alarm", overrides=["dataset.examples_per_class=8"])
     >>> report = dg.dataset.build_dataset(plan, "walks", executor="serial")
     >>> report.n_built, report.n_failed
-    (2, 0)
+    (16, 0)
     """
     began = time.monotonic()
     check_executor(executor)

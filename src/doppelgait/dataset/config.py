@@ -331,13 +331,6 @@ class PlanConfig(FrozenModel):
     analysis : table
         Computation of the signature and the features, as in a scene file. ``method = "liland2018"`` is refused, because
         its gate reveals the class and the truth to the features.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> config, folder = dg.dataset.load_plan("liland2018")
-    >>> config.dataset.name, config.dataset.seed, config.target["height_m"]
-    ('liland2018', 2018, 1.8)
     """
 
     dataset: DatasetSection

@@ -62,26 +62,6 @@ class Features:
     names, units : tuple of str
         Name and unit of each column of X.
     ids : ndarray of str, shape (n,)
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> from doppelgait.dataset import PlanConfig
-    >>> plan = PlanConfig.model_validate(
-    ...     {
-    ...         "dataset": {"name": "tiny", "examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}},
-    ...         "scene": {"duration_s": 1.0},
-    ...         "target": {"range_m": 3.0},
-    ...         "classes": [
-    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}}
-    ...         ],
-    ...     }
-    ... )
-    >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
-    >>> dataset = dg.open_dataset("tiny")
-    >>> features = dataset.features()
-    >>> features.names[0], features.X[:, 0].round(1)
-    ('torso_velocity_mps', array([1. , 1.6]))
     """
 
     X: npt.NDArray[np.float64]
@@ -182,26 +162,6 @@ class Example:
         Labelled arrays by field name, in linear units.
     specify : callable, optional
         Function that returns the specification; see :attr:`specification`.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> from doppelgait.dataset import PlanConfig
-    >>> plan = PlanConfig.model_validate(
-    ...     {
-    ...         "dataset": {"name": "tiny", "examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}},
-    ...         "scene": {"duration_s": 1.0},
-    ...         "target": {"range_m": 3.0},
-    ...         "classes": [
-    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}}
-    ...         ],
-    ...     }
-    ... )
-    >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
-    >>> dataset = dg.open_dataset("tiny")
-    >>> example = dataset["human-000000"]
-    >>> example.row["label"], round(example.row["truth_range_m"], 1)
-    ('human', 3.0)
     """
 
     row: dict[str, Any]

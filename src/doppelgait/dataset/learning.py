@@ -85,15 +85,6 @@ class LabelledArrays:
     groups : ndarray of str, shape (n,)
         Group of each row. Rows of a group share a subject or a scene: keep each group in one fold.
     ids : ndarray of str, shape (n,)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from doppelgait.dataset import LabelledArrays
-    >>> texts = np.array(["dog", "human"])
-    >>> values, y, groups = LabelledArrays(np.zeros((2, 64, 64)), y=texts, groups=texts, ids=texts)
-    >>> values.shape, y.tolist()
-    ((2, 64, 64), ['dog', 'human'])
     """
 
     values: Array | list[Array]

@@ -139,25 +139,6 @@ class Dataset:
         One row per example and target.
     files : ShardFiles
         Reader of its arrays, shared by all parts.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> from doppelgait.dataset import PlanConfig
-    >>> plan = PlanConfig.model_validate(
-    ...     {
-    ...         "dataset": {"name": "tiny", "examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}},
-    ...         "scene": {"duration_s": 1.0},
-    ...         "target": {"range_m": 3.0},
-    ...         "classes": [
-    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}}
-    ...         ],
-    ...     }
-    ... )
-    >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
-    >>> dataset = dg.open_dataset("tiny")
-    >>> dataset.index["label"].tolist()
-    ['human', 'human']
     """
 
     directory: Path
@@ -504,21 +485,11 @@ def open_dataset(directory: str | Path) -> Dataset:
     Examples
     --------
     >>> import doppelgait as dg
-    >>> from doppelgait.dataset import PlanConfig
-    >>> plan = PlanConfig.model_validate(
-    ...     {
-    ...         "dataset": {"name": "tiny", "examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}},
-    ...         "scene": {"duration_s": 1.0},
-    ...         "target": {"range_m": 3.0},
-    ...         "classes": [
-    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}}
-    ...         ],
-    ...     }
-    ... )
+    >>> plan, folder = dg.dataset.load_plan("home-alarm", overrides=["dataset.examples_per_class=8"])
     >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
     >>> dataset = dg.open_dataset("tiny")
-    >>> dataset.index["label"].tolist()
-    ['human', 'human']
+    >>> dataset.index["label"].tolist()[:3]
+    ['human', 'dog', 'dog']
     """
     folder = Path(directory)
     for name in ("dataset.json", "index.parquet"):

@@ -109,19 +109,9 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     Examples
     --------
     >>> import doppelgait as dg
-    >>> from doppelgait.dataset import PlanConfig
-    >>> plan = PlanConfig.model_validate(
-    ...     {
-    ...         "dataset": {"name": "tiny", "examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}},
-    ...         "scene": {"duration_s": 1.0},
-    ...         "target": {"range_m": 3.0},
-    ...         "classes": [
-    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}}
-    ...         ],
-    ...     }
-    ... )
+    >>> plan, folder = dg.dataset.load_plan("home-alarm", overrides=["dataset.examples_per_class=8"])
     >>> len(dg.dataset.plan_dataset(plan).examples)
-    2
+    16
     """
     source = folder or Path()
     expanded = expand_folders(store_radar_files(config, source), source, on_progress=on_progress)

@@ -42,14 +42,6 @@ class ExampleStream:
         First number.
     step : int
         From one number to the next.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> stream = dg.dataset.stream_examples("home-alarm")
-    >>> example = next(iter(stream))
-    >>> example.row["label"]
-    'human'
     """
 
     config: PlanConfig

@@ -59,14 +59,6 @@ class CSettings:
         Golden vectors of each kind.
     seed : int
         Of the simulated examples.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> model = dg.classify.open_model("x4")
-    >>> settings = dg.classify.CSettings(prf_hz=640.0, n_examples=1)
-    >>> dg.classify.export_model(model, "c", "device", settings).facts["precision"]
-    'float32'
     """
 
     integers: bool = False
