@@ -292,26 +292,22 @@ def test_a_spread_of_gain_is_none_of_the_noise_figure(own: str) -> None:
         assert figure.spread > 1.5
 
 
-def test_short_and_foreign_recordings_are_left_out_with_a_line() -> None:
+def test_recordings_that_do_not_fit_the_others_are_left_out_with_a_line() -> None:
+    """Frames of another rate average another number of pulses, so that their noise has another level."""
     rng = np.random.default_rng(8)
-    other = CW.model_copy(update={"carrier_hz": 77e9})
-    kind = fit_kind(
-        [*several(2), recording(normal(rng, 16, 1), source="short.h5"), recording(normal(rng, 900, 1), other)]
-    )
+    other, slow = CW.model_copy(update={"carrier_hz": 77e9}), CW.model_copy(update={"prf_hz": CW.prf_hz / 10})
+    short = recording(normal(rng, 16, 1), source="short.h5")
+    odd = [recording(normal(rng, 900, 1), radar) for radar in (other, slow)]
+    kind = fit_kind([*several(2), short, *odd])
     assert len(kind.recordings) == 2
-    assert any("short.h5: 16 pulses" in why for why in kind.left_out)
-    assert any("carrier 77 GHz instead of the 24 GHz of" in why for why in kind.left_out)
-
-
-def test_recordings_of_another_frame_rate_are_not_pooled():
-    """Their frames average another number of pulses, so that their noise has another level."""
-    slow = CW.model_copy(update={"prf_hz": CW.prf_hz / 10})
-    rng = np.random.default_rng(8)
-    kind = fit_kind([*several(2), recording(normal(rng, 900, 1), slow, source="slow.h5")])
-    assert len(kind.recordings) == 2
-    assert any("slow.h5: 40 frames a second instead of the 400 of" in why for why in kind.left_out)
+    for why in (
+        "short.h5: 16 pulses",
+        "carrier 77 GHz instead of the 24 GHz of",
+        "40 frames a second instead of the 400",
+    ):
+        assert any(why in line for line in kind.left_out)
     with pytest.raises(AnalysisError, match="no recording can be used"):
-        fit_kind([recording(normal(rng, 16, 1))])
+        fit_kind([short])
 
 
 def test_a_folder_on_the_command_line(tmp_path: Path) -> None:

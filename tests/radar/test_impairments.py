@@ -70,7 +70,6 @@ EXAMPLES = (
 
 
 def n_samples(radar):
-
     return radar.waveform.n_samples(radar)
 
 

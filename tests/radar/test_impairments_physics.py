@@ -63,19 +63,6 @@ def test_thermal_noise_has_the_power_of_the_radar_equation_s_receiver():
     assert power(noise) == pytest.approx(wanted, rel=5 / math.sqrt(noise.size))
 
 
-def test_thermal_noise_is_white_and_circular():
-    noise = only(zeros(4000), ThermalNoise(level_db=0.0), AVERAGING).astype(np.complex128)
-    bound = 5 / math.sqrt(noise.size)
-    assert abs(np.mean(noise**2)) < bound  # I and Q of equal power and independent
-    for lagged in (noise[1:] * noise[:-1].conj(), noise[:, 1:] * noise[:, :-1].conj()):
-        assert abs(lagged.mean()) < bound
-    series = noise[:, 40].real / noise[:, 40].real.std()
-    n, lags = series.size, np.arange(1, 21)
-    correlation = np.array([np.mean(series[k:] * series[:-k]) for k in lags])
-    ljung_box = n * (n + 2) * np.sum(correlation**2 / (n - lags))
-    assert ljung_box < 45.3  # 99.9 % of chi squared with 20 degrees of freedom
-
-
 def test_other_noise_figure_and_level():
     own, other = (only(zeros(100), ThermalNoise(noise_figure_db=figure), AVERAGING) for figure in (6.0, 9.0))
     np.testing.assert_array_equal(own, only(zeros(100), ThermalNoise(), AVERAGING))
@@ -151,14 +138,6 @@ def test_oscillator_noise_has_the_density_of_range_correlation(slope_db_per_deca
         np.testing.assert_allclose(found[used, column], wanted, rtol=0.35, atol=wanted.max() * 1e-3)
         assert found[used, column].sum() == pytest.approx(wanted.sum(), rel=0.01)
     assert np.abs(phase[:, 0]).max() < 1e-6  # no delay, no phase
-
-
-def test_oscillator_noise_is_one_process_for_all_ranges():
-    spec = PhaseNoise(white_rad=0, density_dbc_per_hz=-30.0)
-    phase = np.angle(only(np.ones((1000, 188), np.complex64), spec)).astype(np.float64)
-    range_m = X4.range_axis_m()
-    # delays are far below the frame interval: the phase's rate times the delay
-    np.testing.assert_allclose(phase[:, 100] / range_m[100], phase[:, 50] / range_m[50], atol=1e-2 * phase[:, 50].std())
 
 
 # --- leakage

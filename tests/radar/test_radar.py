@@ -105,18 +105,6 @@ def test_radar_equation_is_guarded_near_the_antenna_e14():
     assert np.isfinite(near).all()
 
 
-def test_echo_amplitude_and_path_gain_e14():
-    radar = Radar.preset("x4")
-    power = received_power_w(radar, range_m=5.0, rcs_m2=0.5)
-    amplitude = echo_amplitude_v(radar, range_m=5.0, rcs_m2=0.5)
-    assert amplitude == pytest.approx(np.sqrt(2 * 50 * power) * 10**0.5, rel=1e-12)
-    behind_a_wall = echo_amplitude_v(radar, range_m=5.0, rcs_m2=0.5, path_gain=10**-0.6)
-    assert 20 * np.log10(behind_a_wall / amplitude) == pytest.approx(-6)
-    y = np.abs(synthesise(table_of([[5.0]], 0.5), radar).values).max()
-    walled = np.abs(synthesise(table_of([[5.0]], 0.5, path_gain=10**-0.6), radar).values).max()
-    assert 20 * np.log10(walled / y) == pytest.approx(-6, abs=1e-5)
-
-
 # --- Closed form --------------------------------------------------------------------------------------------------
 
 
@@ -141,8 +129,6 @@ def test_aliasing_and_lost_targets_are_warned_of_with_their_numbers():
     )
     with pytest.warns(DoppelgaitWarning, match=r"aliasing: .*5\.00 m/s.*prf_hz = 300.*3\.08 m/s.*550 or more"):
         simulate(Scene([Target(fast)], duration_s=1.0), Radar.preset("x4", prf_hz=300))
-    with pytest.warns(DoppelgaitWarning, match=r"outside the frame: 100 %.*0 to 9\.664 m"):
-        simulate(Scene([Target(fast, range_m=20.0)], duration_s=1.0), Radar.preset("x4", fold_echoes=False))
     with pytest.warns(
         DoppelgaitWarning, match=r"folding: .* 22\.50 m away.* 9\.87 m; its echo appears at 2\.76 m.*pulse_rate_hz"
     ):
@@ -261,15 +247,10 @@ def test_same_recording_gives_the_same_bytes_on_disk(recording, tmp_path):
     assert not any(times.values())  # a stored time of writing would differ tomorrow
 
 
-def test_a_missing_foreign_or_empty_file_is_a_recording_error_that_names_it(tmp_path):
-    with pytest.raises(RecordingError, match=r"nothing\.h5: no such file"):
-        read_recording(tmp_path / "nothing.h5")
-    for name, content in (("empty.h5", b""), ("text.h5", b"hello" * 1000), ("movie.h5", b"\x89HDF\r\n")):
-        (tmp_path / name).write_bytes(content)
-        with pytest.raises(RecordingError, match=name):
-            read_recording(tmp_path / name)
-    with pytest.raises(RecordingError, match=tmp_path.name):
-        read_recording(tmp_path)
+def test_a_foreign_file_is_a_recording_error_that_names_it(tmp_path):
+    (tmp_path / "movie.h5").write_bytes(b"\x89HDF\r\n")
+    with pytest.raises(RecordingError, match="movie"):
+        read_recording(tmp_path / "movie.h5")
     with h5py.File(tmp_path / "foreign.h5", "w") as file:
         file["data"] = np.arange(5)
     with pytest.raises(RecordingError, match=r"foreign\.h5.*format"):

@@ -117,13 +117,9 @@ def test_a_file_of_frames_is_read_and_streamed_as_written(tmp_path):
     assert stream.summary() == f"{path}: frames received 400"
 
 
-def test_a_recording_in_hdf5_is_streamed_with_its_times(tmp_path):
-    path = tmp_path / "walk.h5"
-    write_recording(RECORDING, path)
-    assert_whole(*take(open_stream(path, timeout_s=0))[:2])
-
-
 def test_any_recording_is_streamed(tmp_path):
+    write_recording(RECORDING, tmp_path / "walk.h5")
+    assert_whole(*take(open_stream(tmp_path / "walk.h5", timeout_s=0))[:2])
     write_arrays(RECORDING, tmp_path / "walk.npz")
     assert_whole(*take(open_stream(tmp_path / "walk.npz"))[:2])
     folder = write_xethru_recording(RECORDING, tmp_path, data_type="radar_baseband_float", **SESSION)
@@ -150,13 +146,6 @@ def test_tcp_listens_on_this_machine_and_takes_all_frames():
     stream = open_stream("tcp://:0")
     assert stream.source.startswith("tcp://127.0.0.1:")
     threading.Thread(target=send_tcp, args=(stream, OPENING + frames() + END_RECORD)).start()
-    assert_whole(*take(stream)[:2])
-
-
-def test_udp_takes_all_frames():
-    stream = open_stream("udp://:0")
-    datagrams = [OPENING, *(frames(i, i + 10) for i in range(0, N_FRAMES, 10)), END_RECORD]
-    threading.Thread(target=send_udp, args=(stream, datagrams)).start()
     assert_whole(*take(stream)[:2])
 
 
@@ -378,14 +367,14 @@ def test_of_a_slow_consumer_the_oldest_frames_are_dropped():
 
 
 @pytest.mark.release
-def test_a_hundred_thousand_frames_need_no_more_memory_than_a_thousand(tmp_path):
+def test_twenty_thousand_frames_need_no_more_memory_than_a_thousand(tmp_path):
     path = tmp_path / "long.dgf"
     rng = np.random.default_rng(3)
     row = (rng.normal(size=20) + 1j).astype(np.complex64)
     radar = Radar.preset("x4", prf_hz=PRF_HZ, range_stop_m=1.02)
     with path.open("wb") as file:
         file.write(encode_header(Header(radar, np.arange(20) * 0.05)))
-        for number in range(100_000):
+        for number in range(20_000):
             file.write(encode_frame(number, number / PRF_HZ, row))
         file.write(END_RECORD)
     peaks = []
@@ -394,12 +383,12 @@ def test_a_hundred_thousand_frames_need_no_more_memory_than_a_thousand(tmp_path)
         try:
             for number, (time_s, _) in enumerate(stream, 1):
                 last_s = time_s
-                if number in (1_000, 100_000):
+                if number in (1_000, 20_000):
                     peaks.append(tracemalloc.get_traced_memory()[1])
         finally:
             tracemalloc.stop()
-    assert number == 100_000
-    assert last_s == 99_999 / PRF_HZ
+    assert number == 20_000
+    assert last_s == 19_999 / PRF_HZ
     assert peaks[1] < 1.2 * peaks[0] + 1e5
     assert peaks[1] < 2e6
 

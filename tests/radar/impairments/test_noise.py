@@ -72,12 +72,6 @@ def test_noise_is_white_in_slow_time_and_range_e18(noise, lag):
     assert abs(np.mean(a * np.conj(b))) / 3e-10 < 4 / np.sqrt(a.size)
 
 
-def test_noise_spectrum_is_flat_e18(noise):
-    power = (np.abs(np.fft.fft(noise, axis=0)) ** 2).mean(axis=1) / noise.shape[0]
-    bands = power.reshape(20, -1).mean(axis=1)
-    np.testing.assert_allclose(bands, 3e-10, rtol=4 / np.sqrt(noise.size / 20))
-
-
 def test_noise_is_added_to_the_echo():
     quiet = silence(200, 10)
     echo = quiet.copy(data=quiet.values + np.complex64(2 - 1j))

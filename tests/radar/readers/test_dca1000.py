@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import doppelgait as dg
-from beat import approaching, beat, walker
+from beat import approaching, beat
 from doppelgait.core.errors import AnalysisError, RecordingError
 from doppelgait.radar import read_recording
 from doppelgait.radar.readers.dca1000 import read_config, read_dca1000, sniff_dca1000
@@ -173,23 +173,6 @@ def test_transmitters_in_turn_and_pauses(tmp_path):
     assert "burst_pulses" not in read_recording(single).facts
     chirps = write(tmp_path, samples[:80:2], table | {"chirps_per_loop": 1, "loops": 1}, "slow")
     assert read_recording(chirps).slow_time_s == pytest.approx(5e-3 * np.arange(40))
-
-
-def test_a_walker_is_found_by_tracking(tmp_path):
-    prf_hz = 2000.0
-    table = TABLE | {
-        "slope_hz_per_s": 30e12, "n_samples": 128, "sample_rate_hz": 6e6, "idle_s": 450e-6, "frame_period_s": 16 / 2e3,
-        "adc_start_s": 5e-6, "receivers": [0], "start_hz": 60e9,
-    }  # fmt: skip
-    sweep_s = 128 / 6e6
-    sweep = {
-        "carrier_hz": 60e9 + 30e12 * (5e-6 + sweep_s / 2), "bandwidth_hz": 30e12 * sweep_s, "sweep_s": sweep_s,
-        "n_samples": 128,
-    }  # fmt: skip
-    samples = beat(*walker(6000, prf_hz, start_m=7.0, speed_mps=1.1), **sweep)[:, None] * 200
-    found = dg.analyze(read_recording(write(tmp_path, samples, table), range_stop_m=12))
-    assert len(found) == 1
-    assert found[0].features.torso_velocity_mps == pytest.approx(1.1, abs=0.1)
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import doppelgait as dg
-from beat import approaching, beat, walker, write_glasgow
+from beat import approaching, beat, write_glasgow
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.radar import read_recording
 from doppelgait.radar.readers.glasgow import read_glasgow, sniff_glasgow
@@ -46,14 +45,6 @@ def test_amplitude_and_phase_at_the_middle_of_a_bin(tmp_path):
     expected = np.exp(-4j * np.pi * range_m * 5.8e9 / 299_792_458)
     assert np.angle(value / abs(value) / expected) == pytest.approx(0, abs=0.03)
     assert np.abs(recording.baseband.values[:, 3:14]).max() < 1e-3  # the converter's mean is in bins 0 and 1 only
-
-
-def test_a_walker_is_found_by_tracking(tmp_path):
-    path = write_glasgow(tmp_path / "1P01A01R01.dat", beat(*walker(4000, 1000), **SWEEP), step=20.0)
-    found = dg.analyze(read_recording(path))
-    assert len(found) == 1
-    assert found[0].features.torso_velocity_mps == pytest.approx(1.2, abs=0.1)
-    assert found[0].quality["track_range_m"] == pytest.approx(8.0 - 1.2 * 2.0, abs=0.5)
 
 
 def test_options(tmp_path):

@@ -8,10 +8,8 @@ import pytest
 from scipy.io import loadmat
 from scipy.signal import firwin
 
-from doppelgait.core.errors import RecordingError
-from doppelgait.radar import Recording, read_recording, write_recording
+from doppelgait.radar import Recording, read_recording
 from doppelgait.radar.readers import RADAR_READERS, read_several
-from doppelgait.radar.readers.arrays import write_arrays
 from doppelgait.radar.readers.matlab import list_variables, load_variable
 
 pytestmark = pytest.mark.shared
@@ -70,11 +68,6 @@ def test_frames_rate_and_range_are_those_of_the_manifest(folder, name, matrix, f
     assert any("not in the file" in note for note in recording.notes)
 
 
-def test_two_radars_in_one_file_ask_for_a_choice(empty_room):
-    with pytest.raises(RecordingError, match="Data_Matrix_1 and Data_Matrix_2"):
-        read_recording(empty_room)
-
-
 def test_rf_noise_and_least_step_of_the_empty_room(empty_room):
     variables = list_variables(empty_room, max_bytes=1 << 30)
     medians = []
@@ -119,18 +112,6 @@ def test_the_person_breathes_at_a_quarter_hertz_in_the_phase_of_its_bin(breathin
     assert frequency_hz[band][spectrum[band].argmax()] == pytest.approx(0.24, abs=0.01)
 
 
-def test_a_measured_recording_survives_our_own_file_and_plain_arrays(breathing, tmp_path):
-    write_recording(breathing, tmp_path / "a.h5")
-    write_arrays(breathing, tmp_path / "b.npz")
-    for name in ("a.h5", "b.npz"):
-        again = read_recording(tmp_path / name)
-        np.testing.assert_array_equal(again.baseband.values, breathing.baseband.values)
-        np.testing.assert_array_equal(again.baseband["range"], breathing.baseband["range"])
-        np.testing.assert_array_equal(again.baseband["slow_time"], breathing.baseband["slow_time"])
-        assert again.radar == breathing.radar
-        assert again.notes == breathing.notes
-
-
 def test_every_measured_file_is_taken_by_one_reader(shared):
     radar = shared / "data" / "radar"
     expected = {
@@ -160,12 +141,7 @@ def test_scipy_reads_the_same_values(folder):
                 np.testing.assert_array_equal(load_variable(variable), wanted[name])
 
 
-def test_a_folder_of_files_with_several_recordings_gives_them_all(shared, folder, empty_room):
-    found, left_out = read_several([folder])
-    assert left_out == []
-    assert [r.source.rpartition(" (")[2] for r in found[1:]] == ["matrix=Data_Matrix_1)", "matrix=Data_Matrix_2)"]
-    wanted = [read_recording(empty_room, matrix=f"Data_Matrix_{number}") for number in (1, 2)]
-    assert all(np.array_equal(a.samples.matrix, b.samples.matrix) for a, b in zip(found[1:], wanted, strict=True))
+def test_a_folder_of_files_with_subsweeps_gives_them_all(folder):
     subsweeps, left_out = read_several([folder.parent / "a121_acconeer"])
     assert left_out == []
     assert sum("presence-default.h5 (subsweep=" in r.source for r in subsweeps) == 4
