@@ -24,8 +24,6 @@ from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 from exact_signatures import RATE_HZ, T, block, evidence_of, extended_of, extraction_of, line_at, with_extraction
 
-# --- Envelopes ----------------------------------------------------------------------------------------------------
-
 
 @pytest.mark.parametrize("sense", [1, -1])
 def test_envelope_statistics_of_a_swinging_block(sense):
@@ -74,9 +72,6 @@ def test_strength_variation_takes_the_range_out():
     assert extended_of(values, 1.0, range_m=range_m)["strength_variation"] == pytest.approx(0.5 / np.sqrt(2), rel=0.01)
 
 
-# --- Torso --------------------------------------------------------------------------------------------------------
-
-
 def test_torso_ripple_and_its_parts_at_the_gait_and_half_of_it():
     swing = 0.3 * np.sin(2 * np.pi * 2.0 * T + 0.4) + 0.1 * np.sin(2 * np.pi * 1.0 * T + 1.0)
     found = extended_of(line_at(1.5 + swing), 1.5)
@@ -118,9 +113,6 @@ def test_likeness_between_whole_lags_and_beyond_the_record():
     assert compute_autocorrelation_at(wave, 37.5 / 2) == pytest.approx(-1.0, abs=0.02)
     assert compute_autocorrelation_at(wave, 399.5) is None
     assert compute_autocorrelation_at(wave, 0.5) is None
-
-
-# --- Bands --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("line_mps", [1.3, -1.3])
@@ -167,9 +159,6 @@ def test_relative_harmonics_without_the_noise():
     assert found["relative_harmonic_3"] == pytest.approx(0.25)
     assert found["relative_harmonic_4"] == 0.0  # 7.7 is more than half a resolution cell (0.1 Hz) from 8
     assert extended_of(line_at(1.5), 1.5, 5.5)["relative_harmonic_4"] is None
-
-
-# --- What is missing, and why -------------------------------------------------------------------------------------
 
 
 def test_reasons_for_what_is_missing():
@@ -248,9 +237,6 @@ def test_registered_features_are_in_results_rows_and_tables(monkeypatch, walker_
     result = analyze_signature(walker_mu, gate, Analysis(doppler_bins=127), label=None)
     assert result.extended["columns"] == walker_mu.sizes["time"] == result.to_row()["extended_columns"]
     assert ("columns", "1", "here") in list_features()
-
-
-# --- What must not matter -----------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

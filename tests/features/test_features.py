@@ -68,9 +68,6 @@ def swinging_rows(frequency_hz, seconds, harmonics=(1.0, 0.6), noise=0.0, seed=0
     return detrend(rows_of(values), order=min(6, max(1, round(1.2 * seconds))))
 
 
-# --- Autocorrelation (E-33) ----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("lag", [1, 40, 66, 300])
 def test_square_difference_is_that_of_the_equation_e33(lag):
     rows = swinging_rows(1.9, 4.0, noise=0.5).values
@@ -180,9 +177,6 @@ def test_ratio_is_taken_over_the_occupied_rows_alone_e38(monkeypatch):
     assert "limb_torso_ratio:no_doppler_row_above_the_noise" in result.flags
 
 
-# --- Oblique and short records ------------------------------------------------------------------------------------
-
-
 def test_drifting_aspect_is_aligned_e29():
     result, truth = walked(1.4, 3.0, aspect_deg=45.0, range_m=4.0)
     assert abs(result.quality["main_line_drift_hz"]) > 10
@@ -208,9 +202,6 @@ def test_an_empty_room_gives_no_features(noise_power_v2):
     assert result.flags == ("no_signal",)
     assert np.isnan(result.features.vector()).all()
     assert result.to_json(arrays=False)["features"]["torso_velocity_mps"] is None
-
-
-# --- B_mu (E-35, E-35b) -------------------------------------------------------------------------------------------
 
 
 def test_width_of_a_single_tone_e35():
@@ -341,8 +332,6 @@ def test_snr_of_a_signature():
     assert snr_mu_db(mu, 5.0) == -np.inf
 
 
-# --- beta (E-37) and rho (E-38) -----------------------------------------------------------------------------------
-
 CADENCE_HZ = np.arange(0, 20, 0.02)
 
 
@@ -396,9 +385,6 @@ def test_noise_between_the_harmonics_is_taken_off_the_energy_form_e38():
     # sum over h of max(max D^2 - 2 N2, 0): the maximum of about 25 to 37 exponential cells is near 4 N2
     plain = np.sqrt(4 * 3 * 400 * 4e-3 / (400 * (1 / 400) ** 2))
     assert found.ratio < 0.8 * plain
-
-
-# --- Feature vector (E-39) ----------------------------------------------------------------------------------------
 
 
 def test_feature_vector_has_the_order_and_units_of_the_equation_e39():

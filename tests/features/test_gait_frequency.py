@@ -53,9 +53,6 @@ def estimate(noise=0.0, velocity_mps=1.2, **kwargs):
     return estimate_gait_frequency(normalised, excess, noise, velocity_mps=velocity_mps)
 
 
-# --- Step or stride -----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("stride_hz", [0.8, 1.05, 1.6])
 @pytest.mark.parametrize("seconds", [3.0, 5.0, 8.0])
 def test_a_trunk_that_sways_once_a_stride_does_not_hide_the_steps(stride_hz, seconds):
@@ -116,9 +113,6 @@ def test_a_record_of_one_period_has_none_below_its_own_rate():
     assert found.frequency_hz > 1.05
 
 
-# --- Posterior ----------------------------------------------------------------------------------------------------
-
-
 def rhythms(seed=0, n_columns=150, rate_hz=40.0):
     rng = np.random.default_rng(seed)
     t = np.arange(n_columns) / rate_hz
@@ -150,9 +144,6 @@ def test_confidence_octaves_and_second_are_masses_of_the_posterior():
     assert 0.0 < found.confidence < 1.0
     assert found.confidence + found.half_probability + found.double_probability <= 1.0 + 1e-9
     assert abs(np.log(found.second_hz / found.frequency_hz)) > 0.08
-
-
-# --- Autocorrelation and spectrum ---------------------------------------------------------------------------------
 
 
 def literal_likeness(values, lag):
@@ -193,9 +184,6 @@ def test_the_spectrum_is_that_of_the_windowed_autocorrelation():
     np.testing.assert_allclose(plain.share, power, atol=1e-9 * power.max())
 
 
-# --- Limbs relative to the torso ----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("at_hz", [-130.0, 0.0, 60.0])
 def test_the_torso_line_follows_the_torso(at_hz):
     normalised, _ = make_signature(stride_hz=0.5, alike=True, at_hz=at_hz, torso=20.0)
@@ -230,9 +218,6 @@ def test_one_standard_deviation_of_noise_is_taken_off_every_limb_cell():
 def test_groups_are_sums_and_drop_the_rest():
     np.testing.assert_array_equal(sum_groups(np.arange(8.0)[:, None], 3), [[3.0], [12.0]])
     np.testing.assert_array_equal(sum_groups(np.arange(8.0).reshape(4, 2), 2, 2), [[6], [22]])
-
-
-# --- Exact frequency ----------------------------------------------------------------------------------------------
 
 
 def test_a_parabola_is_met_between_its_samples():

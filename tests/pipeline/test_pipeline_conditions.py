@@ -130,8 +130,6 @@ def test_conditions_say_what_is_wrong_too():
         Conditions(impairments=[{"kind": "nothing"}])
 
 
-# --- Calibrated presets ---
-
 PRESET = """
 carrier_hz = 7.29e9
 sample_rate_hz = 23.328e9
@@ -155,9 +153,6 @@ def test_a_preset_file_brings_its_lists_unless_the_scene_has_its_own(tmp_path):
     assert parse_run({**table, "impairments": []}, folder=tmp_path).impairments == ()
     with pytest.raises(ConfigError, match=r"radar.preset.*calibrated.toml"):
         parse_run(table, folder=tmp_path / "elsewhere")
-
-
-# --- Datasets ---
 
 
 PLAN = {
@@ -209,9 +204,6 @@ def test_a_preset_file_is_part_of_the_datasets_identity(tmp_path):
     assert kinds == {500.0, 1000.0}
     (tmp_path / "calibrated.toml").write_text(PRESET.replace("-20", "-21"))
     assert compute_dataset_id(plan, tmp_path) != first
-
-
-# --- Labels and edges ---
 
 
 @pytest.mark.parametrize(("noise", "kind"), [("thermal", "level"), ("none", "level"), ("thermal", "figure")])

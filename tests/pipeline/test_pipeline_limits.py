@@ -27,9 +27,6 @@ def walk():
     return boulic_walk(speed_mps=1.2, duration_s=1.0)
 
 
-# --- Targets, scenes and seeds of the Python API ------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("options", "says"),
     [
@@ -87,9 +84,6 @@ def test_a_seed_is_a_whole_number_from_0(seed):
     assert dg.rng(np.int64(3)) == dg.rng(3)
 
 
-# --- Radar --------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
@@ -128,9 +122,6 @@ def test_a_small_share_outside_the_frame_is_not_called_0_percent(walk):
         warn_of_limits(table, Radar.preset("x4", fold_echoes=False))
 
 
-# --- Analysis -----------------------------------------------------------------------------------------------------
-
-
 def test_an_interval_of_too_few_pulses_is_refused():
     with pytest.raises(AnalysisError, match=r"cpi_s = 0.1 at prf_hz = 10 .*1 pulse, at least 5 .*cpi_s to 0.4 or more"):
         plan_transform(Analysis(), n_pulses=100, prf_hz=10.0)
@@ -163,9 +154,6 @@ def test_the_reports_method_does_not_take_what_it_ignores(extra):
 def test_an_analysis_can_be_stored_and_made_again(method, extra):
     analysis = Analysis(method=method, hop=4, **extra)
     assert Analysis.model_validate_json(analysis.model_dump_json()) == analysis
-
-
-# --- Scene files --------------------------------------------------------------------------------------------------
 
 
 def test_a_faulty_target_is_not_called_a_missing_one_too():
@@ -214,9 +202,6 @@ def test_every_scene_gets_the_warnings_of_a_motion_file(tmp_path):
             build_motion({"kind": "file", "path": "short.csv", "loop_to_s": 4.0}, duration_s=1.0, folder=tmp_path)
 
 
-# --- Truth --------------------------------------------------------------------------------------------------------
-
-
 def uneven_walk(duration_s):
     table = {"kind": "boulic", "speed_mps": 1.2, "stride_variation": 0.08}
     return build_motion(table, duration_s=duration_s, rng=dg.rng(5))
@@ -250,9 +235,6 @@ def test_a_motion_without_footfalls_keeps_what_is_known(walk):
     bare = walk.with_facts(footfalls={}, stride_frequency_hz=NAN, step_frequency_hz=NAN, gait_frequency_hz=NAN)
     truth = simulate(Scene([Target(bare)]), Radar.preset("x4")).truth[0]
     assert np.isnan([truth.stride_frequency_hz, truth.step_frequency_hz, truth.gait_frequency_hz]).all()
-
-
-# --- Files --------------------------------------------------------------------------------------------------------
 
 
 def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:

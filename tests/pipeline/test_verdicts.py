@@ -183,9 +183,6 @@ def test_a_walk_past_the_radar_is_no_thing():
     assert judge_thing(seen(past_m, rhythm_hz=0.0, parts=BRUSHES), []) is None
 
 
-# Simulated recordings ------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
 def recorded(*targets, seed=1, environment=()):
     from doppelgait.pipeline.conditions import Conditions

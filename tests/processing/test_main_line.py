@@ -125,9 +125,6 @@ def test_a_line_of_another_length_is_refused():
             align(mu, np.zeros(size))
 
 
-# --- Track and torso (E-34, E-34c) --------------------------------------------------------------------------------
-
-
 def walk_past(time_s, speed_mps=1.3, closest_m=2.0, start_m=6.0):
     along_m = start_m - speed_mps * time_s
     return np.hypot(along_m, closest_m)

@@ -50,9 +50,6 @@ def test_window_reproduces_the_side_lobe_of_the_report_e23():
     assert side_lobe_db(power) == pytest.approx(-65.44, abs=0.05)
 
 
-# --- Plan ---------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("m", "k"), [(101, 128), (129, 160), (161, 192), (131, 160), (31, 32), (3, 3), (1, 1)])
 def test_default_transform_length_is_the_next_fast_one(m, k):
     assert find_fast_length(m) == k
@@ -83,9 +80,6 @@ def test_plan_refuses_a_short_record_and_a_short_transform():
         plan_transform(Analysis(doppler_bins=100), n_pulses=500, prf_hz=1000.0)
 
 
-# --- Gate ---------------------------------------------------------------------------------------------------------
-
-
 def test_gate_bins_are_those_between_the_limits_e27():
     t = np.linspace(0, 1, 200)
     centre = 3.0 + 1.234 * t
@@ -110,9 +104,6 @@ def test_gate_keeps_its_source_and_refuses_holes():
         Gate.around([0, 1], [3, np.nan], span_m=1.0, source="given")
     with pytest.raises(AnalysisError, match="shapes"):
         Gate.around([0, 1, 2], [3, 3], span_m=1.0, source="given")
-
-
-# --- Signature ----------------------------------------------------------------------------------------------------
 
 
 def tone(doppler_hz, n_pulses=400, n_bins=40, level=2.0, start_s=0.0):

@@ -36,9 +36,6 @@ def table(azimuth_rad, elevation_rad, **others):
     )
 
 
-# --- Cosine -------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("azimuth_deg", "elevation_deg"), [(65.0, 65.0), (30.0, 90.0), (120.0, 8.0), (1.0, 170.0)])
 def test_cosine_is_3_db_down_at_half_the_beam_width_in_both_planes(azimuth_deg, elevation_deg):
     antenna = cosine(azimuth_deg, elevation_deg)
@@ -72,9 +69,6 @@ def test_the_floor_holds_behind_and_beside_the_antenna():
     assert everywhere.max() <= 1.0
 
 
-# --- Table --------------------------------------------------------------------------------------------------------
-
-
 def test_a_table_is_interpolated_in_db_and_round_the_back():
     cuts = {"azimuth_db": (-20, -6, 0, -4, -10), "elevation_db": (-9, -3, 0, 0, -1)}
     antenna = Antenna(kind="table", angle_deg=(-150, -30, 0, 30, 150), **cuts)
@@ -96,9 +90,6 @@ def test_a_table_over_the_full_circle_has_one_value_at_its_seam():
         Antenna(kind="table", angle_deg=(-180, 0, 180), azimuth_db=(-20, 0, -19), elevation_db=(0, 0, 0))
 
 
-# --- Boresight ----------------------------------------------------------------------------------------------------
-
-
 def test_off_boresight_angles_are_those_of_the_rotated_frame():
     azimuth, elevation = RNG.uniform(-np.pi, np.pi, 300), RNG.uniform(-1.5, 1.5, 300)
     for turn, tilt in RNG.uniform(-1.4, 1.4, (5, 2)) * [2, 1]:
@@ -115,9 +106,6 @@ def test_a_ceiling_antenna_that_looks_down_sees_best_what_is_below():
     down = math.radians(-90.0)
     below = apply_antenna(table([1.0, 0.0], [down, 0.0]), cosine(), boresight_tilt_rad=down)
     np.testing.assert_allclose(below["path_gain"].values, [[1.0, 1e-4]], rtol=1e-9)
-
-
-# --- In the table -------------------------------------------------------------------------------------------------
 
 
 def test_an_echo_gets_the_pattern_twice():
@@ -151,8 +139,6 @@ def test_a_pattern_needs_directions():
         apply_antenna(bare, cosine())
     assert apply_antenna(bare, Antenna()) is bare
 
-
-# --- Parameters ---------------------------------------------------------------------------------------------------
 
 CUTS = {"angle_deg": (-90, 0, 90), "azimuth_db": (-9, 0, -9), "elevation_db": (-9, 0, -9)}
 

@@ -53,9 +53,6 @@ def db(ratio):
     return 10 * np.log10(ratio)
 
 
-# --- thermal noise
-
-
 def test_thermal_noise_has_the_power_of_the_radar_equation_s_receiver():
     noise = only(zeros(4000), ThermalNoise(), AVERAGING)
     pulses_per_frame = math.floor(0.95 * 15.1875e6 / (1000 * 152))
@@ -75,9 +72,6 @@ def test_level_is_that_of_a_range_bin_whatever_the_waveform():
     noise = only(zeros(5000, FMCW), ThermalNoise(level_db=-80.0), FMCW)
     assert power(bins(noise, FMCW)) == pytest.approx(1e-8, rel=0.02)
     assert power(noise) > 1e-7  # compression averages
-
-
-# --- phase noise
 
 
 @pytest.mark.parametrize("sigma_rad", [0.03, 0.3])
@@ -140,9 +134,6 @@ def test_oscillator_noise_has_the_density_of_range_correlation(slope_db_per_deca
     assert np.abs(phase[:, 0]).max() < 1e-6  # no delay, no phase
 
 
-# --- leakage
-
-
 @pytest.mark.parametrize(("prf_hz", "farthest_m"), [(1000.0, 10.0), (20_000.0, 3000.0)])
 def test_oscillator_phase_at_all_ranges_is_the_literal_filter(prf_hz, farthest_m):
     n_frames, spec = 400, PhaseNoise(density_dbc_per_hz=-60.0, slope_db_per_decade=0.0)
@@ -190,9 +181,6 @@ def test_leakage_of_a_sweep_is_a_tone_of_the_level():
     out = np.abs(bins(only(zeros(2, FMCW), Leakage(delay_m=delay_m, level_db=-40.0), FMCW), FMCW))
     assert out[0].argmax() == 10
     assert out[0].max() == pytest.approx(0.01, rel=0.01)
-
-
-# --- static clutter
 
 
 N_ROOMS = 500
@@ -247,9 +235,6 @@ def test_wrong_clutter_is_refused():
         make_impairment({"kind": "static_clutter", "levels": [[3, -50], [2, -60]]})
     with pytest.raises(ConfigError, match="static_clutter: levels is in the sensor's own unit"):
         only(zeros(1, CW), StaticClutter(levels=((1.0, -50.0),), in_units=True), CW)
-
-
-# --- converters
 
 
 def full_scale_tone(n=65_536):
@@ -329,9 +314,6 @@ def test_x4_settings_that_cannot_be_are_told():
         only(zeros(1), X4Counts(), X4.model_copy(update={"volts_per_unit": None}))
     with pytest.raises(ConfigError, match="dac_max 900 must be larger than dac_min 949"):
         make_impairment({"kind": "x4_counts", "dac_max": 900})
-
-
-# --- interference
 
 
 @pytest.mark.parametrize("duration_s", [1e-5, 0.02])

@@ -70,9 +70,6 @@ def test_a_threshold_step_needs_a_sweep_and_a_pulse():
         Radar.preset("ti-60", threshold_step_v=1e-3)
 
 
-# --- Noise correlated over range ----------------------------------------------------------------------------------
-
-
 def test_independent_bins_follow_the_correlation():
     radar = Radar(**SHAPE, noise_correlation=[0.6, 0.2])
     share = radar.waveform.independent_bins(radar)

@@ -22,8 +22,6 @@ def same_but(radar, **changes):
     return Radar.model_validate({**radar.model_dump(), **changes})
 
 
-# --- Integration of a frame (E-13b) -------------------------------------------------------------------------------
-
 INTEGRATING = [name for name in list_preset_names() if Radar.preset(name).integration_share > 0]
 
 
@@ -70,9 +68,6 @@ def test_integration_needs_velocities_and_a_waveform_without_a_model_of_its_own(
         Radar.preset("ti-77", integration_share=0.5)
     with pytest.raises(ConfigError, match=r"integration_share.*less than or equal to 1"):
         Radar.preset("x4", integration_share=1.2)
-
-
-# --- Second-time-around echoes (E-10b) ----------------------------------------------------------------------------
 
 
 def pulse_train(radar, range_m):

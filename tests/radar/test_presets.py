@@ -154,8 +154,6 @@ def test_derived_quantities_of_the_link_budget():
     json.dumps([list_derived_quantities(Radar.preset(name)) for name in list_preset_names()], allow_nan=False)
 
 
-# --- Files of one's own -------------------------------------------------------------------------------------------
-
 PRESET = """
 name = "my X4"
 carrier_hz = 7.29e9
@@ -269,9 +267,6 @@ def test_the_command_shows_every_preset_and_a_file(tmp_path):
     assert rows["unambiguous_range_m"] == ["49.998", "m"]
     assert rows["sweep_slope_hz_per_s"][1] == "Hz/s"
     assert rows["snr_1m2_5m_db"][1] == "dB"
-
-
-# --- Effects ------------------------------------------------------------------------------------------------------
 
 
 def effects_table():

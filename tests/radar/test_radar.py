@@ -40,9 +40,6 @@ def table_of(range_m, rcs_m2=1.0, path_gain=1.0, velocity_mps=0.0):
     )
 
 
-# --- Parameters ---------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("change", "sigma_ns", "b3_ghz", "b10_ghz", "resolution_cm"),
     [
@@ -86,9 +83,6 @@ def test_unambiguous_velocity_and_averages_of_the_presets_e06_e18():
         assert set(list_derived_quantities(Radar.preset(name))) >= {"wavelength_m", "snr_1m2_5m_db", "n_range_bins"}
 
 
-# --- Link budget --------------------------------------------------------------------------------------------------
-
-
 def test_received_power_of_a_square_metre_at_5_m_e14():
     radar = Radar.preset("x4")
     power = received_power_w(radar, range_m=5.0, rcs_m2=1.0)
@@ -103,9 +97,6 @@ def test_radar_equation_is_guarded_near_the_antenna_e14():
     near = received_power_w(radar, range_m=[0.0, 0.1, 0.2], rcs_m2=1.0)
     assert near[0] == near[1] == near[2]
     assert np.isfinite(near).all()
-
-
-# --- Closed form --------------------------------------------------------------------------------------------------
 
 
 def test_baseband_is_labelled():
@@ -139,9 +130,6 @@ def test_lowest_frame_rate_without_aliasing_e06():
     table = table_of([[5.0, 6.0]], velocity_mps=np.array([[2.0, -5.0]]))
     # 2 (5 m/s * 48.634 + 3 / 0.1 s) = 546.3 Hz
     assert lowest_prf_hz(table, Radar.preset("x4"), 0.1) == 547
-
-
-# --- Recordings on disk -------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

@@ -65,9 +65,6 @@ def test_a_part_outside_says_where_the_recording_is(walk):
         walk.between(5.0, 6.0)
 
 
-# ---- what no radar can have
-
-
 def rewritten(path, walk, change):
     """The recording in a file, changed there."""
     write_recording(walk.between(0.0, 0.2), path)

@@ -118,9 +118,6 @@ def literal_transform(samples, radar, at_m, *, chirped):
     return (samples * w) @ match.T / w.sum()
 
 
-# --- Swept waveforms ----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", SWEPT)
 def test_samples_of_a_sweep_are_those_of_the_literal_loop(name):
     radar, table = RADARS[name], crowd()
@@ -177,9 +174,6 @@ def test_phase_at_the_peak_falls_by_4_pi_over_lambda_per_metre(name):
 def test_range_doppler_coupling_of_a_sweep_is_4_8_cm(name):
     # 24 GHz, 2 m/s, 1 ms, 1 GHz: an approaching scatterer looks nearer by f_c v T / B = 4.8 cm
     assert RADARS[name].waveform.coupling_s(RADARS[name]) * 2.0 == pytest.approx(-0.048)
-
-
-# --- Pulses behind a matched filter -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -254,9 +248,6 @@ def test_widths_of_matched_filter_responses():
         assert width_m == pytest.approx(radar.range_resolution_m, abs=2.5 * radar.bin_spacing_m)
 
 
-# --- CW -----------------------------------------------------------------------------------------------------------
-
-
 def test_cw_is_the_literal_sum_at_whatever_range():
     radar, table = RADARS["cw"], crowd()
     wanted = np.zeros((19, 1), dtype=complex)
@@ -268,9 +259,6 @@ def test_cw_is_the_literal_sum_at_whatever_range():
     assert radar.bin_spacing_m == 9.0
     far = synthesise(table_of([[500.0]]), radar).values
     assert np.abs(far[0, 0]) == pytest.approx(float(echo_amplitude_v(radar, range_m=500.0, rcs_m2=1.0)), rel=1e-6)
-
-
-# --- All of them --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", RADARS)
@@ -391,9 +379,6 @@ def test_a_walk_has_the_same_speed_steps_and_signature_with_every_waveform(walke
     assert np.corrcoef(*maps)[0, 1] >= 0.99
 
 
-# --- Parameters ---------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("name", "changes", "says"),
     [
@@ -505,9 +490,6 @@ def test_a_recording_of_a_swept_radar_is_that_of_its_samples():
     assert found.noise_power_v2 == pytest.approx(wanted.noise_power_v2, rel=1e-5)
 
 
-# --- Kernel -------------------------------------------------------------------------------------------------------
-
-
 def test_tones_keep_their_phase_over_a_long_sweep():
     from doppelgait.core.kernels.tones import add_tones
 
@@ -528,9 +510,6 @@ def test_a_long_recording_of_a_swept_radar_does_not_need_every_sample():
     radar = changed(RADARS["fmcw"], sweep_s=1e-3)
     table = table_of(np.random.default_rng(0).uniform(2, 8, (5000, 41)), velocity_mps=1.0)
     assert len(synthesise(table, radar)) == 5000
-
-
-# --- Plug-ins with parameters of their own ------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -31,9 +31,6 @@ from doppelgait.scene.observe import compute_ranges_and_velocities
 T = np.arange(0, 0.9, 0.01)
 
 
-# --- Closed forms ---------------------------------------------------------------------------------------------------
-
-
 def test_limits_sphere_broadside_end_on():
     assert ellipsoid_rcs_m2([0.3] * 3, [0.48, 0.6, -0.64]) == pytest.approx(np.pi * 0.09)
     a, c = 0.07, 0.22
@@ -54,9 +51,6 @@ def test_what_the_radar_sees_is_the_ellipsoid_in_its_own_axes():
     body, frame = turned(7, axes)
     along = frame @ (radar / np.linalg.norm(radar))
     assert seen_rcs_m2(body, radar)[0, 0] == pytest.approx(float(ellipsoid_rcs_m2(axes, along)), rel=1e-7)
-
-
-# --- Bodies ---------------------------------------------------------------------------------------------------------
 
 
 def test_every_segment_joins_known_joints_and_is_there_once():
@@ -191,9 +185,6 @@ def test_merging_ellipsoids_is_refused():
         Target(boulic_walk(duration_s=1.0), rcs={"kind": "ellipsoids", "merge_closer_than_m": 0.01})
 
 
-# --- Total ----------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("body", [boulic_walk(speed_mps=1.3, duration_s=1.2), quadruped_gait(duration_s=1.2)])
 def test_the_total_is_the_mean_over_horizontal_directions(body):
     """Brute force: far radars at the body's height all round, all frames."""
@@ -215,9 +206,6 @@ def test_the_default_total_follows_the_mass_e08b():
     by_mass = assemble(Scene([Target(walk, rcs="ellipsoids")]), T)["rcs"].values
     given = assemble(Scene([Target(walk, rcs=RcsSpec(kind="ellipsoids", total_m2=1.0))]), T)["rcs"].values
     np.testing.assert_allclose(by_mass, given * 0.01 * walk.facts.mass_kg, rtol=1e-12)
-
-
-# --- Where they reflect (E-08f) -------------------------------------------------------------------------------------
 
 
 def surface(axes, n=900):
@@ -291,9 +279,6 @@ def test_phase_and_doppler_are_those_of_the_physical_optics_integral():
     assert np.abs(middle_mps - doppler_mps)[2:-2].max() > 0.15  # so far off is the middle of the segment
     level_db = 20 * np.log10(np.abs(echo) * range_m**2) - 10 * np.log10(seen_rcs_m2(body, radar)[::every, 0])
     assert np.abs(level_db).max() < 0.1
-
-
-# --- Near the radar (E-08g) -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("distance_m", [0.1, 1.0, 8.0])

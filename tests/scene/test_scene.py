@@ -35,9 +35,6 @@ def points(paths, rate_hz=100.0, parts=None, **facts):
     return make_motion(position, rate_hz=rate_hz, markers=names, parts=parts or ["torso"] * len(paths), facts=facts)
 
 
-# --- Geometry -----------------------------------------------------------------------------------------------------
-
-
 def test_range_velocity_and_angles_in_numbers_e03_e04():
     sight = line_of_sight(np.array([[3.0, 4.0, 1.0]]), np.array([[-0.6, -0.8, 0.0]]), [0, 0, 1])
     assert sight.range_m[0] == 5.0
@@ -88,9 +85,6 @@ def test_scatterer_table_has_every_variable_with_its_unit():
         assert table[name].attrs["units"] == unit
         assert table[name].dims == ("slow_time", "scatterer")
     assert table.sizes == {"slow_time": 10, "scatterer": 17}
-
-
-# --- Place --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("bearing_deg", [0.0, 30.0, -100.0])
@@ -173,9 +167,6 @@ def test_paths_that_do_not_suit_their_target():
         place(Scene([Target(walk, path={"kind": "straight"}, **start)], duration_s=4.0))
 
 
-# --- Companions ---------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "path",
     [None, {"kind": "arc", "radius_m": 3.0, "turn_deg": 90}, {"kind": "turn_around", "out_m": 2.0, "radius_m": 2.0}],
@@ -255,8 +246,6 @@ def test_times_outside_the_motion_are_refused():
         assemble(scene, [0.0, 1.2])
 
 
-# --- Radar cross section ------------------------------------------------------------------------------------------
-
 PERSON = ["torso", "head", "left_thigh", "right_thigh", "left_shank", "right_shank", "left_foot", "right_foot"]
 PERSON += ["left_upper_arm", "right_upper_arm", "left_forearm", "right_forearm", "left_hand", "right_hand"]
 
@@ -309,9 +298,6 @@ def test_points_of_unknown_parts_are_warned_of_by_name_e08(unknown, message):
     partly = walk.with_points(walk.position_m, walk.markers, parts)
     with pytest.warns(DoppelgaitWarning, match=message):
         compute_scatterers(partly, RcsSpec(), np.array([0.0, 0.1]), [3.0, 0.0, 1.0])
-
-
-# --- Truth --------------------------------------------------------------------------------------------------------
 
 
 def test_truth_is_the_geometry_that_the_radar_saw():

@@ -43,9 +43,6 @@ def point(position_m, velocity_mps, duration_s=1.4):
     return make_motion(path[:, None], rate_hz=100.0, markers=["p"], parts=["torso"])
 
 
-# --- Geometry -----------------------------------------------------------------------------------------------------
-
-
 def test_table_and_centre_track_follow_the_two_ways():
     velocity = np.array([-0.9, 0.5, 0.0])
     motion = point((0, 0, 0.8), velocity)
@@ -82,9 +79,6 @@ def test_a_receiver_at_the_transmitter_is_a_monostatic_radar(rcs):
     assert expected[0].attrs == {}
 
 
-# --- Power --------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("there", "back"), [(3.0, 7.0), (7.0, 3.0), (5.0, 5.0), (0.1, 4.0), (0.05, 0.1)])
 def test_echo_has_the_power_of_the_bistatic_radar_equation(there, back):
     radar = Radar.preset("x4")
@@ -119,9 +113,6 @@ def test_a_body_shows_the_cross_section_along_the_bisector():
     np.testing.assert_allclose(seen, along, rtol=0.01)
     from_transmitter = assemble(Scene([target], radar_position_m=tuple(ends[0])), TIMES)["rcs"].values
     assert np.abs(from_transmitter / along - 1).max() > 0.1
-
-
-# --- Background ---------------------------------------------------------------------------------------------------
 
 
 def test_background_targets_scatter_but_are_no_targets():
@@ -167,9 +158,6 @@ def test_an_empty_room_has_a_table_without_scatterers(angles):
     assert not synthesise(table, Radar.preset("x4")).values.any()
 
 
-# --- Scene files --------------------------------------------------------------------------------------------------
-
-
 def test_a_scene_file_knows_receiver_boresight_and_background():
     fan = {"motion": {"kind": "boulic"}, "background": True, "range_m": 3.0}
     keys = {
@@ -197,6 +185,3 @@ def test_a_scene_file_knows_receiver_boresight_and_background():
 def test_places_of_the_radar_that_make_no_sense_are_refused(key, value):
     with pytest.raises(ConfigError, match=key):
         Scene(duration_s=1.0, **{key: value})
-
-
-# --- Tilt ---------------------------------------------------------------------------------------------------------

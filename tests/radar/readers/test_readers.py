@@ -40,9 +40,6 @@ def measured(shape=(20, 8), **facts):
     return Recording.from_baseband(baseband, radar, source="x", **facts)
 
 
-# --- Which reader -------------------------------------------------------------------------------------------------
-
-
 def test_every_declared_reader_exists_and_takes_its_options_by_name():
     assert {"acconeer", "arrays", "cw-text", "doppelgait", "matlab-rf", "sigmf", "xethru"} <= set(RADAR_READERS)
     for name in RADAR_READERS:
@@ -137,9 +134,6 @@ def test_our_own_file_keeps_the_phase_of_a_path_in_the_truth(tmp_path):
     again = read_recording(tmp_path / "a.h5").truth[0].scatterers
     for name in names:
         np.testing.assert_array_equal(again[name], truth.scatterers[name])
-
-
-# --- X4 frames in MATLAB files ------------------------------------------------------------------------------------
 
 
 def rf_frames(range_m, *, n_bins=400, start_m=0.7, amplitude=1.0):
@@ -298,8 +292,6 @@ def test_what_a_matlab_file_lacks_or_says_wrong_is_named(tmp_path, changes, opti
     with pytest.raises(RecordingError, match=said):
         read_recording(tmp_path / "rf.mat", **options)
 
-
-# --- Plain arrays -------------------------------------------------------------------------------------------------
 
 FACTS = "prf_hz = 100\ncarrier_hz = 24e9\nrange_start_m = 0.2\nbin_spacing_m = 0.04\n"
 VALUES = np.round(random_baseband((12, 5)) * 100).astype(np.complex64)
@@ -509,9 +501,6 @@ def test_a_foreign_toml_file_is_never_overwritten(tmp_path):
     with pytest.raises(OutputError, match="cannot be written"):
         write_arrays(measured(), tmp_path / "no" / "a.npz")
     assert [entry.name for entry in tmp_path.iterdir()] == ["scene.toml"]
-
-
-# --- Damage -------------------------------------------------------------------------------------------------------
 
 
 def make_npz(path):

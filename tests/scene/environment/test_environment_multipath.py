@@ -40,9 +40,6 @@ def mirrored(position, point, normal):
     return position - 2 * ((position - point) @ normal)[..., None] * normal
 
 
-# --- Floor --------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("polarisation", ["vertical", "horizontal"])
 def test_floor_is_the_two_ray_field(polarisation):
     _, position, _ = moving()
@@ -131,8 +128,6 @@ def test_floor_needs_a_radar_above_it_angles_and_one_antenna_place():
             apply_environment(apart, [effect], SETTING)
     np.testing.assert_allclose(apply_environment(apart, [Wall(loss_db=3)], SETTING)["path_gain"], 10**-0.6)
 
-
-# --- Wall beside the scene ----------------------------------------------------------------------------------------
 
 POINT, NORMAL_DEG = np.array([1.0, 3.0, 0.0]), 100.0
 NORMAL = np.array([np.cos(np.radians(NORMAL_DEG)), np.sin(np.radians(NORMAL_DEG)), 0.0])

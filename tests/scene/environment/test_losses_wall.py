@@ -39,9 +39,6 @@ def film(permittivity, thickness_m, angle_deg, mode):
     return (r if mode == "te" else -r), t  # its tm coefficient is of the tangential field, ours of the upright one
 
 
-# --- Materials ----------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("name", "real", "conductivity"),
     [
@@ -75,9 +72,6 @@ def test_band_of_a_material():
     with pytest.raises(ConfigError, match="'gold' is not known; known are concrete"):
         relative_permittivity("gold", wavelength_m=LAMBDA_M)
     assert {"concrete", "glass", "very_dry_ground"} <= set(MATERIALS)
-
-
-# --- Slabs --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("mode", ["te", "tm"])
@@ -137,9 +131,6 @@ def test_many_rays_by_fewer_values(mode, thickness_m):
         interpolate_coefficient(coefficient, few, thickness_m=thickness_m, wavelength_m=LAMBDA_M),
         insertion_coefficient(few, **options),
     )
-
-
-# --- The wall of a scene ------------------------------------------------------------------------------------------
 
 
 def places(n=7, seed=2):
