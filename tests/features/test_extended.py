@@ -203,10 +203,7 @@ def test_features_of_other_packages_and_values_that_are_not_finite(monkeypatch):
 @pytest.mark.parametrize(
     ("facts", "text"),
     [
-        (
-            {"needs": ("enveloppe",)},
-            r"needs \('enveloppe',\) is not allowed; it is a tuple of gait_frequency, direction",
-        ),
+        ({"needs": ("enveloppe",)}, r"needs \('enveloppe',\) is not allowed; it is a tuple of gait_frequency"),
         ({"needs": "envelope"}, "needs 'envelope' is not allowed"),
         ({"unit": None}, "unit None is not allowed"),
     ],

@@ -1,7 +1,5 @@
 """Posterior, octave and exact frequency of f_mu against closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Ground speed and aspect from the range history (E-34b), and the flags that follow."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

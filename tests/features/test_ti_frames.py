@@ -1,7 +1,5 @@
 """Four numbers per frame against loops over every cell."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pictures of spectrograms: levels from colours, axes from settings."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

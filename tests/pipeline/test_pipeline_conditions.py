@@ -1,7 +1,5 @@
 """Environment and impairments from the scene file to the recording, the example and the dataset."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 
 import numpy as np

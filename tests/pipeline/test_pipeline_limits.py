@@ -1,7 +1,5 @@
 """What a user may give: every mistake is a DoppelgaitError with a clear text, every limit is held."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

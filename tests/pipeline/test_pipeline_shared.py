@@ -1,7 +1,5 @@
 """The whole chain on real motion capture of walking people (the shared test data)."""
 
-from __future__ import annotations
-
 import csv
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The chain from a scene to features: what the gates need, at which hop, and what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

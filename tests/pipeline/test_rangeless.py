@@ -1,7 +1,5 @@
 """Targets and sitters before a radar without range."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Results written and read again."""
 
-from __future__ import annotations
-
 import json
 import math
 import pickle

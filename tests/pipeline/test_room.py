@@ -1,7 +1,5 @@
 """Rooms seen 80 times a second against every pulse."""
 
-from __future__ import annotations
-
 import importlib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sensors in bursts: simulated pulses against those without pauses, files, and the analysis of recorded bursts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

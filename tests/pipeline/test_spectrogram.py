@@ -1,7 +1,5 @@
 """Foreign spectrograms as signatures: axes, clips, blanking, and gait whose answer is known."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Targets found without the truth, against the truth."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Verdicts against mirror images and folded ranges that are computed here, and against simulated rooms."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

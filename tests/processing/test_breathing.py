@@ -1,7 +1,5 @@
 """Breathing found in slow-time phase: rate, place, amplitude; noise, drift and jitter that must not breathe."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Breathing in real X4 recordings: a person who sits, two empty rooms, a person who keeps still at first."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import butter, find_peaks, sosfiltfilt

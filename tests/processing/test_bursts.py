@@ -1,7 +1,5 @@
 """Signature of data in bursts, against closed forms and against the signature of evenly spaced data."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Clutter removal against closed forms of its filters."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

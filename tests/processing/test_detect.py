@@ -1,7 +1,5 @@
 """Scans from basebands whose bodies are known: point echoes, literal transforms, brute-force clusters."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

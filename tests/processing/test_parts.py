@@ -1,7 +1,5 @@
 """Torso, legs and limbs of bodies of a few points."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

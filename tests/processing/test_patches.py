@@ -1,7 +1,5 @@
 """Pictures of signatures: against closed forms, between radars, without gain; and the network's plain form."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A gate that reaches beyond the frame: what is kept, how it is scaled, what is said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The Doppler signal as sound: sign, pitch, summation over the gate, levels, files."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tracks of drawn detections: start, crossing, rest, end, and the gate that comes of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

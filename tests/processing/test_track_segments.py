@@ -1,7 +1,5 @@
 """Segments of a range track: change points, what is not cut, motion over ground."""
 
-from __future__ import annotations
-
 from itertools import combinations, pairwise
 
 import numpy as np

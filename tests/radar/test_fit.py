@@ -1,7 +1,5 @@
 """Sensor model from an empty room: every estimate against recordings made here with known values."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from dataclasses import replace

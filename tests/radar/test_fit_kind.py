@@ -1,7 +1,5 @@
 """Kinds of sensors from several recordings: every pooled value against the population it was drawn from."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from pathlib import Path

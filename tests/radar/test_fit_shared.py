@@ -1,7 +1,5 @@
 """Sensor model of real X4 modules: noise, clutter and phase of an empty room, and a person who is none of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -141,9 +141,7 @@ def test_what_does_not_fold_is_not_touched():
 
 
 def test_a_frame_longer_than_the_pulse_interval_is_refused_unless_hypothetical():
-    with pytest.raises(
-        ConfigError, match=r"0 to range_stop_m 12 is longer than the 9.87 m .*lower pulse_rate_hz.*fold"
-    ):
+    with pytest.raises(ConfigError, match=r"range_stop_m 12 is longer than the 9.87 m .*lower pulse_rate_hz"):
         Radar.preset("x4", range_stop_m=12.0)
     assert Radar.preset("x4", range_stop_m=12.0, fold_echoes=False).n_range_bins == 234
     assert Radar.preset("x4", decimation=1, range_stop_m=1536 * 1.5e8 / 23.328e9).n_range_bins == 1538  # a whole frame

@@ -1,7 +1,5 @@
 """Point-cloud logs of TI demos, written here."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -136,10 +134,7 @@ def test_tables_that_are_wrong(tmp_path, text, message):
         ('{"data": []}', "holds no points"),
         ('{"data": [{"frameData": {"pointCloud": [[1, 2]]}, "timestamp": 1}]}', "frame 1 is no JSON of points with 7"),
         ('{"data": [{"frameData": {"pointCloud": [[1,2,3,4,5,6,7]]}}]}', "frame 1 is not as of .*timestamp"),
-        (
-            '{"data": [{"frameData": {"pointCloud": [[1,2,3,NaN,5,6,7]]}, "timestamp": 1}]}',
-            "point 1 has no doppler_mps",
-        ),
+        ('{"data": [{"frameData": {"pointCloud": [[1,2,3,NaN,5,6,7]]}, "timestamp": 1}]}', "no doppler_mps"),
     ],
 )
 def test_json_that_is_wrong(tmp_path, text, message):

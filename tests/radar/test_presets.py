@@ -1,7 +1,5 @@
 """Radar presets: their numbers against the public sources, their files, and files of one's own."""
 
-from __future__ import annotations
-
 import json
 from importlib import resources
 from pathlib import Path

@@ -120,9 +120,7 @@ def test_aliasing_and_lost_targets_are_warned_of_with_their_numbers():
     )
     with pytest.warns(DoppelgaitWarning, match=r"aliasing: .*5\.00 m/s.*prf_hz = 300.*3\.08 m/s.*550 or more"):
         simulate(Scene([Target(fast)], duration_s=1.0), Radar.preset("x4", prf_hz=300))
-    with pytest.warns(
-        DoppelgaitWarning, match=r"folding: .* 22\.50 m away.* 9\.87 m; its echo appears at 2\.76 m.*pulse_rate_hz"
-    ):
+    with pytest.warns(DoppelgaitWarning, match=r"folding: .* 22\.50 m away.* 9\.87 m; .* appears at 2\.76 m"):
         simulate(Scene([Target(fast, range_m=20.0)], duration_s=1.0), Radar.preset("x4"))
 
 

@@ -1,7 +1,5 @@
 """Every waveform against literal float64 loops, brute-force matched filters and each other."""
 
-from __future__ import annotations
-
 import json
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """XeThru records and meta files against layouts packed by hand, and the recorder's rules of names and splitting."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta, timezone

@@ -163,9 +163,7 @@ def test_marker_sets_give_the_same_body_as_the_joints_they_surround():
 
 def test_unknown_joints_and_unknown_height_are_refused():
     walk, take = marker_person()
-    with pytest.raises(
-        ConfigError, match=r"take\.c3d.*nearest point set is CMU 41, but the motion lacks LKNE, RELB; use rcs kind"
-    ):
+    with pytest.raises(ConfigError, match=r"take\.c3d.*nearest point set is CMU 41, but .* lacks LKNE, RELB"):
         build_skeleton(replace(take, positions=take.positions.drop_sel(marker=["LKNE", "RELB"])))
     nameless = make_motion(np.zeros((5, 2, 3)), rate_hz=10, markers=["a", "b"], parts=["", ""])
     for rcs in (RcsSpec(kind="ellipsoids"), RcsSpec(occlusion=True)):

@@ -1,7 +1,5 @@
 """Threshold factors and windows against closed forms, counted noise and literal loops."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

@@ -1,7 +1,5 @@
 """Association against brute force over all assignments."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """The filter of range and velocity against matrices and the moments of samples."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import expm

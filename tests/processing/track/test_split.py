@@ -1,7 +1,5 @@
 """Two bodies in one track."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

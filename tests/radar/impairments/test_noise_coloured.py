@@ -1,7 +1,5 @@
 """Coloured noise and lines in Doppler against the density and the amplitude that they promise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import welch

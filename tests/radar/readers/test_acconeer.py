@@ -1,7 +1,5 @@
 """Files of Acconeer's exploration tool, made here with h5py after the vendor's layout."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import pytest

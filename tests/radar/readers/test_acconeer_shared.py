@@ -1,7 +1,5 @@
 """Real A121 recordings, the vendor's own test data (the shared test data)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Pairs of text files of continuous-wave modules, written here by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Real 24 GHz continuous-wave recordings of people and a dog (the shared test data)."""
 
-from __future__ import annotations
-
 import re
 import warnings
 

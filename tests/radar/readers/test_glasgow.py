@@ -1,7 +1,5 @@
 """Text files of Ancortek radars, made here from the equation of the beat."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

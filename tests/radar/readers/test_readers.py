@@ -568,9 +568,7 @@ def test_a_heap_that_would_keep_the_hdf5_library_busy_for_ever_is_refused(tmp_pa
     content[at + 8 : at + 16] = n_bytes.to_bytes(8, "little")
     (tmp_path / "loop.h5").write_bytes(content)
     for options in ({}, {"format": "doppelgait"}):
-        with pytest.raises(
-            RecordingError, match=r"loop\.h5: is damaged or not a doppelgait recording: its heap at byte \d+ has no end"
-        ):
+        with pytest.raises(RecordingError, match=r"loop\.h5: is damaged .*: its heap at byte \d+ has no end"):
             read_recording(tmp_path / "loop.h5", **options)
 
 

@@ -1,7 +1,5 @@
 """Recordings of files and folders: what was named must be read, what was found may be left out with a line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """SigMF pairs, our own and foreign ones, against the specification's rules and the sigmf package where it is there."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 

@@ -1,7 +1,5 @@
 """Down-conversion of RF frames against sums written out, the driver's description of the chip and its known figures."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import firwin

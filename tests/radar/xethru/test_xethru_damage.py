@@ -1,7 +1,5 @@
 """Damaged XeThru files: a good result, what is left of it with a warning, or our own error; never anything else."""
 
-from __future__ import annotations
-
 import shutil
 import struct
 import tracemalloc

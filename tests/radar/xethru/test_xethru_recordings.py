@@ -1,7 +1,5 @@
 """Recordings to XeThru files and back, and files whose records say little."""
 
-from __future__ import annotations
-
 import struct
 from datetime import UTC, datetime
 from pathlib import Path

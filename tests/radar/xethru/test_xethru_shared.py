@@ -1,7 +1,5 @@
 """XeThru files of the vendor's recorder and of real radars."""
 
-from __future__ import annotations
-
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
