@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -227,22 +226,6 @@ def test_the_address_restores_what_was_chosen(page: Any, url: str) -> None:
     assert (wait_until_idle(page, "signature"), wait_until_idle(page, "scene")) == wanted
 
 
-def test_a_gate_of_ones_own(page: Any, url: str) -> None:
-    opened(page, url)
-    before = look(page, "signature")
-    page.select_option("#gate", "own")
-    page.fill("#gate-from", "1")
-    page.fill("#gate-to", "1.4")
-    page.press("#gate-to", "Enter")
-    until(lambda: "gate=1%3A1.4" in address(page), "the choices are not in the address")
-    until(lambda: look(page, "signature") != before, "the gate changes nothing")
-    page.wait_for_selector(READY)
-    assert "(given)" in text(page, "#target option")
-    page.fill("#gate-to", "0.5")
-    page.press("#gate-to", "Enter")
-    assert "gate=1%3A1.4" in address(page), "a gate that ends before it begins is not asked for"
-
-
 def test_the_scene_turns_zooms_and_names_what_is_under_the_mouse(page: Any, url: str) -> None:
     opened(page, url)
     first = wait_until_idle(page, "scene")
@@ -367,20 +350,6 @@ def test_tells_what_it_waits_for_and_what_cannot_be_had(page: Any, url: str) -> 
     until(room, "no room for times below range-time without a signature")
     assert page.is_disabled("#sound")
     assert "no target" in page.get_attribute("#sound", "title")
-
-
-def test_clutter_is_kept_or_removed_everywhere(page: Any, url: str) -> None:
-    opened(page, url)
-    assert page.input_value("#clutter") == "median"
-    asked = {"recording", "targets", "range-doppler"}
-    before = {name: look(page, name) for name in ("range-time", "signature", "range-doppler")}
-    page.requested.clear()
-    page.select_option("#clutter", "none")
-    page.wait_for_selector(READY)
-    until(lambda: all(look(page, name) != before[name] for name in before), "the clutter changes nothing")
-    assert page.input_value("#clutter") == "none"
-    kept = [urlsplit(one).path.rsplit("/", 1)[1] for one in page.requested if "clutter=none" in one]
-    assert asked <= set(kept)
 
 
 @pytest.mark.shared

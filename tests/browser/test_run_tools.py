@@ -119,16 +119,6 @@ def test_a_gate_beyond_the_frame_is_refused_or_shortened_with_words(page: Any, u
     until(lambda: mark(page, ".panel-signature h2") == "none", "still marked")
 
 
-def test_the_readout_is_shown_as_a_whole(page: Any, url: str) -> None:
-    page.set_viewport_size({"width": 1400, "height": 900})
-    opened(page, url)
-    for name in ("range-time", "signature", "range-doppler", "cadence"):
-        read_at(page, name, 0.5, 0.6)
-        width = page.evaluate(f"(n => [n.scrollWidth, n.clientWidth])(document.getElementById('hover-{name}'))")
-        assert text(page, f"#hover-{name}") != "", name
-        assert width[0] <= width[1], (name, width)
-
-
 def test_the_signature_is_that_of_the_whole_track_with_its_segments(page: Any, url: str) -> None:
     def with_segments(facts: dict[str, Any], query: dict[str, list[str]]) -> None:
         facts["targets"][0].update(segments=SEGMENTS, segment=int(query.get("segment", ["0:1"])[0].split(":")[1]))

@@ -152,17 +152,22 @@ def test_values_in_place_of_the_file_change_no_identity(sensor: Path) -> None:
     assert compute_dataset_id(plan_of("my-sensor.toml"), sensor.parent) == "08d80710a7d07f19"
 
 
-def test_a_build_with_a_changed_radar_file_shows_the_difference(sensor: Path) -> None:
+def build_small(sensor: Path) -> Path:
+    """Build two examples of the plan of a sensor."""
     target = sensor.parent / "built"
     config = plan_of("my-sensor.toml").model_dump()
     config["dataset"] |= {"examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}}
     config["scene"] = {"duration_s": 1.0}
-    plan = PlanConfig.model_validate(config)
-    build_dataset(plan, target, folder=sensor.parent, executor="serial")
+    build_dataset(PlanConfig.model_validate(config), target, folder=sensor.parent, executor="serial")
+    return target
+
+
+def test_a_build_with_a_changed_radar_file_shows_the_difference(sensor: Path) -> None:
+    target = build_small(sensor)
     text = sensor.read_text(encoding="utf-8")
     sensor.write_text(text.replace("range_stop_m = 9.6", "range_stop_m = 8.6"), encoding="utf-8")
     with pytest.raises(DatasetError, match=r"\(radar.preset.values.range_stop_m: 9.6 -> 8.6\)"):
-        build_dataset(plan, target, folder=sensor.parent, executor="serial")
+        build_small(sensor)
     sensor.unlink()
     found = verify_dataset(target, folder=sensor.parent, rng=np.random.default_rng(0))
     assert found.check("identity").status == "passed"
@@ -170,11 +175,7 @@ def test_a_build_with_a_changed_radar_file_shows_the_difference(sensor: Path) ->
 
 
 def test_verify_checks_the_files_of_an_older_dataset_without_its_radar_file(sensor: Path) -> None:
-    target = sensor.parent / "built"
-    config = plan_of("my-sensor.toml").model_dump()
-    config["dataset"] |= {"examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}}
-    config["scene"] = {"duration_s": 1.0}
-    build_dataset(PlanConfig.model_validate(config), target, folder=sensor.parent, executor="serial")
+    target = build_small(sensor)
     described = json.loads((target / "dataset.json").read_text(encoding="utf-8"))
     described["config"]["radar"]["preset"] = "my-sensor.toml"  # as it was stored before
     (target / "dataset.json").write_text(json.dumps(described), encoding="utf-8")

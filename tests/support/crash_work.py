@@ -6,14 +6,10 @@ import os
 import signal
 from pathlib import Path
 
-from dataset_plans import mini_plan, tiny_plan
+from dataset_plans import mini_plan
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.dataset.shard import BuildContext, build_planned
-
-
-def build(folder, executor):
-    build_dataset(tiny_plan(), folder, executor=executor, workers=2)
 
 
 def build_until(folder, number, after):
@@ -33,8 +29,8 @@ def build_until(folder, number, after):
 
 
 def warm_up():
-    plan = plan_dataset(tiny_plan(), folder=Path())
-    for number in (0, 12):
+    plan = plan_dataset(mini_plan(), folder=Path())
+    for number in (0, 2):
         build_planned(plan.examples[number], BuildContext(plan.config, ".", "."))
 
 

@@ -1,8 +1,14 @@
 """What importing the package loads, in a process of its own."""
 
+import ast
+import tomllib
+from importlib import import_module
 from pathlib import Path
 
+import pytest
+
 import processes
+from checkout import ROOT, SUPPORT
 
 
 def test_importing_viz_loads_neither_matplotlib_nor_pyplot() -> None:
@@ -43,3 +49,91 @@ def test_a_room_is_simulated_without_dask() -> None:
         "assert 'xarray' in sys.modules; assert not {'dask', 'numba'} & set(sys.modules)"
     )
     processes.python(code)
+
+
+def test_lint_checks_the_script_of_a_user() -> None:
+    """``typed_script.py`` has uses and mistakes; `make test` runs mypy on it, once for package and script."""
+    checked = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["mypy"]
+    assert checked["strict"]
+    assert {ROOT / name for name in checked["files"]} >= {ROOT / "src" / "doppelgait", SUPPORT / "typed_script.py"}
+    assert (ROOT / "src" / "doppelgait" / "py.typed").is_file()  # else a checker of types does not read the package
+
+
+@pytest.mark.parametrize("package", ["doppelgait", "doppelgait.classify", "doppelgait.viz"])
+def test_the_stub_has_the_names_of_the_package(package: str) -> None:
+    module = import_module(package)
+    stub = ast.parse((ROOT / "src" / Path(*package.split(".")) / "__init__.pyi").read_text(encoding="utf-8"))
+    found = {}
+    for node in stub.body:
+        if isinstance(node, ast.ImportFrom):
+            found |= {alias.asname: getattr(import_module(str(node.module)), alias.name) for alias in node.names}
+        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            found[node.target.id] = getattr(module, node.target.id)
+    assert set(found) - {"PLUGIN_ROOMS"} == set(module.__all__)
+    for name, value in found.items():  # all modules are imported by now: none of them may take the place of a name
+        assert getattr(module, name) is value, name
+
+
+FIRST_LOOK = """
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from doppelgait.radar import WAVEFORMS, Radar
+barrier = threading.Barrier(8)
+
+def look(n):
+    barrier.wait(30)
+    return len(WAVEFORMS), Radar.preset("x4").waveform.kind
+
+with ThreadPoolExecutor(8) as pool:
+    print(sorted(set(pool.map(look, range(8)))))
+"""
+
+
+def test_threads_that_look_first_at_the_same_time_all_find_every_plugin():
+    assert processes.python(FIRST_LOOK).stdout.strip() == "[(6, 'impulse')]"
+
+
+HALF = """
+from doppelgait.core.plugins import plugin
+plugin("feature", "gaitlab_half", unit="1", source="a test")(lambda observed: 1.0)
+import a_module_that_does_not_exist
+"""
+TAKEN = """
+from doppelgait.core.plugins import plugin
+plugin("classifier", "six-logistic")(object())
+"""
+LOOK = """
+import warnings
+from doppelgait.core.plugins import list_foreign_plugins
+with warnings.catch_warnings(record=True) as seen:
+    warnings.simplefilter("always")
+    from doppelgait.radar import Radar
+    Radar.preset("x4")
+    from doppelgait.classify.training import CLASSIFIERS
+    from doppelgait.features.feature_set import FEATURES
+    print(len(seen), list_foreign_plugins(), "gaitlab_half" in FEATURES, CLASSIFIERS["six-logistic"].package)
+"""
+
+
+def install(folder, name, entry):
+    """What pip leaves of a package without modules: its entry points."""
+    facts = folder / f"{name}-1.dist-info"
+    facts.mkdir()
+    (facts / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1\n")
+    (facts / "entry_points.txt").write_text(entry)
+
+
+def test_a_package_that_fails_or_takes_a_name_is_left_out_whole_with_a_warning(tmp_path):
+    for name, text in (("half", HALF), ("taken", TAKEN)):
+        (tmp_path / f"{name}_plugins.py").write_text(text)
+        install(tmp_path, name, f"[doppelgait.plugins]\n{name} = {name}_plugins\n")
+    assert processes.python(LOOK, PYTHONPATH=str(tmp_path)).stdout.strip() == "2 [] False doppelgait"
+
+
+def test_a_package_of_version_0_1_0_is_left_out_with_what_to_do(tmp_path):
+    install(tmp_path, "old", "[doppelgait.impairments]\nhum = old_hum:hum\n")
+    look = "from doppelgait.core.plugins import list_foreign_plugins; print(list_foreign_plugins())"
+    done = processes.python(look, PYTHONPATH=str(tmp_path))
+    assert done.stdout.strip() == "[]"
+    assert "'hum' (old_hum:hum) is in the entry-point group 'doppelgait.impairments', which is not read" in done.stderr
+    assert "doppelgait.plugins" in done.stderr

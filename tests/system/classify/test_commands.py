@@ -1,18 +1,23 @@
 """``evaluate`` and ``classify`` as commands."""
 
 import json
-from dataclasses import replace
+import sys
+from importlib.util import find_spec
 
+import numpy as np
 import pytest
 
 from command import run
 from doppelgait.classify import classify as run_classification
-from doppelgait.classify import load_model
+from doppelgait.classify import load_model, network, save_model
+from doppelgait.classify.evaluation import evaluate
+from doppelgait.classify.learned import LabelledRows
 from doppelgait.classify.report import make_figures
-from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning, RecordingError
+from doppelgait.core.errors import ConfigError, DatasetError, RecordingError
 from doppelgait.pipeline import parse_run, run_simulation
-from doppelgait.radar import Radar, read_recording, write_recording
+from doppelgait.radar import read_recording, write_recording
 from doppelgait.radar.frames import write_frames
+from export_models import export_model_of, require
 from figure_faults import faults
 
 
@@ -68,16 +73,8 @@ def test_a_recording_is_classified(own):
 
 def test_a_recording_is_classified_in_windows(own):
     """A window is what the same part of the recording is alone; the last line says what an alarm is."""
-    arguments = (
-        "classify",
-        own / "walk.h5",
-        "--model",
-        own / "m.npz",
-        "--window-s",
-        2.4,
-        "--hop-s",
-        0.3,
-    )
+    options = ("--model", own / "m.npz", "--window-s", 2.4, "--hop-s", 0.3)
+    arguments = ("classify", own / "walk.h5", *options)
     found = json.loads(text_of(*arguments, "--json"))
     assert (found["window_s"], found["hop_s"]) == (2.4, 0.3)
     (track,) = found["tracks"]
@@ -103,24 +100,6 @@ def test_a_stream_gives_the_decisions_of_its_file_and_keeps_a_log(own, tmp_path)
     found = [{name: value for name, value in line.items() if name != "kind"} for line in lines[1:]]
     found = [line for line, told in zip(found, lines[1:], strict=True) if told["kind"] == "decision"]
     assert found == json.loads(text_of("classify", own / "walk.h5", *options, "--json"))["windows"]
-
-
-def test_lost_frames_are_told_in_the_stream_and_a_wrong_radar_ends_it(own, tmp_path):
-    recording = read_recording(own / "walk.h5")
-    write_frames(recording, tmp_path / "walk.dgf")
-    content = bytearray((tmp_path / "walk.dgf").read_bytes())
-    content[len(content) // 2] ^= 1
-    (tmp_path / "walk.dgf").write_bytes(content)
-    options = ("--model", own / "m.npz", "--window-s", 2.4, "--timeout-s", 0)
-    with pytest.warns(DoppelgaitWarning, match="malformed"), pytest.warns(DoppelgaitWarning, match="are missing"):
-        lines = [json.loads(line) for line in text_of("live", tmp_path / "walk.dgf", *options).splitlines()]
-    assert lines[-1]["filled"] == lines[-1]["stream"]["malformed"] == 1
-    write_frames(replace(recording, radar=Radar.preset("x4", carrier_hz=8.7e9)), tmp_path / "other.dgf")
-    both = [(tmp_path / name).read_bytes() for name in ("walk.dgf", "other.dgf")]
-    (tmp_path / "both.dgf").write_bytes(both[0][: len(both[0]) - 100] + both[1])
-    with pytest.raises(RecordingError, match="another radar"), pytest.warns(DoppelgaitWarning):
-        text_of("live", tmp_path / "both.dgf", *options, "--log", tmp_path / "log.jsonl")
-    assert "another radar" in json.loads((tmp_path / "log.jsonl").read_text().splitlines()[-1])["reason"]
 
 
 def test_features_of_windows_are_rows(own):
@@ -157,15 +136,74 @@ def test_mistakes_are_one_clear_error(own, folder, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.shared
-def test_a_dog_before_another_radar_is_no_decision(own, shared):
-    """24 GHz, continuous wave: it was called human, decided, alarm."""
-    recording = next((shared / "data/radar/cw24_kmkim036/211122").glob("*_RE.txt"))
-    found = json.loads(text_of("classify", recording, "--model", own / "m.npz", "--json"))
-    (target,) = found["targets"]
-    assert target["abstained"]
-    assert target["alarm"] is None
-    for words in ("columns_do_not_overlap", "carrier_hz 2.41e+10 is outside", "prf_hz 3000 is outside"):
-        assert words in target["reason"]
-    assert found["model"]["calibrated"] is False
-    assert "alarm_people" in found["model"]
+def export(*words):
+    return run("model", "export", *words).stdout
+
+
+@pytest.fixture
+def file(tmp_path):
+    return save_model(export_model_of("ensemble"), tmp_path / "model.npz")
+
+
+@pytest.mark.parametrize(
+    ("form", "files"),
+    [
+        ("c", {"doppelgait_model.h", "doppelgait_model.c", "selftest.c", "golden.bin"}),
+        ("numpy", {"model.npz", "scorer.py"}), ("onnx", {"model.onnx"}),
+    ],
+)  # fmt: skip
+def test_every_form_is_a_folder_with_the_facts_of_the_model(file, tmp_path, form, files):
+    if form == "onnx":
+        require(find_spec("onnx"), "onnx: pip install 'doppelgait[export]'")
+    found = json.loads(export(file, "--form", form, "-o", tmp_path / "out", "--json"))
+    assert set(found["files"]) == files
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {*files, "export.json"}
+    facts = json.loads((tmp_path / "out" / "export.json").read_text(encoding="utf-8"))
+    assert facts["form"] == form
+    assert facts["model"]["classes"] == ["a", "b"]
+    export(file, "--form", form, "-o", tmp_path / "out")  # an earlier export is replaced
+
+
+def test_size_and_work_are_printed(file, tmp_path):
+    text = export(file, "--form", "c", "--int8", "--window-s", "1", "--bins", "4", "-o", tmp_path / "out")
+    for words in ("flash table bytes", "ram bytes", "multiply adds network per window", "int8 largest difference"):
+        assert words in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--form", "tflite"], "allowed are c, numpy, onnx"),
+        (["--form", "onnx", "--int8"], "has no settings of a radar or device"),
+        (["--form", "c", "--prf-hz", "100"], "the model was trained on 500 to 500"),
+    ],
+)
+def test_what_cannot_be_exported_is_refused(file, tmp_path, arguments, words):
+    with pytest.raises(ConfigError, match=words):
+        export(file, *arguments, "-o", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_other_files_are_not_replaced(file, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "firmware.c").write_text("int main(void) { return 0; }")
+    with pytest.raises(ConfigError, match=r"firmware\.c"):
+        export(file, "--form", "numpy", "-o", tmp_path / "out")
+
+
+@pytest.fixture
+def _no_torch(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.setattr(network, "is_torch_installed", lambda: False)
+
+
+@pytest.mark.usefixtures("_no_torch")
+def test_all_others_run_and_the_line_says_what_to_do(dataset):
+    document = evaluate(dataset).document
+    assert "signature-network" not in document["models"]
+    assert "extended-boosting" in document["models"]
+    assert any("pip install 'doppelgait[torch]'" in note for note in document["notes"])
+    with pytest.raises(DatasetError, match="pip install 'doppelgait"):
+        evaluate(dataset, models=["signature-network"])
+    with pytest.raises(DatasetError, match="pip install 'doppelgait"):
+        network.train_network(LabelledRows(np.empty(0, dtype=object), np.empty(0, int)), None, n_classes=2, seed=0)

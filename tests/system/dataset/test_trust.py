@@ -72,15 +72,6 @@ def test_the_index_of_another_dataset_is_not_opened(copy, tmp_path):
     assert {"files", "index"} <= failed(copy)
 
 
-def test_what_a_kill_at_the_end_leaves_is_gone_after_the_next_build(copy, usual):
-    for name in ("index.parquet.host-1-0.partial", "splits/test.txt.host-1-2.partial", "SHA256SUMS.host-1-5.partial"):
-        (copy / name).write_bytes(b"half")
-    assert "leftovers" in failed(copy)
-    assert build(copy).n_built == 0
-    assert list(copy.rglob("*.partial")) == []
-    assert failed(copy) == usual
-
-
 @pytest.mark.parametrize("schema", [2, 4])
 def test_a_dataset_of_another_schema_is_not_touched_by_a_build(copy, schema):
     description = json.loads((copy / "dataset.json").read_text())

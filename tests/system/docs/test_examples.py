@@ -1,8 +1,4 @@
-"""The code in start.md and in the how-tos does what it says: files written, commands and Python run, page by page.
-
-Every block of a page is used, in order, in one empty folder: ``python`` is run, ``sh`` holds commands, and a comment
-above a block says what else it is: ``<!-- file: NAME -->`` or ``<!-- not run: REASON -->``. ``text`` is output.
-"""
+"""The code in start.md and in the how-tos does what it says: every block of a page, in order, in one empty folder."""
 
 import importlib
 import os

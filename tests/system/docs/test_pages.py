@@ -182,13 +182,6 @@ def test_the_key_tables_show_a_plug_in_with_its_words(pages, monkeypatch):
     assert made.count("Sum over the scatterers") == 2, "the words of the shared keys"
 
 
-def test_a_key_has_its_unit_default_limits_and_words(pages):
-    row = next(line for line in pages["configuration/radar.md"].split("\n") if line.startswith("| `tx_power_dbm`"))
-    cells = [cell.strip() for cell in row.strip("|").split("|")]
-    assert cells[1:5] == ["number", "dBm", "`0`", "≥\u00a0-200, ≤\u00a0200"]
-    assert cells[5].startswith("Peak power P_t")
-
-
 def test_every_public_name_is_documented_once(pages):
     from api_pages import PACKAGES
 

@@ -1,9 +1,4 @@
-"""What docs/stability.md promises is there: names, commands, options, columns and versions of formats.
-
-``stable_names.txt`` lists all of it, one a line. Whoever takes a name away takes its line, writes the rename into the
-page and the changelog, and raises the minor version; ``python tests/system/docs/test_stability.py INDEX`` prints the
-list with the columns of an index.parquet.
-"""
+"""What docs/stability.md promises is there; run as a script with an index.parquet, it prints ``stable_names.txt``."""
 
 import importlib
 import inspect

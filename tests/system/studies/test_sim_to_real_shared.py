@@ -21,8 +21,3 @@ def test_the_reported_half_of_people_is_measured_and_compared(shared: Path) -> N
     halves = [study.real_people(radar_data, persons) for persons in (study.DEVELOPMENT, study.REPORTED)]
     assert [len(half) for half in halves] == [42, 74]
     assert not {one.person for one in halves[0]} & {one.person for one in halves[1]}
-
-
-def test_missing_data_are_named(tmp_path: Path) -> None:
-    with pytest.raises(SystemExit, match="has no recordings of persons"):
-        import_module("sim_to_real_cw").compare(tmp_path, None, count=1, seeds=1)

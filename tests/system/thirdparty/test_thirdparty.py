@@ -5,13 +5,11 @@ import os
 import sys
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
 import processes
 from checkout import ROOT
-from doppelgait.radar import read_recording
 
 PACKAGE = Path(__file__).parent / "package"
 LIMIT_S = 300
@@ -22,12 +20,7 @@ seed = 4
 duration_s = 1.5
 
 [radar]
-carrier_hz = 24e9
-prf_hz = 900
-sample_rate_hz = 1e9
-sweep_s = 22e-9
-range_stop_m = 9.0
-waveform = { kind = "gaitlab_barker", chips = 11 }
+preset = "x4"
 
 [[impairments]]
 kind = "hum"
@@ -78,18 +71,10 @@ import gaitlab_plugins
 
 dg.testing.check_impairment(gaitlab_plugins.Hum(level_v=2e-6), dg.Radar.preset("x4"))
 dg.testing.check_rcs({"kind": "gaitlab_backpack", "reflector_gain": 3.0})
-dg.testing.check_classifier("gaitlab-centroid")
-radar = dg.Radar(waveform={"kind": "gaitlab_barker", "chips": 7}, carrier_hz=24e9, prf_hz=900, sample_rate_hz=1e9,
-                 sweep_s=22e-9, range_stop_m=9)
-dg.testing.check_waveform("gaitlab_barker", radar)
-recording, loud = (dg.radar.read_recording(name) for name in ("scene.h5", "loud.h5"))
-walk = dg.motion.boulic_walk(speed_mps=1.2, duration_s=2)
-rcs = gaitlab_plugins.Backpack(total_m2=0.5, reflector_gain=6)
-seen = dg.simulate(dg.Scene([dg.Target(walk, label="human", rcs=rcs, range_m=4)], duration_s=1), radar)
+recordings = [dg.radar.read_recording(name) for name in ("scene.h5", "loud.h5")]
 print(json.dumps({
-    "chips": [r.radar.waveform.chips for r in (recording, loud)],
-    "peak_v": [float(np.abs(r.baseband.values).max()) for r in (recording, loud)],
-    "rcs_m2": [float(r.truth[0].scatterers["rcs"].sum("scatterer").mean()) for r in (recording, loud, seen)],
+    "peak_v": [float(np.abs(one.baseband.values).max()) for one in recordings],
+    "rcs_m2": [float(one.truth[0].scatterers["rcs"].sum("scatterer").mean()) for one in recordings],
 }))
 """
 
@@ -131,9 +116,7 @@ def test_the_command_lists_what_the_package_brings(run):
     rows = json.loads(run(*command("plugins", "--json")))
     found = {(row["group"], row["name"]): row for row in rows if row["package"] == "gaitlab_plugins"}
     assert set(found) >= {
-        ("impairment", "hum"), ("waveform", "gaitlab_barker"), ("classifier", "gaitlab-centroid"),
-        ("feature", "gaitlab_peak_share"), ("motion_reader", "steps"),
-        ("rcs", "gaitlab_backpack"),
+        ("impairment", "hum"), ("feature", "gaitlab_peak_share"), ("rcs", "gaitlab_backpack"),
     }  # fmt: skip
     assert found["impairment", "hum"]["parameters"] == ["level_v", "frequency_hz"]
     assert found["impairment", "hum"]["version"] == "2"
@@ -145,13 +128,11 @@ def test_the_command_lists_what_the_package_brings(run):
 def test_a_scene_file_and_the_command_line_set_its_parameters(run, tmp_path):
     (tmp_path / "scene.toml").write_text(SCENE)
     run(*command("simulate", "scene.toml", "-o", "scene.h5"))
-    run(*command("simulate", "scene.toml", "-o", "loud.h5", "--set", "impairments.0.level_v=1e-3",
-                 "--set", "radar.waveform.chips=13", "--set", "targets.0.rcs.reflector_gain=14"))  # fmt: skip
+    run(*command("simulate", "scene.toml", "-o", "loud.h5", "--set", "impairments.0.level_v=10",
+                 "--set", "targets.0.rcs.reflector_gain=14"))  # fmt: skip
     found = json.loads(run("-c", PYTHON))
-    assert found["chips"] == [11, 13]
-    assert 0 < found["peak_v"][0] < 1e-4
-    assert 0.5e-3 < found["peak_v"][1] < 5e-3
-    assert found["rcs_m2"] == pytest.approx([2.5, 7.5, 3.5], rel=1e-5)
+    assert 0 < found["peak_v"][0] < 1 < 5 < found["peak_v"][1] < 50
+    assert found["rcs_m2"] == pytest.approx([2.5, 7.5], rel=1e-5)
     (target,) = json.loads(run(*command("analyze", "scene.h5", "--gate", "truth", "--json")))["targets"]
     assert 0 < target["extended"]["gaitlab_peak_share"] < 1
 
@@ -171,31 +152,3 @@ def test_a_plan_takes_distributions_and_the_identity_names_the_package(run, tmp_
     totals_m2 = pd.read_parquet(tmp_path / "gaitlab" / "index.parquet")["rcs_total_m2"].tolist()
     assert len(set(totals_m2)) == len(totals_m2) == 4
     assert all(3.5 <= value <= 4.5 for value in totals_m2)
-    assert ("waveform", "gaitlab_barker") not in used  # installed, but not in this plan
-
-
-def steps_file(path):
-    """Somebody of three points who walks at 1.2 m/s."""
-    time_s = np.arange(0.0, 4.0, 0.01)
-    swing_m = 0.3 * np.sin(2 * np.pi * 0.9 * time_s)
-    zero = np.zeros_like(time_s)
-    points = [
-        np.stack([1.2 * time_s, zero, zero + 1.1], axis=1),
-        np.stack([1.2 * time_s + swing_m, zero + 0.1, zero + 0.1], axis=1),
-        np.stack([1.2 * time_s - swing_m, zero - 0.1, zero + 0.1], axis=1),
-    ]
-    rows = [" ".join(f"{value:.5f}" for value in row) for row in np.concatenate(points, axis=1)]
-    path.write_text("\n".join(["STEPS 100", "torso left_foot right_foot", *rows]))
-
-
-def test_its_motion_files_are_read_by_name_and_in_scenes(run, tmp_path):
-    steps_file(tmp_path / "walk.steps")
-    info = json.loads(run(*command("motion", "info", "walk.steps", "--json")))
-    assert "steps" in json.dumps(info)
-    (tmp_path / "walk.toml").write_text(
-        'seed = 1\nduration_s = 2\n[radar]\npreset = "x4"\n[[targets]]\nlabel = "human"\nrange_m = 4\n'
-        'motion = { kind = "file", path = "walk.steps" }\n'
-    )
-    run(*command("simulate", "walk.toml", "-o", "walk.h5"))
-    (truth,) = read_recording(tmp_path / "walk.h5").truth
-    assert sorted(set(truth.scatterers.part.values.tolist())) == ["left_foot", "right_foot", "torso"]

@@ -7,13 +7,19 @@ import signal
 import socket
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
+import doppelgait as dg
 import processes
+from doppelgait.core.errors import ConfigError, DoppelgaitError, RecordingError
+from doppelgait.radar import write_recording
+from doppelgait.viewer import server
 
 pytest.importorskip("starlette")
 pytest.importorskip("uvicorn")
@@ -21,11 +27,10 @@ pytest.importorskip("uvicorn")
 from command import run
 from dataset_plans import put_index
 from doppelgait.cli.output import explain_reader_options
-from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, RecordingError
+from doppelgait.core.errors import DatasetError
 from doppelgait.dataset import open_dataset
 from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
-from doppelgait.radar import read_recording, write_recording, write_sigmf
-from doppelgait.viewer import server
+from doppelgait.radar import read_recording, write_sigmf
 from doppelgait.viewer.settings import parse_number, parse_parameters, parse_settings, parse_whole
 from doppelgait.viewer.source import all_ranges_m, can_track, open_path
 from viewer_client import served, walking_scene
@@ -253,15 +258,7 @@ told.with_suffix(".part").rename(told)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="the browser of a test is named by a command")
-@pytest.mark.parametrize(
-    ("command", "ended_by", "status"),
-    [
-        ("view", signal.SIGINT, 0),
-        ("view", signal.SIGTERM, 0),
-        ("live", signal.SIGINT, 130),
-        ("live", signal.SIGTERM, 130),
-    ],
-)
+@pytest.mark.parametrize(("command", "ended_by", "status"), [("view", signal.SIGTERM, 0), ("live", signal.SIGINT, 130)])
 def test_the_secret_is_not_on_the_command_line_of_the_browser(files, tmp_path, command, ended_by, status):
     (tmp_path / "browser.py").write_text(BROWSER)
     line = [*processes.COMMAND, command, str(files / "walk.h5")]
@@ -373,3 +370,54 @@ def test_measured_recordings_are_opened(shared, name):
             assert last_s < recording["start_s"] + recording["duration_s"] < last_s + columns["step"]
             assert "in bursts" in client.fault("sound?pitch=5000", 422)
             assert "bursts" in dict(recording["facts"])
+
+
+FRAME = {"Sec-Fetch-Mode": "navigate", "Sec-Fetch-Dest": "iframe", "Sec-Fetch-Site": "cross-site"}
+
+
+@pytest.fixture(scope="module")
+def recording() -> dg.Recording:
+    scene = dg.Scene([dg.Target("boulic", label="human", range_m=4.0)], duration_s=2.0)
+    return dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0), angles=False)
+
+
+def get(url: str, **headers: str) -> tuple[bytes, dict[str, str]]:
+    with urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=60) as answer:
+        return answer.read(), dict(answer.headers)
+
+
+def test_a_recording_is_served_until_it_is_stopped(recording: dg.Recording) -> None:
+    page = dg.view(recording)
+    try:
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/[\w-]{20,}/", page.url)
+        assert page._repr_html_() == f'<iframe src="{page.url}" width="100%" height="720" style="border:0"></iframe>'
+        assert repr(page) == f"View of simulation: {page.url}"
+        body, headers = get(page.url, **FRAME)
+        assert b"<html" in body
+        assert "frame-ancestors http://localhost:* http://127.0.0.1:*" in headers["content-security-policy"]
+        assert b'"recording"' in get(page.url + "api/session")[0]
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            get(page.url + "api/session", **FRAME)
+    finally:
+        page.stop()
+    assert "stopped" in page._repr_html_()
+    with pytest.raises(urllib.error.URLError):
+        get(page.url)
+
+
+def test_a_path_is_opened_as_by_the_command_and_what_cannot_be_shown_is_one_error(
+    recording: dg.Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_recording(recording, tmp_path / "walk.h5")
+    with dg.view(tmp_path / "walk.h5", gate="truth") as page:
+        assert repr(page).startswith("View of walk.h5: http://")
+    with pytest.raises(RecordingError, match=r"^nothing\.h5: no such file or folder$"):
+        dg.view("nothing.h5")
+    with pytest.raises(ConfigError, match=r"^source: int is not allowed; give a recording, or the path"):
+        dg.view(3)
+    with pytest.raises(ConfigError, match=r"gate: 'trak' is not allowed"):
+        dg.view(recording, gate="trak")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(DoppelgaitError, match=r"pip install 'doppelgait\[viewer\]'"):
+        dg.view(recording)
+    assert server.NO_SERVER
