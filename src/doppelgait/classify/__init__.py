@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import Any
 
 _HOME = {
-    "CSettings": ".export.write",
+    "CSettings": ".export.device",
     "Decision": ".decide",
     "Evaluation": ".evaluation",
     "Model": ".model",

@@ -32,9 +32,8 @@ twenty recordings dominate. The number of rows of a recording has no effect on i
 
 
 def adapt(model: Model, values: Inputs, labels: IntArray, recordings: npt.NDArray[np.str_]) -> Model:
-    """Adapt a model's probabilities to labelled recordings.
-    The result is p' = softmax(slope log p + shift) with maximum posterior probability.
-    """
+    """Adapt a model's probabilities to labelled recordings."""
+    # p' = softmax(slope log p + shift), of maximum posterior probability
     from scipy.optimize import minimize
 
     if not labels.size:
@@ -64,10 +63,8 @@ def adapt(model: Model, values: Inputs, labels: IntArray, recordings: npt.NDArra
 def adapt_unlabelled(
     model: Model, values: Inputs, recordings: npt.NDArray[np.str_], shares: npt.ArrayLike | None = None
 ) -> Model:
-    """Adapt a model's probabilities to recordings without labels.
-    Each of the n recordings has the same weight for any number of rows. Shapes: shares
-    (n_classes,).
-    """
+    """Adapt a model's probabilities to recordings without labels."""
+    # each recording has the same weight for any number of rows; shares (n_classes,)
     from scipy.optimize import minimize
 
     log_p = np.log(np.maximum(model.probability(values), 1e-12))

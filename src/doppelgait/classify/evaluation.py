@@ -231,10 +231,6 @@ def evaluate(
     on_progress : callable, optional
         Called with (models trained, models to train).
 
-    Returns
-    -------
-    Evaluation
-
     Raises
     ------
     DatasetError
@@ -289,7 +285,14 @@ def evaluate(
     bare = [name for name in trained if not runs[name].calibrated]
     if bare:
         said.append(f"{', '.join(bare)}: not calibrated, because a class has fewer than {LEAST_ROWS} held-out rows")
-    said += _describe_missing_safeguards(rows, folds)
+    if rows.alarm not in rows.classes:
+        said.append(f"no class {rows.alarm}, so that no model has an alarm; name its class by --alarm-class")
+    fewest = min(fold.held.size for fold in folds)
+    if fewest < LEAST_FAR:
+        said.append(
+            f"{fewest} held-out rows: no model can reject targets by their distance from the training data; this needs "
+            f"{LEAST_FAR}"
+        )
     said += [
         f"{name}: {part['n']} of {part['of']} tested rows have {format_span(*part['tested'])}, outside the "
         f"accepted range, {format_span(*accepted_range(name, *part['learnt']))} (training range "
@@ -302,7 +305,9 @@ def evaluate(
         document["models"][name]["calibrated"] = run.calibrated
         document["models"][name]["importance"] = run.importance
         if n_seeds > 1 and name not in BASELINES:
-            document["models"][name]["seeds"] = [_score_of_seed(each.answers) for each in by_seed[name]]
+            by_answers = [each.answers for each in by_seed[name]]
+            values = [balanced_accuracy(each.labels, each.right, len(each.classes)) for each in by_answers]
+            document["models"][name]["seeds"] = [value if np.isfinite(value) else None for value in values]
     document |= {"n_seeds": n_seeds, "kept": best, "outside_conditions": outside}
     kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
     if own is not None or strangers is not None:
@@ -370,19 +375,6 @@ def _choose_alarm_class(rows: Rows, alarm_class: str | None, *, needed: bool) ->
     return alarm
 
 
-def _describe_missing_safeguards(rows: Rows, folds: Sequence[Fold]) -> list[str]:
-    """Describe model functions that lack a class or rows."""
-    said, fewest = [], min(fold.held.size for fold in folds)
-    if rows.alarm not in rows.classes:
-        said.append(f"no class {rows.alarm}, so that no model has an alarm; name its class by --alarm-class")
-    if fewest < LEAST_FAR:
-        said.append(
-            f"{fewest} held-out rows: no model can reject targets by their distance from the training data; this needs "
-            f"{LEAST_FAR}"
-        )
-    return said
-
-
 def _choose_best(trained: Mapping[str, Sequence[Run]]) -> str | None:
     """Choose the model to keep, None without held-out rows."""
     if "ensemble" in trained:
@@ -414,12 +406,6 @@ def _score_further(
     if strangers is not None:
         found["unknown"] = open_set_scores(model, values, strangers)
     return found, model, notes
-
-
-def _score_of_seed(answers: Answers) -> float | None:
-    """Return the balanced accuracy of one seed, or None."""
-    value = balanced_accuracy(answers.labels, answers.right, len(answers.classes))
-    return value if np.isfinite(value) else None
 
 
 def _find_outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]]:

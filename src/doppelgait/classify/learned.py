@@ -76,10 +76,7 @@ class Constant:
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """Logistic regression on standardised features.
-    An unknown feature is replaced by its median. A feature with a floor above 0 is replaced by its
-    logarithm.
-    """
+    """Logistic regression on standardised features."""
 
     median: FloatArray  # (d,), of the logarithm where there is a floor
     told: IntArray  # (m,), features with a further column that marks them as unknown
@@ -150,10 +147,7 @@ class Trees:
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Convolutional network.
-    Convolutions 3 x 3, each with 2 x 2 maximum, scale, bias and rectifier; the mean of the image; a
-    linear layer.
-    """
+    """Convolutional network, as :meth:`classify_pictures` computes it."""
 
     kernels: tuple[Levels, ...]
     scales: tuple[Levels, ...]
@@ -203,10 +197,7 @@ class Ensemble:
     shifts: FloatArray
 
     def log_probability(self, values: Inputs) -> FloatArray:
-        """Return log-probabilities, shape (n, n_classes).
-        Of features (n, d), or, where a network is among the members, of features and levels (n, d +
-        1).
-        """
+        """Return log-probabilities, shape (n, n_classes)."""
         total = np.zeros((len(values), self.shifts.shape[1]))
         for member, weight, slope, shift in zip(self.members, self.weights, self.slopes, self.shifts, strict=True):
             seen = select_levels(values) if isinstance(member, Network) else select_features(values)

@@ -272,7 +272,6 @@ def live(
         :func:`doppelgait.radar.open_stream`. Times may jitter by less than half a frame. For a
         radar in bursts the first frame must be the start of a burst. A missing frame is replaced by
         the previous one; after a gap longer than a window, the windows start again.
-    radar : Radar
     model : Model, optional
         By default the included model that fits the radar.
     window_s, hop_s : float, optional

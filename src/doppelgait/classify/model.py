@@ -254,9 +254,6 @@ class Model:
 
     Parameters
     ----------
-    facts : Facts
-    learned : Learned
-    calibration : Calibration
     lowest, highest : ndarray, shape (d,)
         Of every feature in the training rows; NaN where it was always unknown. Empty for
         signatures.
@@ -351,9 +348,7 @@ def find_blocking_flag(flags: Iterable[str], patterns: Sequence[str]) -> str | N
 
 
 def blocked_rows(rows: Rows, part: npt.NDArray[np.int64], values: Any, model: Model) -> npt.NDArray[np.bool_]:
-    """Mark rows without a decision whatever the probability, shape (n,).
-    The cause is a blocking flag, or features, conditions or a distance outside the training data.
-    """
+    """Mark rows without a decision whatever the probability, shape (n,)."""
     texts = rows.index["quality_flags"].iloc[part].fillna("").tolist()
     flagged = [find_blocking_flag(text.split(";"), BLOCKING) is not None for text in texts]
     blocked = np.array(flagged, dtype=bool) | model.mark_outside(values).any(axis=1)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 from functools import cache
 from importlib import resources
@@ -60,13 +60,8 @@ def save_model(model: Model, path: str | Path) -> Path:
 
     Parameters
     ----------
-    model : Model
     path : path
         Must end in ``.npz``: ``numpy.load(path, allow_pickle=False)`` reads it.
-
-    Returns
-    -------
-    Path
 
     Raises
     ------
@@ -90,8 +85,7 @@ def save_model(model: Model, path: str | Path) -> Path:
     target = Path(path)
     if target.suffix.lower() != SUFFIX:
         raise ConfigError(f"{target}: a model's file must end in {SUFFIX}")
-    learned = model.learned
-    form, arrays = _pack(learned)
+    form, arrays = _pack(model.learned)
     facts = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
@@ -263,15 +257,23 @@ def _check_model(model: Model) -> None:
 def _check_learned(learned: Any, n_classes: int, n_features: int) -> None:
     """Check the numbers of a trained model and their shapes."""
     _check_numbers(learned)
-    checks: dict[type, Callable[..., None]] = {
-        Constant: _check_constant,
-        Linear: _check_linear,
-        Kernel: _check_kernel,
-        Trees: _check_trees,
-        Network: _check_network,
-        Ensemble: _check_ensemble,
-    }
-    checks[type(learned)](learned, n_classes, n_features)
+    match learned:
+        case Constant():
+            _check_shape(learned.log_share.shape, (n_classes,), "log_share")
+        case Linear():
+            _check_shape(learned.weight.shape, (n_classes, _check_columns(learned, n_features)), "weight")
+            _check_shape(learned.bias.shape, (n_classes,), "bias")
+        case Kernel():
+            n_scores, n_support = 1 if n_classes == 2 else n_classes, len(learned.support)
+            _check_shape(learned.support.shape, (n_support, _check_columns(learned, n_features)), "support")
+            _check_shape(learned.weight.shape, (n_scores, n_support), "weight")
+            _check_shape(learned.bias.shape, (n_scores,), "bias")
+        case Trees():
+            _check_trees(learned, n_classes, n_features)
+        case Network():
+            _check_network(learned, n_classes)
+        case Ensemble():
+            _check_ensemble(learned, n_classes, n_features)
 
 
 def _check_numbers(learned: Any) -> None:
@@ -304,22 +306,6 @@ def _check_shape(found: tuple[int, ...], expected: tuple[int, ...], name: str) -
         raise ValueError(f"{name} has the shape {found}, expected is {expected}")
 
 
-def _check_constant(learned: Any, n_classes: int, n_features: int) -> None:
-    _check_shape(learned.log_share.shape, (n_classes,), "log_share")
-
-
-def _check_linear(learned: Any, n_classes: int, n_features: int) -> None:
-    _check_shape(learned.weight.shape, (n_classes, _check_columns(learned, n_features)), "weight")
-    _check_shape(learned.bias.shape, (n_classes,), "bias")
-
-
-def _check_kernel(learned: Any, n_classes: int, n_features: int) -> None:
-    n_scores, n_support = 1 if n_classes == 2 else n_classes, len(learned.support)
-    _check_shape(learned.support.shape, (n_support, _check_columns(learned, n_features)), "support")
-    _check_shape(learned.weight.shape, (n_scores, n_support), "weight")
-    _check_shape(learned.bias.shape, (n_scores,), "bias")
-
-
 def _check_columns(learned: Any, n_features: int) -> int:
     """Check what standardises features; return the number of columns."""
     columns: int = n_features + learned.told.size
@@ -350,7 +336,7 @@ def _check_trees(learned: Any, n_classes: int, n_features: int) -> None:
         raise ValueError("its trees use features or nodes that do not exist")
 
 
-def _check_network(learned: Any, n_classes: int, n_features: int) -> None:
+def _check_network(learned: Any, n_classes: int) -> None:
     n_in, highest = 1, 1.0  # of levels, 0 to 1, and of every layer
     layers = zip(learned.kernels, learned.scales, learned.biases, strict=True)
     for number, (kernel, scale, bias) in enumerate(layers):

@@ -75,7 +75,6 @@ def train_network(
         for none, and class numbers.
     held : Part
         Rows of other targets that decide when to stop; without any, all epochs are run.
-    n_classes : int
     seed : int
         The same seed, rows and machine give the same network.
     spec : Patch, optional

@@ -291,7 +291,6 @@ def write_report(found: Evaluation, folder: str | Path, *, figure_format: str = 
 
     Parameters
     ----------
-    found : Evaluation
     folder : path
         It appears complete or not at all; an older report is replaced.
     figure_format : {"png", "svg", "pdf"}

@@ -206,10 +206,8 @@ def run_model(
     tick: Callable[[int], None],
     members: Sequence[Sequence[Sequence[Model]]] = (),
 ) -> Run:
-    """Train on every fold and predict its test rows.
-    An ensemble combines its ``members``, which are trained on the same folds, by kind, seed and
-    fold.
-    """
+    """Train on every fold and predict its test rows."""
+    # an ensemble combines its ``members``, of the same folds, by kind, seed and fold
     models, parts, losses, importance = [], [], [], []
     for number, fold in enumerate(folds):
         model = learn(rows, table, name, fold, seed=seed, members=[[each[number] for each in kind] for kind in members])

@@ -105,10 +105,8 @@ def weight_groups(labels: IntArray, groups: Groups, rng: np.random.Generator, *,
 
 
 def auc(scores: FloatArray, positive: Bools, weights: FloatArray | None = None) -> float:
-    """Return the area under the ROC curve.
-    The probability that a positive row scores higher than a negative one, ties counting half; NaN
-    with one kind.
-    """
+    """Return the area under the ROC curve."""
+    # the probability that a positive row scores higher than a negative one, ties counting half
     weight = np.ones(scores.size) if weights is None else weights
     _, place = np.unique(scores, return_inverse=True)
     size = int(place.max()) + 1 if scores.size else 0
@@ -265,10 +263,8 @@ def _score_share(answers: Answers, chosen: Bools) -> dict[str, Any]:
 
 
 def find_alarm_point(answers: Answers) -> dict[str, Any] | None:
-    """Compute alarm rates at 95 % detection, or None.
-    None where there is no such class or no threshold. ``held``: with the threshold of the held-out
-    rows, as in use.
-    """
+    """Compute alarm rates at 95 % detection, or None."""
+    # ``held``: with the threshold of the held-out rows, as in use
     if answers.alarm not in answers.classes:
         return None
     number = answers.classes.index(answers.alarm)

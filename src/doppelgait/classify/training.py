@@ -70,11 +70,6 @@ class Kind(NamedTuple):
     learner: str
 
 
-def list_models() -> list[str]:
-    """Return the names of all classifiers but the baselines."""
-    return [*BUILT_IN, *(item.name for item in CLASSIFIERS.values() if item.name not in BUILT_IN + BASELINES)]
-
-
 BOOSTING = {
     "max_iter": 150,
     "learning_rate": 0.08,
@@ -112,7 +107,8 @@ _OTHER_TREES = (
 def find_kind(name: str) -> Kind:
     """Return inputs and method of a known model."""
     if name not in CLASSIFIERS:
-        raise ConfigError(f"--models: model {name!r} is not known; allowed are {', '.join(list_models())}")
+        further = (item.name for item in CLASSIFIERS.values() if item.name not in BUILT_IN + BASELINES)
+        raise ConfigError(f"--models: model {name!r} is not known; allowed are {', '.join([*BUILT_IN, *further])}")
     facts = CLASSIFIERS[name].facts
     return Kind(facts["features"], facts.get("learner", name))
 

@@ -60,7 +60,7 @@ def export(
     Example: doppelgait model export model.npz --form onnx -o exported;
     or doppelgait model export x4 --form c --int8 --prf-hz 500 -o firmware/model
     """
-    from doppelgait.classify.export.write import CSettings, export_model
+    from doppelgait.classify import CSettings, export_model
     from doppelgait.classify.model_file import open_model
 
     settings = CSettings(

@@ -55,8 +55,6 @@ class BuildReport:
 
     Parameters
     ----------
-    directory : Path
-    dataset_id : str
     n_examples, n_built, n_reused : int
         Examples in the dataset, examples built now, and examples reused. While other parts are missing, the counts
         cover only this part.
@@ -129,7 +127,6 @@ def build_dataset(
 
     Parameters
     ----------
-    config : PlanConfig
     directory : path
         Folder of the dataset; created if missing.
     folder : Path, optional

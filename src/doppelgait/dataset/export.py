@@ -46,8 +46,6 @@ class ExportReport:
 
     Parameters
     ----------
-    directory : Path
-    form : str
     n_rows, n_files, bytes : int
         Rows of the dataset, files written and their size.
     """
@@ -77,7 +75,6 @@ def export_dataset(
 
     Parameters
     ----------
-    dataset : Dataset
     destination : path-like
         Folder to write; it must not exist.
     form : str, table or parameter model

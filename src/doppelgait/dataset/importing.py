@@ -48,8 +48,6 @@ class ImportReport:
 
     Parameters
     ----------
-    directory : Path
-    dataset_id : str
     n_recordings : int
         Recordings, or parts of them, that the labels name.
     n_rows : int

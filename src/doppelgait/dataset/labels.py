@@ -211,41 +211,22 @@ NEAR_COLUMN, NEAR_LABEL = 0.75, 0.8
 
 @dataclass(frozen=True)
 class LabelEntry:
-    """Recording, or part of it, with its label.
+    """Recording, or part of it, with its label."""
 
-    Parameters
-    ----------
-    line : int
-        Line in the file of labels.
-    recording : str
-        Path in the folder, with slashes.
-    label : str
-    gate : "track" or (float, float)
-    start_s, stop_s : float, optional
-        Labelled part, from the start of the recording; by default the whole recording.
-    subject, split, session, licence, citation : str
-        Empty where not stated.
-    nobody : bool
-        Whether the scene is empty, so that no target is expected.
-    options : dict
-        Options for the reader of the format.
-    further : dict
-        Columns that are stored unchanged: ``meta_*`` (text) and ``truth_*`` (numbers, None if not stated).
-    """
-
-    line: int
-    recording: str
+    line: int  # in the file of labels
+    recording: str  # path in the folder, with slashes
     label: str
     gate: GateChoice = "track"
-    start_s: float | None = None
+    start_s: float | None = None  # from the start of the recording; by default the whole recording
     stop_s: float | None = None
     subject: str = ""
     split: str = ""
     session: str = ""
     licence: str = ""
     citation: str = ""
-    nobody: bool = False
-    options: Mapping[str, Any] = field(default_factory=dict)
+    nobody: bool = False  # the scene is empty, so that no target is expected
+    options: Mapping[str, Any] = field(default_factory=dict)  # for the reader of the format
+    # Columns that are stored unchanged: ``meta_*`` (text) and ``truth_*`` (numbers, None if not stated).
     further: Mapping[str, Any] = field(default_factory=dict)
 
     def overlaps(self, other: LabelEntry) -> bool:
@@ -259,25 +240,7 @@ def _read_end_s(entry: LabelEntry) -> float:
 
 
 def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "track") -> list[LabelEntry]:
-    """Read a label file, entries in line order.
-
-    Parameters
-    ----------
-    path : path
-        CSV with comma, semicolon or tab. Columns: ``file`` (or a pattern for several) and ``label``; optional
-        ``subject``, ``split``, ``start_s``, ``stop_s``, ``gate`` (``track`` or ``1.2:2.8``), ``nobody`` (``yes``),
-        ``licence``, ``citation``, ``session``, ``option.NAME`` for the reader, ``truth_NAME`` for manual measurements
-        (numbers). Other columns must be named ``meta_NAME``.
-    folder : path
-        Folder of the recordings.
-    gate : "track" or (float, float)
-        Gate of lines without one.
-
-    Raises
-    ------
-    ConfigError
-        If a line is wrong. The message lists all mistakes with line, column, value and allowed values.
-    """
+    """Read a label file, entries in line order."""
     table = read_table(Path(path), needed=NEEDED)
     names = {}
     for column in table.columns:

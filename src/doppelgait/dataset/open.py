@@ -132,7 +132,6 @@ class Dataset:
 
     Parameters
     ----------
-    directory : Path
     description : dict
         ``dataset.json``: identity, classes, fields, configuration.
     index : pandas.DataFrame
@@ -296,9 +295,8 @@ class Dataset:
 
     @cached_property
     def _places(self) -> tuple[list[str], list[int]]:
-        """Shard and row of every example.
-        Indexing a list is a hundred times as fast as indexing a table.
-        """
+        """Shard and row of every example."""
+        # indexing a list is a hundred times as fast as indexing a table
         return self.index["shard"].tolist(), self.index["row"].tolist()
 
     def check_fields(self, fields: Sequence[str]) -> None:
@@ -334,7 +332,6 @@ class Dataset:
 
         Parameters
         ----------
-        field : str
         as_ : {"array", "picture"} or Patch
             As of :meth:`batches`.
         memory_mb : float
@@ -365,7 +362,6 @@ class Dataset:
 
         Parameters
         ----------
-        fields : sequence of str
         batch_size : int
             The last batch may be smaller.
         rng : Streams or numpy.random.Generator, optional
@@ -405,7 +401,6 @@ class Dataset:
 
         Parameters
         ----------
-        fields : sequence of str
         as_ : {"array", "picture"} or Patch
             As of :meth:`batches`. Pictures have no channel axis; ``batch[:, None]`` adds one.
         transform : callable, optional

@@ -88,7 +88,6 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
 
     Parameters
     ----------
-    config : PlanConfig
     folder : Path, optional
         Folder that relative paths start from; the working folder by default.
     on_progress : callable, optional

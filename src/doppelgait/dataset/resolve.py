@@ -41,52 +41,26 @@ Draw = Callable[[Any, str], Any]
 
 
 class RowSpec(FrozenModel):
-    """One target of an example, one row of the index.
-
-    Parameters
-    ----------
-    id : str
-    label, subject : str
-        The subject is ``person/NAME`` if ``[[sources]]`` names it, ``file/PATH`` for another recording, ``model/ID``
-        for a parameter sample of a model or an empty scene.
-    source : {"model", "recording", "none"}
-    recording, licence : str
-        Motion file and its licence from ``[[sources]]``; empty for models. A blended motion has both files and both
-        licences; its licence is unknown if either is.
-    others : tuple of str
-        Further subjects of a blended motion; they are in the group of the first.
-    """
+    """One target of an example, one row of the index."""
 
     id: str
     label: str
-    subject: str
-    source: str
+    subject: str  # ``person/NAME`` if ``[[sources]]`` names it, else ``file/PATH``, or ``model/ID`` without one
+    source: str  # ``model``, ``recording`` or ``none``
+    # Motion files and their licences from ``[[sources]]``; of a blended motion both, unknown if either is.
     recording: str = ""
     licence: str = ""
-    others: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()  # further subjects of a blended motion, in the group of the first
 
 
 class ExampleSpec(FrozenModel):
-    """One planned example without distributions.
+    """One planned example without distributions."""
 
-    Parameters
-    ----------
-    id : str
-        Of the scene; its first row has the same.
-    split, group : str
-        Empty where the example belongs to no built dataset.
-    gate_error_m : float
-        Range error of the truth gates.
-    rows : tuple of RowSpec
-        One per target, in the order of the scene's; one for an empty scene.
-    run : Run
-    """
-
-    id: str
-    split: str
+    id: str  # of the scene; its first row has the same
+    split: str  # empty, as the group, where the example belongs to no built dataset
     group: str
-    gate_error_m: float
-    rows: tuple[RowSpec, ...]
+    gate_error_m: float  # of the truth gates
+    rows: tuple[RowSpec, ...]  # one per target, in the order of the scene's; one for an empty scene
     run: Run
 
     @property

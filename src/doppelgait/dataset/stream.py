@@ -121,7 +121,6 @@ class ExampleStream:
 
         Parameters
         ----------
-        fields : sequence of str
         as_ : {"array", "picture"} or Patch
             As of :meth:`doppelgait.dataset.Dataset.batches`.
         transform : callable, optional

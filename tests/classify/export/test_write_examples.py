@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from doppelgait.classify.export.device import plan_device
+from doppelgait.classify.export.device import CSettings, plan_device
 from doppelgait.classify.export.write import convert_samples, feature_rows, remove_running_mean, walk_samples
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.processing import Analysis, Gate, patches, signature
@@ -14,9 +14,8 @@ from export_models import export_model_of
 def device_of(prf_hz=500.0, *, bins=2, still_time_s=None, window_s=None, patch=None, **analysis):
     conditions = {"carrier_hz": (7.29e9, 7.29e9), "prf_hz": (prf_hz, prf_hz), "observation_s": (2.0, 2.0)}
     model = export_model_of("network", conditions=conditions, analysis=analysis)
-    return plan_device(
-        model, patch or Patch(), prf_hz=None, carrier_hz=None, window_s=window_s, bins=bins, still_time_s=still_time_s
-    )
+    settings = CSettings(window_s=window_s, bins=bins, still_time_s=still_time_s)
+    return plan_device(model, patch or Patch(), settings)
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import doppelgait as dg
-from doppelgait.classify.export.device import list_parts, plan_device, select_networks
+from doppelgait.classify.export.device import CSettings, list_parts, plan_device, select_networks
 from doppelgait.classify.export.write import (
-    CSettings,
     collect_levels,
     convert_samples,
     export_model,
@@ -106,9 +105,7 @@ def test_radars_transforms_and_gates_agree(build, tmp_path, prf_hz, analysis, bi
 
 def plan(model, *, bins=1, window_s=None, still_time_s=2.0):
     patch = next(part[0].patch for part in list_parts(model) if isinstance(part[0], Network))
-    return plan_device(
-        model, patch, prf_hz=None, carrier_hz=None, window_s=window_s, bins=bins, still_time_s=still_time_s
-    )
+    return plan_device(model, patch, CSettings(window_s=window_s, bins=bins, still_time_s=still_time_s))
 
 
 def test_the_usual_size_agrees_and_needs_the_memory_that_is_stated(build, tmp_path):

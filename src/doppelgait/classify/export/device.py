@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,45 @@ from doppelgait.processing.patches import Levels, Patch, cut_pictures
 
 SAME = 1.01
 """Maximum ratio of the limits of a condition that counts as one number."""
+
+
+@dataclass(frozen=True)
+class CSettings:
+    """Settings of the form ``c``.
+
+    Parameters
+    ----------
+    integers : bool
+        Networks in 8-bit integers instead of float32.
+    prf_hz, carrier_hz : float, optional
+        Pulse rate and carrier of the radar; by default those of the training data, if each is one
+        number.
+    window_s : float, optional
+        Observation of one decision; by default the shortest one of the training data, and at least
+        one picture.
+    bins : int
+        Range bins of the gate.
+    still_time_s : float or None
+        Time constant of the running mean that is subtracted as static echoes; None: the samples
+        have none.
+    data : Path, optional
+        Dataset with held-out signatures that set the scales of the integers and are golden vectors;
+        by default both are simulated.
+    n_examples : int
+        Golden vectors of each kind.
+    seed : int
+        Of the simulated examples.
+    """
+
+    integers: bool = False
+    prf_hz: float | None = None
+    carrier_hz: float | None = None
+    window_s: float | None = None
+    bins: int = 1
+    still_time_s: float | None = 2.0
+    data: Path | None = None
+    n_examples: int = 16
+    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -85,22 +125,14 @@ class Device:
         return found[::-1]
 
 
-def plan_device(
-    model: Model,
-    patch: Patch,
-    *,
-    prf_hz: float | None,
-    carrier_hz: float | None,
-    window_s: float | None,
-    bins: int,
-    still_time_s: float | None,
-) -> Device:
+def plan_device(model: Model, patch: Patch, settings: CSettings) -> Device:
     """Plan the processing of a radar's samples for a model."""
     analysis = Analysis.model_validate(model.facts.analysis)
     if analysis.method != "standard" or analysis.gate_doppler_hz is not None:
         raise ConfigError("--form c exports the standard analysis without gate_doppler_hz; this model has another one")
-    prf = _read_condition(model, "prf_hz", prf_hz, "--prf-hz")
-    wavelength_m = SPEED_OF_LIGHT_MPS / _read_condition(model, "carrier_hz", carrier_hz, "--carrier-hz")
+    prf = _read_condition(model, "prf_hz", settings.prf_hz, "--prf-hz")
+    wavelength_m = SPEED_OF_LIGHT_MPS / _read_condition(model, "carrier_hz", settings.carrier_hz, "--carrier-hz")
+    window_s = settings.window_s
     if window_s is None:
         window_s = model.facts.conditions.get("observation_s", (0.0, 0.0))[0]
     n_columns = max(patch.n_time, round(window_s / patch.column_s))
@@ -109,14 +141,14 @@ def plan_device(
     return Device(
         prf,
         wavelength_m,
-        bins,
+        settings.bins,
         patch,
         transform.window,
         transform.hop,
         transform.n_doppler_bins,
         n_columns,
         n_stft,
-        still_time_s,
+        settings.still_time_s,
     )
 
 
@@ -185,10 +217,7 @@ FURTHEST_SHIFT = 40
 
 
 class IntegerLayer(NamedTuple):
-    """Convolution of integers.
-    The activation is (sum * multiplier + offset) >> shift, 0 to 127; half of the last place is in
-    the offset.
-    """
+    """Convolution of integers; (sum * multiplier + offset) >> shift, 0 to 127."""
 
     kernel: IntArray
     multiplier: IntArray
@@ -229,10 +258,8 @@ def pooled(layer: npt.NDArray[np.generic], kernel: npt.NDArray[np.generic]) -> F
 
 
 def quantise(network: Network, examples: list[Levels]) -> IntegerNetwork:
-    """Convert a network to integers.
-    Weights have one scale per output channel, activations one per layer: its largest value over the
-    examples is 127.
-    """
+    """Convert a network to integers."""
+    # one scale per output channel, and one per layer: its largest activation is 127
     pictures = np.concatenate([cut_pictures(whole, network.patch) for whole in examples])
     values = np.concatenate([pictures, pictures[:, ::-1]])[:, None].astype(np.float64)
     layers, unit = [], 1.0 / LARGEST

@@ -64,16 +64,19 @@ class _Graph:
 
     def member(self, learned: Learned, name: str) -> str:
         """Add a trained model; return its log-probabilities in double precision."""
-        makers: dict[type, Any] = {
-            Constant: self.shares,
-            Linear: self.add_linear,
-            Kernel: self.kernel,
-            Trees: self.add_trees,
-            Network: self.add_network,
-            Ensemble: self.add_ensemble,
-        }
-        made: str = makers[type(learned)](learned, name)
-        return made
+        match learned:
+            case Constant():
+                return self.shares(learned, name)
+            case Linear():
+                return self.add_scores(self.add_standardisation(learned, name), learned.weight, learned.bias, name)
+            case Kernel():
+                return self.kernel(learned, name)
+            case Trees():
+                return self.add_trees(learned, name)
+            case Network():
+                return self.add_network(learned, name)
+            case Ensemble():
+                return self.add_ensemble(learned, name)
 
     def calibrated(self, log_probability: str, slope: float, shift: Any, name: str) -> str:
         scaled = self.add("Mul", [log_probability, self.add_constant(slope, f"{name}_slope")])
@@ -130,9 +133,6 @@ class _Graph:
             zero = self.add("Mul", [scores, self.add_constant(0.0, "zero")])
             scores = self.add("Concat", [zero, scores], axis=1)
         return self.add("LogSoftmax", [scores], axis=1)
-
-    def add_linear(self, learned: Linear, name: str) -> str:
-        return self.add_scores(self.add_standardisation(learned, name), learned.weight, learned.bias, name)
 
     def kernel(self, learned: Kernel, name: str) -> str:
         rows = self.add_standardisation(learned, name)

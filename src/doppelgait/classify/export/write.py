@@ -15,7 +15,7 @@ import numpy.typing as npt
 from doppelgait import __version__
 from doppelgait.classify.export import scorer
 from doppelgait.classify.export.c_code import TEXTS, Sources
-from doppelgait.classify.export.device import Device, list_parts, plan_device, quantise, select_networks
+from doppelgait.classify.export.device import CSettings, Device, list_parts, plan_device, quantise, select_networks
 from doppelgait.classify.learned import Ensemble, FloatArray, Network, join_inputs
 from doppelgait.classify.model import Model
 from doppelgait.classify.model_file import save_model
@@ -34,45 +34,6 @@ LISTING, FORMAT = "export.json", "doppelgait-model-export"
 
 
 @dataclass(frozen=True)
-class CSettings:
-    """Settings of the form ``c``.
-
-    Parameters
-    ----------
-    integers : bool
-        Networks in 8-bit integers instead of float32.
-    prf_hz, carrier_hz : float, optional
-        Pulse rate and carrier of the radar; by default those of the training data, if each is one
-        number.
-    window_s : float, optional
-        Observation of one decision; by default the shortest one of the training data, and at least
-        one picture.
-    bins : int
-        Range bins of the gate.
-    still_time_s : float or None
-        Time constant of the running mean that is subtracted as static echoes; None: the samples
-        have none.
-    data : Path, optional
-        Dataset with held-out signatures that set the scales of the integers and are golden vectors;
-        by default both are simulated.
-    n_examples : int
-        Golden vectors of each kind.
-    seed : int
-        Of the simulated examples.
-    """
-
-    integers: bool = False
-    prf_hz: float | None = None
-    carrier_hz: float | None = None
-    window_s: float | None = None
-    bins: int = 1
-    still_time_s: float | None = 2.0
-    data: Path | None = None
-    n_examples: int = 16
-    seed: int = 0
-
-
-@dataclass(frozen=True)
 class Export:
     """Written export."""
 
@@ -86,7 +47,6 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
 
     Parameters
     ----------
-    model : Model
     form : {"c", "numpy", "onnx"}
         ``c``: C99 from complex samples of a gate, or from features, to probabilities. ``numpy``:
         the model file and a scorer that needs NumPy alone. ``onnx``: one graph from features and
@@ -96,10 +56,6 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
         Appears complete or not at all; replaces an earlier export.
     settings : CSettings, optional
         Of the form ``c`` only.
-
-    Returns
-    -------
-    Export
 
     Raises
     ------
@@ -162,15 +118,7 @@ def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], 
     simulated: list[Any] = []
     scaling: list[Any] = []
     if networks:
-        device = plan_device(
-            model,
-            networks[0].patch,
-            prf_hz=settings.prf_hz,
-            carrier_hz=settings.carrier_hz,
-            window_s=settings.window_s,
-            bins=settings.bins,
-            still_time_s=settings.still_time_s,
-        )
+        device = plan_device(model, networks[0].patch, settings)
         samples = [walk_samples(rng, device) for _ in range(settings.n_examples)]
         simulated = scaling = [convert_samples(each, device) for each in samples]
         if settings.data is not None:
@@ -189,9 +137,13 @@ def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], 
         for each, answer in zip(inputs, predict_network_probability(model, rows) if rows else (), strict=True):
             words += [each, answer.astype(np.float32)]
     if len(features):
-        rows = [levels[n % len(levels)] for n in range(len(features))] if networks else []
-        seen = predict_networks(model, rows) if networks else np.zeros((len(features), 0))
-        for each in zip(features, seen, predict_model_probability(model, features, rows), strict=True):
+        values: npt.NDArray[Any] = features
+        seen = np.zeros((len(features), 0))
+        if networks:
+            whole = _wrap_objects([levels[n % len(levels)] for n in range(len(features))])
+            own = [part[0].log_probability(whole) for part in list_parts(model) if isinstance(part[0], Network)]
+            values, seen = join_inputs(features, whole), np.stack(own, axis=1)  # seen: (n, n_networks, n_classes)
+        for each in zip(features, seen, model.probability(values), strict=True):
             words += [part.astype(np.float32) for part in each]
     if settings.integers:
         apart = np.abs(predict_network_probability(model, scaling) - predict_network_probability(exact, scaling))
@@ -221,10 +173,7 @@ def convert_to_integers(model: Model, examples: list[Any]) -> Model:
 
 
 def walk_samples(rng: np.random.Generator, device: Device) -> Complex:
-    """Simulate a window of a body that swings four limbs.
-    The window has noise, and a static echo if the device removes one. Shapes: returns (n_pulses,
-    n_bins).
-    """
+    """Simulate a body that swings four limbs, (n_pulses, n_bins)."""
     time_s = np.arange(device.window_pulses) / device.prf_hz
     speed = rng.choice([-1.0, 1.0]) * rng.uniform(*SPEED_MPS)
     stride = 2.0 * np.pi * rng.uniform(*STRIDE_HZ)
@@ -295,13 +244,6 @@ def feature_rows(rng: np.random.Generator, model: Model, n: int) -> FloatArray:
     return values.astype(np.float32).astype(np.float64)
 
 
-def predict_networks(model: Model, levels: list[Levels]) -> FloatArray:
-    """Return log-probabilities of every network, (n, n_networks, n_classes)."""
-    whole = _wrap_objects(levels)
-    found = [part[0].log_probability(whole) for part in list_parts(model) if isinstance(part[0], Network)]
-    return np.stack(found, axis=1) if found else np.zeros((len(levels), 0, len(model.facts.classes)))
-
-
 def predict_network_probability(model: Model, levels: list[Levels]) -> FloatArray:
     """Return the probabilities of the networks alone, (n, n_classes)."""
     part = select_networks(model)
@@ -310,11 +252,6 @@ def predict_network_probability(model: Model, levels: list[Levels]) -> FloatArra
     whole = _wrap_objects(levels)
     joined = isinstance(part.learned, Ensemble)
     return part.probability(join_inputs(np.zeros((len(levels), 0)), whole) if joined else whole)
-
-
-def predict_model_probability(model: Model, features: FloatArray, levels: list[Levels]) -> FloatArray:
-    """Return the probabilities of the whole model, (n, n_classes)."""
-    return model.probability(join_inputs(features, _wrap_objects(levels)) if levels else features)
 
 
 def _wrap_objects(levels: list[Levels]) -> npt.NDArray[Any]:

@@ -32,7 +32,6 @@ class Check:
 
     Parameters
     ----------
-    name : str
     status : {"passed", "warning", "failed", "skipped", "not applicable"}
         ``warning``: the dataset stays valid, but a person should look at it. ``skipped``: the check was not possible
         for the reason in the summary; the dataset is not proven. ``not applicable``: nothing to check in this dataset,
@@ -55,12 +54,8 @@ class Verification:
 
     Parameters
     ----------
-    directory : Path
-    dataset_id : str
     complete : bool
         Whether the dataset is marked as complete.
-    checks : tuple of Check
-    figures : tuple of Path
     seconds : float
     """
 

@@ -153,7 +153,6 @@ def verify_dataset(
 
     Parameters
     ----------
-    directory : path
     folder : Path, optional
         Folder that relative motion paths of the plan start from; the working folder by default.
     share : float
@@ -166,10 +165,6 @@ def verify_dataset(
         Folder for a page of signatures for every class and one of the features.
     figure_format : {"png", "svg", "pdf"}
         Format of these pages.
-
-    Returns
-    -------
-    Verification
 
     Raises
     ------
