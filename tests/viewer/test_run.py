@@ -166,11 +166,11 @@ def test_every_segment_of_a_result_file_can_be_shown(recording, tmp_path):
     (stored,) = read_results(tmp_path / "r.h5").targets
     view = make_view(stored, lambda start_s, stop_s: None)
     assert view.segment is not None
-    assert is_aligned(view, "standard") == bool(stored.cadence_map.attrs["aligned"])
+    assert is_aligned(stored, "standard") == bool(stored.cadence_map.attrs["aligned"])
     for number, segment in enumerate(stored.segments):
         (shown,) = select_segment([view], 0, number)
-        assert (shown.segment, shown.features) == (number, segment.features.as_dict())
-        assert shown.signature.identical(segment.signature)
+        assert (shown.segment, shown.result.features) == (number, segment.features)
+        assert shown.result.signature.identical(segment.signature)
 
 
 def test_map_of_moved_columns_says_so(run):

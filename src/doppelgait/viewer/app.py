@@ -178,23 +178,21 @@ def make_app(
     """Make the ASGI application of the viewer."""
     chosen = settings or Settings()
     shelf, lock = RunCache(opened), anyio.Lock()
-    table: dict[str, tuple[Callable[[Run, Reference], bytes], tuple[str, ...], str]] = {
-        "recording": (_encode_recording, CHANGEABLE, PAYLOAD),
-        "targets": (_encode_targets, (*CHANGEABLE, "segment"), PAYLOAD),
-        "range-doppler": (_encode_range_doppler, (*CHANGEABLE, "from", "count", "target"), PAYLOAD),
-        "sound": (_encode_sound, (*CHANGEABLE, "target", "pitch", "channels"), WAV),
-        "scene": (_encode_scene, (), JSON),
+    table = {
+        "recording": (CHANGEABLE, PAYLOAD),
+        "targets": ((*CHANGEABLE, "segment"), PAYLOAD),
+        "range-doppler": ((*CHANGEABLE, "from", "count", "target"), PAYLOAD),
+        "sound": ((*CHANGEABLE, "target", "pitch", "channels"), WAV),
+        "scene": ((), JSON),
     }
     routes = [
-        Route("/", _serve_page),
+        Route("/", _serve_static),
         Route("/static/{name}", _serve_static),
         Route("/api/session", _make_endpoint(partial(_describe_session, opened, chosen, live), JSON)),
         Route("/api/live", _make_endpoint(partial(_encode_live, live), PAYLOAD)),
         *(
-            [
-                Route(f"/api/{name}", _run_answer(make, names, media, shelf, lock))
-                for name, (make, names, media) in table.items()
-            ]
+            Route(f"/api/{name}", _run_answer(name, names, media, shelf, lock))
+            for name, (names, media) in table.items()
         ),
         *_make_dataset_routes(opened),
     ]
@@ -211,25 +209,19 @@ def make_app(
     return Guard(app, token=token, port=port, framed=framed)
 
 
-def _encode_recording(run: Run, reference: Reference) -> bytes:
-    return make_recording_payload(run, reference.gate, changes=reference.changes)
-
-
-def _encode_targets(run: Run, reference: Reference) -> bytes:
-    return make_targets_payload(run, reference.gate, reference.changes, segment=reference.segment)
-
-
-def _encode_range_doppler(run: Run, reference: Reference) -> bytes:
-    start = parse_whole(reference.further, "from", 0, least=0, most=10**9)
-    count = parse_whole(reference.further, "count", 64, least=1, most=MOST_PER_REQUEST)
-    return make_range_doppler_payload(run, reference.gate, start=start, count=count, changes=reference.changes)
-
-
-def _encode_sound(run: Run, reference: Reference) -> bytes:
-    return make_sound_wav(run, reference.gate, reference.further, reference.changes)
-
-
-def _encode_scene(run: Run, reference: Reference) -> bytes:
+def _encode_answer(name: str, run: Run, reference: Reference) -> bytes:
+    """Encode an answer about a run."""
+    gate, changes, further = reference.gate, reference.changes, reference.further
+    if name == "recording":
+        return make_recording_payload(run, gate, changes=changes)
+    if name == "targets":
+        return make_targets_payload(run, gate, changes, segment=reference.segment)
+    if name == "sound":
+        return make_sound_wav(run, gate, further, changes)
+    if name == "range-doppler":
+        start = parse_whole(further, "from", 0, least=0, most=10**9)
+        count = parse_whole(further, "count", 64, least=1, most=MOST_PER_REQUEST)
+        return make_range_doppler_payload(run, gate, start=start, count=count, changes=changes)
     from doppelgait.viewer.try_it import answer_scene
 
     if reference.key[:1] != ("try",):
@@ -299,18 +291,16 @@ async def run_in_thread(make: Callable[[], T]) -> T:
     return await anyio.to_thread.run_sync(make, abandon_on_cancel=True)
 
 
-def _run_answer(
-    make: Callable[[Run, Reference], bytes], names: tuple[str, ...], media_type: str, shelf: RunCache, lock: anyio.Lock
-) -> Endpoint:
+def _run_answer(name: str, names: tuple[str, ...], media_type: str, shelf: RunCache, lock: anyio.Lock) -> Endpoint:
     """Make an endpoint about one run."""
 
     async def endpoint(request: Request) -> Response:
         reference = parse_reference(request.query_params.multi_items(), names)
-        at_once = make is _encode_recording and not reference.key  # in memory: no analysis is needed
+        at_once = name == "recording" and not reference.key  # in memory: no analysis is needed
         async with nullcontext() if at_once else lock:
             if await request.is_disconnected():
                 return Response(status_code=GONE)
-            content = await run_in_thread(lambda: make(shelf.run(reference), reference))
+            content = await run_in_thread(lambda: _encode_answer(name, shelf.run(reference), reference))
             return_memory()
         return Response(content, media_type=media_type)
 
@@ -329,14 +319,7 @@ def read_static_files() -> dict[str, tuple[bytes, str]]:
 
 
 async def _serve_static(request: Request) -> Response:
-    return _serve_file(request, request.path_params["name"])
-
-
-async def _serve_page(request: Request) -> Response:
-    return _serve_file(request, "index.html")
-
-
-def _serve_file(request: Request, name: str) -> Response:
+    name = request.path_params.get("name", "index.html")
     files: dict[str, tuple[bytes, str]] = request.state.files
     if name not in files:
         raise HTTPException(404)

@@ -6,7 +6,6 @@ can read only files of one folder.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -18,20 +17,20 @@ import xarray as xr
 from doppelgait import processing
 from doppelgait.core.config import convert_to_json
 from doppelgait.core.draws import resolve
-from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.errors import DatasetError, DoppelgaitError
 from doppelgait.dataset import Dataset, Example, PlanConfig
 from doppelgait.dataset.example import find_plan_number, suggest_names
 from doppelgait.dataset.resolve import find_class, list_radar_files, resolve_example
 from doppelgait.dataset.shard import make_truth_columns
-from doppelgait.features import FEATURE_UNITS
+from doppelgait.features import FEATURE_UNITS, GaitFeatures
+from doppelgait.pipeline import Result, run_simulation
 from doppelgait.pipeline import run as pipeline_run
-from doppelgait.pipeline import run_simulation
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import GateName
 from doppelgait.radar.recording import Recording
 from doppelgait.scene.scene import DEFAULT_DURATION_S
 from doppelgait.viewer.payload import remove_folders
-from doppelgait.viewer.run import Run, TargetView, compute_harmonics
+from doppelgait.viewer.run import Run, TargetView, collect_warnings
 from doppelgait.viewer.settings import Settings
 
 MOST_SAMPLES = 24_000_000
@@ -149,12 +148,10 @@ class ExampleRuns:
         run.settings = replace(run.settings, analysis=spec.run.analysis)
 
         def simulate() -> Recording:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DoppelgaitWarning)  # the notes have the warnings of the build
-                try:
-                    recording = run_simulation(spec.run, folder=self.folder)
-                except DoppelgaitError as error:
-                    raise DatasetError(self.describe_error(error)) from None
+            try:  # the notes have the warnings of the build
+                recording, _ = collect_warnings(lambda: run_simulation(spec.run, folder=self.folder))
+            except DoppelgaitError as error:
+                raise DatasetError(self.describe_error(error)) from None
             if first.get("source") == "none":
                 return recording
             # The truth differs from that of the dataset: a motion file has changed.
@@ -183,12 +180,16 @@ class ExampleRuns:
     def _view(self, row: int, place: int, run: Run) -> TargetView:
         """Build a target's view from its stored row."""
         example = self.dataset.example(row)
-        signature = example.arrays.get("signature")
-        cadence = _find_cadence(example, run.settings.analysis)
-        line_hz = None if signature is None else processing.main_line_hz(signature, order=1, tapered=True)
-        view = build_stored_view(example)
+        signature, cadence = example.arrays.get("signature"), _find_cadence(example, run.settings.analysis)
+        arrays: dict[str, Any] = {}
+        if signature is not None:
+            line_hz = processing.main_line_hz(signature, order=1, tapered=True)
+            arrays |= {"signature": signature, "main_line_hz": line_hz}
+        if cadence is not None:
+            arrays |= {"cadence_map": cadence, "cadence_spectrum": processing.cadence_spectrum(cadence)}
+        view = build_stored_view(example, run.settings.analysis)
         # The gate of the example, if it was that of the truth and the recording can be simulated.
-        recording, gate = run.recording if view.gate == "truth" else None, None
+        recording, gate = run.recording if view.result.gate_source == "truth" else None, None
         if recording is not None and place < len(recording.truth):
             gate = Gate.from_truth(
                 recording.truth[place],
@@ -197,34 +198,25 @@ class ExampleRuns:
                 wavelength_m=recording.radar.wavelength_m,
                 error_m=_number(example.row.get("gate_error_m")) or 0.0,
             )
-        return replace(
-            view,
-            signature=signature,
-            cadence_map=cadence,
-            cadence_spectrum=None if cadence is None else processing.cadence_spectrum(cadence),
-            main_line_hz=line_hz,
-            gate_limits=gate,
-        )
+        return replace(view, result=replace(view.result, arrays=arrays, gate_limits=gate))
 
 
-def build_stored_view(example: Example) -> TargetView:
-    """Build the view of a target from an example's row."""
+def build_stored_view(example: Example, analysis: Analysis) -> TargetView:
+    """Build a target's view from a row, which may have wrong values."""
     row = example.row
-    features = {name: _number(row.get(f"feature_{name}")) for name in FEATURE_UNITS}
-    gait_frequency_hz = _number(row.get("gait_frequency_hz"))
-    return TargetView(
+    result = Result(
+        analysis=analysis,
         label=example.label,
-        gate=_read_text(row.get("gate")),
-        features=features,
-        gait_frequency_hz=gait_frequency_hz,
+        gate_source=_read_text(row.get("gate")),
+        features=GaitFeatures(**{name: _number(row.get(f"feature_{name}")) for name in FEATURE_UNITS}),
+        gait_frequency_hz=_number(row.get("gait_frequency_hz")),
         torso_doppler_hz=_number(row.get("torso_doppler_hz")),
-        harmonics_hz=compute_harmonics(features, gait_frequency_hz),
         quality={name: value for name, value in _select_prefix(row, "quality_").items() if name != "flags"},
         standard_deviation=_read_numbers(row, "sd_"),
         extended=_read_numbers(row, "extended_"),
         flags=tuple(filter(None, _read_text(row.get("quality_flags")).split(";"))),
-        truth=_read_truth(row),
     )
+    return TargetView(result, _read_truth(row))
 
 
 def _number(value: Any) -> float | None:

@@ -18,6 +18,7 @@ from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.core.labels import read_axis, replace_array_values
 from doppelgait.core.lazy import lazy_rows, take_every_row
 from doppelgait.core.units import power_to_db
+from doppelgait.pipeline import Result
 from doppelgait.pipeline.target import ALIGNED
 from doppelgait.processing import Analysis, range_doppler
 from doppelgait.processing.config import MIN_CPI_PULSES
@@ -324,7 +325,7 @@ def make_sound_wav(run: Run, gate: GateChoice | None, parameters: Mapping[str, s
         raise AnalysisError(silent)
     targets = run.targets(gate, changes)
     number = parse_whole(parameters, "target", 0, least=0, most=max(len(targets) - 1, 0))
-    limits = targets[number].gate_limits if targets else None
+    limits = targets[number].result.gate_limits if targets else None
     if limits is None:
         raise AnalysisError(f"{run.name}: there is no target with a gate to listen to")
     rate_hz, samples = make_doppler_sound(frames, limits, run.analysis(gate, changes), pitch=pitch, channels=channels)
@@ -359,7 +360,7 @@ def make_targets_payload(
 
 def _note_limits(gate: GateChoice | None, views: Sequence[TargetView]) -> list[str]:
     """Note the range used of a gate beyond the frame."""
-    limits = views[0].gate_limits if views else None
+    limits = views[0].result.gate_limits if views else None
     if not isinstance(gate, tuple) or limits is None or limits.source != "given":
         return []
     used_m = float(limits.low_m.min()), float(limits.high_m.max())
@@ -387,9 +388,8 @@ def select_segment(targets: Sequence[TargetView], number: int, segment: int) -> 
 def _describe_target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[str, Any]:
     from doppelgait.viz.maps import doppler_limits_hz
 
-    prefix = f"target_{number}_"
-    signature = view.signature if view.signature is not None and view.signature.size else None
-    cadence_map = view.cadence_map if view.cadence_map is not None and view.cadence_map.size else None
+    prefix, result = f"target_{number}_", view.result
+    signature, cadence_map = (_get_array(result, name) for name in ("signature", "cadence_map"))
     pictures: dict[str, dict[str, Any] | None] = {"signature": None, "cadence_map": None}
     if view.track_picture is not None:
         facts, arrays[f"{prefix}signature"] = view.track_picture
@@ -397,7 +397,7 @@ def _describe_target(number: int, view: TargetView, method: str, arrays: Arrays)
     elif signature is not None:
         pictures["signature"], arrays[f"{prefix}signature"] = signature_picture(signature, f"{prefix}signature")
     lines = view.segment_views if view.track_picture is not None else (view,)
-    main_lines = [_main_line(one, f"{prefix}main_line_{n}", arrays) for n, one in enumerate(lines)]
+    main_lines = [_main_line(line.result, f"{prefix}main_line_{n}", arrays) for n, line in enumerate(lines)]
     power = None
     if cadence_map is not None:
         cadence, power = (
@@ -406,10 +406,10 @@ def _describe_target(number: int, view: TargetView, method: str, arrays: Arrays)
         )
         name = f"{prefix}cadence_map"
         pictures["cadence_map"], arrays[name] = doppler_picture(cadence_map, power, cadence, name, "dB re 1")
-    spectrum = _describe_spectrum(view, f"{prefix}cadence_spectrum", method, arrays)
+    spectrum = _describe_spectrum(result, f"{prefix}cadence_spectrum", method, arrays)
     gate_limits = None
-    if view.gate_limits is not None:
-        gate = view.gate_limits
+    if result.gate_limits is not None:
+        gate = result.gate_limits
         count = gate.time_s.size
         chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_GATE_POINTS)).round().astype(int))
         limits = {"time": gate.time_s, "low": gate.low_m, "high": gate.high_m}
@@ -417,22 +417,22 @@ def _describe_target(number: int, view: TargetView, method: str, arrays: Arrays)
         gate_limits = {key: f"{prefix}gate_{key}" for key in limits}
     return {
         "number": number,
-        "label": view.label,
-        "gate": view.gate,
+        "label": result.label,
+        "gate": result.gate_source,
         "features": {
-            **view.features,
-            "gait_frequency_hz": view.gait_frequency_hz,
-            "torso_doppler_hz": view.torso_doppler_hz,
+            **result.features.as_dict(),
+            "gait_frequency_hz": result.gait_frequency_hz,
+            "torso_doppler_hz": result.torso_doppler_hz,
         },
-        "standard_deviation": view.standard_deviation,
-        "quality": view.quality,
-        "extended": view.extended,
-        "flags": view.flags,
+        "standard_deviation": result.standard_deviation,
+        "quality": result.quality,
+        "extended": result.extended,
+        "flags": result.flags,
         "truth": view.truth,
         "signature": pictures["signature"],
         "whole_track": view.track_picture is not None,
         "main_lines": [line for line in main_lines if line is not None],
-        "aligned": is_aligned(view, method),
+        "aligned": is_aligned(result, method),
         # Occupied rows of the cadence-velocity diagram, as in its figure.
         "cadence_band_hz": None
         if cadence_map is None or power is None
@@ -440,16 +440,22 @@ def _describe_target(number: int, view: TargetView, method: str, arrays: Arrays)
         "cadence_map": pictures["cadence_map"],
         "cadence_spectrum": spectrum,
         "gate_limits": gate_limits,
-        "segments": view.segments,
+        "segments": view.spans,
         "segment": view.segment,
     }
 
 
-def _main_line(view: TargetView, name: str, arrays: Arrays) -> dict[str, Any] | None:
+def _get_array(result: Result, name: str) -> xr.DataArray | None:
+    array = result.arrays.get(name)
+    return array if array is not None and array.size else None
+
+
+def _main_line(result: Result, name: str, arrays: Arrays) -> dict[str, Any] | None:
     """Describe a segment's main line at the picture's columns."""
-    if view.signature is None or view.signature.sizes["time"] == 0 or view.main_line_hz is None:
+    line_hz, signature = result.arrays.get("main_line_hz"), result.arrays.get("signature")
+    if signature is None or signature.sizes["time"] == 0 or line_hz is None:
         return None
-    times_s, line_hz = read_axis(view.signature, "time"), view.main_line_hz
+    times_s = read_axis(signature, "time")
     block = find_block_size(times_s.size, MOST[0])
     at = np.arange(0, times_s.size, block) + (block - 1) / 2
     columns = np.arange(times_s.size)
@@ -457,28 +463,34 @@ def _main_line(view: TargetView, name: str, arrays: Arrays) -> dict[str, Any] | 
     return {"x": describe_axis("time", "s", np.interp(at, columns, times_s)), "values": name}
 
 
-def is_aligned(view: TargetView, method: str) -> bool | None:
+def is_aligned(result: Result, method: str) -> bool | None:
     """Return True if the map's Doppler is relative."""
-    if method == "liland2018" or view.cadence_map is None:
-        return None if view.cadence_map is None else False
-    if ALIGNED in view.cadence_map.attrs:
-        return bool(view.cadence_map.attrs[ALIGNED])
-    if view.signature is None or view.signature.sizes["time"] < 2:
+    cadence_map, signature = result.arrays.get("cadence_map"), result.arrays.get("signature")
+    if method == "liland2018" or cadence_map is None:
+        return None if cadence_map is None else False
+    if ALIGNED in cadence_map.attrs:
+        return bool(cadence_map.attrs[ALIGNED])
+    if signature is None or signature.sizes["time"] < 2:
         return None
-    return processing.needs_alignment(view.signature)  # stored by an older version, or in a dataset
+    return processing.needs_alignment(signature)  # stored by an older version, or in a dataset
 
 
-def _describe_spectrum(view: TargetView, name: str, method: str, arrays: Arrays) -> dict[str, Any] | None:
+def _describe_spectrum(result: Result, name: str, method: str, arrays: Arrays) -> dict[str, Any] | None:
     """Describe the cadence spectrum in dB with its peaks."""
-    spectrum = view.cadence_spectrum
-    if spectrum is None or spectrum.size == 0:
+    spectrum, f_mu_hz = _get_array(result, "cadence_spectrum"), result.gait_frequency_hz
+    if spectrum is None:
         return None
     values = np.square(spectrum.values) if method == "liland2018" else spectrum.values
     arrays[name] = level_db(values).astype(np.float32)
-    named = [("f_mu", view.gait_frequency_hz), *zip(HARMONIC_NAMES, view.harmonics_hz, strict=False)]
+    ratios = (1.0, result.features.harmonic_ratio_2, result.features.harmonic_ratio_3)
+    named_hz = {
+        label: ratio * f_mu_hz
+        for label, ratio in zip(("f_mu", *HARMONIC_NAMES), ratios, strict=True)
+        if ratio is not None and f_mu_hz is not None
+    }
     return {
         "x": describe_axis("cadence", "Hz", read_axis(spectrum, "cadence")),
         "db": name,
         "unit": "dB re 1",
-        "peaks": [{"hz": hz, "name": name} for name, hz in named if hz is not None],
+        "peaks": [{"hz": hz, "name": label} for label, hz in named_hz.items()],
     }

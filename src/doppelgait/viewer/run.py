@@ -12,7 +12,6 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait import processing
 from doppelgait.core.config import validate
@@ -22,7 +21,7 @@ from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.pipeline import Result, analyze
 from doppelgait.processing import Analysis
 from doppelgait.processing.clutter import clean_frames
-from doppelgait.processing.gate import Gate, GateChoice
+from doppelgait.processing.gate import GateChoice
 from doppelgait.processing.signature import compute_signature, plan_for
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.viewer.payload import signature_picture
@@ -152,25 +151,11 @@ MOST_KEPT = 20
 
 @dataclass(frozen=True)
 class TargetView:
-    """View of a target: analysis, result file or dataset."""
+    """Result of a target, with its truth and the shown segment."""
 
-    label: str | None
-    gate: str
-    features: Mapping[str, float | None]
-    gait_frequency_hz: float | None = None
-    torso_doppler_hz: float | None = None
-    harmonics_hz: tuple[float | None, ...] = ()
-    quality: Mapping[str, Any] = field(default_factory=dict)
-    standard_deviation: Mapping[str, float | None] = field(default_factory=dict)
-    extended: Mapping[str, float | None] = field(default_factory=dict)
-    flags: tuple[str, ...] = ()
-    signature: xr.DataArray | None = None
-    cadence_map: xr.DataArray | None = None
-    cadence_spectrum: xr.DataArray | None = None
-    main_line_hz: npt.NDArray[np.float64] | None = None
-    gate_limits: Gate | None = None
+    result: Result
     truth: Mapping[str, Any] | None = None
-    segments: tuple[Span, ...] = ()
+    spans: tuple[Span, ...] = ()
     segment: int | None = None
     segment_views: tuple[TargetView, ...] = ()
     track_picture: Picture | None = None
@@ -324,49 +309,10 @@ def collect_warnings(make: Callable[[], T]) -> tuple[T, list[str]]:
 def make_view(result: Result, truths: Truths) -> TargetView:
     """Build the view of an analysed target."""
     spans = tuple(find_span(segment) for segment in result.segments)
-    shown = replace(_view(result, truths), segments=spans)
-    if not spans:
-        return shown
     facts = {key: value for key, value in result.quality.items() if key in TRACK_FACTS}
-    views = tuple(
-        replace(
-            _view(segment, truths),
-            segments=spans,
-            segment=number,
-            gate_limits=result.gate,
-            quality={**segment.quality, **facts},
-        )
-        for number, segment in enumerate(result.segments)
-    )
-    return replace(shown, segment=spans.index(find_span(result)), segment_views=views)
-
-
-def _view(result: Result, truths: Truths) -> TargetView:
-    features = result.features.as_dict()
-    return TargetView(
-        label=result.label,
-        gate=result.gate_source,
-        features=features,
-        gait_frequency_hz=result.gait_frequency_hz,
-        torso_doppler_hz=result.torso_doppler_hz,
-        harmonics_hz=compute_harmonics(features, result.gait_frequency_hz),
-        quality=result.quality,
-        standard_deviation=result.standard_deviation,
-        extended=result.extended,
-        flags=result.flags,
-        signature=result.signature,
-        cadence_map=result.cadence_map,
-        cadence_spectrum=result.cadence_spectrum,
-        main_line_hz=result.main_line_hz,
-        gate_limits=result.gate,
-        truth=truths(*find_span(result)),
-    )
-
-
-def compute_harmonics(
-    features: Mapping[str, float | None], gait_frequency_hz: float | None
-) -> tuple[float | None, float | None]:
-    """Return the second and third harmonic, Hz, from their ratios."""
-    ratios = (features.get("harmonic_ratio_2"), features.get("harmonic_ratio_3"))
-    second, third = (None if r is None or gait_frequency_hz is None else r * gait_frequency_hz for r in ratios)
-    return second, third
+    views = []
+    for number, (segment, span) in enumerate(zip(result.segments, spans, strict=True)):
+        shown = replace(segment, gate_limits=result.gate, quality={**segment.quality, **facts})
+        views.append(TargetView(shown, truths(*span), spans, number))
+    own = find_span(result)
+    return TargetView(result, truths(*own), spans, spans.index(own) if spans else None, tuple(views))

@@ -204,6 +204,9 @@ def describe_session(opened: OpenedSource | None, settings: Settings) -> dict[st
     browser = None if opened is None else opened.browser
     run = None if opened is None else opened.run
     summary = None if browser is None else browser.summary()
+    recording = None if run is None else run.recording
+    gates = {} if recording is None else {"track": can_track(recording), "truth": bool(recording.truth)}
+    gate = settings.gate if run is None else run.settings.gate
     classes = sorted({*KNOWN_CLASSES, *(summary["classes"] if summary else ())})
     from doppelgait.viz.style import describe_quantity
 
@@ -215,27 +218,14 @@ def describe_session(opened: OpenedSource | None, settings: Settings) -> dict[st
         "path_name": "" if opened is None else opened.path_name,
         "other": None if opened is None or opened.other is None else opened.other.name,
         **_list_colours(tuple(classes)),
-        "gates": list_gates(run),
-        "default_gate": format_gate(settings.gate if run is None else run.settings.gate),
+        "gates": [name for name, possible in gates.items() if possible],
+        "default_gate": gate if isinstance(gate, str) else f"{gate[0]:g}:{gate[1]:g}",
         "feature_names": [
             (name, describe_quantity(name)[0], unit) for name, unit in {**FEATURE_UNITS, **further}.items()
         ],
         "dataset": summary,
         "try_controls": describe_controls(),
     }
-
-
-def list_gates(run: Run | None) -> list[str]:
-    """Return the named gates that are possible for a run."""
-    if run is None or run.recording is None:
-        return []
-    named = {"track": can_track(run.recording), "truth": bool(run.recording.truth)}
-    return [name for name, possible in named.items() if possible]
-
-
-def format_gate(gate: GateChoice) -> str:
-    """Format a gate as in a request."""
-    return gate if isinstance(gate, str) else f"{gate[0]:g}:{gate[1]:g}"
 
 
 @cache

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from typing import Any, Literal, get_args
 
 from doppelgait.core.config import validate
-from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.motion.models.human import HumanConfig
 from doppelgait.motion.models.quadruped_gaits import (
     BUILDS,
@@ -25,7 +24,7 @@ from doppelgait.pipeline import parse_run, run_simulation
 from doppelgait.processing.gate import GateName
 from doppelgait.radar import Radar
 from doppelgait.radar.presets import list_preset_names
-from doppelgait.viewer.run import Run
+from doppelgait.viewer.run import Run, collect_warnings
 from doppelgait.viewer.settings import Settings, parse_number
 
 BUILD_OF = {"dog": "standard", "cat": "cat"}
@@ -88,11 +87,6 @@ def seen_m(radar: str) -> tuple[float, float | None]:
     """Return the nearest and farthest range of a preset, m."""
     preset = Radar.preset(radar)
     return (preset.range_start_m, preset.range_stop_m) if preset.waveform.ranged else (0.0, None)
-
-
-def list_range_limits(radars: Mapping[str, str]) -> tuple[Limit, ...]:
-    """Return the limits of the range by radar."""
-    return tuple(Limit({"radar": name}, *seen_m(name)) for name in radars)
 
 
 NEAREST_M = 1.0
@@ -313,7 +307,7 @@ def list_controls() -> tuple[Control, ...]:
             high=15.0,
             step=0.1,
             default=4.0,
-            limits=list_range_limits(radars),
+            limits=tuple(Limit({"radar": name}, *seen_m(name)) for name in radars),
         ),
         # The radar, its noise and the analysis.
         Control(
@@ -453,16 +447,13 @@ def run_of(parameters: Mapping[str, str]) -> Run:
     table = make_scene_table(parameters)
     try:
         spec = parse_run(table, where="")
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", DoppelgaitWarning)
-            recording = run_simulation(spec)
+        recording, notes = collect_warnings(lambda: run_simulation(spec))
     except DoppelgaitError as error:
         # Message without positions in a scene file, which the page does not show.
         text = str(error)
         head, mark, rest = text.rpartition("': ")
         text = rest if mark and head.startswith("targets.") else text
         raise ConfigError(re.sub(r"^targets\.\d+\.(motion\.)?", "", text)) from None
-    notes = dict.fromkeys(str(one.message) for one in caught if issubclass(one.category, DoppelgaitWarning))
     values = parse_controls(parameters)
     settings = Settings(gate=GATE, analysis=spec.analysis)
     return Run(

@@ -16,6 +16,7 @@ from doppelgait.core.labels import read_axis
 from doppelgait.dataset import Dataset, Example, PlanConfig, build_dataset, open_dataset
 from doppelgait.dataset.shard_files import ShardFiles
 from doppelgait.pipeline import analyze
+from doppelgait.processing import Analysis
 from doppelgait.viewer.browse import MOST_POINTS, Browser, choose_evenly, find_strongest
 from doppelgait.viewer.examples import build_stored_view
 from doppelgait.viewer.payload import as_json, remove_folders
@@ -239,17 +240,19 @@ def test_an_opened_example_shows_what_is_stored_and_its_recording(dataset):
     for name in ("human-000001", "dog-000002"):
         run, example = browser.run(name), dataset[name]
         (view,) = run.targets(None)
-        np.testing.assert_array_equal(view.signature, example.signature)
-        np.testing.assert_array_equal(view.cadence_map, example.cadence_map)
+        np.testing.assert_array_equal(view.result.signature, example.signature)
+        np.testing.assert_array_equal(view.result.cadence_map, example.cadence_map)
         np.testing.assert_array_equal(run.recording.baseband, example.baseband)  # the very recording, simulated again
-        assert view.features["torso_velocity_mps"] == example.row["feature_torso_velocity_mps"]
+        assert view.result.features.torso_velocity_mps == example.row["feature_torso_velocity_mps"]
         assert view.truth["gait_frequency_hz"] == example.row["truth_gait_frequency_hz"]
         (analysed,) = analyze(
             run.recording, gate="truth", analysis=run.settings.analysis, gate_error_m=example.row["gate_error_m"]
         )
         largest = float(analysed.cadence_spectrum.max())  # stored in single precision
-        np.testing.assert_allclose(view.cadence_spectrum, analysed.cadence_spectrum, rtol=1e-3, atol=1e-6 * largest)
-        np.testing.assert_array_equal(view.gate_limits.low_m, analysed.gate.low_m)
+        np.testing.assert_allclose(
+            view.result.cadence_spectrum, analysed.cadence_spectrum, rtol=1e-3, atol=1e-6 * largest
+        )
+        np.testing.assert_array_equal(view.result.gate_limits.low_m, analysed.gate.low_m)
         assert run.recording.truth[0].body is not None
 
 
@@ -257,18 +260,17 @@ def test_a_step_doppler_map_that_is_not_stored_is_that_of_the_stored_signature(d
     fields = {name: facts for name, facts in dataset.description["fields"].items() if name == "signature"}
     slim = replace(dataset, description={**dataset.description, "fields": fields})
     (view,) = Browser(slim).run("human-000004").targets(None)
-    np.testing.assert_allclose(view.cadence_map, dataset["human-000004"].cadence_map, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(view.result.cadence_map, dataset["human-000004"].cadence_map, rtol=1e-4, atol=1e-6)
     (bare,) = (
         Browser(replace(dataset, description={**dataset.description, "fields": {}})).run("human-000004").targets(None)
     )
-    assert bare.signature is None
-    assert bare.cadence_map is None
-    assert bare.features["step_length_m"] == view.features["step_length_m"]
+    assert not bare.result.arrays
+    assert bare.result.features.step_length_m == view.result.features.step_length_m
 
 
 def test_all_targets_of_a_scene_are_one_run(mixed):
     run = Browser(mixed).run("human-000002-c1")
-    human, dog = run.targets(None)
+    human, dog = (view.result for view in run.targets(None))
     assert (human.label, dog.label) == ("human", "dog")
     np.testing.assert_array_equal(
         dog.signature, mixed["human-000002-c1"].signature
@@ -296,8 +298,8 @@ def test_why_there_is_no_recording_is_told_and_the_arrays_are_shown(dataset):
         assert run.recording is None
         assert words in run.reason
         (view,) = run.targets(None)
-        np.testing.assert_array_equal(view.signature, dataset["dog-000000"].signature)
-        assert view.gate_limits is None
+        np.testing.assert_array_equal(view.result.signature, dataset["dog-000000"].signature)
+        assert view.result.gate_limits is None
 
 
 def replanned(dataset, **sections):
@@ -320,7 +322,7 @@ def test_what_is_too_large_is_not_simulated(dataset, monkeypatch, sections):
     run = replanned(dataset, **sections).run("human-000002")
     assert run.recording is None
     assert "too large to simulate here" in run.reason
-    assert run.targets(None)[0].signature is not None
+    assert run.targets(None)[0].result.signature is not None
     with pytest.raises(AssertionError, match="was simulated"):
         _ = Browser(dataset).run("human-000002").recording
 
@@ -430,8 +432,12 @@ def test_columns_of_other_kinds_and_names_do_no_harm(tmp_path):
         assert len(answer["rows"]) == 3
     assert answer["rows"][0]["quality_flags"] == ["a"]
     row = odd_index().iloc[0].to_dict()
-    view = build_stored_view(Example({**row, "feature_step_length_m": "long", "sd_x": "y"}, {}))
-    assert (view.features["step_length_m"], view.standard_deviation, view.flags) == (None, {"x": None}, ())
+    view = build_stored_view(Example({**row, "feature_step_length_m": "long", "sd_x": "y"}, {}), Analysis())
+    assert (view.result.features.step_length_m, view.result.standard_deviation, view.result.flags) == (
+        None,
+        {"x": None},
+        (),
+    )
     assert json.loads(as_json([b"x", Decimal("1.5"), pd.Timestamp("2026-01-01"), pd.NaT])) == [
         "b'x'", "1.5", "2026-01-01 00:00:00", "NaT",
     ]  # fmt: skip
@@ -471,6 +477,6 @@ def test_a_target_that_was_not_tracked_has_its_row_and_no_arrays(tmp_path):
     assert not arrays
     assert facts["reasons"] == ["no signature: the target was not tracked"] * 2
     (view,) = browser.run("human-000001").targets(None)
-    assert (view.signature, view.cadence_map, view.flags) == (None, None, ("not_tracked",))
-    assert view.features["step_length_m"] is None
+    assert (dict(view.result.arrays), view.result.flags) == ({}, ("not_tracked",))
+    assert view.result.features.step_length_m is None
     assert browser.run("human-000001").recording is not None

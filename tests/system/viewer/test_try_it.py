@@ -63,10 +63,10 @@ def test_what_is_asked_for_is_what_is_analysed():
     truth = run.require_recording().truth[0]
     assert (truth.height_m, truth.gait) == (0.6, "trot")
     assert truth.ground_speed_mps == pytest.approx(2.0, rel=0.03)
-    target = run.targets(None)[0]
-    assert target.gate == "truth"
+    target = run.targets(None)[0].result
+    assert target.gate_source == "truth"
     assert target.signature.attrs["cpi_pulses"] == 77  # 0.15 s at 512 Hz, odd
-    assert target.features["torso_velocity_mps"] == pytest.approx(-2.0, rel=0.1)  # receding
+    assert target.features.torso_velocity_mps == pytest.approx(-2.0, rel=0.1)  # receding
 
 
 def test_two_go_side_by_side_a_metre_apart():
@@ -76,7 +76,7 @@ def test_two_go_side_by_side_a_metre_apart():
     assert np.hypot(*apart.T) == pytest.approx(1.0, abs=0.25)  # centres of the points, which legs move
     way = bodies[0][-1, :2] - bodies[0][0, :2]
     assert abs(apart.mean(axis=0) @ way) < 0.15 * np.hypot(*way)  # beside, not behind
-    assert [target.label for target in run.targets(None)] == ["human", "dog"]
+    assert [target.result.label for target in run.targets(None)] == ["human", "dog"]
 
 
 def test_the_same_values_give_the_same_data_and_the_seed_another():
@@ -137,7 +137,7 @@ def test_defaults_go_with_the_target():
 
 @pytest.mark.parametrize("speed", ["0.3", "1.6", "1.9", "2.6", "4", "6.5", "9"])
 def test_at_every_speed_the_page_has_features(speed):
-    velocity_mps = run_of({"speed_mps": speed}).targets(None)[0].features["torso_velocity_mps"]
+    velocity_mps = run_of({"speed_mps": speed}).targets(None)[0].result.features.torso_velocity_mps
     assert velocity_mps == pytest.approx(float(speed), rel=0.1, abs=0.05)
 
 
@@ -166,7 +166,7 @@ def test_a_range_that_is_far_enough_stays():
 
 
 def test_the_band_of_a_fan_goes_with_its_rotation():
-    fans = [run_of({"who": "fan", "rotation_hz": hz}).targets(None)[0] for hz in "36"]
+    fans = [run_of({"who": "fan", "rotation_hz": hz}).targets(None)[0].result for hz in "36"]
     bands = [
         fan.extended["doppler_bandwidth_envelope_hz"] for fan in fans
     ]  # a blade flashes for less than 5 % of the time
