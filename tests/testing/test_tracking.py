@@ -1,4 +1,4 @@
-"""OSPA, GOSPA, overlap and identity against brute force and worked examples."""
+"""OSPA, GOSPA and identity against brute force and worked examples."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from doppelgait.processing import Gate
-from doppelgait.testing.tracking import compare_tracks, gospa, ospa, range_iou
+from doppelgait.testing.tracking import compare_tracks, gospa, ospa
 
 
 def brute_gospa(a: np.ndarray, b: np.ndarray, c: float, p: float) -> float:
@@ -55,16 +54,6 @@ def test_empty_sets_and_nan() -> None:
     assert gospa([], [2.0]).distance == pytest.approx(math.sqrt(0.5))
     assert ospa([np.nan], [2.0]) == 1.0
     assert gospa([np.nan, 2.0], [2.0]).distance == 0.0
-
-
-def test_overlap_of_gates() -> None:
-    """1.6 m wide, 0.4 m apart: 1.2 of 2.0; 0 where the gate has not started."""
-    times = np.arange(5.0)
-    reference = Gate.around(times, np.full(5, 4.0), span_m=1.6, source="truth")
-    gate = Gate.around(times[2:], np.full(3, 4.4), span_m=1.6, source="track")
-    np.testing.assert_allclose(range_iou(gate, reference), [0, 0, 0.6, 0.6, 0.6])
-    far = Gate.around(times, np.full(5, 9.0), span_m=1.6, source="track")
-    assert range_iou(far, reference).max() == 0.0
 
 
 def test_exchange_at_a_crossing_is_two_switches() -> None:

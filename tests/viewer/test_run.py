@@ -23,7 +23,7 @@ from doppelgait.viewer.panels import (
     make_targets_payload,
     select_segment,
 )
-from doppelgait.viewer.run import MOST_ANALYSES, Run, compute_true_values, make_view, match_truths
+from doppelgait.viewer.run import MOST_ANALYSES, Run, compute_true_values, find_true_values, make_view, match_truths
 from doppelgait.viewer.settings import Settings, parse_changes
 from doppelgait.viewer.source import RunCache, add_other, describe_session, open_path, parse_reference
 from viewer_client import unpack
@@ -56,7 +56,8 @@ def truths(bodies, results):
         truth=bodies,
     )
     spans = [(one.quality["start_s"], one.quality["stop_s"]) for one in results]
-    return [of(*span) for of, span in zip(match_truths(recording, results), spans, strict=True)]
+    matched = zip(match_truths(recording, results), results, spans, strict=True)
+    return [find_true_values(recording, truth, result, span) for truth, result, span in matched]
 
 
 def labels(bodies, results):
@@ -164,7 +165,7 @@ def test_each_segment_can_be_shown(run, recording):
 def test_every_segment_of_a_result_file_can_be_shown(recording, tmp_path):
     write_results(tmp_path / "r.h5", recording, analyze(recording, gate="track"))
     (stored,) = read_results(tmp_path / "r.h5").targets
-    view = make_view(stored, lambda start_s, stop_s: None)
+    view = make_view(stored)
     assert view.segment is not None
     assert is_aligned(stored, "standard") == bool(stored.cadence_map.attrs["aligned"])
     for number, segment in enumerate(stored.segments):

@@ -19,6 +19,7 @@ from doppelgait.cli.output import (
     print_message,
     print_table,
 )
+from doppelgait.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from doppelgait.pipeline import Result, Tracking
@@ -105,7 +106,6 @@ def analyze(
 
     Example: doppelgait analyze evening.h5 --window-s 4 --hop-s 1
     """
-    from doppelgait.core.errors import ConfigError
     from doppelgait.pipeline import analyze as run_analysis
     from doppelgait.pipeline import describe_results, write_results
     from doppelgait.processing import Gate

@@ -20,6 +20,7 @@ from doppelgait.cli.output import (
     print_tables,
     report_progress,
 )
+from doppelgait.core.errors import ConfigError, DatasetError
 
 if TYPE_CHECKING:
     from doppelgait.classify.model import Model
@@ -63,8 +64,6 @@ def classify(
 
     loaded = None if model is None else open_model(model)
     if is_result_file(recording):
-        from doppelgait.core.errors import ConfigError
-
         flags = (("--set", changes), ("--option", options), ("--window-s", window_s), ("--hop-s", hop_s))
         refused = [name for name, value in flags if value]
         if gate != "track":
@@ -296,7 +295,6 @@ def evaluate(
     from doppelgait.classify.model_file import save_model
     from doppelgait.classify.report import check_folder, list_tables, write_report
     from doppelgait.classify.training import BASELINES
-    from doppelgait.core.errors import ConfigError
     from doppelgait.dataset import open_dataset
 
     if save is not None:
@@ -347,8 +345,6 @@ def evaluate(
 
 def _parse_shares(texts: list[str] | None) -> dict[str, float] | None:
     """Read CLASS=SHARE."""
-    from doppelgait.core.errors import ConfigError
-
     if not texts:
         return None
     found = {}
@@ -366,7 +362,6 @@ def _import_test(
 ) -> Path:
     """Import recordings as a dataset next to the report."""
     from doppelgait.core.config import apply_overrides, validate
-    from doppelgait.core.errors import ConfigError, DatasetError
     from doppelgait.dataset import open_dataset
     from doppelgait.dataset.importing import ImportConfig, import_dataset
     from doppelgait.dataset.names import label_entries
@@ -403,7 +398,6 @@ def _import_test(
 def _check_save(save: Path, output: Path) -> None:
     """Refuse a model path that cannot be written."""
     from doppelgait.classify.model_file import SUFFIX
-    from doppelgait.core.errors import ConfigError
 
     folder = save.resolve().parent
     if save.suffix.lower() != SUFFIX:

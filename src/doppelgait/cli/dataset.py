@@ -41,11 +41,6 @@ ALL_CHECKED = 20_000
 """Maximum number of examples that ``dataset plan`` samples in full, evenly spread over a larger plan."""
 
 
-@app.callback()
-def options() -> None:
-    """Plan, build, check and use labelled datasets."""
-
-
 def _load(plan: str, changes: list[str] | None, motion_folder: Path | None) -> tuple[Any, Path]:
     from doppelgait.dataset import load_plan
 

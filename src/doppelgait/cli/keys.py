@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from doppelgait.cli.output import AsJson, print_json, print_table
+from doppelgait.core.errors import ConfigError
 
 
 def keys(
@@ -97,8 +98,6 @@ SHORT = {"motion_model": "motion"}
 
 def _find(topic: str) -> tuple[list[tuple[str, Any]], str]:
     """Find the tables of a topic, and the key of TABLE.KEY."""
-    from doppelgait.core.errors import ConfigError
-
     try:
         return _find_tables(topic), ""
     except ConfigError as unknown:
@@ -114,7 +113,6 @@ def _find(topic: str) -> tuple[list[tuple[str, Any]], str]:
 
 def _find_tables(topic: str) -> list[tuple[str, Any]]:
     from doppelgait.cli.topics import TABLES, TOPICS, models_of
-    from doppelgait.core.errors import ConfigError
     from doppelgait.core.plugins import list_plugin_groups
 
     if topic in TOPICS or topic in TABLES:
@@ -154,7 +152,6 @@ def plugins(
     as_json: AsJson = False,
 ) -> None:
     """List all plug-ins with their parameters."""
-    from doppelgait.core.errors import ConfigError
     from doppelgait.core.plugins import list_plugin_groups
 
     groups = list_plugin_groups()

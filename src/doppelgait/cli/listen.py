@@ -12,6 +12,7 @@ import typer
 
 from doppelgait.cli.analyze import GateOption, ReaderOptions, open_recording, parse_analysis
 from doppelgait.cli.output import AsJson, check_output, print_json, print_message
+from doppelgait.core.errors import AnalysisError
 
 if TYPE_CHECKING:
     from doppelgait.pipeline import Tracking
@@ -65,7 +66,6 @@ def listen(
 
     Example: doppelgait listen walk.h5 -o walk.wav --gate truth --pitch 6 --channels sides
     """
-    from doppelgait.core.errors import AnalysisError
     from doppelgait.core.files import open_atomically
     from doppelgait.processing.sound import make_doppler_sound, plan_sound, write_wav
 

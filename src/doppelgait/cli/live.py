@@ -16,6 +16,7 @@ import typer
 from doppelgait.cli.analyze import HopS, ReaderOptions, WindowS
 from doppelgait.cli.classify import ModelOption, describe_model, explain_model
 from doppelgait.cli.output import print_message
+from doppelgait.core.errors import ConfigError, OutputError
 
 if TYPE_CHECKING:
     from doppelgait.classify.model import Model
@@ -36,8 +37,6 @@ class DecisionLog:
     """
 
     def __init__(self, path: Path) -> None:
-        from doppelgait.core.errors import OutputError
-
         self.path, self.lost = path, 0
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
@@ -137,7 +136,6 @@ def live(
     from doppelgait.classify.live import live as run_live
     from doppelgait.classify.model_file import load_model_for_radar, open_model
     from doppelgait.core.config import apply_overrides, convert_to_json
-    from doppelgait.core.errors import ConfigError
     from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
     from doppelgait.radar import open_stream
 

@@ -17,11 +17,6 @@ app = typer.Typer(
 )
 
 
-@app.callback()
-def _group() -> None:
-    """Export trained models to other programs and devices."""
-
-
 @app.command("export")
 def export(
     model: ModelArgument,

@@ -21,6 +21,7 @@ from doppelgait.cli.output import (
     print_message,
     print_table,
 )
+from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning
 
 if TYPE_CHECKING:
     from doppelgait.radar.fit import SensorFit
@@ -105,7 +106,6 @@ def fit(
 
 def _parse_options(options: list[str] | None) -> dict[str, Any]:
     from doppelgait.core.config import apply_overrides
-    from doppelgait.core.errors import ConfigError
 
     for option in options or []:
         if "=" not in option.lstrip("="):
@@ -219,7 +219,6 @@ def compare(
         simulate_like,
         split_windows,
     )
-    from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
     from doppelgait.dataset.config import load_plan
     from doppelgait.radar.readers import read_several
     from doppelgait.viz.tables import plot_domains

@@ -7,7 +7,7 @@ recording.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,6 +23,7 @@ from doppelgait.cli.output import (
     print_json,
     print_message,
 )
+from doppelgait.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from doppelgait.radar import Recording
@@ -31,44 +32,29 @@ START_TIME = "2000-01-01T00:00:00"
 """Default start time of a XeThru recording. It is fixed, because the current time would make equal runs differ."""
 
 
-@dataclass(frozen=True)
-class XethruNames:
-    """Options of a XeThru recording."""
-
-    data_type: str | None = None
-    start_time: str | None = None
-    session_id: str | None = None
-
-    def named(self) -> list[str]:
-        """Return the options that were set."""
-        return [f"--{name.replace('_', '-')}" for name, value in vars(self).items() if value is not None]
-
-
-def check_destination(path: Path, names: XethruNames) -> None:
+def check_destination(path: Path, names: Mapping[str, str]) -> None:
     """Refuse a destination that cannot be written."""
-    from doppelgait.core.errors import ConfigError
     from doppelgait.radar.readers import list_writers
+    from doppelgait.radar.xethru.convert import CONVERTIBLE
 
     suffix = path.suffix.lower()
     known = list_writers()
     if suffix not in known:
         endings = ", ".join(sorted(filter(None, known)))
         raise ConfigError(f"-o {path}: must end in {endings}, or be a folder for a XeThru recording")
-    if suffix and names.named():
-        raise ConfigError(f"{names.named()[0]} is for XeThru recordings: name a folder instead of -o {path}")
+    if suffix and names:
+        option = next(iter(names)).replace("_", "-")
+        raise ConfigError(f"--{option} is for XeThru recordings: name a folder instead of -o {path}")
     check_output(path, suffix)
     if not suffix:
-        _start(names)
-        from doppelgait.core.errors import ConfigError
-        from doppelgait.radar.xethru.convert import CONVERTIBLE
-
+        _parse_start(names)
         # the scale of counter values can be set from Python only
         allowed = [name for name in CONVERTIBLE if name != "radar_rf"]
-        if names.data_type is not None and names.data_type not in allowed:
-            raise ConfigError(f"--data-type {names.data_type}: is not allowed; writable are {', '.join(allowed)}")
+        if names.get("data_type", allowed[0]) not in allowed:
+            raise ConfigError(f"--data-type {names['data_type']}: is not allowed; writable are {', '.join(allowed)}")
 
 
-def write_to(recording: Recording, path: Path, names: XethruNames) -> Path:
+def write_to(recording: Recording, path: Path, names: Mapping[str, str]) -> Path:
     """Write a recording in the format of its destination."""
     from doppelgait.radar.readers import list_writers
 
@@ -76,20 +62,13 @@ def write_to(recording: Recording, path: Path, names: XethruNames) -> Path:
     if writer.name != "xethru":
         writer.run(recording, path)
         return path
-    made: Path = writer.run(
-        recording,
-        path,
-        data_type=names.data_type or "baseband_iq",
-        start_time=_start(names),
-        session_id=names.session_id or f"doppelgait_{recording.seed or 0}",
-    )
+    options = {"data_type": "baseband_iq", "session_id": f"doppelgait_{recording.seed or 0}", **names}
+    made: Path = writer.run(recording, path, **{**options, "start_time": _parse_start(names)})
     return made
 
 
-def _start(names: XethruNames) -> datetime:
-    from doppelgait.core.errors import ConfigError
-
-    text = names.start_time or START_TIME
+def _parse_start(names: Mapping[str, str]) -> datetime:
+    text = names.get("start_time", START_TIME)
     try:
         moment = datetime.fromisoformat(text)
     except ValueError:
@@ -144,16 +123,22 @@ def simulate(
     Example: doppelgait simulate walk.toml -o recordings --data-type datafloat
     """
     from doppelgait.core.config import apply_overrides, read_toml
-    from doppelgait.core.errors import ConfigError
-    from doppelgait.pipeline import parse_run, run_simulation
+    from doppelgait.pipeline import parse_radar, parse_run, run_simulation
 
-    names = XethruNames(data_type, start_time, session_id)
+    named = {"data_type": data_type, "start_time": start_time, "session_id": session_id}
+    names = {name: value for name, value in named.items() if value is not None}
     check_destination(output, names)
     if (scene is None) == (motion is None):
         raise ConfigError("use either a scene file or --motion FILE_OR_MODEL")
     table, text = read_toml(scene) if scene is not None else (make_motion_table(str(motion)), "")
-    put_options(table, radar=radar, duration=duration, snr_db=snr_db, seed=seed)
-    put_target_options(table, label=label, speed=speed, height=height, aspect=aspect, range_m=range_m)
+    if radar is not None:  # a preset replaces the whole radar; its errors name the option, not the scene file
+        parse_radar(radar, where="--radar")
+        table["radar"] = {"preset": str(Path(radar).resolve()) if radar.lower().endswith(".toml") else radar}
+    if snr_db is not None:
+        table["noise"] = {"kind": "none"} if snr_db == float("inf") else {"kind": "snr", "snr_db": snr_db}
+    table |= {name: value for name, value in (("duration_s", duration), ("seed", seed)) if value is not None}
+    target = {"label": label, "aspect_deg": aspect, "range_m": range_m}
+    put_target_options(table, {key: value for key, value in target.items() if value is not None}, speed, height)
     folder = scene.resolve().parent if scene is not None else None
     where = str(scene or "--motion")
     spec = parse_run(apply_overrides(table, changes or []), where=where, text=text, folder=folder)
@@ -171,13 +156,12 @@ def simulate(
     if as_json:
         print_json(facts)
     else:
-        size = f"{facts['n_pulses']} frames of {facts['n_range_bins']} range bins"
+        size = f"{recording.n_pulses} frames of {recording.n_range_bins} range bins"
         print_message(f"{written}: {size} at {recording.radar.prf_hz:g} Hz")
 
 
 def make_motion_table(motion: str) -> dict[str, Any]:
     """Return the target table of a motion file or model."""
-    from doppelgait.core.errors import ConfigError
     from doppelgait.motion.models import MOTION_MODELS
 
     if motion in MOTION_MODELS:
@@ -189,48 +173,18 @@ def make_motion_table(motion: str) -> dict[str, Any]:
     return {"radar": {"preset": "x4"}, "targets": [{"motion": moves}]}
 
 
-def put_options(
-    table: dict[str, Any], *, radar: str | None, duration: float | None, snr_db: float | None, seed: int | None
-) -> None:
-    """Merge command-line options into a scene table.
-    A radar preset replaces the scene's whole radar.
-    """
-    from doppelgait.pipeline import parse_radar
-
-    if radar is not None:
-        parse_radar(radar, where="--radar")  # errors name the option, not the scene file
-        table["radar"] = {"preset": str(Path(radar).resolve()) if radar.lower().endswith(".toml") else radar}
-    if duration is not None:
-        table["duration_s"] = duration
-    if seed is not None:
-        table["seed"] = seed
-    if snr_db is not None:
-        table["noise"] = {"kind": "none"} if snr_db == float("inf") else {"kind": "snr", "snr_db": snr_db}
-
-
 def put_target_options(
-    table: dict[str, Any],
-    *,
-    label: str | None,
-    speed: float | None,
-    height: float | None,
-    aspect: float | None,
-    range_m: float | None,
+    table: dict[str, Any], facts: Mapping[str, Any], speed: float | None, height: float | None
 ) -> None:
     """Merge options into the first target of a scene."""
-    from doppelgait.core.errors import ConfigError
-
-    if all(option is None for option in (label, speed, height, aspect, range_m)):
+    if not facts and speed is None and height is None:
         return
     targets = table.get("targets")
     if not isinstance(targets, list) or not targets or not isinstance(targets[0], dict):
         raise ConfigError("targets: a scene needs at least one [[targets]] entry")
     first = targets[0]
-    if label is not None:
-        first["label"] = label
     if speed is not None:
         # A model takes its speed as a parameter; a recording has its own.
-        from doppelgait.core.errors import ConfigError
 
         motion = first.get("motion")
         if not isinstance(motion, dict) or motion.get("kind") == "file":
@@ -250,10 +204,7 @@ def put_target_options(
             first["height_m"] = height
         else:
             moved[own] = height
-    if aspect is not None:
-        first["aspect_deg"] = aspect
-    if range_m is not None:
-        first["range_m"] = range_m
+    first.update(facts)
 
 
 DEMO_SCENE: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""Agreement of tracks with a reference: distances, gates, purity."""
+"""Agreement of tracks with a reference: distances, purity."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from doppelgait.processing.gate import Gate
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -48,17 +46,6 @@ def gospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0
     localisation = float(pairs.sum())
     total = localisation + half * (n_missed + n_false)
     return Gospa(total ** (1 / order), localisation, half * n_missed, half * n_false, n_missed, n_false)
-
-
-def range_iou(gate: Gate, reference: Gate) -> FloatArray:
-    """Compute intersection over union of two gates over time."""
-    times_s, own_s = reference.time_s, gate.time_s
-    low, high = (np.interp(times_s, own_s, limit) for limit in (gate.low_m, gate.high_m))
-    ref_low, ref_high = reference.low_m, reference.high_m
-    both = np.maximum(np.minimum(high, ref_high) - np.maximum(low, ref_low), 0.0)
-    either = (high - low) + (ref_high - ref_low) - both
-    inside = (times_s >= own_s[0] - 1e-9) & (times_s <= own_s[-1] + 1e-9)
-    return np.asarray(np.where(inside, both / either, 0.0))
 
 
 @dataclass(frozen=True)

@@ -45,10 +45,6 @@ class Limits:
     body_s: float = 10.0
     answer_s: float = 60.0
 
-    def seconds(self, phase: Phase) -> float:
-        """Return the longest time of a connection in a phase."""
-        return {"idle": self.idle_s, "headers": self.headers_s, "body": self.body_s, "answer": self.answer_s}[phase]
-
 
 class LimitedConnection(H11Protocol):
     """Connection that closes when its client is slow."""
@@ -126,7 +122,7 @@ class LimitedConnection(H11Protocol):
         if phase is not None:
             self._waiting[self] = None
             self._unsent = self.transport.get_write_buffer_size()
-            self._timer = self.loop.call_later(self._limits.seconds(phase), self._end)
+            self._timer = self.loop.call_later(getattr(self._limits, f"{phase}_s"), self._end)
 
     def _end(self) -> None:
         """Close the connection unless the answer has advanced."""

@@ -100,7 +100,11 @@ def encode_image(
         maxima.append(find_block_maxima(tile, *blocks))
         some.append(tile[-first % every :: every].copy())  # a view would keep the tile
     strongest = level_db(np.concatenate(maxima))  # maxima of powers: a logarithm of every cell takes ten times as long
-    low, high = level_span_db(strongest)
+    finite = strongest[np.isfinite(strongest)]
+    low, high = -1.0, 0.0
+    if finite.size:  # limits of finite levels, within 160 dB
+        high = float(finite.max())
+        low = max(min(float(finite.min()), high - 1.0), high - DEEPEST_DB)
     facts = {
         "array": name,
         "x": average_axis(x, blocks[0]),
@@ -149,15 +153,6 @@ def average_axis(facts: Axis, block: int) -> Axis:
         return facts
     first, n = facts["first"] + (block - 1) / 2 * facts["step"], math.ceil(facts["n"] / block)
     return {**facts, "first": first, "step": block * facts["step"], "n": n, "block": block}
-
-
-def level_span_db(levels_db: FloatArray) -> tuple[float, float]:
-    """Return the limits of finite levels, within 160 dB."""
-    finite = levels_db[np.isfinite(levels_db)]
-    if not finite.size:
-        return -1.0, 0.0
-    high = float(finite.max())
-    return max(min(float(finite.min()), high - 1.0), high - DEEPEST_DB), high
 
 
 def shown_range_db(levels_db: FloatArray, high_db: float) -> list[float]:

@@ -29,7 +29,6 @@ from doppelgait.viewer.settings import CHANGEABLE, Changes, Settings
 
 Span = tuple[float, float]
 """Start and stop in s."""
-Truths = Callable[[float, float], dict[str, Any] | None]
 
 NEAR_M = 0.8
 """Largest median distance of a gate from its body."""
@@ -45,7 +44,7 @@ def find_span(result: Result) -> Span:
     return float(quality.get("start_s", gate.start_s)), float(quality.get("stop_s", gate.stop_s))
 
 
-def match_truths(recording: Recording, results: Sequence[Result]) -> list[Truths]:
+def match_truths(recording: Recording, results: Sequence[Result]) -> list[TargetTruth | None]:
     """Match every result to a body of the simulation."""
     times_s = recording.slow_time_s
     # Number of the body for every result.
@@ -74,11 +73,7 @@ def match_truths(recording: Recording, results: Sequence[Result]) -> list[Truths
         spans = [find_span(results[n]) for n, known in enumerate(found) if known == body]
         if not any(start_s < other_stop_s and other_start_s < stop_s for other_start_s, other_stop_s in spans):
             found[number] = body
-    matched = found
-    return [
-        _make_truths(recording, None if body is None else recording.truth[body], result, times_s)
-        for body, result in zip(matched, results, strict=True)
-    ]
+    return [None if body is None else recording.truth[body] for body in found]
 
 
 def _distance_m(truth: TargetTruth, times_s: npt.NDArray[np.float64], result: Result, span: Span) -> float:
@@ -94,18 +89,14 @@ def _select_pulses(times_s: npt.NDArray[np.float64], span: Span) -> npt.NDArray[
     return inside if inside.any() else np.ones(times_s.shape, dtype=bool)
 
 
-def _make_truths(
-    recording: Recording, truth: TargetTruth | None, result: Result, times_s: npt.NDArray[np.float64]
-) -> Truths:
-    def during(start_s: float, stop_s: float) -> dict[str, Any] | None:
-        span = (start_s, stop_s)
-        if truth is None:
-            return None
-        if result.gate.source == "track" and _distance_m(truth, times_s, result, span) >= NEAR_M:
-            return None
-        return compute_true_values(truth, recording.radar.wavelength_m, _select_pulses(times_s, span))
-
-    return during
+def find_true_values(
+    recording: Recording, truth: TargetTruth | None, result: Result, span: Span
+) -> dict[str, Any] | None:
+    """Return the true values of a result's body during a time."""
+    times_s = recording.slow_time_s
+    if truth is None or (result.gate.source == "track" and _distance_m(truth, times_s, result, span) >= NEAR_M):
+        return None
+    return compute_true_values(truth, recording.radar.wavelength_m, _select_pulses(times_s, span))
 
 
 def compute_true_values(truth: TargetTruth, wavelength_m: float, during: npt.NDArray[np.bool_]) -> dict[str, Any]:
@@ -272,8 +263,8 @@ class Run:
             truths = match_truths(recording, results)
             clean, wavelength_m = self.clean_frames(gate, changes), recording.radar.wavelength_m
             return [
-                replace(make_view(result, known), track_picture=track_picture(result, clean, wavelength_m))
-                for result, known in zip(results, truths, strict=True)
+                replace(make_view(result, recording, truth), track_picture=track_picture(result, clean, wavelength_m))
+                for result, truth in zip(results, truths, strict=True)
             ]
 
         if key not in self._analyses:
@@ -306,13 +297,17 @@ def collect_warnings(make: Callable[[], T]) -> tuple[T, list[str]]:
     return made, list(dict.fromkeys(texts))
 
 
-def make_view(result: Result, truths: Truths) -> TargetView:
-    """Build the view of an analysed target."""
+def make_view(result: Result, recording: Recording | None = None, truth: TargetTruth | None = None) -> TargetView:
+    """Build the view of a target."""
+
+    def find_truth(span: Span) -> dict[str, Any] | None:
+        return None if recording is None else find_true_values(recording, truth, result, span)
+
     spans = tuple(find_span(segment) for segment in result.segments)
     facts = {key: value for key, value in result.quality.items() if key in TRACK_FACTS}
     views = []
     for number, (segment, span) in enumerate(zip(result.segments, spans, strict=True)):
         shown = replace(segment, gate_limits=result.gate, quality={**segment.quality, **facts})
-        views.append(TargetView(shown, truths(*span), spans, number))
+        views.append(TargetView(shown, find_truth(span), spans, number))
     own = find_span(result)
-    return TargetView(result, truths(*own), spans, spans.index(own) if spans else None, tuple(views))
+    return TargetView(result, find_truth(own), spans, spans.index(own) if spans else None, tuple(views))

@@ -9,7 +9,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from doppelgait.viewer.live_page import Rolling
     from doppelgait.viewer.settings import Settings
     from doppelgait.viewer.source import OpenedSource
+
+    Prepared = tuple[uvicorn.Server, socket.socket, str]
 
 ADDRESS = "127.0.0.1"
 TOKEN_BYTES = 24
@@ -54,11 +56,18 @@ def serve(
 @contextmanager
 def serve_live(live: Rolling, port: int = 0) -> Iterator[str]:
     """Serve the page of a stream from a thread."""
-    with _prepare_server(port, live=live) as (server, listener, url):
-        thread = threading.Thread(target=server.run, args=([listener],), daemon=True, name="page of live")
+    with _serve_in_thread(_prepare_server(port, live=live)) as (url, _):
+        yield url
+
+
+@contextmanager
+def _serve_in_thread(prepared: AbstractContextManager[Prepared]) -> Iterator[tuple[str, threading.Thread]]:
+    """Serve a page until the end of the context."""
+    with prepared as (server, listener, url):
+        thread = threading.Thread(target=server.run, args=([listener],), daemon=True, name="page of the viewer")
         thread.start()
         try:
-            yield url
+            yield url, thread
         finally:
             server.should_exit = True
             thread.join(END_S)
@@ -72,7 +81,7 @@ def _prepare_server(
     live: Rolling | None = None,
     *,
     framed: bool = False,
-) -> Iterator[tuple[uvicorn.Server, socket.socket, str]]:
+) -> Iterator[Prepared]:
     """Return a prepared server, its socket and address."""
     check_installed()
     from doppelgait.viewer.app import make_app
@@ -91,18 +100,11 @@ class View:
     def __init__(self, opened: OpenedSource, settings: Settings, port: int = 0) -> None:
         self.name = opened.name
         self._ends = ExitStack()
-        self._server, listener, self.url = self._ends.enter_context(
-            _prepare_server(port, opened, settings, framed=True)
-        )
-        self._thread = threading.Thread(
-            target=self._server.run, args=([listener],), daemon=True, name="page of the viewer"
-        )
-        self._thread.start()
+        prepared = _prepare_server(port, opened, settings, framed=True)
+        self.url, self._thread = self._ends.enter_context(_serve_in_thread(prepared))
 
     def stop(self) -> None:
         """Stop the server; its address is then invalid."""
-        self._server.should_exit = True
-        self._thread.join(END_S)
         self._ends.close()
 
     def __enter__(self) -> Self:

@@ -62,7 +62,7 @@ def open_path(path: str | Path, settings: Settings) -> OpenedSource:
         from doppelgait.pipeline.result_files import read_results
 
         read = read_results(place)
-        views = [make_view(target, lambda start_s, stop_s: None) for target in read.targets]
+        views = [make_view(target) for target in read.targets]
         reason = f"a result has no recording; open {read.source or 'the recording'} to see range, bodies and sound"
         analysis = read.targets[0].analysis if read.targets else Analysis()
         shown = Settings(gate=settings.gate, analysis=analysis, tracking=settings.tracking)

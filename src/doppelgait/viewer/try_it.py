@@ -124,18 +124,6 @@ def nearest_m(values: Mapping[str, Any], range_m: float) -> float:
     return min(found)
 
 
-def format_moved_note(values: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return a note if the targets are farther than requested."""
-    asked_m, taken_m = float(values["range_m"]), middle_range_m(values)
-    if taken_m == asked_m:
-        return ()
-    allowed_m = max(NEAREST_M, seen_m(str(values["radar"]))[0])
-    return (
-        f"range: {taken_m:g} m in the middle of the time instead of {asked_m:g} m, so that no target is nearer to the "
-        f"radar than {allowed_m:.3g} m",
-    )
-
-
 def place_beside(range_m: float, aspect_deg: float) -> dict[str, float]:
     """Place a second target next to the first."""
     heading = math.radians(180.0 + aspect_deg)
@@ -455,13 +443,21 @@ def run_of(parameters: Mapping[str, str]) -> Run:
         text = rest if mark and head.startswith("targets.") else text
         raise ConfigError(re.sub(r"^targets\.\d+\.(motion\.)?", "", text)) from None
     values = parse_controls(parameters)
+    asked_m, taken_m = float(values["range_m"]), middle_range_m(values)
+    if taken_m != asked_m:
+        allowed_m = max(NEAREST_M, seen_m(str(values["radar"]))[0])
+        notes.insert(
+            0,
+            f"range: {taken_m:g} m in the middle of the time instead of {asked_m:g} m, so that no target is nearer to "
+            f"the radar than {allowed_m:.3g} m",
+        )
     settings = Settings(gate=GATE, analysis=spec.analysis)
     return Run(
         name=f"Try it: {TARGETS[str(values['who'])]}",
         kind="try",
         settings=settings,
         load=lambda: recording,
-        notes=(*format_moved_note(values), *notes),
+        notes=tuple(notes),
     )
 
 

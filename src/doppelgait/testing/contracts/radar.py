@@ -54,14 +54,6 @@ def check_waveform(kind: str, radar: Radar) -> None:
     require(isinstance(radar.waveform, WAVEFORMS[kind].run), f"{name}: the radar has waveform {radar.waveform.kind!r}")
     plain = radar.model_dump(mode="json")
     require(Radar.model_validate(plain) == radar, f"{name}: the radar is another one after JSON")
-    _check_waveform_numbers(name, radar)
-    _check_synthesis(name, radar)
-    _check_point_echo(name, radar)
-    _check_noise_gain(name, radar)
-
-
-def _check_waveform_numbers(name: str, radar: Radar) -> None:
-    """Check counts, lengths and ratios before use."""
     waveform = radar.waveform
     for label in ("n_samples", "n_range_bins"):
         count = getattr(waveform, label)(radar)
@@ -76,6 +68,15 @@ def _check_waveform_numbers(name: str, radar: Radar) -> None:
     require(axis_m.shape == (radar.n_range_bins,) and np.isfinite(axis_m).all(), f"{name}: range axis {axis_m.shape}")
     inside = (axis_m >= radar.range_start_m - 1e-9) & (axis_m <= radar.range_stop_m + 1e-9)
     require(inside.all(), f"{name}: range bins lie outside the frame")
+    _check_synthesis(name, radar)
+    _check_point_echo(name, radar)
+    # The noise gain, with white noise.
+    rng = np.random.default_rng(2)
+    shape = (max(200, 40_000 // radar.n_range_bins), waveform.n_samples(radar))
+    noise = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)).astype(np.complex64)
+    gain = float((np.abs(waveform.compress(noise, radar)) ** 2).mean()) / 2.0
+    wanted = waveform.noise_gain(radar)
+    require(abs(gain - wanted) < 0.1 * wanted, f"{name}: noise_gain is {wanted:.4g}, measured {gain:.4g}")
 
 
 def _make_scatterer_table(radar: Radar, range_m: npt.NDArray[np.float64], **values: Any) -> xr.Dataset:
@@ -161,17 +162,6 @@ def _check_point_echo(name: str, radar: Radar) -> None:
     measured_m = float((power > 0.5).mean() * np.ptp(offsets_m[keep]))
     text = f"{name}: resolution_m is {width_m:.4g} m, but an echo is {measured_m:.4g} m wide at half power"
     require(abs(measured_m - width_m) < 0.1 * width_m, text)
-
-
-def _check_noise_gain(name: str, radar: Radar) -> None:
-    """Check the noise gain with white noise."""
-    rng = np.random.default_rng(2)
-    waveform = radar.waveform
-    shape = (max(200, 40_000 // radar.n_range_bins), waveform.n_samples(radar))
-    noise = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)).astype(np.complex64)
-    gain = float((np.abs(waveform.compress(noise, radar)) ** 2).mean()) / 2.0
-    wanted = waveform.noise_gain(radar)
-    require(abs(gain - wanted) < 0.1 * wanted, f"{name}: noise_gain is {wanted:.4g}, measured {gain:.4g}")
 
 
 def check_impairment(parameters: FrozenModel, radar: Radar, *, n_pulses: int = 64, seed: int = 0) -> None:
