@@ -66,15 +66,6 @@ class Antenna(FrozenModel):
 
     ``table``: the two cuts are added in dB, as in 3GPP TR 38.901 (7.3). This sum is an approximation outside the two
     planes, and a rough one far from both (nearly straight up or down).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import doppelgait as dg
-    >>> from doppelgait.radar.antenna import compute_antenna_gain
-    >>> antenna = dg.radar.Antenna(kind="cosine", hpbw_azimuth_deg=60.0, hpbw_elevation_deg=60.0)
-    >>> compute_antenna_gain(antenna, np.radians([0.0, 30.0]), 0.0).round(2)  # half the power at 30 degrees
-    array([1. , 0.5])
     """
 
     kind: Literal["isotropic", "cosine", "table"] = "isotropic"

@@ -80,13 +80,6 @@ class Waveform(FrozenModel):
         Required and allowed parameters of the radar among ``OPTIONAL``.
     ranged : bool
         True if the range bins measure range; False for a radar with all ranges in one bin.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> radar = dg.Radar.preset("ti-77")
-    >>> radar.waveform.kind, round(radar.waveform.unambiguous_range_m(radar), 1)
-    ('fmcw', 50.0)
     """
 
     needs: ClassVar[tuple[str, ...]] = ()
@@ -114,10 +107,7 @@ class Waveform(FrozenModel):
         raise NotImplementedError(f"waveform {self.kind!r} has no method synthesise")
 
     def synthesise_planes(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
-        """Return the samples of :meth:`synthesise` in their fastest layout.
-
-        :func:`simulate` calls this method.
-        """
+        """Return the samples of :meth:`synthesise` in the fastest layout, for :func:`simulate`."""
         return Samples.own(self.synthesise(scatterers, radar))
 
     def compress(self, samples: npt.NDArray[Any], radar: Radar) -> Matrix:
@@ -128,10 +118,7 @@ class Waveform(FrozenModel):
         return np.asarray(samples, dtype=np.complex64)
 
     def synthesise_bins(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
-        """Return noise-free range bins, V, shape (I, N).
-
-        They are the samples of :meth:`synthesise` after compression; a waveform may use a faster method.
-        """
+        """Return noise-free range bins, V, shape (I, N); a waveform may use a faster method."""
         return self.compress(self.synthesise(scatterers, radar), radar)
 
     def resolution_m(self, radar: Radar) -> float:
@@ -139,10 +126,7 @@ class Waveform(FrozenModel):
         raise NotImplementedError(f"waveform {self.kind!r} has no method resolution_m")
 
     def reach_m(self, radar: Radar) -> float:
-        """Return the half length of an echo in range.
-
-        It is 4 widths, where a Gaussian echo is at -190 dB.
-        """
+        """Return the half length of an echo in range: 4 widths, a Gaussian's -190 dB."""
         return 4.0 * self.resolution_m(radar)
 
     def n_samples(self, radar: Radar) -> int:
@@ -150,38 +134,23 @@ class Waveform(FrozenModel):
         return self.n_range_bins(radar)
 
     def n_range_bins(self, radar: Radar) -> int:
-        """Return the number of range bins of one frame (E-15).
-
-        It is N = ceil(r_span / bin spacing).
-        """
+        """Return the number of range bins of one frame, ceil(r_span / bin spacing) (E-15)."""
         return math.ceil((radar.range_stop_m - radar.range_start_m) / self.bin_spacing_m(radar) - 1e-9)
 
     def first_bin_m(self, radar: Radar) -> float:
-        """Return the range of the first bin (E-15).
-
-        It is the start of the frame.
-        """
+        """Return the range of the first bin (E-15). It is the start of the frame."""
         return radar.range_start_m
 
     def bin_spacing_m(self, radar: Radar) -> float:
-        """Return the spacing of the range bins (E-15).
-
-        D c / (2 f_s).
-        """
+        """Return the spacing of the range bins (E-15). It is D c / (2 f_s)."""
         return radar.decimation * SPEED_OF_LIGHT_MPS / (2.0 * radar.sample_rate_hz)
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:
-        """Return the noise bandwidth of one receiver sample.
-
-        It is the value of the radar, if it states one, otherwise the sampling rate (white noise).
-        """
+        """Return the noise bandwidth of one receiver sample: the sampling rate for white noise."""
         return radar.sample_rate_hz
 
     def noise_gain(self, radar: Radar) -> float:
-        """Return the noise power ratio of bin to sample.
-
-        It is valid for white noise in the receiver samples.
-        """
+        """Return the noise power ratio of bin to sample, for white noise in the samples."""
         return 1.0
 
     def independent_bins(self, radar: Radar) -> float:
@@ -193,17 +162,11 @@ class Waveform(FrozenModel):
         return 1.0 / (1.0 + 2.0 * math.fsum(rho**2 for rho in radar.noise_correlation))
 
     def unambiguous_range_m(self, radar: Radar) -> float:
-        """Return the range at which echoes fold back to 0.
-
-        It is inf without folding; the default is c / (2 pulse rate).
-        """
+        """Return the range at which echoes fold back to 0: inf, or c / (2 pulse rate)."""
         return SPEED_OF_LIGHT_MPS / (2.0 * (radar.pulse_rate_hz or radar.prf_hz))
 
     def coupling_s(self, radar: Radar) -> float:
-        """Return the apparent range shift per radial velocity.
-
-        It is -f_c T_c / B for a frequency sweep, otherwise 0.
-        """
+        """Return the range shift per radial velocity: -f_c T_c / B for a sweep, otherwise 0."""
         return 0.0
 
     def figures(self, radar: Radar) -> dict[str, float]:
@@ -501,10 +464,7 @@ class Radar(FrozenModel):
         return GAUSSIAN_WIDTH[self.bandwidth_level_db] / float(self.bandwidth_hz or math.nan)
 
     def pulse_times_s(self, observation_s: float) -> npt.NDArray[np.float64]:
-        """Return the times of the frames in an observation, ascending.
-
-        For a sensor with bursts, only complete bursts are included.
-        """
+        """Return the times of the frames in an observation, ascending; bursts are complete."""
         if self.burst_pulses is None or self.burst_period_s is None:
             return self.frame_time_s(np.arange(duration_to_pulses(observation_s, self.prf_hz)))
         bursts = math.floor((observation_s - self.burst_pulses / self.prf_hz) / self.burst_period_s + 1e-9) + 1
@@ -521,26 +481,17 @@ class Radar(FrozenModel):
         return np.asarray(burst * self.burst_period_s + frame / self.prf_hz, dtype=np.float64)
 
     def pulse_bandwidth_hz(self, level_db: Literal[3, 10]) -> float:
-        """Return the two-sided bandwidth of an impulse radar's pulse (E-11).
-
-        The level is 3 or 10 dB below the peak.
-        """
+        """Return the two-sided bandwidth of an impulse radar's pulse, 3 or 10 dB down (E-11)."""
         return GAUSSIAN_WIDTH[level_db] / self.sigma_s
 
     @property
     def range_resolution_m(self) -> float:
-        """Half-power width in range of one echo.
-
-        For a cw radar it is the span of the frame.
-        """
+        """Half-power width in range of one echo. For a cw radar it is the span of the frame."""
         return self.waveform.resolution_m(self)
 
     @property
     def bin_spacing_m(self) -> float:
-        """Spacing of the range bins (E-15).
-
-        It is D c / (2 f_s), or c / (2 B) for range bins from a transform.
-        """
+        """Spacing of the range bins: D c / (2 f_s), or c / (2 B) from a transform (E-15)."""
         return self.waveform.bin_spacing_m(self)
 
     @property
@@ -549,10 +500,7 @@ class Radar(FrozenModel):
         return self.waveform.n_range_bins(self)
 
     def range_axis_m(self) -> npt.NDArray[np.float64]:
-        """Return the range of every bin, ascending (E-15).
-
-        For a cw radar it is the middle of the frame.
-        """
+        """Return the range of every bin, ascending; for cw the middle of the frame (E-15)."""
         steps = np.arange(self.n_range_bins)
         return np.asarray(self.waveform.first_bin_m(self) + self.bin_spacing_m * steps, dtype=np.float64)
 
@@ -573,18 +521,12 @@ class Radar(FrozenModel):
 
     @property
     def folds_pulses(self) -> bool:
-        """True if earlier pulses' echoes appear (E-10b).
-
-        False for sweeps, whose samples fold anyway, and for waveforms without range.
-        """
+        """True if earlier pulses' echoes appear (E-10b); False for sweeps and without range."""
         return self.fold_echoes and self.waveform.samples_are_bins and self.waveform.ranged
 
     @property
     def receiver_bandwidth_hz(self) -> float:
-        """Noise bandwidth B_n of a receiver sample.
-
-        It is the value of the radar, if set, otherwise that of the waveform.
-        """
+        """Noise bandwidth B_n of a receiver sample, as stated or that of the waveform."""
         return (
             self.noise_bandwidth_hz if self.noise_bandwidth_hz is not None else self.waveform.noise_bandwidth_hz(self)
         )

@@ -51,15 +51,6 @@ class TargetTruth:
     body : DataArray (time, marker, space), optional
         Positions of the body's points, for plots: at most 60 positions per second, in the frame of the scene (floor at
         z = 0).
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> truth = recording.truth[0]
-    >>> truth.label, round(truth.ground_speed_mps, 1)
-    ('human', 1.2)
     """
 
     label: str
@@ -78,10 +69,7 @@ class TargetTruth:
     body: xr.DataArray | None = None
 
     def doppler_hz(self, wavelength_m: float) -> npt.NDArray[np.float64]:
-        """Return the true Doppler shift of every scatterer (E-05).
-
-        It is 2 v_r / lambda, shape (I, L).
-        """
+        """Return the true Doppler shift of every scatterer, 2 v_r / lambda, shape (I, L) (E-05)."""
         values = velocity_to_doppler_hz(self.scatterers["radial_velocity"].values, wavelength_m)
         return np.asarray(values, dtype=np.float64)
 
@@ -313,18 +301,12 @@ class Recording:
 
     @property
     def observation_s(self) -> float:
-        """Observation time T_o, until the end of the last pulse.
-
-        It includes the pauses between bursts.
-        """
+        """Observation time T_o, until the end of the last pulse, with pauses between bursts."""
         return float(self.slow_time_s[-1] - self.slow_time_s[0]) + 1.0 / self.radar.prf_hz
 
     @property
     def independent_bin_share(self) -> float:
-        """Independent noise values per range bin.
-
-        It is below 1 if a window over the sweep correlates bins.
-        """
+        """Independent noise values per range bin; below 1 if a window correlates bins."""
         share = self.facts.get("independent_bin_share")
         return self.radar.waveform.independent_bins(self.radar) if share is None else float(share)
 

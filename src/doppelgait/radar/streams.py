@@ -70,16 +70,6 @@ class Stream:
     source : str
         Name of the source; for a socket it includes the chosen port.
     counts : Counts
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=1.0)
-    >>> dg.radar.write_recording(dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0)), "walk.h5")
-    >>> with dg.radar.open_stream("walk.h5") as stream:
-    ...     n_frames = sum(1 for time_s, frame in stream)
-    >>> n_frames, stream.counts.missing
-    (640, 0)
     """
 
     def __init__(self, source: str, *, expect: Radar | None, timeout_s: float, queue_s: float) -> None:
@@ -344,8 +334,11 @@ def open_stream(
             path = found[0] if len(found) == 1 else path
         kinds = find_formats(path)
         if _is_xethru_data(path) and path.is_file():
-            xethru = _check_xethru_options(path, options)
-            options, items = {}, _follow_xethru_frames(path, stream, xethru)
+            allowed = set(inspect.signature(read_xethru_recording).parameters) - {"path", "data_type"}
+            if unknown := sorted(set(options) - allowed):
+                has = ", ".join(sorted(allowed))
+                raise ConfigError(f"{path}: has no option {', '.join(unknown)}; allowed are {has}")
+            options, items = {}, _follow_xethru_frames(path, stream, options)
         elif kinds == ["doppelgait"]:
             items = read_hdf5_frames(path)
         elif kinds and kinds != ["frames"]:
@@ -372,14 +365,6 @@ def _replay_frames(recording: Recording) -> Iterator[Header | Frame]:
 def _is_xethru_data(path: Path) -> bool:
     kind = find_data_type_by_file(path.name)
     return kind is not None and kind.name in CONVERTIBLE
-
-
-def _check_xethru_options(path: Path, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Check the XeThru options of a stream."""
-    allowed = set(inspect.signature(read_xethru_recording).parameters) - {"path", "data_type"}
-    if unknown := sorted(set(options) - allowed):
-        raise ConfigError(f"{path}: has no option {', '.join(unknown)}; allowed are {', '.join(sorted(allowed))}")
-    return dict(options)
 
 
 def _parse(chunks: Iterator[bytes], stream: Stream) -> Iterator[Header | Frame]:

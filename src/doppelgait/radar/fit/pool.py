@@ -53,10 +53,7 @@ class PooledQuantity:
 
     @property
     def spread_is_known(self) -> bool:
-        """True if recordings differ by more than their uncertainties.
-
-        The significance level is 2.5 %.
-        """
+        """True if recordings differ by more than their uncertainties (level 2.5 %)."""
         return self.count >= MIN_FOR_SPREAD and self.low > 0.0
 
 
@@ -279,7 +276,7 @@ class SensorKind:
 
 
 def _find_difference(radar: Radar, other: Radar) -> str:
-    """Return the difference of two radars as text, or ""."""
+    """Return the difference of two radars as text, or "". Frames of other rates have other noise."""
     if abs(radar.carrier_hz / other.carrier_hz - 1.0) > SAME:
         return f"carrier {radar.carrier_hz / 1e9:.4g} GHz instead of the {other.carrier_hz / 1e9:.4g} GHz"
     if abs(radar.prf_hz / other.prf_hz - 1.0) > SAME:
@@ -321,9 +318,9 @@ def fit_kind(
     base = longest.radar if radar is None else _set_axes(radar, longest)
     same = []
     for one in measured:
-        other = _find_difference(one.recording.radar, longest.radar)
-        if other:
-            left_out.append(f"{one.recording.source}: {other} of {longest.source}, the longest recording")
+        difference = _find_difference(one.recording.radar, longest.radar)
+        if difference:
+            left_out.append(f"{one.recording.source}: {difference} of {longest.source}, the longest recording")
         else:
             same.append(one)
     spaced = [m for m in same if abs(m.recording.radar.bin_spacing_m / longest.radar.bin_spacing_m - 1.0) <= SAME]
@@ -331,9 +328,19 @@ def fit_kind(
         left_out.append(
             f"{len(same) - len(spaced)} recordings have other range bins: not used for clutter, correlation and shape"
         )
-    pooled = {name: pool(found) for name, found in _group_by_name(same).items()}
+    estimates: dict[str, list[Estimate]] = {}
+    reasons: dict[str, list[str]] = {}
+    for one in same:
+        for name, estimate in one.estimates.items():
+            estimates.setdefault(name, []).append(estimate)
+        for name, reason in one.refused.items():
+            reasons.setdefault(name, []).append(reason)
+    pooled = {name: pool(values) for name, values in estimates.items()}
     base = fit_gain(base, same, pooled, people_at_m, radar_is_known=radar is not None)
-    refused = _list_reasons(same, pooled)
+    refused = {
+        name: f"{max(set(texts), key=texts.count)} (in {len(texts)} of {len(same)} recordings)"
+        for name, texts in reasons.items()
+    }
     if people_at_m is None and "direct_path_db" not in pooled:
         refused["receiver gain"] = "no level of a known echo; give the range of the people to set it"
     share, length = _pool_drops(same)
@@ -377,27 +384,6 @@ def _set_axes(radar: Radar, recording: Recording) -> Radar:
         stop_m = start_m + (recording.n_range_bins - 0.5) * radar.bin_spacing_m
     changes = {"prf_hz": recording.radar.prf_hz, "range_start_m": start_m, "range_stop_m": stop_m}
     return Radar.model_validate({**radar.model_dump(), **changes})
-
-
-def _group_by_name(measured: Sequence[SensorMeasurement]) -> dict[str, list[Estimate]]:
-    found: dict[str, list[Estimate]] = {}
-    for one in measured:
-        for name, estimate in one.estimates.items():
-            found.setdefault(name, []).append(estimate)
-    return found
-
-
-def _list_reasons(same: Sequence[SensorMeasurement], pooled: Mapping[str, PooledQuantity]) -> dict[str, str]:
-    """Return the reasons why few or no recordings show a quantity."""
-    found: dict[str, list[str]] = {}
-    for one in same:
-        for name, reason in one.refused.items():
-            found.setdefault(name, []).append(reason)
-    texts = {}
-    for name, reasons in found.items():
-        usual = max(set(reasons), key=reasons.count)
-        texts[name] = f"{usual} (in {len(reasons)} of {len(same)} recordings)"
-    return texts
 
 
 def _pool_drops(same: Sequence[SensorMeasurement]) -> tuple[PooledQuantity | None, float]:

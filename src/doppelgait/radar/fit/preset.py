@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
@@ -25,6 +25,9 @@ from doppelgait.radar.fit.pool import (
 )
 from doppelgait.radar.fit.room import DB_PER_NEPER, Estimate
 from doppelgait.radar.parameters import Radar, find_possible_correlation
+
+Table = tuple[dict[str, Any], dict[str, str]]
+"""Impairment and the comments of its keys."""
 
 
 def calibrate_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
@@ -123,18 +126,20 @@ def format_calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
         )
         origins["threshold_step_v"] = "scaled with the gain, so that the SNR is that of the preset"
     values = calibrated.model_dump(mode="json", exclude_none=True)
-    nested = {name: value for name, value in values.items() if isinstance(value, dict)}
-    default = f"as {base.name}"
-    lines += [format_setting(k, v, origins.get(k, default)) for k, v in values.items() if k not in nested]
-    for name, table in nested.items():
-        lines += ["", f"[{name}]", *(format_setting(k, v, default) for k, v in table.items())]
-    for table, comments in tables:
-        lines += [
-            "",
-            "[[impairments]]",
-            *(format_setting(key, value, comments.get(key, "")) for key, value in table.items()),
-        ]
-    return "\n".join(lines) + "\n"
+    nested = [name for name, value in values.items() if isinstance(value, dict)]
+    return "\n".join(lines + _format_tables(values, nested, origins, f"as {base.name}", tables)) + "\n"
+
+
+def _format_tables(
+    values: dict[str, Any], nested: list[str], comments: dict[str, str], default: str, impairments: list[Table]
+) -> list[str]:
+    """Return the lines of a radar, of its nested tables and of its impairments."""
+    lines = [format_setting(k, v, comments.get(k, default)) for k, v in values.items() if k not in nested]
+    for name in nested:
+        lines += ["", f"[{name}]", *(format_setting(k, v, default) for k, v in values[name].items())]
+    for table, why in impairments:
+        lines += ["", "[[impairments]]", *(format_setting(k, v, why.get(k, "")) for k, v in table.items())]
+    return lines
 
 
 def _format_origin(fit: SensorFit) -> str:
@@ -145,7 +150,7 @@ def _format_fitted(fit: SensorFit, sd: float, unit: str) -> str:
     return f"fitted from {_format_origin(fit)}, +-{sd:.2g} {unit}"
 
 
-def _iterate_impairments(fit: SensorFit) -> Iterable[tuple[dict[str, Any], dict[str, str]]]:
+def _iterate_impairments(fit: SensorFit) -> Iterator[Table]:
     """Yield impairment tables with comments: echoes, their phase, then faults of the recorder."""
     knots = [[round(r, 4), round(level, 2)] for r, level in zip(fit.clutter.range_m, fit.clutter.level_db, strict=True)]
     sd_db = float(fit.clutter.sd_db.max())
@@ -166,7 +171,7 @@ def _iterate_impairments(fit: SensorFit) -> Iterable[tuple[dict[str, Any], dict[
             "drift_rad_per_min": (drift, "rad/min"),
             "walk_rad_per_sqrt_min": (walk, "rad/sqrt(min)"),
         }
-        table = {
+        table: dict[str, Any] = {
             name: _round_digits(estimate.value) if _is_significant(estimate) else 0.0
             for name, (estimate, _) in rows.items()
         }
@@ -177,7 +182,22 @@ def _iterate_impairments(fit: SensorFit) -> Iterable[tuple[dict[str, Any], dict[
         }
         yield {"kind": "phase_noise", **table}, comments
     if fit.bursts.frames.any():
-        yield _make_interference_table(fit)
+        bursts = fit.bursts
+        runs = float(bursts.frames.sum()) / bursts.mean_length
+        table = {
+            "kind": "interference",
+            "rate_hz": _round_digits(runs / fit.duration_s),
+            "duration_s": _round_digits(max(bursts.mean_length - 1.0, 1e-3) / fit.radar.prf_hz),
+            "level_db": round(bursts.level_db, 1),
+            "hit_share": _round_digits(bursts.share),
+        }
+        comments = {
+            "rate_hz": _format_fitted(fit, math.sqrt(runs) / fit.duration_s, "Hz"),
+            "duration_s": f"fitted: {bursts.mean_length:.2g} frames in a row, less one for a burst across two frames",
+            "level_db": "fitted: rms of the cells found; those below the threshold are not counted",
+            "hit_share": "fitted: share of the bins found in a frame hit",
+        }
+        yield table, comments
     if fit.faults.probability.value > 0:
         repeated = int(fit.faults.dropped.sum()) - fit.faults.blank
         length = max(fit.faults.mean_length, 1.0)
@@ -194,25 +214,6 @@ def _iterate_impairments(fit: SensorFit) -> Iterable[tuple[dict[str, Any], dict[
             "fill": f"fitted: {repeated} frames repeated, {fit.faults.blank} zero",
         }
         yield faults, comments
-
-
-def _make_interference_table(fit: SensorFit) -> tuple[dict[str, Any], dict[str, str]]:
-    count = float(fit.bursts.frames.sum())
-    runs = count / fit.bursts.mean_length
-    table = {
-        "kind": "interference",
-        "rate_hz": _round_digits(runs / fit.duration_s),
-        "duration_s": _round_digits(max(fit.bursts.mean_length - 1.0, 1e-3) / fit.radar.prf_hz),
-        "level_db": round(fit.bursts.level_db, 1),
-        "hit_share": _round_digits(fit.bursts.share),
-    }
-    comments = {
-        "rate_hz": _format_fitted(fit, math.sqrt(runs) / fit.duration_s, "Hz"),
-        "duration_s": f"fitted: {fit.bursts.mean_length:.2g} frames in a row, less one for a burst across two frames",
-        "level_db": "fitted: rms of the cells found; those below the threshold are not counted",
-        "hit_share": "fitted: share of the bins found in a frame hit",
-    }
-    return table, comments
 
 
 def _is_significant(estimate: Estimate) -> bool:
@@ -340,14 +341,8 @@ def format_kind_preset(kind: SensorKind) -> str:
     if kind.correlation and "noise_correlation" in kind.radar.waveform.takes:
         values["noise_correlation"] = list(find_possible_correlation(kind.correlation))
         comments["noise_correlation"] = "fitted: between bins 1, 2, ... apart"
-    default = f"as {kind.radar.name}"
-    nested = {name for name, value in values.items() if isinstance(value, dict) and name not in comments}
-    lines += [format_setting(k, v, comments.get(k, default)) for k, v in values.items() if k not in nested]
-    for name in sorted(nested):
-        lines += ["", f"[{name}]", *(format_setting(k, v, default) for k, v in values[name].items())]
-    for table, why in tables:
-        lines += ["", "[[impairments]]", *(format_setting(k, v, why.get(k, "")) for k, v in table.items())]
-    return "\n".join(lines) + "\n"
+    nested = sorted(name for name, value in values.items() if isinstance(value, dict) and name not in comments)
+    return "\n".join(lines + _format_tables(values, nested, comments, f"as {kind.radar.name}", tables)) + "\n"
 
 
 def _draw(pooled: PooledQuantity, middle: float, *, digits: int = 4, lowest: float | None = None) -> Any:
@@ -369,7 +364,7 @@ def _format_comment(pooled: PooledQuantity, unit: str) -> str:
     return f"{text}; {known} {pooled.low:.2g} to {pooled.high:.2g}"
 
 
-def _iterate_kind_impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
+def _iterate_kind_impairments(kind: SensorKind) -> Iterator[Table]:
     """Yield impairments in order, with comments."""
     found = kind.pooled
     table: dict[str, Any]
@@ -437,7 +432,7 @@ def _iterate_kind_impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any]
         )
 
 
-def _iterate_noise(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
+def _iterate_noise(kind: SensorKind) -> Iterator[Table]:
     """Yield the impairments that add to the samples, except white noise."""
     noise_db = kind.pooled["noise_level_db"].mean.value if "noise_level_db" in kind.pooled else math.nan
     table: dict[str, Any]
@@ -485,7 +480,7 @@ def _subtract_level(knots: list[tuple[float, float]], reference_db: float, lowes
     return [[round(x, 4), round(reference_db + DB_PER_NEPER * math.log(power), 2)] for x, power in excess]
 
 
-def _find_constant(kind: SensorKind) -> tuple[dict[str, Any], dict[str, str]] | None:
+def _find_constant(kind: SensorKind) -> Table | None:
     """Return the constant of all bins, if significant."""
     found = kind.pooled
     if "dc_level_db" in found and found["dc_level_db"].count > len(kind.recordings) / 2:

@@ -161,10 +161,10 @@ def find_volts_per_unit(radar: Radar, *, wanted_by: str) -> float:
     return radar.volts_per_unit
 
 
-def convert_level_to_volt(level_db: float, radar: Radar, *, in_units: bool, wanted_by: str) -> float:
-    """Convert a level in dB re 1 V, or re one unit of the sensor's own files, to volts."""
-    unit_v = find_volts_per_unit(radar, wanted_by=wanted_by) if in_units else 1.0
-    return float(db_to_amplitude(level_db)) * unit_v
+def convert_level_to_volt(spec: Any, radar: Radar) -> float:
+    """Convert ``level_db``, re 1 V or re one unit of the sensor's own files, to volts."""
+    unit_v = find_volts_per_unit(radar, wanted_by=f"{spec.kind}: level_db") if spec.in_units else 1.0
+    return float(db_to_amplitude(spec.level_db)) * unit_v
 
 
 def make_static_samples(

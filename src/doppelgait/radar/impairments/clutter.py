@@ -72,20 +72,17 @@ class Leakage(FrozenModel):
 DEFAULT_ISOLATION_DB = 34.0
 
 
-def leakage_v(spec: Leakage, radar: Radar) -> float:
-    """Return the stated level, V, or sqrt(2 Z0 P_t) 10^((G_rx - isolation)/20)."""
-    if spec.level_db is not None:
-        return convert_level_to_volt(spec.level_db, radar, in_units=spec.in_units, wanted_by="leakage: level_db")
-    loss_db = DEFAULT_ISOLATION_DB if spec.isolation_db is None else spec.isolation_db
-    sent_v = float(watt_to_volt(dbm_to_watt(radar.tx_power_dbm)))
-    return sent_v * float(db_to_amplitude(radar.receiver_gain_db - loss_db))
-
-
 @plugin("impairment", parameters=Leakage)
 def add_leakage(samples: Samples, parameters: Leakage, radar: Radar, rng: np.random.Generator) -> Samples:
     """Add the direct path to every pulse."""
     check_width(samples, radar)
-    row = make_static_samples(np.array([[parameters.delay_m]]), np.array([[leakage_v(parameters, radar)]]), radar)
+    if parameters.level_db is not None:
+        level_v = convert_level_to_volt(parameters, radar)
+    else:  # sqrt(2 Z0 P_t) 10^((G_rx - isolation) / 20)
+        loss_db = DEFAULT_ISOLATION_DB if parameters.isolation_db is None else parameters.isolation_db
+        sent_v = float(watt_to_volt(dbm_to_watt(radar.tx_power_dbm)))
+        level_v = sent_v * float(db_to_amplitude(radar.receiver_gain_db - loss_db))
+    row = make_static_samples(np.array([[parameters.delay_m]]), np.array([[level_v]]), radar)
     phase_rad = math.radians(parameters.phase_deg)
     samples += row * np.complex64(complex(math.cos(phase_rad), math.sin(phase_rad)))
     return samples
@@ -141,7 +138,13 @@ def add_static_clutter(samples: Samples, parameters: StaticClutter, radar: Radar
     """Add one realisation of the room to every pulse."""
     check_width(samples, radar)
     range_m, spacing_m = make_clutter_ranges(radar)
-    rms_v = clutter_rms_v(range_m, parameters, radar)
+    if parameters.levels is None:
+        one_m2_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=1.0)
+        rms_v = one_m2_v * math.sqrt(float(parameters.rcs_per_metre_m2 or 0.0) * echo_energy_m(radar))
+    else:
+        knots_m, levels_db = np.array(parameters.levels).T
+        unit_v = find_volts_per_unit(radar, wanted_by="static_clutter: levels") if parameters.in_units else 1.0
+        rms_v = db_to_amplitude(np.interp(range_m, knots_m, levels_db)) * unit_v
     amplitude_v = rms_v * np.sqrt(rng.standard_exponential(range_m.size) * spacing_m / echo_energy_m(radar))
     # a random shift of up to a quarter wavelength in both directions makes the phase uniform
     range_m = range_m + rng.uniform(-0.25, 0.25, size=range_m.size) * radar.wavelength_m
@@ -179,13 +182,3 @@ def make_clutter_ranges(radar: Radar) -> tuple[npt.NDArray[np.float64], float]:
         near = (appears_m > radar.range_start_m - reach_m) & (appears_m < radar.range_stop_m + reach_m)
         range_m = range_m[((range_m >= 0) & (range_m < end_m)) | ~near]
     return np.asarray(range_m, dtype=np.float64), spacing_m
-
-
-def clutter_rms_v(range_m: npt.NDArray[np.float64], spec: StaticClutter, radar: Radar) -> npt.NDArray[np.float64]:
-    """Return the rms of compressed clutter per range, V."""
-    if spec.levels is None:
-        one_m2_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=1.0)
-        return np.asarray(one_m2_v * math.sqrt(float(spec.rcs_per_metre_m2 or 0.0) * echo_energy_m(radar)))
-    knots_m, levels_db = np.array(spec.levels).T
-    unit_v = find_volts_per_unit(radar, wanted_by="static_clutter: levels") if spec.in_units else 1.0
-    return np.asarray(db_to_amplitude(np.interp(range_m, knots_m, levels_db)) * unit_v)

@@ -71,10 +71,18 @@ class PhaseNoise(FrozenModel):
 @plugin("impairment", parameters=PhaseNoise)
 def add_phase_noise(samples: Samples, parameters: PhaseNoise, radar: Radar, rng: np.random.Generator) -> Samples:
     """Rotate samples by a phase per frame and, with a density, per range."""
-    phase_rad = common_phase_rad(samples.shape[0], parameters, radar=radar, rng=rng)
+    n_frames = samples.shape[0]
+    # common phase of each frame: white noise and jitter, drift, and a random walk from 0
+    sd_rad = math.hypot(parameters.white_rad, 2.0 * math.pi * radar.carrier_hz * parameters.jitter_s)
+    minutes = np.arange(n_frames) / (60.0 * radar.prf_hz)
+    step_rad = parameters.walk_rad_per_sqrt_min / math.sqrt(60.0 * radar.prf_hz)
+    white_rad = sd_rad * rng.standard_normal(n_frames)
+    steps_rad = step_rad * rng.standard_normal(n_frames)
+    walk_rad = np.cumsum(steps_rad) - steps_rad[:1]
+    phase_rad = white_rad + parameters.drift_rad_per_min * minutes + walk_rad
     if parameters.density_dbc_per_hz is not None:
         check_width(samples, radar)
-        residual_rad, weights = residual_phase_rad(samples.shape[0], parameters, radar=radar, rng=rng)
+        residual_rad, weights = residual_phase_rad(n_frames, parameters, radar=radar, rng=rng)
         if len(weights) > 1:
             return samples.rotate(phase_rad / (2.0 * math.pi), residual_rad / (2.0 * math.pi), weights)
         phase_rad = phase_rad + weights[0] @ residual_rad
@@ -82,19 +90,6 @@ def add_phase_noise(samples: Samples, parameters: PhaseNoise, radar: Radar, rng:
     turn.real, turn.imag = np.cos(phase_rad)[:, None], np.sin(phase_rad)[:, None]
     samples *= turn
     return samples
-
-
-def common_phase_rad(
-    n_frames: int, spec: PhaseNoise, *, radar: Radar, rng: np.random.Generator
-) -> npt.NDArray[np.float64]:
-    """Return the frames' phase, rad: white, jitter, drift and random walk from 0."""
-    sd_rad = math.hypot(spec.white_rad, 2.0 * math.pi * radar.carrier_hz * spec.jitter_s)
-    minutes = np.arange(n_frames) / (60.0 * radar.prf_hz)
-    step_rad = spec.walk_rad_per_sqrt_min / math.sqrt(60.0 * radar.prf_hz)
-    white_rad = sd_rad * rng.standard_normal(n_frames)
-    steps_rad = step_rad * rng.standard_normal(n_frames)
-    walk_rad = np.cumsum(steps_rad) - steps_rad[:1]
-    return np.asarray(white_rad + spec.drift_rad_per_min * minutes + walk_rad)
 
 
 def residual_phase_rad(
@@ -167,19 +162,14 @@ class IqImbalance(FrozenModel):
     phase_deg: float = Field(default=3.0, ge=-90, le=90)
 
 
-def compute_image_weights(spec: IqImbalance) -> tuple[complex, complex]:
-    """Return the weights alpha of the signal and beta of its image."""
-    g, phi = float(db_to_amplitude(spec.gain_db)), math.radians(spec.phase_deg)
-    turn = complex(math.cos(phi), math.sin(phi))
-    return (1.0 + g * turn) / 2.0, (1.0 - g * turn.conjugate()) / 2.0
-
-
 def image_ratio_db(spec: IqImbalance) -> float:
     """Return the power of the image over the signal, dB.
 
     It is 10 log10 ((1 + g^2 - 2 g cos phi) / (1 + g^2 + 2 g cos phi)).
     """
-    signal, image = compute_image_weights(spec)
+    g, phi = float(db_to_amplitude(spec.gain_db)), math.radians(spec.phase_deg)
+    turn = complex(math.cos(phi), math.sin(phi))
+    signal, image = (1.0 + g * turn) / 2.0, (1.0 - g * turn.conjugate()) / 2.0
     return 20.0 * math.log10(abs(image) / abs(signal)) if image else -math.inf
 
 
@@ -216,9 +206,7 @@ class DcLeak(FrozenModel):
 @plugin("impairment", parameters=DcLeak)
 def add_dc(samples: Samples, parameters: DcLeak, radar: Radar, rng: np.random.Generator) -> Samples:
     """Add the constant of every pulse."""
-    level_v = convert_level_to_volt(
-        parameters.level_db, radar, in_units=parameters.in_units, wanted_by="dc_leak: level_db"
-    )
+    level_v = convert_level_to_volt(parameters, radar)
     random_rad = rng.uniform(0.0, 2.0 * math.pi)
     phase_rad = random_rad if parameters.phase_deg is None else math.radians(parameters.phase_deg)
     parts = rng.standard_normal((2, samples.shape[0]))

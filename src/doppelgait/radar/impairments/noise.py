@@ -14,7 +14,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import db_to_amplitude
-from doppelgait.radar.impairments.apply import check_width, convert_level_to_volt, sample_range_m
+from doppelgait.radar.impairments.apply import check_width, convert_level_to_volt, find_volts_per_unit, sample_range_m
 from doppelgait.radar.link import make_noise_taps, sample_noise_v2
 from doppelgait.radar.parameters import Radar
 
@@ -52,15 +52,9 @@ class ThermalNoise(FrozenModel):
 
 
 def noise_power_per_sample_v2(spec: ThermalNoise, radar: Radar) -> float:
-    """Return the mean square of the noise in a receiver sample, V^2.
-
-    It follows from E-18, or from ``level_db`` in a range bin divided by the noise gain of compression.
-    """
+    """Return the mean square noise of a sample, V^2, by E-18 or from ``level_db`` in a bin."""
     if spec.level_db is not None:
-        level_v = convert_level_to_volt(
-            spec.level_db, radar, in_units=spec.in_units, wanted_by="thermal_noise: level_db"
-        )
-        return level_v**2 / radar.waveform.noise_gain(radar)
+        return convert_level_to_volt(spec, radar) ** 2 / radar.waveform.noise_gain(radar)
     if spec.noise_figure_db is not None:
         radar = radar.model_copy(update={"noise_figure_db": spec.noise_figure_db})
     return sample_noise_v2(radar)
@@ -107,28 +101,21 @@ class Interference(FrozenModel):
 @plugin("impairment", parameters=Interference)
 def add_interference(samples: Samples, parameters: Interference, radar: Radar, rng: np.random.Generator) -> Samples:
     """Add noise bursts to the pulses that interference hits."""
-    where = "interference: level_db"
-    level_v = convert_level_to_volt(parameters.level_db, radar, in_units=parameters.in_units, wanted_by=where)
+    level_v = convert_level_to_volt(parameters, radar)
     n_pulses, n_samples = samples.shape
-    pulses = find_hit_pulses(n_pulses, parameters, radar=radar, rng=rng)
+    # pulses i that overlap a burst, from i/f_p to (i+1)/f_p; bursts may have begun before the recording
+    duration_s, record_s = parameters.duration_s, n_pulses / radar.prf_hz
+    n_bursts = rng.poisson(parameters.rate_hz * (record_s + duration_s))
+    start_s = rng.uniform(-duration_s, record_s, size=n_bursts)
+    begin = np.clip(np.floor(start_s * radar.prf_hz), 0, n_pulses - 1).astype(np.int64)
+    last = np.clip(np.floor((start_s + duration_s) * radar.prf_hz), 0, n_pulses - 1).astype(np.int64)
+    edges = np.bincount(begin, minlength=n_pulses + 1) - np.bincount(last + 1, minlength=n_pulses + 1)
+    pulses = np.flatnonzero(np.cumsum(edges[:n_pulses]) > 0)
     width = max(1, round(parameters.hit_share * n_samples))
     first = rng.integers(0, n_samples - width + 1, size=pulses.size)
     columns = first[:, None] + np.arange(width)
     parts = rng.standard_normal((pulses.size, width, 2)) * (level_v / np.sqrt(2.0))
     return samples.add_at(pulses[:, None], columns, parts[..., 0] + 1j * parts[..., 1])
-
-
-def find_hit_pulses(
-    n_pulses: int, spec: Interference, *, radar: Radar, rng: np.random.Generator
-) -> npt.NDArray[np.int64]:
-    """Return the pulses i that overlap a burst, from i/f_p to (i+1)/f_p."""
-    record_s = n_pulses / radar.prf_hz
-    n_bursts = rng.poisson(spec.rate_hz * (record_s + spec.duration_s))  # includes earlier bursts
-    start_s = rng.uniform(-spec.duration_s, record_s, size=n_bursts)
-    first = np.clip(np.floor(start_s * radar.prf_hz), 0, n_pulses - 1).astype(np.int64)
-    last = np.clip(np.floor((start_s + spec.duration_s) * radar.prf_hz), 0, n_pulses - 1).astype(np.int64)
-    edges = np.bincount(first, minlength=n_pulses + 1) - np.bincount(last + 1, minlength=n_pulses + 1)
-    return np.asarray(np.flatnonzero(np.cumsum(edges[:n_pulses]) > 0), dtype=np.int64)
 
 
 class ColouredNoise(FrozenModel):
@@ -170,7 +157,7 @@ def add_coloured_noise(samples: Samples, parameters: ColouredNoise, radar: Radar
     from scipy import fft
 
     n_pulses, n_samples = samples.shape
-    unit_v = convert_level_to_volt(0.0, radar, in_units=parameters.in_units, wanted_by="coloured_noise: levels")
+    unit_v = find_volts_per_unit(radar, wanted_by="coloured_noise: levels") if parameters.in_units else 1.0
     gain_v = np.full(n_samples, unit_v / math.sqrt(radar.waveform.noise_gain(radar)))
     if parameters.range_db:
         check_width(samples, radar)
@@ -212,9 +199,7 @@ class Spur(FrozenModel):
 @plugin("impairment", parameters=Spur)
 def add_spur(samples: Samples, parameters: Spur, radar: Radar, rng: np.random.Generator) -> Samples:
     """Add the line to every sample of a pulse."""
-    level_v = convert_level_to_volt(
-        parameters.level_db, radar, in_units=parameters.in_units, wanted_by="spur: level_db"
-    )
+    level_v = convert_level_to_volt(parameters, radar)
     turns = parameters.frequency_hz / radar.prf_hz * np.arange(samples.shape[0]) + rng.random()
     samples += (level_v * np.exp(2j * np.pi * turns)).astype(np.complex64)[:, None]
     return samples

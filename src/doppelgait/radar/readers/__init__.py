@@ -169,10 +169,7 @@ def _find_format(path: Path) -> str:
 
 
 def is_folder_of_recordings(path: Path) -> bool:
-    """Return whether a path is a folder of recordings.
-
-    The folder of a single XeThru recording does not count.
-    """
+    """Return whether a path is a folder of recordings; that of one XeThru recording is not."""
     return path.is_dir() and not find_formats(path)
 
 

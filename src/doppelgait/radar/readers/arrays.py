@@ -9,7 +9,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -98,20 +98,20 @@ def read_facts(path: Path, options: Mapping[str, Any]) -> ArrayFacts:
         raise RecordingError(str(error)) from None
 
 
-@dataclass(frozen=True)
-class ArrayFrame:
-    """Axes of an array, its radar, and assumptions."""
-
-    slow_time_s: FloatArray
-    range_m: FloatArray
-    radar: Radar
-    notes: list[str]
-
-
-def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mapping[str, Any]) -> ArrayFrame:
-    """Determine axes and radar: facts come before axes in the file, these before the radar."""
+def _describe(
+    path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mapping[str, Any]
+) -> tuple[FloatArray, FloatArray, Radar, list[str]]:
+    """Return slow time, ranges, radar and notes: facts come before axes in the file, these before the radar."""
     n_pulses, n_bins = shape
-    stated = _read_stated_radar(path, facts)
+    stated = None
+    if facts.radar is not None:
+        table = dict(facts.radar)
+        try:
+            if "preset" in table:
+                table = change_preset(str(table.pop("preset")), table)
+            stated = validate(Radar, table, where="radar")
+        except ConfigError as error:
+            raise RecordingError(f"{path}: {error}") from None
     slow_time_s = None if facts.prf_hz else _read_axis(path, axes, "slow_time_s", n_pulses)
     range_m = (
         None if facts.range_start_m is not None or facts.bin_spacing_m else _read_axis(path, axes, "range_m", n_bins)
@@ -146,12 +146,9 @@ def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mappin
         notes.append("radar: not stated; one range bin is taken as a continuous wave, its range as nothing")
     elif facts.radar is None:
         notes.append(f"radar: not stated; an echo is taken as one range bin wide ({known['bin_spacing_m']:g} m)")
-    return ArrayFrame(
-        slow_time_axis_s(n_pulses, known["prf_hz"]) if slow_time_s is None else slow_time_s,
-        ranges if range_m is None else range_m,
-        _make_radar(path, facts, stated, known, n_bins),
-        notes,
-    )
+    slow_time_s = slow_time_axis_s(n_pulses, known["prf_hz"]) if slow_time_s is None else slow_time_s
+    radar = _make_radar(path, facts, stated, known, n_bins)
+    return slow_time_s, ranges if range_m is None else range_m, radar, notes
 
 
 def _read_axis(path: Path, axes: Mapping[str, Any], name: str, size: int) -> FloatArray | None:
@@ -165,18 +162,6 @@ def _read_axis(path: Path, axes: Mapping[str, Any], name: str, size: int) -> Flo
     if size > 1 and not (np.diff(values) > 0).all():
         raise RecordingError(f"{path}: {name} does not rise from sample to sample")
     return np.asarray(values, dtype=np.float64)
-
-
-def _read_stated_radar(path: Path, facts: ArrayFacts) -> Radar | None:
-    if facts.radar is None:
-        return None
-    table = dict(facts.radar)
-    try:
-        if "preset" in table:
-            table = change_preset(str(table.pop("preset")), table)
-        return validate(Radar, table, where="radar")
-    except ConfigError as error:
-        raise RecordingError(f"{path}: {error}") from None
 
 
 def _make_radar(path: Path, facts: ArrayFacts, stated: Radar | None, known: Mapping[str, float], n_bins: int) -> Radar:
@@ -277,15 +262,10 @@ def read_arrays(
     values = values.conj() if facts.conjugate else values
     if facts.scale_v is not None and facts.scale_v != 1.0:
         values = facts.scale_v * values
-    frame = describe(path, facts, values.shape, arrays)
+    slow_time_s, range_m, made, notes = _describe(path, facts, values.shape, arrays)
+    notes = notes if facts.notes is None else facts.notes
     recording = label_measured(
-        path,
-        values,
-        radar=frame.radar,
-        slow_time_s=frame.slow_time_s,
-        range_m=frame.range_m,
-        notes=frame.notes if facts.notes is None else facts.notes,
-        attrs=facts.attributes,
+        path, values, radar=made, slow_time_s=slow_time_s, range_m=range_m, notes=notes, attrs=facts.attributes
     )
     return replace(
         recording,

@@ -95,28 +95,19 @@ def read_metadata(path: Path) -> Metadata:
             f"{meta_path}: has {meta_path.stat().st_size:,} bytes, at most {MAX_META_BYTES:,} are read"
         )
     try:
-        content = parse_json(meta_path.read_text(encoding="utf-8"))
-        common, captures, annotations = (content[key] for key in ("global", "captures", "annotations"))
-        return _parse_metadata(meta_path, data_path, dict(common), _list_objects(captures), _list_objects(annotations))
+        return _parse_metadata(meta_path, data_path, parse_json(meta_path.read_text(encoding="utf-8")))
     except OSError as error:
         raise RecordingError(f"{meta_path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, LookupError, TypeError) as error:
         raise RecordingError(f"{meta_path}: is damaged or no SigMF metadata: {error}") from None
 
 
-def _list_objects(values: Any) -> list[dict[str, Any]]:
-    if not isinstance(values, list) or not all(isinstance(value, dict) for value in values):
-        raise ValueError("captures and annotations must be lists of objects")
-    return values
-
-
-def _parse_metadata(
-    meta_path: Path,
-    data_path: Path,
-    common: dict[str, Any],
-    captures: list[dict[str, Any]],
-    annotations: list[dict[str, Any]],
-) -> Metadata:
+def _parse_metadata(meta_path: Path, data_path: Path, content: Any) -> Metadata:
+    common, captures, annotations = (content[key] for key in ("global", "captures", "annotations"))
+    common = dict(common)
+    for values in (captures, annotations):
+        if not isinstance(values, list) or not all(isinstance(value, dict) for value in values):
+            raise ValueError("captures and annotations must be lists of objects")
     version = str(common["core:version"]).removeprefix("v")
     if not version.startswith("1."):
         raise RecordingError(f"{meta_path}: is SigMF {version}; only 1.x is read")

@@ -347,18 +347,16 @@ def _join(path: Path, contents: Sequence[_DataContent], metas: tuple[Meta, ...])
         streams.setdefault(content.kind.name, []).append(content.stream)
         if content.user_header:
             headers.setdefault(content.kind.name, content.user_header)
-    joined = {name: _join_streams(parts) for name, parts in streams.items()}
+    joined = {}
+    for name, parts in streams.items():
+        timed = all(part.time_ms.size == len(part) for part in parts)
+        joined[name] = XethruStream(
+            parts[0].data_type,
+            tuple(block for part in parts for block in part.blocks),
+            np.concatenate([part.time_ms for part in parts]) if timed else np.empty(0, dtype=np.int64),
+            tuple(line for part in parts for line in part.lines),
+            tuple(raw for part in parts for raw in part.raw),
+        )
     if not any(len(stream) for stream in joined.values()):
         raise RecordingError(f"{path}: holds no whole record")
     return XethruRecording(path, joined, headers, metas)
-
-
-def _join_streams(parts: Sequence[XethruStream]) -> XethruStream:
-    timed = all(part.time_ms.size == len(part) for part in parts)
-    return XethruStream(
-        parts[0].data_type,
-        tuple(block for part in parts for block in part.blocks),
-        np.concatenate([part.time_ms for part in parts]) if timed else np.empty(0, dtype=np.int64),
-        tuple(line for part in parts for line in part.lines),
-        tuple(raw for part in parts for raw in part.raw),
-    )

@@ -422,7 +422,7 @@ def write_xethru_recording(
     )
     return write_xethru(
         folder,
-        _make_timed_records(frames),
+        _iterate_records(frames),
         start_time=start_time,
         session_id=session_id,
         profile_id=profile_id,
@@ -431,29 +431,26 @@ def write_xethru_recording(
     )
 
 
-def _make_timed_records(frames: _Frames) -> Iterator[TimedRecord]:
+def _iterate_records(frames: _Frames) -> Iterator[TimedRecord]:
     slow_time_s = frames.recording.slow_time_s
     times_ms = np.rint(1000.0 * (slow_time_s - slow_time_s[0])).astype(np.int64)
     for first in range(0, len(times_ms), CHUNK_FRAMES):
-        records = _make_records(frames, slice(first, first + CHUNK_FRAMES), first)
+        values = frames.values[first : first + CHUNK_FRAMES]
+        counters = (first + 1 + np.arange(len(values))) % 2**32
+        if frames.name == "datafloat":
+            both = np.concatenate([values.real, values.imag], axis=1)
+            records = make_records("datafloat", content_id=0, info=counters, values=both)
+        else:
+            head: dict[str, Any] = {**frames.head, "frame_counter": counters}
+            if frames.name.startswith("baseband_"):
+                del head["frame_rate_hz"]
+            if frames.name.startswith("radar_baseband_"):
+                head |= {"decimation": frames.recording.radar.decimation, "correction_bin": 0}
+                head |= {"correction_i": 0.0, "correction_q": 0.0}
+            records = make_records(frames.name, **head, **_make_payload(frames, values))
         content, size = records.tobytes(), records.dtype.itemsize
         for number, time_ms in enumerate(times_ms[first : first + CHUNK_FRAMES]):
             yield TimedRecord(int(time_ms), frames.name, content[number * size : (number + 1) * size])
-
-
-def _make_records(frames: _Frames, part: slice, first: int) -> npt.NDArray[np.void]:
-    values = frames.values[part]
-    counters = (first + 1 + np.arange(len(values))) % 2**32
-    if frames.name == "datafloat":
-        both = np.concatenate([values.real, values.imag], axis=1)
-        return make_records("datafloat", content_id=0, info=counters, values=both)
-    head: dict[str, Any] = {**frames.head, "frame_counter": counters}
-    if frames.name.startswith("baseband_"):
-        del head["frame_rate_hz"]
-    if frames.name.startswith("radar_baseband_"):
-        head |= {"decimation": frames.recording.radar.decimation, "correction_bin": 0}
-        head |= {"correction_i": 0.0, "correction_q": 0.0}
-    return make_records(frames.name, **head, **_make_payload(frames, values))
 
 
 def _make_payload(frames: _Frames, values: npt.NDArray[np.complex64]) -> dict[str, Any]:
