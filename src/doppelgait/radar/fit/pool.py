@@ -338,7 +338,7 @@ def fit_kind(
     pooled = {name: pool(values) for name, values in estimates.items()}
     base = fit_gain(base, same, pooled, people_at_m, radar_is_known=radar is not None)
     refused = {
-        name: f"{max(set(texts), key=texts.count)} (in {len(texts)} of {len(same)} recordings)"
+        name: f"{max(texts, key=texts.count)} (in {len(texts)} of {len(same)} recordings)"
         for name, texts in reasons.items()
     }
     if people_at_m is None and "direct_path_db" not in pooled:
