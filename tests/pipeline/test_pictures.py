@@ -169,13 +169,8 @@ def test_settings_that_are_wrong(tmp_path, changes, message):
 def test_hostile_pictures(tmp_path):
     whole = draw(tmp_path / "a.png", levels()).read_bytes()
     Image.new("RGB", (50, 50)).save(tmp_path / "bitmap.bmp")
-    for content in (
-        b"",
-        b"\x89PNG\r\n\x1a\n",
-        whole[: len(whole) // 2],
-        whole[:40],
-        (tmp_path / "bitmap.bmp").read_bytes(),
-    ):
+    bitmap = (tmp_path / "bitmap.bmp").read_bytes()
+    for content in (b"", b"\x89PNG\r\n\x1a\n", whole[: len(whole) // 2], whole[:40], bitmap):
         (tmp_path / "b.png").write_bytes(content)
         with pytest.raises(RecordingError, match=r"b\.png: cannot be read as a PNG or JPEG picture"):
             read_picture(tmp_path / "b.png", settings())
@@ -186,13 +181,3 @@ def test_hostile_pictures(tmp_path):
     (tmp_path / "b.png").write_bytes(huge)
     with pytest.raises(RecordingError, match=r"cannot be read|at most 50,000,000"):
         read_picture(tmp_path / "b.png", settings())
-    rng, found = np.random.default_rng(1), []
-    for _ in range(40):
-        broken = bytearray(whole)
-        broken[int(rng.integers(8, len(whole)))] = int(rng.integers(256))
-        (tmp_path / "b.png").write_bytes(broken)
-        try:
-            assert np.isfinite(read_picture(tmp_path / "b.png", settings()).values).all()
-        except RecordingError as error:
-            found.append(str(error))
-    assert all("b.png" in text for text in found)

@@ -102,19 +102,6 @@ def test_only_whole_bursts_are_simulated():
         dg.simulate(SCENE.model_copy(update={"duration_s": 0.04}), radar)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"burst_pulses": 64}, "burst_pulses and burst_period_s belong together"),
-        ({"burst_pulses": 64, "burst_period_s": 0.05}, "shorter than a burst of 64 frames"),
-        ({"burst_pulses": 1, "burst_period_s": 0.05}, "burst_pulses"),
-    ],
-)
-def test_bursts_that_cannot_be(changes, message):
-    with pytest.raises(ConfigError, match=message):
-        Radar.preset("x4", prf_hz=1000.0, **changes)
-
-
 def test_radars_without_bursts_are_stored_as_before():
     assert not {key for key in Radar.preset("x4").model_dump(mode="json") if key.startswith("burst")}
     radar = Radar.preset("ti-60-burst")

@@ -18,7 +18,6 @@ from doppelgait.radar.impairments import (
     ThermalNoise,
     X4Counts,
     apply_impairments,
-    make_impairment,
     x4_frame_rate_hz,
 )
 from doppelgait.radar.impairments.mixer import residual_phase_rad
@@ -172,8 +171,6 @@ def test_leakage_from_isolation_and_in_units():
     np.testing.assert_allclose(by_isolation[0, 0], 1j * math.sqrt(0.1) * 10**-2.0, rtol=1e-4)
     in_units = only(zeros(1), Leakage(delay_m=0.0, level_db=-24.4, in_units=True))
     assert abs(in_units[0, 0]) == pytest.approx(0.4 * 10**-1.22, rel=1e-4)
-    with pytest.raises(ConfigError, match="level_db or isolation_db, not both"):
-        make_impairment({"kind": "leakage", "level_db": 0, "isolation_db": 3})
 
 
 def test_leakage_of_a_sweep_is_a_tone_of_the_level():
@@ -228,11 +225,7 @@ def test_clutter_in_units_is_static_and_new_in_every_recording():
     np.testing.assert_allclose(one, 0.4 * volts, rtol=1e-5)
 
 
-def test_wrong_clutter_is_refused():
-    with pytest.raises(ConfigError, match="exactly one of levels and rcs_per_metre_m2"):
-        make_impairment({"kind": "static_clutter"})
-    with pytest.raises(ConfigError, match="ranges must rise from entry to entry, but 2 m follows 3 m"):
-        make_impairment({"kind": "static_clutter", "levels": [[3, -50], [2, -60]]})
+def test_clutter_in_units_needs_a_unit():
     with pytest.raises(ConfigError, match="static_clutter: levels is in the sensor's own unit"):
         only(zeros(1, CW), StaticClutter(levels=((1.0, -50.0),), in_units=True), CW)
 
@@ -312,8 +305,6 @@ def test_x4_settings_that_cannot_be_are_told():
         only(zeros(1, CW), X4Counts(), CW.model_copy(update={"volts_per_unit": 1.0}))
     with pytest.raises(ConfigError, match="x4_counts is in the sensor's own unit"):
         only(zeros(1), X4Counts(), X4.model_copy(update={"volts_per_unit": None}))
-    with pytest.raises(ConfigError, match="dac_max 900 must be larger than dac_min 949"):
-        make_impairment({"kind": "x4_counts", "dac_max": 900})
 
 
 @pytest.mark.parametrize("duration_s", [1e-5, 0.02])

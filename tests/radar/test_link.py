@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from doppelgait.core.errors import ConfigError
 from doppelgait.radar import Radar, list_derived_quantities
 from doppelgait.radar.impairments import ThermalNoise
 from doppelgait.radar.impairments.noise import noise_power_per_sample_v2
@@ -63,13 +62,6 @@ def test_input_noise_is_that_of_half_the_sampling_rate():
     assert comparator_noise_v(radar) == pytest.approx(math.sqrt(50 * power_w), rel=1e-4)
 
 
-def test_a_threshold_step_needs_a_sweep_and_a_pulse():
-    with pytest.raises(ConfigError, match=r"threshold_step_v 0.001 .* sweep_levels is 1: set the number"):
-        Radar.preset("x4", sweep_levels=1, threshold_step_v=1e-3)
-    with pytest.raises(ConfigError, match="threshold_step_v is not used by waveform 'fmcw'"):
-        Radar.preset("ti-60", threshold_step_v=1e-3)
-
-
 def test_independent_bins_follow_the_correlation():
     radar = Radar(**SHAPE, noise_correlation=[0.6, 0.2])
     share = radar.waveform.independent_bins(radar)
@@ -93,22 +85,3 @@ def test_the_factor_over_range_has_the_stated_correlation_and_is_minimum_phase(c
     assert taps.size == len(correlation) + 1
     np.testing.assert_allclose(np.correlate(taps, taps, "full")[taps.size - 1 :], [1.0, *correlation], atol=2e-6)
     assert np.abs(np.roots(taps)).max(initial=0.0) < 1.0
-
-
-@pytest.mark.parametrize(
-    ("correlation", "message"),
-    [
-        ([0.7], r"noise_correlation \[0.7\] is impossible: .* has the minimum -0.4, below 0; lower the values"),
-        ([0.0, -0.51], "is impossible"),
-        ([1.2], "less than or equal to 1"),
-        ([0.0] * 17, "at most 16"),
-    ],
-)
-def test_an_impossible_correlation_is_refused(correlation, message):
-    with pytest.raises(ConfigError, match=message):
-        Radar.preset("x4", noise_correlation=correlation)
-
-
-def test_waveforms_that_transform_to_range_take_no_correlation():
-    with pytest.raises(ConfigError, match="noise_correlation is not used by waveform 'fmcw'"):
-        Radar.preset("ti-60", noise_correlation=[0.3])

@@ -59,6 +59,42 @@ def test_pulse_numbers_e11(change, sigma_ns, b3_ghz, b10_ghz, resolution_cm):
     assert radar.pulse_bandwidth_hz(3) * 2 * radar.range_resolution_m / C_MPS == pytest.approx(0.4413, abs=5e-5)
 
 
+@pytest.mark.parametrize(
+    ("preset", "changes", "message"),
+    [
+        ("x4", {"range_stop_m": 1e6}, r"range_stop_m 1000000.0 makes 19,453,\d+ range bins.*1 to 100,000 are allowed"),
+        ("x4", {"range_stop_m": 12.0}, r"range_stop_m 12 is longer than the 9.87 m .*lower pulse_rate_hz"),
+        ("x4", {"sample_rate_hz": 1e-300}, "makes 0 range bins"),
+        ("x4", {"bandwidth_hz": 1.4}, r"bandwidth_hz 1.4 makes a pulse of sigma 0.345 s; allowed are 1e-11 to 1e-06 s"),
+        ("x4", {"pulse_sigma_s": 1e-12}, "pulse_sigma_s 1e-12 makes a pulse"),
+        ("x4", {"carrier_hz": 7.29e6}, r"carrier_hz 7.29e\+06 is below half the pulse's 10 dB bandwidth, 7e\+08 Hz"),
+        ("x4", {"tx_power_dbm": 1e6}, "tx_power_dbm: 1000000.0.*less than or equal to 200"),
+        ("x4", {"tx_power_dbm": -201.0}, "tx_power_dbm: -201.0"),
+        ("x4", {"tx_gain_dbi": 101.0}, "tx_gain_dbi: 101.0"),
+        ("x4", {"rx_gain_dbi": -101.0}, "rx_gain_dbi: -101.0"),
+        ("x4", {"receiver_gain_db": 1e4}, "receiver_gain_db: 10000.0"),
+        ("x4", {"noise_figure_db": 1e4}, "noise_figure_db: 10000.0"),
+        ("x4", {"noise_bandwidth_hz": 1e300}, "noise_bandwidth_hz: 1e.300"),
+        ("x4", {"sweep_levels": 1, "threshold_step_v": 1e-3}, "threshold_step_v 0.001 .* sweep_levels is 1"),
+        ("ti-60", {"threshold_step_v": 1e-3}, "threshold_step_v is not used by waveform 'fmcw'"),
+        ("x4", {"noise_correlation": [0.7]}, r"noise_correlation \[0.7\] is impossible: .* minimum -0.4, below 0"),
+        ("x4", {"noise_correlation": [0.0, -0.51]}, "is impossible"),
+        ("x4", {"noise_correlation": [1.2]}, "less than or equal to 1"),
+        ("x4", {"noise_correlation": [0.0] * 17}, "at most 16"),
+        ("ti-60", {"noise_correlation": [0.3]}, "noise_correlation is not used by waveform 'fmcw'"),
+        ("ti-77", {"integration_share": 0.5}, "integration_share is not used by waveform 'fmcw'"),
+        ("x4", {"integration_share": 1.2}, r"integration_share.*less than or equal to 1"),
+        ("ti-77", {"fold_echoes": False}, "fold_echoes is not used by waveform 'fmcw'"),
+        ("x4", {"burst_pulses": 64}, "burst_pulses and burst_period_s belong together"),
+        ("x4", {"burst_pulses": 64, "burst_period_s": 0.05}, "shorter than a burst of 64 frames"),
+        ("x4", {"burst_pulses": 1, "burst_period_s": 0.05}, "burst_pulses"),
+    ],
+)
+def test_radars_that_cannot_be(preset, changes, message):
+    with pytest.raises(ConfigError, match=message):
+        Radar.preset(preset, **changes)
+
+
 def test_range_axis_e15():
     raw = Radar.preset("x4", decimation=1)
     assert raw.bin_spacing_m == pytest.approx(6.42559e-3, rel=1e-6)

@@ -72,6 +72,35 @@ def test_lists_that_are_refused(effects, text):
         validate(Room, {"environment": effects})
 
 
+WALL = {"kind": "wall", "material": "brick", "thickness_m": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("table", "text"),
+    [
+        ({"kind": "wall"}, "give either material and thickness_m, or loss_db"),
+        ({"kind": "wall", "material": "brick"}, "material and thickness_m belong together"),
+        ({**WALL, "loss_db": 3}, "give either material"),
+        ({"kind": "wall", "delay_m": 0.1}, "delay_m needs loss_db"),
+        ({"kind": "wall", "loss_db": -1}, "loss_db: -1 is not allowed"),
+        ({**WALL, "material": "gold"}, "material: 'gold' is not allowed: must be concrete, brick"),
+        ({**WALL, "material": {"permittivity": 0.5}}, r": material\.permittivity: 0.5 is not allowed"),
+        ({"kind": "wall", "loss_db": 3, "polarisation": "left"}, "polarisation: 'left' is not allowed"),
+        ({"kind": "visibility", "gain_db": []}, "at least 1"),
+        ({"kind": "visibility", "gain_db": [[1, 0], [1, -3]]}, "1 m follows 1 m"),
+        ({"kind": "visibility", "gain_db": [[2, 0], [1, -3]]}, "1 m follows 2 m"),
+        ({"kind": "visibility", "gain_db": [[-1, 0]]}, "greater than or equal to 0"),
+        ({"kind": "visibility", "gain_db": [[1, -301]]}, "-300"),
+        ({"kind": "visibility", "gain_db": [[1, 0, 2]]}, "gain_db"),
+        ({"kind": "visibility", "gain_db": [[1, float("-inf")]]}, "finite"),
+        ({"kind": "screen", "from_m": [1, 1], "to_m": [1, 1], "height_m": 1, "loss_db": 3}, r"at least 0\.01 m"),
+    ],
+)
+def test_effects_that_are_refused(table, text):
+    with pytest.raises(ConfigError, match=f"environment kind '{table['kind']}'.*{text}"):
+        make_effect(table)
+
+
 def test_effects_act_in_order_and_none_is_the_table_itself():
     table = echo_table([[[4.0, 0.5, 1.0], [2.0, 0.0, 1.5]]], SETTING.radar_position_m)
     assert apply_environment(table, [], SETTING) is table

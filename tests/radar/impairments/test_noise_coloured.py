@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from doppelgait.core.errors import ConfigError
 from doppelgait.radar import Radar
 from doppelgait.radar.impairments import ColouredNoise, Spur, apply_impairments
 
@@ -57,8 +56,3 @@ def test_a_line_has_its_frequency_and_amplitude_in_all_bins() -> None:
     assert np.angle(line[1:, 0] / line[:-1, 0]) == pytest.approx(-2 * np.pi * 125 / 1000, abs=1e-4)
     other = made(Spur(frequency_hz=-125.0, level_db=-80.0), 800, seed=1)
     assert abs(np.angle(other[0, 0] / line[0, 0])) > 1e-3  # a phase of its own
-
-
-def test_knots_must_rise() -> None:
-    with pytest.raises(ConfigError, match="must rise"):
-        ColouredNoise(levels=((10.0, -60.0), (5.0, -70.0)))

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import fresnel
 
-from doppelgait.core.errors import ConfigError
-from doppelgait.scene.environment import Screen, Setting, apply_environment, make_effect
+from doppelgait.scene.environment import Screen, Setting, apply_environment
 from doppelgait.scene.environment.losses import knife_edge_db
 from echo_table import LAMBDA_M, echo_table
 
@@ -72,8 +71,3 @@ def test_a_screen_may_stand_anywhere_and_in_any_order_of_its_ends():
 def test_an_image_by_the_floor_sees_the_screens_image():
     np.testing.assert_allclose(levels_db([[5, 0.2, -0.1]], radar_m=(0, 0, 0)),
                                levels_db([[5, 0.2, 0.1]], radar_m=(0, 0, 0)))  # fmt: skip
-
-
-def test_a_screen_without_width():
-    with pytest.raises(ConfigError, match=r"at least 0\.01 m"):
-        make_effect({"kind": "screen", "from_m": [1, 1], "to_m": [1, 1], "height_m": 1, "loss_db": 3})

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from doppelgait.core.errors import ConfigError
 from doppelgait.scene.environment.losses import Visibility, apply_visibility
 from doppelgait.scene.environment.registry import Setting
 
@@ -49,20 +48,3 @@ def test_one_pair_is_the_same_gain_everywhere():
 
 def test_a_table_without_scatterers_stays_so():
     assert apply_visibility(table(np.empty((5, 0)), 1.0), Visibility(gain_db=[[1, 0]]), SETTING).sizes["scatterer"] == 0
-
-
-@pytest.mark.parametrize(
-    ("gain_db", "message"),
-    [
-        ([], "at least 1"),
-        ([[1, 0], [1, -3]], "1 m follows 1 m"),
-        ([[2, 0], [1, -3]], "1 m follows 2 m"),
-        ([[-1, 0]], "greater than or equal to 0"),
-        ([[1, -301]], "-300"),
-        ([[1, 0, 2]], "gain_db"),
-        ([[1, float("-inf")]], "finite"),
-    ],
-)
-def test_tables_that_make_no_sense_are_refused(gain_db, message):
-    with pytest.raises(ConfigError, match=message):
-        Visibility(gain_db=gain_db)

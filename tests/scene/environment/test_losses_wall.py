@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
-from doppelgait.scene.environment import Setting, Wall, apply_environment, make_effect
+from doppelgait.scene.environment import Setting, Wall, apply_environment
 from doppelgait.scene.environment.materials import (
     MATERIALS,
     Dielectric,
@@ -261,21 +261,3 @@ def test_radial_velocity_stays_minus_the_rate_of_the_range():
     rate = np.gradient(after["range"].values[:, 0], t)
     np.testing.assert_allclose(after["radial_velocity"].values[2:-2, 0], -rate[2:-2], atol=1e-3)
     assert np.abs(after["radial_velocity"] - table["radial_velocity"]).max() > 0.02
-
-
-@pytest.mark.parametrize(
-    ("table", "text"),
-    [
-        ({}, "give either material and thickness_m, or loss_db"),
-        ({"material": "brick"}, "material and thickness_m belong together"),
-        ({"material": "brick", "thickness_m": 0.1, "loss_db": 3}, "give either material"),
-        ({"delay_m": 0.1}, "delay_m needs loss_db"),
-        ({"loss_db": -1}, "loss_db: -1 is not allowed"),
-        ({"material": "gold", "thickness_m": 0.1}, "material: 'gold' is not allowed: must be concrete, brick"),
-        ({"material": {"permittivity": 0.5}, "thickness_m": 0.1}, r": material\.permittivity: 0.5 is not allowed"),
-        ({"loss_db": 3, "polarisation": "left"}, "polarisation: 'left' is not allowed"),
-    ],
-)
-def test_walls_that_are_refused(table, text):
-    with pytest.raises(ConfigError, match="environment kind 'wall'.*" + text):
-        make_effect({"kind": "wall", **table})
