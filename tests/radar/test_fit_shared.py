@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from doppelgait.radar import Radar, Recording
-from doppelgait.radar.fit import SensorFit, fit_sensor, format_calibrated_preset
+from doppelgait.radar import Recording
+from doppelgait.radar.fit import SensorFit, fit_sensor
 from doppelgait.radar.readers import read_recording
 
 pytestmark = pytest.mark.shared
@@ -70,14 +70,6 @@ def test_phase_is_common_to_all_ranges_and_drifts_slowly(empty: Recording, fit: 
     assert np.corrcoef(steps)[0, 1] > 0.85
     # white jitter s gives steps of s sqrt(2); the walk adds its own
     assert fit.phase.white.value * np.sqrt(2) == pytest.approx(np.std(steps[0]), rel=0.3)
-
-
-def test_preset_file_loads(fit: SensorFit, tmp_path: Path) -> None:
-    path = tmp_path / "my-x4.toml"
-    path.write_text(format_calibrated_preset(fit), encoding="utf-8")
-    radar = Radar.preset(str(path))
-    assert radar.n_range_bins == fit.range_m.size
-    assert radar.range_axis_m() == pytest.approx(fit.range_m, abs=0.01)  # drivers count with c = 3e8 m/s
 
 
 def test_restless_places_of_the_room_are_named(folder: Path) -> None:

@@ -115,7 +115,7 @@ def test_walk_spreads_as_the_root_of_time():
 RANGING = Radar(carrier_hz=1e9, prf_hz=1e6, sample_rate_hz=3e6, range_stop_m=299, pulse_sigma_s=1e-7, fold_echoes=False)
 
 
-@pytest.mark.parametrize("slope_db_per_decade", [0.0, -20.0, -30.0])
+@pytest.mark.parametrize("slope_db_per_decade", [0.0, -30.0])
 def test_oscillator_noise_has_the_density_of_range_correlation(slope_db_per_decade):
     spec = PhaseNoise(
         white_rad=0, density_dbc_per_hz=-100, offset_hz=2e5, slope_db_per_decade=slope_db_per_decade

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
 from typer.testing import CliRunner
 
 from doppelgait.core.errors import ConfigError
@@ -21,6 +20,7 @@ from doppelgait.radar import (
 )
 from doppelgait.radar.link import describe_effects
 from doppelgait.radar.xethru.downconvert import CHIP_TAPS
+from doppelgait_conformance.radars import make_table
 
 C = 299_792_458.0
 WITHOUT_SOURCES = {"x4-long", "liland2018"}
@@ -121,9 +121,7 @@ def test_noise_of_the_x4_follows_from_its_taps_and_the_noise_of_rf_samples(name)
 def test_every_preset_shows_a_point_echo_at_its_place(name):
     radar = Radar.preset(name)
     place_m = radar.range_axis_m()[radar.n_range_bins // 3]
-    values = {"range": [[place_m]], "rcs": [[1.0]], "path_gain": [[1.0]], "radial_velocity": [[0.0]]}
-    table = xr.Dataset({k: (("slow_time", "scatterer"), v) for k, v in values.items()}, {"slow_time": [0.0]})
-    y = synthesise(table, radar).values[0]
+    y = synthesise(make_table([place_m]), radar).values[0]
     assert np.abs(y).argmax() == radar.n_range_bins // 3
     wanted = echo_amplitude_v(radar, range_m=place_m, rcs_m2=1.0) * np.exp(-4j * np.pi * place_m * radar.carrier_hz / C)
     assert abs(y[radar.n_range_bins // 3] / wanted - 1) < 1e-4

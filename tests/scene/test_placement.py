@@ -74,7 +74,7 @@ def scenes(draw):
     return Scene(targets, **options)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(scene=scenes())
 def test_a_scene_is_equal_after_toml(scene, tmp_path_factory):
     path = tmp_path_factory.mktemp("scenes") / "scene.toml"

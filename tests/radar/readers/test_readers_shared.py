@@ -90,17 +90,6 @@ def test_noise_of_the_empty_room_after_down_conversion(empty_room, matrix):
     assert 20 * np.log10(noise / (rf_noise * np.linalg.norm(taps))) == pytest.approx(0, abs=1.0)
 
 
-def test_volts_of_the_preset_put_the_empty_room_at_the_radar_equations_noise(empty_room):
-    from doppelgait.radar import noise_power_v2
-
-    recording = read_recording(empty_room, matrix="Data_Matrix_2")
-    averages = recording.radar.averages_per_frame
-    assert averages > 1  # frames of the room average 4096 pulses per level
-    noise_v2 = np.median(frame_noise(recording.baseband.values)) ** 2
-    expected_v2 = noise_power_v2(recording.radar) * averages / 4096
-    assert 10 * np.log10(noise_v2 / expected_v2) == pytest.approx(0.0, abs=1.5)
-
-
 def test_the_person_breathes_at_a_quarter_hertz_in_the_phase_of_its_bin(breathing):
     range_m = breathing.baseband["range"].values
     column = units_of(breathing)[:, np.abs(range_m - 1.73).argmin()]

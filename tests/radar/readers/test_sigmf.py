@@ -267,9 +267,9 @@ def test_what_it_is_not(tmp_path):
 def test_damaged_copies(tmp_path, part):
     write_sigmf(make_recording(rows=30), tmp_path / "walk")
     path = tmp_path / f"walk.sigmf-{part}"
-    read, refused = outcomes(read_sigmf, path, path.read_bytes(), count=300, seed=3)
-    assert read + refused == 300
-    assert refused > 100
+    read, refused = outcomes(read_sigmf, path, path.read_bytes(), count=150, seed=3)
+    assert read + refused == 150
+    assert refused > 50
     if part == "data":
-        again = outcomes(lambda p: read_sigmf(p, ignore_checksum=True), path, path.read_bytes(), count=200, seed=4)
-        assert sum(again) == 200
+        again = outcomes(lambda p: read_sigmf(p, ignore_checksum=True), path, path.read_bytes(), count=100, seed=4)
+        assert sum(again) == 100
