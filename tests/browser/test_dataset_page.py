@@ -8,13 +8,11 @@ import pytest
 
 from dataset_plans import put_index
 from doppelgait.dataset import PlanConfig, build_dataset
+from tiny_dataset import TROT, WALK
 
 N_EACH = 30
 TRACKED = 50
 """Row whose gate followed a track."""
-WALK = {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}
-TROT = {"kind": "quadruped", "gait": "trot", "froude": {"uniform": [0.4, 1.0]}}
-
 COLOURED = """
 () => { // middle of the point of the scatter that is nearest to the middle: where a pixel has the colour of a class
   const canvas = document.getElementById("canvas-scatter");

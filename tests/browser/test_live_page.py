@@ -15,13 +15,9 @@ from doppelgait.pipeline import simulate
 from doppelgait.radar import Radar
 from doppelgait.radar.frames import write_frames
 from doppelgait.scene import Scene, Target
+from viewer_page import look
 
 SLOW = 60_000
-COLOURS = """(id) => {
-  const canvas = document.getElementById(id);
-  const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
-  return new Set(new Uint32Array(pixels.buffer)).size;
-}"""
 
 
 @pytest.fixture(scope="module")
@@ -46,8 +42,8 @@ def test_a_stream_is_shown_and_stays_after_its_end(walk, page, tmp_path):
         expect(page.locator("#live-tracks tbody tr")).to_have_count(1)
         assert page.locator("#tabs button").all_inner_texts() == ["Live"]
         for name in ("range-time", "signature"):
-            assert page.evaluate(COLOURS, f"canvas-live-{name}") > 100
-        assert page.evaluate(COLOURS, "canvas-live-evidence") > 10
+            assert look(page, f"live-{name}")[1] > 100
+        assert look(page, "live-evidence")[1] > 10
         decisions = [json.loads(line) for line in (tmp_path / "lines").read_text().splitlines()]
         last = [one for one in decisions if one["kind"] == "decision"][-1]
         row = page.locator("#live-tracks tbody tr td")

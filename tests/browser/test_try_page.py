@@ -8,16 +8,10 @@ import pytest
 from playwright.sync_api import expect
 
 from doppelgait.pipeline import parse_run
+from viewer_page import look
 
 SLOW = 60_000
 START = "?duration_s=2&radar=x4-255fps&range_m=3"
-PIXELS = """(id) => {
-  const canvas = document.getElementById(id);
-  const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
-  let sum = 0;
-  for (let n = 0; n < data.length; n += 1) sum = (sum * 31 + data[n]) % 4294967296;
-  return sum;
-}"""
 DRAG = """([id, value]) => {
   const slider = document.getElementById(id);
   slider.value = value;
@@ -41,13 +35,13 @@ def wait_until_idle(page):
 
 def test_a_slider_redraws_and_the_last_position_wins(try_page):
     page = try_page
-    before = [page.evaluate(PIXELS, f"canvas-{name}") for name in ("signature", "range-time", "cadence")]
+    before = [look(page, name) for name in ("signature", "range-time", "cadence")]
     page.evaluate(
         f"(values) => values.forEach((value) => ({DRAG})(['try-speed_mps', value]))", ["0.8", "1.0", "1.3", "1.6"]
     )
     assert page.input_value("#try-speed_mps-number") == "1.6"
     wait_until_idle(page)
-    after = [page.evaluate(PIXELS, f"canvas-{name}") for name in ("signature", "range-time", "cadence")]
+    after = [look(page, name) for name in ("signature", "range-time", "cadence")]
     assert all(new != old for new, old in zip(after, before, strict=True))
     asked = [url.partition("speed_mps=")[2].partition("&")[0] for url in page.requested if "/api/scene" in url]
     assert asked[-1] == "1.6"

@@ -1,7 +1,5 @@
 """Files of Acconeer's exploration tool, made here."""
 
-from __future__ import annotations
-
 import json
 
 import h5py

@@ -1,7 +1,5 @@
 """Beat samples of frequency sweeps, from the text-book equation, and files that hold them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 C_MPS = 299_792_458.0

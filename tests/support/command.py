@@ -1,7 +1,5 @@
 """The command in this process, which has its libraries loaded."""
 
-from __future__ import annotations
-
 from typer.testing import CliRunner, Result
 
 from doppelgait.cli.app import app

@@ -1,7 +1,5 @@
 """What a process of the crash tests runs. Importing it compiles and loads everything, once, in the fork server."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

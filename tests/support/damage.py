@@ -1,7 +1,5 @@
 """Damaged copies of a file, and what a reader makes of them."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from pathlib import Path

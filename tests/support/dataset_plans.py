@@ -1,7 +1,5 @@
 """Small plans for the tests of building, and what a folder must be like whatever happened to its build."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from functools import partial

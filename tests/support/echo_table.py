@@ -1,7 +1,5 @@
 """Scatterer tables from places in closed form, and their field at a radar of one frequency, for tests."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

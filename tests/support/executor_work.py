@@ -1,7 +1,5 @@
 """Work for the tests of the executors: light modules only, since every worker process imports this."""
 
-from __future__ import annotations
-
 import os
 import signal
 import struct

@@ -1,7 +1,5 @@
 """Small models of every kind, trained on random numbers, and inputs for them."""
 
-from __future__ import annotations
-
 import math
 import os
 from dataclasses import replace

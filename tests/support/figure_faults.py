@@ -1,7 +1,5 @@
 """Faults of a figure that a reader sees: labels without words or units, missing colour bars, texts that overlap."""
 
-from __future__ import annotations
-
 import io
 import itertools
 import re

@@ -1,7 +1,5 @@
 """Commands that are interrupted at random moments: how they end, and whether the same command then completes."""
 
-from __future__ import annotations
-
 import os
 import random
 import shutil

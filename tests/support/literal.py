@@ -3,8 +3,6 @@
 Nothing here may import doppelgait.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 C_MPS = 299_792_458.0

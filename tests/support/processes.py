@@ -1,7 +1,5 @@
 """Processes of tests: none that Ctrl-C cannot reach, none that is waited for without a limit, none left behind."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

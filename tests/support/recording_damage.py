@@ -1,7 +1,5 @@
 """Damaged copies of a recording, and what its reader makes of them."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Work that is done once per run of the tests, whatever the number of pytest's own workers."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

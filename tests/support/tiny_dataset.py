@@ -1,7 +1,5 @@
 """Two small datasets for the tests of reading, exporting and streaming; built once per run."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

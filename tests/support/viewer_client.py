@@ -1,7 +1,5 @@
 """A viewer's server in a thread, and what the tests ask it over a real socket."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import threading

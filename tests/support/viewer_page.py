@@ -1,7 +1,5 @@
 """The page of a recording in a browser: how tests open it, read it, and change what the server answers."""
 
-from __future__ import annotations
-
 import json
 import re
 import time

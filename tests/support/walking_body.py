@@ -1,7 +1,5 @@
 """A walking body of 16 markers in closed form, for tests of readers."""
 
-from __future__ import annotations
-
 import numpy as np
 
 HEIGHTS_M = {

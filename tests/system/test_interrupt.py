@@ -60,21 +60,6 @@ def test_a_second_signal_ends_the_process_at_once(number):
         assert process.returncode == -number
 
 
-def test_ctrl_c_reaches_the_processes_of_a_suite_that_ignores_it():
-    """As with ``nohup make test &``: what is ignored stays ignored in new programs."""
-    command = [sys.executable, "-c", "import signal; print(signal.getsignal(signal.SIGINT) == signal.SIG_IGN)"]
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        ignored = subprocess.run(command, capture_output=True, text=True, timeout=processes.LIMIT_S)
-        assert ignored.stdout == "True\n"
-        assert processes.run(command, capture_output=True, text=True).stdout == "False\n"
-        with processes.started(command, stdout=subprocess.PIPE, text=True) as process:
-            assert process.communicate(timeout=processes.LIMIT_S)[0] == "False\n"
-        assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
 def test_a_signal_is_not_lost_where_another_block_begins():
     def nested():
         with processes.default_signals(), stop_in_order():

@@ -7,7 +7,7 @@ import pytest
 
 from doppelgait.motion.models import moving_point
 from doppelgait_liland2018 import appendix_a, chapter4, chapter4_features, chapter5_study
-from doppelgait_liland2018.entry import ENTRIES
+from doppelgait_liland2018.entry import ENTRIES, collect_entries
 from doppelgait_liland2018.material import Material
 from doppelgait_liland2018.measures import read_axis, travel_speed_mps
 from doppelgait_liland2018.scenarios import AWAY_EVERY, Scenario, is_wrong, make_scenarios, observe, run_study
@@ -196,3 +196,14 @@ def test_the_torso_of_the_map_is_a_mean_over_a_step(material):
         strongest.append(np.fft.fftfreq(101, 1e-3)[power.max(axis=1).argmax()])
     assert np.ptp(strongest) > 20.0  # no one moment would do
     assert found.ours == pytest.approx(np.mean(strongest), abs=2.0)
+
+
+JUDGED = [f"fig-{n}" for n in ("4.7", "4.8", "4.9", "4.15", "5.1", "5.2", "5.3", "5.4", "5.5", "5.6", "5.7", "5.10")]
+
+
+@pytest.mark.parametrize("number", [*JUDGED, "table-5.1", "table-5.2"])
+def test_an_entry_is_made_and_judged_by_its_readings(material, number):
+    (entry,) = (one for one in collect_entries() if one.number == number)
+    outcome = entry.make(material)
+    differing = "; ".join(reading.name for reading in outcome.readings if reading.agrees is False)
+    assert outcome.judgement.startswith(f"Differs in: {differing}." if differing else ("Agrees", "Set", "Not"))

@@ -19,11 +19,8 @@ import doppelgait
 from checkout import ROOT
 from doppelgait.classify.model import BLOCKING
 from doppelgait.cli.app import app
-from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import DoppelgaitError
-from doppelgait.core.plugins import list_plugin_groups
-from doppelgait.scene import RcsSpec
 
 DOCS = ROOT / "docs"
 PAGES = sorted(path for path in DOCS.glob("**/*.md") if not {"_build", "reference"} & set(path.relative_to(DOCS).parts))
@@ -145,41 +142,6 @@ def test_every_key_of_every_model_is_on_a_page_with_words(pages):
             assert section.startswith(heading + "\n")
             assert re.findall(r"^\| `(\w+)` \|", section, flags=re.MULTILINE) == list(model.model_fields)
             assert set(model.model_fields) - set(parameter_words(model)) <= SAID_BY_THEIR_NAME, model
-
-
-def test_the_key_tables_show_a_plug_in_with_its_words(pages, monkeypatch):
-    """The impairment of the how-to page, and a radar cross section, registered by a module outside the package."""
-    from setting_pages import groups, settings_page
-
-    list_plugin_groups()  # complete, so that the copies below have everything
-    for group in ("impairment", "rcs"):
-        monkeypatch.setitem(plugins._REGISTERED, group, dict(plugins._REGISTERED[group]))
-    page = (DOCS / "howto" / "own-impairment.md").read_text()
-    (code,) = re.findall(r"<!-- file: hum/hum\.py -->\n```python\n(.*?)```", page, flags=re.DOTALL)
-    scope = {"__name__": "hum"}
-    exec(compile(code, "hum.py", "exec", dont_inherit=True), scope)
-
-    class Backpack(RcsSpec):
-        """A body with a reflector.
-
-        Parameters
-        ----------
-        reflector_gain : float
-            Reflector over body.
-        """
-
-        kind: str = "backpack"
-        reflector_gain: float = 2.0
-
-    doppelgait.plugin("rcs", parameters=Backpack)(lambda view, parameters: None)
-    rows = [line for line in page.split("\n") if re.match(r"\| `(kind|level_v|frequency_hz)` ", line)]
-    assert len(rows) == 3
-    assert '## impairments, kind = "hum"\n' in (made := settings_page(*groups()["surroundings"]))
-    assert "\n".join(rows) in made
-    made = settings_page(*groups()["scene"])
-    assert '## rcs, kind = "backpack"\n' in made
-    assert "| `reflector_gain` | number |  | `2` |  | Reflector over body. |" in made
-    assert made.count("Sum over the scatterers") == 2, "the words of the shared keys"
 
 
 def test_every_public_name_is_documented_once(pages):
