@@ -3,7 +3,6 @@
 import json
 import math
 import re
-from html.parser import HTMLParser
 from pathlib import Path
 
 import pandas as pd
@@ -75,25 +74,6 @@ def few(monkeypatch):
     monkeypatch.setattr(module, "collect_entries", lambda: FEW)
 
 
-class Requests(HTMLParser):
-    """Addresses that a page asks for, its links, and tags that are not closed."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.asked, self.links, self.open = [], [], []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        if tag not in ("meta", "img", "br", "!doctype"):
-            self.open.append(tag)
-        for name, value in attrs:
-            if name in ("src", "href"):
-                (self.links if tag == "a" else self.asked).append(value)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-
 def test_a_number_agrees_within_its_tolerance():
     assert Reading("a", 1.0, "Hz", 1.1, 0.1 + 1e-12).agrees is True
     assert Reading("a", 1.0, "Hz", 1.11, 0.1).agrees is False
@@ -157,10 +137,9 @@ def test_a_run_writes_page_numbers_figures_and_tables(few, tmp_path):
 def test_the_page_shows_each_number_beside_what_is_stated_and_asks_nothing_of_the_network(few, tmp_path):
     reproduce(tmp_path / "out")
     text = (tmp_path / "out/index.html").read_text()
-    page = Requests(text)
-    assert page.open == []
-    assert page.asked == ["figures/fig-9.1.png"]
-    assert page.links == ["readings.json", "#fig-9.1", "#fig-9.2", "#table-9.1", "tables/fig-9.1.csv"]
+    assert re.findall(r'src="([^"]*)"', text) == ["figures/fig-9.1.png"]
+    links = ["readings.json", "#fig-9.1", "#fig-9.2", "#table-9.1", "tables/fig-9.1.csv"]
+    assert re.findall(r'href="([^"]*)"', text) == links
     assert "//" not in re.sub(r"<!doctype html>", "", text)
     assert "Figure 9.1: A drawing &lt;of&gt; things" in text
     assert "&lt;b&gt;close&lt;/b&gt;" in text

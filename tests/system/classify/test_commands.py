@@ -116,14 +116,8 @@ def test_mistakes_are_one_clear_error(own, folder, tmp_path, monkeypatch):
     for name, says in (("m.pkl", r"must end in \.npz"), ("no/m.npz", "does not exist"), ("r/m.npz", "the report")):
         with pytest.raises(ConfigError, match=rf"^--save .*{says}"):
             text_of("evaluate", folder, "-o", tmp_path / "r", "--save", tmp_path / name)
-    with pytest.raises(ConfigError, match="which no run of evaluate wrote"):
-        text_of("evaluate", folder, "-o", folder)
-    with pytest.raises(ConfigError, match="--models: model 'six-net' is not known"):
-        text_of("evaluate", folder, "-o", tmp_path / "r", "--models", "six-net")
     with pytest.raises(ConfigError, match=r"the folder .* does not exist"):
         text_of("evaluate", folder, "-o", tmp_path / "a" / "b")
-    with pytest.raises(ConfigError, match="from 2 to 6"):
-        text_of("evaluate", folder, "-o", tmp_path / "r", "--cv", 7)
     with pytest.raises(DatasetError, match="no finished dataset"):
         text_of("evaluate", own, "-o", tmp_path / "r")
     with pytest.raises(DatasetError, match="not a model of doppelgait"):
