@@ -13,6 +13,7 @@ from doppelgait.cli.output import (
     AsJson,
     FigureFormat,
     PageFigureOption,
+    check_output,
     format_number,
     print_json,
     print_message,
@@ -400,13 +401,10 @@ def _check_save(save: Path, output: Path) -> None:
     from doppelgait.classify.model_file import SUFFIX
 
     folder = save.resolve().parent
-    if save.suffix.lower() != SUFFIX:
-        raise ConfigError(f"--save {save}: must end in {SUFFIX}")
-    if folder == output.resolve() or output.resolve() in folder.parents:
+    if save.suffix.lower() == SUFFIX and output.resolve() in (folder, *folder.parents):
         raise ConfigError(
             f"--save {save}: lies in the report folder, which a later report replaces; choose a path outside it"
         )
-    if not folder.is_dir():
-        raise ConfigError(f"--save {save}: the folder {save.parent} does not exist; make it first")
+    check_output(save, SUFFIX, option="--save")
     if save.is_dir():
         raise ConfigError(f"--save {save}: is a folder; name a file")

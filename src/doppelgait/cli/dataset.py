@@ -16,6 +16,7 @@ from doppelgait.cli.output import (
     print_json,
     print_message,
     print_table,
+    print_tables,
     report_progress,
 )
 
@@ -107,12 +108,8 @@ def plan_command(
     if as_json:
         print_json({**summary.as_dict(), "feasibility": asdict(feasibility)})
         return
-    print_table(summary.counts)
-    print()
-    print_table(summary.subjects)
-    for table in ([summary.files] if summary.files else []) + feasibility.tables():
-        print()
-        print_table(table)
+    files = [summary.files] if summary.files else []
+    print_tables([summary.counts, summary.subjects, *files, *feasibility.tables()])
     print()
     if reached := format_limit_keys(name for name, count in feasibility.affected.items() if count):
         print("keys to change: " + reached.replace("; ", "\n                "))
@@ -188,9 +185,8 @@ def build(
         limits = limits_of_index(index)
         counts = [{str(k): v for k, v in row.items()} for row in count_examples(index).to_dict("records")]
         if not as_json:
-            print_table(counts)
-            print()
-            print_table([{str(k): v for k, v in row.items()} for row in tabulate_features(index).to_dict("records")])
+            features = [{str(k): v for k, v in row.items()} for row in tabulate_features(index).to_dict("records")]
+            print_tables([counts, features])
             print()
     if as_json:
         names = ("n_examples", "n_built", "n_reused", "n_rows", "n_failed", "failures", "missing", "bytes", "seconds")

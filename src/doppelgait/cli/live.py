@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import asdict
 from pathlib import Path
 from time import process_time, sleep
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -17,11 +16,6 @@ from doppelgait.cli.analyze import HopS, ReaderOptions, WindowS
 from doppelgait.cli.classify import ModelOption, describe_model, explain_model
 from doppelgait.cli.output import print_message
 from doppelgait.core.errors import ConfigError, OutputError
-
-if TYPE_CHECKING:
-    from doppelgait.classify.model import Model
-    from doppelgait.radar.streams import Stream
-    from doppelgait.viewer.live_page import Rolling
 
 WAIT_S = 0.2
 """Interval, s, at which Ctrl-C is checked after the end of the stream."""
@@ -82,19 +76,6 @@ class DecisionLog:
             raise
 
 
-@contextmanager
-def _serve_page(stream: Stream, model: Model, port: int, no_browser: bool) -> Iterator[Rolling]:
-    """Serve the live page of a stream and print its address."""
-    from doppelgait.viewer.live_page import Rolling
-    from doppelgait.viewer.server import open_in_browser, serve_live
-
-    page = Rolling(stream.source, stream.radar.name, model)
-    with serve_live(page, port) as url:
-        print_message(f"page: {url}")
-        with nullcontext() if no_browser else open_in_browser(url):
-            yield page
-
-
 def live(
     source: Annotated[
         str,
@@ -138,10 +119,13 @@ def live(
     from doppelgait.core.config import apply_overrides, convert_to_json
     from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
     from doppelgait.radar import open_stream
+    from doppelgait.viewer.live_page import Rolling
+    from doppelgait.viewer.server import open_in_browser, serve_live
 
-    for option, is_set in ((f"--port {port}", port is not None), ("--no-browser", no_browser)):
-        if is_set and not view:
-            raise ConfigError(f"{option}: has no effect without --view; add --view to see the page, or leave it out")
+    asked = {f"--port {port}": port is not None, "--no-browser": no_browser}
+    unused = [option for option, is_set in asked.items() if is_set and not view]
+    if unused:
+        raise ConfigError(f"{unused[0]}: has no effect without --view; add --view to see the page, or leave it out")
     loaded = None if model is None else open_model(model)
     kept = None if log is None else DecisionLog(log)
 
@@ -156,7 +140,11 @@ def live(
         print_message(f"listening: {stream.source}")
         radar = stream.radar
         loaded = loaded or load_model_for_radar(radar)
-        page = ends.enter_context(_serve_page(stream, loaded, port or 0, no_browser)) if view else None
+        page = Rolling(stream.source, radar.name, loaded) if view else None
+        if page is not None:
+            url = ends.enter_context(serve_live(page, port or 0))
+            print_message(f"page: {url}")
+            ends.enter_context(nullcontext() if no_browser else open_in_browser(url))
         running = run_live(
             stream,
             radar,

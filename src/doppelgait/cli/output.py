@@ -194,10 +194,10 @@ def make_folder(folder: Path, name: str = "") -> None:
         raise OutputError(f"{name}{folder}: cannot be created: {error}") from None
 
 
-def check_output(path: Path, *suffixes: str) -> Path:
+def check_output(path: Path, *suffixes: str, option: str = "-o") -> Path:
     """Return the path of a writable file."""
     if path.suffix.lower() not in suffixes:
-        raise ConfigError(f"-o {path}: must end in {' or '.join(suffixes)}")
+        raise ConfigError(f"{option} {path}: must end in {' or '.join(suffixes)}")
     if not path.resolve().parent.is_dir():
-        raise ConfigError(f"-o {path}: the folder {path.parent} does not exist; make it first")
+        raise ConfigError(f"{option} {path}: the folder {path.parent} does not exist; make it first")
     return path

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -20,11 +20,9 @@ from doppelgait.cli.output import (
     print_json,
     print_message,
     print_table,
+    print_tables,
 )
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning
-
-if TYPE_CHECKING:
-    from doppelgait.radar.fit import SensorFit
 
 
 def fit(
@@ -57,7 +55,7 @@ def fit(
     One recording of an empty room gives a calibrated preset of one sensor.
     """
     from doppelgait.core.files import open_atomically
-    from doppelgait.radar.fit import fit_sensor, format_calibrated_preset, sensor_as_dict
+    from doppelgait.radar.fit import estimate_rows, fit_sensor, format_calibrated_preset, sensor_as_dict
     from doppelgait.radar.readers import is_folder_of_recordings, read_recording
 
     check_output(output, ".toml")
@@ -100,7 +98,26 @@ def fit(
     if as_json:
         print_json({**sensor_as_dict(found), "twin": str(output)})
         return
-    _print(found)
+    print_message(
+        f"{found.source or 'recording'}: {found.n_used} of {found.n_frames} frames used, {found.duration_s:.1f} s"
+    )
+    estimates = [
+        {"estimate": name, "value": f"{e.value:.5g}", "+-": f"{e.sd:.2g}", "unit": unit}
+        for name, e, unit in estimate_rows(found)
+    ]
+    unit_db = found.level_of_unit_db
+    clutter = [
+        {
+            "clutter at": f"{r:.2f} m",
+            "dB re 1 V": format_number(level, 1),
+            "+- dB": format_number(sd, 1),
+            **({} if unit_db is None else {"dB re 1 unit": format_number(level - unit_db, 1)}),
+        }
+        for r, level, sd in zip(found.clutter.range_m, found.clutter.level_db, found.clutter.sd_db, strict=True)
+    ]
+    print_tables([estimates, clutter])
+    for flag in found.flags:
+        print_message(f"note: {flag}")
     print_message(f'calibrated preset: {output}; use it as radar.preset = "{output}" in a scene')
 
 
@@ -148,31 +165,6 @@ def _fit_kind(
     for why in left_out:
         print_message(f"left out: {why}")
     print_message(f'preset with distributions: {output}; use it as radar = {{ preset = "{output}" }} in a plan')
-
-
-def _print(found: SensorFit) -> None:
-    from doppelgait.radar.fit import estimate_rows
-
-    print_message(
-        f"{found.source or 'recording'}: {found.n_used} of {found.n_frames} frames used, {found.duration_s:.1f} s"
-    )
-    rows = [(name, f"{e.value:.5g}", f"{e.sd:.2g}", unit) for name, e, unit in estimate_rows(found)]
-    print_table([{"estimate": n, "value": v, "+-": sd, "unit": unit} for n, v, sd, unit in rows])
-    print()
-    unit_db = found.level_of_unit_db
-    print_table(
-        [
-            {
-                "clutter at": f"{r:.2f} m",
-                "dB re 1 V": format_number(level, 1),
-                "+- dB": format_number(sd, 1),
-                **({} if unit_db is None else {"dB re 1 unit": format_number(level - unit_db, 1)}),
-            }
-            for r, level, sd in zip(found.clutter.range_m, found.clutter.level_db, found.clutter.sd_db, strict=True)
-        ]
-    )
-    for flag in found.flags:
-        print_message(f"note: {flag}")
 
 
 app = typer.Typer(
@@ -396,13 +388,14 @@ def show(
             {"parameters": parameters, "derived": list_derived_quantities(radar), "effects": effects, **conditions}
         )
         return
-    print_table([{"parameter": key, **_format_parameter(key, value)} for key, value in parameters.items()])
-    print()
-    print_table(
-        [{"derived": key, **_format_parameter(key, value)} for key, value in list_derived_quantities(radar).items()]
+    derived = list_derived_quantities(radar)
+    print_tables(
+        [
+            [{"parameter": key, **_format_parameter(key, value)} for key, value in parameters.items()],
+            [{"derived": key, **_format_parameter(key, value)} for key, value in derived.items()],
+            [{"effect": name, "simulated": value} for name, value in effects.items()],
+        ]
     )
-    print()
-    print_table([{"effect": name, "simulated": value} for name, value in effects.items()])
     for key, entries in conditions.items():
         listed = [str(entry.get("kind", "?")) if isinstance(entry, dict) else str(entry) for entry in entries]
         print(f"\n{key}, in this order: {', '.join(listed)}")

@@ -100,13 +100,9 @@ class Browser:
 
     def rows(self, query: Pairs) -> dict[str, Any]:
         """Return one page of the table."""
-        filters, parameters = parse_query(query, self.columns, ("sort", "descending", "offset", "limit"))
-        offset = parse_whole(parameters, "offset", 0, least=0, most=10**9)
-        limit = parse_whole(parameters, "limit", 50, least=1, most=MOST_ROWS)
-        found = self._sort_rows(filters, parameters)
+        filters, parameters, found, offset, page = self._select_page(query, 50, MOST_ROWS)
         extra = [*filters.values, *filters.limits, *([parameters["sort"]] if "sort" in parameters else [])]
         shown = list(dict.fromkeys([*self.shown, *extra]))
-        page = found[offset : offset + limit]
         records = self.dataset.index[shown].iloc[page].to_dict("records")
         rows = [{"number": int(n), **convert_to_json(record)} for n, record in zip(page, records, strict=True)]
         return {"n_matching": found.size, "offset": offset, "columns": shown, "rows": rows}
@@ -149,11 +145,7 @@ class Browser:
 
     def make_sheet(self, query: Pairs) -> bytes:
         """Return small signatures of one page of the matching rows."""
-        filters, parameters = parse_query(query, self.columns, ("sort", "descending", "offset", "limit"))
-        offset = parse_whole(parameters, "offset", 0, least=0, most=10**9)
-        limit = parse_whole(parameters, "limit", 24, least=1, most=MOST_THUMBNAILS)
-        found = self._sort_rows(filters, parameters)
-        page = found[offset : offset + limit]
+        _, _, found, offset, page = self._select_page(query, 24, MOST_THUMBNAILS)
         facts, arrays = make_thumbnails(self.dataset, page)
         facts["reasons"] = [reason and remove_folders(reason, *self.folders) for reason in facts["reasons"]]
         chosen = self.dataset.index.iloc[page]
@@ -177,15 +169,20 @@ class Browser:
         """Open an example with :class:`doppelgait.viewer.examples.ExampleRuns`."""
         return self._runs.run(example_id)
 
-    def _sort_rows(self, filters: Filters, parameters: dict[str, str]) -> Rows:
-        """Return the matching rows in the requested order."""
+    def _select_page(self, query: Pairs, n_rows: int, most: int) -> tuple[Filters, dict[str, str], Rows, int, Rows]:
+        """Return the matching rows in the requested order, and one page of them."""
+        filters, parameters = parse_query(query, self.columns, ("sort", "descending", "offset", "limit"))
+        offset = parse_whole(parameters, "offset", 0, least=0, most=10**9)
+        limit = parse_whole(parameters, "limit", n_rows, least=1, most=most)
         descending = parse_whole(parameters, "descending", 0, least=0, most=1)
         found = filters.rows(self.columns)
-        if "sort" not in parameters:
-            return found[::-1] if descending else found
-        name = self.columns.check_kind(parameters["sort"], "number", "category", "text", key="sort")
-        keys = self.columns.order(name)[found]
-        return found[np.argsort(-keys if descending else keys, kind="stable")]
+        if "sort" in parameters:
+            name = self.columns.check_kind(parameters["sort"], "number", "category", "text", key="sort")
+            keys = self.columns.order(name)[found]
+            found = found[np.argsort(-keys if descending else keys, kind="stable")]
+        elif descending:
+            found = found[::-1]
+        return filters, parameters, found, offset, found[offset : offset + limit]
 
     @cached_property
     def _lots(self) -> npt.NDArray[np.int64]:
@@ -298,10 +295,7 @@ def _reduce_signature(signature: xr.DataArray, times_s: FloatArray, velocities: 
 
 
 def find_strongest(values: FloatArray, samples: FloatArray, edges: FloatArray) -> FloatArray:
-    """Return each cell's largest sample along the first axis.
-    A cell without samples is NaN. Shapes: values (n, m); samples (n,); edges (cells + 1,); returns
-    (cells, m).
-    """
+    """Return the largest of values (n, m) per cell, NaN without samples."""
     half = float(samples[1] - samples[0]) / 2.0
     first = np.searchsorted(samples + half, edges[:-1], side="right")
     behind = np.searchsorted(samples - half, edges[1:], side="left")

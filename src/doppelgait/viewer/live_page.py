@@ -128,14 +128,10 @@ class Rolling:
                 power[number - first] = values
             time = describe_axis("time", "s", (np.arange(first, last + 1) + 0.5) * STEP_S)
             rows = self._rows[name]
-            if name == "range_time":
-                facts[name], arrays[name] = encode_image(
-                    name, power, time, describe_axis("range", "m", rows), unit="dB re 1 V²"
-                )
-            else:
-                facts[name], arrays[name] = encode_image(
-                    name, power, time, describe_doppler(rows, self._wavelength_m), unit="dB re 1 V²"
-                )
+            axis = describe_axis("range", "m", rows)
+            if name == "signature":
+                axis = describe_doppler(rows, self._wavelength_m)
+            facts[name], arrays[name] = encode_image(name, power, time, axis, unit="dB re 1 V²")
         return pack(facts, arrays)
 
     def _put(

@@ -176,10 +176,7 @@ def _describe_truth(number: int, truth: TargetTruth, recording: Recording, array
 
 
 def part_lines_hz(truth: TargetTruth, wavelength_m: float, step: int) -> tuple[list[str], npt.NDArray[np.float32]]:
-    """Return true body-part Doppler at each ``step``-th pulse.
-    Scatterers of one part are averaged, because a picture has no room for all of them. Shapes:
-    lines (L, I / step).
-    """
+    """Return the true mean Doppler of body parts, (L, I / step)."""
     from doppelgait.core.units import velocity_to_doppler_hz
     from doppelgait.viz.motion import find_part_group
 

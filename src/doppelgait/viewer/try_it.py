@@ -97,9 +97,7 @@ STEP_M = 0.1
 
 
 def middle_range_m(values: Mapping[str, Any]) -> float:
-    """Return the range in the middle of the time.
-    It is the requested range, or the next larger range at which no target is too near to the radar.
-    """
+    """Return the requested range, or the next that is far enough."""
     asked_m, (start_m, stop_m) = float(values["range_m"]), seen_m(str(values["radar"]))
     if stop_m is not None and asked_m > stop_m:
         raise ConfigError(

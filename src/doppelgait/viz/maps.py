@@ -78,9 +78,7 @@ ROWS_AT_ONCE = 16
 
 
 def occupied_rows(power: FloatArray) -> npt.NDArray[np.bool_]:
-    """Select the Doppler rows above the noise.
-    Three or more adjacent rows must be above the threshold, permanently or at times.
-    """
+    """Select three or more adjacent Doppler rows above the noise."""
     occupied = np.zeros(power.shape[1], dtype=bool)
     means, peaks = np.empty((2, power.shape[1]))
     for first in range(0, power.shape[1], ROWS_AT_ONCE):  # the map of a long recording needs 100 MB

@@ -102,13 +102,7 @@ NARROW: dict[str, dict[str, Any]] = {
 
 
 def list_suite_radars(*waveforms: str) -> dict[str, Radar]:
-    """Return the suite's radars by waveform.
-
-    Raises
-    ------
-    ConfigError
-        If there is no theory for a waveform.
-    """
+    """Return the suite's radars by waveform."""
     for waveform in waveforms:
         check_waveform(waveform)
     return {name: Radar(waveform=name, **COMMON, **WIDE[name]) for name in waveforms or theory.WAVEFORMS}

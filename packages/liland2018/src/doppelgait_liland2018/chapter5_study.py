@@ -9,6 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from doppelgait.features import FEATURE_UNITS
+from doppelgait_liland2018 import style
 from doppelgait_liland2018.entry import EntryResult, Reading, compare_statement, entry, judge
 from doppelgait_liland2018.material import RUNS, Material
 from doppelgait_liland2018.scenarios import (
@@ -23,25 +24,13 @@ from doppelgait_liland2018.scenarios import (
     run_study,
     tabulate_separation,
 )
-from doppelgait_liland2018.style import (
-    BLUE,
-    LINE,
-    ORANGE,
-    REFERENCE,
-    SKY,
-    VERMILLION,
-    draw_grid,
-    make_panels,
-    name_axes,
-    place_legend_below,
-)
 
 GROUP_COLOURS = {
-    "recorded person": BLUE,
-    "model person": SKY,
+    "recorded person": style.BLUE,
+    "model person": style.SKY,
     "Boulic walker": "#000000",
-    "recorded dog": VERMILLION,
-    "model dog": ORANGE,
+    "recorded dog": style.VERMILLION,
+    "model dog": style.ORANGE,
 }
 WALKERS, PEOPLE = "Boulic walker", ("recorded person", "model person")
 COMPARED = (*FEATURE_UNITS, "gait_frequency_hz")
@@ -103,17 +92,17 @@ def describe_counts(table: pd.DataFrame) -> str:
 )
 def make_step_length(material: Material) -> EntryResult:
     table = make_study_table(material)
-    figure, axes = make_panels(2, height_in=5.6)
+    figure, axes = style.make_panels(2, height_in=5.6)
     for letter, panel, method in zip("ab", axes, METHODS, strict=True):
         part = table[table["method"] == method]
         _plot_groups(panel, part, "torso_velocity_mps", "step_length_m")
         slope, offset = _fit_line(part)
         speeds = np.array([0.3, float(part["torso_velocity_mps"].max())])
-        panel.plot(speeds, offset + slope * speeds, color=LINE, lw=1.2, ls="--", label="line through the people")
-        panel.axhline(LONG_M, color=REFERENCE, lw=0.8, ls=":")
+        panel.plot(speeds, offset + slope * speeds, color=style.LINE, lw=1.2, ls="--", label="line through the people")
+        panel.axhline(LONG_M, color=style.REFERENCE, lw=0.8, ls=":")
         panel.set(xlim=(0.0, None), ylim=(0.0, 3.0))
-        name_axes(panel, title=f"({letter}) {METHOD_NAMES[method]}", x="torso speed (m/s)", y="step length (m)")
-    place_legend_below(figure, axes[0])
+        style.name_axes(panel, title=f"({letter}) {METHOD_NAMES[method]}", x="torso speed (m/s)", y="step length (m)")
+    style.place_legend_below(figure, axes[0])
     readings = []
     for length_method in METHODS:
         length_part, name = table[table["method"] == length_method], METHOD_NAMES[length_method]
@@ -164,7 +153,7 @@ def _plot_groups(axes: Axes, part: pd.DataFrame, x: str, y: str) -> None:
         chosen = part[part["group"] == group]
         if len(chosen):
             axes.scatter(chosen[x], chosen[y], s=13, color=colour, alpha=0.75, lw=0, label=f"{group} ({len(chosen)})")
-    draw_grid(axes)
+    style.draw_grid(axes)
 
 
 def _fit_line(part: pd.DataFrame) -> tuple[float, float]:
@@ -249,7 +238,7 @@ def _describe_lengths(table: pd.DataFrame) -> str:
 def make_features(material: Material) -> EntryResult:
     table = make_study_table(material)
     # Every feature against the number of the scenario, the report's method on the left, ours on the right.
-    figure, axes = make_panels(2, len(FEATURE_UNITS), width_in=12.0, height_in=16.0)
+    figure, axes = style.make_panels(2, len(FEATURE_UNITS), width_in=12.0, height_in=16.0)
     for row, name in enumerate(FEATURE_UNITS):
         for column, method in enumerate(METHODS):
             panel, part = axes[2 * row + column], table[table["method"] == method]
@@ -262,8 +251,8 @@ def make_features(material: Material) -> EntryResult:
             panel.set_ylim(*limits)
             letter = "abcdef"[row]
             title = f"({letter}) {METHOD_NAMES[method]}" if row == 0 else f"({letter})"
-            name_axes(panel, title=title, x="scenario number" if row == 5 else "", y=FEATURE_LABELS[name])
-    place_legend_below(figure, axes[0])
+            style.name_axes(panel, title=title, x="scenario number" if row == 5 else "", y=FEATURE_LABELS[name])
+    style.place_legend_below(figure, axes[0])
     separation = tabulate_separation(table, COMPARED, classes=CLASSES)
     separation["method"] = separation["method"].map(METHOD_NAMES)
     readings = []
