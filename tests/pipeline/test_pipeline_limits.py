@@ -119,13 +119,6 @@ def test_the_reports_method_does_not_take_what_it_ignores(extra):
         parse_run(run)
 
 
-@pytest.mark.parametrize("extra", [{}, {"gate_edges": "sharp", "normalisation": "max"}])
-@pytest.mark.parametrize("method", ["standard", "liland2018"])
-def test_an_analysis_can_be_stored_and_made_again(method, extra):
-    analysis = Analysis(method=method, hop=4, **extra)
-    assert Analysis.model_validate_json(analysis.model_dump_json()) == analysis
-
-
 def test_a_faulty_target_is_not_called_a_missing_one_too():
     with pytest.raises(ConfigError) as caught:
         parse_run({"targets": [{"motion": {"kind": "boulic"}, "colour": 1}]})

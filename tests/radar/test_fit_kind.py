@@ -128,7 +128,7 @@ def test_noise_over_doppler_range_and_between_bins() -> None:
 
     rng = np.random.default_rng(3)
     wide = Radar.preset("x4", prf_hz=PRF_HZ)
-    taps = normal(rng, 6400, wide.n_range_bins + 1)
+    taps = normal(rng, 3200, wide.n_range_bins + 1)
     white = 1e-5 * (taps[:, 1:] + 0.5 * taps[:, :-1]) / math.sqrt(1.25)  # rho_1 = 0.4
     floor = make_impairment({"kind": "coloured_noise", "levels": [[0, -80], [50, -90], [100, -120]]})
     slope = make_impairment({"kind": "coloured_noise", "levels": [[0, -100]], "range_db": [[0, -20], [9.6, 6]]})
@@ -145,7 +145,7 @@ def test_noise_over_doppler_range_and_between_bins() -> None:
     assert last - first == pytest.approx(10 * math.log10((1 + 10**0.52) / 1.011), abs=0.7)
     assert 'kind = "coloured_noise"' in format_kind_preset(coloured)
     assert "noise over Doppler" not in coloured.refused
-    bodies = np.stack([echo_of(rng, 6400, -60.0, 25.0) for _ in range(wide.n_range_bins)], axis=1)
+    bodies = np.stack([echo_of(rng, 3200, -60.0, 25.0) for _ in range(wide.n_range_bins)], axis=1)
     kind = fit_kind([recording(shaped[0] + bodies, wide)])
     entries = {entry["kind"]: entry for entry in tomllib.loads(format_kind_preset(kind))["impairments"]}
     levels = entries["coloured_noise"]["levels"]

@@ -1,4 +1,4 @@
-"""Noise of swept-threshold counters (E-18b) against comparisons counted one by one."""
+"""Noise of swept-threshold counters (E-18b) against means over all thresholds."""
 
 import math
 

@@ -64,6 +64,14 @@ def take(stream: Stream) -> tuple[np.ndarray, np.ndarray, list[str]]:
     return np.array([time_s for time_s, _ in items]), rows, texts
 
 
+def play(folder: Path, *records: bytes) -> tuple[Stream, np.ndarray, np.ndarray, list[str]]:
+    """Stream a file of these records, and take everything of it."""
+    path = folder / "walk.dgf"
+    path.write_bytes(OPENING + b"".join(records) + END_RECORD)
+    stream = open_stream(path, timeout_s=0)
+    return stream, *take(stream)
+
+
 def send_tcp(stream: Stream, content: bytes, *, reset: bool = False) -> None:
     host, port = stream.source.removeprefix("tcp://").split(":")
     with socket.create_connection((host, int(port)), timeout=10) as sender:
@@ -271,11 +279,8 @@ def test_damaged_bytes_cost_only_their_frames(tmp_path, seed):
             content[at:at] = rng.integers(0, 256, int(rng.integers(1, 3000)), dtype=np.uint8).tobytes()
         else:
             content[at:at] = b"DGfr\x01\x02\x00\x00\xff\xff\xff\xff"
-    path = tmp_path / "walk.dgf"
-    path.write_bytes(OPENING + bytes(content) + END_RECORD)
     wanted = oracle(bytes(content), ROWS.shape[1])
-    stream = open_stream(path, timeout_s=0)
-    times_s, rows, texts = take(stream)
+    stream, times_s, rows, texts = play(tmp_path, content)
     np.testing.assert_array_equal(rows, ROWS[wanted])
     np.testing.assert_allclose(times_s, RECORDING.slow_time_s[wanted], rtol=0, atol=1e-12)
     counts = stream.counts
@@ -319,12 +324,8 @@ def test_datagrams_of_another_radar_are_refused_and_counted():
 
 
 def test_a_clock_that_jumps_is_counted_and_the_counter_decides(tmp_path):
-    path = tmp_path / "walk.dgf"
-    path.write_bytes(
-        OPENING + frames(0, 100) + frames(100, 200, clock_s=3600.0) + frames(200, 400, clock_s=-50.0) + END_RECORD
-    )
-    stream = open_stream(path)
-    times_s, rows, texts = take(stream)
+    late = frames(100, 200, clock_s=3600.0), frames(200, 400, clock_s=-50.0)
+    stream, times_s, rows, texts = play(tmp_path, frames(0, 100), *late)
     assert_whole(times_s, rows)
     assert stream.counts.jumps == 2
     assert len(texts) == 1
@@ -332,19 +333,13 @@ def test_a_clock_that_jumps_is_counted_and_the_counter_decides(tmp_path):
 
 
 def test_a_counter_that_restarts_goes_on_by_one_frame(tmp_path):
-    path = tmp_path / "walk.dgf"
-    path.write_bytes(OPENING + frames(0, 100) + frames(0, 100) + END_RECORD)
-    stream = open_stream(path)
-    times_s, _, _ = take(stream)
+    stream, times_s, _, _ = play(tmp_path, frames(0, 100), frames(0, 100))
     np.testing.assert_allclose(times_s, np.arange(200) / PRF_HZ, rtol=0, atol=1e-12)
     assert (stream.counts.jumps, stream.counts.missing) == (1, 0)
 
 
 def test_frames_that_are_missing_leave_a_gap(tmp_path):
-    path = tmp_path / "walk.dgf"
-    path.write_bytes(OPENING + frames(0, 100) + frames(130, 400) + END_RECORD)
-    stream = open_stream(path)
-    times_s, _, texts = take(stream)
+    stream, times_s, _, texts = play(tmp_path, frames(0, 100), frames(130, 400))
     np.testing.assert_array_equal(times_s, np.delete(RECORDING.slow_time_s, np.s_[100:130]))
     assert stream.counts.missing == 30
     assert "30 frames are missing before frame 130" in texts[0]
@@ -432,15 +427,13 @@ def test_lengths_that_are_declared_are_not_waited_for():
 @pytest.mark.parametrize("length", [5, 20, 100])
 def test_whole_frames_behind_one_that_was_cut_off_are_kept(tmp_path, length):
     cut = encode_frame(399, 0.0, np.zeros(20))[:length]
-    path = tmp_path / "walk.dgf"
-    path.write_bytes(OPENING + frames(0, 5) + cut + END_RECORD)
-    stream = open_stream(path, timeout_s=0)
-    _, rows, texts = take(stream)
+    stream, _, rows, texts = play(tmp_path, frames(0, 5), cut)
     np.testing.assert_array_equal(rows, ROWS[:5])
     assert stream.counts.malformed == 1
     assert not any("end record" in text for text in texts)
     wide = encode_header(Header(RECORDING.radar, np.arange(200) * 0.05))  # a frame as long as what follows it
     long = [encode_frame(i, i / PRF_HZ, np.full(200, i)) for i in range(8)]
+    path = tmp_path / "walk.dgf"
     path.write_bytes(wide + b"".join(long[:5]) + long[5][:length] + long[6] + long[7])
     with pytest.warns(DoppelgaitWarning):
         assert read_recording(path).n_pulses == 7

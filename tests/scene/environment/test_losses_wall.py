@@ -1,4 +1,4 @@
-"""Materials, slabs and walls (ITU-R P.2040), against transfer matrices, sums of reflections and published values."""
+"""Materials, slabs and walls (ITU-R P.2040), against transfer matrices and published values."""
 
 import numpy as np
 import pytest
