@@ -245,7 +245,7 @@ def walker_mu():
 
 
 def assessed(mu):
-    observed, _ = observe(processing.decimate(mu), Analysis(doppler_bins=127))
+    observed = observe(processing.decimate(mu), Analysis(doppler_bins=127))
     found = measure_extended(observed)
     return SimpleNamespace(
         extended=found.values, reasons=found.reasons, standard_deviations=estimate_uncertainties(observed)

@@ -120,7 +120,7 @@ class Extraction:
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait.pipeline.target import observe
-    >>> extraction = observe(result.signature, result.analysis)[0].extraction
+    >>> extraction = observe(result.signature, result.analysis).extraction
     >>> round(extraction.torso_doppler_hz), round(extraction.gait_frequency_hz, 1)
     (58, 1.8)
     """

@@ -93,7 +93,7 @@ def extract(observed: Observation, *, bandwidth_threshold: float, cpi_s: float, 
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait.pipeline.target import observe
-    >>> observed, _ = observe(result.signature, result.analysis)
+    >>> observed = observe(result.signature, result.analysis)
     >>> found = dg.features.extract(observed, bandwidth_threshold=0.04, cpi_s=0.1, window_steepness=0.4)
     >>> round(found.features.torso_velocity_mps, 1), round(found.features.step_length_m, 1)
     (1.2, 0.7)

@@ -160,7 +160,7 @@ def estimate_gait_frequency(
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait.pipeline.target import observe
-    >>> observed, _ = observe(result.signature, result.analysis)
+    >>> observed = observe(result.signature, result.analysis)
     >>> found = dg.features.estimate_gait_frequency(
     ...     observed.aligned, observed.excess, observed.floor_v2, velocity_mps=1.2
     ... )

@@ -108,7 +108,7 @@ def limb_torso_ratio(
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait.pipeline.target import observe
-    >>> observed, _ = observe(result.signature, result.analysis)
+    >>> observed = observe(result.signature, result.analysis)
     >>> found = dg.features.limb_torso_ratio(
     ...     result.cadence_map, observed.mean_row, result.gait_frequency_hz, observed.occupied
     ... )

@@ -110,6 +110,8 @@ class Observation:
         Mean velocity minus the mean of a straight line (:class:`doppelgait.processing.main_line.TrackVelocity`).
     agreed : bool
         True if main line and track agree on the velocity, or if their difference is resolved.
+    drift_hz : ndarray, shape (J,), optional
+        Line to which ``aligned`` and ``excess`` are aligned; None if it does not drift.
     extraction : Extraction
         The six features with quality and flags; empty until :func:`doppelgait.features.extract` has been called.
 
@@ -124,7 +126,7 @@ class Observation:
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait.pipeline.target import observe
-    >>> observed, _ = observe(result.signature, result.analysis)
+    >>> observed = observe(result.signature, result.analysis)
     >>> observed.direction, round(float(observed.line_mps.mean()), 1)  # approaching, at 1.2 m/s
     (1.0, 1.2)
     """
@@ -144,6 +146,7 @@ class Observation:
     track_mps: float | None = None
     bend_mps: float = 0.0
     agreed: bool = True
+    drift_hz: FloatArray | None = None
     extraction: Extraction = field(default_factory=lambda: Extraction(GaitFeatures(), None, None, None))
 
     def describe_missing(self, needs: tuple[str, ...]) -> str | None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from doppelgait import features as feature_layer
@@ -90,14 +91,16 @@ def analyze_signature(mu: Signal | xr.DataArray, gate: Gate, analysis: Analysis,
             mean_doppler_spectrum=processing.mean_doppler_spectrum(normalised),
         )
     else:
-        observed, plain = observe(usable, analysis)
+        observed = observe(usable, analysis)
         extraction, line_hz = observed.extraction, observed.main_line_hz
-        aligned = observed.aligned is not plain
+        # kept is the signature alone: a long recording has hundreds of segments
+        renew = partial(processing.normalise, observed.signature, observed.floor_v2, mode=analysis.normalisation)
+        order = processing.detrend_order(observed.observation_s)
         late = LateArrays(
-            normalised_signature=plain.label,
-            cadence_map=partial(_label_cadence_map, observed, aligned),
+            normalised_signature=lambda: renew().label(),
+            cadence_map=partial(_draw_cadence_map, renew, observed.drift_hz, order),
             cadence_spectrum=observed.spectrum.label,
-            mean_doppler_spectrum=partial(processing.mean_doppler_spectrum, plain),
+            mean_doppler_spectrum=lambda: processing.mean_doppler_spectrum(renew()),
         )
         if analysis.extended:
             torso_mps = main_line.torso_velocity_mps(observed.signature, observed.floor_v2, line_hz)
@@ -134,10 +137,13 @@ def analyze_signature(mu: Signal | xr.DataArray, gate: Gate, analysis: Analysis,
     )
 
 
-def _label_cadence_map(observed: Observation, aligned: bool) -> xr.DataArray:
-    found = processing.cadence_map(observed.rows).label()
-    found.attrs[ALIGNED] = aligned
-    return found
+def _draw_cadence_map(
+    renew: Callable[[], Signal], drift_hz: npt.NDArray[np.float64] | None, order: int
+) -> xr.DataArray:
+    rows = renew() if drift_hz is None else processing.align(renew(), drift_hz)
+    drawn = processing.cadence_map(processing.detrend(rows, order=order)).label()
+    drawn.attrs[ALIGNED] = drift_hz is not None
+    return drawn
 
 
 def _measure_ground_motion(
@@ -171,7 +177,7 @@ def _measure_ground_motion(
     return dict(zip(GROUND_QUALITY, values, strict=True)), dict(zip(GROUND_QUALITY, sd, strict=True)), flags
 
 
-def observe(usable: Signal | xr.DataArray, analysis: Analysis) -> tuple[Observation, Signal]:
+def observe(usable: Signal | xr.DataArray, analysis: Analysis) -> Observation:
     """Compute the observation of a signature for features (E-28 to E-38)."""
     mu = Signal.of(usable, SIGNATURE)
     mu = mu.replace(mu.values)  # its number of bins is replaced by that of independent ones
@@ -188,10 +194,10 @@ def observe(usable: Signal | xr.DataArray, analysis: Analysis) -> tuple[Observat
         track_hz = 2.0 * track.line_mps / float(mu.attrs["wavelength_m"])
         straight, agreed = main_line.choose_velocity(mu, floor_v2, straight, track_hz)
     excess = mu.replace(mu.values - mu.values.dtype.type(floor_v2))
-    aligned = normalised
+    aligned, drift_hz = normalised, None
     if main_line.has_drift(main_line.fit_line(peaks_hz, bin_hz, order=1)):
-        line = main_line.fit_line(peaks_hz, bin_hz, order=processing.choose_line_order(seconds))
-        aligned, excess = processing.align(normalised, line), processing.align(excess, line)
+        drift_hz = main_line.fit_line(peaks_hz, bin_hz, order=processing.choose_line_order(seconds))
+        aligned, excess = processing.align(normalised, drift_hz), processing.align(excess, drift_hz)
     parts = CadenceParts(aligned, processing.detrend_order(seconds))
     observed = Observation(
         signature=mu,
@@ -208,6 +214,7 @@ def observe(usable: Signal | xr.DataArray, analysis: Analysis) -> tuple[Observat
         track_mps=track_mps,
         bend_mps=bend_mps,
         agreed=agreed,
+        drift_hz=drift_hz,
     )
     observed.extraction = feature_layer.extract(
         observed,
@@ -215,4 +222,4 @@ def observe(usable: Signal | xr.DataArray, analysis: Analysis) -> tuple[Observat
         cpi_s=analysis.cpi_s,
         window_steepness=analysis.window_steepness,
     )
-    return observed, normalised
+    return observed

@@ -400,12 +400,11 @@ def measure_removed(
         total = sum_pulses(before)
     before, after = gate.crop(before), gate.crop(after)
     times = before.slow_time.time_s
-    low, high = gate.edges(before.range_m, times, sharp=True)
     bins = np.arange(before.n_bins)
 
     def covered(first: int, size: int) -> npt.NDArray[np.bool_]:
-        part = slice(first, first + size)
-        return np.asarray((bins > low[part, None]) & (bins < high[part, None]))
+        low, high = gate.edges(before.range_m, times[first : first + size, None], sharp=True)
+        return np.asarray((bins > low) & (bins < high))
 
     elsewhere, count = total, np.full(bins.size, n_pulses)
     for first, values in before.read_tiles():
@@ -414,26 +413,31 @@ def measure_removed(
         count -= inside.sum(axis=0)
     clutter, usual = elsewhere / np.maximum(count, 1), count >= reference_share * n_pulses
     length = min(max(1, round(block_s * before.slow_time.rate_hz)), times.size)
-    # per pulse: remaining power, power of the body, bins with a reference, bins of the gate
-    sums = np.empty((4, times.size))
-    for (first, values), (_, cleaned) in zip(before.read_tiles(), after.read_tiles(), strict=True):
+    n_blocks = times.size // length
+    # per block: remaining power, power of the body, bins with a reference, bins of the gate
+    sums = np.empty((4, n_blocks))
+    for (first, values), (_, cleaned) in zip(before.read_tiles(length), after.read_tiles(length), strict=True):
         inside = covered(first, values.shape[0])
         known = inside & usual
-        sums[:, first : first + values.shape[0]] = (
+        pulses = (
             np.einsum("in,in->i", _compute_power(cleaned), known),
             np.einsum("in,in->i", _compute_power(values - clutter), known),
             known.sum(axis=1),
             inside.sum(axis=1),
         )
-
-    def sum_blocks(values: npt.NDArray[Any]) -> FloatArray:
-        whole = times.size // length
-        return np.asarray(values[: whole * length].reshape(whole, length).sum(axis=1), dtype=np.float64)
-
-    left, body, n_known, n_inside = (sum_blocks(values) for values in sums)
+        whole = values.shape[0] // length
+        for row, per_pulse in zip(sums, pulses, strict=True):
+            row[first // length :][:whole] = _sum_blocks(per_pulse, length)
+    left, body, n_known, n_inside = sums
     usable = (n_known >= 0.5 * n_inside) & (body > 0)
     share = np.where(usable, np.maximum(1.0 - left / np.where(usable, body, 1.0), 0.0), np.nan)
-    return sum_blocks(times) / length, share
+    return _sum_blocks(times, length) / length, share
+
+
+def _sum_blocks(values: npt.NDArray[Any], length: int) -> FloatArray:
+    whole = values.size // length
+    blocks = values[: whole * length].reshape(whole, length)
+    return np.asarray(blocks.sum(axis=1, dtype=np.float64))
 
 
 def sum_pulses(frames: Frames) -> npt.NDArray[np.complex128]:

@@ -28,6 +28,10 @@ HOPELESS = 1e3
 """Cost above the lowest one plus a change point at which a start is dropped: one range with an error of 30 sd."""
 GIVE_UP_EVERY = 64
 """Number of samples between two searches for starts that can be dropped."""
+LONGEST_S = 60.0
+"""Age at which a start is dropped, so that the search is linear in time; neighbours of one speed are merged later."""
+MOST_PLACES = 512
+"""Number of samples up to which every one is tried as the place of a split."""
 
 
 def find_best_knots(
@@ -53,18 +57,19 @@ def find_best_knots(
         if last_start >= 0 and room_left:
             histories.extend(j, last_start, filters, penalty, (value[j], noise[j]))
             if j % GIVE_UP_EVERY == 0:
-                filters.keep(histories.drop_hopeless(penalty))
+                oldest = int(np.searchsorted(time_s, time_s[j] - LONGEST_S))
+                filters.keep(histories.drop_hopeless(penalty, min(oldest, last_start)))
     return histories.knots(n - 1)
 
 
 class _Histories:
-    """Parabolas a (x - b)^2 + c per change point."""
+    """Parabolas a (x - b)^2 + c per change point, of the histories with a start that was not dropped."""
 
     def __init__(self, value: float, noise: float) -> None:
         self.abc = np.array([[noise**-2], [value], [0.0]])
         self.at = np.zeros(1, dtype=np.int64)
-        self.before = np.full(1, -1, dtype=np.int64)
-        self.alive = np.zeros(1, dtype=np.int64)  # numbers of the histories with a start that was not dropped
+        self.number = np.zeros(1, dtype=np.int64)
+        self.ancestry = [(0, -1)]  # change point and number of the history before, of all histories by number
         self.least = np.zeros(0)  # costs of the histories that may end at the last sample
         self.more = 0.0
 
@@ -72,8 +77,8 @@ class _Histories:
         """Add the histories that are lowest at sample j for some value.
         The history with the lowest minimum is also added.
         """
-        able = self.alive[: int(np.searchsorted(self.at[self.alive], last_start, side="right"))]
-        at, (a, b, c) = self.at[able], self.abc[:, able]
+        able = int(np.searchsorted(self.at, last_start, side="right"))
+        at, (a, b, c) = self.at[:able], self.abc[:, :able]
         column = filters.select_column(at)
         first, cross, last = (filters.covariance[p, q, column] for p, q in ((0, 0), (0, 1), (1, 1)))
         variance = first + 1.0 / a
@@ -88,15 +93,18 @@ class _Histories:
         cost = steep[hopeful, None] * (x - centre[hopeful, None]) ** 2 + least[hopeful, None]
         kept = np.unique(np.append(hopeful[cost.argmin(axis=0)], best))
         self.abc = np.hstack([self.abc, np.stack([steep[kept], centre[kept], least[kept]])])
-        self.alive = np.append(self.alive, np.arange(self.at.size, self.at.size + kept.size))
         self.at = np.append(self.at, np.full(kept.size, j))
-        self.before = np.append(self.before, able[kept])
+        before, first_new = self.number[kept].tolist(), len(self.ancestry)
+        self.ancestry += [(j, number) for number in before]
+        self.number = np.append(self.number, np.arange(first_new, len(self.ancestry)))
 
-    def drop_hopeless(self, penalty: float) -> npt.NDArray[np.int64]:
-        """Drop histories of high cost; return the remaining starts."""
-        hopeless = np.flatnonzero(self.least > self.least.min() + self.more + penalty + HOPELESS)
-        self.alive = np.delete(self.alive, hopeless)
-        return np.unique(self.at[self.alive])
+    def drop_hopeless(self, penalty: float, oldest: int) -> npt.NDArray[np.int64]:
+        """Drop histories of high cost or with a start before the oldest one; return the remaining starts."""
+        hopeful = np.ones(self.at.size, dtype=np.bool_)
+        hopeful[: self.least.size] = self.least <= self.least.min() + self.more + penalty + HOPELESS
+        hopeful &= self.at >= oldest
+        self.abc, self.at, self.number = self.abc[:, hopeful], self.at[hopeful], self.number[hopeful]
+        return np.unique(self.at)
 
     def knots(self, last: int) -> tuple[list[int], float]:
         """Return change points and cost of the history of least cost.
@@ -105,13 +113,12 @@ class _Histories:
         ends = np.flatnonzero(self.at == last)
         if not ends.size:
             return [], float("inf")
-        found: list[int] = []
         cheapest = ends[self.abc[2, ends].argmin()]
-        number = int(self.before[cheapest])
-        while self.at[number] > 0:
-            found.append(int(self.at[number]))
-            number = int(self.before[number])
-        return found[::-1], float(self.abc[2, cheapest])
+        knots, (_, number) = [], self.ancestry[self.number[cheapest]]
+        while number > 0:
+            at, number = self.ancestry[number]
+            knots.append(at)
+        return knots[::-1], float(self.abc[2, cheapest])
 
 
 class _Filters:
@@ -334,16 +341,18 @@ def _merge_similar(
     """Remove knots where the velocity hardly changes.
     The smallest change is removed first.
     """
-    while len(knots) > 2:
-        fits = [_fit(times[low : high + 1], ranges[low : high + 1]) for low, high in pairwise(knots)]
+    fits = [_fit(times[low : high + 1], ranges[low : high + 1]) for low, high in pairwise(knots)]
+    while len(fits) > 1:
         changes = [
             abs(left.velocity_mps(times[knot]) - right.velocity_mps(times[knot]))
-            for left, right, knot in zip(fits[:-1], fits[1:], knots[1:-1], strict=True)
+            for (left, right), knot in zip(pairwise(fits), knots[1:-1], strict=True)
         ]
         least = int(np.argmin(changes))
         if changes[least] >= settings.same_speed_mps:
             break
         del knots[least + 1]
+        low, high = knots[least : least + 2]
+        fits[least : least + 2] = [_fit(times[low : high + 1], ranges[low : high + 1])]
     return knots
 
 
@@ -364,15 +373,25 @@ def _split_bent(
         if not places.size or whole.straight_probability(range_sd_m) >= settings.straight_level:
             kept.append(waiting.pop(0))
             continue
-        costs = [
-            sum(
-                float(np.sum(_fit(times[a : b + 1], ranges[a : b + 1]).residuals_m() ** 2))
-                for a, b in ((low, place), (place, high))
-            )
-            for place in places
-        ]
-        waiting.insert(0, int(places[int(np.argmin(costs))]))
+        every = math.ceil(places.size / MOST_PLACES)
+        split = _find_split(times, ranges, (low, high), places[::every])
+        if every > 1:
+            split = _find_split(times, ranges, (low, high), places[np.abs(places - split) <= every])
+        waiting.insert(0, split)
     return kept
+
+
+def _find_split(times: FloatArray, ranges: FloatArray, ends: tuple[int, int], splits: npt.NDArray[np.int64]) -> int:
+    """Return the sample at which two parabolas fit a segment best."""
+    low, high = ends
+    costs = [
+        sum(
+            float(np.sum(_fit(times[a : b + 1], ranges[a : b + 1]).residuals_m() ** 2))
+            for a, b in ((low, split), (split, high))
+        )
+        for split in splits
+    ]
+    return int(splits[int(np.argmin(costs))])
 
 
 def _make_segment(
