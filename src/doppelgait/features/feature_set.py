@@ -112,17 +112,6 @@ class Extraction:
         Diagnostics by name.
     flags : tuple of str
         Reasons for None values and for caution.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> from doppelgait.pipeline.target import observe
-    >>> extraction = observe(result.signature, result.analysis).extraction
-    >>> round(extraction.torso_doppler_hz), round(extraction.gait_frequency_hz, 1)
-    (58, 1.8)
     """
 
     features: GaitFeatures

@@ -100,13 +100,6 @@ class GaitFrequency:
         Share of the cadence power (0.5 to 20 Hz) in the first four harmonics.
     n_periods : float or None
         Observed periods f_mu T_o.
-
-    Examples
-    --------
-    >>> from doppelgait.features import GaitFrequency
-    >>> found = GaitFrequency(frequency_hz=1.8, n_periods=5.4)
-    >>> round(found.n_periods / found.frequency_hz, 1)  # observation in s
-    3.0
     """
 
     frequency_hz: float | None = None

@@ -63,15 +63,6 @@ class GroundMotion:
     reason : str
         Empty, ``"unknown"`` without a track, ``"too_short"`` (recording shorter than 3 s, history shorter than 2.6 s),
         ``"path_is_not_straight"`` or ``"too_uncertain"`` (above 10 % of the speed or 15 degrees).
-
-    Examples
-    --------
-    >>> from doppelgait.features import GroundMotion
-    >>> import numpy as np
-    >>> from doppelgait.features import estimate_ground_motion
-    >>> time_s = np.linspace(0.0, 1.0, 11)
-    >>> estimate_ground_motion(time_s, 3.0 - 1.2 * time_s).reason
-    'too_short'
     """
 
     ground_speed_mps: float | None = None

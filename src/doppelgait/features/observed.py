@@ -118,17 +118,6 @@ class Observation:
     See Also
     --------
     doppelgait.features.extract : extract the six features of an observation.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> from doppelgait.pipeline.target import observe
-    >>> observed = observe(result.signature, result.analysis)
-    >>> observed.direction, round(float(observed.line_mps.mean()), 1)  # approaching, at 1.2 m/s
-    (1.0, 1.2)
     """
 
     signature: Signal

@@ -395,25 +395,13 @@ class Result:
                     attrs=stored["attrs"],
                     coords={key: (one["dims"], _parse_values(one), one["attrs"]) for key, one in axes},
                 )
-        return cls(
-            analysis=validate(Analysis, plain["analysis"], where="analysis"),
-            label=plain["label"],
-            gate_source=plain["gate"],
-            features=GaitFeatures(**plain["features"]),
-            **{name: plain[name] for name in (*NUMBERS, *GROUPS)},
-            flags=tuple(plain["flags"]),
-            arrays=arrays,
-            gate_limits=None
-            if gate is None
-            else Gate(
-                _parse_values(gate["time_s"]),
-                _parse_values(gate["centre_m"]),
-                gate["span_m"],
-                None if gate["doppler_hz"] is None else tuple(gate["doppler_hz"]),
-                gate["source"],
-            ),
-            segments=tuple(cls.from_json(segment) for segment in plain.get("segments", ())),
-        )
+        limits = None
+        if gate is not None:
+            band_hz = None if gate["doppler_hz"] is None else tuple(gate["doppler_hz"])
+            times_s, centre_m = _parse_values(gate["time_s"]), _parse_values(gate["centre_m"])
+            limits = Gate(times_s, centre_m, gate["span_m"], band_hz, gate["source"])
+        segments = [cls.from_json(segment) for segment in plain.get("segments", ())]
+        return make_result(plain, arrays, limits, segments)
 
     # Table rows ------------------------------------------------------------------------------------------------------
 
@@ -464,21 +452,33 @@ class Result:
             row = {"flags" if key == "quality_flags" else key: value for key, value in row.items()}
         needed = ("gate", "flags", *NUMBERS, *(f"feature_{name}" for name in FEATURE_UNITS))
         _check_keys(row, needed, "row", "make it with Result.to_row()")
-        groups: dict[str, Any] = {
-            name: {key.removeprefix(prefix): row[key] for key in row if key.startswith(prefix)}
-            for name, prefix in GROUPS.items()
+        plain: dict[str, Any] = {
+            **row,
+            "analysis": analysis,
+            "label": label,
+            "features": {name: row[f"feature_{name}"] for name in FEATURE_UNITS},
+            "flags": filter(None, (row["flags"] or "").split(";")),
         }
-        return cls(
-            analysis=analysis,
-            label=label,
-            gate_source=row["gate"],
-            features=GaitFeatures(**{name: row[f"feature_{name}"] for name in FEATURE_UNITS}),
-            **{name: row[name] for name in NUMBERS},
-            **groups,
-            flags=tuple(filter(None, (row["flags"] or "").split(";"))),
-            arrays=arrays or {},
-            gate_limits=gate_limits,
-        )
+        for name, prefix in GROUPS.items():
+            plain[name] = {key.removeprefix(prefix): row[key] for key in row if key.startswith(prefix)}
+        return make_result(plain, arrays or {}, gate_limits)
+
+
+def make_result(
+    plain: Mapping[str, Any], arrays: Mapping[str, Any], gate: Gate | None, segments: Iterable[Result] = ()
+) -> Result:
+    """Make a result from its plain values, named as in :meth:`Result.to_json`, and its arrays."""
+    return Result(
+        analysis=validate(Analysis, plain["analysis"], where="analysis"),
+        label=plain["label"],
+        gate_source=plain["gate"],
+        features=GaitFeatures(**plain["features"]),
+        **{name: plain[name] for name in (*NUMBERS, *GROUPS)},
+        flags=tuple(plain["flags"]),
+        arrays=arrays,
+        gate_limits=gate,
+        segments=tuple(segments),
+    )
 
 
 def _check_keys(stored: Any, needed: Sequence[str], noun: str, remedy: str) -> None:
@@ -518,13 +518,6 @@ class TargetList(list[Result]):
     results : iterable of Result
     reason : str
         One sentence with numbers if the list is empty, otherwise an empty text.
-
-    Examples
-    --------
-    >>> from doppelgait.pipeline import TargetList
-    >>> results = TargetList(reason="nothing moves")
-    >>> len(results), results.reason
-    (0, 'nothing moves')
     """
 
     def __init__(self, results: Iterable[Result] = (), *, reason: str = "") -> None:

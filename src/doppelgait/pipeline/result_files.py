@@ -17,11 +17,9 @@ from doppelgait.core.config import convert_to_json, format_canonical_json, valid
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitError
 from doppelgait.core.files import open_atomically
-from doppelgait.core.labels import (
-    check_signal,
-)
+from doppelgait.core.labels import check_signal
 from doppelgait.core.own_hdf5 import FAULTS, open_hdf5, read_stated_format
-from doppelgait.features import FEATURE_UNITS, GaitFeatures
+from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.result import (
     GROUPS,
     LABELLED_ARRAYS,
@@ -31,8 +29,9 @@ from doppelgait.pipeline.result import (
     Result,
     TargetList,
     convert_to_plain,
+    make_result,
 )
-from doppelgait.processing import Analysis, Gate
+from doppelgait.processing import Gate
 from doppelgait.radar import Radar
 from doppelgait.radar.recording import Recording
 
@@ -50,17 +49,6 @@ class Results:
         Recording that was analysed.
     radar : Radar
     targets : tuple of Result
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> from doppelgait.pipeline import read_results, write_results
-    >>> write_results("results.h5", recording, [result])
-    >>> read_results("results.h5").targets[0].label
-    'human'
     """
 
     source: str
@@ -288,27 +276,21 @@ def _read_result(group: Any) -> Result:
             raise ValueError(f"main_line_hz has shape {line.shape}, the signature {columns} columns")
     gate = None
     if "gate_limits" in group:
-        stored, band_hz = group["gate_limits"], group["gate_limits"].attrs["doppler_hz"]
+        limits, band_hz = group["gate_limits"], group["gate_limits"].attrs["doppler_hz"]
         gate = Gate(
-            stored["time_s"][()],
-            stored["centre_m"][()],
-            float(stored.attrs["span_m"]),
+            limits["time_s"][()],
+            limits["centre_m"][()],
+            float(limits.attrs["span_m"]),
             None if isinstance(band_hz, h5py.Empty) else (float(band_hz[0]), float(band_hz[1])),
-            str(stored.attrs["source"]),
+            str(limits.attrs["source"]),
         )
-    label = group.attrs["label"]
-    mappings: dict[str, Any] = {name: parse_json(group.attrs[name]) for name in GROUPS}
-    numbers: dict[str, Any] = {name: number(name) for name in NUMBERS}
-    segments = group.get("segments", {})
-    return Result(
-        analysis=validate(Analysis, parse_json(group.attrs["analysis"]), where="analysis"),
-        label=None if isinstance(label, h5py.Empty) else str(label),
-        gate_source=str(group.attrs["gate"]),
-        features=GaitFeatures(**{name: number(name) for name in FEATURE_UNITS}),
-        **numbers,
-        **mappings,
-        flags=tuple(parse_json(group.attrs["flags"])),
-        arrays=arrays,
-        gate_limits=gate,
-        segments=tuple(_read_result(segments[name]) for name in sorted(segments, key=int)),
-    )
+    label, stored = group.attrs["label"], group.get("segments", {})
+    plain = {
+        "analysis": parse_json(group.attrs["analysis"]),
+        "label": None if isinstance(label, h5py.Empty) else str(label),
+        "gate": str(group.attrs["gate"]),
+        "features": {name: number(name) for name in FEATURE_UNITS},
+        **{name: number(name) for name in NUMBERS},
+        **{name: parse_json(group.attrs[name]) for name in (*GROUPS, "flags")},
+    }
+    return make_result(plain, arrays, gate, [_read_result(stored[name]) for name in sorted(stored, key=int)])

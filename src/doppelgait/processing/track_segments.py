@@ -99,7 +99,7 @@ class _Histories:
         self.number = np.append(self.number, np.arange(first_new, len(self.ancestry)))
 
     def drop_hopeless(self, penalty: float, oldest: int) -> npt.NDArray[np.int64]:
-        """Drop histories of high cost or with a start before the oldest one; return the remaining starts."""
+        """Drop costly histories and those with a start before the oldest; return the remaining starts."""
         hopeful = np.ones(self.at.size, dtype=np.bool_)
         hopeful[: self.least.size] = self.least <= self.least.min() + self.more + penalty + HOPELESS
         hopeful &= self.at >= oldest
