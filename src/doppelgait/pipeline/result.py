@@ -468,8 +468,9 @@ def make_result(
     plain: Mapping[str, Any], arrays: Mapping[str, Any], gate: Gate | None, segments: Iterable[Result] = ()
 ) -> Result:
     """Make a result from its plain values, named as in :meth:`Result.to_json`, and its arrays."""
+    analysis = plain["analysis"]
     return Result(
-        analysis=validate(Analysis, plain["analysis"], where="analysis"),
+        analysis=analysis if isinstance(analysis, Analysis) else validate(Analysis, analysis, where="analysis"),
         label=plain["label"],
         gate_source=plain["gate"],
         features=GaitFeatures(**plain["features"]),
