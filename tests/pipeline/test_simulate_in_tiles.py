@@ -1,12 +1,14 @@
 """A long recording that is computed while it is written has the bytes of the one made at once."""
 
 import importlib
+import pickle
 
 import h5py
 import numpy as np
 import pytest
 
 import doppelgait as dg
+from doppelgait.core.errors import OutputError
 from doppelgait.pipeline import parse_run, run_simulation
 
 TILE = 300
@@ -66,11 +68,33 @@ def test_tiles_give_the_bytes_of_the_whole(case, tmp_path, monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
-def test_impairments_of_tiles_are_those_of_the_whole(monkeypatch):
-    table = {**CASES["fmcw"], "impairments": [{"kind": "dc_leak"}, {"kind": "frame_jitter", "sd_s": 1e-5}]}
+@pytest.mark.parametrize(("case", "kind"), [("fmcw", "dc_leak"), ("impulse", "phase_noise")])
+def test_impairments_of_tiles_are_those_of_the_whole(case, kind, monkeypatch):
+    table = {**CASES[case], "impairments": [{"kind": kind}, {"kind": "frame_jitter", "sd_s": 1e-5}]}
     whole = make(table)
     monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", TILE)
-    np.testing.assert_array_equal(make(table).samples.matrix, whole.samples.matrix)
+    tiled = pickle.loads(pickle.dumps(make(table)))
+    np.testing.assert_array_equal(tiled.samples.matrix, whole.samples.matrix)
+    for seen, there in zip(tiled.truth, whole.truth, strict=True):
+        assert seen.scatterers.identical(there.scatterers)
+        assert seen.scatterers.slow_time.values.tobytes() == tiled.slow_time_s.tobytes()
+
+
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+def test_parts_of_a_stored_recording_can_be_sent_to_processes(tmp_path, monkeypatch):
+    monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", TILE)
+    monkeypatch.setattr("doppelgait.radar.recordings.STORED_BYTES", 0)
+    part = make(CASES["impulse"], path=tmp_path / "a.h5").between(0.2, 1.9)
+    for frames in (part.frames, part.frames.take_bins(slice(3, 9))):
+        sent = pickle.loads(pickle.dumps(frames))
+        np.testing.assert_array_equal(sent.read(5, 400), frames.read(5, 400))
+    assert not part.samples.in_memory
+
+
+def test_a_file_that_cannot_be_made_is_refused_before_the_work(tmp_path):
+    for path, message in (("", "names no file"), (tmp_path / "none" / "a.h5", "no such folder")):
+        with pytest.raises(OutputError, match=message):
+            make({**CASES["impulse"], "duration_s": 3600.0}, path=path)
 
 
 def test_only_one_tile_of_a_long_recording_is_computed_at_a_time(tmp_path, monkeypatch):

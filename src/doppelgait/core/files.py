@@ -20,9 +20,7 @@ _NUMBERS = count()
 @contextmanager
 def open_atomically(path: str | os.PathLike[str], *, os_errors: bool = False) -> Iterator[Path]:
     """Write a file atomically: complete under its name after the block, or absent."""
-    target = Path(path)
-    if not os_errors and not target.parent.is_dir():
-        raise OutputError(f"{target}: cannot be written: no such folder {target.parent}")
+    target = Path(path) if os_errors else check_target(path)
     partial = target.with_name(f"{target.name}.{platform.node()}-{os.getpid()}-{next(_NUMBERS)}.partial")
     try:
         yield partial
@@ -36,6 +34,16 @@ def open_atomically(path: str | os.PathLike[str], *, os_errors: bool = False) ->
     finally:
         with suppress(OSError):
             partial.unlink()
+
+
+def check_target(path: str | os.PathLike[str]) -> Path:
+    """Check that a file can be made under this name, before long work for it."""
+    target = Path(path)
+    if not target.name:
+        raise OutputError(f"path = {str(path)!r} names no file; give one, for example 'walk.h5'")
+    if not target.parent.is_dir():
+        raise OutputError(f"{target}: cannot be written: no such folder {target.parent}")
+    return target
 
 
 def write_atomically(path: Path, content: bytes) -> None:

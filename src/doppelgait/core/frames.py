@@ -114,11 +114,15 @@ class Frames:
 
     def label(self, facts: Mapping[str, Any] | None = None) -> xr.DataArray:
         """Make the labelled array; values that are not in memory are read at every access."""
-        values: Any = self.matrix.view() if self.samples.in_memory else lazy_rows(self.shape, self.samples.rows)
-        if self.samples.in_memory:
+        values = self.get_values()
+        if isinstance(values, np.ndarray):
             values.flags.writeable = False
         coords = {"slow_time": self.slow_time.time_s, "range": self.range_m}
         return make_array(BASEBAND, values, coords, self.facts if facts is None else facts)
+
+    def get_values(self) -> Matrix | LazilyIndexedArray:
+        """Return a view of the values, or an array that reads them at every access."""
+        return self.matrix.view() if self.samples.in_memory else lazy_rows(self.shape, self.samples.rows)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -198,7 +202,7 @@ class Frames:
             samples = self.samples.take_pulses(first, stop)
         else:
             shape = (stop - first, self.n_bins)
-            samples = Samples.stored(shape, lambda low, high: self.samples.rows(first + low, first + high))
+            samples = Samples.stored(shape, partial(_read_part, self.samples, first, slice(None)))
         return replace(self, samples=samples, slow_time=self.slow_time[pulses])
 
     def take_bins(self, bins: slice) -> Self:
@@ -208,5 +212,10 @@ class Frames:
             samples = Samples(self.matrix[:, bins])
         else:
             shape = (self.n_pulses, range_m.size)
-            samples = Samples.stored(shape, lambda low, high: self.samples.rows(low, high)[:, bins])
+            samples = Samples.stored(shape, partial(_read_part, self.samples, 0, bins))
         return replace(self, samples=samples, range_m=range_m)
+
+
+def _read_part(samples: Samples, first_pulse: int, bins: slice, first: int, stop: int) -> Matrix:
+    """Return some pulses of a part of stored samples; a function, so that recordings can be sent to processes."""
+    return samples.rows(first_pulse + first, first_pulse + stop)[:, bins]

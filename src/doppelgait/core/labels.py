@@ -131,9 +131,9 @@ class Signal:
 
     def with_axes(self, schema: Schema, values: npt.NDArray[Any], **axes: npt.NDArray[Any]) -> Signal:
         """Return a signal of another schema, with new axes and those in common."""
-        coords: dict[str, Coord] = {name: ((name,), axis, {}) for name, axis in axes.items()}
-        kept = [name for name in (*schema.dims, *schema.extra) if name not in axes]
-        return Signal(schema, values, {**{name: self.coords[name] for name in kept}, **coords}, {"units": schema.units})
+        new: dict[str, Coord] = {name: ((name,), axis, {}) for name, axis in axes.items()}
+        coords = {name: new.get(name) or self.coords[name] for name in (*schema.dims, *schema.extra)}
+        return Signal(schema, values, coords, {"units": schema.units})
 
     def take_columns(self, columns: slice) -> Signal:
         """Slice the signal along its first dimension."""
@@ -180,6 +180,8 @@ def _take_labels(schemas: tuple[Schema, ...], function: Callable[..., Any]) -> A
 
     @wraps(function)
     def run(*args: Any, **kwargs: Any) -> Any:
+        if not args and first_name not in kwargs:
+            return function(**kwargs)  # Python says what is missing
         array, *others = args or [kwargs.pop(first_name)]
         given = Signal.of(array, *schemas)
         found = function(given, *others, **kwargs)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import threading
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -141,6 +141,22 @@ class Samples:
     def from_planes(cls, planes: Planes, n_pulses: int) -> Samples:
         """Wrap planes (2, samples, n_pulses or more) that nothing else uses; the samples may change them."""
         return cls._make((n_pulses, planes.shape[1]), None, np.ascontiguousarray(planes), None, True)
+
+    @classmethod
+    def join(cls, tiles: Iterable[Samples], shape: tuple[int, int]) -> Samples:
+        """Join tiles of pulses, one or more, in the layout that they have."""
+        matrix = planes = None
+        first = 0
+        for tile in tiles:
+            pulses = slice(first, first + tile.shape[0])
+            if tile._planes is None:
+                matrix = np.empty(shape, dtype=np.complex64) if matrix is None else matrix
+                matrix[pulses] = tile.matrix
+            else:
+                planes = np.empty((2, shape[1], shape[0]), dtype=np.float32) if planes is None else planes
+                planes[:, :, pulses] = tile._planes[:, :, : tile.shape[0]]
+            first = pulses.stop
+        return cls._make(shape, matrix, planes, None, True)
 
     @property
     def matrix(self) -> Matrix:

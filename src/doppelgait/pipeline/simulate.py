@@ -15,6 +15,7 @@ import xarray as xr
 from doppelgait.core import lazy
 from doppelgait.core.config import check_type, validate
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.files import check_target
 from doppelgait.core.labels import label_axis, label_table, read_axis, select_scatterers
 from doppelgait.core.rng import Streams
 from doppelgait.core.samples import Factor, Matrix, Samples
@@ -89,17 +90,20 @@ def simulate(
         Add the aspect angle of every scatterer and the bodies for plots to the truth; False is faster.
     path : str or Path, optional
         File for the recording (HDF5). More than 32,768 pulses are then synthesised tile by tile into the file, so that
-        memory hardly grows with the duration, and the samples of the returned recording are read from the file.
-        Impairments and environment effects need the whole recording in memory.
+        memory hardly grows with the duration. Impairments and environment effects need the whole recording in memory.
 
     Returns
     -------
     Recording
+        With ``path`` that of the file: its source is the file's name, its truth has no angles, and more than 32,768
+        pulses are read from the file on every access.
 
     Raises
     ------
     ConfigError
         If ``snr_db`` or impairments need random numbers and ``rng`` is missing, or an argument is not allowed.
+    OutputError
+        If ``path`` cannot be written.
 
     Warns
     -----
@@ -131,13 +135,15 @@ def simulate(
     check_type(conditions, Conditions, "conditions", "make them with doppelgait.Conditions(impairments=[...])")
     check_type(snr_db, (float, int, type(None)), "snr_db", "give a number of dB")
     snr_db = _check_noise(conditions, rng=rng, snr_db=snr_db)
+    check_type(path, (str, Path, type(None)), "path", 'name a file, for example "walk.h5"')
+    target = None if path is None else check_target(path)
     placed = as_placed(scene, rng)
     slow_time_s = pulse_times_s(placed.observation_s, radar)
     scatterers, tracks = observe_scene(placed, radar, slow_time_s, conditions, angles=angles, streams=rng)
     warn_of_limits(scatterers, radar)
     # without impairments the samples before the range transform are not needed: compute the bins directly
     echoes = Echoes(scatterers, radar, compressed=not conditions.impairments)
-    in_file = path is not None and not conditions.impairments and not echoes.is_short
+    in_file = target is not None and not conditions.impairments and not echoes.is_short
     samples, signal_v2 = (None, echoes.measure_signal_v2()) if in_file else echoes.synthesise()
     noise_v2 = _choose_noise_v2(conditions, radar, signal_v2, snr_db, rng)
     noise: NoiseLevel | None = None
@@ -171,10 +177,10 @@ def simulate(
         radar_azimuth_deg=placed.scene.radar_azimuth_deg,
         radar_tilt_deg=placed.scene.radar_tilt_deg,
     )
-    if path is None:
+    if target is None:
         return recording
-    write_recording(recording, path)
-    return recording if recording.samples.in_memory else read_hdf5(Path(path))
+    write_recording(recording, target)
+    return read_hdf5(target)
 
 
 NoiseLevel = tuple[np.uint64, float, Factor]
@@ -220,26 +226,28 @@ class Echoes:
             samples += synthesise_echoes(others, self.radar, compressed=self.compressed)
         return samples, strongest_v2
 
-    def _make_tiles(self) -> Iterator[tuple[int, Samples, npt.NDArray[np.float32]]]:
+    def _make_tiles(self) -> Iterator[tuple[Samples, npt.NDArray[np.float32]]]:
         for first in range(0, self.n_pulses, lazy.LONG_PULSES):
-            yield first, *self.make_tile(first, min(first + lazy.LONG_PULSES, self.n_pulses))
+            yield self.make_tile(first, min(first + lazy.LONG_PULSES, self.n_pulses))
 
     def measure_signal_v2(self) -> float:
         """Measure the signal level of SNR_frame without storing samples."""
-        return _average_v2([strongest_v2 for _, _, strongest_v2 in self._make_tiles()])
+        return _average_v2([strongest_v2 for _, strongest_v2 in self._make_tiles()])
 
     def synthesise(self) -> tuple[Samples, float]:
         """Synthesise all pulses without noise; also return the signal level of SNR_frame, V^2."""
         if self.is_short:
             samples, strongest_v2 = self.make_tile(0, self.n_pulses)
             return samples, _average_v2([strongest_v2])
-        waveform, levels = self.radar.waveform, []
-        width = self.radar.n_range_bins if self.compressed else waveform.n_samples(self.radar)
-        matrix = np.empty((self.n_pulses, width), dtype=np.complex64)
-        for first, samples, strongest_v2 in self._make_tiles():
-            matrix[first : first + samples.shape[0]] = samples.matrix
-            levels.append(strongest_v2)
-        return Samples.own(matrix), _average_v2(levels)
+        levels: list[npt.NDArray[np.float32]] = []
+
+        def tiles() -> Iterator[Samples]:
+            for samples, strongest_v2 in self._make_tiles():
+                levels.append(strongest_v2)
+                yield samples
+
+        width = self.radar.n_range_bins if self.compressed else self.radar.waveform.n_samples(self.radar)
+        return Samples.join(tiles(), (self.n_pulses, width)), _average_v2(levels)
 
     def add_noise(self, samples: Samples, noise: NoiseLevel | None, first_pulse: int = 0) -> Samples:
         """Add the receiver noise of the pulses from ``first_pulse``; it is that of the receiver's samples."""
@@ -336,10 +344,13 @@ def observe_scene(
     bodies = make_scatterers(placed, times_s, scene_rng)
     wanted = ("azimuth", "elevation", "aspect") if angles else ()
     plain = not conditions.environment and not patterned and room.receiver_position_m is None
+    scatterers: xr.Dataset | None
     if plain and times_s.size > lazy.LONG_PULSES:
-        return tabulate_later(placed, bodies, times_s, wanted), tracks
-    table = tabulate(placed, bodies, times_s, wanted)
-    scatterers = apply_room(table, placed, bodies, conditions.environment, through) if directions else through(table)
+        scatterers = tabulate_later(placed, bodies, times_s, wanted)
+    else:
+        table = tabulate(placed, bodies, times_s, wanted)
+        environment = conditions.environment
+        scatterers = apply_room(table, placed, bodies, environment, through) if directions else through(table)
     if scatterers is None:
         scatterers = through(tabulate(placed, bodies, times_s, wanted or ("azimuth", "elevation")))
     if times_s is not slow_time_s:

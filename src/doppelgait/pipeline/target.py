@@ -49,6 +49,7 @@ def analyze_gated(
 def add_body_parts(result: Result, clean: Frames) -> Result:
     """Add a body's parts, or a flag (E-40)."""
     mask, reason = None, "recorded_in_bursts"
+    clean = clean.find_bursts()
     mu = Signal.of(result.signature, SIGNATURE)
     if clean.slow_time.burst_pulses is None:
         mask, reason = locate_parts(clean, mu, result.gate, result.analysis)

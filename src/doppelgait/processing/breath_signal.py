@@ -60,15 +60,15 @@ def compute_breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: f
     taper = np.hanning(length + 2)[1:-1, None]
     place = np.linspace(-1.0, 1.0, length)[:, None]
     plain = np.empty((starts.size, frequency_hz.size, series.shape[1]))
-    for power, start in zip(plain, starts, strict=True):
+    level, background = np.empty((starts.size, 1, series.shape[1])), _select_background(frequency_hz)
+    for power, floor, start in zip(plain, level, starts, strict=True):
         part = series[start : start + length]
         flat = part - part.mean(axis=0) - place * (part * place).mean(axis=0) / (place**2).mean()
         both = np.abs(np.fft.fft(flat * taper, fft_length, axis=0)) ** 2
         power[:] = both[: frequency_hz.size]
         power[1:] += both[: -frequency_hz.size : -1]
-    # level of every window and bin: the median over a wide band, never 0
-    level = np.median(plain[:, _select_background(frequency_hz)], axis=1, keepdims=True)
-    level = np.maximum(level, 1e-300 + 1e-12 * plain.max(axis=1, keepdims=True))
+        # level of every window and bin: the median over a wide band, never 0
+        floor[:] = np.maximum(np.median(power[background], axis=0), 1e-300 + 1e-12 * power.max(axis=0))
     middle = np.stack([np.median(plain[:, :, n], axis=0) for n in range(plain.shape[2])], axis=1)
     plain /= level
     return BreathSpectrum(frequency_hz, plain, middle, starts, length, fft_length, rate_hz)
@@ -179,7 +179,7 @@ def remove_common_gain(values: ComplexArray, range_m: FloatArray) -> ComplexArra
         gain = (values * (weight * mean.conj())) @ far
         gain /= np.maximum(strength, 1e-300)
         gain[(strength < LEAST_WEIGHT) | (np.abs(gain) <= 0.1)] = 1.0
-        trial = np.divide(values, gain, out=gain)
-        better = (strength >= LEAST_WEIGHT) & (np.var(trial, axis=0) < own_power)
-        corrected = np.where(better, trial, values)
+        corrected = np.divide(values, gain, out=gain)
+        worse = ~((strength >= LEAST_WEIGHT) & (np.var(corrected, axis=0) < own_power))
+        corrected[:, worse] = values[:, worse]
     return corrected

@@ -13,7 +13,7 @@ import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.frames import Frames
-from doppelgait.core.labels import SHARE_REMOVED, make_array
+from doppelgait.core.labels import SHARE_REMOVED, make_array, replace_array_values
 from doppelgait.core.samples import Planes, Samples, borrow_planes
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
@@ -104,7 +104,7 @@ def remove_static_clutter(
     Returns
     -------
     DataArray (slow_time, range)
-        The same object for ``"none"`` and ``"auto"``.
+        complex64, V. The same object for ``"none"`` and ``"auto"``.
 
     Raises
     ------
@@ -128,7 +128,8 @@ def remove_static_clutter(
     frames = Frames.of(baseband)
     if kind in ("none", "auto"):
         return baseband
-    return remove_from_frames(frames, kind=kind, time_s=time_s, cutoff_hz=cutoff_hz).label()
+    clean = remove_from_frames(frames, kind=kind, time_s=time_s, cutoff_hz=cutoff_hz)
+    return replace_array_values(baseband, clean.get_values())
 
 
 def clean_frames(frames: Frames, analysis: Analysis, *, bins: slice | None = None) -> Frames:

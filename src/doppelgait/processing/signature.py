@@ -98,6 +98,10 @@ def compute_range_doppler(
 
     transform, prf_hz = plan_for(frames.slow_time, analysis), frames.slow_time.rate_hz
     wanted = np.arange(transform.n_columns) if columns is None else columns
+    if wanted.size and not 0 <= wanted.min() <= wanted.max() < transform.n_columns:
+        raise AnalysisError(
+            f"columns must be from 0 to {transform.n_columns - 1}; these reach from {wanted.min()} to {wanted.max()}"
+        )
     window = transform.window.astype(np.float32)
     pad = transform.half_window if analysis.zero_padded else 0
     centres_s = frames.slow_time.start_s + transform.compute_centre_pulses() / prf_hz
@@ -130,6 +134,7 @@ def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelen
     Parameters
     ----------
     baseband : DataArray (slow_time, range)
+        With the attribute ``burst_pulses``, every burst is a column, as in :func:`burst_signature`.
     gate : Gate
     analysis : Analysis
     wavelength_m : float

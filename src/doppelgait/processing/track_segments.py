@@ -44,7 +44,7 @@ def find_best_knots(
     min_segment_s: float,
 ) -> tuple[list[int], float]:
     r"""Find the change points of minimum cost.
-    The cost is that of :func:`doppelgait.processing.find_track_segments`. All quantities are in s = R^2 (E-34b).
+    The cost is that of :func:`find_track_segments`. All quantities are in s = R^2 (E-34b).
     """
     n = time_s.size
     value, noise = range_m**2, 2.0 * range_m * range_sd_m

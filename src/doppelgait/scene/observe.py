@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -187,18 +187,11 @@ def tabulate_later(
 ) -> xr.Dataset:
     """Observe scatterers as :func:`tabulate`, partly on demand."""
     # ranges, velocities and angles are computed when they are read
-    splines, count = _fit_splines(bodies), sum(len(body.motion.markers) for body in bodies)
+    count = sum(len(body.motion.markers) for body in bodies)
     alike = [replace(body, rcs_m2=np.ones(1), path_gain=np.ones(1)) for body in bodies]  # gains are not needed here
-
-    @lru_cache(maxsize=1)
-    def look(first: int, stop: int, angles: tuple[str, ...]) -> dict[str, FloatArray]:
-        return _look(placed.scene, alike, splines, times[first:stop], angles)
-
-    def rows_of(name: str, first: int, stop: int) -> FloatArray:
-        return look(first, stop, tuple(wanted) if name in wanted else ())[name]
-
+    look = _Look(placed.scene, alike, _fit_splines(bodies), times, tuple(wanted))
     values: dict[str, Any] = {
-        name: lazy_rows((times.size, count), partial(rows_of, name), np.float64)
+        name: lazy_rows((times.size, count), partial(look.read, name), np.float64)
         for name in ("range", "radial_velocity", *wanted)
     }
     for name in ("rcs", "path_gain"):
@@ -210,6 +203,29 @@ def tabulate_later(
             ]
         )
     return _label(placed, bodies, times, values)
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """What the radar sees of some scatterers, computed when it is read; the last pulses are kept."""
+
+    scene: Scene
+    bodies: Sequence[Scatterers]
+    splines: Sequence[Spline]
+    times: FloatArray
+    angles: tuple[str, ...]
+    last: dict[Any, dict[str, FloatArray]] = field(default_factory=dict)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _Look, (self.scene, self.bodies, self.splines, self.times, self.angles)
+
+    def read(self, name: str, first: int, stop: int) -> FloatArray:
+        wanted = self.angles if name in self.angles else ()
+        key = (first, stop, wanted)
+        if key not in self.last:
+            self.last.clear()
+            self.last[key] = _look(self.scene, self.bodies, self.splines, self.times[first:stop], wanted)
+        return self.last[key][name]
 
 
 def _fit_splines(bodies: Sequence[Scatterers]) -> list[Spline]:
