@@ -1,5 +1,7 @@
 """Pulses that are read when they are asked for."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -94,3 +96,6 @@ def test_changes_of_a_long_recording_stay_on_demand(tmp_path, monkeypatch):
     assert not changed.samples.in_memory
     np.testing.assert_array_equal(changed.baseband.values, recording.baseband.values)
     assert found.between(0.5, 1.0).samples.in_memory
+    for frames in (found.between(0.2, 1.9).frames, found.frames.take_bins(slice(3, 9))):
+        assert not frames.samples.in_memory
+        np.testing.assert_array_equal(pickle.loads(pickle.dumps(frames)).read(5, 400), frames.read(5, 400))

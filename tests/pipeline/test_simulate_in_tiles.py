@@ -14,37 +14,28 @@ from doppelgait.pipeline import parse_run, run_simulation
 TILE = 300
 
 
-def scene(**changes):
+def scene(rcs=None, **further):
     targets = [
-        {"label": "human", "motion": {"kind": "human"}, "range_m": 4.0, **changes},
+        {"label": "human", "motion": {"kind": "human"}, "range_m": 4.0, **({"rcs": rcs} if rcs else {})},
         {"label": "dog", "motion": {"kind": "quadruped"}, "range_m": 3.0},
         {"background": True, "motion": {"kind": "fan"}, "range_m": 5.0},
     ]
-    return {"duration_s": 2.03, "seed": 5, "targets": targets}
+    return {"duration_s": 2.03, "seed": 5, "targets": targets, "radar": X4, **further}
 
 
+X4 = {"preset": "x4", "prf_hz": 500.0}
+BEAM = {"kind": "cosine", "hpbw_azimuth_deg": 60.0, "hpbw_elevation_deg": 60.0}
 CASES = {
-    "impulse": {**scene(), "radar": {"preset": "x4", "prf_hz": 500.0}},
-    "fmcw": {**scene(), "radar": {"preset": "ti-77", "prf_hz": 600.0}},
-    "cw": {**scene(), "radar": {"preset": "xband-cw", "prf_hz": 500.0}},
-    "no noise": {**scene(), "radar": {"preset": "x4", "prf_hz": 500.0}, "noise": {"kind": "none"}},
-    "a wanted SNR": {**scene(), "radar": {"preset": "x4", "prf_hz": 500.0}, "noise": {"kind": "snr", "snr_db": 3.0}},
-    "an environment": {
-        **scene(), "radar": {"preset": "x4", "prf_hz": 500.0}, "environment": [{"kind": "ground_bounce"}],
-    },
-    "an antenna": {
-        **scene(), "radar": {
-            "preset": "x4", "prf_hz": 500.0, "antenna": {"kind": "cosine", "hpbw_azimuth_deg": 60.0,
-            "hpbw_elevation_deg": 60.0},
-        },
-    },
-    "gains of every pulse": {
-        **scene(rcs={"kind": "ellipsoids", "occlusion": True}), "radar": {"preset": "x4", "prf_hz": 500.0},
-    },
-    "one target": {
-        "duration_s": 2.03, "targets": scene()["targets"][:1], "radar": {"preset": "x4", "prf_hz": 500.0},
-    },
-}  # fmt: skip
+    "impulse": scene(),
+    "fmcw": scene(radar={"preset": "ti-77", "prf_hz": 600.0}),
+    "cw": scene(radar={"preset": "xband-cw", "prf_hz": 500.0}),
+    "no noise": scene(noise={"kind": "none"}),
+    "a wanted SNR": scene(noise={"kind": "snr", "snr_db": 3.0}),
+    "an environment": scene(environment=[{"kind": "ground_bounce"}]),
+    "an antenna": scene(radar={**X4, "antenna": BEAM}),
+    "gains of every pulse": scene({"kind": "ellipsoids", "occlusion": True}),
+    "one target": scene(targets=scene()["targets"][:1]),
+}
 
 
 def make(table, **options):
@@ -78,17 +69,6 @@ def test_impairments_of_tiles_are_those_of_the_whole(case, kind, monkeypatch):
     for seen, there in zip(tiled.truth, whole.truth, strict=True):
         assert seen.scatterers.identical(there.scatterers)
         assert seen.scatterers.slow_time.values.tobytes() == tiled.slow_time_s.tobytes()
-
-
-@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
-def test_parts_of_a_stored_recording_can_be_sent_to_processes(tmp_path, monkeypatch):
-    monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", TILE)
-    monkeypatch.setattr("doppelgait.radar.recordings.STORED_BYTES", 0)
-    part = make(CASES["impulse"], path=tmp_path / "a.h5").between(0.2, 1.9)
-    for frames in (part.frames, part.frames.take_bins(slice(3, 9))):
-        sent = pickle.loads(pickle.dumps(frames))
-        np.testing.assert_array_equal(sent.read(5, 400), frames.read(5, 400))
-    assert not part.samples.in_memory
 
 
 def test_a_file_that_cannot_be_made_is_refused_before_the_work(tmp_path):

@@ -65,6 +65,10 @@ class Noise(NamedTuple):
     factor: Factor
 
 
+def _make_operator(ufunc: Any, *, in_place: bool = False) -> Callable[[Samples, Any], Samples]:
+    return lambda samples, other: _change_samples(samples if in_place else samples.copy(), ufunc, other)
+
+
 class Samples:
     """Complex samples, one row per pulse.
 
@@ -77,22 +81,12 @@ class Samples:
     matrix : array_like, shape (pulses, samples), complex
         Values in V. The matrix is never changed: the samples copy it when they are changed.
 
-    Raises
-    ------
-    AnalysisError
-        If ``matrix`` is not a complex array of two dimensions.
-
     Notes
     -----
-    The values keep the layout they were made in. The *matrix* has one row per pulse. The *planes*, a float32 array of
-    shape (2, samples, at least pulses), hold real and imaginary parts with one row per sample. The kernels use the
-    planes, because the pulses of a range bin are contiguous in memory. Columns beyond the last pulse are undefined.
-
-    Receiver noise may be pending (:meth:`with_noise`). Every access includes it, but it is computed only for the values
-    that are read.
-
-    Samples may be *stored* in a file or be computed by a function (:meth:`stored`). They are then read or computed on
-    every access and not cached.
+    The values keep the layout they were made in: the *matrix* has one row per pulse; the *planes*, float32 of shape (2,
+    samples, at least pulses), have one contiguous row per sample, undefined beyond the last pulse. Receiver
+    noise may be pending (:meth:`with_noise`): it is computed for the values that are read. *Stored* samples
+    (:meth:`stored`) are read or computed on every access.
     """
 
     __slots__ = ("_matrix", "_noise", "_owned", "_planes", "_stored", "shape")
@@ -184,9 +178,8 @@ class Samples:
         return noisy._planes if noisy._planes is not None else _split(noisy.matrix, slice(0, self.shape[1]))
 
     def read(self, spans: Spans, margin: int = 0) -> tuple[Planes, int]:
-        """Read planes of the samples (range bins) with a span, and the number of the first one.
-        Each row of ``spans`` is the first and one past the last needed pulse; noise is computed only there. Values
-        outside may be NaN, but for the next ``margin`` pulses. The planes must not be changed.
+        """Read planes of the samples with a span, never to be changed, and the number of the first one.
+        A row of ``spans`` is the first and one past the last pulse; beyond them and ``margin``, values may be NaN.
         """
         needed = np.flatnonzero(spans[:, 0] < spans[:, 1])
         first, stop = (int(needed[0]), int(needed[-1]) + 1) if needed.size else (0, 0)
@@ -376,19 +369,18 @@ class Samples:
         same = isinstance(found, np.ndarray) and found.dtype.kind == "c" and found.shape == self.shape
         return Samples.own(found) if same else found
 
-    def __add__(self, other: Any) -> Samples:
-        return _change_samples(self.copy(), np.add, other)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: Any) -> Samples:
-        return _change_samples(self.copy(), np.subtract, other)
-
-    def __rsub__(self, other: Any) -> Samples:
-        return _change_samples(-self, np.add, other)
+    __add__ = __radd__ = _make_operator(np.add)
+    __sub__ = _make_operator(np.subtract)
+    __mul__ = __rmul__ = _make_operator(np.multiply)
+    __iadd__ = _make_operator(np.add, in_place=True)
+    __isub__ = _make_operator(np.subtract, in_place=True)
+    __imul__ = _make_operator(np.multiply, in_place=True)
 
     def __neg__(self) -> Samples:
         return _change_samples(self.copy(), np.multiply, -1.0)
+
+    def __rsub__(self, other: Any) -> Samples:
+        return _change_samples(-self, np.add, other)
 
     def __truediv__(self, other: Any) -> Samples:
         return _change_samples(self.copy(), np.multiply, 1.0 / np.asarray(other))
@@ -398,20 +390,6 @@ class Samples:
 
     def __getitem__(self, index: Any) -> Any:
         return self.matrix[index]
-
-    def __mul__(self, other: Any) -> Samples:
-        return _change_samples(self.copy(), np.multiply, other)
-
-    __rmul__ = __mul__
-
-    def __iadd__(self, other: Any) -> Samples:
-        return _change_samples(self, np.add, other)
-
-    def __isub__(self, other: Any) -> Samples:
-        return _change_samples(self, np.subtract, other)
-
-    def __imul__(self, other: Any) -> Samples:
-        return _change_samples(self, np.multiply, other)
 
 
 def _change_samples(samples: Samples, ufunc: Any, other: Any) -> Samples:

@@ -90,9 +90,7 @@ def _compute_noise_excess(n_bins: float) -> float:
 
 
 def width_of_bins(share: FloatArray) -> float | None:
-    """Measure the width in Doppler bins above the level (E-35).
-    Shapes: share (K,).
-    """
+    """Measure the width in Doppler bins above the level (E-35). Shapes: share (K,)."""
     from doppelgait.core.kernels.columns import run_above
 
     width = run_above(np.ascontiguousarray(share), WIDTH_SHARE)

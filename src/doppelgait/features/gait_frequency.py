@@ -115,9 +115,7 @@ class GaitFrequency:
 
 @dataclass(frozen=True)
 class Rhythm:
-    """Autocorrelation and spectrum of a set of rows.
-    Shapes: likeness (J,); share (Q,) (E-33).
-    """
+    """Autocorrelation and spectrum of a set of rows. Shapes: likeness (J,); share (Q,) (E-33)."""
 
     likeness: FloatArray
     rate_hz: float

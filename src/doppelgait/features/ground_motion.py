@@ -162,9 +162,7 @@ class SegmentMotion:
 def estimate_segment_motion(
     time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, start_s: float, stop_s: float
 ) -> SegmentMotion:
-    """Estimate ground motion in a track segment (E-34b).
-    Shapes: time_s, range_m (J,).
-    """
+    """Estimate ground motion in a track segment (E-34b). Shapes: time_s, range_m (J,)."""
     times, ranges = np.asarray(time_s, dtype=np.float64), np.asarray(range_m, dtype=np.float64)
     if times.ndim != 1 or times.shape != ranges.shape:
         raise AnalysisError(f"a range track needs as many times as ranges, not {times.shape} and {ranges.shape}")

@@ -33,9 +33,7 @@ INDEPENDENT_AFTER_S = 0.06
 
 @dataclass(frozen=True)
 class Rows:
-    """Doppler rows over time, without labels.
-    Shapes: values (J, K); doppler_hz (K,).
-    """
+    """Doppler rows over time, without labels. Shapes: values (J, K); doppler_hz (K,)."""
 
     values: FloatArray
     doppler_hz: FloatArray
@@ -62,9 +60,7 @@ def group_size(rate_hz: float) -> int:
 
 
 def sum_groups(values: FloatArray, n_columns: int, n_rows: int = 1) -> FloatArray:
-    """Sum groups of columns and of rows.
-    Incomplete groups at the end are dropped.
-    """
+    """Sum groups of columns and of rows. Incomplete groups at the end are dropped."""
     from doppelgait.core.kernels.features import sum_groups
 
     found = np.empty((values.shape[0] // n_columns, values.shape[1] // n_rows))

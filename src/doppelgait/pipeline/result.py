@@ -45,7 +45,6 @@ PLAIN_AXES = {
     "cadence_hz": "axes/cadence_map/cadence",
 }
 """Names of links in a file to the axes of the signature and of the cadence map."""
-PLAIN_ARRAYS = ("mean_doppler_spectrum", "main_line_hz", "torso_velocity_mps")
 NUMBERS = ("gait_frequency_hz", "torso_doppler_hz", "n_periods")
 GROUPS = {"quality": "quality_", "standard_deviation": "sd_", "extended": "extended_"}
 """Mappings of a result and the prefixes of their columns in a table."""

@@ -317,9 +317,7 @@ def observe_scene(
     angles: bool,
     streams: Streams | None,
 ) -> tuple[xr.Dataset, list[LineOfSight]]:
-    """Observe a scene through its environment and the antenna.
-    Shapes: slow_time_s (I,).
-    """
+    """Observe a scene through its environment and the antenna. Shapes: slow_time_s (I,)."""
     placed, times_s = as_placed(scene, streams), slow_time_s
     if conditions.impairments and streams is not None:
         timing_rng, _ = _make_impairment_generators(streams)

@@ -95,9 +95,7 @@ class TrackStrip:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict on one target with its evidence.
-    ``kind`` is body, reflection, folded or thing.
-    """
+    """Verdict on one target with its evidence. ``kind`` is body, reflection, folded or thing."""
 
     kind: str = "body"
     flag: str | None = None
@@ -185,9 +183,7 @@ def _average_significant(mu_v2: npt.NDArray[np.float32], every: int, floor_v2: f
 
 
 def judge_thing(one: TrackStrip, others: Sequence[TrackStrip]) -> Verdict | None:
-    """Recognise slow things with rotating parts.
-    An example is a robot vacuum.
-    """
+    """Recognise slow things with rotating parts. An example is a robot vacuum."""
     clear = np.ones(one.time_s.size, dtype=bool)
     for other in others:
         inside = (one.time_s >= other.time_s[0] - 0.2) & (one.time_s <= other.time_s[-1] + 0.2)
@@ -304,9 +300,7 @@ def judge_reflection(
 
 
 def correlate_rhythms(one: TrackStrip, other: TrackStrip) -> float:
-    """Correlate the Doppler rhythms of two targets.
-    Returns the smaller of both correlations.
-    """
+    """Correlate the Doppler rhythms of two targets. Returns the smaller of both correlations."""
     found = []
     for first, second in zip(_compute_moments(one), _compute_moments(other), strict=True):
         second = np.interp(one.time_s, other.time_s, second)

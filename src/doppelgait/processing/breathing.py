@@ -118,9 +118,7 @@ class _SlowSeries:
 def find_breathing(
     frames: Frames, *, wavelength_m: float, settings: BreathingSettings | None = None
 ) -> list[BreathingTarget]:
-    """Detect motionless people by their breathing.
-    Pulses are averaged to about 10 Hz.
-    """
+    """Detect motionless people by their breathing. Pulses are averaged to about 10 Hz."""
     options = settings or BreathingSettings()
     pulse_times, range_m = frames.slow_time.time_s, frames.range_m
     if not (math.isfinite(wavelength_m) and wavelength_m > 0):

@@ -103,9 +103,7 @@ def make_frame_gate(frames: Frames) -> Gate:
 def transform_bursts(
     frames: Frames, transform: Transform, low: FloatArray, high: FloatArray, *, remove_mean: bool = True
 ) -> npt.NDArray[np.float32]:
-    """Sum the power of every burst over the gate's bins, (J, K).
-    Shapes: low, high (J,).
-    """
+    """Sum the power of every burst over the gate's bins, (J, K). Shapes: low, high (J,)."""
     from scipy import fft
 
     count, size = transform.n_columns, transform.window.size

@@ -378,9 +378,7 @@ def _make_grid(
 
 
 def make_taper(n_columns: int, tapered: bool) -> npt.NDArray[np.float64]:
-    """Compute the Hann taper without zero ends, or ones.
-    The result has the shape (J,).
-    """
+    """Compute the Hann taper without zero ends, or ones. The result has the shape (J,)."""
     if not tapered:
         return np.ones(n_columns)
     return np.asarray(0.5 - 0.5 * np.cos(2.0 * np.pi * (np.arange(n_columns) + 1) / (n_columns + 1)))

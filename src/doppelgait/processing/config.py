@@ -119,9 +119,7 @@ class Analysis(FrozenModel):
 
 @dataclass(frozen=True)
 class Transform:
-    """Short-time transform of one recording.
-    Shapes: window (M,) (E-23).
-    """
+    """Short-time transform of one recording. Shapes: window (M,) (E-23)."""
 
     window: npt.NDArray[np.float64]
     n_doppler_bins: int

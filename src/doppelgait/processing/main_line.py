@@ -105,9 +105,7 @@ def _make_line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray
 
 
 def extrapolate_line(line_hz: FloatArray, signature: Signal, wanted: Signal) -> FloatArray:
-    """Extrapolate a straight line to other columns.
-    The result has the shape (J of ``wanted``,).
-    """
+    """Extrapolate a straight line to other columns. The result has the shape (J of ``wanted``,)."""
     times_s = signature.axis("time")
     slope = (line_hz[-1] - line_hz[0]) / (times_s[-1] - times_s[0])
     return np.asarray(line_hz[0] + slope * (wanted.axis("time") - times_s[0]))
@@ -215,9 +213,7 @@ def align(array: Signal, line_hz: FloatArray) -> Signal:
 
 @dataclass(frozen=True)
 class TrackVelocity:
-    """Radial velocity of a range track.
-    Shapes: line_mps (J,).
-    """
+    """Radial velocity of a range track. Shapes: line_mps (J,)."""
 
     line_mps: FloatArray
     bend_mps: float
@@ -266,9 +262,7 @@ def choose_velocity(
 
 
 def torso_velocity_mps(signature: Signal, floor_v2: float, line_hz: FloatArray) -> FloatArray:
-    """Follow the torso's radial velocity over time (E-34c).
-    Shapes: line_hz (J,).
-    """
+    """Follow the torso's radial velocity over time (E-34c). Shapes: line_hz (J,)."""
     from doppelgait.core.kernels.lines import follow_ridge, refined_ridge
 
     values, doppler_hz = np.ascontiguousarray(signature.values), signature.axis("doppler")

@@ -232,9 +232,7 @@ def plan_sound(prf_hz: float, pitch: float | None = None) -> tuple[float, int]:
 
 
 def write_wav(file: str | IO[bytes], rate_hz: int, samples: npt.NDArray[np.int16]) -> None:
-    """Write a WAV file with 16 bits per sample.
-    Shapes: samples (n, channels).
-    """
+    """Write a WAV file with 16 bits per sample. Shapes: samples (n, channels)."""
     with wave.open(file, "wb") as sound:
         sound.setnchannels(samples.shape[1])
         sound.setsampwidth(2)

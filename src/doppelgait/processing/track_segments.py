@@ -134,9 +134,7 @@ class _Filters:
         self.cost = np.zeros(n)
 
     def start(self, i: int, value: float, noise: float, range_m: float) -> None:
-        """Start a segment at sample i.
-        Its initial value is determined by the segment before.
-        """
+        """Start a segment at sample i. Its initial value is determined by the segment before."""
         new = self.count
         self.starts[new] = i
         self.mean[:2, new] = value
@@ -338,9 +336,7 @@ def find_track_segments(
 def _merge_similar(
     knots: list[int], times: FloatArray, ranges: FloatArray, settings: SegmentationSettings
 ) -> list[int]:
-    """Remove knots where the velocity hardly changes.
-    The smallest change is removed first.
-    """
+    """Remove knots where the velocity hardly changes. The smallest change is removed first."""
     fits = [_fit(times[low : high + 1], ranges[low : high + 1]) for low, high in pairwise(knots)]
     while len(fits) > 1:
         changes = [
@@ -424,9 +420,7 @@ def _make_segment(
 
 
 def _fit(times: FloatArray, ranges: FloatArray) -> _Fit:
-    """Fit a parabola to R^2 with weights 1 / R.
-    The fit to three ranges is a straight line.
-    """
+    """Fit a parabola to R^2 with weights 1 / R. The fit to three ranges is a straight line."""
     middle = (times[0] + times[-1]) / 2.0
     t = times - middle
     order = 3 if times.size > 3 else 2

@@ -13,7 +13,6 @@ import xarray as xr
 
 from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, label_axis, label_table, label_values, make_array
 from doppelgait.core.lazy import lazy_rows
-from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import Spline, check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.placement import PlacedScene, PlacedTarget, as_placed
@@ -178,15 +177,13 @@ def make_scatterers(placed: PlacedScene, times: FloatArray, rng: np.random.Gener
 
 def tabulate(placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]) -> xr.Dataset:
     """Observe scatterers at some times as a table."""
-    # it is the table of assemble with the wanted angles
     return _label(placed, bodies, times, _look(placed.scene, bodies, _fit_splines(bodies), times, wanted))
 
 
 def tabulate_later(
     placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]
 ) -> xr.Dataset:
-    """Observe scatterers as :func:`tabulate`, partly on demand."""
-    # ranges, velocities and angles are computed when they are read
+    """Observe scatterers as :func:`tabulate`; ranges, velocities and angles on demand."""
     count = sum(len(body.motion.markers) for body in bodies)
     alike = [replace(body, rcs_m2=np.ones(1), path_gain=np.ones(1)) for body in bodies]  # gains are not needed here
     look = _Look(placed.scene, alike, _fit_splines(bodies), times, tuple(wanted))
@@ -237,14 +234,10 @@ def _look(
 ) -> dict[str, FloatArray]:
     """Observe all scatterers together; return arrays by table variable."""
     seen = [_observe(body, spline, scene, times, wanted) for body, spline in zip(bodies, splines, strict=True)]
-    return (
-        seen[0]
-        if len(seen) == 1
-        else {
-            name: _join_tables([np.empty((times.size, 0)), *(table[name] for table in seen)])
-            for name in ("range", "radial_velocity", "rcs", "path_gain", *wanted)
-        }
-    )
+    if len(seen) == 1:
+        return seen[0]
+    names = ("range", "radial_velocity", "rcs", "path_gain", *wanted)
+    return {name: _join_tables([np.empty((times.size, 0)), *(table[name] for table in seen)]) for name in names}
 
 
 def _label(
@@ -281,10 +274,10 @@ def _observe(
 ) -> dict[str, FloatArray]:
     """Observe a target's scatterers; return arrays by table variable."""
     times = check_times(scatterers.motion, times)
-    range_m, approach_mps = _compute_ranges(spline, times, scene.radar_position_m)
+    range_m, approach_mps = compute_ranges(spline, times, scene.radar_position_m)
     gain = scatterers.path_gain
     if scene.receiver_position_m is not None:
-        back_m, back_mps = _compute_ranges(spline, times, scene.receiver_position_m)
+        back_m, back_mps = compute_ranges(spline, times, scene.receiver_position_m)
         gain = gain * compute_bistatic_spreading(range_m, back_m)
         range_m, approach_mps = (range_m + back_m) / 2.0, (approach_mps + back_mps) / 2.0
     values = {
@@ -333,17 +326,8 @@ def _make_scatterers(
     return replace(seen, path_gain=np.sqrt(there * back))
 
 
-def compute_ranges_and_velocities(
-    motion: Motion, time_s: npt.ArrayLike, radar_position_m: npt.ArrayLike
-) -> tuple[FloatArray, FloatArray]:
-    """Compute ranges and radial velocities of all points (E-03, E-04)."""
-    # both have the shape (I, P); the velocity is positive when approaching
-    return _compute_ranges(fit_spline(motion), check_times(motion, time_s), radar_position_m)
-
-
-def _compute_ranges(
-    spline: Spline, times: FloatArray, radar_position_m: npt.ArrayLike
-) -> tuple[FloatArray, FloatArray]:
+def compute_ranges(spline: Spline, times: FloatArray, radar_position_m: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Compute ranges and radial velocities of all points (E-03, E-04); both have the shape (I, P)."""
     from doppelgait.core.kernels import spline as kernel
 
     range_m = np.empty((times.size, spline.values.shape[1] // 3))
@@ -381,7 +365,7 @@ def compute_body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.Arra
             transmitter_position_m=scene.radar_position_m,
             receiver_position_m=scene.receiver_position_m,
         )
-    range_m, approach_mps = _compute_ranges(spline, times, scene.radar_position_m)
+    range_m, approach_mps = compute_ranges(spline, times, scene.radar_position_m)
     azimuth_rad, elevation_rad, aspect_rad = np.empty((3, times.size, 1))
     angles_of_sight(
         spline.values,

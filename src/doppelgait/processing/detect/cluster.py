@@ -102,9 +102,7 @@ class Shape:
 def measure_shapes(
     cells: Cells, power_v2: npt.NDArray[np.floating[Any]], floor_v2: FloatArray, *, box_quantile: float
 ) -> Shape:
-    """Measure centre, box and power of every cluster.
-    Shapes: power_v2 (J, K, N); floor_v2 (N,).
-    """
+    """Measure centre, box and power of every cluster. Shapes: power_v2 (J, K, N); floor_v2 (N,)."""
     n, (_, n_doppler, n_bins) = cells.n_clusters, power_v2.shape
     level = power_v2[cells.scan, cells.doppler, cells.range_bin].astype(np.float64)
     noise = floor_v2[cells.range_bin]
@@ -136,9 +134,7 @@ def measure_shapes(
 
 
 def _sum_profile(cluster: IntArray, place: IntArray, weight: FloatArray, n: int, size: int) -> FloatArray:
-    """Sum the power of every cluster along one axis.
-    The result has the shape (n, size).
-    """
+    """Sum the power of every cluster along one axis. The result has the shape (n, size)."""
     return _sum_weights(cluster * size + place, weight, n * size).reshape(n, size)
 
 

@@ -122,9 +122,7 @@ class Maps:
 
 
 def compute_maps(frames: Frames, settings: Detector, *, wavelength_m: float) -> Iterator[Maps]:
-    """Compute maps in blocks of about a minute.
-    Each block has its own noise map.
-    """
+    """Compute maps in blocks of about a minute. Each block has its own noise map."""
     prf_hz = frames.slow_time.rate_hz
     hop = max(1, round(settings.hop_s * prf_hz))
     analysis = Analysis(cpi_s=settings.cpi_s, hop=hop, window_steepness=settings.window_steepness)

@@ -15,9 +15,7 @@ MAX_EVENTS = 20_000
 
 
 class Associations(NamedTuple):
-    """Assignment and association weights of one scan.
-    Shapes: assigned (T,); weights (T, D + 1).
-    """
+    """Assignment and association weights of one scan. Shapes: assigned (T,); weights (T, D + 1)."""
 
     assigned: npt.NDArray[np.int64]
     weights: FloatArray
@@ -36,9 +34,7 @@ def associate(
     clutter_density: float,
     association: str = "auto",
 ) -> Associations:
-    """Assign the detections of one scan to tracks.
-    Shapes: log_likelihood (T, D).
-    """
+    """Assign the detections of one scan to tracks. Shapes: log_likelihood (T, D)."""
     tracks, detections = log_likelihood.shape
     assigned = np.full(tracks, -1, dtype=np.int64)
     weights = np.zeros((tracks, detections + 1))

@@ -125,9 +125,7 @@ def update(predicted: Gaussian, measured: Innovation) -> Gaussian:
 
 
 def merge_mixture(states: Sequence[Gaussian], weights: Sequence[float]) -> Gaussian:
-    """Reduce a mixture to one Gaussian with its mean and covariance.
-    The weights must sum to 1.
-    """
+    """Reduce a mixture to one Gaussian with its mean and covariance. The weights must sum to 1."""
     r = sum(w * s.range_m for w, s in zip(weights, states, strict=True))
     v = sum(w * s.velocity_mps for w, s in zip(weights, states, strict=True))
     rr = rv = vv = 0.0

@@ -176,9 +176,7 @@ class LiveTrack:
             self.last_sign_s = step.time_s
 
     def is_slow(self, settings: Tracker) -> bool:
-        """Return True if the body may rest.
-        The body was slow enough when last detected.
-        """
+        """Return True if the body may rest. The body was slow enough when last detected."""
         return abs(self.last_speed_mps) < settings.rest_speed_mps
 
 

@@ -43,9 +43,7 @@ SAME_M, SAME_S = 0.4, 0.5
 
 @dataclass(frozen=True)
 class Ridge:
-    """Second torso echo next to a track's own.
-    Shapes: own_m, other_m (T,); deep (T,).
-    """
+    """Second torso echo next to a track's own. Shapes: own_m, other_m (T,); deep (T,)."""
 
     own_m: FloatArray
     other_m: FloatArray
@@ -53,9 +51,7 @@ class Ridge:
 
 
 def sum_torso_profiles(clean: Frames, found: Track, *, wavelength_m: float, cpi_s: float) -> FloatArray:
-    """Compute the moving power along range around a track.
-    Shapes: returns (T, D).
-    """
+    """Compute the moving power along range around a track. Shapes: returns (T, D)."""
     times_s, range_m = clean.slow_time.time_s, clean.range_m
     prf_hz = clean.slow_time.rate_hz
     size = min(max(1, round(cpi_s * prf_hz)), times_s.size)
@@ -87,9 +83,7 @@ def profile_offsets_m() -> FloatArray:
 
 
 def find_ridge(profiles: FloatArray, found: Track, others: Sequence[Track]) -> Ridge:
-    """Find a second torso in a track.
-    Shapes: profiles (T, D).
-    """
+    """Find a second torso in a track. Shapes: profiles (T, D)."""
     from scipy.ndimage import median_filter
     from scipy.signal import find_peaks
 
@@ -181,9 +175,7 @@ def _find_longest_run(seen: npt.NDArray[np.bool_], least: int) -> tuple[int, int
 
 
 def _replace(tracks: list[Track], number: int, ridge: Ridge, run: tuple[int, int]) -> list[Track]:
-    """Replace one track by two.
-    One of them lasts as long as the original track.
-    """
+    """Replace one track by two. One of them lasts as long as the original track."""
     found, one = list(tracks), tracks[number]
     for echo in (1, 0):
         second = _move_to_echo(one, ridge, run, echo, whole=False)
