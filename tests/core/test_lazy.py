@@ -12,7 +12,7 @@ from doppelgait.core.labels import BASEBAND, make_array, replace_array_values
 from doppelgait.core.lazy import LONG_PULSES, lazy_rows, read_pulses
 from doppelgait.processing.clutter import remove_static_clutter
 from doppelgait.processing.common_phase import remove_common_phase
-from doppelgait.radar.recordings import read_recording, write_recording
+from doppelgait.radar.recordings import read_recording
 
 PRF_HZ, N_BINS = 500.0, 40
 
@@ -64,10 +64,13 @@ def test_common_phase_of_a_long_recording_is_that_of_the_whole(monkeypatch):
     np.testing.assert_allclose(tiled.values, expected, atol=2e-5)
 
 
-def test_a_long_recording_stays_in_its_file(tmp_path, monkeypatch):
+@pytest.fixture
+def recording(tmp_path):
     scene = dg.Scene(targets=[dg.Target(motion=dg.motion.generate("human", duration_s=2.0))])
-    recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=500.0), rng=dg.rng(1))
-    write_recording(recording, tmp_path / "a.h5")
+    return dg.simulate(scene, dg.Radar.preset("x4", prf_hz=500.0), rng=dg.rng(1), path=tmp_path / "a.h5")
+
+
+def test_a_long_recording_stays_in_its_file(tmp_path, monkeypatch, recording):
     with monkeypatch.context() as small:
         small.setattr("doppelgait.radar.recordings.STORED_BYTES", 0)
         found = read_recording(tmp_path / "a.h5")
@@ -85,10 +88,7 @@ def test_a_long_recording_stays_in_its_file(tmp_path, monkeypatch):
         found.samples.rows(0, 1)
 
 
-def test_changes_of_a_long_recording_stay_on_demand(tmp_path, monkeypatch):
-    scene = dg.Scene(targets=[dg.Target(motion=dg.motion.generate("human", duration_s=2.0))])
-    recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=500.0), rng=dg.rng(1))
-    write_recording(recording, tmp_path / "a.h5")
+def test_changes_of_a_long_recording_stay_on_demand(tmp_path, monkeypatch, recording):
     monkeypatch.setattr("doppelgait.radar.recordings.STORED_BYTES", 0)
     monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", 300)
     found = read_recording(tmp_path / "a.h5")

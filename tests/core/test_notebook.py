@@ -1,7 +1,5 @@
 """What a notebook shows of an object: a few lines, a table of facts, a picture."""
 
-from __future__ import annotations
-
 import base64
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Segments found by constant distances, against bodies whose segments are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

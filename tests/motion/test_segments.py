@@ -1,7 +1,5 @@
 """Straight stretches at constant velocity, in paths made in the test."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

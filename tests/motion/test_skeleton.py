@@ -1,7 +1,5 @@
 """Names of markers and the body parts they belong to."""
 
-from __future__ import annotations
-
 import pytest
 
 from doppelgait.motion.models.quadruped import PART_OF_POINT

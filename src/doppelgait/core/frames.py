@@ -201,21 +201,19 @@ class Frames:
         elif self.samples.in_memory or stop - first <= lazy.LONG_PULSES:
             samples = self.samples.take_pulses(first, stop)
         else:
-            shape = (stop - first, self.n_bins)
-            samples = Samples.stored(shape, partial(_read_part, self.samples, first, slice(None)))
+            part = partial(_read_part, self.samples, first, slice(None))
+            samples = Samples.stored((stop - first, self.n_bins), part)
         return replace(self, samples=samples, slow_time=self.slow_time[pulses])
 
     def take_bins(self, bins: slice) -> Self:
         """Return some range bins."""
         range_m = self.range_m[bins]
         if self.samples.in_memory:
-            samples = Samples(self.matrix[:, bins])
-        else:
-            shape = (self.n_pulses, range_m.size)
-            samples = Samples.stored(shape, partial(_read_part, self.samples, 0, bins))
+            return replace(self, samples=Samples(self.matrix[:, bins]), range_m=range_m)
+        samples = Samples.stored((self.n_pulses, range_m.size), partial(_read_part, self.samples, 0, bins))
         return replace(self, samples=samples, range_m=range_m)
 
 
 def _read_part(samples: Samples, first_pulse: int, bins: slice, first: int, stop: int) -> Matrix:
-    """Return some pulses of a part of stored samples; a function, so that recordings can be sent to processes."""
+    """Return some pulses of a part of stored samples; partials of it can be sent to processes."""
     return samples.rows(first_pulse + first, first_pulse + stop)[:, bins]

@@ -33,9 +33,6 @@ COORDINATE_UNITS = {
 """Unit of every numeric coordinate."""
 
 
-IndexVariable: Any = xr.IndexVariable  # its initialiser has no types
-
-
 @dataclass(frozen=True)
 class Schema:
     """Dimensions, units and coordinates of a labelled array."""
@@ -297,7 +294,8 @@ def label_axis(name: str, values: npt.ArrayLike) -> xr.Variable:
 def _copy_coordinate(coordinate: xr.Variable) -> xr.Variable:
     """Copy a coordinate, so that the original stays unchanged; an index is immutable."""
     if isinstance(coordinate, xr.IndexVariable):
-        return IndexVariable(coordinate.dims, coordinate._data, dict(coordinate.attrs), fastpath=True)
+        dims, attrs = coordinate.dims, dict(coordinate.attrs)
+        return xr.IndexVariable(dims, coordinate._data, attrs, fastpath=True)  # type: ignore[no-untyped-call]
     return label_values(coordinate.dims, np.array(coordinate.values), dict(coordinate.attrs))
 
 
@@ -310,7 +308,8 @@ def _label_coordinate(name: str, coordinate: Any) -> tuple[xr.Variable, PandasIn
     if dims not in (name, (name,)):
         return label_values(dims, values, facts), None
     index = pd.Index(np.asarray(values), name=name)
-    return IndexVariable(name, index, facts, fastpath=True), PandasIndex(index, name)
+    variable = xr.IndexVariable(name, index, facts, fastpath=True)  # type: ignore[no-untyped-call]
+    return variable, PandasIndex(index, name)
 
 
 def read_axis(array: xr.DataArray | xr.Dataset, name: str) -> npt.NDArray[Any]:

@@ -56,9 +56,7 @@ WHITE: Factor = np.ones(1, dtype=np.float32)
 
 
 class Noise(NamedTuple):
-    """Pending receiver noise: key, rms in V and factor over range.
-    The noise depends only on key, pulse and sample.
-    """
+    """Pending receiver noise, which depends only on key, pulse and sample."""
 
     key: np.uint64
     rms_v: float
@@ -139,8 +137,7 @@ class Samples:
     @classmethod
     def join(cls, tiles: Iterable[Samples], shape: tuple[int, int]) -> Samples:
         """Join tiles of pulses, one or more, in the layout that they have."""
-        matrix = planes = None
-        first = 0
+        matrix, planes, first = None, None, 0
         for tile in tiles:
             pulses = slice(first, first + tile.shape[0])
             if tile._planes is None:
