@@ -32,8 +32,6 @@ from doppelgait.processing import Analysis
 from doppelgait.processing.patches import levels_of
 from doppelgait.radar import Recording, read_recording
 
-Columns = tuple[dict[str, Any], xr.DataArray]
-
 
 @dataclass(frozen=True)
 class Decision:

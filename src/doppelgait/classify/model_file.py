@@ -241,8 +241,7 @@ def _check_model(model: Model) -> None:
     if wrong:
         raise ValueError(
             f"uses the feature {wrong[0]!r}, which no analysis measures; allowed are the six features, "
-            "gait_frequency_hz "
-            "and the registered extended features"
+            "gait_frequency_hz and the registered extended features"
         )
     if model.novelty is not None:
         columns = _check_columns(model.novelty, n_features)

@@ -266,10 +266,9 @@ ADAPTATION_TEXT = (
     "the classes are as frequent as each other among them. A saved model is adapted to all of them.</p>"
 )
 UNKNOWN_TEXT = (
-    "<h2>Kinds outside the training data</h2>"
-    "<p>Kinds outside the training data, for which no class is correct: how well the distance from these data, and the "
-    "lack of certainty, separate them from the tested rows (area under the ROC curve, 0.5: not at all), and the "
-    "share with a decision for a class.</p>"
+    "<h2>Kinds outside the training data</h2><p>Kinds outside the training data, for which no class is correct: how "
+    "well the distance from these data, and the lack of certainty, separate them from the tested rows (area under the "
+    "ROC curve, 0.5: not at all), and the share with a decision for a class.</p>"
 )
 ALARM_TEXT = (
     "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 % of its class: by "

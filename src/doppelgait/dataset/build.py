@@ -23,7 +23,7 @@ from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.core.files import hash_file
 from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
-from doppelgait.dataset.config import PlanConfig, Progress, list_differences
+from doppelgait.dataset.config import PlanConfig, Progress, list_differences, list_some
 from doppelgait.dataset.executors import check_executor, run_shards
 from doppelgait.dataset.finish import (
     DATA_VERSION,
@@ -41,7 +41,7 @@ from doppelgait.dataset.lock import PATTERN, Part, build_lock, list_running_buil
 from doppelgait.dataset.plan import Plan, Shard, plan_dataset, sample_examples
 from doppelgait.dataset.shard import BuildContext, build_shard
 
-__all__ = ["BuildReport", "build_dataset", "make_index", "read_finished_record"]
+__all__ = ["BuildReport", "build_dataset", "make_index"]
 
 
 CHECKED_EXAMPLES = 200
@@ -232,24 +232,21 @@ def _refuse_foreign(job: _Job) -> None:
             raise DatasetError(f"{description}: is damaged: {error}; delete the folder or choose another") from None
         if (schema := found.get("schema_version")) != SCHEMA_VERSION:
             raise DatasetError(
-                f"{job.target}: has schema version {schema}, this doppelgait writes {SCHEMA_VERSION}; "
-                "continue with the "
-                "doppelgait that started it, or build the dataset again in another folder"
+                f"{job.target}: has schema version {schema}, this doppelgait writes {SCHEMA_VERSION}; continue with "
+                "the doppelgait that started it, or build the dataset again in another folder"
             )
         if stated == job.identity:
             return
         if (version := found.get("data_version")) != DATA_VERSION:
             raise DatasetError(
-                f"{job.target}: was made with data version {version}, this doppelgait has {DATA_VERSION} "
-                "and makes other "
-                "bytes; build the dataset again in another folder: doppelgait dataset build PLAN -o FOLDER"
+                f"{job.target}: was made with data version {version}, this doppelgait has {DATA_VERSION} and makes "
+                "other bytes; build the dataset again in another folder: doppelgait dataset build PLAN -o FOLDER"
             )
         changes = list(list_differences(config, job.plan.config.model_dump(mode="json")))
-        shown = "; ".join(changes[:6]) + (f"; and {len(changes) - 6} more" if len(changes) > 6 else "")
         raise DatasetError(
             f"{job.target}: contains dataset {stated} of another configuration "
-            f"({shown or 'other motion files or plug-ins'}); build into another folder, or delete this "
-            "one"
+            f"({list_some(changes, 6, '; ') or 'other motion files or plug-ins'}); build into another folder, or "
+            "delete this one"
         )
     elif job.target.is_dir() and any(not (p.match("*.partial") or p.match(PATTERN)) for p in job.target.iterdir()):
         raise DatasetError(f"{job.target}: is not empty and contains no dataset; choose another folder")
@@ -261,8 +258,8 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
     _refuse_foreign(job)  # check again, now that no other build can write
     missing = []
     for shard in job.own:
-        record = read_finished_record(job.target, shard, job.identity)
-        if record is None:
+        record = _read_complete_record(job.target, shard, job.identity)
+        if record is None or record["failures"]:
             missing.append(shard)
         else:
             tally.reused += len(shard.examples)
@@ -315,12 +312,6 @@ def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int])
             "what was built so far is kept"
         ) from None
     return {"failed": len(record["failures"]), "bytes": record["bytes"]}
-
-
-def read_finished_record(target: Path, shard: Shard, identity: str) -> dict[str, Any] | None:
-    """Return the record of a complete shard without failures, else None."""
-    record = _read_complete_record(target, shard, identity)
-    return None if record is None or record["failures"] else record
 
 
 def _read_complete_record(target: Path, shard: Shard, identity: str) -> dict[str, Any] | None:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from doppelgait import __version__
-from doppelgait.dataset.config import ImportConfig, PlanConfig
+from doppelgait.dataset.config import ImportConfig, PlanConfig, list_some
 from doppelgait.dataset.feasibility import LIMITS, format_limit_keys, limits_of_index
 from doppelgait.features import FEATURE_UNITS
 
@@ -153,9 +153,8 @@ def format_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
         subjects.append("A model's parameter draw is its own subject.")
     if len(recorded) and recorded["subject"].str.startswith("file/").any():
         subjects.append(
-            "A motion file without an entry `subject` in `[[sources]]` is one subject, even if several "
-            "people move in it: two "
-            "recordings of the same person or animal may be in different splits."
+            "A motion file without an entry `subject` in `[[sources]]` is one subject, even if several people move in "
+            "it: two recordings of the same person or animal may be in different splits."
         )
     kinds = [] if index.empty else sorted(set(index["motion_kind"]) - {"file"})
     law = "total sampled from the same assumed distribution for every class"
@@ -297,9 +296,8 @@ def import_card(
     gates = []
     if tracked:
         gates.append(
-            f"{tracked} rows: targets were detected and tracked; the label was assigned to the track with "
-            "the longest duration "
-            "weighted by confidence, and features are those of its longest steady segment. "
+            f"{tracked} rows: targets were detected and tracked; the label was assigned to the track with the longest "
+            "duration weighted by confidence, and features are those of its longest steady segment. "
             f"{int((index['n_tracks'] > 1).sum())} rows have further tracks (`n_tracks`), which are not in this "
             "dataset."
         )
@@ -308,13 +306,12 @@ def import_card(
     windows = "Each row is one recording, or the part of it that its line names."
     if config.window_s is not None:
         windows = (
-            f"Recordings were split into windows of {config.window_s:g} s, one every {config.step_s:g} s, "
-            "each analysed "
-            "separately; windows of one recording share `scene_id`."
+            f"Recordings were split into windows of {config.window_s:g} s, one every {config.step_s:g} s, each "
+            "analysed separately; windows of one recording share `scene_id`."
         )
     kinds = (index["carrier_hz"] / 1e9).map("{:g} GHz".format) + index["prf_hz"].map(" at {:.4g} Hz".format)
     radars = [f"{kind} ({count} rows)" for kind, count in kinds.value_counts(sort=False).items()]
-    shown = ", ".join(radars[:8]) + (f" and {len(radars) - 8} more" if len(radars) > 8 else "")
+    shown = list_some(radars, 8)
     making = IMPORTED_MAKING.format(sources="\n".join(sources), gate="\n".join(gates), windows=windows)
     return _fill(
         index,

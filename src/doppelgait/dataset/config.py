@@ -33,6 +33,12 @@ def shorten(value: Any) -> str:
     return f"{text[: SHOWN_LENGTH - _TAIL - 3]}...{text[-_TAIL:]}"
 
 
+def list_some(names: Sequence[Any], shown: int = 5, joint: str = ", ") -> str:
+    """List the first few of many names, and count the others."""
+    listed = joint.join(map(str, names[:shown]))
+    return f"{listed}{joint.rstrip(', ')} and {len(names) - shown} more" if len(names) > shown else listed
+
+
 def list_differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
     """Yield dotted keys with differing values, ``key: old -> new``."""
     if isinstance(old, dict) and isinstance(new, dict):
@@ -64,9 +70,8 @@ LEAKS = (
 )
 """Keys that a plan can name in ``dataset.leaks``."""
 AUTO_PRF_REFUSED = (
-    "radar.prf_hz = 'auto' is not allowed in a dataset: it reveals the speed to every feature; a plan that "
-    "reproduces a "
-    "published dataset must list it in dataset.leaks"
+    "radar.prf_hz = 'auto' is not allowed in a dataset: it reveals the speed to every feature; a plan that reproduces "
+    "a published dataset must list it in dataset.leaks"
 )
 ORACLE_REFUSED = (
     "analysis.method = 'liland2018' is not allowed in a dataset: its gate uses the class for the range span and the "

@@ -19,7 +19,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import DatasetError, OutputError
 from doppelgait.core.plugins import Group
 from doppelgait.dataset.card import list_blocked_recordings
-from doppelgait.dataset.config import SPLITS, Progress
+from doppelgait.dataset.config import SPLITS, Progress, list_some
 from doppelgait.dataset.lock import write_new_folder
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.shard_files import name_axis
@@ -141,10 +141,9 @@ def refuse_unreleasable(dataset: Dataset) -> None:
     whole = pd.read_parquet(dataset.directory / "index.parquet")
     names = list_blocked_recordings(whole[whole["scene_id"].isin(dataset.index["scene_id"])])
     if names:
-        more = f" and {len(names) - SHOWN_FILES} more" if len(names) > SHOWN_FILES else ""
         raise DatasetError(
             f"{dataset.directory}: cannot be released, because recordings have a non-commercial or unknown licence: "
-            f"{', '.join(names[:SHOWN_FILES])}{more}; state their licences under [[sources]], or leave them out"
+            f"{list_some(names, SHOWN_FILES)}; state their licences under [[sources]], or leave them out"
         )
 
 

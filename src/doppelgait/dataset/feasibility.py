@@ -75,7 +75,8 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
     for number, (row, track) in enumerate(zip(example.rows, tracks, strict=True)):
         range_m = track.range_m + example.gate_error_m
         cut = gate == "truth" and _leaves_frame(range_m, slow_time_s, radar, analysis)
-        lost = radar.waveform.ranged and not _is_ever_inside(track.range_m, radar)
+        inside = (track.range_m >= radar.range_start_m) & (track.range_m <= radar.range_stop_m)
+        lost = radar.waveform.ranged and not inside.any()
         own = {"outside the frame": lost, "gate cut off": cut}
         limits = tuple(name for name in LIMITS if name in found or own.get(name))
         snr_db = math.nan
@@ -85,10 +86,6 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
             snr_db = _expected_snr_db(table, number, radar)
         rows.append(RowLimits(row.id, row.label, limits, float(track.range_m.mean()), snr_db))
     return rows
-
-
-def _is_ever_inside(range_m: npt.NDArray[np.float64], radar: Radar) -> bool:
-    return bool(((range_m >= radar.range_start_m) & (range_m <= radar.range_stop_m)).any())
 
 
 def _leaves_frame(

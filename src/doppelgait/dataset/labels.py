@@ -19,7 +19,7 @@ from typing import Any
 from doppelgait.core.config import apply_overrides
 from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.files import hash_file
-from doppelgait.dataset.config import SPLITS, parse_gate
+from doppelgait.dataset.config import SPLITS, list_some, parse_gate
 from doppelgait.pipeline.pictures import SETTINGS_NAME, SUFFIXES, find_settings_file, is_picture
 from doppelgait.processing.gate import GateChoice
 from doppelgait.radar.readers.dca1000 import find_config
@@ -262,8 +262,7 @@ def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "tra
             faults.append(f"line {line}, {error}")
     faults += islice(_find_conflicts(entries), MOST_CONFLICTS)
     if faults:
-        more = f"; and {len(faults) - SHOWN_FAULTS} more" if len(faults) > SHOWN_FAULTS else ""
-        raise ConfigError(f"{table.name}: " + "; ".join(faults[:SHOWN_FAULTS]) + more)
+        raise ConfigError(f"{table.name}: {list_some(faults, SHOWN_FAULTS, '; ')}")
     first: dict[str, int] = {}
     for entry in entries:
         first.setdefault(entry.label, entry.line)

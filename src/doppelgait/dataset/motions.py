@@ -166,9 +166,8 @@ def refuse_copies(paths: Iterable[str], folder: Path, sources: Sequence[SourceSe
             {"kind": "file", "path": path}, "", sources
         ):
             raise ConfigError(
-                f"motion files {first!r} and {path!r} have the same content; leave one out, or assign both "
-                "to one subject in "
-                "[[sources]]"
+                f"motion files {first!r} and {path!r} have the same content; leave one out, or assign both to one "
+                "subject in [[sources]]"
             )
 
 

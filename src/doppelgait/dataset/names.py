@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from doppelgait.core.errors import ConfigError, warn_caller
+from doppelgait.dataset.config import list_some
 from doppelgait.dataset.labels import LABEL, LabelEntry, read_labels
 from doppelgait.processing.gate import GateChoice
 
@@ -77,12 +78,14 @@ def read_names(folder: str | Path, names: str, *, gate: GateChoice = "track") ->
             ", ".join(f"{code} ({label})" for code, label in form.labels.items())
             or "letters, digits, spaces, _ . and -; rename it, or write a file of labels"
         )
-        raise ConfigError(f"{source}: {_list_some(unknown)}: is no label; allowed are {allowed}")
+        raise ConfigError(f"{source}: {list_some(unknown, SHOWN)}: is no label; allowed are {allowed}")
     if not entries:
         seen = f"{len(unfit)} files end in {suffix!r}, the first is {unfit[0]}" if unfit else f"none ends in {suffix!r}"
         raise ConfigError(f"{source}: no file fits {form.template}: {seen}")
     if unfit:
-        warn_caller(f"{source}: {len(unfit)} files do not fit {form.template} and are left out: {_list_some(unfit)}")
+        warn_caller(
+            f"{source}: {len(unfit)} files do not fit {form.template} and are left out: {list_some(unfit, SHOWN)}"
+        )
     return entries
 
 
@@ -143,8 +146,3 @@ def _compile(names: str, template: str) -> re.Pattern[str]:
         text += f"(?P<{match[1]}>[^/]+?)" if match[1] else "(?:.*/)?" if match[2] else "[^/]*"
         end = match.end()
     return re.compile(text + re.escape(template[end:]))
-
-
-def _list_some(texts: Sequence[str]) -> str:
-    more = f" and {len(texts) - SHOWN} more" if len(texts) > SHOWN else ""
-    return ", ".join(texts[:SHOWN]) + more

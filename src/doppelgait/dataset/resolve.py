@@ -170,11 +170,13 @@ def _run_spec(
             raise ConfigError(f"background.{place}: {shorten(target)} is not allowed: needs motion = {{ kind = ... }}")
         if target["motion"].get("kind") == "file":
             raise ConfigError(f"background.{place}.motion: a recording is not allowed here, it would have no subject")
+    noise = draw(plan.noise, "noise")
     table = {
         **scene,
         "targets": [first, *targets[1:], *({**target, "background": True} for target in background)],
-        "radar": draw(load_radar_files(plan.radar), "radar"),
-        "noise": _resolve_noise(plan, draw),
+        # sampling leaves a stored radar file unchanged: it has its own random streams
+        "radar": draw(replace_radar_files(plan.radar, lambda named: named), "radar"),
+        "noise": {k: value for k, value in noise.items() if k != "snr_db" or noise.get("kind") == "snr"},
         **{key: _sample_list(plan, draw, key) for key in FITTED_KEYS if getattr(plan, key) is not None},
         "analysis": draw(plan.analysis, "analysis"),
         "seed": plan.dataset.seed,
@@ -199,12 +201,6 @@ def _run_spec(
     if run.analysis.method == "liland2018":
         raise ConfigError(ORACLE_REFUSED)
     return run
-
-
-def _resolve_noise(plan: PlanConfig, draw: Draw) -> dict[str, Any]:
-    """Sample the receiver noise of an example; kind ``snr`` alone uses ``snr_db``."""
-    noise: dict[str, Any] = draw(plan.noise, "noise")
-    return {key: value for key, value in noise.items() if key != "snr_db" or noise.get("kind") == "snr"}
 
 
 def _sample_list(plan: PlanConfig, draw: Draw, key: str) -> list[Any]:
@@ -236,12 +232,6 @@ def list_radar_files(radar: Mapping[str, Any]) -> list[str | RadarFile]:
     found: list[str | RadarFile] = []
     replace_radar_files(radar, found.append)
     return found
-
-
-def load_radar_files(radar: Mapping[str, Any]) -> Any:
-    """Make an object of each stored radar file."""
-    # sampling leaves such an object unchanged: a radar file has its own random streams
-    return replace_radar_files(radar, lambda named: named)
 
 
 def replace_radar_files(value: Any, change: Callable[[Any], Any], *, in_preset: bool = False) -> Any:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
-from doppelgait.dataset.config import SPLITS, DatasetSection, ImportConfig
+from doppelgait.dataset.config import SPLITS, DatasetSection, ImportConfig, list_some
 from doppelgait.dataset.labels import LabelEntry
 from doppelgait.dataset.motions import BOTH, list_recording_paths
 
@@ -79,14 +79,14 @@ def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]])
             found = [n for n in names if fnmatchcase(n.partition("/")[2], pattern) or fnmatchcase(n, pattern)]
             if not found:
                 raise DatasetError(
-                    f"dataset.split.subjects.{split}: {pattern!r} fits no subject; {_list_some('there are', names)}"
+                    f"dataset.split.subjects.{split}: {pattern!r} fits no subject; there are "
+                    f"{list_some(names, SHOWN_NAMES)}"
                 )
             torn = [name for name in found if named.get(name, split) != split]
             if torn:
                 raise DatasetError(
-                    f"dataset.split.subjects: {_list_some('in two splits', torn)}: {named[torn[0]]} and {split}; a "
-                    f"subject "
-                    "can be in one only"
+                    f"dataset.split.subjects: in two splits {list_some(torn, SHOWN_NAMES)}: {named[torn[0]]} and "
+                    f"{split}; a subject can be in one only"
                 )
             named |= dict.fromkeys(found, split)
     splits |= named
@@ -129,11 +129,6 @@ def _split_by_share(dataset: DatasetSection, names: Sequence[str]) -> dict[str, 
         splits.update(dict.fromkeys(ranked[done:end], split))
         done = end
     return splits
-
-
-def _list_some(text: str, names: Sequence[str]) -> str:
-    more = f" and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
-    return f"{text} {', '.join(names[:SHOWN_NAMES])}{more}"
 
 
 class PlannedEntry(NamedTuple):

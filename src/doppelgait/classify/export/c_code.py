@@ -47,11 +47,14 @@ class Sources:
     def facts(self) -> dict[str, Any]:
         """Return table flash and RAM in bytes, and work."""
         found: dict[str, Any] = {"flash_table_bytes": self.flash_bytes, "ram_bytes": 0}
-        if self.device is not None:
-            found["window_bytes"] = self._window_bytes(self.device)
-            found["buffer_bytes"] = self._buffer_bytes(self.device)
+        device = self.device
+        if device is not None:
+            ring = device.bins * (2 * device.taper.size + 7)
+            levels = device.n_columns * device.patch.n_velocity
+            found["window_bytes"] = 4 * (ring + device.n_doppler + levels + 4)
+            found["buffer_bytes"] = self._buffer_bytes(device)
             found["ram_bytes"] = found["window_bytes"] + found["buffer_bytes"]
-            work = count_work(self.device, self.networks)
+            work = count_work(device, self.networks)
             found |= {f"multiply_adds_{name}": round(value) for name, value in work.items()}
         return found
 
@@ -62,10 +65,6 @@ class Sources:
             size //= 4
             sizes.append(max(size * network.kernels[number].shape[0] for network in self.networks))
         return max(sizes[0::2]), max(sizes[1::2])
-
-    def _window_bytes(self, device: Device) -> int:
-        ring = device.bins * (2 * device.taper.size + 7)
-        return 4 * (ring + device.n_doppler + device.n_columns * device.patch.n_velocity + 4)
 
     def _buffer_bytes(self, device: Device) -> int:
         layers = sum(self._count_layer_values(device)) * (1 if self.integers else 4)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +14,7 @@ import pandas as pd
 from doppelgait.core.config import validate
 from doppelgait.core.errors import DatasetError, DoppelgaitError
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.finish import DATA_VERSION, SCHEMA_VERSION, list_shard_names
+from doppelgait.dataset.finish import DATA_VERSION, SCHEMA_VERSION
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.plan import Plan, plan_dataset
 from doppelgait.dataset.resolve import ExampleSpec
@@ -22,8 +22,6 @@ from doppelgait.dataset.shard_files import ShardFiles
 from doppelgait.dataset.status import read_description
 
 Status = Literal["passed", "warning", "failed", "skipped", "not applicable"]
-
-SHOWN_NAMES = 5
 
 
 @dataclass(frozen=True)
@@ -87,12 +85,6 @@ class Verification:
         figures = [str(path) for path in self.figures]
         outcome = {"figures": figures, "passed": self.passed, "verdict": self.verdict}
         return {**asdict(self), "directory": str(self.directory), **outcome}
-
-
-def list_some(names: Sequence[str]) -> str:
-    """List the first few of many names."""
-    more = f" and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
-    return f"{', '.join(map(str, names[:SHOWN_NAMES]))}{more}"
 
 
 MAX_EXAMPLES = 2000
@@ -163,11 +155,6 @@ def read_known_description(directory: Path) -> dict[str, Any]:
     if missing:
         raise DatasetError(f"{directory / 'dataset.json'}: is damaged: {', '.join(missing)} missing")
     return description
-
-
-def list_planned_shards(description: Mapping[str, Any]) -> list[str]:
-    """List the shards that the dataset should have."""
-    return list_shard_names(description["shards"])
 
 
 def read_plan(description: Mapping[str, Any], folder: Path) -> tuple[Plan | None, str]:

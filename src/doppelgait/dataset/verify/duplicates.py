@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.dataset.config import SPLITS
+from doppelgait.dataset.config import SPLITS, list_some
 from doppelgait.dataset.shard_files import decode
 from doppelgait.dataset.splits import list_names
-from doppelgait.dataset.verify.contents import Check, Contents, list_some
+from doppelgait.dataset.verify.contents import Check, Contents
 from doppelgait.features import FEATURE_UNITS
 
 Float32Array = npt.NDArray[np.float32]

@@ -16,11 +16,11 @@ from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.files import hash_file
 from doppelgait.core.own_hdf5 import get_own_member, open_hdf5
-from doppelgait.dataset.config import SPLITS, PlanConfig
+from doppelgait.dataset.config import SPLITS, PlanConfig, list_some
 from doppelgait.dataset.finish import LOG, SUMS, compute_dataset_id, count_shards, format_checksums
 from doppelgait.dataset.lock import list_running_builds
 from doppelgait.dataset.shard_files import INDEX_NAMES, ShardFiles, describe_fields, hash_contents
-from doppelgait.dataset.verify.contents import Check, Contents, convert_to_plain, list_some
+from doppelgait.dataset.verify.contents import Check, Contents, convert_to_plain
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,11 @@ import numpy as np
 import pandas as pd
 
 from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.dataset.config import list_some
 from doppelgait.dataset.plan import PlannedExample
 from doppelgait.dataset.shard import BuildContext, build_planned
 from doppelgait.dataset.shard_files import INDEX_NAMES, Arrays, decode
-from doppelgait.dataset.verify.contents import Check, Contents, list_some
+from doppelgait.dataset.verify.contents import Check, Contents
 from doppelgait.dataset.verify.truth import SNR_TOLERANCE_DB
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import run_simulation

@@ -14,14 +14,13 @@ import xarray as xr
 
 from doppelgait.core.errors import ConfigError, OutputError
 from doppelgait.dataset.config import Progress
-from doppelgait.dataset.finish import make_index, read_records
+from doppelgait.dataset.finish import list_shard_names, make_index, read_records
 from doppelgait.dataset.open import check_index as check_index_columns
 from doppelgait.dataset.open import read_index
 from doppelgait.dataset.verify.contents import (
     Check,
     Contents,
     Verification,
-    list_planned_shards,
     read_known_description,
     read_plan,
 )
@@ -179,7 +178,7 @@ def verify_dataset(
         raise ConfigError(f"share = {share}: is not allowed; must be from 0 to 1")
     began, target = time.monotonic(), Path(directory)
     description = read_known_description(target)
-    steps = _Steps(2 * len(list_planned_shards(description)), on_progress)
+    steps = _Steps(2 * len(list_shard_names(description["shards"])), on_progress)
     contents, checks, n_missing = _open(target, description, folder or Path.cwd(), steps)
     try:
         for check in _run_checks(contents, n_missing, share, rng, steps):
@@ -211,7 +210,7 @@ def _open(
         except Exception as error:  # Arrow raises various errors for damaged files
             index = None
             reason = f"index.parquet cannot be read: {' '.join(str(error).split())}"
-    names = list_planned_shards(description)
+    names = list_shard_names(description["shards"])
     findings = look_at_shards(target, str(description["id"]), names, index, tick)
     complete = bool(description.get("complete"))
     if index is None and complete and not reason:
