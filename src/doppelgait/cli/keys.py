@@ -29,11 +29,27 @@ def keys(
 
     Example: doppelgait keys radar --json
     """
+    from doppelgait.cli.topics import TOPICS, models_of
     from doppelgait.core.keys import Key, summary_of
     from doppelgait.core.keys import list_keys as list_all
 
     if topic is None:
-        _print_topics(as_json=as_json)
+        rows = [
+            {
+                "topic": name,
+                "what": title,  # of a heading such as 'motion, kind = "human"' the name alone
+                "tables": ", ".join(
+                    heading.partition('kind = "')[2].rstrip('"') or heading for heading, _ in models_of(name)
+                ),
+            }
+            for name, title in TOPICS.items()
+        ]
+        rows += [
+            {"topic": name, "what": "plug-ins: GROUP.NAME", "tables": ", ".join(members)}
+            for name, members in _groups().items()
+            if name not in TOPICS
+        ]
+        print_json(rows) if as_json else print_table(rows)
         return
     found, only = _find(topic)
 
@@ -57,29 +73,6 @@ def keys(
 
 DEFAULTS = {"": "", "required": "required", "its defaults": "optional"}
 """Texts for people of the defaults that are no values."""
-
-
-def _print_topics(*, as_json: bool) -> None:
-    from doppelgait.cli.topics import TOPICS, models_of
-
-    rows = [
-        {"topic": name, "what": title, "tables": ", ".join(_short(heading) for heading, _ in models_of(name))}
-        for name, title in TOPICS.items()
-    ]
-    rows += [
-        {"topic": name, "what": "plug-ins: GROUP.NAME", "tables": ", ".join(members)}
-        for name, members in _groups().items()
-        if name not in TOPICS
-    ]
-    if as_json:
-        print_json(rows)
-    else:
-        print_table(rows)
-
-
-def _short(heading: str) -> str:
-    """Return ``human`` for ``motion, kind = "human"``."""
-    return heading.partition('kind = "')[2].rstrip('"') or heading
 
 
 def _groups() -> dict[str, list[str]]:

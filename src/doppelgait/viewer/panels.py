@@ -26,22 +26,7 @@ from doppelgait.processing.gate import GateChoice
 from doppelgait.processing.signature import plan_for
 from doppelgait.processing.sound import Channels, explain_silence, make_doppler_sound, write_wav
 from doppelgait.radar.recording import Recording, TargetTruth
-from doppelgait.viewer.payload import (
-    DEEPEST_DB,
-    MOST,
-    average_axis,
-    describe_axis,
-    describe_doppler,
-    doppler_picture,
-    encode,
-    encode_image,
-    find_block_maxima,
-    find_block_size,
-    level_db,
-    pack,
-    shown_range_db,
-    signature_picture,
-)
+from doppelgait.viewer import payload
 from doppelgait.viewer.run import Run, TargetView, clutter_key
 from doppelgait.viewer.settings import Changes, parse_number, parse_whole
 
@@ -66,16 +51,16 @@ def make_recording_payload(run: Run, gate: GateChoice | None, *, changes: Change
     if recording is None:
         known = {"name": run.name, "kind": run.kind, "facts": [], "notes": run.notes, "reason": run.reason}
         empty = dict.fromkeys(("duration_s", "start_s", "prf_hz", "wavelength_m", "range_time", "scene"))
-        return pack({**known, **empty, "bodies": [], "truth": [], "no_sound": run.reason}, {})
+        return payload.pack({**known, **empty, "bodies": [], "truth": [], "no_sound": run.reason}, {})
     clean = run.clean_frames(gate, changes)
     times_s, range_m, range_time = clean.slow_time.time_s, clean.range_m, None
     arrays: Arrays = {}
     if range_m.size > 1:
-        range_time, arrays["range_time"] = encode_image(
+        range_time, arrays["range_time"] = payload.encode_image(
             "range_time",
             _make_power(clean),
-            describe_axis("time", "s", times_s),
-            describe_axis("range", "m", range_m),
+            payload.describe_axis("time", "s", times_s),
+            payload.describe_axis("range", "m", range_m),
             unit="dB re 1 V",
         )
     facts: dict[str, Any] = {
@@ -106,7 +91,7 @@ def make_recording_payload(run: Run, gate: GateChoice | None, *, changes: Change
         ],
         "truth": [_describe_truth(number, truth, recording, arrays) for number, truth in enumerate(recording.truth)],
     }
-    return pack(facts, arrays)
+    return payload.pack(facts, arrays)
 
 
 def _make_power(clean: Frames) -> xr.DataArray:
@@ -152,7 +137,7 @@ def _describe_body(number: int, truth: TargetTruth, arrays: Arrays) -> dict[str,
     return {
         "label": truth.label,
         "target": number,
-        "time": describe_axis("time", "s", read_axis(truth.body, "time")),
+        "time": payload.describe_axis("time", "s", read_axis(truth.body, "time")),
         "points": points,
         "parts": [find_part_group(str(part)) for part in read_axis(truth.body, "part")],
         "bones": bones,
@@ -162,7 +147,7 @@ def _describe_body(number: int, truth: TargetTruth, arrays: Arrays) -> dict[str,
 def _describe_truth(number: int, truth: TargetTruth, recording: Recording, arrays: Arrays) -> dict[str, Any]:
     times_s = read_axis(truth.scatterers, "slow_time")
     step = max(1, -(-times_s.size // MOST_LINE_POINTS))
-    time = describe_axis("time", "s", times_s[::step])
+    time = payload.describe_axis("time", "s", times_s[::step])
     groups, lines_hz = part_lines_hz(truth, recording.radar.wavelength_m, step)
     range_name, doppler_name = f"truth_{number}_range", f"truth_{number}_doppler"
     arrays[range_name] = truth.centre_range_m[::step].astype(np.float32)
@@ -218,7 +203,7 @@ def make_range_doppler_payload(
     """Make the payload of ``api/range-doppler``."""
     reason = explain_missing_maps(run)
     if reason is not None:
-        return pack({"frames": None, "reason": reason}, {})
+        return payload.pack({"frames": None, "reason": reason}, {})
     clean = run.clean_frames(gate, changes)
     analysis = make_frame_analysis(clean.slow_time, run.analysis(gate, changes))
     wavelength_m = run.require_recording().radar.wavelength_m
@@ -230,19 +215,19 @@ def make_range_doppler_payload(
         raise ConfigError(f"from: {start} is not allowed; this recording has frames 0 to {frames.columns.size - 1}")
     wanted = frames.columns[start : start + count]
     cube = _compute_cube(clean, analysis, wavelength_m, wanted)
-    levels = level_db(cube.transpose("time", "range", "doppler").values)
+    levels = payload.level_db(cube.transpose("time", "range", "doppler").values)
     doppler_hz = read_axis(cube, "doppler")
-    ranges = describe_axis("range", "m", read_axis(cube, "range"))
-    rows = describe_doppler(doppler_hz, float(2.0 * read_axis(cube, "velocity")[0] / doppler_hz[0]))
+    ranges = payload.describe_axis("range", "m", read_axis(cube, "range"))
+    rows = payload.describe_doppler(doppler_hz, float(2.0 * read_axis(cube, "velocity")[0] / doppler_hz[0]))
     # The resolution of a screen is enough: the strongest cell of every block.
-    blocks = [find_block_size(size, most) for size, most in zip(levels.shape[1:], MOST_PARTS, strict=True)]
-    levels = find_block_maxima(levels, 1, *blocks)
-    ranges, rows = (average_axis(facts, block) for facts, block in zip((ranges, rows), blocks, strict=True))
+    blocks = [payload.find_block_size(size, most) for size, most in zip(levels.shape[1:], MOST_PARTS, strict=True)]
+    levels = payload.find_block_maxima(levels, 1, *blocks)
+    ranges, rows = (payload.average_axis(facts, block) for facts, block in zip((ranges, rows), blocks, strict=True))
     slow_time = clean.slow_time
     centres = plan_for(slow_time, analysis).compute_centre_pulses()[frames.columns]
     times_s = slow_time.start_s + centres / slow_time.rate_hz
     header = {
-        "time": describe_axis("time", "s", times_s),
+        "time": payload.describe_axis("time", "s", times_s),
         "from": start,
         "count": int(wanted.size),
         "range": ranges,
@@ -255,7 +240,7 @@ def make_range_doppler_payload(
         "frames": "frames",
         "reason": None,
     }
-    return pack(header, {"frames": encode(levels, *frames.db)})
+    return payload.pack(header, {"frames": payload.encode(levels, *frames.db)})
 
 
 def explain_missing_maps(run: Run) -> str | None:
@@ -291,13 +276,13 @@ def plan_frames(clean: Frames, analysis: Analysis, wavelength_m: float, stronges
     step = math.ceil(transform.n_columns / MOST_FRAMES)
     columns = np.arange(0, transform.n_columns, step)
     looked_at = columns[np.unique(np.linspace(0, columns.size - 1, LOOKED_AT).round().astype(int))]
-    levels = level_db(_compute_cube(clean, analysis, wavelength_m, looked_at).values)
+    levels = payload.level_db(_compute_cube(clean, analysis, wavelength_m, looked_at).values)
     known = levels[np.isfinite(levels)]
     highest = float(known.max()) if known.size else 0.0
     bound = strongest_v * float(transform.window.sum())
     top = float(power_to_db(bound**2)) if bound > 0 else 0.0
-    low, high = shown_range_db(levels, highest)
-    return ShownFrames(columns, (top - DEEPEST_DB, top), (low, high))
+    low, high = payload.shown_range_db(levels, highest)
+    return ShownFrames(columns, (top - payload.DEEPEST_DB, top), (low, high))
 
 
 def _compute_cube(
@@ -348,11 +333,13 @@ def make_targets_payload(
     try:
         targets, notes = run.targets(gate, changes), run.warnings(gate, changes)
     except AnalysisError as error:
-        return pack({**facts, "targets": [], "reason": str(error), "notes": [], "failed": True}, {})
+        return payload.pack({**facts, "targets": [], "reason": str(error), "notes": [], "failed": True}, {})
     views = targets if segment is None else select_segment(targets, *segment)
     shown = [_describe_target(number, view, done.method, arrays) for number, view in enumerate(views)]
     reason = None if shown else NO_TARGET
-    return pack({**facts, "targets": shown, "reason": reason, "notes": [*_note_limits(gate, views), *notes]}, arrays)
+    return payload.pack(
+        {**facts, "targets": shown, "reason": reason, "notes": [*_note_limits(gate, views), *notes]}, arrays
+    )
 
 
 def _note_limits(gate: GateChoice | None, views: Sequence[TargetView]) -> list[str]:
@@ -392,17 +379,17 @@ def _describe_target(number: int, view: TargetView, method: str, arrays: Arrays)
         facts, arrays[f"{prefix}signature"] = view.track_picture
         pictures["signature"] = {**facts, "array": f"{prefix}signature"}
     elif signature is not None:
-        pictures["signature"], arrays[f"{prefix}signature"] = signature_picture(signature, f"{prefix}signature")
+        pictures["signature"], arrays[f"{prefix}signature"] = payload.signature_picture(signature, f"{prefix}signature")
     lines = view.segment_views if view.track_picture is not None else (view,)
     main_lines = [_main_line(line.result, f"{prefix}main_line_{n}", arrays) for n, line in enumerate(lines)]
     power = None
     if cadence_map is not None:
         cadence, power = (
-            describe_axis("cadence", "Hz", read_axis(cadence_map, "cadence")),
+            payload.describe_axis("cadence", "Hz", read_axis(cadence_map, "cadence")),
             np.square(cadence_map.values),
         )
         name = f"{prefix}cadence_map"
-        pictures["cadence_map"], arrays[name] = doppler_picture(cadence_map, power, cadence, name, "dB re 1")
+        pictures["cadence_map"], arrays[name] = payload.doppler_picture(cadence_map, power, cadence, name, "dB re 1")
     spectrum = _describe_spectrum(result, f"{prefix}cadence_spectrum", method, arrays)
     gate_limits = None
     if result.gate_limits is not None:
@@ -453,11 +440,11 @@ def _main_line(result: Result, name: str, arrays: Arrays) -> dict[str, Any] | No
     if signature is None or signature.sizes["time"] == 0 or line_hz is None:
         return None
     times_s = read_axis(signature, "time")
-    block = find_block_size(times_s.size, MOST[0])
+    block = payload.find_block_size(times_s.size, payload.MOST[0])
     at = np.arange(0, times_s.size, block) + (block - 1) / 2
     columns = np.arange(times_s.size)
     arrays[name] = np.interp(at, columns, line_hz).astype(np.float32)
-    return {"x": describe_axis("time", "s", np.interp(at, columns, times_s)), "values": name}
+    return {"x": payload.describe_axis("time", "s", np.interp(at, columns, times_s)), "values": name}
 
 
 def is_aligned(result: Result, method: str) -> bool | None:
@@ -478,7 +465,7 @@ def _describe_spectrum(result: Result, name: str, method: str, arrays: Arrays) -
     if spectrum is None:
         return None
     values = np.square(spectrum.values) if method == "liland2018" else spectrum.values
-    arrays[name] = level_db(values).astype(np.float32)
+    arrays[name] = payload.level_db(values).astype(np.float32)
     ratios = (1.0, result.features.harmonic_ratio_2, result.features.harmonic_ratio_3)
     named_hz = {
         label: ratio * f_mu_hz
@@ -486,7 +473,7 @@ def _describe_spectrum(result: Result, name: str, method: str, arrays: Arrays) -
         if ratio is not None and f_mu_hz is not None
     }
     return {
-        "x": describe_axis("cadence", "Hz", read_axis(spectrum, "cadence")),
+        "x": payload.describe_axis("cadence", "Hz", read_axis(spectrum, "cadence")),
         "db": name,
         "unit": "dB re 1",
         "peaks": [{"hz": hz, "name": label} for label, hz in named_hz.items()],
