@@ -15,8 +15,6 @@ def test_the_chance_of_residuals_is_chi_squared():
     basis = np.stack([np.ones_like(times), times, times**2], axis=1)
     for _ in range(2000):
         errors = source.normal(0, 0.1, times.size)
-        residual = errors - basis @ np.linalg.lstsq(basis, errors, rcond=None)[0]
-        chances.append(
-            compute_straight_probability(residual, range_sd_m=0.1, duration_s=10.0, way_m=0.0, n_parameters=3)
-        )
+        square = np.mean((errors - basis @ np.linalg.lstsq(basis, errors, rcond=None)[0]) ** 2)
+        chances.append(compute_straight_probability(square, range_sd_m=0.1, duration_s=10.0, way_m=0.0, n_parameters=3))
     assert np.quantile(chances, [0.1, 0.5, 0.9]) == pytest.approx([0.1, 0.5, 0.9], abs=0.03)

@@ -176,15 +176,21 @@ def _make_error(start: str, faults: list[Fault], text: str = "", section: tuple[
 
 
 def _find_faults(error: ValidationError, model: type[BaseModel], data: Any) -> list[Fault]:
-    found = []
-    for fault in _drop_derived_faults(error.errors()):
-        location = _place_in(data, fault["loc"])
+    faults: list[Fault] = []
+    stated = error.errors()
+    for fault in stated:
+        at = fault["loc"]
+        # a list can be too short because its entries are faulty
+        deeper = (other["loc"] for other in stated if len(other["loc"]) > len(at))
+        if fault["type"] == "too_short" and any(other[: len(at)] == at for other in deeper):
+            continue
+        location = _place_in(data, at)
         inner = fault.get("ctx", {}).get("error")
         if isinstance(inner, InnerError) and inner.faults:
-            found += [one._replace(location=(*location, *one.location)) for one in inner.faults]
+            faults += [each._replace(location=(*location, *each.location)) for each in inner.faults]
         else:
-            found.append(_describe(fault, location, model))
-    return found
+            faults.append(_describe(fault, location, model))
+    return faults
 
 
 _TAG = re.compile(r".*[\[({].*|str|int|float|bool|bytes|none|any|dict|list|tuple|set")
@@ -228,17 +234,6 @@ def reword_fault(message: str) -> str:
     for pattern, words in _WORDS:
         message = re.sub(pattern, words, message)
     return message
-
-
-def _drop_derived_faults(faults: Sequence[Any]) -> list[Any]:
-    """Remove faults that only follow from others: a list is short without its faulty entries."""
-    places = [fault["loc"] for fault in faults]
-    return [
-        fault
-        for fault in faults
-        if fault["type"] != "too_short"
-        or not any(len(place) > len(fault["loc"]) and place[: len(fault["loc"])] == fault["loc"] for place in places)
-    ]
 
 
 _NAMED_KEY = re.compile(r"(\w+(?:\.\w+)*): ")

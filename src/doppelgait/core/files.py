@@ -24,7 +24,8 @@ def open_atomically(path: str | os.PathLike[str], *, os_errors: bool = False) ->
     partial = target.with_name(f"{target.name}.{platform.node()}-{os.getpid()}-{next(_NUMBERS)}.partial")
     try:
         yield partial
-        sync_file(partial)
+        with partial.open("rb+") as handle:
+            os.fsync(handle.fileno())
         os.replace(partial, target)
     except OSError as error:
         if os_errors:
@@ -50,12 +51,6 @@ def write_atomically(path: Path, content: bytes) -> None:
     """Write a small file atomically; after an ``OSError`` an existing file is unchanged."""
     with open_atomically(path, os_errors=True) as partial:
         partial.write_bytes(content)
-
-
-def sync_file(path: Path) -> None:
-    """Wait until a file is on the disk."""
-    with path.open("rb+") as handle:
-        os.fsync(handle.fileno())
 
 
 def hash_file(path: Path) -> str:

@@ -292,17 +292,10 @@ def list_foreign_plugins() -> list[Plugin[Any]]:
 
 
 def identify_plugins(tables: Any, files: Mapping[str, Sequence[Path]] | None = None) -> list[dict[str, Any]]:
-    """Identify the plug-ins of other packages in a configuration.
+    """Identify the plug-ins of other packages in a configuration, and readers of files by their group.
 
-    The identity consists of name, version, release and default parameters.
-
-    Parameters
-    ----------
-    tables : mapping or list
-        Plain configuration. A plug-in is used if its name is the value, or one of the choices, of a key ``kind`` or of
-        a key with the name of its group. Features are always used, since every feature is computed.
-    files : mapping, optional
-        Files by group of readers. A reader with ``sniff`` is used if it accepts one of them.
+    A plug-in is used if its name is the value, or one of the choices, of a key ``kind`` or of a key with the name of
+    its group. Features are always used, since every feature is computed.
     """
     foreign = list_foreign_plugins()
     names: dict[str, set[str]] = {}

@@ -215,17 +215,14 @@ class Samples:
         ``first_pulse`` of a longer recording, the noise of that recording is added at once.
         """
         if first_pulse:
-            return self._add_noise_from(first_pulse, key, power_v2, factor)
+            from doppelgait.core.kernels.noise import add_noise_block
+
+            planes, n_pulses = self.planes[:, :, : self.shape[0]].copy(), self.shape[0]
+            add_noise_block(planes[0], planes[1], 0, n_pulses, 0, first_pulse, key, math.sqrt(power_v2), factor)
+            return Samples.from_planes(planes, n_pulses)
         quiet = self.add_pending_noise()
         owned, quiet._owned, self._owned = quiet._owned, False, False
         return self._make(quiet.shape, quiet._matrix, quiet._planes, Noise(key, math.sqrt(power_v2), factor), owned)
-
-    def _add_noise_from(self, first_pulse: int, key: np.uint64, power_v2: float, factor: Factor) -> Samples:
-        from doppelgait.core.kernels.noise import add_noise_block
-
-        planes, n_pulses = self.planes[:, :, : self.shape[0]].copy(), self.shape[0]
-        add_noise_block(planes[0], planes[1], 0, n_pulses, 0, first_pulse, key, math.sqrt(power_v2), factor)
-        return Samples.from_planes(planes, n_pulses)
 
     def add_pending_noise(self) -> Samples:
         """Add pending noise, in place if the samples own their memory."""

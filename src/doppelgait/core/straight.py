@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
-
-FloatArray = npt.NDArray[np.float64]
-
 ERROR_MEMORY_S = 0.5
 """Correlation time of range errors, set by the stride and by the memory of a tracker's smoother."""
 SPEED_WANDER = 0.004
@@ -17,22 +12,9 @@ PARABOLA, LINE = 3, 2
 
 
 def compute_straight_probability(
-    residual_m: FloatArray, *, range_sd_m: float, duration_s: float, way_m: float, n_parameters: int
-) -> float:
-    r"""Compute the probability of larger residuals in straight, steady motion."""
-    return compute_straight_probability_of_square(
-        float(residual_m @ residual_m) / residual_m.size,
-        range_sd_m=range_sd_m,
-        duration_s=duration_s,
-        way_m=way_m,
-        n_parameters=n_parameters,
-    )
-
-
-def compute_straight_probability_of_square(
     square_m2: float, *, range_sd_m: float, duration_s: float, way_m: float, n_parameters: int
 ) -> float:
-    """Compute :func:`compute_straight_probability` from the residuals' mean square."""
+    """Compute the probability of residuals with a larger mean square in straight, steady motion."""
     from scipy.special import chdtrc
 
     n_errors = duration_s / ERROR_MEMORY_S

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.straight import ERROR_MEMORY_S, LINE, PARABOLA, compute_straight_probability_of_square
+from doppelgait.core.straight import ERROR_MEMORY_S, LINE, PARABOLA, compute_straight_probability
 
 Visibility = Literal["clear", "limbs_only", "hidden", "unknown"]
 
@@ -95,7 +95,7 @@ def estimate_ground_motion(
     -------
     GroundMotion
         Without numbers if the probability of straight, steady motion is below 0.001
-        (:func:`doppelgait.core.straight.compute_straight_probability_of_square`), or if the result is too uncertain.
+        (:func:`doppelgait.core.straight.compute_straight_probability`), or if the result is too uncertain.
 
     Examples
     --------
@@ -119,7 +119,7 @@ def estimate_ground_motion(
     if not c0 > 0:  # also for NaN: fewer than three times, or an unknown range
         return GroundMotion(reason="path_is_not_straight")
     radial_mps, sd_m = -c1 / (2.0 * math.sqrt(c0)), range_sd_m or RANGE_SD_M
-    probability = compute_straight_probability_of_square(
+    probability = compute_straight_probability(
         square_m2,
         range_sd_m=sd_m,
         duration_s=duration_s,

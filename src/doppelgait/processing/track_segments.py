@@ -262,7 +262,7 @@ class _Fit:
             t = self.times - self.middle_s
             residual_m, n_parameters = self.ranges - np.polynomial.Polynomial.fit(t, self.ranges, 1)(t), LINE
         return compute_straight_probability(
-            residual_m,
+            float(residual_m @ residual_m) / residual_m.size,
             range_sd_m=range_sd_m,
             duration_s=float(self.times[-1] - self.times[0]),
             way_m=float(np.ptp(self.ranges)),

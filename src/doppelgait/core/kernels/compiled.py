@@ -19,7 +19,7 @@ import sys
 import threading
 import zlib
 from collections.abc import Callable
-from functools import lru_cache, update_wrapper
+from functools import lru_cache, partial, update_wrapper
 from operator import index
 from pathlib import Path
 from types import FunctionType
@@ -78,8 +78,16 @@ class Kernel:
     def _first_call(self, *args: Any) -> Any:
         with _making:
             entries = _entries_of(self)
-            self.call = _chain(entries, self) if entries else self.dispatcher
+            self.call = partial(self._call_first_fit, entries) if entries else self.dispatcher
         return self.call(*args)
+
+    def _call_first_fit(self, entries: list[Callable[..., Any]], *args: Any) -> Any:
+        """Try the entries, each for its own types of arguments, then Numba."""
+        for entry in entries:  # one, nearly always
+            found = entry(args)
+            if found is not NotImplemented:
+                return found
+        return self.dispatcher(*args)
 
     @property
     def dispatcher(self) -> Any:
@@ -119,19 +127,6 @@ def level_of(features: dict[str, bool]) -> str | None:
     return next((level for level, needs in LEVELS.items() if all(features.get(need) for need in needs)), None)
 
 
-def _chain(entries: list[Callable[..., Any]], member: Kernel) -> Callable[..., Any]:
-    """Try the entries, each for its own types of arguments, then Numba."""
-
-    def call(*args: Any) -> Any:
-        for entry in entries:  # one, nearly always
-            found = entry(args)
-            if found is not NotImplemented:
-                return found
-        return member.dispatcher(*args)
-
-    return call
-
-
 def _entries_of(member: Kernel) -> list[Callable[..., Any]]:
     code = _object_code()
     if code is None:
@@ -152,9 +147,7 @@ def _entries_of(member: Kernel) -> list[Callable[..., Any]]:
 
 
 def _entry(address: int, arguments: list[str], returns: str) -> Callable[[tuple[Any, ...]], Any]:
-    """Wrap the address of a kernel's entry.
-    It takes the type of arrays, a place for the result, and the arguments; it looks at the types of arrays itself.
-    """
+    """Wrap the address of a kernel's entry, which checks the types of arrays itself."""
     scalars = [SCALARS.get(kind) for kind in arguments]
     types: list[Any] = [ctypes.py_object, ctypes.c_void_p, *(kind or ctypes.py_object for kind in scalars)]
     function = ctypes.CFUNCTYPE(ctypes.c_int, *types)(address)
