@@ -10,7 +10,6 @@ import pytest
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.motion import Motion
 from doppelgait.motion.readers import read
-from doppelgait.motion.rigid import propose_parts
 
 pytestmark = pytest.mark.shared
 
@@ -20,10 +19,6 @@ GOOD = (
     "btk_coda_walk.c3d", "btk_pig_walk_full.c3d", "c3dorg_ist_walk_metres.c3d", "cmu_02_01.c3d", "cmu_07_01.c3d",
     "cmu_07_12.c3d", "cmu_16_07.c3d", "cmu_16_08.c3d", "cmu_77_02.c3d", "cmu_82_08.c3d", "ezc3d_qualisys_walk.c3d",
     "ktk_optitrack_walk_legs.c3d", "opensim_walking2.c3d",
-)  # fmt: skip
-FEET_FOUND = (
-    "btk_coda_walk.c3d", "btk_pig_walk_full.c3d", "c3dorg_ist_walk_metres.c3d", "cmu_07_01.c3d", "cmu_07_12.c3d",
-    "ezc3d_qualisys_walk.c3d",
 )  # fmt: skip
 
 
@@ -46,14 +41,3 @@ def test_second_names_of_the_same_markers_are_dropped(shared: Path) -> None:
     dropped = _read(shared / "data/c3d-edge-cases/phoenix_golfswing.c3d").report["dropped"]
     doubles = {reason: names for reason, names in dropped.items() if reason.startswith("at the place of")}
     assert doubles == {f"at the place of Channel{n}": [f"Channel{n + 8}"] for n in (807, 808, 809, 810, 823)}
-
-
-@pytest.mark.parametrize("name", FEET_FOUND)
-def test_feet_found_without_names_are_feet(shared: Path, name: str) -> None:
-    motion = _read(shared / "data/mocap/human/c3d" / name)
-    proposed = propose_parts(motion.position_m, rate_hz=motion.rate_hz)
-    named = motion.parts
-    for side in ("left", "right"):
-        found = {part for guess, part in zip(proposed, named, strict=True) if guess == f"{side}_foot"}
-        assert f"{side}_foot" in found
-        assert found <= {f"{side}_foot", f"{side}_shank"}  # the ankle's marker goes with the foot

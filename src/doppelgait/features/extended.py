@@ -42,10 +42,8 @@ class ExtendedFeatures:
     reasons: dict[str, str]
 
     def flags(self) -> tuple[str, ...]:
-        """Return one flag per reason for missing features.
-
-        A flag consists of the names of the features and the reason, as for the set F.
-        """
+        """Return one flag per reason for missing features."""
+        # A flag consists of the names of the features and the reason, as for the set F
         names: dict[str, list[str]] = {}
         for name, reason in self.reasons.items():
             names.setdefault(reason, []).append(name)
@@ -77,10 +75,8 @@ def measure_extended(observed: Observation) -> ExtendedFeatures:
 
 
 def list_features() -> list[tuple[str, str, str]]:
-    """List name, unit and source of every extended feature.
-
-    The list is in alphabetical order.
-    """
+    """List name, unit and source of every extended feature."""
+    # the list is in alphabetical order
     found = [feature for feature in FEATURES.values() if "set_f" not in feature.facts]
     return [(feature.name, feature.facts["unit"], feature.facts["source"]) for feature in found]
 
@@ -96,11 +92,10 @@ SIDES = ("direction", "envelope")
 
 @plugin("feature", "doppler_bandwidth_envelope_hz", unit="Hz", source="ours: envelopes of E-35b", needs=("envelope",))
 def bandwidth_envelope_hz(observed: Observation) -> float | None:
-    """Measure the bandwidth between the envelopes.
-
-    The bandwidth is the 95th percentile over time of the upper envelope minus the 5th percentile of the lower one. The
-    envelopes include all cells above the noise, so the bandwidth depends on the noise level.
-    """
+    """Measure the bandwidth between the envelopes."""
+    # the bandwidth is the 95th percentile over time of the upper envelope minus the 5th percentile of the
+    # lower one. The envelopes include all cells above the noise, so the bandwidth depends on the noise
+    # level
     return observed.envelope_width_hz
 
 
@@ -142,10 +137,8 @@ def backward_range_mps(observed: Observation) -> float:
 
 @plugin("feature", "envelope_asymmetry", unit="1", source="ours: bandwidth ahead against behind (E-35b)", needs=SIDES)
 def measure_asymmetry(observed: Observation) -> float | None:
-    """Compare the bandwidths on both sides of the line.
-
-    The asymmetry, -1 to 1, is the difference of the 95th percentiles over time, divided by their sum.
-    """
+    """Compare the bandwidths on both sides of the line."""
+    # the asymmetry, -1 to 1, is the difference of the 95th percentiles over time, divided by their sum
     ahead, behind = observed.edges.lead_high_mps, observed.edges.lag_high_mps
     return (ahead - behind) / (ahead + behind) if ahead > 0 and behind > 0 else None
 
@@ -158,19 +151,16 @@ def offset_mps(observed: Observation) -> float:
 
 @plugin("feature", "torso_bandwidth_mps", unit="m/s", source=KIM_LING, needs=("envelope",))
 def torso_bandwidth_mps(observed: Observation) -> float:
-    """Measure the smallest width between the envelopes.
-
-    It is the 5th percentile over time: the bandwidth of the body without swinging limbs.
-    """
+    """Measure the smallest width between the envelopes."""
+    # it is the 5th percentile over time: the bandwidth of the body without swinging limbs
     return observed.edges.least_width_mps
 
 
 @plugin("feature", "strength_variation", unit="1", source=KIM_LING)
 def measure_strength_variation(observed: Observation) -> float | None:
-    """Measure the variation of power near the main line.
-
-    The variation is the standard deviation over time divided by the mean, with the influence of range removed (E-28).
-    """
+    """Measure the variation of power near the main line."""
+    # the variation is the standard deviation over time divided by the mean, with the influence of range
+    # removed (E-28)
     power, _, _ = observed.about_line
     return power.near_sd_v2 / power.near_mean_v2 if power.near_mean_v2 > 0 else None
 
@@ -183,10 +173,8 @@ def measure_strength_variation(observed: Observation) -> float | None:
     needs=("gait_frequency", "envelope"),
 )
 def measure_periodicity(observed: Observation) -> float | None:
-    """Measure the envelope width's autocorrelation at one period.
-
-    The autocorrelation is normalised and at most 1 (E-33).
-    """
+    """Measure the envelope width's autocorrelation at one period."""
+    # the autocorrelation is normalised and at most 1 (E-33)
     if observed.edges.seen_share < 1.0:  # a lag has a defined time only if the width is known at every column
         return None
     low_hz, high_hz = observed.envelopes_hz
@@ -196,10 +184,8 @@ def measure_periodicity(observed: Observation) -> float | None:
 
 @plugin("feature", "swing_duty", unit="1", source="ours: duration of limb spikes (E-35b)", needs=SIDES)
 def measure_swing_duty(observed: Observation) -> float | None:
-    """Measure the share of time with limb spikes.
-
-    During a spike the leading envelope is above the middle of its range.
-    """
+    """Measure the share of time with limb spikes."""
+    # during a spike the leading envelope is above the middle of its range
     if observed.edges.lead_high_mps - observed.edges.lead_low_mps < 2.0 * observed.bin_mps:
         return None
     return observed.edges.swing_share
@@ -232,20 +218,17 @@ def measure_limb_share(observed: Observation) -> float | None:
 
 @plugin("feature", "far_limb_share", unit="1", source=BAND_SOURCE)
 def measure_far_limb_share(observed: Observation) -> float | None:
-    """Measure the power share beyond 1.6 m/s from the line.
-
-    This is the share of feet and paws in full swing.
-    """
+    """Measure the power share beyond 1.6 m/s from the line."""
+    # this is the share of feet and paws in full swing
     power, _, _ = observed.about_line
     return _share(power.total_v2 - power.near_v2, observed)
 
 
 @plugin("feature", "stance_share", unit="1", source="ours: power of standing feet")
 def measure_stance_share(observed: Observation) -> float | None:
-    """Measure the power share within 0.3 m/s of zero velocity.
-
-    This is the share of feet on the ground; it is None for a target that is too slow to be distinguished from them.
-    """
+    """Measure the power share within 0.3 m/s of zero velocity."""
+    # this is the share of feet on the ground; it is None for a target that is too slow to be
+    # distinguished from them
     if abs(float(observed.line_mps.mean())) < STANCE_BAND_MPS + TORSO_BAND_MPS:
         return None
     share = np.clip((STANCE_BAND_MPS - np.abs(observed.velocity_mps)) / observed.bin_mps + 0.5, 0.0, 1.0)
@@ -260,11 +243,10 @@ def measure_stance_share(observed: Observation) -> float | None:
 
 @plugin("feature", "entropy_width_mps", unit="m/s", source="Shannon entropy of the mean Doppler spectrum")
 def entropy_width_mps(observed: Observation) -> float | None:
-    """Measure the mean Doppler spectrum's entropy as a width.
-
-    A uniform distribution of power with this width has the same entropy. The width is ``exp(-sum p ln p)`` times the
-    bin width, over the rows above the noise (E-38). Unlike the entropy it does not depend on the transform length.
-    """
+    """Measure the mean Doppler spectrum's entropy as a width."""
+    # A uniform distribution of power with this width has the same entropy. The width is exp(-sum p ln p)
+    # times the bin width, over the rows above the noise (E-38). Unlike the entropy it does not depend on
+    # the transform length
     mean = observed.mean_row[observed.occupied]
     mean = mean[mean > 0]
     if not mean.size:
@@ -292,10 +274,8 @@ def cadence_bandwidth_hz(observed: Observation) -> float | None:
 
 
 def compare_harmonic(observed: Observation, *, harmonic: int) -> float | None:
-    """Compare S at a harmonic and f_mu (E-37).
-
-    Both powers are those of :attr:`Observation.harmonic_powers`. The result is None beyond the end of the cadence axis.
-    """
+    """Compare S at a harmonic and f_mu (E-37)."""
+    # both powers are those of harmonic_powers. The result is None beyond the end of the cadence axis
     cadence_hz, _ = observed.cadence
     frequency_hz = observed.frequency_hz
     if not cadence_hz.size or harmonic * frequency_hz > cadence_hz[-1]:
@@ -336,10 +316,8 @@ def ripple_at_gait_mps(observed: Observation) -> float | None:
 
 @plugin("feature", "torso_ripple_half_mps", unit="m/s", source=TORSO_LINE, needs=("gait_frequency", "line"))
 def ripple_at_half_mps(observed: Observation) -> float | None:
-    """Measure the RMS torso swing at f_mu / 2.
-
-    The swing is caused by sway and limp, which alternate from step to step.
-    """
+    """Measure the RMS torso swing at f_mu / 2."""
+    # the swing is caused by sway and limp, which alternate from step to step
     if observed.frequency_hz * observed.observation_s < MIN_PERIODS_OF_PAIRS:
         return None
     return _component_mps(observed, 1)
@@ -352,12 +330,10 @@ def _component_mps(observed: Observation, number: int) -> float:
 
 @plugin("feature", "alternate_likeness", unit="1", source=PERIODS, needs=("gait_frequency",))
 def alternate_likeness(observed: Observation) -> float | None:
-    """Compare autocorrelations of neighbouring and alternate periods.
-
-    The value is at most about 1. It is near 1 if a period is a step and left and right steps have the same signature.
-    It is lower if left and right, or the two halves of a stride, differ. Noise lowers both autocorrelations alike. Rows
-    without signal are left out (K+ of E-38).
-    """
+    """Compare autocorrelations of neighbouring and alternate periods."""
+    # the value is at most about 1. It is near 1 if a period is a step and left and right steps have the
+    # same signature. It is lower if left and right, or the two halves of a stride, differ. Noise lowers
+    # both autocorrelations alike. Rows without signal are left out (K+ of E-38)
     if observed.frequency_hz * observed.observation_s < MIN_PERIODS_OF_PAIRS:
         return None
     rows = observed.occupied_columns - observed.mean_row[observed.occupied]

@@ -75,12 +75,6 @@ class GaitFeatures:
         beta_1, beta_2.
     limb_torso_ratio : float or None
         rho.
-
-    Examples
-    --------
-    >>> from doppelgait.features import GaitFeatures
-    >>> GaitFeatures(torso_velocity_mps=1.2, step_length_m=0.7).vector()  # unknown values are NaN
-    array([1.2, nan, 0.7, nan, nan, nan])
     """
 
     torso_velocity_mps: float | None = None

@@ -196,9 +196,8 @@ def measure_target_rhythms(aligned: Signal, excess: Signal, floor_v2: float) -> 
 
 
 def _compute_cell_noise(slow: Rows, aligned: Signal, excess: Signal, floor_v2: float) -> FloatArray:
-    """Compute the noise of a cell in averaged columns.
-    The noise is the standard deviation in each column of :func:`average_columns`, shape (J',).
-    """
+    """Compute the noise of a cell in averaged columns."""
+    # the noise is the standard deviation in each column of average_columns, shape (J',)
     from doppelgait.core.kernels.features import positive_sums
 
     cell_v2 = floor_v2 / math.sqrt(max(1.0, float(excess.attrs["n_gate_bins"])))
@@ -210,9 +209,8 @@ def _compute_cell_noise(slow: Rows, aligned: Signal, excess: Signal, floor_v2: f
 
 
 def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm, ...]:
-    """Measure autocorrelation and spectrum of sets of rows.
-    Each set is measured unchanged and whitened. Shapes: rows (J, K).
-    """
+    """Measure autocorrelation and spectrum of sets of rows."""
+    # each set is measured unchanged and whitened. Shapes: rows (J, K)
     from scipy import fft
 
     from doppelgait.core.kernels.periodicity import (
@@ -242,9 +240,8 @@ def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm,
 
 @lru_cache(maxsize=8)
 def _choose_lengths(n_columns: int) -> tuple[int, int, FloatArray]:
-    """Return transform lengths and a Hann window over lag.
-    The window has the shape (J,); its side lobes are below 2.5 %.
-    """
+    """Return transform lengths and a Hann window over lag."""
+    # the window has the shape (J,); its side lobes are below 2.5 %
     from scipy import fft
 
     length, padded = (fft.next_fast_len(times * n_columns, real=True) for times in (2, PADDING))
@@ -252,9 +249,8 @@ def _choose_lengths(n_columns: int) -> tuple[int, int, FloatArray]:
 
 
 def compute_terms(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[FloatArray, FloatArray]:
-    """Return the terms of the log posterior on the grid.
-    The terms have the shapes (4, 9, frequency) for the rows and (5, frequency) for the prior.
-    """
+    """Return the terms of the log posterior on the grid."""
+    # the terms have the shapes (4, 9, frequency) for the rows and (5, frequency) for the prior
     from doppelgait.core.kernels.periodicity import rhythm_evidence
 
     evidence = np.empty((*WEIGHTS.shape, GRID_HZ.size))
@@ -295,10 +291,9 @@ FINE: FloatArray = np.linspace(1.0 - SEARCH, 1.0 + SEARCH, FINE_STEPS)
 
 
 def refine_on_harmonics(frequency_hz: float, rhythms: list[Rhythm]) -> tuple[float, float]:
-    """Refine a frequency by the power of its harmonics.
-    The method is a multi-harmonic fit. For white noise and resolved harmonics the maximum of ``sum_h S(h f)`` is the
-    least-squares fit of a periodic signal (Quinn and Thomson 1991).
-    """
+    """Refine a frequency by the power of its harmonics."""
+    # the method is a multi-harmonic fit. For white noise and resolved harmonics the maximum of sum_h S(h
+    # f) is the least-squares fit of a periodic signal (Quinn and Thomson 1991)
     from doppelgait.core.kernels.periodicity import add_harmonics
 
     trial_hz = frequency_hz * FINE

@@ -125,9 +125,8 @@ def highest_cadence_hz(frequency_hz: float) -> float:
 
 
 def ratio_of_rows(cadence_hz: FloatArray, values: FloatArray, base: FloatArray, frequency_hz: float) -> LimbTorsoRatio:
-    """Compute :func:`limb_torso_ratio` of D in the rows K+ alone.
-    Shapes: cadence_hz (Q,); values (Q, K+); base (K+,).
-    """
+    """Compute :func:`limb_torso_ratio` of D in the rows K+ alone."""
+    # Shapes: cadence_hz (Q,); values (Q, K+); base (K+,)
     if not base.size or base.sum() <= 0:
         return LimbTorsoRatio(None, None)
     from doppelgait.core.kernels.robust import oscillating_power

@@ -19,9 +19,8 @@ HARMONIC_WINDOW = 0.2
 
 
 def bandwidth_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, threshold: float) -> float:
-    """Compute B_mu from the mean Doppler spectrum.
-    B_mu is the span from the first to the last Doppler at which D_1 / max(D_1) reaches the threshold.
-    """
+    """Compute B_mu from the mean Doppler spectrum."""
+    # B_mu is the span from the first to the last Doppler at which D_1 / max(D_1) reaches the threshold
     above = np.flatnonzero(mean_spectrum >= threshold * mean_spectrum.max())
     return float(doppler_hz[above[-1]] - doppler_hz[above[0]])
 
@@ -62,9 +61,8 @@ def extract(
 
 
 def find_local_maxima(values: FloatArray, *, first: int, last: int) -> npt.NDArray[np.int64]:
-    """Find the local maxima of an array, without its ends.
-    The result has the indices i in ``first..last`` with values[i-1] < values[i] >= values[i+1].
-    """
+    """Find the local maxima of an array, without its ends."""
+    # the result has the indices i in first..last with values[i-1] < values[i] >= values[i+1]
     start, stop = max(first, 1), min(last, values.size - 2) + 1
     if stop <= start:
         return np.empty(0, dtype=np.int64)

@@ -441,9 +441,8 @@ def _average_rows(values: npt.NDArray[Any]) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def make_slow_basis(n_columns: int, order: int) -> FloatArray:
-    """Compute orthonormal polynomials over the observation.
-    The result has the shape (J, order + 1) and is read-only.
-    """
+    """Compute orthonormal polynomials over the observation."""
+    # the result has the shape (J, order + 1) and is read-only
     positions = np.linspace(-1.0, 1.0, n_columns)
     basis = np.asarray(np.linalg.qr(np.polynomial.legendre.legvander(positions, order))[0], dtype=np.float64)
     basis.flags.writeable = False

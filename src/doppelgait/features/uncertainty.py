@@ -48,9 +48,8 @@ UNCERTAIN_SHARE = {
 
 
 def estimate_uncertainties(observed: Observation) -> dict[str, float | None]:
-    """Estimate standard deviations of the features and gait frequency.
-    Each standard deviation has the unit of its feature.
-    """
+    """Estimate standard deviations of the features and gait frequency."""
+    # each standard deviation has the unit of its feature
     extraction, features = observed.extraction, observed.extraction.features
     found: dict[str, float | None] = dict.fromkeys((*features.as_dict(), "gait_frequency_hz"))
     if observed.describe_missing(()) is not None:
@@ -107,9 +106,8 @@ def velocity_sd_mps(observed: Observation) -> float | None:
 
 
 def bandwidth_sd_hz(observed: Observation) -> float | None:
-    """Estimate the standard deviation of B_mu (E-35).
-    The estimate is a jackknife over groups of periods, plus the rounding to Doppler bins.
-    """
+    """Estimate the standard deviation of B_mu (E-35)."""
+    # the estimate is a jackknife over groups of periods, plus the rounding to Doppler bins
     edges = observed.period_edges
     if edges.size - 1 < MIN_BLOCKS:
         return None
@@ -160,9 +158,8 @@ def _measure_periods(observed: Observation) -> Periods | None:
 
 
 def frequency_sd_hz(periods: Periods) -> float:
-    """Estimate the standard deviation of f_mu.
-    The estimate uses the irregularity of the periods.
-    """
+    """Estimate the standard deviation of f_mu."""
+    # the estimate uses the irregularity of the periods
     imaginary, real = periods.phase_parts
     phase_rad = imaginary @ HARMONICS / float(HARMONICS**2 @ real)
     step_rad = phase_rad[1:] - phase_rad[:-1]
@@ -185,9 +182,8 @@ def estimate_ratio_sd(periods: Periods) -> float:
 
 
 def estimate_harmonic_ratio_sd(periods: Periods, harmonic: int) -> float:
-    """Estimate the standard deviation of beta (E-37).
-    The estimate uses the deviations of the phases of the harmonic and of f_mu from straight lines.
-    """
+    """Estimate the standard deviation of beta (E-37)."""
+    # the estimate uses the deviations of the phases of the harmonic and of f_mu from straight lines
     imaginary, real = periods.phase_parts
     n = periods.centre_s.size
     time_s = periods.centre_s - float(periods.centre_s.sum()) / n

@@ -70,13 +70,6 @@ class MotionFacts:
         Facts of the path, if the motion follows one.
     file_time_s : float
         Time of the recording, from its first frame, at time 0 of the motion.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> facts = dg.motion.boulic_walk(speed_mps=1.2, duration_s=2.0).facts
-    >>> facts.species, facts.gait, round(facts.step_frequency_hz, 2)
-    ('human', 'walk', 1.76)
     """
 
     source: str = ""
@@ -130,15 +123,6 @@ class Motion:
     See Also
     --------
     make_motion : Build one from plain arrays.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> walk = dg.motion.boulic_walk(speed_mps=1.2, duration_s=2.0)
-    >>> walk.facts.gait, walk.rate_hz, walk.n_frames
-    ('walk', 250.0, 501)
-    >>> round(float(walk.positions.sel(marker="head", space="z").max()), 2)  # height of the head, m
-    1.7
     """
 
     positions: xr.DataArray

@@ -129,13 +129,6 @@ class RcsSpec(FrozenModel):
         prevents coherent addition.
     occlusion : bool
         Let the body's ellipsoids hide scatterers behind them; needs points with known joints.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> rcs = dg.scene.RcsSpec(kind="equal", total_m2=0.5)
-    >>> dg.scene.scatterer_rcs_m2(rcs, ["torso", "left_hand"], 70.0)
-    array([0.25, 0.25])
     """
 
     kind: str = "auto"

@@ -278,8 +278,6 @@ def boulic_walk(
 
     Parameters
     ----------
-    duration_s : float
-        Duration of the motion; the last frame is at or just after it.
     rng : numpy.random.Generator or Streams, optional
         Source of random numbers, needed if ``stride_variation`` is above 0.
     **parameters
@@ -295,10 +293,6 @@ def boulic_walk(
     ------
     ConfigError
         If a parameter is outside its range.
-
-    See Also
-    --------
-    human_gait : a walk or run that follows recorded people.
 
     Examples
     --------

@@ -166,10 +166,6 @@ def robot_vacuum(
 
     Parameters
     ----------
-    duration_s : float
-        Duration of the motion.
-    rng : numpy.random.Generator or Streams, optional
-        Not used, because the motion is deterministic.
     **parameters
         Fields of :class:`VacuumConfig`.
 
@@ -182,11 +178,6 @@ def robot_vacuum(
     ------
     ConfigError
         If a parameter is outside its range.
-
-    See Also
-    --------
-    curtain : a curtain that sways.
-    fan : a fan on a stand.
 
     Examples
     --------
@@ -206,10 +197,6 @@ def curtain(*, duration_s: float = 10.0, rng: np.random.Generator | Streams | No
 
     Parameters
     ----------
-    duration_s : float
-        Duration of the motion.
-    rng : numpy.random.Generator or Streams, optional
-        Not used, because the motion is deterministic.
     **parameters
         Fields of :class:`CurtainConfig`.
 
@@ -222,11 +209,6 @@ def curtain(*, duration_s: float = 10.0, rng: np.random.Generator | Streams | No
     ------
     ConfigError
         If a parameter is outside its range.
-
-    See Also
-    --------
-    fan : a fan on a stand.
-    robot_vacuum : a robot vacuum.
 
     Examples
     --------
@@ -248,10 +230,6 @@ def fan(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = 
 
     Parameters
     ----------
-    duration_s : float
-        Duration of the motion.
-    rng : numpy.random.Generator or Streams, optional
-        Not used, because the motion is deterministic.
     **parameters
         Fields of :class:`FanConfig`.
 
@@ -264,11 +242,6 @@ def fan(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = 
     ------
     ConfigError
         If a parameter is outside its range.
-
-    See Also
-    --------
-    rotor : blades alone.
-    curtain : a curtain that sways.
 
     Examples
     --------

@@ -92,8 +92,6 @@ def crawling_person(
 
     Parameters
     ----------
-    duration_s : float
-        Duration of the motion; the last frame is at or just after it.
     rng : numpy.random.Generator or Streams, optional
         Source of random numbers, needed if ``stride_variation`` is above 0.
     **parameters

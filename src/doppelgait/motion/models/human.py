@@ -284,8 +284,6 @@ def human_gait(
 
     Parameters
     ----------
-    duration_s : float
-        Duration of the motion; the last frame is at or just after it.
     rng : numpy.random.Generator or Streams, optional
         Source of random numbers, needed if a standard deviation is above 0.
     **parameters
@@ -300,11 +298,6 @@ def human_gait(
     ------
     ConfigError
         If a parameter is outside its range, or steps are too long for the legs.
-
-    See Also
-    --------
-    boulic_walk : the walk of Boulic et al.
-    sample_person : sample the parameters of a person.
 
     Examples
     --------

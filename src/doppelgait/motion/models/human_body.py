@@ -86,9 +86,8 @@ _UPPER = [
 def compute_figure_points(
     trunk_rad: Mapping[str, FloatArray], limbs_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]
 ) -> FloatArray:
-    """Return points relative to the base of the spine (Chen 2011).
-    Shapes: trunk_rad (n,); limbs_rad (2, n); returns (n, 17, 3).
-    """
+    """Return points relative to the base of the spine (Chen 2011)."""
+    # Shapes: trunk_rad (n,); limbs_rad (2, n); returns (n, 17, 3)
     count = limbs_rad["hip"].shape[1]
     # base of the spine, then hip, knee, ankle and toe of both sides
     below: list[Place] = [(0.0, 0.0, 0.0)]
@@ -334,10 +333,6 @@ def sample_person(
     ------
     ConfigError
         If ``age_class``, ``complaint`` or ``load`` is not one of these.
-
-    See Also
-    --------
-    human_gait : simulate the gait of a person.
 
     Examples
     --------

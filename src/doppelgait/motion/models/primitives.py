@@ -146,10 +146,6 @@ def moving_point(
 
     Parameters
     ----------
-    duration_s : float
-        Duration of the motion.
-    rng : numpy.random.Generator or Streams, optional
-        Not used, because the motion is deterministic.
     **parameters
         Fields of :class:`PointConfig`.
 
@@ -162,10 +158,6 @@ def moving_point(
     ------
     ConfigError
         If a parameter is outside its range.
-
-    See Also
-    --------
-    pendulum : a point that swings.
 
     Examples
     --------
@@ -185,10 +177,6 @@ def pendulum(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | No
 
     Parameters
     ----------
-    duration_s : float
-        Duration of the motion.
-    rng : numpy.random.Generator or Streams, optional
-        Not used, because the motion is deterministic.
     **parameters
         Fields of :class:`PendulumConfig`.
 
@@ -201,10 +189,6 @@ def pendulum(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | No
     ------
     ConfigError
         If a parameter is outside its range.
-
-    See Also
-    --------
-    moving_point : a point at constant velocity.
 
     Examples
     --------
@@ -225,10 +209,6 @@ def rotor(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None 
 
     Parameters
     ----------
-    duration_s : float
-        Duration of the motion.
-    rng : numpy.random.Generator or Streams, optional
-        Not used, because the motion is deterministic.
     **parameters
         Fields of :class:`RotorConfig`.
 
@@ -241,10 +221,6 @@ def rotor(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None 
     ------
     ConfigError
         If a parameter is outside its range.
-
-    See Also
-    --------
-    fan : a fan on a stand.
 
     Examples
     --------
@@ -265,10 +241,6 @@ def breathing_person(
 
     Parameters
     ----------
-    duration_s : float
-        Duration of the motion.
-    rng : numpy.random.Generator or Streams, optional
-        Not used, because the motion is deterministic.
     **parameters
         Fields of :class:`BreathingConfig`.
 

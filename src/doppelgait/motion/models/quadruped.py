@@ -227,8 +227,6 @@ def quadruped_gait(
 
     Parameters
     ----------
-    duration_s : float
-        Duration of the motion; the last frame is at or just after it.
     rng : numpy.random.Generator or Streams, optional
         Source of random numbers, needed if ``stride_variation``, ``step_length_sd`` or ``footfall_sd`` is above 0.
     **parameters
@@ -243,10 +241,6 @@ def quadruped_gait(
     ------
     ConfigError
         If a parameter is outside its range.
-
-    See Also
-    --------
-    sample_dog : sample the parameters of a dog.
 
     Examples
     --------

@@ -259,10 +259,6 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
     ConfigError
         If there is no such gait or the Froude number is outside its range.
 
-    See Also
-    --------
-    quadruped_gait : simulate the gait of a dog.
-
     Examples
     --------
     >>> import numpy as np

@@ -71,10 +71,6 @@ def generate(
     ConfigError
         If the kind or a parameter is not allowed.
 
-    See Also
-    --------
-    read : read a motion recording.
-
     Examples
     --------
     >>> import doppelgait as dg

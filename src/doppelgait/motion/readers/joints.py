@@ -43,9 +43,8 @@ class Joints:
 
 
 def make_axis_rotations(axis: str, angle_rad: FloatArray) -> FloatArray:
-    """Return right-handed rotations by angles about one coordinate axis.
-    Shapes: angle_rad (...); returns (..., 3, 3).
-    """
+    """Return right-handed rotations by angles about one coordinate axis."""
+    # Shapes: angle_rad (...); returns (..., 3, 3)
     k = "xyz".index(axis)
     i, j = (k + 1) % 3, (k + 2) % 3
     rotation = np.zeros((*np.shape(angle_rad), 3, 3))
@@ -57,9 +56,8 @@ def make_axis_rotations(axis: str, angle_rad: FloatArray) -> FloatArray:
 
 
 def make_euler_rotations(axes: str, angles_rad: FloatArray) -> FloatArray:
-    """Multiply axis rotations, ``R_axes[0] @ R_axes[1] @ ...``.
-    The last axis rotates a vector first. Shapes: angles_rad (..., len(axes); returns (..., 3, 3).
-    """
+    """Multiply axis rotations, ``R_axes[0] @ R_axes[1] @ ...``."""
+    # the last axis rotates a vector first. Shapes: angles_rad (..., len(axes); returns (..., 3, 3)
     if not axes:
         return np.broadcast_to(np.eye(3), (*angles_rad.shape[:-1], 3, 3))
     rotation = make_axis_rotations(axes[0], angles_rad[..., 0])
@@ -69,9 +67,8 @@ def make_euler_rotations(axes: str, angles_rad: FloatArray) -> FloatArray:
 
 
 def make_vector_rotations(vector_rad: FloatArray) -> FloatArray:
-    """Convert rotation vectors (exponential maps) to rotation matrices. ``R = I + sin(a) K + (1 -
-    cos(a)) K K`` (Rodrigues). Shapes: vector_rad (..., 3); returns (..., 3, 3).
-    """
+    """Convert rotation vectors (exponential maps) to rotation matrices."""
+    # R = I + sin(a) K + (1 - cos(a)) K K (Rodrigues); shapes: vector_rad (..., 3), matrices (..., 3, 3)
     angle = np.linalg.norm(vector_rad, axis=-1)
     # sin(a)/a and (1 - cos(a))/a^2 without a division by zero
     first = np.sinc(angle / np.pi)
