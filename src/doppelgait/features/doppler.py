@@ -58,9 +58,8 @@ def strongest_cells_v2(signature: Signal) -> npt.NDArray[Any]:
 
 
 def compute_quantile(values: npt.NDArray[np.floating[Any]], share: float) -> float:
-    """Compute quantiles of values without NaN.
-    The result equals np.quantile; the computation takes a tenth of the time.
-    """
+    """Compute quantiles of values without NaN."""
+    # the result equals np.quantile; the computation takes a tenth of the time
     ordered = np.sort(values, axis=None)
     place = share * (ordered.size - 1)
     below = int(place)
@@ -68,17 +67,15 @@ def compute_quantile(values: npt.NDArray[np.floating[Any]], share: float) -> flo
 
 
 def width_level_v2(strongest_v2: npt.NDArray[Any], floor_v2: float, range_weight: FloatArray) -> FloatArray:
-    """Compute the level of B_mu per column (E-35), V^2.
-    The level is 3 % of the body's power. Shapes: strongest_v2 (J,); range_weight (J,) (E-28).
-    """
+    """Compute the level of B_mu per column (E-35), V^2."""
+    # the level is 3 % of the body's power. Shapes: strongest_v2 (J,); range_weight (J,) (E-28)
     excess = (strongest_v2 - float(floor_v2)) * range_weight
     return np.asarray(WIDTH_LEVEL * max(compute_quantile(excess, 0.5), 0.0) / range_weight)
 
 
 def raised_by_noise_v2(level_v2: FloatArray, floor_v2: float, n_bins: float) -> FloatArray:
-    """Raise the level of B_mu by the noise (E-35).
-    The mean of n exponential variables exceeds nu + kappa for 5 % of the time.
-    """
+    """Raise the level of B_mu by the noise (E-35)."""
+    # the mean of n exponential variables exceeds nu + kappa for 5 % of the time
     return np.asarray(np.hypot(level_v2, floor_v2 * _compute_noise_excess(n_bins)))
 
 
@@ -120,7 +117,6 @@ def _interpolate_crossing(level: FloatArray, doppler_hz: FloatArray, start: int,
 
 
 def single_tone_width_hz(*, cpi_s: float, window_steepness: float, threshold: float) -> float:
-    """Compute the width of a line of constant Doppler (E-35).
-    The width is 2 sqrt(-ln t) / (2 pi sigma_w T_d / 2).
-    """
+    """Compute the width of a line of constant Doppler (E-35)."""
+    # the width is 2 sqrt(-ln t) / (2 pi sigma_w T_d / 2)
     return math.sqrt(-math.log(threshold)) / (math.pi * window_steepness * cpi_s / 2.0)

@@ -75,8 +75,7 @@ def measure_extended(observed: Observation) -> ExtendedFeatures:
 
 
 def list_features() -> list[tuple[str, str, str]]:
-    """List name, unit and source of every extended feature."""
-    # the list is in alphabetical order
+    """List name, unit and source of every extended feature. The list is in alphabetical order."""
     found = [feature for feature in FEATURES.values() if "set_f" not in feature.facts]
     return [(feature.name, feature.facts["unit"], feature.facts["source"]) for feature in found]
 

@@ -176,9 +176,8 @@ def estimate_segment_motion(
 
 
 def classify_visibility(motion: GroundMotion) -> Visibility:
-    """Classify the visibility of the gait at an aspect.
-    The classes are described in :class:`SegmentMotion`.
-    """
+    """Classify the visibility of the gait at an aspect."""
+    # the classes are described in SegmentMotion
     if motion.aspect_deg is None:
         return "unknown"
     cosine = abs(math.cos(math.radians(motion.aspect_deg)))

@@ -46,9 +46,8 @@ class Rows:
 
 
 def average_columns(normalised: Signal) -> Rows:
-    """Average groups of columns of a normalised signature.
-    The result has at least 40 columns per second.
-    """
+    """Average groups of columns of a normalised signature."""
+    # the result has at least 40 columns per second
     rate_hz = sampling_rate_hz(normalised.axis("time"))
     group = group_size(rate_hz)
     return Rows(sum_groups(normalised.values, group) / group, normalised.axis("doppler"), rate_hz / group)
@@ -109,9 +108,8 @@ def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
 def _make_limb_groups(
     n_rows: int, zero: int, zero_hz: float, bin_hz: float
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], FloatArray]:
-    """Return limb groups of 16 Hz around the torso.
-    Returns the first row of each group, one past its last row, and the Doppler of its middle.
-    """
+    """Return limb groups of 16 Hz around the torso."""
+    # Returns the first row of each group, one past its last row, and the Doppler of its middle
     torso, size = int(TORSO_WIDTH_HZ / bin_hz), _group_rows(bin_hz)
     starts, stops = [], []
     for first, stop in ((0, max(zero - torso, 0)), (min(zero + torso + 1, n_rows), n_rows)):
@@ -134,9 +132,8 @@ def summed_rows(rows: Rows, bin_hz: float) -> Rows:
 
 
 def detrend_rows(values: FloatArray, rate_hz: float) -> FloatArray:
-    """Remove every row's least-squares polynomial (E-31).
-    The order is round(1.2 T_o), 1 to 6; the values are overwritten.
-    """
+    """Remove every row's least-squares polynomial (E-31)."""
+    # the order is round(1.2 T_o), 1 to 6; the values are overwritten
     from doppelgait.core.kernels.periodicity import remove_trend
 
     basis = _make_orthonormal_basis(values.shape[0], min(max(round(1.2 * values.shape[0] / rate_hz), 1), 6))
@@ -146,9 +143,8 @@ def detrend_rows(values: FloatArray, rate_hz: float) -> FloatArray:
 
 @lru_cache(maxsize=4)
 def _make_orthonormal_basis(n_columns: int, order: int) -> FloatArray:
-    """Compute orthonormal polynomials over the observation.
-    The result has the shape (J, order + 1) and is read-only.
-    """
+    """Compute orthonormal polynomials over the observation."""
+    # the result has the shape (J, order + 1) and is read-only
     basis = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n_columns), order))[0]
     basis.flags.writeable = False
     return np.asarray(basis, dtype=np.float64)

@@ -202,8 +202,7 @@ def fit_spline(motion: Motion) -> Spline:
 
 
 def fit_centre(motion: Motion) -> Spline:
-    """Fit a spline to the body centre; 3 columns."""
-    # it is like fit_spline, for body_centre_m
+    """Fit a spline to the body centre; 3 columns. It is like fit_spline, for body_centre_m."""
     return _fit_motion_spline(motion, body_centre_m(motion))
 
 

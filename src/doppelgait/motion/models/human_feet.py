@@ -144,8 +144,7 @@ def _sample_leg_phases(duty: float) -> FloatArray:
 
 
 def make_feet(style: GaitStyle, hips: Hips, size_m: Mapping[str, float], left_ahead_m: float) -> dict[str, Foot]:
-    """Make a gait's feet and place their footprints."""
-    # hips are those at _sample_leg_phases
+    """Make a gait's feet and place their footprints. Hips are those at _sample_leg_phases."""
     cycles, reach_m = _sample_leg_phases(style.duty), MAX_EXTENSION * (size_m["thigh"] + size_m["shank"])
     own = style.foot(cycles)
     roll, way_m = _roll_sole(own[:, 2], size_m["foot"]), style.stride_m * cycles[:100]

@@ -231,8 +231,7 @@ TAIL_YIELD_RAD = 0.25
 
 
 def lift_above_floor(elevation_rad: FloatArray, height: FloatArray) -> FloatArray:
-    """Lift a rod smoothly off the floor."""
-    # height is that of its upper end relative to its length
+    """Lift a rod smoothly off the floor. Height is that of its upper end relative to its length."""
     free = TAIL_YIELD_RAD - height
     yielding = free - TAIL_YIELD_RAD * np.tanh((free - elevation_rad) / TAIL_YIELD_RAD)
     return np.where(elevation_rad < free, yielding, elevation_rad)
