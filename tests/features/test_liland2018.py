@@ -101,3 +101,12 @@ def test_gates_leak_the_label_and_the_truth_as_in_the_report(recording):
     dog = simulate(Scene([Target(boulic_walk(speed_mps=1.2, duration_s=0.5), label="dog")]), Radar.preset("x4"))
     assert analyze(dog, gate="truth", analysis=Analysis(method="liland2018"))[0].gate.span_m == 1.5
     assert analyze(dog, gate="truth")[0].gate.span_m == 1.6
+
+
+def test_ratio_grows_with_the_number_of_doppler_bins_as_found_e38(recording):
+    ratios = {
+        k: analyze(recording, gate="truth", analysis=Analysis(method="liland2018", doppler_bins=k, hop=5))[0]
+        for k in (101, 512)
+    }
+    values = {k: r.features.limb_torso_ratio for k, r in ratios.items()}
+    assert values[512] / values[101] == pytest.approx(512 / 101, rel=0.15)
