@@ -15,6 +15,7 @@ from doppelgait.processing.breath_signal import (
     compute_line_ratio,
     compute_median_over_mean,
     compute_threshold,
+    fit_circle,
     remove_common_gain,
 )
 from doppelgait.processing.breathing import BreathingSettings, find_breathing
@@ -191,6 +192,14 @@ def test_what_cannot_be_looked_at_is_refused():
         find(broken)
     with pytest.raises((ConfigError, ValueError), match=r"low_hz 0\.7 must be below high_hz 0\.2"):
         BreathingSettings(low_hz=0.7, high_hz=0.2)
+
+
+def test_circle_of_a_short_arc():
+    angle = np.linspace(0.2, 1.0, 200)
+    centre, radius = fit_circle(3 - 2j + 1.7 * np.exp(1j * angle))
+    assert centre == pytest.approx(3 - 2j, abs=1e-9)
+    assert radius == pytest.approx(1.7, abs=1e-9)
+    assert fit_circle(np.linspace(0, 1, 9) * (1 + 2j) + 0)[1] == np.inf
 
 
 def test_displacement_is_positive_away_and_in_metres():
