@@ -123,11 +123,6 @@ def test_mistakes_name_the_entry_and_what_is_allowed(changes, message):
         parse_run({**SCENE, **changes})
 
 
-def test_conditions_say_what_is_wrong_too():
-    with pytest.raises(ConfigError, match=r"Conditions: impairments\.0"):
-        Conditions(impairments=[{"kind": "nothing"}])
-
-
 PRESET = """
 carrier_hz = 7.29e9
 sample_rate_hz = 23.328e9

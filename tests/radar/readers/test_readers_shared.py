@@ -9,7 +9,7 @@ from scipy.io import loadmat
 from scipy.signal import firwin
 
 from doppelgait.radar import Recording, read_recording
-from doppelgait.radar.readers import RADAR_READERS, read_several
+from doppelgait.radar.readers import RADAR_READERS
 from doppelgait.radar.readers.matlab import list_variables, load_variable
 
 pytestmark = pytest.mark.shared
@@ -128,9 +128,3 @@ def test_scipy_reads_the_same_values(folder):
         for name, variable in list_variables(path, max_bytes=1 << 30).items():
             if variable.kind in (6, 7, 8, 9, 10, 11):
                 np.testing.assert_array_equal(load_variable(variable), wanted[name])
-
-
-def test_a_folder_of_files_with_subsweeps_gives_them_all(folder):
-    subsweeps, left_out = read_several([folder.parent / "a121_acconeer"])
-    assert left_out == []
-    assert sum("presence-default.h5 (subsweep=" in r.source for r in subsweeps) == 4
