@@ -204,7 +204,7 @@ def tabulate_later(
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """What the radar sees of some scatterers, computed when it is read; the last pulses are kept."""
+    """View of some scatterers from the radar, computed when it is read; the last pulses are kept."""
 
     scene: Scene
     bodies: Sequence[Scatterers]
