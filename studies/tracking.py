@@ -38,7 +38,7 @@ from doppelgait.processing.detections import Detection, Scan
 from doppelgait.processing.track import Track, Tracker, track
 from doppelgait.radar import Radar, Recording, add_noise
 from doppelgait.scene import Scene, Target
-from doppelgait.testing.tracking import compare_tracks, range_iou
+from doppelgait.testing.tracking import compare_tracks
 
 RADAR = Radar.preset("x4")
 LEVELS_DB = (30.0, 20.0, 10.0, 5.0)
@@ -192,11 +192,13 @@ def judge(tracks: list[Track], truth: Truth, scans: list[Scan]) -> Verdict:
 
 def _iou(tracks: list[Track], truth: Truth, number: int) -> tuple[float, float]:
     """Return the mean IoU and the share of gated time."""
-    reference = Gate.around(truth.slow_time_s, truth.range_m[:, number], span_m=SPAN_M, source="truth")
-    each = [range_iou(Gate.from_track(t, span_m=SPAN_M, time_s=truth.slow_time_s), reference) for t in tracks]
-    best = np.max(each, axis=0) if each else np.zeros(truth.slow_time_s.size)
+    best = np.zeros(truth.slow_time_s.size)
     inside = np.zeros(best.size, dtype=bool)
     for one in tracks:
+        gate = Gate.from_track(one, span_m=SPAN_M, time_s=truth.slow_time_s)
+        both_m = SPAN_M - np.abs(np.interp(truth.slow_time_s, gate.time_s, gate.centre_m) - truth.range_m[:, number])
+        gated = (truth.slow_time_s >= gate.start_s) & (truth.slow_time_s <= gate.stop_s)
+        best = np.maximum(best, np.where(gated & (both_m > 0), both_m / (2 * SPAN_M - both_m), 0.0))
         inside |= (truth.slow_time_s >= one.first_s - 0.05) & (truth.slow_time_s <= one.last_s + 0.05)
     return float(best.mean()), float(inside.mean())
 
@@ -207,10 +209,7 @@ def _mean(values: npt.ArrayLike) -> float:
 
 
 def draw_scans(truth: Truth, rng: np.random.Generator) -> list[Scan]:
-    """Simulate detections from the truth at 10 Hz.
-
-    With errors, misses, false ones, and one for two bodies that are close.
-    """
+    """Simulate detections at 10 Hz with errors, misses, false ones, and one for two bodies that are close."""
     times_s = np.arange(0.05, truth.slow_time_s[-1] - 0.05, 0.1)
     ranges, velocities = truth.at(times_s)
     scans = []
