@@ -14,6 +14,7 @@ CPI at a low carrier blurs the bands: a constant velocity has a width of about l
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -98,40 +99,18 @@ def bandwidth_envelope_hz(observed: Observation) -> float | None:
     return observed.envelope_width_hz
 
 
-@plugin("feature", "forward_envelope_mean_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
-def forward_mean_mps(observed: Observation) -> float:
-    """Measure the leading envelope's mean reach from the main line."""
-    return observed.edges.lead_mean_mps
+_EDGES: dict[str, Callable[[Observation], float]] = {
+    "forward_envelope_mean_mps": lambda observed: observed.edges.lead_mean_mps,
+    "backward_envelope_mean_mps": lambda observed: observed.edges.lag_mean_mps,
+    "forward_envelope_sd_mps": lambda observed: observed.edges.lead_sd_mps,
+    "backward_envelope_sd_mps": lambda observed: observed.edges.lag_sd_mps,
+    "forward_envelope_range_mps": lambda observed: observed.edges.lead_high_mps - observed.edges.lead_low_mps,
+    "backward_envelope_range_mps": lambda observed: observed.edges.lag_high_mps - observed.edges.lag_low_mps,
+}
+"""Mean reach, standard deviation and 5 to 95 % range of the leading and the trailing envelope about the main line."""
 
-
-@plugin("feature", "backward_envelope_mean_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
-def backward_mean_mps(observed: Observation) -> float:
-    """Measure the trailing envelope's mean reach."""
-    return observed.edges.lag_mean_mps
-
-
-@plugin("feature", "forward_envelope_sd_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
-def forward_sd_mps(observed: Observation) -> float:
-    """Measure the leading envelope's standard deviation."""
-    return observed.edges.lead_sd_mps
-
-
-@plugin("feature", "backward_envelope_sd_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
-def backward_sd_mps(observed: Observation) -> float:
-    """Measure the trailing envelope's standard deviation."""
-    return observed.edges.lag_sd_mps
-
-
-@plugin("feature", "forward_envelope_range_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
-def forward_range_mps(observed: Observation) -> float:
-    """Measure the leading envelope's 5 to 95 % range."""
-    return observed.edges.lead_high_mps - observed.edges.lead_low_mps
-
-
-@plugin("feature", "backward_envelope_range_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
-def backward_range_mps(observed: Observation) -> float:
-    """Measure the trailing envelope's 5 to 95 % range."""
-    return observed.edges.lag_high_mps - observed.edges.lag_low_mps
+for _name, _measure in _EDGES.items():
+    plugin("feature", _name, unit="m/s", source=BJORKLUND, needs=SIDES)(_measure)
 
 
 @plugin("feature", "envelope_asymmetry", unit="1", source="ours: bandwidth ahead against behind (E-35b)", needs=SIDES)

@@ -314,7 +314,24 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
     pairs = find_rigid_pairs(chosen[0])
     wanted = (1.0 - share) * measure_pair_lengths(here, pairs) + share * measure_pair_lengths(there, pairs)
     mixed = (1.0 - share) * here + share * there
-    facts = _blend_facts(one, other, share, ratio, 1.0 / period_s)
+    nearer, further = one.facts, other.facts
+    step_hz, gait_hz = step_and_gait_frequency_hz(nearer.gait, 1.0 / period_s)
+    licences = (nearer.licence, further.licence)
+    facts = {
+        "source": _join_marks(nearer.source, further.source),
+        "kind": nearer.kind,
+        "subject": _join_marks(nearer.subject, further.subject),
+        "licence": _join_marks(*licences, " AND ") if all(licences) else "",
+        "species": nearer.species,
+        "gait": nearer.gait,
+        "height_m": (1.0 - share) * nearer.height_m + share * (ratio * further.height_m),
+        "mass_kg": nearer.mass_kg,
+        "stride_frequency_hz": 1.0 / period_s,
+        "step_frequency_hz": step_hz,
+        "gait_frequency_hz": gait_hz,
+        "stride_from": nearer.stride_from,
+        "file_time_s": nearer.file_time_s,
+    }
     made = make_motion(mixed, rate_hz=one.rate_hz, markers=markers, parts=parts, facts=facts)
     restored = restore_lengths(mixed, pairs, wanted, weigh_feet(made), ridge=RIDGE, steps=STEPS)
     turned = _turn(restored, math.atan2(cycle.advance[1], cycle.advance[0]))
@@ -439,27 +456,6 @@ def _align(one: FloatArray, other: FloatArray) -> tuple[float, float, FloatArray
     likeness = np.fft.irfft(product, 16 * PHASES) * 16 / np.sqrt(np.prod([(swing**2).sum() for swing in swings]))
     best = int(np.argmax(likeness))
     return (best / likeness.size + 0.5) % 1.0 - 0.5, float(likeness[best]), offset
-
-
-def _blend_facts(one: Motion, other: Motion, share: float, ratio: float, stride_hz: float) -> Mapping[str, Any]:
-    facts, further = one.facts, other.facts
-    step_hz, gait_hz = step_and_gait_frequency_hz(facts.gait, stride_hz)
-    heights = [facts.height_m, ratio * further.height_m]
-    return {
-        "source": _join_marks(facts.source, further.source),
-        "kind": facts.kind,
-        "subject": _join_marks(facts.subject, further.subject),
-        "licence": _join_marks(facts.licence, further.licence, " AND ") if facts.licence and further.licence else "",
-        "species": facts.species,
-        "gait": facts.gait,
-        "height_m": (1.0 - share) * heights[0] + share * heights[1],
-        "mass_kg": facts.mass_kg,
-        "stride_frequency_hz": stride_hz,
-        "step_frequency_hz": step_hz,
-        "gait_frequency_hz": gait_hz,
-        "stride_from": facts.stride_from,
-        "file_time_s": facts.file_time_s,
-    }
 
 
 def _join_marks(one: str, other: str, mark: str = " + ") -> str:

@@ -260,13 +260,10 @@ def state_ranges(scene: Scene) -> Scene:
     return scene.model_copy(update={"targets": tuple(stated)})
 
 
-def _show_scene(scene: Scene) -> str:
-    """Format a scene for a notebook, with its targets where :func:`place` puts them."""
-    return show_html("Scene", scene.tabulate_facts(), "scene", state_ranges(scene))
-
-
-# here and not in the class, because placement is built on the scene
-Scene._repr_html_ = _show_scene  # type: ignore[attr-defined]
+# a notebook shows the targets where they are placed; here, because placement is built on the scene
+Scene._repr_html_ = lambda scene: show_html(  # type: ignore[attr-defined]
+    "Scene", scene.tabulate_facts(), "scene", state_ranges(scene)
+)
 
 
 def build_motion(

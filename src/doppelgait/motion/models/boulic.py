@@ -23,18 +23,20 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
-from doppelgait.motion.models.human_body import LENGTHS, POINTS, compute_figure_points
+from doppelgait.motion.models.human_body import (
+    LENGTHS,
+    POINTS,
+    compute_figure_points,
+    make_person_motion,
+)
 from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import (
     Curve,
     fit_periodic_pchip,
-    footfall_times_s,
     make_stride_clock,
-    mean_stride_frequency_hz,
     sample_times_s,
 )
-from doppelgait.motion.motion import Motion, MotionFacts, make_motion
-from doppelgait.motion.skeleton import BOULIC_PARTS
+from doppelgait.motion.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
 OffsetSigns = Literal["continuous", "published", "pendulum"]
@@ -225,7 +227,6 @@ _SIGNS: dict[Form, OffsetSigns] = {
     "chen2011": "published",
 }
 _WHOLE_CYCLE = np.arange(1000) / 1000
-_BODY_MASS_INDEX = 23.0
 
 
 class BoulicConfig(FrozenModel):
@@ -325,28 +326,7 @@ def _generate(config: BoulicConfig, duration_s: float, rng: np.random.Generator 
     points, lowest_m = both_m[_WHOLE_CYCLE.size :], float(both_m[: _WHOLE_CYCLE.size, _FEET, 2].min())
     points[:, :, 0] += (1.346 * math.sqrt(q) * scale_m * (phase - phase[0]))[:, None]
     points[:, :, 2] -= lowest_m
-    stride_hz = mean_stride_frequency_hz(times_s, phase)
-    facts = MotionFacts(
-        source="boulic",
-        kind="boulic",
-        species="human",
-        gait="walk",
-        height_m=config.height_m,
-        mass_kg=_BODY_MASS_INDEX * config.height_m**2,
-        stride_frequency_hz=stride_hz,
-        step_frequency_hz=2 * stride_hz,
-        gait_frequency_hz=2 * stride_hz,
-        footfalls=footfall_times_s(clock, {"left_foot": 0.5, "right_foot": 0.0}, times_s[-1]),
-    )
-    parts = list(BOULIC_PARTS.values())
-    return make_motion(
-        points,
-        rate_hz=config.rate_hz,
-        markers=POINTS,
-        parts=parts,
-        facts=facts,
-        report={"mass_kg": "assumed: body mass index 23 kg/m^2"},
-    )
+    return make_person_motion(points, clock, times_s, config, gait="walk")
 
 
 def compute_boulic_points(

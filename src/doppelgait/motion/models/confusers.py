@@ -12,10 +12,10 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
-from doppelgait.motion.models.primitives import rotor
+from doppelgait.motion.models.primitives import check_clearance, make_gaitless_motion, rotor
 from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import sample_times_s, stack_xyz
-from doppelgait.motion.motion import Motion, make_motion
+from doppelgait.motion.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -103,11 +103,7 @@ class CurtainConfig(FrozenModel):
 
     @model_validator(mode="after")
     def _check_height(self) -> CurtainConfig:
-        if self.rail_height_m < self.drop_m:
-            raise ValueError(
-                f"rail_height_m: {self.rail_height_m:g} is not allowed: the curtain would reach through the floor; "
-                f"must be at least drop_m = {self.drop_m:g}"
-            )
+        check_clearance("rail_height_m", self.rail_height_m, "drop_m", self.drop_m, "curtain would reach")
         return self
 
 
@@ -138,11 +134,7 @@ class FanConfig(FrozenModel):
 
     @model_validator(mode="after")
     def _check_fan(self) -> FanConfig:
-        if self.hub_height_m < self.radius_m:
-            raise ValueError(
-                f"hub_height_m: {self.hub_height_m:g} is not allowed: the blades would turn through the floor; "
-                f"must be at least radius_m = {self.radius_m:g}"
-            )
+        check_clearance("hub_height_m", self.hub_height_m, "radius_m", self.radius_m, "blades would turn")
         _check_turns(self.rate_hz, self.rotation_hz, "rotation_hz")
         return self
 
@@ -271,7 +263,7 @@ def _generate_vacuum(config: VacuumConfig, duration_s: float, rng: np.random.Gen
         angle = heading + 2 * np.pi * (config.brush_hz * times_s + k / BRUSH_ARMS)
         points[f"brush_{k + 1}"] = hub + _round(angle, config.brush_radius_m)
     rate = {"gait_frequency_hz": BRUSH_ARMS * config.brush_hz} if config.brush_hz > 0 else {}
-    return _make_motion("vacuum", points, config.rate_hz, height_m=config.height_m, **rate)
+    return _make_confuser("vacuum", points, config.rate_hz, height_m=config.height_m, **rate)
 
 
 @plugin("motion_model", parameters=CurtainConfig)
@@ -286,7 +278,7 @@ def _generate_curtain(config: CurtainConfig, duration_s: float, rng: np.random.G
             place = stack_xyz(down * wave, across * config.width_m, config.rail_height_m - down * config.drop_m)
             points[f"cloth_{column + 1}_{row + 1}"] = place
     rate = {"gait_frequency_hz": config.sway_hz} if config.amplitude_m > 0 else {}
-    return _make_motion("curtain", points, config.rate_hz, height_m=config.rail_height_m, **rate)
+    return _make_confuser("curtain", points, config.rate_hz, height_m=config.rail_height_m, **rate)
 
 
 @plugin("motion_model", parameters=FanConfig)
@@ -304,7 +296,7 @@ def _generate_fan(config: FanConfig, duration_s: float, rng: np.random.Generator
     still = np.zeros(turning.n_frames)
     points |= {"stand": stack_xyz(still, 0.0, config.hub_height_m / 2), "foot": stack_xyz(still, 0.0, 0.0)}
     top_m = config.hub_height_m + config.radius_m
-    return _make_motion(
+    return _make_confuser(
         "fan", points, config.rate_hz, height_m=top_m, gait_frequency_hz=turning.facts.gait_frequency_hz
     )
 
@@ -313,12 +305,5 @@ def _round(angle_rad: FloatArray, radius_m: float) -> FloatArray:
     return radius_m * np.stack([np.cos(angle_rad), np.sin(angle_rad), np.zeros_like(angle_rad)], axis=1)
 
 
-def _make_motion(kind: str, points: dict[str, FloatArray], rate_hz: float, **facts: object) -> Motion:
-    return make_motion(
-        np.stack(list(points.values()), axis=1),
-        rate_hz=rate_hz,
-        markers=list(points),
-        parts=[""] * len(points),
-        facts={"source": kind, "kind": kind, "mass_kg": MASS_KG[kind], **facts},
-        report={"mass_kg": "assumed"},
-    )
+def _make_confuser(kind: str, points: dict[str, FloatArray], rate_hz: float, **facts: Any) -> Motion:
+    return make_gaitless_motion(kind, points, rate_hz, report={"mass_kg": "assumed"}, mass_kg=MASS_KG[kind], **facts)

@@ -15,18 +15,15 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
-from doppelgait.motion.models.human_body import LENGTHS, POINTS
+from doppelgait.motion.models.human_body import LENGTHS, POINTS, make_person_motion
 from doppelgait.motion.models.quadruped_limbs import solve_two_links
 from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import (
-    footfall_times_s,
     make_stride_clock,
-    mean_stride_frequency_hz,
     sample_times_s,
     stack_xyz,
 )
-from doppelgait.motion.motion import Motion, MotionFacts, make_motion
-from doppelgait.motion.skeleton import BOULIC_PARTS
+from doppelgait.motion.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -134,28 +131,9 @@ def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator |
     points = compute_crawling_points(phase, stride_m / config.height_m)
     position_m = config.height_m * np.stack([points[name] for name in POINTS], axis=1)
     position_m[:, :, 0] -= stride_m * phase[0]
-    mass = {"mass_kg": "assumed: body mass index 23 kg/m^2"} if config.mass_kg is None else {}
-    stride_hz = mean_stride_frequency_hz(times_s, phase)
-    facts = MotionFacts(
-        source="crawl",
-        kind="crawl",
-        species="human",
-        gait="crawl",
-        height_m=config.height_m,
-        mass_kg=23.0 * config.height_m**2 if config.mass_kg is None else config.mass_kg,
-        stride_frequency_hz=stride_hz,
-        step_frequency_hz=2 * stride_hz,
-        gait_frequency_hz=2 * stride_hz,
-        footfalls=footfall_times_s(clock, TOUCHDOWN, times_s[-1]),
-    )
-    parts = list(BOULIC_PARTS.values())
-    return make_motion(
-        position_m,
-        rate_hz=config.rate_hz,
-        markers=POINTS,
-        parts=parts,
-        facts=facts,
-        report={"gait": "assumed: timing and proportions"} | mass,
+    report = {"gait": "assumed: timing and proportions"}
+    return make_person_motion(
+        position_m, clock, times_s, config, gait="crawl", mass_kg=config.mass_kg, touchdown=TOUCHDOWN, report=report
     )
 
 

@@ -41,6 +41,7 @@ from doppelgait.motion.models.human_body import (
     Hands,
     compute_figure_points,
     find_segment_lengths,
+    make_person_motion,
     place_left_hip,
     place_legless_points,
     swing_arms,
@@ -50,15 +51,12 @@ from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import (
     Curve,
     fit_cubic_spline,
-    footfall_times_s,
     make_stride_clock,
-    mean_stride_frequency_hz,
     sample_times_s,
     stack_columns,
     step_series,
 )
-from doppelgait.motion.motion import Motion, MotionFacts, make_motion
-from doppelgait.motion.skeleton import BOULIC_PARTS
+from doppelgait.motion.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -143,7 +141,6 @@ def run_arms_deg(phase: FloatArray, adult_mps: float) -> dict[str, FloatArray]:
 OfPhase = Callable[[FloatArray], FloatArray]
 GaitName = Literal["auto", "walk", "run"]
 
-BODY_MASS_INDEX = 23.0
 RUN_DUTY = 0.337
 """Duty factor of the recorded runs, from the table at their mean speed."""
 WALK_ARMS = 0.65
@@ -359,28 +356,7 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
         points = both[_WHOLE_CYCLE.size :]
         points[:, :, 0] += advance(phase, 0)[:, None]
         points[:, :, 2] -= both[: _WHOLE_CYCLE.size, _FEET, 2].min()
-    stride_hz = mean_stride_frequency_hz(times_s, phase)
-    facts = MotionFacts(
-        source="human",
-        kind="human",
-        species="human",
-        gait=config.actual_gait,
-        height_m=config.height_m,
-        mass_kg=config.mass_kg if config.mass_kg is not None else BODY_MASS_INDEX * config.height_m**2,
-        stride_frequency_hz=stride_hz,
-        step_frequency_hz=2 * stride_hz,
-        gait_frequency_hz=2 * stride_hz,
-        footfalls=footfall_times_s(clock, {"left_foot": 0.5, "right_foot": 0.0}, times_s[-1]),
-    )
-    parts = list(BOULIC_PARTS.values())
-    return make_motion(
-        points,
-        rate_hz=config.rate_hz,
-        markers=POINTS,
-        parts=parts,
-        facts=facts,
-        report={} if config.mass_kg is not None else {"mass_kg": "assumed: body mass index 23 kg/m^2"},
-    )
+    return make_person_motion(points, clock, times_s, config, gait=config.actual_gait, mass_kg=config.mass_kg)
 
 
 def _find_leg_and_tempo(config: HumanConfig) -> tuple[float, float]:

@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from doppelgait.core.config import check_choice
 from doppelgait.core.rng import RandomSource, as_generator
-from doppelgait.motion.models.strides import stack_columns
+from doppelgait.motion.models.strides import Curve, footfall_times_s, mean_stride_frequency_hz, stack_columns
+from doppelgait.motion.motion import Motion, MotionFacts, make_motion
 from doppelgait.motion.skeleton import BOULIC_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -385,3 +386,40 @@ def sample_person(
     one_handed = load in ("bag", "phone")
     left, right = (load if not one_handed or (hand < 0.5) == is_left else "free" for is_left in (True, False))
     return Person(sex, age_class, complaint, left, right, **{key: float(value) for key, value in person.items()})
+
+
+BODY_MASS_INDEX = 23.0
+FOOT_TOUCHDOWN = {"left_foot": 0.5, "right_foot": 0.0}
+"""Phases in cycles at which the feet land."""
+
+
+def make_person_motion(
+    position_m: FloatArray,
+    clock: Curve,
+    times_s: FloatArray,
+    config: Any,
+    *,
+    gait: str,
+    mass_kg: float | None = None,
+    touchdown: Mapping[str, float] = FOOT_TOUCHDOWN,
+    report: Mapping[str, str] | None = None,
+) -> Motion:
+    """Make the motion of a modelled person with symmetrical steps."""
+    stride_hz = mean_stride_frequency_hz(times_s, clock(times_s))
+    facts = MotionFacts(
+        source=config.kind,
+        kind=config.kind,
+        species="human",
+        gait=gait,
+        height_m=config.height_m,
+        mass_kg=BODY_MASS_INDEX * config.height_m**2 if mass_kg is None else mass_kg,
+        stride_frequency_hz=stride_hz,
+        step_frequency_hz=2 * stride_hz,
+        gait_frequency_hz=2 * stride_hz,
+        footfalls=footfall_times_s(clock, touchdown, times_s[-1]),
+    )
+    mass = {"mass_kg": "assumed: body mass index 23 kg/m^2"} if mass_kg is None else {}
+    parts = list(BOULIC_PARTS.values())
+    return make_motion(
+        position_m, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts, report={**(report or {}), **mass}
+    )

@@ -20,6 +20,15 @@ FloatArray = npt.NDArray[np.float64]
 Plane = Literal["xy", "xz", "yz"]
 
 
+def check_clearance(key: str, height_m: float, lower_key: str, lower_m: float, motion: str) -> None:
+    """Raise an error if a body would move through the floor."""
+    if height_m < lower_m:
+        raise ValueError(
+            f"{key}: {height_m:g} is not allowed: the {motion} through the floor; "
+            f"must be at least {lower_key} = {lower_m:g}"
+        )
+
+
 class PointConfig(FrozenModel):
     """Parameters of :func:`moving_point`.
 
@@ -67,11 +76,7 @@ class PendulumConfig(FrozenModel):
 
     @model_validator(mode="after")
     def _check_height(self) -> PendulumConfig:
-        if self.pivot_height_m < self.length_m:
-            raise ValueError(
-                f"pivot_height_m: {self.pivot_height_m:g} is not allowed: the pendulum would swing through the "
-                f"floor; must be at least length_m = {self.length_m:g}"
-            )
+        check_clearance("pivot_height_m", self.pivot_height_m, "length_m", self.length_m, "pendulum would swing")
         return self
 
 
@@ -105,11 +110,8 @@ class RotorConfig(FrozenModel):
 
     @model_validator(mode="after")
     def _check_height(self) -> RotorConfig:
-        if self.plane != "xy" and self.hub_height_m < self.radius_m:
-            raise ValueError(
-                f"hub_height_m: {self.hub_height_m:g} is not allowed: the blades would turn through the floor; "
-                f"must be at least radius_m = {self.radius_m:g}"
-            )
+        if self.plane != "xy":
+            check_clearance("hub_height_m", self.hub_height_m, "radius_m", self.radius_m, "blades would turn")
         return self
 
 
@@ -270,7 +272,7 @@ def breathing_person(
 def _generate_point(config: PointConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     xyz = stack_xyz(config.speed_mps * times_s, 0.0, config.height_m)
-    return _make_motion("point", {"point": xyz}, config.rate_hz)
+    return make_gaitless_motion("point", {"point": xyz}, config.rate_hz)
 
 
 @plugin("motion_model", parameters=PendulumConfig)
@@ -278,7 +280,7 @@ def _generate_pendulum(config: PendulumConfig, duration_s: float, rng: np.random
     times_s = sample_times_s(duration_s, config.rate_hz)
     angle = np.radians(config.amplitude_deg) * np.sin(2 * np.pi * config.frequency_hz * times_s)
     x, z = config.length_m * np.sin(angle), config.pivot_height_m - config.length_m * np.cos(angle)
-    return _make_motion(
+    return make_gaitless_motion(
         "pendulum", {"bob": stack_xyz(x, 0.0, z)}, config.rate_hz, gait_frequency_hz=config.frequency_hz
     )
 
@@ -294,7 +296,7 @@ def _generate_rotor(config: RotorConfig, duration_s: float, rng: np.random.Gener
         tip[:, first] += config.radius_m * np.cos(angle)
         tip[:, second] += config.radius_m * np.sin(angle)
         points[f"blade_{blade + 1}"] = tip
-    return _make_motion("rotor", points, config.rate_hz, gait_frequency_hz=config.blades * config.rotation_hz)
+    return make_gaitless_motion("rotor", points, config.rate_hz, gait_frequency_hz=config.blades * config.rotation_hz)
 
 
 _STANDING = {
@@ -317,7 +319,7 @@ def _generate_breathing(config: BreathingConfig, duration_s: float, rng: np.rand
         name: stack_xyz(x * size_m + share * chest_m, y * size_m, z * size_m)
         for name, (_, x, y, z, share) in _STANDING.items()
     }
-    return _make_motion(
+    return make_gaitless_motion(
         "breathing",
         points,
         config.rate_hz,
@@ -331,7 +333,7 @@ def _generate_breathing(config: BreathingConfig, duration_s: float, rng: np.rand
     )
 
 
-def _make_motion(
+def make_gaitless_motion(
     kind: str,
     points: dict[str, FloatArray],
     rate_hz: float,
@@ -340,6 +342,7 @@ def _make_motion(
     report: Mapping[str, str] | None = None,
     **facts: object,
 ) -> Motion:
+    """Make the motion of a model without gait from its points."""
     return make_motion(
         np.stack(list(points.values()), axis=1),
         rate_hz=rate_hz,

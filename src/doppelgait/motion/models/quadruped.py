@@ -38,8 +38,8 @@ from doppelgait.motion.models.quadruped_gaits import (
 from doppelgait.motion.models.quadruped_limbs import Carriage, FootfallCourse, compute_all_points, make_regular_course
 from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import (
-    Curve,
     fit_cubic_spline,
+    landing_times_s,
     make_stride_clock,
     mean_stride_frequency_hz,
     sample_autoregressive,
@@ -280,6 +280,8 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
     position_m = hip_m * np.stack([points[name] for name in POINTS], axis=1)
     position_m[:, :, 0] -= hip_m * course.distance(phase[:1])
     stride_hz = mean_stride_frequency_hz(times_s, phase)
+    low, high = phase[0] - 1e-9, phase[-1] + 1e-9
+    landings = {foot: phases[(phases >= low) & (phases <= high)] for foot, (_, phases) in course.landings.items()}
     facts = MotionFacts(
         source="quadruped",
         kind="quadruped",
@@ -290,7 +292,7 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
         stride_frequency_hz=stride_hz,
         step_frequency_hz=2 * stride_hz if gait.harmonic == 2 else NAN,
         gait_frequency_hz=gait.harmonic * stride_hz,
-        footfalls=_footfalls_s(clock, course, phase, float(times_s[-1])),
+        footfalls=landing_times_s(clock, landings, float(times_s[-1])),
     )
     parts = list(PART_OF_POINT.values())
     return make_motion(
@@ -332,12 +334,3 @@ def _make_course(
             landings[foot] = number, phases + landing_sd * sample_autoregressive(phases.size, rng)
     way = np.concatenate([[0.0], np.cumsum(lengths)])
     return FootfallCourse(stride, landings, fit_cubic_spline(np.arange(first, first + way.size) / 2, way))
-
-
-def _footfalls_s(clock: Curve, course: FootfallCourse, phase: FloatArray, end_s: float) -> dict[str, list[float]]:
-    """Return the landing times of the feet to ``end_s``."""
-    low, high = phase[0] - 1e-9, phase[-1] + 1e-9
-    landings = {foot: phases[(phases >= low) & (phases <= high)] for foot, (_, phases) in course.landings.items()}
-    found_s = np.clip(clock.where(np.concatenate([*landings.values()])), 0.0, end_s)
-    parts = np.split(found_s, np.cumsum([phases.size for phases in landings.values()])[:-1])
-    return {foot: part.tolist() for foot, part in zip(landings, parts, strict=True)}

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -190,13 +191,20 @@ def footfall_times_s(clock: Curve, touchdown_phase: Mapping[str, float], end_s: 
     """Return each foot's landing times before ``end_s``."""
     # touchdown_phase is in cycles, by name of the foot
     first, last = (float(p) for p in clock([0.0, end_s]))
-    phases = [
-        offset + np.arange(math.ceil(first - offset - 1e-9), math.floor(last - offset + 1e-9) + 1)
-        for offset in touchdown_phase.values()
-    ]
-    found_s = np.clip(clock.where(np.concatenate(phases)), 0.0, end_s) if phases else np.empty(0)
-    parts = np.split(found_s, np.cumsum([part.size for part in phases])[:-1])
-    return {foot: part.tolist() for foot, part in zip(touchdown_phase, parts, strict=True)}
+    phases = {
+        foot: offset + np.arange(math.ceil(first - offset - 1e-9), math.floor(last - offset + 1e-9) + 1)
+        for foot, offset in touchdown_phase.items()
+    }
+    return landing_times_s(clock, phases, end_s)
+
+
+def landing_times_s(
+    clock: Curve, phases: Mapping[str, npt.NDArray[np.floating[Any]]], end_s: float
+) -> dict[str, list[float]]:
+    """Return the times of each foot's landing phases."""
+    every_s = np.clip(clock.where(np.concatenate([*phases.values()])), 0.0, end_s) if phases else np.empty(0)
+    times_s = np.split(every_s, np.cumsum([phase.size for phase in phases.values()])[:-1])
+    return {foot: times.tolist() for foot, times in zip(phases, times_s, strict=True)}
 
 
 def mean_stride_frequency_hz(times_s: FloatArray, phase: FloatArray) -> float:

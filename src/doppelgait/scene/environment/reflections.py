@@ -139,7 +139,9 @@ def add_images(
     """Append the echoes with one and with two reflections."""
     from doppelgait.core.kernels.images import fill_images
 
-    table = add_path_phase(scatterers)
+    table = scatterers
+    if "path_phase" not in table:
+        table = replace_values(table, path_phase=np.zeros(tuple(table.sizes[dim] for dim in DIMS)))
     n_rows, n_images = table.sizes["scatterer"], columns.size
     first, second = slice(n_rows, n_rows + n_images), slice(n_rows + n_images, None)
     values: dict[str, FloatArray] = {}
@@ -166,15 +168,6 @@ def add_images(
         coords[name] = label_values("scatterer", np.concatenate([variable.values, *rows]), variable.attrs)
     mirrors = (*table.attrs.get("mirrors", ()), Mirror(*plane, tuple(columns.tolist()), n_rows))
     return label_table(values, coords, {**table.attrs, "mirrors": mirrors})
-
-
-def add_path_phase(scatterers: xr.Dataset) -> xr.Dataset:
-    """Return the table with ``path_phase``."""
-    # if the variable is missing, it is added with the value 0
-    if "path_phase" in scatterers:
-        return scatterers
-    shape = tuple(scatterers.sizes[dim] for dim in DIMS)
-    return replace_values(scatterers, path_phase=np.zeros(shape))
 
 
 def read_path_phase(scatterers: xr.Dataset) -> FloatArray | float:
@@ -348,7 +341,16 @@ def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) 
     direct = take(make_direct_rays(scatterers, effect=spec.kind), rows)
     from_wall_m = radar_distance_m - direct.along(normal_rad)
     seen = (from_wall_m > 0).any(axis=0)
-    _warn_of_crossing(scatterers, rows, from_wall_m)
+    crosses = seen & ~(from_wall_m > 0).all(axis=0)
+    if crosses.any():
+        number = int(np.flatnonzero(crosses)[0])
+        first = int(np.flatnonzero((from_wall_m[:, number] > 0) != (from_wall_m[0, number] > 0))[0])
+        name = read_axis(scatterers, "marker")[rows[number]]
+        warn_caller(
+            f"wall_ghost: {int(crosses.sum())} of {crosses.size} scatterers cross the wall, first {name} at "
+            f"{float(read_axis(scatterers, 'slow_time')[first]):.2f} s; they have no ghost while they are behind it. "
+            "Move the wall or the target"
+        )
     rows, direct, from_wall_m = rows[seen], take(direct, np.flatnonzero(seen)), from_wall_m[:, seen]
     length_m, velocity_mps = compute_image_length(
         direct,
@@ -403,17 +405,3 @@ def compute_wall_reflection(image: Rays, normal_rad: float, spec: WallGhost, wav
     te, tm = interpolate_modes(slab_reflection, cosine, permittivity=permittivity, **slab)
     share = compute_te_share(toward_m, image.along(normal_rad + math.pi / 2), image.z_m)
     return te * share - tm * (1.0 - share) if spec.polarisation == "vertical" else tm * share - te * (1.0 - share)
-
-
-def _warn_of_crossing(scatterers: xr.Dataset, rows: np.ndarray, from_wall_m: FloatArray) -> None:
-    before = from_wall_m > 0
-    crosses = before.any(axis=0) & ~before.all(axis=0)
-    if not crosses.any():
-        return
-    number = int(np.flatnonzero(crosses)[0])
-    time_s = float(read_axis(scatterers, "slow_time")[int(np.flatnonzero(before[:, number] != before[0, number])[0])])
-    name = read_axis(scatterers, "marker")[rows[number]]
-    warn_caller(
-        f"wall_ghost: {int(crosses.sum())} of {crosses.size} scatterers cross the wall, first {name} at "
-        f"{time_s:.2f} s; they have no ghost while they are behind it. Move the wall or the target"
-    )
