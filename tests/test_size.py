@@ -56,7 +56,7 @@ def list_public_names() -> set[str]:
 
 
 def count_internal_docstrings(path: Path, public: set[str]) -> int:
-    """Lines of docstrings of what nothing exports; tables of keys and commands are public without an export."""
+    """Lines of docstrings of what nothing exports; tables of keys, commands and plug-ins are public without one."""
     lines = 0
 
     def visit(node: ast.AST, inside: bool) -> None:
@@ -64,7 +64,7 @@ def count_internal_docstrings(path: Path, public: set[str]) -> int:
         for child in ast.iter_child_nodes(node):
             if isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
                 heads = [*map(ast.unparse, child.decorator_list), *map(ast.unparse, getattr(child, "bases", []))]
-                shown = any(re.search(r"command|callback|Model\b|Config\b|Parameters\b", head) for head in heads)
+                shown = any(re.search(r"plugin|command|callback|(Model|Config|Parameters)\b", head) for head in heads)
                 shown |= path.name == "scorer.py"  # copied to users, next to their model
                 exported = shown or child.name in public or (inside and not child.name.startswith("_"))
                 if ast.get_docstring(child) and not exported:

@@ -147,8 +147,8 @@ def split_bursts(slow_time: SlowTime, analysis: Analysis) -> Bursts:
     lengths_s = times[:, -1] - times[:, 0]
     if not (np.diff(times, axis=1) > 0).all() or np.ptp(lengths_s) > 0.5 * lengths_s.mean() / (pulses - 1):
         raise AnalysisError(
-            f"slow time does not fall into bursts of {pulses} evenly spaced pulses; pulses are missing or burst_pulses "
-            "is wrong"
+            f"slow time does not fall into bursts of {pulses} evenly spaced pulses; pulses are missing, their rate is "
+            "uneven or burst_pulses is wrong"
         )
     middle_s = times.mean(axis=1)
     periods_s = np.diff(middle_s)
