@@ -29,15 +29,7 @@ UNDETERMINED = "undetermined"
 
 @dataclass(frozen=True)
 class ExtendedFeatures:
-    """Features beyond the set F, with flags.
-
-    Parameters
-    ----------
-    values : dict
-        Values by name, in alphabetical order; None where undetermined.
-    reasons : dict
-        Reason for every None.
-    """
+    """Features beyond the set F, by name, and the reason for every None."""
 
     values: dict[str, float | None]
     reasons: dict[str, str]
@@ -52,16 +44,7 @@ class ExtendedFeatures:
 
 
 def measure_extended(observed: Observation) -> ExtendedFeatures:
-    """Measure a target's features beyond the set F.
-
-    Parameters
-    ----------
-    observed : Observed
-
-    Returns
-    -------
-    ExtendedFeatures
-    """
+    """Measure a target's features beyond the set F."""
     values: dict[str, float | None] = {}
     reasons: dict[str, str] = {}
     for feature in FEATURES.values():

@@ -99,7 +99,6 @@ class Extraction:
 
     Parameters
     ----------
-    features : GaitFeatures
     gait_frequency_hz, torso_doppler_hz, n_periods : float or None
         f_mu, the mean Doppler of the main line, and the number of observed periods.
     quality : mapping

@@ -101,7 +101,6 @@ class Observation:
         Single rows of the cadence map of :attr:`rows`.
     spectrum : Signal (cadence)
         Power spectrum S.
-    observation_s : float
     n_independent : float
         Independent columns J_eff.
     track_mps : float, optional

@@ -52,14 +52,12 @@ class MotionFacts:
         ``"recording"`` or the name of the model.
     subject : str
         Person or animal; leakage-free splits group rows by it.
-    licence : str
     species : str
         ``"human"``, ``"dog"``, ...
     gait : str
         ``"walk"``, ``"run"``, ``"trot"``, ``"gallop"``, ...
     height_m : float
         Stature of a person, withers height of a dog or cat.
-    mass_kg : float
     stride_frequency_hz, step_frequency_hz, gait_frequency_hz : float
         Strides and steps per second, and f_mu, the fundamental of the signature (E-07).
     footfalls : mapping of str to sequence of float

@@ -44,7 +44,6 @@ class PlacedTarget:
 
     Parameters
     ----------
-    target : Target
     number : int
         Number in the scatterer table: the index among the observed targets, -1 for background.
     motion : Motion
@@ -66,7 +65,6 @@ class PlacedScene:
 
     Parameters
     ----------
-    scene : Scene
     targets : tuple of PlacedTarget
         Targets in the order of the scene.
     observation_s : float
@@ -88,7 +86,6 @@ def place(scene: Scene, streams: Streams | None = None, *, folder: Path | None =
 
     Parameters
     ----------
-    scene : Scene
     streams : Streams, optional
         Random streams for motions with variation; the targets use the stream ``motion`` one after the other.
     folder : Path, optional

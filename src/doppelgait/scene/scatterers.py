@@ -113,7 +113,6 @@ def compute_scatterers(
     ----------
     motion : Motion
         Motion in the scene's world frame.
-    spec : RcsSpec
     time_s : ndarray, shape (I,)
         Pulse times after the motion's first frame.
     radar_position_m : array_like, shape (3,)
@@ -187,7 +186,6 @@ def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) 
 
     Parameters
     ----------
-    motion : Motion
     rcs_m2 : array_like, shape (P,)
         Mean radar cross section of every point.
     closer_than_m : float

@@ -326,10 +326,6 @@ def sample_person(
         State of the hands: ``"free"``, ``"pockets"`` or ``"pushing"`` (a pram) for both hands, ``"bag"`` or ``"phone"``
         for one of them at random. A person who pushes leans forward by 5 degrees more (assumed).
 
-    Returns
-    -------
-    Person
-
     Raises
     ------
     ConfigError

@@ -250,10 +250,6 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
     froude : float, optional
         Fixed Froude number within the range of the gait (0.05 to 10 without a fixed gait); sampled by default.
 
-    Returns
-    -------
-    Dog
-
     Raises
     ------
     ConfigError

@@ -62,10 +62,6 @@ def generate(
     rng : numpy.random.Generator or Streams, optional
         Source of random numbers, needed if the model draws any.
 
-    Returns
-    -------
-    Motion
-
     Raises
     ------
     ConfigError

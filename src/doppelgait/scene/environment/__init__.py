@@ -64,7 +64,6 @@ def apply_environment(scatterers: xr.Dataset, effects: Sequence[FrozenModel], se
         Table from :func:`doppelgait.scene.assemble`, with angles if :func:`needs_angles` is true.
     effects : sequence of FrozenModel
         Specifications such as :class:`Wall`; a field of type :data:`Environment` holds them.
-    setting : Setting
 
     Returns
     -------

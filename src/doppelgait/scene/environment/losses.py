@@ -94,8 +94,6 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
     ----------
     scatterers : Dataset (slow_time, scatterer)
         Table with angles if :func:`wall_needs_angles` is true.
-    spec : Wall
-    setting : Setting
 
     Returns
     -------
@@ -220,7 +218,6 @@ def apply_visibility(scatterers: xr.Dataset, spec: Visibility, setting: Setting)
     Parameters
     ----------
     scatterers : Dataset (slow_time, scatterer)
-    spec : Visibility
     setting : Setting
         Not used: the gain depends on range only.
 
@@ -275,8 +272,6 @@ def apply_screen(scatterers: xr.Dataset, spec: Screen, setting: Setting) -> xr.D
     ----------
     scatterers : Dataset (slow_time, scatterer)
         With angles.
-    spec : Screen
-    setting : Setting
 
     Returns
     -------

@@ -203,7 +203,6 @@ def apply_ground_bounce(scatterers: xr.Dataset, spec: GroundBounce, setting: Set
     ----------
     scatterers : Dataset (slow_time, scatterer)
         With angles. Rows that are images already get none.
-    spec : GroundBounce
     setting : Setting
         Position of the radar, above the floor.
 
@@ -313,8 +312,6 @@ def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) 
     ----------
     scatterers : Dataset (slow_time, scatterer)
         With angles. Rows that are images already get none.
-    spec : WallGhost
-    setting : Setting
 
     Returns
     -------
