@@ -21,9 +21,7 @@ def _convert(check: Check) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table of figures and return the exit code.
-    0 if all passed, 1 if one failed, 2 for wrong usage.
-    """
+    """Print the table of figures and return the exit code: 1 if one failed, 2 for wrong usage."""
     parser = argparse.ArgumentParser(prog="python -m doppelgait_conformance", description=main.__doc__)
     parser.add_argument("--json", action="store_true", help="a list of checks in JSON instead of a table")
     parser.add_argument("--only", action="append", metavar="CHECK", help="this check alone (may be repeated)")

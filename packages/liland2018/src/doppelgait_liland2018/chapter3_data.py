@@ -17,7 +17,7 @@ from doppelgait_liland2018.entry import EntryResult, Reading, compare_statement,
 from doppelgait_liland2018.material import Material, make_point_table, make_target, simulate_slow_time_signal
 from doppelgait_liland2018.measures import doppler_to_velocity_mps, power_to_db, travel_speed_mps
 from doppelgait_liland2018.scenarios import RCS_M2
-from doppelgait_liland2018.style import ACCENT, LINE, make_figure, name_axes, place_legend_below
+from doppelgait_liland2018.style import ACCENT, LINE, make_figure, make_panels, name_axes, place_legend_below
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -240,12 +240,12 @@ ENDS_S = 0.2
 
 def _plot_two_panels(recording: Recording, title: str) -> Figure:
     """Plot all points' ranges next to the data matrix."""
-    figure = make_figure(width_in=13.0, height_in=5.0)
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = make_panels(2, width_in=13.0, height_in=5.0)
     scatterers = xr.concat([truth.scatterers for truth in recording.truth], "scatterer")
     viz.range_lines(scatterers, title=f"(a) range of every point, {title}", ax=left)
     viz.range_time(recording.baseband, title="(b) radar data matrix", ax=right)
     left.set(xlim=right.get_xlim(), ylim=right.get_ylim())
+    place_legend_below(figure, left)
     return figure
 
 

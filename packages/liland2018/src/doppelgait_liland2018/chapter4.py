@@ -28,7 +28,15 @@ from doppelgait_liland2018.measures import (
     torso_line_hz,
     upper_envelope_hz,
 )
-from doppelgait_liland2018.style import ACCENT, LINE, LINE_COLOURS, make_axes, make_panels, name_axes
+from doppelgait_liland2018.style import (
+    ACCENT,
+    LINE,
+    LINE_COLOURS,
+    make_axes,
+    make_panels,
+    name_axes,
+    place_legend_below,
+)
 
 WINDOW_PULSES, WINDOW_STEEPNESS = 40, 0.3
 """Window of Fig. 4.3."""
@@ -329,6 +337,7 @@ def make_lines_and_signature(material: Material) -> EntryResult:
     wavelength_m = recording.radar.wavelength_m
     viz.doppler_lines(recording.truth[0].scatterers, wavelength_m=wavelength_m, title=title, ax=left)
     left.set(xlim=(first_s, last_s), ylim=limits_hz)
+    place_legend_below(figure, left)
     title = "(b) micro-Doppler signature"
     viz.signature(result.normalised_signature, db_range=30.0, doppler_hz=limits_hz, title=title, ax=right)
     right.set_xlim(first_s, last_s)

@@ -25,7 +25,7 @@ from doppelgait_liland2018.measures import (
     side_lobe_of_cadence_db,
     travel_speed_mps,
 )
-from doppelgait_liland2018.style import make_panels
+from doppelgait_liland2018.style import make_panels, place_legend_below
 
 PRF_HZ = 1300.0
 """Frame rate, Hz, of all four targets, the maximum in the report: nothing aliases, and all spectra have equal bins."""
@@ -154,20 +154,16 @@ def make_ranges(material: Material) -> EntryResult:
         truth = material.recording(body, prf_hz=PRF_HZ).truth[0]
         scatterers = truth.scatterers
         viz.range_lines(scatterers, title=f"({letter}) {body.about}"[:80], ax=panel)
+        panel.legend_ = None
         counts.append(scatterers.sizes["scatterer"])
         # Span of the distance of a foot ahead of the body centre; NaN where no foot is known.
         feet = [n for n, part in enumerate(read_axis(scatterers, "part")) if str(part).endswith("_foot")]
         ahead_m = truth.centre_range_m[:, None] - scatterers["range"].values[:, feet]
         swings.append(float((ahead_m.max(axis=0) - ahead_m.min(axis=0)).mean()) if feet else NAN)
+    place_legend_below(figure, axes[0])
+    stands_in = "" if bodies[0].real else "; a model of 17 points stands in"
     readings = [
-        Reading(
-            "points of the recorded person",
-            float(counts[0]),
-            "1",
-            50.0,
-            20.0,
-            "the report: 30 to 70" + ("" if bodies[0].real else "; a model of 17 points stands in"),
-        ),
+        Reading("points of the recorded person", float(counts[0]), "1", 50.0, 20.0, "the report: 30 to 70" + stands_in),
         Reading("points of the walker", float(counts[1]), "1", 17.0, 0.0, fixed=True),
         *(
             Reading(f"swing of the feet about the body, {name}", swing, "m")

@@ -30,7 +30,7 @@ from doppelgait_liland2018.measures import (
     upper_envelope_hz,
 )
 from doppelgait_liland2018.scenarios import RCS_M2, WRONG
-from doppelgait_liland2018.style import LINE_COLOURS, make_figure, make_panels
+from doppelgait_liland2018.style import LINE_COLOURS, make_figure, make_panels, place_legend_below
 
 REPORT_DOPPLER_HZ = 263.0
 DOG_WITHERS_M = 0.5
@@ -161,7 +161,7 @@ def _plot_five_panels(recording: Recording, result: Result) -> Figure:
     scatterers, title = recording.truth[0].scatterers, "(a) true Doppler frequencies"
     viz.doppler_lines(scatterers, wavelength_m=wavelength_m, title=title, ax=upper[0])
     upper[0].set_ylim(*limits_hz)
-    upper[0].legend_ = None  # it would cover half of this small panel
+    place_legend_below(figure, upper[0])
     viz.signature(result.normalised_signature, db_range=30.0, doppler_hz=limits_hz, title="(b) signature", ax=upper[1])
     title = "(c) cadence-velocity diagram"
     viz.cadence_map(result.cadence_map, max_cadence_hz=20.0, db_range=30.0, title=title, ax=upper[2])

@@ -56,6 +56,7 @@ def draw_grid(axes: Axes) -> None:
 
 def place_legend_below(figure: Figure, axes: Axes) -> None:
     """Put the legend of some axes below the figure."""
+    axes.legend_ = None
     _strengthen(
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=9, frameon=False)
     )
