@@ -137,9 +137,7 @@ def _choose_gates(
 
 
 def flag_overlaps(results: Sequence[Result]) -> list[Result]:
-    """Flag results with ``gates_overlap`` where another target shares range.
-    For a tracked target only the time of its result is considered: the longest segment.
-    """
+    """Flag results with ``gates_overlap`` where another target shares range."""
     flagged = []
     for number, result in enumerate(results):
         times_s = result.gate.time_s

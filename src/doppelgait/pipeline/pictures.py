@@ -101,9 +101,7 @@ def is_picture(path: str | Path) -> bool:
 
 
 def find_settings_file(path: Path) -> Path | None:
-    """Return a picture's settings file, if it exists.
-    The file has the stem of the picture, or is ``picture.toml`` in its folder or in one of the three folders above.
-    """
+    """Return a picture's settings: its stem, or picture.toml in it or three folders above."""
     above = list(path.absolute().parents)[: FOLDERS_ABOVE + 1]
     for one in (path.with_suffix(".toml"), *(folder / SETTINGS_NAME for folder in above)):
         if one.is_file():
@@ -114,9 +112,7 @@ def find_settings_file(path: Path) -> Path | None:
 def read_picture(
     path: str | Path, settings: PictureSettings | None = None, *, config: str | Path | None = None
 ) -> xr.DataArray:
-    """Read the picture of a spectrogram as a signature.
-    Every pixel gets the level of the nearest of the 256 colours of the map.
-    """
+    """Read the picture of a spectrogram as a signature, by the nearest colours."""
     file = Path(path)
     if settings is None:
         settings = _read_settings(file, None if config is None else Path(config))

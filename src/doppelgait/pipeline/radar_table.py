@@ -34,12 +34,6 @@ def parse_radar(
 
     Returns ``radar``, ``auto_prf`` and the lists of a calibrated preset. Distributions in a preset's file are sampled
     here. Each has a random stream that is derived from seed, example and key.
-
-    Examples
-    --------
-    >>> from doppelgait.pipeline import parse_radar
-    >>> parse_radar({"preset": "x4", "prf_hz": 640})["radar"].prf_hz
-    640.0
     """
     if isinstance(table, str):
         table = {"preset": table}

@@ -107,9 +107,8 @@ def has_both_directions(motion: Motion, start_s: float, stop_s: float) -> bool:
 def find_steady_segments(
     motion: Motion, start_s: float, stop_s: float, settings: SegmentationSettings
 ) -> tuple[TrackSegment, ...]:
-    """Divide an interval of motion where its velocity changes.
-    The integral of the strongest Doppler is a path far from the radar, which is divided like a range track.
-    """
+    """Divide an interval of motion where its velocity changes."""
+    # the integral of the strongest Doppler is a path far from the radar, divided like a track
     inside = (motion.time_s >= start_s) & (motion.time_s <= stop_s)
     times_s, velocity_mps = motion.time_s[inside], motion.peaks_mps()[inside]
     way_m = np.concatenate([[0.0], np.cumsum(np.diff(times_s) * (velocity_mps[1:] + velocity_mps[:-1]) / 2.0)])

@@ -180,9 +180,8 @@ def _write_result(group: Any, result: Result, written: dict[Any, Any]) -> None:
 def _write_values(
     group: Any, name: str, values: npt.NDArray[Any], facts: Mapping[str, Any], written: dict[Any, Any]
 ) -> None:
-    """Write a dataset, or a link to an equal one.
-    Arrays have common axes, and a target has the same axes as its longest segment.
-    """
+    """Write a dataset, or a link to an equal one."""
+    # arrays have common axes, and a target has those of its longest segment
     values = np.ascontiguousarray(values)
     text = {key: value if isinstance(value, str) else json.dumps(value) for key, value in facts.items()}
     content = hashlib.blake2b(values.reshape(-1).view(np.uint8).data).digest()

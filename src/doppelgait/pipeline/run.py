@@ -160,13 +160,6 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "",
     See Also
     --------
     run_simulation : simulate the run.
-
-    Examples
-    --------
-    >>> from doppelgait.pipeline import parse_run
-    >>> run = parse_run({"duration_s": 2.0, "radar": {"preset": "x4"}})
-    >>> run.scene.duration_s
-    2.0
     """
     unknown = sorted(set(table) - set(SECTIONS))
     if unknown:

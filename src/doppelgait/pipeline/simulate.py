@@ -190,9 +190,7 @@ ECHO_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase")
 
 @dataclass(frozen=True)
 class Echoes:
-    """Echoes of a scatterer table, synthesised tile by tile; a short recording is one tile.
-    ``compressed``: as range bins, otherwise as the receiver's samples.
-    """
+    """Echoes of a scatterer table as range bins, or as samples unless compressed."""
 
     scatterers: xr.Dataset
     radar: Radar
@@ -215,9 +213,8 @@ class Echoes:
         return Samples.own(compress(samples.matrix, self.radar))
 
     def make_tile(self, first: int, stop: int) -> tuple[Samples, npt.NDArray[np.float32]]:
-        """Synthesise some pulses; also return the targets' strongest power of every pulse, V^2.
-        Ghosts and background bodies are added to the echoes of the targets, which set the signal level.
-        """
+        """Synthesise some pulses; also return the targets' strongest power per pulse, V^2."""
+        # ghosts and background bodies are added to the targets' echoes, which set the signal level
         table = self.scatterers if self.is_short else _read_pulses(self.scatterers, first, stop)
         targets, others = split_targets(table)
         samples = synthesise_echoes(targets, self.radar, compressed=self.compressed)
@@ -292,9 +289,7 @@ def _choose_noise_v2(
 
 
 def _check_noise(conditions: Conditions, *, rng: Streams | None, snr_db: float | None) -> float | None:
-    """Check the noise settings and return the SNR_frame to set.
-    Raises a :class:`ConfigError` if random numbers are needed and ``rng`` is missing, or if the noise has two levels.
-    """
+    """Check the noise settings and return the SNR_frame to set."""
     if snr_db is None and conditions.noise.kind == "snr":
         snr_db = conditions.noise.snr_db
     if snr_db is not None and rng is None and not math.isinf(snr_db):
@@ -371,9 +366,7 @@ def split_targets(scatterers: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset | None
 
 
 def pulse_times_s(observation_s: float, radar: Radar) -> FloatArray:
-    """Compute the pulse times of a scene.
-    Raises a :class:`ConfigError` if the scene is too short or too large.
-    """
+    """Compute the pulse times of a scene, which must not be too short or too large."""
     slow_time_s = radar.pulse_times_s(observation_s)
     if slow_time_s.size < 2:
         few = f"a burst of {radar.burst_pulses}" if radar.burst_pulses else "two"
@@ -394,9 +387,8 @@ def build_target_truth(
     *,
     shown_s: FloatArray | None = None,
 ) -> TargetTruth:
-    """Build a target's truth from the simulation's geometry.
-    Stride, step and gait frequency are computed from the touchdowns in the observation; they are NaN if unknown.
-    """
+    """Build a target's truth from the simulation's geometry."""
+    # gait frequencies are those of the touchdowns in the observation, NaN if unknown
     own = read_axis(scatterers, "target") == placed.number
     rows = scatterers if own.all() else select_scatterers(scatterers, own, copy=True)
     facts = placed.motion.facts
@@ -433,14 +425,6 @@ def choose_lowest_prf(scene: Scene | PlacedScene, radar: Radar, *, cpi_s: float)
     """Return the radar at the lowest unaliased frame rate (E-06).
 
     Use this only for reproducing the report: a frame rate chosen per recording depends on the speed of the target.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> from doppelgait.pipeline import choose_lowest_prf
-    >>> round(choose_lowest_prf(scene, dg.Radar.preset("x4"), cpi_s=0.1).prf_hz)
-    585
     """
     placed = as_placed(scene)
     probe_s = slow_time_axis_s(duration_to_pulses(placed.observation_s, PROBE_RATE_HZ), PROBE_RATE_HZ)

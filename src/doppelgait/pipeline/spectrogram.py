@@ -45,9 +45,7 @@ def convert_levels_to_signature(
     blank_below_mps: float = 0.0,
     n_gate_bins: float = 1.0,
 ) -> xr.DataArray:
-    """Convert spectrogram levels to a signature.
-    Analysis of the result continues after the short-time transform.
-    """
+    """Convert spectrogram levels to a signature."""
     level = np.asarray(level_db, dtype=np.float64)
     times_s = _check_uniform(time_s, "time_s", MIN_COLUMNS)
     for name, value in {"wavelength_m": wavelength_m, "prf_hz": prf_hz, "n_gate_bins": n_gate_bins}.items():
@@ -138,9 +136,7 @@ def _rebuild_clipped_peaks(
     *,
     rows_per_cell: float,
 ) -> tuple[FloatArray, dict[str, Any]]:
-    """Clip levels and rebuild clipped peaks as domes.
-    Also returns the facts about clipping that are stored.
-    """
+    """Clip levels and rebuild clipped peaks as domes; also return facts to store."""
     if highest_db is not None and (ceiling_db is None or highest_db <= ceiling_db):
         raise AnalysisError(f"highest_db is {highest_db}; it needs a ceiling_db below it, which is {ceiling_db}")
     if floor_db is not None and ceiling_db is not None and floor_db >= ceiling_db:

@@ -150,9 +150,7 @@ def _draw_cadence_map(
 def _measure_ground_motion(
     mu: Signal, gate: Gate, extraction: Extraction, deviations: Mapping[str, float | None]
 ) -> tuple[dict[str, Any], dict[str, float | None], list[str]]:
-    """Measure ground speed and aspect from range (E-34b).
-    Also returns their standard deviations and the flags.
-    """
+    """Measure ground speed and aspect, their deviations and flags (E-34b)."""
     centre_m = mu.axis("centre_range")
     follows = np.ptp(centre_m) > 0  # a fixed gate does not follow a target
     motion = (

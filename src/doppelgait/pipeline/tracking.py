@@ -75,12 +75,6 @@ class Tracking(FrozenModel):
         Division of a track into segments of steady motion.
     breathing : BreathingSettings
         Detection of people who keep still, by their breathing.
-
-    Examples
-    --------
-    >>> from doppelgait.pipeline import Tracking
-    >>> Tracking(detector={"pfa": 1e-4}).detector.pfa
-    0.0001
     """
 
     detector: Detector = Detector()
@@ -90,9 +84,7 @@ class Tracking(FrozenModel):
 
 
 def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) -> TargetList:
-    """Detect and analyse all bodies of a recording.
-    Moving bodies are first in the list, in order of appearance. An empty list has a reason.
-    """
+    """Detect and analyse all bodies: moving ones first, in order of appearance."""
     frames, wavelength_m = recording.frames.settle(), recording.radar.wavelength_m
     unknown = np.flatnonzero(np.concatenate([~np.isfinite(tile).all(axis=1) for _, tile in frames.read_tiles()]))
     if unknown.size:
@@ -155,9 +147,8 @@ def _copy_verdict(judged: Result, before: Result, alone: Result) -> Result:
 
 
 def _flag_lost_frames(result: Result, frames: Frames) -> Result:
-    """Flag the bandwidth if lost frames were filled.
-    A recorder that loses frames repeats the last frame or stores zeros. The resulting jumps are wide in Doppler.
-    """
+    """Flag the bandwidth if lost frames were filled."""
+    # a recorder that loses frames repeats the last one or stores zeros: jumps wide in Doppler
     times_s = frames.slow_time.time_s
     first, stop = np.searchsorted(times_s, [result.quality["start_s"], result.quality["stop_s"]])
     repeated, before = 0, np.empty((0, frames.n_bins), dtype=np.complex64)
@@ -246,9 +237,8 @@ def _explain_missing_track(raw: Frames, scans: Sequence[Scan] | None, wavelength
 
 
 def _link(tracks: list[Track], persons: Sequence[BreathingTarget], range_m: FloatArray) -> list[Track]:
-    """Join the tracks of a body before and after a rest.
-    The first track ends at rest, the second starts at the same place, and no third track fits in place of either.
-    """
+    """Join the tracks of a body before and after a rest."""
+    # the first ends at rest, the second starts there, and no third fits in place of either
     low_m, high_m = float(range_m[0]) + EDGE_M, float(range_m[-1]) - EDGE_M
 
     def follows(early: Track, late: Track) -> bool:
@@ -364,9 +354,7 @@ def _analyze_segment(
     analysis: Analysis,
     gate: Gate,
 ) -> Result:
-    """Analyse one segment, flagging hidden gait and clutter losses.
-    ``measured`` is the result of :func:`measure_removed` for the whole track.
-    """
+    """Analyse one segment, flagging hidden gait and clutter losses."""
     result = analyze_gated(gate.crop(clean), wavelength_m, gate, analysis, None)
     start_s, stop_s = gate.start_s, gate.stop_s
     flags = list(result.flags)

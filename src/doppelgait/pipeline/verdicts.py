@@ -65,9 +65,7 @@ RHYTHM_TOLERANCE, SURE, IN_STEP = 0.12, 0.5, 0.75
 
 @dataclass(frozen=True)
 class TrackStrip:
-    """Track and Doppler of a target over time.
-    Shapes: time_s, range_m, approach_mps (T,); power_v2 (T, K); velocity_mps (K,).
-    """
+    """Track and Doppler of a target over time: power_v2 (T, K), velocity_mps (K,)."""
 
     time_s: FloatArray
     range_m: FloatArray
@@ -256,9 +254,8 @@ def judge_fold(
 def judge_reflection(
     ghost: TrackStrip, body: TrackStrip, number: int, rhythms: tuple[float, float] | None
 ) -> Verdict | None:
-    """Recognise a body's echo from a vertical wall.
-    The mirror image has the range g with g^2 = R^2 + 4 q.
-    """
+    """Recognise a body's echo from a vertical wall."""
+    # the mirror image has the range g with g^2 = R^2 + 4 q
     start_s, stop_s = max(ghost.time_s[0], body.time_s[0]), min(ghost.time_s[-1], body.time_s[-1])
     own, direct = ghost.between(start_s, stop_s), body.between(start_s, stop_s)
     if stop_s - start_s < LEAST_MIRROR_S or own.time_s.size < 8 or direct.time_s.size < 8:

@@ -22,10 +22,9 @@ BREATHS_IN_WINDOW = 3.0
 
 @dataclass(frozen=True)
 class BreathSpectrum:
-    """Spectra of all windows.
-    Shapes: frequency_hz (F,); power (W, F, N); mean_power (F, N); starts (W,).
-    """
+    """Spectra of all windows."""
 
+    # shapes: frequency_hz (F,); power (W, F, N); mean_power (F, N); starts (W,)
     frequency_hz: FloatArray
     power: FloatArray
     mean_power: FloatArray
@@ -47,9 +46,7 @@ class BreathSpectrum:
 
 
 def compute_breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: float) -> BreathSpectrum:
-    """Compute spectra of half-overlapping, detrended and tapered windows.
-    A straight line is removed from each window and a Hann window is applied. Shapes: series (I, N).
-    """
+    """Compute spectra of half-overlapping, detrended and tapered windows of (I, N)."""
     total = series.shape[0]
     length = round(window_s * rate_hz)
     count = 1 if total < 1.5 * length else 1 + round((total - length) / (length / 2.0))
@@ -75,9 +72,8 @@ def compute_breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: f
 
 
 def compute_line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: float) -> FloatArray:
-    """Compare mean power with the level around each frequency.
-    The level is the highest of three medians: over the wide band, and over the cells on each side of the line.
-    """
+    """Compare mean power with the level around each frequency."""
+    # the level is the highest of three medians: over the wide band, and on each side of the line
     mean = spectrum.power.mean(axis=0)
     near, far = (round(cells * PADDING) for cells in SIDE_CELLS)
     least = round(LEAST_LOWER_CELL * PADDING)
@@ -93,9 +89,7 @@ def compute_line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: floa
 
 
 def compute_threshold(spectrum: BreathSpectrum, false_alarm: float, *, low_hz: float, high_hz: float) -> float:
-    """Compute the threshold ratio for a probability of false alarm.
-    The probability is that of white noise above the threshold at any rate and in any bin.
-    """
+    """Compute the ratio that white noise exceeds in any bin with a probability."""
     from scipy.stats import f as f_distribution
 
     windows = spectrum.starts.size
@@ -121,9 +115,7 @@ RADIUS_ERROR = 0.2
 
 
 def fit_circle(values: ComplexArray) -> tuple[complex, float]:
-    """Fit a circle through points of the complex plane.
-    The method is that of Taubin, IEEE PAMI 13, 1991. Shapes: values (I,).
-    """
+    """Fit a circle through points of the complex plane (Taubin, IEEE PAMI 13, 1991)."""
     mean = complex(values.mean())
     moved = values - mean
     square = np.abs(moved) ** 2
@@ -140,9 +132,7 @@ def fit_circle(values: ComplexArray) -> tuple[complex, float]:
 
 
 def compute_displacement(values: ComplexArray, *, wavelength_m: float) -> tuple[FloatArray, bool]:
-    r"""Compute displacement along the range from the phase.
-    The displacement is relative to its mean and positive away from the radar; its scale may be unknown (E-18).
-    """
+    """Compute displacement from the phase, in m or, if False, of unknown scale (E-18)."""
     centre, radius = fit_circle(values)
     if math.isfinite(radius):
         about = values - centre
@@ -166,9 +156,7 @@ PASSES = 3
 
 
 def remove_common_gain(values: ComplexArray, range_m: FloatArray) -> ComplexArray:
-    r"""Divide each bin's series by the gain of the other bins.
-    There are three passes, each with the weights of the series that the last pass corrected.
-    """
+    """Divide each bin's series by the gain of the other bins."""
     corrected = values
     own_power = np.maximum(np.var(values, axis=0), 1e-300)
     far = (np.abs(range_m[:, None] - range_m) >= APART_M).astype(np.float64)

@@ -163,9 +163,8 @@ def find_breathing(
 
 
 def _is_same(person: BreathingTarget, other: BreathingTarget, extent_m: float) -> bool:
-    """Return True if two breaths are of one person.
-    They are at the same range, or have the same rate at the same time (a multipath echo).
-    """
+    """Return True if two breaths are of one person."""
+    # the other range: a multipath echo has the same rate at the same time
     if abs(person.range_m - other.range_m) <= extent_m:
         return True
     at_once = person.start_s < other.stop_s and other.start_s < person.stop_s
@@ -192,9 +191,7 @@ def _find_in(
 
 
 def _measure_cluster(look: _SlowSeries, bins: npt.NDArray[np.int64]) -> _Candidate | None:
-    """Measure rate, displacement and time span of one cluster.
-    The values are those of its strongest bin; None if the cluster is no breath.
-    """
+    """Measure the breath of a cluster in its strongest bin, or return None."""
     spectrum, settings = look.spectrum, look.settings
     # add nearby bins that reach a quarter of the threshold ratio at this rate: the strongest echo of a body is not
     # always the echo with the steadiest line
@@ -247,9 +244,7 @@ def _measure_cluster(look: _SlowSeries, bins: npt.NDArray[np.int64]) -> _Candida
 def _find_windows_with_breath(
     spectrum: BreathSpectrum, chosen: int, rate_hz: float, settings: BreathingSettings
 ) -> npt.NDArray[np.bool_]:
-    """Find the windows in which a bin shows the breath.
-    The line must be within 1.5 cells of the rate; the strongest window is always included.
-    """
+    """Find the windows in which a bin shows the breath, at least the strongest."""
     single = np.stack(
         [
             compute_line_ratio(spectrum.only(number, chosen), low_hz=settings.low_hz, high_hz=settings.high_hz)[:, 0]
@@ -267,9 +262,7 @@ def _find_windows_with_breath(
 def _measure_strongest_rate(
     motion: FloatArray, line_hz: float, spectrum: BreathSpectrum, settings: BreathingSettings
 ) -> tuple[float, float, float]:
-    """Measure rate, share and amplitude of a real-valued motion.
-    The share is the part of the slow power at the rate and at twice the rate.
-    """
+    """Measure rate, share of the slow power at it and twice it, and amplitude."""
     t = np.arange(motion.size) - (motion.size - 1) / 2.0
     taper = np.hanning(motion.size + 2)[1:-1]
     flat = motion - np.polynomial.Polynomial.fit(t, motion, 1)(t)

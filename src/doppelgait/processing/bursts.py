@@ -68,14 +68,6 @@ def get_burst_pulses(baseband: xr.DataArray) -> int | None:
     See Also
     --------
     find_burst_pulses : find the number from the pulse times.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=2.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("ti-60-burst"))
-    >>> dg.processing.get_burst_pulses(recording.baseband)
-    96
     """
     return Frames.of(baseband).slow_time.find_bursts().burst_pulses
 
@@ -123,10 +115,9 @@ def transform_bursts(
 
 @dataclass(frozen=True)
 class Bursts:
-    """Transform and slow time of a recording in bursts.
-    Shapes: time_s (J,). ``hop`` is the burst period in pulses at the rate within a burst.
-    """
+    """Transform and slow time of a recording in bursts."""
 
+    # hop is the burst period in pulses at the rate within a burst; time_s has the shape (J,)
     transform: Transform
     prf_hz: float
     time_s: FloatArray

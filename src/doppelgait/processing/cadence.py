@@ -37,9 +37,7 @@ _buffers = local()
 
 
 def compute_magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) -> FloatArray:
-    r"""Compute the first magnitudes of every row's zero-padded transform.
-    A padded transform computes redundant lines, and a fast column rate adds lines that are not wanted. 1.
-    """
+    """Compute the first magnitudes of every row's zero-padded transform."""
     from scipy import fft
 
     step = _find_coarsest_step(rows.shape[0], length, n_kept)
@@ -56,9 +54,8 @@ def compute_magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kep
 
 
 def sum_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) -> FloatArray:
-    r"""Compute the sum over all rows of :func:`compute_magnitudes` squared.
-    The sum is the transform of the rows' summed autocorrelation. Shapes: returns (Q,).
-    """
+    """Sum :func:`compute_magnitudes` squared over all rows, (Q,)."""
+    # the sum is the transform of the rows' summed autocorrelation
     from scipy import fft
 
     from doppelgait.core.kernels.cadence import even_powers, lay_pairs
@@ -80,9 +77,8 @@ def sum_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) 
 
 
 def _find_coarsest_step(n_columns: int, length: int, n_kept: int) -> int:
-    """Find the largest allowed decimation of the column rate.
-    It is an integer, and the decimated rate is at least 1.5 times the two-sided band.
-    """
+    """Find the largest allowed decimation of the column rate."""
+    # the decimated rate is at least 1.5 times the two-sided band
     steps = (d for d in range(1, length // (3 * n_kept) + 1) if length % d == 0)
     return max((d for d in steps if n_columns / d + WIDTH + 1 <= length / d), default=1)
 
@@ -98,9 +94,7 @@ def _smear(rows: FloatArray, weights: FloatArray, length: int, n_kept: int, step
 
 
 def _interpolate_lines(rows: FloatArray, weights: FloatArray, length: int, between: int, n_kept: int) -> FloatArray:
-    """Apply steps 2 and 3 of :func:`compute_magnitudes`.
-    The transform has ``length`` values, and each of its lines gives ``between`` lines of the result.
-    """
+    """Apply steps 2 and 3 of :func:`compute_magnitudes`."""
     from doppelgait.core.kernels.cadence import fine_magnitudes, lay_circular
 
     n_columns, n_rows = rows.shape
@@ -119,9 +113,8 @@ def _interpolate_lines(rows: FloatArray, weights: FloatArray, length: int, betwe
 
 
 def _get_buffer(name: str, shape: tuple[int, ...], dtype: type = np.float64) -> npt.NDArray[Any]:
-    """Return a reusable buffer of this thread.
-    The first access to new memory takes longer than the transforms.
-    """
+    """Return a reusable buffer of this thread."""
+    # the first access to new memory takes longer than the transforms
     size = math.prod(shape)
     if size > LARGEST_BUFFER:
         return np.empty(shape, dtype=dtype)
@@ -134,27 +127,21 @@ def _get_buffer(name: str, shape: tuple[int, ...], dtype: type = np.float64) -> 
 
 @lru_cache(maxsize=16)
 def _time_taps(step: int, oversampling: float) -> tuple[FloatArray, float]:
-    """Compute the kernel at the fine columns around a coarse one.
-    Returns the kernel, shape (step WIDTH - 1,), and its shape factor.
-    """
+    """Compute the kernel at fine columns, (step WIDTH - 1,), and its shape factor."""
     shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
     return _evaluate_kernel(np.arange(1, step * WIDTH) / step - WIDTH / 2, shape_factor), shape_factor
 
 
 @lru_cache(maxsize=16)
 def _compute_line_taps(between: int, oversampling: float) -> tuple[FloatArray, float]:
-    """Compute the kernel that interpolates fine lines from coarse ones.
-    Returns the kernel for ``between`` fine lines per coarse step, shape (between, WIDTH), and its shape factor.
-    """
+    """Compute the kernel between coarse lines, (between, WIDTH), and its shape factor."""
     shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
     coarse = np.arange(WIDTH) - (WIDTH // 2 - 1)
     return _evaluate_kernel(np.arange(between)[:, None] / between - coarse, shape_factor), shape_factor
 
 
 def _evaluate_kernel(distance: FloatArray, shape_factor: float) -> FloatArray:
-    """Compute the Kaiser-Bessel kernel within W / 2.
-    The kernel is I_0(b sqrt(1 - (2 s / W)^2)), scaled to avoid overflow.
-    """
+    """Compute the Kaiser-Bessel kernel within W / 2."""
     inside = 1.0 - (2.0 * distance / WIDTH) ** 2
     values = np.i0(shape_factor * np.sqrt(np.maximum(inside, 0.0))) * math.exp(-shape_factor)
     return np.where(inside > 0, values, 0.0)
@@ -162,9 +149,8 @@ def _evaluate_kernel(distance: FloatArray, shape_factor: float) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def _transform_kernel(count: int, centre: int, length: int, shape_factor: float) -> FloatArray:
-    """Compute the Fourier transform of the kernel.
-    The transform is W sinh(r) / r, r^2 = b^2 - (pi W f)^2, at f = (n - centre) / length; shape (count,), read-only.
-    """
+    """Compute the Fourier transform of the kernel."""
+    # W sinh(r) / r, r^2 = b^2 - (pi W f)^2, at f = (n - centre) / length
     cycles_per_step = (np.arange(count) - centre) / length
     root = np.sqrt(shape_factor**2 - (math.pi * WIDTH * cycles_per_step) ** 2)
     found: FloatArray = WIDTH * np.exp(root - shape_factor) * -np.expm1(-2.0 * root) / (2.0 * root)
@@ -187,15 +173,6 @@ def observation_s(signature: Signal) -> float:
     """Compute the observed time T_o of a signature.
 
     T_o is the number of columns times their spacing.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> round(dg.processing.observation_s(result.signature), 1)
-    2.9
     """
     return signature.sizes["time"] / sampling_rate_hz(signature.axis("time"))
 
@@ -208,12 +185,6 @@ def detrend_order(seconds: float) -> int:
     See Also
     --------
     detrend : remove the polynomial.
-
-    Examples
-    --------
-    >>> from doppelgait.processing import detrend_order
-    >>> detrend_order(5.0)
-    6
     """
     return min(max(round(1.2 * seconds), 1), 6)
 
@@ -262,9 +233,7 @@ def _project_rows(values: FloatArray, order: int) -> FloatArray:
 
 @lru_cache(maxsize=4)
 def _make_orthonormal_basis(n_columns: int, order: int) -> npt.NDArray[np.float64]:
-    """Compute orthonormal polynomials over the observation.
-    The result has the shape (J, order + 1) and is read-only.
-    """
+    """Compute orthonormal polynomials over the observation, (J, order + 1)."""
     basis = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n_columns), order))[0]
     basis.flags.writeable = False
     return np.asarray(basis, dtype=np.float64)
@@ -311,9 +280,9 @@ def cadence_map(rows: Signal, *, padded: bool = True, tapered: bool | None = Non
 
 
 class CadenceParts:
-    """Spectrum S and single rows of the diagram D.
-    The rows are spread onto a coarser time grid once (step 1 of :func:`compute_magnitudes`) (E-31).
-    """
+    """Spectrum S and single rows of the diagram D (E-31)."""
+
+    # the rows are spread onto a coarser time grid once: step 1 of compute_magnitudes
 
     def __init__(self, rows: Signal, order: int) -> None:
         self._like, self._values, self._order = rows, rows.values, order
@@ -334,16 +303,13 @@ class CadenceParts:
         return detrend(self._like, order=self._order)
 
     def spectrum(self) -> Signal:
-        """Compute the power spectrum S (E-32).
-        The result equals :func:`cadence_spectrum` of :func:`cadence_map` within 1e-12 of the largest value.
-        """
+        """Compute the power spectrum S (E-32)."""
+        # equals cadence_spectrum of cadence_map within 1e-12 of the largest value
         powers = sum_powers(self._values, self._weights, self._length, self.cadence_hz.size) / self._response**2
         return self._like.with_axes(CADENCE_SPECTRUM, powers, cadence=self.cadence_hz)
 
     def rows(self, wanted: npt.NDArray[np.int64], highest_hz: float) -> tuple[FloatArray, FloatArray]:
-        """Compute some Doppler rows of D up to a cadence.
-        Shapes: wanted (R,); cadence_hz (Q,); magnitudes (Q, R); returns (Q,).
-        """
+        """Compute Doppler rows of D up to a cadence: cadences (Q,), magnitudes (Q, R)."""
         n_kept = min(int(np.searchsorted(self.cadence_hz, highest_hz, side="right")) + 1, self.cadence_hz.size)
         found = compute_magnitudes(copy_rows(self._values, wanted), self._weights, self._length, n_kept)
         return self.cadence_hz[:n_kept], found / self._response[:n_kept, None]

@@ -145,9 +145,8 @@ def remove_from_frames(
     cutoff_hz: float = MTI_CUTOFF_HZ,
     bins: slice | None = None,
 ) -> Frames:
-    """Remove static clutter from frames, or from some range bins; the others are then undefined.
-    Frames of more than one tile are cleaned tile by tile, on demand.
-    """
+    """Remove static clutter from frames, or from some range bins."""
+    # the other bins are then undefined; more than one tile is cleaned tile by tile, on demand
     if kind in ("none", "auto"):
         return frames
     chosen = slice(0, frames.n_bins) if bins is None else bins
@@ -245,9 +244,7 @@ def _make_filter(frames: Frames, bins: slice, kind: str, *, time_s: float, cutof
 
 
 def average_blocks(values: npt.NDArray[np.float32], block_pulses: int) -> FloatArray:
-    """Average real values over blocks along the last axis.
-    A remainder shorter than a block is left out.
-    """
+    """Average real values over whole blocks along the last axis."""
     n_blocks = values.shape[-1] // block_pulses
     blocks = values[..., : n_blocks * block_pulses].reshape(*values.shape[:-1], n_blocks, block_pulses)
     return np.asarray(blocks.mean(axis=-1, dtype=np.float64))

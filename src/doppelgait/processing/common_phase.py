@@ -31,9 +31,7 @@ TINY = float(np.finfo(np.float32).tiny)
 
 
 def remove_common_phase(frames: Frames) -> Frames:
-    r"""Remove the phase that other bins share.
-    The phase that the bins of other zones have in common is subtracted from each range bin.
-    """
+    """Subtract the phase that the bins of other zones have in common."""
     range_m, count = frames.range_m, frames.n_pulses
     zone_m = max(ZONE_M, ZONE_BINS * float(range_m[1] - range_m[0])) if range_m.size > 1 else ZONE_M
     block = max(round(BLOCK_S * frames.slow_time.rate_hz), 1)
@@ -73,9 +71,7 @@ def remove_common_phase(frames: Frames) -> Frames:
 
 
 def _turn(pointer: Values, pulses: int) -> Values:
-    """Return the rotation that corrects a zone.
-    The reference is summed over ``pulses`` frames around each frame, and over fewer at both ends.
-    """
+    """Return the rotation that corrects a zone, from ``pulses`` frames around each."""
     if pulses > 1:
         place = np.arange(pointer.size)
         total = np.concatenate([[0.0], np.cumsum(pointer, dtype=np.complex128)])
@@ -85,18 +81,14 @@ def _turn(pointer: Values, pulses: int) -> Values:
 
 
 def average_blocks(values: Values, block_pulses: int) -> ComplexArray:
-    """Average values over whole blocks of pulses.
-    The result has the shape (K, N); a remainder shorter than a block is left out. Shapes: values (I, N).
-    """
+    """Average values over whole blocks of pulses, (K, N)."""
     n_blocks = values.shape[0] // block_pulses
     blocks = values[: n_blocks * block_pulses].reshape(n_blocks, block_pulses, values.shape[1])
     return np.asarray(blocks.mean(axis=1, dtype=np.complex128))
 
 
 def _compute_moments(tiles: Callable[[], Iterator[npt.NDArray[Any]]], count: int) -> tuple[FloatArray, FloatArray]:
-    """Compute the power of the mean and the variance of each column.
-    ``tiles`` is called twice; each call yields ``count`` rows in total.
-    """
+    """Compute the power of the mean and the variance of each column of two passes."""
     mean = variance = np.zeros(())
     for values in tiles():
         mean = mean + values.sum(axis=0, dtype=np.complex128 if np.iscomplexobj(values) else np.float64)

@@ -141,28 +141,18 @@ def gaussian_window(n_pulses: int, steepness: float) -> npt.NDArray[np.float64]:
     """Compute a Gaussian window of shape (M,) (E-23).
 
     The window is exp(-0.5 ((m - h) / (sigma_w h))^2) with h = (M - 1) / 2.
-
-    Examples
-    --------
-    >>> from doppelgait.processing import gaussian_window
-    >>> gaussian_window(5, 0.4).round(3)
-    array([0.044, 0.458, 1.   , 0.458, 0.044])
     """
     half = (n_pulses - 1) / 2.0
     return np.asarray(np.exp(-0.5 * ((np.arange(n_pulses) - half) / (steepness * max(half, 0.5))) ** 2))
 
 
 def find_fast_length(n_pulses: int) -> int:
-    """Find the smallest fast transform length.
-    It is 2^a, 3 2^a or 5 2^a, and at least ``n_pulses``.
-    """
+    """Find the smallest fast transform length: 2^a, 3 2^a or 5 2^a."""
     return min(base << max(0, math.ceil(math.log2(n_pulses / base))) for base in (1, 3, 5) if base <= n_pulses)
 
 
 def find_lossless_hop(cpi_pulses: int) -> int:
-    """Compute the largest lossless hop (E-23).
-    It is T_d f_p / 12, rounded down. The window limits the bandwidth of the columns.
-    """
+    """Compute the largest lossless hop, T_d f_p / 12 rounded down (E-23)."""
     return max(1, cpi_pulses // 12)
 
 

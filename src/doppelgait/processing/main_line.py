@@ -81,9 +81,7 @@ def main_line_hz(signature: Signal, *, order: int, tapered: bool = False) -> Flo
 
 
 def fit_line(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool = False) -> FloatArray:
-    """Fit the line of :func:`main_line_hz` through column peaks.
-    Several fits can share one search for the peaks.
-    """
+    """Fit the line of :func:`main_line_hz` through column peaks."""
     from doppelgait.core.kernels.robust import robust_fit
 
     basis, parabola, ones = _make_line_basis(peaks_hz.size, min(order, peaks_hz.size - 1))
@@ -95,9 +93,7 @@ def fit_line(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool =
 
 @lru_cache(maxsize=8)
 def _make_line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute the Legendre basis and weights of a fit.
-    Returns the Legendre polynomials over the observation, shape (order + 1, J), the parabolic taper, and ones.
-    """
+    """Compute the Legendre basis (order + 1, J), parabolic taper and ones of a fit."""
     position = np.linspace(-1.0, 1.0, n_columns)
     basis = np.ascontiguousarray(np.polynomial.legendre.legvander(position, order).T, dtype=np.float64)
     parabola = 1.0 - position**2 + 1e-3
@@ -125,12 +121,6 @@ def choose_line_order(observation_s: float) -> int:
     See Also
     --------
     main_line_hz : fit the line.
-
-    Examples
-    --------
-    >>> from doppelgait.processing import choose_line_order
-    >>> choose_line_order(5.0)
-    3
     """
     return 1 if observation_s < 1.3 else 2 if observation_s < 2.5 else 3
 
@@ -142,23 +132,12 @@ def needs_alignment(signature: Signal) -> bool:
     See Also
     --------
     align : shift the signature by the line.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> dg.processing.needs_alignment(result.signature)
-    False
     """
     return has_drift(main_line_hz(signature, order=1))
 
 
 def has_drift(straight_hz: FloatArray) -> bool:
-    """Return True if a straight line drifts over 10 Hz.
-    The drift is the change over the observation. The line is fitted with order 1 and without taper.
-    """
+    """Return True if a straight line without taper drifts over 10 Hz."""
     return bool(abs(straight_hz[-1] - straight_hz[0]) > ALIGN_ABOVE_HZ)
 
 
@@ -221,9 +200,7 @@ class TrackVelocity:
 
 
 def track_velocity(time_s: FloatArray, range_m: FloatArray) -> TrackVelocity:
-    """Measure the radial velocity of a range track (E-34).
-    The ranges are fitted by a cubic R = sum_n a_n P_n(x) in Legendre polynomials. Shapes: time_s, range_m (J,).
-    """
+    """Measure the radial velocity of a range track by a cubic (E-34)."""
     half_s = float(time_s[-1] - time_s[0]) / 2.0
     fit, position = _make_cubic_basis(time_s.size)
     a = fit @ range_m
@@ -240,9 +217,8 @@ def _make_cubic_basis(n_columns: int) -> tuple[FloatArray, FloatArray]:
 def choose_velocity(
     signature: Signal, floor_v2: float, line_hz: FloatArray, track_hz: FloatArray
 ) -> tuple[FloatArray, bool]:
-    """Choose between main line and track velocity (E-34).
-    The track's velocity is chosen if limbs are stronger than the trunk or if a person stops.
-    """
+    """Choose between main line and track velocity (E-34)."""
+    # the track's: if limbs are stronger than the trunk or if a person stops
     half_m = float(signature.attrs["wavelength_m"]) / 2.0
     seconds = float(np.ptp(signature.axis("time")))
     apart_mps, speed_mps = abs(float(line_hz.mean() - track_hz.mean())) * half_m, abs(float(track_hz.mean())) * half_m

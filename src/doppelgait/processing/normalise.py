@@ -98,16 +98,6 @@ def count_independent_bins(signature: Signal, floor_v2: float) -> float:
     See Also
     --------
     count_independent_columns : the number of independent columns.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> floor_v2 = dg.processing.noise_floor_v2(result.signature)
-    >>> round(dg.processing.count_independent_bins(result.signature, floor_v2), 1)
-    16.9
     """
     from doppelgait.core.kernels.columns import row_means
     from doppelgait.core.kernels.robust import variance_of_rows
@@ -125,9 +115,8 @@ def count_independent_bins(signature: Signal, floor_v2: float) -> float:
 
 
 def compute_median(cells: npt.NDArray[np.floating[Any]]) -> float:
-    """Compute the median of cells without NaN.
-    It is several times faster than np.median, which partitions the array around two values.
-    """
+    """Compute the median of cells without NaN."""
+    # several times faster than np.median, which partitions around two values
     middle = cells.size // 2
     ordered = np.partition(cells, middle, axis=None)
     if cells.size % 2:
@@ -144,15 +133,6 @@ def count_independent_columns(signature: Signal) -> float:
     See Also
     --------
     count_independent_bins : the number of independent range bins.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> result.signature.sizes["time"], round(dg.processing.count_independent_columns(result.signature))
-    (372, 48)
     """
     times = signature.axis("time")
     return max(1.0, float(times[-1] - times[0]) / INDEPENDENT_AFTER_S)

@@ -58,9 +58,7 @@ BLOCK = 32
 
 @dataclass(frozen=True)
 class PartMask:
-    """Mask of a body's parts in its range-Doppler maps.
-    Shapes: columns (J,); torso_mps, torso_range_m (J,); low, high (J,).
-    """
+    """Mask of a body's parts in its range-Doppler maps; arrays have the shape (J,)."""
 
     columns: npt.NDArray[np.int64]
     torso_mps: FloatArray
@@ -176,9 +174,8 @@ def locate_parts(frames: Frames, signature: Signal, gate: Gate, analysis: Analys
 def _iterate_gated_maps(
     frames: Frames, analysis: Analysis, columns: npt.NDArray[np.int64], low: FloatArray, high: FloatArray
 ) -> Iterator[tuple[RangeDoppler, slice, slice, FloatArray]]:
-    """Yield blocks of range-Doppler maps, with their bins, columns and shares.
-    The bins are those that the gate touches. A share (J of the block, bins) is the part of a bin inside the gate.
-    """
+    """Yield blocks of range-Doppler maps, with their bins, columns and shares."""
+    # a share (J of the block, bins) is the part of a bin inside the gate
     for start in range(0, columns.size, BLOCK):
         at = slice(start, min(start + BLOCK, columns.size))
         first = max(int(np.floor(low[at].min() + 0.5)), 0)

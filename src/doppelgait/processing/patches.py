@@ -174,9 +174,7 @@ def cut(whole: Levels, start: int, spec: Patch) -> Levels:
 
 
 def cut_pictures(whole: Levels, spec: Patch) -> Levels:
-    """Divide levels into images that cover all columns.
-    One centred image is returned if it covers all columns. Shapes: returns (n, n_velocity, n_time).
-    """
+    """Divide levels into images (n, n_velocity, n_time) that cover all columns."""
     spare = whole.shape[1] - spec.n_time
     if spare <= 0:
         return cut(whole, spare // 2, spec)[None]
@@ -186,9 +184,7 @@ def cut_pictures(whole: Levels, spec: Patch) -> Levels:
 
 
 def _validate(signature: xr.DataArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Validate a signature; return its power (J, K) and axes.
-    The axes are evenly spaced and ascending.
-    """
+    """Validate a signature; return its power (J, K) and its rising, even axes."""
     if not isinstance(signature, xr.DataArray) or signature.dims != ("time", "doppler"):
         raise AnalysisError("a patch needs a signature: a DataArray with the dimensions (time, doppler)")
     if "velocity" not in signature.coords or "time" not in signature.coords:
@@ -209,9 +205,8 @@ def _validate(signature: xr.DataArray) -> tuple[FloatArray, FloatArray, FloatArr
 
 
 def _average(values: FloatArray, centres: FloatArray, edges: FloatArray) -> FloatArray:
-    """Average along the last axis between edges.
-    The values belong to cells around evenly spaced centres; the average is NaN where there are no cells.
-    """
+    """Average along the last axis between edges, NaN where there are no cells."""
+    # the values belong to cells around evenly spaced centres
     width = float(centres[-1] - centres[0]) / (centres.size - 1)
     place = np.clip((edges - centres[0]) / width + 0.5, 0.0, float(centres.size))  # in cells from the first one's edge
     summed = np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)

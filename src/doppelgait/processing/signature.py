@@ -80,9 +80,7 @@ def range_doppler(
 
 @dataclass(frozen=True)
 class RangeDoppler:
-    """Range-Doppler maps of some columns.
-    Shapes: time_s (J,); doppler_hz (K,); power_v2 (J, K, N).
-    """
+    """Range-Doppler maps of some columns, power_v2 (J, K, N)."""
 
     time_s: npt.NDArray[np.float64]
     doppler_hz: npt.NDArray[np.float64]
@@ -259,9 +257,7 @@ LANES = 16
 
 @dataclass(frozen=True)
 class GatedTransform:
-    """Gate and transform of one recording.
-    Shapes: range_m (N,); time_s (J,); low, high (J,). ``hop`` is the distance of columns in pulses.
-    """
+    """Gate and transform of one recording; ``hop`` is the distance of columns in pulses."""
 
     gate: Gate
     transform: Transform
@@ -286,15 +282,12 @@ class GatedTransform:
 
     @property
     def margin_pulses(self) -> int:
-        """Number of pulses that are read after the needed ones.
-        Their weight is zero, and their values must be finite.
-        """
+        """Number of pulses that are read after the needed ones."""
+        # their weight is zero, and their values must be finite
         return self.transform.n_doppler_bins - self.transform.window.size + 2 * self.transform.hop
 
     def find_needed_pulses(self) -> npt.NDArray[np.int64]:
-        """Return the pulses that the signature needs per range bin.
-        Each row, shape (N, 2), is the first pulse and one past the last pulse; (I, 0) for none.
-        """
+        """Return first and last + 1 of the needed pulses per range bin; (I, 0) for none."""
         self.gate.touched_bins(self.low, self.high, self.range_m)
         columns = np.arange(0, self.time_s.size, NEED_BLOCK)
         first = np.maximum(np.floor(np.minimum.reduceat(self.low, columns) - 0.5).astype(int) + 1, 0)
@@ -459,16 +452,6 @@ def crop_to_frame(signature: AnySignal) -> tuple[AnySignal, float]:
     ------
     AnalysisError
         If fewer than 8 columns remain.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> kept, share = dg.processing.crop_to_frame(result.signature)
-    >>> kept.sizes["time"], share
-    (372, 1.0)
     """
     if isinstance(signature, xr.DataArray):
         given = Signal.of(signature, SIGNATURE)

@@ -27,10 +27,8 @@ TINY = float(np.finfo(np.float32).tiny)
 
 
 def lengthen(values: npt.ArrayLike, factor: float, *, window_samples: int) -> Values:
-    r"""Lengthen a signal without changing its frequencies.
-    No symmetry of the spectrum is used, so both signs of frequency are allowed. :math:`\mathcal{L}` sums each bin and
-    its two neighbours, which locks the phases of the bins of one line (Puckette 1995, "Phase-locked vocoder").
-    """
+    """Lengthen a signal without changing its frequencies, of both signs."""
+    # the sum over neighbouring bins locks the phases of a line (Puckette 1995)
     signal = np.asarray(values, dtype=np.complex64)
     hop = max(window_samples // OVERLAP, 4)
     size = OVERLAP * hop
@@ -50,9 +48,7 @@ def lengthen(values: npt.ArrayLike, factor: float, *, window_samples: int) -> Va
 def _rotate_frames(
     padded: Values, starts: npt.NDArray[np.int64], hop: int, window: npt.NDArray[np.float32]
 ) -> Iterator[Values]:
-    """Yield frames with continuous phases, at steps of one hop.
-    The second window is not applied yet.
-    """
+    """Yield frames with continuous phases at steps of one hop, before the second window."""
     from scipy import fft
 
     size = window.size
@@ -80,9 +76,8 @@ def _sum_neighbours(spectrum: Values) -> Values:
 
 
 def extend_by_mirroring(values: Values, before: int, after: int) -> Values:
-    """Extend a signal at its ends by mirroring.
-    Time and phase are mirrored, so that tones continue.
-    """
+    """Extend a signal at its ends by mirroring."""
+    # time and phase are mirrored, so that tones continue
     return np.concatenate([_mirror(values, before), values, _mirror(values[::-1], after)[::-1]])
 
 
@@ -123,10 +118,8 @@ FULL_SCALE = 32767
 
 
 def compute_doppler_signal(frames: Frames, gate: Gate, analysis: Analysis | None = None) -> Values:
-    r"""Compute the complex Doppler signal of a gated target.
-    The bins of one echo differ in phase only by a ramp of :math:`\theta` per bin, which is the same for all echoes
-    (E-17, E-18).
-    """
+    """Compute the complex Doppler signal of a gated target."""
+    # the bins of an echo differ by a phase ramp, which is the same for all echoes (E-17, E-18)
     _check_steady(frames)
     if gate.source == "track":
         frames = remove_common_phase(frames)
@@ -176,9 +169,7 @@ def make_doppler_sound(
     pitch: float | None = None,
     channels: Channels = "iq",
 ) -> tuple[int, npt.NDArray[np.int16]]:
-    """Convert the target in a gate to stereo sound.
-    The sound is as long as the recording. Shapes: samples (n, 2).
-    """
+    """Convert the target in a gate to stereo sound (n, 2), as long as the recording."""
     from scipy.fft import next_fast_len
     from scipy.signal import firwin, hilbert, resample_poly
 
@@ -214,9 +205,7 @@ def make_doppler_sound(
 
 
 def plan_sound(prf_hz: float, pitch: float | None = None) -> tuple[float, int]:
-    """Choose pitch and audio rate for a frame rate.
-    The values and the error are those of :func:`make_doppler_sound`.
-    """
+    """Choose pitch and audio rate for a frame rate."""
     highest_hz = AUDIO_RATES_HZ[-1]
     most = highest_hz / min(prf_hz, highest_hz)
     factor = min(USUAL_PITCH, most) if pitch is None else pitch

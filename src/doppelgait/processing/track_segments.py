@@ -43,9 +43,7 @@ def find_best_knots(
     penalty: float,
     min_segment_s: float,
 ) -> tuple[list[int], float]:
-    r"""Find the change points of minimum cost.
-    The cost is that of :func:`find_track_segments`. All quantities are in s = R^2 (E-34b).
-    """
+    """Find the change points of minimum cost in s = R^2 (E-34b)."""
     n = time_s.size
     value, noise = range_m**2, 2.0 * range_m * range_sd_m
     histories, filters = _Histories(value[0], noise[0]), _Filters(n)
@@ -74,9 +72,7 @@ class _Histories:
         self.more = 0.0
 
     def extend(self, j: int, last_start: int, filters: _Filters, penalty: float, measured: tuple[float, float]) -> None:
-        """Add the histories that are lowest at sample j for some value.
-        The history with the lowest minimum is also added.
-        """
+        """Add the histories that are lowest at sample j for some value."""
         able = int(np.searchsorted(self.at, last_start, side="right"))
         at, (a, b, c) = self.at[:able], self.abc[:, :able]
         column = filters.select_column(at)
@@ -107,9 +103,7 @@ class _Histories:
         return np.unique(self.at)
 
     def knots(self, last: int) -> tuple[list[int], float]:
-        """Return change points and cost of the history of least cost.
-        The history ends at the last sample. If there is none, the result is no change points and inf.
-        """
+        """Return change points and cost of the cheapest history up to the last sample."""
         ends = np.flatnonzero(self.at == last)
         if not ends.size:
             return [], float("inf")
@@ -122,9 +116,7 @@ class _Histories:
 
 
 class _Filters:
-    """Kalman filters of every start i at one sample.
-    The state is (s_i, s, s', s''); the filters are along axis -1.
-    """
+    """Kalman filters (s_i, s, s', s'') of every start i at one sample, along axis -1."""
 
     def __init__(self, n: int) -> None:
         self.count = 0
@@ -254,9 +246,8 @@ class _Fit:
         return np.asarray(self.ranges - np.sqrt(np.maximum(a + b * t + c * t * t, 1e-12)))
 
     def straight_probability(self, range_sd_m: float) -> float:
-        """Compute the probability of larger residuals for straight motion.
-        The range of straight motion has no negative curvature.
-        """
+        """Compute the probability of larger residuals for straight motion."""
+        # the range of straight motion has no negative curvature
         residual_m, n_parameters = self.residuals_m(), PARABOLA
         if self.curvature_mps2() < 0:
             t = self.times - self.middle_s
@@ -290,10 +281,8 @@ def find_track_segments(
     range_sd_m: float = RANGE_SD_M,
     settings: SegmentationSettings | None = None,
 ) -> tuple[TrackSegment, ...]:
-    r"""Divide a track where its ground velocity changes.
-    A segment is straight motion at constant velocity, for which :math:`R^2(t)` is a parabola at any aspect angle
-    (E-34b), plus a slow change of speed. The path is continuous. Stat. 28, 2019). Shapes: time_s (J,); range_m (J,).
-    """
+    """Divide a track where its ground velocity changes."""
+    # straight motion at constant velocity is a parabola R^2(t) at any aspect angle (E-34b)
     options = settings or SegmentationSettings()
     times, ranges = np.asarray(time_s, dtype=np.float64), np.asarray(range_m, dtype=np.float64)
     if times.ndim != 1 or times.shape != ranges.shape:
@@ -355,9 +344,7 @@ def _merge_similar(
 def _split_bent(
     knots: list[int], times: FloatArray, ranges: FloatArray, range_sd_m: float, settings: SegmentationSettings
 ) -> list[int]:
-    """Divide segments until each is straight and steady.
-    Both parts last at least for the shortest time between change points.
-    """
+    """Divide segments until each is straight and steady."""
     low, *rest = knots
     kept, waiting = [low], rest
     while waiting:

@@ -121,9 +121,7 @@ class RangeWindow:
 
 
 def make_range_window(*, bin_spacing_m: float, window_m: float, guard_m: float, resolution_m: float) -> RangeWindow:
-    """Build the window of training cells along range.
-    The cells are at distances from ``guard_m`` to ``window_m`` with a spacing of about ``resolution_m``.
-    """
+    """Build the window of training cells along range."""
     return RangeWindow(
         first=math.floor(guard_m / bin_spacing_m + 1e-9) + 1,
         reach=math.floor(window_m / bin_spacing_m + 1e-9),
@@ -132,9 +130,7 @@ def make_range_window(*, bin_spacing_m: float, window_m: float, guard_m: float, 
 
 
 def mark_above_ca(power_v2: Power, window: RangeWindow, pfa: float) -> Mask:
-    """Find cells above their cell-averaged threshold along range.
-    Range is the last axis; see :func:`ca_factor`. Shapes: power_v2 (..., N); returns (..., N).
-    """
+    """Find cells above their cell-averaged threshold along range, the last axis."""
     total = np.zeros(power_v2.shape, dtype=power_v2.dtype)
     for here, there in _iterate_pairs(window, power_v2.shape[-1]):
         total[..., here] += power_v2[..., there]
@@ -144,9 +140,7 @@ def mark_above_ca(power_v2: Power, window: RangeWindow, pfa: float) -> Mask:
 
 
 def mark_above_os(power_v2: Power, window: RangeWindow, pfa: float, *, rank_share: float) -> Mask:
-    """Find cells above their ordered-statistic threshold along range.
-    Range is the last axis; see :func:`os_factor`. Shapes: power_v2 (..., N); returns (..., N).
-    """
+    """Find cells above their ordered-statistic threshold along range, the last axis."""
     counts = count_training_cells(window, power_v2.shape[-1])
     ranks = np.maximum(np.ceil(rank_share * counts - 1e-9), 1).astype(int)
     factor = [
@@ -160,9 +154,7 @@ def mark_above_os(power_v2: Power, window: RangeWindow, pfa: float, *, rank_shar
 
 
 def count_training_cells(window: RangeWindow, n_bins: int) -> npt.NDArray[np.int64]:
-    """Count the training cells of every range bin.
-    There are fewer at the ends of the frame; shape (N,).
-    """
+    """Count the training cells of every range bin; fewer at both ends of the frame."""
     counts = np.zeros(n_bins, dtype=np.int64)
     for here, _ in _iterate_pairs(window, n_bins):
         counts[here] += 1

@@ -21,9 +21,7 @@ IN_PLANE[1] = True
 
 @dataclass(frozen=True)
 class Cells:
-    """Cells of clusters, with one entry per cell.
-    Shapes: scan, doppler, range_bin (C,); cluster (C,).
-    """
+    """Cells of clusters, with one entry per cell."""
 
     scan: IntArray
     doppler: IntArray
@@ -36,9 +34,7 @@ class Cells:
         return int(self.cluster.max(initial=-1)) + 1
 
     def merge(self, group: IntArray) -> Cells:
-        """Merge clusters by group numbers.
-        Cluster i becomes part of ``group[i]``, or is removed if that is -1.
-        """
+        """Merge cluster i into ``group[i]``, or remove it if that is -1."""
         wanted = group[self.cluster]
         kept = wanted >= 0
         _, numbers = np.unique(wanted[kept], return_inverse=True)
@@ -46,9 +42,7 @@ class Cells:
 
 
 def find_clusters(mask: Mask, *, join_bins: int, join_doppler_bins: int) -> Cells:
-    """Find connected groups of cells after dilation.
-    The Doppler axis is circular. Shapes: mask (J, K, N).
-    """
+    """Find connected groups of cells (J, K, N) after dilation; Doppler is circular."""
     from scipy import ndimage
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -71,9 +65,7 @@ def find_clusters(mask: Mask, *, join_bins: int, join_doppler_bins: int) -> Cell
 def keep_bodies(
     cells: Cells, peak: Mask, power_v2: npt.NDArray[np.floating[Any]], floor_v2: FloatArray, *, min_snr: float
 ) -> Cells:
-    """Keep clusters with a peak or enough power.
-    The power is enough if the sum of power over noise is at least ``min_snr``.
-    """
+    """Keep clusters with a peak or a sum of power over noise of ``min_snr``."""
     place = (cells.scan, cells.doppler, cells.range_bin)
     snr = power_v2[place] / np.maximum(floor_v2[cells.range_bin], 1e-300)
     kept = _sum_weights(cells.cluster, snr, cells.n_clusters) >= min_snr
@@ -83,9 +75,7 @@ def keep_bodies(
 
 @dataclass(frozen=True)
 class Shape:
-    """Centre, size and power of every cluster.
-    The arrays have one value per cluster; positions are in bins. Shapes: range_box, doppler_box (n, 2).
-    """
+    """Centre, size and power of every cluster, positions in bins; boxes (n, 2)."""
 
     scan: IntArray
     power: FloatArray
@@ -156,9 +146,7 @@ def _compute_moments(profile: FloatArray, quantile: float) -> tuple[FloatArray, 
 
 
 def merge_groups(shape: Shape, *, range_bins: float, gap_bins: float, limb_gap_bins: float, n_doppler: int) -> IntArray:
-    """Assign each cluster to its body.
-    The result is the strongest cluster of the same body in the scan, which may be the cluster itself.
-    """
+    """Return the strongest cluster of each cluster's body in the scan, maybe itself."""
     group = np.arange(shape.power.size)
     order = np.lexsort((-shape.power, shape.scan))
     still, turns = n_doppler // 2, n_doppler * np.arange(-1, 2)

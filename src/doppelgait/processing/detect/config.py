@@ -73,12 +73,6 @@ class Detector(FrozenModel):
         Share of a cluster's power left out on either side of its box.
     min_cells : int
         Fewest cells of a body.
-
-    Examples
-    --------
-    >>> from doppelgait.processing import Detector
-    >>> Detector(pfa=1e-4).pfa
-    0.0001
     """
 
     method: Threshold = "noise_map"

@@ -79,9 +79,7 @@ def estimate_noise_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[n
 
 
 def estimate_residue_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64]:
-    r"""Estimate the mean power of permanent echoes per cell.
-    The estimate is the 0.25-quantile over the scans, divided by -ln 0.75. Shapes: power_v2 (J, K, N); returns (K, N).
-    """
+    """Estimate the mean power of permanent echoes per cell, (K, N)."""
     if power_v2.shape[0] < MIN_SCANS:
         return np.zeros(power_v2.shape[1:])
     quantile = np.quantile(power_v2, RESIDUE_QUANTILE, axis=0)
@@ -98,9 +96,7 @@ TRANSFORM_SCANS = 64
 
 @dataclass(frozen=True)
 class Maps:
-    """Range-Doppler maps of some scans.
-    The maps contain power per cell, scaled so that the mean of white noise is its variance.
-    """
+    """Range-Doppler maps of some scans; the mean of white noise is its variance."""
 
     time_s: FloatArray
     doppler_hz: FloatArray
@@ -143,9 +139,8 @@ def compute_maps(frames: Frames, settings: Detector, *, wavelength_m: float) -> 
 
 
 def compute_cell_power(frames: Frames, transform: Transform, scans: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
-    """Compute the power of every range-Doppler cell (E-24).
-    The power is divided by sum(w^2), so that the mean of white noise is its variance.
-    """
+    """Compute the power of every range-Doppler cell (E-24)."""
+    # divided by sum(w^2), so that the mean of white noise is its variance
     from scipy import fft
 
     window = (transform.window / np.sqrt((transform.window**2).sum())).astype(np.float32)[:, None]

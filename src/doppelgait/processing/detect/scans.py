@@ -119,9 +119,7 @@ def detect_bodies(frames: Frames, chosen: Detector, *, wavelength_m: float, in_p
 
 
 def find_cells(maps: Maps, settings: Detector) -> tuple[Mask, Mask]:
-    """Find the cells of bodies and the peaks, both (J, K, N).
-    A peak is a cell that is strong enough to make its cluster a body.
-    """
+    """Find the cells of bodies and the peaks that make a cluster a body, (J, K, N)."""
     power = maps.power_v2
     least = np.maximum(
         power.max(axis=1, keepdims=True) * np.float32(1.0 / db_to_power(settings.dynamic_range_db)),
@@ -188,7 +186,6 @@ def _make_detection(maps: Maps, shape: Shape, number: int) -> Detection:
 
 
 def _compute_centre_sd(spread: float, cell: float, snr: float, always: float, share: float) -> float:
-    """Compute the standard deviation of a centre.
-    It has three parts: a constant, the motion of limbs, and noise relative to a cell's width (Cramer-Rao bound).
-    """
+    """Compute the standard deviation of a centre."""
+    # a constant, the motion of limbs, and noise relative to a cell's width (Cramer-Rao bound)
     return math.sqrt(always**2 + (share * spread) ** 2 + cell**2 / snr)

@@ -58,9 +58,7 @@ def associate(
 
 
 def find_clusters(in_gate: npt.NDArray[np.bool_]) -> list[tuple[list[int], list[int]]]:
-    """Find connected groups of tracks and detections.
-    Tracks without any detection are in no group.
-    """
+    """Find connected groups of tracks and detections, without lonely tracks."""
     wanted = {t: {d for d, inside in enumerate(row) if inside} for t, row in enumerate(in_gate.tolist())}
     found: list[tuple[list[int], list[int]]] = []
     for track, own in wanted.items():
@@ -77,9 +75,7 @@ def find_clusters(in_gate: npt.NDArray[np.bool_]) -> list[tuple[list[int], list[
 
 
 def find_best_assignment(gain: FloatArray, miss: float) -> list[int]:
-    """Find the assignment of the largest total gain.
-    The Hungarian method is used; the result is -1 for a track that has a higher gain without a detection.
-    """
+    """Find the assignment of the largest total gain, -1 for none (Hungarian method)."""
     tracks, detections = gain.shape
     if tracks == 1:
         best = int(gain[0].argmax())
@@ -95,10 +91,8 @@ def find_best_assignment(gain: FloatArray, miss: float) -> list[int]:
 
 
 def compute_joint_probabilities(gain: FloatArray, miss: float) -> FloatArray:
-    """Compute marginal association probabilities over all joint events.
-    The method is that of Fortmann, Bar-Shalom and Scheffe 1983. In an event every track has one detection of its gate
-    or none, and no detection has two tracks. Shapes: gain (T, D); returns (T, D + 1).
-    """
+    """Compute marginal association probabilities over all joint events, (T, D + 1)."""
+    # Fortmann, Bar-Shalom and Scheffe 1983: in an event no detection has two tracks
     tracks, detections = gain.shape
     finite = gain[np.isfinite(gain)]
     top = max(float(finite.max()), miss) if finite.size else miss  # scale factor that avoids overflow

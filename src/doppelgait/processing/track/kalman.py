@@ -28,10 +28,9 @@ class Gaussian(NamedTuple):
 
 
 class Model(NamedTuple):
-    """Motion model over one interval.
-    R becomes R - carry_s v, v becomes keep v, and the covariance of the process noise is added.
-    """
+    """Motion model over one interval."""
 
+    # R becomes R - carry_s v, v becomes keep v, and the process noise is added
     carry_s: float
     keep: float
     range_m2: float
@@ -40,9 +39,7 @@ class Model(NamedTuple):
 
 
 class Innovation(NamedTuple):
-    """Innovation: difference of measurement and prediction.
-    It includes the covariance, the normalised square and the log density of the difference.
-    """
+    """Difference of measurement and prediction, its covariance, NIS and log density."""
 
     range_m: float
     velocity_mps: float
@@ -54,18 +51,14 @@ class Innovation(NamedTuple):
 
 
 def make_constant_velocity_model(interval_s: float, *, acceleration_noise_m2ps3: float) -> Model:
-    """Build a constant-velocity model with white acceleration of spectral density q.
-    Q = q [[dt^3/3, -dt^2/2], [-dt^2/2, dt]]; minus since dR/dt = -v (Bar-Shalom, Li, Kirubarajan, Estimation with
-    Applications to Tracking and Navigation, section 6.2.2).
-    """
+    """Build a constant-velocity model with white acceleration of spectral density q."""
+    # Bar-Shalom, Li, Kirubarajan, Estimation with Applications, 6.2.2; minus since dR/dt = -v
     q, dt = acceleration_noise_m2ps3, interval_s
     return Model(dt, 1.0, q * dt**3 / 3, -q * dt**2 / 2, q * dt)
 
 
 def make_resting_model(interval_s: float, *, time_constant_s: float, velocity_sd_mps: float) -> Model:
-    """Build the model of a resting body. Its velocity is an Ornstein-Uhlenbeck process around 0.
-    With a = exp(-dt/tau), Q = s^2 [[tau^2 (2 dt/tau - 3 + 4 a - a^2), -tau (1 - a)^2], [., 1 - a^2]].
-    """
+    """Build the model of a resting body: its velocity is an Ornstein-Uhlenbeck process."""
     tau, variance = time_constant_s, velocity_sd_mps**2
     keep = math.exp(-interval_s / tau)
     range_m2 = variance * tau**2 * (2 * interval_s / tau - 3 + 4 * keep - keep**2)
@@ -73,9 +66,7 @@ def make_resting_model(interval_s: float, *, time_constant_s: float, velocity_sd
 
 
 def predict(state: Gaussian, model: Model) -> Gaussian:
-    """Predict the state after an interval.
-    The prediction is F x and F P F' + Q with F = [[1, -carry], [0, keep]].
-    """
+    """Predict F x and F P F' + Q with F = [[1, -carry], [0, keep]]."""
     carry, keep = model.carry_s, model.keep
     return Gaussian(
         state.range_m - carry * state.velocity_mps,
@@ -107,9 +98,8 @@ def compute_innovation(
 
 
 def update(predicted: Gaussian, measured: Innovation) -> Gaussian:
-    """Update a state with a measurement.
-    The state is x + K y with K = P S^-1. Because H = I, the covariance is K times that of the measurement.
-    """
+    """Update a state with a measurement."""
+    # x + K y with K = P S^-1; because H = I, the covariance is K times that of the measurement
     p_rr, p_rv, p_vv = predicted.range_m2, predicted.cross_m2ps, predicted.velocity_m2ps2
     s_rr, s_rv, s_vv = measured.range_m2, measured.cross_m2ps, measured.velocity_m2ps2
     determinant = s_rr * s_vv - s_rv**2
@@ -138,9 +128,7 @@ def merge_mixture(states: Sequence[Gaussian], weights: Sequence[float]) -> Gauss
 
 
 def smooth(filtered: Sequence[Gaussian], predicted: Sequence[Gaussian], models: Sequence[Model]) -> list[Gaussian]:
-    """Smooth over a fixed interval (Rauch, Tung and Striebel).
-    The method was published in AIAA J. 3, 1965, 1445.
-    """
+    """Smooth over a fixed interval (Rauch, Tung and Striebel, AIAA J. 3, 1965)."""
     states = list(filtered)
     for n in range(len(states) - 2, -1, -1):
         # x + C (x_after - x_predicted), P + C (P_after - P_predicted) C', C = P F' P_predicted^-1

@@ -124,9 +124,7 @@ MEASURED, SHARED, MISSED = "measured", "shared", "missed"
 
 
 class Step(NamedTuple):
-    """One scan of a track.
-    ``box`` contains the detection's limits relative to its centre (range low, high; velocity low, high).
-    """
+    """One scan of a track; the box has the limits relative to the detection's centre."""
 
     time_s: float
     model: Model
@@ -140,9 +138,7 @@ class Step(NamedTuple):
 
 @dataclass(eq=False)
 class LiveTrack:
-    """Track in progress.
-    Tracks that were started by the same detection have the same ``family``.
-    """
+    """Track in progress; tracks started by the same detection are one family."""
 
     steps: list[Step]
     family: int
@@ -164,9 +160,8 @@ class LiveTrack:
         return self.steps[-1].filtered
 
     def add(self, step: Step, *, share_s: float) -> None:
-        """Add a scan to the history.
-        A shared detection keeps the track alive for ``share_s`` after its last own detection.
-        """
+        """Add a scan to the history."""
+        # a shared detection keeps the track alive for share_s after its last own detection
         again = self.steps[-1].outcome == MEASURED
         self.steps.append(step)
         if step.outcome == MEASURED:
@@ -270,9 +265,7 @@ class Track:
 
 
 def finish_track(live: LiveTrack) -> Track:
-    """Build the smoothed track of a confirmed :class:`LiveTrack`.
-    The track ends with the last own detection.
-    """
+    """Build the smoothed track of a live one, up to its last own detection."""
     stop = max(n for n, step in enumerate(live.steps) if step.outcome == MEASURED) + 1
     steps = live.steps[:stop]
     states = np.array(smooth([s.filtered for s in steps], [s.predicted for s in steps], [s.model for s in steps]))

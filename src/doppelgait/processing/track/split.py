@@ -190,9 +190,7 @@ def _replace(tracks: list[Track], number: int, ridge: Ridge, run: tuple[int, int
 
 
 def _move_to_echo(one: Track, ridge: Ridge, run: tuple[int, int], number: int, *, whole: bool) -> Track:
-    """Move a track to its nearer or farther echo.
-    Number 0 is the nearer echo, 1 the farther. The track is limited to the time of both echoes unless ``whole``.
-    """
+    """Move a track to its nearer (0) or farther echo (1), for the time of both or whole."""
     inside = slice(*run)
     place_m = np.sort(np.stack([ridge.own_m, ridge.other_m]), axis=0)[number]
     known = np.flatnonzero(np.isfinite(place_m[inside])) + run[0]

@@ -115,9 +115,7 @@ def track(
 
 
 def _update_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps: float | None) -> None:
-    """Predict, associate and update every track.
-    Detections are assigned to confirmed tracks first.
-    """
+    """Predict, associate and update every track, confirmed tracks first."""
     free = list(scan.detections)
     groups = (
         [one for one in live if one.confirmed_at_s is not None],
@@ -164,9 +162,7 @@ def _update_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps
 
 
 def _choose_model(one: LiveTrack, time_s: float, options: Tracker) -> Model:
-    """Choose the motion model up to the next scan.
-    The model is constant velocity, or rest for a body that was slow and is no longer detected.
-    """
+    """Choose constant velocity, or rest for a slow body that is no longer detected."""
     interval_s = time_s - one.steps[-1].time_s
     if one.confirmed_at_s is not None and one.steps[-1].outcome == MISSED and one.is_slow(options):
         return kalman.make_resting_model(
@@ -187,9 +183,7 @@ def _update_track(
     number: int,
     options: Tracker,
 ) -> Step:
-    """Update one track after one scan.
-    The best assignment determines the track that owns a detection; the weights determine the update.
-    """
+    """Update one track after one scan; the best assignment owns a detection."""
     own, weights = int(chosen.assigned[number]), chosen.weights[number]
     parts = [(kalman.update(predicted, measured[d]), weights[d]) for d in np.flatnonzero(weights[:-1])]
     if weights[-1] > 0:
@@ -204,9 +198,8 @@ def _update_track(
 def _update_in_boxes(
     steps: list[Step], chosen: Associations, detections: list[Detection], options: Tracker, span_mps: float | None
 ) -> list[Step]:
-    """Update tracks inside the box of another detection.
-    If a box has no owner and contains one track alone, it belongs to this track: a limb has shifted its centre.
-    """
+    """Update tracks inside the box of another detection."""
+    # a box without owner around one track alone belongs to it: a limb has shifted its centre
     inside = {
         m: [n for n, s in enumerate(steps) if _is_in_box(d, s.predicted, span_mps)] for m, d in enumerate(detections)
     }
@@ -227,9 +220,7 @@ def _update_in_boxes(
 
 
 def _update_in_box(step: Step, d: Detection, options: Tracker, span_mps: float | None, outcome: str) -> Step:
-    """Update a track at an unknown position in a box.
-    The standard deviation is half the width of the box.
-    """
+    """Update a track at an unknown position in a box, with sd of half its width."""
     half_m, half_mps = (d.range_high_m - d.range_low_m) / 2, (d.velocity_high_mps - d.velocity_low_mps) / 2
     measured = kalman.compute_innovation(
         step.predicted,
@@ -259,9 +250,7 @@ def _is_in_box(d: Detection, predicted: Gaussian, span_mps: float | None) -> boo
 
 
 def _start_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps: float | None) -> list[list[Step]]:
-    """Return the first steps of new tracks.
-    Tracks start at the strongest detections first, and not near an existing track.
-    """
+    """Return the first steps of new tracks, from the strongest detections on."""
     ranges_m = [one.state.range_m for one in live]
     new = []
     for d in sorted(scan.detections, key=lambda d: -d.power_v2):
@@ -303,9 +292,7 @@ def _is_over(one: LiveTrack, live: list[LiveTrack], time_s: float, options: Trac
 
 
 def _is_duplicate(one: LiveTrack, other: LiveTrack) -> bool:
-    """Return True if ``one`` is a duplicate of ``other``.
-    Of two equal tracks the younger one is the duplicate.
-    """
+    """Return True if ``one`` duplicates ``other``, the older one of two equal tracks."""
     if other is one or other.confirmed_at_s is None or other.steps[-1].time_s != one.steps[-1].time_s:
         return False
     if (other.hits, -other.steps[0].time_s, -other.family) < (one.hits, -one.steps[0].time_s, -one.family):
