@@ -115,10 +115,31 @@ def read_picture(
     """Read the picture of a spectrogram as a signature, by the nearest colours."""
     file = Path(path)
     if settings is None:
-        settings = _read_settings(file, None if config is None else Path(config))
+        found = find_settings_file(file)
+        if config is not None:
+            found = Path(config) if Path(config).is_file() else file.parent / config
+        if found is None or not found.is_file():
+            name = f"{file.stem}.toml or {SETTINGS_NAME}" if config is None else str(Path(config))
+            raise RecordingError(
+                f"{file}: a picture needs a file {name} with its axes; write velocity_mps, duration_s, carrier_hz, "
+                "cpi_s, level_db and colormap into it"
+            )
+        try:
+            table, text = read_toml(found)
+            settings = validate(PictureSettings, table, where=str(found), text=text)
+        except ConfigError as error:
+            raise RecordingError(str(error)) from None
+    from matplotlib import colormaps
     from scipy.spatial import KDTree
 
-    colours = KDTree(_find_colours(file, settings.colormap))
+    if settings.colormap not in colormaps:
+        raise RecordingError(
+            f"{file}: colormap = {settings.colormap!r} is not known; it must be one of Matplotlib's, such as jet or "
+            "gray"
+        )
+    # rounded to 8 bits as in a picture
+    shades = colormaps[settings.colormap](np.linspace(0.0, 1.0, COLOURS), bytes=True)[:, :3]
+    colours = KDTree(np.asarray(shades, dtype=np.float64) / 255.0)
     if any(abs(one - other) > SAME_LEVEL for one, other in colours.query_pairs(SAME_COLOUR)):
         raise RecordingError(
             f"{file}: colormap = {settings.colormap!r} has the same colour for several levels; use another colormap"
@@ -176,33 +197,6 @@ def read_picture(
     facts = {"colormap": settings.colormap, "other_colours_share": far, "level_step_db": step_db}
     mu.attrs["picture"] = json.dumps(facts)
     return mu
-
-
-def _read_settings(file: Path, config: Path | None) -> PictureSettings:
-    found = find_settings_file(file) if config is None else config if config.is_file() else file.parent / config
-    if found is None or not found.is_file():
-        name = f"{file.stem}.toml or {SETTINGS_NAME}" if config is None else str(config)
-        raise RecordingError(
-            f"{file}: a picture needs a file {name} with its axes; write velocity_mps, duration_s, carrier_hz, cpi_s, "
-            "level_db and colormap into it"
-        )
-    try:
-        table, text = read_toml(found)
-        return validate(PictureSettings, table, where=str(found), text=text)
-    except ConfigError as error:
-        raise RecordingError(str(error)) from None
-
-
-def _find_colours(file: Path, name: str) -> npt.NDArray[np.float64]:
-    """Return the colours of a map, shape (256, 3)."""
-    from matplotlib import colormaps
-
-    if name not in colormaps:
-        raise RecordingError(
-            f"{file}: colormap = {name!r} is not known; it must be one of Matplotlib's, such as jet or gray"
-        )
-    table = colormaps[name](np.linspace(0.0, 1.0, COLOURS), bytes=True)  # rounded to 8 bits as in a picture
-    return np.asarray(table[:, :3], dtype=np.float64) / 255.0
 
 
 def _read_pixels(file: Path, crop: tuple[int, int, int, int] | None) -> npt.NDArray[np.float64]:

@@ -62,10 +62,6 @@ def describe_results(recording: Recording, results: Sequence[Result]) -> dict[st
     Values that are not finite become None. An empty list of targets has a ``reason``. ``n_bodies`` excludes targets
     with the verdict reflection, folded or thing.
 
-    See Also
-    --------
-    write_results : write the results with their arrays.
-
     Examples
     --------
     >>> import doppelgait as dg
@@ -108,10 +104,6 @@ def write_results(path: str | Path, recording: Recording, results: Sequence[Resu
         If the file cannot be written; an older file of this name then stays unchanged.
     ConfigError
         If ``results`` is a single result.
-
-    See Also
-    --------
-    read_results : read the file.
 
     Examples
     --------
@@ -205,10 +197,6 @@ def read_results(path: str | Path) -> Results:
     ------
     AnalysisError
         If the file is missing, damaged, of another version or no result file, or if it links to another file.
-
-    See Also
-    --------
-    write_results : write the file.
 
     Examples
     --------

@@ -156,10 +156,6 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "",
     ------
     ConfigError
         With the dotted key, its line, its value and the allowed values.
-
-    See Also
-    --------
-    run_simulation : simulate the run.
     """
     unknown = sorted(set(table) - set(SECTIONS))
     if unknown:
@@ -185,10 +181,6 @@ def run_simulation(
         Folder to which motion paths are relative.
     angles, path
         As for :func:`doppelgait.pipeline.simulate`.
-
-    See Also
-    --------
-    parse_run : parse the run of a scene file.
 
     Examples
     --------

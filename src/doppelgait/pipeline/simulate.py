@@ -156,7 +156,7 @@ def simulate(
     else:
         samples = echoes.add_noise(samples, noise)
     if rng is not None:  # noise first, then the impairments in order
-        _, samples_rng = _make_impairment_generators(rng)
+        _, samples_rng = rng.generator("impairments").spawn(2)
         samples = apply_impairments(samples, conditions.impairments, radar=radar, rng=samples_rng)
     # the truth stores the bodies for plots, at the rate of a screen
     shown_s = slow_time_s[:: math.ceil(radar.prf_hz / BODY_RATE_HZ)] if angles else None
@@ -315,7 +315,7 @@ def observe_scene(
     """Observe a scene through its environment and the antenna. Shapes: slow_time_s (I,)."""
     placed, times_s = as_placed(scene, streams), slow_time_s
     if conditions.impairments and streams is not None:
-        timing_rng, _ = _make_impairment_generators(streams)
+        timing_rng, _ = streams.generator("impairments").spawn(2)
         times_s = shift_pulse_times(slow_time_s, conditions.impairments, radar=radar, rng=timing_rng)
     patterned = radar.antenna.kind != "isotropic"
     directions = patterned or needs_angles(conditions.environment)
@@ -349,12 +349,6 @@ def observe_scene(
     if times_s is not slow_time_s:
         scatterers = scatterers.assign_coords(slow_time=label_axis("slow_time", slow_time_s))
     return scatterers, tracks
-
-
-def _make_impairment_generators(streams: Streams) -> tuple[np.random.Generator, np.random.Generator]:
-    """Return random sources for frame times and impairments."""
-    timing, samples = streams.generator("impairments").spawn(2)
-    return timing, samples
 
 
 def split_targets(scatterers: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset | None]:

@@ -207,7 +207,18 @@ def _measure_cluster(look: _SlowSeries, bins: npt.NDArray[np.int64]) -> _Candida
     powers = spectrum.mean_power[line, bins]
     best = int(np.argmax(powers))
     chosen, line_hz = int(bins[best]), float(frequency_hz[line])
-    breathes = _find_windows_with_breath(spectrum, chosen, line_hz, settings)
+    # windows with the line within 1.5 cells of the rate, at least the strongest one
+    single = np.stack(
+        [
+            compute_line_ratio(spectrum.only(number, chosen), low_hz=settings.low_hz, high_hz=settings.high_hz)[:, 0]
+            for number in range(spectrum.starts.size)
+        ]
+    )
+    strongest = single[:, near].max(axis=1)
+    limit = compute_threshold(
+        spectrum.only(0, chosen), WINDOW_FALSE_ALARM, low_hz=settings.low_hz, high_hz=settings.high_hz
+    )
+    breathes = (strongest > limit) | (strongest == strongest.max())
     rows = []
     for start in spectrum.starts[breathes]:
         part = look.series[start : start + spectrum.window_pulses, chosen]
@@ -239,24 +250,6 @@ def _measure_cluster(look: _SlowSeries, bins: npt.NDArray[np.int64]) -> _Candida
     inside = np.abs(both_hz - rate_hz) <= 0.5 * rate_hz
     moving = np.fft.ifft(np.where(inside, np.fft.fft(series - series.mean()), 0.0))
     return _Candidate(target, float(powers[best]), np.stack([moving.real, moving.imag]))
-
-
-def _find_windows_with_breath(
-    spectrum: BreathSpectrum, chosen: int, rate_hz: float, settings: BreathingSettings
-) -> npt.NDArray[np.bool_]:
-    """Find the windows in which a bin shows the breath, at least the strongest."""
-    single = np.stack(
-        [
-            compute_line_ratio(spectrum.only(number, chosen), low_hz=settings.low_hz, high_hz=settings.high_hz)[:, 0]
-            for number in range(spectrum.starts.size)
-        ]
-    )
-    near = np.abs(spectrum.frequency_hz - rate_hz) <= 1.5 / spectrum.window_s
-    strongest = single[:, near].max(axis=1)
-    one = compute_threshold(
-        spectrum.only(0, chosen), WINDOW_FALSE_ALARM, low_hz=settings.low_hz, high_hz=settings.high_hz
-    )
-    return np.asarray((strongest > one) | (strongest == strongest.max()))
 
 
 def _measure_strongest_rate(

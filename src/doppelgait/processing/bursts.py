@@ -6,7 +6,7 @@ sampling and sending. A processing interval must not cross a pause, so every bur
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -35,18 +35,10 @@ def find_burst_pulses(slow_time_s: npt.ArrayLike) -> int | None:
     slow_time_s : array_like, shape (I,)
         Times of the pulses, ascending.
 
-    Returns
-    -------
-    int or None
-
     Raises
     ------
     AnalysisError
         If the bursts have different lengths; a shorter last one is allowed.
-
-    See Also
-    --------
-    get_burst_pulses : the stored number.
 
     Examples
     --------
@@ -64,10 +56,6 @@ def get_burst_pulses(baseband: xr.DataArray) -> int | None:
 
     The number is the attribute ``burst_pulses`` if it is set, and is otherwise derived from the pulse times. It is
     None for a recording without bursts.
-
-    See Also
-    --------
-    find_burst_pulses : find the number from the pulse times.
     """
     return Frames.of(baseband).slow_time.find_bursts().burst_pulses
 
@@ -92,40 +80,8 @@ def make_frame_gate(frames: Frames) -> Gate:
     return Gate(ends_s, np.full(2, range_m.mean()), spacing_m * range_m.size, None, "frame")
 
 
-def transform_bursts(
-    frames: Frames, transform: Transform, low: FloatArray, high: FloatArray, *, remove_mean: bool = True
-) -> npt.NDArray[np.float32]:
-    """Sum the power of every burst over the gate's bins, (J, K). Shapes: low, high (J,)."""
-    from scipy import fft
-
-    count, size = transform.n_columns, transform.window.size
-    cube = frames.matrix[: count * size].reshape(count, size, -1)
-    power = np.zeros((count, transform.n_doppler_bins), dtype=np.float32)
-    for n in range(cube.shape[2]):
-        share = np.clip(np.minimum(high, n + 0.5) - np.maximum(low, n - 0.5), 0.0, 1.0)
-        if not share.any():
-            continue
-        pulses = cube[:, :, n].astype(np.complex128)
-        if remove_mean:
-            pulses -= pulses.mean(axis=1, keepdims=True)
-        spectrum = fft.fftshift(fft.fft(pulses * transform.window, transform.n_doppler_bins, axis=1), axes=1)
-        power += (share[:, None] * (spectrum.real**2 + spectrum.imag**2)).astype(np.float32)
-    return power
-
-
-@dataclass(frozen=True)
-class Bursts:
-    """Transform and slow time of a recording in bursts."""
-
-    # hop is the burst period in pulses at the rate within a burst; time_s has the shape (J,)
-    transform: Transform
-    prf_hz: float
-    time_s: FloatArray
-    hop: int
-
-
-def split_bursts(slow_time: SlowTime, analysis: Analysis) -> Bursts:
-    """Divide slow time into bursts, each a column of the transform."""
+def split_bursts(slow_time: SlowTime, analysis: Analysis) -> tuple[Transform, float, FloatArray, int]:
+    """Divide slow time into bursts; return transform, rate, times (J,) and period in pulses."""
     pulses = slow_time.burst_pulses or 0
     if pulses < MIN_CPI_PULSES:
         raise AnalysisError(
@@ -156,4 +112,4 @@ def split_bursts(slow_time: SlowTime, analysis: Analysis) -> Bursts:
         raise AnalysisError(f"doppler_bins is {wanted}, but a burst has {pulses} pulses: K >= M")
     window = gaussian_window(pulses, analysis.window_steepness)
     transform = Transform(window, wanted, pulses, 0, count)
-    return Bursts(transform, prf_hz, middle_s, max(1, round(period_s * prf_hz)))
+    return transform, prf_hz, middle_s, max(1, round(period_s * prf_hz))

@@ -181,10 +181,6 @@ def detrend_order(seconds: float) -> int:
     """Compute the order of the detrending polynomial (E-31).
 
     The order is round(1.2 T_o), limited to 1 to 6.
-
-    See Also
-    --------
-    detrend : remove the polynomial.
     """
     return min(max(round(1.2 * seconds), 1), 6)
 
@@ -201,10 +197,6 @@ def detrend(normalised: Signal, *, order: int) -> Signal:
         From :func:`doppelgait.processing.normalise.normalise`.
     order : int
         0 or more; 0 is the report's mu_0.
-
-    See Also
-    --------
-    detrend_order : order of the polynomial.
 
     Examples
     --------
@@ -259,10 +251,6 @@ def cadence_map(rows: Signal, *, padded: bool = True, tapered: bool | None = Non
     DataArray (cadence, doppler)
         ``D[q,k] = |sum_j a_j v[j,k] e^{-j 2 pi q j / J_fft}| / sum(a)`` for cadences of 0 to 20 Hz.
 
-    See Also
-    --------
-    cadence_spectrum : power over cadence alone.
-
     Examples
     --------
     >>> import doppelgait as dg
@@ -274,7 +262,7 @@ def cadence_map(rows: Signal, *, padded: bool = True, tapered: bool | None = Non
     >>> round(float(diagram.sum("doppler").idxmax("cadence")), 1)  # gait frequency, Hz
     1.7
     """
-    weights, length, cadence_hz = _make_cadence_grid(rows, padded, tapered)
+    weights, length, cadence_hz = _make_grid(rows.shape[0], sampling_rate_hz(rows.axis("time")), padded, tapered)
     magnitude = compute_magnitudes(rows.values, weights, length, cadence_hz.size)
     return rows.with_axes(CADENCE_MAP, magnitude, cadence=cadence_hz)
 
@@ -286,13 +274,13 @@ class CadenceParts:
 
     def __init__(self, rows: Signal, order: int) -> None:
         self._like, self._values, self._order = rows, rows.values, order
-        self._weights, self._length, self.cadence_hz = _make_cadence_grid(rows, True, None)
+        rate_hz = sampling_rate_hz(rows.axis("time"))
+        self._weights, self._length, self.cadence_hz = _make_grid(rows.shape[0], rate_hz, True, None)
         self._response = np.ones(self.cadence_hz.size)
         step = _find_coarsest_step(self._values.shape[0], self._length, self.cadence_hz.size)
         if step == 1:
             self._values = self.detrend().values
             return
-        rate_hz = sampling_rate_hz(rows.axis("time"))
         trend = _smear_basis(self._values.shape[0], rate_hz, order, step) @ _project_rows(self._values, order)
         self._values, self._response = _smear(self._values, self._weights, self._length, self.cadence_hz.size, step)
         self._values -= trend
@@ -321,33 +309,21 @@ def _smear_basis(n_columns: int, rate_hz: float, order: int, step: int) -> Float
     return _smear(_make_orthonormal_basis(n_columns, order), weights, length, cadence_hz.size, step)[0]
 
 
-def _make_cadence_grid(rows: Signal, padded: bool, tapered: bool | None) -> tuple[FloatArray, int, FloatArray]:
-    """Return the column weights, the transform length and the cadences."""
-    return _make_grid(rows.shape[0], sampling_rate_hz(rows.axis("time")), padded, tapered)
-
-
 @lru_cache(maxsize=8)
 def _make_grid(
     n_columns: int, rate_hz: float, padded: bool, tapered: bool | None
 ) -> tuple[FloatArray, int, FloatArray]:
     from scipy import fft
 
-    taper = make_taper(n_columns, n_columns / rate_hz > TAPER_FROM_S - 1e-9 if tapered is None else tapered)
+    taper = np.ones(n_columns)
+    if n_columns / rate_hz > TAPER_FROM_S - 1e-9 if tapered is None else tapered:  # Hann, without zero ends
+        taper = 0.5 - 0.5 * np.cos(2.0 * np.pi * (np.arange(n_columns) + 1) / (n_columns + 1))
     length = fft.next_fast_len(PADDING * n_columns, real=True) if padded else n_columns
     cadence_hz = np.arange(length // 2 + 1) * rate_hz / length
-    weights, cadence_hz = (
-        taper / taper.sum(),
-        cadence_hz[: np.searchsorted(cadence_hz, MAX_CADENCE_HZ, side="right")].copy(),
-    )
+    cadence_hz = cadence_hz[: np.searchsorted(cadence_hz, MAX_CADENCE_HZ, side="right")].copy()
+    weights = taper / taper.sum()
     weights.flags.writeable = cadence_hz.flags.writeable = False
     return weights, length, cadence_hz
-
-
-def make_taper(n_columns: int, tapered: bool) -> npt.NDArray[np.float64]:
-    """Compute the Hann taper without zero ends, or ones. The result has the shape (J,)."""
-    if not tapered:
-        return np.ones(n_columns)
-    return np.asarray(0.5 - 0.5 * np.cos(2.0 * np.pi * (np.arange(n_columns) + 1) / (n_columns + 1)))
 
 
 @measures_signal(NORMALISED_SIGNATURE)
@@ -383,10 +359,6 @@ def cadence_spectrum(step_doppler: Signal, *, power: bool = True) -> Signal:
     Returns
     -------
     DataArray (cadence)
-
-    See Also
-    --------
-    cadence_map : magnitude over cadence and Doppler.
 
     Examples
     --------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -44,10 +44,6 @@ def remove_clutter(baseband: xr.DataArray, analysis: Analysis) -> xr.DataArray:
     -------
     DataArray (slow_time, range)
         The same object for ``clutter = "none"`` and ``"auto"``, as for a fixed gate.
-
-    See Also
-    --------
-    remove_static_clutter : the same, with the filter as a parameter.
 
     Examples
     --------
@@ -111,10 +107,6 @@ def remove_static_clutter(
     AnalysisError
         If the frame rate is too low for ``cutoff_hz``.
 
-    See Also
-    --------
-    clutter_gain : gain of the filter over Doppler.
-
     Examples
     --------
     >>> import doppelgait as dg
@@ -157,7 +149,12 @@ def remove_from_frames(
         yield from whole or frames.read_planes(chosen, block)
 
     if kind in ("mean", "median"):
-        static = _average_static_part(tiles(), kind, frames.n_pulses, block)
+        if kind == "mean":
+            level = sum(planes.sum(axis=-1, dtype=np.float64, keepdims=True) for planes in tiles()) / frames.n_pulses
+        else:
+            means = np.concatenate([average_blocks(planes, block) for planes in tiles()], axis=-1)
+            level = np.median(means, axis=-1, keepdims=True)
+        static = np.asarray(level, dtype=np.float32)
         clean: Clean = lambda planes, state: (np.subtract(planes, static, out=planes), None)  # noqa: E731
     else:
         clean = _make_filter(frames, chosen, kind, time_s=time_s, cutoff_hz=cutoff_hz)
@@ -193,15 +190,6 @@ def _make_samples(planes: Planes, bins: slice, shape: tuple[int, int]) -> Sample
     whole = borrow_planes((2, shape[1], shape[0]))
     whole[:, bins] = planes
     return Samples.from_planes(whole, shape[0])
-
-
-def _average_static_part(tiles: Iterable[Planes], kind: ClutterKind, n_pulses: int, block_pulses: int) -> Planes:
-    """Return mean or median over pulses, (2, bins, 1), float32."""
-    if kind == "mean":
-        total = sum(planes.sum(axis=-1, dtype=np.float64, keepdims=True) for planes in tiles)
-        return np.asarray(total / n_pulses, dtype=np.float32)
-    means = np.concatenate([average_blocks(planes, block_pulses) for planes in tiles], axis=-1)
-    return np.asarray(np.median(means, axis=-1, keepdims=True), dtype=np.float32)
 
 
 Clean = Callable[[Planes, Any], tuple[Planes, Any]]
@@ -291,10 +279,6 @@ def clutter_gain(
     AnalysisError
         If ``n_pulses`` is missing for ``mean`` or ``median``.
 
-    See Also
-    --------
-    remove_static_clutter : apply the filter.
-
     Examples
     --------
     >>> import doppelgait as dg
@@ -361,10 +345,6 @@ def measure_share_removed(
     DataArray (time)
         One share per block of the gate's times, 0 to 1; NaN where fewer than half of the gate's bins have a
         reference.
-
-    See Also
-    --------
-    predict_torso_share_removed : prediction from the filter alone.
 
     Examples
     --------
@@ -477,10 +457,6 @@ def predict_torso_share_removed(
     -------
     ndarray, shape (J,)
         0 to 1.
-
-    See Also
-    --------
-    measure_share_removed : measurement in a recording.
 
     Examples
     --------

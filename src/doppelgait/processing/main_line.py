@@ -63,10 +63,6 @@ def main_line_hz(signature: Signal, *, order: int, tapered: bool = False) -> Flo
         Main line m[j] in Hz, fitted by iteratively reweighted least squares. Cauchy weights reduce the influence of
         columns in which a leg or a stance foot is strongest.
 
-    See Also
-    --------
-    align : shift the signature by the line.
-
     Examples
     --------
     >>> import doppelgait as dg
@@ -117,22 +113,13 @@ def choose_line_order(observation_s: float) -> int:
     """Choose the order of a line that does not follow steps (E-29).
 
     The order is 1 below 1.3 s, 2 below 2.5 s, and 3 otherwise.
-
-    See Also
-    --------
-    main_line_hz : fit the line.
     """
     return 1 if observation_s < 1.3 else 2 if observation_s < 2.5 else 3
 
 
 @measures_signal(SIGNATURE, NORMALISED_SIGNATURE)
 def needs_alignment(signature: Signal) -> bool:
-    """Return True if the main line drifts over 10 Hz.
-
-    See Also
-    --------
-    align : shift the signature by the line.
-    """
+    """Return True if the main line drifts over 10 Hz."""
     return has_drift(main_line_hz(signature, order=1))
 
 
@@ -161,11 +148,6 @@ def align(array: Signal, line_hz: FloatArray) -> Signal:
     ------
     AnalysisError
         If the line has a different number of columns.
-
-    See Also
-    --------
-    main_line_hz : fit the line.
-    needs_alignment : test whether the line drifts.
 
     Examples
     --------

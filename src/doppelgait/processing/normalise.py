@@ -38,10 +38,6 @@ def noise_floor_v2(signature: Signal) -> float:
     float
         nu = s^2 sum(w^2) N_g in V^2; practically 0 for a noise-free simulation.
 
-    See Also
-    --------
-    normalise : normalise the signature above its floor.
-
     Examples
     --------
     >>> import numpy as np
@@ -94,10 +90,6 @@ def count_independent_bins(signature: Signal, floor_v2: float) -> float:
         Not normalised, V^2.
     floor_v2 : float
         :func:`noise_floor_v2`.
-
-    See Also
-    --------
-    count_independent_columns : the number of independent columns.
     """
     from doppelgait.core.kernels.columns import row_means
     from doppelgait.core.kernels.robust import variance_of_rows
@@ -129,10 +121,6 @@ def count_independent_columns(signature: Signal) -> float:
     """Count the practically independent columns, J_eff (E-38).
 
     J_eff is T_o / 60 ms, at least 1.
-
-    See Also
-    --------
-    count_independent_bins : the number of independent range bins.
     """
     times = signature.axis("time")
     return max(1.0, float(times[-1] - times[0]) / INDEPENDENT_AFTER_S)
@@ -156,10 +144,6 @@ def normalise(signature: Signal, floor_v2: float, *, mode: Normalisation = "sum"
     -------
     DataArray (time, doppler)
         float64, dimensionless; a column with no power above the floor is 0.
-
-    See Also
-    --------
-    noise_floor_v2 : estimate the noise floor.
 
     Examples
     --------

@@ -80,10 +80,6 @@ def patch(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     AnalysisError
         If it is no signature with evenly spaced axes and known velocities.
 
-    See Also
-    --------
-    levels : levels of the whole observation.
-
     Examples
     --------
     >>> import doppelgait as dg
@@ -122,10 +118,6 @@ def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     ------
     AnalysisError
         As :func:`patch`.
-
-    See Also
-    --------
-    patch : an image of fixed size.
 
     Examples
     --------

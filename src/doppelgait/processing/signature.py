@@ -16,7 +16,7 @@ from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.core.labels import RANGE_DOPPLER, SIGNATURE, AnySignal, Coord, Signal, make_array, maps_signal
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
-from doppelgait.processing.bursts import make_frame_gate, split_bursts, transform_bursts
+from doppelgait.processing.bursts import make_frame_gate, split_bursts
 from doppelgait.processing.config import Analysis, Transform, find_lossless_hop, plan_transform
 from doppelgait.processing.gate import Gate
 
@@ -105,7 +105,11 @@ def compute_range_doppler(
     centres_s = frames.slow_time.start_s + transform.compute_centre_pulses() / prf_hz
     for start in range(0, wanted.size, block):
         part = wanted[start : start + block]
-        intervals = _read_intervals(frames, part * transform.hop - pad, window.size) * window[None, :, None]
+        intervals = np.zeros((part.size, window.size, frames.n_bins), dtype=np.complex64)  # zero outside the recording
+        for interval, first in zip(intervals, (part * transform.hop - pad).tolist(), strict=True):
+            low, high = max(first, 0), min(first + window.size, frames.n_pulses)
+            interval[low - first : high - first] = frames.read(low, high)
+        intervals *= window[None, :, None]
         spectrum = fft.fftshift(fft.fft(intervals, transform.n_doppler_bins, axis=1), axes=1)
         yield RangeDoppler(
             centres_s[part],
@@ -113,15 +117,6 @@ def compute_range_doppler(
             (spectrum.real**2 + spectrum.imag**2).astype(np.float32),
             float((transform.window**2).sum()),
         )
-
-
-def _read_intervals(frames: Frames, first: npt.NDArray[np.int64], size: int) -> npt.NDArray[np.complex64]:
-    """Read ``size`` pulses from each first pulse, zero outside the recording, (J, size, N)."""
-    intervals = np.zeros((first.size, size, frames.n_bins), dtype=np.complex64)
-    for interval, start in zip(intervals, first.tolist(), strict=True):
-        low, high = max(start, 0), min(start + size, frames.n_pulses)
-        interval[low - start : high - start] = frames.read(low, high)
-    return intervals
 
 
 def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelength_m: float) -> xr.DataArray:
@@ -149,10 +144,6 @@ def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelen
     ------
     AnalysisError
         If the gate lies outside the frame all the time.
-
-    See Also
-    --------
-    burst_signature : signature of a recording in bursts.
 
     Examples
     --------
@@ -213,10 +204,6 @@ def burst_signature(
     AnalysisError
         If there are no bursts, they have fewer than 5 pulses, K < M, or the gate lies outside the frame.
 
-    See Also
-    --------
-    signature : signature of a recording without pauses.
-
     Examples
     --------
     >>> import doppelgait as dg
@@ -236,16 +223,16 @@ def burst_signature(
     frames = replace(frames, slow_time=replace(frames.slow_time, burst_pulses=pulses))
     if gate is None:
         gate = make_frame_gate(frames)
-    cut = make_gated_transform(gate, frames.slow_time, frames.range_m, analysis, bin_share=frames.bin_share)
-    power = cut.sum_bursts(frames, remove_mean=remove_mean)
-    return cut.make_signature(power, wavelength_m=wavelength_m).label()
+    return compute_signature(frames, gate, analysis, wavelength_m=wavelength_m, remove_mean=remove_mean).label()
 
 
-def compute_signature(frames: Frames, gate: Gate, analysis: Analysis, *, wavelength_m: float) -> Signal:
+def compute_signature(
+    frames: Frames, gate: Gate, analysis: Analysis, *, wavelength_m: float, remove_mean: bool = True
+) -> Signal:
     """Compute the signature of frames; in bursts, every burst is a column."""
     cut = make_gated_transform(gate, frames.slow_time, frames.range_m, analysis, bin_share=frames.bin_share)
     in_bursts = frames.slow_time.burst_pulses is not None
-    power = cut.sum_bursts(frames) if in_bursts else cut.sum_power(frames.samples)
+    power = cut.sum_bursts(frames, remove_mean=remove_mean) if in_bursts else cut.sum_power(frames.samples)
     return cut.make_signature(power, wavelength_m=wavelength_m)
 
 
@@ -303,14 +290,6 @@ class GatedTransform:
             np.maximum(bins[:, 1], min(end[n], self.n_pulses), out=bins[:, 1])
         return spans
 
-    def iterate_tiles(self) -> Iterator[slice]:
-        """Yield the columns of every tile; a short recording is one tile."""
-        step, size = self.transform.n_columns, self.transform.n_columns
-        if not self.is_short:
-            step = max(TILE_PULSES // self.transform.hop // LANES, 1) * LANES
-        for start in range(0, size, step):
-            yield slice(start, min(start + step, size))
-
     def sum_power(self, samples: Samples) -> npt.NDArray[np.float32]:
         """Sum the power over the gate's bins, (J, K) (E-27)."""
         from doppelgait.core.kernels.signature import gated_signature
@@ -320,7 +299,11 @@ class GatedTransform:
         window = np.zeros(transform.n_doppler_bins, dtype=np.float32)
         window[: transform.window.size] = transform.window
         power = np.zeros((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
-        for columns in self.iterate_tiles():
+        step = transform.n_columns
+        if not self.is_short:
+            step = max(TILE_PULSES // transform.hop // LANES, 1) * LANES
+        for start in range(0, transform.n_columns, step):
+            columns = slice(start, min(start + step, transform.n_columns))
             first = transform.first_pulse + transform.hop * columns.start
             low, high = self.low[columns], self.high[columns]
             if self.is_short:
@@ -348,15 +331,31 @@ class GatedTransform:
             )
         return power
 
-    def sum_bursts(self, frames: Frames, *, remove_mean: bool = True) -> npt.NDArray[np.float32]:
+    def sum_bursts(self, frames: Frames, *, remove_mean: bool) -> npt.NDArray[np.float32]:
         """Sum the power over the gate's bins, a column a burst, (J, K)."""
+        from scipy import fft
+
         self.gate.touched_bins(self.low, self.high, self.range_m)
-        return transform_bursts(frames, self.transform, self.low, self.high, remove_mean=remove_mean)
+        transform, size = self.transform, self.transform.window.size
+        cube = frames.matrix[: transform.n_columns * size].reshape(transform.n_columns, size, -1)
+        power = np.zeros((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
+        for n in range(cube.shape[2]):
+            share = np.clip(np.minimum(self.high, n + 0.5) - np.maximum(self.low, n - 0.5), 0.0, 1.0)
+            if not share.any():
+                continue
+            pulses = cube[:, :, n].astype(np.complex128)
+            if remove_mean:
+                pulses -= pulses.mean(axis=1, keepdims=True)
+            spectrum = fft.fftshift(fft.fft(pulses * transform.window, transform.n_doppler_bins, axis=1), axes=1)
+            power += (share[:, None] * (spectrum.real**2 + spectrum.imag**2)).astype(np.float32)
+        return power
 
     def make_signature(self, power: npt.NDArray[np.float32], *, wavelength_m: float) -> Signal:
         """Add axes and facts to the power of the gate."""
         doppler_hz = doppler_axis_hz(self.transform.n_doppler_bins, self.prf_hz)
-        self.gate.close_doppler_band(power, doppler_hz)
+        if self.gate.doppler_hz is not None:
+            low_hz, high_hz = self.gate.doppler_hz
+            power[:, (doppler_hz < low_hz) | (doppler_hz > high_hz)] = 0.0
         inside = np.minimum(self.high, self.n_bins - 0.5) - np.maximum(self.low, -0.5)
         coords: dict[str, Coord] = {
             "time": (("time",), self.time_s, {}),
@@ -392,8 +391,7 @@ def make_gated_transform(
 ) -> GatedTransform:
     """Prepare a recording's gate and transform."""
     if slow_time.burst_pulses is not None:
-        bursts = split_bursts(slow_time, analysis)
-        transform, prf_hz, time_s, hop = bursts.transform, bursts.prf_hz, bursts.time_s, bursts.hop
+        transform, prf_hz, time_s, hop = split_bursts(slow_time, analysis)
     else:
         transform, prf_hz = plan_for(slow_time, analysis), slow_time.rate_hz
         time_s, hop = slow_time.start_s + transform.compute_centre_pulses() / prf_hz, transform.hop

@@ -37,10 +37,6 @@ def noise_factor(pfa: float, *, n_summed: int = 1) -> float:
         False-alarm probability of the cell, between 0 and 1.
     n_summed : int
         Number of independent cells in the sum (E-28: N_g); the mean noise power is that of the sum.
-
-    Returns
-    -------
-    float
     """
     if n_summed == 1:
         return -math.log(pfa)

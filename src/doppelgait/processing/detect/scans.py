@@ -130,31 +130,29 @@ def find_cells(maps: Maps, settings: Detector) -> tuple[Mask, Mask]:
         above &= maps.range_m >= settings.near_m
     slow = np.abs(maps.velocity_mps) < settings.slow_mps
     residue = estimate_residue_map(power[:, slow])
-    masks = []
-    for pfa in (settings.pfa, settings.peak_pfa):
-        mask = _apply_threshold(maps, settings, pfa) & above
-        mask[:, slow] &= power[:, slow] > noise_factor(pfa) * residue
-        masks.append(mask)
-    return masks[0], masks[1] & masks[0]
-
-
-def _apply_threshold(maps: Maps, settings: Detector, pfa: float) -> Mask:
-    if settings.method == "noise_map":
-        return np.asarray(maps.power_v2 > (noise_factor(pfa) * maps.floor_v2).astype(np.float32))
     window = make_range_window(
         bin_spacing_m=maps.bin_spacing_m,
         window_m=settings.window_m,
         guard_m=settings.guard_m,
         resolution_m=settings.resolution_m,
     )
-    if count_training_cells(window, maps.range_m.size).min() < MIN_TRAINING:
+    if settings.method != "noise_map" and count_training_cells(window, maps.range_m.size).min() < MIN_TRAINING:
         raise AnalysisError(
             f"method {settings.method!r} compares cells along range, and a frame of {maps.range_m.size} range bins "
             f"has no room for a window from {settings.guard_m:g} to {settings.window_m:g} m; use method 'noise_map'"
         )
-    if settings.method == "os_cfar":
-        return mark_above_os(maps.power_v2, window, pfa, rank_share=settings.rank)
-    return mark_above_ca(maps.power_v2, window, pfa)
+    masks = []
+    for pfa in (settings.pfa, settings.peak_pfa):
+        if settings.method == "noise_map":
+            mask = power > (noise_factor(pfa) * maps.floor_v2).astype(np.float32)
+        elif settings.method == "os_cfar":
+            mask = mark_above_os(power, window, pfa, rank_share=settings.rank)
+        else:
+            mask = mark_above_ca(power, window, pfa)
+        mask &= above
+        mask[:, slow] &= power[:, slow] > noise_factor(pfa) * residue
+        masks.append(mask)
+    return masks[0], masks[1] & masks[0]
 
 
 def _round_to_odd(size_bins: float) -> int:

@@ -14,7 +14,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.processing.detections import Detection, Scan
 from doppelgait.processing.track import kalman
 from doppelgait.processing.track.associate import Associations, associate, compute_gate_threshold
-from doppelgait.processing.track.kalman import Gaussian, Innovation, Model
+from doppelgait.processing.track.kalman import Gaussian, Model
 from doppelgait.processing.track.live import (
     MEASURED,
     MISSED,
@@ -109,9 +109,16 @@ def track(
         live = [one for one in live if one not in over]
     found = [one for one in [*ended, *live] if one.confirmed_at_s is not None]
     lasting = [one for one in found if one.last_own.time_s - one.steps[0].time_s >= options.min_duration_s - 1e-9]
-    moving = [one for one in map(finish_track, lasting) if not _is_still(one, options)]
-    best = sorted(moving, key=lambda one: -int(one.measured.sum()))[: options.max_targets]
-    return sorted(best, key=lambda one: one.first_s)
+    moving = []
+    for smooth in map(finish_track, lasting):
+        half_mps = (smooth.velocity_high_mps - smooth.velocity_low_mps) / 2
+        stays = np.ptp(smooth.range_m) < options.still_travel_m and np.median(half_mps) < options.still_velocity_mps
+        slow = np.median(np.abs(smooth.velocity_mps)) < options.still_speed_mps
+        narrow = np.quantile(half_mps, 0.9) < options.still_velocity_mps
+        if options.still_travel_m <= 0 or not (stays or (slow and narrow)):  # others are too still for a body
+            moving.append(smooth)
+    best = sorted(moving, key=lambda track: -int(track.measured.sum()))[: options.max_targets]
+    return sorted(best, key=lambda track: track.first_s)
 
 
 def _update_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps: float | None) -> None:
@@ -149,10 +156,17 @@ def _update_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps
             clutter_density=options.clutter_per_m_mps,
             association=options.association if confirmed else "gnn",
         )
-        steps = [
-            _update_track(scan.time_s, models[n], predictions[n], free, measured[n], chosen, n, options)
-            for n in range(len(group))
-        ]
+        steps = []
+        for model, predicted, row, own, weights in zip(models, predictions, measured, *chosen, strict=True):
+            mixture = [(kalman.update(predicted, row[d]), weights[d]) for d in np.flatnonzero(weights[:-1])]
+            if weights[-1] > 0:
+                mixture.append((predicted, weights[-1]))
+            state = mixture[0][0] if len(mixture) == 1 else kalman.merge_mixture(*zip(*mixture, strict=True))
+            step = Step(scan.time_s, model, predicted, state, SHARED if len(mixture) > 1 else MISSED)
+            if own >= 0:  # the best assignment determines the owner of a detection, the weights the update
+                d = free[own]
+                step = step._replace(outcome=MEASURED, nis=row[own].nis, box=find_box(d), power_v2=d.power_v2)
+            steps.append(step)
         if confirmed:
             steps = _update_in_boxes(steps, chosen, free, options, span_mps)
         for one, step in zip(group, steps, strict=True):
@@ -171,28 +185,6 @@ def _choose_model(one: LiveTrack, time_s: float, options: Tracker) -> Model:
             velocity_sd_mps=options.rest_velocity_sd_mps,
         )
     return kalman.make_constant_velocity_model(interval_s, acceleration_noise_m2ps3=options.acceleration_noise_m2ps3)
-
-
-def _update_track(
-    time_s: float,
-    model: Model,
-    predicted: Gaussian,
-    detections: list[Detection],
-    measured: list[Innovation],
-    chosen: Associations,
-    number: int,
-    options: Tracker,
-) -> Step:
-    """Update one track after one scan; the best assignment owns a detection."""
-    own, weights = int(chosen.assigned[number]), chosen.weights[number]
-    parts = [(kalman.update(predicted, measured[d]), weights[d]) for d in np.flatnonzero(weights[:-1])]
-    if weights[-1] > 0:
-        parts.append((predicted, weights[-1]))
-    state = parts[0][0] if len(parts) == 1 else kalman.merge_mixture(*zip(*parts, strict=True))
-    if own < 0:
-        return Step(time_s, model, predicted, state, SHARED if len(parts) > 1 else MISSED)
-    detection = detections[own]
-    return Step(time_s, model, predicted, state, MEASURED, measured[own].nis, find_box(detection), detection.power_v2)
 
 
 def _update_in_boxes(
@@ -302,12 +294,3 @@ def _is_duplicate(one: LiveTrack, other: LiveTrack) -> bool:
         abs(a.range_m - b.range_m) < DUPLICATE_RANGE_M and abs(a.velocity_mps - b.velocity_mps) < DUPLICATE_VELOCITY_MPS
     )
     return near and one.steps[-1].outcome != MEASURED
-
-
-def _is_still(one: Track, options: Tracker) -> bool:
-    """Return True if a track is too still for a body."""
-    half_mps = (one.velocity_high_mps - one.velocity_low_mps) / 2
-    stays = np.ptp(one.range_m) < options.still_travel_m and np.median(half_mps) < options.still_velocity_mps
-    slow = np.median(np.abs(one.velocity_mps)) < options.still_speed_mps
-    narrow = np.quantile(half_mps, 0.9) < options.still_velocity_mps
-    return options.still_travel_m > 0 and bool(stays or (slow and narrow))
