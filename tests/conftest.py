@@ -1,7 +1,5 @@
 """Fixtures, the order of the tests, and the rules of both tiers."""
 
-from __future__ import annotations
-
 import gc
 import os
 import platform

@@ -6,8 +6,6 @@ that it needs, imports the package itself. `make check` holds the folders apart 
 (``acyclic_siblings`` in ``pyproject.toml``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from graphlib import CycleError, TopologicalSorter
 

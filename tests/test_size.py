@@ -3,8 +3,6 @@
 ``python tests/test_size.py`` prints today's table; ``--lower`` writes every figure that fell into ``size.toml``.
 """
 
-from __future__ import annotations
-
 import ast
 import io
 import re

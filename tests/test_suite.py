@@ -3,8 +3,6 @@
 Also that no docstring of the package says a sentence twice.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """JSON and TOML of unknown origin: one ValueError in one line for whatever the standard library trips over."""
 
-from __future__ import annotations
-
 import json
 import random
 import re

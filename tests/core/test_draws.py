@@ -1,7 +1,5 @@
 """Distributions in tables, where nothing draws them: their middle."""
 
-from __future__ import annotations
-
 import pytest
 
 from doppelgait.core.draws import replace_by_middle, resolve

@@ -1,7 +1,5 @@
 """Labelled arrays: made, given new values, and read."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

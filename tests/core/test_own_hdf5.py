@@ -1,7 +1,5 @@
 """One safe way to open HDF5: endless heaps, values of other files, and small files that declare or unpack to a lot."""
 
-from __future__ import annotations
-
 import io
 import re
 import struct

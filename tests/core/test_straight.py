@@ -1,7 +1,5 @@
 """Chance of residuals about straight motion."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

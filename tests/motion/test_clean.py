@@ -1,7 +1,5 @@
 """Cleaning and describing motions whose truth is known."""
 
-from __future__ import annotations
-
 import json
 import warnings
 from typing import Any

@@ -1,7 +1,5 @@
 """Cleaning of the shared test data: what is found in good recordings, and segments found without names."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

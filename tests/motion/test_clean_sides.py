@@ -1,7 +1,5 @@
 """Left and right of a recording, judged along its path."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """How much the low-pass takes from the fastest points, against the unfiltered model."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline

@@ -1,7 +1,5 @@
 """Swaps, jumps and points that are no part of the body: put in at known places, found there and nowhere else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

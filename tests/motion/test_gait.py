@@ -1,7 +1,5 @@
 """Footfalls and gaits: against the exact footfalls of the models, and of feet made in the test."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 import pytest

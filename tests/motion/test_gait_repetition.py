@@ -1,7 +1,5 @@
 """Stride frequency of short segments: the limbs' repetition, not a bin of a spectrum."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

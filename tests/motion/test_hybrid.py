@@ -1,7 +1,5 @@
 """Hybrids of clips: against the laws they state, against models of the wanted phase, and what is refused."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

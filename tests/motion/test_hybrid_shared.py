@@ -1,7 +1,5 @@
 """Hybrids of shared recordings: of one skeleton, of real markers and of a dog."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

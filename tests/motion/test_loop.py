@@ -1,7 +1,5 @@
 """Looped clips: against the same model walking on, and for the absence of a seam."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 import pytest

@@ -1,7 +1,5 @@
 """Recorded walks of the shared test data laid on paths."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

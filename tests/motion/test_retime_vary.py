@@ -1,7 +1,5 @@
 """Varied motions against what each amount stands for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

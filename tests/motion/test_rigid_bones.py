@@ -1,7 +1,5 @@
 """Bones to draw: found from the points' motion alone."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import doppelgait as dg

@@ -1,7 +1,5 @@
 """Checks of hybrids: lengths each against its own limit, and feet that rest, slide or are unknown."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

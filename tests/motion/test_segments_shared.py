@@ -1,7 +1,5 @@
 """Segments, stride frequencies and gaits of the shared recordings, against the table measured with other code."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

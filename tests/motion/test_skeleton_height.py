@@ -1,7 +1,5 @@
 """Height of recorded bodies: measured, estimated from the legs, or unknown."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Treadmill recordings: belt speed and the motion over ground."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Damaged C3D files: whatever is cut off or overwritten, reading ends with a motion or with our own error."""
 
-from __future__ import annotations
-
 import random
 import struct
 import warnings

@@ -1,7 +1,5 @@
 """The clinical walks and the horse of the shared test data: read right, or refused with a reason."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The report, chapter 4: a Boulic/Chen person walks at the radar; f_p = 1000 Hz, T_d = 0.1 s, sigma_w = 0.4."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Contract checks: every built-in plug-in passes, and a broken one is caught."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Contract checks of motion models, motion readers and paths: every built-in passes, and a broken one is caught."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path as FilePath
 from typing import Literal

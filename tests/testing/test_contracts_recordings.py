@@ -1,7 +1,5 @@
 """Contract checks of radar readers and writers: every built-in passes, and a broken one is caught."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from datetime import UTC, datetime

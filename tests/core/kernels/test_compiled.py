@@ -1,7 +1,5 @@
 """Kernels as object code: fresh, and careful with what it is given."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Compiled passes of normalisation, lines, periodicity and uncertainty against the literal equations in NumPy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import ndimage

@@ -1,7 +1,5 @@
 """Compiled passes over in-phase and quadrature values against the literal equations in NumPy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The spline kernel against SciPy's cubic spline."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline

@@ -1,7 +1,5 @@
 """Stride law and footfall phases of the quadruped model against the two dogs of the shared test data."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

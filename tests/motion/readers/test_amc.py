@@ -1,7 +1,5 @@
 """ASF/AMC reading on files that these tests write themselves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Exponential-map reading on files that these tests write themselves."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """npz and JSON joint positions that these tests write themselves."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """BVH reading on files that these tests write themselves; positions are held against 4x4 matrices, joint by joint."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """C3D reading on files that these tests write themselves."""
 
-from __future__ import annotations
-
 import struct
 import warnings
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every C3D of the shared test data: read as its manifest says, or refused for a stated reason."""
 
-from __future__ import annotations
-
 import csv
 import json
 import warnings

@@ -1,7 +1,5 @@
 """Every BVH, AMC and exponential-map file of the shared test data: read as its manifest says."""
 
-from __future__ import annotations
-
 import csv
 import warnings
 from functools import cache

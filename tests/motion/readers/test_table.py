@@ -1,7 +1,5 @@
 """Delimited marker tables that these tests write themselves."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """TRC files and marker tables of the shared test data, and tables that ``motion convert`` writes."""
 
-from __future__ import annotations
-
 import csv
 import warnings
 from functools import cache

@@ -1,7 +1,5 @@
 """TRC reading on files that these tests write themselves."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any

@@ -422,6 +422,14 @@ def test_the_card_tells_sources_and_what_blocks_a_release(imported, recordings):
     ]  # fmt: skip
 
 
+def test_a_folder_of_an_older_version_is_refused_with_the_command_that_makes_it_again(imported, tmp_path):
+    _, target, recordings = imported
+    found = json.loads((target / "dataset.json").read_text())
+    (tmp_path / "dataset.json").write_text(json.dumps(found | {"id": "0123456789abcdef", "data_version": 7}))
+    with pytest.raises(DatasetError, match=r"data version 7, .*again in another folder: doppelgait dataset import "):
+        import_dataset(recordings, recordings.parent / "labels.csv", tmp_path, config=GATE)
+
+
 def test_the_same_again_changes_nothing_and_anything_else_is_refused(imported):
     report, target, recordings = imported
     config = ImportConfig(gate=(1.0, 2.0), fields=({"name": "signature", "dtype": "full"}, "baseband"), shard_size=3)
