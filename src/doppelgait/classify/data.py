@@ -223,15 +223,8 @@ def collect_nuisances(rows: Rows, motion_folder: Path) -> Table:
 
 def take_rows(rows: Rows, part: IntArray) -> Rows:
     """Select rows."""
-    index = rows.index.iloc[part].reset_index(drop=True)
-    return replace(
-        rows,
-        index=index,
-        origin=rows.origin[part],
-        place=rows.place[part],
-        labels=rows.labels[part],
-        groups=rows.groups[part],
-    )
+    columns = {name: getattr(rows, name)[part] for name in ("origin", "place", "labels", "groups")}
+    return replace(rows, index=rows.index.iloc[part].reset_index(drop=True), **columns)
 
 
 def select_split(rows: Rows, name: str) -> IntArray:

@@ -20,8 +20,9 @@ from doppelgait.classify.model import (
     Model,
     accepted_range,
     conditions_of_rows,
+    find_training_conditions,
     format_span,
-    summarise_outside_conditions,
+    mark_outside,
 )
 from doppelgait.classify.runs import (
     Fold,
@@ -411,14 +412,18 @@ def _score_further(
 def _find_outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]]:
     """Find conditions of tested rows outside the training range."""
     found = conditions_of_rows(rows)
-    all_of_them: dict[str, dict[str, Any]] = {}
+    outside: dict[str, dict[str, Any]] = {}
+    n_tested = sum(fold.test.size for fold in folds)
     for fold in folds:
-        for name, part in summarise_outside_conditions(found, fold.train, fold.test).items():
-            before = all_of_them.setdefault(name, {**part, "n": 0, "of": sum(f.test.size for f in folds)})
-            before["n"] += part["n"]
-            for key in ("learnt", "tested"):
-                before[key] = [min(before[key][0], part[key][0]), max(before[key][1], part[key][1])]
-    return all_of_them
+        trained = find_training_conditions(found, fold.train)
+        for name, values in found.items():
+            far = values[fold.test][mark_outside(values[fold.test], name, trained)]
+            if far.size:
+                entry = outside.setdefault(name, {"n": 0, "of": n_tested, "learnt": [], "tested": []})
+                entry["n"] += far.size
+                for key, span in (("learnt", trained[name]), ("tested", far.tolist())):
+                    entry[key] = [min([*entry[key], *span]), max([*entry[key], *span])]
+    return outside
 
 
 def _choose_folds(rows: Rows, n_folds: int | None, left_out: str | None, seed: int) -> tuple[list[Fold], list[str]]:

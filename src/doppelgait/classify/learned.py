@@ -47,6 +47,11 @@ def log_softmax(scores: FloatArray) -> FloatArray:
     return np.asarray(shifted - np.log(np.exp(shifted).sum(axis=1, keepdims=True)))
 
 
+def normalise_scores(scores: FloatArray) -> FloatArray:
+    """Convert scores to log-probabilities; one score means two classes."""
+    return log_softmax(np.hstack([np.zeros_like(scores), scores]) if scores.shape[1] == 1 else scores)
+
+
 def log_from(values: Inputs, floor: FloatArray) -> FloatArray:
     """Take the logarithm of features above a positive floor."""
     if not floor.size:
@@ -113,9 +118,7 @@ class Kernel:
                 rows = columns[first : first + ROWS_AT_A_TIME]
                 squared = (rows**2).sum(axis=1)[:, None] + norm - 2.0 * rows @ self.support.T
                 scores[first : first + len(rows)] = np.exp(-np.maximum(squared, 0.0)) @ self.weight.T + self.bias
-        if scores.shape[1] == 1:
-            scores = np.hstack([np.zeros_like(scores), scores])
-        return log_softmax(scores)
+        return normalise_scores(scores)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,9 +143,7 @@ class Trees:
             goes_left = np.where(np.isnan(seen), self.unknown_left[node] > 0, seen <= self.threshold[node])
             node = np.where(inner, np.where(goes_left, self.left[node], self.right[node]), node)
         scores = self.start + self.value[node].reshape(len(values), *self.root.shape).sum(axis=1)
-        if scores.shape[1] == 1:
-            scores = np.hstack([np.zeros_like(scores), scores])
-        return log_softmax(scores)
+        return normalise_scores(scores)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,16 +176,25 @@ class Network:
         parts = []
         for first in range(0, len(pictures), PICTURES_AT_A_TIME):
             layer = pictures[first : first + PICTURES_AT_A_TIME, None]
-            for kernel, scale, bias in zip(self.kernels, self.scales, self.biases, strict=True):
-                padded = np.pad(layer, ((0, 0), (0, 0), (1, 1), (1, 1)))
-                windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(2, 3))
-                layer = np.moveaxis(np.tensordot(windows, kernel, axes=((1, 4, 5), (1, 2, 3))), -1, 1)
-                n, channels, height, width = layer.shape
-                layer = layer.reshape(n, channels, height // 2, 2, width // 2, 2).max(axis=(3, 5))
-                layer = np.maximum(layer * scale[:, None, None] + bias[:, None, None], 0.0)
-            scores = np.asarray(layer.mean(axis=(2, 3)) @ self.weight.T + self.bias, dtype=np.float32)
-            parts.append(log_softmax(scores.astype(np.float64)))
+            parts.append(log_softmax(self.score_pictures(layer)))
         return np.concatenate(parts)
+
+    def score_pictures(self, layer: Levels) -> FloatArray:
+        """Return scores (n, n_classes) of images (n, 1, n_velocity, n_time)."""
+        for kernel, scale, bias in zip(self.kernels, self.scales, self.biases, strict=True):
+            layer = convolve_and_pool(layer, kernel)
+            layer = np.maximum(layer * scale[:, None, None] + bias[:, None, None], 0.0)
+        scores = np.asarray(layer.mean(axis=(2, 3)) @ self.weight.T + self.bias, dtype=np.float32)
+        return scores.astype(np.float64)
+
+
+def convolve_and_pool(layer: npt.NDArray[Any], kernel: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Convolve images with 3 x 3 kernels and take the maximum of 2 x 2."""
+    padded = np.pad(layer, ((0, 0), (0, 0), (1, 1), (1, 1)))
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(2, 3))
+    layer = np.moveaxis(np.tensordot(windows, kernel, axes=((1, 4, 5), (1, 2, 3))), -1, 1)
+    n, channels, height, width = layer.shape
+    return np.asarray(layer.reshape(n, channels, height // 2, 2, width // 2, 2).max(axis=(3, 5)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -181,24 +181,6 @@ def format_span(low: float, high: float) -> str:
     return f"{low:.4g}" if f"{low:.4g}" == f"{high:.4g}" else f"{low:.4g} to {high:.4g}"
 
 
-def summarise_outside_conditions(
-    found: Mapping[str, FloatArray], train: IntArray, test: IntArray
-) -> dict[str, dict[str, Any]]:
-    """Summarise the tested rows outside the training range by condition."""
-    trained, said = find_training_conditions(found, train), {}
-    for name, values in found.items():
-        far = mark_outside(values[test], name, trained)
-        if far.any():
-            theirs = values[test][far]
-            said[name] = {
-                "n": int(far.sum()),
-                "of": int(test.size),
-                "learnt": list(trained[name]),
-                "tested": [float(theirs.min()), float(theirs.max())],
-            }
-    return said
-
-
 ABSTAIN_BELOW = 0.8
 BLOCKING = (
     "no_signal",

@@ -30,6 +30,14 @@ class Sources:
         self.parts = list_parts(model)
         self.networks = [part[0] for part in self.parts if isinstance(part[0], Network)]
         self.integers = any(isinstance(network, IntegerNetwork) for network in self.networks)
+        most_nodes = max((part[0].feature.size for part in self.parts if isinstance(part[0], Trees)), default=0)
+        weight, total = ("int8_t", "int32_t") if self.integers else ("float", "float")
+        self.types = {
+            "dg_weight": weight,
+            "dg_activation": weight,
+            "dg_sum": total,
+            "dg_node": "uint16_t" if most_nodes < 2**16 else "uint32_t",
+        }
         self.flash_bytes = 0
         self._tables: list[str] = []
         self.tables = self._make_tables()
@@ -38,7 +46,8 @@ class Sources:
         """Return the text of the header."""
         macros = "\n".join(f"#define DG_{name} {value}" for name, value in self._collect_macros().items())
         about = f"/* {self.model.facts.name}, trained on {self.model.facts.dataset_name}; doppelgait {__version__} */"
-        return _read("engine.h").replace("/* @MACROS@ */", f"{about}\n{macros}\n\n{self._choose_types()}")
+        types = "\n".join(f"typedef {kind} {name};" for name, kind in self.types.items())
+        return _read("engine.h").replace("/* @MACROS@ */", f"{about}\n{macros}\n\n{types}")
 
     def source(self) -> str:
         """Return the text of the source."""
@@ -123,22 +132,10 @@ class Sources:
             "SAMPLES_TOLERANCE": _format_float(SAMPLES_TOLERANCE[self.integers]),
         }
 
-    def _choose_types(self) -> str:
-        """Return the types of weights, activations, sums and nodes."""
-        node = "uint16_t" if self._count_most_nodes() < 2**16 else "uint32_t"
-        kinds = ("int8_t", "int8_t", "int32_t") if self.integers else ("float", "float", "float")
-        names = ("dg_weight", "dg_activation", "dg_sum", "dg_node")
-        return "\n".join(f"typedef {kind} {name};" for kind, name in zip((*kinds, node), names, strict=True))
-
-    def _count_most_nodes(self) -> int:
-        return max((part[0].feature.size for part in self.parts if isinstance(part[0], Trees)), default=0)
-
     def _add_array(self, name: str, kind: str, values: Any) -> str:
         """Add a constant array and return its name."""
         flat = np.ravel(values)
-        sized = {"dg_weight": "int8_t" if self.integers else "float"}.get(kind, kind)
-        if kind == "dg_node":
-            sized = "uint16_t" if self._count_most_nodes() < 2**16 else "uint32_t"
+        sized = self.types.get(kind, kind)
         self.flash_bytes += flat.size * TYPES[sized]
         words = [_format_float(each) if sized == "float" else str(int(each)) for each in flat.tolist()]
         self._tables.append(f"static const {kind} {name}[{flat.size}] = {{\n{_wrap(words)}\n}};")

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.classify.learned import PICTURES_AT_A_TIME, Ensemble, FloatArray, IntArray, Network, log_softmax
+from doppelgait.classify.learned import Ensemble, FloatArray, IntArray, Network, convolve_and_pool
 from doppelgait.classify.model import Calibration, Model
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, doppler_axis_hz, doppler_to_velocity_mps
@@ -233,28 +233,15 @@ class IntegerNetwork(Network):
     last_weight: IntArray = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
     last_scale: FloatArray = field(default_factory=lambda: np.zeros(0))
 
-    def classify_pictures(self, pictures: Levels) -> FloatArray:
-        """Return log-probabilities (n, n_classes) of images (n, n_velocity, n_time)."""
-        parts = []
-        for first in range(0, len(pictures), PICTURES_AT_A_TIME):
-            chosen = pictures[first : first + PICTURES_AT_A_TIME, None].astype(np.float32)
-            found = np.floor(chosen * np.float32(LARGEST) + np.float32(0.5)).astype(np.int64)
-            for layer in self.layers:
-                total = pooled(found, layer.kernel).astype(np.int64)
-                found = total * layer.multiplier[:, None, None] + layer.offset[:, None, None]
-                found = np.clip(found >> layer.shift, 0, LARGEST)
-            scores = found.sum(axis=(2, 3)) @ self.last_weight.T * self.last_scale + self.bias
-            parts.append(log_softmax(scores))
-        return np.concatenate(parts)
-
-
-def pooled(layer: npt.NDArray[np.generic], kernel: npt.NDArray[np.generic]) -> FloatArray:
-    """Convolve and take the maximum of 2 x 2."""
-    padded = np.pad(layer, ((0, 0), (0, 0), (1, 1), (1, 1))).astype(np.float64)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(2, 3))
-    found = np.moveaxis(np.tensordot(windows, kernel.astype(np.float64), axes=((1, 4, 5), (1, 2, 3))), -1, 1)
-    n, channels, height, width = found.shape
-    return np.asarray(found.reshape(n, channels, height // 2, 2, width // 2, 2).max(axis=(3, 5)))
+    def score_pictures(self, layer: Levels) -> FloatArray:
+        """Return scores (n, n_classes) of images (n, 1, n_velocity, n_time)."""
+        whole = np.floor(layer.astype(np.float32) * np.float32(LARGEST) + np.float32(0.5)).astype(np.int64)
+        for kernel, multiplier, offset, shift in self.layers:
+            # the sums are exact in double precision
+            total = convolve_and_pool(whole.astype(np.float64), kernel.astype(np.float64)).astype(np.int64)
+            whole = total * multiplier[:, None, None] + offset[:, None, None]
+            whole = np.clip(whole >> shift, 0, LARGEST)
+        return np.asarray(whole.sum(axis=(2, 3)) @ self.last_weight.T * self.last_scale + self.bias)
 
 
 def quantise(network: Network, examples: list[Levels]) -> IntegerNetwork:
@@ -264,7 +251,8 @@ def quantise(network: Network, examples: list[Levels]) -> IntegerNetwork:
     values = np.concatenate([pictures, pictures[:, ::-1]])[:, None].astype(np.float64)
     layers, unit = [], 1.0 / LARGEST
     for kernel, scale, bias in zip(network.kernels, network.scales, network.biases, strict=True):
-        values = np.maximum(pooled(values, kernel) * scale[:, None, None] + bias[:, None, None], 0.0)
+        values = convolve_and_pool(values, kernel.astype(np.float64))
+        values = np.maximum(values * scale[:, None, None] + bias[:, None, None], 0.0)
         step = np.maximum(np.abs(kernel).max(axis=(1, 2, 3)).astype(np.float64), 1e-12) / LARGEST
         whole = np.round(kernel / step[:, None, None, None]).astype(np.int64)
         after = max(float(values.max()), 1e-6) / LARGEST
