@@ -13,6 +13,7 @@ import numpy.typing as npt
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording, make_baseband_facts
 
@@ -69,13 +70,21 @@ def label_sweeps(
     path: Path,
     samples: npt.NDArray[Any],
     *,
-    radar: Radar,
+    bandwidth_hz: float,
+    n_ranges: int,
+    range_stop_m: float | None,
     slow_time_s: npt.NDArray[np.float64],
     conjugate: bool,
-    notes: Sequence[str] = (),
+    notes: Sequence[str],
     attrs: Mapping[str, Any] | None = None,
+    **facts: Any,
 ) -> Recording:
-    """Make a recording of the beat samples (I, S) of frequency sweeps."""
+    """Make a recording of the beat samples (I, S) of frequency sweeps, and its radar of further facts."""
+    farthest_m = n_ranges * (SPEED_OF_LIGHT_MPS / (2.0 * bandwidth_hz))
+    stop_m = farthest_m if range_stop_m is None else check_number(path, "range_stop_m", range_stop_m, above=0)
+    if stop_m > farthest_m * (1 + 1e-9):
+        raise RecordingError(f"{path}: range_stop_m = {stop_m:g} is not allowed; the ranges end at {farthest_m:.4g} m")
+    radar = make_radar(path, waveform="fmcw", bandwidth_hz=bandwidth_hz, range_stop_m=stop_m, **facts)
     window = "without a window" if radar.range_window == "none" else f"with a {radar.range_window.title()} window"
     said = [
         f"range bins are the transform of a sweep's samples {window}; static echoes are not removed",

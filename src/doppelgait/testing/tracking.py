@@ -24,24 +24,19 @@ class Gospa(NamedTuple):
 
 def ospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0, order: float = 2.0) -> float:
     """Compute the optimal subpattern assignment distance (OSPA)."""
-    a, b = _to_points(found), _to_points(reference)
-    n = max(len(a), len(b))
+    n_found, n_reference, pairs = _pair_points(found, reference, cutoff, order)
+    n = max(n_found, n_reference)
     if n == 0:
         return 0.0
-    near = np.minimum(_measure_distances(a, b), cutoff) ** order
-    rows, columns = _assign(near)
-    total = near[rows, columns].sum() + cutoff**order * (n - len(rows))
+    total = pairs.sum() + cutoff**order * (n - len(pairs))
     return float((total / n) ** (1 / order))
 
 
 def gospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0, order: float = 2.0) -> Gospa:
     """Compute the generalised OSPA with alpha = 2."""
-    a, b = _to_points(found), _to_points(reference)
-    near = np.minimum(_measure_distances(a, b), cutoff) ** order
-    rows, columns = _assign(near)
-    pairs = near[rows, columns]
+    n_found, n_reference, pairs = _pair_points(found, reference, cutoff, order)
     pairs = pairs[pairs < cutoff**order]
-    n_missed, n_false = len(b) - len(pairs), len(a) - len(pairs)
+    n_missed, n_false = n_reference - len(pairs), n_found - len(pairs)
     half = cutoff**order / 2
     localisation = float(pairs.sum())
     total = localisation + half * (n_missed + n_false)
@@ -105,16 +100,20 @@ def _match(
     return {**kept, **new}
 
 
-def _to_points(values: npt.ArrayLike) -> FloatArray:
-    points = np.asarray(values, dtype=float)
-    points = points.reshape(len(points), -1) if points.size else np.zeros((0, 1))
-    return points[np.isfinite(points).all(axis=1)]
-
-
-def _measure_distances(a: FloatArray, b: FloatArray) -> FloatArray:
+def _pair_points(
+    found: npt.ArrayLike, reference: npt.ArrayLike, cutoff: float, order: float
+) -> tuple[int, int, FloatArray]:
+    """Return both numbers of known points, and the costs of the nearest pairs."""
+    points = []
+    for values in (found, reference):
+        array = np.asarray(values, dtype=float)
+        array = array.reshape(len(array), -1) if array.size else np.zeros((0, 1))
+        points.append(array[np.isfinite(array).all(axis=1)])
+    a, b = points
     if not (len(a) and len(b)):
-        return np.zeros((len(a), len(b)))
-    return np.asarray(np.linalg.norm(a[:, None, :] - b[None, :, :], axis=-1))
+        return len(a), len(b), np.zeros(0)
+    near = np.minimum(np.linalg.norm(a[:, None, :] - b[None, :, :], axis=-1), cutoff) ** order
+    return len(a), len(b), near[_assign(near)]
 
 
 def _assign(cost: FloatArray) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:

@@ -22,8 +22,7 @@ from doppelgait.core.config import FrozenModel, read_toml, validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.plugins import plugin
-from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.radar.measured import check_number, label_sweeps, make_radar
+from doppelgait.radar.measured import label_sweeps
 from doppelgait.radar.recording import Recording
 
 MAX_CONFIG_BYTES = 1 << 20
@@ -318,30 +317,12 @@ def read_dca1000(
     chosen = receivers if rx == "sum" else [receivers[0] if rx is None else int(rx)]
     n_frames = _count_frames(file, settings, chirps)
     samples = _read_samples(file, chirps, n_frames, chosen, chirp)
-    bandwidth_hz = chirps.slope_hz_per_s * chirps.sweep_s
-    spacing_m = SPEED_OF_LIGHT_MPS / (2.0 * bandwidth_hz)
-    farthest_m = (chirps.n_samples if chirps.output == "complex1x" else chirps.n_samples // 2) * spacing_m
-    stop_m = farthest_m if range_stop_m is None else check_number(file, "range_stop_m", range_stop_m, above=0)
-    if stop_m > farthest_m * (1 + 1e-9):
-        raise RecordingError(f"{file}: range_stop_m = {stop_m:g} is not allowed; the ranges end at {farthest_m:.4g} m")
     pause_s = chirps.frame_period_s - chirps.loops * chirps.loop_s
     paused = chirps.loops > 1 and n_frames > 1 and pause_s > PAUSE * chirps.loop_s
     even_s = chirps.frame_period_s / chirps.loops
     pulse_s = chirps.loop_s if paused or (n_frames == 1 and chirps.loops > 1) else even_s
     starts_s = chirps.frame_period_s * np.arange(n_frames)
     times_s = (starts_s[:, None] + pulse_s * np.arange(chirps.loops)).ravel()
-    radar = make_radar(
-        file,
-        name=f"TI {chirps.device} by DCA1000",
-        waveform="fmcw",
-        carrier_hz=chirps.start_hz + chirps.slope_hz_per_s * (chirps.adc_start_s + chirps.sweep_s / 2.0),
-        bandwidth_hz=bandwidth_hz,
-        prf_hz=1.0 / pulse_s,
-        sweep_s=chirps.sweep_s,
-        sample_rate_hz=chirps.sample_rate_hz,
-        range_stop_m=stop_m,
-        volts_per_unit=VOLTS_PER_CODE,
-    )
     notes = [
         f"{'sum of receivers' if rx == 'sum' else 'receiver'} {', '.join(map(str, chosen))}; chirp {chirp} of "
         f"{chirps.chirps_per_loop}; {n_frames} frames of {chirps.loops}",
@@ -351,7 +332,15 @@ def read_dca1000(
     return label_sweeps(
         file,
         samples,
-        radar=radar,
+        name=f"TI {chirps.device} by DCA1000",
+        carrier_hz=chirps.start_hz + chirps.slope_hz_per_s * (chirps.adc_start_s + chirps.sweep_s / 2.0),
+        bandwidth_hz=chirps.slope_hz_per_s * chirps.sweep_s,
+        n_ranges=chirps.n_samples if chirps.output == "complex1x" else chirps.n_samples // 2,
+        range_stop_m=range_stop_m,
+        prf_hz=1.0 / pulse_s,
+        sweep_s=chirps.sweep_s,
+        sample_rate_hz=chirps.sample_rate_hz,
+        volts_per_unit=VOLTS_PER_CODE,
         slow_time_s=times_s,
         conjugate=conjugate,
         notes=notes,

@@ -16,8 +16,7 @@ import numpy as np
 from doppelgait.core.cost import CELL_BYTES, check_cost
 from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.plugins import plugin
-from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.radar.measured import check_number, label_sweeps, make_radar
+from doppelgait.radar.measured import label_sweeps
 from doppelgait.radar.recording import Recording
 
 HEAD_BYTES = 512
@@ -71,29 +70,19 @@ def read_glasgow(path: str | Path, *, conjugate: bool = True, range_stop_m: floa
         )
     if rest:
         warn_caller(f"{file}: the last sweep has {rest} of {n_samples} samples and is left out")
-    spacing_m = SPEED_OF_LIGHT_MPS / (2.0 * bandwidth_hz)
-    farthest_m = n_samples // 2 * spacing_m
-    stop_m = farthest_m if range_stop_m is None else check_number(file, "range_stop_m", range_stop_m, above=0)
-    if stop_m > farthest_m * (1 + 1e-9):
-        raise RecordingError(f"{file}: range_stop_m = {stop_m:g} is not allowed; the ranges end at {farthest_m:.4g} m")
-    radar = make_radar(
+    return label_sweeps(
         file,
+        values[: count * n_samples].reshape(count, n_samples) * VOLTS_PER_CODE,
         name="Ancortek FMCW radar",
-        waveform="fmcw",
         carrier_hz=carrier_hz,
         bandwidth_hz=bandwidth_hz,
+        n_ranges=n_samples // 2,
+        range_stop_m=range_stop_m,
         prf_hz=1e3 / sweep_ms,
         sweep_s=sweep_ms / 1e3,
         sample_rate_hz=n_samples / (sweep_ms / 1e3),
-        range_stop_m=stop_m,
         volts_per_unit=VOLTS_PER_CODE,
-    )
-    samples = values[: count * n_samples].reshape(count, n_samples) * VOLTS_PER_CODE
-    return label_sweeps(
-        file,
-        samples,
-        radar=radar,
-        slow_time_s=np.arange(count) / radar.prf_hz,
+        slow_time_s=np.arange(count) / (1e3 / sweep_ms),
         conjugate=conjugate,
         notes=[
             "sweeps are assumed to rise, without pauses; the centre frequency is assumed to be that of the band",

@@ -201,8 +201,9 @@ class _Sweep(Waveform):
         return half_power_bins(radar.range_window, self.n_samples(radar)) * self.bin_spacing_m(radar)
 
     def noise_gain(self, radar: Radar) -> float:
-        """Return the noise power ratio of a bin to a sample."""
-        return compute_noise_ratio(radar.range_window, self.n_samples(radar))
+        """Return the noise power ratio of a bin to a sample, sum(w^2) / sum(w)^2."""
+        window = make_range_window(radar.range_window, self.n_samples(radar))
+        return float((window**2).sum() / window.sum() ** 2)
 
     def independent_bins(self, radar: Radar) -> float:
         """Return the independent noise values per range bin."""
@@ -308,12 +309,6 @@ def tabulate_half_bin_responses(name: str, n_samples: int, n_columns: int) -> np
     table = np.asarray((shifted.real[place] * sign).reshape(-1), dtype=np.float32)
     table.flags.writeable = False
     return table
-
-
-def compute_noise_ratio(name: str, n_samples: int) -> float:
-    """Return sum(w^2) / sum(w)^2, the noise power after the windowed transform over that before."""
-    window = make_range_window(name, n_samples)
-    return float((window**2).sum() / window.sum() ** 2)
 
 
 @lru_cache(maxsize=64)

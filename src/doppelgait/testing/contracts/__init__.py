@@ -13,6 +13,13 @@ def require(condition: Any, text: str) -> None:
         raise AssertionError(text)
 
 
+def require_registered(group: Any, what: str, name: Any) -> str:
+    """Require a plug-in of a group; return what messages call it."""
+    label = f"{what} {name!r}"
+    require(name in group, f"{label} is not registered; known are {', '.join(group)}")
+    return label
+
+
 def require_close(actual: Any, wanted: Any, text: str, rtol: float = 1e-4) -> None:
     """Require two arrays to be almost equal."""
     scale = float(np.abs(wanted).max(initial=0.0)) or 1.0

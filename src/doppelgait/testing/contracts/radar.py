@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.testing.contracts import require, require_close
+from doppelgait.testing.contracts import require, require_close, require_registered
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,8 +49,7 @@ def check_waveform(kind: str, radar: Radar) -> None:
     """
     from doppelgait.radar.parameters import WAVEFORMS, Radar
 
-    name = f"waveform {kind!r}"
-    require(kind in WAVEFORMS, f"{name} is not registered; known are {', '.join(WAVEFORMS)}")
+    name = require_registered(WAVEFORMS, "waveform", kind)
     require(isinstance(radar.waveform, WAVEFORMS[kind].run), f"{name}: the radar has waveform {radar.waveform.kind!r}")
     plain = radar.model_dump(mode="json")
     require(Radar.model_validate(plain) == radar, f"{name}: the radar is another one after JSON")
@@ -198,8 +197,7 @@ def check_impairment(parameters: FrozenModel, radar: Radar, *, n_pulses: int = 6
     from doppelgait.radar.impairments import IMPAIRMENTS, apply_impairments, shift_pulse_times
 
     kind = getattr(parameters, "kind", None)
-    name = f"impairment {kind!r}"
-    require(kind in IMPAIRMENTS, f"{name} is not registered; known are {', '.join(IMPAIRMENTS)}")
+    name = require_registered(IMPAIRMENTS, "impairment", kind)
     model = IMPAIRMENTS[str(kind)].parameters
     require(model is not None and isinstance(parameters, model), f"{name} takes {model}, not {type(parameters)}")
     again = IMPAIRMENTS.parse(parameters.model_dump(mode="json"))
@@ -261,8 +259,7 @@ def check_radar_reader(name: str, path: str | Path, **options: Any) -> None:
     from doppelgait.radar.readers import RADAR_READERS, read_recording
     from doppelgait.radar.recording import Recording
 
-    place, what = Path(path).absolute(), f"radar reader {name!r}"
-    require(name in RADAR_READERS, f"{what} is not registered; known are {', '.join(RADAR_READERS)}")
+    place, what = Path(path).absolute(), require_registered(RADAR_READERS, "radar reader", name)
     reader = RADAR_READERS[name]
     sniff, suffixes = reader.facts.get("sniff"), reader.facts.get("suffixes")
     require(callable(sniff), f"{what} has no function sniff")
@@ -356,8 +353,7 @@ def check_radar_writer(name: str, recording: Recording, *, rtol: float = 1e-6, *
     from doppelgait.core.errors import OutputError
     from doppelgait.radar.readers import RADAR_WRITERS, read_recording
 
-    what = f"radar writer {name!r}"
-    require(name in RADAR_WRITERS, f"{what} is not registered; known are {', '.join(RADAR_WRITERS)}")
+    what = require_registered(RADAR_WRITERS, "radar writer", name)
     writer = RADAR_WRITERS[name]
     suffix = writer.facts.get("suffix")
     require(isinstance(suffix, str), f"{what} names no suffix")

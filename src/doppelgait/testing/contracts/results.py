@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from doppelgait.testing.contracts import require, require_close
+from doppelgait.testing.contracts import require, require_close, require_registered
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -47,8 +47,7 @@ def check_feature(name: str) -> None:
     from doppelgait.pipeline.target import observe
     from doppelgait.processing import Analysis
 
-    label = f"feature {name!r}"
-    require(name in FEATURES, f"{label} is not registered; known are {', '.join(FEATURES)}")
+    label = require_registered(FEATURES, "feature", name)
     feature: Plugin[Any] = FEATURES[name]
     needs = feature.facts.get("needs", ())
 
@@ -125,8 +124,7 @@ def check_classifier(name: str, *, seed: int = 0) -> None:
     from doppelgait.classify.learned import Constant, Ensemble, Kernel, LabelledRows, Linear, Network, Trees
     from doppelgait.classify.training import CLASSIFIERS
 
-    label = f"classifier {name!r}"
-    require(name in CLASSIFIERS, f"{label} is not registered; known are {', '.join(CLASSIFIERS)}")
+    label = require_registered(CLASSIFIERS, "classifier", name)
     train = CLASSIFIERS[name].run
     features, baseline = CLASSIFIERS[name].facts.get("features"), CLASSIFIERS[name].facts.get("baseline", False)
     known = ("six", "extended", "speed", "signature", "nuisance", "nothing")
@@ -228,8 +226,7 @@ def check_exporter(kind: str, dataset: Dataset) -> None:
     def hashes(folder: Path) -> dict[str, str]:
         return {str(p.relative_to(folder)): hash_file(p) for p in sorted(folder.rglob("*")) if p.is_file()}
 
-    name = f"exporter {kind!r}"
-    require(kind in EXPORTERS, f"{name} is not registered; known are {', '.join(EXPORTERS)}")
+    name = require_registered(EXPORTERS, "exporter", kind)
     parameters = EXPORTERS.parse(kind)  # all of them need a default
     require(EXPORTERS.parse(parameters.model_dump(mode="json")) == parameters, f"{name}: other parameters after JSON")
     require(len(dataset) > 0, f"{name}: the dataset of the check has no rows")

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.testing.contracts import require, require_close
+from doppelgait.testing.contracts import require, require_close, require_registered
 
 if TYPE_CHECKING:
     from doppelgait.core.config import FrozenModel
@@ -47,8 +47,7 @@ def check_motion_model(model: FrozenModel | str, *, duration_s: float = 2.0, see
     from doppelgait.motion.models import MOTION_MODELS, generate, get_parameters
 
     kind = model if isinstance(model, str) else str(getattr(model, "kind", ""))
-    name = f"motion model {kind!r}"
-    require(kind in MOTION_MODELS, f"{name} is not registered; known are {', '.join(MOTION_MODELS)}")
+    name = require_registered(MOTION_MODELS, "motion model", kind)
     parameters = MOTION_MODELS.parse(model)
     get_parameters(kind)()  # every parameter has a default
     plain = parameters.model_dump(mode="json")
@@ -97,8 +96,7 @@ def check_motion_reader(name: str, path: str | Path, **options: Any) -> None:
     from doppelgait.core.errors import DoppelgaitWarning, MotionError
     from doppelgait.motion.readers import HEAD_BYTES, MOTION_READERS, read
 
-    path, what = Path(path), f"motion reader {name!r}"
-    require(name in MOTION_READERS, f"{what} is not registered; known are {', '.join(MOTION_READERS)}")
+    path, what = Path(path), require_registered(MOTION_READERS, "motion reader", name)
     reader = MOTION_READERS[name]
     missing = [fact for fact in ("sniff", "suffixes") if fact not in reader.facts]
     require(not missing, f"{what}: register it with {' and '.join(f'{fact}=...' for fact in missing)}")
@@ -166,8 +164,7 @@ def check_path(path: FrozenModel) -> None:
     from doppelgait.motion.paths import PATHS, Path, lay_out
 
     kind = str(getattr(path, "kind", ""))
-    name = f"path {kind!r}"
-    require(kind in PATHS, f"{name} is not registered; known are {', '.join(PATHS)}")
+    name = require_registered(PATHS, "path", kind)
     if not isinstance(path, Path):
         raise AssertionError(f"{name}: its model must be derived from doppelgait.motion.paths.Path")
     require(PATHS.parse(path.model_dump(mode="json")) == path, f"{name}: its parameters are others after JSON")
