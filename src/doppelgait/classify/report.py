@@ -467,7 +467,6 @@ def score_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
 
 
 def _format_over_seeds(values: Sequence[float | None] | None) -> str:
-    """Format mean and range of a score over seeds."""
     known = [value for value in values or () if value is not None]
     if len(set(known)) == 1 < len(known):
         return f"{known[0]:.3f} (no draw in it)"

@@ -103,7 +103,6 @@ def _match(
 def _pair_points(
     found: npt.ArrayLike, reference: npt.ArrayLike, cutoff: float, order: float
 ) -> tuple[int, int, FloatArray]:
-    """Return both numbers of known points, and the costs of the nearest pairs."""
     points = []
     for values in (found, reference):
         array = np.asarray(values, dtype=float)
