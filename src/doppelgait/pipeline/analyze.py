@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.frames import Frames
 from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.target import analyze_gated, analyze_signature
 from doppelgait.pipeline.tracking import Tracking, track_targets
@@ -93,47 +93,27 @@ def analyze(
     if gate == "track":
         found = track_targets(recording, settings, tracking or Tracking())
         return TargetList(flag_overlaps(found), reason=found.reason)
-    gates, labels = _choose_gates(recording, gate, settings, gate_error_m)
-    clean = clean_gates(recording.frames, gates, settings)
-    wavelength_m = recording.radar.wavelength_m
-    results = [
-        analyze_gated(clean, wavelength_m, own_gate, settings, label)
-        for own_gate, label in zip(gates, labels, strict=True)
-    ]
-    return TargetList(flag_overlaps(results))
-
-
-def clean_gates(frames: Frames, gates: Sequence[Gate], analysis: Analysis) -> Frames:
-    """Remove static clutter from the range bins that the gates touch."""
-    if analysis.clutter == "none":
-        return frames
-    slow_time, range_m = frames.slow_time, frames.range_m
-    touched = [
-        own.touched_bins(*own.edges(range_m, slow_time.time_s, sharp=analysis.sharp_edges), range_m) for own in gates
-    ]
-    bins = slice(min(part.start for part in touched), max(part.stop for part in touched))
-    return clean_frames(frames, analysis, bins=bins)
-
-
-def _choose_gates(
-    recording: Recording, gate: str | tuple[float, float] | Gate, analysis: Analysis, error_m: float
-) -> tuple[list[Gate], list[str | None]]:
-    """Return gates without tracking, with target labels."""
-    slow_time_s, wavelength_m = recording.slow_time_s, recording.radar.wavelength_m
+    frames, times_s, wavelength_m = recording.frames, recording.slow_time_s, recording.radar.wavelength_m
     if isinstance(gate, tuple):
-        gate = Gate.fixed(*gate, time_s=slow_time_s, range_m=recording.range_m)
+        gate = Gate.fixed(*gate, time_s=times_s, range_m=recording.range_m)
+    gates: list[tuple[Gate, str | None]]  # with target labels
     if isinstance(gate, Gate):
-        return [gate], [None]
-    if not recording.truth:
+        gates = [(gate, None)]
+    elif not recording.truth:
         raise AnalysisError(
             f"{recording.source}: has no truth, so gate truth is not possible; use gate track, or give the range, "
             "for example 1.2:2.8"
         )
-    gates = [
-        Gate.from_truth(truth, slow_time_s, analysis, wavelength_m=wavelength_m, error_m=error_m)
-        for truth in recording.truth
-    ]
-    return gates, [truth.label or None for truth in recording.truth]
+    else:
+        about = partial(Gate.from_truth, wavelength_m=wavelength_m, error_m=gate_error_m)
+        gates = [(about(truth, times_s, settings), truth.label or None) for truth in recording.truth]
+    if settings.clutter != "none":  # static clutter is removed from the range bins that the gates touch
+        range_m, sharp = frames.range_m, settings.sharp_edges
+        touched = [own.touched_bins(*own.edges(range_m, times_s, sharp=sharp), range_m) for own, _ in gates]
+        bins = slice(min(cells.start for cells in touched), max(cells.stop for cells in touched))
+        frames = clean_frames(frames, settings, bins=bins)
+    results = [analyze_gated(frames, wavelength_m, own, settings, label) for own, label in gates]
+    return TargetList(flag_overlaps(results))
 
 
 def flag_overlaps(results: Sequence[Result]) -> list[Result]:

@@ -104,17 +104,6 @@ def has_both_directions(motion: Motion, start_s: float, stop_s: float) -> bool:
     return bool(np.convolve(both, np.ones(length) / length, mode="valid").max() >= OPPOSITE_SHARE)
 
 
-def find_steady_segments(
-    motion: Motion, start_s: float, stop_s: float, settings: SegmentationSettings
-) -> tuple[TrackSegment, ...]:
-    """Divide an interval of motion where its velocity changes."""
-    # the integral of the strongest Doppler is a path far from the radar, divided like a track
-    inside = (motion.time_s >= start_s) & (motion.time_s <= stop_s)
-    times_s, velocity_mps = motion.time_s[inside], motion.peaks_mps()[inside]
-    way_m = np.concatenate([[0.0], np.cumsum(np.diff(times_s) * (velocity_mps[1:] + velocity_mps[:-1]) / 2.0)])
-    return find_track_segments(times_s, FAR_M - way_m + max(0.0, float(way_m.max()) - FAR_M / 2.0), settings=settings)
-
-
 def analyze_motion(
     clean: Frames,
     motion: Motion,
@@ -125,9 +114,15 @@ def analyze_motion(
     wavelength_m: float,
 ) -> Result:
     """Analyse all motion in a recording without range."""
-    segments = [
-        segment for start_s, stop_s in times for segment in find_steady_segments(motion, start_s, stop_s, settings)
-    ]
+    segments: list[TrackSegment] = []
+    peaks_mps = motion.peaks_mps()
+    for start_s, stop_s in times:
+        # the integral of the strongest Doppler is a path far from the radar, which is divided like a range track
+        inside = (motion.time_s >= start_s) & (motion.time_s <= stop_s)
+        times_s, velocity_mps = motion.time_s[inside], peaks_mps[inside]
+        way_m = np.concatenate([[0.0], np.cumsum(np.diff(times_s) * (velocity_mps[1:] + velocity_mps[:-1]) / 2.0)])
+        range_m = FAR_M - way_m + max(0.0, float(way_m.max()) - FAR_M / 2.0)
+        segments += find_track_segments(times_s, range_m, settings=settings)
     usable = [segment for segment in segments if segment.usable]
     flags: tuple[str, ...] = ()
     if any(has_both_directions(motion, *span) for span in times):

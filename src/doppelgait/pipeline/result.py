@@ -178,16 +178,7 @@ class Result:
     def plot(self, *, ax: Any = None, **settings: Any) -> Any:
         """Plot the signature with its main line.
 
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-            Axes for the plot; by default those of a new figure.
-        **settings
-            As for :func:`doppelgait.viz.signature`.
-
-        Returns
-        -------
-        Axes
+        The axes are those of a new figure by default; settings are those of :func:`doppelgait.viz.signature`.
         """
         return plot("result", self, ax=ax, **settings)
 
@@ -511,14 +502,7 @@ def _parse_values(plain: Mapping[str, Any]) -> npt.NDArray[Any]:
 
 
 class TargetList(list[Result]):
-    """List of results per target, with a reason if empty.
-
-    Parameters
-    ----------
-    results : iterable of Result
-    reason : str
-        One sentence with numbers if the list is empty, otherwise an empty text.
-    """
+    """List of results per target; if empty, ``reason`` is one sentence with numbers."""
 
     def __init__(self, results: Iterable[Result] = (), *, reason: str = "") -> None:
         super().__init__(results)

@@ -41,15 +41,7 @@ FORMAT_VERSION = 2
 
 @dataclass(frozen=True)
 class Results:
-    """Results of one recording, as stored in a file.
-
-    Parameters
-    ----------
-    source : str
-        Recording that was analysed.
-    radar : Radar
-    targets : tuple of Result
-    """
+    """Results of one recording, as stored in a file, with the recording's source."""
 
     source: str
     radar: Radar
@@ -197,17 +189,6 @@ def read_results(path: str | Path) -> Results:
     ------
     AnalysisError
         If the file is missing, damaged, of another version or no result file, or if it links to another file.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> from doppelgait.pipeline import read_results, write_results
-    >>> write_results("results.h5", recording, [result])
-    >>> read_results("results.h5").targets[0].label
-    'human'
     """
     if not Path(path).is_file():
         raise AnalysisError(f"{path}: no such file")

@@ -144,8 +144,17 @@ def simulate(
     # without impairments the samples before the range transform are not needed: compute the bins directly
     echoes = Echoes(scatterers, radar, compressed=not conditions.impairments)
     in_file = target is not None and not conditions.impairments and not echoes.is_short
-    samples, signal_v2 = (None, echoes.measure_signal_v2()) if in_file else echoes.synthesise()
-    noise_v2 = _choose_noise_v2(conditions, radar, signal_v2, snr_db, rng)
+    samples: Samples | None = None
+    if in_file:
+        signal_v2 = _average_v2([strongest_v2 for _, strongest_v2 in echoes.make_tiles()])
+    else:
+        samples, signal_v2 = echoes.synthesise()
+    thermal = [spec for spec in conditions.impairments if isinstance(spec, ThermalNoise)]
+    noise_v2 = 0.0  # mean square in a range bin
+    if thermal:
+        noise_v2 = sum(noise_power_per_sample_v2(spec, radar) for spec in thermal) * radar.waveform.noise_gain(radar)
+    elif rng is not None and (snr_db is not None or conditions.noise.kind != "none"):
+        noise_v2 = noise_level_v2(radar, signal_v2, snr_db)
     noise: NoiseLevel | None = None
     if rng is not None and noise_v2 > 0 and not conditions.has_impairment("thermal_noise"):
         from doppelgait.core.kernels.noise import draw_key
@@ -223,13 +232,10 @@ class Echoes:
             samples += synthesise_echoes(others, self.radar, compressed=self.compressed)
         return samples, strongest_v2
 
-    def _make_tiles(self) -> Iterator[tuple[Samples, npt.NDArray[np.float32]]]:
+    def make_tiles(self) -> Iterator[tuple[Samples, npt.NDArray[np.float32]]]:
+        """Synthesise all pulses, tile by tile."""
         for first in range(0, self.n_pulses, lazy.LONG_PULSES):
             yield self.make_tile(first, min(first + lazy.LONG_PULSES, self.n_pulses))
-
-    def measure_signal_v2(self) -> float:
-        """Measure the signal level of SNR_frame without storing samples."""
-        return _average_v2([strongest_v2 for _, strongest_v2 in self._make_tiles()])
 
     def synthesise(self) -> tuple[Samples, float]:
         """Synthesise all pulses without noise; also return the signal level of SNR_frame, V^2."""
@@ -239,7 +245,7 @@ class Echoes:
         levels: list[npt.NDArray[np.float32]] = []
 
         def tiles() -> Iterator[Samples]:
-            for samples, strongest_v2 in self._make_tiles():
+            for samples, strongest_v2 in self.make_tiles():
                 levels.append(strongest_v2)
                 yield samples
 
@@ -274,18 +280,6 @@ def _read_pulses(scatterers: xr.Dataset, first: int, stop: int) -> xr.Dataset:
     values = {name: scatterers[name].variable[first:stop].values for name in names}
     coords = {name: v for name, v in scatterers.coords.variables.items() if name != "slow_time"}
     return label_table(values, coords, scatterers.attrs)
-
-
-def _choose_noise_v2(
-    conditions: Conditions, radar: Radar, signal_v2: float, snr_db: float | None, rng: Streams | None
-) -> float:
-    """Return the level of the receiver noise, mean square in a range bin, V^2."""
-    thermal = [spec for spec in conditions.impairments if isinstance(spec, ThermalNoise)]
-    if thermal:
-        return sum(noise_power_per_sample_v2(spec, radar) for spec in thermal) * radar.waveform.noise_gain(radar)
-    if rng is None or (snr_db is None and conditions.noise.kind == "none"):
-        return 0.0
-    return noise_level_v2(radar, signal_v2, snr_db)
 
 
 def _check_noise(conditions: Conditions, *, rng: Streams | None, snr_db: float | None) -> float | None:

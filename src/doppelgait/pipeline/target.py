@@ -43,24 +43,20 @@ def analyze_gated(
     """Analyse the target in a gate of frames without clutter."""
     mu = compute_signature(clean, gate, analysis, wavelength_m=wavelength_m)
     result = analyze_signature(mu, gate, analysis, label=label)
-    return add_body_parts(result, clean) if analysis.parts else result
-
-
-def add_body_parts(result: Result, clean: Frames) -> Result:
-    """Add a body's parts, or a flag (E-40)."""
+    if not analysis.parts:
+        return result
+    # torso, legs and limbs (E-40)
     mask, reason = None, "recorded_in_bursts"
     clean = clean.find_bursts()
-    mu = Signal.of(result.signature, SIGNATURE)
     if clean.slow_time.burst_pulses is None:
-        mask, reason = locate_parts(clean, mu, result.gate, result.analysis)
+        mask, reason = locate_parts(clean, Signal.of(result.signature, SIGNATURE), gate, analysis)
     if mask is None:
         return replace(result, flags=(*result.flags, f"parts:{reason}"))
-    power = mask.power_v2(clean, result.analysis, wavelength_m=float(mu.attrs["wavelength_m"]))
+    power = mask.power_v2(clean, analysis, wavelength_m=wavelength_m)
     energy = power.values.sum(axis=(1, 2), dtype=np.float64)
-    shares = {f"{name}_energy_share": float(part) for name, part in zip(PARTS, energy / energy.sum(), strict=True)}
-    return replace(
-        result, quality={**result.quality, **shares}, arrays=LateArrays(result.arrays, part_power=power.label)
-    )
+    shares = {f"{name}_energy_share": float(share) for name, share in zip(PARTS, energy / energy.sum(), strict=True)}
+    arrays = LateArrays(result.arrays, part_power=power.label)
+    return replace(result, quality={**result.quality, **shares}, arrays=arrays)
 
 
 def analyze_signature(mu: Signal | xr.DataArray, gate: Gate, analysis: Analysis, *, label: str | None) -> Result:

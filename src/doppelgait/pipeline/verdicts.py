@@ -118,11 +118,9 @@ def judge(results: Sequence[Result], clean: Frames, analysis: Analysis, radar: R
         for other in seen:
             if n == other or verdicts[n].kind != "body" or verdicts[other].kind != "body":
                 continue
-            found = (
-                None
-                if folding_m is None
-                else judge_fold(seen[n], seen[other], other, folding_m=folding_m, frame_stop_m=radar.range_stop_m)
-            )
+            found = None
+            if folding_m is not None:
+                found = judge_fold(seen[n], seen[other], other, folding_m=folding_m, frame_stop_m=radar.range_stop_m)
             found = found or judge_reflection(seen[n], seen[other], other, _get_rhythms(results[n], results[other]))
             verdicts[n] = found or verdicts[n]
     return [_mark_result(result, verdicts[n]) for n, result in enumerate(results)]

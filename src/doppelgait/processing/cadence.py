@@ -197,18 +197,6 @@ def detrend(normalised: Signal, *, order: int) -> Signal:
         From :func:`doppelgait.processing.normalise.normalise`.
     order : int
         0 or more; 0 is the report's mu_0.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> normalised = dg.processing.normalise(result.signature, 0.0)
-    >>> rows = dg.processing.detrend(normalised, order=1)
-    >>> left = abs(rows.mean("time")).max() / normalised.mean("time").max()
-    >>> round(float(left), 3)  # share of the mean that is left
-    0.0
     """
     trend = _make_orthonormal_basis(normalised.shape[0], order) @ _project_rows(normalised.values, order)
     return normalised.replace(np.subtract(normalised.values, trend, out=trend))
@@ -331,17 +319,6 @@ def mean_doppler_spectrum(normalised: Signal) -> npt.NDArray[np.float64]:
     """Average every Doppler row over time (E-30).
 
     D_1, the constant column of the cadence-velocity diagram, shape (K,).
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> spectrum = dg.processing.mean_doppler_spectrum(dg.processing.normalise(result.signature, 0.0))
-    >>> doppler_hz = result.signature.doppler.values
-    >>> round(float(doppler_hz[spectrum.argmax()]))  # strongest Doppler, Hz
-    48
     """
     return np.asarray(normalised.values.mean(axis=0))
 

@@ -44,16 +44,6 @@ def remove_clutter(baseband: xr.DataArray, analysis: Analysis) -> xr.DataArray:
     -------
     DataArray (slow_time, range)
         The same object for ``clutter = "none"`` and ``"auto"``, as for a fixed gate.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> cleaned = dg.processing.remove_clutter(recording.baseband, dg.Analysis(clutter="mean"))
-    >>> left = abs(cleaned.mean("slow_time")).max() / abs(recording.baseband.mean("slow_time")).max()
-    >>> round(float(left), 3)  # share of the static echoes that is left
-    0.0
     """
     return remove_static_clutter(baseband, kind=analysis.clutter, time_s=analysis.clutter_time_s)
 

@@ -118,16 +118,6 @@ def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     ------
     AnalysisError
         As :func:`patch`.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> levels = dg.classify.levels(result.signature)
-    >>> levels.shape, float(levels.min())
-    ((64, 93), 0.0)
     """
     spec = spec or Patch()
     power, times_s, rows_mps = _validate(signature)

@@ -7,14 +7,13 @@ from scipy import stats
 from doppelgait.core.errors import AnalysisError
 from doppelgait.processing.detect import ca_factor, noise_factor, os_factor, os_pfa
 from doppelgait.processing.detect.cfar import (
-    RangeWindow,
     count_training_cells,
     make_range_window,
     mark_above_ca,
     mark_above_os,
 )
 
-SHORT = RangeWindow(first=3, reach=6, step=1)
+SHORT = range(3, 7)
 """Eight training cells about the middle of 13."""
 
 
@@ -82,7 +81,7 @@ def test_false_alarms_above_a_known_floor(pfa):
 
 
 def test_masks_are_those_of_a_literal_loop():
-    window = RangeWindow(first=3, reach=9, step=2)
+    window = range(3, 10, 2)
     cells = exponential((5, 40), 4)
     cells[2, 18:21] *= 40
     ca, os = mark_above_ca(cells, window, 1e-2), mark_above_os(cells, window, 1e-2, rank_share=0.6)
@@ -100,7 +99,7 @@ def test_masks_are_those_of_a_literal_loop():
 
 def test_a_window_starts_beyond_its_guard():
     window = make_range_window(bin_spacing_m=0.05, window_m=2.0, guard_m=0.75, resolution_m=0.09)
-    assert list(window.distances) == list(range(16, 41, 2))  # 0.80 to 2.00 m in steps of 0.10 m
+    assert window == range(16, 41, 2)  # 0.80 to 2.00 m in steps of 0.10 m
 
 
 def test_cells_without_enough_training_are_never_above():
@@ -109,7 +108,7 @@ def test_cells_without_enough_training_are_never_above():
     np.testing.assert_array_equal(count_training_cells(SHORT, 12)[[0, 5]], [4, 7])
     assert mark_above_ca(cells, SHORT, 1e-1)[0, 5]
     assert mark_above_os(cells, SHORT, 1e-1, rank_share=0.5)[0, 5]
-    few = RangeWindow(first=3, reach=5, step=1)
+    few = range(3, 6)
     assert count_training_cells(few, 12)[0] == 3
     assert not mark_above_ca(cells, few, 1e-1)[0, 0]
     assert not mark_above_os(cells, few, 1e-1, rank_share=0.5)[0, 0]

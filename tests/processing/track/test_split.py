@@ -6,7 +6,7 @@ import pytest
 from doppelgait.core.frames import Frames
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.processing.track import Track, split_tracks
-from doppelgait.processing.track.split import profile_offsets_m, sum_torso_profiles
+from doppelgait.processing.track.split import OFFSETS_M, sum_torso_profiles
 
 WAVELENGTH_M, PRF_HZ, BIN_M, PULSE_M = 0.0411, 500.0, 0.05, 0.11
 TIMES_S = np.arange(0.1, 4.0, 0.1)
@@ -102,11 +102,10 @@ def test_a_second_echo_is_joined_to_the_track_that_continues_it():
 
 def test_profile_is_the_power_beside_the_track():
     """One echo: a Gaussian of the pulse, the same in every scan; another Doppler is left out."""
-    offsets_m = profile_offsets_m()
     clean = echoes((7.0, 1.2, 1.0, 0.0), (7.8, -1.2, 1.0, 0.0))
     profiles = sum_torso_profiles(Frames.of(clean), track_of(7.0, 1.2), wavelength_m=WAVELENGTH_M, cpi_s=0.1)
-    assert profiles.shape == (TIMES_S.size, offsets_m.size)
+    assert profiles.shape == (TIMES_S.size, OFFSETS_M.size)
     # smeared by the 0.12 m that the body walks in an interval, weighed by the window
     shape = (profiles / profiles.max(axis=1, keepdims=True)).mean(axis=0)
-    assert offsets_m[shape.argmax()] == pytest.approx(0.0, abs=0.05)
-    assert shape[np.abs(offsets_m) > 0.35].max() < 1e-3
+    assert OFFSETS_M[shape.argmax()] == pytest.approx(0.0, abs=0.05)
+    assert shape[np.abs(OFFSETS_M) > 0.35].max() < 1e-3

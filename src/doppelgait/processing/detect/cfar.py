@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -106,30 +105,14 @@ def os_factor(n_training: int, rank: int, pfa: float, *, n_summed: int = 1) -> f
     return math.exp(float(brentq(excess, math.log(1e-6), math.log(1e9), xtol=1e-12, rtol=1e-12)))
 
 
-@dataclass(frozen=True)
-class RangeWindow:
-    """Training cells along range, the same on both sides."""
-
-    first: int
-    reach: int
-    step: int
-
-    @property
-    def distances(self) -> range:
-        """Distances to the training cells on one side."""
-        return range(self.first, self.reach + 1, self.step)
+def make_range_window(*, bin_spacing_m: float, window_m: float, guard_m: float, resolution_m: float) -> range:
+    """Return the distances to the training cells along range, the same on both sides."""
+    first = math.floor(guard_m / bin_spacing_m + 1e-9) + 1
+    reach = math.floor(window_m / bin_spacing_m + 1e-9)
+    return range(first, reach + 1, max(1, round(resolution_m / bin_spacing_m)))
 
 
-def make_range_window(*, bin_spacing_m: float, window_m: float, guard_m: float, resolution_m: float) -> RangeWindow:
-    """Build the window of training cells along range."""
-    return RangeWindow(
-        first=math.floor(guard_m / bin_spacing_m + 1e-9) + 1,
-        reach=math.floor(window_m / bin_spacing_m + 1e-9),
-        step=max(1, round(resolution_m / bin_spacing_m)),
-    )
-
-
-def mark_above_ca(power_v2: Power, window: RangeWindow, pfa: float) -> Mask:
+def mark_above_ca(power_v2: Power, window: range, pfa: float) -> Mask:
     """Find cells above their cell-averaged threshold along range, the last axis."""
     total = np.zeros(power_v2.shape, dtype=power_v2.dtype)
     for here, there in _iterate_pairs(window, power_v2.shape[-1]):
@@ -139,7 +122,7 @@ def mark_above_ca(power_v2: Power, window: RangeWindow, pfa: float) -> Mask:
     return np.asarray((power_v2 > total * np.array(factor, dtype=power_v2.dtype)) & (counts >= MIN_TRAINING))
 
 
-def mark_above_os(power_v2: Power, window: RangeWindow, pfa: float, *, rank_share: float) -> Mask:
+def mark_above_os(power_v2: Power, window: range, pfa: float, *, rank_share: float) -> Mask:
     """Find cells above their ordered-statistic threshold along range, the last axis."""
     counts = count_training_cells(window, power_v2.shape[-1])
     ranks = np.maximum(np.ceil(rank_share * counts - 1e-9), 1).astype(int)
@@ -153,7 +136,7 @@ def mark_above_os(power_v2: Power, window: RangeWindow, pfa: float, *, rank_shar
     return np.asarray(below >= ranks)
 
 
-def count_training_cells(window: RangeWindow, n_bins: int) -> npt.NDArray[np.int64]:
+def count_training_cells(window: range, n_bins: int) -> npt.NDArray[np.int64]:
     """Count the training cells of every range bin; fewer at both ends of the frame."""
     counts = np.zeros(n_bins, dtype=np.int64)
     for here, _ in _iterate_pairs(window, n_bins):
@@ -161,9 +144,9 @@ def count_training_cells(window: RangeWindow, n_bins: int) -> npt.NDArray[np.int
     return counts
 
 
-def _iterate_pairs(window: RangeWindow, n_bins: int) -> Iterator[tuple[slice, slice]]:
+def _iterate_pairs(window: range, n_bins: int) -> Iterator[tuple[slice, slice]]:
     """Yield slices of cells and training cells by distance."""
-    for distance in window.distances:
+    for distance in window:
         if distance < n_bins:
             near, far = slice(0, n_bins - distance), slice(distance, n_bins)
             yield near, far

@@ -20,7 +20,7 @@ from doppelgait.processing.detect.cfar import (
     mark_above_ca,
     mark_above_os,
 )
-from doppelgait.processing.detect.cluster import Shape, find_clusters, keep_bodies, measure_shapes, merge_groups
+from doppelgait.processing.detect.cluster import find_clusters, keep_bodies, measure_shapes, merge_groups
 from doppelgait.processing.detect.config import Detector
 from doppelgait.processing.detect.maps import Maps, compute_maps, estimate_residue_map, noise_factor
 from doppelgait.processing.detections import Detection, Scan
@@ -112,8 +112,25 @@ def detect_bodies(frames: Frames, chosen: Detector, *, wavelength_m: float, in_p
         cells = cells.merge(np.where(sizes[group] >= chosen.min_cells, group, -1))
         shape = measure_shapes(cells, maps.power_v2, maps.floor_v2, box_quantile=chosen.box_quantile)
         found: list[list[Detection]] = [[] for _ in maps.time_s]
-        for number in range(shape.power.size):
-            found[shape.scan[number]].append(_make_detection(maps, shape, number))
+        to_m, to_mps = maps.bin_spacing_m if maps.range_m.size > 1 else 0.0, maps.velocity_spacing_mps
+        for n, scan in enumerate(shape.scan):
+            low_m, high_m = maps.range_m[0] + to_m * shape.range_box[n]
+            low_mps, high_mps = maps.velocity_mps[0] + to_mps * shape.doppler_box[n]
+            snr, spread_mps = max(float(shape.snr[n]), 1.0), to_mps * shape.doppler_spread[n]
+            range_sd_m = _compute_centre_sd(to_m * shape.range_spread[n], to_m, snr, RANGE_SD_M, RANGE_SPREAD_SHARE)
+            body = Detection(
+                range_m=float(maps.range_m[0] + to_m * shape.range_bin[n]),
+                velocity_mps=float(maps.velocity_mps[0] + to_mps * shape.doppler_bin[n]),
+                power_v2=float(shape.power[n]),
+                range_sd_m=range_sd_m if to_m else NO_RANGE_SD_M,
+                velocity_sd_mps=_compute_centre_sd(spread_mps, to_mps, snr, VELOCITY_SD_MPS, VELOCITY_SPREAD_SHARE),
+                range_low_m=float(low_m),
+                range_high_m=float(high_m),
+                velocity_low_mps=float(low_mps),
+                velocity_high_mps=float(high_mps),
+                n_cells=int(shape.n_cells[n]),
+            )
+            found[scan].append(body)
         scans += [Scan(float(t), tuple(detections)) for t, detections in zip(maps.time_s, found, strict=True)]
     return scans
 
@@ -158,29 +175,6 @@ def find_cells(maps: Maps, settings: Detector) -> tuple[Mask, Mask]:
 def _round_to_odd(size_bins: float) -> int:
     """Round to an odd number of at least 3, to join neighbours."""
     return max(3, 2 * round((size_bins - 1.0) / 2.0) + 1)
-
-
-def _make_detection(maps: Maps, shape: Shape, number: int) -> Detection:
-    to_m = maps.bin_spacing_m if maps.range_m.size > 1 else 0.0
-    to_mps = maps.velocity_spacing_mps
-    low_m, high_m = maps.range_m[0] + to_m * shape.range_box[number]
-    low_mps, high_mps = maps.velocity_mps[0] + to_mps * shape.doppler_box[number]
-    snr = max(float(shape.snr[number]), 1.0)
-    range_sd_m = _compute_centre_sd(to_m * shape.range_spread[number], to_m, snr, RANGE_SD_M, RANGE_SPREAD_SHARE)
-    return Detection(
-        range_m=float(maps.range_m[0] + to_m * shape.range_bin[number]),
-        velocity_mps=float(maps.velocity_mps[0] + to_mps * shape.doppler_bin[number]),
-        power_v2=float(shape.power[number]),
-        range_sd_m=range_sd_m if to_m else NO_RANGE_SD_M,
-        velocity_sd_mps=_compute_centre_sd(
-            to_mps * shape.doppler_spread[number], to_mps, snr, VELOCITY_SD_MPS, VELOCITY_SPREAD_SHARE
-        ),
-        range_low_m=float(low_m),
-        range_high_m=float(high_m),
-        velocity_low_mps=float(low_mps),
-        velocity_high_mps=float(high_mps),
-        n_cells=int(shape.n_cells[number]),
-    )
 
 
 def _compute_centre_sd(spread: float, cell: float, snr: float, always: float, share: float) -> float:

@@ -16,6 +16,8 @@ from doppelgait.processing.track.live import Track
 FloatArray = npt.NDArray[np.float64]
 
 REACH_M, STEP_M = 1.6, 0.05
+OFFSETS_M = STEP_M * np.arange(-round(REACH_M / STEP_M), round(REACH_M / STEP_M) + 1)
+"""Ranges of a profile relative to its track."""
 BAND_MPS, N_BAND = 0.35, 7
 """Doppler band around that of the track: a torso stays inside, a swinging limb passes through."""
 LEAST_SPEED_MPS = 0.4
@@ -57,8 +59,7 @@ def sum_torso_profiles(clean: Frames, found: Track, *, wavelength_m: float, cpi_
     size = min(max(1, round(cpi_s * prf_hz)), times_s.size)
     window = gaussian_window(size, WINDOW_STEEPNESS)
     slow_s = np.arange(size) / prf_hz
-    offsets_m = profile_offsets_m()
-    profiles = np.zeros((found.times_s.size, offsets_m.size))
+    profiles = np.zeros((found.times_s.size, OFFSETS_M.size))
     pulses = np.round((found.times_s - times_s[0]) * prf_hz - size / 2).astype(np.int64)
     pulses = np.clip(pulses, 0, times_s.size - size)
     for number, (first, centre_m, velocity_mps) in enumerate(
@@ -72,14 +73,8 @@ def sum_torso_profiles(clean: Frames, found: Track, *, wavelength_m: float, cpi_
         doppler_hz = 2.0 * (velocity_mps + np.linspace(-BAND_MPS, BAND_MPS, N_BAND)) / wavelength_m
         kernel = np.exp(-2j * np.pi * doppler_hz[:, None] * slow_s) * window
         power = (np.abs(kernel @ read[first - start : first - start + size, low:high]) ** 2).sum(axis=0)
-        profiles[number] = np.interp(centre_m + offsets_m, range_m[low:high], power, left=0.0, right=0.0)
+        profiles[number] = np.interp(centre_m + OFFSETS_M, range_m[low:high], power, left=0.0, right=0.0)
     return profiles
-
-
-def profile_offsets_m() -> FloatArray:
-    """Return the ranges of a profile relative to its track."""
-    count = round(REACH_M / STEP_M)
-    return np.asarray(STEP_M * np.arange(-count, count + 1), dtype=np.float64)
 
 
 def find_ridge(profiles: FloatArray, found: Track, others: Sequence[Track]) -> Ridge:
@@ -87,9 +82,8 @@ def find_ridge(profiles: FloatArray, found: Track, others: Sequence[Track]) -> R
     from scipy.ndimage import median_filter
     from scipy.signal import find_peaks
 
-    offsets_m = profile_offsets_m()
     smooth = median_filter(profiles, size=(min(SMOOTHED_SCANS, profiles.shape[0]), 1), mode="nearest")
-    floor = np.quantile(smooth[:, np.abs(offsets_m) > FLOOR_FROM_M], FLOOR_QUANTILE, axis=1)[:, None]
+    floor = np.quantile(smooth[:, np.abs(OFFSETS_M) > FLOOR_FROM_M], FLOOR_QUANTILE, axis=1)[:, None]
     smooth = np.maximum(smooth, FLOOR_FACTOR * floor)
     top = np.maximum(smooth.max(axis=1, keepdims=True), 1e-300)
     level_db = 10.0 * np.log10(np.maximum(smooth / top, 1e-6))
@@ -102,7 +96,7 @@ def find_ridge(profiles: FloatArray, found: Track, others: Sequence[Track]) -> R
         peaks, facts = find_peaks(padded, height=-WEAKEST_DB, prominence=VALLEY_DB)
         if peaks.size < 2:
             continue
-        places_m = found.range_m[number] + offsets_m[peaks - 1]
+        places_m = found.range_m[number] + OFFSETS_M[peaks - 1]
         own_off_m = np.abs(places_m - found.range_m[number])
         mine = np.ones(peaks.size, dtype=bool)
         for one in taken:
