@@ -217,8 +217,6 @@ class Result:
         """True unless the verdict is reflection, folded or thing."""
         return self.verdict in (None, "body")
 
-    # Arrays ----------------------------------------------------------------------------------------------------------
-
     def _get_array(self, name: str) -> Any:
         if name not in self.arrays:
             raise AnalysisError(f"this result has no {name}; it was read from a table row that does not store it")
@@ -296,8 +294,6 @@ class Result:
         It requires an analysis with ``extended``.
         """
         return self._get_array("torso_velocity_mps")  # type: ignore[no-any-return]
-
-    # JSON ------------------------------------------------------------------------------------------------------------
 
     def to_json(self, *, arrays: bool = True) -> dict[str, Any]:
         """Convert to plain values for ``json.dumps``.
@@ -392,8 +388,6 @@ class Result:
             limits = Gate(times_s, centre_m, gate["span_m"], band_hz, gate["source"])
         segments = [cls.from_json(segment) for segment in plain.get("segments", ())]
         return make_result(plain, arrays, limits, segments)
-
-    # Table rows ------------------------------------------------------------------------------------------------------
 
     def to_row(self) -> dict[str, Any]:
         """Convert numbers and flags to table columns.

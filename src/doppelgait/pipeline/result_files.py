@@ -53,17 +53,6 @@ def describe_results(recording: Recording, results: Sequence[Result]) -> dict[st
 
     Values that are not finite become None. An empty list of targets has a ``reason``. ``n_bodies`` excludes targets
     with the verdict reflection, folded or thing.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> from doppelgait.pipeline import describe_results
-    >>> document = describe_results(recording, [result])
-    >>> document["n_bodies"], document["targets"][0]["label"]
-    (1, 'human')
     """
     facts = {
         "file": recording.source,

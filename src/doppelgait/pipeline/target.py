@@ -113,6 +113,10 @@ def analyze_signature(mu: Signal | xr.DataArray, gate: Gate, analysis: Analysis,
     further["standard_deviation"] = {**further.get("standard_deviation", {}), **ground_sd}
     if share < 1.0:
         flags.append("gate_leaves_frame")
+    if thinned:
+        times_s = usable.axis("time")
+        slope = (line_hz[-1] - line_hz[0]) / (times_s[-1] - times_s[0])
+        line_hz = np.asarray(line_hz[0] + slope * (shown.axis("time") - times_s[0]))
     return Result(
         analysis=analysis,
         label=label,
@@ -127,7 +131,7 @@ def analyze_signature(mu: Signal | xr.DataArray, gate: Gate, analysis: Analysis,
         arrays=LateArrays(
             late,
             signature=shown.label,
-            main_line_hz=main_line.extrapolate_line(line_hz, usable, shown) if thinned else line_hz,
+            main_line_hz=line_hz,
             **over_time,
         ),
         **further,

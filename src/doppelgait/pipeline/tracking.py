@@ -366,21 +366,19 @@ def _analyze_segment(
         if motion.visibility == "hidden":
             flags.append("aspect_beyond_75_deg:gait_is_hidden")
     removed = 0.0
-    if measured is not None and analysis.clutter not in ("none", "auto"):  # measured, otherwise predicted
+    if measured is not None:  # the share, otherwise predicted
         block_s, share = measured
-        share = share[(block_s >= start_s) & (block_s <= stop_s)]
-        known = share[np.isfinite(share)]
-        times_s = clean.slow_time.time_s
+        share = share[(block_s >= start_s) & (block_s <= stop_s) & np.isfinite(share)]
         by_gain = predict_torso_share_removed(
             gate,
             gate.time_s,
             kind=analysis.clutter,
             wavelength_m=wavelength_m,
             prf_hz=clean.slow_time.rate_hz,
-            n_pulses=times_s.size,
+            n_pulses=clean.n_pulses,
             clutter_time_s=analysis.clutter_time_s,
         )
-        removed = max(float(known.mean()) if known.size else 0.0, float(by_gain.mean()))
+        removed = max(float(share.mean()) if share.size else 0.0, float(by_gain.mean()))
     if removed > CLUTTER_SHARE:
         flags.append(f"clutter_removal_took_{100 * removed:.0f}_per_cent:a_torso_without_radial_speed_may_be_gone")
     quality = {"start_s": start_s, "stop_s": stop_s, "clutter_share_removed": removed}

@@ -175,9 +175,6 @@ def _average_significant(mu_v2: npt.NDArray[np.float32], every: int, floor_v2: f
     return np.asarray(excess_v2.reshape(-1, min(every, len(mu_v2)), mu_v2.shape[1]).mean(axis=1))
 
 
-# Things --------------------------------------------------------------------------------------------------------------
-
-
 def judge_thing(one: TrackStrip, others: Sequence[TrackStrip]) -> Verdict | None:
     """Recognise slow things with rotating parts. An example is a robot vacuum."""
     clear = np.ones(one.time_s.size, dtype=bool)
@@ -214,9 +211,6 @@ def judge_thing(one: TrackStrip, others: Sequence[TrackStrip]) -> Verdict | None
     )
 
 
-# Folding -------------------------------------------------------------------------------------------------------------
-
-
 def judge_fold(
     one: TrackStrip, body: TrackStrip, number: int, *, folding_m: float, frame_stop_m: float
 ) -> Verdict | None:
@@ -244,9 +238,6 @@ def judge_fold(
     if abs(error_m) > FOLD_RANGE_M or abs(level_db) > FOLD_LEVEL_DB:
         return None
     return Verdict("folded", f"folded_echo_of:{number}", (("fold_error_m", error_m), ("fold_level_db", level_db)))
-
-
-# Reflections ---------------------------------------------------------------------------------------------------------
 
 
 def judge_reflection(

@@ -98,8 +98,6 @@ class Gate:
 
     __hash__ = None  # type: ignore[assignment]
 
-    # Constructors ----------------------------------------------------------------------------------------------------
-
     @classmethod
     def around(
         cls,
@@ -266,8 +264,6 @@ class Gate:
             raise ConfigError(f"{said}must be two rising ranges in m{lowest}, for example 1.2:2.8")
         return low_m, high_m
 
-    # Properties -------------------------------------------------------------------------------------------------------
-
     @property
     def low_m(self) -> FloatArray:
         """Lower limit R_L at ``time_s``."""
@@ -325,8 +321,6 @@ class Gate:
     def overlaps(self, other: Gate) -> bool:
         """Return True if two gates overlap in range."""
         return bool(self.shares(other).any())
-
-    # Selection of data ---------------------------------------------------------------------------------------
 
     def during(self, start_s: float, stop_s: float) -> Gate:
         """Limit the gate to its times between two others."""

@@ -96,13 +96,6 @@ def _make_line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray
     return basis, parabola, np.ones(n_columns)
 
 
-def extrapolate_line(line_hz: FloatArray, signature: Signal, wanted: Signal) -> FloatArray:
-    """Extrapolate a straight line to other columns. The result has the shape (J of ``wanted``,)."""
-    times_s = signature.axis("time")
-    slope = (line_hz[-1] - line_hz[0]) / (times_s[-1] - times_s[0])
-    return np.asarray(line_hz[0] + slope * (wanted.axis("time") - times_s[0]))
-
-
 def bin_width_hz(signature: Signal) -> float:
     """Return the width of a Doppler bin."""
     doppler_hz = signature.axis("doppler")
