@@ -110,18 +110,9 @@ def unknown_rows(dataset: Dataset, known: Rows) -> Rows:
             f"--unknown {dataset.directory}: has only the classes {', '.join(known.classes)}, "
             "which the models are trained on"
         )
-    count, place = len(index), index.index.to_numpy(dtype=np.int64)
-    group = "group" if "group" in index else "subject"
-    nothing = np.zeros(count, dtype=np.int64)
-    return Rows(
-        (dataset,),
-        index.reset_index(drop=True),
-        nothing,
-        place,
-        known.classes,
-        nothing,
-        index[group].to_numpy(dtype=str),
-    )
+    place, nothing = index.index.to_numpy(dtype=np.int64), np.zeros(len(index), dtype=np.int64)
+    groups = index["group" if "group" in index else "subject"].to_numpy(dtype=str)
+    return Rows((dataset,), index.reset_index(drop=True), nothing, place, known.classes, nothing, groups)
 
 
 def collect_inputs(

@@ -226,11 +226,8 @@ def plot_recording(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
     """Return a picture of a recording for display."""
     if recording.n_range_bins >= 8 and "burst_pulses" not in recording.facts:
         samples = np.asarray(recording.samples.matrix, dtype=np.complex128)
-        return (
-            power_to_db(np.maximum(np.abs(samples - samples.mean(axis=0)) ** 2, 1e-30)),
-            recording.range_m,
-            "range (m)",
-        )
+        moving = np.abs(samples - samples.mean(axis=0)) ** 2
+        return power_to_db(np.maximum(moving, 1e-30)), recording.range_m, "range (m)"
     f_hz, power, _ = compute_windowed_power(split_windows(recording, most=64), recording.radar.prf_hz)
     strongest = power[:, :, int(np.argmax(power.sum(axis=(0, 1))))]
     order = np.argsort(f_hz)

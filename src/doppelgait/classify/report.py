@@ -379,11 +379,8 @@ def make_page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) 
         ]
         details += [f"<h2>{escape(best)} by {escape(column)}</h2>", format_table(shares)]
     baselines = {name for name, model in document["models"].items() if model["kind"]["baseline"]}
-    alarms, strangers, own = (
-        format_alarm_table(document),
-        format_unknown_table(document),
-        format_adaptation_table(document),
-    )
+    alarms, own = format_alarm_table(document), format_adaptation_table(document)
+    strangers = format_unknown_table(document)
     parts = [
         f"<h1>{escape(str(data['name']))}: classification</h1>",
         f"<p>Trained on {_describe(data)}; tested on {_describe(other) if other else 'rows of it'}: {escape(tested)}. "

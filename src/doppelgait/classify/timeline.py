@@ -165,10 +165,8 @@ def analyze_window(
     window: Window, analysis: Analysis, tracking: Tracking | None = None, gate: Any = "track"
 ) -> list[Result]:
     """Analyse a window; times refer to the recording."""
-    return [
-        _delay_result(one, window.start_s)
-        for one in analyze(window.recording, gate=gate, analysis=analysis, tracking=tracking)
-    ]
+    results = analyze(window.recording, gate=gate, analysis=analysis, tracking=tracking)
+    return [_delay_result(result, window.start_s) for result in results]
 
 
 def _delay_result(result: Result, by_s: float) -> Result:

@@ -116,12 +116,8 @@ def write_recording(recording: Recording, path: str | Path) -> None:
                 group.attrs["marker"] = json.dumps([str(m) for m in read_axis(truth.scatterers, "marker")])
                 group.attrs["part"] = json.dumps([str(p) for p in read_axis(truth.scatterers, "part")])
                 for name in CENTRE_ARRAYS:
-                    _put(
-                        group,
-                        name,
-                        getattr(truth, name),
-                        {"m": "m", "mps": "m/s", "rad": "rad"}[name.rsplit("_", 1)[1]],
-                    )
+                    units = {"m": "m", "mps": "m/s", "rad": "rad"}[name.rsplit("_", 1)[1]]
+                    _put(group, name, getattr(truth, name), units)
                 for name in (n for n in STORED_VARIABLES if n in truth.scatterers):
                     units = SCATTERER_VARIABLES[name]
                     values = truth.scatterers[name].variable

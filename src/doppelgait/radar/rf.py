@@ -43,24 +43,16 @@ def sample_rf_frames(scatterers: xr.Dataset, radar: Radar, *, margin: int) -> np
     return frames
 
 
-def make_low_pass_taps(radar: Radar) -> npt.NDArray[np.float64]:
-    """Return the taps of a symmetric Kaiser low-pass that rejects the image (E-17)."""
-    from scipy.signal import firwin
-
-    taps: npt.NDArray[np.float64] = firwin(
-        FILTER_TAPS, FILTER_CUTOFF_HZ, window=("kaiser", FILTER_BETA), fs=radar.sample_rate_hz
-    )
-    return taps
-
-
 def down_convert(frames: npt.NDArray[np.float64], radar: Radar, *, margin: int) -> npt.NDArray[np.complex128]:
     """Convert real RF frames (I, n_full + 2 margin) to baseband: mix, low-pass, decimate (E-17)."""
-    from scipy.signal import oaconvolve
+    from scipy.signal import firwin, oaconvolve
 
     first_s = range_to_delay_s(radar.range_start_m) - margin / radar.sample_rate_hz
     time_s = first_s + np.arange(frames.shape[1]) / radar.sample_rate_hz
     mixed = 2.0 * frames * np.exp(-2j * np.pi * radar.carrier_hz * time_s)
-    filtered = oaconvolve(mixed, make_low_pass_taps(radar)[None, :], mode="same", axes=1)
+    # a symmetric low-pass that rejects the image
+    taps = firwin(FILTER_TAPS, FILTER_CUTOFF_HZ, window=("kaiser", FILTER_BETA), fs=radar.sample_rate_hz)
+    filtered = oaconvolve(mixed, taps[None, :], mode="same", axes=1)
     stop = frames.shape[1] - margin
     return np.asarray(filtered[:, margin : stop : radar.decimation])
 

@@ -138,18 +138,8 @@ def plan_device(model: Model, patch: Patch, settings: CSettings) -> Device:
     n_columns = max(patch.n_time, round(window_s / patch.column_s))
     transform = plan_transform(analysis, n_pulses=10**9, prf_hz=prf)
     n_stft = math.ceil(n_columns * patch.column_s * prf / transform.hop - 1e-6)
-    return Device(
-        prf,
-        wavelength_m,
-        settings.bins,
-        patch,
-        transform.window,
-        transform.hop,
-        transform.n_doppler_bins,
-        n_columns,
-        n_stft,
-        settings.still_time_s,
-    )
+    stft = transform.window, transform.hop, transform.n_doppler_bins
+    return Device(prf, wavelength_m, settings.bins, patch, *stft, n_columns, n_stft, settings.still_time_s)
 
 
 def _read_condition(model: Model, name: str, stated: float | None, option: str) -> float:
@@ -179,13 +169,8 @@ def select_networks(model: Model) -> Model | None:
     seeing = [part for part in parts if isinstance(part[0], Network)]
     if not seeing or len(seeing) == len(parts):
         return model if seeing else None
-    weights = np.array([weight for _, weight, _, _ in seeing])
-    joined = Ensemble(
-        tuple(part[0] for part in seeing),
-        weights / weights.sum(),
-        np.array([part[2] for part in seeing]),
-        np.array([part[3] for part in seeing]),
-    )
+    members, weights, slopes, shifts = zip(*seeing, strict=True)
+    joined = Ensemble(members, np.array(weights) / np.sum(weights), np.array(slopes), np.array(shifts))
     unchanged = Calibration(1.0, np.zeros(len(model.facts.classes)), 0)
     facts = model.facts.model_copy(update={"names": (), "features": "signature"})
     nothing = np.zeros(0)

@@ -153,16 +153,8 @@ class _Graph:
             thresholds += learned.threshold[order].tolist()
             for node in order:
                 modes.append("BRANCH_LEQ" if learned.feature[node] >= 0 else "LEAF")
-                rows.append(
-                    (
-                        tree,
-                        place[node],
-                        max(learned.feature[node], 0),
-                        place.get(learned.left[node], 0),
-                        place.get(learned.right[node], 0),
-                        learned.unknown_left[node],
-                    )
-                )
+                left, right = (place.get(child[node], 0) for child in (learned.left, learned.right))
+                rows.append((tree, place[node], max(learned.feature[node], 0), left, right, learned.unknown_left[node]))
                 if learned.feature[node] < 0:
                     leaf = (tree, place[node], tree % learned.root.shape[1], learned.value[node])
                     for key, value in zip(leaves, leaf, strict=True):

@@ -205,13 +205,9 @@ def convert_samples(samples: Complex, device: Device) -> Levels:
 
 def remove_running_mean(samples: npt.NDArray[np.complex128], device: Device) -> npt.NDArray[np.complex128]:
     """Subtract the running mean."""
-    mean, moving, share = (
-        np.zeros(samples.shape[1], dtype=np.complex128),
-        np.empty_like(samples),
-        device.mean_weight,
-    )
+    mean, moving = np.zeros(samples.shape[1], dtype=np.complex128), np.empty_like(samples)
     for number, pulse in enumerate(samples):
-        mean = mean + max(share, 1.0 / (number + 1)) * (pulse - mean)
+        mean = mean + max(device.mean_weight, 1.0 / (number + 1)) * (pulse - mean)
         moving[number] = pulse - mean
     return moving
 

@@ -153,11 +153,8 @@ def _format_fitted(fit: SensorFit, sd: float, unit: str) -> str:
 def _iterate_impairments(fit: SensorFit) -> Iterator[Table]:
     """Yield impairment tables with comments: echoes, their phase, then faults of the recorder."""
     knots = [[round(r, 4), round(level, 2)] for r, level in zip(fit.clutter.range_m, fit.clutter.level_db, strict=True)]
-    sd_db = float(fit.clutter.sd_db.max())
-    yield (
-        {"kind": "static_clutter", "levels": knots},
-        {"levels": _format_fitted(fit, sd_db, "dB a knot") + "; holds the direct path too"},
-    )
+    why = _format_fitted(fit, float(fit.clutter.sd_db.max()), "dB a knot") + "; holds the direct path too"
+    yield {"kind": "static_clutter", "levels": knots}, {"levels": why}
     constant = fit.leakage.constant_v
     if constant.value > MATTERS * constant.sd:
         level_db = 2.0 * DB_PER_NEPER * math.log(constant.value)
@@ -397,24 +394,18 @@ def _iterate_kind_impairments(kind: SensorKind) -> Iterator[Table]:
         yield {"kind": "iq_imbalance", **table}, comments
         level = found["noise_level_db"]
         level_db = level.mean.value - DB_PER_NEPER * math.log((1.0 + own_g**2) / 2.0)
-        yield (
-            {"kind": "thermal_noise", "level_db": _draw(level, level_db, digits=2)},
-            {"level_db": _format_comment(level, "dB") + "; replaces the radar's own: it arises behind the mixer"},
-        )
+        why = _format_comment(level, "dB") + "; replaces the radar's own: it arises behind the mixer"
+        yield {"kind": "thermal_noise", "level_db": _draw(level, level_db, digits=2)}, {"level_db": why}
         yield from _iterate_noise(kind)
         table = {"gain_db": round(20.0 * math.log10(own_g), 3), "phase_deg": round(math.degrees(own_phi), 2)}
-        yield (
-            {"kind": "iq_imbalance", **table},
-            {"gain_db": _format_comment(found["noise_iq_gain_db"], "dB") + "; of the noise"},
-        )
+        comments = {"gain_db": _format_comment(found["noise_iq_gain_db"], "dB") + "; of the noise"}
+        yield {"kind": "iq_imbalance", **table}, comments
     elif "iq_gain_db" in found:
         gain, phase = found["iq_gain_db"], found["iq_phase_deg"]
         if any(p.spread_is_known or abs(p.mean.value) > MATTERS * p.mean.sd for p in (gain, phase)):
             table = {"gain_db": _draw(gain, gain.mean.value), "phase_deg": _draw(phase, phase.mean.value, digits=3)}
-            yield (
-                {"kind": "iq_imbalance", **table},
-                {"gain_db": _format_comment(gain, "dB"), "phase_deg": _format_comment(phase, "deg")},
-            )
+            comments = {"gain_db": _format_comment(gain, "dB"), "phase_deg": _format_comment(phase, "deg")}
+            yield {"kind": "iq_imbalance", **table}, comments
     if (constant := _find_constant(kind)) is not None:
         yield constant
     share = found.get("drop_probability")
@@ -426,10 +417,8 @@ def _iterate_kind_impairments(kind: SensorKind) -> Iterator[Table]:
     if kind.bits:
         why = "reached" if math.isfinite(kind.full_scale_v) and kind.clipped else "never reached: assumed"
         table = {"kind": "adc", "bits": kind.bits, "full_scale_v": float(f"{kind.full_scale_v:.6g}")}
-        yield (
-            table,
-            {"bits": "from the steps of the values", "full_scale_v": f"{why}; {100 * kind.clipped:.2g} % clipped"},
-        )
+        why += f"; {100 * kind.clipped:.2g} % clipped"
+        yield table, {"bits": "from the steps of the values", "full_scale_v": why}
 
 
 def _iterate_noise(kind: SensorKind) -> Iterator[Table]:

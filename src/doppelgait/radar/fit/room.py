@@ -172,11 +172,8 @@ def fit_series(values: FloatArray, *, time_s: FloatArray, measurement_variance: 
     sd_walk, _ = _compute_fisher_sd(variance + sd_walk, white_shape)
     drift = Estimate(slope_of(variance), float(1.0 / np.sqrt(np.sum(ramp**2 / variance))))
     step_s = float(np.mean(steps_s))
-    return SeriesFit(
-        drift,
-        take_root(parts[0] / step_s, sd_walk / step_s),
-        take_root(float(parts[1]) - measurement_variance, sd_white),
-    )
+    walk = take_root(parts[0] / step_s, sd_walk / step_s)
+    return SeriesFit(drift, walk, take_root(float(parts[1]) - measurement_variance, sd_white))
 
 
 def _compute_fisher_sd(variance: FloatArray, white_shape: FloatArray) -> tuple[float, float]:

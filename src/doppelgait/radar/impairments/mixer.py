@@ -128,13 +128,11 @@ def make_delay_nodes(
     node = np.cos(np.pi * (np.arange(n_nodes) + 0.5) / n_nodes)
     node_s = middle_s + half_s * node
     distance = (delay_s[:, None] - node_s) / half_s
-    weights = np.stack(
-        [
-            np.prod(np.delete(distance, k, axis=1), axis=1) / np.prod(np.delete(node[k] - node, k)) / node_s[k]
-            for k in range(n_nodes)
-        ],
-        axis=1,
-    )
+    columns = [
+        np.prod(np.delete(distance, k, axis=1), axis=1) / np.prod(np.delete(node[k] - node, k)) / node_s[k]
+        for k in range(n_nodes)
+    ]
+    weights = np.stack(columns, axis=1)
     return node_s, weights * delay_s[:, None]
 
 

@@ -364,23 +364,14 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
             "seed": recording.seed,
         }
         known = {name: value for name, value in facts.items() if value is not None and value == value}  # not NaN
-        lines = [
-            FIRST_LINE,
-            *_format_lines(known),
-            "",
-            "[radar]",
-            *_format_lines(recording.radar.model_dump(exclude_none=True)),
-        ]
+        radar = recording.radar.model_dump(exclude_none=True)
+        lines = [FIRST_LINE, *_format_lines(known), "", "[radar]", *_format_lines(radar)]
         if attributes := list_further_facts(recording.baseband):
             lines += ["", "[attributes]", *_format_lines(attributes)]
         partial_facts.write_text(("\n".join(lines) + "\n"), encoding="utf-8")
         with partial.open("wb") as file:
-            np.savez(
-                file,
-                baseband=recording.baseband.values.astype("<c8"),
-                slow_time_s=recording.slow_time_s,
-                range_m=recording.range_m,
-            )
+            baseband = recording.baseband.values.astype("<c8")
+            np.savez(file, baseband=baseband, slow_time_s=recording.slow_time_s, range_m=recording.range_m)
 
 
 def _format_lines(table: Mapping[str, Any]) -> list[str]:

@@ -244,7 +244,16 @@ def read_sigmf(
             f"{file}: {n_samples} samples are not whole pulses of {n_bins}; the last {n_samples % n_bins} are left out"
         )
     shape = n_samples // n_bins, n_bins
-    rate_hz = check_number(file, "prf_hz", _prf_hz(file, meta, shape[1]) if prf_hz is None else prf_hz, above=0)
+    if prf_hz is None:
+        if meta.sample_rate_hz is None:
+            raise RecordingError(f"{file}: states no core:sample_rate; give prf_hz")
+        prf_hz = meta.sample_rate_hz / n_bins
+        if prf_hz > 1e6:
+            raise RecordingError(
+                f"{file}: its {prf_hz:g} samples/s are more than a slow-time rate can be (1 MHz): these are samples "
+                "within pulses. Give samples_per_pulse and bin_spacing_m, or decimate it first"
+            )
+    rate_hz = check_number(file, "prf_hz", prf_hz, above=0)
     notes.append(f"levels: one unit of the samples is taken as {scale:.4g} V")
     rows = samples[: shape[0] * shape[1]].reshape(shape)
     radar, range_m = _make_foreign_radar(file, meta, carrier, rate_hz, shape[1], range_start_m, bin_spacing_m, notes)
@@ -319,18 +328,6 @@ def _read_own(
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _prf_hz(path: Path, meta: Metadata, n_bins: int) -> float:
-    rate = meta.sample_rate_hz
-    if rate is None:
-        raise RecordingError(f"{path}: states no core:sample_rate; give prf_hz")
-    if rate / n_bins > 1e6:
-        raise RecordingError(
-            f"{path}: its {rate / n_bins:g} samples/s are more than a slow-time rate can be (1 MHz): these are samples "
-            "within pulses. Give samples_per_pulse and bin_spacing_m, or decimate it first"
-        )
-    return rate / n_bins
 
 
 def _make_foreign_radar(

@@ -142,12 +142,10 @@ def down_convert_frames(
 
 def compute_chip_gain(carrier_hz: float, sample_rate_hz: float, filter: FrameFilter) -> float:
     """Return the gain of the chip's filter relative to another filter."""
+    if filter == "chip":
+        return 1.0
     band = min(CHIP_CARRIER, key=lambda name: abs(CHIP_CARRIER[name] - carrier_hz / sample_rate_hz))
-    return (
-        1.0
-        if filter == "chip"
-        else _compute_gain(CHIP_CARRIER[band], 8, "chip") / _compute_gain(CHIP_CARRIER[band], 8, filter)
-    )
+    return _compute_gain(CHIP_CARRIER[band], 8, "chip") / _compute_gain(CHIP_CARRIER[band], 8, filter)
 
 
 def filter_noise(

@@ -180,12 +180,8 @@ def write_xethru(
     """
     if start_time.tzinfo is None:
         raise RecordingError(f"start_time {start_time} has no time zone; give one, for example datetime.timezone.utc")
-    bad = (
-        not 1 <= len(session_id) <= MAX_SESSION_ID
-        or not session_id.isprintable()
-        or set(session_id) & set('/\\:*?"<>|')
-    )
-    if bad or session_id != session_id.strip(" ."):
+    allowed = session_id.isprintable() and not set(session_id) & set('/\\:*?"<>|')
+    if not allowed or not 1 <= len(session_id) <= MAX_SESSION_ID or session_id != session_id.strip(" ."):
         raise RecordingError(
             f"session_id {session_id!r} is not allowed: 1 to {MAX_SESSION_ID} printable characters without "
             '/ \\ : * ? " < > |, and no space or dot at its ends'
@@ -413,13 +409,8 @@ def write_xethru_recording(
         "range_start_m": float(range_m[0]),
         "frame_rate_hz": rate_hz,
     }
-    frames = _Frames(
-        name,
-        (np.conj(values) if conjugate else values).astype(np.complex64),
-        head,
-        recording,
-        counts_per_unit or 1.0,
-    )
+    stored = (np.conj(values) if conjugate else values).astype(np.complex64)
+    frames = _Frames(name, stored, head, recording, counts_per_unit or 1.0)
     return write_xethru(
         folder,
         _iterate_records(frames),
