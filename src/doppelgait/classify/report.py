@@ -40,40 +40,28 @@ Document = Mapping[str, Any]
 def make_figures(document: Document) -> Iterator[tuple[str, str, Figure]]:
     """Yield name, caption and figure, one after the other."""
     yield "scores", "Balanced accuracy of every model with its 95 % interval.", score_bars(document)
-    yield (
-        "confusion",
-        "Number of rows by true and by predicted class; the colour is the share of the true class.",
-        plot_confusion(document),
-    )
+    words = "Number of rows by true and by predicted class; the colour is the share of the true class."
+    yield "confusion", words, plot_confusion(document)
     for name in next(iter(document["models"].values()))["roc"]:
-        yield (
-            f"roc-{''.join(c if c.isalnum() else '-' for c in name)}",
-            f"{name} against all others: share detected against share falsely detected.",
-            plot_roc(document, name),
-        )
-    yield (
-        "reliability",
+        file_name = "".join(c if c.isalnum() else "-" for c in name)
+        words = f"{name} against all others: share detected against share falsely detected."
+        yield f"roc-{file_name}", words, plot_roc(document, name)
+    words = (
         "Share of correct rows against confidence; calibrated probabilities lie on the diagonal. The larger the dot, "
-        "the more rows.",
-        plot_reliability(document),
+        "the more rows."
     )
+    yield "reliability", words, plot_reliability(document)
     if any(model.get("adaptation") for model in document["models"].values()):
         words = "Accuracy by own recordings (band: 80 % of the draws), and calibration before and after."
         yield "adaptation", words, plot_adaptation(document)
     for condition in document["conditions"]:
-        words = document["conditions"][condition]["words"]
-        yield (
-            f"accuracy-{condition}",
-            f"Balanced accuracy by {words}, with 95 % intervals; n: rows. Hollow: recall of {ALONE}.",
-            plot_condition(document, condition),
-        )
+        quantity = document["conditions"][condition]["words"]
+        words = f"Balanced accuracy by {quantity}, with 95 % intervals; n: rows. Hollow: recall of {ALONE}."
+        yield f"accuracy-{condition}", words, plot_condition(document, condition)
     for name, model in document["models"].items():
         if model["importance"] and not model["kind"]["baseline"]:
-            yield (
-                f"importance-{name}",
-                f"{name}: increase of the log loss when a feature is shuffled.",
-                plot_importance(name, model["importance"]),
-            )
+            words = f"{name}: increase of the log loss when a feature is shuffled."
+            yield f"importance-{name}", words, plot_importance(name, model["importance"])
 
 
 def _choose_line_styles(document: Document) -> dict[str, dict[str, Any]]:

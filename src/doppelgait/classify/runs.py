@@ -217,18 +217,10 @@ def run_model(
             probability = model.probability(values)
             blocked = blocked_rows(rows, fold.test, values, model)
             threshold = np.nan if model.facts.alarm_threshold is None else model.facts.alarm_threshold
-            parts.append(
-                Answers(
-                    index,
-                    rows.labels[fold.test],
-                    rows.groups[fold.test],
-                    rows.classes,
-                    probability,
-                    np.full(fold.test.size, threshold),
-                    ~blocked & (probability.max(axis=1) >= model.facts.abstain_below),
-                    rows.alarm,
-                )
-            )
+            thresholds = np.full(fold.test.size, threshold)
+            decided = ~blocked & (probability.max(axis=1) >= model.facts.abstain_below)
+            labels, groups = rows.labels[fold.test], rows.groups[fold.test]
+            parts.append(Answers(index, labels, groups, rows.classes, probability, thresholds, decided, rows.alarm))
             shuffled = name not in BASELINES and not members  # those of an ensemble are shown
             importance.append(_compute_importance(rows, table, model, fold, seed) if shuffled else {})
         held = model.probability(table.values[fold.held])[np.arange(fold.held.size), rows.labels[fold.held]]
