@@ -106,14 +106,14 @@ FAULTS = [
     ("range_m = 5.0", "colour = 9", "targets.0.colour", "colour = 9", "", "aspect_deg"),
     ("range_m = 5.0", 'scaling = "big"', "targets.0.scaling", "scaling", "'big'", "'uniform', 'froude' or 'z_only'"),
     ("range_m = 5.0", "start_position_m = [1]", "targets.0.start_position_m", "start_position_m", "", "required"),
-    ("prf_hz = 900", "prf = 900", "radar", "", "", "prf_hz"),
-    ("prf_hz = 900", "prf_hz = -900", "prf_hz", "", "-900", "greater than or equal to 0.001"),
+    ("prf_hz = 900", "prf = 900", "radar", "prf = 900", "", "prf_hz"),
+    ("prf_hz = 900", "prf_hz = -900", "prf_hz", "prf_hz =", "-900", "greater than or equal to 0.001"),
     ("prf_hz = 900", "prf_hz = 2e9", "prf_hz", "", "2000000000.0", "less than or equal to 1000000"),
     ("prf_hz = 900", 'prf_hz = "fast"', "prf_hz", "", "'fast'", "number"),
     ("prf_hz = 900", "bandwidth_hz = 1e9\npulse_sigma_s = 1e-9", "", "", "", "exactly one of bandwidth_hz and"),
     ("prf_hz = 900", "range_stop_m = 0", "range_stop_m", "", "0", "greater than 0"),
-    ('preset = "x4"', 'preset = "x5"', "preset", "", "'x5'", "x4-long"),
-    ("seed = 3", "sed = 3", "sed", "", "", "seed"),
+    ('preset = "x4"', 'preset = "x5"', "preset", "preset =", "'x5'", "x4-long"),
+    ("seed = 3", "sed = 3", "sed", "sed =", "", "seed"),
 ]
 
 
@@ -126,21 +126,7 @@ def test_a_fault_names_file_key_value_and_what_is_allowed(scene_file, old, new, 
     assert value in message
     assert allowed in message
     if line:
-        assert f"(line {line_in(path.read_text(), line)})" in message
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "line"),
-    [
-        ("prf_hz = 900", "prf = 900", "prf = 900"),
-        ("prf_hz = 900", "prf_hz = -900", "prf_hz ="),
-        ('preset = "x4"', 'preset = "x5"', "preset ="),
-        ("seed = 3", "sed = 3", "sed ="),
-    ],
-)
-def test_the_line_is_named_for_the_radar_and_for_unknown_sections_too(scene_file, old, new, line):
-    path = scene_file(old, new)
-    assert f"line {line_in(path.read_text(), line)}" in fault(path)
+        assert re.search(rf"\bline {line_in(path.read_text(), line)}\b", message)
 
 
 def test_all_faults_come_in_one_message(scene_file):
@@ -332,17 +318,18 @@ def test_overrides_do_not_change_the_table_given():
 # --- Files --------------------------------------------------------------------------------------------------------
 
 
-def test_missing_broken_and_binary_files_are_named(tmp_path):
-    with pytest.raises(ConfigError, match=r"none\.toml: cannot be read"):
-        read_toml(tmp_path / "none.toml")
+@pytest.mark.parametrize("read", [read_toml, Scene.from_toml, Run.from_toml])
+def test_missing_broken_and_binary_files_are_named(tmp_path, read):
     (tmp_path / "broken.toml").write_text("a = \n")
-    with pytest.raises(ConfigError, match=r"broken\.toml: is not TOML.*line 1"):
-        read_toml(tmp_path / "broken.toml")
-    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ConfigError, match=r"binary\.toml: is not TOML"):
-        read_toml(tmp_path / "binary.toml")
-    with pytest.raises(ConfigError, match="cannot be read"):
-        read_toml(tmp_path)
+    (tmp_path / "walk.h5").write_bytes(b"\x89HDF\r\n\x1a\n\xff\xfe")
+    for name, message in (
+        ("none.toml", r"none\.toml: cannot be read: No such file or directory$"),
+        ("broken.toml", r"broken\.toml: is not TOML.*line 1"),
+        ("walk.h5", r"walk\.h5: is not TOML: it is a binary file or not UTF-8 text$"),
+        ("", "cannot be read"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            read(tmp_path / name)
     with pytest.raises(ConfigError, match="targets"):
         parse_run({})
 
@@ -380,10 +367,7 @@ class Outer(FrozenModel):
     many: tuple[Inner, ...] = ()
 
 
-def test_models_are_frozen_and_forbid_unknown_keys():
-    model = validate(Outer, {"inner": {"size_m": 2.0}})
-    with pytest.raises(ConfigError, match="frozen"):
-        model.inner = Inner(size_m=3.0)
+def test_models_of_models_forbid_unknown_keys():
     with pytest.raises(ConfigError, match=r"Outer: inner\.colour: unknown key; allowed are size_m"):
         Outer(inner={"size_m": 2.0, "colour": 1})
     with pytest.raises(ConfigError, match=r"here: inner\.colour: unknown key; allowed are size_m"):
@@ -454,16 +438,6 @@ def test_a_fault_across_keys_speaks_for_itself():
     with pytest.raises(ConfigError) as caught:
         validate(Pair, {"low": 3, "high": 2}, where="pair.toml")
     assert str(caught.value) == "pair.toml: low: 3 is above high: 2"
-
-
-def test_a_binary_file_is_no_scene(tmp_path):
-    path = tmp_path / "walk.h5"
-    path.write_bytes(b"\x89HDF\r\n\x1a\n\xff\xfe")
-    for read in (Scene.from_toml, Run.from_toml):
-        with pytest.raises(ConfigError, match=r"walk\.h5: is not TOML: it is a binary file or not UTF-8 text$"):
-            read(path)
-    with pytest.raises(ConfigError, match=r"none\.toml: cannot be read: No such file or directory$"):
-        Scene.from_toml(tmp_path / "none.toml")
 
 
 @pytest.mark.parametrize("value", ["c", None, ["a"], "a, b"])

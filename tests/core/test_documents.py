@@ -73,26 +73,7 @@ def test_half_a_character_is_refused() -> None:
 
 def test_random_text_raises_nothing_else() -> None:
     rng = random.Random(3)
-    fragments = [
-        "{",
-        "}",
-        "[",
-        "]",
-        ":",
-        ",",
-        '"a"',
-        "1",
-        "9" * 50,
-        "1e999",
-        "null",
-        "\\ud800",
-        '"',
-        "=",
-        ".",
-        "a",
-        "\n",
-        "'''",
-    ]
+    fragments = [*'{}[]:,=.a1"\n', '"a"', "9" * 50, "1e999", "null", "\\ud800", "'''"]
     for _ in range(3000):
         text = "".join(rng.choices(fragments, k=rng.randrange(1, 30)))
         for parse in (parse_json, parse_toml):

@@ -29,3 +29,13 @@ def read_or_refusal(path: Path) -> tuple[xr.DataArray | None, str]:
             return read(path, clean=False), ""
         except MotionError as error:
             return None, str(error)
+
+
+def check_damaged_copies(whole: Path, *, start: int, n_frames: int) -> None:
+    """300 copies: each is a motion of at most so many frames or refused by its name, and both occur."""
+    motions = 0
+    for copy in damaged_copies(whole, start=start, count=300, rng=np.random.default_rng(1)):
+        motion, refusal = read_or_refusal(copy)
+        assert copy.name in refusal or (motion is not None and motion.n_frames <= n_frames)
+        motions += motion is not None
+    assert 0 < motions < 300

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import doppelgait as dg
-from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel
 from doppelgait.motion.models import MOTION_MODELS
 from doppelgait.motion.paths import PATHS, CurveElement, Layout, Path, make_path
@@ -27,15 +26,6 @@ FILES = {
     "bvh": "dog/mann-bvh/D1_010_KAN01_002.bvh",
     "c3d": "human/c3d/cmu_16_08.c3d",
 }
-
-
-@pytest.fixture
-def register(monkeypatch):
-    """Register plug-ins for one test."""
-    for group in (MOTION_MODELS, MOTION_READERS, PATHS):
-        len(group)  # built-in ones first
-    monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(found) for group, found in plugins._REGISTERED.items()})
-    return dg.plugin
 
 
 # Models --------------------------------------------------------------------------------------------------------------
@@ -59,9 +49,6 @@ def hop(parameters, duration_s, rng, *, seconds=0.0, **facts):
     position_m[:, 0, 2] = parameters.height_m * np.abs(np.sin(times_s))
     facts = {"source": "hop", "kind": "hop", **facts}
     return dg.motion.make_motion(position_m, rate_hz=100, markers=["point"], parts=[""], facts=facts)
-
-
-NOISE = iter(range(100))
 
 
 @pytest.mark.parametrize(
@@ -140,9 +127,16 @@ def test_no_motion_reader_is_left_out():
     assert {"arrays", "table", "trc", "expmap", *FILES} == set(MOTION_READERS)
 
 
+@pytest.fixture
+def steps_file(tmp_path):
+    path = tmp_path / "a.steps"
+    path.write_text(json.dumps({"steps": [0.0, 0.1, 0.2, 0.1] * 300}))
+    return path
+
+
 def read_steps(path, *, fault=""):
     """Reader of a JSON file of heights."""
-    content = json.loads(path.read_text()) if fault != "crash" else {"steps": json.loads(path.read_text())["x"]}
+    content = json.loads(path.read_text())
     position_m = np.zeros((len(content["steps"]), 4, 3))
     position_m[:, :, 2] = np.array(content["steps"])[:, None]
     facts = {"source": "other" if fault == "source" else path.name, "kind": "recording"}
@@ -171,27 +165,21 @@ def sniff_steps(path, head):
         (lambda path, units="m": guarded(path), sniff_steps, "keyword-only"),
     ],
 )
-def test_a_broken_motion_reader_is_caught(register, tmp_path, reader, sniff, says):
+def test_a_broken_motion_reader_is_caught(register, steps_file, reader, sniff, says):
     register("motion_reader", "steps", sniff=sniff, suffixes=(".steps",))(reader)
-    path = tmp_path / "a.steps"
-    path.write_text(json.dumps({"steps": [0.0, 0.1, 0.2, 0.1] * 300}))
     with pytest.raises(AssertionError, match=says):
-        check_motion_reader("steps", path)
+        check_motion_reader("steps", steps_file)
 
 
-def test_a_motion_reader_that_crashes_on_damage_is_caught(register, tmp_path):
+def test_a_motion_reader_that_crashes_on_damage_is_caught(register, steps_file):
     register("motion_reader", "steps", sniff=sniff_steps, suffixes=(".steps",))(lambda path: read_steps(path))
-    path = tmp_path / "a.steps"
-    path.write_text(json.dumps({"steps": [0.0, 0.1, 0.2, 0.1] * 300}))
     with pytest.raises(ValueError, match="Expecting"):
-        check_motion_reader("steps", path)
+        check_motion_reader("steps", steps_file)
 
 
-def test_an_own_motion_reader_passes(register, tmp_path):
+def test_an_own_motion_reader_passes(register, steps_file):
     register("motion_reader", "steps", sniff=sniff_steps, suffixes=(".steps",))(guarded)
-    path = tmp_path / "a.steps"
-    path.write_text(json.dumps({"steps": [0.0, 0.1, 0.2, 0.1] * 300}))
-    check_motion_reader("steps", path)
+    check_motion_reader("steps", steps_file)
 
 
 # Paths ---------------------------------------------------------------------------------------------------------------

@@ -8,25 +8,14 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-import doppelgait as dg
 from acconeer_file import write_file as write_acconeer
 from beat import write_glasgow
-from doppelgait.core import plugins
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import RADAR_READERS, RADAR_WRITERS, Radar, Recording, write_recording
 from doppelgait.radar.measured import label_measured, make_cw_radar
 from doppelgait.radar.recording import make_baseband_facts
 from doppelgait.testing import check_radar_reader, check_radar_writer
-
-
-@pytest.fixture
-def register(monkeypatch):
-    """Register plug-ins for one test."""
-    for group in list(plugins._REGISTERED):
-        dg.core.plugins._GROUPS.get(group) and len(dg.core.plugins._GROUPS[group])  # built-in ones first
-    monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(found) for group, found in plugins._REGISTERED.items()})
-    return dg.plugin
 
 
 def _recording(n_bins=6, prf_hz=25.0):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import doppelgait as dg
-from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.pipeline import parse_run
@@ -22,12 +21,6 @@ EFFECTS = {
     "wall": {"material": "brick", "thickness_m": 0.1, "range_m": 2.0},
     "wall_ghost": {"material": "concrete", "thickness_m": 0.2, "side_m": 2.0},
 }
-
-
-@pytest.fixture(autouse=True)
-def _forget_plugins(monkeypatch):
-    len(RCS), len(ENVIRONMENT)
-    monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(found) for group, found in plugins._REGISTERED.items()})
 
 
 @pytest.mark.parametrize("kind", RCS)
@@ -56,8 +49,8 @@ def scatter_bright(view, parameters):
     return view.motion, (parameters.total_m2 or 0.8) * weights
 
 
-def test_a_kind_of_ones_own_has_parameters_in_python_toml_and_set():
-    dg.plugin("rcs", parameters=Bright)(scatter_bright)
+def test_a_kind_of_ones_own_has_parameters_in_python_toml_and_set(register):
+    register("rcs", parameters=Bright)(scatter_bright)
     check_rcs({"kind": "bright", "share": 0.9})
     target = {"motion": {"kind": "boulic"}, "rcs": {"kind": "bright", "share": 0.9, "fluctuation": "swerling1"}}
     run = parse_run({"targets": [target]})
@@ -78,8 +71,8 @@ def test_a_kind_of_ones_own_has_parameters_in_python_toml_and_set():
         (lambda v, p: (v.motion, 0 * scatter_bright(v, p)[1]), "nothing scatters"),
     ],
 )
-def test_a_broken_cross_section_is_caught(broken, text):
-    dg.plugin("rcs", parameters=Bright)(broken)
+def test_a_broken_cross_section_is_caught(register, broken, text):
+    register("rcs", parameters=Bright)(broken)
     with pytest.raises(AssertionError, match=text):
         check_rcs("bright")
 
@@ -112,8 +105,8 @@ def _in_place(table, spec, setting):
         (_in_place, "changes the table"),
     ],
 )
-def test_a_broken_effect_is_caught(apply, text):
-    dg.plugin("environment", parameters=Haze)(apply)
+def test_a_broken_effect_is_caught(register, apply, text):
+    register("environment", parameters=Haze)(apply)
     if text is None:
         check_environment({"kind": "haze", "gain": 0.3})
     else:

@@ -1,8 +1,6 @@
 import numpy as np
 import pytest
 
-from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models import MOTION_MODELS
 from doppelgait.motion.models.boulic import LENGTHS, POINTS
 from doppelgait.motion.models.confusers import curtain, fan, robot_vacuum
 from doppelgait.motion.models.crawl import DUTY, crawling_person
@@ -100,38 +98,3 @@ def test_a_crawler_goes_at_its_speed_low_and_with_diagonal_limbs(speed_mps):
         np.abs(np.diff(crawling_person(duration_s=2, rate_hz=r).position_m, n=2, axis=0)).max() * r for r in (500, 4000)
     ]
     assert steps[1] < 0.2 * steps[0], "velocity has no jumps"
-
-
-@pytest.mark.parametrize(
-    ("make", "options", "expected"),
-    [
-        (robot_vacuum, {"brush_hz": 20, "rate_hz": 100}, ["rate_hz", "100", "16", "brush_hz"]),
-        (robot_vacuum, {"speed_mps": 5}, ["speed_mps", "5", "1"]),
-        (curtain, {"drop_m": 3}, ["rail_height_m", "2", "3"]),
-        (curtain, {"columns": 0}, ["columns", "0", "1"]),
-        (fan, {"blades": 2}, ["blades", "2", "3"]),
-        (fan, {"rotation_hz": 60, "rate_hz": 500}, ["rate_hz", "500", "rotation_hz"]),
-        (fan, {"hub_height_m": 0.1}, ["hub_height_m", "0.1", "0.2"]),
-        (crawling_person, {"speed_mps": 2}, ["speed_mps", "2", "0.8"]),
-        (crawling_person, {"speed_mps": 0.8, "height_m": 0.9}, ["speed_mps", "0.8", "0.77"]),
-        (crawling_person, {"stride_variation": 0.05}, ["stride_variation", "0.05", "rng"]),
-    ],
-)
-def test_what_is_out_of_range_is_refused_with_the_value_and_the_range(make, options, expected):
-    with pytest.raises(ConfigError) as caught:
-        make(**options)
-    for text in expected:
-        assert text in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("kind", "make"), [("vacuum", robot_vacuum), ("curtain", curtain), ("fan", fan), ("crawl", crawling_person)]
-)
-def test_they_are_registered_and_each_name_alone_gives_a_motion(kind, make):
-    model = MOTION_MODELS[kind]
-    motion = model.run(model.parameters(), 2.0, None)
-    np.testing.assert_array_equal(motion.position_m, make(duration_s=2.0).position_m)
-    assert motion.facts.kind == motion.facts.source == kind
-    assert motion.positions.sel(space="z").values.min() > -1e-12
-    if kind != "crawl":
-        assert motion.facts.species == motion.facts.gait == ""

@@ -7,10 +7,10 @@ from scipy.integrate import solve_bvp
 
 import doppelgait as dg
 from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models import MOTION_MODELS, boulic_walk
+from doppelgait.motion.models import boulic_walk
 from doppelgait.motion.models.boulic import LENGTHS, POINTS
 from doppelgait.motion.models.curves import walk_duty
-from doppelgait.motion.models.human import HumanConfig, human_gait, run_duty_factor, run_height_m, run_step_frequency_hz
+from doppelgait.motion.models.human import human_gait, run_duty_factor, run_height_m, run_step_frequency_hz
 from doppelgait.motion.models.human_body import find_segment_lengths, sample_person
 from doppelgait.motion.models.human_feet import ANKLE, FOOT, HEEL, MIDDLE, STANDING_RAD, TIP
 from doppelgait.motion.models.strides import step_series
@@ -455,46 +455,6 @@ def test_complaints_and_loads_change_a_person_as_measured():
             assert ahead < 0.08 * person.height_m
 
 
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ({"gait": "walk", "speed_mps": 3}, ["speed_mps", "3", "2.58", "walk"]),
-        ({"gait": "run", "speed_mps": 1.0}, ["speed_mps", "1.8", "9", "run"]),
-        ({"gait": "run", "speed_mps": 3, "foot_lock": False}, ["foot_lock", "run"]),
-        ({"body": "child", "height_m": 1.75}, ["height_m", "1.75", "child", "1.6"]),
-        ({"left_hand": "waving"}, ["left_hand", "waving", "pockets"]),
-        ({"step_time_sd": 0.5}, ["step_time_sd", "0.5", "0.1"]),
-        ({"walk_ratio": 9}, ["walk_ratio", "9", "1.4"]),
-        ({"duration_s": 0}, ["duration_s", "0"]),
-        (
-            {
-                "speed_mps": 2.5,
-                "walk_ratio": 1.4,
-                "gait": "walk",
-                "step_length_sd": 0.1,
-                "rng": np.random.default_rng(0),
-            },
-            ["too long", "walk_ratio"],
-        ),
-    ],
-)
-def test_what_is_out_of_range_is_refused_with_the_value_and_the_range(options, expected):
-    with pytest.raises(ConfigError) as caught:
-        human_gait(**options)
-    for text in expected:
-        assert text in str(caught.value)
-
-
 def test_running_frequency_scales_with_stature():
     child = run_step_frequency_hz(3.0 * np.sqrt(1.2 / 1.75), 1.2)
     assert child == pytest.approx(run_step_frequency_hz(3.0) * np.sqrt(1.75 / 1.2))
-
-
-def test_it_is_a_registered_model_whose_name_alone_gives_a_motion():
-    model = MOTION_MODELS["human"]
-    assert model.parameters is HumanConfig
-    walk = model.run(model.parameters(), 5.0, None)
-    np.testing.assert_array_equal(walk.position_m, human_gait().position_m)
-    facts = walk.facts
-    assert (facts.species, facts.gait, facts.kind) == ("human", "walk", "human")
-    assert facts.gait_frequency_hz == facts.step_frequency_hz == 2 * facts.stride_frequency_hz

@@ -1,16 +1,10 @@
 import numpy as np
 import pytest
 
-from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import (
-    MOTION_MODELS,
-    boulic_walk,
     breathing_person,
-    fan,
-    human_gait,
     moving_point,
     pendulum,
-    quadruped_gait,
     rotor,
 )
 
@@ -74,44 +68,3 @@ def test_a_breathing_person_moves_the_chest_alone():
     assert np.argmax(np.abs(np.fft.rfft(chest[:-1] - chest[:-1].mean()))) == 2, "0.25 Hz in 8 s"
     assert chest[125] > chest[0], "breathes in first, towards +x"
     assert (motion.facts.species, motion.facts.gait_frequency_hz) == ("human", 0.25)
-
-
-@pytest.mark.parametrize(
-    ("make", "parameters", "expected"),
-    [
-        (moving_point, {"speed_mps": -1}, ["speed_mps", "-1", "0"]),
-        (moving_point, {"duration_s": 0}, ["duration_s", "0"]),
-        (pendulum, {"length_m": 2.0}, ["pivot_height_m", "1", "2"]),
-        (pendulum, {"frequency_hz": 0}, ["frequency_hz", "0"]),
-        (rotor, {"radius_m": 1.5}, ["hub_height_m", "1", "1.5"]),
-        (rotor, {"plane": "zz"}, ["plane", "zz", "xz"]),
-        (rotor, {"blades": 0}, ["blades", "0", "1"]),
-        (breathing_person, {"amplitude_m": 1}, ["amplitude_m", "1", "0.05"]),
-    ],
-)
-def test_what_is_out_of_range_is_refused_with_the_value_and_the_range(make, parameters, expected):
-    with pytest.raises(ConfigError) as caught:
-        make(**parameters)
-    for text in expected:
-        assert text in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("kind", "make"),
-    [("point", moving_point), ("pendulum", pendulum), ("rotor", rotor), ("breathing", breathing_person)],
-)
-def test_they_are_registered_and_each_name_alone_gives_a_motion(kind, make):
-    model = MOTION_MODELS[kind]
-    motion = model.run(model.parameters(), 2.0, None)
-    np.testing.assert_array_equal(motion.position_m, make(duration_s=2.0).position_m)
-    assert motion.facts.kind == motion.facts.source == kind
-    assert motion.positions.sel(space="z").values.min() >= 0
-
-
-@pytest.mark.parametrize("make", [boulic_walk, human_gait, quadruped_gait, moving_point, pendulum, rotor, fan])
-def test_an_unknown_parameter_is_refused_with_those_of_the_function(make):
-    with pytest.raises(ConfigError, match=rf"{make.__name__}: speed: unknown parameter; allowed are ") as caught:
-        make(speed=1.0)
-    allowed = str(caught.value).split("allowed are ")[1].split(", ")
-    assert {"duration_s", "rng", "rate_hz"} <= set(allowed)
-    assert "kind" not in allowed

@@ -3,7 +3,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models import MOTION_MODELS, QuadrupedConfig, quadruped_gait
+from doppelgait.motion.models import QuadrupedConfig, quadruped_gait
 from doppelgait.motion.models.curves import find_swing_curve
 from doppelgait.motion.models.quadruped import POINTS
 from doppelgait.motion.models.quadruped_gaits import (
@@ -326,37 +326,6 @@ def test_the_tail_swings_at_its_own_frequency_and_nothing_else_depends_on_it():
     assert list(np.array(still.markers)[moved]) == ["tail_middle", "tail_tip"]
     side_m = (wagging.positions - still.positions).sel(marker="tail_tip", space="y").values
     assert np.argmax(np.abs(np.fft.rfft(side_m[:-1]))) == 10
-
-
-@pytest.mark.parametrize(
-    ("parameters", "expected"),
-    [
-        ({"gait": "trot", "withers_m": 0.5, "speed_mps": 5.0}, ["5", "trot", "1.08 to 3.13 m/s"]),
-        ({"gait": "gallop", "withers_m": 0.5, "speed_mps": 1.0}, ["1", "gallop", "2.17 to 6.26 m/s"]),
-        ({"gait": "hop"}, ["gait", "hop", "transverse_gallop"]),
-        ({"withers_m": 1.2}, ["withers_m", "1.2", "0.15 to 0.9"]),
-        ({"start_phase": -0.1}, ["start_phase", "-0.1"]),
-        ({"duration_s": -1}, ["duration_s", "-1"]),
-        ({"stride_variation": 0.02}, ["stride_variation", "rng"]),
-    ],
-)
-def test_what_is_out_of_range_is_refused_with_the_value_and_the_range(parameters, expected):
-    with pytest.raises(ConfigError) as caught:
-        quadruped_gait(**parameters)
-    for text in expected:
-        assert text in str(caught.value)
-
-
-def test_it_is_a_registered_model_whose_name_alone_gives_a_motion():
-    model = MOTION_MODELS["quadruped"]
-    assert model.parameters is QuadrupedConfig
-    motion = model.run(model.parameters(), 5.0, None)
-    np.testing.assert_array_equal(motion.position_m, quadruped_gait().position_m)
-    facts = motion.facts
-    assert (facts.species, facts.gait, facts.height_m) == ("dog", "trot", 0.5)
-    assert facts.mass_kg == pytest.approx((0.5 / 0.175) ** 3)
-    assert all("assumed" in text for text in motion.report.values())
-    assert float(motion.time_s[-1]) == 5.0
 
 
 def test_a_froude_number_sets_the_speed():

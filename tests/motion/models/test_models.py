@@ -1,0 +1,126 @@
+"""Every registered model: its name alone gives a motion, and what is out of its range is refused."""
+
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import ConfigError
+from doppelgait.motion.models import (
+    MOTION_MODELS,
+    BoulicConfig,
+    QuadrupedConfig,
+    boulic_walk,
+    breathing_person,
+    fan,
+    human_gait,
+    moving_point,
+    pendulum,
+    quadruped_gait,
+    rotor,
+)
+from doppelgait.motion.models.confusers import curtain, robot_vacuum
+from doppelgait.motion.models.crawl import crawling_person
+from doppelgait.motion.models.human import HumanConfig
+
+MODELS = {
+    # kind: (function, species, gait)
+    "boulic": (boulic_walk, "human", "walk"),
+    "breathing": (breathing_person, "human", "stand"),
+    "crawl": (crawling_person, "human", "crawl"),
+    "curtain": (curtain, "", ""),
+    "fan": (fan, "", ""),
+    "human": (human_gait, "human", "walk"),
+    "pendulum": (pendulum, "", ""),
+    "point": (moving_point, "", ""),
+    "quadruped": (quadruped_gait, "dog", "trot"),
+    "rotor": (rotor, "", ""),
+    "vacuum": (robot_vacuum, "", ""),
+}
+LONG_STEPS = {"gait": "walk", "speed_mps": 2.5, "walk_ratio": 1.4, "step_length_sd": 0.1}
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_each_name_alone_gives_a_motion(kind):
+    make, species, gait = MODELS[kind]
+    model = MOTION_MODELS[kind]
+    motion = model.run(model.parameters(), 2.0, None)
+    np.testing.assert_array_equal(motion.position_m, make(duration_s=2.0).position_m)
+    facts = motion.facts
+    assert (facts.kind, facts.source, facts.species, facts.gait) == (kind, kind, species, gait)
+    assert float(motion.time_s[-1]) == 2.0
+    assert motion.position_m[..., 2].min() >= (-1e-5 if kind == "boulic" else 0.0)
+
+
+def test_models_of_walkers_have_their_parameters_and_assumed_facts():
+    for kind, parameters in (("boulic", BoulicConfig), ("human", HumanConfig), ("quadruped", QuadrupedConfig)):
+        assert MOTION_MODELS[kind].parameters is parameters
+    walk, dog, person = boulic_walk(), quadruped_gait(), human_gait().facts
+    assert walk.duration_s == dog.duration_s == human_gait().duration_s == 5.0
+    assert walk.facts.mass_kg == pytest.approx(23 * 1.75**2)
+    assert "assumed" in walk.report["mass_kg"]
+    assert (dog.facts.height_m, dog.facts.mass_kg) == (0.5, pytest.approx((0.5 / 0.175) ** 3))
+    assert all("assumed" in text for text in dog.report.values())
+    assert person.gait_frequency_hz == person.step_frequency_hz == 2 * person.stride_frequency_hz
+
+
+@pytest.mark.parametrize(
+    ("make", "options", "expected"),
+    [
+        (boulic_walk, {"speed_mps": 2.7, "height_m": 1.8}, ["2.7", "1.8", "2.65 m/s"]),
+        (boulic_walk, {"speed_mps": 0}, ["speed_mps", "0", "greater than 0"]),
+        (boulic_walk, {"speed_mps": float("nan")}, ["speed_mps", "nan"]),
+        (boulic_walk, {"height_m": 0.3}, ["height_m", "0.3", "0.6"]),
+        (boulic_walk, {"start_phase": 1.0}, ["start_phase", "1.0", "less than 1"]),
+        (boulic_walk, {"form": "chen"}, ["form", "chen", "chen2011"]),
+        (boulic_walk, {"duration_s": 0}, ["duration_s", "0"]),
+        (boulic_walk, {"duration_s": float("inf")}, ["duration_s", "inf"]),
+        (boulic_walk, {"stride_variation": 0.02}, ["stride_variation", "rng"]),
+        (human_gait, {"gait": "walk", "speed_mps": 3}, ["speed_mps", "3", "2.58", "walk"]),
+        (human_gait, {"gait": "run", "speed_mps": 1.0}, ["speed_mps", "1.8", "9", "run"]),
+        (human_gait, {"gait": "run", "speed_mps": 3, "foot_lock": False}, ["foot_lock", "run"]),
+        (human_gait, {"body": "child", "height_m": 1.75}, ["height_m", "1.75", "child", "1.6"]),
+        (human_gait, {"left_hand": "waving"}, ["left_hand", "waving", "pockets"]),
+        (human_gait, {"step_time_sd": 0.5}, ["step_time_sd", "0.5", "0.1"]),
+        (human_gait, {"walk_ratio": 9}, ["walk_ratio", "9", "1.4"]),
+        (human_gait, {"duration_s": 0}, ["duration_s", "0"]),
+        (human_gait, {**LONG_STEPS, "rng": np.random.default_rng(0)}, ["too long", "walk_ratio"]),
+        (quadruped_gait, {"gait": "trot", "withers_m": 0.5, "speed_mps": 5.0}, ["5", "trot", "1.08 to 3.13 m/s"]),
+        (quadruped_gait, {"gait": "gallop", "withers_m": 0.5, "speed_mps": 1.0}, ["1", "gallop", "2.17 to 6.26 m/s"]),
+        (quadruped_gait, {"gait": "hop"}, ["gait", "hop", "transverse_gallop"]),
+        (quadruped_gait, {"withers_m": 1.2}, ["withers_m", "1.2", "0.15 to 0.9"]),
+        (quadruped_gait, {"start_phase": -0.1}, ["start_phase", "-0.1"]),
+        (quadruped_gait, {"duration_s": -1}, ["duration_s", "-1"]),
+        (quadruped_gait, {"stride_variation": 0.02}, ["stride_variation", "rng"]),
+        (robot_vacuum, {"brush_hz": 20, "rate_hz": 100}, ["rate_hz", "100", "16", "brush_hz"]),
+        (robot_vacuum, {"speed_mps": 5}, ["speed_mps", "5", "1"]),
+        (curtain, {"drop_m": 3}, ["rail_height_m", "2", "3"]),
+        (curtain, {"columns": 0}, ["columns", "0", "1"]),
+        (fan, {"blades": 2}, ["blades", "2", "3"]),
+        (fan, {"rotation_hz": 60, "rate_hz": 500}, ["rate_hz", "500", "rotation_hz"]),
+        (fan, {"hub_height_m": 0.1}, ["hub_height_m", "0.1", "0.2"]),
+        (crawling_person, {"speed_mps": 2}, ["speed_mps", "2", "0.8"]),
+        (crawling_person, {"speed_mps": 0.8, "height_m": 0.9}, ["speed_mps", "0.8", "0.77"]),
+        (crawling_person, {"stride_variation": 0.05}, ["stride_variation", "0.05", "rng"]),
+        (moving_point, {"speed_mps": -1}, ["speed_mps", "-1", "0"]),
+        (moving_point, {"duration_s": 0}, ["duration_s", "0"]),
+        (pendulum, {"length_m": 2.0}, ["pivot_height_m", "1", "2"]),
+        (pendulum, {"frequency_hz": 0}, ["frequency_hz", "0"]),
+        (rotor, {"radius_m": 1.5}, ["hub_height_m", "1", "1.5"]),
+        (rotor, {"plane": "zz"}, ["plane", "zz", "xz"]),
+        (rotor, {"blades": 0}, ["blades", "0", "1"]),
+        (breathing_person, {"amplitude_m": 1}, ["amplitude_m", "1", "0.05"]),
+    ],
+)
+def test_what_is_out_of_range_is_refused_with_the_value_and_the_range(make, options, expected):
+    with pytest.raises(ConfigError) as caught:
+        make(**options)
+    for text in expected:
+        assert text in str(caught.value)
+
+
+@pytest.mark.parametrize("make", [boulic_walk, human_gait, quadruped_gait, moving_point, pendulum, rotor, fan])
+def test_an_unknown_parameter_is_refused_with_those_of_the_function(make):
+    with pytest.raises(ConfigError, match=rf"{make.__name__}: speed: unknown parameter; allowed are ") as caught:
+        make(speed=1.0)
+    allowed = str(caught.value).split("allowed are ")[1].split(", ")
+    assert {"duration_s", "rng", "rate_hz"} <= set(allowed)
+    assert "kind" not in allowed
