@@ -101,10 +101,8 @@ def check_motion_reader(name: str, path: str | Path, **options: Any) -> None:
     missing = [fact for fact in ("sniff", "suffixes") if fact not in reader.facts]
     require(not missing, f"{what}: register it with {' and '.join(f'{fact}=...' for fact in missing)}")
     kinds = [parameter.kind for parameter in inspect.signature(reader.run).parameters.values()]
-    require(
-        kinds and all(kind is inspect.Parameter.KEYWORD_ONLY for kind in kinds[1:]),
-        f"{what}: must take one path and keyword-only options",
-    )
+    keyword_only = kinds and all(kind is inspect.Parameter.KEYWORD_ONLY for kind in kinds[1:])
+    require(keyword_only, f"{what}: must take one path and keyword-only options")
     content = path.read_bytes()
     sniff = reader.facts["sniff"]
     require(sniff(path, content[:HEAD_BYTES]), f"{what}: does not recognise {path}")
@@ -186,19 +184,16 @@ def _check_motion(name: str, motion: Any) -> None:
     """Check type, names, times and facts that every motion has."""
     from doppelgait.motion import Motion
 
-    require(
-        isinstance(motion, Motion), f"{name}: returns a {type(motion).__name__}, must be a doppelgait.motion.Motion"
-    )
+    text = f"{name}: returns a {type(motion).__name__}, must be a doppelgait.motion.Motion"
+    require(isinstance(motion, Motion), text)
     require(motion.position_m.dtype == np.float64, f"{name}: positions are {motion.position_m.dtype}, must be float64")
     require(motion.n_frames >= 2, f"{name}: holds {motion.n_frames} frames")
     require(not np.isinf(motion.position_m).any(), f"{name}: a position is infinite")
     names = motion.markers
     require(all(names) and len(set(names)) == len(names), f"{name}: markers need unique names, has {names}")
     times = motion.time_s
-    require(
-        np.allclose(np.diff(times), 1.0 / motion.rate_hz, rtol=1e-6),
-        f"{name}: frames are not 1 / rate_hz = {1.0 / motion.rate_hz:g} s apart",
-    )
+    even = np.allclose(np.diff(times), 1.0 / motion.rate_hz, rtol=1e-6)
+    require(even, f"{name}: frames are not 1 / rate_hz = {1.0 / motion.rate_hz:g} s apart")
     facts = motion.facts
     require(facts.source, f"{name}: facts.source is empty")
     for fact in ("height_m", "mass_kg", "stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz"):
