@@ -39,10 +39,7 @@ def _make_figures(recording: Recording, results: Sequence[Result], analysis: Ana
     as_reported = analysis.method == "liland2018"
     for number, result in enumerate(results):
         prefix = f"{number}-{result.label or 'target'}".replace(" ", "-")
-        yield (
-            f"{prefix}-overview",
-            viz.overview(recording, result, title=names[number]),
-        )
+        yield (f"{prefix}-overview", viz.overview(recording, result, title=names[number]))
         middle = result.signature.sizes["time"] // 2
         try:
             cube = next(iter(range_doppler(recording.baseband, analysis, wavelength_m=wavelength_m, columns=[middle])))

@@ -110,9 +110,7 @@ def read_signature(dataset: StoredExamples, number: int) -> xr.DataArray | None:
 
 
 def make_picture(signature: xr.DataArray | None, patch: Patch) -> Levels:
-    """Convert the middle of a signature to a picture in dB.
-    Shapes: returns (n_velocity, n_time).
-    """
+    """Convert the middle of a signature to a picture in dB. Shapes: returns (n_velocity, n_time)."""
     whole = levels_of(signature, patch)
     if whole is None:
         return np.zeros((patch.n_velocity, patch.n_time), dtype=np.float32)

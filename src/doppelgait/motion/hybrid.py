@@ -19,11 +19,7 @@ from pydantic import Field, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import MotionError
-from doppelgait.motion.gait import (
-    add_gait_facts,
-    is_quadruped,
-    step_and_gait_frequency_hz,
-)
+from doppelgait.motion.gait import add_gait_facts, is_quadruped, step_and_gait_frequency_hz
 from doppelgait.motion.loop import Cycle, fit_cycle, weigh_feet
 from doppelgait.motion.motion import Motion, make_motion, require_motion
 from doppelgait.motion.retime import travel_heading_rad, travel_speed_mps

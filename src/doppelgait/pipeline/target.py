@@ -128,12 +128,7 @@ def analyze_signature(mu: Signal | xr.DataArray, gate: Gate, analysis: Analysis,
         n_periods=extraction.n_periods,
         quality={**extraction.quality, **motion, "gate_inside_frame": share},
         flags=tuple(flags),
-        arrays=LateArrays(
-            late,
-            signature=shown.label,
-            main_line_hz=line_hz,
-            **over_time,
-        ),
+        arrays=LateArrays(late, signature=shown.label, main_line_hz=line_hz, **over_time),
         **further,
     )
 

@@ -194,10 +194,7 @@ class Waveform(FrozenModel):
 
 WAVEFORMS: Group[type[Waveform]] = Group(
     "waveform",
-    built_in=(
-        "doppelgait.radar.waveforms.pulses",
-        "doppelgait.radar.waveforms.sweep",
-    ),
+    built_in=("doppelgait.radar.waveforms.pulses", "doppelgait.radar.waveforms.sweep"),
 )
 """Waveforms by name; each is a subclass of :class:`Waveform`."""
 

@@ -158,9 +158,7 @@ Analysed = tuple[list[TargetView], list[str]]
 
 @dataclass(eq=False)
 class Run:
-    """Recording with its analyses, computed on first use.
-    It is not safe for several threads at once.
-    """
+    """Recording with its analyses, computed on first use. It is not safe for several threads at once."""
 
     name: str
     kind: Kind

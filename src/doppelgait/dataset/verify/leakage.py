@@ -71,9 +71,7 @@ class Guess:
 
 @dataclass(frozen=True)
 class Cells:
-    """Cells of the rows of a table.
-    Shapes: members (n, n_cells); starts (n_terms,).
-    """
+    """Cells of the rows of a table. Shapes: members (n, n_cells); starts (n_terms,)."""
 
     members: Float32Array
     starts: IntArray

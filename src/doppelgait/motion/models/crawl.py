@@ -18,11 +18,7 @@ from doppelgait.core.rng import Streams
 from doppelgait.motion.models.human_body import LENGTHS, POINTS, make_person_motion
 from doppelgait.motion.models.quadruped_limbs import solve_two_links
 from doppelgait.motion.models.registry import generate, parse_parameters
-from doppelgait.motion.models.strides import (
-    make_stride_clock,
-    sample_times_s,
-    stack_xyz,
-)
+from doppelgait.motion.models.strides import make_stride_clock, sample_times_s, stack_xyz
 from doppelgait.motion.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]

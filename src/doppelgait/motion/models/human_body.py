@@ -198,9 +198,7 @@ _SPEED_MPS: dict[AgeClass, tuple[float, float]] = {"adult": (1.35, 0.18), "senio
 
 @dataclass(frozen=True)
 class _Manner:
-    """Means and spreads of the gait of a group of people.
-    The spreads ``_spread`` are those of logarithms.
-    """
+    """Means and spreads of the gait of a group of people. The spreads ``_spread`` are those of logarithms."""
 
     walk_ratio: float = 1.0
     trunk_ripple: float = 1.0
