@@ -189,7 +189,7 @@ class Network:
 
 
 def convolve_and_pool(layer: npt.NDArray[Any], kernel: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Convolve images with 3 x 3 kernels and take the maximum of 2 x 2."""
+    """Convolve images with 3 x 3 kernels, then take maxima of 2 x 2."""
     padded = np.pad(layer, ((0, 0), (0, 0), (1, 1), (1, 1)))
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(2, 3))
     layer = np.moveaxis(np.tensordot(windows, kernel, axes=((1, 4, 5), (1, 2, 3))), -1, 1)

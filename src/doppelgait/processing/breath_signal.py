@@ -89,7 +89,7 @@ def compute_line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: floa
 
 
 def compute_threshold(spectrum: BreathSpectrum, false_alarm: float, *, low_hz: float, high_hz: float) -> float:
-    """Compute the ratio that white noise exceeds in any bin with a probability."""
+    """Compute the threshold ratio, which white noise exceeds with a probability in any bin."""
     from scipy.stats import f as f_distribution
 
     windows = spectrum.starts.size

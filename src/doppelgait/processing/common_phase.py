@@ -88,7 +88,7 @@ def average_blocks(values: Values, block_pulses: int) -> ComplexArray:
 
 
 def _compute_moments(tiles: Callable[[], Iterator[npt.NDArray[Any]]], count: int) -> tuple[FloatArray, FloatArray]:
-    """Compute the power of the mean and the variance of each column of two passes."""
+    """Compute each column's power of the mean and variance, in two passes."""
     mean = variance = np.zeros(())
     for values in tiles():
         mean = mean + values.sum(axis=0, dtype=np.complex128 if np.iscomplexobj(values) else np.float64)

@@ -274,7 +274,7 @@ class GatedTransform:
         return self.transform.n_doppler_bins - self.transform.window.size + 2 * self.transform.hop
 
     def find_needed_pulses(self) -> npt.NDArray[np.int64]:
-        """Return first and last + 1 of the needed pulses per range bin; (I, 0) for none."""
+        """Return the needed pulses per range bin, first and last + 1; (I, 0) for none."""
         self.gate.touched_bins(self.low, self.high, self.range_m)
         columns = np.arange(0, self.time_s.size, NEED_BLOCK)
         first = np.maximum(np.floor(np.minimum.reduceat(self.low, columns) - 0.5).astype(int) + 1, 0)

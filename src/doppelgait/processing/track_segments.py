@@ -103,7 +103,7 @@ class _Histories:
         return np.unique(self.at)
 
     def knots(self, last: int) -> tuple[list[int], float]:
-        """Return change points and cost of the cheapest history up to the last sample."""
+        """Return change points and cost of the cheapest history."""
         ends = np.flatnonzero(self.at == last)
         if not ends.size:
             return [], float("inf")

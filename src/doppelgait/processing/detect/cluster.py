@@ -65,7 +65,7 @@ def find_clusters(mask: Mask, *, join_bins: int, join_doppler_bins: int) -> Cell
 def keep_bodies(
     cells: Cells, peak: Mask, power_v2: npt.NDArray[np.floating[Any]], floor_v2: FloatArray, *, min_snr: float
 ) -> Cells:
-    """Keep clusters with a peak or a sum of power over noise of ``min_snr``."""
+    """Keep clusters with a peak, or with power over noise of ``min_snr``."""
     place = (cells.scan, cells.doppler, cells.range_bin)
     snr = power_v2[place] / np.maximum(floor_v2[cells.range_bin], 1e-300)
     kept = _sum_weights(cells.cluster, snr, cells.n_clusters) >= min_snr

@@ -136,7 +136,7 @@ def detect_bodies(frames: Frames, chosen: Detector, *, wavelength_m: float, in_p
 
 
 def find_cells(maps: Maps, settings: Detector) -> tuple[Mask, Mask]:
-    """Find the cells of bodies and the peaks that make a cluster a body, (J, K, N)."""
+    """Find the cells of bodies, and the peaks that make a cluster a body, (J, K, N)."""
     power = maps.power_v2
     least = np.maximum(
         power.max(axis=1, keepdims=True) * np.float32(1.0 / db_to_power(settings.dynamic_range_db)),

@@ -66,7 +66,7 @@ def make_resting_model(interval_s: float, *, time_constant_s: float, velocity_sd
 
 
 def predict(state: Gaussian, model: Model) -> Gaussian:
-    """Predict F x and F P F' + Q with F = [[1, -carry], [0, keep]]."""
+    """Predict: F x and F P F' + Q with F = [[1, -carry], [0, keep]]."""
     carry, keep = model.carry_s, model.keep
     return Gaussian(
         state.range_m - carry * state.velocity_mps,
