@@ -3,8 +3,6 @@
 Every function writes the files of one case into an empty folder and names the target that must refuse, or survive, it.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import re

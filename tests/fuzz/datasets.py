@@ -1,7 +1,5 @@
 """Plans, datasets and shards with damage."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from contextlib import suppress

@@ -8,8 +8,6 @@ kept with ``--keep FOLDER``; ``--first N --cases 1 --target T`` runs one again. 
 the damage are the same in every run with the same ``--seed``.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import json

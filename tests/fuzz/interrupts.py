@@ -3,8 +3,6 @@
 python tests/fuzz/interrupts.py [CASES OF EACH KIND] [KIND ...]
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Model files with damage: refused, or a model that gives probabilities."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Structure-aware damage: text by words and lines, JSON by values, arrays and HDF5 by members, bytes by numbers."""
 
-from __future__ import annotations
-
 import io
 import json
 import struct

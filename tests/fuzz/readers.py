@@ -1,7 +1,5 @@
 """Targets of the fuzzer: every reader of motions and of radar recordings, with small seeds of our own making."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A short run of the fuzzer: all findings of earlier rounds, and some damage; ``make fuzz`` has more."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path
