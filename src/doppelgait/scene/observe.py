@@ -342,10 +342,6 @@ def compute_body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.Arra
 
     It is evaluated at the pulse times; each array has the shape (I,).
 
-    See Also
-    --------
-    line_of_sight : the same for any points.
-
     Examples
     --------
     >>> import doppelgait as dg

@@ -215,7 +215,9 @@ class Scene(FrozenModel):
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=2.0)
     >>> print(scene.to_toml())
-    targets = [{ motion = { kind = "boulic", speed_mps = 1.2 }, label = "human" }]
+    targets = [
+        { motion = { kind = "boulic", speed_mps = 1.2 }, label = "human" },
+    ]
     duration_s = 2.0
     <BLANKLINE>
     """

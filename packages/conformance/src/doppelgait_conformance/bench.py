@@ -42,10 +42,7 @@ class Quantise(Protocol):
 
 
 class Wall(Protocol):
-    """Wall between radar and scatterers, normal along +x.
-
-    The polarisation is vertical.
-    """
+    """Wall between radar and scatterers, normal along +x; the polarisation is vertical."""
 
     def __call__(
         self,

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait import viz
+from doppelgait.radar import Radar
 from doppelgait_liland2018.entry import EntryResult, Reading, compare_statement, entry, judge
 from doppelgait_liland2018.material import Material, NamedMotion, make_point_table, simulate_slow_time_signal
 from doppelgait_liland2018.measures import (
@@ -50,11 +51,7 @@ BONES = (
 def make_2_6(material: Material) -> EntryResult:
     radar = material.radar(prf_hz=PRF_2_6_HZ, range_stop_m=16.0)
     velocity_mps = np.linspace(-6.0, 6.0, 97)
-    measured_hz = np.empty_like(velocity_mps)
-    for number, speed_mps in enumerate(velocity_mps):
-        table = make_point_table(radar, FRAMES_2_6, range_m=8.0, velocity_mps=speed_mps)
-        signal_v = simulate_slow_time_signal(radar, table, range_m=8.0)
-        measured_hz[number] = np.angle(np.vdot(signal_v[:-1], signal_v[1:])) / (2 * np.pi) * radar.prf_hz
+    measured_hz = np.array([_measure_doppler_hz(radar, speed) for speed in velocity_mps])
     line_hz = velocity_to_doppler_hz(velocity_mps, radar.wavelength_m)
     figure, axes = make_axes(width_in=8.0, height_in=6.0)
     axes.plot(velocity_mps, line_hz, color="black", lw=1.5, label="twice the velocity over the wavelength")
@@ -99,6 +96,12 @@ def make_2_6(material: Material) -> EntryResult:
         "300 frames a second is the width of the whole band, so a walking person's feet alias there."
     )
     return judge(figure, readings, text)
+
+
+def _measure_doppler_hz(radar: Radar, velocity_mps: float) -> float:
+    table = make_point_table(radar, FRAMES_2_6, range_m=8.0, velocity_mps=velocity_mps)
+    signal_v = simulate_slow_time_signal(radar, table, range_m=8.0)
+    return float(np.angle(np.vdot(signal_v[:-1], signal_v[1:])) / (2 * np.pi) * radar.prf_hz)
 
 
 @entry("fig-2.15", "The walker of Boulic and Chen", "The model has 17 point scatterers with names.")

@@ -48,21 +48,13 @@ def ca_factor(n_training: int, pfa: float, *, n_summed: int = 1) -> float:
 def os_pfa(factor: float, n_training: int, rank: int, *, n_summed: int = 1) -> float:
     r"""Compute an ordered-statistic threshold's false-alarm probability (Rohling, 1983).
 
-    The threshold is ``factor`` times the ``rank``-th smallest of N cells.
+    The threshold is ``factor``, alpha of 0 or more, times the ``rank``-th smallest of ``n_training`` independent cells
+    (k of N), with ``n_summed`` (n_g) cells summed in each.
 
     .. math:: P_{fa} = \prod_{i=0}^{k-1} \frac{N - i}{N - i + \alpha}
 
     for exponential cells. For sums of :math:`n_g` cells it is the integral of :math:`P(x > \alpha z)` over the
     distribution of the ordered cell :math:`z = F^{-1}(u)`, where u is a Beta(k, N - k + 1) variable.
-
-    Parameters
-    ----------
-    factor : float
-        alpha, at least 0.
-    n_training, rank : int
-        N independent cells and k, 1 to N.
-    n_summed : int
-        n_g: independent cells that are summed in each cell.
     """
     if n_summed == 1:
         left = n_training - np.arange(rank)
