@@ -154,7 +154,7 @@ class Frames:
         return self.matrix[first:stop] if self.samples.in_memory else self.samples.rows(first, stop)
 
     def read_tiles(self, multiple: int = 1) -> Iterator[tuple[int, Matrix]]:
-        """Yield the first pulse and the values of every tile, of ``multiple`` k pulses."""
+        """Yield first pulse and values of every tile; all but the last have a multiple of ``multiple`` pulses."""
         size = self.count_tile_pulses(multiple)
         for first in range(0, self.n_pulses, size):
             yield first, self.read(first, min(first + size, self.n_pulses))

@@ -43,7 +43,7 @@ def find_best_knots(
     penalty: float,
     min_segment_s: float,
 ) -> tuple[list[int], float]:
-    """Find the change points of minimum cost in s = R^2 (E-34b)."""
+    """Find change points of least cost in s = R^2 (E-34b; Fearnhead et al., J. Comput. Graph. Stat. 28, 2019)."""
     n = time_s.size
     value, noise = range_m**2, 2.0 * range_m * range_sd_m
     histories, filters = _Histories(value[0], noise[0]), _Filters(n)

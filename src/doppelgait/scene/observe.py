@@ -219,10 +219,10 @@ class _Look:
     def read(self, name: str, first: int, stop: int) -> FloatArray:
         wanted = self.angles if name in self.angles else ()
         key = (first, stop, wanted)
-        if key not in self.last:
-            self.last.clear()
-            self.last[key] = _look(self.scene, self.bodies, self.splines, self.times[first:stop], wanted)
-        return self.last[key][name]
+        seen = self.last.get(key) or _look(self.scene, self.bodies, self.splines, self.times[first:stop], wanted)
+        self.last.clear()
+        self.last[key] = seen  # a thread returns what it has seen, whatever others keep
+        return seen[name]
 
 
 def _fit_splines(bodies: Sequence[Scatterers]) -> list[Spline]:
