@@ -112,7 +112,7 @@ def _quantisation_error_db(bench: Bench, bits: int, backoff_db: float) -> float:
 
 
 def quantisation_bias(bench: Bench, radar: Radar) -> float:
-    """Return the largest mean error between two codes, in steps."""
+    """Return the largest mean error between two codes, in steps (Widrow and Kollar, Quantization Noise, 2008)."""
     del radar
     assert bench.quantise is not None
     bits, n = 8, 100_000
