@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import fields
 from functools import cache
@@ -25,19 +24,17 @@ from doppelgait.classify.model import Calibration, Facts, Model, mark_outside
 from doppelgait.core.config import validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
-from doppelgait.core.files import open_atomically
+from doppelgait.core.files import FileKind, open_atomically
+from doppelgait.core.npz import load_npz
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.processing.patches import Patch
 from doppelgait.radar import Radar
 
 FOLDER = Path(str(resources.files("doppelgait.classify") / "models"))
-FORMAT = "doppelgait-model"
-FORMAT_VERSION = 3
-"""Version of the format. 2: linear models have floors of logarithms; support vector machines exist. 3: ensembles
+MODEL = FileKind("doppelgait-model", 3, "a model of doppelgait", DatasetError)
+"""Versions of the format. 2: linear models have floors of logarithms; support vector machines exist. 3: ensembles
 exist."""
 SUFFIX = ".npz"
-MOST_BYTES = 256_000_000
-"""Maximum size of all arrays together; models of doppelgait are far smaller."""
 MOST_MEMBERS = 64
 SHOWN = 300
 """Maximum number of characters of a reason in an error."""
@@ -87,8 +84,8 @@ def save_model(model: Model, path: str | Path) -> Path:
         raise ConfigError(f"{target}: a model's file must end in {SUFFIX}")
     form, arrays = _pack(model.learned)
     facts = {
-        "format": FORMAT,
-        "format_version": FORMAT_VERSION,
+        "format": MODEL.format,
+        "format_version": MODEL.version,
         **form,
         "facts": model.facts.model_dump(mode="json"),
         "calibration_rows": model.calibration.n_rows,
@@ -181,8 +178,7 @@ def load_model(path: str | Path) -> Model:
     try:
         text, arrays = _read_arrays(Path(path))
         document = parse_json(text)
-        if document["format_version"] > FORMAT_VERSION:
-            raise DatasetError(f"{path}: is a model of a newer doppelgait; install the newer version")
+        MODEL.check(path, document)
         facts = validate(Facts, document["facts"], where=str(path))
         learned = _unpack(document, arrays)
         slope, shift = float(arrays["calibration.slope"][0]), arrays["calibration.shift"]
@@ -200,26 +196,19 @@ def load_model(path: str | Path) -> Model:
     except DatasetError:
         raise
     except Exception as error:  # NumPy and the archive raise whatever they like at damaged files
-        reason = " ".join(str(error).split())[:SHOWN]
+        reason = " ".join(str(error).removeprefix(f"{path}: ").split())[:SHOWN]
         raise DatasetError(f"{path}: is not a model of doppelgait, or is damaged: {reason}") from None
     return model
 
 
 def _read_arrays(path: Path) -> tuple[str, Arrays]:
     """Read the text and all arrays of a file."""
-    with zipfile.ZipFile(path) as archive:
-        size = sum(entry.file_size for entry in archive.infolist())
-    if size > MOST_BYTES:
-        raise ValueError(f"holds {size / 1e6:.0f} MB, a model has at most {MOST_BYTES / 1e6:.0f}")
-    with np.load(path, allow_pickle=False) as archive:
-        arrays = {name: np.asarray(archive[name]) for name in archive.files}
+    arrays = {name: values for name, values in load_npz(path, None, ValueError).items() if values is not None}
     text = arrays.pop("model").tobytes().decode()
     for name, values in arrays.items():
         if values.dtype.kind not in "fiu":
             raise ValueError(f"{name} holds {values.dtype}, not numbers")
         arrays[name] = values.astype(np.int64) if name.split(".")[-1] in INTEGERS else values
-    if f'"{FORMAT}"' not in text:
-        raise ValueError("its text does not declare the format")
     return text, arrays
 
 

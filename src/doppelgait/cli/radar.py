@@ -402,7 +402,6 @@ def show(
 
 
 def _format_parameter(key: str, value: Any) -> dict[str, str]:
-    """Format the value of a parameter, with its unit."""
     if value is None:
         return {"value": "-", "unit": ""}
     if isinstance(value, dict):

@@ -198,7 +198,6 @@ _TAG = re.compile(r".*[\[({].*|str|int|float|bool|bytes|none|any|dict|list|tuple
 
 
 def _place_in(data: Any, location: Sequence[str | int]) -> tuple[str | int, ...]:
-    """Return the location of a fault in the data."""
     place: list[str | int] = []
     current = data
     for part in location:
@@ -241,7 +240,6 @@ _NAMED_KEY = re.compile(r"(\w+(?:\.\w+)*): ")
 
 
 def _describe(fault: Any, location: tuple[str | int, ...], model: type[BaseModel]) -> Fault:
-    """Describe a fault: its location, value and message."""
     if fault["type"] == "extra_forbidden":
         allowed = ", ".join(sorted(_list_fields_at(model, location[:-1])))
         return Fault(location, "", "unknown key" + (f"; allowed are {allowed}" if allowed else ""))

@@ -1,4 +1,8 @@
-"""Atomic writing of files and output folders, and hashes of files."""
+"""The files of doppelgait: atomic writing, format and version, hashes.
+
+Recordings, results, models and datasets state their format and version. All are written completely or not at all, and
+a file of another version is refused in one line.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +10,16 @@ import hashlib
 import os
 import platform
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 from doppelgait.core.documents import parse_json
-from doppelgait.core.errors import ConfigError, OutputError
+from doppelgait.core.errors import ConfigError, DoppelgaitError, OutputError
+from doppelgait.core.own_hdf5 import FAULTS, open_hdf5
 
 _NUMBERS = count()
 
@@ -51,6 +58,59 @@ def write_atomically(path: Path, content: bytes) -> None:
     """Write a small file atomically; after an ``OSError`` an existing file is unchanged."""
     with open_atomically(path, os_errors=True) as partial:
         partial.write_bytes(content)
+
+
+@dataclass(frozen=True)
+class FileKind:
+    """Kind of file: format, newest and oldest version that are read, and what to do about others."""
+
+    format: str
+    version: int
+    noun: str
+    error: type[DoppelgaitError]
+    oldest: int = 1
+    remedy: str = "make it again with this version"
+
+    def check_version(self, path: str | os.PathLike[str], version: int) -> None:
+        """Refuse a version that this program does not read."""
+        if self.oldest <= version <= self.version:
+            return
+        age, remedy = ("older", self.remedy) if version < self.oldest else ("newer", "install the newer version")
+        raise self.error(
+            f"{path}: is {self.noun} in format version {version}, of {age} doppelgait; this one reads "
+            f"{' to '.join(map(str, sorted({self.oldest, self.version})))}; {remedy}"
+        )
+
+    def check(self, path: str | os.PathLike[str], stated: Mapping[str, Any]) -> None:
+        """Refuse another format or version than the file states."""
+        if stated.get("format") != self.format:
+            raise ValueError(f"it states the format {stated.get('format')!r}, must be {self.format!r}")
+        self.check_version(path, int(stated["format_version"]))
+
+
+@contextmanager
+def create_hdf5(path: str | os.PathLike[str], kind: FileKind) -> Iterator[Any]:
+    """Write an HDF5 file of a kind atomically."""
+    import h5py
+
+    with open_atomically(path) as partial, h5py.File(partial, "w", track_order=True) as file:
+        file.attrs.update(format=kind.format, format_version=kind.version)
+        yield file
+
+
+@contextmanager
+def open_own_hdf5(path: str | os.PathLike[str], kind: FileKind) -> Iterator[Any]:
+    """Open an HDF5 file of a kind; faults inside the block are errors of the file."""
+    if not Path(path).is_file():
+        raise kind.error(f"{path}: no such file")
+    try:
+        with open_hdf5(Path(path)) as file:
+            kind.check(path, file.attrs)
+            yield file
+    except (*FAULTS, DoppelgaitError) as error:
+        if str(error).startswith(f"{path}: "):
+            raise
+        raise kind.error(f"{path}: is damaged or not {kind.noun}: {error}; {kind.remedy}") from None
 
 
 def hash_file(path: Path) -> str:

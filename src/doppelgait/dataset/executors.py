@@ -227,7 +227,6 @@ def _connect_client(address: str, workers: int) -> Iterator[Client]:
 
 
 def _close_cluster(cluster: LocalCluster) -> None:
-    """Close a local cluster."""
     # closing can fail if a worker dies, starts or ends slowly at that moment
     with suppress(Exception):
         cluster.close()

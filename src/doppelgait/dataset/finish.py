@@ -14,7 +14,7 @@ from doppelgait import __version__
 from doppelgait.core.config import format_canonical_json, validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
-from doppelgait.core.files import hash_file, open_atomically, write_atomically
+from doppelgait.core.files import FileKind, hash_file, open_atomically, write_atomically
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.plugins import identify_plugins
 from doppelgait.dataset.config import MAX_SHARDS, SPLITS, FieldSpec, PlanConfig, shorten
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 SCHEMA_VERSION = 3
 """Schema version of the files of a dataset. 2: one row per target with scene, group, licence; axes by field; half
 precision. 3: the id of the dataset in every record, shard and index; a list of the hashes of all files."""
+
+DATASET = FileKind("doppelgait-dataset", SCHEMA_VERSION, "a dataset", DatasetError)
 
 SUMS = "SHA256SUMS"
 """File with the hash of every file of a finished dataset, in the format of ``sha256sum -c``. It is written last."""

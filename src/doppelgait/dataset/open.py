@@ -29,7 +29,7 @@ from doppelgait.dataset.example import (
     read_carrier_hz,
     suggest_names,
 )
-from doppelgait.dataset.finish import SCHEMA_VERSION
+from doppelgait.dataset.finish import DATASET
 from doppelgait.dataset.learning import (
     AXIS_COLUMNS,
     As,
@@ -495,11 +495,7 @@ def open_dataset(directory: str | Path) -> Dataset:
     try:
         description = parse_json((folder / "dataset.json").read_text())
         version = int(description["schema_version"])
-        if version > SCHEMA_VERSION:
-            raise DatasetError(
-                f"{folder}: has schema version {version}, this doppelgait reads up to {SCHEMA_VERSION}; install a "
-                "newer doppelgait"
-            )
+        DATASET.check_version(folder, version)
         check_description(description)
         identity = description["id"] if version >= 3 else None  # older datasets have the id in no other file
         index = read_index(folder / "index.parquet", identity)

@@ -199,7 +199,6 @@ def _add_gait(
 
 
 def _set_f(observed: Observation, *, name: str) -> float | None:
-    """Return a feature of the set F."""
     # extract measures the whole set, because each feature needs the features before it
     value: float | None = getattr(observed.extraction.features, name)
     return value

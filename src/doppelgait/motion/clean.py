@@ -60,7 +60,6 @@ def repair_swaps(position: FloatArray, names: Sequence[str], *, rate_hz: float) 
 def _find_next_swap(
     position: FloatArray, step: FloatArray, limit: FloatArray, *, first: int, rate_hz: float
 ) -> tuple[list[int], int]:
-    """Find the next swap and its frame."""
     # if several pairs have swapped, those with the largest reduction are returned
     stepping = step[first:] > limit[first:]
     for frame in (int(k) + first for k in np.flatnonzero(stepping.sum(axis=1) >= 2)):

@@ -489,7 +489,6 @@ def _find_limb(part: str) -> str:
 
 
 def _compute_speed_ratio(cycle: Cycle, motion: Motion) -> float:
-    """Return the speed ratio of a clip to its cycle."""
     ends = np.array([0.0, motion.n_frames - 1.0])
     central = [n for n, part in enumerate(motion.parts) if part in BODY_CENTRE_PARTS] or list(range(cycle.shape[1]))
     clip, repeated = motion.position_m[ends.astype(int)][:, central], cycle.at(ends - cycle.seam.start, central)

@@ -325,31 +325,13 @@ class Result:
         if arrays:
             gate = self.gate_limits
             plain["analysis"] = self.analysis.model_dump(mode="json")
-            stored: dict[str, Any] = {}
-            for name, array in self.arrays.items():
-                stored[name] = _convert_values_to_json(np.asarray(array))
-                if isinstance(array, xr.DataArray):
-                    coords = {
-                        str(key): {
-                            **_convert_values_to_json(one.values),
-                            "dims": list(one.dims),
-                            "attrs": convert_to_plain(one.attrs),
-                        }
-                        for key, one in array.coords.items()
-                    }
-                    stored[name] |= {
-                        "dims": list(array.dims),
-                        "name": array.name,
-                        "attrs": convert_to_plain(array.attrs),
-                        "coords": coords,
-                    }
-            plain["arrays"] = stored
+            plain["arrays"] = {name: _encode_values(describe_array(array)) for name, array in self.arrays.items()}
             plain["gate_limits"] = (
                 None
                 if gate is None
                 else {
-                    "time_s": _convert_values_to_json(gate.time_s),
-                    "centre_m": _convert_values_to_json(gate.centre_m),
+                    "time_s": _encode_values({"values": gate.time_s}),
+                    "centre_m": _encode_values({"values": gate.centre_m}),
                     "span_m": gate.span_m,
                     "doppler_hz": None if gate.doppler_hz is None else list(gate.doppler_hz),
                     "source": gate.source,
@@ -369,22 +351,11 @@ class Result:
         needed = ("analysis", "label", "gate", "features", *NUMBERS, *GROUPS, "flags", "arrays", "gate_limits")
         _check_keys(plain, needed, "document", "make it with Result.to_json(), with arrays")
         gate = plain["gate_limits"]
-        arrays: dict[str, Any] = {}
-        for name, stored in plain["arrays"].items():
-            arrays[name] = _parse_values(stored)
-            if "dims" in stored:
-                axes = stored["coords"].items()
-                arrays[name] = xr.DataArray(
-                    arrays[name],
-                    dims=stored["dims"],
-                    name=stored["name"],
-                    attrs=stored["attrs"],
-                    coords={key: (one["dims"], _parse_values(one), one["attrs"]) for key, one in axes},
-                )
+        arrays = {name: join_array(_decode_values(stored)) for name, stored in plain["arrays"].items()}
         limits = None
         if gate is not None:
             band_hz = None if gate["doppler_hz"] is None else tuple(gate["doppler_hz"])
-            times_s, centre_m = _parse_values(gate["time_s"]), _parse_values(gate["centre_m"])
+            times_s, centre_m = (_decode_values(gate[name])["values"] for name in ("time_s", "centre_m"))
             limits = Gate(times_s, centre_m, gate["span_m"], band_hz, gate["source"])
         segments = [cls.from_json(segment) for segment in plain.get("segments", ())]
         return make_result(plain, arrays, limits, segments)
@@ -481,18 +452,43 @@ def convert_to_plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _convert_values_to_json(values: npt.NDArray[Any]) -> dict[str, Any]:
-    values = np.ascontiguousarray(values)
-    return {
-        "dtype": values.dtype.str,
-        "shape": list(values.shape),
-        "base64": base64.b64encode(values.tobytes()).decode(),
+def describe_array(array: Any) -> dict[str, Any]:
+    """Take an array apart: ``values``; with labels also ``dims``, ``name``, ``attrs`` and ``coords``."""
+    if not isinstance(array, xr.DataArray):
+        return {"values": np.asarray(array)}
+    axes = {
+        str(key): {"values": axis.values, "dims": list(axis.dims), "attrs": convert_to_plain(axis.attrs)}
+        for key, axis in array.coords.items()
     }
+    facts = {"dims": list(array.dims), "name": array.name, "attrs": convert_to_plain(array.attrs)}
+    return {"values": array.values, **facts, "coords": axes}
 
 
-def _parse_values(plain: Mapping[str, Any]) -> npt.NDArray[Any]:
+def join_array(members: Mapping[str, Any]) -> Any:
+    """Make an array from what :func:`describe_array` returns."""
+    if "dims" not in members:
+        return members["values"]
+    axes = {key: (axis["dims"], axis["values"], axis["attrs"]) for key, axis in members["coords"].items()}
+    facts = {key: members[key] for key in ("dims", "name", "attrs")}
+    return xr.DataArray(members["values"], coords=axes, **facts)
+
+
+def _encode_values(members: Mapping[str, Any]) -> dict[str, Any]:
+    """Replace values by text, also those of the axes."""
+    plain = {key: value for key, value in members.items() if key != "values"}
+    if "coords" in plain:
+        plain["coords"] = {key: _encode_values(axis) for key, axis in plain["coords"].items()}
+    values = np.ascontiguousarray(members["values"])
+    text = base64.b64encode(values.tobytes()).decode()
+    return {"dtype": values.dtype.str, "shape": list(values.shape), "base64": text, **plain}
+
+
+def _decode_values(plain: Mapping[str, Any]) -> dict[str, Any]:
+    members = dict(plain)
+    if "coords" in members:
+        members["coords"] = {key: _decode_values(axis) for key, axis in members["coords"].items()}
     data = np.frombuffer(base64.b64decode(plain["base64"]), dtype=np.dtype(plain["dtype"]))
-    return data.reshape(plain["shape"]).copy()
+    return {**members, "values": data.reshape(plain["shape"]).copy()}
 
 
 class TargetList(list[Result]):

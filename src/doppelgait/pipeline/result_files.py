@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.config import convert_to_json, format_canonical_json, validate
 from doppelgait.core.documents import parse_json
-from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitError
-from doppelgait.core.files import open_atomically
+from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.core.files import FileKind, create_hdf5, open_own_hdf5
 from doppelgait.core.labels import check_signal
-from doppelgait.core.own_hdf5 import FAULTS, open_hdf5, read_stated_format
+from doppelgait.core.own_hdf5 import read_stated_format
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.result import (
     GROUPS,
@@ -28,15 +27,22 @@ from doppelgait.pipeline.result import (
     PLAIN_AXES,
     Result,
     TargetList,
-    convert_to_plain,
+    describe_array,
+    join_array,
     make_result,
 )
 from doppelgait.processing import Gate
 from doppelgait.radar import Radar
 from doppelgait.radar.recording import Recording
 
-FORMAT = "doppelgait-result"
-FORMAT_VERSION = 2
+RESULT = FileKind(
+    "doppelgait-result",
+    2,
+    "a result of doppelgait analyze",
+    AnalysisError,
+    oldest=2,
+    remedy="make it again: doppelgait analyze RECORDING -o FILE",
+)
 
 
 @dataclass(frozen=True)
@@ -97,15 +103,12 @@ def write_results(path: str | Path, recording: Recording, results: Sequence[Resu
     >>> read_results("results.h5").targets[0].label
     'human'
     """
-    import h5py
-
     if isinstance(results, Result):
         raise ConfigError(
             "write_results takes a list of results; write one as write_results(path, recording, [result])"
         )
-    with open_atomically(path) as partial, h5py.File(partial, "w", track_order=True) as file:
-        file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, source=recording.source)
-        file.attrs["radar"] = format_canonical_json(recording.radar)
+    with create_hdf5(path, RESULT) as file:
+        file.attrs.update(source=recording.source, radar=format_canonical_json(recording.radar))
         file.create_group("targets", track_order=True)
         for number, result in enumerate(results):
             _write_result(file.create_group(f"targets/{number}", track_order=True), result, {})
@@ -124,19 +127,14 @@ def _write_result(group: Any, result: Result, written: dict[Any, Any]) -> None:
     group.attrs["analysis"] = format_canonical_json(result.analysis)
     group.attrs["arrays"] = json.dumps(list(result.arrays))  # so that a missing array is detected
     for name, array in result.arrays.items():
-        if not isinstance(array, xr.DataArray):
-            _write_values(group, name, array, {}, written)
-            continue
-        facts = {
-            "dims": array.dims,
-            "name": array.name,
-            "attrs": convert_to_plain(array.attrs),
-            "units": array.attrs["units"],
-        }
-        _write_values(group, name, array.values, facts, written)
-        axes = group.create_group(f"axes/{name}", track_order=True)
-        for key, one in array.coords.items():
-            _write_values(axes, str(key), one.values, {"dims": one.dims, "attrs": convert_to_plain(one.attrs)}, written)
+        members = describe_array(array)
+        axes, values = members.pop("coords", {}), members.pop("values")
+        if members:
+            members["units"] = members["attrs"]["units"]
+        _write_values(group, name, values, members, written)
+        folder = group.create_group(f"axes/{name}", track_order=True) if members else None
+        for key, axis in axes.items():
+            _write_values(folder, key, axis.pop("values"), axis, written)
     for name, axis in PLAIN_AXES.items():  # for readers without this package, under names with their units
         if axis in group:
             group[name] = group[axis]
@@ -166,9 +164,18 @@ def _write_values(
     written[key].attrs.update(text)
 
 
+def _read_values(stored: Any) -> dict[str, Any]:
+    """Return values and facts as :func:`describe_array` does."""
+    facts = {key: str(text) for key, text in stored.attrs.items()}
+    return {
+        "values": stored[()],
+        **{key: parse_json(text) if key in ("dims", "attrs") else text for key, text in facts.items()},
+    }
+
+
 def is_result_file(path: str | Path) -> bool:
     """Return True for an HDF5 file of results."""
-    return read_stated_format(path) == FORMAT
+    return read_stated_format(path) == RESULT.format
 
 
 def read_results(path: str | Path) -> Results:
@@ -179,27 +186,12 @@ def read_results(path: str | Path) -> Results:
     AnalysisError
         If the file is missing, damaged, of another version or no result file, or if it links to another file.
     """
-    if not Path(path).is_file():
-        raise AnalysisError(f"{path}: no such file")
-    remedy = f"make it again: doppelgait analyze RECORDING -o {Path(path).name}"
-    try:
-        with open_hdf5(path) as file:
-            if file.attrs.get("format") != FORMAT:
-                raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
-            if int(file.attrs["format_version"]) != FORMAT_VERSION:
-                raise AnalysisError(
-                    f"{path}: is a result of another version of doppelgait (format_version "
-                    f"{file.attrs['format_version']}, this one reads {FORMAT_VERSION}); {remedy}"
-                )
-            return Results(
-                source=str(file.attrs["source"]),
-                radar=validate(Radar, parse_json(file.attrs["radar"]), where="radar"),
-                targets=tuple(_read_result(file["targets"][name]) for name in sorted(file["targets"], key=int)),
-            )
-    except (*FAULTS, DoppelgaitError) as error:
-        if str(error).startswith(f"{path}: "):
-            raise
-        raise AnalysisError(f"{path}: is damaged or no result of doppelgait analyze: {error}; {remedy}") from None
+    with open_own_hdf5(path, RESULT) as file:
+        return Results(
+            source=str(file.attrs["source"]),
+            radar=validate(Radar, parse_json(file.attrs["radar"]), where="radar"),
+            targets=tuple(_read_result(file["targets"][name]) for name in sorted(file["targets"], key=int)),
+        )
 
 
 def _read_result(group: Any) -> Result:
@@ -212,21 +204,10 @@ def _read_result(group: Any) -> Result:
     schemas = {**LABELLED_ARRAYS, **OPTIONAL_ARRAYS}
     arrays: dict[str, Any] = {}
     for name in parse_json(group.attrs["arrays"]):
-        values, facts = group[name][()], {key: str(text) for key, text in group[name].attrs.items()}
+        members = _read_values(group[name])
         if name in schemas:
-            coords = {
-                key: (parse_json(one.attrs["dims"]), one[()], parse_json(one.attrs["attrs"]))
-                for key, one in group[f"axes/{name}"].items()
-            }
-            array = xr.DataArray(
-                values,
-                coords=coords,
-                dims=parse_json(facts["dims"]),
-                name=facts["name"],
-                attrs=parse_json(facts["attrs"]),
-            )
-            values = check_signal(array, schemas[name])
-        arrays[name] = values
+            members["coords"] = {key: _read_values(axis) for key, axis in group[f"axes/{name}"].items()}
+        arrays[name] = check_signal(join_array(members), schemas[name]) if name in schemas else members["values"]
     if {"signature", "main_line_hz"} <= set(arrays):
         line, columns = arrays["main_line_hz"], arrays["signature"].sizes["time"]
         if line.shape != (columns,):

@@ -13,8 +13,8 @@ import xarray as xr
 
 from doppelgait.core.config import format_canonical_json, validate
 from doppelgait.core.documents import parse_json
-from doppelgait.core.errors import ConfigError, DoppelgaitError, RecordingError
-from doppelgait.core.files import open_atomically
+from doppelgait.core.errors import RecordingError
+from doppelgait.core.files import FileKind, create_hdf5, open_own_hdf5
 from doppelgait.core.labels import (
     BASEBAND,
     MOTION,
@@ -44,8 +44,7 @@ from doppelgait.radar.recording import (
 
 __all__ = ["read_hdf5", "read_recording", "sniff_hdf5", "write_recording"]
 
-FORMAT = "doppelgait-recording"
-FORMAT_VERSION = 1
+RECORDING = FileKind("doppelgait-recording", 1, "a doppelgait recording", RecordingError)
 STORED_BYTES = 1 << 26
 """Maximum size of samples that are read at once, bytes; larger ones are read from the file on demand."""
 BLOCK = 256
@@ -91,46 +90,39 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     >>> dg.radar.read_recording("walk.h5").n_pulses
     1920
     """
-    with open_atomically(path) as partial:
-        import h5py
-
-        with h5py.File(partial, "w", track_order=True) as file:
-            file.attrs.update(
-                format=FORMAT, format_version=FORMAT_VERSION, radar=format_canonical_json(recording.radar)
-            )
-            file.attrs.update(noise_power_v2=recording.noise_power_v2, snr_frame_db=recording.snr_frame_db)
-            if recording.seed is not None:
-                file.attrs["seed"] = recording.seed
-            if recording.notes:
-                file.attrs["notes"] = json.dumps(recording.notes)
-            _put_tiles(file, "baseband", recording.baseband.variable, "<c8", "V")
-            file["baseband"].attrs.update(list_further_facts(recording.baseband))
-            _put(file, "slow_time_s", recording.slow_time_s, "s")
-            _put(file, "range_m", recording.range_m, "m")
-            if recording.radar_position_m is not None:
-                file.attrs.update({name: getattr(recording, name) for name in POSE})
-            for number, truth in enumerate(recording.truth):
-                group = file.create_group(f"truth/{number}", track_order=True)
-                for fact in TRUTH_FACTS:
-                    group.attrs[fact] = getattr(truth, fact)
-                group.attrs["marker"] = json.dumps([str(m) for m in read_axis(truth.scatterers, "marker")])
-                group.attrs["part"] = json.dumps([str(p) for p in read_axis(truth.scatterers, "part")])
-                for name in CENTRE_ARRAYS:
-                    units = {"m": "m", "mps": "m/s", "rad": "rad"}[name.rsplit("_", 1)[1]]
-                    _put(group, name, getattr(truth, name), units)
-                for name in (n for n in STORED_VARIABLES if n in truth.scatterers):
-                    units = SCATTERER_VARIABLES[name]
-                    values = truth.scatterers[name].variable
-                    if name in ("rcs", "path_gain") and all(
-                        (x == values[0].values).all() for _, x in read_tiles(values)
-                    ):
-                        values = values[:1]
-                    _put_tiles(group, name + UNIT_SUFFIX[units], values, "<f8", units)
-                if truth.body is not None:
-                    group.attrs["body_marker"] = json.dumps([str(m) for m in read_axis(truth.body, "marker")])
-                    group.attrs["body_part"] = json.dumps([str(p) for p in read_axis(truth.body, "part")])
-                    _put(group, "body_time_s", read_axis(truth.body, "time"), "s")
-                    _put(group, "body_position_m", truth.body.values.astype("<f4"), "m")
+    with create_hdf5(path, RECORDING) as file:
+        file.attrs["radar"] = format_canonical_json(recording.radar)
+        file.attrs.update(noise_power_v2=recording.noise_power_v2, snr_frame_db=recording.snr_frame_db)
+        if recording.seed is not None:
+            file.attrs["seed"] = recording.seed
+        if recording.notes:
+            file.attrs["notes"] = json.dumps(recording.notes)
+        _put_tiles(file, "baseband", recording.baseband.variable, "<c8", "V")
+        file["baseband"].attrs.update(list_further_facts(recording.baseband))
+        _put(file, "slow_time_s", recording.slow_time_s, "s")
+        _put(file, "range_m", recording.range_m, "m")
+        if recording.radar_position_m is not None:
+            file.attrs.update({name: getattr(recording, name) for name in POSE})
+        for number, truth in enumerate(recording.truth):
+            group = file.create_group(f"truth/{number}", track_order=True)
+            for fact in TRUTH_FACTS:
+                group.attrs[fact] = getattr(truth, fact)
+            group.attrs["marker"] = json.dumps([str(m) for m in read_axis(truth.scatterers, "marker")])
+            group.attrs["part"] = json.dumps([str(p) for p in read_axis(truth.scatterers, "part")])
+            for name in CENTRE_ARRAYS:
+                units = {"m": "m", "mps": "m/s", "rad": "rad"}[name.rsplit("_", 1)[1]]
+                _put(group, name, getattr(truth, name), units)
+            for name in (n for n in STORED_VARIABLES if n in truth.scatterers):
+                units = SCATTERER_VARIABLES[name]
+                values = truth.scatterers[name].variable
+                if name in ("rcs", "path_gain") and all((x == values[0].values).all() for _, x in read_tiles(values)):
+                    values = values[:1]
+                _put_tiles(group, name + UNIT_SUFFIX[units], values, "<f8", units)
+            if truth.body is not None:
+                group.attrs["body_marker"] = json.dumps([str(m) for m in read_axis(truth.body, "marker")])
+                group.attrs["body_part"] = json.dumps([str(p) for p in read_axis(truth.body, "part")])
+                _put(group, "body_time_s", read_axis(truth.body, "time"), "s")
+                _put(group, "body_position_m", truth.body.values.astype("<f4"), "m")
 
 
 def _put(group: Any, name: str, values: Any, units: str) -> None:
@@ -153,7 +145,7 @@ def sniff_hdf5(path: Path) -> bool:
             return False
     try:
         with open_hdf5(path, members=False) as content:
-            return bool(content.attrs.get("format") == FORMAT)
+            return bool(content.attrs.get("format") == RECORDING.format)
     except FAULTS:
         return True
 
@@ -161,80 +153,65 @@ def sniff_hdf5(path: Path) -> bool:
 @plugin("radar_reader", "doppelgait", sniff=sniff_hdf5, suffixes=(".h5",))
 def read_hdf5(path: Path) -> Recording:
     """Read a recording written by :func:`write_recording`."""
-    if not path.is_file():
-        raise RecordingError(f"{path}: no such file")
-    try:
-        with open_hdf5(path) as file:
-            radar = _read_own_radar(file)
-            coords = {"slow_time": _read_numbers(file, "slow_time_s"), "range": _read_numbers(file, "range_m")}
-            further = {
-                key: value.item() if isinstance(value, np.generic) else value
-                for key, value in file["baseband"].attrs.items()
-                if key != "units"
-            }
-            found = file["baseband"]
-            stored = len(found.shape) == 2 and found.dtype.kind == "c" and 8 * found.size > STORED_BYTES
-            rows = StoredRows(path, "baseband", "c8", _read_stamp(path)) if stored else None
-            with np.errstate(over="ignore", invalid="ignore"):  # values beyond single precision raise an error later
-                values = found if stored else found[:].astype(np.complex64)
-            if values.ndim == 2:
-                check_finite(path, values)
-            lazy = None if rows is None else lazy_rows(found.shape, rows)
-            baseband = make_array(
-                BASEBAND, values if lazy is None else lazy, coords, {**make_baseband_facts(radar), **further}
-            )
-            numbers = sorted(file.get("truth", {}), key=int)
-            pose = {
-                name: np.asarray(file.attrs[name], dtype=np.float64).reshape(POSE[name]).tolist()
-                for name in POSE
-                if name in file.attrs
-            }
-            if "radar_position_m" in pose:
-                pose["radar_position_m"] = tuple(pose["radar_position_m"])
-            return Recording(
-                Samples(values) if rows is None else Samples.stored(found.shape, rows),
-                radar,
-                read_axis(baseband, "slow_time"),
-                read_axis(baseband, "range"),
-                facts={name: value for name, value in baseband.attrs.items() if name not in ("units", "radar")},
-                truth=[
-                    _read_truth(file[f"truth/{number}"], coords["slow_time"], int(number), path if stored else None)
-                    for number in numbers
-                ],
-                noise_power_v2=float(file.attrs.get("noise_power_v2", NAN)),
-                snr_frame_db=float(file.attrs.get("snr_frame_db", NAN)),
-                seed=int(file.attrs["seed"]) if "seed" in file.attrs else None,
-                source=path.name,
-                notes=[str(note) for note in parse_json(file.attrs.get("notes", "[]"))],
-                **pose,
-            )
-    except (*FAULTS, DoppelgaitError) as error:
-        if str(error).startswith(f"{path}: "):
-            raise
-        raise RecordingError(f"{path}: is damaged or not a doppelgait recording: {error}") from None
+    with open_own_hdf5(path, RECORDING) as file:
+        radar = _read_radar(file)
+        coords = {"slow_time": _read_numbers(file, "slow_time_s"), "range": _read_numbers(file, "range_m")}
+        further = {
+            key: value.item() if isinstance(value, np.generic) else value
+            for key, value in file["baseband"].attrs.items()
+            if key != "units"
+        }
+        found = file["baseband"]
+        stored = len(found.shape) == 2 and found.dtype.kind == "c" and 8 * found.size > STORED_BYTES
+        rows = StoredRows(path, "baseband", "c8", _read_stamp(path)) if stored else None
+        with np.errstate(over="ignore", invalid="ignore"):  # values beyond single precision raise an error later
+            values = found if stored else found[:].astype(np.complex64)
+        if values.ndim == 2:
+            check_finite(path, values)
+        lazy = None if rows is None else lazy_rows(found.shape, rows)
+        baseband = make_array(
+            BASEBAND, values if lazy is None else lazy, coords, {**make_baseband_facts(radar), **further}
+        )
+        numbers = sorted(file.get("truth", {}), key=int)
+        pose = {
+            name: np.asarray(file.attrs[name], dtype=np.float64).reshape(POSE[name]).tolist()
+            for name in POSE
+            if name in file.attrs
+        }
+        if "radar_position_m" in pose:
+            pose["radar_position_m"] = tuple(pose["radar_position_m"])
+        return Recording(
+            Samples(values) if rows is None else Samples.stored(found.shape, rows),
+            radar,
+            read_axis(baseband, "slow_time"),
+            read_axis(baseband, "range"),
+            facts={name: value for name, value in baseband.attrs.items() if name not in ("units", "radar")},
+            truth=[
+                _read_truth(file[f"truth/{number}"], coords["slow_time"], int(number), path if stored else None)
+                for number in numbers
+            ],
+            noise_power_v2=float(file.attrs.get("noise_power_v2", NAN)),
+            snr_frame_db=float(file.attrs.get("snr_frame_db", NAN)),
+            seed=int(file.attrs["seed"]) if "seed" in file.attrs else None,
+            source=path.name,
+            notes=[str(note) for note in parse_json(file.attrs.get("notes", "[]"))],
+            **pose,
+        )
 
 
-def _read_own_radar(file: Any) -> Radar:
-    """Check the format of a file and return its radar."""
-    if file.attrs.get("format") != FORMAT:
-        raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
-    if int(file.attrs["format_version"]) > FORMAT_VERSION:
-        raise ValueError(f"format_version is {file.attrs['format_version']}, this program reads up to {FORMAT_VERSION}")
+def _read_radar(file: Any) -> Radar:
     return validate(Radar, parse_json(file.attrs["radar"]), where="radar")
 
 
 def read_hdf5_frames(path: Path) -> Iterator[Header | Frame]:
     """Yield a recording's frames, ``BLOCK`` at a time."""
-    try:
-        with open_hdf5(path) as file:
-            radar, baseband, time_s = _read_own_radar(file), file["baseband"], file["slow_time_s"]
-            yield make_header(radar, file["range_m"][:], baseband.attrs, time_s[:])
-            for start in range(0, baseband.shape[0], BLOCK):
-                rows = baseband[start : start + BLOCK].astype(np.complex64)
-                for clock_s, row in zip(time_s[start : start + BLOCK].tolist(), rows, strict=True):
-                    yield Frame(None, clock_s, row)
-    except (*FAULTS, ConfigError) as error:
-        raise RecordingError(f"{path}: is damaged or not a doppelgait recording: {error}") from None
+    with open_own_hdf5(path, RECORDING) as file:
+        radar, baseband, time_s = _read_radar(file), file["baseband"], file["slow_time_s"]
+        yield make_header(radar, file["range_m"][:], baseband.attrs, time_s[:])
+        for start in range(0, baseband.shape[0], BLOCK):
+            rows = baseband[start : start + BLOCK].astype(np.complex64)
+            for clock_s, row in zip(time_s[start : start + BLOCK].tolist(), rows, strict=True):
+                yield Frame(None, clock_s, row)
 
 
 def _read_numbers(group: Any, name: str) -> Any:

@@ -210,7 +210,6 @@ def make_app(
 
 
 def _encode_answer(name: str, run: Run, reference: Reference) -> bytes:
-    """Encode an answer about a run."""
     gate, changes, further = reference.gate, reference.changes, reference.further
     if name == "recording":
         return make_recording_payload(run, gate, changes=changes)
@@ -230,8 +229,6 @@ def _encode_answer(name: str, run: Run, reference: Reference) -> bytes:
 
 
 def _make_dataset_routes(opened: OpenedSource | None) -> list[Route]:
-    """Make the routes of the dataset browser."""
-
     def browser() -> Browser:
         if opened is None or opened.browser is None:
             raise ConfigError("no dataset is open; start the viewer with the folder of one")

@@ -98,7 +98,6 @@ def _find_motion_files(value: Any) -> Iterator[tuple[str, str]]:
 
 
 def _collect_texts(value: Any) -> list[str]:
-    """Collect the texts of a value or distribution."""
     if isinstance(value, Mapping):
         value = list(value.values())
     if isinstance(value, list | tuple):

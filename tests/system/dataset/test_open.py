@@ -220,7 +220,9 @@ def edited(folder, target, **changes):
 
 
 def test_newer_schema_is_refused(folder, tmp_path):
-    with pytest.raises(DatasetError, match="schema version 99, this doppelgait reads up to 3; install a newer"):
+    with pytest.raises(
+        DatasetError, match="is a dataset in format version 99, of newer doppelgait; this one reads 1 to 3; install"
+    ):
         open_dataset(edited(folder, tmp_path / "new", schema_version=99))
 
 

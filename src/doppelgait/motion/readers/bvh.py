@@ -117,7 +117,6 @@ def _run_statement(path: Path, number: int, words: list[str], nodes: list[Node],
 
 
 def _parse_offset(path: Path, number: int, words: list[str]) -> tuple[float, float, float]:
-    """Parse the three numbers of an OFFSET."""
     try:
         x, y, z = (float(word) for word in words)
     except ValueError:

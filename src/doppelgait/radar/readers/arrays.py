@@ -379,7 +379,6 @@ def _format_lines(table: Mapping[str, Any]) -> list[str]:
 
 
 def _format_value(value: Any) -> str:
-    """Return a value in TOML."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(_format_lines(value)) + "}"
     if isinstance(value, list | tuple):
