@@ -102,3 +102,8 @@ RandomSource: TypeAlias = "Streams | np.random.Generator"
 def as_generator(source: RandomSource, purpose: str) -> np.random.Generator:
     """Return the generator of a purpose; a generator is returned unchanged."""
     return source.generator(purpose) if isinstance(source, Streams) else source
+
+
+def draw_key(rng: np.random.Generator) -> int:
+    """Draw the key of one receiver noise (E-18)."""
+    return int(rng.integers(0, 2**64, dtype=np.uint64))

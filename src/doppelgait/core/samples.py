@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait._core import native
 from doppelgait.core.errors import AnalysisError
 
 Planes = npt.NDArray[np.float32]
@@ -58,7 +59,7 @@ WHITE: Factor = np.ones(1, dtype=np.float32)
 class Noise(NamedTuple):
     """Pending receiver noise, which depends only on key, pulse and sample."""
 
-    key: np.uint64
+    key: int
     rms_v: float
     factor: Factor
 
@@ -187,10 +188,8 @@ class Samples:
         assert source is not None
         if self._noise is None:
             return source, first
-        from doppelgait.core.kernels.noise import copy_noise_spans
-
         noisy = source if split is not None else borrow_planes(source.shape)
-        copy_noise_spans(source[0], source[1], spans[rows], first, *self._noise, margin, noisy[0], noisy[1])
+        native.copy_noise_spans(source[0], source[1], spans[rows], first, *self._noise, margin, noisy[0], noisy[1])
         return noisy, first
 
     def read_tile(self, pulses: slice, columns: slice) -> Planes:
@@ -204,21 +203,17 @@ class Samples:
             tile = borrow_planes((2, columns.stop - columns.start, pulses.stop - pulses.start))
             tile[:] = self._planes[:, columns, pulses]
         if self._noise is not None:
-            from doppelgait.core.kernels.noise import add_noise_block
-
-            add_noise_block(tile[0], tile[1], 0, tile.shape[2], columns.start, pulses.start, *self._noise)
+            native.add_noise_block(tile[0], tile[1], 0, tile.shape[2], columns.start, pulses.start, *self._noise)
         return tile
 
-    def with_noise(self, key: np.uint64, power_v2: float, factor: Factor = WHITE, *, first_pulse: int = 0) -> Samples:
+    def with_noise(self, key: int, power_v2: float, factor: Factor = WHITE, *, first_pulse: int = 0) -> Samples:
         """Return the samples with complex Gaussian noise pending, white or correlated by the taps ``factor`` (E-18c).
         The result shares the memory of these samples, which then only it may change. To an excerpt that starts at
         ``first_pulse`` of a longer recording, the noise of that recording is added at once.
         """
         if first_pulse:
-            from doppelgait.core.kernels.noise import add_noise_block
-
             planes, n_pulses = self.planes[:, :, : self.shape[0]].copy(), self.shape[0]
-            add_noise_block(planes[0], planes[1], 0, n_pulses, 0, first_pulse, key, math.sqrt(power_v2), factor)
+            native.add_noise_block(planes[0], planes[1], 0, n_pulses, 0, first_pulse, key, math.sqrt(power_v2), factor)
             return Samples.from_planes(planes, n_pulses)
         quiet = self.add_pending_noise()
         owned, quiet._owned, self._owned = quiet._owned, False, False
@@ -230,13 +225,11 @@ class Samples:
             return Samples.own(self.matrix)
         if self._noise is None:
             return self
-        from doppelgait.core.kernels.noise import add_noise_block, add_noise_matrix
-
         noisy = self._make(self.shape, self._matrix, self._planes, None, self._owned)._make_writable()
         if noisy._matrix is not None:
-            add_noise_matrix(noisy._matrix, *self._noise)
+            native.add_noise_matrix(noisy._matrix, *self._noise)
         elif noisy._planes is not None:
-            add_noise_block(noisy._planes[0], noisy._planes[1], 0, self.shape[0], 0, 0, *self._noise)
+            native.add_noise_block(noisy._planes[0], noisy._planes[1], 0, self.shape[0], 0, 0, *self._noise)
         if self._owned:
             self._noise = None
         return noisy

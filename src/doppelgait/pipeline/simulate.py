@@ -17,7 +17,7 @@ from doppelgait.core.config import check_type, validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.files import check_target
 from doppelgait.core.labels import label_axis, label_table, read_axis, select_scatterers
-from doppelgait.core.rng import Streams
+from doppelgait.core.rng import Streams, draw_key
 from doppelgait.core.samples import Factor, Matrix, Samples
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
 from doppelgait.motion.motion import FREQUENCIES
@@ -157,8 +157,6 @@ def simulate(
         noise_v2 = noise_level_v2(radar, signal_v2, snr_db)
     noise: NoiseLevel | None = None
     if rng is not None and noise_v2 > 0 and not conditions.has_impairment("thermal_noise"):
-        from doppelgait.core.kernels.noise import draw_key
-
         noise = draw_key(rng.generator("noise")), noise_v2 / radar.waveform.noise_gain(radar), make_noise_taps(radar)
     if samples is None:
         samples = Samples.stored((slow_time_s.size, radar.n_range_bins), partial(echoes.read_noisy, noise))
@@ -192,7 +190,7 @@ def simulate(
     return read_hdf5(target)
 
 
-NoiseLevel = tuple[np.uint64, float, Factor]
+NoiseLevel = tuple[int, float, Factor]
 """Key, mean square (V^2), and filter taps over range of the receiver noise."""
 ECHO_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase")
 

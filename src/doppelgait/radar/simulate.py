@@ -9,9 +9,11 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait._core import native
 from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
 from doppelgait.core.labels import BASEBAND, make_array, read_axis, replace_array_values
 from doppelgait.core.lazy import read_tiles
+from doppelgait.core.rng import draw_key
 from doppelgait.core.samples import WHITE, Samples
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar.link import fold_scatterers, make_noise_taps, noise_power_v2
@@ -168,12 +170,10 @@ def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.G
     >>> float(f"{float((abs(added) ** 2).mean()):.1e}")  # mean square, V^2
     1e-12
     """
-    from doppelgait.core.kernels.noise import add_noise_matrix, draw_key
-
     stated = baseband.attrs.get("radar")
     factor = WHITE if stated is None else make_noise_taps(Radar.model_validate_json(stated))
     noisy = np.array(baseband.values, dtype=np.result_type(baseband.dtype, np.complex64), order="C")
-    add_noise_matrix(noisy, draw_key(rng), float(np.sqrt(noise_power_v2)), factor)
+    native.add_noise_matrix(noisy, draw_key(rng), float(np.sqrt(noise_power_v2)), factor)
     return replace_array_values(baseband, noisy)
 
 

@@ -12,6 +12,7 @@ from pydantic import Field, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
+from doppelgait.core.rng import draw_key
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import db_to_amplitude
 from doppelgait.radar.impairments.apply import check_width, convert_level_to_volt, find_volts_per_unit, sample_range_m
@@ -63,8 +64,6 @@ def noise_power_per_sample_v2(spec: ThermalNoise, radar: Radar) -> float:
 @plugin("impairment", parameters=ThermalNoise)
 def add_thermal_noise(samples: Samples, parameters: ThermalNoise, radar: Radar, rng: np.random.Generator) -> Samples:
     """Add receiver noise, whose value in a sample is a function of (key, pulse, sample) only."""
-    from doppelgait.core.kernels.noise import draw_key
-
     power_v2 = noise_power_per_sample_v2(parameters, radar)
     return samples.with_noise(draw_key(rng), power_v2, make_noise_taps(radar)).add_pending_noise()
 

@@ -1,0 +1,7 @@
+#include "arrays.hpp"
+
+namespace doppelgait::columns {
+
+void bind(nb::module_&) {}
+
+}  // namespace doppelgait::columns

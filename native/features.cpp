@@ -1,0 +1,7 @@
+#include "arrays.hpp"
+
+namespace doppelgait::features {
+
+void bind(nb::module_&) {}
+
+}  // namespace doppelgait::features

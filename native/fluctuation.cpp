@@ -1,0 +1,7 @@
+#include "arrays.hpp"
+
+namespace doppelgait::fluctuation {
+
+void bind(nb::module_&) {}
+
+}  // namespace doppelgait::fluctuation

@@ -1,0 +1,7 @@
+#include "arrays.hpp"
+
+namespace doppelgait::integration {
+
+void bind(nb::module_&) {}
+
+}  // namespace doppelgait::integration

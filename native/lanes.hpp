@@ -1,0 +1,115 @@
+// Numbers side by side in a vector of the processor: a lane is a pulse, a column or a bin, never a term of a sum, so
+// that no result depends on the width. Products and sums are fused where the source says so.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+#elif defined(__ARM_NEON)
+#include <arm_neon.h>
+#endif
+
+namespace doppelgait {
+
+#if defined(__AVX512F__)
+constexpr int kWidth = 16;
+#elif defined(__AVX2__)
+constexpr int kWidth = 8;
+#else
+constexpr int kWidth = 4;
+#endif
+
+typedef float Float __attribute__((vector_size(4 * kWidth)));
+typedef std::int32_t Int __attribute__((vector_size(4 * kWidth)));
+typedef std::uint32_t Word __attribute__((vector_size(4 * kWidth)));
+typedef double Double __attribute__((vector_size(4 * kWidth)));  // half as many
+
+template <typename Vector, typename T>
+inline Vector load(const T* from) {
+  Vector value;
+  std::memcpy(&value, from, sizeof value);
+  return value;
+}
+
+template <typename Vector, typename T>
+inline void store(T* to, Vector value) {
+  std::memcpy(to, &value, sizeof value);
+}
+
+template <typename To, typename From>
+inline To bits_of(From value) {
+  static_assert(sizeof(To) == sizeof(From));
+  To bits;
+  std::memcpy(&bits, &value, sizeof bits);
+  return bits;
+}
+
+inline Float spread(float value) { return value - Float{}; }
+
+// a b + c, rounded once. Level 1 has no such instruction and rounds twice: its last bits differ.
+inline float fused(float a, float b, float c) {
+#if defined(__FMA__) || defined(__ARM_FEATURE_FMA)
+  return __builtin_fmaf(a, b, c);
+#else
+  return a * b + c;
+#endif
+}
+
+inline double fused(double a, double b, double c) {
+#if defined(__FMA__) || defined(__ARM_FEATURE_FMA)
+  return __builtin_fma(a, b, c);
+#else
+  return a * b + c;
+#endif
+}
+
+inline Float fused(Float a, Float b, Float c) {
+#if defined(__AVX512F__)
+  return (Float)_mm512_fmadd_ps((__m512)a, (__m512)b, (__m512)c);
+#elif defined(__FMA__)
+  return (Float)_mm256_fmadd_ps((__m256)a, (__m256)b, (__m256)c);
+#elif defined(__ARM_NEON)
+  return (Float)vfmaq_f32((float32x4_t)c, (float32x4_t)a, (float32x4_t)b);
+#else
+  return a * b + c;
+#endif
+}
+
+inline Float fused(Float a, Float b, float c) { return fused(a, b, spread(c)); }
+inline Float fused(Float a, float b, float c) { return fused(a, spread(b), spread(c)); }
+
+inline Float square_root(Float value) {
+#if defined(__AVX512F__)
+  return (Float)_mm512_sqrt_ps((__m512)value);
+#elif defined(__AVX2__)
+  return (Float)_mm256_sqrt_ps((__m256)value);
+#elif defined(__x86_64__)
+  return (Float)_mm_sqrt_ps((__m128)value);
+#else
+  for (int lane = 0; lane < kWidth; ++lane) value[lane] = std::sqrt(value[lane]);
+  return value;
+#endif
+}
+
+// High and low words of the products of all lanes with one number.
+inline void multiply(Word a, std::uint32_t b, Word& high, Word& low) {
+#if defined(__AVX512F__)
+  const __m512i x = (__m512i)a, y = _mm512_set1_epi32(static_cast<int>(b));
+  const __m512i even = _mm512_mul_epu32(x, y), odd = _mm512_mul_epu32(_mm512_srli_epi64(x, 32), y);
+  high = (Word)_mm512_mask_blend_epi32(0xAAAA, _mm512_srli_epi64(even, 32), odd);
+  low = a * b;
+#elif defined(__AVX2__)
+  const __m256i x = (__m256i)a, y = _mm256_set1_epi32(static_cast<int>(b));
+  const __m256i even = _mm256_mul_epu32(x, y), odd = _mm256_mul_epu32(_mm256_srli_epi64(x, 32), y);
+  high = (Word)_mm256_blend_epi32(_mm256_srli_epi64(even, 32), odd, 0xAA);
+  low = a * b;
+#else
+  for (int lane = 0; lane < kWidth; ++lane) high[lane] = static_cast<std::uint32_t>((std::uint64_t{a[lane]} * b) >> 32);
+  low = a * b;
+#endif
+}
+
+}  // namespace doppelgait

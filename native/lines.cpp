@@ -1,0 +1,7 @@
+#include "arrays.hpp"
+
+namespace doppelgait::lines {
+
+void bind(nb::module_&) {}
+
+}  // namespace doppelgait::lines

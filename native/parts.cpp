@@ -1,0 +1,7 @@
+#include "arrays.hpp"
+
+namespace doppelgait::parts {
+
+void bind(nb::module_&) {}
+
+}  // namespace doppelgait::parts

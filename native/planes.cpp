@@ -1,0 +1,7 @@
+#include "arrays.hpp"
+
+namespace doppelgait::planes {
+
+void bind(nb::module_&) {}
+
+}  // namespace doppelgait::planes

@@ -1,0 +1,7 @@
+#include "arrays.hpp"
+
+namespace doppelgait::robust {
+
+void bind(nb::module_&) {}
+
+}  // namespace doppelgait::robust

@@ -1,0 +1,7 @@
+#include "arrays.hpp"
+
+namespace doppelgait::signature {
+
+void bind(nb::module_&) {}
+
+}  // namespace doppelgait::signature

@@ -1,0 +1,7 @@
+#include "arrays.hpp"
+
+namespace doppelgait::spline {
+
+void bind(nb::module_&) {}
+
+}  // namespace doppelgait::spline

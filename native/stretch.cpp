@@ -1,0 +1,7 @@
+#include "arrays.hpp"
+
+namespace doppelgait::stretch {
+
+void bind(nb::module_&) {}
+
+}  // namespace doppelgait::stretch

@@ -1,0 +1,7 @@
+#include "arrays.hpp"
+
+namespace doppelgait::synthesis {
+
+void bind(nb::module_&) {}
+
+}  // namespace doppelgait::synthesis

@@ -1,0 +1,7 @@
+#include "arrays.hpp"
+
+namespace doppelgait::tones {
+
+void bind(nb::module_&) {}
+
+}  // namespace doppelgait::tones
