@@ -29,7 +29,9 @@ def circle(imports: Mapping[str, Iterable[str]]) -> list[str]:
 @pytest.fixture(scope="module")
 def imports() -> dict[str, set[str]]:
     graph = grimp.build_graph("doppelgait", cache_dir=None)
-    return {module: set(graph.find_modules_directly_imported_by(module)) for module in graph.modules}
+    found = {module: set(graph.find_modules_directly_imported_by(module)) for module in graph.modules}
+    found["doppelgait._core"].discard("doppelgait._core")  # its compiled modules, which are not in the graph
+    return found
 
 
 def test_the_package_has_no_circle(imports: dict[str, set[str]]) -> None:

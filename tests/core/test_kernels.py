@@ -1,31 +1,30 @@
 """The compiled kernels against NumPy and closed forms (E-18, E-24)."""
 
-import math
-
 import numpy as np
 import pytest
 
-from doppelgait.core.kernels.signature import LAST, gated_signature, radices_of
+from doppelgait._core import native
 from doppelgait.core.kernels.synthesis import SUPPORT_SIGMAS, add_echoes, split_planes
+from doppelgait.processing.signature import sum_columns
 
 WAVELENGTH_M = 299_792_458 / 7.29e9
 
 
 @pytest.mark.parametrize("k", [48, 64, 80, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 1024, 5120])
-def test_radices_multiply_to_the_length(k):
-    assert math.prod(radices_of(k)) * LAST == k
+def test_lengths_with_native_passes(k):
+    assert native.has_passes(k)
 
 
-@pytest.mark.parametrize("k", [1, 3, 16, 32, 49, 101, 112, 200])
+@pytest.mark.parametrize("k", [-48, 0, 1, 3, 16, 32, 49, 101, 112, 200])
 def test_other_lengths_have_no_passes(k):
-    assert radices_of(k) == ()
+    assert not native.has_passes(k)
 
 
 def run(y, *, first_pulse, hop, window, first_bin, n_gate, k, n_columns):
     planes = [np.ascontiguousarray(part.T.astype(np.float32)) for part in (y.real, y.imag)]
     out = np.full((n_columns, k), np.nan, np.float32)
     first_bin = np.broadcast_to(np.asarray(first_bin, np.int64), n_columns).copy()
-    gated_signature(
+    sum_columns(
         *planes,
         planes[0].shape[1],
         first_pulse,
@@ -112,11 +111,12 @@ def test_any_number_of_columns_e24(random_baseband, n_columns, hop):
     assert np.linalg.norm(found - wanted) < 1e-6 * np.linalg.norm(wanted)
 
 
+@pytest.mark.parametrize("first_pulse", [-20, -17, -1])
 @pytest.mark.parametrize("hop", [1, 7])
-def test_pulses_outside_the_record_and_bins_outside_the_frame_are_zero_e22(random_baseband, hop):
+def test_pulses_outside_the_record_and_bins_outside_the_frame_are_zero_e22(random_baseband, hop, first_pulse):
     n_columns = 60
     case = {
-        "first_pulse": -20,
+        "first_pulse": first_pulse,
         "hop": hop,
         "window": np.hanning(41),
         "first_bin": np.linspace(-6, 11, n_columns).astype(int),
@@ -185,7 +185,7 @@ def test_rows_may_be_longer_than_the_record():
     out = np.empty((40, k), np.float32)
     low = np.full(40, 0.5)
     padded = np.pad(window, (0, k - window.size))
-    gated_signature(*planes, 70, -5, 2, padded, low, low + 2, out)
+    sum_columns(*planes, 70, -5, 2, padded, low, low + 2, out)
     np.testing.assert_allclose(out, wanted, rtol=1e-5, atol=1e-5 * wanted.max())
 
 
@@ -197,3 +197,47 @@ def test_planes_of_a_data_matrix_are_its_real_and_imaginary_parts(n_frames, firs
     split_planes(matrix, first_bin, plane_re, plane_im)
     np.testing.assert_array_equal(plane_re, matrix.real.T[first_bin : first_bin + n_bins])
     np.testing.assert_array_equal(plane_im, matrix.imag.T[first_bin : first_bin + n_bins])
+
+
+@pytest.mark.parametrize(
+    ("changed", "error"),
+    [
+        ({"plane_re": np.zeros((3, 60), np.float32)}, ValueError),
+        ({"plane_im": np.zeros((4, 59), np.float32)}, ValueError),
+        ({"plane_re": np.zeros((4, 60), np.float32)[:, ::-1]}, ValueError),
+        ({"plane_re": np.zeros(60, np.float32)}, TypeError),
+        ({"plane_re": None}, TypeError),
+        ({"n_pulses": 61}, ValueError),
+        ({"n_pulses": -1}, ValueError),
+        ({"hop": 0}, ValueError),
+        ({"hop": 1 << 60}, ValueError),
+        ({"first_pulse": -(1 << 62)}, ValueError),
+        ({"window": np.ones(49, np.float32)}, ValueError),
+        ({"low": np.zeros(9)}, ValueError),
+        ({"high": np.zeros(11)}, ValueError),
+        ({"out": np.zeros((10, 50), np.float32)}, ValueError),
+        ({"out": np.zeros((10, 48))}, TypeError),
+        ({"out": np.zeros((10, 96), np.float32)[:, ::2]}, ValueError),
+        ({"out": np.broadcast_to(np.float32(0.0), (10, 48))}, TypeError),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused_by_the_signature(changed, error):
+    planes = np.zeros((2, 4, 60), np.float32)
+    fitting = {
+        "plane_re": planes[0], "plane_im": planes[1], "n_pulses": 60, "first_pulse": 0, "hop": 1,
+        "window": np.ones(48, np.float32), "low": np.zeros(10), "high": np.ones(10),
+        "out": np.ones((10, 48), np.float32),
+    }  # fmt: skip
+    native.gated_signature(**fitting)
+    assert not fitting["out"].any()
+    with pytest.raises(error):
+        native.gated_signature(**{**fitting, **changed})
+
+
+@pytest.mark.parametrize("edge", [np.nan, np.inf, -np.inf, 1e300, -1e300])
+def test_gates_without_a_place_read_nothing_outside_the_planes(edge):
+    out = np.empty((10, 48), np.float32)
+    for low, high in ((edge, 3.0), (1.0, edge), (edge, edge)):
+        edges = np.full(10, low), np.full(10, high)
+        native.gated_signature(*np.ones((2, 4, 60), np.float32), 60, 0, 3, np.ones(48, np.float32), *edges, out)
+        assert np.isfinite(out).all()

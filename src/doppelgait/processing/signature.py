@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -10,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait._core import native
 from doppelgait.core import lazy
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.frames import Frames, SlowTime
@@ -19,6 +21,8 @@ from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.bursts import make_frame_gate, split_bursts
 from doppelgait.processing.config import Analysis, Transform, find_lossless_hop, plan_transform
 from doppelgait.processing.gate import Gate
+
+Plane = npt.NDArray[np.float32]
 
 
 def plan_for(slow_time: SlowTime, analysis: Analysis) -> Transform:
@@ -292,8 +296,6 @@ class GatedTransform:
 
     def sum_power(self, samples: Samples) -> npt.NDArray[np.float32]:
         """Sum the power over the gate's bins, (J, K) (E-27)."""
-        from doppelgait.core.kernels.signature import gated_signature
-
         transform = self.transform
         spans = self.find_needed_pulses()
         window = np.zeros(transform.n_doppler_bins, dtype=np.float32)
@@ -318,7 +320,7 @@ class GatedTransform:
                 pulses = slice(max(first, 0), min(after, self.n_pulses))
                 planes, first_bin = samples.read_tile(pulses, bins), bins.start
                 begin, n_pulses = pulses.start, planes.shape[2]
-            gated_signature(
+            sum_columns(
                 planes[0],
                 planes[1],
                 n_pulses,
@@ -373,6 +375,61 @@ class GatedTransform:
             "gate": json.dumps(self.gate.facts),
         }
         return Signal(SIGNATURE, power, coords, attrs)
+
+
+def sum_columns(
+    plane_re: Plane,
+    plane_im: Plane,
+    n_pulses: int,
+    first_pulse: int,
+    hop: int,
+    window: Plane,
+    low: npt.NDArray[np.float64],
+    high: npt.NDArray[np.float64],
+    out: Plane,
+) -> None:
+    r"""Sum the power of a moving gate over range, column by column (E-24, E-27).
+
+    .. math:: \mu_{j,k} = \sum_n g_{j,n} \Big| \sum_{m=0}^{M-1} w_m\, Y_{i_j+m-h,\,n}\, e^{-j 2 \pi k m / K} \Big|^2
+
+    with the Doppler bins in ascending order (zero Doppler at k = K // 2) and :math:`g_{j,n}` the share of bin n's cell
+    (n - 1/2 to n + 1/2) that lies between ``low[j]`` and ``high[j]``.
+
+    Parameters
+    ----------
+    plane_re, plane_im : ndarray, shape (N, I or more), float32
+        Data matrix, one contiguous row a range bin.
+    n_pulses : int
+        I; pulses outside 0..I-1 count as zero.
+    first_pulse : int
+        Pulse i_0 - h at which the window of column 0 starts; may be negative.
+    hop : int
+        Pulses from column to column.
+    window : ndarray, shape (K,), float32
+        The window and zeros up to the transform length.
+    low, high : ndarray, shape (J,), float64
+        Edges of the gate in bins; parts outside the frame count as zero.
+    out : ndarray, shape (J, K), float32
+        Overwritten.
+    """
+    if native.has_passes(window.size):
+        native.gated_signature(plane_re, plane_im, n_pulses, first_pulse, hop, window, low, high, out)
+        return
+    from scipy import fft
+
+    for block in range(0, out.shape[0], LANES):
+        columns = slice(block, block + LANES)
+        start, stop = low[columns], high[columns]
+        bins = np.arange(max(0, math.floor(start.min() - 0.5) + 1), min(plane_re.shape[0], math.ceil(stop.max() + 0.5)))
+        pulses = first_pulse + hop * np.arange(block, block + start.size)[:, None] + np.arange(window.size)
+        inside = (pulses >= 0) & (pulses < n_pulses)
+        at = np.where(inside, pulses, 0)
+        share = np.minimum(stop[:, None], bins + 0.5) - np.maximum(start[:, None], bins - 0.5)
+        frames = np.empty((bins.size, *pulses.shape), dtype=np.complex64)
+        frames.real, frames.imag = (np.where(inside, plane[bins][:, at], 0.0) for plane in (plane_re, plane_im))
+        spectrum = fft.fftshift(fft.fft(frames * window, axis=-1), axes=-1)
+        power = spectrum.real**2 + spectrum.imag**2
+        out[columns] = np.einsum("jn,njk->jk", np.maximum(share, 0.0).astype(np.float32), power)
 
 
 NEED_BLOCK = 32
