@@ -38,6 +38,8 @@ using In1 = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 template <typename T>
 using In2 = nb::ndarray<const T, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 template <typename T>
+using In3 = nb::ndarray<const T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+template <typename T>
 using Out1 = nb::ndarray<T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 template <typename T>
 using Out2 = nb::ndarray<T, nb::ndim<2>, nb::device::cpu>;
@@ -56,6 +58,10 @@ auto view_rows(const Array& array) {
   const auto count = static_cast<Index>(array.shape(0)), width = static_cast<Index>(array.shape(1));
   if (width > 1 && count > 0 && array.stride(1) != 1) throw std::invalid_argument("rows must be contiguous");
   return Rows<T>{array.data(), count, width, array.stride(0)};
+}
+
+inline void require(bool fits, const char* otherwise) {
+  if (!fits) throw std::invalid_argument(otherwise);
 }
 
 // What a function does without Python's lock.

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <utility>
 
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -26,6 +27,7 @@ typedef float Float __attribute__((vector_size(4 * kWidth)));
 typedef std::int32_t Int __attribute__((vector_size(4 * kWidth)));
 typedef std::uint32_t Word __attribute__((vector_size(4 * kWidth)));
 typedef double Double __attribute__((vector_size(4 * kWidth)));  // half as many
+constexpr int kHalfWidth = kWidth / 2;
 
 template <typename Vector, typename T>
 inline Vector load(const T* from) {
@@ -48,6 +50,7 @@ inline To bits_of(From value) {
 }
 
 inline Float spread(float value) { return value - Float{}; }
+inline Double spread(double value) { return value - Double{}; }
 
 // a b + c, rounded once. Level 1 has no such instruction and rounds twice: its last bits differ.
 inline float fused(float a, float b, float c) {
@@ -81,6 +84,22 @@ inline Float fused(Float a, Float b, Float c) {
 inline Float fused(Float a, Float b, float c) { return fused(a, b, spread(c)); }
 inline Float fused(Float a, float b, float c) { return fused(a, spread(b), spread(c)); }
 
+inline Double fused(Double a, Double b, Double c) {
+#if defined(__AVX512F__)
+  return (Double)_mm512_fmadd_pd((__m512d)a, (__m512d)b, (__m512d)c);
+#elif defined(__FMA__)
+  return (Double)_mm256_fmadd_pd((__m256d)a, (__m256d)b, (__m256d)c);
+#elif defined(__aarch64__)
+  return (Double)vfmaq_f64((float64x2_t)c, (float64x2_t)a, (float64x2_t)b);
+#else
+  return a * b + c;
+#endif
+}
+
+inline Double fused(Double a, Double b, double c) { return fused(a, b, spread(c)); }
+inline Double fused(Double a, double b, Double c) { return fused(a, spread(b), c); }
+inline Double fused(Double a, double b, double c) { return fused(a, spread(b), spread(c)); }
+
 inline Float square_root(Float value) {
 #if defined(__AVX512F__)
   return (Float)_mm512_sqrt_ps((__m512)value);
@@ -90,6 +109,20 @@ inline Float square_root(Float value) {
   return (Float)_mm_sqrt_ps((__m128)value);
 #else
   for (int lane = 0; lane < kWidth; ++lane) value[lane] = std::sqrt(value[lane]);
+  return value;
+#endif
+}
+
+inline double square_root(double value) { return std::sqrt(value); }
+inline Double square_root(Double value) {
+#if defined(__AVX512F__)
+  return (Double)_mm512_sqrt_pd((__m512d)value);
+#elif defined(__AVX2__)
+  return (Double)_mm256_sqrt_pd((__m256d)value);
+#elif defined(__x86_64__)
+  return (Double)_mm_sqrt_pd((__m128d)value);
+#else
+  for (int lane = 0; lane < kHalfWidth; ++lane) value[lane] = std::sqrt(value[lane]);
   return value;
 #endif
 }
@@ -110,6 +143,35 @@ inline void multiply(Word a, std::uint32_t b, Word& high, Word& low) {
   for (int lane = 0; lane < kWidth; ++lane) high[lane] = static_cast<std::uint32_t>((std::uint64_t{a[lane]} * b) >> 32);
   low = a * b;
 #endif
+}
+
+// Every third number of three vectors, from number k on, and the number k of three.
+template <int k, int... lane>
+inline Double take_third(Double a, Double b, Double c, std::integer_sequence<int, lane...>) {
+  constexpr int n = kHalfWidth;
+  const Double from_two = __builtin_shufflevector(a, b, (3 * lane + k < 2 * n ? 3 * lane + k : 0)...);
+  return __builtin_shufflevector(from_two, c, (3 * lane + k < 2 * n ? lane : 3 * lane + k - n)...);
+}
+template <int k>
+inline Double take_third(Double a, Double b, Double c) {
+  return take_third<k>(a, b, c, std::make_integer_sequence<int, kHalfWidth>());
+}
+template <int k>
+inline double take_third(double a, double b, double c) {
+  return k == 0 ? a : k == 1 ? b : c;
+}
+
+// Call body(zero, place) for n places side by side, with a vector of zeros or, for few places, with the number 0.0.
+// Places may be repeated: what the body reads, it must not change.
+template <typename Body>
+inline void side_by_side(std::int64_t n, Body body) {
+  if (n < kHalfWidth) {
+    for (std::int64_t place = 0; place < n; ++place) body(0.0, place);
+  } else {
+    for (std::int64_t place = 0; place < n; place += kHalfWidth) {
+      body(Double{}, place < n - kHalfWidth ? place : n - kHalfWidth);
+    }
+  }
 }
 
 }  // namespace doppelgait

@@ -13,6 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait._core import native
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.rng import RandomSource, Streams, as_generator
 from doppelgait.motion.gait import add_gait_facts, find_feet, find_steps, is_quadruped
@@ -227,8 +228,6 @@ def _select_columns(curve: Spline, columns: npt.NDArray[np.int64]) -> Spline:
 
 def _close_cycle(motion: Motion, seam: Seam, overlap: float) -> Cycle:
     """Return the endless cycle of a clip with a seam."""
-    from doppelgait.core.kernels.spline import spline_moments
-
     rate, curve = motion.rate_hz, fit_spline(motion)
     ends = seam.start + np.linspace(0.0, overlap, max(3, math.ceil(overlap)))
 
@@ -263,7 +262,7 @@ def _close_cycle(motion: Motion, seam: Seam, overlap: float) -> Cycle:
     within = grid < seam.lag
     values = np.concatenate([share - share[within].mean(axis=0), gained], axis=1)
     moments = np.empty_like(values)
-    spline_moments(values, step, moments)
+    native.spline_moments(values, step, moments)
     travel = Spline(values, moments, step)
     return Cycle(curve, motion.positions.shape, rate, seam, overlap, advance, moved - advance, faster, travel)
 

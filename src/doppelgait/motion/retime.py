@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from doppelgait._core import native
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import MotionError
 from doppelgait.core.labels import MOTION, SPACE, make_array
@@ -139,11 +140,9 @@ def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float
     At the time ``at_s``, its body centre is above the ground position.
     """
     turn = math.radians(heading_deg) - travel_heading_rad(motion)
-    from doppelgait.core.kernels.spline import turn_and_move
-
     pivot, points = _interpolate_centre(motion, at_s), np.ascontiguousarray(motion.position_m, dtype=np.float64)
     moved = np.empty(points.shape)
-    turn_and_move(
+    native.turn_and_move(
         points.reshape(-1, 3),
         math.cos(turn),
         math.sin(turn),
@@ -189,10 +188,8 @@ class Spline:
 
     def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return values and slopes at times, both (I, C). Times are relative to the first frame."""
-        from doppelgait.core.kernels.spline import positions_and_velocities
-
         value, slope = np.empty((2, times_s.size, self.values.shape[1]))
-        positions_and_velocities(self.values, self.moments, self.step_s, times_s, value, slope)
+        native.positions_and_velocities(self.values, self.moments, self.step_s, times_s, value, slope)
         return value, slope
 
 
@@ -207,15 +204,13 @@ def fit_centre(motion: Motion) -> Spline:
 
 
 def _fit_motion_spline(motion: Motion, columns: npt.NDArray[Any]) -> Spline:
-    from doppelgait.core.kernels.spline import spline_moments
-
     if columns.shape[0] < 4 or not np.isfinite(columns).all():
         source = motion.facts.source
         raise MotionError(f"{source}: needs 4 frames or more without gaps to be resampled; clean it first")
     values = np.ascontiguousarray(columns, dtype=np.float64)
     moments = np.empty_like(values)
     step_s = motion.duration_s / (values.shape[0] - 1)
-    spline_moments(values, step_s, moments)
+    native.spline_moments(values, step_s, moments)
     return Spline(values, moments, step_s)
 
 

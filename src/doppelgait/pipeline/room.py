@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait._core import native
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.labels import label_table, read_axis
 from doppelgait.motion.retime import Spline, fit_spline
@@ -156,13 +157,11 @@ def _compute_images(
 
 def _interpolate_table(values: FloatArray, looks_s: FloatArray, times_s: FloatArray) -> FloatArray:
     """Interpolate the columns of a table by cubic splines."""
-    from doppelgait.core.kernels.spline import spline_moments, values_between
-
     heights = np.ascontiguousarray(values)
     moments, step_s = np.empty_like(heights), float(looks_s[1] - looks_s[0])
-    spline_moments(heights, step_s, moments)
+    native.spline_moments(heights, step_s, moments)
     out = np.empty((times_s.size, heights.shape[1]))
-    values_between(heights, moments, step_s, times_s - looks_s[0], out)
+    native.values_between(heights, moments, step_s, times_s - looks_s[0], out)
     return out
 
 

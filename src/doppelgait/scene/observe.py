@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait._core import native
 from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, label_axis, label_table, label_values, make_array
 from doppelgait.core.lazy import lazy_rows
 from doppelgait.motion.retime import Spline, check_times, fit_centre, fit_spline, resample
@@ -287,11 +288,9 @@ def _observe(
         "path_gain": np.broadcast_to(gain, range_m.shape),
     }
     if angles:
-        from doppelgait.core.kernels.spline import angles_of_sight
-
         origin = np.asarray(scene.radar_position_m, dtype=np.float64)
         values |= {name: np.empty(range_m.shape) for name in angles}
-        angles_of_sight(
+        native.angles_of_sight(
             spline.values,
             spline.moments,
             spline.step_s,
@@ -328,12 +327,10 @@ def _make_scatterers(
 
 def compute_ranges(spline: Spline, times: FloatArray, radar_position_m: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Compute ranges and radial velocities of all points (E-03, E-04); both have the shape (I, P)."""
-    from doppelgait.core.kernels import spline as kernel
-
     range_m = np.empty((times.size, spline.values.shape[1] // 3))
     approach_mps = np.empty_like(range_m)
     origin = np.asarray(radar_position_m, dtype=np.float64)
-    kernel.ranges_and_velocities(spline.values, spline.moments, spline.step_s, times, origin, range_m, approach_mps)
+    native.ranges_and_velocities(spline.values, spline.moments, spline.step_s, times, origin, range_m, approach_mps)
     return range_m, approach_mps
 
 
@@ -351,8 +348,6 @@ def compute_body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.Arra
     >>> track.range_m.round(1)  # 1.2 m nearer after 1 s
     array([6.8, 5.6])
     """
-    from doppelgait.core.kernels.spline import angles_of_sight
-
     times = check_times(target.motion, np.asarray(slow_time_s, dtype=float))
     spline, origin = fit_centre(target.motion), np.asarray(scene.radar_position_m, dtype=np.float64)
     if scene.receiver_position_m is not None:
@@ -363,7 +358,7 @@ def compute_body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.Arra
         )
     range_m, approach_mps = compute_ranges(spline, times, scene.radar_position_m)
     azimuth_rad, elevation_rad, aspect_rad = np.empty((3, times.size, 1))
-    angles_of_sight(
+    native.angles_of_sight(
         spline.values,
         spline.moments,
         spline.step_s,

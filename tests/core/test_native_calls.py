@@ -1,0 +1,118 @@
+"""Native functions: the same bytes at every level of processor, and arguments that do not fit are refused."""
+
+import math
+from dataclasses import dataclass
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+from doppelgait._core import native
+
+
+@dataclass
+class Case:
+    """Call of a native function with arguments that fit."""
+
+    name: str
+    arguments: list
+    outputs: tuple[int, ...] = ()
+    """Places of the arrays that are written."""
+    free: tuple[tuple[int, int], ...] = ()
+    """Array and axis whose length nothing else determines."""
+
+    def run(self, module=native):
+        """Return the result and the arrays that were written."""
+        arguments = [value.copy() if isinstance(value, np.ndarray) else value for value in self.arguments]
+        result = getattr(module, self.name)(*arguments)
+        written = [arguments[n] for n in self.outputs]
+        return written if result is None else [np.array(result), *written]
+
+
+def make_spline_cases(rng, n_points):
+    step, times = 0.013, np.sort(rng.uniform(0.0, 0.013 * 39, 77))
+    values = np.cumsum(rng.standard_normal((40, 3 * n_points)), axis=0)
+    moments = np.full_like(values, np.nan)
+    native.spline_moments(values, step, moments)
+    spline, origin = [values, moments, step, times], np.array([1.0, -2.0, 0.5])
+    both, each = np.zeros((77, 3 * n_points)), np.zeros((77, n_points))
+    return [
+        Case("spline_moments", [values, step, np.zeros_like(values)], (2,)),
+        Case("positions_and_velocities", [*spline, both, both], (4, 5)),
+        Case("values_between", [*spline, both], (4,)),
+        Case("ranges_and_velocities", [*spline, origin, each, each], (5, 6)),
+        Case("angles_of_sight", [*spline, origin, each, each, 40.0, each], (5, 6, 8)),
+        Case("angles_of_sight", [*spline, origin, each, each, 40.0, None], (5, 6)),
+        Case(
+            "turn_and_move", [values.reshape(-1, 3), 0.8, 0.6, 1.0, 2.0, 3.0, 4.0, np.zeros((40 * n_points, 3))], (7,)
+        ),
+    ]
+
+
+def make_cases():
+    rng = np.random.default_rng(5)
+    return [case for n_points in (1, 2, 3, 5, 41) for case in make_spline_cases(rng, n_points)]
+
+
+CASES = make_cases()
+LEVELS = [import_module(f"doppelgait._core._level{n}") for n in range(1, native.find_processor_level() + 1)]
+
+
+def identify(case):
+    return case.name
+
+
+@pytest.mark.parametrize("case", CASES, ids=identify)
+def test_levels_2_and_3_make_the_same_bytes_and_level_1_differs_by_rounding(case):
+    first, second, third = (case.run(LEVELS[min(n, len(LEVELS) - 1)]) for n in range(3))
+    for one, two, three in zip(first, second, third, strict=True):
+        assert two.tobytes() == three.tobytes()
+        limit = (1e-9 if two.dtype.itemsize >= 8 else 1e-5) * np.nanmax(np.abs(two), initial=0.0)
+        np.testing.assert_allclose(one, two, rtol=0, atol=limit)
+
+
+DISTINCT = list({case.name: case for case in CASES}.values())
+
+
+@pytest.mark.parametrize("case", DISTINCT, ids=identify)
+def test_written_arrays_are_never_copied(case):
+    for n in case.outputs:
+        given = case.arguments[n]
+        others = [np.zeros(given.shape, np.float16), np.zeros((2 * given.size, 2))[::2, 0]]
+        others += [np.zeros(given.shape[::-1]).T] if min(given.shape) > 1 else []
+        for other in others:
+            arguments = [*case.arguments[:n], other, *case.arguments[n + 1 :]]
+            with pytest.raises((TypeError, ValueError)):
+                getattr(native, case.name)(*arguments)
+            assert not other.any()
+
+
+@pytest.mark.parametrize("case", DISTINCT, ids=identify)
+def test_lengths_that_disagree_are_refused(case):
+    for n, value in enumerate(case.arguments):
+        for axis in range(np.ndim(value)):
+            if (n, axis) in case.free:
+                continue
+            arguments = [part.copy() if isinstance(part, np.ndarray) else part for part in case.arguments]
+            arguments[n] = np.ascontiguousarray(np.delete(value, -1, axis))
+            with pytest.raises(ValueError, match=r"\w"):
+                getattr(native, case.name)(*arguments)
+            for k in case.outputs:
+                assert k == n or arguments[k].tobytes() == case.arguments[k].tobytes()
+
+
+@pytest.mark.parametrize("case", DISTINCT, ids=identify)
+def test_read_arrays_may_have_any_layout_and_type(case):
+    strided = Case(case.name, list(case.arguments), case.outputs)
+    for n, value in enumerate(case.arguments):
+        if isinstance(value, np.ndarray) and n not in case.outputs:
+            strided.arguments[n] = np.repeat(value, 2, axis=-1)[..., ::2]
+    for one, other in zip(case.run(), strided.run(), strict=True):
+        assert one.tobytes() == other.tobytes()
+
+
+@pytest.mark.parametrize("time", [math.nan, math.inf, -math.inf, -5.0, 1e300])
+def test_times_outside_a_spline_read_its_first_or_last_frames(time):
+    values, out = np.ones((4, 3)), np.zeros((1, 3))
+    native.values_between(values, 0.0 * values, 0.1, np.array([time]), out)
+    assert np.isnan(out).all() or out == pytest.approx(1.0)
