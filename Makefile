@@ -9,6 +9,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PACKAGES := --editable packages/liland2018 --editable packages/conformance
+BUILT_FROM := pyproject.toml hatch_build.py $(wildcard packages/*/pyproject.toml native/*)
 
 .PHONY: dataset fuzz kernels check lint test release docs docs-links benchmark clean
 
@@ -18,6 +19,7 @@ dataset: $(VENV)/.installed
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check src packages tests benchmarks studies tools docs
 	$(BIN)/ruff format --check src packages tests benchmarks studies tools docs
+	$(BIN)/clang-format --dry-run -Werror native/*.cpp native/*.hpp
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
@@ -64,12 +66,12 @@ $(BIN)/python:
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if v >= (3, 11) else f"doppelgait needs Python 3.11 or newer, $(PYTHON) is {v.major}.{v.minor}; set PYTHON=python3.12 or the like")'
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.installed: pyproject.toml packages/*/pyproject.toml | $(BIN)/python
+$(VENV)/.installed: $(BUILT_FROM) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --quiet --editable . $(PACKAGES)
 	touch $@
 
-$(VENV)/.installed-test: pyproject.toml packages/*/pyproject.toml | $(BIN)/python
+$(VENV)/.installed-test: $(BUILT_FROM) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --quiet --editable ".[test]" $(PACKAGES)
 	touch $(VENV)/.installed $@
