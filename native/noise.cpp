@@ -77,8 +77,11 @@ void add_to_planes(Rows<float> re, Rows<float> im, Index start, Index stop, Inde
 
 void add_noise_block(const Out2<float>& plane_re, const Out2<float>& plane_im, Index start, Index stop, Index first_bin,
                      Index first_frame, std::uint64_t key, double rms, const In1<float>& factor) {
-  add_to_planes(view_rows(plane_re), view_rows(plane_im), start, stop, first_bin, first_frame, key,
-                static_cast<float>(rms), view_line(factor));
+  const auto re = view_rows(plane_re), im = view_rows(plane_im);
+  require(re.count == im.count && re.width == im.width, "both planes need the same shape");
+  require(0 <= start && stop <= re.width && first_bin >= 0, "frames and bins must lie within the planes");
+  require(factor.shape(0) > 0, "the factor needs a tap");
+  add_to_planes(re, im, start, stop, first_bin, first_frame, key, static_cast<float>(rms), view_line(factor));
 }
 
 void copy_noise_spans(const Planes<float>& source_re, const Planes<float>& source_im, const In2<Index>& spans,
@@ -88,6 +91,12 @@ void copy_noise_spans(const Planes<float>& source_re, const Planes<float>& sourc
   const auto re = view_rows(plane_re), im = view_rows(plane_im);
   const auto span = view_rows(spans);
   const Index n_bins = from_re.count, n_frames = re.width;
+  require(from_im.count == n_bins && re.count == n_bins && im.count == n_bins && span.count == n_bins, "bins differ");
+  require(im.width == n_frames && from_re.width >= n_frames && from_im.width >= n_frames, "frames differ");
+  require(span.width == 2 && factor.shape(0) > 0 && first_bin >= 0 && margin >= 0, "spans are pairs, with a factor");
+  for (Index n = 0; n < n_bins; ++n) {
+    require(span[n][0] >= span[n][1] || (span[n][0] >= 0 && span[n][1] <= n_frames), "spans must lie in the planes");
+  }
   Index first_frame = n_frames, last_frame = 0;
   for (Index n = 0; n < n_bins; ++n) {
     const Index begin = span[n][0], stop = span[n][1];
@@ -116,6 +125,7 @@ template <typename T>
 void add_noise_matrix(const Out2<std::complex<T>>& matrix, std::uint64_t key, double rms, const In1<float>& factor) {
   const auto all = view_rows(matrix);
   const auto taps = view_line(factor);
+  require(taps.size > 0, "the factor needs a tap");
   const Index n_more = taps.size - 1;
   std::uint32_t words[4 * kLanes];
   float even[2 * kLanes], odd[2 * kLanes];
@@ -138,9 +148,37 @@ void add_noise_matrix(const Out2<std::complex<T>>& matrix, std::uint64_t key, do
   }
 }
 
+// The three steps by themselves, for tests against published words and against the logarithm and the circle.
+void draw_philox(const In1<std::uint32_t>& counter, std::uint64_t key, const Out1<std::uint32_t>& words) {
+  const auto from = view_line(counter);
+  const auto to = view_line(words);
+  require(from.size == 4 && to.size == 4, "counter and words need four numbers");
+  const Words drawn = philox({{Word{} + from[0], Word{} + from[1], Word{} + from[2], Word{} + from[3]}}, key);
+  for (int word = 0; word < 4; ++word) to[word] = drawn.at[word][0];
+}
+
+void transform_words(const In1<std::uint32_t>& words, const Out1<float>& exponentials, const Out1<float>& x,
+                     const Out1<float>& y) {
+  const auto from = view_line(words);
+  const auto value = view_line(exponentials), across = view_line(x), up = view_line(y);
+  require(value.size == from.size && across.size == from.size && up.size == from.size, "lengths differ");
+  for (Index i = 0; i < from.size; ++i) {
+    const Word word = Word{} + from[i];
+    Float a, b;
+    direction(word, a, b);
+    value[i] = exponential(word)[0];
+    across[i] = a[0];
+    up[i] = b[0];
+  }
+}
+
 }  // namespace
 
 void bind(nb::module_& module) {
+  module.def("draw_philox", &draw_philox, nb::arg("counter"), nb::arg("key"), nb::arg("words").noconvert());
+  module.def("transform_words", &transform_words, nb::arg("words"), nb::arg("exponentials").noconvert(),
+             nb::arg("x").noconvert(), nb::arg("y").noconvert());
+  module.attr("NOISE_LANES") = kLanes;
   module.def("add_noise_block", &add_noise_block, nb::arg("plane_re").noconvert(), nb::arg("plane_im").noconvert(),
              nb::arg("start"), nb::arg("stop"), nb::arg("first_bin"), nb::arg("first_frame"), nb::arg("key"),
              nb::arg("rms"), nb::arg("factor"), Unlocked());

@@ -7,8 +7,8 @@ import pytest
 
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.frames import Frames
-from doppelgait.core.kernels.noise import draw_key
 from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.core.rng import draw_key
 from doppelgait.core.samples import Samples
 from doppelgait.processing import Analysis, plan_transform
 from doppelgait.processing.detect import Detector, estimate_noise_map, find_scans, noise_factor

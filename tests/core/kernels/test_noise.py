@@ -8,16 +8,15 @@ import zlib
 
 import numpy as np
 import pytest
-from numba import njit
 from scipy import stats
 
-from doppelgait.core.kernels import noise as kernel
-from doppelgait.core.kernels.noise import LANES, add_noise_block, add_noise_matrix, draw_key
+from doppelgait._core import native
 from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.core.rng import draw_key
 from doppelgait.core.samples import WHITE
 from doppelgait.radar import add_noise
 
-philox, exponential, direction = (part.dispatcher for part in (kernel.philox, kernel.exponential, kernel.direction))
+LANES = native.NOISE_LANES
 
 KEY = 0x0123456789ABCDEF
 ROOT_2 = math.sqrt(2.0)
@@ -27,7 +26,7 @@ P_LIMIT = 1e-4
 def planes(n_bins, n_frames, *, key=KEY, rms=ROOT_2, first_bin=0, first_frame=0, factor=WHITE):
     """Noise alone; with the default rms both parts have variance 1."""
     re, im = np.zeros((2, n_bins, n_frames), dtype=np.float32)
-    add_noise_block(re, im, 0, n_frames, first_bin, first_frame, np.uint64(key), rms, factor)
+    native.add_noise_block(re, im, 0, n_frames, first_bin, first_frame, key, rms, factor)
     return re, im
 
 
@@ -56,25 +55,16 @@ def reference_noise(frame, n, key, rms):
 
 
 def kernel_philox(counter, key):
-    words = philox_once(*(np.uint64(c) for c in counter), np.uint64(key[0] | key[1] << 32))
-    return tuple(int(word) & 0xFFFFFFFF for word in words)
+    words = np.empty(4, dtype=np.uint32)
+    native.draw_philox(np.array(counter, dtype=np.uint32), key[0] | key[1] << 32, words)
+    return tuple(words.tolist())
 
 
-@njit
-def philox_once(c0, c1, c2, c3, key):
-    return philox(c0, c1, c2, c3, key)
-
-
-@njit
-def exponentials(words, out):
-    for i in range(words.size):
-        out[i] = exponential(words[i])
-
-
-@njit
-def directions(words, x, y):
-    for i in range(words.size):
-        x[i], y[i] = direction(words[i])
+def transformed(words):
+    """Exponential variables and points of the circle."""
+    out = np.empty((3, words.size), dtype=np.float32)
+    native.transform_words(words, *out)
+    return out
 
 
 # Philox
@@ -126,8 +116,7 @@ def whole_range_of_words():
 
 def test_exponential_is_minus_the_logarithm_over_the_whole_range():
     words = whole_range_of_words()
-    value = np.empty(words.size, dtype=np.float32)
-    exponentials(words, value)
+    value = transformed(words)[0]
     rounded = (words.astype(np.float32) + np.float32(0.5)).astype(np.float64) / 2**32
     exact = -np.log(rounded)
     ulp = np.spacing(np.maximum(exact, 1e-30).astype(np.float32))
@@ -142,8 +131,7 @@ def test_exponential_is_minus_the_logarithm_over_the_whole_range():
 
 def test_direction_covers_the_circle_once_and_lies_on_it():
     words = whole_range_of_words()
-    x, y = np.empty((2, words.size), dtype=np.float32)
-    directions(words, x, y)
+    x, y = transformed(words)[1:]
     angle = (words << np.uint32(2)).view(np.int32) * (math.pi / 4 / 2**31)
     swap, sign = (words >> 30) & 1, 1.0 - 2.0 * (words >> 31)
     exact_x = sign * np.where(swap, np.sin(angle), np.cos(angle))
@@ -151,8 +139,8 @@ def test_direction_covers_the_circle_once_and_lies_on_it():
     assert np.abs(x - exact_x).max() < 2**-23
     assert np.abs(y - exact_y).max() < 2**-23
     corners = np.array([0, 1, 2, 3], dtype=np.uint32) << np.uint32(30)
-    directions(corners, x[:4], y[:4])
-    np.testing.assert_array_equal(x[:4] + 1j * y[:4], [1, 1j, -1, -1j])
+    _, x, y = transformed(corners)
+    np.testing.assert_array_equal(x + 1j * y, [1, 1j, -1, -1j])
 
 
 @pytest.mark.parametrize("key", [0, 1, KEY, 2**64 - 1])
@@ -182,10 +170,10 @@ def test_any_blocks_in_any_order_give_the_same_bytes(seed, n_taps):
     for n, i in blocks:
         (top, end), (left, right) = bins[n : n + 2], frames[i : i + 2]
         if seed % 2:
-            add_noise_block(re[top:end], im[top:end], left, right, top, left, np.uint64(KEY), ROOT_2, taps)
+            native.add_noise_block(re[top:end], im[top:end], left, right, top, left, KEY, ROOT_2, taps)
         else:  # cut out, no longer contiguous
             cut_re, cut_im = re[top:end, left:right], im[top:end, left:right]
-            add_noise_block(cut_re, cut_im, 0, right - left, top, left, np.uint64(KEY), ROOT_2, taps)
+            native.add_noise_block(cut_re, cut_im, 0, right - left, top, left, KEY, ROOT_2, taps)
     assert re.tobytes() == whole[0].tobytes()
     assert im.tobytes() == whole[1].tobytes()
 
@@ -195,7 +183,7 @@ def test_any_blocks_in_any_order_give_the_same_bytes(seed, n_taps):
 @pytest.mark.parametrize("n_taps", TAPS)
 def test_matrix_and_planes_hold_the_same_noise(n_bins, n_frames, n_taps):
     matrix = np.zeros((n_frames, n_bins), dtype=np.complex64)
-    add_noise_matrix(matrix, np.uint64(KEY), ROOT_2, TAPS[n_taps])
+    native.add_noise_matrix(matrix, KEY, ROOT_2, TAPS[n_taps])
     re, im = planes(n_bins, n_frames, factor=TAPS[n_taps])
     np.testing.assert_array_equal(matrix.real, re.T)
     np.testing.assert_array_equal(matrix.imag, im.T)
@@ -212,7 +200,7 @@ def test_correlated_noise_is_white_noise_filtered_over_bins():
 
 def test_only_the_named_columns_change_and_values_are_added():
     re, im = np.full((2, 3, 300), 5.0, dtype=np.float32)
-    add_noise_block(re, im, 40, 240, 8, 1000, np.uint64(KEY), 1.0, WHITE)
+    native.add_noise_block(re, im, 40, 240, 8, 1000, KEY, 1.0, WHITE)
     alone = planes(3, 200, rms=1.0, first_bin=8, first_frame=1000)
     for plane, added in zip((re, im), alone, strict=True):
         assert (plane[:, :40] == 5).all()
@@ -227,8 +215,8 @@ def test_scale_is_exact_and_zero_is_silence():
 
 
 def test_an_empty_block_is_no_work():
-    add_noise_matrix(np.zeros((0, 5), dtype=np.complex64), np.uint64(KEY), 1.0, WHITE)
-    add_noise_matrix(np.zeros((5, 0), dtype=np.complex64), np.uint64(KEY), 1.0, WHITE)
+    native.add_noise_matrix(np.zeros((0, 5), dtype=np.complex64), KEY, 1.0, WHITE)
+    native.add_noise_matrix(np.zeros((5, 0), dtype=np.complex64), KEY, 1.0, WHITE)
     planes(3, 0)
 
 
@@ -248,7 +236,7 @@ def test_public_noise_is_the_kernel_and_draws_once():
     noisy = add_noise(quiet, noise_power_v2=4.0, rng=generator)
     expected = np.zeros((150, 7), dtype=np.complex64)
     twin = np.random.default_rng(8)
-    add_noise_matrix(expected, draw_key(twin), 2.0, WHITE)
+    native.add_noise_matrix(expected, draw_key(twin), 2.0, WHITE)
     assert noisy.values.tobytes() == expected.tobytes()
     assert generator.integers(2**63) == twin.integers(2**63)
     assert not quiet.values.any()
@@ -405,3 +393,23 @@ def test_consecutive_keys_and_frames_pool_to_white_noise():
     assert stats.kstest(columns, "norm").pvalue > P_LIMIT
     rows = np.sum(first[1:] * first[:-1], axis=1) / math.sqrt(first.shape[1])
     assert p_of(rows.sum() / math.sqrt(rows.size)) > P_LIMIT
+
+
+PLANE, ONE_TAP = np.zeros((4, 64), dtype=np.float32), np.ones(1, dtype=np.float32)
+REFUSED = {
+    "double planes": (native.add_noise_block, (PLANE.astype(float), PLANE, 0, 64, 0, 0, 1, 1.0, ONE_TAP)),
+    "planes of different shape": (native.add_noise_block, (PLANE[:2], PLANE, 0, 64, 0, 0, 1, 1.0, ONE_TAP)),
+    "frames beyond the planes": (native.add_noise_block, (PLANE, PLANE, 0, 65, 0, 0, 1, 1.0, ONE_TAP)),
+    "frames before the planes": (native.add_noise_block, (PLANE, PLANE, -1, 64, 0, 0, 1, 1.0, ONE_TAP)),
+    "strided rows": (native.add_noise_block, (PLANE[:, ::2], PLANE[:, ::2], 0, 32, 0, 0, 1, 1.0, ONE_TAP)),
+    "no taps": (native.add_noise_block, (PLANE, PLANE, 0, 64, 0, 0, 1, 1.0, ONE_TAP[:0])),
+    "a matrix of real numbers": (native.add_noise_matrix, (PLANE, 1, 1.0, ONE_TAP)),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_wrong_arrays_are_refused(name):
+    function, arguments = REFUSED[name]
+    with pytest.raises((TypeError, ValueError)):
+        function(*arguments)
+    assert not PLANE.any()
