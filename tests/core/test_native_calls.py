@@ -1,7 +1,8 @@
 """Native functions: the same bytes at every level of processor, and arguments that do not fit are refused."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from importlib import import_module
 
 import numpy as np
@@ -20,11 +21,16 @@ class Case:
     """Places of the arrays that are written."""
     free: tuple[tuple[int, int], ...] = ()
     """Array and axis whose length nothing else determines."""
+    pack: Callable[[list], list] = list
+    """What makes lists of arrays of the arguments."""
+
+    def call(self, arguments, module=native):
+        return getattr(module, self.name)(*self.pack(arguments))
 
     def run(self, module=native):
         """Return the result and the arrays that were written."""
         arguments = [value.copy() if isinstance(value, np.ndarray) else value for value in self.arguments]
-        result = getattr(module, self.name)(*arguments)
+        result = self.call(arguments, module)
         written = [arguments[n] for n in self.outputs]
         return written if result is None else [np.array(result), *written]
 
@@ -49,9 +55,26 @@ def make_spline_cases(rng, n_points):
     ]
 
 
+def make_image_cases(rng, n):
+    paths = rng.uniform(0.2, 4.0, (10, 50, n))
+    reflection, table = rng.standard_normal((2, 50, n)), np.ones((6, 50, 3 * n + 1))
+    heights, moments = rng.standard_normal((2, 20, n))
+    spline = [heights, moments, 0.1, rng.uniform(0.0, 1.9, 50)]
+    direct = rng.uniform(0.5, 3.0, (50, n + 2)), rng.standard_normal((50, n + 2))
+    return [
+        Case(
+            "fill_images",
+            [*paths, *reflection, 0.5, n + 1, *table],
+            (14, 15, 16, 17, 18, 19),
+            pack=lambda a: [a[:5], a[5:10], *a[10:14], a[14:]],
+        ),
+        Case("image_ranges", [*spline, *direct, 2, 0.9, n + 1, 2 * n + 1, *table[:2]], (10, 11)),
+    ]
+
+
 def make_cases():
     rng = np.random.default_rng(5)
-    return [case for n_points in (1, 2, 3, 5, 41) for case in make_spline_cases(rng, n_points)]
+    return [case for n in (1, 2, 3, 5, 41) for make in (make_spline_cases, make_image_cases) for case in make(rng, n)]
 
 
 CASES = make_cases()
@@ -83,7 +106,7 @@ def test_written_arrays_are_never_copied(case):
         for other in others:
             arguments = [*case.arguments[:n], other, *case.arguments[n + 1 :]]
             with pytest.raises((TypeError, ValueError)):
-                getattr(native, case.name)(*arguments)
+                case.call(arguments)
             assert not other.any()
 
 
@@ -96,14 +119,14 @@ def test_lengths_that_disagree_are_refused(case):
             arguments = [part.copy() if isinstance(part, np.ndarray) else part for part in case.arguments]
             arguments[n] = np.ascontiguousarray(np.delete(value, -1, axis))
             with pytest.raises(ValueError, match=r"\w"):
-                getattr(native, case.name)(*arguments)
+                case.call(arguments)
             for k in case.outputs:
                 assert k == n or arguments[k].tobytes() == case.arguments[k].tobytes()
 
 
 @pytest.mark.parametrize("case", DISTINCT, ids=identify)
 def test_read_arrays_may_have_any_layout_and_type(case):
-    strided = Case(case.name, list(case.arguments), case.outputs)
+    strided = replace(case, arguments=list(case.arguments))
     for n, value in enumerate(case.arguments):
         if isinstance(value, np.ndarray) and n not in case.outputs:
             strided.arguments[n] = np.repeat(value, 2, axis=-1)[..., ::2]

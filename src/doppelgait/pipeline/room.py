@@ -118,9 +118,7 @@ def _compute_images(
     n_rows: int,
 ) -> tuple[FloatArray, FloatArray]:
     """Compute ranges and velocities of scatterers and images."""
-    from doppelgait.core.kernels.images import image_ranges
-
-    direct_m, direct_mps = (np.ascontiguousarray(table[name].values) for name in ("range", "radial_velocity"))
+    direct_m, direct_mps = (table[name].values for name in ("range", "radial_velocity"))
     n_own = direct_m.shape[1]
     range_m, velocity_mps = np.empty((2, times_s.size, n_rows))
     range_m[:, :n_own], velocity_mps[:, :n_own] = direct_m, direct_mps
@@ -137,9 +135,9 @@ def _compute_images(
             for run in np.split(own, np.flatnonzero(np.diff(sources[own]) != 1) + 1) if own.size else ():
                 chosen = slice(sources[run[0]] - column, sources[run[-1]] - column + 1)
                 one = mirror.first + int(run[0])
-                image_ranges(
+                native.image_ranges(
                     heights[:, chosen] + from_plane,
-                    np.ascontiguousarray(moments[:, chosen]),
+                    moments[:, chosen],
                     spline.step_s,
                     times_s,
                     direct_m,

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 from pydantic import Field, model_validator
 
+from doppelgait._core import native
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.labels import label_table, label_values, read_axis, replace_values
@@ -137,8 +138,6 @@ def add_images(
     plane: tuple[tuple[float, float, float], float],
 ) -> xr.Dataset:
     """Append the echoes with one and with two reflections."""
-    from doppelgait.core.kernels.images import fill_images
-
     table = scatterers
     if "path_phase" not in table:
         table = replace_values(table, path_phase=np.zeros(tuple(table.sizes[dim] for dim in DIMS)))
@@ -149,11 +148,9 @@ def add_images(
         values[str(name)] = whole = np.empty((variable.shape[0], n_rows + 2 * n_images))
         whole[:, :n_rows] = variable.values
         whole[:, first] = whole[:, second] = np.nan if name == "aspect" else variable.values[:, columns]
-    paths: list[Any] = [np.ascontiguousarray(part) for rays in (direct, image) for part in vars(rays).values()]
-    new: list[Any] = [
-        values[name] for name in ("range", "radial_velocity", "azimuth", "elevation", "path_gain", "path_phase")
-    ]
-    fill_images(*paths, np.ascontiguousarray(reflection), MIN_RANGE_M, n_rows, *new)
+    rays = [list(vars(part).values()) for part in (direct, image)]
+    new = [values[name] for name in ("range", "radial_velocity", "azimuth", "elevation", "path_gain", "path_phase")]
+    native.fill_images(*rays, reflection.real, reflection.imag, MIN_RANGE_M, n_rows, new)
     coords = dict(table.coords.variables)
     for name, variable in table.coords.variables.items():
         if variable.dims != ("scatterer",):
