@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from doppelgait._core import native
 from doppelgait.core.frames import SlowTime
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.motion import make_motion
@@ -20,6 +21,7 @@ from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.signature import GatedTransform, make_gated_transform
 from doppelgait.radar import Radar
 from doppelgait.radar.link import compute_scatterer_arrays
+from doppelgait.radar.waveforms.pulses import ROW_MULTIPLE
 from doppelgait.scene import Scene, Target, assemble, compute_body_track, place
 
 N_SCATTERERS = 41
@@ -89,25 +91,19 @@ def prepare(radar: Radar, scene: Scene, analysis: Analysis) -> Case:
 
 
 def new_planes(case: Case) -> Any:
-    """Real and imaginary planes of a case, (2, bins, pulses rounded up to whole lanes), touched once."""
-    from doppelgait.core.kernels.synthesis import LANES
-
-    n_pulses = math.ceil(case.slow_time_s.size / LANES) * LANES
+    """Real and imaginary planes of a case, (2, bins, pulses rounded up), touched once."""
+    n_pulses = math.ceil(case.slow_time_s.size / ROW_MULTIPLE) * ROW_MULTIPLE
     return np.zeros((2, case.radar.n_range_bins, n_pulses), dtype=np.float32)
 
 
 def fill_planes(case: Case, planes: Any) -> None:
     """Synthesis into planes that exist."""
-    from doppelgait.core.kernels.synthesis import echo_planes
-
-    echo_planes(case.range_m, case.amplitude_v, *_geometry(case.radar), 0, 0, planes[0], planes[1])
+    native.echo_planes(case.range_m, case.amplitude_v, *_geometry(case.radar), 0, 0, planes[0], planes[1])
 
 
 def fill_matrix(case: Case, matrix: Any) -> None:
     """Synthesis into a data matrix that exists."""
-    from doppelgait.core.kernels.synthesis import add_echoes
-
-    add_echoes(case.range_m, case.amplitude_v, *_geometry(case.radar), matrix)
+    native.add_echoes(case.range_m, case.amplitude_v, *_geometry(case.radar), matrix)
 
 
 def _geometry(radar: Radar) -> tuple[float, float, float, float, float]:

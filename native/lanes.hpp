@@ -2,6 +2,7 @@
 // that no result depends on the width. Products and sums are fused where the source says so.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -28,6 +29,7 @@ typedef std::int32_t Int __attribute__((vector_size(4 * kWidth)));
 typedef std::uint32_t Word __attribute__((vector_size(4 * kWidth)));
 typedef double Double __attribute__((vector_size(4 * kWidth)));  // half as many
 constexpr int kHalfWidth = kWidth / 2;
+typedef float HalfFloat __attribute__((vector_size(4 * kHalfWidth)));  // as many as in a Double
 
 template <typename Vector, typename T>
 inline Vector load(const T* from) {
@@ -51,6 +53,29 @@ inline To bits_of(From value) {
 
 inline Float spread(float value) { return value - Float{}; }
 inline Double spread(double value) { return value - Double{}; }
+
+// Two vectors of double precision side by side in single precision.
+inline Float narrow(Double first, Double second) {
+#if defined(__AVX512F__)
+  const __m256 low = _mm512_cvtpd_ps((__m512d)first), high = _mm512_cvtpd_ps((__m512d)second);
+  return (Float)_mm512_insertf32x8(_mm512_castps256_ps512(low), high, 1);
+#elif defined(__AVX2__)
+  return (Float)_mm256_set_m128(_mm256_cvtpd_ps((__m256d)second), _mm256_cvtpd_ps((__m256d)first));
+#else
+  const HalfFloat low = __builtin_convertvector(first, HalfFloat), high = __builtin_convertvector(second, HalfFloat);
+  return Float{low[0], low[1], high[0], high[1]};
+#endif
+}
+
+inline double least(Double value) {
+#if defined(__AVX512F__)
+  return _mm512_reduce_min_pd((__m512d)value);
+#else
+  double least = value[0];
+  for (int lane = 1; lane < kHalfWidth; ++lane) least = std::min(least, value[lane]);
+  return least;
+#endif
+}
 
 // a b + c, rounded once. Level 1 has no such instruction and rounds twice: its last bits differ.
 inline float fused(float a, float b, float c) {
@@ -99,6 +124,33 @@ inline Double fused(Double a, Double b, Double c) {
 inline Double fused(Double a, Double b, double c) { return fused(a, b, spread(c)); }
 inline Double fused(Double a, double b, Double c) { return fused(a, spread(b), c); }
 inline Double fused(Double a, double b, double c) { return fused(a, spread(b), spread(c)); }
+
+// The nearest whole number, of two the even one.
+inline Double round_even(Double value) {
+#if defined(__AVX512F__)
+  return (Double)_mm512_roundscale_pd((__m512d)value, 8);
+#elif defined(__AVX2__)
+  return (Double)_mm256_round_pd((__m256d)value, 8);
+#elif defined(__SSE4_1__)
+  return (Double)_mm_round_pd((__m128d)value, 8);
+#else
+  for (int lane = 0; lane < kHalfWidth; ++lane) value[lane] = std::nearbyint(value[lane]);
+  return value;
+#endif
+}
+
+inline Float round_even(Float value) {
+#if defined(__AVX512F__)
+  return (Float)_mm512_roundscale_ps((__m512)value, 8);
+#elif defined(__AVX2__)
+  return (Float)_mm256_round_ps((__m256)value, 8);
+#elif defined(__SSE4_1__)
+  return (Float)_mm_round_ps((__m128)value, 8);
+#else
+  for (int lane = 0; lane < kWidth; ++lane) value[lane] = std::nearbyint(value[lane]);
+  return value;
+#endif
+}
 
 inline Float square_root(Float value) {
 #if defined(__AVX512F__)

@@ -1,7 +1,278 @@
+// Sum of Gaussian echoes (E-18), and the way between planes and a matrix of samples.
+//
+// The sample of every frame and bin is computed by itself, from the numbers of its own frame and in the order of the
+// scatterers, so that no byte depends on how frames and bins are cut into tiles.
+#include <nanobind/stl/optional.h>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <vector>
+
 #include "arrays.hpp"
+#include "lanes.hpp"
 
 namespace doppelgait::synthesis {
+namespace {
 
-void bind(nb::module_&) {}
+constexpr double kSupportSigmas = 5.5;  // beyond it an envelope is below exp(-5.5^2 / 2) = 2.7e-7 of its peak
+constexpr int kFrames = 32;             // frames side by side
+constexpr int kRow = 2 * kFrames;       // real and imaginary parts of one bin
+constexpr int kGroup = 4;               // scatterers that are read together
+
+// 2^x for -126 < x = a b <= 0, with a relative error of 9e-8 and exact at 0: a polynomial gives 2^(x - round(x)), and
+// round(x) is added to the bits of the exponent.
+inline Float power_of_two(Float a, Float b) {
+  constexpr float rounder = 1.5f * (1 << 23);  // a float this large has no fraction: adding it rounds
+  const Float rounded = fused(a, b, rounder);
+  const Float f = fused(a, b, rounder - rounded);
+  const Float high = fused(f, fused(f, 0.0013264727213551826f, 0.009671512812489076f), spread(0.05550733744824973f));
+  const Float power = fused(f, fused(f, fused(f, high, 0.24022242082677556f), 0.6931469775973299f), 1.0f);
+  return bits_of<Float>(bits_of<Int>(power) + (bits_of<Int>(rounded) << 23));
+}
+
+struct Geometry {
+  double first_bin_m, bins_per_m, first_turn, turns_per_m, reach;
+  float exponent, cut;
+};
+
+// Echoes of kFrames frames in some bins. Rows outside first..stop-1 are zero.
+struct Block {
+  explicit Block(Index n_bins) : n_bins(n_bins), sums(n_bins * kRow) {}
+
+  void clear() {
+    if (first < stop) std::fill(sums.begin() + first * kRow, sums.begin() + stop * kRow, 0.0f);
+    first = n_bins, stop = 0;
+  }
+
+  Index n_bins, first = 0, stop = 0;
+  std::vector<float> sums;
+};
+
+struct Scatterers {
+  Rows<const double> range_m, amplitude;
+  std::optional<Rows<const double>> extra_phase_rad;
+  std::vector<double> silence;  // amplitudes outside the record
+};
+
+// Numbers of some scatterers in all frames of a block, from one row per frame.
+struct Group {
+  void read(const double* const* rows, Index begin, Index count) {
+    typedef double Four __attribute__((vector_size(8 * kGroup)));
+    for (int lane = 0; lane < kFrames; lane += 4) {
+      Four row[4];
+      for (int k = 0; k < 4; ++k) {
+        if (count >= kGroup) {
+          row[k] = load<Four>(rows[lane + k] + begin);
+        } else {
+          double few[kGroup] = {};
+          std::copy(rows[lane + k] + begin, rows[lane + k] + begin + count, few);
+          row[k] = load<Four>(few);
+        }
+      }
+      const Four a = __builtin_shufflevector(row[0], row[1], 0, 4, 2, 6);
+      const Four b = __builtin_shufflevector(row[0], row[1], 1, 5, 3, 7);
+      const Four c = __builtin_shufflevector(row[2], row[3], 0, 4, 2, 6);
+      const Four d = __builtin_shufflevector(row[2], row[3], 1, 5, 3, 7);
+      store(at[0] + lane, __builtin_shufflevector(a, c, 0, 1, 4, 5));
+      store(at[1] + lane, __builtin_shufflevector(b, d, 0, 1, 4, 5));
+      store(at[2] + lane, __builtin_shufflevector(a, c, 2, 3, 6, 7));
+      store(at[3] + lane, __builtin_shufflevector(b, d, 2, 3, 6, 7));
+    }
+  }
+
+  double at[kGroup][kFrames];
+};
+
+// Place, turns and amplitude of an echo in some frames. Place in bins and number of turns are split in double precision
+// into a whole number and a rest; only the rests go on in single precision. (All in single precision would leave an
+// error floor of -80 dB.)
+struct Split {
+  Split(const Geometry& geometry, Double range, Double amplitude, Double extra_rad) {
+    place = (range - geometry.first_bin_m) * geometry.bins_per_m;
+    bin = round_even(place);
+    turns = fused(range, -geometry.turns_per_m, geometry.first_turn) + extra_rad * (0.5 / M_PI);
+    turns -= round_even(turns);
+    const Double halves = round_even(2.0 * turns);
+    turns -= 0.5 * halves;
+    peak = amplitude * (1.0 - 2.0 * halves * halves);
+  }
+
+  Double place, bin, turns, peak;
+};
+
+// Adds the echoes of one scatterer in kWidth frames: one half of them, and the other.
+void add_echo(const Geometry& geometry, const Split& a, const Split& b, Index first_bin, int lane, Block& block) {
+  Double nearest = spread(1e9), farthest = spread(1e9);  // with its sign reversed
+  for (const Double place : {a.place, b.place}) {
+    nearest = place < nearest ? place : nearest;
+    farthest = -place < farthest ? -place : farthest;
+  }
+  const Index near_bin = static_cast<Index>(std::ceil(std::max(-1e9, least(nearest)) - geometry.reach));
+  const Index far_bin = static_cast<Index>(std::floor(geometry.reach - std::max(-1e9, least(farthest))));
+  const Index first = std::max<Index>(near_bin - first_bin, 0);
+  const Index stop = std::min<Index>(far_bin + 1 - first_bin, block.n_bins);
+  if (first >= stop) return;
+  block.first = std::min(block.first, first);
+  block.stop = std::max(block.stop, stop);
+
+  // cos(2 pi v) and sin(2 pi v) / v with errors of 3e-10 and 7e-9 for |v| <= 1/4
+  const Float v = narrow(a.turns, b.turns), peak = narrow(a.peak, b.peak), q = v * v;
+  Float even = fused(q, fused(q, -24.98143432289362f, 60.14388953533489f), spread(-85.45356475943481f));
+  even = fused(q, fused(q, fused(q, even, 64.93934647616803f), -19.739208547715332f), 1.0f);
+  Float odd = fused(q, fused(q, 39.75982706857711f, -76.5811726421402f), spread(81.60247636883796f));
+  odd = fused(q, fused(q, odd, -41.34168061334532f), 6.283185280154403f);
+  const Float x = peak * even, y = peak * v * odd;
+
+  const Float bin = narrow(a.bin, b.bin), rest = narrow(a.place - a.bin, b.place - b.bin);
+  const Float cut = spread(geometry.cut), exponent = spread(geometry.exponent);
+  Float n = spread(static_cast<float>(first + first_bin));
+  float *sum = &block.sums[first * kRow + lane], *end = sum + (stop - first) * kRow;
+  for (; sum < end; sum += kRow, n += 1.0f) {
+    const Float distance = (n - bin) - rest;  // the first difference is between whole numbers, hence exact
+    const Float square = distance * distance;
+    const Float envelope = square <= cut ? power_of_two(exponent, square) : Float{};
+    store(sum, fused(envelope, x, load<Float>(sum)));
+    store(sum + kFrames, fused(envelope, y, load<Float>(sum + kFrames)));
+  }
+}
+
+void fill(const Geometry& geometry, const Scatterers& all, Index first_frame, Index first_bin, Block& block) {
+  const double *range_rows[kFrames], *amplitude_rows[kFrames], *extra_rows[kFrames];
+  for (Index lane = 0; lane < kFrames; ++lane) {
+    const Index wanted = first_frame + lane, frame = std::clamp<Index>(wanted, 0, all.range_m.count - 1);
+    range_rows[lane] = all.range_m[frame];
+    amplitude_rows[lane] = wanted == frame ? all.amplitude[frame] : all.silence.data();
+    extra_rows[lane] = all.extra_phase_rad ? (*all.extra_phase_rad)[frame] : nullptr;
+  }
+  Group range_m, amplitude, extra_rad = {};
+  block.clear();
+  for (Index begin = 0; begin < all.range_m.width; begin += kGroup) {
+    const Index count = std::min<Index>(kGroup, all.range_m.width - begin);
+    range_m.read(range_rows, begin, count);
+    amplitude.read(amplitude_rows, begin, count);
+    if (all.extra_phase_rad) extra_rad.read(extra_rows, begin, count);
+    for (Index i = 0; i < count; ++i) {
+      const auto split = [&](int lane) {
+        return Split(geometry, load<Double>(range_m.at[i] + lane), load<Double>(amplitude.at[i] + lane),
+                     load<Double>(extra_rad.at[i] + lane));
+      };
+      for (int lane = 0; lane < kFrames; lane += kWidth) {
+        add_echo(geometry, split(lane), split(lane + kHalfWidth), first_bin, lane, block);
+      }
+    }
+  }
+}
+
+// y_in = sum_l a_il exp(-(R_n - R_il)^2 / 2 s^2) exp(j (theta - 4 pi R_il / lambda)), zero beyond 5.5 s.
+Geometry make_geometry(double first_bin_m, double bin_spacing_m, double pulse_sigma_m, double wavelength_m,
+                       double phase_rad) {
+  const double sigma = pulse_sigma_m / bin_spacing_m, support = kSupportSigmas * sigma;
+  return {first_bin_m,
+          1.0 / bin_spacing_m,
+          phase_rad / (2.0 * M_PI),
+          2.0 / wavelength_m,
+          std::min(1e9, support + 1e-3),  // floats may round a bin at the cut to either side
+          static_cast<float>(-0.5 / (std::log(2.0) * sigma * sigma)),
+          static_cast<float>(support * support)};
+}
+
+using Optional2 = std::optional<In2<double>>;
+
+Scatterers view_scatterers(const In2<double>& range_m, const In2<double>& amplitude, const Optional2& extra_phase_rad) {
+  Scatterers all{view_rows(range_m), view_rows(amplitude), {}, {}};
+  if (extra_phase_rad) all.extra_phase_rad = view_rows(*extra_phase_rad);
+  for (const auto& other : {all.amplitude, all.extra_phase_rad.value_or(all.amplitude)}) {
+    require(other.count == all.range_m.count && other.width == all.range_m.width,
+            "range, amplitude and extra phase of the scatterers need the same shape");
+  }
+  if (all.range_m.count == 0) all.range_m.width = 0;
+  all.silence.resize(all.range_m.width);
+  return all;
+}
+
+inline void copy_frames(const float* from, Index count, float* to) {
+  if (count < kFrames) {
+    std::copy(from, from + count, to);
+  } else {
+    for (int lane = 0; lane < kFrames; lane += kWidth) store(to + lane, load<Float>(from + lane));
+  }
+}
+
+void echo_planes(const In2<double>& range_m, const In2<double>& amplitude, double first_bin_m, double bin_spacing_m,
+                 double pulse_sigma_m, double wavelength_m, double phase_rad, Index first_frame, Index first_bin,
+                 const Out2<float>& plane_re, const Out2<float>& plane_im, const Optional2& extra_phase_rad) {
+  const auto re = view_rows(plane_re), im = view_rows(plane_im);
+  const auto scatterers = view_scatterers(range_m, amplitude, extra_phase_rad);
+  const auto geometry = make_geometry(first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad);
+  require(re.count == im.count && re.width == im.width, "both planes need the same shape");
+  Block block(re.count);
+  for (Index column = 0; column < re.width; column += kFrames) {
+    fill(geometry, scatterers, first_frame + column, first_bin, block);
+    const Index used = std::min<Index>(kFrames, re.width - column);
+    for (Index n = 0; n < re.count; ++n) {
+      copy_frames(&block.sums[n * kRow], used, re[n] + column);
+      copy_frames(&block.sums[n * kRow + kFrames], used, im[n] + column);
+    }
+  }
+}
+
+void add_echoes(const In2<double>& range_m, const In2<double>& amplitude, double first_bin_m, double bin_spacing_m,
+                double pulse_sigma_m, double wavelength_m, double phase_rad, const Out2<Complex>& out,
+                const Optional2& extra_phase_rad) {
+  const auto matrix = view_rows(out);
+  const auto scatterers = view_scatterers(range_m, amplitude, extra_phase_rad);
+  const auto geometry = make_geometry(first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad);
+  Block block(matrix.width);
+  for (Index frame = 0; frame < matrix.count; frame += kFrames) {
+    fill(geometry, scatterers, frame, 0, block);
+    for (Index lane = 0; lane < std::min<Index>(kFrames, matrix.count - frame); ++lane) {
+      const float* sum = block.sums.data() + lane;
+      for (Index n = 0; n < matrix.width; ++n, sum += kRow) matrix[frame + lane][n] = Complex(sum[0], sum[kFrames]);
+    }
+  }
+}
+
+constexpr Index kBins = 64;  // bins transposed together stay in the first-level cache
+
+template <typename From, typename To, typename Copy>
+void transpose(From matrix, To re, To im, Copy copy) {
+  require(re.count == matrix.width && im.count == matrix.width && re.width >= matrix.count && im.width >= matrix.count,
+          "both planes need a row for every column of the matrix, as long as it has rows");
+  for (Index first = 0; first < matrix.count; first += kFrames) {
+    for (Index begin = 0; begin < matrix.width; begin += kBins) {
+      const Index frames = std::min<Index>(first + kFrames, matrix.count), bins = std::min(begin + kBins, matrix.width);
+      for (Index n = begin; n < bins; ++n) {
+        for (Index frame = first; frame < frames; ++frame) copy(matrix[frame][n], re[n][frame], im[n][frame]);
+      }
+    }
+  }
+}
+
+void join_planes(const Planes<float>& plane_re, const Planes<float>& plane_im, const Out2<Complex>& out) {
+  transpose(view_rows(out), view_rows(plane_re), view_rows(plane_im),
+            [](Complex& sample, float re, float im) { sample = Complex(re, im); });
+}
+
+void split_planes(const Planes<Complex>& matrix, const Out2<float>& plane_re, const Out2<float>& plane_im) {
+  transpose(view_rows(matrix), view_rows(plane_re), view_rows(plane_im),
+            [](const Complex& sample, float& re, float& im) { re = sample.real(), im = sample.imag(); });
+}
+
+}  // namespace
+
+void bind(nb::module_& module) {
+  module.def("echo_planes", &echo_planes, nb::arg("range_m"), nb::arg("amplitude"), nb::arg("first_bin_m"),
+             nb::arg("bin_spacing_m"), nb::arg("pulse_sigma_m"), nb::arg("wavelength_m"), nb::arg("phase_rad"),
+             nb::arg("first_frame"), nb::arg("first_bin"), nb::arg("plane_re").noconvert(),
+             nb::arg("plane_im").noconvert(), nb::arg("extra_phase_rad") = nb::none(), Unlocked());
+  module.def("add_echoes", &add_echoes, nb::arg("range_m"), nb::arg("amplitude"), nb::arg("first_bin_m"),
+             nb::arg("bin_spacing_m"), nb::arg("pulse_sigma_m"), nb::arg("wavelength_m"), nb::arg("phase_rad"),
+             nb::arg("out").noconvert(), nb::arg("extra_phase_rad") = nb::none(), Unlocked());
+  module.def("join_planes", &join_planes, nb::arg("plane_re"), nb::arg("plane_im"), nb::arg("out").noconvert(),
+             Unlocked());
+  module.def("split_planes", &split_planes, nb::arg("matrix"), nb::arg("plane_re").noconvert(),
+             nb::arg("plane_im").noconvert(), Unlocked());
+}
 
 }  // namespace doppelgait::synthesis

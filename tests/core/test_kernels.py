@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from doppelgait._core import native
-from doppelgait.core.kernels.synthesis import SUPPORT_SIGMAS, add_echoes, split_planes
 from doppelgait.processing.signature import sum_columns
 
+SUPPORT_SIGMAS = 5.5
 WAVELENGTH_M = 299_792_458 / 7.29e9
 
 
@@ -135,7 +135,7 @@ def echoes(range_m, amplitude=None, *, n_bins=60, spacing=0.05, sigma=0.0517, ph
     range_m = np.atleast_2d(np.asarray(range_m, float))
     amplitude = np.ones_like(range_m) if amplitude is None else np.atleast_2d(np.asarray(amplitude, float))
     out = np.full((range_m.shape[0], n_bins), np.nan, np.complex64)
-    add_echoes(range_m, amplitude, first_m, spacing, sigma, WAVELENGTH_M, phase, out)
+    native.add_echoes(range_m, amplitude, first_m, spacing, sigma, WAVELENGTH_M, phase, out)
     return out
 
 
@@ -194,9 +194,12 @@ def test_planes_of_a_data_matrix_are_its_real_and_imaginary_parts(n_frames, firs
     rng = np.random.default_rng(2)
     matrix = (rng.standard_normal((n_frames, 7)) + 1j * rng.standard_normal((n_frames, 7))).astype(np.complex64)
     plane_re, plane_im = np.full((2, n_bins, n_frames), np.nan, np.float32)
-    split_planes(matrix, first_bin, plane_re, plane_im)
+    native.split_planes(matrix[:, first_bin : first_bin + n_bins], plane_re, plane_im)
     np.testing.assert_array_equal(plane_re, matrix.real.T[first_bin : first_bin + n_bins])
     np.testing.assert_array_equal(plane_im, matrix.imag.T[first_bin : first_bin + n_bins])
+    joined = np.empty((n_frames, n_bins), np.complex64)
+    native.join_planes(plane_re, plane_im, joined)
+    np.testing.assert_array_equal(joined, matrix[:, first_bin : first_bin + n_bins])
 
 
 @pytest.mark.parametrize(

@@ -158,11 +158,9 @@ class Samples:
         noisy = self._add_noise()
         if noisy._matrix is not None:
             return noisy._matrix
-        from doppelgait.core.kernels.synthesis import join_planes
-
         assert noisy._planes is not None
         joined = np.empty(self.shape, dtype=np.complex64)
-        join_planes(noisy._planes[0], noisy._planes[1], 0, self.shape[1], joined)
+        native.join_planes(noisy._planes[0], noisy._planes[1], joined)
         return joined
 
     def rows(self, first: int, stop: int) -> Matrix:
@@ -411,8 +409,6 @@ def _change_samples(samples: Samples, ufunc: Any, other: Any) -> Samples:
 
 def _split(matrix: Matrix, rows: slice) -> Planes:
     """Copy some columns of a matrix to planes."""
-    from doppelgait.core.kernels.synthesis import split_planes
-
     planes = borrow_planes((2, rows.stop - rows.start, matrix.shape[0]))
-    split_planes(matrix, rows.start, planes[0], planes[1])
+    native.split_planes(matrix[:, rows], planes[0], planes[1])
     return planes

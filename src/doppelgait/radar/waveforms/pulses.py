@@ -26,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait._core import native
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Matrix, Samples, borrow_planes
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, range_to_delay_s, velocity_to_doppler_hz
@@ -43,6 +44,8 @@ LONGEST_FRAME = 0.95
 """Maximum frame length, in pulse durations, for tabulated responses (kink at the ends)."""
 VECTOR = 32
 """Vector length, bins; the row length of the table is a multiple of it."""
+ROW_MULTIPLE = 32
+"""Rows of planes have a multiple of this length: they start at whole cache lines."""
 TABLE_ERROR = 1e-7
 """Maximum interpolation error of the tabulated response, relative to its peak."""
 
@@ -87,23 +90,19 @@ class Impulse(Waveform):
 
     def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
         """Sum Gaussian echoes exactly, with an extra phase per path."""
-        from doppelgait.core.kernels.synthesis import add_echoes
-
         range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
-        add_echoes(range_m, amplitude_v, *_make_geometry(radar), out, path_phase_rad(scatterers))
+        native.add_echoes(range_m, amplitude_v, *_make_geometry(radar), out, path_phase_rad(scatterers))
         return out
 
     def synthesise_planes(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
         """Sum Gaussian echoes in the layout of the kernel."""
         if type(self).synthesise is not Impulse.synthesise:  # a subclass with samples of its own
             return super().synthesise_planes(scatterers, radar)
-        from doppelgait.core.kernels.synthesis import LANES, echo_planes
-
         range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         n_pulses = range_m.shape[0]
-        planes = borrow_planes((2, radar.n_range_bins, -(-n_pulses // LANES) * LANES))
-        echo_planes(
+        planes = borrow_planes((2, radar.n_range_bins, -(-n_pulses // ROW_MULTIPLE) * ROW_MULTIPLE))
+        native.echo_planes(
             range_m, amplitude_v, *_make_geometry(radar), 0, 0, planes[0], planes[1], path_phase_rad(scatterers)
         )
         return Samples.from_planes(planes, n_pulses)
