@@ -44,6 +44,8 @@ using Out1 = nb::ndarray<T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 template <typename T>
 using Out2 = nb::ndarray<T, nb::ndim<2>, nb::device::cpu>;
 template <typename T>
+using Out3 = nb::ndarray<T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+template <typename T>
 using Planes = nb::ndarray<const T, nb::ndim<2>, nb::device::cpu>;
 
 template <typename Array>

@@ -13,11 +13,6 @@ namespace {
 using Rays = std::array<In2<double>, 5>;    // range, approach speed, x, y and z towards the scatterers, (I, n)
 using Table = std::array<Out2<double>, 6>;  // range, speed, azimuth, elevation, gain and phase of all paths
 
-template <typename V>
-V larger(V a, double b) {
-  return a > V{} + b ? a : V{} + b;
-}
-
 // Columns of the table from `place` on become n images by one reflection, then n by two; gain and phase change in
 // place.
 void fill_images(const Rays& direct, const Rays& image, const In2<double>& reflection_re,

@@ -179,6 +179,11 @@ inline Double square_root(Double value) {
 #endif
 }
 
+template <typename V>
+inline V larger(V a, double b) {
+  return a > V{} + b ? a : V{} + b;
+}
+
 // High and low words of the products of all lanes with one number.
 inline void multiply(Word a, std::uint32_t b, Word& high, Word& low) {
 #if defined(__AVX512F__)
@@ -211,6 +216,31 @@ inline Double take_third(Double a, Double b, Double c) {
 template <int k>
 inline double take_third(double a, double b, double c) {
   return k == 0 ? a : k == 1 ? b : c;
+}
+
+// Coordinates of points side by side that lie behind each other.
+template <typename V>
+inline void load_points(const double* from, V (&to)[3]) {
+  constexpr int n = sizeof(V) / sizeof(double);
+  const V a = load<V>(from), b = load<V>(from + n), c = load<V>(from + 2 * n);
+  to[0] = take_third<0>(a, b, c);
+  to[1] = take_third<1>(a, b, c);
+  to[2] = take_third<2>(a, b, c);
+}
+
+// Whether a comparison holds in any lane.
+inline bool any(bool mask) { return mask; }
+inline bool any(decltype(Double{} < Double{}) mask) {
+#if defined(__AVX512F__)
+  return _mm512_test_epi64_mask((__m512i)mask, (__m512i)mask) != 0;
+#elif defined(__AVX2__)
+  return _mm256_movemask_pd((__m256d)mask) != 0;
+#else
+  for (int lane = 0; lane < kHalfWidth; ++lane) {
+    if (mask[lane]) return true;
+  }
+  return false;
+#endif
 }
 
 // Call body(zero, place) for n places side by side, with a vector of zeros or, for few places, with the number 0.0.

@@ -1,7 +1,240 @@
+// Ellipsoids seen from the radar: nearest points, cross sections, occlusion (E-08).
+#include <vector>
+
 #include "arrays.hpp"
+#include "lanes.hpp"
 
 namespace doppelgait::occlusion {
+namespace {
 
-void bind(nb::module_&) {}
+constexpr int kNewtonSteps = 30;  // at most; 2 to 4 are needed from a few radii on, more only near the surface
+
+// Bodies of ellipsoids at all times: centres and directions (I, S, 3), semi-axes (S, 3) across, upright and along.
+struct Bodies {
+  Bodies(const In3<double>& centre, const In3<double>& along, const In3<double>& across, const In2<double>& semi_axes,
+         const In1<double>& radar)
+      : centre(centre.data()),
+        along(along.data()),
+        across(across.data()),
+        semi_axes(semi_axes.data()),
+        radar(radar.data()),
+        count(static_cast<Index>(centre.shape(0))),
+        n(static_cast<Index>(centre.shape(1))) {
+    for (const auto* array : {&centre, &along, &across}) {
+      require(array->shape(0) == centre.shape(0) && array->shape(1) == centre.shape(1) && array->shape(2) == 3,
+              "ellipsoids do not fit");
+    }
+    require(semi_axes.shape(0) == centre.shape(1) && semi_axes.shape(1) == 3, "semi-axes do not fit");
+    require(radar.shape(0) == 3, "the radar is a point");
+  }
+
+  const double *centre, *along, *across, *semi_axes, *radar;
+  Index count, n;
+};
+
+// Ellipsoids side by side, and t of the point nearest to the radar: sum of a_k^2 y_k^2 / (a_k^2 + t)^2 = 1 (E-08f).
+template <typename V>
+struct Ellipsoid {
+  Ellipsoid(const Bodies& bodies, Index time, Index s) {
+    const Index place = 3 * (time * bodies.n + s);
+    V semi_axes[3];
+    load_points(bodies.centre + place, centre);
+    load_points(bodies.along + place, along);
+    load_points(bodies.across + place, across);
+    load_points(bodies.semi_axes + 3 * s, semi_axes);
+    y_wide = y_long = V{};
+    V square = V{};
+    for (int k = 0; k < 3; ++k) {
+      y[k] = bodies.radar[k] - centre[k];
+      y_wide = fused(y[k], across[k], y_wide);
+      y_long = fused(y[k], along[k], y_long);
+      square = fused(y[k], y[k], square);
+      size2[k] = semi_axes[k] * semi_axes[k];
+    }
+    square2[0] = y_wide * y_wide;
+    square2[1] = larger(square - y_wide * y_wide - y_long * y_long, 0.0);
+    square2[2] = y_long * y_long;
+    solve();
+  }
+
+  void solve() {
+    V first[3];
+    for (int k = 0; k < 3; ++k) first[k] = size2[k] * square2[k];
+    const V weight = first[0] + first[1] + first[2];
+    const V mean = fused(first[2], size2[2], fused(first[1], size2[1], first[0] * size2[0])) / larger(weight, 1e-300);
+    root = larger(square_root(weight) - mean, 0.0);
+    auto active = root == root;
+    for (int n = 0; n < kNewtonSteps && any(active); ++n) {
+      V sum = V{}, slope = V{};
+      for (int k = 0; k < 3; ++k) {
+        const V p = 1.0 / (size2[k] + root), term = first[k] * p * p;
+        sum = sum + term;
+        slope = fused(term, p, slope);
+      }
+      const V step = (sum - 1.0) / (2.0 * slope + 1e-300), next = larger(root + step, 0.0);
+      root = active ? next : root;
+      active = active & ((step < V{} ? -step : step) > 1e-9 * root);  // the next one is of the order of its square
+    }
+    for (int k = 0; k < 3; ++k) inverse[k] = 1.0 / (size2[k] + root);
+  }
+
+  V centre[3], along[3], across[3];
+  V y[3], y_wide, y_long;  // the radar from the centre, and along two axes
+  V size2[3], square2[3];  // squares of the semi-axes and of the radar's place along them
+  V root, inverse[3];      // t, 1 / (a_k^2 + t)
+};
+
+// The point (I, S, 3) of every ellipsoid that is nearest to the radar.
+void nearest_points(const In3<double>& centre, const In3<double>& along, const In3<double>& across,
+                    const In2<double>& semi_axes, const In1<double>& radar, const Out3<double>& points) {
+  const Bodies bodies(centre, along, across, semi_axes, radar);
+  require(points.shape(0) == centre.shape(0) && points.shape(1) == centre.shape(1) && points.shape(2) == 3,
+          "points do not fit");
+  const Index n = bodies.n;
+  std::vector<double> apart(3 * n);
+  for (Index i = 0; i < bodies.count; ++i) {
+    side_by_side(n, [&](auto zero, Index s) {
+      using V = decltype(zero);
+      const Ellipsoid<V> e(bodies, i, s);
+      const V plain = e.size2[1] * e.inverse[1];
+      const V wide = (e.size2[0] * e.inverse[0] - plain) * e.y_wide,
+              far = (e.size2[2] * e.inverse[2] - plain) * e.y_long;
+      for (int k = 0; k < 3; ++k) {
+        const V from_centre = fused(far, e.along[k], fused(wide, e.across[k], plain * e.y[k]));
+        store(apart.data() + n * k + s, e.centre[k] + from_centre);
+      }
+    });
+    double* to = points.data() + 3 * n * i;
+    for (Index s = 0; s < n; ++s) {
+      for (Index k = 0; k < 3; ++k) to[3 * s + k] = apart[n * k + s];
+    }
+  }
+}
+
+// The cross section (I, S) of every ellipsoid at the radar's distance (E-08g), 0 within it.
+void seen_rcs(const In3<double>& centre, const In3<double>& along, const In3<double>& across,
+              const In2<double>& semi_axes, const In1<double>& radar, const Out2<double>& rcs) {
+  const Bodies bodies(centre, along, across, semi_axes, radar);
+  const auto to = view_rows(rcs);
+  require(to.count == bodies.count && to.width == bodies.n, "rcs does not fit");
+  for (Index i = 0; i < bodies.count; ++i) {
+    side_by_side(bodies.n, [&](auto zero, Index s) {
+      using V = decltype(zero);
+      const Ellipsoid<V> e(bodies, i, s);
+      V gradient2 = zero, bent = zero + 1e-300, sizes = zero + 3.14159265358979324;
+      for (int k = 0; k < 3; ++k) {
+        const V steep = e.square2[k] * e.inverse[k] * e.inverse[k];  // the sum is 1 / h^2
+        gradient2 = gradient2 + steep;
+        bent = fused(steep * e.size2[k], e.inverse[k], bent);
+        sizes = sizes * (e.size2[k] * e.inverse[k]);
+      }
+      const V far = e.root * gradient2;
+      store(to[i] + s, far * far * sizes / bent);
+    });
+  }
+}
+
+// Smooth step from 0 to 1: the polynomial of degree 5 with two continuous derivatives.
+template <typename V>
+V ramp(V x) {
+  x = larger(x, 0.0);
+  x = x < V{} + 1.0 ? x : V{} + 1.0;
+  return x * x * x * (10.0 + x * (6.0 * x - 15.0));
+}
+
+// Lines of sight from points side by side, and one ellipsoid.
+template <typename V>
+struct Sight {
+  V point[3], sight[3], length;
+
+  // Amplitude past the ellipsoid: from the point of the line where its quadratic form is smallest.
+  V amplitude_past(const double* centre, const double* along, const double* across, const double* semi_axes,
+                   double edge, V hides) const {
+    const double base = 1.0 / (semi_axes[1] * semi_axes[1]);
+    const double wide = 1.0 / (semi_axes[0] * semi_axes[0]) - base, far = 1.0 / (semi_axes[2] * semi_axes[2]) - base;
+    const double reach = std::max(std::max(semi_axes[0], semi_axes[1]), semi_axes[2]) + 2.0 * edge;
+    V offset[3], both = V{}, apart2 = V{};
+    for (int k = 0; k < 3; ++k) {
+      offset[k] = point[k] - centre[k];
+      both = fused(offset[k], sight[k], both);
+      apart2 = fused(offset[k], offset[k], apart2);
+    }
+    const auto near = (hides != V{}) & (both <= V{} + reach) & (apart2 - both * both <= V{} + reach * reach);
+    if (!any(near)) return V{} + 1.0;
+    V offset_wide = V{}, offset_far = V{}, sight_wide = V{}, sight_far = V{};
+    for (int k = 0; k < 3; ++k) {
+      offset_wide = fused(offset[k], across[k], offset_wide);
+      offset_far = fused(offset[k], along[k], offset_far);
+      sight_wide = fused(sight[k], across[k], sight_wide);
+      sight_far = fused(sight[k], along[k], sight_far);
+    }
+    const V square = base + wide * sight_wide * sight_wide + far * sight_far * sight_far;
+    const V linear = base * both + wide * offset_wide * sight_wide + far * offset_far * sight_far;
+    const V lowest = -linear / square, way = lowest < length ? lowest : length;
+    const V near_wide = wide * fused(way, sight_wide, offset_wide), near_far = far * fused(way, sight_far, offset_far);
+    V form = V{}, steepness = V{};
+    for (int k = 0; k < 3; ++k) {
+      const V place = fused(way, sight[k], offset[k]);
+      const V slope = fused(near_far, along[k], fused(near_wide, across[k], base * place));
+      form = fused(place, slope, form);
+      steepness = fused(slope, slope, steepness);
+    }
+    const V clearance = (form - 1.0) / larger(2.0 * square_root(steepness), 1e-12);
+    const V passed = 1.0 - ramp(way / edge) * (1.0 - ramp((clearance + edge) / (2.0 * edge)));
+    return near & (way > V{}) ? passed : V{} + 1.0;
+  }
+};
+
+// Amplitudes (I, P) past the ellipsoids from every point (I, P, 3) to the radar (E-08e); ellipsoids that pass[p, s]
+// hide nothing of a point.
+void sight_amplitudes(const In3<double>& points, const In3<double>& centre, const In3<double>& along,
+                      const In3<double>& across, const In2<double>& semi_axes, const In2<bool>& passes,
+                      const In1<double>& radar, double edge, const Out2<double>& amplitude) {
+  const Bodies bodies(centre, along, across, semi_axes, radar);
+  const auto to = view_rows(amplitude);
+  const auto pass = view_rows(passes);
+  const Index n = to.width;
+  require(to.count == bodies.count && static_cast<Index>(points.shape(0)) == bodies.count &&
+              static_cast<Index>(points.shape(1)) == n && points.shape(2) == 3,
+          "points do not fit");
+  require(pass.count == n && pass.width == bodies.n && edge > 0.0, "passes do not fit");
+  std::vector<double> hides(n * bodies.n);
+  for (Index s = 0; s < bodies.n; ++s) {
+    for (Index p = 0; p < n; ++p) hides[n * s + p] = pass[p][s] ? 0.0 : 1.0;
+  }
+  for (Index i = 0; i < bodies.count; ++i) {
+    side_by_side(n, [&](auto zero, Index p) {
+      using V = decltype(zero);
+      Sight<V> line;
+      load_points(points.data() + 3 * (n * i + p), line.point);
+      V square = zero;
+      for (int k = 0; k < 3; ++k) {
+        line.sight[k] = bodies.radar[k] - line.point[k];
+        square = fused(line.sight[k], line.sight[k], square);
+      }
+      line.length = square_root(square);
+      for (int k = 0; k < 3; ++k) line.sight[k] = line.sight[k] / larger(line.length, 1e-12);
+      V through = zero + 1.0;
+      for (Index s = 0; s < bodies.n; ++s) {
+        const Index place = 3 * (bodies.n * i + s);
+        through = through * line.amplitude_past(bodies.centre + place, bodies.along + place, bodies.across + place,
+                                                bodies.semi_axes + 3 * s, edge, load<V>(hides.data() + n * s + p));
+      }
+      store(to[i] + p, through);
+    });
+  }
+}
+
+}  // namespace
+
+void bind(nb::module_& module) {
+  const auto centre = nb::arg("centre"), along = nb::arg("along"), across = nb::arg("across"),
+             semi_axes = nb::arg("semi_axes"), radar = nb::arg("radar");
+  module.def("nearest_points", &nearest_points, centre, along, across, semi_axes, radar, nb::arg("points").noconvert(),
+             Unlocked());
+  module.def("seen_rcs", &seen_rcs, centre, along, across, semi_axes, radar, nb::arg("rcs").noconvert(), Unlocked());
+  module.def("sight_amplitudes", &sight_amplitudes, nb::arg("points"), centre, along, across, semi_axes,
+             nb::arg("passes"), radar, nb::arg("edge"), nb::arg("amplitude").noconvert(), Unlocked());
+}
 
 }  // namespace doppelgait::occlusion

@@ -94,7 +94,22 @@ def make_plane_cases(rng, n):
     ]
 
 
-MAKERS = (make_spline_cases, make_image_cases, make_echo_cases, make_plane_cases)
+def make_body_cases(rng, n):
+    centre, along, across = rng.standard_normal((3, 20, n, 3))
+    along /= np.linalg.norm(along, axis=-1, keepdims=True)
+    across = np.cross(along, across)
+    across /= np.linalg.norm(across, axis=-1, keepdims=True)
+    body = [centre, along, across, rng.uniform(0.2, 1.0, (n, 3))]
+    radar, points = np.array([4.0, 0.5, 0.2]), rng.standard_normal((20, n + 2, 3))
+    passes = rng.uniform(size=(n + 2, n)) < 0.1
+    return [
+        Case("nearest_points", [*body, radar, np.zeros_like(centre)], (5,)),
+        Case("seen_rcs", [*body, radar, np.zeros((20, n))], (5,)),
+        Case("sight_amplitudes", [points, *body, passes, radar, 0.1, np.zeros((20, n + 2))], (8,)),
+    ]
+
+
+MAKERS = (make_spline_cases, make_image_cases, make_echo_cases, make_plane_cases, make_body_cases)
 
 
 def make_cases():

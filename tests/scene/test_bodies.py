@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from doppelgait._core import native
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.kernels import occlusion as kernel
 from doppelgait.core.labels import read_axis
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
@@ -349,8 +349,8 @@ def test_radial_velocity_is_the_rate_of_the_range_of_the_surface(body):
 
     def surface_range_m(at_s):
         body = compute_ellipsoids_at(build_skeleton(motion), at_s)
-        points = np.empty_like(body.centre_m)
-        kernel.nearest_points(body.centre_m, body.along, body.across, body.semi_axes_m, radar, points)
+        points = np.empty(body.centre_m.shape)
+        native.nearest_points(body.centre_m, body.along, body.across, body.semi_axes_m, radar, points)
         return np.linalg.norm(points - radar, axis=-1)
 
     table = assemble(scene, times)

@@ -261,7 +261,7 @@ def _close_cycle(motion: Motion, seam: Seam, overlap: float) -> Cycle:
     gained -= at_end(gained) * share
     within = grid < seam.lag
     values = np.concatenate([share - share[within].mean(axis=0), gained], axis=1)
-    moments = np.empty_like(values)
+    moments = np.empty(values.shape)
     native.spline_moments(values, step, moments)
     travel = Spline(values, moments, step)
     return Cycle(curve, motion.positions.shape, rate, seam, overlap, advance, moved - advance, faster, travel)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait._core import native
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import resample
@@ -298,11 +299,9 @@ def build_skeleton(motion: Motion) -> Skeleton:
 
 def find_nearest_points(skeleton: Skeleton, body: Ellipsoids, radar_position_m: npt.ArrayLike) -> Motion:
     r"""Compute the motion of the reflecting points. Shapes: radar_position_m (3,) (E-08f)."""
-    from doppelgait.core.kernels import occlusion as kernel
-
     points = np.empty(body.centre_m.shape)
     radar = np.asarray(radar_position_m, dtype=np.float64)
-    kernel.nearest_points(body.centre_m, body.along, body.across, body.semi_axes_m, radar, points)
+    native.nearest_points(body.centre_m, body.along, body.across, body.semi_axes_m, radar, points)
     names, parts = ([getattr(s, key) for s in skeleton.segments] for key in ("name", "part"))
     return skeleton.joints.with_points(points, names, parts)
 
@@ -350,10 +349,8 @@ def mean_rcs_m2(body: Ellipsoids) -> float:
 def seen_rcs_m2(body: Ellipsoids, radar_position_m: npt.ArrayLike) -> FloatArray:
     """Compute every ellipsoid's RCS at its distance (E-08c, E-08g)."""
     # the result has the shape (I, S), m^2, and is not scaled to a total
-    from doppelgait.core.kernels import occlusion as kernel
-
     rcs_m2, radar = np.empty(body.centre_m.shape[:2]), np.asarray(radar_position_m, dtype=np.float64)
-    kernel.seen_rcs(body.centre_m, body.along, body.across, body.semi_axes_m, radar, rcs_m2)
+    native.seen_rcs(body.centre_m, body.along, body.across, body.semi_axes_m, radar, rcs_m2)
     return rcs_m2
 
 
@@ -377,17 +374,15 @@ def compute_visible_power(
 ) -> FloatArray:
     r"""Compute the two-way gain past the body's ellipsoids (E-08e)."""
     # the gain is 1 for a visible point and 0 for a hidden point
-    from doppelgait.core.kernels.occlusion import sight_amplitudes
-
     points = np.ascontiguousarray(point_m, dtype=np.float64)
     amplitude = np.empty(points.shape[:2])
-    sight_amplitudes(
+    native.sight_amplitudes(
         points,
         body.centre_m,
         body.along,
         body.across,
         body.semi_axes_m,
-        np.ascontiguousarray(own),
+        own,
         np.asarray(radar_position_m, dtype=np.float64),
         edge_m,
         amplitude,
