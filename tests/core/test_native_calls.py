@@ -74,6 +74,11 @@ def make_image_cases(rng, n):
     ]
 
 
+def make_path_cases(rng, n):
+    x, y = np.cumsum(rng.uniform(0.5, 1.0, (2, 30 * n)), axis=1)
+    return [Case("longest_stretch", [x, y, np.hypot(x, y), 1.0, 0.5, 0.9, 2.0, 0.1, 3])]
+
+
 def make_echo_cases(rng, n):
     range_m, amplitude, extra_rad = rng.uniform(0.3, 3.0, (3, 77, n))
     radar = [0.4, 0.05, 0.052, 0.041, 0.3]
@@ -109,7 +114,7 @@ def make_body_cases(rng, n):
     ]
 
 
-MAKERS = (make_spline_cases, make_image_cases, make_echo_cases, make_plane_cases, make_body_cases)
+MAKERS = (make_path_cases, make_spline_cases, make_image_cases, make_echo_cases, make_plane_cases, make_body_cases)
 
 
 def make_cases():
