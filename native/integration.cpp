@@ -1,7 +1,57 @@
+// Amplitudes of echoes that a frame integrates (E-13b, E-14).
+#include <cmath>
+
 #include "arrays.hpp"
+#include "lanes.hpp"
 
 namespace doppelgait::integration {
+namespace {
 
-void bind(nb::module_&) {}
+// sin(pi r) / r for |r| <= 1/2: Taylor's series in r^2, whose next term is below 2e-11.
+template <typename V>
+inline V sine_ratio(V r) {
+  constexpr double terms[] = {-2.1915353447830204e-05, 0.00046630280576761234, -0.007370430945714348,
+                              0.08214588661112819,     -0.5992645293207919,    2.550164039877345,
+                              -5.167712780049969,      3.141592653589793};
+  const V square = r * r, zero{};
+  V sum = zero + terms[0];
+  for (int k = 1; k < 8; ++k) sum = fused(square, sum, zero + terms[k]);
+  return sum;
+}
+
+void integrate_echoes(const In2<double>& range_m, const In2<double>& velocity_mps, const In2<double>& rcs_m2,
+                      const In2<double>& path_gain, double one_metre, double nearest_m, double turns_per_mps,
+                      const Out2<double>& out) {
+  const auto ranges = view_rows(range_m), speeds = view_rows(velocity_mps), rcs = view_rows(rcs_m2);
+  const auto gains = view_rows(path_gain);
+  const auto amplitudes = view_rows(out);
+  const auto fits = [&](const auto& rows) { return rows.count == ranges.count && rows.width == ranges.width; };
+  const auto fits_or_repeats = [&](const auto& rows) {
+    return fits(rows) || (rows.count == 1 && rows.width == ranges.width);
+  };
+  require(fits(speeds) && fits_or_repeats(rcs) && fits_or_repeats(gains) && fits(amplitudes),
+          "ranges, velocities, cross sections, gains and amplitudes need the same shape");
+  for (Index frame = 0; frame < ranges.count; ++frame) {
+    const double *area = rcs[rcs.count > 1 ? frame : 0], *gain = gains[gains.count > 1 ? frame : 0];
+    side_by_side(ranges.width, [&](auto zero, Index at) {
+      using V = decltype(zero);
+      const V range = load<V>(ranges[frame] + at), x = turns_per_mps * load<V>(speeds[frame] + at);
+      const V distance = range > nearest_m ? range : zero + nearest_m;
+      const V whole = round_even(x), r = x - whole, ratio = sine_ratio(r);
+      const V odd = whole - 2.0 * round_even(0.5 * whole);  // -1, 0 or 1
+      const V loss = whole == 0.0 ? ratio * (1.0 / M_PI) : ratio * r * (1.0 - 2.0 * odd * odd) / (M_PI * x);
+      const V level = one_metre * square_root(load<V>(area + at) * load<V>(gain + at));
+      store(amplitudes[frame] + at, level * loss / (distance * distance));
+    });
+  }
+}
+
+}  // namespace
+
+void bind(nb::module_& module) {
+  module.def("integrate_echoes", &integrate_echoes, nb::arg("range_m"), nb::arg("velocity_mps"), nb::arg("rcs_m2"),
+             nb::arg("path_gain"), nb::arg("one_metre"), nb::arg("nearest_m"), nb::arg("turns_per_mps"),
+             nb::arg("out").noconvert(), Unlocked());
+}
 
 }  // namespace doppelgait::integration

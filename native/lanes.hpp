@@ -54,6 +54,16 @@ inline To bits_of(From value) {
 inline Float spread(float value) { return value - Float{}; }
 inline Double spread(double value) { return value - Double{}; }
 
+inline Double widen(HalfFloat value) {
+#if defined(__AVX512F__)
+  return (Double)_mm512_cvtps_pd((__m256)value);
+#elif defined(__AVX2__)
+  return (Double)_mm256_cvtps_pd((__m128)value);
+#else
+  return __builtin_convertvector(value, Double);
+#endif
+}
+
 // Two vectors of double precision side by side in single precision.
 inline Float narrow(Double first, Double second) {
 #if defined(__AVX512F__)
@@ -126,6 +136,7 @@ inline Double fused(Double a, double b, Double c) { return fused(a, spread(b), c
 inline Double fused(Double a, double b, double c) { return fused(a, spread(b), spread(c)); }
 
 // The nearest whole number, of two the even one.
+inline double round_even(double value) { return std::nearbyint(value); }
 inline Double round_even(Double value) {
 #if defined(__AVX512F__)
   return (Double)_mm512_roundscale_pd((__m512d)value, 8);

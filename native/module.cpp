@@ -37,9 +37,6 @@ void bind(nb::module_&);
 namespace occlusion {
 void bind(nb::module_&);
 }
-namespace parts {
-void bind(nb::module_&);
-}
 namespace periodicity {
 void bind(nb::module_&);
 }
@@ -102,7 +99,6 @@ NB_MODULE(DOPPELGAIT_MODULE, module) {
   doppelgait::lines::bind(module);
   doppelgait::noise::bind(module);
   doppelgait::occlusion::bind(module);
-  doppelgait::parts::bind(module);
   doppelgait::periodicity::bind(module);
   doppelgait::planes::bind(module);
   doppelgait::responses::bind(module);

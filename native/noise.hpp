@@ -52,6 +52,16 @@ inline void small_phasor(Float angle, Float& cosine, Float& sine) {
   sine = angle + angle * square * odd;
 }
 
+// Cosine and sine of turns, at most half of one.
+inline void phasor(Float turns, float* cosine, float* sine) {
+  const Float quarter = round_even(4.0f * turns);
+  Float x, y;
+  small_phasor((turns - 0.25f * quarter) * 6.28318530717959f, x, y);
+  const Int count = __builtin_convertvector(quarter, Int), odd = (count & 1) != 0;
+  store(cosine, bits_of<Float>(bits_of<Int>(odd ? y : x) ^ (((count + 1) & 2) << 30)));
+  store(sine, bits_of<Float>(bits_of<Int>(odd ? x : y) ^ ((count & 2) << 30)));
+}
+
 // Uniformly distributed point of the unit circle, with an error below 2^-23.
 inline void direction(Word word, Float& x, Float& y) {
   const Float angle = __builtin_convertvector((Int)(word << 2), Float) * (0.785398163397448f / 2147483648.0f);

@@ -1,7 +1,151 @@
+// Passes over planes of samples and other rows of single-precision numbers.
+#include <algorithm>
+#include <cmath>
+
 #include "arrays.hpp"
+#include "lanes.hpp"
+#include "noise.hpp"
 
 namespace doppelgait::planes {
+namespace {
 
-void bind(nb::module_&) {}
+// Multiplies complex numbers by factors. The products may replace the numbers.
+void multiply(Line<const float> re, const float* im, const float* factor_re, const float* factor_im, float* out_re,
+              float* out_im) {
+  Index i = 0;
+  for (; i + kWidth <= re.size; i += kWidth) {
+    const Float x = load<Float>(re.data + i), y = load<Float>(im + i);
+    const Float u = load<Float>(factor_re + i), v = load<Float>(factor_im + i);
+    store(out_re + i, x * u - y * v);
+    store(out_im + i, x * v + y * u);
+  }
+  for (; i < re.size; ++i) {
+    const float x = re[i], y = im[i];
+    out_re[i] = x * factor_re[i] - y * factor_im[i];
+    out_im[i] = x * factor_im[i] + y * factor_re[i];
+  }
+}
+
+// The largest re^2 + im^2 of every column.
+void strongest_power(const Planes<float>& plane_re, const Planes<float>& plane_im, const Out1<float>& strongest) {
+  const auto re = view_rows(plane_re), im = view_rows(plane_im);
+  const auto out = view_line(strongest);
+  require(re.count == im.count && re.width >= out.size && im.width >= out.size, "planes and result do not fit");
+  std::fill(out.data, out.data + out.size, 0.0f);
+  for (Index n = 0; n < re.count; ++n) {
+    const float *x = re[n], *y = im[n];
+    for (Index i = 0; i < out.size; ++i) out[i] = std::max(out[i], x[i] * x[i] + y[i] * y[i]);
+  }
+}
+
+// Multiplies planes by complex factors, one row of them for every row or for all.
+void turn_planes(const Out2<float>& plane_re, const Out2<float>& plane_im, const In2<float>& factor_re,
+                 const In2<float>& factor_im) {
+  const auto re = view_rows(plane_re), im = view_rows(plane_im);
+  const auto u = view_rows(factor_re), v = view_rows(factor_im);
+  require(re.count == im.count && re.width == im.width && u.count == v.count && u.width == v.width &&
+              re.width == u.width && (u.count == re.count || u.count == 1),
+          "planes and factors do not fit");
+  for (Index n = 0; n < re.count; ++n) {
+    const Index k = u.count == 1 ? 0 : n;
+    multiply({re[n], re.width}, im[n], u[k], v[k], re[n], im[n]);
+  }
+}
+
+// The largest magnitude in the first n columns. Magnitudes are in the order of their bits.
+float find_largest_part(const Planes<float>& values, Index n) {
+  const auto rows = view_rows(values);
+  require(n <= rows.width, "the rows are shorter");
+  std::uint32_t largest = 0;
+  for (Index row = 0; row < rows.count; ++row) {
+    const float* line = rows[row];
+    for (Index i = 0; i < n; ++i) largest = std::max(largest, bits_of<std::uint32_t>(line[i]) & 0x7FFFFFFF);
+  }
+  return bits_of<float>(largest);
+}
+
+// Rounds the first n columns to whole steps between two codes, in place or not; counts the values beyond the limit.
+Index quantise_parts(const Planes<float>& values, Index n, double step, double lowest, double highest, double limit,
+                     const Out2<float>& out) {
+  const auto from = view_rows(values);
+  const auto to = view_rows(out);
+  require(from.count == to.count && n <= from.width && n <= to.width, "values and result do not fit");
+  const double scale = 1.0 / step;
+  const auto quantise = [=](auto value, auto low, auto high) {
+    const auto nearest = round_even(value * scale), code = nearest < low ? low : nearest;
+    return (code > high ? high : code) * step;
+  };
+  float largest = static_cast<float>(limit);  // the largest number that is not beyond
+  if (largest > limit) largest = std::nextafter(largest, -INFINITY);
+  Index n_beyond = 0;
+  for (Index row = 0; row < from.count; ++row) {
+    const float* line = from[row];
+    Index i = 0;
+    Int beyond = {};
+    for (; i + kWidth <= n; i += kWidth) {
+      const Float values = load<Float>(line + i);
+      beyond -= bits_of<Float>(bits_of<Int>(values) & 0x7FFFFFFF) > largest;
+      const Double a = widen(load<HalfFloat>(line + i)), b = widen(load<HalfFloat>(line + i + kHalfWidth));
+      const Double low = spread(lowest), high = spread(highest);
+      store(to[row] + i, narrow(quantise(a, low, high), quantise(b, low, high)));
+    }
+    for (int lane = 0; lane < kWidth; ++lane) n_beyond += beyond[lane];
+    for (; i < n; ++i) {
+      n_beyond += std::fabs(line[i]) > largest;
+      to[row][i] = static_cast<float>(quantise(double{line[i]}, lowest, highest));
+    }
+  }
+  return n_beyond;
+}
+
+// Rotates sample n of pulse i by common[i] + sum_k weights[n, k] phases[k, i] turns, in place or not.
+void rotate_parts(const Planes<float>& plane_re, const Planes<float>& plane_im, const In1<double>& common,
+                  const In2<double>& phases, const In2<double>& weights, const Out2<float>& out_re,
+                  const Out2<float>& out_im) {
+  const Rows<const float> from_re = view_rows(plane_re), from_im = view_rows(plane_im);
+  const auto to_re = view_rows(out_re), to_im = view_rows(out_im);
+  const auto first = view_line(common);
+  const auto phase = view_rows(phases), weight = view_rows(weights);
+  for (const Rows<const float>& plane : {from_re,
+                                         from_im,
+                                         {to_re.data, to_re.count, to_re.width, to_re.stride},
+                                         {to_im.data, to_im.count, to_im.width, to_im.stride}}) {
+    require(plane.count == weight.count && plane.width >= first.size, "planes, weights and phases do not fit");
+  }
+  require(phase.count == weight.width && phase.width == first.size, "phases and weights do not fit");
+  constexpr Index kPulses = 512;  // their phases stay in the first-level cache
+  double turns[kPulses] = {};
+  float cosines[kPulses], sines[kPulses];
+  for (Index begin = 0; begin < first.size; begin += kPulses) {
+    const Index size = std::min(kPulses, first.size - begin);
+    for (Index n = 0; n < weight.count; ++n) {
+      std::copy(first.data + begin, first.data + begin + size, turns);
+      for (Index k = 0; k < phase.count; ++k) {
+        const double *more = phase[k] + begin, share = weight[n][k];
+        for (Index i = 0; i < size; ++i) turns[i] += share * more[i];
+      }
+      for (Index i = 0; i < size; i += kWidth) {
+        const Double a = load<Double>(turns + i), b = load<Double>(turns + i + kHalfWidth);
+        noise::phasor(narrow(a - round_even(a), b - round_even(b)), cosines + i, sines + i);
+      }
+      multiply({from_re[n] + begin, size}, from_im[n] + begin, cosines, sines, to_re[n] + begin, to_im[n] + begin);
+    }
+  }
+}
+
+}  // namespace
+
+void bind(nb::module_& module) {
+  module.def("strongest_power", &strongest_power, nb::arg("plane_re"), nb::arg("plane_im"),
+             nb::arg("strongest").noconvert(), Unlocked());
+  module.def("turn_planes", &turn_planes, nb::arg("plane_re").noconvert(), nb::arg("plane_im").noconvert(),
+             nb::arg("factor_re"), nb::arg("factor_im"), Unlocked());
+  module.def("find_largest_part", &find_largest_part, nb::arg("values"), nb::arg("n"), Unlocked());
+  module.def("quantise_parts", &quantise_parts, nb::arg("values"), nb::arg("n"), nb::arg("step"), nb::arg("lowest"),
+             nb::arg("highest"), nb::arg("limit"), nb::arg("out").noconvert(), Unlocked());
+  module.def("rotate_parts", &rotate_parts, nb::arg("plane_re"), nb::arg("plane_im"), nb::arg("common"),
+             nb::arg("phases"), nb::arg("weights"), nb::arg("out_re").noconvert(), nb::arg("out_im").noconvert(),
+             Unlocked());
+}
 
 }  // namespace doppelgait::planes

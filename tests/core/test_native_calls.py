@@ -92,8 +92,14 @@ def make_echo_cases(rng, n):
 def make_plane_cases(rng, n):
     re, im = rng.standard_normal((2, n, 77)).astype(np.float32)
     matrix = (re + 1j * im).T.astype(np.complex64)
-    zeros = np.zeros_like(re)
+    zeros, factors = np.zeros_like(re), rng.standard_normal((2, n, 77)).astype(np.float32)
+    turns, phases, weights = rng.uniform(-9, 9, 77), rng.uniform(-9, 9, (3, 77)), rng.standard_normal((n, 3))
     return [
+        Case("strongest_power", [re, im, np.zeros(77, np.float32)], (2,), free=((2, 0),), rows=(0, 1)),
+        Case("turn_planes", [re, im, *factors], (0, 1)),
+        Case("quantise_parts", [re, 77, 0.1, -9.0, 9.0, 1.5, zeros], (6,), rows=(0,)),
+        Case("find_largest_part", [re, 77], free=((0, 0),), rows=(0,)),
+        Case("rotate_parts", [re, im, turns, phases, weights, zeros, zeros], (5, 6), rows=(0, 1)),
         Case("join_planes", [re, im, np.zeros((77, n), np.complex64)], (2,), free=((2, 0),), rows=(0, 1)),
         Case("split_planes", [np.ascontiguousarray(matrix), zeros, zeros], (1, 2), free=((0, 0),), rows=(0,)),
     ]
@@ -115,6 +121,14 @@ def make_body_cases(rng, n):
 
 
 MAKERS = (make_path_cases, make_spline_cases, make_image_cases, make_echo_cases, make_plane_cases, make_body_cases)
+
+
+def make_amplitude_cases(rng, n):
+    table = rng.uniform(0.1, 2.0, (4, 30, n))
+    return [Case("integrate_echoes", [*table, 3e-4, 0.2, 1.3, np.zeros((30, n))], (7,))]
+
+
+MAKERS = [make for name, make in list(globals().items()) if name.startswith("make_")]
 
 
 def make_cases():

@@ -268,36 +268,27 @@ class Samples:
 
     def quantise(self, step: float, lowest: float, highest: float, limit: float = math.inf) -> tuple[Samples, int]:
         """Round both parts to converter steps; also count the values above ``limit``."""
-        from doppelgait.core.kernels.parts import quantise_parts
-
         noisy = self.add_pending_noise()
         changed = noisy._make_writable(keep=False)
         values, n = noisy._rows()
-        n_beyond = quantise_parts(
-            values, n, float(step), float(lowest), float(highest), float(limit), changed._rows()[0]
-        )
+        n_beyond: int = native.quantise_parts(values, n, step, lowest, highest, limit, changed._rows()[0])
         return changed, n_beyond
 
     def rotate(self, common: Turns, phases: Turns, weights: Turns) -> Samples:
         """Rotate sample n of pulse i by common[i] + weights[n] @ phases[:, i] turns."""
-        from doppelgait.core.kernels.parts import LANES, rotate_parts
-
         noisy = self.add_pending_noise()
         if noisy._planes is None:
             noisy = Samples.from_planes(noisy.planes, self.shape[0])
         changed = noisy._make_writable(keep=False)
         assert noisy._planes is not None
         assert changed._planes is not None
-        work = np.empty(LANES), np.empty(LANES, dtype=np.float32)
-        rotate_parts(*noisy._planes, *map(np.ascontiguousarray, (common, phases, weights)), *work, *changed._planes)
+        native.rotate_parts(*noisy._planes, common, phases, weights, *changed._planes)
         return changed
 
     def find_largest_part(self) -> float:
         """Return the largest in-phase or quadrature magnitude."""
-        from doppelgait.core.kernels.parts import largest_bits
-
-        values, n = self.add_pending_noise()._rows()
-        return float(np.int32(largest_bits(values.view(np.int32), n)).view(np.float32))
+        largest: float = native.find_largest_part(*self.add_pending_noise()._rows())
+        return largest
 
     def _rows(self) -> tuple[Planes, int]:
         """Return all float32 rows and the number of filled columns."""
@@ -400,10 +391,7 @@ def _change_samples(samples: Samples, ufunc: Any, other: Any) -> Samples:
         re *= by_re
         im *= by_re
     else:
-        from doppelgait.core.kernels.planes import turn_planes
-
-        shape = (by_re.shape[0], n_pulses)
-        turn_planes(re, im, *(np.ascontiguousarray(np.broadcast_to(part, shape)) for part in (by_re, by_im)))
+        native.turn_planes(re, im, *(np.broadcast_to(part, (by_re.shape[0], n_pulses)) for part in (by_re, by_im)))
     return changed
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait._core import native
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import read_axis, replace_values, select_scatterers
 from doppelgait.core.units import (
@@ -187,18 +188,15 @@ def compute_scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any,
     >>> range_m.mean(axis=1).round(2)  # mean range at the three times
     array([6.8 , 6.73, 6.63])
     """
-    from doppelgait.core.kernels.integration import integrate_echoes
-
     range_m = np.ascontiguousarray(read_axis(scatterers, "range"), dtype=np.float64)
     tables = (read_axis(scatterers, name) for name in ("rcs", "path_gain"))
-    rcs_m2, path_gain = (  # one row of a broadcast view saves a pass over memory
-        np.ascontiguousarray(table[:1] if table.strides[0] == 0 else table, dtype=np.float64) for table in tables
-    )
+    # one row of a broadcast view saves a pass over memory
+    rcs_m2, path_gain = (table[:1] if table.strides[0] == 0 else table for table in tables)
     turns_per_mps = 2.0 / radar.wavelength_m * radar.integration_share / radar.prf_hz
-    speeds = range_m if radar.integration_share == 0.0 else np.ascontiguousarray(radial_velocity_mps(scatterers))
+    speeds = range_m if radar.integration_share == 0.0 else radial_velocity_mps(scatterers)
     one_metre_v = float(echo_amplitude_v(radar, range_m=1.0, rcs_m2=1.0))
     amplitude_v = np.empty(range_m.shape)
-    integrate_echoes(range_m, speeds, rcs_m2, path_gain, one_metre_v, MIN_RANGE_M, turns_per_mps, amplitude_v)
+    native.integrate_echoes(range_m, speeds, rcs_m2, path_gain, one_metre_v, MIN_RANGE_M, turns_per_mps, amplitude_v)
     return range_m, amplitude_v
 
 

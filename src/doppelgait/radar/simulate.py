@@ -179,11 +179,8 @@ def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.G
 
 def strongest_powers_v2(bins: Samples) -> npt.NDArray[np.float32]:
     """Return the strongest bin's |y|^2 of every pulse, V^2."""
-    from doppelgait.core.kernels.planes import strongest_power
-
     strongest = np.empty(bins.shape[0], dtype=np.float32)
-    plane_re, plane_im = bins.planes
-    strongest_power(plane_re, plane_im, strongest)
+    native.strongest_power(*bins.planes, strongest)
     return strongest
 
 

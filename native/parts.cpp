@@ -1,7 +1,0 @@
-#include "arrays.hpp"
-
-namespace doppelgait::parts {
-
-void bind(nb::module_&) {}
-
-}  // namespace doppelgait::parts
