@@ -7,6 +7,7 @@
 #include <complex>
 #include <cstdint>
 #include <stdexcept>
+#include <type_traits>
 
 namespace doppelgait {
 
@@ -68,5 +69,43 @@ inline void require(bool fits, const char* otherwise) {
 
 // What a function does without Python's lock.
 using Unlocked = nb::call_guard<nb::gil_scoped_release>;
+
+// How Python gives an argument of a function that computes.
+template <typename T>
+struct Argument {
+  using type = T;
+  static constexpr bool is_written = false;
+  static T view(T value) { return value; }
+};
+template <typename T>
+struct Argument<Line<T>> {
+  using type = std::conditional_t<std::is_const_v<T>, In1<std::remove_const_t<T>>, Out1<T>>;
+  static constexpr bool is_written = !std::is_const_v<T>;
+  static Line<T> view(const type& array) { return view_line(array); }
+};
+template <typename T>
+struct Argument<Rows<T>> {
+  using type = std::conditional_t<std::is_const_v<T>, In2<std::remove_const_t<T>>, Out2<T>>;
+  static constexpr bool is_written = !std::is_const_v<T>;
+  static Rows<T> view(const type& array) { return view_rows(array); }
+};
+
+template <typename T>
+auto name_argument(const char* name) {
+  if constexpr (Argument<T>::is_written) {
+    return nb::arg(name).noconvert();
+  } else {
+    return nb::arg(name);
+  }
+}
+
+// Binds a function of lines, rows and numbers; it runs without Python's lock.
+template <typename Result, typename... Args, typename... Names>
+void define(nb::module_& module, const char* name, Result (*function)(Args...), Names... names) {
+  module.def(
+      name,
+      [function](const typename Argument<Args>::type&... args) { return function(Argument<Args>::view(args)...); },
+      name_argument<Args>(names)..., Unlocked());
+}
 
 }  // namespace doppelgait

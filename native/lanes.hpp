@@ -43,6 +43,9 @@ inline void store(T* to, Vector value) {
   std::memcpy(to, &value, sizeof value);
 }
 
+inline Double load_double(const double* from) { return load<Double>(from); }
+inline Double load_double(const float* from) { return __builtin_convertvector(load<HalfFloat>(from), Double); }
+
 template <typename To, typename From>
 inline To bits_of(From value) {
   static_assert(sizeof(To) == sizeof(From));

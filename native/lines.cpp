@@ -1,7 +1,167 @@
+// Lines through a signature and power about them (E-33, E-34c).
+#include <algorithm>
+#include <limits>
+#include <vector>
+
 #include "arrays.hpp"
+#include "lanes.hpp"
 
 namespace doppelgait::lines {
+namespace {
 
-void bind(nb::module_&) {}
+constexpr Index kLanes = 64;  // values that are smoothed together
+constexpr Index kParts = 8;   // partial sums of a column
+
+// The bin next to a place on the Doppler axis, which goes round.
+Index nearest_bin(double place) { return std::abs(place) < 1e15 ? static_cast<Index>(std::nearbyint(place)) : 0; }
+Index go_round(Index bin, Index n_bins) { return (bin % n_bins + n_bins) % n_bins; }
+
+// Smooths by a Gaussian, cut off at four standard deviations; beyond its ends the line is mirrored or constant.
+void smooth(Line<const double> values, double sd, bool mirrored, Line<double> out) {
+  const Index n = values.size;
+  require(out.size == n && n > 0, "every value needs a smoothed one");
+  require(sd > 0.0 && sd < 1e8, "the standard deviation must be positive");
+  const auto reach = static_cast<Index>(4.0 * sd + 0.5);
+  std::vector<double> weight(reach + 1), padded(n + 2 * reach + kLanes);
+  double sum = 0.0;
+  for (Index i = 0; i <= reach; ++i) {
+    weight[i] = std::exp(-0.5 * static_cast<double>(i * i) / (sd * sd));
+    sum += i == 0 ? weight[i] : 2.0 * weight[i];
+  }
+  for (Index i = -reach; i < n + reach; ++i) {
+    const Index cell = go_round(i, 2 * n);
+    padded[reach + i] = values[mirrored ? std::min(cell, 2 * n - 1 - cell) : std::clamp<Index>(i, 0, n - 1)];
+  }
+  for (Index first = 0; first < n; first += kLanes) {
+    const double* centre = padded.data() + reach + first;
+    double total[kLanes];
+    for (Index k = 0; k < kLanes; ++k) total[k] = weight[0] * centre[k];
+    for (Index i = 1; i <= reach; ++i) {
+      const double *low = centre - i, *high = centre + i, factor = weight[i];
+      for (Index k = 0; k < kLanes; ++k) total[k] += factor * (low[k] + high[k]);
+    }
+    for (Index k = first; k < std::min(first + kLanes, n); ++k) out[k] = total[k - first] / sum;
+  }
+}
+
+// Sum of a column without its floor, in parts that need not wait for each other.
+template <typename T>
+double sum_above(const T* column, Index size, double floor) {
+  constexpr int n = kParts / kHalfWidth;
+  Double parts[n] = {};
+  Index k = 0;
+  for (; k + kParts <= size; k += kParts)
+    for (int i = 0; i < n; ++i) parts[i] += load_double(column + k + i * kHalfWidth) - floor;
+  double s[kParts];
+  for (int i = 0; i < n; ++i) store(s + i * kHalfWidth, parts[i]);
+  for (; k < size; ++k) s[0] += static_cast<double>(column[k]) - floor;
+  return ((s[0] + s[1]) + (s[2] + s[3])) + ((s[4] + s[5]) + (s[6] + s[7]));
+}
+
+// Power and squared power about the main line. Cells at the edge count in part; the centroid of the squared power is
+// not yet divided. ``sums``: torso, near, all, mean and standard deviation of near.
+template <typename T>
+void powers_about_line(Rows<const T> values, double floor, Line<const double> line, Line<const double> reaches,
+                       Line<const double> range_weight, Line<double> sums, Line<double> square, Line<double> moment) {
+  const Index n_columns = values.count, n_bins = values.width;
+  require(line.size == n_columns && range_weight.size == n_columns, "every column needs its line and its weight");
+  require(square.size == n_columns && moment.size == n_columns, "every column needs a square and a moment");
+  require(reaches.size == 3 && sums.size == 5 && n_bins > 0, "three reaches have five sums");
+  const double most = static_cast<double>((n_bins - 1) / 2), torso = reaches[0], near = reaches[1], body = reaches[2];
+  const auto half = static_cast<Index>(std::max(std::min(most, std::ceil(near) + 1.0), 0.0)), wide = 2 * half + 1;
+  std::vector<double> near_power(n_columns), buffer(5 * wide);
+  double *power = buffer.data(), *distance = power + wide, *inner = power + 2 * wide, *outer = power + 3 * wide;
+  double* above = power + 4 * wide;
+  std::fill(sums.data, sums.data + sums.size, 0.0);
+  for (Index j = 0; j < n_columns; ++j) {
+    const Index centre = nearest_bin(line[j]);
+    const double start = static_cast<double>(centre - half) - line[j];
+    Index k = go_round(centre - half, n_bins);
+    for (Index i = 0; i < wide; ++i) {
+      power[i] = static_cast<double>(values[j][k]) - floor;
+      k = k + 1 < n_bins ? k + 1 : 0;
+    }
+    for (Index i = 0; i < wide; ++i) {  // parts that do not wait for each other
+      distance[i] = start + static_cast<double>(i);
+      const double beyond = std::abs(distance[i]) - 0.5, part = torso - beyond, whole = near - beyond;
+      inner[i] = power[i] * (part > 0.0 ? (part < 1.0 ? part : 1.0) : 0.0);
+      outer[i] = power[i] * (whole > 0.0 ? (whole < 1.0 ? whole : 1.0) : 0.0);
+      const double cell = power[i] > 0.0 && std::abs(distance[i]) <= body ? power[i] : 0.0;
+      above[i] = cell * cell;
+    }
+    double inside = 0.0, about = 0.0, weight = 0.0, turn = 0.0;
+    for (Index i = 0; i < wide; ++i) {
+      inside += inner[i];
+      about += outer[i];
+      weight += above[i];
+      turn += above[i] * distance[i];
+    }
+    square[j] = weight;
+    moment[j] = turn;
+    near_power[j] = about * range_weight[j];
+    sums[0] += inside * range_weight[j];
+    sums[1] += near_power[j];
+    sums[2] += sum_above(values[j], n_bins, floor) * range_weight[j];
+  }
+  sums[3] = sums[1] / static_cast<double>(n_columns);
+  for (const double value : near_power) sums[4] += (value - sums[3]) * (value - sums[3]);
+  sums[4] = std::sqrt(sums[4] / static_cast<double>(n_columns));
+}
+
+// The strongest smooth ridge near a line (Viterbi, E-34c): a step to the next bin costs ``cost``.
+template <typename T>
+void follow_ridge(Rows<const T> values, double floor, Line<const double> line, Index reach, double cost,
+                  Line<Index> path) {
+  const Index n_columns = values.count, n_bins = values.width;
+  require(line.size == n_columns && path.size == n_columns, "every column needs its line and its bin");
+  require(n_columns > 0 && reach >= 0 && reach <= (n_bins - 1) / 2, "the reach must lie within the Doppler axis");
+  const Index width = 2 * reach + 1;
+  constexpr double none = -std::numeric_limits<double>::infinity();
+  std::vector<double> score(width), before(width);
+  std::vector<Index> origins(n_columns * width);
+  Index last = nearest_bin(line[0]);
+  for (Index j = 0; j < n_columns; ++j) {
+    const Index centre = nearest_bin(line[j]), moved = centre - last;
+    for (Index i = 0; i < width; ++i) {
+      Index& origin = origins[j * width + i];
+      origin = std::clamp<Index>(i + moved, 0, width - 1);
+      double most = none;
+      for (Index step = -1; step <= 1; ++step) {
+        const Index from = i + moved + step;
+        if (from < 0 || from >= width) continue;
+        const double here = before[from] - cost * static_cast<double>(step * step);
+        if (here > most) {
+          most = here;
+          origin = from;
+        }
+      }
+      if (most == none) most = before[origin] - cost;  // the line itself has jumped
+      const auto cell = static_cast<double>(values[j][go_round(centre - reach + i, n_bins)]);
+      score[i] = most + std::log(std::max({cell, floor, 1e-300}));
+    }
+    before.swap(score);
+    last = centre;
+  }
+  Index i = std::max_element(before.begin(), before.end()) - before.begin();
+  for (Index j = n_columns - 1; j >= 0; --j) {
+    path[j] = nearest_bin(line[j]) - reach + i;
+    i = origins[j * width + i];
+  }
+}
+
+template <typename T>
+void bind_for(nb::module_& module) {
+  define(module, "powers_about_line", &powers_about_line<T>, "values", "floor", "line", "reaches", "range_weight",
+         "sums", "square", "moment");
+  define(module, "follow_ridge", &follow_ridge<T>, "values", "floor", "line", "reach", "cost", "path");
+}
+
+}  // namespace
+
+void bind(nb::module_& module) {
+  bind_for<double>(module);
+  bind_for<float>(module);
+  define(module, "smooth", &smooth, "values", "sd", "mirrored", "out");
+}
 
 }  // namespace doppelgait::lines

@@ -118,7 +118,7 @@ def test_pulses_outside_the_record_and_bins_outside_the_frame_are_zero_e22(rando
     case = {
         "first_pulse": first_pulse,
         "hop": hop,
-        "window": np.hanning(41),
+        "window": np.hanning(43)[1:-1],
         "first_bin": np.linspace(-6, 11, n_columns).astype(int),
         "n_gate": 4,
         "k": 50,

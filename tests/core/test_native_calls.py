@@ -74,11 +74,6 @@ def make_image_cases(rng, n):
     ]
 
 
-def make_path_cases(rng, n):
-    x, y = np.cumsum(rng.uniform(0.5, 1.0, (2, 30 * n)), axis=1)
-    return [Case("longest_stretch", [x, y, np.hypot(x, y), 1.0, 0.5, 0.9, 2.0, 0.1, 3])]
-
-
 def make_echo_cases(rng, n):
     range_m, amplitude, extra_rad = rng.uniform(0.3, 3.0, (3, 77, n))
     radar = [0.4, 0.05, 0.052, 0.041, 0.3]
@@ -120,7 +115,69 @@ def make_body_cases(rng, n):
     ]
 
 
-MAKERS = (make_path_cases, make_spline_cases, make_image_cases, make_echo_cases, make_plane_cases, make_body_cases)
+def make_cadence_cases(rng, n):
+    rows, weights, taps = rng.standard_normal((31, n)), rng.uniform(0.0, 1.0, 31), rng.standard_normal((2, 18))
+    lines = np.fft.rfft(rng.standard_normal((n, 60)))
+    return [
+        Case("smear", [rows, weights, taps.ravel(), 2, np.zeros((40, n))], (4,), free=((2, 0), (4, 0))),
+        Case("project", [rows, rng.standard_normal((31, 7)), np.zeros((7, n))], (2,)),
+        Case("lay_circular", [rows, weights, n // 2, np.zeros((n - n // 2, 31))], (3,), free=((3, 0),)),
+        Case(
+            "fine_magnitudes",
+            [lines, taps, 2, np.zeros((50, n + 2))],
+            (3,),
+            free=((0, 0), (0, 1), (1, 0), (1, 1), (3, 0)),
+        ),
+    ]
+
+
+def make_column_cases(rng, n, dtype=np.float64):
+    values = (rng.standard_normal((9, n + 2)) ** 2).astype(dtype)
+    level, each, sums = values.mean(axis=1), np.zeros(9), np.zeros(5)
+    cells, lines = np.zeros(values.shape), np.linspace(0.4, n + 0.3, 9)
+    whole, edges, reaches = rng.integers(0, n + 2, 9), np.array([1, 4, 9]), np.array([0.6, 2.7, 1.5])
+    wide = (rng.standard_normal((9, 2 * n + 1)) ** 2).astype(dtype)
+    return [
+        Case("sum_excess", [values, 0.3, each, each], (2, 3), free=((0, 1),)),
+        Case("scale_excess", [values, 0.3, lines, cells], (3,)),
+        Case("column_peaks", [values, np.zeros(9, dtype), each], (1, 2), free=((0, 1),)),
+        Case("row_means", [values, np.zeros(n + 2)], (1,), free=((0, 0),)),
+        Case("count_above", [values, level, edges, np.zeros((2, n + 2))], (3,)),
+        Case("shift_columns", [values, whole, np.linspace(0.0, 0.9, 9), cells], (3,)),
+        Case("power_quantiles", [values, 0.3, 0.2, 0.01, 0.99, each, each], (5, 6), free=((0, 1),)),
+        Case("positive_sums", [values - values.mean(), 3, np.zeros(3)], (2,), free=((0, 1),)),
+        Case("powers_about_line", [values, 0.3, lines, reaches, lines, sums, each, each], (5, 6, 7), free=((0, 1),)),
+        Case("follow_ridge", [wide, 0.1, lines, n, 2.0, np.zeros(9, np.int64)], (5,)),
+    ]
+
+
+def make_single_column_cases(rng, n):
+    return make_column_cases(rng, n, np.float32)
+
+
+def make_row_cases(rng, n):
+    moved, noise = rng.standard_normal((8, 3 * n)) ** 2, rng.uniform(0.0, 0.5, 8)
+    starts, stops = 3 * np.arange(n), 3 * np.arange(1, n + 1)
+    return [
+        Case("limb_amplitudes", [moved, noise, 0.1, 0.2, starts, stops, np.zeros((8, n))], (6,)),
+        Case("sum_groups", [moved, 2, 3, np.zeros((4, n))], (3,)),
+        Case("sum_groups", [moved, 2, 1, np.zeros((4, 3 * n))], (3,)),
+        Case("smooth", [moved.ravel(), 1.7, True, np.zeros(24 * n)], (3,)),
+        Case("smooth", [moved.ravel(), 9.3, False, np.zeros(24 * n)], (3,)),
+    ]
+
+
+MAKERS = (
+    make_spline_cases,
+    make_image_cases,
+    make_echo_cases,
+    make_plane_cases,
+    make_body_cases,
+    make_cadence_cases,
+    make_column_cases,
+    make_single_column_cases,
+    make_row_cases,
+)
 
 
 def make_amplitude_cases(rng, n):
@@ -161,7 +218,7 @@ def test_written_arrays_are_never_copied(case):
     for n in case.outputs:
         given = case.arguments[n]
         others = [np.zeros(given.shape, np.float16), np.zeros((2 * given.size, 2))[::2, 0]]
-        others += [np.zeros(given.shape[::-1]).T] if min(given.shape) > 1 else []
+        others += [np.zeros(given.shape[::-1]).T] if given.ndim > 1 and min(given.shape) > 1 else []
         for other in others:
             arguments = [*case.arguments[:n], other, *case.arguments[n + 1 :]]
             with pytest.raises((TypeError, ValueError)):
@@ -198,3 +255,49 @@ def test_times_outside_a_spline_read_its_first_or_last_frames(time):
     values, out = np.ones((4, 3)), np.zeros((1, 3))
     native.values_between(values, 0.0 * values, 0.1, np.array([time]), out)
     assert np.isnan(out).all() or out == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("place", [math.nan, math.inf, -1e300, 1e17, -3.0])
+def test_lines_anywhere_read_no_cell_outside_the_axis(place):
+    values, path = np.ones((4, 5)), np.zeros(4, np.int64)
+    line = np.array([2.0, place, 2.0, place])
+    native.follow_ridge(values, 0.1, line, 2, 2.0, path)
+    assert path[0] in range(5)
+    sums, square, moment = np.zeros(5), np.zeros(4), np.zeros(4)
+    native.powers_about_line(values, 0.1, line, np.ones(3), np.ones(4), sums, square, moment)
+    assert square[0] == pytest.approx(3 * 0.9**2)
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("smooth", [np.ones(4), 0.0, True, np.ones(4)]),
+        ("smooth", [np.ones(4), math.nan, True, np.ones(4)]),
+        ("smooth", [np.ones(4), 1e300, True, np.ones(4)]),
+        ("smooth", [np.ones(0), 1.0, True, np.ones(0)]),
+        ("follow_ridge", [np.ones((4, 5)), 0.1, np.ones(4), 3, 2.0, np.zeros(4, np.int64)]),
+        ("follow_ridge", [np.ones((4, 5)), 0.1, np.ones(4), 1 << 62, 2.0, np.zeros(4, np.int64)]),
+        ("follow_ridge", [np.ones((4, 5)), 0.1, np.ones(4), -1, 2.0, np.zeros(4, np.int64)]),
+        ("shift_columns", [np.ones((4, 5)), np.array([0, 1, 5, 2]), np.ones(4), np.ones((4, 5))]),
+        ("shift_columns", [np.ones((4, 5)), np.array([0, 1, -1, 2]), np.ones(4), np.ones((4, 5))]),
+        ("count_above", [np.ones((4, 5)), np.ones(4), np.array([0, 5]), np.ones((1, 5))]),
+        ("count_above", [np.ones((4, 5)), np.ones(4), np.array([-1, 4]), np.ones((1, 5))]),
+        ("limb_amplitudes", [np.ones((4, 5)), np.ones(4), 0.0, 0.0, np.array([-1]), np.array([2]), np.ones((4, 1))]),
+        ("limb_amplitudes", [np.ones((4, 5)), np.ones(4), 0.0, 0.0, np.array([1]), np.array([6]), np.ones((4, 1))]),
+        ("sum_groups", [np.ones((4, 5)), 0, 1, np.ones((4, 5))]),
+        ("positive_sums", [np.ones((4, 5)), 0, np.ones(4)]),
+        ("smear", [np.ones((4, 5)), np.ones(4), np.ones(3), 0, np.ones((4, 5))]),
+        ("smear", [np.ones((4, 5)), np.ones(4), np.ones(3), 1 << 60, np.ones((4, 5))]),
+        ("lay_circular", [np.ones((4, 5)), np.ones(4), -1, np.ones((2, 9))]),
+        ("lay_circular", [np.ones((4, 5)), np.ones(4), 4, np.ones((2, 9))]),
+        ("fine_magnitudes", [np.ones((2, 9), complex), np.ones((2, 6)), 1, np.ones((7, 2))]),
+        ("fine_magnitudes", [np.ones((2, 9), complex), np.ones((0, 6)), 0, np.ones((7, 2))]),
+        ("row_means", [np.ones((0, 3)), np.ones(3)]),
+        ("column_peaks", [np.ones((4, 2)), np.ones(4), np.ones(4)]),
+    ],
+)
+def test_numbers_that_do_not_fit_are_refused_before_anything_is_written(name, arguments):
+    written = arguments[-1].copy()
+    with pytest.raises(ValueError, match=r"\w"):
+        getattr(native, name)(*arguments)
+    np.testing.assert_array_equal(arguments[-1], written)

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from doppelgait.core.kernels.lines import follow_ridge
+from doppelgait._core import native
 from doppelgait.core.labels import SIGNATURE, Signal, make_array
 from doppelgait.processing import align, choose_line_order, main_line_hz, needs_alignment
 from doppelgait.processing.main_line import choose_velocity, torso_velocity_mps, track_velocity
@@ -190,7 +190,7 @@ def test_ridge_is_the_best_of_all_paths_e34c():
     for _ in range(5):
         values, line = rng.exponential(1.0, (6, 16)), np.full(6, 3.0)
         found = np.empty(6, np.int64)
-        follow_ridge(values, 0.05, line, 2, 0.7, found)
+        native.follow_ridge(values, 0.05, line, 2, 0.7, found)
         logs = np.log(np.maximum(values, 0.05))
         paths = [p for p in product(range(1, 6), repeat=6) if np.abs(np.diff(p)).max() <= 1]
         scores = [logs[np.arange(6), p].sum() - 0.7 * (np.diff(p) ** 2).sum() for p in map(np.array, paths)]

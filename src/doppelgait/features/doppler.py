@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait._core import native
 from doppelgait.core.labels import SIGNATURE, Signal, measures_signal
 
 FloatArray = npt.NDArray[np.float64]
@@ -28,12 +29,9 @@ LEAST_NOISE_SIGMAS = 1.0
 
 def envelopes_hz(signature: Signal, floor_v2: float) -> tuple[FloatArray, FloatArray]:
     """Compute lower and upper Doppler envelope of every column (E-35b)."""
-    from doppelgait.core.kernels.features import power_quantiles
-
     threshold = floor_v2 * compute_noise_quantile(max(1.0, float(signature.attrs["n_gate_bins"])))
     low, high = np.empty((2, signature.shape[0]))
-    values = np.ascontiguousarray(signature.values)
-    power_quantiles(values, float(threshold), float(floor_v2), *POWER_QUANTILES, low, high)
+    native.power_quantiles(signature.values, float(threshold), float(floor_v2), *POWER_QUANTILES, low, high)
     doppler_hz = signature.axis("doppler")
     bin_hz = float(doppler_hz[1] - doppler_hz[0])
     return doppler_hz[0] + bin_hz * low, doppler_hz[0] + bin_hz * high
@@ -87,11 +85,20 @@ def _compute_noise_excess(n_bins: float) -> float:
 
 
 def width_of_bins(share: FloatArray) -> float | None:
-    """Measure the width in Doppler bins above the level (E-35). Shapes: share (K,)."""
-    from doppelgait.core.kernels.columns import run_above
-
-    width = run_above(np.ascontiguousarray(share), WIDTH_SHARE)
-    return None if width < 0.0 else width
+    """Measure the width in Doppler bins above the level (E-35). Shapes: share (K,).
+    Its ends are interpolated to the level; where it does not end it reaches the end of the axis.
+    """
+    peak, level, width = int(share.argmax()), share.tolist(), 0.0
+    if not level[peak] >= WIDTH_SHARE:
+        return None
+    for step in (-1, 1):
+        k = peak
+        while 0 <= k + step < len(level) and level[k + step] >= WIDTH_SHARE:
+            k += step
+        width += abs(k - peak)
+        if 0 <= k + step < len(level):
+            width += 1.0 - (WIDTH_SHARE - level[k + step]) / (level[k] - level[k + step])
+    return width
 
 
 def bandwidth_threshold_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, *, threshold: float) -> float:

@@ -193,12 +193,10 @@ def measure_stance_share(observed: Observation) -> float | None:
     if abs(float(observed.line_mps.mean())) < STANCE_BAND_MPS + TORSO_BAND_MPS:
         return None
     share = np.clip((STANCE_BAND_MPS - np.abs(observed.velocity_mps)) / observed.bin_mps + 0.5, 0.0, 1.0)
-    from doppelgait.core.kernels.lines import power_of_rows
-
     rows = np.flatnonzero(share)
     first, some = (int(rows[0]), share[rows[0] : rows[-1] + 1]) if rows.size else (0, share[:0])
-    values, weight = np.ascontiguousarray(observed.power_v2), observed.range_weight
-    power: float = power_of_rows(values, first, some, weight)
+    weight = observed.range_weight
+    power = float(weight @ (observed.power_v2[:, first : first + some.size] @ some))
     return _share(power - observed.floor_v2 * float(some.sum()) * float(weight.sum()), observed)
 
 

@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait._core import native
 from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Signal, sampling_rate_hz
 from doppelgait.features.limbs import Rows, average_columns, detrend_rows, group_size, limb_rows, summed_rows
 
@@ -198,11 +199,9 @@ def measure_target_rhythms(aligned: Signal, excess: Signal, floor_v2: float) -> 
 def _compute_cell_noise(slow: Rows, aligned: Signal, excess: Signal, floor_v2: float) -> FloatArray:
     """Compute the noise of a cell in averaged columns."""
     # the noise is the standard deviation in each column of average_columns, shape (J',)
-    from doppelgait.core.kernels.features import positive_sums
-
     cell_v2 = floor_v2 / math.sqrt(max(1.0, float(excess.attrs["n_gate_bins"])))
     size, total_v2 = group_size(sampling_rate_hz(aligned.axis("time"))), np.empty(slow.values.shape[0])
-    positive_sums(np.ascontiguousarray(excess.values), size, total_v2)
+    native.positive_sums(excess.values, size, total_v2)
     weight = slow.values.sum(axis=1)
     weight *= cell_v2 * size
     return np.asarray(np.divide(weight, total_v2, out=np.zeros(total_v2.size), where=total_v2 > 0))

@@ -12,7 +12,9 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait._core import native
 from doppelgait.core.labels import Signal, sampling_rate_hz
+from doppelgait.features.doppler import compute_quantile
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -60,10 +62,8 @@ def group_size(rate_hz: float) -> int:
 
 def sum_groups(values: FloatArray, n_columns: int, n_rows: int = 1) -> FloatArray:
     """Sum groups of columns and of rows. Incomplete groups at the end are dropped."""
-    from doppelgait.core.kernels.features import sum_groups
-
     found = np.empty((values.shape[0] // n_columns, values.shape[1] // n_rows))
-    sum_groups(np.ascontiguousarray(values), n_columns, n_rows, found)
+    native.sum_groups(values, n_columns, n_rows, found)
     return found
 
 
@@ -71,34 +71,38 @@ def torso_line_hz(rows: Rows) -> FloatArray:
     """Follow the Doppler of the torso (E-33 step 4).
     The torso's Doppler is the smoothed centroid of the squared power around the main line in each column.
     """
-    from doppelgait.core.kernels.lines import torso_line
-
     reach, line = min(int(TORSO_BAND_HZ / rows.bin_hz), (rows.doppler_hz.size - 1) // 2), np.empty(len(rows.values))
-    middle = torso_line(np.ascontiguousarray(rows.values), reach, TORSO_SMOOTHING_S * rows.rate_hz, line)
+    middle, centroid = find_torso(rows.values, reach)
+    native.smooth(centroid, TORSO_SMOOTHING_S * rows.rate_hz, True, line)
     line *= rows.bin_hz
     line += rows.doppler_hz[middle]
     return line
+
+
+def find_torso(values: FloatArray, reach: int) -> tuple[int, FloatArray]:
+    """Find the median peak, and the centroid of the squared power around it (J,)."""
+    peaks, distance = values.argmax(axis=1).astype(np.float64), np.arange(-reach, reach + 1)
+    middle = int(compute_quantile(peaks, 0.5))
+    square = np.take(values, (middle + distance) % values.shape[1], axis=1) ** 2
+    total = square.sum(axis=1)
+    return middle, np.divide(square @ distance, total, out=np.zeros(total.size), where=total > 0.0)
 
 
 def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
     """Extract rows beyond 30 Hz of the torso.
     The rows are amplitudes without noise, detrended; their Doppler is relative to the torso. Shapes: noise (J,).
     """
-    from doppelgait.core.kernels.features import limb_amplitudes, shift_columns
-
     zero, bin_hz = int(np.abs(rows.doppler_hz).argmin()), rows.bin_hz
     shift = torso_line_hz(rows) / bin_hz
     whole = np.floor(shift)
     moved = np.empty(rows.values.shape)
-    shift_columns(
-        np.ascontiguousarray(rows.values), whole.astype(np.int64) % rows.doppler_hz.size, shift - whole, moved
-    )
+    native.shift_columns(rows.values, whole.astype(np.int64) % rows.doppler_hz.size, shift - whole, moved)
     # rows above the noise, as in E-38, for cells that were clipped at the floor
     independent = max(1.0, noise.size / rows.rate_hz / INDEPENDENT_AFTER_S)
     spread = CLIPPED_SD * math.sqrt(float(noise @ noise) / noise.size / independent)
     starts, stops, centre_hz = _make_limb_groups(rows.doppler_hz.size, zero, float(rows.doppler_hz[zero]), bin_hz)
     amplitude = np.empty((noise.size, starts.size))
-    limb_amplitudes(
+    native.limb_amplitudes(
         moved, noise, CLIPPED_MEAN * float(noise.mean()), OCCUPIED_SIGMAS * spread, starts, stops, amplitude
     )
     return Rows(detrend_rows(amplitude, rows.rate_hz), centre_hz, rows.rate_hz)

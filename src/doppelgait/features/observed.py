@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait._core import native
 from doppelgait.core.labels import Signal, sampling_rate_hz
 from doppelgait.features.doppler import compute_quantile, envelopes_hz, raised_by_noise_v2, width_level_v2
 from doppelgait.features.feature_set import Extraction, FloatArray, GaitFeatures
@@ -194,10 +195,8 @@ class Observation:
 
         The blocks lie between ``edges``, in columns; the result has the shape (blocks, K).
         """
-        from doppelgait.core.kernels.columns import count_above
-
-        counts, values = np.empty((edges.size - 1, self.excess.shape[1])), np.ascontiguousarray(self.excess.values)
-        count_above(values, self.raised_level_v2, edges, counts)
+        counts = np.empty((edges.size - 1, self.excess.shape[1]))
+        native.count_above(self.excess.values, self.raised_level_v2, edges, counts)
         return counts
 
     @cached_property
@@ -255,11 +254,7 @@ class Observation:
     @cached_property
     def occupied_columns(self) -> FloatArray:
         """Aligned normalised signature in rows K+, (J, K+)."""
-        from doppelgait.core.kernels.columns import take_rows
-
-        found = np.empty((self.aligned.shape[0], self.occupied_rows.size))
-        take_rows(np.ascontiguousarray(self.aligned.values), self.occupied_rows, found)
-        return found
+        return np.take(self.aligned.values, self.occupied_rows, axis=1, mode="clip")
 
     @cached_property
     def mps_per_hz(self) -> float:
@@ -362,13 +357,12 @@ class Observation:
 
         Also returns the sum (V^4) and the moment (V^4 bins) of the squared power within 0.8 m/s of it, shapes (J,).
         """
-        from doppelgait.core.kernels.lines import powers_about_line
-
         sums, (square, moment) = np.empty(len(LinePower._fields)), np.empty((2, self.power_v2.shape[0]))
         line = (self.line_mps - self.velocity_mps[0]) / self.bin_mps
         reaches = np.array([TORSO_BAND_MPS, NEAR_REACH_MPS, TORSO_REACH_MPS]) / self.bin_mps
-        values = np.ascontiguousarray(self.power_v2)
-        powers_about_line(values, float(self.floor_v2), line, reaches, self.range_weight, sums, square, moment)
+        native.powers_about_line(
+            self.power_v2, float(self.floor_v2), line, reaches, self.range_weight, sums, square, moment
+        )
         return LinePower(*sums.tolist()), square, moment
 
     @cached_property
@@ -379,13 +373,9 @@ class Observation:
         neighbours; the result is NaN if half of the columns have no power. The removed slow part is a polynomial with
         the order of E-29.
         """
-        from doppelgait.core.kernels.lines import torso_swing
-
         _, square, moment = self.about_line
         basis = make_slow_basis(square.size, 1 if self.observation_s < 1.3 else 2 if self.observation_s < 2.5 else 3)
-        swing = np.empty(square.size)
-        torso_swing(square, moment, SEEN_SHARE, self.bin_mps, SMOOTHED_OVER_S * self.rate_hz, basis, swing)
-        return swing
+        return self.bin_mps * measure_swing(square, moment, SMOOTHED_OVER_S * self.rate_hz, basis)
 
     @cached_property
     def torso_ripple_rms_mps(self) -> float:
@@ -430,11 +420,21 @@ class Observation:
         return [max(value - noise, 0.0) for value in highest]
 
 
-def _average_rows(values: npt.NDArray[Any]) -> FloatArray:
-    from doppelgait.core.kernels.columns import row_means
+def measure_swing(square: FloatArray, moment: FloatArray, sd: float, basis: FloatArray) -> FloatArray:
+    """Smooth the centroid along a line and remove its slow part, in bins.
+    It is NaN if too few columns have power. Shapes: square, moment (J,); basis (J, P).
+    """
+    seen, swing = np.flatnonzero(square > 0.0), np.full(square.size, np.nan)
+    if seen.size >= SEEN_SHARE * square.size:
+        line = np.interp(np.arange(square.size), seen, moment[seen] / square[seen])
+        native.smooth(line, sd, False, swing)
+        swing -= basis @ (basis.T @ swing)
+    return swing
 
+
+def _average_rows(values: npt.NDArray[Any]) -> FloatArray:
     found = np.empty(values.shape[1])
-    row_means(np.ascontiguousarray(values), found)
+    native.row_means(values, found)
     return found
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait._core import native
 from doppelgait.core.labels import (
     CADENCE_MAP,
     CADENCE_SPECTRUM,
@@ -58,8 +59,6 @@ def sum_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) 
     # the sum is the transform of the rows' summed autocorrelation
     from scipy import fft
 
-    from doppelgait.core.kernels.cadence import even_powers, lay_pairs
-
     step = _find_coarsest_step(rows.shape[0], length, n_kept)
     if step > 1:
         coarse, response = _smear(rows, weights, length, n_kept, step)
@@ -68,10 +67,14 @@ def sum_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) 
     padded = fft.next_fast_len(2 * n_columns, real=True)
     # two real rows form one complex row; the even part of its power spectrum is the sum of both rows' power spectra
     pairs = _get_buffer("pairs", (padded, (n_rows + 1) // 2), np.complex128)
-    lay_pairs(np.ascontiguousarray(rows), weights, pairs.view(np.float64))
-    powers = np.empty(padded // 2 + 1, np.complex128)
-    even_powers(fft.fft(pairs, axis=0, overwrite_x=True).view(np.float64), powers)
-    products = np.fft.irfft(powers, padded)[:n_columns]
+    parts = pairs.view(np.float64)
+    np.multiply(rows, weights[:, None], out=parts[:n_columns, :n_rows])
+    parts[:n_columns, n_rows:] = 0.0
+    parts[n_columns:] = 0.0
+    lines = fft.fft(pairs, axis=0, overwrite_x=True).view(np.float64)
+    powers = np.einsum("qk,qk->q", lines, lines)
+    opposite = powers[-np.arange(padded // 2 + 1)]
+    products = np.fft.irfft(0.5 * (powers[: opposite.size] + opposite), padded)[:n_columns]
     found = np.fft.rfft(products, length)[:n_kept].real
     return np.asarray(np.maximum(2.0 * found - products[0], 0.0))
 
@@ -85,18 +88,14 @@ def _find_coarsest_step(n_columns: int, length: int, n_kept: int) -> int:
 
 def _smear(rows: FloatArray, weights: FloatArray, length: int, n_kept: int, step: int) -> tuple[FloatArray, FloatArray]:
     """Apply step 1 of :func:`compute_magnitudes`; also return the kernel's response."""
-    from doppelgait.core.kernels.cadence import smear
-
     taps, shape_factor = _time_taps(step, length / step / (2.0 * n_kept))
     coarse = np.empty((-(-rows.shape[0] // step) + WIDTH, rows.shape[1]))
-    smear(np.ascontiguousarray(rows), weights, taps, step, coarse)
+    native.smear(rows, weights, taps, step, coarse)
     return coarse, _transform_kernel(n_kept, 0, length // step, shape_factor)
 
 
 def _interpolate_lines(rows: FloatArray, weights: FloatArray, length: int, between: int, n_kept: int) -> FloatArray:
     """Apply steps 2 and 3 of :func:`compute_magnitudes`."""
-    from doppelgait.core.kernels.cadence import fine_magnitudes, lay_circular
-
     n_columns, n_rows = rows.shape
     taps, shape_factor = _compute_line_taps(between, length / n_columns)
     # the kernel needs time 0 in the middle of the record; this does not change magnitudes
@@ -105,10 +104,10 @@ def _interpolate_lines(rows: FloatArray, weights: FloatArray, length: int, betwe
     for first in range(0, n_rows, GROUP):
         size = min(GROUP, n_rows - first)
         circular = _get_buffer("circular", (size, length))
-        lay_circular(rows, sharper, first, circular)  # step 2: transforms of contiguous rows take half the time
+        native.lay_circular(rows, sharper, first, circular)  # step 2: transforms of contiguous rows take half the time
         lines = _get_buffer("lines", (size, length // 2 + 1), np.complex128)
         np.fft.rfft(circular, axis=1, out=lines)
-        fine_magnitudes(lines, taps, first, found)  # step 3: the lines between
+        native.fine_magnitudes(lines, taps, first, found)  # step 3: the lines between
     return found
 
 
@@ -203,11 +202,9 @@ def detrend(normalised: Signal, *, order: int) -> Signal:
 
 
 def _project_rows(values: FloatArray, order: int) -> FloatArray:
-    from doppelgait.core.kernels.cadence import project
-
     basis = _make_orthonormal_basis(values.shape[0], order)
     found = np.empty((basis.shape[1], values.shape[1]))
-    project(np.ascontiguousarray(values), basis, found)
+    native.project(values, basis, found)
     return found
 
 

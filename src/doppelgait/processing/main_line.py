@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait._core import native
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Signal, maps_signal, measures_signal
 from doppelgait.processing.normalise import compute_median
@@ -34,11 +35,9 @@ ALIGN_ABOVE_HZ = 10.0
 
 def find_column_peaks(signature: Signal) -> tuple[npt.NDArray[Any], FloatArray]:
     """Find every column's strongest cell and its Doppler."""
-    from doppelgait.core.kernels import columns
-
     values, doppler_hz = np.ascontiguousarray(signature.values), signature.axis("doppler")
     strongest, place = np.empty(values.shape[0], values.dtype), np.empty(values.shape[0])
-    columns.column_peaks(values, strongest, place)
+    native.column_peaks(values, strongest, place)
     place *= doppler_hz[1] - doppler_hz[0]
     place += doppler_hz[0]
     return strongest, place
@@ -152,8 +151,6 @@ def align(array: Signal, line_hz: FloatArray) -> Signal:
     >>> round(float(aligned.sum("time").idxmax("doppler")))  # the torso is near 0 Hz
     -8
     """
-    from doppelgait.core.kernels.features import shift_columns
-
     if np.shape(line_hz) != (array.sizes["time"],):
         raise AnalysisError(
             f"line_hz has shape {np.shape(line_hz)}; it must be ({array.sizes['time']},), one frequency per column"
@@ -161,7 +158,7 @@ def align(array: Signal, line_hz: FloatArray) -> Signal:
     shift = line_hz / bin_width_hz(array)
     whole = np.floor(shift)
     moved = np.empty(array.shape)
-    shift_columns(np.ascontiguousarray(array.values), whole.astype(np.int64) % moved.shape[1], shift - whole, moved)
+    native.shift_columns(array.values, whole.astype(np.int64) % moved.shape[1], shift - whole, moved)
     return array.replace(moved)
 
 
@@ -201,12 +198,12 @@ def choose_velocity(
     ambiguous = np.abs(track_hz).max() > UNFOLDED_SHARE * band_hz / 2.0
     if ambiguous or apart_mps <= max(AGREEING_SHARE * speed_mps, LEAST_APART_MPS, TRACK_ERROR_M / seconds):
         return line_hz, True
-    from doppelgait.core.kernels.columns import strongest_about
-
-    values, bin_hz = np.ascontiguousarray(signature.values), bin_width_hz(signature)
+    values, bin_hz = signature.values, bin_width_hz(signature)
     centre = np.rint((track_hz - float(signature.axis("doppler")[0])) / bin_hz).astype(np.int64)
-    near, strongest = np.empty((2, centre.size))
-    strongest_about(values, centre, round(NEAR_TRACK_MPS / half_m / bin_hz), near, strongest)
+    reach = round(NEAR_TRACK_MPS / half_m / bin_hz)
+    rows = (centre[:, None] + np.arange(-reach, reach + 1)) % values.shape[1]
+    near = np.take_along_axis(values, rows, axis=1).max(axis=1).astype(np.float64)
+    strongest = values.max(axis=1).astype(np.float64)
     if compute_median(near) - floor_v2 >= BODY_SHARE * (compute_median(strongest) - floor_v2):
         return track_hz, True
     return line_hz, apart_mps <= max(DIFFERING_SHARE * speed_mps, LEAST_APART_MPS, TRACK_ERROR_M / seconds)
@@ -214,9 +211,7 @@ def choose_velocity(
 
 def torso_velocity_mps(signature: Signal, floor_v2: float, line_hz: FloatArray) -> FloatArray:
     """Follow the torso's radial velocity over time (E-34c). Shapes: line_hz (J,)."""
-    from doppelgait.core.kernels.lines import follow_ridge, refined_ridge
-
-    values, doppler_hz = np.ascontiguousarray(signature.values), signature.axis("doppler")
+    values, doppler_hz = signature.values, signature.axis("doppler")
     bin_hz, half_m = bin_width_hz(signature), float(signature.attrs["wavelength_m"]) / 2.0
     time_s, range_m = signature.axis("time"), signature.axis("centre_range")
     if np.ptp(range_m) > 0 and time_s.size > 4:
@@ -227,9 +222,17 @@ def torso_velocity_mps(signature: Signal, floor_v2: float, line_hz: FloatArray) 
             line_hz = curve_hz
     path = np.empty(values.shape[0], np.int64)
     reach = min(max(1, round(RIDGE_REACH_MPS / half_m / bin_hz)), (values.shape[1] - 1) // 2)
-    follow_ridge(values, float(floor_v2), (line_hz - doppler_hz[0]) / bin_hz, reach, RIDGE_COST, path)
+    native.follow_ridge(values, float(floor_v2), (line_hz - doppler_hz[0]) / bin_hz, reach, RIDGE_COST, path)
     step_s, ridge = float(time_s[-1] - time_s[0]) / max(values.shape[0] - 1, 1), np.empty(values.shape[0])
-    refined_ridge(values, float(floor_v2), path, RIDGE_SMOOTH_S / step_s, ridge)
+    native.smooth(refine_path(values, float(floor_v2), path), RIDGE_SMOOTH_S / step_s, False, ridge)
     ridge *= half_m * bin_hz
     ridge += half_m * float(doppler_hz[0])
     return ridge
+
+
+def refine_path(values: npt.NDArray[Any], floor_v2: float, path: npt.NDArray[np.int64]) -> FloatArray:
+    """Refine a path by the centroid of three cells. Shapes: values (J, K); path (J,)."""
+    rows = (path[:, None] + np.arange(-1, 2)) % values.shape[1]
+    cells = np.take_along_axis(values, rows, axis=1).astype(np.float64)
+    cells = np.maximum(cells - floor_v2, 1e-3 * cells) + 1e-300
+    return np.asarray(path + (cells[:, 2] - cells[:, 0]) / cells.sum(axis=1))

@@ -4,26 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from doppelgait.core.kernels.cadence import even_powers, fine_magnitudes, lay_circular, lay_pairs, project, smear
-from doppelgait.core.kernels.columns import (
-    column_peaks,
-    count_above,
-    row_means,
-    run_above,
-    scale_excess,
-    strongest_about,
-    sum_excess,
-    take_rows,
-)
-from doppelgait.core.kernels.features import limb_amplitudes, positive_sums, power_quantiles, sum_groups
-from doppelgait.core.kernels.lines import (
-    power_of_rows,
-    powers_about_line,
-    refined_ridge,
-    smooth,
-    torso_line,
-    torso_swing,
-)
+from doppelgait._core import native
 from doppelgait.core.kernels.periodicity import (
     against_mean,
     highest_between,
@@ -50,6 +31,10 @@ from doppelgait.core.kernels.robust import (
     swing_parts,
     variance_of_rows,
 )
+from doppelgait.features.doppler import width_of_bins
+from doppelgait.features.limbs import find_torso
+from doppelgait.features.observed import measure_swing
+from doppelgait.processing.main_line import refine_path
 
 
 def random(*shape, seed=0):
@@ -101,13 +86,13 @@ def test_columns_without_their_floor_and_their_sums_e28(n_bins):
     values = random(40, n_bins).astype(np.float32)
     values[3] = -1.0
     found, (sums, highest), means = np.empty((40, n_bins)), np.empty((2, 40)), np.empty(n_bins)
-    sum_excess(values, 0.3, sums, highest)
+    native.sum_excess(values, 0.3, sums, highest)
     wanted = np.maximum(values.astype(float) - 0.3, 0.0)
     np.testing.assert_allclose(sums, wanted.sum(axis=1), rtol=1e-13)
     np.testing.assert_array_equal(highest, wanted.max(axis=1))
-    scale_excess(values, 0.3, np.arange(40.0), found)
+    native.scale_excess(values, 0.3, np.arange(40.0), found)
     np.testing.assert_allclose(found, wanted * np.arange(40.0)[:, None], rtol=1e-15)
-    row_means(values, means)
+    native.row_means(values, means)
     np.testing.assert_allclose(means, values.astype(float).mean(axis=0), rtol=1e-12)
 
 
@@ -116,33 +101,24 @@ def test_peaks_of_parabolas_in_the_logarithm_are_exact_also_at_the_ends():
     values = np.exp(-0.3 * (k - centre[:, None]) ** 2)
     values[1, 9] = values[1].max()  # of equal cells the first
     strongest, place = np.empty(6), np.empty(6)
-    column_peaks(values, strongest, place)
+    native.column_peaks(values, strongest, place)
     np.testing.assert_array_equal(strongest, values.max(axis=1))
     np.testing.assert_allclose(place[[0, 2, 3]], centre[[0, 2, 3]], rtol=1e-12)
     assert abs(place[1] - values[1].argmax()) <= 0.5
     np.testing.assert_array_equal(place[4:], [0.5, 18.5])
 
 
-def test_strongest_cells_near_a_line_and_of_all():
-    values, centre = random(30, 12).astype(np.float32), np.arange(-10, 20)
-    near, strongest = np.empty((2, 30))
-    strongest_about(values, centre, 2, near, strongest)
-    rows = (centre[:, None] + np.arange(-2, 3)) % 12
-    np.testing.assert_array_equal(near, values[np.arange(30)[:, None], rows].max(axis=1))
-    np.testing.assert_array_equal(strongest, values.max(axis=1))
-
-
 @pytest.mark.parametrize(("size", "step"), [(50, 2), (50, 3), (5, 4)])
 def test_rows_are_smeared_onto_a_coarser_grid_and_projected_e30(size, step):
     rows, weights, taps = random(size, 6), random(size, seed=1), random(5 * step - 1, seed=2)
     found = np.empty((-(-size // step) + 5, 6))
-    smear(rows, weights, taps, step, found)
+    native.smear(rows, weights, taps, step, found)
     for c in range(found.shape[0]):
         inside = [j for j in range(step * c - taps.size, step * c) if 0 <= j < size]
         wanted = sum((taps[j - step * c + taps.size] * weights[j] * rows[j] for j in inside), np.zeros(6))
         np.testing.assert_allclose(found[c], wanted, atol=1e-13)
     parts, basis = np.empty((3, 6)), random(size, 3, seed=3)
-    project(rows, basis, parts)
+    native.project(rows, basis, parts)
     np.testing.assert_allclose(parts, basis.T @ rows, atol=1e-12)
 
 
@@ -188,7 +164,7 @@ def test_speeds_across_are_averaged_over_their_density_e34b():
 def test_power_quantiles_are_those_of_the_cumulative_power_e35():
     values = random(60, 41) ** 2
     low, high = np.empty((2, 60))
-    power_quantiles(values, 0.8, 0.2, 0.01, 0.99, low, high)
+    native.power_quantiles(values, 0.8, 0.2, 0.01, 0.99, low, high)
     power = np.where(values > 0.8, values - 0.2, 0.0)
     edges = np.arange(42) - 0.5
     for share, found in ((0.01, low), (0.99, high)):
@@ -197,7 +173,7 @@ def test_power_quantiles_are_those_of_the_cumulative_power_e35():
             k = int(np.flatnonzero(total[1:] >= share * total[-1])[0])
             wanted = edges[k] + (share * total[-1] - total[k]) / power[j, k]
             assert found[j] == pytest.approx(wanted, abs=1e-9)
-    power_quantiles(values, 1e9, 0.2, 0.01, 0.99, low, high)
+    native.power_quantiles(values, 1e9, 0.2, 0.01, 0.99, low, high)
     assert np.isnan(low).all()
     assert np.isnan(high).all()
 
@@ -229,7 +205,7 @@ def test_amplitudes_of_groups_without_noise_are_those_of_rows_above_it():
     moved[:, [0, 5, 10]] = 0.3
     starts, stops = np.array([0, 3, 8]), np.array([3, 6, 11])
     found = np.empty((20, 3))
-    limb_amplitudes(moved, noise, 0.1, 0.25, starts, stops, found)
+    native.limb_amplitudes(moved, noise, 0.1, 0.25, starts, stops, found)
     clean = np.maximum(moved - noise[:, None], 0.0) * (moved.mean(axis=0) - 0.1 > 0.25)
     wanted = np.stack([clean[:, a:b].sum(axis=1) for a, b in zip(starts, stops, strict=True)], axis=1)
     np.testing.assert_allclose(found**2, wanted, rtol=1e-12)
@@ -239,16 +215,16 @@ def test_groups_of_columns_and_rows_are_summed():
     values = random(11, 7)
     for n_columns, n_rows in ((1, 1), (3, 1), (1, 2), (4, 3)):
         found = np.empty((11 // n_columns, 7 // n_rows))
-        sum_groups(values, n_columns, n_rows, found)
+        native.sum_groups(values, n_columns, n_rows, found)
         whole = values[: found.shape[0] * n_columns, : found.shape[1] * n_rows]
         wanted = whole.reshape(found.shape[0], n_columns, found.shape[1], n_rows).sum(axis=(1, 3))
         np.testing.assert_allclose(found, wanted, atol=1e-14)
     sums = np.empty(3)
-    positive_sums(values.astype(np.float32), 3, sums)
+    native.positive_sums(values.astype(np.float32), 3, sums)
     wanted = np.maximum(values[:9].astype(np.float32).astype(float), 0.0).reshape(3, -1).sum(axis=1)
     np.testing.assert_allclose(sums, wanted, rtol=1e-12)
     values, sums = random(6, 37), np.empty(2)
-    positive_sums(values, 3, sums)
+    native.positive_sums(values, 3, sums)
     wanted = np.maximum(values, 0.0).reshape(2, -1).sum(axis=1)
     np.testing.assert_allclose(sums, wanted, rtol=1e-12)
 
@@ -256,22 +232,22 @@ def test_groups_of_columns_and_rows_are_summed():
 @pytest.mark.parametrize(("size", "sd"), [(200, 2.4), (9, 4.9), (5, 0.01), (30, 1.0)])
 def test_smoothing_is_that_of_scipy(size, sd):
     values, found = random(size), np.empty(size)
-    for mirrored, mode in ((1, "reflect"), (0, "nearest")):
-        smooth(values, sd, mirrored, found)
+    for mirrored, mode in ((True, "reflect"), (False, "nearest")):
+        native.smooth(values, sd, mirrored, found)
         np.testing.assert_allclose(found, ndimage.gaussian_filter1d(values, sd, mode=mode), rtol=1e-12, atol=1e-13)
 
 
 @pytest.mark.parametrize("size", [40, 41])
-def test_torso_line_is_the_smoothed_centroid_about_the_median_peak_e33(size):
-    values, line = np.abs(random(size, 16)), np.empty(size)
+def test_torso_line_is_the_centroid_about_the_median_peak_e33(size):
+    values = np.abs(random(size, 16))
     values[:, 14] += np.linspace(0.0, 2.0, size)
     values[3] = 0.0
-    middle = torso_line(values, 3, 1.7, line)
+    middle, line = find_torso(values, 3)
     assert middle == int(np.median(values.argmax(axis=1)))
-    offset = np.arange(-3, 4)
-    square = values[:, (middle + offset) % 16] ** 2
-    centroid = np.divide(square @ offset, square.sum(axis=1), out=np.zeros(size), where=square.sum(axis=1) > 0)
-    np.testing.assert_allclose(line, ndimage.gaussian_filter1d(centroid, 1.7), rtol=1e-11, atol=1e-13)
+    for j in range(size):
+        square = [values[j, (middle + i) % 16] ** 2 for i in range(-3, 4)]
+        wanted = sum(i * square[i + 3] for i in range(-3, 4)) / sum(square) if sum(square) else 0.0
+        assert line[j] == pytest.approx(wanted, rel=1e-12, abs=1e-15)
 
 
 def test_a_trend_is_the_least_squares_polynomial_e31():
@@ -337,7 +313,7 @@ def test_powers_about_a_line_count_cells_at_the_edge_in_part_and_go_round():
     values, line = np.abs(random(30, 24)).astype(np.float32), np.linspace(1.3, 22.8, 30)
     sums, square, moment = np.empty(5), np.empty(30), np.empty(30)
     reaches, weight = np.array([1.7, 5.2, 3.1]), np.linspace(0.5, 2.0, 30)
-    powers_about_line(values, 0.4, line, reaches, weight, sums, square, moment)
+    native.powers_about_line(values, 0.4, line, reaches, weight, sums, square, moment)
     distance = (np.arange(24) - line[:, None] + 12.0) % 24.0 - 12.0
     power = values.astype(float) - 0.4
     torso, near = (
@@ -354,23 +330,20 @@ def test_powers_about_a_line_count_cells_at_the_edge_in_part_and_go_round():
 def test_torso_swing_is_the_filled_smoothed_centroid_without_its_slow_part(gaps):
     square, moment, basis = np.abs(random(40)) + 0.1, random(40), np.linalg.qr(np.vander(np.linspace(-1, 1, 40), 3))[0]
     square[gaps] = 0.0
-    found = np.empty(40)
-    torso_swing(square, moment, 0.5, 0.16, 2.2, basis, found)
+    found = measure_swing(square, moment, 2.2, basis)
     column = np.flatnonzero(square)
-    line = np.interp(np.arange(40), column, 0.16 * moment[column] / square[column])
+    line = np.interp(np.arange(40), column, moment[column] / square[column])
     line = ndimage.gaussian_filter1d(line, 2.2, mode="nearest")
     np.testing.assert_allclose(found, line - basis @ (basis.T @ line), atol=1e-12)
-    torso_swing(np.arange(40.0) - 20.0, moment, 0.5, 0.16, 2.2, basis, found)
-    assert np.isnan(found).all()
+    assert np.isnan(measure_swing(np.arange(40.0) - 20.0, moment, 2.2, basis)).all()
 
 
 def test_a_ridge_is_refined_by_the_centroid_of_three_cells():
-    values, path, found = np.abs(random(20, 9)).astype(np.float32), np.arange(-5, 15), np.empty(20)
-    refined_ridge(values, 0.3, path, 1.5, found)
-    cells = values.astype(float)[np.arange(20)[:, None], (path[:, None] + np.arange(-1, 2)) % 9]
-    cells = np.maximum(cells - 0.3, 1e-3 * cells)
-    centre = path + (cells[:, 2] - cells[:, 0]) / cells.sum(axis=1)
-    np.testing.assert_allclose(found, ndimage.gaussian_filter1d(centre, 1.5, mode="nearest"), rtol=1e-12)
+    values, path = np.abs(random(20, 9)).astype(np.float32), np.arange(-5, 15)
+    found = refine_path(values, 0.3, path)
+    for j, k in enumerate(path):
+        cells = [max(cell - 0.3, 1e-3 * cell) for cell in (float(values[j, (k + i) % 9]) for i in (-1, 0, 1))]
+        assert found[j] == pytest.approx(k + (cells[2] - cells[0]) / sum(cells), rel=1e-12)
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
@@ -423,19 +396,19 @@ def test_parts_of_a_swing_are_the_least_squares_fit(orders):
 
 def test_counts_above_a_level_and_the_run_about_the_largest_e35():
     values, level, counts = random(20, 9).astype(np.float32), random(20, seed=1).astype(np.float32), np.empty((2, 9))
-    count_above(values, level, np.array([3, 10, 19]), counts)
+    native.count_above(values, level, np.array([3, 10, 19]), counts)
     above = values >= level[:, None]
     np.testing.assert_array_equal(counts, [above[3:10].sum(axis=0), above[10:19].sum(axis=0)])
     share = np.array([0.0, 0.2, 0.04, 0.1, 0.3, 0.2, 0.03, 0.2])
-    assert run_above(share, 0.05) == pytest.approx(2 + (0.1 - 0.05) / 0.06 + (0.2 - 0.05) / 0.17)
-    assert run_above(share[3:6], 0.05) == 2.0
-    assert run_above(share, 0.31) == -1.0
+    assert width_of_bins(share) == pytest.approx(2 + (0.1 - 0.05) / 0.06 + (0.2 - 0.05) / 0.17)
+    assert width_of_bins(share[3:6]) == 2.0
+    assert width_of_bins(share / 7.0) is None
 
 
 @pytest.mark.parametrize(("n_columns", "first"), [(9, 0), (12, 2)])
 def test_rows_lie_on_circles_and_fine_lines_are_sums_of_taps_e30(n_columns, first):
     rows, weights, circle = random(n_columns, 7), random(n_columns, seed=1), np.full((4, 30), np.nan)
-    lay_circular(rows, weights, first, circle)
+    native.lay_circular(rows, weights, first, circle)
     centre = n_columns // 2
     wanted = np.zeros((4, 30))
     for row in range(4):
@@ -443,34 +416,12 @@ def test_rows_lie_on_circles_and_fine_lines_are_sums_of_taps_e30(n_columns, firs
             wanted[row, (j - centre) % 30] = weights[j] * rows[j, first + row]
     np.testing.assert_allclose(circle, wanted, rtol=1e-15)
     lines, taps, found = np.fft.rfft(circle), random(3, 6, seed=2), np.zeros((50, 7))
-    fine_magnitudes(lines, taps, first, found)
+    native.fine_magnitudes(lines, taps, first, found)
     for q in range(50):
         numbers = q // 3 + np.arange(6) - 2
         near = [np.where(n < 0, lines[:, abs(n)].conj(), lines[:, n]) if n < 16 else np.zeros(4) for n in numbers]
         np.testing.assert_allclose(found[q, first : first + 4], np.abs(taps[q % 3] @ near), rtol=1e-11, atol=1e-13)
     assert not np.delete(found, range(first, first + 4), axis=1).any()
-
-
-@pytest.mark.parametrize("n_rows", [7, 16, 20])
-def test_pairs_of_rows_have_the_powers_of_all_e32(n_rows):
-    rows, weights = random(11, n_rows), random(11, seed=1)
-    pairs, powers = np.full((24, (n_rows + 1) // 2), np.nan + 0j), np.empty(13, complex)
-    lay_pairs(rows, weights, pairs.view(float))
-    even_powers(np.fft.fft(pairs, axis=0).view(float), powers)
-    wanted = (np.abs(np.fft.rfft(rows * weights[:, None], 24, axis=0)) ** 2).sum(axis=1)
-    np.testing.assert_allclose(powers, wanted, rtol=1e-11)
-
-
-def test_power_of_rows_is_a_weighted_sum_of_cells():
-    values, share, weight = random(20, 9).astype(np.float32), random(4, seed=1), random(20, seed=2)
-    assert power_of_rows(values, 3, share, weight) == pytest.approx(weight @ values[:, 3:7] @ share, rel=1e-9)
-
-
-def test_rows_are_copied_side_by_side():
-    values, rows = random(20, 9).astype(np.float32), np.array([1, 4, 4, 8])
-    found = np.empty((20, 4), np.float32)
-    take_rows(values, rows, found)
-    np.testing.assert_array_equal(found, values[:, rows])
 
 
 def test_variance_of_rows_is_that_of_their_cells():
