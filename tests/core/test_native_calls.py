@@ -167,7 +167,13 @@ def make_row_cases(rng, n):
     ]
 
 
+def make_path_cases(rng, n):
+    x, y = np.cumsum(rng.uniform(0.5, 1.0, (2, 30 * n)), axis=1)
+    return [Case("longest_stretch", [x, y, np.hypot(x, y), 1.0, 0.5, 0.9, 2.0, 0.1, 3])]
+
+
 MAKERS = (
+    make_path_cases,
     make_spline_cases,
     make_image_cases,
     make_echo_cases,

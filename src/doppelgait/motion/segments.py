@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait._core import native
 from doppelgait.core.errors import MotionError
 from doppelgait.motion.gait import GaitFacts, is_quadruped, measure_gait, smooth_path
 from doppelgait.motion.motion import Motion, require_motion
@@ -87,8 +88,6 @@ def find_segments(motion: Motion, *, limits: SegmentLimits | None = None) -> lis
     >>> [(round(one.duration_s, 1), round(one.mean_speed_mps, 1)) for one in dg.motion.find_segments(motion)]
     [(4.0, 1.2)]
     """
-    from doppelgait.core.kernels.stretch import longest_stretch
-
     require_motion(motion)
     limits = limits or (QUADRUPED if is_quadruped(motion) else PERSON)
     position = motion.position_m
@@ -105,9 +104,9 @@ def find_segments(motion: Motion, *, limits: SegmentLimits | None = None) -> lis
     found, waiting = [], [(0, len(coarse_path))]
     while waiting:
         first, stop = waiting.pop()
-        start, end = longest_stretch(
-            np.ascontiguousarray(coarse_path[first:stop]),
-            np.ascontiguousarray(coarse_speed[first:stop]),
+        start, end = native.longest_stretch(
+            *coarse_path[first:stop].T,
+            coarse_speed[first:stop],
             step_s,
             limits.lateral_m,
             limits.speed_deviation,
