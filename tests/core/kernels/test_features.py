@@ -83,15 +83,15 @@ def test_a_robust_line_through_points_without_error_is_exact():
 
 @pytest.mark.parametrize("n_bins", [7, 16, 33])
 def test_columns_without_their_floor_and_their_sums_e28(n_bins):
-    values = random(40, n_bins).astype(np.float32)
+    values = random(41, n_bins).astype(np.float32)
     values[3] = -1.0
-    found, (sums, highest), means = np.empty((40, n_bins)), np.empty((2, 40)), np.empty(n_bins)
+    found, (sums, highest), means = np.empty((41, n_bins)), np.empty((2, 41)), np.empty(n_bins)
     native.sum_excess(values, 0.3, sums, highest)
     wanted = np.maximum(values.astype(float) - 0.3, 0.0)
     np.testing.assert_allclose(sums, wanted.sum(axis=1), rtol=1e-13)
     np.testing.assert_array_equal(highest, wanted.max(axis=1))
-    native.scale_excess(values, 0.3, np.arange(40.0), found)
-    np.testing.assert_allclose(found, wanted * np.arange(40.0)[:, None], rtol=1e-15)
+    native.scale_excess(values, 0.3, np.arange(41.0), found)
+    np.testing.assert_allclose(found, wanted * np.arange(41.0)[:, None], rtol=1e-15)
     native.row_means(values, means)
     np.testing.assert_allclose(means, values.astype(float).mean(axis=0), rtol=1e-12)
 
@@ -310,11 +310,11 @@ def test_harmonics_of_periods_are_fourier_sums_without_the_mean():
 
 
 def test_powers_about_a_line_count_cells_at_the_edge_in_part_and_go_round():
-    values, line = np.abs(random(30, 24)).astype(np.float32), np.linspace(1.3, 22.8, 30)
+    values, line = np.abs(random(30, 27)).astype(np.float32), np.linspace(1.3, 25.8, 30)
     sums, square, moment = np.empty(5), np.empty(30), np.empty(30)
     reaches, weight = np.array([1.7, 5.2, 3.1]), np.linspace(0.5, 2.0, 30)
     native.powers_about_line(values, 0.4, line, reaches, weight, sums, square, moment)
-    distance = (np.arange(24) - line[:, None] + 12.0) % 24.0 - 12.0
+    distance = (np.arange(27) - line[:, None] + 13.5) % 27.0 - 13.5
     power = values.astype(float) - 0.4
     torso, near = (
         weight * (power * np.clip(reach - np.abs(distance) + 0.5, 0.0, 1.0)).sum(axis=1) for reach in reaches[:2]
