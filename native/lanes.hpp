@@ -57,6 +57,18 @@ inline To bits_of(From value) {
 inline Float spread(float value) { return value - Float{}; }
 inline Double spread(double value) { return value - Double{}; }
 
+// A number in single precision, or half a vector of them.
+inline void store_narrow(float* to, double value) { *to = static_cast<float>(value); }
+inline void store_narrow(float* to, Double value) {
+#if defined(__AVX512F__)
+  store(to, (HalfFloat)_mm512_cvtpd_ps((__m512d)value));
+#elif defined(__AVX2__)
+  store(to, (HalfFloat)_mm256_cvtpd_ps((__m256d)value));
+#else
+  store(to, __builtin_convertvector(value, HalfFloat));
+#endif
+}
+
 inline Double widen(HalfFloat value) {
 #if defined(__AVX512F__)
   return (Double)_mm512_cvtps_pd((__m256)value);
@@ -88,6 +100,16 @@ inline double least(Double value) {
   for (int lane = 1; lane < kHalfWidth; ++lane) least = std::min(least, value[lane]);
   return least;
 #endif
+}
+
+// Keeps what was loaded in a register: gcc would load it again for every use.
+inline Float in_register(Float value) {
+#if defined(__x86_64__)
+  asm("" : "+v"(value));
+#elif defined(__aarch64__)
+  asm("" : "+w"(value));
+#endif
+  return value;
 }
 
 // a b + c, rounded once. Level 1 has no such instruction and rounds twice: its last bits differ.
@@ -151,6 +173,12 @@ inline Double round_even(Double value) {
   for (int lane = 0; lane < kHalfWidth; ++lane) value[lane] = std::nearbyint(value[lane]);
   return value;
 #endif
+}
+
+template <typename V>
+inline V round_down(V value) {
+  const V nearest = round_even(value), less = nearest - 1.0;
+  return nearest > value ? less : nearest;
 }
 
 inline Float round_even(Float value) {

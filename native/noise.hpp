@@ -6,7 +6,7 @@
 
 #include <cstdint>
 
-#include "lanes.hpp"
+#include "elementary.hpp"
 
 namespace doppelgait::noise {
 
@@ -41,25 +41,6 @@ inline Float exponential(Word word) {
       f * (-0.1660908163f + f * (0.1418182850f + f * (-0.1324298978f + f * (0.1290443838f + f * -0.0762178078f))));
   const Float series = f + f * f * (-0.4999998808f + f * (0.3333332539f + f * (-0.2500158250f + f * tail)));
   return -(exponent * 0.693147180559945f + series);
-}
-
-// Sine and cosine of an angle within an eighth of a turn, with errors of 4e-9 and 1.2e-10 before rounding.
-inline void small_phasor(Float angle, Float& cosine, Float& sine) {
-  const Float square = angle * angle;
-  const Float even = 0.0416666456f + square * (-0.0013887316f + square * 0.0000244332f);
-  const Float odd = -0.1666665524f + square * (0.0083321603f + square * -0.0001951528f);
-  cosine = 1.0f - (0.5f * square - square * square * even);
-  sine = angle + angle * square * odd;
-}
-
-// Cosine and sine of turns, at most half of one.
-inline void phasor(Float turns, float* cosine, float* sine) {
-  const Float quarter = round_even(4.0f * turns);
-  Float x, y;
-  small_phasor((turns - 0.25f * quarter) * 6.28318530717959f, x, y);
-  const Int count = __builtin_convertvector(quarter, Int), odd = (count & 1) != 0;
-  store(cosine, bits_of<Float>(bits_of<Int>(odd ? y : x) ^ (((count + 1) & 2) << 30)));
-  store(sine, bits_of<Float>(bits_of<Int>(odd ? x : y) ^ ((count & 2) << 30)));
 }
 
 // Uniformly distributed point of the unit circle, with an error below 2^-23.

@@ -3,8 +3,7 @@
 #include <cmath>
 
 #include "arrays.hpp"
-#include "lanes.hpp"
-#include "noise.hpp"
+#include "elementary.hpp"
 
 namespace doppelgait::planes {
 namespace {
@@ -126,7 +125,10 @@ void rotate_parts(const Planes<float>& plane_re, const Planes<float>& plane_im, 
       }
       for (Index i = 0; i < size; i += kWidth) {
         const Double a = load<Double>(turns + i), b = load<Double>(turns + i + kHalfWidth);
-        noise::phasor(narrow(a - round_even(a), b - round_even(b)), cosines + i, sines + i);
+        Float cosine, sine;
+        phasor(narrow(a - round_even(a), b - round_even(b)), cosine, sine);
+        store(cosines + i, cosine);
+        store(sines + i, sine);
       }
       multiply({from_re[n] + begin, size}, from_im[n] + begin, cosines, sines, to_re[n] + begin, to_im[n] + begin);
     }

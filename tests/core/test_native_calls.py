@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from doppelgait._core import native
+from doppelgait.radar.waveforms import pulses, sweep
 
 
 @dataclass
@@ -172,23 +173,39 @@ def make_path_cases(rng, n):
     return [Case("longest_stretch", [x, y, np.hypot(x, y), 1.0, 0.5, 0.9, 2.0, 0.1, 3])]
 
 
-MAKERS = (
-    make_path_cases,
-    make_spline_cases,
-    make_image_cases,
-    make_echo_cases,
-    make_plane_cases,
-    make_body_cases,
-    make_cadence_cases,
-    make_column_cases,
-    make_single_column_cases,
-    make_row_cases,
-)
-
-
 def make_amplitude_cases(rng, n):
     table = rng.uniform(0.1, 2.0, (4, 30, n))
     return [Case("integrate_echoes", [*table, 3e-4, 0.2, 1.3, np.zeros((30, n))], (7,))]
+
+
+def make_waveform_cases(rng, n):
+    amplitude, turns, delay = rng.uniform(0.0, 1.0, (3, 37, n))
+    slopes, doppler, out = 1e-3 * delay, rng.uniform(-1e-5, 1e-5, (37, n)), np.zeros((37, 96), np.complex64)
+    delay[3:5] += 1.2
+    echoes, table = [amplitude, turns, delay, doppler], pulses.tabulate(96, 0.009, 50.0)
+    turn = rng.standard_normal((2, 96)).astype(np.float32)
+    facts = np.array([6.7e-9, 0.1, 6e10, 7.5e12, 1.5e9, 1.0, 6e6, 2.4e5, 2.0, 128.0, 0.5])
+    tables = sweep.tabulate_taps(), sweep.tabulate_half_bin_responses("hann", 128, 96)
+    return [
+        Case("add_tones", [amplitude, turns, delay, slopes, out], (4,), free=((4, 1),)),
+        Case("add_responses", [*echoes, 0.1, 0.009, 50.0, out], (7,), free=((7, 1),)),
+        Case("add_tabled_responses", [*echoes, 0.1, 0.009, 50.0, 1e-5, table, out], (9,), free=((8, 0), (9, 1))),
+        Case(
+            "add_sweep_responses",
+            [*(8.0 * table for table in echoes[:3]), turns, facts, *tables, turn, out],
+            (8,),
+            free=((8, 1),),
+        ),
+    ]
+
+
+def make_pattern_cases(rng, n):
+    azimuth, elevation, gain = rng.uniform(-1.5, 1.5, (3, 37, n))
+    normal, times = rng.standard_normal((40, n, 2)), rng.uniform(0.0, 2.0, 37)
+    return [
+        Case("apply_cosine_pattern", [azimuth, elevation, 0.1, 0.2, 2.0, 3.0, 1e-3, gain, np.zeros_like(gain)], (8,)),
+        Case("smoothed_chi_square", [normal, times, 0.3, 9, np.zeros_like(gain)], (4,), free=((0, 0), (0, 2))),
+    ]
 
 
 MAKERS = [make for name, make in list(globals().items()) if name.startswith("make_")]

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 from pydantic import Field, model_validator
 
+from doppelgait._core import native
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import replace_values
@@ -166,18 +167,16 @@ def apply_antenna(
         scatterers.variables[name] for name in ("path_gain", "azimuth", "elevation")
     )
     if antenna.kind == "cosine":
-        from doppelgait.core.kernels.antenna import apply_cosine_pattern
-
         gains = np.empty(path_gain.shape)
-        apply_cosine_pattern(
-            np.asarray(azimuth_rad.values, dtype=float),
-            np.asarray(elevation_rad.values, dtype=float),
+        native.apply_cosine_pattern(
+            azimuth_rad.values,
+            elevation_rad.values,
             boresight_azimuth_rad,
             boresight_tilt_rad,
             compute_cosine_exponent(antenna.hpbw_azimuth_deg or math.nan),
             compute_cosine_exponent(antenna.hpbw_elevation_deg or math.nan),
             float(db_to_power(antenna.floor_db)),
-            np.ascontiguousarray(path_gain.values, dtype=float),
+            path_gain.values,
             gains,
         )
     else:

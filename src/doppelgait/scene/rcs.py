@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, field_validator, model_validator
 
+from doppelgait._core import native
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.plugins import Group
@@ -267,15 +268,13 @@ def sample_fluctuation(
 ) -> FloatArray:
     r"""Draw slowly fluctuating factors of mean 1 (E-08d). Shapes: time_s (I,); returns (I, n_scatterers)."""
     # they are independent from scatterer to scatterer
-    from doppelgait.core.kernels.fluctuation import smoothed_chi_square
-
     times = np.ascontiguousarray(time_s, dtype=np.float64)
     last_s = float(times.max()) if times.size else 0.0
     count = int(np.ceil(2.0 * last_s / correlation_s)) + 2 * REACH + 2
     own = np.random.default_rng(rng.integers(2**63))
     normal = own.standard_normal((count, n_scatterers, DEGREES_OF_FREEDOM[kind]))
     factor = np.empty((times.size, n_scatterers))
-    smoothed_chi_square(normal, times, correlation_s, REACH, factor)
+    native.smoothed_chi_square(normal, times, correlation_s, REACH, factor)
     return factor
 
 

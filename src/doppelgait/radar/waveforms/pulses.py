@@ -135,8 +135,6 @@ class _MatchedPulse(Waveform):
 
     def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
         """Sum the matched-filter responses of all scatterers."""
-        from doppelgait.core.kernels.responses import add_responses, add_tabled_responses
-
         range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         phase_rad = path_phase_rad(scatterers)
         extra_rad = radar.transmit_phase_rad + (0.0 if phase_rad is None else phase_rad)
@@ -150,12 +148,10 @@ class _MatchedPulse(Waveform):
         arguments = amplitude_v, turns, delay, doppler_hz * duration_s, first, step, time_bandwidth
         n_bins = out.shape[1]
         if time_bandwidth == 0.0 or n_bins * step > LONGEST_FRAME:
-            add_responses(*arguments, out)
-            return out
-        table = tabulate(n_bins, step, time_bandwidth)
-        weights, total = np.empty((range_m.shape[1], 5), np.float32), np.empty(n_bins, np.complex128)
-        sums = np.empty((2, table.shape[2] - n_bins + 1), np.float32)
-        add_tabled_responses(*arguments, DOPPLER_ERROR * time_bandwidth, table, weights, total, sums, out)
+            native.add_responses(*arguments, out)
+        else:
+            table = tabulate(n_bins, step, time_bandwidth)
+            native.add_tabled_responses(*arguments, DOPPLER_ERROR * time_bandwidth, table, out)
         return out
 
     def reach_m(self, radar: Radar) -> float:
@@ -240,7 +236,7 @@ def _check_pulse(radar: Radar, bandwidth_hz: float) -> None:
 
 @lru_cache(maxsize=4)
 def tabulate(n_bins: int, step: float, time_bandwidth: float) -> npt.NDArray[np.float32]:
-    """Tabulate the response of a chirp for ``add_tabled_responses``: (P, 3, N - 1 + M)."""
+    """Tabulate the response of a chirp: (places within a bin, 3 Chebyshev nodes, bins)."""
     n_places = max(8, math.ceil(0.5 * math.pi * time_bandwidth * step / (24.0 * TABLE_ERROR) ** (1.0 / 3.0)))
     nodes = (1.0 + np.array([-1.0, 0.0, 1.0]) * math.sqrt(0.75)) / 2.0
     place = (np.arange(n_places)[:, None] + nodes) / n_places

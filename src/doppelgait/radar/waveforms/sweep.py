@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait._core import native
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Matrix
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
@@ -42,6 +43,14 @@ The error grows with its fourth power; here it is 6.4e-7 of the sum of amplitude
 """
 VECTOR = 32
 """Vector length, bins; the row lengths of tables are multiples of it."""
+ORDERS = 8
+"""Terms of the power series by which a scatterer is moved and bent between the places of the table of taps."""
+PLACES = 16
+"""Places of that table within half a range bin."""
+TAPS = 8
+"""Half bins that a scatterer is spread over."""
+ROW = 24
+"""Values in a row of the table; its taps begin at the eighth."""
 COSINES = {
     "none": (1.0,),
     "hann": (0.5, 0.5),
@@ -78,8 +87,6 @@ class _Sweep(Waveform):
         """Synthesise sweeps with their motion and FMCW's residual video phase.
         With t_d = t_0 - beta u, beta = 2 v / c, the phase is a quadratic function of u.
         """
-        from doppelgait.core.kernels.tones import add_tones
-
         range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         delay_s = range_m * (2.0 / SPEED_OF_LIGHT_MPS)
         beta = radial_velocity_mps(scatterers) * (2.0 / SPEED_OF_LIGHT_MPS)
@@ -93,24 +100,25 @@ class _Sweep(Waveform):
         linear = step_s * (radar.carrier_hz * beta - slope * delay_s * (1.0 + self.lag * beta))
         bend = step_s**2 * slope * beta * (1.0 + 0.5 * self.lag * beta)
         out = np.empty((range_m.shape[0], self.n_samples(radar)), dtype=np.complex64)
-        add_tones(amplitude_v, turns, linear, bend, out)
+        native.add_tones(amplitude_v, turns, linear, bend, out)
         return out
 
     def synthesise_bins(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
-        """Synthesise range bins without the samples, to 1e-6 of the sum of all amplitudes."""
+        """Synthesise range bins without the samples, to 1e-6 of the sum of all amplitudes.
+        This is a non-uniform Fourier transform of type 1 (Fessler and Sutton, IEEE Trans. Signal Processing 51(2),
+        2003) with a Kaiser-Bessel window over TAPS half bins.
+        """
         own = type(self).synthesise is _Sweep.synthesise and type(self).compress is _Sweep.compress
         size, n_bins = self.n_samples(radar), self.n_range_bins(radar)
         if not own or size + n_bins > LONGEST_RESPONSE:
             return super().synthesise_bins(scatterers, radar)
-        velocity_mps = np.ascontiguousarray(radial_velocity_mps(scatterers))
+        velocity_mps = radial_velocity_mps(scatterers)
         slope, duration_s = _slope_hz_per_s(radar), size / radar.sample_rate_hz
         bandwidth_hz, per_m = float(radar.bandwidth_hz or math.nan), 2.0 / SPEED_OF_LIGHT_MPS
         bend = 0.5 * math.pi * bandwidth_hz * duration_s
         fastest_mps = max(float(velocity_mps.max(initial=0.0)), -float(velocity_mps.min(initial=0.0)))
         if not bend * per_m * fastest_mps < LARGEST_BEND:
             return super().synthesise_bins(scatterers, radar)
-        from doppelgait.core.kernels.responses import ORDERS, add_sweep_responses
-
         range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         facts = np.array(
             [
@@ -127,13 +135,12 @@ class _Sweep(Waveform):
                 0.5 * ((size - 1) % 2),
             ]
         )
-        n_columns, n_scatterers = -(-n_bins // VECTOR) * VECTOR, range_m.shape[1]
+        n_columns = -(-n_bins // VECTOR) * VECTOR
         turns = np.zeros(n_columns)
         turns[:n_bins] = self._compute_video_turns(radar)
         turn = np.stack([np.cos(2.0 * np.pi * turns), np.sin(2.0 * np.pi * turns)]).astype(np.float32)
         out = np.empty((range_m.shape[0], n_bins), dtype=np.complex64)
-        n_halves = -(-2 * size // 8) * 8 + 48
-        add_sweep_responses(
+        native.add_sweep_responses(
             range_m,
             velocity_mps,
             amplitude_v,
@@ -142,12 +149,6 @@ class _Sweep(Waveform):
             tabulate_taps(),
             tabulate_half_bin_responses(radar.range_window, size, n_columns),
             turn,
-            np.empty((4, n_scatterers), np.float32),
-            np.empty((2, n_scatterers), np.uint64),
-            np.empty((2, ORDERS * n_scatterers), np.float32),
-            np.zeros((2, n_halves), np.float32),
-            np.zeros(n_halves // 8, np.uint8),
-            np.empty((2, n_columns), np.float32),
             out,
         )
         return out
@@ -260,16 +261,12 @@ def make_range_window(name: str, n_samples: int) -> npt.NDArray[np.float64]:
 
 def _find_kaiser_beta() -> float:
     """Return beta of the window that spreads scatterers."""
-    from doppelgait.core.kernels.responses import TAPS
-
     return 0.75 * math.pi * TAPS
 
 
 @lru_cache(maxsize=1)
 def tabulate_taps() -> npt.NDArray[np.float32]:
     """Tabulate window derivatives (PLACES, ORDERS, ROW) at half bins."""
-    from doppelgait.core.kernels.responses import ORDERS, PLACES, ROW, TAPS
-
     y = np.arange(TAPS) - TAPS // 2 + 1 - ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
     s0, s1, s2 = 1.0 - (2.0 * y / TAPS) ** 2, -8.0 * y / TAPS**2, -4.0 / TAPS**2
     beta = _find_kaiser_beta()
@@ -294,8 +291,6 @@ def tabulate_taps() -> npt.NDArray[np.float32]:
 def tabulate_half_bin_responses(name: str, n_samples: int, n_columns: int) -> npt.NDArray[np.float32]:
     """Tabulate the response of range bins to the half bins of :func:`tabulate_taps`."""
     from scipy.fft import ifft
-
-    from doppelgait.core.kernels.responses import TAPS
 
     window, t = make_range_window(name, n_samples), (2 * np.arange(n_samples) + 1) / n_samples - 1.0
     node, weight = np.polynomial.legendre.leggauss(128)
