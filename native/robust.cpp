@@ -1,7 +1,339 @@
-#include "arrays.hpp"
+// Quantiles and polynomials through points with outliers (E-29, E-34), and features of envelopes and harmonics.
+#include "robust.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
 
 namespace doppelgait::robust {
+namespace {
 
-void bind(nb::module_&) {}
+using Values = std::vector<double>;
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kDeviation = 1.4826;  // standard deviation of a normal variable over its median magnitude
+
+// A minimum or maximum: choose(best, value) in any order.
+template <typename Choose>
+double search(const double* values, Index n, double start, Choose choose) {
+  Double bests = spread(start);
+  Index i = 0;
+  for (; i + kHalfWidth <= n; i += kHalfWidth) bests = choose(bests, load<Double>(values + i));
+  double best = start;
+  for (int lane = 0; lane < kHalfWidth; ++lane) best = choose(best, bests[lane]);
+  for (; i < n; ++i) best = choose(best, values[i]);
+  return best;
+}
+
+double smallest(const double* values, Index n) {
+  return search(values, n, kInfinity, [](auto best, auto value) { return value < best ? value : best; });
+}
+
+double largest(const double* values, Index n) {
+  return search(values, n, -kInfinity, [](auto best, auto value) { return value > best ? value : best; });
+}
+
+double smallest_above(const double* values, Index n, double limit) {
+  return search(values, n, kInfinity, [limit](auto best, auto value) {
+    return (value > limit + decltype(value){}) & (value < best) ? value : best;
+  });
+}
+
+// The value at a place of the sorted values and the next one: halve the interval until it has few values, sort those.
+std::pair<double, double> find_neighbours(const double* values, Index n, Index place) {
+  constexpr Index few = 16;
+  double low = smallest(values, n), high = largest(values, n), sorted[few + 1] = {};
+  low -= high - low;
+  Index n_low = 0, n_high = n;  // values up to low and up to high
+  while (n_high - n_low > few) {
+    const double middle = 0.5 * (low + high);
+    if (!(low < middle && middle < high)) return {high, place + 1 < n_high ? high : smallest_above(values, n, high)};
+    Index count = 0;
+    for (Index i = 0; i < n; ++i) count += values[i] <= middle;
+    (count > place ? high : low) = middle;
+    (count > place ? n_high : n_low) = count;
+  }
+  Index count = 0;
+  for (Index i = 0; i < n; ++i) {
+    if ((values[i] > low || n_low == 0) && values[i] <= high) sorted[count++] = values[i];
+  }
+  std::sort(sorted, sorted + count);
+  sorted[count] = smallest_above(values, n, high);
+  return {sorted[place - n_low], sorted[place - n_low + 1]};
+}
+
+// Solution of a positive definite system, by the lower half of the matrix; the solution replaces the right side.
+void solve(double* matrix, double* right, Index n) {
+  const auto at = [=](Index p, Index q) -> double& { return matrix[p * n + q]; };
+  for (Index p = 0; p < n; ++p) {
+    for (Index q = 0; q <= p; ++q) {
+      for (Index k = 0; k < q; ++k) at(p, q) -= at(p, k) * at(q, k);
+      at(p, q) = p == q ? std::sqrt(at(p, p)) : at(p, q) / at(q, q);
+    }
+    for (Index k = 0; k < p; ++k) right[p] -= at(p, k) * right[k];
+    right[p] /= at(p, p);
+  }
+  for (Index p = n - 1; p >= 0; --p) {
+    for (Index k = p + 1; k < n; ++k) right[p] -= at(k, p) * right[k];
+    right[p] /= at(p, p);
+  }
+}
+
+struct Fit {
+  double least_scale, tuning;
+  Index iterations;
+
+  // Iteratively reweighted least squares with Cauchy weights. The line is that to begin with and the result.
+  void run(Rows<const double> basis, const double* values, const double* prior, const double* divisor,
+           double* __restrict line, double* coefficients) const {
+    const Index n = basis.width, n_terms = basis.count;
+    Values residuals(n), works(n), weights(n), normal(n_terms * n_terms);
+    double* __restrict residual = residuals.data();
+    double* __restrict work = works.data();
+    double* __restrict weight = weights.data();
+    for (Index round = 0; round < iterations; ++round) {
+      for (Index j = 0; j < n; ++j) residual[j] = (values[j] - line[j]) / divisor[j];
+      for (Index j = 0; j < n; ++j) work[j] = std::fabs(residual[j]);
+      const double inverse = 1.0 / (tuning * std::max(kDeviation * median(work, n), least_scale));
+      for (Index j = 0; j < n; ++j) {
+        const double r = residual[j] * inverse;
+        weight[j] = prior[j] / (1.0 + r * r);
+        line[j] = 0.0;
+      }
+      for (Index p = 0; p < n_terms; ++p) {
+        const double* term = basis[p];
+        for (Index j = 0; j < n; ++j) work[j] = term[j] * weight[j];
+        for (Index q = 0; q <= p; ++q) normal[p * n_terms + q] = dot(work, basis[q], n);
+        coefficients[p] = dot(work, values, n);
+      }
+      solve(normal.data(), coefficients, n_terms);
+      for (Index p = 0; p < n_terms; ++p) {
+        const double c = coefficients[p], *term = basis[p];
+        for (Index j = 0; j < n; ++j) line[j] = fused(c, term[j], line[j]);
+      }
+    }
+  }
+};
+
+// Shapes: basis (P, J); values, prior, divisor, line (J,); coefficients (P,).
+void robust_fit(const In2<double>& basis, const In1<double>& values, const In1<double>& prior,
+                const In1<double>& divisor, double least_scale, double tuning, Index iterations,
+                const Out1<double>& line, const Out1<double>& coefficients) {
+  const auto terms = view_rows(basis);
+  for (const Index size :
+       {view_line(values).size, view_line(prior).size, view_line(divisor).size, view_line(line).size}) {
+    require(size == terms.width && size > 0, "a fit needs values, priors, divisors and a line for every column");
+  }
+  require(view_line(coefficients).size == terms.count, "coefficients do not fit the basis");
+  Fit{least_scale, tuning, iterations}.run(terms, values.data(), prior.data(), divisor.data(), line.data(),
+                                           coefficients.data());
+}
+
+// Variance of the cells of the chosen rows k, in every n-th column of (J, K).
+template <typename T>
+double variance_of_rows(const In2<T>& values, const In1<bool>& chosen, Index every) {
+  const auto columns = view_rows(values);
+  const auto counts = view_line(chosen);
+  require(counts.size == columns.width && every > 0, "chosen rows do not fit");
+  Values sums(columns.width);
+  double* __restrict sum = sums.data();
+  Index n_chosen = 0;
+  for (Index k = 0; k < columns.width; ++k) n_chosen += counts[k];
+  const auto average = [&](auto add) {  // add(sum, value), for some columns together
+    const auto add_columns = [&](auto... column) {
+      for (Index k = 0; k < columns.width; ++k) {
+        double value = sum[k];
+        ((value = add(value, static_cast<double>(column[k]))), ...);
+        sum[k] = value;
+      }
+    };
+    std::fill(sums.begin(), sums.end(), 0.0);
+    Index j = 0, n = 0;
+    for (; j + 3 * every < columns.count; j += 4 * every, n += 4) {
+      add_columns(columns[j], columns[j + every], columns[j + 2 * every], columns[j + 3 * every]);
+    }
+    for (; j < columns.count; j += every, ++n) add_columns(columns[j]);
+    double total = 0.0;
+    for (Index k = 0; k < columns.width; ++k) total += counts[k] ? sum[k] : 0.0;
+    return total / static_cast<double>(n * n_chosen);
+  };
+  const double mean = average([](double total, double value) { return total + value; });
+  return average([mean](double total, double value) { return fused(value - mean, value - mean, total); });
+}
+
+// Straight motion at constant velocity fitted to ranges: R^2 = c0 + c1 t + c2 t^2 (E-34b). The results are c0, c1, c2,
+// the squared speed across the line of sight, the mean squared residual, and the variances of the squared speed across
+// and of the radial speed for errors of 1 m. Without a positive c0 the others are not written.
+void straight_motion(const In1<double>& times, const In1<double>& ranges, double least_scale, double tuning,
+                     Index iterations, double outlier_sd, const Out1<double>& result) {
+  const auto t = view_line(times), r = view_line(ranges);
+  const auto out = view_line(result);
+  const Index n = t.size;
+  require(n > 0 && r.size == n && out.size == 7, "times and ranges do not fit");
+  const double half_s = (t[n - 1] - t[0]) / 2.0, mid_s = (t[0] + t[n - 1]) / 2.0;
+  Values basis(3 * n, 1.0), square(n), prior(n), line(n);
+  double *x = basis.data() + n, *x2 = x + n, c[3];
+  for (Index j = 0; j < n; ++j) {
+    x[j] = (t[j] - mid_s) / half_s;
+    x2[j] = x[j] * x[j];
+    square[j] = line[j] = r[j] * r[j];
+    prior[j] = 1.0 / square[j];
+  }
+  const Rows<const double> terms{basis.data(), 3, n, n};
+  Fit{least_scale, tuning, iterations}.run(terms, square.data(), prior.data(), r.data, line.data(), c);
+  const double c0 = c[0], c1 = c[1] / half_s, c2 = c[2] / (half_s * half_s), across_2 = c2 - c1 * c1 / (4.0 * c0);
+  std::copy_n(std::initializer_list<double>{c0, c1, c2}.begin(), 3, out.data);
+  if (!(c0 > 0.0)) return;
+  if (across_2 < 0.0) {  // straight motion never bends a range towards the radar: a straight line
+    double mean_x = 0.0, mean_r = 0.0, along = 0.0, spread_x = 0.0;
+    for (Index j = 0; j < n; ++j) {
+      mean_x += x[j] / static_cast<double>(n);
+      mean_r += r[j] / static_cast<double>(n);
+    }
+    for (Index j = 0; j < n; ++j) {
+      along += (x[j] - mean_x) * (r[j] - mean_r);
+      spread_x += (x[j] - mean_x) * (x[j] - mean_x);
+    }
+    for (Index j = 0; j < n; ++j) line[j] = r[j] - mean_r - (x[j] - mean_x) * along / spread_x;
+  } else {
+    for (Index j = 0; j < n; ++j) line[j] = r[j] - std::sqrt(std::max(line[j], 1e-12));
+  }
+  for (Index j = 0; j < n; ++j) line[j] = std::fabs(line[j]);
+  const double limit = outlier_sd * kDeviation * median(line.data(), n);
+  double mean_square = 0.0;
+  for (Index j = 0; j < n; ++j) mean_square += std::min(line[j], limit) * std::min(line[j], limit);
+  // the variance of a sum of coefficients with these weights; an error of 1 m in R is one of 2 R in R^2
+  const auto variance = [&](double b0, double b1, double b2) {
+    double normal[9], solution[3] = {b0, b1, b2};
+    Values weighted(n);
+    for (Index p = 0; p < 3; ++p) {
+      for (Index j = 0; j < n; ++j) weighted[j] = terms[p][j] * (0.25 * prior[j]);
+      for (Index q = 0; q <= p; ++q) normal[3 * p + q] = dot(weighted.data(), terms[q], n);
+    }
+    solve(normal, solution, 3);
+    return b0 * solution[0] + b1 * solution[1] + b2 * solution[2];
+  };
+  out[3] = across_2;
+  out[4] = mean_square / static_cast<double>(n);
+  out[5] = variance(c1 * c1 / (4.0 * c0 * c0), -c1 / (2.0 * c0) / half_s, 1.0 / (half_s * half_s));
+  out[6] = variance(c1 / (4.0 * c0 * std::sqrt(c0)), -0.5 / std::sqrt(c0) / half_s, 0.0);
+}
+
+// Envelopes about the main line (E-35b), NaN where there is no power: the share of columns with power; mean and
+// standard deviation of lead and lag; both quantiles of lead and of lag; the low quantile of the width; the width
+// between the quantiles of both envelopes; the share of columns with a lead above the middle of its quantiles.
+void edge_statistics(const In1<double>& low, const In1<double>& high, const In1<double>& line, double direction,
+                     double low_share, double high_share, const Out1<double>& result) {
+  const auto lower = view_line(low), upper = view_line(high), middle = view_line(line);
+  const auto out = view_line(result);
+  require(upper.size == lower.size && middle.size == lower.size && out.size == 12, "envelopes do not fit");
+  Values lead, lag, width, tops, ends;
+  for (auto* values : {&lead, &lag, &width, &tops, &ends}) values->reserve(lower.size);
+  for (Index j = 0; j < lower.size; ++j) {
+    if (!std::isfinite(lower[j])) continue;
+    const double up = upper[j] - middle[j], down = middle[j] - lower[j];
+    lead.push_back(direction >= 0.0 ? up : down);
+    lag.push_back(direction >= 0.0 ? down : up);
+    width.push_back(up + down);
+    tops.push_back(upper[j]);
+    ends.push_back(lower[j]);
+  }
+  const auto n = static_cast<Index>(lead.size());
+  std::fill_n(out.data, 12, n ? 0.0 : std::numeric_limits<double>::quiet_NaN());
+  out[0] = lower.size ? static_cast<double>(n) / static_cast<double>(lower.size) : 0.0;
+  if (n == 0) return;
+  const auto describe = [n](const Values& values, double& mean, double& deviation) {
+    for (const double value : values) mean += value;
+    mean /= static_cast<double>(n);
+    for (const double value : values) deviation += (value - mean) * (value - mean);
+    deviation = std::sqrt(deviation / static_cast<double>(n));
+  };
+  describe(lead, out[1], out[2]);
+  describe(lag, out[3], out[4]);
+  out[5] = quantile(lead.data(), n, low_share);
+  out[6] = quantile(lead.data(), n, high_share);
+  out[7] = quantile(lag.data(), n, low_share);
+  out[8] = quantile(lag.data(), n, high_share);
+  out[9] = quantile(width.data(), n, low_share);
+  out[10] = quantile(tops.data(), n, high_share) - quantile(ends.data(), n, low_share);
+  for (const double value : lead) out[11] += value > (out[5] + out[6]) / 2.0;
+  out[11] /= static_cast<double>(n);
+}
+
+// Squared and plain peaks of three harmonics, summed over the rows of a cadence map (Q, K), the squares without the
+// noise between the harmonics (E-38).
+void oscillating_power(const In1<double>& cadence_hz, const In2<double>& values, double frequency_hz, double near_share,
+                       double near_hz, const Out1<double>& result) {
+  const auto cadence = view_line(cadence_hz);
+  const auto map = view_rows(values);
+  const auto out = view_line(result);
+  const Index n_rows = map.width;
+  require(map.count == cadence.size && out.size == 2, "the map does not fit");
+  std::vector<Index> between;
+  for (Index q = 0; q < cadence.size; ++q) {
+    const double turns = cadence[q] / frequency_hz;
+    if (1.0 < turns && turns < 4.0 && std::fabs(turns - std::floor(turns) - 0.5) <= 0.2) between.push_back(q);
+  }
+  const auto n_between = static_cast<Index>(between.size());
+  Values squares(n_rows * n_between), noise(n_rows), peaks(n_rows);
+  for (Index n = 0; n < n_between; ++n) {
+    const double* row = map[between[n]];
+    for (Index k = 0; k < n_rows; ++k) squares[k * n_between + n] = row[k] * row[k];
+  }
+  for (Index k = 0; n_between && k < n_rows; ++k) {
+    noise[k] = median(squares.data() + k * n_between, n_between) / 0.693147180559945309;  // of exponential variables
+  }
+  out[0] = out[1] = 0.0;
+  for (int harmonic = 1; harmonic < 4; ++harmonic) {
+    const double expected = harmonic * frequency_hz, reach = std::max(near_share * expected, near_hz);
+    double* __restrict peak = peaks.data();
+    std::fill(peaks.begin(), peaks.end(), 0.0);
+    bool found = false;
+    for (Index q = 0; q < cadence.size; ++q) {
+      if (!(std::fabs(cadence[q] - expected) <= reach)) continue;
+      found = true;
+      const double* row = map[q];
+      for (Index k = 0; k < n_rows; ++k) peak[k] = peak[k] > row[k] ? peak[k] : row[k];
+    }
+    for (Index k = 0; found && k < n_rows; ++k) {
+      out[0] += std::max(peak[k] * peak[k] - 2.0 * noise[k], 0.0);
+      out[1] += 2.0 * peak[k];
+    }
+  }
+}
+
+double quantile_of(const In1<double>& values, double share) {
+  const auto all = view_line(values);
+  require(all.size > 0 && share >= 0.0 && share <= 1.0, "a quantile needs values and a share from 0 to 1");
+  return quantile(all.data, all.size, share);
+}
+
+}  // namespace
+
+double quantile(const double* values, Index n, double share) {
+  const double place = share * static_cast<double>(n - 1);
+  const auto below = static_cast<Index>(place);
+  const auto [value, after] = find_neighbours(values, n, below);
+  const double weight = place - static_cast<double>(below);
+  return weight > 0.0 ? value + weight * (after - value) : value;
+}
+
+void bind(nb::module_& module) {
+  module.def("quantile", &quantile_of, nb::arg("values"), nb::arg("share"), Unlocked());
+  const auto least_scale = nb::arg("least_scale"), tuning = nb::arg("tuning"), iterations = nb::arg("iterations");
+  module.def("robust_fit", &robust_fit, nb::arg("basis"), nb::arg("values"), nb::arg("prior"), nb::arg("divisor"),
+             least_scale, tuning, iterations, nb::arg("line").noconvert(), nb::arg("coefficients").noconvert(),
+             Unlocked());
+  const auto chosen = nb::arg("chosen"), every = nb::arg("every");
+  module.def("variance_of_rows", &variance_of_rows<float>, nb::arg("values").noconvert(), chosen, every, Unlocked());
+  module.def("variance_of_rows", &variance_of_rows<double>, nb::arg("values"), chosen, every, Unlocked());
+  module.def("straight_motion", &straight_motion, nb::arg("times"), nb::arg("ranges"), least_scale, tuning, iterations,
+             nb::arg("outlier_sd"), nb::arg("result").noconvert(), Unlocked());
+  module.def("edge_statistics", &edge_statistics, nb::arg("low"), nb::arg("high"), nb::arg("line"),
+             nb::arg("direction"), nb::arg("low_share"), nb::arg("high_share"), nb::arg("result").noconvert(),
+             Unlocked());
+  module.def("oscillating_power", &oscillating_power, nb::arg("cadence_hz"), nb::arg("values"), nb::arg("frequency_hz"),
+             nb::arg("near_share"), nb::arg("near_hz"), nb::arg("result").noconvert(), Unlocked());
+}
 
 }  // namespace doppelgait::robust

@@ -75,6 +75,31 @@ def make_image_cases(rng, n):
     ]
 
 
+def make_fit_cases(rng, n):
+    size = 13 * n
+    t = np.linspace(-1.0, 1.0, size)
+    basis, values = np.stack([np.ones(size), t, t * t]), rng.standard_normal(size)
+    prior, divisor = rng.uniform(0.5, 1.0, (2, size))
+    low, high = values - rng.uniform(1.0, 2.0, size), values + rng.uniform(1.0, 2.0, size)
+    low[3] = np.nan
+    cells, quiet = rng.uniform(size=(30, size)), rng.uniform(size=size) < 0.5
+    cadence_hz, power = np.arange(0.0, 8.0, 0.05), rng.uniform(size=(160, size))
+    return [
+        Case("quantile", [values, 0.3], free=((0, 0),)),
+        Case(
+            "robust_fit",
+            [basis, values, prior, divisor, 0.01, 2.4, 5, np.zeros(size), np.zeros(3)],
+            (7, 8),
+            free=((0, 1),),
+        ),
+        Case("variance_of_rows", [cells, quiet, 4], free=((0, 0),)),
+        Case("variance_of_rows", [cells.astype(np.float32), quiet, 4], free=((0, 0),)),
+        Case("straight_motion", [t, 5.0 + t * t + 0.1 * values, 1e-6, 2.4, 4, 3.0, np.zeros(7)], (6,)),
+        Case("edge_statistics", [low, high, values, -1.0, 0.05, 0.95, np.zeros(12)], (6,)),
+        Case("oscillating_power", [cadence_hz, power, 1.9, 0.06, 0.25, np.zeros(2)], (5,), free=((1, 1),)),
+    ]
+
+
 def make_echo_cases(rng, n):
     range_m, amplitude, extra_rad = rng.uniform(0.3, 3.0, (3, 77, n))
     radar = [0.4, 0.05, 0.052, 0.041, 0.3]
@@ -213,7 +238,8 @@ MAKERS = [make for name, make in list(globals().items()) if name.startswith("mak
 
 def make_cases():
     rng = np.random.default_rng(5)
-    return [case for n in (1, 2, 3, 5, 41) for make in MAKERS for case in make(rng, n)]
+    makers = [value for name, value in globals().items() if name.startswith("make_") and value is not make_cases]
+    return [case for n in (1, 2, 3, 5, 41) for make in makers for case in make(rng, n)]
 
 
 CASES = make_cases()

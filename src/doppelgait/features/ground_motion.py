@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait._core import native
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.straight import ERROR_MEMORY_S, LINE, PARABOLA, compute_straight_probability
 
@@ -111,10 +112,8 @@ def estimate_ground_motion(
     duration_s = float(times[-1] - times[0])
     if duration_s < MIN_OBSERVATION_S - ENDS_S:
         return GroundMotion(reason="too_short")
-    from doppelgait.core.kernels.robust import straight_motion
-
     found = np.empty(7)
-    straight_motion(times, ranges, LEAST_SCALE_M, CAUCHY_TUNING, ITERATIONS, OUTLIER_SD, found)
+    native.straight_motion(times, ranges, LEAST_SCALE_M, CAUCHY_TUNING, ITERATIONS, OUTLIER_SD, found)
     c0, c1, _, across_2, square_m2, across_variance, radial_variance = found.tolist()
     if not c0 > 0:  # also for NaN: fewer than three times, or an unknown range
         return GroundMotion(reason="path_is_not_straight")
@@ -136,11 +135,7 @@ def estimate_ground_motion(
 
 def _compute_posterior(radial_mps: float, radial_sd: float, across_2: float, across_sd: float) -> GroundMotion:
     """Integrate over the speed across the line of sight."""
-    from doppelgait.core.kernels.robust import speeds_across
-
-    found = np.empty(4)
-    speeds_across(radial_mps, across_2, across_sd, GRID_SD, GRID_SPEEDS, found)
-    speed, aspect, speed_variance, aspect_variance = found.tolist()
+    (speed, aspect), (speed_variance, aspect_variance) = average_motion(radial_mps, across_2, across_sd)
     along = abs(radial_mps) / max(speed, 1e-9)
     speed_sd = math.sqrt(speed_variance + (along * radial_sd) ** 2 + (SPEED_SD_SHARE * speed) ** 2)
     turned_deg = math.degrees(radial_sd / max(speed, 1e-9)) * math.sin(math.radians(aspect))
@@ -148,6 +143,17 @@ def _compute_posterior(radial_mps: float, radial_sd: float, across_2: float, acr
     if speed_sd > GREATEST_SPEED_SD_SHARE * speed or aspect_sd > GREATEST_ASPECT_SD_DEG:
         return GroundMotion(None, None, speed_sd, aspect_sd, "too_uncertain")
     return GroundMotion(speed, aspect, speed_sd, aspect_sd, "")
+
+
+def average_motion(radial_mps: float, across_2: float, across_sd: float) -> tuple[list[float], list[float]]:
+    """Average speed and aspect over speeds across the line of sight; return means and variances."""
+    # all speeds across are equally likely before; their square has a Gaussian error
+    across = np.linspace(0.0, math.sqrt(max(across_2, 0.0) + GRID_SD * across_sd), GRID_SPEEDS)
+    weight = np.exp(-0.5 * ((across * across - across_2) / across_sd) ** 2)
+    weight /= weight.sum()
+    values = np.stack([np.hypot(radial_mps, across), np.degrees(np.arctan2(across, radial_mps))])
+    means = values @ weight
+    return means.tolist(), ((values - means[:, np.newaxis]) ** 2 @ weight).tolist()
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait._core import native
 from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, Signal, measures_signal
+from doppelgait.features.doppler import compute_quantile
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -57,10 +59,20 @@ def harmonic_ratio(spectrum: Signal, frequency_hz: float, harmonic: int) -> floa
 
 def peak_ratio(cadence_hz: FloatArray, values: FloatArray, frequency_hz: float, harmonic: int) -> float | None:
     """Compute :func:`harmonic_ratio` of a spectrum without checking its schema."""
-    from doppelgait.core.kernels.robust import harmonic_peak
-
-    found: float = harmonic_peak(cadence_hz, values, float(frequency_hz), harmonic, SEARCH, MIN_SNR)
-    return None if math.isnan(found) else found
+    expected_hz = harmonic * frequency_hz
+    first, stop = np.searchsorted(cadence_hz, [expected_hz * (1.0 - SEARCH), expected_hz * (1.0 + SEARCH)]).tolist()
+    first, stop = max(first, 1), min(stop, values.size - 1)
+    before, inside, after = (values[first + shift : max(stop, first) + shift] for shift in (-1, 0, 1))
+    peaks = np.flatnonzero((inside > before) & (inside >= after))
+    if not peaks.size:
+        return None
+    best = int(peaks[inside[peaks].argmax()])
+    near = np.abs(cadence_hz - expected_hz) <= frequency_hz / 2.0
+    if inside[best] < MIN_SNR * compute_quantile(values[near], 0.5):
+        return None
+    bend = float(before[best] - 2.0 * inside[best] + after[best])
+    offset = 0.5 * float(before[best] - after[best]) / bend if bend < 0 else 0.0
+    return float((first + best + offset) * (cadence_hz[1] - cadence_hz[0])) / frequency_hz
 
 
 @dataclass(frozen=True)
@@ -129,9 +141,7 @@ def ratio_of_rows(cadence_hz: FloatArray, values: FloatArray, base: FloatArray, 
     # Shapes: cadence_hz (Q,); values (Q, K+); base (K+,)
     if not base.size or base.sum() <= 0:
         return LimbTorsoRatio(None, None)
-    from doppelgait.core.kernels.robust import oscillating_power
-
     found = np.empty(2)
-    oscillating_power(cadence_hz, values, float(frequency_hz), NEAR_SHARE, NEAR_HZ, found)
+    native.oscillating_power(cadence_hz, values, float(frequency_hz), NEAR_SHARE, NEAR_HZ, found)
     energy, amplitude = found.tolist()
     return LimbTorsoRatio(math.sqrt(4.0 * energy / float(base @ base)), amplitude / float(base.sum()))

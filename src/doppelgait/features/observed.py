@@ -296,11 +296,8 @@ class Observation:
     @cached_property
     def edges(self) -> Envelopes:
         """Envelopes around the main line (E-35b)."""
-        from doppelgait.core.kernels.robust import edge_statistics
-
         found, (low_hz, high_hz) = np.empty(len(Envelopes._fields)), self.envelopes_hz
-        line_hz = np.ascontiguousarray(self.main_line_hz)
-        edge_statistics(low_hz, high_hz, line_hz, self.direction, *TIME_SHARES, found)
+        native.edge_statistics(low_hz, high_hz, self.main_line_hz, self.direction, *TIME_SHARES, found)
         found[1:-1] *= self.mps_per_hz
         return Envelopes(*found.tolist())
 
@@ -385,13 +382,10 @@ class Observation:
     @cached_property
     def ripple_parts(self) -> dict[int, float]:
         """Torso swing amplitudes by order of f_mu / 2."""
-        from doppelgait.core.kernels.robust import swing_parts
-
         halves = self.frequency_hz * self.observation_s >= MIN_PERIODS_OF_HALVES
-        orders = ORDERS if halves else np.ascontiguousarray(ORDERS[1::2])
-        found = np.empty(2 * orders.size)
-        swing_parts(self.torso_ripple_mps, math.pi * self.frequency_hz / self.rate_hz, orders, found)
-        return dict(zip(orders.tolist(), np.hypot(*found.reshape(2, -1)).tolist(), strict=True))
+        orders = ORDERS if halves else ORDERS[1::2]
+        turn_rad = math.pi * self.frequency_hz / self.rate_hz
+        return dict(zip(orders.tolist(), fit_waves(self.torso_ripple_mps, turn_rad, orders).tolist(), strict=True))
 
     @cached_property
     def cadence(self) -> tuple[FloatArray, FloatArray]:
@@ -430,6 +424,17 @@ def measure_swing(square: FloatArray, moment: FloatArray, sd: float, basis: Floa
         native.smooth(line, sd, False, swing)
         swing -= basis @ (basis.T @ swing)
     return swing
+
+
+def fit_waves(values: FloatArray, turn_rad: float, orders: npt.NDArray[np.int64]) -> FloatArray:
+    """Fit the amplitudes of multiples of a frequency together by least squares."""
+    # the frequency is in radians per column, the orders rise; the cosines and sines need not be orthogonal
+    phase = turn_rad * np.arange(values.size)
+    turns = np.broadcast_to(np.cos(phase) + 1j * np.sin(phase), (int(orders[-1]), values.size))
+    powers = np.multiply.accumulate(turns)[orders - 1]
+    waves = np.concatenate([powers.real, powers.imag])
+    parts = np.linalg.solve(waves @ waves.T, waves @ values)
+    return np.asarray(np.hypot(*parts.reshape(2, -1)))
 
 
 def _average_rows(values: npt.NDArray[Any]) -> FloatArray:

@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.features.doppler import width_of_bins
+from doppelgait.features.doppler import compute_quantile, width_of_bins
 from doppelgait.features.feature_set import Extraction, FloatArray
 from doppelgait.features.observed import Observation
 
@@ -90,19 +90,26 @@ def velocity_sd_mps(observed: Observation) -> float | None:
     The main line is an M-estimate with Cauchy weights, tapered in time. This is the sandwich estimate for clusters
     (Huber 1967): blocks are independent, and columns within a block may depend on each other.
     """
-    from doppelgait.core.kernels.robust import scatter_of_blocks
-
     known = observed.extraction.gait_frequency_hz
     edges = observed.compute_block_edges(VELOCITY_BLOCK_S) if known is None else observed.period_edges
     starts = np.concatenate([[0], edges[1:-1]])  # remaining columns at the ends belong to the blocks there
     if starts.size < MIN_BLOCKS:
         return None
     residual = observed.peaks_hz * observed.mps_per_hz - observed.line_mps
-    sandwich_mps = scatter_of_blocks(residual, observed.bin_mps / 4.0, CAUCHY_TUNING, starts)
-    if math.isnan(sandwich_mps):
-        return None
+    sandwich_mps = compute_block_scatter(residual, observed.bin_mps / 4.0, starts)
     ripple_mps = observed.torso_ripple_rms_mps if observed.has_line else 0.0
     return math.hypot(sandwich_mps, VELOCITY_RIPPLE_SHARE * ripple_mps, VELOCITY_LEAST_MPS)
+
+
+def compute_block_scatter(residual: FloatArray, least_scale: float, starts: npt.NDArray[np.int64]) -> float:
+    """Compute the standard deviation of a tapered Cauchy mean of dependent values."""
+    # blocks begin at the starts, the first at 0; the slope is positive: half of the values are below a third of scale
+    scale = CAUCHY_TUNING * max(1.4826 * compute_quantile(np.abs(residual), 0.5), least_scale)
+    square, taper = (residual / scale) ** 2, 1.001 - np.linspace(-1.0, 1.0, residual.size) ** 2
+    weight = taper / (1.0 + square)
+    slope = float((weight * (1.0 - square) / (1.0 + square)).sum())
+    blocks = np.add.reduceat(weight * residual, starts)
+    return math.sqrt(float(blocks @ blocks) * starts.size / (starts.size - 2)) / slope
 
 
 def bandwidth_sd_hz(observed: Observation) -> float | None:

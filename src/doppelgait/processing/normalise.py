@@ -86,8 +86,6 @@ def count_independent_bins(signature: Signal, floor_v2: float) -> float:
     floor_v2 : float
         :func:`noise_floor_v2`.
     """
-    from doppelgait.core.kernels.robust import variance_of_rows
-
     values, stated = np.ascontiguousarray(signature.values), max(1.0, float(signature.attrs["n_gate_bins"]))
     row_power = np.empty(values.shape[1])
     native.row_means(values, row_power)
@@ -97,7 +95,7 @@ def count_independent_bins(signature: Signal, floor_v2: float) -> float:
     if n_quiet < LEAST_QUIET_ROWS:
         return stated
     mean_v2 = float(row_power @ quiet) / n_quiet
-    return max(1.0, mean_v2**2 / float(variance_of_rows(values, quiet.astype(np.int32), COUNTED_EVERY)))
+    return max(1.0, mean_v2**2 / float(native.variance_of_rows(values, quiet, COUNTED_EVERY)))
 
 
 def compute_median(cells: npt.NDArray[np.floating[Any]]) -> float:
