@@ -28,7 +28,7 @@ inline Float power_of_two(Float a, Float b) {
   const Float f = fused(a, b, rounder - rounded);
   const Float high = fused(f, fused(f, 0.0013264727213551826f, 0.009671512812489076f), spread(0.05550733744824973f));
   const Float power = fused(f, fused(f, fused(f, high, 0.24022242082677556f), 0.6931469775973299f), 1.0f);
-  return bits_of<Float>(bits_of<Int>(power) + (bits_of<Int>(rounded) << 23));
+  return bits_of<Float>(bits_of<Word>(power) + (bits_of<Word>(rounded) << 23));
 }
 
 struct Geometry {
