@@ -51,9 +51,9 @@ inline void phasor(V turns, V& cosine, V& sine) {
   sine = (left == -1.0) | (one == 4.0) ? -im : im;
 }
 
-typedef std::int64_t Long __attribute__((vector_size(4 * kWidth)));
+typedef std::uint64_t Long __attribute__((vector_size(4 * kWidth)));
 template <typename V>
-using Bits = std::conditional_t<std::is_same_v<V, double>, std::int64_t, Long>;
+using Bits = std::conditional_t<std::is_same_v<V, double>, std::uint64_t, Long>;
 
 constexpr double kLn2High = 0.693147180369123816490, kLn2Low = 1.90821492927058770002e-10;
 
@@ -74,10 +74,10 @@ inline V exponential(V x) {
 // Natural logarithm of a normal number above 0: with s = (m - 1) / (m + 1) of its fraction m, 2 s (1 + s^2 / 3 + ...).
 template <typename V>
 inline V logarithm(V x) {
-  constexpr std::int64_t root_half = 0x3FE6A09E667F3BCD;  // bits of sqrt(1/2)
-  constexpr double shift = 4503599627370496.0;            // 2^52: small whole numbers stand in its last bits
-  const Bits<V> offset = bits_of<Bits<V>>(x) - root_half + (std::int64_t{1024} << 52);
-  const V exponent = bits_of<V>((offset >> 52) | std::int64_t{0x4330000000000000}) - (shift + 1024.0);
+  constexpr std::uint64_t root_half = 0x3FE6A09E667F3BCD;  // bits of sqrt(1/2)
+  constexpr double shift = 4503599627370496.0;             // 2^52: small whole numbers stand in its last bits
+  const Bits<V> offset = bits_of<Bits<V>>(x) - root_half + (std::uint64_t{1024} << 52);
+  const V exponent = bits_of<V>((offset >> 52) | std::uint64_t{0x4330000000000000}) - (shift + 1024.0);
   const V m = bits_of<V>((offset & 0xFFFFFFFFFFFFF) + root_half), s = (m - 1.0) / (m + 1.0), square = s * s, zero{};
   V sum = zero + 1.0 / 23.0;
   for (int k = 21; k > 1; k -= 2) sum = fused(square, sum, zero + 1.0 / k);

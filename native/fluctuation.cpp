@@ -15,10 +15,10 @@ void smoothed_chi_square(const In3<double>& normal, const In1<double>& times, do
   const Index count = static_cast<Index>(normal.shape(0)), n_squares = static_cast<Index>(normal.shape(2));
   const auto at = view_line(times);
   const auto factors = view_rows(out);
-  const Index n_values = factors.width * n_squares, n_weights = 2 * reach + 1;
   require(factors.count == at.size && factors.width == static_cast<Index>(normal.shape(1)) && n_squares > 0,
           "times, processes and factors do not fit");
   require(reach >= 0 && reach < count, "there are fewer numbers than weights");
+  const Index n_values = factors.width * n_squares, n_weights = 2 * reach + 1;
   const auto find_place = [&](Index i) { return 2.0 * at[i] / correlation + static_cast<double>(reach); };
   for (Index i = 0; i < at.size; ++i) {
     const double first = std::floor(find_place(i) + 0.5) - static_cast<double>(reach);

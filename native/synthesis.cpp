@@ -172,7 +172,7 @@ Geometry make_geometry(double first_bin_m, double bin_spacing_m, double pulse_si
           1.0 / bin_spacing_m,
           phase_rad / (2.0 * M_PI),
           2.0 / wavelength_m,
-          std::min(1e9, support + 1e-3),  // floats may round a bin at the cut to either side
+          std::max(0.0, std::min(1e9, support + 1e-3)),  // floats may round a bin at the cut to either side
           static_cast<float>(-0.5 / (std::log(2.0) * sigma * sigma)),
           static_cast<float>(support * support)};
 }
@@ -207,6 +207,9 @@ void echo_planes(const In2<double>& range_m, const In2<double>& amplitude, doubl
   const auto geometry = make_geometry(first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad);
   require(re.count == im.count && re.width == im.width, "both planes need the same shape");
   Block block(re.count);
+  constexpr Index limit = Index{1} << 40;  // beyond all frames and bins
+  first_frame = std::clamp(first_frame, -limit, limit);
+  first_bin = std::clamp(first_bin, -limit, limit);
   for (Index column = 0; column < re.width; column += kFrames) {
     fill(geometry, scatterers, first_frame + column, first_bin, block);
     const Index used = std::min<Index>(kFrames, re.width - column);
