@@ -95,12 +95,24 @@ void project(Rows<const double> rows, Rows<const double> basis, Rows<double> out
   }
 }
 
+// Every row (J, K) without its projection on orthonormal functions of time (J, P).
+void remove_trend(Rows<double> rows, Rows<const double> basis) {
+  std::vector<double> parts(basis.width * rows.width), factors(basis.width);
+  const Rows<double> part = {parts.data(), basis.width, rows.width, rows.width};
+  project({rows.data, rows.count, rows.width, rows.stride}, basis, part);
+  for (Index j = 0; j < rows.count; ++j) {
+    for (Index p = 0; p < basis.width; ++p) factors[p] = -basis[j][p];
+    add_rows({part.data, part.count, part.width, part.stride}, factors.data(), 1, rows[j]);
+  }
+}
+
 }  // namespace
 
 void bind(nb::module_& module) {
   define(module, "lay_circular", &lay_circular, "rows", "weights", "first", "out");
   define(module, "fine_magnitudes", &fine_magnitudes, "lines", "taps", "first", "out");
   define(module, "smear", &smear, "rows", "weights", "taps", "step", "out");
+  define(module, "remove_trend", &remove_trend, "rows", "basis");
   define(module, "project", &project, "rows", "basis", "out");
 }
 

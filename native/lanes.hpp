@@ -270,6 +270,19 @@ inline void load_points(const double* from, V (&to)[3]) {
   to[2] = take_third<2>(a, b, c);
 }
 
+// Numbers at whole places.
+inline double gather(const double* from, double places) { return from[static_cast<std::int64_t>(places)]; }
+inline Double gather(const double* from, Double places) {
+#if defined(__AVX512F__)
+  return (Double)_mm512_i32gather_pd(_mm512_cvttpd_epi32((__m512d)places), from, 8);
+#elif defined(__AVX2__)
+  return (Double)_mm256_i32gather_pd(from, _mm256_cvttpd_epi32((__m256d)places), 8);
+#else
+  for (int lane = 0; lane < kHalfWidth; ++lane) places[lane] = gather(from, places[lane]);
+  return places;
+#endif
+}
+
 // Whether a comparison holds in any lane.
 inline bool any(bool mask) { return mask; }
 inline bool any(decltype(Double{} < Double{}) mask) {

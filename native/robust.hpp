@@ -10,21 +10,32 @@ namespace doppelgait::robust {
 double quantile(const double* values, Index n, double share);
 inline double median(const double* values, Index n) { return quantile(values, n, 0.5); }
 
-// Sum of products in eight parts at every level.
-inline double dot(const double* one, const double* other, Index n) {
-  constexpr Index parts = 8 / kHalfWidth;
-  Double sum[parts] = {};
-  const Index whole = n / 8 * 8;
-  for (Index k = 0; k < whole; k += 8) {
-    for (Index part = 0; part < parts; ++part) {
-      const Index at = k + part * kHalfWidth;
-      sum[part] = fused(load<Double>(one + at), load<Double>(other + at), sum[part]);
-    }
+// A sum over n places in 32 parts, at every level: add(sum, place) adds to numbers or vectors.
+template <typename Add>
+inline double sum_of(Index n, Add add) {
+  constexpr Index parts = 32 / kHalfWidth;
+  Double sums[parts] = {};
+  Index k = 0;
+  for (; k + 32 <= n; k += 32) {
+    for (Index part = 0; part < parts; ++part) sums[part] = add(sums[part], k + part * kHalfWidth);
   }
-  double s[8];
-  std::memcpy(s, sum, sizeof s);
-  for (Index k = whole; k < n; ++k) s[k - whole] = fused(one[k], other[k], s[k - whole]);
-  return ((s[0] + s[1]) + (s[2] + s[3])) + ((s[4] + s[5]) + (s[6] + s[7]));
+  double s[32];
+  std::memcpy(s, sums, sizeof s);
+  for (Index part = 0; part < 32; part += kHalfWidth) {
+    if (k + part + kHalfWidth <= n) store(s + part, add(load<Double>(s + part), k + part));
+  }
+  for (Index left = (n - k) % kHalfWidth; left > 0; --left) s[n - k - left] = add(s[n - k - left], n - left);
+  for (Index half = 16; half > 0; half /= 2) {
+    for (Index part = 0; part < half; ++part) s[part] += s[part + half];
+  }
+  return s[0];
+}
+
+inline double dot(const double* one, const double* other, Index n) {
+  return sum_of(n, [=](auto sum, Index k) {
+    using V = decltype(sum);
+    return fused(load<V>(one + k), load<V>(other + k), sum);
+  });
 }
 
 }  // namespace doppelgait::robust

@@ -193,6 +193,33 @@ def make_row_cases(rng, n):
     ]
 
 
+def make_rhythm_cases(rng, n):
+    rows, basis = rng.standard_normal((40, n)), np.linalg.qr(rng.standard_normal((40, 3)))[0]
+    stops, starts = np.array([n // 2, n]), np.array([0, 7, 21])
+    pairs, until, powers = np.full((64, n + 1), np.nan), np.zeros((4, 41)), np.zeros((4, 33), complex)
+    share, place = rng.uniform(size=80), rng.uniform(1.0, 30.0, 9 * n)
+    lines = rng.standard_normal((64, 2 * n))
+    return [
+        Case("remove_trend", [rows, basis], (0,), free=((0, 1), (1, 1))),
+        Case("square_difference", [rows, 3, np.zeros(37)], (2,), free=((0, 1), (2, 0))),
+        Case("period_harmonics", [rows, starts, 19, 0.1, np.zeros((15, n))], (4,)),
+        Case(
+            "weigh_rows",
+            [rows, stops, 0.7, 1e-3, pairs, np.zeros(n), until],
+            (4, 5, 6),
+            free=((4, 0), (4, 1)),
+        ),
+        Case("powers_of_pairs", [lines, stops, rng.uniform(size=n), 0.7, powers], (4,), free=((0, 0),)),
+        Case("sum_harmonics", [share, place, 3, np.zeros(9 * n)], (3,), free=((0, 0),)),
+        Case(
+            "rhythm_evidence",
+            [np.tanh(rng.standard_normal(90)), 40.0, share, 0.05, place / 4.0, np.zeros((9, 9 * n))],
+            (5,),
+            free=((0, 0), (2, 0)),
+        ),
+    ]
+
+
 def make_path_cases(rng, n):
     x, y = np.cumsum(rng.uniform(0.5, 1.0, (2, 30 * n)), axis=1)
     return [Case("longest_stretch", [x, y, np.hypot(x, y), 1.0, 0.5, 0.9, 2.0, 0.1, 3])]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from doppelgait.core.kernels.periodicity import add_harmonics
+from doppelgait._core import native
 from doppelgait.core.labels import NORMALISED_SIGNATURE, Signal, make_array
 from doppelgait.features.gait_frequency import (
     GRID_HZ,
@@ -220,9 +220,9 @@ def test_groups_are_sums_and_drop_the_rest():
 
 def test_a_parabola_is_met_between_its_samples():
     x = np.arange(30.0)
-    place, found = np.array([3.25, 4.5, 6.9, 8.0]), np.ones(4)
-    add_harmonics(3.0 - 0.1 * (x - 7.3) ** 2, place, 3, found)
-    np.testing.assert_allclose(found, 1.0 + sum(3.0 - 0.1 * (h * place - 7.3) ** 2 for h in (1, 2, 3)))
+    place, found = np.array([3.25, 4.5, 6.9, 8.0]), np.empty(4)
+    native.sum_harmonics(3.0 - 0.1 * (x - 7.3) ** 2, place, 3, found)
+    np.testing.assert_allclose(found, sum(3.0 - 0.1 * (h * place - 7.3) ** 2 for h in (1, 2, 3)))
 
 
 def squares(values, frequency_hz, rate_hz, n_harmonics):

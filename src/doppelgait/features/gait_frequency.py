@@ -55,7 +55,7 @@ WEIGHTS: FloatArray = np.array(
         [0, 0, 0, 2.02, 28.5, 43.8, 0.352, 3.37, 0],
     ]
 )
-"""Weights of the nine terms of :func:`doppelgait.core.kernels.periodicity.rhythm_evidence`.
+"""Weights of the nine terms of the evidence of rows.
 
 There is one row per set: whole, whole whitened, limbs, limbs whitened.
 """
@@ -159,8 +159,6 @@ def estimate_gait_frequency(
     >>> round(found.frequency_hz, 1), round(recording.truth[0].gait_frequency_hz, 1)  # estimated, true
     (1.8, 1.8)
     """
-    from doppelgait.core.kernels.periodicity import highest_between, share_near_harmonics
-
     rows = Signal.of(aligned, NORMALISED_SIGNATURE)
     rhythms = measure_target_rhythms(rows, Signal.of(excess, SIGNATURE, NORMALISED_SIGNATURE), floor_v2)
     whole, limbs = rhythms[0], rhythms[2]
@@ -182,10 +180,25 @@ def estimate_gait_frequency(
         half_probability=_sum_posterior(near, 0.5 * frequency_hz),
         double_probability=_sum_posterior(near, 2.0 * frequency_hz),
         second_hz=float(GRID_HZ[others.argmax()]),
-        periodicity=highest_between(whole.likeness, 0.95 * lag, min(1.05 * lag, last), 9) if lag <= last else 0.0,
-        salience=share_near_harmonics(whole.share, whole.step_hz, LOWEST_HZ, SALIENT_HZ, frequency_hz, 1.2 / seconds),
+        periodicity=find_highest(whole.likeness, 0.95 * lag, min(1.05 * lag, last)) if lag <= last else 0.0,
+        salience=compute_salience(whole, frequency_hz, 1.2 / seconds),
         n_periods=frequency_hz * seconds,
     )
+
+
+def find_highest(values: FloatArray, low: float, high: float) -> float:
+    """Find the largest of nine values between two places, on straight lines between samples."""
+    return float(np.interp(np.linspace(low, high, 9), np.arange(values.size), values).max())
+
+
+def compute_salience(rhythm: Rhythm, frequency_hz: float, reach_hz: float) -> float:
+    """Compute the share of the cadence power near four harmonics."""
+    cadence_hz = rhythm.step_hz * np.arange(rhythm.share.size)
+    first, stop = np.searchsorted(cadence_hz, LOWEST_HZ), np.searchsorted(cadence_hz, SALIENT_HZ, "right")
+    band, cadence_hz = rhythm.share[first:stop], cadence_hz[first:stop]
+    nearest = np.clip(np.rint(cadence_hz / frequency_hz), 1.0, 4.0)
+    total = float(band.sum())
+    return float(band[np.abs(cadence_hz - nearest * frequency_hz) <= reach_hz].sum()) / total if total > 0.0 else 0.0
 
 
 def measure_target_rhythms(aligned: Signal, excess: Signal, floor_v2: float) -> tuple[Rhythm, ...]:
@@ -212,29 +225,35 @@ def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm,
     # each set is measured unchanged and whitened. Shapes: rows (J, K)
     from scipy import fft
 
-    from doppelgait.core.kernels.periodicity import (
-        likeness_of_products,
-        powers_of_pairs,
-        shares_of_lines,
-        weigh_rows,
-    )
-
     values, stops = np.concatenate(rows, axis=1), np.cumsum([some.shape[1] for some in rows])
     (n_columns, n_rows), n_series = values.shape, 2 * len(rows)
     length, padded, window = _choose_lengths(n_columns)
     # two real rows form one complex row
     pairs, weight = np.empty((length, (n_rows + 1) // 2), dtype=np.complex128), np.empty(n_rows)
     until = np.empty((n_series, n_columns + 1))
-    weigh_rows(values, stops, WHITENING, WEAK_ROW, pairs.view(np.float64), weight, until)
+    native.weigh_rows(values, stops, WHITENING, WEAK_ROW, pairs.view(np.float64), weight, until)
     lines = fft.fft(pairs, axis=0, overwrite_x=True).view(np.float64)
     powers = np.empty((n_series, length // 2 + 1), dtype=np.complex128)
-    powers_of_pairs(lines, stops, weight, WHITENING, powers)
-    products, likeness = np.fft.irfft(powers, length), np.empty((n_series, n_columns))
-    likeness_of_products(products, until, window, likeness)
-    spectra, step_hz = np.fft.rfft(products[:, :n_columns], padded), rate_hz / padded
-    share = np.empty(spectra.shape)
-    shares_of_lines(spectra, products, int(LOWEST_HZ / step_hz) + 1, step_hz * n_columns / rate_hz, share)
+    native.powers_of_pairs(lines, stops, weight, WHITENING, powers)
+    products, step_hz = np.fft.irfft(powers, length)[:, :n_columns], rate_hz / padded
+    likeness = normalise_products(products, until)
+    share = compute_shares(products * window, padded, int(LOWEST_HZ / step_hz) + 1) / (step_hz * n_columns / rate_hz)
     return tuple(Rhythm(of_one, rate_hz, spectrum, step_hz) for of_one, spectrum in zip(likeness, share, strict=True))
+
+
+def normalise_products(products: FloatArray, until: FloatArray) -> FloatArray:
+    """Divide products over lags by the mean power of the columns in them (E-33)."""
+    # Shapes: products (N, J); until (N, J + 1), the power before each column
+    both = until[:, :0:-1] + (until[:, -1:] - until[:, :-1])
+    return np.divide(2.0 * products, both, out=np.zeros_like(both), where=both > 0.0)
+
+
+def compute_shares(products: FloatArray, padded: int, first: int) -> FloatArray:
+    """Compute spectra of autocorrelations as shares of the power from line ``first`` on."""
+    # the other half of an autocorrelation is equal, so that its transform is 2 Re minus the product without lag
+    power = np.maximum(2.0 * np.fft.rfft(products, padded).real - products[:, :1], 0.0)
+    total = power[:, first:].sum(axis=1, keepdims=True)
+    return power / np.where(total > 0.0, total, 1.0)
 
 
 @lru_cache(maxsize=8)
@@ -250,11 +269,9 @@ def _choose_lengths(n_columns: int) -> tuple[int, int, FloatArray]:
 def compute_terms(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[FloatArray, FloatArray]:
     """Return the terms of the log posterior on the grid."""
     # the terms have the shapes (4, 9, frequency) for the rows and (5, frequency) for the prior
-    from doppelgait.core.kernels.periodicity import rhythm_evidence
-
     evidence = np.empty((*WEIGHTS.shape, GRID_HZ.size))
     for rhythm, out in zip(rhythms, evidence, strict=True):
-        rhythm_evidence(rhythm.likeness, rhythm.rate_hz, rhythm.share, rhythm.step_hz, GRID_HZ, out)
+        native.rhythm_evidence(rhythm.likeness, rhythm.rate_hz, rhythm.share, rhythm.step_hz, GRID_HZ, out)
     seconds = rhythms[0].likeness.size / rhythms[0].rate_hz
     step, prior = math.log(max(abs(velocity_mps), SLOWEST_MPS)) - LOG_GRID, np.empty((5, GRID_HZ.size))
     prior[0], prior[1], prior[2] = LOG_GRID, SQUARE_LOG_GRID, step
@@ -265,13 +282,14 @@ def compute_terms(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[Flo
 
 def compute_posterior(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> FloatArray:
     """Compute the posterior on the grid, with sum 1."""
-    from doppelgait.core.kernels.periodicity import posterior
-
     evidence, prior = compute_terms(rhythms, velocity_mps)
-    seconds, found = rhythms[0].likeness.size / rhythms[0].rate_hz, np.empty(GRID_HZ.size)
+    seconds = rhythms[0].likeness.size / rhythms[0].rate_hz
     first = int(np.searchsorted(GRID_HZ, LEAST_PERIODS / seconds))
-    posterior(evidence.reshape(WEIGHTS.size, -1), WEIGHTS.ravel(), prior, PRIOR_WEIGHTS, first, found)
-    return found
+    level = (WEIGHTS.ravel() @ evidence.reshape(WEIGHTS.size, -1) + PRIOR_WEIGHTS @ prior)[first:]
+    posterior = np.zeros(GRID_HZ.size)
+    np.exp(level - level.max(), out=posterior[first:])
+    posterior /= posterior.sum()
+    return posterior
 
 
 def _sum_posterior(near: FloatArray, frequency_hz: float) -> float:
@@ -293,13 +311,13 @@ def refine_on_harmonics(frequency_hz: float, rhythms: list[Rhythm]) -> tuple[flo
     """Refine a frequency by the power of its harmonics."""
     # the method is a multi-harmonic fit. For white noise and resolved harmonics the maximum of sum_h S(h
     # f) is the least-squares fit of a periodic signal (Quinn and Thomson 1991)
-    from doppelgait.core.kernels.periodicity import add_harmonics
-
     trial_hz = frequency_hz * FINE
-    total = np.zeros(FINE_STEPS)
+    total, power = np.zeros(FINE_STEPS), np.empty(FINE_STEPS)
     for rhythm in rhythms:
         highest = min(HIGHEST_HARMONIC_HZ, (rhythm.share.size - 1) * rhythm.step_hz / (1.0 + SEARCH))
-        add_harmonics(rhythm.share, trial_hz / rhythm.step_hz, min(N_HARMONICS, int(highest / frequency_hz)), total)
+        count = min(N_HARMONICS, int(highest / frequency_hz))
+        native.sum_harmonics(rhythm.share, trial_hz / rhythm.step_hz, count, power)
+        total += power
     best = int(total.argmax())
     if not 0 < best < FINE_STEPS - 1 or not total.any():
         return frequency_hz, math.nan

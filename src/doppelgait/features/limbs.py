@@ -138,10 +138,8 @@ def summed_rows(rows: Rows, bin_hz: float) -> Rows:
 def detrend_rows(values: FloatArray, rate_hz: float) -> FloatArray:
     """Remove every row's least-squares polynomial (E-31)."""
     # the order is round(1.2 T_o), 1 to 6; the values are overwritten
-    from doppelgait.core.kernels.periodicity import remove_trend
-
     basis = _make_orthonormal_basis(values.shape[0], min(max(round(1.2 * values.shape[0] / rate_hz), 1), 6))
-    remove_trend(values, basis, np.empty((basis.shape[1], values.shape[1])))
+    native.remove_trend(values, basis)
     return values
 
 

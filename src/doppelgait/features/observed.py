@@ -455,10 +455,8 @@ def make_slow_basis(n_columns: int, order: int) -> FloatArray:
 
 def compute_square_difference(rows: FloatArray, first: int = 0, last: int | None = None) -> FloatArray:
     """Compute the rows' normalised square-difference autocorrelation (E-33)."""
-    from doppelgait.core.kernels import periodicity
-
     found = np.empty((rows.shape[0] if last is None else last + 1) - first)
-    periodicity.square_difference(np.ascontiguousarray(rows), first, found)
+    native.square_difference(rows, first, found)
     return found
 
 

@@ -19,6 +19,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait._core import native
 from doppelgait.features.doppler import compute_quantile, width_of_bins
 from doppelgait.features.feature_set import Extraction, FloatArray
 from doppelgait.features.observed import Observation
@@ -142,26 +143,22 @@ class Periods:
     @cached_property
     def phase_parts(self) -> tuple[FloatArray, FloatArray]:
         """Harmonics of each period relative to their mean."""
-        from doppelgait.core.kernels.periodicity import against_mean
-
-        imaginary, real = np.empty(self.harmonics.shape[:2]), np.empty(self.harmonics.shape[1])
-        against_mean(self.harmonics, imaginary, real)
-        return imaginary, real
+        products = np.einsum("bhk,hk->bh", self.harmonics, self.harmonics.mean(axis=0).conj())
+        return products.imag, products.real.mean(axis=0)
 
 
 def _measure_periods(observed: Observation) -> Periods | None:
-    from doppelgait.core.kernels.periodicity import period_harmonics
-
     frequency_hz, rate_hz = observed.frequency_hz, observed.rate_hz
     length = int(rate_hz / frequency_hz)
     starts = np.minimum(observed.period_edges[:-1], observed.aligned.shape[0] - length)
     if starts.size < MIN_BLOCKS or length < 2 * HARMONICS.size + 1 or not observed.occupied_rows.size:
         return None
-    shape = (starts.size, HARMONICS.size, observed.occupied_rows.size)
-    real, imaginary, means = np.empty(shape), np.empty(shape), np.empty((shape[0], shape[2]))
-    turn_rad = 2.0 * math.pi * frequency_hz / rate_hz
-    period_harmonics(observed.occupied_columns, starts, length, turn_rad, real, imaginary, means)
-    return Periods(real + 1j * imaginary, means, (starts + length / 2.0) / rate_hz, frequency_hz)
+    n_harmonics, n_rows = HARMONICS.size, observed.occupied_rows.size
+    parts = np.empty((starts.size, 1 + 2 * n_harmonics, n_rows))  # means, real and imaginary parts
+    rows = parts.reshape(-1, n_rows)
+    native.period_harmonics(observed.occupied_columns, starts, length, frequency_hz / rate_hz, rows)
+    harmonics = parts[:, 1 : 1 + n_harmonics] + 1j * parts[:, 1 + n_harmonics :]
+    return Periods(harmonics, parts[:, 0], (starts + length / 2.0) / rate_hz, frequency_hz)
 
 
 def frequency_sd_hz(periods: Periods) -> float:

@@ -6,25 +6,20 @@ from scipy import ndimage
 from scipy.integrate import quad as integrate_1d
 
 from doppelgait._core import native
-from doppelgait.core.kernels.periodicity import (
-    against_mean,
-    highest_between,
-    lag_products,
-    likeness_of_products,
-    period_harmonics,
-    powers_of_pairs,
-    remove_trend,
-    rhythm_evidence,
-    share_near_harmonics,
-    shares_of_lines,
-    square_difference,
-    weigh_rows,
-)
 from doppelgait.features.doppler import width_of_bins
+from doppelgait.features.gait_frequency import (
+    LOWEST_HZ,
+    SALIENT_HZ,
+    Rhythm,
+    compute_salience,
+    compute_shares,
+    find_highest,
+    normalise_products,
+)
 from doppelgait.features.ground_motion import average_motion
 from doppelgait.features.limbs import find_torso
 from doppelgait.features.observed import fit_waves, measure_swing
-from doppelgait.features.uncertainty import compute_block_scatter
+from doppelgait.features.uncertainty import Periods, compute_block_scatter
 from doppelgait.processing.main_line import refine_path
 
 
@@ -179,14 +174,12 @@ def test_power_quantiles_are_those_of_the_cumulative_power_e35():
 @pytest.mark.parametrize("n_rows", [1, 5, 64])
 def test_lags_are_sums_of_products_e33(first, count, n_rows):
     rows = random(30, n_rows)
-    products, likeness = np.empty(count), np.empty(count)
-    lag_products(rows, first, products)
-    square_difference(rows, first, likeness)
+    likeness = np.empty(count)
+    native.square_difference(rows, first, likeness)
     for i, lag in enumerate(range(first, first + count)):
         early, late = rows[: 30 - lag], rows[lag:]
-        assert products[i] == pytest.approx((early * late).sum(), abs=1e-12)
         assert likeness[i] == pytest.approx(2 * (early * late).sum() / (early**2 + late**2).sum(), abs=1e-12)
-    square_difference(np.zeros((30, n_rows)), first, likeness)
+    native.square_difference(np.zeros((30, n_rows)), first, likeness)
     assert not likeness.any()
 
 
@@ -194,7 +187,7 @@ def test_highest_value_on_straight_lines_between_samples():
     values = random(40)
     for low, high in ((3.2, 3.9), (0.0, 39.0), (38.7, 39.0), (12.0, 12.0)):
         wanted = np.interp(np.linspace(low, high, 9), np.arange(40), values).max()
-        assert highest_between(values, low, high, 9) == pytest.approx(wanted, rel=1e-13)
+        assert find_highest(values, low, high) == pytest.approx(wanted, rel=1e-13)
 
 
 def test_amplitudes_of_groups_without_noise_are_those_of_rows_above_it():
@@ -251,7 +244,7 @@ def test_a_trend_is_the_least_squares_polynomial_e31():
     values, t = random(50, 9), np.linspace(-1, 1, 50)
     basis = np.linalg.qr(np.vander(t, 4))[0]
     found = values.copy()
-    remove_trend(found, basis, np.empty((4, 9)))
+    native.remove_trend(found, basis)
     wanted = values - np.polynomial.polynomial.polyval(t, np.polynomial.polynomial.polyfit(t, values, 3)).T
     np.testing.assert_allclose(found, wanted, atol=1e-13)
 
@@ -260,13 +253,13 @@ def test_a_trend_is_the_least_squares_polynomial_e31():
 def test_rows_are_weighed_and_their_pairs_make_the_powers_of_each_e33(n_rows):
     values, stops = random(30, n_rows) * np.arange(1, n_rows + 1), np.array([3, n_rows])
     pairs, weight, until = np.full((64, 4), np.nan + 0j), np.empty(n_rows), np.empty((4, 31))
-    weigh_rows(values, stops, 0.7, 1e-3, pairs.view(float), weight, until)
+    native.weigh_rows(values, stops, 0.7, 1e-3, pairs.view(float), weight, until)
     white = values - 0.7 * np.concatenate([np.zeros((1, n_rows)), values[:-1]])
     energy, sets = (white**2).sum(axis=0), [slice(0, 3), slice(3, n_rows)]
     wanted = np.concatenate([1.0 / (energy[some] + 1e-3 * energy[some].max()) for some in sets])
     np.testing.assert_allclose(weight, wanted, rtol=1e-12)
     powers = np.empty((4, 33), dtype=complex)
-    powers_of_pairs(np.fft.fft(pairs, axis=0).view(float), stops, weight, 0.7, powers)
+    native.powers_of_pairs(np.fft.fft(pairs, axis=0).view(float), stops, weight, 0.7, powers)
     lines = np.abs(np.fft.rfft(values, 64, axis=0)) ** 2
     response = np.abs(1.0 - 0.7 * np.exp(-2j * np.pi * np.arange(33) / 64)) ** 2
     for s, some in enumerate(sets):
@@ -277,33 +270,29 @@ def test_rows_are_weighed_and_their_pairs_make_the_powers_of_each_e33(n_rows):
 
 
 def test_likeness_and_shares_are_those_of_their_equations_e33():
-    products, until, window = random(2, 12), np.cumsum(np.abs(random(2, 10)), axis=1), np.linspace(1.0, 0.1, 9)
-    likeness, windowed = np.empty((2, 9)), products.copy()
-    likeness_of_products(windowed, until, window, likeness)
+    products, until = random(2, 9), np.cumsum(np.abs(random(2, 10)), axis=1)
+    likeness = normalise_products(products, until)
     for n, lag in ((0, 0), (0, 4), (1, 8)):
         both = until[n, 9 - lag] + until[n, 9] - until[n, lag]
         assert likeness[n, lag] == pytest.approx(2 * products[n, lag] / both, rel=1e-12)
-    np.testing.assert_allclose(windowed[:, :9], products[:, :9] * window)
-    likeness_of_products(windowed, np.zeros((2, 10)), window, likeness)
-    assert not likeness.any()
-    lines, share = random(2, 17) + 1j * random(2, 17, seed=1), np.empty((2, 17))
-    lines[1] = -np.abs(lines[1])
-    shares_of_lines(lines, np.ones((2, 9)), 4, 0.3, share)
-    power = np.maximum(2.0 * lines[0].real - 1.0, 0.0)
-    np.testing.assert_allclose(share[0], power / (0.3 * power[4:].sum()), rtol=1e-12)
-    assert not share[1].any()
+    assert not normalise_products(products, np.zeros((2, 10))).any()
+    share = compute_shares(products, 40, 4)
+    both_sides = np.concatenate([products, np.zeros((2, 23)), products[:, :0:-1]], axis=1)
+    power = np.maximum(np.fft.fft(both_sides).real[:, :21], 0.0)
+    np.testing.assert_allclose(share, power / power[:, 4:].sum(axis=1, keepdims=True), atol=1e-14)
+    assert not compute_shares(np.zeros((2, 9)), 40, 4).any()
 
 
 def test_harmonics_of_periods_are_fourier_sums_without_the_mean():
     rows, starts, length, turn_rad = random(90, 6) + 3.0, np.array([1, 30, 61]), 28, 0.22
-    real, imaginary, means = np.empty((3, 3, 6)), np.empty((3, 3, 6)), np.empty((3, 6))
-    period_harmonics(rows, starts, length, turn_rad, real, imaginary, means)
-    for b, start in enumerate(starts):
+    parts = np.empty((21, 6))
+    native.period_harmonics(rows, starts, length, turn_rad / (2.0 * np.pi), parts)
+    for found, start in zip(parts.reshape(3, 7, 6), starts, strict=True):
         j, part = np.arange(start, start + length), rows[start : start + length]
-        np.testing.assert_allclose(means[b], part.mean(axis=0))
+        np.testing.assert_allclose(found[0], part.mean(axis=0))
         for h in (1, 2, 3):
             wanted = np.exp(-1j * h * turn_rad * j) @ (part - part.mean(axis=0)) / length
-            np.testing.assert_allclose(real[b, h - 1] + 1j * imaginary[b, h - 1], wanted, atol=1e-13)
+            np.testing.assert_allclose(found[h] + 1j * found[h + 3], wanted, atol=1e-13)
 
 
 def test_powers_about_a_line_count_cells_at_the_edge_in_part_and_go_round():
@@ -446,21 +435,20 @@ def test_oscillating_power_is_that_of_peaks_less_the_noise_between_e38(frequency
 
 def test_harmonics_of_periods_are_projected_on_their_mean():
     harmonics = random(8, 3, 11) + 1j * random(8, 3, 11, seed=1)
-    imaginary, real = np.empty((8, 3)), np.empty(3)
-    against_mean(harmonics, imaginary, real)
+    imaginary, real = Periods(harmonics, np.empty(0), np.empty(0), 1.0).phase_parts
     wanted = (harmonics * harmonics.mean(axis=0).conj()).sum(axis=2)
     np.testing.assert_allclose(imaginary, wanted.imag, atol=1e-13)
     np.testing.assert_allclose(real, wanted.real.mean(axis=0), atol=1e-13)
 
 
 def test_share_of_the_power_near_four_harmonics():
-    share = random(200) ** 2
-    cadence_hz = 0.1 * np.arange(200)
+    share = random(250) ** 2
+    cadence_hz = 0.1 * np.arange(250)
     near = np.min([np.abs(cadence_hz - h * 2.3) for h in (1, 2, 3, 4)], axis=0) <= 0.4
-    band = (cadence_hz >= 0.5) & (cadence_hz <= 15.0)
+    band = (cadence_hz >= LOWEST_HZ) & (cadence_hz <= SALIENT_HZ)
     wanted = share[band & near].sum() / share[band].sum()
-    assert share_near_harmonics(share, 0.1, 0.5, 15.0, 2.3, 0.4) == pytest.approx(wanted, rel=1e-12)
-    assert share_near_harmonics(np.zeros(50), 0.1, 0.5, 15.0, 2.3, 0.4) == 0.0
+    assert compute_salience(Rhythm(share, 40.0, share, 0.1), 2.3, 0.4) == pytest.approx(wanted, rel=1e-12)
+    assert compute_salience(Rhythm(share, 40.0, np.zeros(50), 0.1), 2.3, 0.4) == 0.0
 
 
 @pytest.mark.parametrize("size", [60, 300])
@@ -468,7 +456,7 @@ def test_rhythm_evidence_is_that_of_interpolated_numpy(size):
     likeness, share = np.tanh(random(size)), random(400, seed=1) ** 2
     rate_hz, step_hz, grid_hz = 40.0, 0.05, np.array([0.7, 1.9, 7.3])
     found = np.empty((9, 3))
-    rhythm_evidence(likeness, rate_hz, share, step_hz, grid_hz, found)
+    native.rhythm_evidence(likeness, rate_hz, share, step_hz, grid_hz, found)
 
     def near(lag):
         places = np.linspace(0.957 * lag, min(1.0443 * lag, size - 1), 7)
