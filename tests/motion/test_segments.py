@@ -105,10 +105,11 @@ def _by_brute_force(motion: Motion, limits: SegmentLimits) -> list[tuple[int, in
     return sorted(chosen)
 
 
+@pytest.mark.parametrize("turn", [0.0, np.pi])  # the second one crosses from pi to -pi
 @pytest.mark.parametrize("seed", range(6))
-def test_search_agrees_with_brute_force(seed: int) -> None:
+def test_search_agrees_with_brute_force(seed: int, turn: float) -> None:
     rng = np.random.default_rng(seed)
-    heading = np.cumsum(np.repeat(rng.normal(0, 0.4, 9), 20)) * 0.05 + rng.normal(0, 0.3)
+    heading = np.cumsum(np.repeat(rng.normal(0, 0.4, 9), 20)) * 0.05 + rng.normal(0, 0.3) + turn
     speed = np.clip(np.interp(np.arange(180), np.arange(0, 180, 30), rng.uniform(0.0, 2.0, 6)), 0, None)
     path = np.cumsum(speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1) / 20, axis=0)
     motion = moving_along(path, rate_hz=20.0)
