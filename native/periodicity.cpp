@@ -150,12 +150,6 @@ V smaller(V a, double b) {
   return a < V{} + b ? a : V{} + b;
 }
 
-template <typename V>
-V round_down(V value) {
-  const V near = round_even(value);
-  return near > value ? near - 1.0 : near;
-}
-
 // Values at places between samples on straight lines; beyond the ends on the outermost ones.
 template <typename V>
 V interpolate(Line<const double> values, V place) {

@@ -116,29 +116,24 @@ struct Fit {
 };
 
 // Shapes: basis (P, J); values, prior, divisor, line (J,); coefficients (P,).
-void robust_fit(const In2<double>& basis, const In1<double>& values, const In1<double>& prior,
-                const In1<double>& divisor, double least_scale, double tuning, Index iterations,
-                const Out1<double>& line, const Out1<double>& coefficients) {
-  const auto terms = view_rows(basis);
-  for (const Index size :
-       {view_line(values).size, view_line(prior).size, view_line(divisor).size, view_line(line).size}) {
-    require(size == terms.width && size > 0, "a fit needs values, priors, divisors and a line for every column");
+void robust_fit(Rows<const double> basis, Line<const double> values, Line<const double> prior,
+                Line<const double> divisor, double least_scale, double tuning, Index iterations, Line<double> line,
+                Line<double> coefficients) {
+  for (const Index size : {values.size, prior.size, divisor.size, line.size}) {
+    require(size == basis.width && size > 0, "a fit needs values, priors, divisors and a line for every column");
   }
-  require(view_line(coefficients).size == terms.count, "coefficients do not fit the basis");
-  Fit{least_scale, tuning, iterations}.run(terms, values.data(), prior.data(), divisor.data(), line.data(),
-                                           coefficients.data());
+  require(coefficients.size == basis.count, "coefficients do not fit the basis");
+  Fit{least_scale, tuning, iterations}.run(basis, values.data, prior.data, divisor.data, line.data, coefficients.data);
 }
 
 // Variance of the cells of the chosen rows k, in every n-th column of (J, K).
 template <typename T>
-double variance_of_rows(const In2<T>& values, const In1<bool>& chosen, Index every) {
-  const auto columns = view_rows(values);
-  const auto counts = view_line(chosen);
-  require(counts.size == columns.width && every > 0, "chosen rows do not fit");
+double variance_of_rows(Rows<const T> columns, Line<const bool> chosen, Index every) {
+  require(chosen.size == columns.width && every > 0, "chosen rows do not fit");
   Values sums(columns.width);
   double* __restrict sum = sums.data();
   Index n_chosen = 0;
-  for (Index k = 0; k < columns.width; ++k) n_chosen += counts[k];
+  for (Index k = 0; k < columns.width; ++k) n_chosen += chosen[k];
   const auto average = [&](auto add) {  // add(sum, value), for some columns together
     const auto add_columns = [&](auto... column) {
       for (Index k = 0; k < columns.width; ++k) {
@@ -154,7 +149,7 @@ double variance_of_rows(const In2<T>& values, const In1<bool>& chosen, Index eve
     }
     for (; j < columns.count; j += every, ++n) add_columns(columns[j]);
     double total = 0.0;
-    for (Index k = 0; k < columns.width; ++k) total += counts[k] ? sum[k] : 0.0;
+    for (Index k = 0; k < columns.width; ++k) total += chosen[k] ? sum[k] : 0.0;
     return total / static_cast<double>(n * n_chosen);
   };
   const double mean = average([](double total, double value) { return total + value; });
@@ -164,10 +159,8 @@ double variance_of_rows(const In2<T>& values, const In1<bool>& chosen, Index eve
 // Straight motion at constant velocity fitted to ranges: R^2 = c0 + c1 t + c2 t^2 (E-34b). The results are c0, c1, c2,
 // the squared speed across the line of sight, the mean squared residual, and the variances of the squared speed across
 // and of the radial speed for errors of 1 m. Without a positive c0 the others are not written.
-void straight_motion(const In1<double>& times, const In1<double>& ranges, double least_scale, double tuning,
-                     Index iterations, double outlier_sd, const Out1<double>& result) {
-  const auto t = view_line(times), r = view_line(ranges);
-  const auto out = view_line(result);
+void straight_motion(Line<const double> t, Line<const double> r, double least_scale, double tuning, Index iterations,
+                     double outlier_sd, Line<double> out) {
   const Index n = t.size;
   require(n > 0 && r.size == n && out.size == 7, "times and ranges do not fit");
   const double half_s = (t[n - 1] - t[0]) / 2.0, mid_s = (t[0] + t[n - 1]) / 2.0;
@@ -222,25 +215,23 @@ void straight_motion(const In1<double>& times, const In1<double>& ranges, double
 // Envelopes about the main line (E-35b), NaN where there is no power: the share of columns with power; mean and
 // standard deviation of lead and lag; both quantiles of lead and of lag; the low quantile of the width; the width
 // between the quantiles of both envelopes; the share of columns with a lead above the middle of its quantiles.
-void edge_statistics(const In1<double>& low, const In1<double>& high, const In1<double>& line, double direction,
-                     double low_share, double high_share, const Out1<double>& result) {
-  const auto lower = view_line(low), upper = view_line(high), middle = view_line(line);
-  const auto out = view_line(result);
-  require(upper.size == lower.size && middle.size == lower.size && out.size == 12, "envelopes do not fit");
+void edge_statistics(Line<const double> low, Line<const double> high, Line<const double> line, double direction,
+                     double low_share, double high_share, Line<double> out) {
+  require(high.size == low.size && line.size == low.size && out.size == 12, "envelopes do not fit");
   Values lead, lag, width, tops, ends;
-  for (auto* values : {&lead, &lag, &width, &tops, &ends}) values->reserve(lower.size);
-  for (Index j = 0; j < lower.size; ++j) {
-    if (!std::isfinite(lower[j])) continue;
-    const double up = upper[j] - middle[j], down = middle[j] - lower[j];
+  for (auto* values : {&lead, &lag, &width, &tops, &ends}) values->reserve(low.size);
+  for (Index j = 0; j < low.size; ++j) {
+    if (!std::isfinite(low[j])) continue;
+    const double up = high[j] - line[j], down = line[j] - low[j];
     lead.push_back(direction >= 0.0 ? up : down);
     lag.push_back(direction >= 0.0 ? down : up);
     width.push_back(up + down);
-    tops.push_back(upper[j]);
-    ends.push_back(lower[j]);
+    tops.push_back(high[j]);
+    ends.push_back(low[j]);
   }
   const auto n = static_cast<Index>(lead.size());
   std::fill_n(out.data, 12, n ? 0.0 : std::numeric_limits<double>::quiet_NaN());
-  out[0] = lower.size ? static_cast<double>(n) / static_cast<double>(lower.size) : 0.0;
+  out[0] = low.size ? static_cast<double>(n) / static_cast<double>(low.size) : 0.0;
   if (n == 0) return;
   const auto describe = [n](const Values& values, double& mean, double& deviation) {
     for (const double value : values) mean += value;
@@ -262,11 +253,8 @@ void edge_statistics(const In1<double>& low, const In1<double>& high, const In1<
 
 // Squared and plain peaks of three harmonics, summed over the rows of a cadence map (Q, K), the squares without the
 // noise between the harmonics (E-38).
-void oscillating_power(const In1<double>& cadence_hz, const In2<double>& values, double frequency_hz, double near_share,
-                       double near_hz, const Out1<double>& result) {
-  const auto cadence = view_line(cadence_hz);
-  const auto map = view_rows(values);
-  const auto out = view_line(result);
+void oscillating_power(Line<const double> cadence, Rows<const double> map, double frequency_hz, double near_share,
+                       double near_hz, Line<double> out) {
   const Index n_rows = map.width;
   require(map.count == cadence.size && out.size == 2, "the map does not fit");
   std::vector<Index> between;
@@ -302,10 +290,9 @@ void oscillating_power(const In1<double>& cadence_hz, const In2<double>& values,
   }
 }
 
-double quantile_of(const In1<double>& values, double share) {
-  const auto all = view_line(values);
-  require(all.size > 0 && share >= 0.0 && share <= 1.0, "a quantile needs values and a share from 0 to 1");
-  return quantile(all.data, all.size, share);
+double quantile_of(Line<const double> values, double share) {
+  require(values.size > 0 && share >= 0.0 && share <= 1.0, "a quantile needs values and a share from 0 to 1");
+  return quantile(values.data, values.size, share);
 }
 
 }  // namespace
@@ -319,21 +306,17 @@ double quantile(const double* values, Index n, double share) {
 }
 
 void bind(nb::module_& module) {
-  module.def("quantile", &quantile_of, nb::arg("values"), nb::arg("share"), Unlocked());
-  const auto least_scale = nb::arg("least_scale"), tuning = nb::arg("tuning"), iterations = nb::arg("iterations");
-  module.def("robust_fit", &robust_fit, nb::arg("basis"), nb::arg("values"), nb::arg("prior"), nb::arg("divisor"),
-             least_scale, tuning, iterations, nb::arg("line").noconvert(), nb::arg("coefficients").noconvert(),
-             Unlocked());
-  const auto chosen = nb::arg("chosen"), every = nb::arg("every");
-  module.def("variance_of_rows", &variance_of_rows<float>, nb::arg("values").noconvert(), chosen, every, Unlocked());
-  module.def("variance_of_rows", &variance_of_rows<double>, nb::arg("values"), chosen, every, Unlocked());
-  module.def("straight_motion", &straight_motion, nb::arg("times"), nb::arg("ranges"), least_scale, tuning, iterations,
-             nb::arg("outlier_sd"), nb::arg("result").noconvert(), Unlocked());
-  module.def("edge_statistics", &edge_statistics, nb::arg("low"), nb::arg("high"), nb::arg("line"),
-             nb::arg("direction"), nb::arg("low_share"), nb::arg("high_share"), nb::arg("result").noconvert(),
-             Unlocked());
-  module.def("oscillating_power", &oscillating_power, nb::arg("cadence_hz"), nb::arg("values"), nb::arg("frequency_hz"),
-             nb::arg("near_share"), nb::arg("near_hz"), nb::arg("result").noconvert(), Unlocked());
+  define(module, "quantile", &quantile_of, "values", "share");
+  define(module, "robust_fit", &robust_fit, "basis", "values", "prior", "divisor", "least_scale", "tuning",
+         "iterations", "line", "coefficients");
+  define(module, "variance_of_rows", &variance_of_rows<float>, "values", "chosen", "every");
+  define(module, "variance_of_rows", &variance_of_rows<double>, "values", "chosen", "every");
+  define(module, "straight_motion", &straight_motion, "times", "ranges", "least_scale", "tuning", "iterations",
+         "outlier_sd", "result");
+  define(module, "edge_statistics", &edge_statistics, "low", "high", "line", "direction", "low_share", "high_share",
+         "result");
+  define(module, "oscillating_power", &oscillating_power, "cadence_hz", "values", "frequency_hz", "near_share",
+         "near_hz", "result");
 }
 
 }  // namespace doppelgait::robust

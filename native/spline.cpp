@@ -11,22 +11,21 @@
 namespace doppelgait::spline {
 namespace {
 
+using Frames = Rows<const double>;
+
 // Spline of all columns.
 struct Curve {
-  Curve(const In2<double>& values, const In2<double>& moments, double step)
-      : values(view_rows(values)), moments(view_rows(moments)), step(step) {
-    require(this->values.count >= 2 && this->values.count == this->moments.count, "a spline needs 2 frames or more");
-    require(this->values.width == this->moments.width && step > 0.0, "moments do not fit the values");
+  Curve(Frames values, Frames moments, double step) : values(values), moments(moments), step(step) {
+    require(values.count >= 2 && values.count == moments.count, "a spline needs 2 frames or more");
+    require(values.width == moments.width && step > 0.0, "moments do not fit the values");
   }
 
-  Rows<const double> values, moments;
+  Frames values, moments;
   double step;
 };
 
 // Second derivatives of the C2 not-a-knot spline, (T, C): at both ends the third derivative is that of the next frame.
-void spline_moments(const In2<double>& values, double step, const Out2<double>& moments) {
-  const auto y = view_rows(values);
-  const auto m = view_rows(moments);
+void spline_moments(Frames y, double step, Rows<double> m) {
   const Index last = y.count - 1;
   require(last >= 3 && m.count == y.count && m.width == y.width, "a spline needs 4 frames, and moments of each");
   // row = (row + weight * other) * by
@@ -61,12 +60,10 @@ void spline_moments(const In2<double>& values, double step, const Out2<double>& 
 }
 
 // Values and slopes, both (I, C).
-void positions_and_velocities(const In2<double>& values, const In2<double>& moments, double step,
-                              const In1<double>& times, const Out2<double>& value, const Out2<double>& slope) {
+void positions_and_velocities(Frames values, Frames moments, double step, Line<const double> at, Rows<double> to,
+                              Rows<double> to_slope) {
   const Curve curve(values, moments, step);
-  const auto at = view_line(times);
-  const auto to = view_rows(value), to_slope = view_rows(slope);
-  require(to.count == at.size && to.width == curve.values.width, "value does not fit");
+  require(to.count == at.size && to.width == values.width, "value does not fit");
   require(to_slope.count == at.size && to_slope.width == to.width, "slope does not fit");
   for (Index i = 0; i < at.size; ++i) {
     const Weights w(at[i], step, curve.values.count);
@@ -82,12 +79,9 @@ void positions_and_velocities(const In2<double>& values, const In2<double>& mome
 }
 
 // Values alone, (I, C).
-void values_between(const In2<double>& values, const In2<double>& moments, double step, const In1<double>& times,
-                    const Out2<double>& value) {
+void values_between(Frames values, Frames moments, double step, Line<const double> at, Rows<double> to) {
   const Curve curve(values, moments, step);
-  const auto at = view_line(times);
-  const auto to = view_rows(value);
-  require(to.count == at.size && to.width == curve.values.width, "value does not fit");
+  require(to.count == at.size && to.width == values.width, "value does not fit");
   for (Index i = 0; i < at.size; ++i) {
     const Weights w(at[i], step, curve.values.count);
     const double *y0 = curve.values[w.frame], *y1 = curve.values[w.frame + 1];
@@ -134,11 +128,9 @@ struct Sight {
 };
 
 // Ranges from the origin (E-03) and approach speeds -dR/dt (E-04) of points, both (I, P).
-void ranges_and_velocities(const In2<double>& values, const In2<double>& moments, double step, const In1<double>& times,
-                           const In1<double>& origin, const Out2<double>& range_m, const Out2<double>& approach_mps) {
+void ranges_and_velocities(Frames values, Frames moments, double step, Line<const double> at, Line<const double> from,
+                           Rows<double> ranges, Rows<double> speeds) {
   const Curve curve(values, moments, step);
-  const auto at = view_line(times), from = view_line(origin);
-  const auto ranges = view_rows(range_m), speeds = view_rows(approach_mps);
   const Index n = ranges.width;
   require(from.size == 3 && curve.values.width == 3 * n && speeds.width == n, "points do not fit");
   require(ranges.count == at.size && speeds.count == at.size, "times do not fit");
@@ -161,7 +153,7 @@ void ranges_and_velocities(const In2<double>& values, const In2<double>& moments
 void angles_of_sight(const In2<double>& values, const In2<double>& moments, double step, const In1<double>& times,
                      const In1<double>& origin, const Out2<double>& azimuth_rad, const Out2<double>& elevation_rad,
                      double least_mps, const std::optional<Out2<double>>& aspect_rad) {
-  const Curve curve(values, moments, step);
+  const Curve curve(view_rows(values), view_rows(moments), step);
   const auto at = view_line(times), from = view_line(origin);
   const auto azimuths = view_rows(azimuth_rad), elevations = view_rows(elevation_rad);
   const auto aspects = view_rows(aspect_rad.value_or(elevation_rad));
@@ -194,10 +186,8 @@ void angles_of_sight(const In2<double>& values, const In2<double>& moments, doub
 }
 
 // Points (N, 3) turned about an upright axis and moved level.
-void turn_and_move(const In2<double>& points, double cosine, double sine, double pivot_x, double pivot_y, double to_x,
-                   double to_y, const Out2<double>& moved) {
-  const auto from = view_rows(points);
-  const auto to = view_rows(moved);
+void turn_and_move(Frames from, double cosine, double sine, double pivot_x, double pivot_y, double to_x, double to_y,
+                   Rows<double> to) {
   require(from.width == 3 && to.width == 3 && from.count == to.count, "points do not fit");
   for (Index n = 0; n < from.count; ++n) {
     const double x = from[n][0] - pivot_x, y = from[n][1] - pivot_y;
@@ -210,19 +200,18 @@ void turn_and_move(const In2<double>& points, double cosine, double sine, double
 }  // namespace
 
 void bind(nb::module_& module) {
-  const auto values = nb::arg("values"), moments = nb::arg("moments"), step = nb::arg("step"), times = nb::arg("times"),
-             origin = nb::arg("origin");
-  module.def("spline_moments", &spline_moments, values, step, nb::arg("moments").noconvert(), Unlocked());
-  module.def("positions_and_velocities", &positions_and_velocities, values, moments, step, times,
-             nb::arg("value").noconvert(), nb::arg("slope").noconvert(), Unlocked());
-  module.def("values_between", &values_between, values, moments, step, times, nb::arg("value").noconvert(), Unlocked());
-  module.def("ranges_and_velocities", &ranges_and_velocities, values, moments, step, times, origin,
-             nb::arg("range_m").noconvert(), nb::arg("approach_mps").noconvert(), Unlocked());
-  module.def("angles_of_sight", &angles_of_sight, values, moments, step, times, origin,
-             nb::arg("azimuth_rad").noconvert(), nb::arg("elevation_rad").noconvert(), nb::arg("least_mps"),
-             nb::arg("aspect_rad").noconvert() = nb::none(), Unlocked());
-  module.def("turn_and_move", &turn_and_move, nb::arg("points"), nb::arg("cosine"), nb::arg("sine"), nb::arg("pivot_x"),
-             nb::arg("pivot_y"), nb::arg("to_x"), nb::arg("to_y"), nb::arg("moved").noconvert(), Unlocked());
+  define(module, "spline_moments", &spline_moments, "values", "step", "moments");
+  define(module, "positions_and_velocities", &positions_and_velocities, "values", "moments", "step", "times", "value",
+         "slope");
+  define(module, "values_between", &values_between, "values", "moments", "step", "times", "value");
+  define(module, "ranges_and_velocities", &ranges_and_velocities, "values", "moments", "step", "times", "origin",
+         "range_m", "approach_mps");
+  define(module, "turn_and_move", &turn_and_move, "points", "cosine", "sine", "pivot_x", "pivot_y", "to_x", "to_y",
+         "moved");
+  module.def("angles_of_sight", &angles_of_sight, nb::arg("values"), nb::arg("moments"), nb::arg("step"),
+             nb::arg("times"), nb::arg("origin"), nb::arg("azimuth_rad").noconvert(),
+             nb::arg("elevation_rad").noconvert(), nb::arg("least_mps"), nb::arg("aspect_rad").noconvert() = nb::none(),
+             Unlocked());
 }
 
 }  // namespace doppelgait::spline

@@ -17,27 +17,22 @@ struct Limits {
 };
 
 struct Path {
-  Path(const In1<double>& x, const In1<double>& y, const In1<double>& speed)
-      : x(x.data()), y(y.data()), speed(speed.data()), count(view_line(x).size) {
-    require(view_line(y).size == count && view_line(speed).size == count, "path and speed do not fit");
-  }
-
-  const double *x, *y, *speed;
-  Index count;
+  Line<const double> x, y, speed;
 };
 
 // Number of steps after which a segment from point `first` on may end; -1 if none.
 Index count_steps(const Path& path, Index first, const Limits& limits) {
   constexpr double infinity = std::numeric_limits<double>::infinity(), pi = 3.14159265358979324;
   const double slowest = 1.0 - limits.speed_deviation, fastest = 1.0 + limits.speed_deviation;
-  const double *x = path.x + first, *y = path.y + first, *speed = path.speed + first, lateral = limits.lateral_m;
+  const double *x = path.x.data + first, *y = path.y.data + first, *speed = path.speed.data + first,
+               lateral = limits.lateral_m;
   double high = -infinity, low = infinity, total = 0.0, left = infinity, right = -infinity, before = 0.0, turned = 0.0;
   double length[kHalfWidth], direction[kHalfWidth], half_width[kHalfWidth];
   Index last = -1;
-  for (Index step = 0; step < path.count - first; ++step) {
+  for (Index step = 0; step < path.x.size - first; ++step) {
     const Index lane = step % kHalfWidth;
     if (lane == 0) {
-      side_by_side(std::min<Index>(kHalfWidth, path.count - first - step), [&](auto zero, Index k) {
+      side_by_side(std::min<Index>(kHalfWidth, path.x.size - first - step), [&](auto zero, Index k) {
         using V = decltype(zero);
         const V along = load<V>(x + step + k) - *x, across = load<V>(y + step + k) - *y;
         const V square = along * along + across * across;
@@ -67,13 +62,14 @@ Index count_steps(const Path& path, Index first, const Limits& limits) {
 }
 
 // First and last point of the first longest segment of a path with `shortest` steps or more; -1 if none.
-std::pair<Index, Index> longest_stretch(const In1<double>& x, const In1<double>& y, const In1<double>& speed,
+std::pair<Index, Index> longest_stretch(Line<const double> x, Line<const double> y, Line<const double> speed,
                                         double step_s, double lateral_m, double speed_deviation, double min_length_m,
                                         double min_speed_mps, Index shortest) {
-  const Path path(x, y, speed);
+  require(x.size == y.size && x.size == speed.size, "path and speed do not fit");
+  const Path path{x, y, speed};
   const Limits limits{step_s, lateral_m, speed_deviation, min_length_m, min_speed_mps};
   std::pair<Index, Index> best{-1, -1};
-  for (Index first = 0; path.count - first > std::max<Index>(shortest, 0); ++first) {
+  for (Index first = 0; path.x.size - first > std::max<Index>(shortest, 0); ++first) {
     const Index steps = count_steps(path, first, limits);
     if (steps >= shortest) {
       best = {first, first + steps};
@@ -86,9 +82,8 @@ std::pair<Index, Index> longest_stretch(const In1<double>& x, const In1<double>&
 }  // namespace
 
 void bind(nb::module_& module) {
-  module.def("longest_stretch", &longest_stretch, nb::arg("x"), nb::arg("y"), nb::arg("speed"), nb::arg("step_s"),
-             nb::arg("lateral_m"), nb::arg("speed_deviation"), nb::arg("min_length_m"), nb::arg("min_speed_mps"),
-             nb::arg("shortest"), Unlocked());
+  define(module, "longest_stretch", &longest_stretch, "x", "y", "speed", "step_s", "lateral_m", "speed_deviation",
+         "min_length_m", "min_speed_mps", "shortest");
 }
 
 }  // namespace doppelgait::stretch
