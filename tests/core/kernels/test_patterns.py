@@ -13,8 +13,9 @@ def random(*shape, low=0.0, high=1.0, seed=0):
 
 @pytest.mark.parametrize("n", [1, 3, 41])
 @pytest.mark.parametrize("tilt_rad", [0.0, 0.4, -np.pi / 2])
-@pytest.mark.parametrize("hpbw_deg", [1.0, 65.0, 170.0])
-def test_cosine_pattern_in_every_direction(n, tilt_rad, hpbw_deg):
+# narrow beams, and directions near 90 degrees, amplify the rounding of the angles
+@pytest.mark.parametrize(("hpbw_deg", "rtol"), [(1.0, 1e-8), (65.0, 1e-12), (170.0, 1e-9)])
+def test_cosine_pattern_in_every_direction(n, tilt_rad, hpbw_deg, rtol):
     azimuth, elevation = random(60, n, low=-9.0, high=9.0), random(60, n, low=-np.pi / 2, high=np.pi / 2, seed=1)
     azimuth[:5, 0], elevation[:5, 0] = [0.3, 0.3, 0.3, np.pi, 0.0], [np.pi / 2, -np.pi / 2, 0.0, 0.0, tilt_rad]
     path_gain, out = random(60, n, seed=2), np.full((60, n), np.nan)
@@ -23,7 +24,7 @@ def test_cosine_pattern_in_every_direction(n, tilt_rad, hpbw_deg):
     antenna = Antenna(kind="cosine", hpbw_azimuth_deg=hpbw_deg, hpbw_elevation_deg=hpbw_deg, floor_db=-30.0)
     angles = rotate_to_boresight(azimuth, elevation, boresight_azimuth_rad=0.3, boresight_tilt_rad=tilt_rad)
     expected = path_gain * compute_antenna_gain(antenna, *angles) ** 2
-    np.testing.assert_allclose(out, expected, rtol=1e-8)  # a narrow beam amplifies the rounding of the angles
+    np.testing.assert_allclose(out, expected, rtol=rtol)
     largest_floor = 1.0 + 1e-15
     native.apply_cosine_pattern(azimuth, elevation, 0.3, tilt_rad, exponent, exponent, largest_floor, path_gain, out)
     np.testing.assert_allclose(out, path_gain)
