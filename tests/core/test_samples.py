@@ -158,3 +158,20 @@ def test_samples_that_are_kept_do_not_change_when_others_are_made():
     for _ in range(3):
         borrow_planes((2, 3, 32))[:] = 5.0
     assert (kept.matrix == 2.0 + 2.0j).all()
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda rows: rows[:, ::2],
+        lambda rows: rows[:, [0, 3, 4]],
+        lambda rows: np.asfortranarray(rows)[:, :3],
+        lambda rows: rows[:, :3].astype(complex),
+    ],
+)
+def test_stored_samples_of_any_memory_order_are_read_as_planes(read):
+    matrix = (np.arange(60) + 1j).reshape(10, 6).astype(np.complex64)
+    stored = Samples.stored((10, 3), lambda first, stop: read(matrix[first:stop]))
+    tile = stored.read_tile(slice(2, 7), slice(1, 3))
+    np.testing.assert_array_equal((tile[0] + 1j * tile[1]).T, read(matrix[2:7])[:, 1:3])
+    np.testing.assert_array_equal(stored.planes[0].T, read(matrix).real)

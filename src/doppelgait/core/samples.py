@@ -398,5 +398,8 @@ def _change_samples(samples: Samples, ufunc: Any, other: Any) -> Samples:
 def _split(matrix: Matrix, rows: slice) -> Planes:
     """Copy some columns of a matrix to planes."""
     planes = borrow_planes((2, rows.stop - rows.start, matrix.shape[0]))
-    native.split_planes(matrix[:, rows], planes[0], planes[1])
+    columns = matrix[:, rows]
+    if columns.strides[1] != columns.itemsize:  # stored samples may be read in any memory order
+        columns = np.ascontiguousarray(columns)
+    native.split_planes(columns, planes[0], planes[1])
     return planes
