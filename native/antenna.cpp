@@ -9,12 +9,9 @@ namespace {
 
 // Multiplies path gains by the square of max(cos^p(azimuth) cos^q(elevation), floor), the angles being those from the
 // boresight.
-void apply_cosine_pattern(const In2<double>& azimuth_rad, const In2<double>& elevation_rad,
-                          double boresight_azimuth_rad, double boresight_tilt_rad, double azimuth_exponent,
-                          double elevation_exponent, double floor, const In2<double>& path_gain,
-                          const Out2<double>& out) {
-  const auto azimuths = view_rows(azimuth_rad), elevations = view_rows(elevation_rad), gains = view_rows(path_gain);
-  const auto results = view_rows(out);
+void apply_cosine_pattern(Rows<const double> azimuths, Rows<const double> elevations, double boresight_azimuth_rad,
+                          double boresight_tilt_rad, double azimuth_exponent, double elevation_exponent, double floor,
+                          Rows<const double> gains, Rows<double> results) {
   for (const auto& rows : {azimuths, elevations, gains}) {
     require(rows.count == results.count && rows.width == results.width, "angles and gains need the same shape");
   }
@@ -40,10 +37,8 @@ void apply_cosine_pattern(const In2<double>& azimuth_rad, const In2<double>& ele
 }  // namespace
 
 void bind(nb::module_& module) {
-  module.def("apply_cosine_pattern", &apply_cosine_pattern, nb::arg("azimuth_rad"), nb::arg("elevation_rad"),
-             nb::arg("boresight_azimuth_rad"), nb::arg("boresight_tilt_rad"), nb::arg("azimuth_exponent"),
-             nb::arg("elevation_exponent"), nb::arg("floor"), nb::arg("path_gain"), nb::arg("out").noconvert(),
-             Unlocked());
+  define(module, "apply_cosine_pattern", &apply_cosine_pattern, "azimuth_rad", "elevation_rad", "boresight_azimuth_rad",
+         "boresight_tilt_rad", "azimuth_exponent", "elevation_exponent", "floor", "path_gain", "out");
 }
 
 }  // namespace doppelgait::antenna

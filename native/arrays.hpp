@@ -3,9 +3,11 @@
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 
 #include <complex>
 #include <cstdint>
+#include <optional>
 #include <stdexcept>
 #include <type_traits>
 
@@ -24,6 +26,10 @@ struct Rows {
   T* operator[](Index row) const { return data + row * stride; }
   Rows slice(Index first, Index stop) const { return {data + first * stride, stop - first, width, stride}; }
 };
+
+// Rows to read that may be a part of longer ones.
+template <typename T>
+struct Plane : Rows<const T> {};
 
 template <typename T>
 struct Line {
@@ -88,6 +94,20 @@ struct Argument<Rows<T>> {
   using type = std::conditional_t<std::is_const_v<T>, In2<std::remove_const_t<T>>, Out2<T>>;
   static constexpr bool is_written = !std::is_const_v<T>;
   static Rows<T> view(const type& array) { return view_rows(array); }
+};
+template <typename T>
+struct Argument<Plane<T>> {
+  using type = Planes<T>;
+  static constexpr bool is_written = false;
+  static Plane<T> view(const type& array) { return {view_rows(array)}; }
+};
+template <typename T>
+struct Argument<std::optional<Rows<const T>>> {
+  using type = std::optional<In2<T>>;
+  static constexpr bool is_written = false;
+  static std::optional<Rows<const T>> view(const type& array) {
+    return array ? std::optional(view_rows(*array)) : std::nullopt;
+  }
 };
 
 template <typename T>

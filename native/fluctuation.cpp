@@ -9,25 +9,24 @@ namespace doppelgait::fluctuation {
 namespace {
 
 // Means of squares of Gaussian processes, made from white numbers on a grid of half a correlation time, which are
-// weighted by exp(-(2 t / T - j)^2 / 4) for the `2 reach + 1` nearest j.
-void smoothed_chi_square(const In3<double>& normal, const In1<double>& times, double correlation, Index reach,
-                         const Out2<double>& out) {
-  const Index count = static_cast<Index>(normal.shape(0)), n_squares = static_cast<Index>(normal.shape(2));
-  const auto at = view_line(times);
-  const auto factors = view_rows(out);
-  require(factors.count == at.size && factors.width == static_cast<Index>(normal.shape(1)) && n_squares > 0,
+// weighted by exp(-(2 t / T - j)^2 / 4) for the `2 reach + 1` nearest j. A row has some numbers of every process.
+void smoothed_chi_square(Rows<const double> normal, Line<const double> times, double correlation, Index reach,
+                         Rows<double> factors) {
+  const Index count = normal.count, n_values = normal.width;
+  require(factors.count == times.size && factors.width > 0 && n_values > 0 && n_values % factors.width == 0,
           "times, processes and factors do not fit");
+  const Index n_squares = n_values / factors.width;
   require(reach >= 0 && reach < count, "there are fewer numbers than weights");
-  const Index n_values = factors.width * n_squares, n_weights = 2 * reach + 1;
-  const auto find_place = [&](Index i) { return 2.0 * at[i] / correlation + static_cast<double>(reach); };
-  for (Index i = 0; i < at.size; ++i) {
+  const Index n_weights = 2 * reach + 1;
+  const auto find_place = [&](Index i) { return 2.0 * times[i] / correlation + static_cast<double>(reach); };
+  for (Index i = 0; i < times.size; ++i) {
     const double first = std::floor(find_place(i) + 0.5) - static_cast<double>(reach);
     require(first >= 0.0 && first <= static_cast<double>(count - n_weights), "a time is outside the numbers");
   }
   std::vector<double> weights(n_weights + kHalfWidth), values(n_values + kHalfWidth);
   Double lane;
   for (int n = 0; n < kHalfWidth; ++n) lane[n] = n;
-  for (Index i = 0; i < at.size; ++i) {
+  for (Index i = 0; i < times.size; ++i) {
     const double place = find_place(i);
     const Index first = static_cast<Index>(std::floor(place + 0.5)) - reach;
     for (Index j = 0; j < n_weights; j += kHalfWidth) {
@@ -36,10 +35,10 @@ void smoothed_chi_square(const In3<double>& normal, const In1<double>& times, do
     }
     double power = 0.0;
     for (Index j = 0; j < n_weights; ++j) power += weights[j] * weights[j];
-    const double* numbers = normal.data() + first * n_values;
+    const double* numbers = normal[first];
     side_by_side(n_values, [&](auto zero, Index n) {
       for (Index j = 0; j < n_weights; ++j) {
-        zero = fused(load<decltype(zero)>(numbers + j * n_values + n), decltype(zero){} + weights[j], zero);
+        zero = fused(load<decltype(zero)>(numbers + j * normal.stride + n), decltype(zero){} + weights[j], zero);
       }
       store(&values[n], zero);
     });
@@ -54,8 +53,7 @@ void smoothed_chi_square(const In3<double>& normal, const In1<double>& times, do
 }  // namespace
 
 void bind(nb::module_& module) {
-  module.def("smoothed_chi_square", &smoothed_chi_square, nb::arg("normal"), nb::arg("times"), nb::arg("correlation"),
-             nb::arg("reach"), nb::arg("out").noconvert(), Unlocked());
+  define(module, "smoothed_chi_square", &smoothed_chi_square, "normal", "times", "correlation", "reach", "out");
 }
 
 }  // namespace doppelgait::fluctuation

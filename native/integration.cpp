@@ -19,12 +19,9 @@ inline V sine_ratio(V r) {
   return sum;
 }
 
-void integrate_echoes(const In2<double>& range_m, const In2<double>& velocity_mps, const In2<double>& rcs_m2,
-                      const In2<double>& path_gain, double one_metre, double nearest_m, double turns_per_mps,
-                      const Out2<double>& out) {
-  const auto ranges = view_rows(range_m), speeds = view_rows(velocity_mps), rcs = view_rows(rcs_m2);
-  const auto gains = view_rows(path_gain);
-  const auto amplitudes = view_rows(out);
+void integrate_echoes(Rows<const double> ranges, Rows<const double> speeds, Rows<const double> rcs,
+                      Rows<const double> gains, double one_metre, double nearest_m, double turns_per_mps,
+                      Rows<double> amplitudes) {
   const auto fits = [&](const auto& rows) { return rows.count == ranges.count && rows.width == ranges.width; };
   const auto fits_or_repeats = [&](const auto& rows) {
     return fits(rows) || (rows.count == 1 && rows.width == ranges.width);
@@ -49,9 +46,8 @@ void integrate_echoes(const In2<double>& range_m, const In2<double>& velocity_mp
 }  // namespace
 
 void bind(nb::module_& module) {
-  module.def("integrate_echoes", &integrate_echoes, nb::arg("range_m"), nb::arg("velocity_mps"), nb::arg("rcs_m2"),
-             nb::arg("path_gain"), nb::arg("one_metre"), nb::arg("nearest_m"), nb::arg("turns_per_mps"),
-             nb::arg("out").noconvert(), Unlocked());
+  define(module, "integrate_echoes", &integrate_echoes, "range_m", "velocity_mps", "rcs_m2", "path_gain", "one_metre",
+         "nearest_m", "turns_per_mps", "out");
 }
 
 }  // namespace doppelgait::integration

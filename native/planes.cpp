@@ -26,9 +26,7 @@ void multiply(Line<const float> re, const float* im, const float* factor_re, con
 }
 
 // The largest re^2 + im^2 of every column.
-void strongest_power(const Planes<float>& plane_re, const Planes<float>& plane_im, const Out1<float>& strongest) {
-  const auto re = view_rows(plane_re), im = view_rows(plane_im);
-  const auto out = view_line(strongest);
+void strongest_power(Plane<float> re, Plane<float> im, Line<float> out) {
   require(re.count == im.count && re.width >= out.size && im.width >= out.size, "planes and result do not fit");
   std::fill(out.data, out.data + out.size, 0.0f);
   for (Index n = 0; n < re.count; ++n) {
@@ -38,10 +36,7 @@ void strongest_power(const Planes<float>& plane_re, const Planes<float>& plane_i
 }
 
 // Multiplies planes by complex factors, one row of them for every row or for all.
-void turn_planes(const Out2<float>& plane_re, const Out2<float>& plane_im, const In2<float>& factor_re,
-                 const In2<float>& factor_im) {
-  const auto re = view_rows(plane_re), im = view_rows(plane_im);
-  const auto u = view_rows(factor_re), v = view_rows(factor_im);
+void turn_planes(Rows<float> re, Rows<float> im, Rows<const float> u, Rows<const float> v) {
   require(re.count == im.count && re.width == im.width && u.count == v.count && u.width == v.width &&
               re.width == u.width && (u.count == re.count || u.count == 1),
           "planes and factors do not fit");
@@ -52,8 +47,7 @@ void turn_planes(const Out2<float>& plane_re, const Out2<float>& plane_im, const
 }
 
 // The largest magnitude in the first n columns. Magnitudes are in the order of their bits.
-float find_largest_part(const Planes<float>& values, Index n) {
-  const auto rows = view_rows(values);
+float find_largest_part(Plane<float> rows, Index n) {
   require(n <= rows.width, "the rows are shorter");
   std::uint32_t largest = 0;
   for (Index row = 0; row < rows.count; ++row) {
@@ -64,10 +58,8 @@ float find_largest_part(const Planes<float>& values, Index n) {
 }
 
 // Rounds the first n columns to whole steps between two codes, in place or not; counts the values beyond the limit.
-Index quantise_parts(const Planes<float>& values, Index n, double step, double lowest, double highest, double limit,
-                     const Out2<float>& out) {
-  const auto from = view_rows(values);
-  const auto to = view_rows(out);
+Index quantise_parts(Plane<float> from, Index n, double step, double lowest, double highest, double limit,
+                     Rows<float> to) {
   require(from.count == to.count && n <= from.width && n <= to.width, "values and result do not fit");
   const double scale = 1.0 / step;
   const auto quantise = [=](auto value, auto low, auto high) {
@@ -98,29 +90,20 @@ Index quantise_parts(const Planes<float>& values, Index n, double step, double l
 }
 
 // Rotates sample n of pulse i by common[i] + sum_k weights[n, k] phases[k, i] turns, in place or not.
-void rotate_parts(const Planes<float>& plane_re, const Planes<float>& plane_im, const In1<double>& common,
-                  const In2<double>& phases, const In2<double>& weights, const Out2<float>& out_re,
-                  const Out2<float>& out_im) {
-  const Rows<const float> from_re = view_rows(plane_re), from_im = view_rows(plane_im);
-  const auto to_re = view_rows(out_re), to_im = view_rows(out_im);
-  const auto first = view_line(common);
-  const auto phase = view_rows(phases), weight = view_rows(weights);
-  for (const Rows<const float>& plane : {from_re,
-                                         from_im,
-                                         {to_re.data, to_re.count, to_re.width, to_re.stride},
-                                         {to_im.data, to_im.count, to_im.width, to_im.stride}}) {
-    require(plane.count == weight.count && plane.width >= first.size, "planes, weights and phases do not fit");
-  }
-  require(phase.count == weight.width && phase.width == first.size, "phases and weights do not fit");
+void rotate_parts(Plane<float> from_re, Plane<float> from_im, Line<const double> common, Rows<const double> phases,
+                  Rows<const double> weights, Rows<float> to_re, Rows<float> to_im) {
+  const auto fits = [&](const auto& plane) { return plane.count == weights.count && plane.width >= common.size; };
+  require(fits(from_re) && fits(from_im) && fits(to_re) && fits(to_im), "planes, weights and phases do not fit");
+  require(phases.count == weights.width && phases.width == common.size, "phases and weights do not fit");
   constexpr Index kPulses = 512;  // their phases stay in the first-level cache
   double turns[kPulses] = {};
   float cosines[kPulses], sines[kPulses];
-  for (Index begin = 0; begin < first.size; begin += kPulses) {
-    const Index size = std::min(kPulses, first.size - begin);
-    for (Index n = 0; n < weight.count; ++n) {
-      std::copy(first.data + begin, first.data + begin + size, turns);
-      for (Index k = 0; k < phase.count; ++k) {
-        const double *more = phase[k] + begin, share = weight[n][k];
+  for (Index begin = 0; begin < common.size; begin += kPulses) {
+    const Index size = std::min(kPulses, common.size - begin);
+    for (Index n = 0; n < weights.count; ++n) {
+      std::copy(common.data + begin, common.data + begin + size, turns);
+      for (Index k = 0; k < phases.count; ++k) {
+        const double *more = phases[k] + begin, share = weights[n][k];
         for (Index i = 0; i < size; ++i) turns[i] += share * more[i];
       }
       for (Index i = 0; i < size; i += kWidth) {
@@ -138,16 +121,12 @@ void rotate_parts(const Planes<float>& plane_re, const Planes<float>& plane_im, 
 }  // namespace
 
 void bind(nb::module_& module) {
-  module.def("strongest_power", &strongest_power, nb::arg("plane_re"), nb::arg("plane_im"),
-             nb::arg("strongest").noconvert(), Unlocked());
-  module.def("turn_planes", &turn_planes, nb::arg("plane_re").noconvert(), nb::arg("plane_im").noconvert(),
-             nb::arg("factor_re"), nb::arg("factor_im"), Unlocked());
-  module.def("find_largest_part", &find_largest_part, nb::arg("values"), nb::arg("n"), Unlocked());
-  module.def("quantise_parts", &quantise_parts, nb::arg("values"), nb::arg("n"), nb::arg("step"), nb::arg("lowest"),
-             nb::arg("highest"), nb::arg("limit"), nb::arg("out").noconvert(), Unlocked());
-  module.def("rotate_parts", &rotate_parts, nb::arg("plane_re"), nb::arg("plane_im"), nb::arg("common"),
-             nb::arg("phases"), nb::arg("weights"), nb::arg("out_re").noconvert(), nb::arg("out_im").noconvert(),
-             Unlocked());
+  define(module, "strongest_power", &strongest_power, "plane_re", "plane_im", "strongest");
+  define(module, "turn_planes", &turn_planes, "plane_re", "plane_im", "factor_re", "factor_im");
+  define(module, "find_largest_part", &find_largest_part, "values", "n");
+  define(module, "quantise_parts", &quantise_parts, "values", "n", "step", "lowest", "highest", "limit", "out");
+  define(module, "rotate_parts", &rotate_parts, "plane_re", "plane_im", "common", "phases", "weights", "out_re",
+         "out_im");
 }
 
 }  // namespace doppelgait::planes

@@ -1,6 +1,4 @@
 // Sums of range responses of pulses, chirps and sweeps.
-#include <nanobind/stl/optional.h>
-
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -30,15 +28,11 @@ struct Sums {
 
 // Echoes behind a matched filter: amplitude, phase in turns, and delay and Doppler in units of the pulse's duration.
 struct Pulses {
-  Pulses(const In2<double>& amplitude, const In2<double>& turns, const In2<double>& delay, const In2<double>& doppler,
-         const Out2<Complex>& out)
-      : amplitude(view_rows(amplitude)),
-        turns(view_rows(turns)),
-        delay(view_rows(delay)),
-        doppler(view_rows(doppler)),
-        out(view_rows(out)) {
-    for (const auto& rows : {this->amplitude, this->turns, this->delay, this->doppler}) {
-      require(rows.count == this->out.count && rows.width == this->amplitude.width, "echoes and pulses do not fit");
+  Pulses(Rows<const double> amplitude, Rows<const double> turns, Rows<const double> delay, Rows<const double> doppler,
+         Rows<Complex> out)
+      : amplitude(amplitude), turns(turns), delay(delay), doppler(doppler), out(out) {
+    for (const auto& rows : {amplitude, turns, delay, doppler}) {
+      require(rows.count == out.count && rows.width == amplitude.width, "echoes and pulses do not fit");
     }
   }
 
@@ -77,9 +71,8 @@ void add_response(const Pulses& pulses, Index pulse, Index scatterer, const Bins
   }
 }
 
-void add_responses(const In2<double>& amplitude, const In2<double>& turns, const In2<double>& delay,
-                   const In2<double>& doppler, double first, double step, double time_bandwidth,
-                   const Out2<Complex>& out) {
+void add_responses(Rows<const double> amplitude, Rows<const double> turns, Rows<const double> delay,
+                   Rows<const double> doppler, double first, double step, double time_bandwidth, Rows<Complex> out) {
   const Pulses pulses(amplitude, turns, delay, doppler, out);
   Sums<double> total(pulses.out.width);
   for (Index pulse = 0; pulse < pulses.out.count; ++pulse) {
@@ -101,13 +94,12 @@ struct Tabled {
 
 // Responses of chirps that are longer than the frame, from a table: for every place within a bin the response at three
 // Chebyshev nodes, over all bins. Scatterers outside it, or with much Doppler, are computed.
-void add_tabled_responses(const In2<double>& amplitude, const In2<double>& turns, const In2<double>& delay,
-                          const In2<double>& doppler, double first, double step, double time_bandwidth,
-                          double largest_doppler, const In3<float>& table, const Out2<Complex>& out) {
+void add_tabled_responses(Rows<const double> amplitude, Rows<const double> turns, Rows<const double> delay,
+                          Rows<const double> doppler, double first, double step, double time_bandwidth,
+                          double largest_doppler, Rows<const float> table, Rows<Complex> out) {
   const Pulses pulses(amplitude, turns, delay, doppler, out);
-  const Index n_bins = pulses.out.width, n_scatterers = pulses.amplitude.width;
-  const Index n_places = static_cast<Index>(table.shape(0)), width = static_cast<Index>(table.shape(2));
-  require(n_places > 0 && table.shape(1) == 3 && n_bins > 0 && width >= n_bins - 1 + round_up(n_bins),
+  const Index n_bins = out.width, n_scatterers = amplitude.width, n_places = table.count / 3, width = table.stride;
+  require(n_places > 0 && table.count % 3 == 0 && n_bins > 0 && table.width >= n_bins - 1 + round_up(n_bins),
           "the table does not fit the bins");
   const double node = std::sqrt(0.75);
   Sums<double> total(n_bins);
@@ -138,7 +130,7 @@ void add_tabled_responses(const In2<double>& amplitude, const In2<double>& turns
       const Index row = std::min(static_cast<Index>(fine), n_places - 1);
       const double u = 2.0 * (fine - row) - 1.0;
       const float size = static_cast<float>(pulses.amplitude[pulse][scatterer]);
-      echoes[n_echoes++] = {table.data() + row * 3 * width + n_bins - 1 - static_cast<Index>(whole),
+      echoes[n_echoes++] = {table[3 * row] + n_bins - 1 - static_cast<Index>(whole),
                             static_cast<float>(u * (u - node) / 1.5),
                             static_cast<float>(1.0 - u * u / 0.75),
                             static_cast<float>(u * (u + node) / 1.5),
@@ -284,45 +276,40 @@ void add_halves(const float* even, Index width, Index begin, Index n_columns, Su
   }
 }
 
-void add_sweep_responses(const In2<double>& range_m, const In2<double>& velocity_mps, const In2<double>& amplitude,
-                         const std::optional<In2<double>>& extra_phase_rad, const In1<double>& facts,
-                         const In1<float>& taps, const In1<float>& response, const In2<float>& turn,
-                         const Out2<Complex>& out) {
-  const auto ranges = view_rows(range_m), speeds = view_rows(velocity_mps), sizes = view_rows(amplitude);
-  const auto extra = extra_phase_rad ? view_rows(*extra_phase_rad) : ranges;
-  const auto turns = view_rows(turn);
-  const auto pulses = view_rows(out);
+void add_sweep_responses(Rows<const double> ranges, Rows<const double> speeds, Rows<const double> sizes,
+                         std::optional<Rows<const double>> extra_rad, Line<const double> facts, Line<const float> taps,
+                         Line<const float> response, Rows<const float> turns, Rows<Complex> pulses) {
   const Index n_scatterers = ranges.width, n_bins = pulses.width, n_columns = turns.width;
-  for (const auto& rows : {ranges, speeds, sizes, extra}) {
+  for (const auto& rows : {ranges, speeds, sizes, extra_rad.value_or(ranges)}) {
     require(rows.count == pulses.count && rows.width == n_scatterers, "scatterers and sweeps do not fit");
   }
-  require(facts.shape(0) == sizeof(Sweep) / sizeof(double) && facts.data()[9] >= 1.0 && facts.data()[9] <= 1e6,
+  require(facts.size * sizeof(double) == sizeof(Sweep) && facts[9] >= 1.0 && facts[9] <= 1e6,
           "eleven facts about the sweep are needed");
   Sweep sweep;
-  std::memcpy(&sweep, facts.data(), sizeof sweep);
+  std::memcpy(&sweep, facts.data, sizeof sweep);
   const Index n_samples = static_cast<Index>(sweep.n_samples), n_blocks = (2 * n_samples + 7) / kBlock + 6;
   const Index width = n_samples + n_columns + 16;
-  require(taps.shape(0) == kPlaces * kOrders * kRow && static_cast<Index>(response.shape(0)) == 2 * width &&
-              turns.count == 2 && n_columns == round_up(n_bins),
+  require(taps.size == kPlaces * kOrders * kRow && response.size == 2 * width && turns.count == 2 &&
+              n_columns == round_up(n_bins),
           "taps, responses, turns and bins do not fit");
   Spread spread_out(n_scatterers);
   Sums<float> grid(n_blocks * kBlock), sums(n_columns);
   std::vector<char> used(n_blocks);
   for (Index pulse = 0; pulse < pulses.count; ++pulse) {
-    spread_out.describe(sweep, ranges[pulse], speeds[pulse], sizes[pulse], extra_phase_rad ? extra[pulse] : nullptr);
+    spread_out.describe(sweep, ranges[pulse], speeds[pulse], sizes[pulse], extra_rad ? (*extra_rad)[pulse] : nullptr);
     for (Index scatterer = 0; scatterer < n_scatterers; ++scatterer) {
       const double whole = std::floor(spread_out.halves[scatterer]);
       const Index row = static_cast<Index>((spread_out.halves[scatterer] - whole) * kPlaces);
       const Index first = static_cast<Index>(whole) + 2 * kTaps - kTaps / 2 + 1, shift = first % kBlock;
       used[first / kBlock] = used[first / kBlock + 1] = true;
-      spread_out.add(scatterer, taps.data() + row * kOrders * kRow + kBlock - 1 - shift, first - shift, grid);
+      spread_out.add(scatterer, taps.data + row * kOrders * kRow + kBlock - 1 - shift, first - shift, grid);
     }
     sums.clear();
     for (Index block = 0; block < n_blocks; ++block) {
       if (!used[block]) continue;
       used[block] = false;
       // half bin kBlock block is the whole bin 4 block - 8
-      add_halves(response.data() + n_samples + 16 - 4 * block, width, block * kBlock, n_columns, grid, sums);
+      add_halves(response.data + n_samples + 16 - 4 * block, width, block * kBlock, n_columns, grid, sums);
     }
     for (Index n = 0; n < n_bins; ++n) {
       const float re = sums.re[n], im = sums.im[n], x = turns[0][n], y = turns[1][n];
@@ -334,15 +321,12 @@ void add_sweep_responses(const In2<double>& range_m, const In2<double>& velocity
 }  // namespace
 
 void bind(nb::module_& module) {
-  module.def("add_responses", &add_responses, nb::arg("amplitude"), nb::arg("turns"), nb::arg("delay"),
-             nb::arg("doppler"), nb::arg("first"), nb::arg("step"), nb::arg("time_bandwidth"),
-             nb::arg("out").noconvert(), Unlocked());
-  module.def("add_tabled_responses", &add_tabled_responses, nb::arg("amplitude"), nb::arg("turns"), nb::arg("delay"),
-             nb::arg("doppler"), nb::arg("first"), nb::arg("step"), nb::arg("time_bandwidth"),
-             nb::arg("largest_doppler"), nb::arg("table"), nb::arg("out").noconvert(), Unlocked());
-  module.def("add_sweep_responses", &add_sweep_responses, nb::arg("range_m"), nb::arg("velocity_mps"),
-             nb::arg("amplitude"), nb::arg("extra_phase_rad").none(), nb::arg("facts"), nb::arg("taps"),
-             nb::arg("response"), nb::arg("turn"), nb::arg("out").noconvert(), Unlocked());
+  define(module, "add_responses", &add_responses, "amplitude", "turns", "delay", "doppler", "first", "step",
+         "time_bandwidth", "out");
+  define(module, "add_tabled_responses", &add_tabled_responses, "amplitude", "turns", "delay", "doppler", "first",
+         "step", "time_bandwidth", "largest_doppler", "table", "out");
+  define(module, "add_sweep_responses", &add_sweep_responses, "range_m", "velocity_mps", "amplitude", "extra_phase_rad",
+         "facts", "taps", "response", "turn", "out");
 }
 
 }  // namespace doppelgait::responses

@@ -2,8 +2,6 @@
 //
 // The sample of every frame and bin is computed by itself, from the numbers of its own frame and in the order of the
 // scatterers, so that no byte depends on how frames and bins are cut into tiles.
-#include <nanobind/stl/optional.h>
-
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -50,6 +48,15 @@ struct Block {
 };
 
 struct Scatterers {
+  Scatterers(Rows<const double> range_m, Rows<const double> amplitude,
+             std::optional<Rows<const double>> extra_phase_rad)
+      : range_m(range_m), amplitude(amplitude), extra_phase_rad(extra_phase_rad), silence(range_m.width) {
+    for (const auto& other : {amplitude, extra_phase_rad.value_or(amplitude)}) {
+      require(other.count == range_m.count && other.width == range_m.width,
+              "range, amplitude and extra phase of the scatterers need the same shape");
+    }
+  }
+
   Rows<const double> range_m, amplitude;
   std::optional<Rows<const double>> extra_phase_rad;
   std::vector<double> silence;  // amplitudes outside the record
@@ -138,6 +145,8 @@ void add_echo(const Geometry& geometry, const Split& a, const Split& b, Index fi
 }
 
 void fill(const Geometry& geometry, const Scatterers& all, Index first_frame, Index first_bin, Block& block) {
+  block.clear();
+  if (all.range_m.count == 0) return;
   const double *range_rows[kFrames], *amplitude_rows[kFrames], *extra_rows[kFrames];
   for (Index lane = 0; lane < kFrames; ++lane) {
     const Index wanted = first_frame + lane, frame = std::clamp<Index>(wanted, 0, all.range_m.count - 1);
@@ -146,7 +155,6 @@ void fill(const Geometry& geometry, const Scatterers& all, Index first_frame, In
     extra_rows[lane] = all.extra_phase_rad ? (*all.extra_phase_rad)[frame] : nullptr;
   }
   Group range_m, amplitude, extra_rad = {};
-  block.clear();
   for (Index begin = 0; begin < all.range_m.width; begin += kGroup) {
     const Index count = std::min<Index>(kGroup, all.range_m.width - begin);
     range_m.read(range_rows, begin, count);
@@ -177,20 +185,6 @@ Geometry make_geometry(double first_bin_m, double bin_spacing_m, double pulse_si
           static_cast<float>(support * support)};
 }
 
-using Optional2 = std::optional<In2<double>>;
-
-Scatterers view_scatterers(const In2<double>& range_m, const In2<double>& amplitude, const Optional2& extra_phase_rad) {
-  Scatterers all{view_rows(range_m), view_rows(amplitude), {}, {}};
-  if (extra_phase_rad) all.extra_phase_rad = view_rows(*extra_phase_rad);
-  for (const auto& other : {all.amplitude, all.extra_phase_rad.value_or(all.amplitude)}) {
-    require(other.count == all.range_m.count && other.width == all.range_m.width,
-            "range, amplitude and extra phase of the scatterers need the same shape");
-  }
-  if (all.range_m.count == 0) all.range_m.width = 0;
-  all.silence.resize(all.range_m.width);
-  return all;
-}
-
 inline void copy_frames(const float* from, Index count, float* to) {
   if (count < kFrames) {
     std::copy(from, from + count, to);
@@ -199,11 +193,10 @@ inline void copy_frames(const float* from, Index count, float* to) {
   }
 }
 
-void echo_planes(const In2<double>& range_m, const In2<double>& amplitude, double first_bin_m, double bin_spacing_m,
+void echo_planes(Rows<const double> range_m, Rows<const double> amplitude, double first_bin_m, double bin_spacing_m,
                  double pulse_sigma_m, double wavelength_m, double phase_rad, Index first_frame, Index first_bin,
-                 const Out2<float>& plane_re, const Out2<float>& plane_im, const Optional2& extra_phase_rad) {
-  const auto re = view_rows(plane_re), im = view_rows(plane_im);
-  const auto scatterers = view_scatterers(range_m, amplitude, extra_phase_rad);
+                 Rows<float> re, Rows<float> im, std::optional<Rows<const double>> extra_phase_rad) {
+  const Scatterers scatterers(range_m, amplitude, extra_phase_rad);
   const auto geometry = make_geometry(first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad);
   require(re.count == im.count && re.width == im.width, "both planes need the same shape");
   Block block(re.count);
@@ -220,11 +213,10 @@ void echo_planes(const In2<double>& range_m, const In2<double>& amplitude, doubl
   }
 }
 
-void add_echoes(const In2<double>& range_m, const In2<double>& amplitude, double first_bin_m, double bin_spacing_m,
-                double pulse_sigma_m, double wavelength_m, double phase_rad, const Out2<Complex>& out,
-                const Optional2& extra_phase_rad) {
-  const auto matrix = view_rows(out);
-  const auto scatterers = view_scatterers(range_m, amplitude, extra_phase_rad);
+void add_echoes(Rows<const double> range_m, Rows<const double> amplitude, double first_bin_m, double bin_spacing_m,
+                double pulse_sigma_m, double wavelength_m, double phase_rad, Rows<Complex> matrix,
+                std::optional<Rows<const double>> extra_phase_rad) {
+  const Scatterers scatterers(range_m, amplitude, extra_phase_rad);
   const auto geometry = make_geometry(first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad);
   Block block(matrix.width);
   for (Index frame = 0; frame < matrix.count; frame += kFrames) {
@@ -252,30 +244,23 @@ void transpose(From matrix, To re, To im, Copy copy) {
   }
 }
 
-void join_planes(const Planes<float>& plane_re, const Planes<float>& plane_im, const Out2<Complex>& out) {
-  transpose(view_rows(out), view_rows(plane_re), view_rows(plane_im),
-            [](Complex& sample, float re, float im) { sample = Complex(re, im); });
+void join_planes(Plane<float> re, Plane<float> im, Rows<Complex> matrix) {
+  transpose(matrix, re, im, [](Complex& sample, float x, float y) { sample = Complex(x, y); });
 }
 
-void split_planes(const Planes<Complex>& matrix, const Out2<float>& plane_re, const Out2<float>& plane_im) {
-  transpose(view_rows(matrix), view_rows(plane_re), view_rows(plane_im),
-            [](const Complex& sample, float& re, float& im) { re = sample.real(), im = sample.imag(); });
+void split_planes(Plane<Complex> matrix, Rows<float> re, Rows<float> im) {
+  transpose(matrix, re, im, [](const Complex& sample, float& x, float& y) { x = sample.real(), y = sample.imag(); });
 }
 
 }  // namespace
 
 void bind(nb::module_& module) {
-  module.def("echo_planes", &echo_planes, nb::arg("range_m"), nb::arg("amplitude"), nb::arg("first_bin_m"),
-             nb::arg("bin_spacing_m"), nb::arg("pulse_sigma_m"), nb::arg("wavelength_m"), nb::arg("phase_rad"),
-             nb::arg("first_frame"), nb::arg("first_bin"), nb::arg("plane_re").noconvert(),
-             nb::arg("plane_im").noconvert(), nb::arg("extra_phase_rad") = nb::none(), Unlocked());
-  module.def("add_echoes", &add_echoes, nb::arg("range_m"), nb::arg("amplitude"), nb::arg("first_bin_m"),
-             nb::arg("bin_spacing_m"), nb::arg("pulse_sigma_m"), nb::arg("wavelength_m"), nb::arg("phase_rad"),
-             nb::arg("out").noconvert(), nb::arg("extra_phase_rad") = nb::none(), Unlocked());
-  module.def("join_planes", &join_planes, nb::arg("plane_re"), nb::arg("plane_im"), nb::arg("out").noconvert(),
-             Unlocked());
-  module.def("split_planes", &split_planes, nb::arg("matrix"), nb::arg("plane_re").noconvert(),
-             nb::arg("plane_im").noconvert(), Unlocked());
+  define(module, "echo_planes", &echo_planes, "range_m", "amplitude", "first_bin_m", "bin_spacing_m", "pulse_sigma_m",
+         "wavelength_m", "phase_rad", "first_frame", "first_bin", "plane_re", "plane_im", "extra_phase_rad");
+  define(module, "add_echoes", &add_echoes, "range_m", "amplitude", "first_bin_m", "bin_spacing_m", "pulse_sigma_m",
+         "wavelength_m", "phase_rad", "out", "extra_phase_rad");
+  define(module, "join_planes", &join_planes, "plane_re", "plane_im", "out");
+  define(module, "split_planes", &split_planes, "matrix", "plane_re", "plane_im");
 }
 
 }  // namespace doppelgait::synthesis

@@ -33,11 +33,8 @@ struct Tone {
   Phasor z, w, q;
 };
 
-void add_tones(const In2<double>& amplitude, const In2<double>& turns, const In2<double>& turns_per_sample,
-               const In2<double>& turns_per_sample2, const Out2<Complex>& out) {
-  const auto sizes = view_rows(amplitude), starts = view_rows(turns), slopes = view_rows(turns_per_sample);
-  const auto bends = view_rows(turns_per_sample2);
-  const auto sweeps = view_rows(out);
+void add_tones(Rows<const double> sizes, Rows<const double> starts, Rows<const double> slopes, Rows<const double> bends,
+               Rows<Complex> sweeps) {
   for (const auto& rows : {sizes, starts, slopes, bends}) {
     require(rows.count == sweeps.count && rows.width == sizes.width, "tones and sweeps do not fit");
   }
@@ -75,8 +72,7 @@ void add_tones(const In2<double>& amplitude, const In2<double>& turns, const In2
 }  // namespace
 
 void bind(nb::module_& module) {
-  module.def("add_tones", &add_tones, nb::arg("amplitude"), nb::arg("turns"), nb::arg("turns_per_sample"),
-             nb::arg("turns_per_sample2"), nb::arg("out").noconvert(), Unlocked());
+  define(module, "add_tones", &add_tones, "amplitude", "turns", "turns_per_sample", "turns_per_sample2", "out");
 }
 
 }  // namespace doppelgait::tones

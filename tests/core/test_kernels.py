@@ -135,7 +135,7 @@ def echoes(range_m, amplitude=None, *, n_bins=60, spacing=0.05, sigma=0.0517, ph
     range_m = np.atleast_2d(np.asarray(range_m, float))
     amplitude = np.ones_like(range_m) if amplitude is None else np.atleast_2d(np.asarray(amplitude, float))
     out = np.full((range_m.shape[0], n_bins), np.nan, np.complex64)
-    native.add_echoes(range_m, amplitude, first_m, spacing, sigma, WAVELENGTH_M, phase, out)
+    native.add_echoes(range_m, amplitude, first_m, spacing, sigma, WAVELENGTH_M, phase, out, None)
     return out
 
 

@@ -274,7 +274,7 @@ def sample_fluctuation(
     own = np.random.default_rng(rng.integers(2**63))
     normal = own.standard_normal((count, n_scatterers, DEGREES_OF_FREEDOM[kind]))
     factor = np.empty((times.size, n_scatterers))
-    native.smoothed_chi_square(normal, times, correlation_s, REACH, factor)
+    native.smoothed_chi_square(normal.reshape(count, -1), times, correlation_s, REACH, factor)
     return factor
 
 

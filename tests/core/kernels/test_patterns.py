@@ -43,7 +43,7 @@ def test_fluctuation_is_a_mean_of_squares_of_smoothed_numbers_e08d(n, n_squares)
     times, correlation = random(33, high=2.0), 0.3
     times[:2] = 0.0, 0.075
     normal, out = np.random.default_rng(1).standard_normal((36, n, n_squares)), np.full((33, n), np.nan)
-    native.smoothed_chi_square(normal, times, correlation, 9, out)
+    native.smoothed_chi_square(normal.reshape(36, -1), times, correlation, 9, out)
     place = 2.0 * times / correlation + 9.0
     first = np.floor(place + 0.5).astype(int) - 9
     near = first[:, None] + np.arange(19)
@@ -56,4 +56,4 @@ def test_fluctuation_is_a_mean_of_squares_of_smoothed_numbers_e08d(n, n_squares)
 @pytest.mark.parametrize("time", [-0.2, 2.9, np.nan, np.inf, 1e300])
 def test_times_outside_the_numbers_of_a_fluctuation_are_refused(time):
     with pytest.raises(ValueError, match="a time is outside"):
-        native.smoothed_chi_square(np.ones((37, 2, 2)), np.array([1.0, time]), 0.3, 9, np.zeros((2, 2)))
+        native.smoothed_chi_square(np.ones((37, 4)), np.array([1.0, time]), 0.3, 9, np.zeros((2, 2)))

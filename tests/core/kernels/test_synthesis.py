@@ -27,14 +27,14 @@ def literal(range_m, amplitude, first_m, spacing_m, sigma_m, wavelength_m, phase
 
 def matrix(range_m, amplitude, radar, n_bins):
     out = np.full((range_m.shape[0], n_bins), np.nan, np.complex64)
-    native.add_echoes(range_m, amplitude, *radar, out)
+    native.add_echoes(range_m, amplitude, *radar, out, None)
     return out
 
 
 def tile(range_m, amplitude, radar, first_frame, n_frames, first_bin, n_bins):
     """Return a tile as (frames, bins) complex."""
     planes = np.full((2, n_bins, n_frames), np.nan, np.float32)
-    native.echo_planes(range_m, amplitude, *radar, first_frame, first_bin, planes[0], planes[1])
+    native.echo_planes(range_m, amplitude, *radar, first_frame, first_bin, planes[0], planes[1], None)
     return (planes[0] + 1j * planes[1]).T
 
 

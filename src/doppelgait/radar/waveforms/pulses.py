@@ -236,13 +236,14 @@ def _check_pulse(radar: Radar, bandwidth_hz: float) -> None:
 
 @lru_cache(maxsize=4)
 def tabulate(n_bins: int, step: float, time_bandwidth: float) -> npt.NDArray[np.float32]:
-    """Tabulate the response of a chirp: (places within a bin, 3 Chebyshev nodes, bins)."""
+    """Tabulate the response of a chirp, three rows (Chebyshev nodes) for every place within a bin."""
     n_places = max(8, math.ceil(0.5 * math.pi * time_bandwidth * step / (24.0 * TABLE_ERROR) ** (1.0 / 3.0)))
     nodes = (1.0 + np.array([-1.0, 0.0, 1.0]) * math.sqrt(0.75)) / 2.0
     place = (np.arange(n_places)[:, None] + nodes) / n_places
     x = (np.arange(1 - n_bins, -(-n_bins // VECTOR) * VECTOR) - place[..., None]) * step
     inside = np.maximum(1.0 - np.abs(x), 0.0)
     table: npt.NDArray[np.float32] = (inside * np.sinc(time_bandwidth * x * inside)).astype(np.float32)
+    table = table.reshape(-1, table.shape[2])
     table.flags.writeable = False
     return table
 
