@@ -181,7 +181,7 @@ struct Sight {
     }
     const V clearance = (form - 1.0) / larger(2.0 * square_root(steepness), 1e-12);
     const V passed = 1.0 - ramp(way / edge) * (1.0 - ramp((clearance + edge) / (2.0 * edge)));
-    return near & (way > V{}) ? passed : V{} + 1.0;
+    return (near & (way > V{})) ? passed : V{} + 1.0;
   }
 };
 

@@ -43,6 +43,11 @@ double smallest_above(const double* values, Index n, double limit) {
 std::pair<double, double> find_neighbours(const double* values, Index n, Index place) {
   constexpr Index few = 16;
   double low = smallest(values, n), high = largest(values, n), sorted[few + 1] = {};
+  if (!(high - low < kInfinity)) {  // infinite values: no interval to halve; NaN is put last
+    Values all(values, values + n);
+    std::sort(all.begin(), all.end(), [](double a, double b) { return a < b || (b != b && a == a); });
+    return {all[place], all[std::min(place + 1, n - 1)]};
+  }
   low -= high - low;
   Index n_low = 0, n_high = n;  // values up to low and up to high
   while (n_high - n_low > few) {
@@ -130,6 +135,7 @@ void robust_fit(Rows<const double> basis, Line<const double> values, Line<const 
 template <typename T>
 double variance_of_rows(Rows<const T> columns, Line<const bool> chosen, Index every) {
   require(chosen.size == columns.width && every > 0, "chosen rows do not fit");
+  every = std::min(every, std::max<Index>(columns.count, 1));
   Values sums(columns.width);
   double* __restrict sum = sums.data();
   Index n_chosen = 0;
@@ -298,7 +304,7 @@ double quantile_of(Line<const double> values, double share) {
 }  // namespace
 
 double quantile(const double* values, Index n, double share) {
-  const double place = share * static_cast<double>(n - 1);
+  const double place = std::min(std::max(0.0, share), 1.0) * static_cast<double>(n - 1);  // 0 for NaN
   const auto below = static_cast<Index>(place);
   const auto [value, after] = find_neighbours(values, n, below);
   const double weight = place - static_cast<double>(below);

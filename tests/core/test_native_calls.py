@@ -377,3 +377,27 @@ def test_numbers_that_do_not_fit_are_refused_before_anything_is_written(name, ar
     with pytest.raises(ValueError, match=r"\w"):
         getattr(native, name)(*arguments)
     np.testing.assert_array_equal(arguments[-1], written)
+
+
+ODD = np.array([math.nan, math.inf, -math.inf, 1e30, -1e30, 0.0])
+
+
+@pytest.mark.parametrize("case", DISTINCT, ids=identify)
+def test_any_values_are_safe(case):
+    """A sanitizer finds what this test reads or writes outside its arrays."""
+    rng = np.random.default_rng(9)
+    for _ in range(12):
+        arguments = [value.copy() if isinstance(value, np.ndarray) else value for value in case.arguments]
+        for n, value in enumerate(arguments):
+            if isinstance(value, np.ndarray) and value.dtype.kind in "fc":
+                value[rng.uniform(size=value.shape) < rng.choice([0.01, 0.3, 1.0])] = rng.choice(ODD)
+            elif isinstance(value, np.ndarray) and value.dtype.kind == "i":
+                value[rng.integers(value.size)] = rng.choice([-1, 0, 10**6, -(2**62), 2**62])
+            elif isinstance(value, float) and rng.uniform() < 0.3:
+                arguments[n] = float(rng.choice(ODD))
+            elif isinstance(value, int) and rng.uniform() < 0.3:
+                arguments[n] = int(rng.integers(-5, 50))
+        try:
+            case.call(arguments)
+        except (ValueError, TypeError):
+            continue

@@ -34,6 +34,13 @@ def test_median_is_that_of_numpy(size):
         assert native.quantile(values, 0.5) == pytest.approx(np.median(values), abs=1e-15)
 
 
+@pytest.mark.parametrize("ends", [(0, 3), (4, 0), (10, 10)])
+def test_quantiles_between_infinite_values(ends):
+    values = np.concatenate([np.full(ends[0], -np.inf), random(60), np.full(ends[1], np.inf)])
+    for share in (0.3, 0.5, 0.7):
+        assert native.quantile(values, share) == pytest.approx(np.quantile(values, share), rel=1e-14)
+
+
 @pytest.mark.parametrize("values", [np.zeros(50), np.repeat([1.0, 2.0], 40), np.repeat([3.0, 1e9, -5.0], [30, 1, 30])])
 def test_medians_of_many_equal_values_and_far_ones(values):
     for size in range(1, values.size + 1):
