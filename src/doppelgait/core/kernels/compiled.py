@@ -78,16 +78,11 @@ class Kernel:
     def _first_call(self, *args: Any) -> Any:
         with _making:
             entries = _entries_of(self)
-            self.call = partial(self._call_first_fit, entries) if entries else self.dispatcher
+            call = (lambda *others: self.dispatcher(*others)) if entries else self.dispatcher
+            for entry in reversed(entries):  # one, nearly always; each is for its own types of arguments
+                call = entry(call)
+            self.call = call
         return self.call(*args)
-
-    def _call_first_fit(self, entries: list[Callable[..., Any]], *args: Any) -> Any:
-        """Try the entries, each for its own types of arguments, then Numba."""
-        for entry in entries:  # one, nearly always
-            found = entry(args)
-            if found is not NotImplemented:
-                return found
-        return self.dispatcher(*args)
 
     @property
     def dispatcher(self) -> Any:
@@ -127,7 +122,7 @@ def level_of(features: dict[str, bool]) -> str | None:
     return next((level for level, needs in LEVELS.items() if all(features.get(need) for need in needs)), None)
 
 
-def _entries_of(member: Kernel) -> list[Callable[..., Any]]:
+def _entries_of(member: Kernel) -> list[Callable[[Callable[..., Any]], Callable[..., Any]]]:
     code = _object_code()
     if code is None:
         return []
@@ -140,14 +135,14 @@ def _entries_of(member: Kernel) -> list[Callable[..., Any]]:
     except OSError:
         return []
     return [
-        _entry(engine.get_function_address(symbol), entry["arguments"], entry["returns"])
+        partial(_entry, engine.get_function_address(symbol), entry["arguments"], entry["returns"])
         for symbol, entry in facts["entries"].items()
         if entry["kernel"] == member.name
     ]
 
 
-def _entry(address: int, arguments: list[str], returns: str) -> Callable[[tuple[Any, ...]], Any]:
-    """Wrap the address of a kernel's entry, which checks the types of arrays itself."""
+def _entry(address: int, arguments: list[str], returns: str, other: Callable[..., Any]) -> Callable[..., Any]:
+    """Wrap the address of a kernel's entry, which checks the types of arrays itself; others are for ``other``."""
     scalars = [SCALARS.get(kind) for kind in arguments]
     types: list[Any] = [ctypes.py_object, ctypes.c_void_p, *(kind or ctypes.py_object for kind in scalars)]
     function = ctypes.CFUNCTYPE(ctypes.c_int, *types)(address)
@@ -156,9 +151,9 @@ def _entry(address: int, arguments: list[str], returns: str) -> Callable[[tuple[
     n_arguments = len(arguments)
     result_type = SCALARS.get(returns)
 
-    def run(args: tuple[Any, ...]) -> Any:
+    def run(*args: Any) -> Any:
         if len(args) != n_arguments or (none and any(args[place] is not None for place in none)):
-            return NotImplemented
+            return other(*args)
         result = None if result_type is None else result_type()
         place = None if result is None else ctypes.addressof(result)
         try:
@@ -170,9 +165,9 @@ def _entry(address: int, arguments: list[str], returns: str) -> Callable[[tuple[
                     given[number] = index(given[number])
                 status = function(np.ndarray, place, *given)
             except (TypeError, ctypes.ArgumentError):
-                return NotImplemented
+                return other(*args)
         if status == OTHER_TYPES:
-            return NotImplemented
+            return other(*args)
         if status == RAISED:
             raise ValueError("a kernel refused its arguments")
         return None if result is None else result.value
