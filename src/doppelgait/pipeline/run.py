@@ -84,10 +84,8 @@ class Run(FrozenModel):
                 n if isinstance(n := data.get(key, 0), int) and n >= 0 else 0 for key in ("seed", "example")
             )
             try:
-                return {
-                    **parse_radar(data["radar"], where="", seed=seed, example=example),
-                    **{key: value for key, value in data.items() if key != "radar"},
-                }
+                parsed = parse_radar(data["radar"], where="", seed=seed, example=example)
+                return {**parsed, **data, "radar": parsed["radar"]}
             except ConfigError as error:
                 raise ValueError(str(error)) from None
         return data
