@@ -15,13 +15,7 @@ from doppelgait.core.labels import (
     make_array,
 )
 from doppelgait.core.rng import Streams
-from doppelgait.features import (
-    FEATURE_UNITS,
-    GaitFeatures,
-    harmonic_ratio,
-    limb_torso_ratio,
-    snr_mu_db,
-)
+from doppelgait.features import FEATURE_UNITS, GaitFeatures, harmonic_ratio, limb_torso_ratio, snr_mu_db
 from doppelgait.features.doppler import (
     bandwidth_threshold_hz,
     compute_noise_quantile,
@@ -91,10 +85,7 @@ def test_square_difference_of_some_lags_is_part_of_all_e33(first, last):
 def walked(speed_mps, seconds, *, snr_db=18.0, seed=0, height_m=1.75, k=None, **place):
     motion = boulic_walk(speed_mps=speed_mps, height_m=height_m, duration_s=seconds)
     recording = simulate(
-        Scene([Target(motion, label="human", **place)]),
-        Radar.preset("x4"),
-        rng=Streams(seed),
-        snr_db=snr_db,
+        Scene([Target(motion, label="human", **place)]), Radar.preset("x4"), rng=Streams(seed), snr_db=snr_db
     )
     return analyze(recording, gate="truth", analysis=Analysis(doppler_bins=k))[0], recording.truth[0]
 

@@ -15,13 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from doppelgait.core.errors import AnalysisError, ConfigError, OutputError
-from doppelgait.core.labels import (
-    CADENCE_MAP,
-    CADENCE_SPECTRUM,
-    NORMALISED_SIGNATURE,
-    SIGNATURE,
-    make_array,
-)
+from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, make_array
 from doppelgait.features.gait import GaitFeatures
 from doppelgait.pipeline import (
     Result,

@@ -126,6 +126,8 @@ class Signal:
         self, values: npt.NDArray[Any], *, schema: Schema | None = None, attrs: Mapping[str, Any] | None = None
     ) -> Signal:
         """Return the signal with other values of the same shape."""
+        if values.shape != self.values.shape:
+            raise ValueError(f"values of shape {values.shape} do not fit coordinates of shape {self.values.shape}")
         schema = schema or self.schema
         return Signal(schema, values, self.coords, {**self.attrs, "units": schema.units, **(attrs or {})})
 
@@ -193,10 +195,7 @@ def _take_labels(schemas: tuple[Schema, ...], function: Callable[..., Any]) -> A
 
 
 def make_array(
-    schema: Schema,
-    values: npt.ArrayLike,
-    coords: Mapping[str, Any],
-    attrs: Mapping[str, Any] | None = None,
+    schema: Schema, values: npt.ArrayLike, coords: Mapping[str, Any], attrs: Mapping[str, Any] | None = None
 ) -> xr.DataArray:
     """Make a labelled array that conforms to ``schema``. Units are set from the schema."""
     variables: dict[Any, xr.Variable] = {}
@@ -247,7 +246,7 @@ def _assemble_table(
     for variable in everything.values():
         sizes.update(zip(variable.dims, variable.shape, strict=True))
     indexes: dict[Any, Any] = {
-        name: PandasIndex(variable.to_index(), name)
+        name: PandasIndex(variable._data.array, name)
         for name, variable in coords.items()
         if isinstance(variable, xr.IndexVariable)
     }
@@ -312,8 +311,10 @@ def _label_coordinate(name: str, coordinate: Any) -> tuple[xr.Variable, PandasIn
     return variable, PandasIndex(index, name)
 
 
-def read_axis(array: xr.DataArray | xr.Dataset, name: str) -> npt.NDArray[Any]:
+def read_axis(array: xr.DataArray | xr.Dataset | Signal, name: str) -> npt.NDArray[Any]:
     """Return the values of a coordinate or variable, in a thirtieth of the time of xarray."""
+    if isinstance(array, Signal):
+        return array.axis(name)
     variables = array._coords if isinstance(array, xr.DataArray) else array._variables
     data: Any = variables[name]._data
     if isinstance(data, np.ndarray):

@@ -13,7 +13,6 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core import files
 from doppelgait.core.config import FrozenModel, convert_to_json, format_canonical_json
@@ -26,6 +25,7 @@ from doppelgait.dataset.resolve import ExampleSpec, resolve_example
 from doppelgait.dataset.shard_files import Arrays, encode_arrays, hash_contents, write_shard
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import Result, analyze, run_simulation
+from doppelgait.pipeline.result import read_signal
 from doppelgait.radar.recording import Recording, TargetTruth
 
 MOST_APART_M = 1.0
@@ -253,14 +253,12 @@ def build_example(
     rows = index_rows(example, recording, results, list(dict.fromkeys(messages)))
     found_rows = []
     for number, (row, result) in enumerate(zip(rows, results, strict=True)):
-        signals: dict[str, xr.DataArray | None] = {}
+        signals: dict[str, Any] = {}
         for name in (spec.name for spec in fields):
-            if name == "baseband":
-                signals[name] = recording.baseband
-            elif name.startswith("truth_"):
+            if name.startswith("truth_"):
                 variable = name.removeprefix("truth_").rpartition("_")[0]
                 signals[name] = recording.truth[number].scatterers[variable]
             else:
-                signals[name] = getattr(result, name, None)
+                signals[name] = recording.baseband if name == "baseband" else read_signal(result, name)
         found_rows.append((row, encode_arrays(fields, signals)))
     return found_rows

@@ -34,7 +34,7 @@ def body_centre_m(motion: Motion) -> FloatArray:
 def _find_central_points(motion: Motion) -> npt.NDArray[np.int64]:
     """Return the point numbers of torso or trunk, or all."""
     central = [n for n, part in enumerate(motion.parts) if part in BODY_CENTRE_PARTS]
-    return np.array(central or range(motion.positions.shape[1]), dtype=np.int64)
+    return np.array(central or range(motion.position_m.shape[1]), dtype=np.int64)
 
 
 def _average_points(values: npt.NDArray[Any], points: npt.NDArray[np.int64]) -> FloatArray:
@@ -143,16 +143,8 @@ def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float
 
     pivot, points = _interpolate_centre(motion, at_s), np.ascontiguousarray(motion.position_m, dtype=np.float64)
     moved = np.empty(points.shape)
-    turn_and_move(
-        points.reshape(-1, 3),
-        math.cos(turn),
-        math.sin(turn),
-        float(pivot[0]),
-        float(pivot[1]),
-        float(position_m[0]),
-        float(position_m[1]),
-        moved.reshape(-1, 3),
-    )
+    before_and_after_m = [float(value) for value in (*pivot[:2], *position_m)]
+    turn_and_move(points.reshape(-1, 3), math.cos(turn), math.sin(turn), *before_and_after_m, moved.reshape(-1, 3))
     return motion.with_positions(moved)
 
 
@@ -173,7 +165,7 @@ def resample(motion: Motion, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatAr
     # the spline interpolates the frames and is C2; velocities are its slope
     spline = fit_spline(motion)
     position, velocity = spline.at(check_times(motion, time_s))
-    shape = (position.shape[0], *motion.positions.shape[1:])
+    shape = (position.shape[0], *motion.position_m.shape[1:])
     return position.reshape(shape), velocity.reshape(shape)
 
 
@@ -198,7 +190,7 @@ class Spline:
 
 def fit_spline(motion: Motion) -> Spline:
     """Fit a cubic spline to a motion (E-02)."""
-    return _fit_motion_spline(motion, motion.position_m.reshape(motion.positions.shape[0], -1))
+    return _fit_motion_spline(motion, motion.position_m.reshape(motion.position_m.shape[0], -1))
 
 
 def fit_centre(motion: Motion) -> Spline:

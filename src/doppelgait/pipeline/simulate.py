@@ -269,13 +269,11 @@ class Echoes:
 
 
 def _average_v2(strongest_v2: list[npt.NDArray[np.float32]]) -> float:
-    """Average the strongest power over the pulses."""
     powers = np.concatenate(strongest_v2)
     return float(powers.mean(dtype=np.float64)) if powers.size else 0.0
 
 
 def _read_pulses(scatterers: xr.Dataset, first: int, stop: int) -> xr.Dataset:
-    """Return the scatterers of some pulses, in memory."""
     names = [name for name in ECHO_VARIABLES if name in scatterers]
     values = {name: scatterers[name].variable[first:stop].values for name in names}
     coords = {name: v for name, v in scatterers.coords.variables.items() if name != "slow_time"}

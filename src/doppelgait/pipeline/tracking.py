@@ -203,7 +203,8 @@ def _explain_missing_track(raw: Frames, scans: Sequence[Scan] | None, wavelength
     hits = sum(bool(scan.detections) for scan in scans)
     seen = f"{hits} of {len(scans)} scans have detections"
     span_mps = wavelength_m * raw.slow_time.rate_hz / 2
-    resting = track(scans, tracker.model_copy(update={"still_travel_m": 0.0}), velocity_span_mps=span_mps)
+    still = tracker.model_copy(update={"still_travel_m": 0.0})
+    resting = track(scans, still, velocity_span_mps=span_mps)
     if resting:
         most_m = max(float(np.ptp(one.range_m)) for one in resting)
         return (
@@ -211,9 +212,7 @@ def _explain_missing_track(raw: Frames, scans: Sequence[Scan] | None, wavelength
             f"{resting[0].range_m.mean():.2f} m from the radar), like clutter and people at rest; "
             f"set tracking.tracker.still_travel_m=0 to report them"
         )
-    brief = track(
-        scans, tracker.model_copy(update={"still_travel_m": 0.0, "min_duration_s": 0.0}), velocity_span_mps=span_mps
-    )
+    brief = track(scans, still.model_copy(update={"min_duration_s": 0.0}), velocity_span_mps=span_mps)
     if brief:
         longest_s = max(one.last_s - one.first_s for one in brief)
         return f"{seen}, but none for {tracker.min_duration_s:g} s (longest {longest_s:.1f} s)"
@@ -323,9 +322,8 @@ def _analyze_track(
             for start_s, stop_s in free
         ]
         usable = [part for part in cut if part.stop_s - part.start_s >= tracking.pieces.min_usable_s] or usable
-    measured = None
-    if analysis.clutter not in ("none", "auto"):
-        measured = measure_removed(raw, clean, gate, total=total)
+    cleaned = analysis.clutter not in ("none", "auto")
+    measured = measure_removed(raw, clean, gate, total=total) if cleaned else None
     analyze_segment = partial(_analyze_segment, clean, measured, wavelength_m, found, analysis)
     results = [analyze_segment(gate.during(segment.start_s, segment.stop_s)) for segment in usable]
     facts = {

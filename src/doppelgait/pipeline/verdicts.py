@@ -266,10 +266,8 @@ def judge_reflection(
         centre_s = own.time_s - own.time_s.mean()
         drift, mean = np.polyfit(centre_s, product, 1)
         fitted = np.maximum(mean + drift * centre_s, 0.0)
-        if path == "one_way":
-            modelled_m = (range_m + np.sqrt(range_m**2 + 4 * fitted)) / 2
-        else:
-            modelled_m = np.sqrt(range_m**2 + 4 * fitted)
+        image_m = np.sqrt(range_m**2 + 4 * fitted)
+        modelled_m = (range_m + image_m) / 2 if path == "one_way" else image_m
         error_m = float(np.sqrt(np.mean((modelled_m - own.range_m) ** 2)))
         if error_m <= MIRROR_ERROR_M and abs(drift) <= MIRROR_DRIFT_PER_S * mean:
             found.append((error_m, float(mean)))

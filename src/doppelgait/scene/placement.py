@@ -326,7 +326,7 @@ def _read_once(file: Path, stamp: tuple[int, int], options: str) -> Motion:
             for other in (w for w in caught if not issubclass(w.category, DoppelgaitWarning)):
                 warnings.warn_explicit(other.message, other.category, other.filename, other.lineno)
             _read_before[key].position_m.setflags(write=False)  # shared by all scenes of the process
-            while len(_read_before) > 1 and sum(one.positions.nbytes for one in _read_before.values()) > KEPT_BYTES:
+            while len(_read_before) > 1 and sum(one.position_m.nbytes for one in _read_before.values()) > KEPT_BYTES:
                 _warnings_of.pop(_read_before.popitem(last=False)[0], None)
         _read_before.move_to_end(key)
         motion, texts = _read_before[key], _warnings_of.get(key, [])

@@ -23,19 +23,9 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
-from doppelgait.motion.models.human_body import (
-    LENGTHS,
-    POINTS,
-    compute_figure_points,
-    make_person_motion,
-)
+from doppelgait.motion.models.human_body import LENGTHS, POINTS, compute_figure_points, make_person_motion
 from doppelgait.motion.models.registry import generate, parse_parameters
-from doppelgait.motion.models.strides import (
-    Curve,
-    fit_periodic_pchip,
-    make_stride_clock,
-    sample_times_s,
-)
+from doppelgait.motion.models.strides import Curve, fit_periodic_pchip, make_stride_clock, sample_times_s
 from doppelgait.motion.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
