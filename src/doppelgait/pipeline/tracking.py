@@ -384,7 +384,6 @@ def _analyze_segment(
 
 
 def _analyze_breathing(clean: Frames, wavelength_m: float, person: BreathingTarget, analysis: Analysis) -> Result:
-    """Analyse a motionless person who was detected by breathing."""
     prf_hz = clean.slow_time.rate_hz
     slow = analysis.model_copy(update={"cpi_s": max(analysis.cpi_s, 3 * MIN_CPI_PULSES / prf_hz)})
     span_m = STILL_SPAN_M / 2
