@@ -30,10 +30,10 @@ class Pair:
     segment: Segment | None
 
 
-def _motion(shared: Path, file: str) -> Motion:
+def _motion(shared: Path, file: str, *, clean: bool = False) -> Motion:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)
-        return read(shared / "data" / "mocap" / file, clean=False)
+        return read(shared / "data" / "mocap" / file, clean=clean)
 
 
 def _overlap(row: dict[str, str], segment: Segment) -> float:
@@ -129,9 +129,7 @@ def test_gaits_of_dogs(shared: Path) -> None:
     "file", ["human/c3d/cmu_07_01.c3d", "human/c3d/btk_pig_walk_full.c3d", "dog/mann-bvh/D1_071_KAN02_002.bvh"]
 )
 def test_a_recorded_segment_loops(shared: Path, file: str) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoppelgaitWarning)
-        motion = read(shared / "data" / "mocap" / file)
+    motion = _motion(shared, file, clean=True)
     segment = find_segments(motion)[0]
     clip = crop(motion, segment)
     looped, varied = (loop(clip, duration_s=10.0, variation=variation) for variation in (0.0, 1.0))

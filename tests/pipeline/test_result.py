@@ -192,7 +192,7 @@ def any_results(draw, *, depth=1):
 
 @given(result=any_results())
 @settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 )
 def test_every_result_comes_back_exactly(result, recording, tmp_path_factory):
     path = tmp_path_factory.getbasetemp() / "any.h5"
@@ -206,7 +206,7 @@ def test_every_result_comes_back_exactly(result, recording, tmp_path_factory):
 
 
 @given(first=any_results(), second=any_results())
-@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_results_that_differ_are_not_equal(first, second):
     same = json.dumps(first.to_json(), sort_keys=True) == json.dumps(second.to_json(), sort_keys=True)
     assert (first == second) == same

@@ -405,10 +405,9 @@ def test_09_transform_length_hop_and_decimation_do_not_change_the_features(walke
     noisy = simulate(scene, Radar.preset("x4", **frame), rng=Streams(1), snr_db=15.0)
     for recording in (plain, noisy):
         reference = main_features(recording, doppler_bins=512, hop=10)
-        for k in (101, 256, 512):
-            for hop in (1, 5, 10):
-                errors = relative_errors(main_features(recording, doppler_bins=k, hop=hop), reference)
-                assert max(errors.values()) < 0.02, (k, hop, errors)
+        for k, hop in ((101, 1), (101, 10), (256, 5), (512, 1)):
+            errors = relative_errors(main_features(recording, doppler_bins=k, hop=hop), reference)
+            assert max(errors.values()) < 0.02, (k, hop, errors)
     full_rate = simulate(scene, Radar.preset("x4", decimation=1, **frame))
     errors = relative_errors(main_features(full_rate), main_features(plain))
     assert max(errors.values()) < 0.02, errors

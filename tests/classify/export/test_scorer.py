@@ -22,7 +22,7 @@ from export_models import KINDS, export_model_of, inputs_of
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_exported_scorer_gives_the_probabilities_of_its_model(tmp_path, kind, n_classes):
     model = export_model_of(kind, n_classes)
-    features, levels, joined = inputs_of(model, 1000, 37)
+    features, levels, joined = inputs_of(model, 200, 37)
     made = export_model(model, "numpy", tmp_path / "out")
     found = Scorer(made.folder / "model.npz").probability(features if model.facts.names else None, levels)
     assert np.allclose(found, model.probability(joined), atol=1e-6)
