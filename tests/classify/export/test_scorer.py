@@ -10,7 +10,7 @@ from doppelgait.classify.export import scorer
 from doppelgait.classify.export.scorer import Scorer
 from doppelgait.classify.export.write import export_model
 from doppelgait.classify.learned import Constant
-from doppelgait.classify.model_file import FORMAT_VERSION
+from doppelgait.classify.model_file import MODEL
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.processing import Analysis, Gate, patches, signature
@@ -76,4 +76,4 @@ def test_a_file_of_a_newer_format_is_refused(tmp_path, monkeypatch):
 
 
 def test_the_scorer_reads_the_newest_format():
-    assert scorer.NEWEST_FORMAT == FORMAT_VERSION
+    assert MODEL.version == scorer.NEWEST_FORMAT
