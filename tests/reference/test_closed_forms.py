@@ -24,15 +24,7 @@ from doppelgait.processing import (
     range_doppler,
     signature,
 )
-from doppelgait.radar import (
-    Radar,
-    Recording,
-    add_noise,
-    noise_power_v2,
-    received_power_w,
-    synthesise,
-    synthesise_rf,
-)
+from doppelgait.radar import Radar, Recording, add_noise, noise_power_v2, received_power_w, synthesise, synthesise_rf
 from doppelgait.scene import Scene, Target
 
 PRF_HZ = 1000.0

@@ -300,8 +300,6 @@ def _copy_coordinate(coordinate: xr.Variable) -> xr.Variable:
 
 def _label_coordinate(name: str, coordinate: Any) -> tuple[xr.Variable, PandasIndex | None]:
     """Make a coordinate with its unit. It has an index if its name is that of its dimension."""
-    if isinstance(coordinate, xr.DataArray | xr.Variable):
-        coordinate = (coordinate.dims, coordinate.values, coordinate.attrs)
     dims, values, attrs = (*coordinate, {})[:3] if isinstance(coordinate, tuple) else (name, coordinate, {})
     facts = {**attrs, **({"units": COORDINATE_UNITS[name]} if name in COORDINATE_UNITS else {})}
     if dims not in (name, (name,)):

@@ -100,8 +100,7 @@ def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[Row
         raise ConfigError(f"classes.{place}.{error}") from None
     if isinstance(motion, Mapping) and motion.get("kind") == EMPTY_SCENE and "speed_mps" not in motion:
         motion = {**motion, "speed_mps": draw(PHANTOM_SPEED_MPS, "motion.speed_mps")}
-    check_motion(motion, folder, key=key)
-    motion = dict(motion)
+    motion = check_motion(motion, folder, key=key)
     alone = motion["kind"] == EMPTY_SCENE  # a row of an empty scene must not show a target
     targets: list[dict[str, Any]] = [{"label": section.label, "motion": motion}]
     for count, companion in enumerate([] if alone else _sample_list(plan, draw, "companions")):

@@ -18,6 +18,7 @@ from doppelgait.core import files
 from doppelgait.core.config import FrozenModel, convert_to_json, format_canonical_json
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.interrupt import raise_if_stopped
+from doppelgait.core.labels import read_axis
 from doppelgait.core.worker import limit_blas_threads
 from doppelgait.dataset.config import FieldSpec, PlanConfig
 from doppelgait.dataset.plan import PlannedExample, Shard
@@ -108,7 +109,7 @@ def index_rows(
             "motion_kind": "none" if row.source == "none" else motion["kind"],
             "motion": "" if row.source == "none" else format_canonical_json(motion),
             **scene,
-            "rcs_total_m2": float(truth.scatterers["rcs"].values.sum(axis=1).mean()),
+            "rcs_total_m2": float(read_axis(truth.scatterers, "rcs").sum(axis=1).mean()),
             **(make_truth_columns(truth) if row.source != "none" else dict.fromkeys(make_truth_columns(truth))),
             **(result.to_row() if result is not None else {"gate": "track", **NOTHING, "flags": "not_tracked"}),
             "warnings": ";".join(messages),
@@ -118,7 +119,6 @@ def index_rows(
 
 
 def _format_specs(specs: Sequence[FrozenModel]) -> str:
-    """Format environment or impairments as one line of JSON."""
     return json.dumps([spec.model_dump(mode="json") for spec in specs], sort_keys=True, separators=(",", ":"))
 
 

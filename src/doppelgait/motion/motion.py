@@ -194,12 +194,12 @@ class Motion:
     @property
     def markers(self) -> list[str]:
         """Names of the points."""
-        return [str(name) for name in read_axis(self._kept, "marker")]
+        return [*map(str, read_axis(self._kept, "marker").tolist())]
 
     @property
     def parts(self) -> list[str]:
         """Body part of each point, ``""`` if unknown."""
-        return [str(part) for part in read_axis(self._kept, "part")]
+        return [*map(str, read_axis(self._kept, "part").tolist())]
 
     @property
     def label(self) -> str:

@@ -45,8 +45,7 @@ def _average_points(values: npt.NDArray[Any], points: npt.NDArray[np.int64]) -> 
 
 
 def _net_travel_m(motion: Motion, last: int = -1) -> FloatArray:
-    """Return the body's net ground displacement."""
-    # it is from the first frame to another one, by default the last
+    # on the ground, from the first frame to another one, by default the last
     before, after = _average_points(motion.position_m[[0, last]], _find_central_points(motion))[:, :2]
     return np.asarray(after - before)
 

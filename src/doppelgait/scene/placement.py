@@ -272,11 +272,11 @@ def build_motion(
     options = {key: value for key, value in table.items() if key != "kind"}
     kind = str(table["kind"])
     if kind != "file":
-        from doppelgait.motion.models import MOTION_MODELS, generate, get_parameters
+        from doppelgait.motion.models.registry import MOTION_MODELS, check_table, generate
 
         if kind not in MOTION_MODELS:
             raise ConfigError(f"unknown kind {kind!r}; known are: file, {', '.join(MOTION_MODELS)}")
-        return generate(validate(get_parameters(kind), options, where=f"kind {kind!r}"), duration_s=duration_s, rng=rng)
+        return generate(check_table(table, where=f"kind {kind!r}").parameters, duration_s=duration_s, rng=rng)
     from doppelgait.motion.hybrid import Hybrid, make_hybrid
     from doppelgait.motion.loop import loop
     from doppelgait.motion.readers import check_types

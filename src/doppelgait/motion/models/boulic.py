@@ -211,11 +211,7 @@ Form = Literal["consistent", "pendulum", "chen2011"]
 LEG_LENGTH = LENGTHS["thigh"] + LENGTHS["shank"]
 
 _FEET = [n for n, name in enumerate(POINTS) if name.endswith(("ankle", "toe"))]
-_SIGNS: dict[Form, OffsetSigns] = {
-    "consistent": "continuous",
-    "pendulum": "pendulum",
-    "chen2011": "published",
-}
+_SIGNS: dict[Form, OffsetSigns] = {"consistent": "continuous", "pendulum": "pendulum", "chen2011": "published"}
 _WHOLE_CYCLE = np.arange(1000) / 1000
 
 
