@@ -41,8 +41,6 @@ def test_exponential_is_the_high_pass_of_its_time_constant(doppler_hz):
     kept = remove_clutter(tone(doppler_hz), Analysis(clutter="exponential", clutter_time_s=2.0)).values
     steady = kept[2400:, 0]  # 12 time constants after the start
     assert np.abs(steady).mean() == pytest.approx(expected, rel=2e-3)
-    if doppler_hz == pytest.approx(0.0796, rel=1e-2):
-        assert expected == pytest.approx(1 / np.sqrt(2), rel=0.02)
 
 
 def test_exponential_starts_without_a_transient_from_zero():
@@ -194,23 +192,16 @@ def test_the_reference_is_every_pulse_when_the_gate_is_elsewhere_or_over():
     range_m, values = before.coords["range"].values, before.values.astype(complex)
     at = np.arange(np.searchsorted(TIME_S, part.start_s - 1e-9), np.searchsorted(TIME_S, part.stop_s + 1e-9))
     first, count = part.whole_bins(TIME_S[at], first_bin_m=range_m[0], bin_spacing_m=range_m[1] - range_m[0])
-    inside = np.zeros(values.shape, dtype=bool)
-    for pulse, start in zip(at, first, strict=True):
-        inside[pulse, max(start, 0) : max(start + count, 0)] = True
-    lost, body = np.zeros(at.size), np.zeros(at.size)
-    for n in range(range_m.size):
-        reference = values[~inside[:, n], n].mean()
-        for m, pulse in enumerate(at):
-            if inside[pulse, n]:
-                lost[m] += abs(after.values[pulse, n]) ** 2
-                body[m] += abs(values[pulse, n] - reference) ** 2
+    inside, bins = np.zeros(values.shape, dtype=bool), np.arange(range_m.size)
+    inside[at] = (bins >= first[:, None]) & (bins < first[:, None] + count)
+    reference = values.mean(axis=0, where=~inside)
+    lost = (np.abs(after.values) ** 2).sum(axis=1, where=inside)[at]
+    body = (np.abs(values - reference) ** 2).sum(axis=1, where=inside)[at]
     length = round(0.1 * PRF_HZ)
     blocks = [slice(k * length, (k + 1) * length) for k in range(at.size // length)]
     expected = [max(1 - lost[block].sum() / body[block].sum(), 0) for block in blocks]
-    np.testing.assert_allclose(measure_share_removed(before, after, part), expected, atol=1e-5)
-    np.testing.assert_allclose(
-        measure_share_removed(before, after, part, total=sum_pulses(Frames.of(before))), expected, atol=1e-5
-    )
+    for total in (None, sum_pulses(Frames.of(before))):
+        np.testing.assert_allclose(measure_share_removed(before, after, part, total=total), expected, atol=1e-5)
 
 
 def test_a_crossing_torso_is_lost_where_its_range_stands_still():

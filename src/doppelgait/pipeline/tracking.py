@@ -37,7 +37,7 @@ from doppelgait.processing.detect.scans import detect_bodies
 from doppelgait.processing.detections import Scan
 from doppelgait.processing.track import Track, Tracker, split_tracks, track
 from doppelgait.processing.track_segments import SegmentationSettings, find_track_segments
-from doppelgait.radar.recording import Recording
+from doppelgait.radar import Radar
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -83,13 +83,13 @@ class Tracking(FrozenModel):
     breathing: BreathingSettings = BreathingSettings()
 
 
-def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) -> TargetList:
+def track_targets(frames: Frames, radar: Radar, source: str, analysis: Analysis, tracking: Tracking) -> TargetList:
     """Detect and analyse all bodies: moving ones first, in order of appearance."""
-    frames, wavelength_m = recording.frames.settle(), recording.radar.wavelength_m
+    frames, wavelength_m = frames.settle(), radar.wavelength_m
     unknown = np.flatnonzero(np.concatenate([~np.isfinite(tile).all(axis=1) for _, tile in frames.read_tiles()]))
     if unknown.size:
         raise AnalysisError(
-            f"{recording.source}: {unknown.size} of {frames.n_pulses} frames have values that are not finite (first: "
+            f"{source}: {unknown.size} of {frames.n_pulses} frames have values that are not finite (first: "
             f"frame {unknown[0]}); remove those frames or fill them"
         )
     if frames.n_bins == 1:
@@ -126,7 +126,7 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
         for person in persons
         if not any((np.abs(found.range_m - person.range_m) < NEAR_M).any() for found in tracks)
     ]
-    judged = judge([*moving, *still], clean, analysis, recording.radar)
+    judged = judge([*moving, *still], clean, analysis, radar)
     for number, (found, before) in enumerate(zip(tracks, moving, strict=True)):
         others = [one for n, one in enumerate(judged) if n != number and not is_echo(one, number)]
         taken = np.zeros(before.gate.time_s.size, dtype=bool)

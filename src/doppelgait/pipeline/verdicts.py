@@ -154,25 +154,18 @@ def observe_strip(gate: Gate, clean: Frames, analysis: Analysis, wavelength_m: f
     times_s = mu.axis("time")
     every = max(round(STEP_S / max(float(np.median(np.diff(times_s))), 1e-9)), 1) if times_s.size > 1 else 1
     steps = max(times_s.size // every, 1)
-    grouped = np.concatenate(
-        [
-            _average_significant(mu.values[first * every : min(first + STEPS_AT_ONCE, steps) * every], every, floor_v2)
-            for first in range(0, steps, STEPS_AT_ONCE)
-        ]
-    )
+    grouped = []  # means of the power above the noise
+    for first in range(0, steps, STEPS_AT_ONCE):
+        values = mu.values[first * every : min(first + STEPS_AT_ONCE, steps) * every]
+        excess_v2 = np.where(values > SIGNIFICANT * floor_v2, values - floor_v2, 0.0)
+        grouped.append(excess_v2.reshape(-1, min(every, len(values)), values.shape[1]).mean(axis=1))
     time_s = times_s[: steps * every].reshape(steps, -1).mean(axis=1)
     around_s = time_s[:, None] + np.array([-0.25, 0.25])
     range_m = gate.centre_at(np.clip(around_s, gate.start_s, gate.stop_s))
     width_s = np.diff(np.clip(around_s, gate.start_s, gate.stop_s), axis=1)[:, 0]
     approach_mps = -np.diff(range_m, axis=1)[:, 0] / np.maximum(width_s, 1e-9)
     velocity_mps = mu.axis("doppler") * wavelength_m / 2
-    return TrackStrip(time_s, gate.centre_at(time_s), approach_mps, grouped, velocity_mps)
-
-
-def _average_significant(mu_v2: npt.NDArray[np.float32], every: int, floor_v2: float) -> FloatArray:
-    """Average the power above the noise over groups of columns."""
-    excess_v2 = np.where(mu_v2 > SIGNIFICANT * floor_v2, mu_v2 - floor_v2, 0.0)
-    return np.asarray(excess_v2.reshape(-1, min(every, len(mu_v2)), mu_v2.shape[1]).mean(axis=1))
+    return TrackStrip(time_s, gate.centre_at(time_s), approach_mps, np.concatenate(grouped), velocity_mps)
 
 
 def judge_thing(one: TrackStrip, others: Sequence[TrackStrip]) -> Verdict | None:

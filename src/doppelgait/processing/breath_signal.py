@@ -164,7 +164,8 @@ def remove_common_gain(values: ComplexArray, range_m: FloatArray) -> ComplexArra
         mean = corrected.mean(axis=0)
         weight = 1.0 / np.maximum(np.var(corrected, axis=0), 1e-300 + 1e-14 * np.abs(mean) ** 2)
         strength = (weight * np.abs(mean) ** 2) @ far
-        gain = (values * (weight * mean.conj())) @ far
+        corrected = values * (weight * mean.conj())  # the last correction is no longer needed
+        gain = corrected @ far
         gain /= np.maximum(strength, 1e-300)
         gain[(strength < LEAST_WEIGHT) | (np.abs(gain) <= 0.1)] = 1.0
         corrected = np.divide(values, gain, out=gain)

@@ -132,7 +132,7 @@ def find_breathing(
     # average to about 10 Hz
     size = max(1, int(rate_hz / WORKING_RATE_HZ))
     count = pulse_times.size // size
-    values = np.concatenate([average_blocks(tile, size) for _, tile in frames.read_tiles(size)])
+    values = average_blocks(frames, size)
     if not np.isfinite(values).all():
         raise AnalysisError("the baseband has values that are not finite; remove those pulses or fill them")
     times = pulse_times[: count * size].reshape(count, size).mean(axis=1)

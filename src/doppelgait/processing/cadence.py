@@ -68,7 +68,7 @@ def sum_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) 
     padded = fft.next_fast_len(2 * n_columns, real=True)
     # two real rows form one complex row; the even part of its power spectrum is the sum of both rows' power spectra
     pairs = _get_buffer("pairs", (padded, (n_rows + 1) // 2), np.complex128)
-    lay_pairs(np.ascontiguousarray(rows), weights, pairs.view(np.float64))
+    lay_pairs(np.ascontiguousarray(rows), weights.copy(), pairs.view(np.float64))  # object code may write to a copy
     powers = np.empty(padded // 2 + 1, np.complex128)
     even_powers(fft.fft(pairs, axis=0, overwrite_x=True).view(np.float64), powers)
     products = np.fft.irfft(powers, padded)[:n_columns]

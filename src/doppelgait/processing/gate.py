@@ -12,7 +12,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.frames import Frames
+from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.track.live import Track
 
@@ -23,7 +23,6 @@ GateChoice = GateName | tuple[float, float]
 
 LILAND_SPAN_M = {"human": 1.0, "dog": 1.5}
 """Gate span by class in the report (its Table 4.1): the label leaks into the signature; for reproduction only."""
-SLACK_S = 1e-9
 
 
 class TrueTrack(Protocol):
@@ -180,8 +179,7 @@ class Gate:
             If fewer than two pulses lie in the time of the track.
         """
         times_s = np.asarray(time_s, dtype=float)
-        first_s, last_s = track.first_s - cpi_s / 2 - SLACK_S, track.last_s + cpi_s / 2 + SLACK_S
-        times_s = times_s[(times_s >= first_s) & (times_s <= last_s)]
+        times_s = times_s[SlowTime(times_s).find_pulses(track.first_s - cpi_s / 2, track.last_s + cpi_s / 2)]
         if times_s.size < 2:
             raise AnalysisError(
                 f"track from {track.first_s:g} to {track.last_s:g} s: the recording has {times_s.size} pulses in this "
@@ -324,7 +322,7 @@ class Gate:
 
     def during(self, start_s: float, stop_s: float) -> Gate:
         """Limit the gate to its times between two others."""
-        chosen = (self.time_s >= start_s - SLACK_S) & (self.time_s <= stop_s + SLACK_S)
+        chosen = SlowTime(self.time_s).find_pulses(start_s, stop_s)
         return replace(self, time_s=self.time_s[chosen], centre_m=self.centre_m[chosen])
 
     def crop(self, frames: Frames) -> Frames:
@@ -379,12 +377,6 @@ class Gate:
         if (high <= -0.5).all() or (low >= range_m.size - 0.5).all():
             raise _make_frame_error(float(self.low_m.min()), float(self.high_m.max()), range_m)
         return slice(max(math.floor(low.min()), 0), min(math.ceil(high.max()) + 1, range_m.size))
-
-    def close_doppler_band(self, power: npt.NDArray[np.float32], doppler_hz: FloatArray) -> None:
-        """Zero the Doppler cells of ``power``, shape (J, K), outside the gate's band, in place."""
-        if self.doppler_hz is not None:
-            low_hz, high_hz = self.doppler_hz
-            power[:, (doppler_hz < low_hz) | (doppler_hz > high_hz)] = 0.0
 
 
 def frame_limits_m(range_m: FloatArray) -> tuple[float, float]:

@@ -81,7 +81,7 @@ def fit_line(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool =
     from doppelgait.core.kernels.robust import robust_fit
 
     basis, parabola, ones = _make_line_basis(peaks_hz.size, min(order, peaks_hz.size - 1))
-    line: FloatArray = np.full(peaks_hz.size, compute_median(peaks_hz))
+    line: FloatArray = np.full(peaks_hz.size, compute_median(peaks_hz.copy()))
     taper, coefficients = parabola if tapered else ones, np.empty(basis.shape[0])
     robust_fit(basis, peaks_hz, taper, ones, bin_hz / 4.0, CAUCHY_TUNING, ITERATIONS, line, coefficients)
     return line

@@ -263,11 +263,6 @@ class GatedTransform:
         return self.range_m.size
 
     @property
-    def is_short(self) -> bool:
-        """True if all pulses are one tile."""
-        return self.n_pulses <= lazy.LONG_PULSES
-
-    @property
     def margin_pulses(self) -> int:
         """Number of pulses that are read after the needed ones."""
         # their weight is zero, and their values must be finite
@@ -299,14 +294,14 @@ class GatedTransform:
         window = np.zeros(transform.n_doppler_bins, dtype=np.float32)
         window[: transform.window.size] = transform.window
         power = np.zeros((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
-        step = transform.n_columns
-        if not self.is_short:
+        step, is_short = transform.n_columns, self.n_pulses <= lazy.LONG_PULSES
+        if not is_short:
             step = max(TILE_PULSES // transform.hop // LANES, 1) * LANES
         for start in range(0, transform.n_columns, step):
             columns = slice(start, min(start + step, transform.n_columns))
             first = transform.first_pulse + transform.hop * columns.start
             low, high = self.low[columns], self.high[columns]
-            if self.is_short:
+            if is_short:
                 planes, first_bin = samples.read(spans, self.margin_pulses)
                 begin, n_pulses = 0, self.n_pulses
             else:
@@ -353,7 +348,8 @@ class GatedTransform:
     def make_signature(self, power: npt.NDArray[np.float32], *, wavelength_m: float) -> Signal:
         """Add axes and facts to the power of the gate."""
         doppler_hz = doppler_axis_hz(self.transform.n_doppler_bins, self.prf_hz)
-        self.gate.close_doppler_band(power, doppler_hz)
+        low_hz, high_hz = self.gate.doppler_hz or (-np.inf, np.inf)
+        power[:, (doppler_hz < low_hz) | (doppler_hz > high_hz)] = 0.0
         inside = np.minimum(self.high, self.n_bins - 0.5) - np.maximum(self.low, -0.5)
         coords: dict[str, Coord] = {
             "time": (("time",), self.time_s, {}),

@@ -132,6 +132,7 @@ def detect_bodies(frames: Frames, chosen: Detector, *, wavelength_m: float, in_p
             )
             found[scan].append(body)
         scans += [Scan(float(t), tuple(detections)) for t, detections in zip(maps.time_s, found, strict=True)]
+        del maps, mask, peak  # before the next block is computed
     return scans
 
 
