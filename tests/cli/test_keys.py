@@ -1,6 +1,7 @@
 """The keys of configuration files, as the command and the documentation print them."""
 
 import json
+from functools import cache
 
 import pytest
 from typer.testing import CliRunner
@@ -13,6 +14,7 @@ from doppelgait.core.plugins import list_plugin_groups
 from doppelgait.radar import Radar
 
 
+@cache
 def run(*words: str, command: str = "keys") -> str:
     result = CliRunner().invoke(app, [command, *words], catch_exceptions=False)
     assert result.exit_code == 0, result.output

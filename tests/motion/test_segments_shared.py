@@ -3,7 +3,6 @@
 import csv
 import json
 import math
-import warnings
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -13,11 +12,11 @@ import pytest
 from typer.testing import CliRunner
 
 from doppelgait.cli.app import app
-from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.motion import Motion
 from doppelgait.motion.loop import loop
 from doppelgait.motion.readers import bvh, read  # noqa: F401  (BVH registers itself)
 from doppelgait.motion.segments import QUADRUPED, Segment, crop, find_segments
+from quiet import read_quietly
 
 pytestmark = pytest.mark.shared
 
@@ -31,9 +30,7 @@ class Pair:
 
 
 def _motion(shared: Path, file: str, *, clean: bool = False) -> Motion:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoppelgaitWarning)
-        return read(shared / "data" / "mocap" / file, clean=clean)
+    return read_quietly(shared / "data" / "mocap" / file, clean=clean)
 
 
 def _overlap(row: dict[str, str], segment: Segment) -> float:

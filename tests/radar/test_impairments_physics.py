@@ -180,7 +180,7 @@ def test_leakage_of_a_sweep_is_a_tone_of_the_level():
     assert out[0].max() == pytest.approx(0.01, rel=0.01)
 
 
-N_ROOMS = 500
+N_ROOMS = 250
 
 
 def rooms(spec, radar):

@@ -16,6 +16,7 @@ from doppelgait.motion.clean import clean_motion
 from doppelgait.motion.describe import describe_motion, describe_recording, smooth_path
 from doppelgait.motion.readers import cut_part, read
 from doppelgait.motion.readers.c3d import C3dContent, read_content
+from quiet import read_quietly
 
 pytestmark = pytest.mark.shared
 
@@ -107,11 +108,8 @@ def _path(shared: Path, name: str) -> Path:
     return shared / "data" / "mocap" / rows[name]["file"] if name in rows else shared / "data" / "c3d-edge-cases" / name
 
 
-@cache
 def _read(shared: Path, name: str, **options: Any) -> Motion:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoppelgaitWarning)
-        return read(_path(shared, name), **options)
+    return read_quietly(_path(shared, name), **options)
 
 
 def test_tables_name_every_file(shared: Path) -> None:
