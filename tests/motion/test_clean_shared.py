@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from quiet import read_quietly
+from recorded import read_quietly
 
 pytestmark = pytest.mark.shared
 

@@ -11,7 +11,7 @@ from doppelgait.motion import Motion, blend, loop, read, retarget
 from doppelgait.motion.hybrid import compute_dimensionless_speed, find_speed_limits
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.motion.rigid import measure_foot_slide
-from quiet import read_quietly
+from recorded import read_quietly
 
 pytestmark = pytest.mark.shared
 

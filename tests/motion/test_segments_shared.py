@@ -16,7 +16,7 @@ from doppelgait.motion import Motion
 from doppelgait.motion.loop import loop
 from doppelgait.motion.readers import bvh, read  # noqa: F401  (BVH registers itself)
 from doppelgait.motion.segments import QUADRUPED, Segment, crop, find_segments
-from quiet import read_quietly
+from recorded import read_quietly
 
 pytestmark = pytest.mark.shared
 

@@ -1,6 +1,5 @@
 """Every C3D of the shared test data: read as its manifest says, or refused for a stated reason."""
 
-import csv
 import json
 import warnings
 from functools import cache
@@ -16,7 +15,7 @@ from doppelgait.motion.clean import clean_motion
 from doppelgait.motion.describe import describe_motion, describe_recording, smooth_path
 from doppelgait.motion.readers import cut_part, read
 from doppelgait.motion.readers.c3d import C3dContent, read_content
-from quiet import read_quietly
+from recorded import read_manifests, read_quietly
 
 pytestmark = pytest.mark.shared
 
@@ -94,13 +93,8 @@ MOCAP = {
 }  # fmt: skip
 
 
-@cache
 def _rows(shared: Path) -> dict[str, dict[str, str]]:
-    rows = {}
-    for who in ("human", "rat"):
-        with (shared / "data" / "mocap" / who / "manifest.csv").open(newline="", encoding="utf-8") as file:
-            rows |= {Path(row["file"]).name: row for row in csv.DictReader(file) if row["format"] == "c3d"}
-    return rows
+    return read_manifests(shared, "human", "rat", formats=("c3d",))
 
 
 def _path(shared: Path, name: str) -> Path:

@@ -1,6 +1,5 @@
 """Every BVH, AMC and exponential-map file of the shared test data: read as its manifest says."""
 
-import csv
 import warnings
 from functools import cache
 from pathlib import Path
@@ -14,6 +13,7 @@ from doppelgait.motion import Motion
 from doppelgait.motion.clean import clean_motion
 from doppelgait.motion.describe import describe_motion
 from doppelgait.motion.readers import cut_part, read
+from recorded import read_manifests
 
 pytestmark = pytest.mark.shared
 
@@ -50,17 +50,8 @@ WITHOUT_FIRST_FRAME = "cmu_131_01.bvh"
 SHORT_LIMB = 0.01
 
 
-@cache
 def _rows(shared: Path) -> dict[str, dict[str, str]]:
-    rows = {}
-    for who in ("human", "dog"):
-        with (shared / "data" / "mocap" / who / "manifest.csv").open(newline="", encoding="utf-8") as file:
-            rows |= {
-                Path(row["file"]).name: row
-                for row in csv.DictReader(file)
-                if row["format"].startswith(("bvh", "amc", "cmu-expmap"))
-            }
-    return rows
+    return read_manifests(shared, "human", "dog", formats=("bvh", "amc", "cmu-expmap"))
 
 
 @cache

@@ -1,7 +1,5 @@
 """TRC files and marker tables of the shared test data, and tables that ``motion convert`` writes."""
 
-import csv
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +11,7 @@ from doppelgait.cli.app import app
 from doppelgait.motion.clean import clean_motion
 from doppelgait.motion.describe import describe_motion, smooth_path
 from doppelgait.motion.readers import MOTION_READERS, read
-from quiet import read_quietly
+from recorded import read_manifests, read_quietly
 
 pytestmark = pytest.mark.shared
 
@@ -27,10 +25,8 @@ SWAGGER = "accad_swagger1.txt"
 """Its manifest counts the ghost LHEE-1 as a marker in its gaps."""
 
 
-@cache
 def _rows(shared: Path) -> dict[str, dict[str, str]]:
-    with (shared / "data" / "mocap" / "human" / "manifest.csv").open(newline="", encoding="utf-8") as file:
-        return {Path(row["file"]).name: row for row in csv.DictReader(file)}
+    return read_manifests(shared, "human")
 
 
 def _path(shared: Path, name: str) -> Path:
