@@ -122,10 +122,7 @@ def test_a_key_of_a_table_is_printed_alone(topic: str, heading: str, key: str) -
 @pytest.mark.parametrize(
     ("topic", "message"),
     [
-        (
-            "radra",
-            r"^keys radra: is not a topic; topics are scene, .*motion\.human, and TABLE\.KEY.* dataset\.seed$",
-        ),
+        ("radra", r"^keys radra: is not a topic; topics are scene, .*motion\.human, and TABLE\.KEY.* dataset\.seed$"),
         ("radar.prf", r"^keys radar\.prf: is not a topic; topics are scene"),
         ("motion.horse", r"^keys motion\.horse: no motion 'horse' with keys; known are boulic, .*human"),
     ],

@@ -415,11 +415,7 @@ def marker_motion(t):
 
 @pytest.mark.parametrize(
     ("mode", "speed", "frequency", "length"),
-    [
-        ("uniform", 2 / 3, 1.0, 2 / 3),
-        ("froude", np.sqrt(2 / 3), np.sqrt(3 / 2), 2 / 3),
-        ("z_only", 1.0, 1.0, 1.0),
-    ],
+    [("uniform", 2 / 3, 1.0, 2 / 3), ("froude", np.sqrt(2 / 3), np.sqrt(3 / 2), 2 / 3), ("z_only", 1.0, 1.0, 1.0)],
 )
 def test_10_height_factor_two_thirds_in_the_three_modes(mode, speed, frequency, length):
     facts = {"height_m": 1.8, "mass_kg": 80.0, "gait_frequency_hz": 2.0, "stride_frequency_hz": 1.0}

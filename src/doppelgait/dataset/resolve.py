@@ -133,6 +133,7 @@ def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[Row
     return tuple(rows), targets
 
 
+@lru_cache(maxsize=1)
 def _make_sampler(plan: PlanConfig, number: int) -> Draw:
     """Return the function that samples values of an example."""
     # cycles advance with the number within the class, in the same order for every class
@@ -165,7 +166,6 @@ def resolve_example(plan: PlanConfig, number: int, folder: Path, *, split: str =
 
 
 def _run_spec(plan: PlanConfig, section: ClassSection, number: int, targets: list[dict[str, Any]], folder: Path) -> Run:
-    """Resolve the run of an example."""
     # all but motions and the keys in ``dataset.leaks`` is sampled independently of the class
     draw = _make_sampler(plan, number)
     first = {**draw({**plan.target, **section.target}, "target"), **targets[0]}

@@ -155,7 +155,6 @@ def _compute_images(
 
 
 def _interpolate_table(values: FloatArray, looks_s: FloatArray, times_s: FloatArray) -> FloatArray:
-    """Interpolate the columns of a table by cubic splines."""
     from doppelgait.core.kernels.spline import spline_moments, values_between
 
     heights = np.ascontiguousarray(values)

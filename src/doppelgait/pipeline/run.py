@@ -188,7 +188,8 @@ def run_simulation(
     >>> dg.pipeline.run_simulation(run).n_pulses
     1920
     """
-    scene, radar = place(run.scene, run.streams, folder=folder), run.radar
+    streams, radar = run.streams, run.radar
+    scene = place(run.scene, streams, folder=folder)
     if run.auto_prf:
         radar = choose_lowest_prf(scene, radar, cpi_s=run.analysis.cpi_s)
-    return simulate(scene, radar, angles=angles, rng=run.streams, conditions=run.conditions, path=path)
+    return simulate(scene, radar, angles=angles, rng=streams, conditions=run.conditions, path=path)

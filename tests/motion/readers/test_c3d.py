@@ -168,9 +168,7 @@ def test_two_subjects_need_a_choice(tmp_path: Path) -> None:
 def test_a_prop_is_left_out(tmp_path: Path) -> None:
     motion = read(two_subjects(tmp_path / "a.c3d", 3), clean=False)
     assert motion.facts.subject == "A"
-    assert motion.report["dropped"] == {
-        "belongs to subject or prop 'B'": ["B:LFHD", "B:RFHD", "B:C7"],
-    }
+    assert motion.report["dropped"] == {"belongs to subject or prop 'B'": ["B:LFHD", "B:RFHD", "B:C7"]}
 
 
 def read_with_extra(tmp_path: Path, extra: list[str], texts: dict[str, list[str]] | None = None) -> Any:
