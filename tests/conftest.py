@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import h5py  # noqa: F401  asks the system for the processor with a process, once, when it is imported
 import pytest
@@ -84,6 +85,15 @@ def _forget_signals() -> Iterator[None]:
     """Commands answer a signal with status 130, also one that an earlier test of this process sent to itself."""
     yield
     interrupt._mark.came = False
+
+
+@pytest.fixture
+def register(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Register plug-ins for one test."""
+    for group in plugins.list_plugin_groups().values():
+        len(group)  # built-in ones first
+    monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(items) for group, items in plugins._REGISTERED.items()})
+    return plugins.plugin
 
 
 @pytest.fixture

@@ -6,7 +6,6 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from doppelgait.core import plugins
 from doppelgait.core.config import format_canonical_json, validate
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
@@ -497,12 +496,10 @@ def test_a_long_recording_of_a_swept_radar_does_not_need_every_sample():
 
 
 @pytest.fixture
-def barker(monkeypatch):
+def barker(register):
     """A waveform of another package, for one test."""
-    len(WAVEFORMS)
-    monkeypatch.setitem(plugins._REGISTERED, "waveform", dict(plugins._REGISTERED["waveform"]))
 
-    @plugins.plugin("waveform")
+    @register("waveform")
     class Barker(Waveform):
         needs = ("sweep_s",)
         kind: Literal["barker"] = "barker"
