@@ -75,7 +75,7 @@ def dog(name, froude, withers_m, **options):
 
 
 def paw(motion, foot):
-    return motion.positions.sel(marker=f"{foot}_paw").values
+    return motion.position_m[:, motion.markers.index(f"{foot}_paw")]
 
 
 def test_points_and_parts():
