@@ -176,7 +176,8 @@ def _find_in(
 ) -> list[_Candidate]:
     """Find the breaths in a series, strongest first."""
     series = remove_common_gain(values, range_m)
-    spectrum = compute_breath_spectrum(series, sampling_rate_hz(times), window_s=options.window_s)
+    window_s, high_hz = options.window_s, options.high_hz
+    spectrum = compute_breath_spectrum(series, sampling_rate_hz(times), window_s=window_s, high_hz=high_hz)
     ratio = compute_line_ratio(spectrum, low_hz=options.low_hz, high_hz=options.high_hz)
     limit = compute_threshold(spectrum, options.false_alarm, low_hz=options.low_hz, high_hz=options.high_hz)
     look = _SlowSeries(series, times, range_m, spectrum, ratio, limit, wavelength_m, options)

@@ -157,23 +157,20 @@ def remove_from_frames(
     if kind not in ("mean", "median"):
         for planes in tiles():
             states.append(clean(planes, states[-1])[1])
-    size = frames.count_tile_pulses(block)
+    size = frames.count_tile_pulses(block) if len(states) > 1 else 4096  # short without the state before a tile
     last: dict[int, Values] = {}
-
-    def tile(number: int) -> Values:
-        if number not in last:
-            last.clear()  # before the next tile is in memory
-            first, stop = number * size, min((number + 1) * size, frames.n_pulses)
-            planes = frames.samples.read_tile(slice(first, stop), chosen)
-            cleaned = clean(planes, states[number] if len(states) > 1 else None)[0]
-            last[number] = _make_samples(cleaned, chosen, (stop - first, frames.n_bins)).matrix
-        return last[number]
 
     def rows(first: int, stop: int) -> Values:
         values = np.empty((stop - first, frames.n_bins), dtype=np.complex64)
         for number in range(first // size, -(-stop // size)):
+            tile = last.get(number)  # other threads may change the rest
+            if tile is None:
+                last.clear()  # before the next tile is in memory
+                pulses = slice(number * size, min((number + 1) * size, frames.n_pulses))
+                planes = clean(frames.samples.read_tile(pulses, chosen), states[number] if states[1:] else None)[0]
+                tile = last[number] = _make_samples(planes, chosen, (planes.shape[-1], frames.n_bins)).matrix
             start = number * size - first
-            values[max(start, 0) : start + size] = tile(number)[max(-start, 0) : stop - first - start]
+            values[max(start, 0) : start + size] = tile[max(-start, 0) : stop - first - start]
         return values
 
     return frames.with_samples(Samples.stored(frames.shape, rows))
