@@ -12,8 +12,7 @@ from pydantic import Field
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import MotionError
-from doppelgait.core.labels import MOTION, SPACE, make_array
-from doppelgait.motion.motion import Motion, require_motion
+from doppelgait.motion.motion import Motion, make_motion, require_motion
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -335,15 +334,20 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
         wave = np.sin(2.0 * np.pi * times * new_hz * times_s + turn)
         ripple_m = ripple_m + size_m * wave[:, None] * way / np.linalg.norm(way)
     position_m = slope[0] + slope[1] * (times_s[:, None] + margin_s) + ripple_m
-    coords = {"time": times_s, "marker": motion.markers, "space": list(SPACE), "part": ("marker", parts)}
-    positions = make_array(MOTION, position_m[:, None] + body_m, coords, {"rate_hz": motion.rate_hz})
     footfalls = {
         foot: np.interp(np.asarray(falls), limb_s, times_s, left=np.nan, right=np.nan)
         for foot, falls in motion.facts.footfalls.items()
     }
     facts = motion.facts.with_frequencies(lambda hz: hz * variation.pace)
     kept = {foot: falls[np.isfinite(falls)].tolist() for foot, falls in footfalls.items()}
-    return replace(motion, positions=positions, facts=replace(facts, footfalls=kept))
+    return make_motion(
+        position_m[:, None] + body_m,
+        rate_hz=motion.rate_hz,
+        markers=motion.markers,
+        parts=parts,
+        facts=replace(facts, footfalls=kept),
+        report=motion.report,
+    )
 
 
 def _make_clock(
