@@ -139,7 +139,7 @@ class Motion:
     make_motion : Build one from plain arrays.
     """
 
-    positions: Labelled = Labelled()
+    positions: xr.DataArray = Labelled()  # type: ignore[assignment]
     facts: MotionFacts = field(default_factory=MotionFacts)
     report: Mapping[str, Any] = field(default_factory=dict)
 
@@ -208,7 +208,7 @@ class Motion:
 
     def with_positions(self, position_m: npt.NDArray[Any]) -> Motion:
         """Return the motion with other point positions."""
-        return replace(self, positions=Signal.of(self._kept, MOTION).replace(position_m))
+        return replace(self, positions=Signal.of(self._kept, MOTION).replace(position_m))  # type: ignore[arg-type]
 
     def with_facts(self, **facts: Any) -> Motion:
         """Return the motion with some facts replaced."""
@@ -228,7 +228,7 @@ class Motion:
 
     def frames(self, first: int, stop: int) -> Motion:
         """Return frames ``first`` to ``stop`` - 1 with their times."""
-        return replace(self, positions=Signal.of(self._kept, MOTION).take_columns(slice(first, stop)))
+        return replace(self, positions=Signal.of(self._kept, MOTION).take_columns(slice(first, stop)))  # type: ignore[arg-type]
 
     def cut(self, first: int, stop: int) -> Motion:
         """Return frames ``first`` to ``stop`` - 1 from time 0.
@@ -245,7 +245,7 @@ class Motion:
             for foot, touchdowns in self.facts.footfalls.items()
         }
         before_s = self.facts.file_time_s + float(start)
-        return replace(self, positions=positions, facts=replace(self.facts, footfalls=footfalls, file_time_s=before_s))
+        return replace(self, positions=positions, facts=replace(self.facts, footfalls=footfalls, file_time_s=before_s))  # type: ignore[arg-type]
 
 
 def require_motion(motion: object) -> Motion:
@@ -316,7 +316,7 @@ def make_motion(
         facts = MotionFacts(**(facts or {}))
     values = np.asarray(position_m, dtype=np.float64)
     labels = _make_labels(tuple(markers), tuple(parts), values.shape[0], float(rate_hz), float(start_s))
-    return Motion(labels.replace(values), facts, dict(report or {}))
+    return Motion(labels.replace(values), facts, dict(report or {}))  # type: ignore[arg-type]
 
 
 @lru_cache(maxsize=16)
