@@ -150,8 +150,8 @@ def observe_strip(gate: Gate, clean: Frames, analysis: Analysis, wavelength_m: f
     """Measure Doppler in a strip around a target's track."""
     strip = Gate(gate.time_s, gate.centre_m, STRIP_M)
     mu = processing.decimate(compute_signature(gate.crop(clean), strip, analysis, wavelength_m=wavelength_m))
-    floor_v2 = processing.noise_floor_v2(mu)
-    times_s = mu.axis("time")
+    floor_v2, times_s = processing.noise_floor_v2(mu), mu.axis("time")
+    velocity_mps = mu.axis("doppler") * wavelength_m / 2
     every = max(round(STEP_S / max(float(np.median(np.diff(times_s))), 1e-9)), 1) if times_s.size > 1 else 1
     steps = max(times_s.size // every, 1)
     grouped = []  # means of the power above the noise
@@ -159,12 +159,12 @@ def observe_strip(gate: Gate, clean: Frames, analysis: Analysis, wavelength_m: f
         values = mu.values[first * every : min(first + STEPS_AT_ONCE, steps) * every]
         excess_v2 = np.where(values > SIGNIFICANT * floor_v2, values - floor_v2, 0.0)
         grouped.append(excess_v2.reshape(-1, min(every, len(values)), values.shape[1]).mean(axis=1))
+    del mu, values  # as long as the recording
     time_s = times_s[: steps * every].reshape(steps, -1).mean(axis=1)
     around_s = time_s[:, None] + np.array([-0.25, 0.25])
     range_m = gate.centre_at(np.clip(around_s, gate.start_s, gate.stop_s))
     width_s = np.diff(np.clip(around_s, gate.start_s, gate.stop_s), axis=1)[:, 0]
     approach_mps = -np.diff(range_m, axis=1)[:, 0] / np.maximum(width_s, 1e-9)
-    velocity_mps = mu.axis("doppler") * wavelength_m / 2
     return TrackStrip(time_s, gate.centre_at(time_s), approach_mps, np.concatenate(grouped), velocity_mps)
 
 
