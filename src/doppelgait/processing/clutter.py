@@ -157,7 +157,9 @@ def remove_from_frames(
     if kind not in ("mean", "median"):
         for planes in tiles():
             states.append(clean(planes, states[-1])[1])
-    size = frames.count_tile_pulses(block) if len(states) > 1 else 4096  # short without the state before a tile
+    size = frames.count_tile_pulses(block)
+    if len(states) == 1:  # no tile needs the state before it
+        size = min(size, 4096)
     last: dict[int, Values] = {}
 
     def rows(first: int, stop: int) -> Values:

@@ -378,6 +378,11 @@ class Gate:
             raise _make_frame_error(float(self.low_m.min()), float(self.high_m.max()), range_m)
         return slice(max(math.floor(low.min()), 0), min(math.ceil(high.max()) + 1, range_m.size))
 
+    def close_doppler_band(self, power: npt.NDArray[np.float32], doppler_hz: FloatArray) -> None:
+        """Zero the Doppler cells of ``power``, shape (J, K), outside the gate's band, in place."""
+        low_hz, high_hz = self.doppler_hz or (-math.inf, math.inf)
+        power[:, (doppler_hz < low_hz) | (doppler_hz > high_hz)] = 0.0
+
 
 def frame_limits_m(range_m: FloatArray) -> tuple[float, float]:
     """Compute the limits of a range axis with two or more cells."""

@@ -344,8 +344,7 @@ class GatedTransform:
     def make_signature(self, power: npt.NDArray[np.float32], *, wavelength_m: float) -> Signal:
         """Add axes and facts to the power of the gate."""
         doppler_hz = doppler_axis_hz(self.transform.n_doppler_bins, self.prf_hz)
-        low_hz, high_hz = self.gate.doppler_hz or (-np.inf, np.inf)
-        power[:, (doppler_hz < low_hz) | (doppler_hz > high_hz)] = 0.0
+        self.gate.close_doppler_band(power, doppler_hz)
         inside = np.minimum(self.high, self.n_bins - 0.5) - np.maximum(self.low, -0.5)
         coords: dict[str, Coord] = {
             "time": (("time",), self.time_s, {}),
