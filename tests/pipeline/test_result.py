@@ -272,8 +272,8 @@ def test_results_of_version_0_1_0_are_refused_with_what_to_do(tmp_path):
     with pytest.raises(AnalysisError) as caught:
         read_results(tmp_path / "old.h5")
     message = str(caught.value)
-    assert "in format version 1, of older doppelgait; this one reads 2; make it again" in message
-    assert "doppelgait analyze RECORDING -o FILE" in message
+    assert "in format version 1; this one reads 2; make it again" in message
+    assert "doppelgait analyze RECORDING -o old.h5" in message
     assert "\n" not in message
 
 

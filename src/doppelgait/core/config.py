@@ -157,7 +157,6 @@ class InnerError(ValueError):
 
 
 def _make_error(start: str, faults: list[Fault], text: str = "", section: tuple[str, ...] = ()) -> ConfigError:
-    """Make the error of a table and attach the faults to it."""
     said: dict[str, str] = {}
     for fault in faults:
         location = (*section, *fault.location)

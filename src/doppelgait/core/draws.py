@@ -113,7 +113,6 @@ def _parse_law(table: Mapping[str, Any]) -> tuple[str, Any, Any] | None:
 
 
 def _refuse_misspelt_law(table: Mapping[str, Any], key: str) -> None:
-    """Refuse a table that is a distribution but for its spelling."""
     if len(table) > 2:
         return
     known = (*DISTRIBUTIONS, CYCLE)
@@ -152,7 +151,6 @@ def _sample_table(table: Mapping[str, Any], key: str, sample: Callable[[Any, str
 
 
 def _multiply(value: Any, name: Any, key: str, sibling: Sibling | None) -> float:
-    """Multiply a draw by another key of its table."""
     said = f"{key}: {TIMES} = {name!r}"
     if not isinstance(name, str) or sibling is None:
         raise ConfigError(f'{said}: is not allowed; it must name a key of the same table, as in {TIMES} = "height_m"')

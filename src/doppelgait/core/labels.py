@@ -139,9 +139,9 @@ class Signal:
 
     def take_columns(self, columns: slice) -> Signal:
         """Slice the signal along its first dimension."""
-        along = self.schema.dims[:1]
+        along = self.schema.dims[0]
         coords = {
-            name: (dims, values[columns] if dims == along else values, attrs)
+            name: (dims, values[tuple(columns if dim == along else slice(None) for dim in dims)], attrs)
             for name, (dims, values, attrs) in self.coords.items()
         }
         return Signal(self.schema, self.values[columns], coords, dict(self.attrs))
@@ -290,6 +290,8 @@ def _copy_coordinate(coordinate: xr.Variable) -> xr.Variable:
 
 def label_axis(name: str, coordinate: Any) -> xr.Variable:
     """Make a coordinate with its unit. It has an index if its name is that of its dimension."""
+    if isinstance(coordinate, xr.DataArray | xr.Variable):
+        coordinate = (coordinate.dims, coordinate.values, coordinate.attrs)
     dims, values, attrs = (*coordinate, {})[:3] if isinstance(coordinate, tuple) else (name, coordinate, {})
     facts = {**attrs, **({"units": COORDINATE_UNITS[name]} if name in COORDINATE_UNITS else {})}
     if dims not in (name, (name,)):

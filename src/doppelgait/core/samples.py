@@ -417,7 +417,6 @@ def _change_samples(samples: Samples, ufunc: Any, other: Any) -> Samples:
 
 
 def _split(matrix: Matrix, rows: slice) -> Planes:
-    """Copy some columns of a matrix to planes."""
     from doppelgait.core.kernels.synthesis import split_planes
 
     planes = borrow_planes((2, rows.stop - rows.start, matrix.shape[0]))

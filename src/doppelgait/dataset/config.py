@@ -351,8 +351,6 @@ class PlanConfig(FrozenModel):
     impairments: list[Any] | dict[str, Any] | None = None
     analysis: dict[str, Any] = Field(default_factory=dict)
 
-    __hash__ = object.__hash__  # tables have no hash; facts of a plan are cached by the object
-
     @model_validator(mode="after")
     def _check(self) -> Self:
         labels = [c.label for c in self.classes]

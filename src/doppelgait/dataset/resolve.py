@@ -133,7 +133,6 @@ def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[Row
     return tuple(rows), targets
 
 
-@lru_cache(maxsize=1)
 def _make_sampler(plan: PlanConfig, number: int) -> Draw:
     """Return the function that samples values of an example."""
     # cycles advance with the number within the class, in the same order for every class
@@ -141,11 +140,11 @@ def _make_sampler(plan: PlanConfig, number: int) -> Draw:
 
 
 @lru_cache(maxsize=4)
-def _parse_fixed_radar(plan: PlanConfig, folder: Path) -> FixedRadar | None:
-    # the radar that all examples share; None if it is drawn or faulty
-    table = replace_radar_files(plan.radar)
+def _parse_fixed_radar(text: str, folder: Path) -> FixedRadar | None:
+    # the radar that all examples share, from its table in JSON; None if it is drawn or faulty
+    table = replace_radar_files(parse_json(text))
     with suppress(ConfigError):  # the error of an example names it
-        if _make_sampler(plan, 0)(table, "radar") == table:
+        if sample(Streams(0), 0, table, "radar") == table:
             radar = parse_radar(table, where="", folder=folder)
             return radar if isinstance(radar, FixedRadar) else None
     return None
@@ -168,6 +167,7 @@ def resolve_example(plan: PlanConfig, number: int, folder: Path, *, split: str =
 def _run_spec(plan: PlanConfig, section: ClassSection, number: int, targets: list[dict[str, Any]], folder: Path) -> Run:
     # all but motions and the keys in ``dataset.leaks`` is sampled independently of the class
     draw = _make_sampler(plan, number)
+    fixed = _parse_fixed_radar(json.dumps(plan.radar, default=str), folder)
     first = {**draw({**plan.target, **section.target}, "target"), **targets[0]}
     if section.motion.get("kind") == EMPTY_SCENE or targets[0]["motion"]["kind"] == EMPTY_SCENE:
         phantom = {"kind": "point", "speed_mps": targets[0]["motion"]["speed_mps"]}
@@ -184,7 +184,7 @@ def _run_spec(plan: PlanConfig, section: ClassSection, number: int, targets: lis
         **scene,
         "targets": [first, *targets[1:], *({**target, "background": True} for target in background)],
         # sampling leaves a stored radar file unchanged: it has its own random streams
-        "radar": _parse_fixed_radar(plan, folder) or draw(replace_radar_files(plan.radar), "radar"),
+        "radar": fixed or draw(replace_radar_files(plan.radar), "radar"),
         "noise": {k: value for k, value in noise.items() if k != "snr_db" or noise.get("kind") == "snr"},
         **{key: _sample_list(plan, draw, key) for key in FITTED_KEYS if getattr(plan, key) is not None},
         "analysis": draw(plan.analysis, "analysis"),

@@ -192,7 +192,6 @@ def _find_in(
 
 
 def _measure_cluster(look: _SlowSeries, bins: npt.NDArray[np.int64]) -> _Candidate | None:
-    """Measure the breath of a cluster in its strongest bin, or return None."""
     spectrum, settings = look.spectrum, look.settings
     # add nearby bins that reach a quarter of the threshold ratio at this rate: the strongest echo of a body is not
     # always the echo with the steadiest line

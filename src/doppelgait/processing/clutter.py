@@ -144,7 +144,7 @@ def remove_from_frames(
             means = np.empty((2, chosen.stop - chosen.start, frames.n_pulses // block))
             for number, planes in enumerate(tiles()):
                 n_blocks, first = planes.shape[-1] // block, number * (frames.count_tile_pulses(block) // block)
-                blocks = planes[..., : n_blocks * block].reshape(2, -1, n_blocks, block)
+                blocks = planes[..., : n_blocks * block].reshape(*planes.shape[:2], n_blocks, block)
                 means[..., first : first + n_blocks] = blocks.mean(axis=-1, dtype=np.float64)
             level = np.median(means, axis=-1, keepdims=True, overwrite_input=True)
         static = np.asarray(level, dtype=np.float32)

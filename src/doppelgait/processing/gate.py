@@ -12,7 +12,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.frames import Frames, SlowTime
+from doppelgait.core.frames import SLACK_S, Frames
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.track.live import Track
 
@@ -179,7 +179,8 @@ class Gate:
             If fewer than two pulses lie in the time of the track.
         """
         times_s = np.asarray(time_s, dtype=float)
-        times_s = times_s[SlowTime(times_s).find_pulses(track.first_s - cpi_s / 2, track.last_s + cpi_s / 2)]
+        first_s, last_s = track.first_s - cpi_s / 2 - SLACK_S, track.last_s + cpi_s / 2 + SLACK_S
+        times_s = times_s[(times_s >= first_s) & (times_s <= last_s)]
         if times_s.size < 2:
             raise AnalysisError(
                 f"track from {track.first_s:g} to {track.last_s:g} s: the recording has {times_s.size} pulses in this "
@@ -322,7 +323,7 @@ class Gate:
 
     def during(self, start_s: float, stop_s: float) -> Gate:
         """Limit the gate to its times between two others."""
-        chosen = SlowTime(self.time_s).find_pulses(start_s, stop_s)
+        chosen = (self.time_s >= start_s - SLACK_S) & (self.time_s <= stop_s + SLACK_S)
         return replace(self, time_s=self.time_s[chosen], centre_m=self.centre_m[chosen])
 
     def crop(self, frames: Frames) -> Frames:

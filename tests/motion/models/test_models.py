@@ -45,6 +45,10 @@ def test_a_table_is_checked_again_after_a_change_only():
     assert second.parameters is first.parameters
     second["speed_mps"] = 0.6
     assert (check_table(second).parameters.speed_mps, "speed_mps" in first) == (0.6, False)
+    third = check_table({"kind": "boulic", "speed_mps": 1.0})
+    for third["speed_mps"] in (True, np.array([1.0, 2.0])):  # True equals 1.0, and an array has no truth value
+        with pytest.raises(ConfigError):
+            check_table(third)
 
 
 @pytest.mark.parametrize("kind", MODELS)

@@ -96,7 +96,6 @@ class Kernel:
 
 
 def _compile_by_numba(module: str) -> None:
-    """Compile all kernels of a module with Numba."""
     from numba import njit
     from numba.core.compiler import Compiler
 

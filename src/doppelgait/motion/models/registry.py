@@ -38,7 +38,7 @@ def get_parameters(kind: str) -> type[FrozenModel]:
 class MotionTable(dict[str, Any]):
     """Table of a model's motion with its checked parameters."""
 
-    checked: dict[str, Any]
+    checked: str
     parameters: FrozenModel
 
 
@@ -46,8 +46,8 @@ def check_table(table: Mapping[str, Any], **location: Any) -> MotionTable:
     """Check the table of a model's motion; a checked one only after a change."""
     model = get_parameters(str(table["kind"]))
     made = MotionTable(table)
-    made.checked = {**table}
-    if isinstance(table, MotionTable) and table == table.checked and isinstance(table.parameters, model):
+    made.checked = repr(table)  # it tells nested values that were changed in place, and True from 1.0
+    if isinstance(table, MotionTable) and made.checked == table.checked and type(table.parameters) is model:
         made.parameters = table.parameters
     else:
         made.parameters = validate(model, {name: table[name] for name in table if name != "kind"}, **location)
