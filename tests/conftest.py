@@ -5,7 +5,9 @@ import os
 import platform
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import h5py  # noqa: F401  asks the system for the processor with a process, once, when it is imported
 import pytest
@@ -13,12 +15,13 @@ import scipy.linalg  # noqa: F401  brings the second BLAS, which only then can b
 from threadpoolctl import threadpool_limits
 
 from checkout import SHARED
-from doppelgait.core import interrupt
+from doppelgait.core import interrupt, plugins
 
 PROCESS_ROOMS = ("system", "browser", "fuzz")
 PROCESS_EVENTS = frozenset({"subprocess.Popen", "os.fork", "os.posix_spawn", "os.system"})
 
 gc.set_threshold(20_000)  # at every 700 new objects it takes a tenth of the suite's time, in imports above all
+plugins.packages_distributions = cache(plugins.packages_distributions)  # reads the names of all installed packages
 platform.processor()  # kept by Python: importing h5py asks for it, by a process that some tests may not start
 
 TESTS = Path(__file__).parent
@@ -82,6 +85,15 @@ def _forget_signals() -> Iterator[None]:
     """Commands answer a signal with status 130, also one that an earlier test of this process sent to itself."""
     yield
     interrupt._mark.came = False
+
+
+@pytest.fixture
+def register(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Register plug-ins for one test."""
+    for group in plugins.list_plugin_groups().values():
+        len(group)  # built-in ones first
+    monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(items) for group, items in plugins._REGISTERED.items()})
+    return plugins.plugin
 
 
 @pytest.fixture

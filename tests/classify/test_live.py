@@ -1,7 +1,6 @@
 """Live decisions: the same as of the file, gaps, clocks, and a slow analysis."""
 
 import threading
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,16 +17,10 @@ from doppelgait.pipeline import simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
+from export_models import ALARM_MODEL as MODEL
 
 PRF_HZ = 700.0
 RADAR = Radar.preset("x4", prf_hz=PRF_HZ)
-MODEL = SimpleNamespace(
-    facts=SimpleNamespace(
-        classes=("human", "dog"), abstain_below=0.8, alarm="human", alarm_threshold=0.6,
-        conditions={"observation_s": (2.0, 4.0)},
-    ),
-    calibration=SimpleNamespace(n_rows=98),
-)  # fmt: skip
 
 
 def judged(seen, _, number):

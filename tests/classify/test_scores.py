@@ -72,7 +72,7 @@ def test_no_error_is_no_certainty():
 
 def test_bootstrap_over_targets_covers_as_often_as_it_says():
     """Rows of a target are all right or all wrong: an interval over rows would cover about half as often."""
-    rng, hits, trials = np.random.default_rng(1), 0, 80
+    rng, hits, trials = np.random.default_rng(1), 0, 40
     labels, groups = np.repeat([0, 1], 200), np.repeat(np.arange(80), 5).astype(str)
     for _ in range(trials):
         right = (rng.random(80) < 0.8).repeat(5)

@@ -1,7 +1,6 @@
 """Decisions over time: windows, links, fused evidence."""
 
 import itertools
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,14 +26,7 @@ from doppelgait.pipeline import Result, simulate
 from doppelgait.processing import Analysis, Gate
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
-
-MODEL = SimpleNamespace(
-    facts=SimpleNamespace(
-        classes=("human", "dog"), abstain_below=0.8, alarm="human", alarm_threshold=0.6,
-        conditions={"observation_s": (2.0, 4.0)},
-    ),
-    calibration=SimpleNamespace(n_rows=98),
-)  # fmt: skip
+from export_models import ALARM_MODEL as MODEL
 
 
 def window(start_s, length_s=4.0):

@@ -179,17 +179,22 @@ def two_views(count, seed):
     return LabelledRows(join_inputs(features, pictures), labels)
 
 
-def test_an_ensemble_is_the_mean_of_the_calibrated_log_odds_of_its_members():
-    train, held, asked = two_views(200, 0), two_views(60, 1), two_views(30, 2)
+@pytest.fixture(scope="module")
+def joined():
+    """An ensemble of three members, and the rows that it was calibrated on."""
+    train, held = two_views(200, 0), two_views(60, 1)
     features = [LabelledRows(select_features(part.values), part.labels) for part in (train, held)]
     members = [
         fit(find_kind(name), *features, n_classes=2, seed=0) for name in ("extended-logistic", "extended-boosting")
     ]
-    network = random_network(seed=0)
-    found = join([[member] for member in (*members, network)], held, n_classes=2)
+    return join([[member] for member in (*members, random_network(seed=0))], held, n_classes=2), held
+
+
+def test_an_ensemble_is_the_mean_of_the_calibrated_log_odds_of_its_members(joined):
+    (found, held), asked = joined, two_views(30, 2)
     views = [select_features, select_features, select_levels]
     odds = []
-    for member, view in zip([*members, network], views, strict=True):
+    for member, view in zip(found.members, views, strict=True):
         calibration = calibrate(member.log_probability(view(held.values)), held.labels)
         p = calibration(member.log_probability(view(asked.values)))
         odds.append(np.log(p[:, 1] / p[:, 0]))
@@ -232,18 +237,13 @@ def test_an_ensemble_without_pictures_has_members_without_them():
         (lambda arrays: arrays.pop("member.1.root"), "root"),
     ],
 )
-def test_an_ensemble_is_kept_as_one_file_and_a_tampered_one_is_refused(tmp_path, change, says):
-    train, held = two_views(200, 0), two_views(60, 1)
-    features = [LabelledRows(select_features(part.values), part.labels) for part in (train, held)]
-    members = [
-        fit(find_kind(name), *features, n_classes=2, seed=0) for name in ("extended-logistic", "extended-boosting")
-    ]
+def test_an_ensemble_is_kept_as_one_file_and_a_tampered_one_is_refused(tmp_path, joined, change, says):
+    learned, held = joined
     names = ("step_length_m", "torso_speed_mps")
     facts = Facts(
         name="ensemble", features="extended+signature", names=names, classes=("human", "dog"), dataset_id="x",
         dataset_name="x", version="0", n_train=200, n_held=60, seed=0, analysis={}, conditions={},
     )  # fmt: skip
-    learned = join([[member] for member in (*members, random_network(seed=0))], held, n_classes=2)
     calibration = calibrate(learned.log_probability(held.values), held.labels)
     model = Model(facts, learned, calibration, np.full(2, -9.0), np.full(2, 9.0), np.zeros(2))
     path = save_model(model, tmp_path / "e.npz")

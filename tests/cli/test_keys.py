@@ -1,6 +1,7 @@
 """The keys of configuration files, as the command and the documentation print them."""
 
 import json
+from functools import cache
 
 import pytest
 from typer.testing import CliRunner
@@ -13,6 +14,7 @@ from doppelgait.core.plugins import list_plugin_groups
 from doppelgait.radar import Radar
 
 
+@cache
 def run(*words: str, command: str = "keys") -> str:
     result = CliRunner().invoke(app, [command, *words], catch_exceptions=False)
     assert result.exit_code == 0, result.output
@@ -120,10 +122,7 @@ def test_a_key_of_a_table_is_printed_alone(topic: str, heading: str, key: str) -
 @pytest.mark.parametrize(
     ("topic", "message"),
     [
-        (
-            "radra",
-            r"^keys radra: is not a topic; topics are scene, .*motion\.human, and TABLE\.KEY.* dataset\.seed$",
-        ),
+        ("radra", r"^keys radra: is not a topic; topics are scene, .*motion\.human, and TABLE\.KEY.* dataset\.seed$"),
         ("radar.prf", r"^keys radar\.prf: is not a topic; topics are scene"),
         ("motion.horse", r"^keys motion\.horse: no motion 'horse' with keys; known are boulic, .*human"),
     ],

@@ -102,6 +102,9 @@ def test_an_edit_of_one_array_reaches_no_other():
     second = boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=1.0)
     np.testing.assert_array_equal(second.positions.coords["part"].values, parts)
     assert "edited" not in second.positions.coords["marker"].attrs
+    assert (first.parts, second.parts) == (["leg"] * parts.size, parts.tolist())
+    with pytest.raises(AnalysisError, match="must be real floats"):
+        second.with_positions(np.zeros(second.position_m.shape, dtype=int))
     made = signature()
     new = replace_array_values(made, made.values + 1.0)
     new.coords["velocity"].values[0] = 99.0

@@ -1,6 +1,7 @@
 """One seed, one recording: from a scene file, the command line and Python."""
 
 import tomllib
+import zlib
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from typer.testing import CliRunner
 import doppelgait as dg
 from doppelgait.cli.app import app
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.rng import PURPOSES, Streams
 from doppelgait.pipeline import Run, run_simulation
 from doppelgait.radar import read_recording
 
@@ -78,3 +80,13 @@ def test_a_generator_is_refused_where_streams_are_needed():
     scene = dg.Scene([dg.Target(dg.motion.boulic_walk(speed_mps=1.2, duration_s=0.5))])
     with pytest.raises(ConfigError, match=r"pass rng=doppelgait\.rng\(SEED\)"):
         dg.simulate(scene, dg.Radar.preset("x4"), rng=np.random.default_rng(1))
+
+
+@pytest.mark.parametrize("seed", [0, 2018, 2**32, 2**130 + 7])
+@pytest.mark.parametrize("example", [0, 7, 2**33])
+def test_streams_are_those_of_numpys_seed_sequence(seed, example):
+    for key, name in (("", ()), ("target.range_m", (zlib.crc32(b"target.range_m"),))):
+        words = np.random.SeedSequence(seed, spawn_key=(PURPOSES.index("scene"), example, *name))
+        made, wanted = Streams(seed, example).generator("scene", key), np.random.default_rng(words)
+        assert made.spawn(2)[1].bit_generator.state == wanted.spawn(2)[1].bit_generator.state
+        assert made.bit_generator.state == wanted.bit_generator.state

@@ -339,10 +339,7 @@ def test_all_examples_of_a_recording_are_in_one_split_beside_draws_of_a_model(tm
 
 def test_a_recording_is_in_one_split_even_if_two_classes_take_it(tmp_path):
     names = [f"{n}.c3d" for n in range(12)]
-    classes = [
-        {"label": "a", "motion": files(tmp_path, *names)},
-        {"label": "b", "motion": files(tmp_path, *names[:8])},
-    ]
+    classes = [{"label": "a", "motion": files(tmp_path, *names)}, {"label": "b", "motion": files(tmp_path, *names[:8])}]
     shared = plan(dataset={"name": "small", "examples_per_class": 80}, classes=classes)
     found = {}
     for entry in plan_dataset(shared, folder=tmp_path).examples:

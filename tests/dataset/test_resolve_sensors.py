@@ -52,6 +52,14 @@ def sensor(tmp_path: Path) -> Path:
     return path
 
 
+def test_a_radar_that_draws_nothing_is_parsed_once() -> None:
+    same, drawn = (plan_dataset(plan_of("x4", prf_hz=prf_hz)) for prf_hz in (500, {"choice": [500, 600]}))
+    assert same.example(0).run.radar is same.example(1).run.radar
+    assert {drawn.example(n).run.radar.prf_hz for n in range(20)} == {500, 600}
+    same.config.radar["prf_hz"] = 700  # a plan that is edited is never half old
+    assert same.example(2).run.radar.prf_hz == 700
+
+
 def test_every_example_draws_its_sensor_from_the_file(sensor: Path) -> None:
     laid_out = plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent)
     runs = [laid_out.example(n).run for n in range(40)]

@@ -7,10 +7,20 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import DatasetError
-from doppelgait.dataset.config import FieldSpec
+from doppelgait.dataset.config import FieldSpec, load_plan
 from doppelgait.dataset.example import label_arrays
 from doppelgait.dataset.finish import read_description, read_records, tally
+from doppelgait.dataset.plan import plan_dataset
+from doppelgait.dataset.shard import BuildContext, build_planned
 from doppelgait.dataset.shard_files import DB_FLOOR, ShardFiles, decode, describe_fields, encode
+
+
+def test_a_row_is_made_without_labels(monkeypatch):
+    config, folder = load_plan("home-alarm", overrides=["dataset.examples_per_class=12"])
+    plan = plan_dataset(config, folder=folder)
+    monkeypatch.setattr("doppelgait.core.labels.make_array", None)
+    ((_, arrays),) = build_planned(plan.examples[0], BuildContext(plan.config, str(plan.folder), ""))
+    assert arrays["signature"].size
 
 
 def test_full_precision_comes_back_as_it_was():

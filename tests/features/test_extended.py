@@ -226,10 +226,8 @@ def test_the_set_f_is_part_of_the_registry_in_its_order():
     assert len(FEATURES) == 6 + len(list_features())
 
 
-def test_registered_features_are_in_results_rows_and_tables(monkeypatch, walker_mu):
-    len(FEATURES)
-    monkeypatch.setitem(plugins._REGISTERED, "feature", dict(plugins._REGISTERED["feature"]))
-    dg.plugin("feature", "columns", unit="1", source="here")(lambda observed: float(observed.power_v2.shape[0]))
+def test_registered_features_are_in_results_rows_and_tables(register, walker_mu):
+    register("feature", "columns", unit="1", source="here")(lambda observed: float(observed.power_v2.shape[0]))
     gate = Gate.around([0, 4], [8, 3], span_m=1.6)
     result = analyze_signature(walker_mu, gate, Analysis(doppler_bins=127), label=None)
     assert result.extended["columns"] == walker_mu.sizes["time"] == result.to_row()["extended_columns"]

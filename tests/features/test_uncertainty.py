@@ -1,5 +1,7 @@
 """Standard deviations of the features against closed forms, brute force and repeated observations."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -97,15 +99,10 @@ def test_bandwidth_sd_is_a_jackknife_over_groups_of_periods():
     ahead = 1.5 + 0.5 * np.sin(2 * np.pi * 2.0 * T) + np.repeat(rng.normal(scale=0.5, size=10), 63)[: T.size]
     observed = with_extraction(evidence_of(block(0.5, 1.5 + ahead), 1.5), extraction_of(1.5, 2.0))
     above = observed.excess.values >= observed.raised_level_v2[:, None]
-    edges = np.rint(np.arange(11) * 62.5).astype(int)
-    groups = [[b for b in range(10) if (g * 10) // 8 <= b < ((g + 1) * 10) // 8] for g in range(8)]
+    edges = np.rint(np.arange(11) * 62.5).astype(int)[np.arange(9) * 10 // 8]  # of eight groups of ten periods
     bin_mps = observed.velocity_mps[1] - observed.velocity_mps[0]
-    without = []
-    for members in groups:
-        keep = np.ones(T.size, bool)
-        for b in members:
-            keep[edges[b] : edges[b + 1]] = False
-        without.append(width_of_bins(above[keep].mean(axis=0)) * bin_mps)
+    kept = [np.delete(above, slice(*group), axis=0) for group in itertools.pairwise(edges)]
+    without = [width_of_bins(above.mean(axis=0)) * bin_mps for above in kept]
     scatter = np.sqrt(7 / 8 * ((without - np.mean(without)) ** 2).sum())
     wanted = np.sqrt(scatter**2 + 2 * bin_mps**2 / 12) / observed.mps_per_hz
     assert bandwidth_sd_hz(observed) == pytest.approx(wanted, rel=1e-6)

@@ -1,13 +1,13 @@
 """Plans, datasets and shards with damage."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from readers import Target
 
 import tiny_dataset
 from doppelgait.core.config import validate, write_toml
@@ -25,14 +25,6 @@ from doppelgait.dataset.verify import verify_dataset
 
 MOST_EXAMPLES = 2000
 """A plan of more is right, takes its time, and is left out."""
-
-
-@dataclass(frozen=True)
-class Target:
-    """What is fuzzed: ``seeds`` writes folders of files, ``run`` uses those of one."""
-
-    seeds: Callable[[Path], None]
-    run: Callable[[Path], None]
 
 
 def _plan_tables() -> list[dict[str, Any]]:

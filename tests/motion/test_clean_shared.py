@@ -1,13 +1,10 @@
 """Cleaning of the shared test data: what is found in good recordings, and segments found without names."""
 
-import warnings
 from pathlib import Path
 
 import pytest
 
-from doppelgait.core.errors import DoppelgaitWarning
-from doppelgait.motion import Motion
-from doppelgait.motion.readers import read
+from recorded import read_quietly
 
 pytestmark = pytest.mark.shared
 
@@ -20,15 +17,9 @@ GOOD = (
 )  # fmt: skip
 
 
-def _read(path: Path) -> Motion:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoppelgaitWarning)
-        return read(path)
-
-
 @pytest.mark.parametrize("name", GOOD)
 def test_good_recordings_raise_no_false_alarm(shared: Path, name: str) -> None:
-    report = _read(shared / "data/mocap/human/c3d" / name).report
+    report = read_quietly(shared / "data/mocap/human/c3d" / name).report
     assert report["swaps_repaired"] == []
     assert [jump["point"] for jump in report["jumps"]] == JUMPING.get(name, [])
     for reason in report["dropped"]:
@@ -36,6 +27,6 @@ def test_good_recordings_raise_no_false_alarm(shared: Path, name: str) -> None:
 
 
 def test_second_names_of_the_same_markers_are_dropped(shared: Path) -> None:
-    dropped = _read(shared / "data/c3d-edge-cases/phoenix_golfswing.c3d").report["dropped"]
+    dropped = read_quietly(shared / "data/c3d-edge-cases/phoenix_golfswing.c3d").report["dropped"]
     doubles = {reason: names for reason, names in dropped.items() if reason.startswith("at the place of")}
     assert doubles == {f"at the place of Channel{n}": [f"Channel{n + 8}"] for n in (807, 808, 809, 810, 823)}

@@ -240,9 +240,7 @@ def test_the_cycle_of_a_clip_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> 
     searched: list[Motion] = []
     search = fit_cycle.__globals__["_find_best_seam"]
     monkeypatch.setitem(
-        fit_cycle.__globals__,
-        "_find_best_seam",
-        lambda motion, *rest: searched.append(motion) or search(motion, *rest),
+        fit_cycle.__globals__, "_find_best_seam", lambda motion, *rest: searched.append(motion) or search(motion, *rest)
     )
     clips = [_walk(speed_mps=1.1), _walk(speed_mps=1.3)]
     before = blend(*clips, share=0.3).position_m

@@ -11,14 +11,13 @@ from doppelgait.motion import Motion, blend, loop, read, retarget
 from doppelgait.motion.hybrid import compute_dimensionless_speed, find_speed_limits
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.motion.rigid import measure_foot_slide
+from recorded import read_quietly
 
 pytestmark = pytest.mark.shared
 
 
 def _read(shared: Path, file: str) -> Motion:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoppelgaitWarning)
-        return read(shared / "data" / "mocap" / file, segment="longest")
+    return read_quietly(shared / "data" / "mocap" / file, segment="longest")
 
 
 PAIRS = [

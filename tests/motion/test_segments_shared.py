@@ -3,7 +3,6 @@
 import csv
 import json
 import math
-import warnings
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -13,11 +12,11 @@ import pytest
 from typer.testing import CliRunner
 
 from doppelgait.cli.app import app
-from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.motion import Motion
 from doppelgait.motion.loop import loop
 from doppelgait.motion.readers import bvh, read  # noqa: F401  (BVH registers itself)
 from doppelgait.motion.segments import QUADRUPED, Segment, crop, find_segments
+from recorded import read_quietly
 
 pytestmark = pytest.mark.shared
 
@@ -30,10 +29,8 @@ class Pair:
     segment: Segment | None
 
 
-def _motion(shared: Path, file: str) -> Motion:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoppelgaitWarning)
-        return read(shared / "data" / "mocap" / file, clean=False)
+def _motion(shared: Path, file: str, *, clean: bool = False) -> Motion:
+    return read_quietly(shared / "data" / "mocap" / file, clean=clean)
 
 
 def _overlap(row: dict[str, str], segment: Segment) -> float:
@@ -129,9 +126,7 @@ def test_gaits_of_dogs(shared: Path) -> None:
     "file", ["human/c3d/cmu_07_01.c3d", "human/c3d/btk_pig_walk_full.c3d", "dog/mann-bvh/D1_071_KAN02_002.bvh"]
 )
 def test_a_recorded_segment_loops(shared: Path, file: str) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoppelgaitWarning)
-        motion = read(shared / "data" / "mocap" / file)
+    motion = _motion(shared, file, clean=True)
     segment = find_segments(motion)[0]
     clip = crop(motion, segment)
     looped, varied = (loop(clip, duration_s=10.0, variation=variation) for variation in (0.0, 1.0))

@@ -118,11 +118,11 @@ def test_power_of_bursts_and_of_the_whole_agree():
 
 @pytest.mark.shared
 @pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")  # clipped, and uneven pauses
-def test_every_measured_burst_recording_has_one_target(shared):
+@pytest.mark.parametrize(("step", "most_wrong"), [(4, 1), pytest.param(1, 3, marks=pytest.mark.release)])
+def test_every_measured_burst_recording_has_one_target(shared, step, most_wrong):
     """150 people and 2 recordings of a dog, one body each, from 4 to 7 m to the radar."""
     files = sorted((shared / "data/radar/cw24_kmkim036").glob("*/*_RE.txt"))
-    found = [analyze(read_cw_text(file)) for file in files]
-    assert len(found) == 152
+    assert len(files) == 152
+    found = [analyze(read_cw_text(file)) for file in files[::step]]
     assert all(len(targets) == 1 for targets in found)
-    wrong = sum(flag.startswith("more_than_one") for (one,) in found for flag in one.flags)
-    assert wrong <= 3
+    assert sum(flag.startswith("more_than_one") for (one,) in found for flag in one.flags) <= most_wrong

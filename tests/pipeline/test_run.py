@@ -5,13 +5,11 @@ from typing import Literal
 import pytest
 
 import doppelgait as dg
-from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.pipeline import Run, run_simulation
 from doppelgait.scene import RcsSpec
-from doppelgait.scene.environment import ENVIRONMENT
-from doppelgait.scene.rcs import RCS, total_rcs_m2
+from doppelgait.scene.rcs import total_rcs_m2
 
 SCENE = """
 duration_s = 0.2
@@ -42,18 +40,14 @@ class Fog(FrozenModel):
 
 
 @pytest.fixture(autouse=True)
-def _own_plugins(monkeypatch):
-    len(RCS), len(ENVIRONMENT)
-    for group in ("rcs", "environment"):
-        monkeypatch.setitem(plugins._REGISTERED, group, dict(plugins._REGISTERED[group]))
-
-    @dg.plugin("rcs", parameters=FirstPoint)
+def _own_plugins(register):
+    @register("rcs", parameters=FirstPoint)
     def scatter_first(view, spec):
         rcs_m2 = 0.0 * view.motion.position_m[0, :, 0]
         rcs_m2[0] = spec.gain * total_rcs_m2(spec, view.motion.facts.mass_kg)
         return view.motion, rcs_m2
 
-    @dg.plugin("environment", parameters=Fog)
+    @register("environment", parameters=Fog)
     def apply_fog(scatterers, spec, setting):
         return scatterers.assign(path_gain=scatterers["path_gain"] * spec.loss)
 

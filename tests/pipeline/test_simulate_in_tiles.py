@@ -71,10 +71,12 @@ def test_impairments_of_tiles_are_those_of_the_whole(case, kind, monkeypatch):
         assert seen.scatterers.slow_time.values.tobytes() == tiled.slow_time_s.tobytes()
 
 
-def test_a_file_that_cannot_be_made_is_refused_before_the_work(tmp_path):
+def test_a_file_that_cannot_be_made_is_refused_before_the_work(tmp_path, monkeypatch):
+    module = importlib.import_module("doppelgait.pipeline.simulate")
+    monkeypatch.setattr(module, "observe_scene", lambda *_, **__: pytest.fail("the scene was observed before"))
     for path, message in (("", "names no file"), (tmp_path / "none" / "a.h5", "no such folder")):
         with pytest.raises(OutputError, match=message):
-            make({**CASES["impulse"], "duration_s": 3600.0}, path=path)
+            make(CASES["impulse"], path=path)
 
 
 def test_only_one_tile_of_a_long_recording_is_computed_at_a_time(tmp_path, monkeypatch):

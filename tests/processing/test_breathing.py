@@ -53,7 +53,7 @@ def find(values, **settings):
     return find_breathing(Frames.of(labelled(values)), wavelength_m=WAVE_M, settings=BreathingSettings(**settings))
 
 
-@pytest.mark.parametrize(("seconds", "rate_hz"), [(20, 0.3), (40, 0.15), (120, 0.25), (120, 0.55)])
+@pytest.mark.parametrize(("seconds", "rate_hz"), [(20, 0.3), (40, 0.15), (60, 0.25), (60, 0.55)])
 def test_one_person_before_a_room(seconds, rate_hz):
     times = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
     source = np.random.default_rng(1)
@@ -129,7 +129,7 @@ def test_white_noise_and_a_static_room_do_not_breathe():
 def test_common_drift_and_jitter_are_no_breath_in_any_bin():
     """The clock's phase turns all static echoes alike, here even at a breath's rate."""
     times = np.arange(round(40 * RATE_HZ))[:, None] / RATE_HZ
-    for seed in range(4):
+    for seed in range(2):
         source = np.random.default_rng(seed)
         jitter = 0.004 * source.standard_normal(times.shape)
         walk = np.cumsum(0.3 / np.sqrt(60 * RATE_HZ) * source.standard_normal(times.shape), axis=0)
@@ -164,7 +164,7 @@ def test_rate_of_the_simulated_chest(snr_db, tolerance):
     scene = Scene([Target(motion, label="human", range_m=2.0)], duration_s=60)
     clean = simulate(scene, radar, rng=rng(0), snr_db=float("inf")).baseband
     power = (np.abs(clean.values) ** 2).mean(axis=0).max()
-    for seed in range(3):
+    for seed in range(2):
         added = noise(np.random.default_rng(seed), *clean.shape) * np.sqrt(power / 10 ** (snr_db / 10))
         noisy = clean.copy(data=(clean.values + added).astype(np.complex64))
         (person,) = find_breathing(Frames.of(noisy), wavelength_m=radar.wavelength_m)

@@ -7,14 +7,7 @@ import pytest
 
 from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.processing import (
-    Analysis,
-    Gate,
-    burst_signature,
-    find_burst_pulses,
-    get_burst_pulses,
-    signature,
-)
+from doppelgait.processing import Analysis, Gate, burst_signature, find_burst_pulses, get_burst_pulses, signature
 
 PRF_HZ = 3000.0
 M = 128

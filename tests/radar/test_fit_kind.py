@@ -246,7 +246,7 @@ def test_the_range_of_people_sets_the_gain() -> None:
 
 
 @pytest.mark.parametrize("step_v", [None, 1.236e-4])
-@pytest.mark.parametrize("scale", [20.0, 0.05, 1000.0, 0.001])
+@pytest.mark.parametrize("scale", [1000.0, 0.001])
 def test_the_scale_of_the_values_changes_no_snr(step_v: float | None, scale: float) -> None:
     """Echo over noise of a room written out, in a radar that averages and in one that counts."""
     radar = X4.model_copy(update={"threshold_step_v": step_v})
@@ -261,16 +261,15 @@ def test_the_scale_of_the_values_changes_no_snr(step_v: float | None, scale: flo
         derived = list_derived_quantities(found)
         assert derived["snr_1m2_5m_db"] == pytest.approx(snr_db, abs=0.3)
         assert derived["noise_level_dbv"] == pytest.approx(20 * math.log10(scale * level_v), abs=0.3)
-    with pytest.raises(ConfigError, match=r"receiver_gain_db: .* is not allowed"):
-        fit_kind([recording(1e8 * x, radar) for x in rooms])
-    with pytest.raises(ConfigError, match=r"receiver_gain_db: .* is not allowed"):
-        calibrate_radar(fit_sensor(recording(1e8 * rooms[0], radar)))
+    for fitted in (fit_kind, lambda several: calibrate_radar(fit_sensor(several[0]))):
+        with pytest.raises(ConfigError, match=r"receiver_gain_db: .* is not allowed"):
+            fitted([recording(1e8 * x, radar) for x in rooms])
 
 
 @pytest.mark.parametrize("own", ["gain", "figure"])
 def test_a_spread_of_gain_is_none_of_the_noise_figure(own: str) -> None:
     """Units whose gain differs move echoes and noise together, units whose noise figure differs the noise alone."""
-    wide = Radar.preset("x4", prf_hz=PRF_HZ, range_start_m=0.0, range_stop_m=6.0, threshold_step_v=None)
+    wide = Radar.preset("x4", prf_hz=PRF_HZ, range_start_m=0.0, range_stop_m=3.0, threshold_step_v=None)
     level_v, found = math.sqrt(noise_power_v2(wide)), []
     for seed in range(8):
         rng = np.random.default_rng(seed)

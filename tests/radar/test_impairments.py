@@ -7,8 +7,6 @@ from typing import Literal
 import numpy as np
 import pytest
 
-import doppelgait as dg
-from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.radar import Radar
@@ -110,10 +108,8 @@ class Hum(FrozenModel):
         (lambda samples: samples.matrix[1:], r"returns samples of shape \(3, 5\) instead of \(4, 5\)"),
     ],
 )
-def test_an_impairment_of_a_plugin_that_returns_no_samples_is_named(monkeypatch, returned, text):
-    len(IMPAIRMENTS)
-    monkeypatch.setitem(plugins._REGISTERED, "impairment", dict(plugins._REGISTERED["impairment"]))
-    dg.plugin("impairment", parameters=Hum)(lambda samples, parameters, radar, rng: returned(samples))
+def test_an_impairment_of_a_plugin_that_returns_no_samples_is_named(register, returned, text):
+    register("impairment", parameters=Hum)(lambda samples, parameters, radar, rng: returned(samples))
     with pytest.raises(AnalysisError, match=f"^impairment 'hum' of tests ?{text}"):
         only(random_samples((4, 5)), Hum())
 

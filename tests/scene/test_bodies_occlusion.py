@@ -60,7 +60,7 @@ def marched(points, body, own, radar, n_steps=1500):
 def test_who_is_hidden_is_what_marched_rays_say(body, aspect_deg):
     scene = Scene([Target(body, aspect_deg=aspect_deg)])
     placed = place(scene).targets[0].motion
-    motion = replace(placed, positions=placed.positions.isel(time=slice(0, 250, 25)))
+    motion = replace(placed, positions=placed.positions.isel(time=slice(0, 250, 50)))
     body = compute_frame_ellipsoids(build_skeleton(motion))
     points, radar = motion.position_m, np.array(scene.radar_position_m)
     own = find_own_points(points, body)

@@ -5,8 +5,6 @@ from typing import Literal
 import numpy as np
 import pytest
 
-import doppelgait as dg
-from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel, format_canonical_json, validate
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import SCATTERER_VARIABLES
@@ -143,10 +141,8 @@ class Haze(FrozenModel):
         (lambda table: table.isel(slow_time=slice(1, None)), "returns 2 pulses instead of 3; it must keep the pulses"),
     ],
 )
-def test_an_effect_of_a_plugin_that_returns_no_table_is_named(monkeypatch, returned, text):
-    len(ENVIRONMENT)
-    monkeypatch.setitem(plugins._REGISTERED, "environment", dict(plugins._REGISTERED["environment"]))
-    dg.plugin("environment", parameters=Haze)(lambda table, parameters, setting: returned(table))
+def test_an_effect_of_a_plugin_that_returns_no_table_is_named(register, returned, text):
+    register("environment", parameters=Haze)(lambda table, parameters, setting: returned(table))
     table = echo_table(np.array([[[3.0, 0.0, 1.0]]] * 3), SETTING.radar_position_m)
     with pytest.raises(AnalysisError, match=f"^environment effect 'haze' of tests {text}"):
         apply_environment(table, [Haze()], SETTING)

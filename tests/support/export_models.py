@@ -3,6 +3,7 @@
 import math
 import os
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,14 @@ NAMES = (
     "limb_torso_ratio", "gait_frequency_hz",
 )  # fmt: skip
 KINDS = ("linear", "trees", "kernel", "network", "ensemble")
+
+ALARM_MODEL = SimpleNamespace(
+    facts=SimpleNamespace(
+        classes=("human", "dog"), abstain_below=0.8, alarm="human", alarm_threshold=0.6,
+        conditions={"observation_s": (2.0, 4.0)},
+    ),
+    calibration=SimpleNamespace(n_rows=98),
+)  # fmt: skip
 
 
 def random_features(rng: np.random.Generator, n: int) -> np.ndarray:

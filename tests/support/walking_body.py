@@ -1,4 +1,4 @@
-"""A walking body of 16 markers in closed form, for tests of readers."""
+"""A walking body of 16 markers in closed form, for tests of readers; the bones of the body of the models."""
 
 import numpy as np
 
@@ -7,6 +7,14 @@ HEIGHTS_M = {
     "LFIN": 0.8, "RFIN": 0.8, "LKNE": 0.5, "RKNE": 0.5, "LANK": 0.1, "RANK": 0.1, "LTOE": 0.03, "RTOE": 0.03,
 }  # fmt: skip
 NAMES = list(HEIGHTS_M)
+BONES = [("neck", "head", "head"), ("base", "neck", "torso")] + [
+    (f"{side}_{a}", f"{side}_{b}", bone)
+    for side in ("left", "right")
+    for a, b, bone in (
+        ("shoulder", "elbow", "upper_arm"), ("elbow", "hand", "forearm"), ("hip", "knee", "thigh"),
+        ("knee", "ankle", "shank"), ("ankle", "toe", "foot"),
+    )
+]  # fmt: skip
 
 
 def walking_body(*, n_frames: int = 40, rate_hz: float = 100.0, speed_mps: float = 1.3) -> np.ndarray:

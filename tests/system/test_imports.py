@@ -1,4 +1,4 @@
-"""What importing the package loads, in a process of its own."""
+"""What importing the package loads, and the memory that it needs, in a process of its own."""
 
 import ast
 import tomllib
@@ -49,6 +49,21 @@ def test_a_room_is_simulated_without_dask() -> None:
         "assert 'xarray' in sys.modules; assert not {'dask', 'numba'} & set(sys.modules)"
     )
     processes.python(code)
+
+
+@pytest.mark.release
+@pytest.mark.skipif(not Path("/proc").exists(), reason="other systems count memory in other units")
+def test_a_long_recording_needs_the_memory_of_few_tiles(tmp_path: Path) -> None:
+    """A tile has 49 MB. The peak was 660 MB when old tiles were kept while the next were made, and is 450 MB."""
+    code = (
+        "import sys, doppelgait as dg; walk = dg.Target({'kind': 'boulic', 'speed_mps': 1.0}, "
+        "start_position_m=(6, 1.5), heading_deg=90, path={'kind': 'arc', 'radius_m': 2.1, 'turn_deg': 3600}); "
+        "dg.simulate(dg.Scene([walk], duration_s=130.0), 'x4', rng=dg.rng(1), path='long.h5'); "
+        "assert dg.analyze('long.h5') and 'numba' not in sys.modules; "
+        # ru_maxrss would include the process that started this one
+        "print(int(open('/proc/self/status').read().split('VmHWM:')[1].split()[0]) >> 10)"
+    )
+    assert int(processes.python(code, cwd=tmp_path).stdout) < 550
 
 
 def test_lint_checks_the_script_of_a_user() -> None:

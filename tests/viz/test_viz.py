@@ -603,10 +603,10 @@ def test_failed_save_leaves_the_old_file(tmp_path: Path) -> None:
     target = tmp_path / "a.png"
     target.mkdir()
     with pytest.raises(OutputError, match="cannot be written"):
-        viz.save_figure(viz.signature(make_signature()), target)
+        viz.save_figure(Figure(), target)
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
     with pytest.raises(OutputError, match="cannot be written"):
-        viz.save_figure(viz.signature(make_signature()), tmp_path / "nowhere" / "a.png")
+        viz.save_figure(Figure(), tmp_path / "nowhere" / "a.png")
     with pytest.raises(AnalysisError, match=r"in \.png, \.svg or \.pdf"):
         viz.save_figure(viz.signature(make_signature()), tmp_path / "a.jpg")
 

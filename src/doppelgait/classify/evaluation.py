@@ -442,7 +442,6 @@ def _choose_folds(rows: Rows, n_folds: int | None, left_out: str | None, seed: i
 def _load_tables(
     rows: Rows, models: Sequence[str] | None, motion_folder: Path | None
 ) -> tuple[dict[str, Table], list[str]]:
-    """Load the inputs of the baselines and of every model."""
     from doppelgait.classify.network import NO_TORCH, is_torch_installed
 
     made: dict[str, Table] = {}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import zipfile
 from collections.abc import Mapping
 from dataclasses import fields
 from functools import cache
@@ -25,7 +26,6 @@ from doppelgait.core.config import validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import FileKind, open_atomically
-from doppelgait.core.npz import load_npz
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.processing.patches import Patch
 from doppelgait.radar import Radar
@@ -35,6 +35,8 @@ MODEL = FileKind("doppelgait-model", 3, "a model of doppelgait", DatasetError)
 """Versions of the format. 2: linear models have floors of logarithms; support vector machines exist. 3: ensembles
 exist."""
 SUFFIX = ".npz"
+MAX_BYTES = 256_000_000
+"""Maximum size of all arrays together; models of doppelgait are far smaller."""
 MOST_MEMBERS = 64
 SHOWN = 300
 """Maximum number of characters of a reason in an error."""
@@ -127,7 +129,6 @@ def _pack(learned: Learned) -> tuple[dict[str, Any], Arrays]:
 
 
 def _unpack(form: Mapping[str, Any], arrays: Arrays) -> Learned:
-    """Return a trained model of its form and arrays."""
     if form["learned"] == "ensemble":
         members = []
         for number, own in enumerate(form["members"][:MOST_MEMBERS]):
@@ -196,14 +197,18 @@ def load_model(path: str | Path) -> Model:
     except DatasetError:
         raise
     except Exception as error:  # NumPy and the archive raise whatever they like at damaged files
-        reason = " ".join(str(error).removeprefix(f"{path}: ").split())[:SHOWN]
+        reason = " ".join(str(error).split())[:SHOWN]
         raise DatasetError(f"{path}: is not a model of doppelgait, or is damaged: {reason}") from None
     return model
 
 
 def _read_arrays(path: Path) -> tuple[str, Arrays]:
-    """Read the text and all arrays of a file."""
-    arrays = {name: values for name, values in load_npz(path, None, ValueError).items() if values is not None}
+    with zipfile.ZipFile(path) as archive:
+        size = sum(entry.file_size for entry in archive.infolist())
+    if size > MAX_BYTES:
+        raise ValueError(f"holds {size / 1e6:.0f} MB, a model has at most {MAX_BYTES / 1e6:.0f}")
+    with np.load(path, allow_pickle=False) as archive:
+        arrays = {name: np.asarray(archive[name]) for name in archive.files}
     text = arrays.pop("model").tobytes().decode()
     for name, values in arrays.items():
         if values.dtype.kind not in "fiu":

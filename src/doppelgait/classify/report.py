@@ -65,7 +65,6 @@ def make_figures(document: Document) -> Iterator[tuple[str, str, Figure]]:
 
 
 def _choose_line_styles(document: Document) -> dict[str, dict[str, Any]]:
-    """Return colour and line style of every model."""
     trained = [name for name, model in document["models"].items() if not model["kind"]["baseline"]]
     looks: dict[str, dict[str, Any]] = {
         name: {"color": BASELINE_COLOUR, "linestyle": style} for name, style in BASELINE_STYLES.items()

@@ -157,7 +157,6 @@ class InnerError(ValueError):
 
 
 def _make_error(start: str, faults: list[Fault], text: str = "", section: tuple[str, ...] = ()) -> ConfigError:
-    """Make the error of a table and attach the faults to it."""
     said: dict[str, str] = {}
     for fault in faults:
         location = (*section, *fault.location)
@@ -364,14 +363,14 @@ def convert_to_json(value: Any) -> Any:
     if value is None or type(value) in (str, int, bool):
         return value
     if type(value) is float:
-        return value if math.isfinite(value) else None
+        return value if -math.inf < value < math.inf else None
     if isinstance(value, np.ndarray | np.generic):
         plain = value.tolist()
         return str(plain) if isinstance(plain, np.generic) else convert_to_json(plain)
     if isinstance(value, list | tuple):
         return [convert_to_json(inner) for inner in value]
     if isinstance(value, Mapping):
-        return {str(key): convert_to_json(inner) for key, inner in value.items()}
+        return {str(key): inner if type(inner) is str else convert_to_json(inner) for key, inner in value.items()}
     return value if isinstance(value, str | int) else str(value)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,7 @@ def _sample_choice(values: list[Any], rng: np.random.Generator) -> Any:
 
 def _check_two_numbers(name: str, values: Any) -> tuple[float, float]:
     numbers = values if isinstance(values, list) else []
-    if [type(number) in (int, float) and abs(number) <= LARGEST for number in numbers] == [True, True]:
+    if [type(number) in (int, float) and -LARGEST <= number <= LARGEST for number in numbers] == [True, True]:
         return float(values[0]), float(values[1])
     raise ConfigError(f"{name} = {values}: needs two numbers of {LARGEST:g} at most")
 
@@ -71,17 +72,18 @@ table; ``times`` does not change the draw itself."""
 
 def resolve(value: Any, *, seed: int, example: int, key: str, turn: int | None = None) -> Any:
     """Sample every distribution inside a value of a plan."""
-    return _sample(value, Streams(seed, example), key, example if turn is None else turn)
+    return sample(Streams(seed, example), example if turn is None else turn, value, key)
 
 
-def _sample(value: Any, streams: Streams, key: str, turn: int, sibling: Sibling | None = None) -> Any:
+def sample(streams: Streams, turn: int, value: Any, key: str, sibling: Sibling | None = None) -> Any:
+    """Sample every distribution inside a value, each from the stream of its key."""
     if isinstance(value, _PLAIN):
         return value
-    if isinstance(value, Mapping):
+    if isinstance(value, (dict, Mapping)):  # the usual one first: the other test is slow
         law = _parse_law(value)
         if law is None:
             _refuse_misspelt_law(value, key)
-            return _sample_table(value, key, lambda inner, name, of: _sample(inner, streams, name, turn, of))
+            return _sample_table(value, key, partial(sample, streams, turn))
         name, numbers, factor = law
         if name == CYCLE:
             if not isinstance(numbers, list) or not numbers:
@@ -92,24 +94,27 @@ def _sample(value: Any, streams: Streams, key: str, turn: int, sibling: Sibling 
                 outcome = DISTRIBUTIONS[name](numbers, streams.generator("plan", key))
             except ConfigError as error:
                 raise ConfigError(f"{key}: {error}") from None
-        found = _sample(outcome, streams, f"{key}.{name}", turn, sibling)
-        return found if factor is None else _multiply(found, factor, key, sibling)
+        if not isinstance(outcome, _PLAIN):
+            outcome = sample(streams, turn, outcome, f"{key}.{name}", sibling)
+        return outcome if factor is None else _multiply(outcome, factor, key, sibling)
     if isinstance(value, list):
-        return [_sample(v, streams, f"{key}.{n}", turn, sibling) for n, v in enumerate(value)]
+        return [sample(streams, turn, v, f"{key}.{n}", sibling) for n, v in enumerate(value)]
     return value
 
 
 def _parse_law(table: Mapping[str, Any]) -> tuple[str, Any, Any] | None:
     """Parse a distribution of a plan; return None for other tables."""
-    if len(table) == 1 or (len(table) == 2 and TIMES in table):
-        for name, numbers in table.items():
+    count = len(table)
+    if count == 1 or (count == 2 and TIMES in table):
+        for name in table:
             if name == CYCLE or name in DISTRIBUTIONS:
-                return name, numbers, table.get(TIMES)
+                return name, table[name], None if count == 1 else table[TIMES]
     return None
 
 
 def _refuse_misspelt_law(table: Mapping[str, Any], key: str) -> None:
-    """Refuse a table that is a distribution but for its spelling."""
+    if len(table) > 2:
+        return
     known = (*DISTRIBUTIONS, CYCLE)
     names = [name for name, numbers in table.items() if isinstance(numbers, list) and set(table) <= {name, TIMES}]
     for name in names:
@@ -146,7 +151,6 @@ def _sample_table(table: Mapping[str, Any], key: str, sample: Callable[[Any, str
 
 
 def _multiply(value: Any, name: Any, key: str, sibling: Sibling | None) -> float:
-    """Multiply a draw by another key of its table."""
     said = f"{key}: {TIMES} = {name!r}"
     if not isinstance(name, str) or sibling is None:
         raise ConfigError(f'{said}: is not allowed; it must name a key of the same table, as in {TIMES} = "height_m"')
@@ -161,20 +165,16 @@ def _multiply(value: Any, name: Any, key: str, sibling: Sibling | None) -> float
     return float(value * factor)
 
 
-def replace_by_middle(value: Any, key: str = "") -> Any:
+def replace_by_middle(value: Any, key: str = "", sibling: Sibling | None = None) -> Any:
     """Replace every distribution inside a value by its middle."""
-    return _middle(value, key, None)
-
-
-def _middle(value: Any, key: str, sibling: Sibling | None) -> Any:
     if isinstance(value, list):
-        return [_middle(v, f"{key}.{n}", sibling) for n, v in enumerate(value)]
+        return [replace_by_middle(v, f"{key}.{n}", sibling) for n, v in enumerate(value)]
     law = _parse_law(value) if isinstance(value, Mapping) else None
     if law is None:
-        return _sample_table(value, key, _middle) if isinstance(value, Mapping) else value
+        return _sample_table(value, key, replace_by_middle) if isinstance(value, Mapping) else value
     name, numbers, factor = law
     if name == CYCLE:
-        found = _middle(numbers[0], key, sibling) if isinstance(numbers, list) and numbers else numbers
+        found = replace_by_middle(numbers[0], key, sibling) if isinstance(numbers, list) and numbers else numbers
     else:
         try:
             DISTRIBUTIONS[name](numbers, np.random.default_rng(0))  # raises for numbers that are not allowed
@@ -182,7 +182,7 @@ def _middle(value: Any, key: str, sibling: Sibling | None) -> Any:
             raise ConfigError(f"{key}: {error}" if key else str(error)) from None
         first, last = numbers[0], numbers[-1]
         if name in ("choice", "normal"):
-            found = _middle(first, key, sibling)
+            found = replace_by_middle(first, key, sibling)
         else:
             found = (first + last) / 2.0 if name == "uniform" else math.sqrt(first * last)
     return found if factor is None else _multiply(found, factor, key, sibling)

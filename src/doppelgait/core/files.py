@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import count
+from operator import index
 from pathlib import Path
 from typing import Any
 
@@ -69,23 +70,26 @@ class FileKind:
     noun: str
     error: type[DoppelgaitError]
     oldest: int = 1
-    remedy: str = "make it again with this version"
+    remedy: str = ""
 
     def check_version(self, path: str | os.PathLike[str], version: int) -> None:
         """Refuse a version that this program does not read."""
         if self.oldest <= version <= self.version:
             return
-        age, remedy = ("older", self.remedy) if version < self.oldest else ("newer", "install the newer version")
-        raise self.error(
-            f"{path}: is {self.noun} in format version {version}, of {age} doppelgait; this one reads "
-            f"{' to '.join(map(str, sorted({self.oldest, self.version})))}; {remedy}"
-        )
+        end = "; install the newer doppelgait" if version > self.version else self.tell_remedy(path)
+        read = " to ".join(map(str, sorted({self.oldest, self.version})))
+        raise self.error(f"{path}: is {self.noun} in format version {version}; this one reads {read}{end}")
+
+    def tell_remedy(self, path: str | os.PathLike[str]) -> str:
+        """Return the end of a message that says what to do."""
+        return f"; {self.remedy.format(name=Path(path).name)}" if self.remedy else ""
 
     def check(self, path: str | os.PathLike[str], stated: Mapping[str, Any]) -> None:
         """Refuse another format or version than the file states."""
-        if stated.get("format") != self.format:
-            raise ValueError(f"it states the format {stated.get('format')!r}, must be {self.format!r}")
-        self.check_version(path, int(stated["format_version"]))
+        found = stated.get("format") if isinstance(stated, Mapping) else stated
+        if found != self.format:
+            raise ValueError(f"it states the format {found!r}, must be {self.format!r}")
+        self.check_version(path, index(stated["format_version"]))
 
 
 @contextmanager
@@ -101,16 +105,18 @@ def create_hdf5(path: str | os.PathLike[str], kind: FileKind) -> Iterator[Any]:
 @contextmanager
 def open_own_hdf5(path: str | os.PathLike[str], kind: FileKind) -> Iterator[Any]:
     """Open an HDF5 file of a kind; faults inside the block are errors of the file."""
-    if not Path(path).is_file():
-        raise kind.error(f"{path}: no such file")
     try:
+        if not Path(path).is_file():
+            raise kind.error(f"{path}: no such file")
         with open_hdf5(Path(path)) as file:
             kind.check(path, file.attrs)
             yield file
     except (*FAULTS, DoppelgaitError) as error:
         if str(error).startswith(f"{path}: "):
             raise
-        raise kind.error(f"{path}: is damaged or not {kind.noun}: {error}; {kind.remedy}") from None
+        if isinstance(error, OSError) and error.errno:  # HDF5's own errors have no number
+            raise kind.error(f"{path}: cannot be read: {os.strerror(error.errno)}") from None
+        raise kind.error(f"{path}: is damaged or not {kind.noun}: {error}{kind.tell_remedy(path)}") from None
 
 
 def hash_file(path: Path) -> str:

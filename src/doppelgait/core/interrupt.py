@@ -102,7 +102,6 @@ def _raise(number: int, frame: FrameType | None) -> None:
 
 
 def _end_after_delay(pipe: int) -> None:
-    """End the process at a second signal or after a delay."""
     wanted = {*SIGNALS}
     while not {*os.read(pipe, 64)} & wanted:
         pass

@@ -99,7 +99,6 @@ def summary_of(model: type[BaseModel]) -> str:
 
 
 def _kind(kind: Any) -> str:
-    """Describe a type in words."""
     origin, members = get_origin(kind), [member for member in get_args(kind) if member is not type(None)]
     if origin in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(_kind(member) for member in members))
@@ -128,7 +127,6 @@ def _default(field: FieldInfo) -> str:
 
 
 def _value(value: Any) -> str:
-    """Format a default as in TOML."""
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
     if isinstance(value, str):

@@ -126,6 +126,8 @@ class Signal:
         self, values: npt.NDArray[Any], *, schema: Schema | None = None, attrs: Mapping[str, Any] | None = None
     ) -> Signal:
         """Return the signal with other values of the same shape."""
+        if values.shape != self.values.shape:
+            raise ValueError(f"values of shape {values.shape} do not fit coordinates of shape {self.values.shape}")
         schema = schema or self.schema
         return Signal(schema, values, self.coords, {**self.attrs, "units": schema.units, **(attrs or {})})
 
@@ -137,9 +139,9 @@ class Signal:
 
     def take_columns(self, columns: slice) -> Signal:
         """Slice the signal along its first dimension."""
-        along = self.schema.dims[:1]
+        along = self.schema.dims[0]
         coords = {
-            name: (dims, values[columns] if dims == along else values, attrs)
+            name: (dims, values[tuple(columns if dim == along else slice(None) for dim in dims)], attrs)
             for name, (dims, values, attrs) in self.coords.items()
         }
         return Signal(self.schema, self.values[columns], coords, dict(self.attrs))
@@ -193,24 +195,17 @@ def _take_labels(schemas: tuple[Schema, ...], function: Callable[..., Any]) -> A
 
 
 def make_array(
-    schema: Schema,
-    values: npt.ArrayLike,
-    coords: Mapping[str, Any],
-    attrs: Mapping[str, Any] | None = None,
+    schema: Schema, values: npt.ArrayLike, coords: Mapping[str, Any], attrs: Mapping[str, Any] | None = None
 ) -> xr.DataArray:
     """Make a labelled array that conforms to ``schema``. Units are set from the schema."""
-    variables: dict[Any, xr.Variable] = {}
-    indexes: dict[Any, Any] = {}
-    for name, coordinate in coords.items():
-        variables[name], index = _label_coordinate(name, coordinate)
-        indexes |= {name: index} if index is not None else {}
+    variables: dict[Any, xr.Variable] = {name: label_axis(name, axis) for name, axis in coords.items()}
     array = label_values(schema.dims, values, {"units": schema.units, **(attrs or {})})
     for name, variable in variables.items():
         if any(array.sizes.get(dim) != size for dim, size in variable.sizes.items()):
             raise ValueError(
                 f"coordinate {name!r} has the sizes {dict(variable.sizes)}, but {schema.name} has {dict(array.sizes)}"
             )
-    made = xr.DataArray(array, variables, name=schema.name, indexes=indexes, fastpath=True)
+    made = xr.DataArray(array, variables, name=schema.name, indexes=_list_indexes(variables), fastpath=True)
     return check_signal(made, schema)
 
 
@@ -246,12 +241,11 @@ def _assemble_table(
     sizes: dict[Any, int] = {}
     for variable in everything.values():
         sizes.update(zip(variable.dims, variable.shape, strict=True))
-    indexes: dict[Any, Any] = {
-        name: PandasIndex(variable.to_index(), name)
-        for name, variable in coords.items()
-        if isinstance(variable, xr.IndexVariable)
-    }
-    return xr.Dataset._construct_direct(everything, set(coords), sizes, dict(attrs or {}), indexes)
+    return xr.Dataset._construct_direct(everything, set(coords), sizes, dict(attrs or {}), _list_indexes(coords))
+
+
+def _list_indexes(coords: Mapping[Any, xr.Variable]) -> dict[Any, Any]:
+    return {name: PandasIndex(v._data.array, name) for name, v in coords.items() if isinstance(v, xr.IndexVariable)}
 
 
 def replace_values(table: xr.Dataset, **values: npt.NDArray[Any]) -> xr.Dataset:
@@ -286,11 +280,6 @@ def _make_scatterer_variables(values: Mapping[str, npt.NDArray[Any]]) -> dict[An
     return {name: label_values(dims, array, unit) for (name, array), unit in zip(values.items(), units, strict=True)}
 
 
-def label_axis(name: str, values: npt.ArrayLike) -> xr.Variable:
-    """Make the coordinate of a dimension, with unit and index."""
-    return _label_coordinate(name, np.asarray(values))[0]
-
-
 def _copy_coordinate(coordinate: xr.Variable) -> xr.Variable:
     """Copy a coordinate, so that the original stays unchanged; an index is immutable."""
     if isinstance(coordinate, xr.IndexVariable):
@@ -299,21 +288,22 @@ def _copy_coordinate(coordinate: xr.Variable) -> xr.Variable:
     return label_values(coordinate.dims, np.array(coordinate.values), dict(coordinate.attrs))
 
 
-def _label_coordinate(name: str, coordinate: Any) -> tuple[xr.Variable, PandasIndex | None]:
+def label_axis(name: str, coordinate: Any) -> xr.Variable:
     """Make a coordinate with its unit. It has an index if its name is that of its dimension."""
     if isinstance(coordinate, xr.DataArray | xr.Variable):
         coordinate = (coordinate.dims, coordinate.values, coordinate.attrs)
     dims, values, attrs = (*coordinate, {})[:3] if isinstance(coordinate, tuple) else (name, coordinate, {})
     facts = {**attrs, **({"units": COORDINATE_UNITS[name]} if name in COORDINATE_UNITS else {})}
     if dims not in (name, (name,)):
-        return label_values(dims, values, facts), None
+        return label_values(dims, values, facts)
     index = pd.Index(np.asarray(values), name=name)
-    variable = xr.IndexVariable(name, index, facts, fastpath=True)  # type: ignore[no-untyped-call]
-    return variable, PandasIndex(index, name)
+    return xr.IndexVariable(name, index, facts, fastpath=True)  # type: ignore[no-untyped-call]
 
 
-def read_axis(array: xr.DataArray | xr.Dataset, name: str) -> npt.NDArray[Any]:
+def read_axis(array: xr.DataArray | xr.Dataset | Signal, name: str) -> npt.NDArray[Any]:
     """Return the values of a coordinate or variable, in a thirtieth of the time of xarray."""
+    if isinstance(array, Signal):
+        return array.axis(name)
     variables = array._coords if isinstance(array, xr.DataArray) else array._variables
     data: Any = variables[name]._data
     if isinstance(data, np.ndarray):

@@ -61,13 +61,13 @@ def load_npy(path: Path, error: Callable[[str], Exception]) -> Array:
 
 
 def load_npz(
-    path: Path, wanted: Collection[str] | None, error: Callable[[str], Exception], *, lone: bool = True
+    path: Path, wanted: Collection[str], error: Callable[[str], Exception], *, lone: bool = True
 ) -> dict[str, Array | None]:
-    """Load arrays of an npz file by name, by default all."""
+    """Load arrays of an npz file by name."""
     try:
         with zipfile.ZipFile(path) as archive:
             members = {m.filename.removesuffix(".npy"): m for m in archive.infolist() if m.filename.endswith(".npy")}
-            chosen = [name for name in members if wanted is None or name in wanted] or (
+            chosen = [name for name in members if name in wanted] or (
                 list(members) if lone and len(members) == 1 else []
             )
             found: dict[str, Array | None] = dict.fromkeys(members)

@@ -396,7 +396,6 @@ def _change_samples(samples: Samples, ufunc: Any, other: Any) -> Samples:
 
 
 def _split(matrix: Matrix, rows: slice) -> Planes:
-    """Copy some columns of a matrix to planes."""
     planes = borrow_planes((2, rows.stop - rows.start, matrix.shape[0]))
     columns = matrix[:, rows]
     if columns.strides[1] != columns.itemsize:  # stored samples may be read in any memory order

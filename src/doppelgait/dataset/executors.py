@@ -236,11 +236,7 @@ EXECUTORS = ("serial", "processes", "dask", "dask://HOST:PORT")
 
 
 def run_shards(
-    work: Work,
-    shards: Sequence[Shard],
-    *,
-    executor: str = "processes",
-    workers: int | None = None,
+    work: Work, shards: Sequence[Shard], *, executor: str = "processes", workers: int | None = None
 ) -> Results:
     """Call ``work`` per shard, yielding results as they finish."""
     check_executor(executor)

@@ -76,11 +76,7 @@ def _make_factor_ranges(clip: Motion) -> dict[str, Any]:
     speeds, strides = (
         [round(math.exp(part * end), 6) for part, end in zip(reach, ends, strict=True)] for ends in (speed, stride)
     )
-    return {
-        "speed_factor": {"log_uniform": speeds},
-        "size_factor": sizes,
-        "stride_factor": {"log_uniform": strides},
-    }
+    return {"speed_factor": {"log_uniform": speeds}, "size_factor": sizes, "stride_factor": {"log_uniform": strides}}
 
 
 def _retarget(clip: Motion, speed_factor: float, stride_factor: float) -> None:

@@ -69,9 +69,9 @@ class EmptySceneOptions(FrozenModel):
     speed_mps: float = Field(ge=0, le=10)
 
 
-def check_motion(motion: Any, folder: Path, *, key: str) -> None:
+def check_motion(motion: Any, folder: Path, *, key: str) -> dict[str, Any]:
     """Check a resolved motion table without generating or reading anything."""
-    from doppelgait.motion.models import MOTION_MODELS, get_parameters
+    from doppelgait.motion.models.registry import MOTION_MODELS, check_table
 
     if not isinstance(motion, Mapping) or not isinstance(motion.get("kind"), str):
         needs = 'needs kind = "NAME" (a motion model, or "file" with path = "...")'
@@ -109,9 +109,10 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
         raise ConfigError(f"{key}.kind: {kind!r} is not allowed: known are {known}")
     else:
         try:
-            validate(get_parameters(kind), options, section=tuple(key.split(".")))
+            return check_table(motion, section=tuple(key.split(".")))
         except ConfigError as error:
             raise ConfigError(f"{error} (motion is {shorten(motion)})") from None
+    return dict(motion)
 
 
 def list_motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:

@@ -131,7 +131,6 @@ def relabel(entries: Sequence[LabelEntry], classes: Sequence[str]) -> list[Label
 
 
 def _compile(names: str, template: str) -> re.Pattern[str]:
-    """Translate a template to a regular expression."""
     known = f"known are {', '.join(NAME_FORMS)}, or a template such as {{label}}/{{subject}}_*.png"
     parts = [match[1] for match in TOKEN.finditer(template) if match[1]]
     if "label" not in parts:

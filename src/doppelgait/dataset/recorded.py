@@ -27,6 +27,7 @@ from doppelgait.dataset.splits import PlannedEntry
 from doppelgait.pipeline import Result, analyze
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.pipeline.pictures import is_picture, read_picture
+from doppelgait.pipeline.result import read_signal
 from doppelgait.pipeline.spectrogram import make_level_gate
 from doppelgait.radar import read_recording
 from doppelgait.radar.recording import Recording
@@ -157,7 +158,7 @@ class RecordedExamples:
                         settings = config.analysis.resolved(None)
                         results = [analyze_signature(analysed, make_level_gate(analysed), settings, label=None)]
                 result = find_labelled_result(results)
-                signals: dict[str, Any] = {spec.name: getattr(result, spec.name, None) for spec in config.fields}
+                signals: dict[str, Any] = {spec.name: read_signal(result, spec.name) for spec in config.fields}
                 if "baseband" in signals:
                     signals["baseband"] = getattr(analysed, "baseband", None)
                 stored = encode_arrays(config.fields, signals)

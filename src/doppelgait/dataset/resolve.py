@@ -8,12 +8,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.documents import parse_json
-from doppelgait.core.draws import resolve
+from doppelgait.core.draws import sample
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
 from doppelgait.dataset.config import AUTO_PRF_REFUSED, ORACLE_REFUSED, ClassSection, PlanConfig, shorten
@@ -27,7 +29,7 @@ from doppelgait.dataset.motions import (
     list_recording_paths,
 )
 from doppelgait.pipeline import Run, parse_run
-from doppelgait.pipeline.radar_table import FITTED_KEYS, RadarFile
+from doppelgait.pipeline.radar_table import FITTED_KEYS, FixedRadar, RadarFile, parse_radar
 from doppelgait.radar.presets import read_preset
 
 UNSEEN_M2 = 1e-30
@@ -98,8 +100,7 @@ def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[Row
         raise ConfigError(f"classes.{place}.{error}") from None
     if isinstance(motion, Mapping) and motion.get("kind") == EMPTY_SCENE and "speed_mps" not in motion:
         motion = {**motion, "speed_mps": draw(PHANTOM_SPEED_MPS, "motion.speed_mps")}
-    check_motion(motion, folder, key=key)
-    motion = dict(motion)
+    motion = check_motion(motion, folder, key=key)
     alone = motion["kind"] == EMPTY_SCENE  # a row of an empty scene must not show a target
     targets: list[dict[str, Any]] = [{"label": section.label, "motion": motion}]
     for count, companion in enumerate([] if alone else _sample_list(plan, draw, "companions")):
@@ -135,8 +136,18 @@ def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[Row
 def _make_sampler(plan: PlanConfig, number: int) -> Draw:
     """Return the function that samples values of an example."""
     # cycles advance with the number within the class, in the same order for every class
-    turn = find_class(plan, number)[1]
-    return lambda value, key: resolve(value, seed=plan.dataset.seed, example=number, key=key, turn=turn)
+    return partial(sample, Streams(plan.dataset.seed, number), find_class(plan, number)[1])
+
+
+@lru_cache(maxsize=4)
+def _parse_fixed_radar(text: str, folder: Path) -> FixedRadar | None:
+    # the radar that all examples share, from its table in JSON; None if it is drawn or faulty
+    table = replace_radar_files(parse_json(text))
+    with suppress(ConfigError):  # the error of an example names it
+        if sample(Streams(0), 0, table, "radar") == table:
+            radar = parse_radar(table, where="", folder=folder)
+            return radar if isinstance(radar, FixedRadar) else None
+    return None
 
 
 def resolve_example(plan: PlanConfig, number: int, folder: Path, *, split: str = "", group: str = "") -> ExampleSpec:
@@ -146,19 +157,17 @@ def resolve_example(plan: PlanConfig, number: int, folder: Path, *, split: str =
     name = make_example_id(section.label, within)
     try:
         rows, targets = resolve_rows(plan, number, folder)
-        run = _run_spec(plan, section, number, targets, name, folder)
+        run = _run_spec(plan, section, number, targets, folder)
     except ConfigError as error:
         raise ConfigError(f"class {section.label!r}: example {name}: {error}") from None
     error_m = float(Streams(plan.dataset.seed, number).generator("gate").normal(0.0, plan.dataset.gate_error_sd_m))
     return ExampleSpec.model_construct(id=name, split=split, group=group, gate_error_m=error_m, rows=rows, run=run)
 
 
-def _run_spec(
-    plan: PlanConfig, section: ClassSection, number: int, targets: list[dict[str, Any]], name: str, folder: Path
-) -> Run:
-    """Resolve the run of an example."""
+def _run_spec(plan: PlanConfig, section: ClassSection, number: int, targets: list[dict[str, Any]], folder: Path) -> Run:
     # all but motions and the keys in ``dataset.leaks`` is sampled independently of the class
     draw = _make_sampler(plan, number)
+    fixed = _parse_fixed_radar(json.dumps(plan.radar, default=str), folder)
     first = {**draw({**plan.target, **section.target}, "target"), **targets[0]}
     if section.motion.get("kind") == EMPTY_SCENE or targets[0]["motion"]["kind"] == EMPTY_SCENE:
         phantom = {"kind": "point", "speed_mps": targets[0]["motion"]["speed_mps"]}
@@ -175,7 +184,7 @@ def _run_spec(
         **scene,
         "targets": [first, *targets[1:], *({**target, "background": True} for target in background)],
         # sampling leaves a stored radar file unchanged: it has its own random streams
-        "radar": draw(replace_radar_files(plan.radar, lambda named: named), "radar"),
+        "radar": fixed or draw(replace_radar_files(plan.radar), "radar"),
         "noise": {k: value for k, value in noise.items() if k != "snr_db" or noise.get("kind") == "snr"},
         **{key: _sample_list(plan, draw, key) for key in FITTED_KEYS if getattr(plan, key) is not None},
         "analysis": draw(plan.analysis, "analysis"),
@@ -234,7 +243,9 @@ def list_radar_files(radar: Mapping[str, Any]) -> list[str | RadarFile]:
     return found
 
 
-def replace_radar_files(value: Any, change: Callable[[Any], Any], *, in_preset: bool = False) -> Any:
+def replace_radar_files(
+    value: Any, change: Callable[[Any], Any] = lambda named: named, *, in_preset: bool = False
+) -> Any:
     """Replace the radar files under ``preset`` or among its choices."""
     if isinstance(value, Mapping):
         if in_preset and set(value) == STORED_KEYS and isinstance(value["values"], Mapping):

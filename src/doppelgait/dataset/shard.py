@@ -13,12 +13,12 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core import files
 from doppelgait.core.config import FrozenModel, convert_to_json, format_canonical_json
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.interrupt import raise_if_stopped
+from doppelgait.core.labels import read_axis
 from doppelgait.core.worker import limit_blas_threads
 from doppelgait.dataset.config import FieldSpec, PlanConfig
 from doppelgait.dataset.plan import PlannedExample, Shard
@@ -26,6 +26,7 @@ from doppelgait.dataset.resolve import ExampleSpec, resolve_example
 from doppelgait.dataset.shard_files import Arrays, encode_arrays, hash_contents, write_shard
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import Result, analyze, run_simulation
+from doppelgait.pipeline.result import read_signal
 from doppelgait.radar.recording import Recording, TargetTruth
 
 MOST_APART_M = 1.0
@@ -108,7 +109,7 @@ def index_rows(
             "motion_kind": "none" if row.source == "none" else motion["kind"],
             "motion": "" if row.source == "none" else format_canonical_json(motion),
             **scene,
-            "rcs_total_m2": float(truth.scatterers["rcs"].values.sum(axis=1).mean()),
+            "rcs_total_m2": float(read_axis(truth.scatterers, "rcs").sum(axis=1).mean()),
             **(make_truth_columns(truth) if row.source != "none" else dict.fromkeys(make_truth_columns(truth))),
             **(result.to_row() if result is not None else {"gate": "track", **NOTHING, "flags": "not_tracked"}),
             "warnings": ";".join(messages),
@@ -118,7 +119,6 @@ def index_rows(
 
 
 def _format_specs(specs: Sequence[FrozenModel]) -> str:
-    """Format environment or impairments as one line of JSON."""
     return json.dumps([spec.model_dump(mode="json") for spec in specs], sort_keys=True, separators=(",", ":"))
 
 
@@ -253,14 +253,12 @@ def build_example(
     rows = index_rows(example, recording, results, list(dict.fromkeys(messages)))
     found_rows = []
     for number, (row, result) in enumerate(zip(rows, results, strict=True)):
-        signals: dict[str, xr.DataArray | None] = {}
+        signals: dict[str, Any] = {}
         for name in (spec.name for spec in fields):
-            if name == "baseband":
-                signals[name] = recording.baseband
-            elif name.startswith("truth_"):
+            if name.startswith("truth_"):
                 variable = name.removeprefix("truth_").rpartition("_")[0]
                 signals[name] = recording.truth[number].scatterers[variable]
             else:
-                signals[name] = getattr(result, name, None)
+                signals[name] = recording.baseband if name == "baseband" else read_signal(result, name)
         found_rows.append((row, encode_arrays(fields, signals)))
     return found_rows

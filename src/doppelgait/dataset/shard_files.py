@@ -21,7 +21,7 @@ from deflate import zlib_compress
 from doppelgait.core.config import format_canonical_json
 from doppelgait.core.cost import describe_excess_memory, limit_bytes
 from doppelgait.core.errors import DatasetError
-from doppelgait.core.labels import read_axis
+from doppelgait.core.labels import Signal, read_axis
 from doppelgait.core.own_hdf5 import get_own_member, open_hdf5
 from doppelgait.dataset.config import FieldSpec
 
@@ -77,7 +77,7 @@ def name_axis(field: str, dim: str) -> str | None:
     return f"{field}_{dim}_{AXIS_UNITS[dim]}" if dim in AXIS_UNITS else None
 
 
-def encode_arrays(fields: Sequence[FieldSpec], signals: Mapping[str, xr.DataArray | None]) -> Arrays:
+def encode_arrays(fields: Sequence[FieldSpec], signals: Mapping[str, xr.DataArray | Signal | None]) -> Arrays:
     """Encode one row's arrays with axes, empty for None."""
     stored: dict[str, Array] = {}
     for spec in fields:

@@ -105,7 +105,6 @@ def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]])
 
 
 def _split_by_share(dataset: DatasetSection, names: Sequence[str]) -> dict[str, str]:
-    """Split names by the hash of seed and name."""
     share_of = {
         name: int.from_bytes(hashlib.sha256(f"{dataset.seed}/{name}".encode()).digest()[:8], "big") / 2**64
         for name in names

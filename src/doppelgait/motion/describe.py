@@ -78,7 +78,6 @@ def describe_motion(motion: Motion) -> dict[str, Any]:
 
 
 def _describe_segment(segment: Segment, starts_s: float) -> dict[str, Any]:
-    """Return plain facts about a segment."""
     # times are relative to the first frame of the file, like start_s and stop_s of read
     gait = segment.gait
     facts = {

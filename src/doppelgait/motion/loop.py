@@ -94,10 +94,10 @@ def _find_best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam
     stride, width = period / step, max(2, math.ceil(overlap / step) + 1)
     weight_s = period / rate / (2 * math.pi)
     # median mismatch of seams after one stride
-    frames = np.arange(0.0, motion.positions.shape[0] - 1 - period, step)
+    frames = np.arange(0.0, motion.position_m.shape[0] - 1 - period, step)
     before, after = (curve.at(at / rate) for at in (frames, frames + period))
     stride_moved, stride_change = (
-        b.reshape(frames.size, *motion.positions.shape[1:]) - a.reshape(frames.size, *motion.positions.shape[1:])
+        b.reshape(frames.size, *motion.position_m.shape[1:]) - a.reshape(frames.size, *motion.position_m.shape[1:])
         for a, b in zip(before, after, strict=True)
     )
     stride_m, stride_mps = _measure_mismatch(stride_moved, stride_change, min(width, frames.size))
@@ -115,7 +115,7 @@ def _find_best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam
         if seams:
             cut = min(seams, key=lambda seam: _combine_mismatch(seam, weight_s))
             on_frames = replace(cut, start=cut.start * step, lag=cut.lag * step)
-            best.append(_refine_seam(curve, motion.positions.shape, rate, on_frames, step, overlap, weight_s))
+            best.append(_refine_seam(curve, motion.position_m.shape, rate, on_frames, step, overlap, weight_s))
     # neither pose nor velocity may differ by more than the median between neighbouring strides
     most_m, most_mps = max(usual.position_m, UNSEEN_M), max(usual.velocity_mps, UNSEEN_M / weight_s)
     fitting = [seam for seam in best if seam.position_m <= most_m and seam.velocity_mps <= most_mps]
@@ -233,7 +233,7 @@ def _close_cycle(motion: Motion, seam: Seam, overlap: float) -> Cycle:
 
     def clip(frames: FloatArray) -> list[FloatArray]:
         found = curve.at(np.clip(frames, 0.0, motion.n_frames - 1.0) / rate)
-        return [part.reshape(frames.size, *motion.positions.shape[1:]) for part in found]
+        return [part.reshape(frames.size, *motion.position_m.shape[1:]) for part in found]
 
     later, earlier = clip(ends + seam.lag), clip(ends)
     moved = (later[0] - earlier[0]).mean(axis=0)
@@ -264,7 +264,7 @@ def _close_cycle(motion: Motion, seam: Seam, overlap: float) -> Cycle:
     moments = np.empty(values.shape)
     native.spline_moments(values, step, moments)
     travel = Spline(values, moments, step)
-    return Cycle(curve, motion.positions.shape, rate, seam, overlap, advance, moved - advance, faster, travel)
+    return Cycle(curve, motion.position_m.shape, rate, seam, overlap, advance, moved - advance, faster, travel)
 
 
 FEW_STRIDES = 2.0

@@ -15,10 +15,11 @@ from doppelgait.core.errors import MotionError
 from doppelgait.core.labels import (
     MOTION,
     SPACE,
+    Coord,
+    Signal,
     check_signal,
     make_array,
     read_axis,
-    replace_array_values,
     sampling_rate_hz,
 )
 from doppelgait.core.notebook import show_text
@@ -99,6 +100,21 @@ class MotionFacts:
         )
 
 
+class Labelled:
+    """Positions of a motion: they are kept plain and get labels when somebody reads them."""
+
+    def __get__(self, motion: Any, kind: type | None = None) -> xr.DataArray:
+        if motion is None:
+            raise AttributeError("positions")  # the field has no default
+        kept = motion.__dict__["positions"]
+        if isinstance(kept, Signal):
+            kept = motion.__dict__["positions"] = kept.label()
+        return kept  # type: ignore[no-any-return]
+
+    def __set__(self, motion: Any, positions: xr.DataArray | Signal) -> None:
+        motion.__dict__["positions"] = positions
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """Positions of named points over time, with facts.
@@ -123,22 +139,28 @@ class Motion:
     make_motion : Build one from plain arrays.
     """
 
-    positions: xr.DataArray
+    positions: xr.DataArray = Labelled()  # type: ignore[assignment]
     facts: MotionFacts = field(default_factory=MotionFacts)
     report: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        check_signal(self.positions, MOTION)
+        if not isinstance(self._kept, Signal) or self._kept.values.dtype.kind != MOTION.kind:
+            check_signal(self.positions, MOTION)
+
+    @property
+    def _kept(self) -> Any:
+        # plain positions, or labelled ones after somebody has read the labels
+        return self.__dict__["positions"]
 
     @property
     def position_m(self) -> npt.NDArray[Any]:
         """Positions as a plain array, (T, P, 3), m."""
-        return np.asarray(self.positions.values)
+        return np.asarray(self._kept.values)
 
     @property
     def time_s(self) -> FloatArray:
         """Times of the frames, shape (T,)."""
-        return read_axis(self.positions, "time")
+        return read_axis(self._kept, "time")
 
     def __repr__(self) -> str:
         facts = self.facts
@@ -155,7 +177,7 @@ class Motion:
     @property
     def rate_hz(self) -> float:
         """Frames per second."""
-        stated = self.positions.attrs.get("rate_hz")
+        stated = self._kept.attrs.get("rate_hz")
         return float(stated) if stated is not None else sampling_rate_hz(self.time_s)
 
     @property
@@ -167,17 +189,17 @@ class Motion:
     @property
     def n_frames(self) -> int:
         """Number of frames T."""
-        return int(self.positions.shape[0])
+        return int(self._kept.shape[0])
 
     @property
     def markers(self) -> list[str]:
         """Names of the points."""
-        return [str(name) for name in read_axis(self.positions, "marker")]
+        return [*map(str, read_axis(self._kept, "marker").tolist())]
 
     @property
     def parts(self) -> list[str]:
         """Body part of each point, ``""`` if unknown."""
-        return [str(part) for part in read_axis(self.positions, "part")]
+        return [*map(str, read_axis(self._kept, "part").tolist())]
 
     @property
     def label(self) -> str:
@@ -186,15 +208,15 @@ class Motion:
 
     def with_positions(self, position_m: npt.NDArray[Any]) -> Motion:
         """Return the motion with other point positions."""
-        return replace(self, positions=replace_array_values(self.positions, position_m))
+        return replace(self, positions=Signal.of(self._kept, MOTION).replace(position_m))  # type: ignore[arg-type]
 
     def with_facts(self, **facts: Any) -> Motion:
         """Return the motion with some facts replaced."""
-        return replace(self, facts=replace(self.facts, **facts))
+        return replace(self, positions=self._kept, facts=replace(self.facts, **facts))
 
     def with_report(self, **entries: Any) -> Motion:
         """Return the motion with entries added to its report."""
-        return replace(self, report={**self.report, **entries})
+        return replace(self, positions=self._kept, report={**self.report, **entries})
 
     def with_points(self, position_m: npt.NDArray[Any], markers: Sequence[str], parts: Sequence[str]) -> Motion:
         """Return a motion of other points (T, P, 3).
@@ -206,24 +228,24 @@ class Motion:
 
     def frames(self, first: int, stop: int) -> Motion:
         """Return frames ``first`` to ``stop`` - 1 with their times."""
-        return replace(self, positions=self.positions.isel(time=slice(first, stop)))
+        return replace(self, positions=Signal.of(self._kept, MOTION).take_columns(slice(first, stop)))  # type: ignore[arg-type]
 
     def cut(self, first: int, stop: int) -> Motion:
         """Return frames ``first`` to ``stop`` - 1 from time 0.
 
         Footfalls are shifted accordingly.
         """
-        part, times = self.positions.isel(time=slice(first, stop)), self.time_s[first:stop]
-        positions = part.assign_coords(
-            time=("time", np.arange(part.sizes["time"]) / self.rate_hz, self.positions.time.attrs)
-        )
+        part = Signal.of(self._kept, MOTION).take_columns(slice(first, stop))
+        dims, times, attrs = part.coords["time"]
+        coords = {**part.coords, "time": (dims, np.arange(times.size) / self.rate_hz, attrs)}
+        positions = Signal(MOTION, part.values, coords, part.attrs)
         start, end = times[0], times[-1]
         footfalls = {
             foot: [t - start for t in touchdowns if start <= t <= end]
             for foot, touchdowns in self.facts.footfalls.items()
         }
         before_s = self.facts.file_time_s + float(start)
-        return replace(self, positions=positions, facts=replace(self.facts, footfalls=footfalls, file_time_s=before_s))
+        return replace(self, positions=positions, facts=replace(self.facts, footfalls=footfalls, file_time_s=before_s))  # type: ignore[arg-type]
 
 
 def require_motion(motion: object) -> Motion:
@@ -293,18 +315,17 @@ def make_motion(
             raise MotionError(f"motion facts {', '.join(unknown)} are not known; allowed are {', '.join(allowed)}")
         facts = MotionFacts(**(facts or {}))
     values = np.asarray(position_m, dtype=np.float64)
-    rate_hz = float(rate_hz)
-    labels = _make_labels(tuple(markers), tuple(parts), values.shape[0], rate_hz, float(start_s))
-    return Motion(replace_array_values(labels, values), facts, dict(report or {}))
+    labels = _make_labels(tuple(markers), tuple(parts), values.shape[0], float(rate_hz), float(start_s))
+    return Motion(labels.replace(values), facts, dict(report or {}))  # type: ignore[arg-type]
 
 
 @lru_cache(maxsize=16)
 def _make_labels(
     markers: tuple[str, ...], parts: tuple[str, ...], frames: int, rate_hz: float, start_s: float
-) -> xr.DataArray:
+) -> Signal:
     """Make and cache the coordinates of a motion without values."""
     # a model uses the same points and times repeatedly
-    time_s = start_s + np.arange(frames) / rate_hz
-    coords = {"time": time_s, "marker": list(markers), "space": list(SPACE), "part": ("marker", list(parts))}
-    nothing = np.broadcast_to(0.0, (frames, len(markers), len(SPACE)))
-    return make_array(MOTION, nothing, coords, {"rate_hz": rate_hz})
+    axes = {"time": start_s + np.arange(frames) / rate_hz, "marker": np.array(markers), "space": np.array(SPACE)}
+    coords: dict[str, Coord] = {name: ((name,), axis, {}) for name, axis in axes.items()}
+    coords["part"] = (("marker",), np.array(parts), {})
+    return Signal(MOTION, np.broadcast_to(0.0, (frames, len(markers), len(SPACE))), coords, {"rate_hz": rate_hz})

@@ -13,8 +13,7 @@ from pydantic import Field
 from doppelgait._core import native
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import MotionError
-from doppelgait.core.labels import MOTION, SPACE, make_array
-from doppelgait.motion.motion import Motion, require_motion
+from doppelgait.motion.motion import Motion, make_motion, require_motion
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -35,7 +34,7 @@ def body_centre_m(motion: Motion) -> FloatArray:
 def _find_central_points(motion: Motion) -> npt.NDArray[np.int64]:
     """Return the point numbers of torso or trunk, or all."""
     central = [n for n, part in enumerate(motion.parts) if part in BODY_CENTRE_PARTS]
-    return np.array(central or range(motion.positions.shape[1]), dtype=np.int64)
+    return np.array(central or range(motion.position_m.shape[1]), dtype=np.int64)
 
 
 def _average_points(values: npt.NDArray[Any], points: npt.NDArray[np.int64]) -> FloatArray:
@@ -46,8 +45,7 @@ def _average_points(values: npt.NDArray[Any], points: npt.NDArray[np.int64]) -> 
 
 
 def _net_travel_m(motion: Motion, last: int = -1) -> FloatArray:
-    """Return the body's net ground displacement."""
-    # it is from the first frame to another one, by default the last
+    # on the ground, from the first frame to another one, by default the last
     before, after = _average_points(motion.position_m[[0, last]], _find_central_points(motion))[:, :2]
     return np.asarray(after - before)
 
@@ -142,15 +140,9 @@ def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float
     turn = math.radians(heading_deg) - travel_heading_rad(motion)
     pivot, points = _interpolate_centre(motion, at_s), np.ascontiguousarray(motion.position_m, dtype=np.float64)
     moved = np.empty(points.shape)
+    before_and_after_m = [float(value) for value in (*pivot[:2], *position_m[:2])]
     native.turn_and_move(
-        points.reshape(-1, 3),
-        math.cos(turn),
-        math.sin(turn),
-        float(pivot[0]),
-        float(pivot[1]),
-        float(position_m[0]),
-        float(position_m[1]),
-        moved.reshape(-1, 3),
+        points.reshape(-1, 3), math.cos(turn), math.sin(turn), *before_and_after_m, moved.reshape(-1, 3)
     )
     return motion.with_positions(moved)
 
@@ -172,7 +164,7 @@ def resample(motion: Motion, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatAr
     # the spline interpolates the frames and is C2; velocities are its slope
     spline = fit_spline(motion)
     position, velocity = spline.at(check_times(motion, time_s))
-    shape = (position.shape[0], *motion.positions.shape[1:])
+    shape = (position.shape[0], *motion.position_m.shape[1:])
     return position.reshape(shape), velocity.reshape(shape)
 
 
@@ -195,7 +187,7 @@ class Spline:
 
 def fit_spline(motion: Motion) -> Spline:
     """Fit a cubic spline to a motion (E-02)."""
-    return _fit_motion_spline(motion, motion.position_m.reshape(motion.positions.shape[0], -1))
+    return _fit_motion_spline(motion, motion.position_m.reshape(motion.position_m.shape[0], -1))
 
 
 def fit_centre(motion: Motion) -> Spline:
@@ -339,15 +331,20 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
         wave = np.sin(2.0 * np.pi * times * new_hz * times_s + turn)
         ripple_m = ripple_m + size_m * wave[:, None] * way / np.linalg.norm(way)
     position_m = slope[0] + slope[1] * (times_s[:, None] + margin_s) + ripple_m
-    coords = {"time": times_s, "marker": motion.markers, "space": list(SPACE), "part": ("marker", parts)}
-    positions = make_array(MOTION, position_m[:, None] + body_m, coords, {"rate_hz": motion.rate_hz})
     footfalls = {
         foot: np.interp(np.asarray(falls), limb_s, times_s, left=np.nan, right=np.nan)
         for foot, falls in motion.facts.footfalls.items()
     }
     facts = motion.facts.with_frequencies(lambda hz: hz * variation.pace)
     kept = {foot: falls[np.isfinite(falls)].tolist() for foot, falls in footfalls.items()}
-    return replace(motion, positions=positions, facts=replace(facts, footfalls=kept))
+    return make_motion(
+        position_m[:, None] + body_m,
+        rate_hz=motion.rate_hz,
+        markers=motion.markers,
+        parts=parts,
+        facts=replace(facts, footfalls=kept),
+        report=motion.report,
+    )
 
 
 def _make_clock(

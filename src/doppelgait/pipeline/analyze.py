@@ -91,7 +91,9 @@ def analyze(
         raise ConfigError(f"gate_error_m: {gate_error_m} is not allowed; it must be a finite number, with gate='truth'")
     settings = (analysis or Analysis()).resolved(gate)
     if gate == "track":
-        found = track_targets(recording, settings, tracking or Tracking())
+        frames, radar, source = recording.frames, recording.radar, recording.source
+        del recording  # tracking does not use the truth, which is large
+        found = track_targets(frames, radar, source, settings, tracking or Tracking())
         return TargetList(flag_overlaps(found), reason=found.reason)
     frames, times_s, wavelength_m = recording.frames, recording.slow_time_s, recording.radar.wavelength_m
     if isinstance(gate, tuple):

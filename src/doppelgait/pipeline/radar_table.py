@@ -27,6 +27,10 @@ class RadarFile:
     values: Mapping[str, Any]
 
 
+class FixedRadar(dict[str, Any]):
+    """Parsed radar whose preset draws nothing: it serves every example."""
+
+
 def parse_radar(
     table: Any, *, where: str = "radar", text: str = "", folder: Path | None = None, seed: int = 0, example: int = 0
 ) -> dict[str, Any]:
@@ -35,6 +39,8 @@ def parse_radar(
     Returns ``radar``, ``auto_prf`` and the lists of a calibrated preset. Distributions in a preset's file are sampled
     here. Each has a random stream that is derived from seed, example and key.
     """
+    if isinstance(table, FixedRadar):
+        return table
     if isinstance(table, str):
         table = {"preset": table}
     if not isinstance(table, Mapping):
@@ -45,7 +51,8 @@ def parse_radar(
     if auto_prf:
         del values["prf_hz"]
         values |= {} if preset is not None else {"prf_hz": AUTO_PRF_START_HZ}
-    lists = {}
+    found: dict[str, Any] = {}
+    stated: Mapping[str, Any] = found
     if preset is not None:
         try:
             if isinstance(preset, RadarFile):
@@ -58,12 +65,12 @@ def parse_radar(
             found = resolve(stated, seed=seed, example=example, key="preset")
             _check_preset(found)
             values = change_preset(source, values, sampled=found)
-            lists = {key: value for key, value in found.items() if key in FITTED_KEYS}
         except ConfigError as error:
             place = f"{where + ': ' if where else ''}radar.preset {preset}{format_line_note(text, ['radar', 'preset'])}"
             raise ConfigError(f"{place}: {str(error).removeprefix('preset.')}") from None
     radar = validate(Radar, values, where=where, text=text, section=("radar",))
-    return {"radar": radar, "auto_prf": auto_prf, **lists}
+    lists = {key: value for key, value in found.items() if key in FITTED_KEYS}
+    return (FixedRadar if found == stated else dict)(radar=radar, auto_prf=auto_prf, **lists)
 
 
 def _check_preset(table: Mapping[str, Any]) -> None:

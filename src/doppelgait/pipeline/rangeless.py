@@ -142,10 +142,7 @@ def analyze_motion(
     longest = max(results, key=lambda one: one.quality["stop_s"] - one.quality["start_s"])
     facts = {"track_start_s": times[0][0], "track_stop_s": times[-1][1], "n_pieces": len(usable)}
     return replace(
-        longest,
-        quality={**longest.quality, **facts},
-        gate_limits=gate,
-        segments=tuple(results) if usable else (),
+        longest, quality={**longest.quality, **facts}, gate_limits=gate, segments=tuple(results) if usable else ()
     )
 
 

@@ -25,6 +25,7 @@ from doppelgait.core.labels import (
     SIGNATURE,
     STEP_LENGTHS,
     Schema,
+    Signal,
 )
 from doppelgait.core.notebook import plot, show_html, show_text
 from doppelgait.features import FEATURE_UNITS, GaitFeatures, measure_columns
@@ -62,17 +63,24 @@ FROM_GAIT_FREQUENCY = (
 
 
 class LateArrays(Mapping[str, Any]):
-    """Arrays by name, computed on first use."""
+    """Arrays by name, computed and labelled on first use."""
 
     def __init__(self, others: Mapping[str, Any] | None = None, **arrays: Any) -> None:
         made = others._found if isinstance(others, LateArrays) else others or {}
         self._found: dict[str, Any] = {**made, **arrays}
 
     def __getitem__(self, name: str) -> Any:
-        found = self._found[name]
-        if callable(found):
-            found = self._found[name] = found()
-        return found
+        array = self.read(name)
+        if isinstance(array, Signal):
+            array = self._found[name] = array.label()
+        return array
+
+    def read(self, name: str) -> Any:
+        """Return an array, without labels if nobody asked for them before."""
+        array = self._found[name]
+        if callable(array):
+            array = self._found[name] = array()
+        return array
 
     def __contains__(self, name: object) -> bool:
         return name in self._found
@@ -435,6 +443,12 @@ def make_result(
         gate_limits=gate,
         segments=tuple(segments),
     )
+
+
+def read_signal(result: Result | None, name: str) -> Any:
+    """Return an array of a result, without labels if it has none yet."""
+    arrays = {} if result is None else result.arrays
+    return arrays.read(name) if isinstance(arrays, LateArrays) and name in arrays else getattr(result, name, None)
 
 
 def _check_keys(stored: Any, needed: Sequence[str], noun: str, remedy: str) -> None:

@@ -41,7 +41,7 @@ RESULT = FileKind(
     "a result of doppelgait analyze",
     AnalysisError,
     oldest=2,
-    remedy="make it again: doppelgait analyze RECORDING -o FILE",
+    remedy="make it again: doppelgait analyze RECORDING -o {name}",
 )
 
 

@@ -154,7 +154,6 @@ def _compute_images(
 
 
 def _interpolate_table(values: FloatArray, looks_s: FloatArray, times_s: FloatArray) -> FloatArray:
-    """Interpolate the columns of a table by cubic splines."""
     heights = np.ascontiguousarray(values)
     moments, step_s = np.empty_like(heights), float(looks_s[1] - looks_s[0])
     native.spline_moments(heights, step_s, moments)

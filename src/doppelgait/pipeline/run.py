@@ -84,10 +84,8 @@ class Run(FrozenModel):
                 n if isinstance(n := data.get(key, 0), int) and n >= 0 else 0 for key in ("seed", "example")
             )
             try:
-                return {
-                    **parse_radar(data["radar"], where="", seed=seed, example=example),
-                    **{key: value for key, value in data.items() if key != "radar"},
-                }
+                parsed = parse_radar(data["radar"], where="", seed=seed, example=example)
+                return {**parsed, **data, "radar": parsed["radar"]}
             except ConfigError as error:
                 raise ValueError(str(error)) from None
         return data
@@ -190,7 +188,8 @@ def run_simulation(
     >>> dg.pipeline.run_simulation(run).n_pulses
     1920
     """
-    scene, radar = place(run.scene, run.streams, folder=folder), run.radar
+    streams, radar = run.streams, run.radar
+    scene = place(run.scene, streams, folder=folder)
     if run.auto_prf:
         radar = choose_lowest_prf(scene, radar, cpi_s=run.analysis.cpi_s)
-    return simulate(scene, radar, angles=angles, rng=run.streams, conditions=run.conditions, path=path)
+    return simulate(scene, radar, angles=angles, rng=streams, conditions=run.conditions, path=path)

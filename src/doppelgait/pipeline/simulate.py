@@ -143,9 +143,8 @@ def simulate(
     warn_of_limits(scatterers, radar)
     # without impairments the samples before the range transform are not needed: compute the bins directly
     echoes = Echoes(scatterers, radar, compressed=not conditions.impairments)
-    in_file = target is not None and not conditions.impairments and not echoes.is_short
     samples: Samples | None = None
-    if in_file:
+    if target is not None and not conditions.impairments and not echoes.is_short:
         signal_v2 = _average_v2([strongest_v2 for _, strongest_v2 in echoes.make_tiles()])
     else:
         samples, signal_v2 = echoes.synthesise()
@@ -267,15 +266,12 @@ class Echoes:
 
 
 def _average_v2(strongest_v2: list[npt.NDArray[np.float32]]) -> float:
-    """Average the strongest power over the pulses."""
     powers = np.concatenate(strongest_v2)
     return float(powers.mean(dtype=np.float64)) if powers.size else 0.0
 
 
 def _read_pulses(scatterers: xr.Dataset, first: int, stop: int) -> xr.Dataset:
-    """Return the scatterers of some pulses, in memory."""
-    names = [name for name in ECHO_VARIABLES if name in scatterers]
-    values = {name: scatterers[name].variable[first:stop].values for name in names}
+    values = {name: scatterers[name].variable[first:stop].values for name in ECHO_VARIABLES if name in scatterers}
     coords = {name: v for name, v in scatterers.coords.variables.items() if name != "slow_time"}
     return label_table(values, coords, scatterers.attrs)
 
@@ -329,13 +325,11 @@ def observe_scene(
     bodies = make_scatterers(placed, times_s, scene_rng)
     wanted = ("azimuth", "elevation", "aspect") if angles else ()
     plain = not conditions.environment and not patterned and room.receiver_position_m is None
-    scatterers: xr.Dataset | None
-    if plain and times_s.size > lazy.LONG_PULSES:
-        scatterers = tabulate_later(placed, bodies, times_s, wanted)
-    else:
-        table = tabulate(placed, bodies, times_s, wanted)
-        environment = conditions.environment
+    if not plain or times_s.size <= lazy.LONG_PULSES:
+        table, environment = tabulate(placed, bodies, times_s, wanted), conditions.environment
         scatterers = apply_room(table, placed, bodies, environment, through) if directions else through(table)
+    else:
+        scatterers = tabulate_later(placed, bodies, times_s, wanted)
     if scatterers is None:
         scatterers = through(tabulate(placed, bodies, times_s, wanted or ("azimuth", "elevation")))
     if times_s is not slow_time_s:

@@ -76,13 +76,8 @@ def convert_levels_to_signature(
             f"time_s has a column every {1e3 * column_s:.4g} ms, but hop {hop} at prf_hz {prf_hz:.6g} is "
             f"{1e3 * hop / prf_hz:.4g} ms: one of the three is wrong, and so would be every gait frequency"
         )
-    level, clipped = _rebuild_clipped_peaks(
-        level,
-        floor_db,
-        ceiling_db,
-        highest_db,
-        rows_per_cell=prf_hz / cpi_pulses / float(rows_hz[1] - rows_hz[0]),
-    )
+    rows_per_cell = prf_hz / cpi_pulses / float(rows_hz[1] - rows_hz[0])
+    level, clipped = _rebuild_clipped_peaks(level, floor_db, ceiling_db, highest_db, rows_per_cell=rows_per_cell)
     power = np.asarray(db_to_power(level)).astype(np.float32)
     rows_mps = doppler_to_velocity_mps(rows_hz, wavelength_m)
     if not 0 <= blank_below_mps < math.inf:

@@ -20,7 +20,7 @@ from doppelgait.features import Extraction, Observation, liland2018
 from doppelgait.features.extended import measure_extended
 from doppelgait.features.ground_motion import GroundMotion, estimate_ground_motion
 from doppelgait.features.uncertainty import estimate_uncertainties, flag_uncertain_features
-from doppelgait.pipeline.result import LateArrays, Result
+from doppelgait.pipeline.result import LateArrays, Result, read_signal
 from doppelgait.processing import Analysis, Gate, main_line
 from doppelgait.processing.cadence import CadenceParts
 from doppelgait.processing.parts import PARTS, locate_parts
@@ -49,13 +49,13 @@ def analyze_gated(
     mask, reason = None, "recorded_in_bursts"
     clean = clean.find_bursts()
     if clean.slow_time.burst_pulses is None:
-        mask, reason = locate_parts(clean, Signal.of(result.signature, SIGNATURE), gate, analysis)
+        mask, reason = locate_parts(clean, read_signal(result, "signature"), gate, analysis)
     if mask is None:
         return replace(result, flags=(*result.flags, f"parts:{reason}"))
     power = mask.power_v2(clean, analysis, wavelength_m=wavelength_m)
     energy = power.values.sum(axis=(1, 2), dtype=np.float64)
     shares = {f"{name}_energy_share": float(share) for name, share in zip(PARTS, energy / energy.sum(), strict=True)}
-    arrays = LateArrays(result.arrays, part_power=power.label)
+    arrays = LateArrays(result.arrays, part_power=power)
     return replace(result, quality={**result.quality, **shares}, arrays=arrays)
 
 
@@ -73,8 +73,9 @@ def analyze_signature(mu: Signal | xr.DataArray, gate: Gate, analysis: Analysis,
         rows = processing.detrend(normalised, order=0)
         cadence_map = processing.cadence_map(rows, padded=False, tapered=False)
         spectrum = processing.cadence_spectrum(cadence_map, power=False)
+        mean = processing.mean_doppler_spectrum(normalised)
         extraction = liland2018.extract(
-            processing.mean_doppler_spectrum(normalised),
+            mean,
             usable.axis("doppler"),
             spectrum,
             wavelength_m=float(usable.attrs["wavelength_m"]),
@@ -82,10 +83,10 @@ def analyze_signature(mu: Signal | xr.DataArray, gate: Gate, analysis: Analysis,
         )
         line_hz = np.full(usable.sizes["time"], extraction.torso_doppler_hz)
         late = LateArrays(
-            normalised_signature=normalised.label,
-            cadence_map=cadence_map.label,
-            cadence_spectrum=spectrum.label,
-            mean_doppler_spectrum=processing.mean_doppler_spectrum(normalised),
+            normalised_signature=normalised,
+            cadence_map=cadence_map,
+            cadence_spectrum=spectrum,
+            mean_doppler_spectrum=mean,
         )
     else:
         observed = observe(usable, analysis)
@@ -94,9 +95,9 @@ def analyze_signature(mu: Signal | xr.DataArray, gate: Gate, analysis: Analysis,
         renew = partial(processing.normalise, observed.signature, observed.floor_v2, mode=analysis.normalisation)
         order = processing.detrend_order(observed.observation_s)
         late = LateArrays(
-            normalised_signature=lambda: renew().label(),
+            normalised_signature=renew,
             cadence_map=partial(_draw_cadence_map, renew, observed.drift_hz, order),
-            cadence_spectrum=observed.spectrum.label,
+            cadence_spectrum=observed.spectrum,
             mean_doppler_spectrum=lambda: processing.mean_doppler_spectrum(renew()),
         )
         if analysis.extended:
@@ -128,16 +129,14 @@ def analyze_signature(mu: Signal | xr.DataArray, gate: Gate, analysis: Analysis,
         n_periods=extraction.n_periods,
         quality={**extraction.quality, **motion, "gate_inside_frame": share},
         flags=tuple(flags),
-        arrays=LateArrays(late, signature=shown.label, main_line_hz=line_hz, **over_time),
+        arrays=LateArrays(late, signature=shown, main_line_hz=line_hz, **over_time),
         **further,
     )
 
 
-def _draw_cadence_map(
-    renew: Callable[[], Signal], drift_hz: npt.NDArray[np.float64] | None, order: int
-) -> xr.DataArray:
+def _draw_cadence_map(renew: Callable[[], Signal], drift_hz: npt.NDArray[np.float64] | None, order: int) -> Signal:
     rows = renew() if drift_hz is None else processing.align(renew(), drift_hz)
-    drawn = processing.cadence_map(processing.detrend(rows, order=order)).label()
+    drawn = processing.cadence_map(processing.detrend(rows, order=order))
     drawn.attrs[ALIGNED] = drift_hz is not None
     return drawn
 

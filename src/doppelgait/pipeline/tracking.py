@@ -37,7 +37,7 @@ from doppelgait.processing.detect.scans import detect_bodies
 from doppelgait.processing.detections import Scan
 from doppelgait.processing.track import Track, Tracker, split_tracks, track
 from doppelgait.processing.track_segments import SegmentationSettings, find_track_segments
-from doppelgait.radar.recording import Recording
+from doppelgait.radar import Radar
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -83,13 +83,13 @@ class Tracking(FrozenModel):
     breathing: BreathingSettings = BreathingSettings()
 
 
-def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) -> TargetList:
+def track_targets(frames: Frames, radar: Radar, source: str, analysis: Analysis, tracking: Tracking) -> TargetList:
     """Detect and analyse all bodies: moving ones first, in order of appearance."""
-    frames, wavelength_m = recording.frames.settle(), recording.radar.wavelength_m
+    frames, wavelength_m = frames.settle(), radar.wavelength_m
     unknown = np.flatnonzero(np.concatenate([~np.isfinite(tile).all(axis=1) for _, tile in frames.read_tiles()]))
     if unknown.size:
         raise AnalysisError(
-            f"{recording.source}: {unknown.size} of {frames.n_pulses} frames have values that are not finite (first: "
+            f"{source}: {unknown.size} of {frames.n_pulses} frames have values that are not finite (first: "
             f"frame {unknown[0]}); remove those frames or fill them"
         )
     if frames.n_bins == 1:
@@ -126,7 +126,7 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
         for person in persons
         if not any((np.abs(found.range_m - person.range_m) < NEAR_M).any() for found in tracks)
     ]
-    judged = judge([*moving, *still], clean, analysis, recording.radar)
+    judged = judge([*moving, *still], clean, analysis, radar)
     for number, (found, before) in enumerate(zip(tracks, moving, strict=True)):
         others = [one for n, one in enumerate(judged) if n != number and not is_echo(one, number)]
         taken = np.zeros(before.gate.time_s.size, dtype=bool)
@@ -203,7 +203,8 @@ def _explain_missing_track(raw: Frames, scans: Sequence[Scan] | None, wavelength
     hits = sum(bool(scan.detections) for scan in scans)
     seen = f"{hits} of {len(scans)} scans have detections"
     span_mps = wavelength_m * raw.slow_time.rate_hz / 2
-    resting = track(scans, tracker.model_copy(update={"still_travel_m": 0.0}), velocity_span_mps=span_mps)
+    still = tracker.model_copy(update={"still_travel_m": 0.0})
+    resting = track(scans, still, velocity_span_mps=span_mps)
     if resting:
         most_m = max(float(np.ptp(one.range_m)) for one in resting)
         return (
@@ -211,9 +212,7 @@ def _explain_missing_track(raw: Frames, scans: Sequence[Scan] | None, wavelength
             f"{resting[0].range_m.mean():.2f} m from the radar), like clutter and people at rest; "
             f"set tracking.tracker.still_travel_m=0 to report them"
         )
-    brief = track(
-        scans, tracker.model_copy(update={"still_travel_m": 0.0, "min_duration_s": 0.0}), velocity_span_mps=span_mps
-    )
+    brief = track(scans, still.model_copy(update={"min_duration_s": 0.0}), velocity_span_mps=span_mps)
     if brief:
         longest_s = max(one.last_s - one.first_s for one in brief)
         return f"{seen}, but none for {tracker.min_duration_s:g} s (longest {longest_s:.1f} s)"
@@ -323,9 +322,8 @@ def _analyze_track(
             for start_s, stop_s in free
         ]
         usable = [part for part in cut if part.stop_s - part.start_s >= tracking.pieces.min_usable_s] or usable
-    measured = None
-    if analysis.clutter not in ("none", "auto"):
-        measured = measure_removed(raw, clean, gate, total=total)
+    cleaned = analysis.clutter not in ("none", "auto")
+    measured = measure_removed(raw, clean, gate, total=total) if cleaned else None
     analyze_segment = partial(_analyze_segment, clean, measured, wavelength_m, found, analysis)
     results = [analyze_segment(gate.during(segment.start_s, segment.stop_s)) for segment in usable]
     facts = {
@@ -386,7 +384,6 @@ def _analyze_segment(
 
 
 def _analyze_breathing(clean: Frames, wavelength_m: float, person: BreathingTarget, analysis: Analysis) -> Result:
-    """Analyse a motionless person who was detected by breathing."""
     prf_hz = clean.slow_time.rate_hz
     slow = analysis.model_copy(update={"cpi_s": max(analysis.cpi_s, 3 * MIN_CPI_PULSES / prf_hz)})
     span_m = STILL_SPAN_M / 2

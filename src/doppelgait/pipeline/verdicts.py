@@ -150,29 +150,22 @@ def observe_strip(gate: Gate, clean: Frames, analysis: Analysis, wavelength_m: f
     """Measure Doppler in a strip around a target's track."""
     strip = Gate(gate.time_s, gate.centre_m, STRIP_M)
     mu = processing.decimate(compute_signature(gate.crop(clean), strip, analysis, wavelength_m=wavelength_m))
-    floor_v2 = processing.noise_floor_v2(mu)
-    times_s = mu.axis("time")
+    floor_v2, times_s = processing.noise_floor_v2(mu), mu.axis("time")
+    velocity_mps = mu.axis("doppler") * wavelength_m / 2
     every = max(round(STEP_S / max(float(np.median(np.diff(times_s))), 1e-9)), 1) if times_s.size > 1 else 1
     steps = max(times_s.size // every, 1)
-    grouped = np.concatenate(
-        [
-            _average_significant(mu.values[first * every : min(first + STEPS_AT_ONCE, steps) * every], every, floor_v2)
-            for first in range(0, steps, STEPS_AT_ONCE)
-        ]
-    )
+    grouped = []  # means of the power above the noise
+    for first in range(0, steps, STEPS_AT_ONCE):
+        values = mu.values[first * every : min(first + STEPS_AT_ONCE, steps) * every]
+        excess_v2 = np.where(values > SIGNIFICANT * floor_v2, values - floor_v2, 0.0)
+        grouped.append(excess_v2.reshape(-1, min(every, len(values)), values.shape[1]).mean(axis=1))
+    del mu, values  # as long as the recording
     time_s = times_s[: steps * every].reshape(steps, -1).mean(axis=1)
     around_s = time_s[:, None] + np.array([-0.25, 0.25])
     range_m = gate.centre_at(np.clip(around_s, gate.start_s, gate.stop_s))
     width_s = np.diff(np.clip(around_s, gate.start_s, gate.stop_s), axis=1)[:, 0]
     approach_mps = -np.diff(range_m, axis=1)[:, 0] / np.maximum(width_s, 1e-9)
-    velocity_mps = mu.axis("doppler") * wavelength_m / 2
-    return TrackStrip(time_s, gate.centre_at(time_s), approach_mps, grouped, velocity_mps)
-
-
-def _average_significant(mu_v2: npt.NDArray[np.float32], every: int, floor_v2: float) -> FloatArray:
-    """Average the power above the noise over groups of columns."""
-    excess_v2 = np.where(mu_v2 > SIGNIFICANT * floor_v2, mu_v2 - floor_v2, 0.0)
-    return np.asarray(excess_v2.reshape(-1, min(every, len(mu_v2)), mu_v2.shape[1]).mean(axis=1))
+    return TrackStrip(time_s, gate.centre_at(time_s), approach_mps, np.concatenate(grouped), velocity_mps)
 
 
 def judge_thing(one: TrackStrip, others: Sequence[TrackStrip]) -> Verdict | None:
@@ -266,10 +259,8 @@ def judge_reflection(
         centre_s = own.time_s - own.time_s.mean()
         drift, mean = np.polyfit(centre_s, product, 1)
         fitted = np.maximum(mean + drift * centre_s, 0.0)
-        if path == "one_way":
-            modelled_m = (range_m + np.sqrt(range_m**2 + 4 * fitted)) / 2
-        else:
-            modelled_m = np.sqrt(range_m**2 + 4 * fitted)
+        image_m = np.sqrt(range_m**2 + 4 * fitted)
+        modelled_m = (range_m + image_m) / 2 if path == "one_way" else image_m
         error_m = float(np.sqrt(np.mean((modelled_m - own.range_m) ** 2)))
         if error_m <= MIRROR_ERROR_M and abs(drift) <= MIRROR_DRIFT_PER_S * mean:
             found.append((error_m, float(mean)))

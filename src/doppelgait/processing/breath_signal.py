@@ -45,8 +45,10 @@ class BreathSpectrum:
         )
 
 
-def compute_breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: float) -> BreathSpectrum:
-    """Compute spectra of half-overlapping, detrended and tapered windows of (I, N)."""
+def compute_breath_spectrum(
+    series: ComplexArray, rate_hz: float, *, window_s: float, high_hz: float = math.inf
+) -> BreathSpectrum:
+    """Compute spectra of half-overlapping, detrended and tapered windows of (I, N), for rates up to ``high_hz``."""
     total = series.shape[0]
     length = round(window_s * rate_hz)
     count = 1 if total < 1.5 * length else 1 + round((total - length) / (length / 2.0))
@@ -56,19 +58,23 @@ def compute_breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: f
     frequency_hz = np.arange(fft_length // 2) * (rate_hz / fft_length)
     taper = np.hanning(length + 2)[1:-1, None]
     place = np.linspace(-1.0, 1.0, length)[:, None]
-    plain = np.empty((starts.size, frequency_hz.size, series.shape[1]))
+    # beyond the sides of the highest line and the background, no frequency is used
+    sides_hz = max(high_hz + (SIDE_CELLS[1] + 1.0) * rate_hz / length, BACKGROUND_HZ[1])
+    n_used = int(np.searchsorted(frequency_hz, sides_hz, side="right"))
+    plain = np.empty((starts.size, n_used, series.shape[1]))
     level, background = np.empty((starts.size, 1, series.shape[1])), _select_background(frequency_hz)
     for power, floor, start in zip(plain, level, starts, strict=True):
         part = series[start : start + length]
         flat = part - part.mean(axis=0) - place * (part * place).mean(axis=0) / (place**2).mean()
         both = np.abs(np.fft.fft(flat * taper, fft_length, axis=0)) ** 2
-        power[:] = both[: frequency_hz.size]
-        power[1:] += both[: -frequency_hz.size : -1]
+        both[1 : frequency_hz.size] += both[: -frequency_hz.size : -1]
+        power[:] = both[:n_used]
         # level of every window and bin: the median over a wide band, never 0
-        floor[:] = np.maximum(np.median(power[background], axis=0), 1e-300 + 1e-12 * power.max(axis=0))
+        largest = both[: frequency_hz.size].max(axis=0)
+        floor[:] = np.maximum(np.median(both[: frequency_hz.size][background], axis=0), 1e-300 + 1e-12 * largest)
     middle = np.stack([np.median(plain[:, :, n], axis=0) for n in range(plain.shape[2])], axis=1)
     plain /= level
-    return BreathSpectrum(frequency_hz, plain, middle, starts, length, fft_length, rate_hz)
+    return BreathSpectrum(frequency_hz[:n_used], plain, middle, starts, length, fft_length, rate_hz)
 
 
 def compute_line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: float) -> FloatArray:
@@ -164,7 +170,8 @@ def remove_common_gain(values: ComplexArray, range_m: FloatArray) -> ComplexArra
         mean = corrected.mean(axis=0)
         weight = 1.0 / np.maximum(np.var(corrected, axis=0), 1e-300 + 1e-14 * np.abs(mean) ** 2)
         strength = (weight * np.abs(mean) ** 2) @ far
-        gain = (values * (weight * mean.conj())) @ far
+        corrected = values * (weight * mean.conj())  # the last correction is no longer needed
+        gain = corrected @ far
         gain /= np.maximum(strength, 1e-300)
         gain[(strength < LEAST_WEIGHT) | (np.abs(gain) <= 0.1)] = 1.0
         corrected = np.divide(values, gain, out=gain)

@@ -132,7 +132,7 @@ def find_breathing(
     # average to about 10 Hz
     size = max(1, int(rate_hz / WORKING_RATE_HZ))
     count = pulse_times.size // size
-    values = np.concatenate([average_blocks(tile, size) for _, tile in frames.read_tiles(size)])
+    values = average_blocks(frames, size)
     if not np.isfinite(values).all():
         raise AnalysisError("the baseband has values that are not finite; remove those pulses or fill them")
     times = pulse_times[: count * size].reshape(count, size).mean(axis=1)
@@ -176,7 +176,8 @@ def _find_in(
 ) -> list[_Candidate]:
     """Find the breaths in a series, strongest first."""
     series = remove_common_gain(values, range_m)
-    spectrum = compute_breath_spectrum(series, sampling_rate_hz(times), window_s=options.window_s)
+    window_s, high_hz = options.window_s, options.high_hz
+    spectrum = compute_breath_spectrum(series, sampling_rate_hz(times), window_s=window_s, high_hz=high_hz)
     ratio = compute_line_ratio(spectrum, low_hz=options.low_hz, high_hz=options.high_hz)
     limit = compute_threshold(spectrum, options.false_alarm, low_hz=options.low_hz, high_hz=options.high_hz)
     look = _SlowSeries(series, times, range_m, spectrum, ratio, limit, wavelength_m, options)
@@ -191,7 +192,6 @@ def _find_in(
 
 
 def _measure_cluster(look: _SlowSeries, bins: npt.NDArray[np.int64]) -> _Candidate | None:
-    """Measure the breath of a cluster in its strongest bin, or return None."""
     spectrum, settings = look.spectrum, look.settings
     # add nearby bins that reach a quarter of the threshold ratio at this rate: the strongest echo of a body is not
     # always the echo with the steadiest line

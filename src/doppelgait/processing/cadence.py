@@ -112,7 +112,6 @@ def _interpolate_lines(rows: FloatArray, weights: FloatArray, length: int, betwe
 
 
 def _get_buffer(name: str, shape: tuple[int, ...], dtype: type = np.float64) -> npt.NDArray[Any]:
-    """Return a reusable buffer of this thread."""
     # the first access to new memory takes longer than the transforms
     size = math.prod(shape)
     if size > LARGEST_BUFFER:
@@ -148,7 +147,6 @@ def _evaluate_kernel(distance: FloatArray, shape_factor: float) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def _transform_kernel(count: int, centre: int, length: int, shape_factor: float) -> FloatArray:
-    """Compute the Fourier transform of the kernel."""
     # W sinh(r) / r, r^2 = b^2 - (pi W f)^2, at f = (n - centre) / length
     cycles_per_step = (np.arange(count) - centre) / length
     root = np.sqrt(shape_factor**2 - (math.pi * WIDTH * cycles_per_step) ** 2)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +13,7 @@ import xarray as xr
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.frames import Frames
 from doppelgait.core.labels import SHARE_REMOVED, make_array, replace_array_values
-from doppelgait.core.samples import Planes, Samples, borrow_planes
+from doppelgait.core.samples import ROWS, Planes, Samples, borrow_planes
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
 
@@ -142,8 +141,12 @@ def remove_from_frames(
         if kind == "mean":
             level = sum(planes.sum(axis=-1, dtype=np.float64, keepdims=True) for planes in tiles()) / frames.n_pulses
         else:
-            means = np.concatenate([average_blocks(planes, block) for planes in tiles()], axis=-1)
-            level = np.median(means, axis=-1, keepdims=True)
+            means = np.empty((2, chosen.stop - chosen.start, frames.n_pulses // block))
+            for number, planes in enumerate(tiles()):
+                n_blocks, first = planes.shape[-1] // block, number * (frames.count_tile_pulses(block) // block)
+                blocks = planes[..., : n_blocks * block].reshape(*planes.shape[:2], n_blocks, block)
+                means[..., first : first + n_blocks] = blocks.mean(axis=-1, dtype=np.float64)
+            level = np.median(means, axis=-1, keepdims=True, overwrite_input=True)
         static = np.asarray(level, dtype=np.float32)
         clean: Clean = lambda planes, state: (np.subtract(planes, static, out=planes), None)  # noqa: E731
     else:
@@ -155,20 +158,22 @@ def remove_from_frames(
         for planes in tiles():
             states.append(clean(planes, states[-1])[1])
     size = frames.count_tile_pulses(block)
-
-    @lru_cache(maxsize=1)
-    def tile(number: int) -> Values:
-        first, stop = number * size, min((number + 1) * size, frames.n_pulses)
-        planes = frames.samples.read_tile(slice(first, stop), chosen)
-        cleaned = clean(planes, states[number] if len(states) > 1 else None)[0]
-        return _make_samples(cleaned, chosen, (stop - first, frames.n_bins)).matrix
+    if len(states) == 1:  # no tile needs the state before it
+        size = min(size, 4096)
+    last: dict[int, Values] = {}
 
     def rows(first: int, stop: int) -> Values:
-        parts = []
+        values = np.empty((stop - first, frames.n_bins), dtype=np.complex64)
         for number in range(first // size, -(-stop // size)):
-            start = number * size
-            parts.append(tile(number)[max(first - start, 0) : stop - start])
-        return np.concatenate(parts) if parts else np.empty((0, frames.n_bins), dtype=np.complex64)
+            tile = last.get(number)  # other threads may change the rest
+            if tile is None:
+                last.clear()  # before the next tile is in memory
+                pulses = slice(number * size, min((number + 1) * size, frames.n_pulses))
+                planes = clean(frames.samples.read_tile(pulses, chosen), states[number] if states[1:] else None)[0]
+                tile = last[number] = _make_samples(planes, chosen, (planes.shape[-1], frames.n_bins)).matrix
+            start = number * size - first
+            values[max(start, 0) : start + size] = tile[max(-start, 0) : stop - first - start]
+        return values
 
     return frames.with_samples(Samples.stored(frames.shape, rows))
 
@@ -204,28 +209,23 @@ def _make_filter(frames: Frames, bins: slice, kind: str, *, time_s: float, cutof
     level = start.mean(axis=-1, dtype=np.float64, keepdims=True)
     if kind == "exponential":
         alpha = -math.expm1(-1.0 / (time_s * prf_hz))
+        rest = (1.0 - alpha) * level
+    else:
+        sections = np.asarray(butter(MTI_ORDER, cutoff_hz, "highpass", fs=prf_hz, output="sos"))
+        rest = sosfilt_zi(sections)[:, None, None, :] * level
 
-        def exponential(planes: Planes, state: Any) -> tuple[Planes, Any]:
-            before = (1.0 - alpha) * level if state is None else state
-            mean, state = lfilter([alpha], [1.0, alpha - 1.0], planes, axis=-1, zi=before)
-            return np.asarray(planes - mean, dtype=np.float32), state
+    def clean(planes: Planes, state: Any) -> tuple[Planes, Any]:
+        state = (rest if state is None else state).copy()
+        for begin in range(0, planes.shape[1], ROWS):  # the filters compute in double precision
+            rows, before = planes[:, begin : begin + ROWS], state[..., begin : begin + ROWS, :]
+            if kind == "exponential":
+                mean, before[:] = lfilter([alpha], [1.0, alpha - 1.0], rows, axis=-1, zi=before)
+                rows -= mean
+            else:
+                rows[:], before[:] = sosfilt(sections, rows, axis=-1, zi=before)
+        return planes, state
 
-        return exponential
-    sections = np.asarray(butter(MTI_ORDER, cutoff_hz, "highpass", fs=prf_hz, output="sos"))
-
-    def high_pass(planes: Planes, state: Any) -> tuple[Planes, Any]:
-        state = sosfilt_zi(sections)[:, None, None, :] * level if state is None else state
-        values, state = sosfilt(sections, planes, axis=-1, zi=state)
-        return np.asarray(values, dtype=np.float32), state
-
-    return high_pass
-
-
-def average_blocks(values: npt.NDArray[np.float32], block_pulses: int) -> FloatArray:
-    """Average real values over whole blocks along the last axis."""
-    n_blocks = values.shape[-1] // block_pulses
-    blocks = values[..., : n_blocks * block_pulses].reshape(*values.shape[:-1], n_blocks, block_pulses)
-    return np.asarray(blocks.mean(axis=-1, dtype=np.float64))
+    return clean
 
 
 def clutter_gain(
@@ -381,10 +381,11 @@ def measure_removed(
         count -= inside.sum(axis=0)
     clutter, usual = elsewhere / np.maximum(count, 1), count >= reference_share * n_pulses
     length = min(max(1, round(block_s * before.slow_time.rate_hz)), times.size)
-    n_blocks = times.size // length
+    n_blocks, step = times.size // length, 40 * length  # pulses that are in memory together
     # per block: remaining power, power of the body, bins with a reference, bins of the gate
     sums = np.empty((4, n_blocks))
-    for (first, values), (_, cleaned) in zip(before.read_tiles(length), after.read_tiles(length), strict=True):
+    for first in range(0, times.size, step):
+        values, cleaned = (frames.read(first, min(first + step, times.size)) for frames in (before, after))
         inside = covered(first, values.shape[0])
         known = inside & usual
         pulses = (

@@ -44,7 +44,7 @@ def remove_common_phase(frames: Frames) -> Frames:
     power, variance = _compute_moments(lambda: (np.abs(values) for _, values in tiles()), count)
     weight = 1.0 / np.maximum(variance, LEAST_VARIANCE * power + TINY)
     # mean of each bin over the blocks, after the far bins have aligned each block with the one before
-    blocks = np.concatenate([average_blocks(values, block) for _, values in tiles()])
+    blocks = average_blocks(frames, block)
     steps = (blocks[1:] * blocks[:-1].conj() * weight) @ (member @ far)[:, zone]
     phase_rad = np.cumsum(np.angle(steps), axis=0)
     static = (blocks[0] + (blocks[1:] * np.exp(-1j * phase_rad)).sum(axis=0)) / blocks.shape[0]
@@ -55,7 +55,9 @@ def remove_common_phase(frames: Frames) -> Frames:
         return frames
     pointing = ((weight / weight.max() * static.conj())[:, None] * member).astype(np.complex64)
     zones = np.unique(zone[served])
-    turns = np.concatenate([(values @ pointing @ far)[:, zones] for _, values in tiles()])
+    turns = np.empty((count, zones.size), dtype=np.complex64)
+    for first, values in tiles():
+        turns[first : first + values.shape[0]] = (values @ pointing @ far)[:, zones]
     for column, number in enumerate(zones):
         turns[:, column] = _turn(turns[:, column], math.ceil(wanted[served & (zone == number)].max()))
     place = np.searchsorted(zones, zone)
@@ -80,11 +82,14 @@ def _turn(pointer: Values, pulses: int) -> Values:
     return np.asarray(pointer.conj() / np.maximum(np.abs(pointer), TINY), dtype=np.complex64)
 
 
-def average_blocks(values: Values, block_pulses: int) -> ComplexArray:
-    """Average values over whole blocks of pulses, (K, N)."""
-    n_blocks = values.shape[0] // block_pulses
-    blocks = values[: n_blocks * block_pulses].reshape(n_blocks, block_pulses, values.shape[1])
-    return np.asarray(blocks.mean(axis=1, dtype=np.complex128))
+def average_blocks(frames: Frames, block_pulses: int) -> ComplexArray:
+    """Average frames over whole blocks of pulses, (K, N)."""
+    averages = np.empty((frames.n_pulses // block_pulses, frames.n_bins), dtype=np.complex128)
+    for first, values in frames.read_tiles(block_pulses):
+        n_blocks = values.shape[0] // block_pulses
+        blocks = values[: n_blocks * block_pulses].reshape(n_blocks, block_pulses, frames.n_bins)
+        blocks.mean(axis=1, dtype=np.complex128, out=averages[first // block_pulses :][:n_blocks])
+    return averages
 
 
 def _compute_moments(tiles: Callable[[], Iterator[npt.NDArray[Any]]], count: int) -> tuple[FloatArray, FloatArray]:

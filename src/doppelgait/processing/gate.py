@@ -12,7 +12,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.frames import Frames
+from doppelgait.core.frames import SLACK_S, Frames
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.track.live import Track
 
@@ -23,7 +23,6 @@ GateChoice = GateName | tuple[float, float]
 
 LILAND_SPAN_M = {"human": 1.0, "dog": 1.5}
 """Gate span by class in the report (its Table 4.1): the label leaks into the signature; for reproduction only."""
-SLACK_S = 1e-9
 
 
 class TrueTrack(Protocol):
@@ -382,9 +381,8 @@ class Gate:
 
     def close_doppler_band(self, power: npt.NDArray[np.float32], doppler_hz: FloatArray) -> None:
         """Zero the Doppler cells of ``power``, shape (J, K), outside the gate's band, in place."""
-        if self.doppler_hz is not None:
-            low_hz, high_hz = self.doppler_hz
-            power[:, (doppler_hz < low_hz) | (doppler_hz > high_hz)] = 0.0
+        low_hz, high_hz = self.doppler_hz or (-math.inf, math.inf)
+        power[:, (doppler_hz < low_hz) | (doppler_hz > high_hz)] = 0.0
 
 
 def frame_limits_m(range_m: FloatArray) -> tuple[float, float]:

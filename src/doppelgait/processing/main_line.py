@@ -78,7 +78,7 @@ def main_line_hz(signature: Signal, *, order: int, tapered: bool = False) -> Flo
 def fit_line(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool = False) -> FloatArray:
     """Fit the line of :func:`main_line_hz` through column peaks."""
     basis, parabola, ones = _make_line_basis(peaks_hz.size, min(order, peaks_hz.size - 1))
-    line: FloatArray = np.full(peaks_hz.size, compute_median(peaks_hz))
+    line: FloatArray = np.full(peaks_hz.size, compute_median(peaks_hz.copy()))
     taper, coefficients = parabola if tapered else ones, np.empty(basis.shape[0])
     native.robust_fit(basis, peaks_hz, taper, ones, bin_hz / 4.0, CAUCHY_TUNING, ITERATIONS, line, coefficients)
     return line

@@ -266,17 +266,6 @@ class GatedTransform:
         """Range bins of the recording, N."""
         return self.range_m.size
 
-    @property
-    def is_short(self) -> bool:
-        """True if all pulses are one tile."""
-        return self.n_pulses <= lazy.LONG_PULSES
-
-    @property
-    def margin_pulses(self) -> int:
-        """Number of pulses that are read after the needed ones."""
-        # their weight is zero, and their values must be finite
-        return self.transform.n_doppler_bins - self.transform.window.size + 2 * self.transform.hop
-
     def find_needed_pulses(self) -> npt.NDArray[np.int64]:
         """Return the needed pulses per range bin, first and last + 1; (I, 0) for none."""
         self.gate.touched_bins(self.low, self.high, self.range_m)
@@ -301,15 +290,17 @@ class GatedTransform:
         window = np.zeros(transform.n_doppler_bins, dtype=np.float32)
         window[: transform.window.size] = transform.window
         power = np.zeros((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
-        step = transform.n_columns
-        if not self.is_short:
+        # the pulses after the needed ones have no weight, but must be finite
+        margin = transform.n_doppler_bins - transform.window.size + 2 * transform.hop
+        step, is_short = transform.n_columns, self.n_pulses <= lazy.LONG_PULSES
+        if not is_short:
             step = max(TILE_PULSES // transform.hop // LANES, 1) * LANES
         for start in range(0, transform.n_columns, step):
             columns = slice(start, min(start + step, transform.n_columns))
             first = transform.first_pulse + transform.hop * columns.start
             low, high = self.low[columns], self.high[columns]
-            if self.is_short:
-                planes, first_bin = samples.read(spans, self.margin_pulses)
+            if is_short:
+                planes, first_bin = samples.read(spans, margin)
                 begin, n_pulses = 0, self.n_pulses
             else:
                 lowest, highest = int(np.floor(low.min() - 0.5)) + 1, int(np.ceil(high.max() + 0.5))

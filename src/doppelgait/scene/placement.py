@@ -272,11 +272,11 @@ def build_motion(
     options = {key: value for key, value in table.items() if key != "kind"}
     kind = str(table["kind"])
     if kind != "file":
-        from doppelgait.motion.models import MOTION_MODELS, generate, get_parameters
+        from doppelgait.motion.models.registry import MOTION_MODELS, check_table, generate
 
         if kind not in MOTION_MODELS:
             raise ConfigError(f"unknown kind {kind!r}; known are: file, {', '.join(MOTION_MODELS)}")
-        return generate(validate(get_parameters(kind), options, where=f"kind {kind!r}"), duration_s=duration_s, rng=rng)
+        return generate(check_table(table, where=f"kind {kind!r}").parameters, duration_s=duration_s, rng=rng)
     from doppelgait.motion.hybrid import Hybrid, make_hybrid
     from doppelgait.motion.loop import loop
     from doppelgait.motion.readers import check_types
@@ -326,7 +326,7 @@ def _read_once(file: Path, stamp: tuple[int, int], options: str) -> Motion:
             for other in (w for w in caught if not issubclass(w.category, DoppelgaitWarning)):
                 warnings.warn_explicit(other.message, other.category, other.filename, other.lineno)
             _read_before[key].position_m.setflags(write=False)  # shared by all scenes of the process
-            while len(_read_before) > 1 and sum(one.positions.nbytes for one in _read_before.values()) > KEPT_BYTES:
+            while len(_read_before) > 1 and sum(one.position_m.nbytes for one in _read_before.values()) > KEPT_BYTES:
                 _warnings_of.pop(_read_before.popitem(last=False)[0], None)
         _read_before.move_to_end(key)
         motion, texts = _read_before[key], _warnings_of.get(key, [])

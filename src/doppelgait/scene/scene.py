@@ -35,20 +35,19 @@ def _parse_motion(value: Any) -> Any:
         raise ValueError(f'must be a Motion or a table {{ kind = "NAME", ... }}, not {type(value).__name__}')
     if not isinstance(value.get("kind"), str):
         raise ValueError('needs kind = "NAME" (a motion model, or "file" with path = "...")')
-    kind, options = value["kind"], {key: one for key, one in value.items() if key != "kind"}
+    kind = value["kind"]
     if kind == "file":
-        if not isinstance(options.get("path"), str) or not options["path"]:
+        if not isinstance(value.get("path"), str) or not value["path"]:
             raise ValueError('kind "file" needs path = "..."')
         return dict(value)
-    from doppelgait.motion.models import MOTION_MODELS, get_parameters
+    from doppelgait.motion.models.registry import MOTION_MODELS, check_table
 
     if kind not in MOTION_MODELS:
         raise ValueError(f"unknown kind {kind!r}; known are: file, {', '.join(MOTION_MODELS)}")
     try:
-        validate(get_parameters(kind), options, where=f"kind {kind!r}")
+        return check_table(value, where=f"kind {kind!r}")
     except ConfigError as error:
         raise InnerError(error) from None
-    return dict(value)
 
 
 def _parse_rcs(value: Any) -> Any:

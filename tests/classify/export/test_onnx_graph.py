@@ -38,7 +38,7 @@ def run():
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_graph_gives_the_probabilities_of_its_model(run, kind, n_classes):
     model = export_model_of(kind, n_classes)
-    features, levels, joined = inputs_of(model, 1000, 37)
+    features, levels, joined = inputs_of(model, 200, 37)
     expected = model.probability(joined)
     assert expected.std(axis=0).min() > 0.05
     assert np.abs(run(model, features, levels) - expected).max() < 1e-5

@@ -10,7 +10,7 @@ from doppelgait.classify.export import scorer
 from doppelgait.classify.export.scorer import Scorer
 from doppelgait.classify.export.write import export_model
 from doppelgait.classify.learned import Constant
-from doppelgait.classify.model_file import FORMAT_VERSION
+from doppelgait.classify.model_file import MODEL
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.processing import Analysis, Gate, patches, signature
@@ -22,7 +22,7 @@ from export_models import KINDS, export_model_of, inputs_of
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_exported_scorer_gives_the_probabilities_of_its_model(tmp_path, kind, n_classes):
     model = export_model_of(kind, n_classes)
-    features, levels, joined = inputs_of(model, 1000, 37)
+    features, levels, joined = inputs_of(model, 200, 37)
     made = export_model(model, "numpy", tmp_path / "out")
     found = Scorer(made.folder / "model.npz").probability(features if model.facts.names else None, levels)
     assert np.allclose(found, model.probability(joined), atol=1e-6)
@@ -76,4 +76,4 @@ def test_a_file_of_a_newer_format_is_refused(tmp_path, monkeypatch):
 
 
 def test_the_scorer_reads_the_newest_format():
-    assert scorer.NEWEST_FORMAT == FORMAT_VERSION
+    assert MODEL.version == scorer.NEWEST_FORMAT

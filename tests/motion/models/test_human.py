@@ -14,18 +14,11 @@ from doppelgait.motion.models.human import human_gait, run_duty_factor, run_heig
 from doppelgait.motion.models.human_body import find_segment_lengths, sample_person
 from doppelgait.motion.models.human_feet import ANKLE, FOOT, HEEL, MIDDLE, STANDING_RAD, TIP
 from doppelgait.motion.models.strides import step_series
+from walking_body import BONES
 
 INDEX = {name: n for n, name in enumerate(POINTS)}
 WALKS = (0.3, 0.8, 1.4, 2.0, 2.57)
 RUNS = (1.9, 2.5, 3.0, 4.0, 5.0, 7.0, 9.0)
-BONES = [("neck", "head", "head"), ("base", "neck", "torso")] + [
-    (f"{side}_{a}", f"{side}_{b}", bone)
-    for side in ("left", "right")
-    for a, b, bone in (
-        ("shoulder", "elbow", "upper_arm"), ("elbow", "hand", "forearm"), ("hip", "knee", "thigh"),
-        ("knee", "ankle", "shank"), ("ankle", "toe", "foot"),
-    )
-]  # fmt: skip
 
 
 def gait(speed_mps, duration_s=4.0, **options):

@@ -20,6 +20,7 @@ from doppelgait.motion.models import (
 from doppelgait.motion.models.confusers import curtain, robot_vacuum
 from doppelgait.motion.models.crawl import crawling_person
 from doppelgait.motion.models.human import HumanConfig
+from doppelgait.motion.models.registry import check_table
 
 MODELS = {
     # kind: (function, species, gait)
@@ -36,6 +37,18 @@ MODELS = {
     "vacuum": (robot_vacuum, "", ""),
 }
 LONG_STEPS = {"gait": "walk", "speed_mps": 2.5, "walk_ratio": 1.4, "step_length_sd": 0.1}
+
+
+def test_a_table_is_checked_again_after_a_change_only():
+    first = check_table({"kind": "boulic"})
+    second = check_table(first)
+    assert second.parameters is first.parameters
+    second["speed_mps"] = 0.6
+    assert (check_table(second).parameters.speed_mps, "speed_mps" in first) == (0.6, False)
+    third = check_table({"kind": "boulic", "speed_mps": 1.0})
+    for third["speed_mps"] in (True, np.array([1.0, 2.0])):  # True equals 1.0, and an array has no truth value
+        with pytest.raises(ConfigError):
+            check_table(third)
 
 
 @pytest.mark.parametrize("kind", MODELS)

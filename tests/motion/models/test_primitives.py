@@ -1,12 +1,7 @@
 import numpy as np
 import pytest
 
-from doppelgait.motion.models import (
-    breathing_person,
-    moving_point,
-    pendulum,
-    rotor,
-)
+from doppelgait.motion.models import breathing_person, moving_point, pendulum, rotor
 
 
 def test_a_point_moves_at_constant_velocity():

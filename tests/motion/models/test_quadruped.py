@@ -75,7 +75,7 @@ def dog(name, froude, withers_m, **options):
 
 
 def paw(motion, foot):
-    return motion.positions.sel(marker=f"{foot}_paw").values
+    return motion.position_m[:, motion.markers.index(f"{foot}_paw")]
 
 
 def test_points_and_parts():
@@ -223,11 +223,12 @@ def test_a_limb_that_cannot_reach_lowers_the_trunk_and_never_stretches(name, bui
     lengths = build.limbs * np.repeat([HUMERUS + FOREARM, FEMUR + TIBIA], 2)
     for froude in froudes(name, 12):
         gait, *_ = settings(name, froude, build.withers_m, build)
-        points, stride = closed_form(name, froude, build=build)
-        standing, _, _ = compute_trunk_motion(PHASE, stride * PHASE, gait, build, stride)
+        phase = PHASE[::4]
+        points, stride = closed_form(name, froude, phase, build=build)
+        standing, _, _ = compute_trunk_motion(phase, stride * phase, gait, build, stride)
         lowered = place_on_trunk(build.trunk * TRUNK_POINTS["rump"][0], 0.0, TRUNK_POINTS["rump"][1], standing)
         lowered -= points["rump"]
-        np.testing.assert_allclose(lowered, [[0.0, 0.0, lowered[0, 2]]] * PHASE.size, atol=1e-12)
+        np.testing.assert_allclose(lowered, [[0.0, 0.0, lowered[0, 2]]] * phase.size, atol=1e-12)
         assert -1e-12 <= lowered[0, 2] <= DEEPEST_CROUCH + 1e-12
         spans = [np.linalg.norm(points[f"{s}_shoulder"] - points[f"{s}_carpus"], axis=1).max() for s in SIDES]
         spans += [np.linalg.norm(points[f"{s}_hip"] - points[f"{s}_hock"], axis=1).max() for s in SIDES]
@@ -366,7 +367,7 @@ def test_a_tail_that_would_touch_the_floor_hangs_above_it_without_a_jerk():
 @pytest.mark.parametrize("build", BUILDS)
 def test_every_build_has_every_gait_at_every_speed_and_setting(build, name):
     size = BUILDS[build].limbs
-    for number, froude in enumerate(froudes(name, 5)):
+    for number, froude in enumerate(froudes(name, 3)):
         for changes in (
             {},
             EXTREMES,

@@ -2,6 +2,7 @@
 
 import struct
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,27 +13,12 @@ from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
 from doppelgait.motion.readers.c3d import read_layout
 from doppelgait.motion.readers.points import AXES, find_up_axis, turn_z_up
+from walking_body import NAMES, walking_body
 
 ezc3d = pytest.importorskip("ezc3d")
 
-HEIGHTS_M = {
-    "LFHD": 1.7, "RFHD": 1.7, "C7": 1.5, "STRN": 1.3, "LSHO": 1.45, "RSHO": 1.45, "LELB": 1.1, "RELB": 1.1,
-    "LFIN": 0.8, "RFIN": 0.8, "LKNE": 0.5, "RKNE": 0.5, "LANK": 0.1, "RANK": 0.1, "LTOE": 0.03, "RTOE": 0.03,
-}  # fmt: skip
-NAMES = list(HEIGHTS_M)
 BESIDE_M = np.array([0.0, 2.0, 0.0])
-
-
-def walker(*, n_frames: int = 200, rate_hz: float = 100.0, speed_mps: float = 1.3) -> np.ndarray:
-    """Positions (T, P, 3) in m of a body that walks along +x with a stride of 1 Hz."""
-    time = np.arange(n_frames)[:, None] / rate_hz
-    height = np.array([HEIGHTS_M[name] for name in NAMES])
-    side = np.array([1.0 if name[0] == "L" else -1.0 if name[0] == "R" else 0.0 for name in NAMES])
-    swing = 0.25 * (1.0 - height / 1.7) * side
-    x = speed_mps * time + swing * np.sin(2 * np.pi * time)
-    y = np.broadcast_to(0.15 * side, x.shape)
-    z = height + 0.02 * np.cos(4 * np.pi * time)
-    return np.stack([x, y, z], axis=2)
+walker = partial(walking_body, n_frames=200)
 
 
 def write_c3d(
@@ -168,9 +154,7 @@ def test_two_subjects_need_a_choice(tmp_path: Path) -> None:
 def test_a_prop_is_left_out(tmp_path: Path) -> None:
     motion = read(two_subjects(tmp_path / "a.c3d", 3), clean=False)
     assert motion.facts.subject == "A"
-    assert motion.report["dropped"] == {
-        "belongs to subject or prop 'B'": ["B:LFHD", "B:RFHD", "B:C7"],
-    }
+    assert motion.report["dropped"] == {"belongs to subject or prop 'B'": ["B:LFHD", "B:RFHD", "B:C7"]}
 
 
 def read_with_extra(tmp_path: Path, extra: list[str], texts: dict[str, list[str]] | None = None) -> Any:

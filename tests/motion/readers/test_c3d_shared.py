@@ -1,6 +1,5 @@
 """Every C3D of the shared test data: read as its manifest says, or refused for a stated reason."""
 
-import csv
 import json
 import warnings
 from functools import cache
@@ -14,8 +13,9 @@ from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion import Motion
 from doppelgait.motion.clean import clean_motion
 from doppelgait.motion.describe import describe_motion, describe_recording, smooth_path
-from doppelgait.motion.readers import read
+from doppelgait.motion.readers import cut_part, read
 from doppelgait.motion.readers.c3d import C3dContent, read_content
+from recorded import read_manifests, read_quietly
 
 pytestmark = pytest.mark.shared
 
@@ -93,13 +93,8 @@ MOCAP = {
 }  # fmt: skip
 
 
-@cache
 def _rows(shared: Path) -> dict[str, dict[str, str]]:
-    rows = {}
-    for who in ("human", "rat"):
-        with (shared / "data" / "mocap" / who / "manifest.csv").open(newline="", encoding="utf-8") as file:
-            rows |= {Path(row["file"]).name: row for row in csv.DictReader(file) if row["format"] == "c3d"}
-    return rows
+    return read_manifests(shared, "human", "rat", formats=("c3d",))
 
 
 def _path(shared: Path, name: str) -> Path:
@@ -108,9 +103,7 @@ def _path(shared: Path, name: str) -> Path:
 
 
 def _read(shared: Path, name: str, **options: Any) -> Motion:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoppelgaitWarning)
-        return read(_path(shared, name), **options)
+    return read_quietly(_path(shared, name), **options)
 
 
 def test_tables_name_every_file(shared: Path) -> None:
@@ -228,11 +221,8 @@ NO_STRIDE = {"cmu_16_07.c3d", "cmu_16_08.c3d", "cmu_77_02.c3d", "ktk_optitrack_w
 @pytest.mark.parametrize("name", sorted(set(MOCAP) - NO_STRIDE))
 def test_stride_agrees_with_the_manifest(shared: Path, name: str) -> None:
     row = _rows(shared)[name]
-    rate = float(row["frame_rate_hz"])
-    part = _read(
-        shared, name, clean=False, start_s=int(row["seg_start_frame"]) / rate, stop_s=int(row["seg_end_frame"]) / rate
-    )
-    facts = describe_motion(part)
+    start_s, stop_s = (int(row[key]) / float(row["frame_rate_hz"]) for key in ("seg_start_frame", "seg_end_frame"))
+    facts = describe_motion(cut_part(Path(name), _read(shared, name, clean=False), start_s, stop_s))
     assert facts["stride_hz"] == pytest.approx(float(row["stride_hz"]), abs=0.1)
     assert facts["step_hz"] == pytest.approx(2 * facts["stride_hz"])
 
@@ -251,6 +241,7 @@ def test_recording_comes_out_clean(shared: Path, name: str) -> None:
         assert not (clean.positions.part.values == "").any()
 
 
+@cache
 def _content(shared: Path, name: str) -> C3dContent:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

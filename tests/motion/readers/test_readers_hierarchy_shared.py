@@ -1,10 +1,8 @@
 """Every BVH, AMC and exponential-map file of the shared test data: read as its manifest says."""
 
-import csv
 import warnings
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +12,8 @@ from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.motion import Motion
 from doppelgait.motion.clean import clean_motion
 from doppelgait.motion.describe import describe_motion
-from doppelgait.motion.readers import read
+from doppelgait.motion.readers import cut_part, read
+from recorded import read_manifests
 
 pytestmark = pytest.mark.shared
 
@@ -51,17 +50,8 @@ WITHOUT_FIRST_FRAME = "cmu_131_01.bvh"
 SHORT_LIMB = 0.01
 
 
-@cache
 def _rows(shared: Path) -> dict[str, dict[str, str]]:
-    rows = {}
-    for who in ("human", "dog"):
-        with (shared / "data" / "mocap" / who / "manifest.csv").open(newline="", encoding="utf-8") as file:
-            rows |= {
-                Path(row["file"]).name: row
-                for row in csv.DictReader(file)
-                if row["format"].startswith(("bvh", "amc", "cmu-expmap"))
-            }
-    return rows
+    return read_manifests(shared, "human", "dog", formats=("bvh", "amc", "cmu-expmap"))
 
 
 @cache
@@ -139,8 +129,7 @@ def test_stride_agrees_with_the_manifest(shared: Path, name: str) -> None:
     row, rate = _rows(shared)[name], float(_rows(shared)[name]["frame_rate_hz"])
     moved = int(name in EXPMAP or name == "cmu_12_01.bvh")
     first, last = (int(float(row[key])) - moved for key in ("seg_start_frame", "seg_end_frame"))
-    options: dict[str, Any] = {"start_s": max(first, 0) / rate, "stop_s": last / rate}
-    motion = read(shared / "data" / "mocap" / row["file"], clean=False, **options)
+    motion = cut_part(Path(name), _read(shared, name), max(first, 0) / rate, last / rate)
     assert describe_motion(motion)["stride_hz"] == pytest.approx(float(row["stride_hz"]), abs=0.1)
 
 

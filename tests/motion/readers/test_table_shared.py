@@ -1,8 +1,5 @@
 """TRC files and marker tables of the shared test data, and tables that ``motion convert`` writes."""
 
-import csv
-import warnings
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +8,10 @@ import pytest
 from typer.testing import CliRunner
 
 from doppelgait.cli.app import app
-from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.motion.clean import clean_motion
 from doppelgait.motion.describe import describe_motion, smooth_path
 from doppelgait.motion.readers import MOTION_READERS, read
+from recorded import read_manifests, read_quietly
 
 pytestmark = pytest.mark.shared
 
@@ -28,10 +25,8 @@ SWAGGER = "accad_swagger1.txt"
 """Its manifest counts the ghost LHEE-1 as a marker in its gaps."""
 
 
-@cache
 def _rows(shared: Path) -> dict[str, dict[str, str]]:
-    with (shared / "data" / "mocap" / "human" / "manifest.csv").open(newline="", encoding="utf-8") as file:
-        return {Path(row["file"]).name: row for row in csv.DictReader(file)}
+    return read_manifests(shared, "human")
 
 
 def _path(shared: Path, name: str) -> Path:
@@ -58,7 +53,7 @@ def test_these_readers_take_these_files_and_no_others(shared: Path) -> None:
 
 @pytest.mark.parametrize("name", FILES)
 def test_recording_has_the_facts_of_its_manifest(shared: Path, name: str) -> None:
-    row, facts = _rows(shared)[name], describe_motion(read(_path(shared, name), clean=False))
+    row, facts = _rows(shared)[name], describe_motion(read_quietly(_path(shared, name), clean=False))
     assert facts["format"] == FILES[name]
     assert facts["points_in_file"] == int(row["points_in_file"])
     assert facts["points_measured"] == int(row["points_measured"])
@@ -79,7 +74,7 @@ def test_recording_has_the_facts_of_its_manifest(shared: Path, name: str) -> Non
 
 @pytest.mark.parametrize("name", sorted(set(FILES) - {"accad_run1.txt"}))
 def test_segment_has_the_speed_and_step_of_its_manifest(shared: Path, name: str) -> None:
-    row, motion = _rows(shared)[name], read(_path(shared, name), clean=False)
+    row, motion = _rows(shared)[name], read_quietly(_path(shared, name), clean=False)
     rate = motion.rate_hz
     first, last = int(row["seg_start_frame"]), int(row["seg_end_frame"])
     path = smooth_path(motion.position_m, rate_hz=rate)
@@ -96,7 +91,7 @@ def test_coordinates_are_those_in_the_text(shared: Path, name: str) -> None:
     """Another reader of the same numbers: pandas, told the layout by hand."""
     trc = FILES[name] == "trc"
     table = pd.read_csv(_path(shared, name), sep="\t", header=None, skiprows=5 if trc else 1, skip_blank_lines=True)
-    motion = read(_path(shared, name), clean=False)
+    motion = read_quietly(_path(shared, name), clean=False)
     theirs = table.iloc[:, 2:].dropna(axis=1, how="all").to_numpy(float).reshape(len(table), -1, 3)
     theirs = np.where(theirs == -9999.99, np.nan, theirs) * 1e-3
     if trc:
@@ -109,24 +104,23 @@ def test_coordinates_are_those_in_the_text(shared: Path, name: str) -> None:
 
 @pytest.mark.parametrize("name", FILES)
 def test_recording_comes_out_clean(shared: Path, name: str) -> None:
-    raw = read(_path(shared, name), clean=False)
+    raw = read_quietly(_path(shared, name), clean=False)
     clean = clean_motion(raw)
     assert np.isfinite(clean.position_m).all()
     assert len(clean.markers) >= 0.9 * len(raw.markers)
     assert not (clean.positions.part.values == "").any()
 
 
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
 @pytest.mark.parametrize(
     "name", [*FILES, "cmu_07_01.c3d", "btk_coda_walk.c3d", "ktk_optitrack_walk_legs.c3d", "ezc3d_qualisys_walk.c3d"]
 )
 def test_what_convert_writes_reads_back(shared: Path, name: str, tmp_path: Path) -> None:
     source, out = _path(shared, name), tmp_path / "walk.csv"
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoppelgaitWarning)
-        first = read(source)
-        result = CliRunner().invoke(app, ["motion", "convert", str(source), "-o", str(out)])
-        assert result.exit_code == 0, result.output
-        second = read(out, clean=False)
+    first = read_quietly(source)
+    result = CliRunner().invoke(app, ["motion", "convert", str(source), "-o", str(out)])
+    assert result.exit_code == 0, result.output
+    second = read_quietly(out, clean=False)
     assert second.markers == first.markers
     assert second.parts == first.parts
     assert second.rate_hz == pytest.approx(first.rate_hz, rel=1e-9)

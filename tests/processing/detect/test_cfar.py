@@ -6,12 +6,7 @@ from scipy import stats
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.processing.detect import ca_factor, noise_factor, os_factor, os_pfa
-from doppelgait.processing.detect.cfar import (
-    count_training_cells,
-    make_range_window,
-    mark_above_ca,
-    mark_above_os,
-)
+from doppelgait.processing.detect.cfar import count_training_cells, make_range_window, mark_above_ca, mark_above_os
 
 SHORT = range(3, 7)
 """Eight training cells about the middle of 13."""

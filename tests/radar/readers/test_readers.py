@@ -13,7 +13,6 @@ from scipy.io import loadmat, savemat, whosmat
 from scipy.signal import firwin
 
 from damage import damaged_copies
-from doppelgait.core import plugins
 from doppelgait.core.errors import OutputError, RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import Radar, Recording, TargetTruth, read_recording, write_recording
@@ -84,11 +83,10 @@ def test_a_folder_without_a_name_is_refused_like_any_other(tmp_path, monkeypatch
             read_recording(place)
 
 
-def test_two_readers_for_one_file_are_an_error_and_format_settles_it(tmp_path, monkeypatch):
+def test_two_readers_for_one_file_are_an_error_and_format_settles_it(tmp_path, register):
     write_recording(measured(), tmp_path / "a.h5")
     own = RADAR_READERS["doppelgait"]
-    monkeypatch.setitem(plugins._REGISTERED, "radar_reader", dict(plugins._REGISTERED["radar_reader"]))
-    plugins.plugin("radar_reader", "other", **own.facts)(own.run)
+    register("radar_reader", "other", **own.facts)(own.run)
     with pytest.raises(RecordingError, match=r"could be doppelgait or other.*format='doppelgait'"):
         read_recording(tmp_path / "a.h5")
     assert read_recording(tmp_path / "a.h5", format="other").source == "a.h5"

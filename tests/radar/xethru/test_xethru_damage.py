@@ -26,7 +26,7 @@ from doppelgait.radar.xethru.records import META_NAME
 
 START = datetime(2026, 11, 21, 1, 8, 48, tzinfo=UTC)
 HEAD = {"bin_length_m": 0.05144033, "sample_rate_hz": 2.916e9, "carrier_hz": 7.29e9, "range_start_m": 0.4}
-N_MUTATIONS = 800
+N_MUTATIONS = 400
 
 
 def good(folder: Path, *, splitting: Splitting | None = None) -> Path:

@@ -17,7 +17,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from dataset_plans import put_index
-from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset import open_dataset
@@ -304,14 +303,6 @@ def test_wrong_requests(dataset, tmp_path, options, message):
     with pytest.raises(DatasetError, match="nothing to export"):
         export_dataset(dataset.select("prf_hz < 0"), tmp_path / "out", form="csv")
     assert not list(tmp_path.iterdir())
-
-
-@pytest.fixture
-def register(monkeypatch):
-    """Register exporters for one test."""
-    len(EXPORTERS)  # built-in ones first
-    monkeypatch.setitem(plugins._REGISTERED, "exporter", dict(plugins._REGISTERED["exporter"]))
-    return plugins.plugin
 
 
 @pytest.mark.parametrize("form", list(EXPORTERS))

@@ -24,9 +24,7 @@ LIST = ROOT / "tests" / "support" / "stable_names.txt"
 VERSIONS = {
     "`schema_version`": finish.SCHEMA_VERSION,
     "`data_version`": finish.DATA_VERSION,
-    f"`{recordings.FORMAT}`": recordings.FORMAT_VERSION,
-    f"`{result_files.FORMAT}`": result_files.FORMAT_VERSION,
-    f"`{model_file.FORMAT}`": model_file.FORMAT_VERSION,
+    **{f"`{kind.format}`": kind.version for kind in (recordings.RECORDING, result_files.RESULT, model_file.MODEL)},
     f"`{report.FORMAT}`": report.FORMAT_VERSION,
     f"`{run.FORMAT}`": run.FORMAT_VERSION,
 }

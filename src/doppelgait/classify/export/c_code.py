@@ -68,7 +68,6 @@ class Sources:
         return found
 
     def _count_layer_values(self, device: Device) -> tuple[int, int]:
-        """Return the sizes of the two buffers of the layers."""
         sizes, size = [device.patch.n_velocity * device.patch.n_time], device.patch.n_velocity * device.patch.n_time
         for number in range(max(len(network.kernels) for network in self.networks)):
             size //= 4
@@ -250,7 +249,6 @@ def _read(name: str) -> str:
 
 
 def _format_float(value: float) -> str:
-    """Return a float32 constant of C."""
     text = repr(float(np.float32(value)))
     short = str(np.float32(value))
     text = short if np.float32(float(short)) == np.float32(value) else text

@@ -41,8 +41,6 @@ def round_threshold(threshold: Any) -> Any:
 
 
 class _Graph:
-    """Nodes and constants of one graph."""
-
     def __init__(self, onnx: ModuleType, model: Model) -> None:
         self.onnx, self.model = onnx, model
         self.nodes: list[Any] = []

@@ -17,13 +17,7 @@ from doppelgait.dataset.config import Progress
 from doppelgait.dataset.finish import list_shard_names, make_index, read_records
 from doppelgait.dataset.open import check_index as check_index_columns
 from doppelgait.dataset.open import read_index
-from doppelgait.dataset.verify.contents import (
-    Check,
-    Contents,
-    Verification,
-    read_known_description,
-    read_plan,
-)
+from doppelgait.dataset.verify.contents import Check, Contents, Verification, read_known_description, read_plan
 from doppelgait.dataset.verify.duplicates import check_duplicates, check_groups
 from doppelgait.dataset.verify.integrity import (
     check_balance,

@@ -23,19 +23,9 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
-from doppelgait.motion.models.human_body import (
-    LENGTHS,
-    POINTS,
-    compute_figure_points,
-    make_person_motion,
-)
+from doppelgait.motion.models.human_body import LENGTHS, POINTS, compute_figure_points, make_person_motion
 from doppelgait.motion.models.registry import generate, parse_parameters
-from doppelgait.motion.models.strides import (
-    Curve,
-    fit_periodic_pchip,
-    make_stride_clock,
-    sample_times_s,
-)
+from doppelgait.motion.models.strides import Curve, fit_periodic_pchip, make_stride_clock, sample_times_s
 from doppelgait.motion.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
@@ -183,12 +173,7 @@ def find_joint_knots(relative_speed: float) -> dict[str, Knots]:
     u = (q - SLOWEST_FAST) / 1.7
     return {
         "hip": [(-0.1 + 0.2 * u, 25 + 5 * u), (0.5, -15), (0.9, 25 + 6 * u)],
-        "knee": [
-            (0.17 - 0.05 * u, 3 + 22 * u),
-            (0.4, 3),
-            (0.75 - 0.05 * u, 70 - 5 * u),
-            (1 - 0.03 * u, 3 + 3 * u),
-        ],
+        "knee": [(0.17 - 0.05 * u, 3 + 22 * u), (0.4, 3), (0.75 - 0.05 * u, 70 - 5 * u), (1 - 0.03 * u, 3 + 3 * u)],
         "ankle": [
             (0, -3 + 5 * u),
             (0.08, -18 + 4 * u),
@@ -221,11 +206,7 @@ Form = Literal["consistent", "pendulum", "chen2011"]
 LEG_LENGTH = LENGTHS["thigh"] + LENGTHS["shank"]
 
 _FEET = [n for n, name in enumerate(POINTS) if name.endswith(("ankle", "toe"))]
-_SIGNS: dict[Form, OffsetSigns] = {
-    "consistent": "continuous",
-    "pendulum": "pendulum",
-    "chen2011": "published",
-}
+_SIGNS: dict[Form, OffsetSigns] = {"consistent": "continuous", "pendulum": "pendulum", "chen2011": "published"}
 _WHOLE_CYCLE = np.arange(1000) / 1000
 
 

@@ -116,11 +116,7 @@ def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator |
     times_s = sample_times_s(duration_s, config.rate_hz)
     stride_hz = math.sqrt(config.speed_mps / (STRIDE_RATIO * config.height_m))
     clock = make_stride_clock(
-        times_s[-1],
-        period_s=1 / stride_hz,
-        start_phase=config.start_phase,
-        variation=config.stride_variation,
-        rng=rng,
+        times_s[-1], period_s=1 / stride_hz, start_phase=config.start_phase, variation=config.stride_variation, rng=rng
     )
     phase = clock(times_s)
     stride_m = config.speed_mps / stride_hz

@@ -102,8 +102,7 @@ def _compute_slowness(gait: str, dimensionless_speed: float) -> float:
 
 @cache
 def _find_harmonics(gait: str, name: PersonCurve) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
-    """Return harmonics of a table's mean and slope."""
-    # harmonics at half the sampling rate are left out
+    # of the mean and the slope of a table; those at half the sampling rate are left out
     samples = load_tables()["people"][gait][name]
     return _transform(samples["mean"], 10), _transform(samples["slope"], 10)
 

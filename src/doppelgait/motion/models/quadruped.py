@@ -258,10 +258,8 @@ def quadruped_gait(
 def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     build, speed_mps, hip_m = BUILDS[config.build], config.actual_speed_mps, config.hip_m
     gait = fit_gait_to_build(config.actual_gait, build, config.asymmetry)
-    hind, fore = (
-        replace(girdle, swing_peak=peak)
-        for girdle, peak in ((gait.hind, config.hind_swing_peak), (gait.fore, config.fore_swing_peak))
-    )
+    hind = replace(gait.hind, swing_peak=config.hind_swing_peak)
+    fore = replace(gait.fore, swing_peak=config.fore_swing_peak)
     gait = replace(gait, hind=hind, fore=fore, ripple=config.trunk_ripple)
     stride_m = config.stride_ratio * stride_length_m(gait, speed_mps, hip_m)
     times_s = sample_times_s(duration_s, config.rate_hz)
@@ -294,12 +292,11 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
         gait_frequency_hz=gait.harmonic * stride_hz,
         footfalls=landing_times_s(clock, landings, float(times_s[-1])),
     )
-    parts = list(PART_OF_POINT.values())
     return make_motion(
         position_m,
         rate_hz=config.rate_hz,
         markers=POINTS,
-        parts=parts,
+        parts=list(PART_OF_POINT.values()),
         facts=facts,
         report={
             "mass_kg": f"assumed: {build.mass_kg:.3g} kg at withers_m = {build.withers_m:g}, "

@@ -103,7 +103,7 @@ class Build:
 
     withers_m: float
     mass_kg: float
-    withers_range_m: tuple[float, float]
+    withers_range_m: Sequence[float] = (0.15, 0.9)
     species: str = "dog"
     hip: float = 0.8
     trunk: float = 1.0
@@ -116,11 +116,7 @@ class Build:
     source: str = "assumed: height and mass in the middle of the breed standard, standard proportions"
 
 
-def _make_build(withers_range_m: Sequence[float] = (0.15, 0.9), **values: Any) -> Build:
-    return Build(withers_range_m=(withers_range_m[0], withers_range_m[1]), **values)
-
-
-BUILDS: dict[str, Build] = {name: _make_build(**table) for name, table in _TABLES["builds"].items()}
+BUILDS: dict[str, Build] = {name: Build(**table) for name, table in _TABLES["builds"].items()}
 """All builds by name. A new build needs a table in ``quadruped_gaits.toml`` and its name in :data:`BuildName`."""
 
 

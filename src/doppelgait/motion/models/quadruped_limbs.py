@@ -13,11 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.motion.models.curves import (
-    find_swing_curve,
-    join_trunk_curves,
-    segment_elevation_rad,
-)
+from doppelgait.motion.models.curves import find_swing_curve, join_trunk_curves, segment_elevation_rad
 from doppelgait.motion.models.quadruped_gaits import Build, Gait, Girdle
 from doppelgait.motion.models.strides import Curve, fit_cubic_spline, stack_columns
 

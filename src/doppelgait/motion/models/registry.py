@@ -35,6 +35,25 @@ def get_parameters(kind: str) -> type[FrozenModel]:
     return found
 
 
+class MotionTable(dict[str, Any]):
+    """Table of a model's motion with its checked parameters."""
+
+    checked: str
+    parameters: FrozenModel
+
+
+def check_table(table: Mapping[str, Any], **location: Any) -> MotionTable:
+    """Check the table of a model's motion; a checked one only after a change."""
+    model = get_parameters(str(table["kind"]))
+    made = MotionTable(table)
+    made.checked = repr(table)  # it tells nested values that were changed in place, and True from 1.0
+    if isinstance(table, MotionTable) and made.checked == table.checked and type(table.parameters) is model:
+        made.parameters = table.parameters
+    else:
+        made.parameters = validate(model, {name: table[name] for name in table if name != "kind"}, **location)
+    return made
+
+
 def parse_parameters(model: type[Parameters], parameters: Mapping[str, Any], *, where: str) -> Parameters:
     """Check the keyword arguments of a model's function."""
     # unlike a scene file, the function has a duration and no kind
@@ -46,10 +65,7 @@ def parse_parameters(model: type[Parameters], parameters: Mapping[str, Any], *, 
 
 
 def generate(
-    model: FrozenModel | Mapping[str, Any] | str,
-    *,
-    duration_s: float,
-    rng: np.random.Generator | Streams | None = None,
+    model: FrozenModel | Mapping[str, Any] | str, *, duration_s: float, rng: np.random.Generator | Streams | None = None
 ) -> Motion:
     """Generate the motion of a model.
 

@@ -248,10 +248,8 @@ def step_series(
     times = _sum_steps(stride_s / 2 * (1 + time_asymmetry * left + time - pace))
     distance = _sum_steps(stride_m / 2 * (1 + length + pace))
     phases = (first + np.arange(count)) / 2
-    start_s, start_m = (
-        fit_cubic_spline(times, phases).where(start_phase),
-        fit_cubic_spline(phases, distance)(start_phase),
-    )
+    start_s = fit_cubic_spline(times, phases).where(start_phase)
+    start_m = fit_cubic_spline(phases, distance)(start_phase)
     return times - float(start_s), phases, distance - float(start_m)
 
 

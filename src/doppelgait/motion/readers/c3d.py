@@ -401,9 +401,7 @@ def read_c3d(
     """Read a C3D file's physical markers, uncleaned."""
     content = read_content(path)
     rate = check_rate(
-        path,
-        content.rate_hz if rate_hz is None else rate_hz,
-        said="declares" if rate_hz is None else "was given",
+        path, content.rate_hz if rate_hz is None else rate_hz, said="declares" if rate_hz is None else "was given"
     )
     body = pick_markers(path, content.labels, subject=subject, texts=content.texts)
     if not body.subject:

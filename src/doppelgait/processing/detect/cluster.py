@@ -129,7 +129,6 @@ def _sum_profile(cluster: IntArray, place: IntArray, weight: FloatArray, n: int,
 
 
 def _sum_weights(number: IntArray, weight: FloatArray, n: int) -> FloatArray:
-    """Sum the weights of every number below n."""
     return np.asarray(np.bincount(number, weight, n), dtype=np.float64)
 
 

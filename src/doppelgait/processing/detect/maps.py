@@ -132,6 +132,7 @@ def compute_maps(frames: Frames, settings: Detector, *, wavelength_m: float) -> 
             power_v2=power,
             floor_v2=estimate_noise_map(power),
         )
+        del power  # before the next block is computed
 
 
 def compute_cell_power(frames: Frames, transform: Transform, scans: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:

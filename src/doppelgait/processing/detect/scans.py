@@ -132,6 +132,7 @@ def detect_bodies(frames: Frames, chosen: Detector, *, wavelength_m: float, in_p
             )
             found[scan].append(body)
         scans += [Scan(float(t), tuple(detections)) for t, detections in zip(maps.time_s, found, strict=True)]
+        del maps, mask, peak  # before the next block is computed
     return scans
 
 
@@ -178,6 +179,5 @@ def _round_to_odd(size_bins: float) -> int:
 
 
 def _compute_centre_sd(spread: float, cell: float, snr: float, always: float, share: float) -> float:
-    """Compute the standard deviation of a centre."""
     # a constant, the motion of limbs, and noise relative to a cell's width (Cramer-Rao bound)
     return math.sqrt(always**2 + (share * spread) ** 2 + cell**2 / snr)

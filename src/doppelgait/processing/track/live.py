@@ -150,7 +150,6 @@ class LiveTrack:
     last_speed_mps: float = field(init=False)
 
     def __post_init__(self) -> None:
-        """Register the first detection."""
         self.hits, self.last_own, self.last_sign_s = 1, self.steps[0], self.steps[0].time_s
         self.last_speed_mps = self.state.velocity_mps
 

@@ -156,7 +156,6 @@ def split_tracks(tracks: Sequence[Track], clean: Frames, *, wavelength_m: float,
 
 
 def _find_longest_run(seen: npt.NDArray[np.bool_], least: int) -> tuple[int, int] | None:
-    """Find the longest run of nearly full windows."""
     if seen.size < least:
         return None
     full = np.convolve(seen, np.ones(least), mode="valid") >= RUN_SHARE * least
