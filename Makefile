@@ -2,7 +2,6 @@
 # make check     set everything up, lint, type-check and run the tests in this process, 90 s on two processors
 # make test      the same, and the tests of processes, built datasets, training and the browser, as continuous integration does, 5 minutes
 # make release   every test, also those marked `release`: site, examples of the pages, kills, clusters, wheel, studies, as every night
-# make kernels   compile the kernels for the processors that object code ships for, after a change to one
 # make fuzz      damage files for everything that reads them, CASES=100000 of them; make release has a short run
 # make docs      build the documentation site into docs/_build/html, warnings are errors
 PYTHON ?= python3
@@ -11,7 +10,7 @@ BIN := $(VENV)/bin
 PACKAGES := --editable packages/liland2018 --editable packages/conformance
 BUILT_FROM := pyproject.toml hatch_build.py $(wildcard packages/*/pyproject.toml native/*)
 
-.PHONY: dataset fuzz kernels check lint test release docs docs-links benchmark clean
+.PHONY: dataset fuzz check lint test release docs docs-links benchmark clean
 
 dataset: $(VENV)/.installed
 	$(BIN)/doppelgait dataset build home-alarm -o home-alarm
@@ -55,9 +54,6 @@ docs: $(VENV)/.installed-docs
 
 docs-links: $(VENV)/.installed-docs
 	$(BIN)/sphinx-build -q -b linkcheck docs docs/_build/links
-
-kernels: $(VENV)/.installed
-	$(BIN)/python tools/compile_kernels.py
 
 benchmark: $(VENV)/.installed
 	$(BIN)/python benchmarks/chain.py

@@ -34,8 +34,6 @@ import doppelgait
 
 def machine() -> dict[str, Any]:
     """Describe the machine of the measurement."""
-    import numba
-
     return {
         "machine": platform.machine(),
         "processor": processor_name(),
@@ -44,7 +42,6 @@ def machine() -> dict[str, Any]:
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,
-        "numba": numba.__version__,
         "doppelgait": doppelgait.__version__,
     }
 

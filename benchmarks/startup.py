@@ -24,7 +24,7 @@ PROGRAMS = {
     "python": "pass",
     "import doppelgait": "import doppelgait",
     "doppelgait --help": "import sys; sys.argv = ['doppelgait', '--help']; from doppelgait.cli.app import main; main()",
-    "libraries alone": "import xarray, pydantic, numba, scipy.fft, scipy.interpolate",
+    "libraries alone": "import xarray, pydantic, scipy.fft, scipy.interpolate",
     "first signature": RECORDING + SIGNATURE,
     "first features": RECORDING + "dg.analyze(recording, gate='truth')",
 }

@@ -102,7 +102,7 @@ def test_help_loads_no_science():
     assert "simulate" in done.stdout
     script = (
         "import sys, doppelgait.cli.app as a, typer.main as m; m.get_command(a.app); "
-        "heavy = {'numpy', 'scipy', 'xarray', 'numba', 'pandas', 'matplotlib', 'h5py', 'sklearn', 'pydantic'}; "
+        "heavy = {'numpy', 'scipy', 'xarray', 'pandas', 'matplotlib', 'h5py', 'sklearn', 'pydantic'}; "
         "print(sorted(heavy & set(sys.modules)))"
     )
     assert processes.python(script).stdout.strip() == "[]"

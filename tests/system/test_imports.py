@@ -25,7 +25,7 @@ def test_simulate_and_analyze_load_no_library_that_they_do_not_use(tmp_path: Pat
         "app(['simulate', '--motion', 'boulic', '--duration', '2', '-o', 'walk.h5'], standalone_mode=False); "
         "app(['analyze', 'walk.h5', '--gate', 'truth'], standalone_mode=False); "
         "assert 'xarray' in sys.modules; "
-        "heavy = {'dask', 'numba', 'matplotlib', 'pyarrow.parquet', 'scipy.signal', 'sklearn', 'torch'}; "
+        "heavy = {'dask', 'matplotlib', 'pyarrow.parquet', 'scipy.signal', 'sklearn', 'torch'}; "
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)"
     )
     processes.python(code, cwd=tmp_path)
@@ -46,7 +46,7 @@ def test_a_room_is_simulated_without_dask() -> None:
         "radar = dg.Radar.preset('x4', antenna={'kind': 'cosine', 'hpbw_azimuth_deg': 65, 'hpbw_elevation_deg': 65}); "
         "recording = dg.simulate(scene, radar, rng=dg.rng(1), conditions=conditions); "
         "dg.analyze(recording, gate='truth'); "
-        "assert 'xarray' in sys.modules; assert not {'dask', 'numba'} & set(sys.modules)"
+        "assert 'xarray' in sys.modules; assert not {'dask'} & set(sys.modules)"
     )
     processes.python(code)
 
@@ -59,7 +59,7 @@ def test_a_long_recording_needs_the_memory_of_few_tiles(tmp_path: Path) -> None:
         "import sys, doppelgait as dg; walk = dg.Target({'kind': 'boulic', 'speed_mps': 1.0}, "
         "start_position_m=(6, 1.5), heading_deg=90, path={'kind': 'arc', 'radius_m': 2.1, 'turn_deg': 3600}); "
         "dg.simulate(dg.Scene([walk], duration_s=130.0), 'x4', rng=dg.rng(1), path='long.h5'); "
-        "assert dg.analyze('long.h5') and 'numba' not in sys.modules; "
+        "assert dg.analyze('long.h5'); "
         # ru_maxrss would include the process that started this one
         "print(int(open('/proc/self/status').read().split('VmHWM:')[1].split()[0]) >> 10)"
     )

@@ -140,10 +140,8 @@ def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float
     turn = math.radians(heading_deg) - travel_heading_rad(motion)
     pivot, points = _interpolate_centre(motion, at_s), np.ascontiguousarray(motion.position_m, dtype=np.float64)
     moved = np.empty(points.shape)
-    before_and_after_m = [float(value) for value in (*pivot[:2], *position_m[:2])]
-    native.turn_and_move(
-        points.reshape(-1, 3), math.cos(turn), math.sin(turn), *before_and_after_m, moved.reshape(-1, 3)
-    )
+    cosine, sine, ends_m = math.cos(turn), math.sin(turn), (*map(float, pivot[:2]), *map(float, position_m[:2]))
+    native.turn_and_move(points.reshape(-1, 3), cosine, sine, *ends_m, moved.reshape(-1, 3))
     return motion.with_positions(moved)
 
 
