@@ -14,7 +14,7 @@ from checkout import ROOT
 
 TESTS = ROOT / "tests"
 PACKAGE = ROOT / "src" / "doppelgait"
-FREE = {"system", "browser", "reference", "property", "fuzz", "support"}
+FREE = {"system", "browser", "reference", "property", "fuzz", "support", "native"}
 FILES = sorted(TESTS.rglob("*.py"))
 STARTS = {"run", "Popen", "call", "check_call", "check_output"}
 WAITS = {"wait", "communicate", "join", "get", "recv", "result", "acquire"}

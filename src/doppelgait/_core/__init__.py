@@ -19,5 +19,3 @@ elif LEVEL == 2:
     from doppelgait._core import _level2  # type: ignore[attr-defined]
 
     native = _level2
-
-__all__ = ["LEVEL", "native"]

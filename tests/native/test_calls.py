@@ -58,6 +58,44 @@ def make_spline_cases(rng, n_points):
     ]
 
 
+def make_signature_cases(rng, n):
+    planes, low = rng.standard_normal((2, n, 400)).astype(np.float32), np.linspace(-2.0, n - 0.7, 50)
+    signature = [
+        *planes,
+        390,
+        -20,
+        3,
+        np.hanning(128).astype(np.float32),
+        low,
+        low + 2.4,
+        np.zeros((50, 128), np.float32),
+    ]
+    others = (48, 64, 80, 160, 192, 256, 512, 640)  # every first pass, and middle passes
+    return [
+        Case("gated_signature", signature, (8,), rows=(0, 1)),
+        *(
+            Case(
+                "gated_signature",
+                [*signature[:4], 1, np.hanning(k).astype(np.float32), *signature[6:8], np.zeros((50, k), np.float32)],
+                (8,),
+                rows=(0, 1),
+            )
+            for k in others
+        ),
+    ]
+
+
+def make_noise_cases(rng, n):
+    planes, taps = np.zeros((2, n, 300), np.float32), np.array([0.8, 0.5, 0.2], np.float32)
+    matrix = np.zeros((300, n), np.complex64)
+    return [
+        Case("add_noise_block", [*planes, 3, 290, 3, 1000, 77, 1e-5, taps], (0, 1), free=((8, 0),)),
+        Case(
+            "add_noise_matrix", [np.zeros((300, n), np.complex64), 78, 1e-5, taps], (0,), free=((0, 0), (0, 1), (3, 0))
+        ),
+    ]
+
+
 def make_image_cases(rng, n):
     paths = rng.uniform(0.2, 4.0, (10, 50, n))
     reflection, table = rng.standard_normal((2, 50, n)), np.ones((6, 50, 3 * n + 1))
