@@ -88,7 +88,8 @@ def measure() -> dict[str, dict[str, int]]:
     lines = {room.name: count_lines(list_sources(room, ".py")) for room in rooms}
     lines["package"] = count_lines(list_sources(PACKAGE, ".py"))
     lines["viewer static"] = count_lines(list_sources(PACKAGE / "viewer" / "static", *SOURCES))
-    lines["native"] = count_lines(list_sources(ROOT / "src", ".c", ".h", ".cpp", ".hpp"))
+    native = [path for name in ("src", "native") for path in list_sources(ROOT / name, ".c", ".h", ".cpp", ".hpp")]
+    lines["native"] = count_lines(native)
     lines |= {name: count_lines(list_sources(ROOT / name, ".py")) for name in ("studies", "tools", "benchmarks")}
     beside = list_sources(ROOT / "packages", *SOURCES)
     tests = [path for path in beside if "tests" in path.relative_to(ROOT).parts]

@@ -90,9 +90,7 @@ def make_noise_cases(rng, n):
     matrix = np.zeros((300, n), np.complex64)
     return [
         Case("add_noise_block", [*planes, 3, 290, 3, 1000, 77, 1e-5, taps], (0, 1), free=((8, 0),)),
-        Case(
-            "add_noise_matrix", [np.zeros((300, n), np.complex64), 78, 1e-5, taps], (0,), free=((0, 0), (0, 1), (3, 0))
-        ),
+        Case("add_noise_matrix", [matrix, 78, 1e-5, taps], (0,), free=((0, 0), (0, 1), (3, 0))),
     ]
 
 

@@ -242,14 +242,14 @@ def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm,
 
 
 def normalise_products(products: FloatArray, until: FloatArray) -> FloatArray:
-    """Divide products over lags by the mean power of the columns in them (E-33)."""
+    """Divide products over lags by the power of their columns (E-33)."""
     # Shapes: products (N, J); until (N, J + 1), the power before each column
     both = until[:, :0:-1] + (until[:, -1:] - until[:, :-1])
     return np.divide(2.0 * products, both, out=np.zeros_like(both), where=both > 0.0)
 
 
 def compute_shares(products: FloatArray, padded: int, first: int) -> FloatArray:
-    """Compute spectra of autocorrelations as shares of the power from line ``first`` on."""
+    """Compute spectra as shares of the power from line ``first`` on."""
     # the other half of an autocorrelation is equal, so that its transform is 2 Re minus the product without lag
     power = np.maximum(2.0 * np.fft.rfft(products, padded).real - products[:, :1], 0.0)
     total = power[:, first:].sum(axis=1, keepdims=True)
