@@ -53,8 +53,8 @@ def synthesise(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
     >>> abs(baseband).idxmax("range").values.round(1)  # range of the strongest echo after 0 and 1 s
     array([6.8, 5.7])
     """
-    samples = synthesise_echoes(scatterers, radar, compressed=True)
-    return label_baseband(samples.matrix, read_axis(scatterers, "slow_time"), radar)
+    bins = radar.waveform.synthesise_bins(fold_scatterers(scatterers, radar), radar)  # a matrix, without planes
+    return label_baseband(bins, read_axis(scatterers, "slow_time"), radar)
 
 
 def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.complex64]:
