@@ -40,7 +40,7 @@ SUMS = "SHA256SUMS"
 """File with the hash of every file of a finished dataset, in the format of ``sha256sum -c``. It is written last."""
 LOG = "build.jsonl"
 
-DATA_VERSION = 12
+DATA_VERSION = 13
 """Version of the bytes that a configuration produces. It is part of every dataset's identity and is raised by hand when
 the same configuration gives other bytes (a random draw, a kernel, a stored type), so that a dataset never mixes
 examples of two versions. 1: first form. 2: compiled kernels for geometry, noise and signature; splits by subject names.
