@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from importlib import import_module
 
@@ -296,9 +297,6 @@ def make_pattern_cases(rng, n):
     ]
 
 
-MAKERS = [make for name, make in list(globals().items()) if name.startswith("make_")]
-
-
 def make_cases():
     rng = np.random.default_rng(5)
     makers = [value for name, value in globals().items() if name.startswith("make_") and value is not make_cases]
@@ -331,6 +329,10 @@ def test_written_arrays_are_never_copied(case):
         given = case.arguments[n]
         others = [np.zeros(given.shape, np.float16), np.zeros((2 * given.size, 2))[::2, 0]]
         others += [np.zeros(given.shape[::-1]).T] if given.ndim > 1 and min(given.shape) > 1 else []
+        others += [
+            np.broadcast_to(np.zeros(1, given.dtype), given.shape),
+            np.frombuffer(bytes(given.nbytes), given.dtype).reshape(given.shape),
+        ]
         for other in others:
             arguments = [*case.arguments[:n], other, *case.arguments[n + 1 :]]
             with pytest.raises((TypeError, ValueError)):
@@ -360,6 +362,10 @@ def test_read_arrays_may_have_any_layout_and_type(case):
             strided.arguments[n] = np.repeat(value, 2, axis=-1)[..., ::2]
     for one, other in zip(case.run(), strided.run(), strict=True):
         assert one.tobytes() == other.tobytes()
+    for n in case.rows:
+        arguments = [*case.arguments[:n], np.repeat(case.arguments[n], 2, axis=-1)[..., ::2], *case.arguments[n + 1 :]]
+        with pytest.raises(ValueError, match=r"\w"):
+            case.call(arguments)
 
 
 @pytest.mark.parametrize("time", [math.nan, math.inf, -math.inf, -5.0, 1e300])
@@ -380,9 +386,26 @@ def test_lines_anywhere_read_no_cell_outside_the_axis(place):
     assert square[0] == pytest.approx(3 * 0.9**2)
 
 
+PLANES = [*np.zeros((2, 4, 64), np.float32)]
+GATE = [np.zeros(10), np.ones(10), np.ones((10, 48), np.float32)]
+TAP, WINDOW = np.ones(1, np.float32), np.ones(48, np.float32)
+
+
 @pytest.mark.parametrize(
     ("name", "arguments"),
     [
+        *(
+            ("gated_signature", [*PLANES, *numbers, WINDOW, *GATE])
+            for numbers in ((65, 0, 1), (-1, 0, 1), (64, 0, 0), (64, 0, 1 << 60), (64, -(1 << 62), 1))
+        ),
+        ("gated_signature", [*PLANES, 64, 0, 1, np.ones(49, np.float32), *GATE[:2], np.ones((10, 49), np.float32)]),
+        ("add_noise_block", [*PLANES, 0, 65, 0, 0, 1, 1.0, TAP]),
+        ("add_noise_block", [*PLANES, -1, 64, 0, 0, 1, 1.0, TAP]),
+        ("add_noise_block", [*PLANES, 0, 64, 0, 0, 1, 1.0, TAP[:0]]),
+        *(
+            ("smoothed_chi_square", [np.ones((37, 4)), np.array([1.0, time]), 0.3, 9, np.zeros((2, 2))])
+            for time in (-0.2, 2.9, math.nan, math.inf, 1e300)
+        ),
         ("smooth", [np.ones(4), 0.0, True, np.ones(4)]),
         ("smooth", [np.ones(4), math.nan, True, np.ones(4)]),
         ("smooth", [np.ones(4), 1e300, True, np.ones(4)]),
@@ -409,10 +432,11 @@ def test_lines_anywhere_read_no_cell_outside_the_axis(place):
     ],
 )
 def test_numbers_that_do_not_fit_are_refused_before_anything_is_written(name, arguments):
-    written = arguments[-1].copy()
+    before = deepcopy(arguments)
     with pytest.raises(ValueError, match=r"\w"):
         getattr(native, name)(*arguments)
-    np.testing.assert_array_equal(arguments[-1], written)
+    for now, then in zip(arguments, before, strict=True):
+        np.testing.assert_array_equal(now, then)
 
 
 ODD = np.array([math.nan, math.inf, -math.inf, 1e30, -1e30, 0.0])

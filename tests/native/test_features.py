@@ -12,9 +12,7 @@ from doppelgait.features.gait_frequency import (
     SALIENT_HZ,
     Rhythm,
     compute_salience,
-    compute_shares,
     find_highest,
-    normalise_products,
 )
 from doppelgait.features.ground_motion import average_motion
 from doppelgait.features.limbs import find_torso
@@ -27,11 +25,23 @@ def random(*shape, seed=0):
     return np.random.default_rng(seed).standard_normal(shape)
 
 
-@pytest.mark.parametrize("size", [1, 2, 3, 10, 11, 500, 501])
-def test_median_is_that_of_numpy(size):
-    for seed in range(20):
-        values = np.round(random(size, seed=seed), 1)  # with ties
-        assert native.quantile(values, 0.5) == pytest.approx(np.median(values), abs=1e-15)
+@pytest.mark.parametrize(
+    "values",
+    [
+        random(500),
+        np.round(random(501), 1),  # with ties
+        np.concatenate([[-9.0, 9.0], random(40)]),
+        np.zeros(50),
+        np.repeat([1.0, 2.0], 40),
+        np.repeat([3.0, 1e9, -5.0], [30, 1, 30]),
+    ],
+)
+def test_quantiles_are_those_of_numpy(values):
+    for size in range(1, values.size + 1):
+        assert native.quantile(values[:size], 0.5) == pytest.approx(np.median(values[:size]), rel=0, abs=1e-15)
+        for share in (0.0, 0.05, 0.3, 0.95, 1.0):
+            wanted = np.quantile(values[:size], share)
+            assert native.quantile(values[:size], share) == pytest.approx(wanted, rel=1e-14, abs=1e-14)
 
 
 @pytest.mark.parametrize("ends", [(0, 3), (4, 0), (10, 10)])
@@ -39,13 +49,6 @@ def test_quantiles_between_infinite_values(ends):
     values = np.concatenate([np.full(ends[0], -np.inf), random(60), np.full(ends[1], np.inf)])
     for share in (0.3, 0.5, 0.7):
         assert native.quantile(values, share) == pytest.approx(np.quantile(values, share), rel=1e-14)
-
-
-@pytest.mark.parametrize("values", [np.zeros(50), np.repeat([1.0, 2.0], 40), np.repeat([3.0, 1e9, -5.0], [30, 1, 30])])
-def test_medians_of_many_equal_values_and_far_ones(values):
-    for size in range(1, values.size + 1):
-        assert native.quantile(values[:size], 0.5) == np.median(values[:size])
-        assert native.quantile(values[:size], 0.3) == pytest.approx(np.quantile(values[:size], 0.3), rel=1e-14)
 
 
 def test_robust_fit_is_iteratively_reweighted_least_squares():
@@ -65,13 +68,6 @@ def test_robust_fit_is_iteratively_reweighted_least_squares():
     native.robust_fit(basis, values, prior, divisor, 0.01, 2.385, 5, line, found)
     np.testing.assert_allclose(line, wanted, rtol=1e-11, atol=1e-12)  # the line crosses zero
     np.testing.assert_allclose(found, solution, rtol=1e-10)
-
-
-def test_a_robust_line_through_points_without_error_is_exact():
-    t = np.linspace(-1, 1, 50)
-    basis, found = np.stack([np.ones(50), t]), np.empty(2)
-    native.robust_fit(basis, 2.0 - 5.0 * t, np.ones(50), np.ones(50), 1e-6, 2.385, 3, np.zeros(50), found)
-    np.testing.assert_allclose(found, [2.0, -5.0], rtol=1e-12)
 
 
 @pytest.mark.parametrize("n_bins", [7, 16, 33])
@@ -216,14 +212,11 @@ def test_groups_of_columns_and_rows_are_summed():
         whole = values[: found.shape[0] * n_columns, : found.shape[1] * n_rows]
         wanted = whole.reshape(found.shape[0], n_columns, found.shape[1], n_rows).sum(axis=(1, 3))
         np.testing.assert_allclose(found, wanted, atol=1e-14)
-    sums = np.empty(3)
-    native.positive_sums(values.astype(np.float32), 3, sums)
-    wanted = np.maximum(values[:9].astype(np.float32).astype(float), 0.0).reshape(3, -1).sum(axis=1)
-    np.testing.assert_allclose(sums, wanted, rtol=1e-12)
-    values, sums = random(6, 37), np.empty(2)
-    native.positive_sums(values, 3, sums)
-    wanted = np.maximum(values, 0.0).reshape(2, -1).sum(axis=1)
-    np.testing.assert_allclose(sums, wanted, rtol=1e-12)
+    for values, n in ((random(11, 7).astype(np.float32), 3), (random(6, 37), 2)):
+        sums = np.empty(n)
+        native.positive_sums(values, 3, sums)
+        wanted = np.maximum(values[: 3 * n].astype(float), 0.0).reshape(n, -1).sum(axis=1)
+        np.testing.assert_allclose(sums, wanted, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("size", "sd"), [(200, 2.4), (9, 4.9), (5, 0.01), (30, 1.0)])
@@ -274,20 +267,6 @@ def test_rows_are_weighed_and_their_pairs_make_the_powers_of_each_e33(n_rows):
         np.testing.assert_allclose(until[2 * s + 1, 1:], np.cumsum(white[:, some] ** 2 @ weight[some]), rtol=1e-12)
         np.testing.assert_allclose(powers[2 * s], lines[:, some].sum(axis=1), rtol=1e-11)
         np.testing.assert_allclose(powers[2 * s + 1], response * (lines[:, some] @ weight[some]), rtol=1e-11)
-
-
-def test_likeness_and_shares_are_those_of_their_equations_e33():
-    products, until = random(2, 9), np.cumsum(np.abs(random(2, 10)), axis=1)
-    likeness = normalise_products(products, until)
-    for n, lag in ((0, 0), (0, 4), (1, 8)):
-        both = until[n, 9 - lag] + until[n, 9] - until[n, lag]
-        assert likeness[n, lag] == pytest.approx(2 * products[n, lag] / both, rel=1e-12)
-    assert not normalise_products(products, np.zeros((2, 10))).any()
-    share = compute_shares(products, 40, 4)
-    both_sides = np.concatenate([products, np.zeros((2, 23)), products[:, :0:-1]], axis=1)
-    power = np.maximum(np.fft.fft(both_sides).real[:, :21], 0.0)
-    np.testing.assert_allclose(share, power / power[:, 4:].sum(axis=1, keepdims=True), atol=1e-14)
-    assert not compute_shares(np.zeros((2, 9)), 40, 4).any()
 
 
 def test_harmonics_of_periods_are_fourier_sums_without_the_mean():
@@ -357,15 +336,6 @@ def test_edges_are_described_as_by_numpy_e35b(direction):
     native.edge_statistics(np.full(5, np.nan), np.full(5, np.nan), np.zeros(5), direction, 0.05, 0.95, found)
     assert found[0] == 0.0
     assert np.isnan(found[1:]).all()
-
-
-@pytest.mark.parametrize("size", [1, 2, 7, 100])
-def test_quantiles_are_those_of_numpy(size):
-    for seed in range(10):
-        values = np.concatenate([np.round(random(size, seed=seed), 1), [-9.0, 9.0]])
-        for share in (0.0, 0.05, 0.5, 0.95, 1.0):
-            wanted = np.quantile(values[:size], share)
-            assert native.quantile(values[:size], share) == pytest.approx(wanted, abs=1e-14)
 
 
 def test_scatter_of_blocks_is_the_sandwich_over_blocks():

@@ -33,13 +33,12 @@ def planes(n_bins, n_frames, *, key=KEY, rms=ROOT_2, first_bin=0, first_frame=0,
 # The literal reference: Python integers and float64.
 
 
-def reference_philox(counter, key, *, bits=32, multipliers=(0xD2511F53, 0xCD9E8D57), weyl=(0x9E3779B9, 0xBB67AE85)):
-    modulus = 2**bits
+def reference_philox(counter, key):
     (a, b, c, d), (k0, k1) = counter, key
     for _ in range(10):
-        first, second = multipliers[0] * a, multipliers[1] * c
-        a, b, c, d = second // modulus ^ b ^ k0, second % modulus, first // modulus ^ d ^ k1, first % modulus
-        k0, k1 = (k0 + weyl[0]) % modulus, (k1 + weyl[1]) % modulus
+        first, second = 0xD2511F53 * a, 0xCD9E8D57 * c
+        a, b, c, d = second // 2**32 ^ b ^ k0, second % 2**32, first // 2**32 ^ d ^ k1, first % 2**32
+        k0, k1 = (k0 + 0x9E3779B9) % 2**32, (k1 + 0xBB67AE85) % 2**32
     return a, b, c, d
 
 
@@ -85,15 +84,6 @@ def transformed(words):
 def test_philox_gives_the_published_words(counter, key, words):
     assert kernel_philox(counter, key) == words
     assert reference_philox(counter, key) == words
-
-
-def test_the_reference_of_philox_is_numpys_at_64_bits():
-    counter, key = (7, 2**63 + 5, 11, 2**40), (0xDEADBEEF12345678, 0x0F1E2D3C4B5A6978)
-    multipliers, weyl = (0xD2E7470EE14C6C93, 0xCA5A826395121157), (0x9E3779B97F4A7C15, 0xBB67AE8584CAA73B)
-    words = reference_philox(counter, key, bits=64, multipliers=multipliers, weyl=weyl)
-    before = (6, *counter[1:])  # NumPy counts up before it draws
-    numpys = np.random.Philox(counter=np.array(before, np.uint64), key=np.array(key, np.uint64)).random_raw(4)
-    assert tuple(int(word) for word in numpys) == words
 
 
 def test_philox_is_the_reference_for_random_counters():
@@ -261,33 +251,6 @@ def noise():
     return re + 1j * im.astype(np.float64)
 
 
-@pytest.fixture(scope="module")
-def normals(noise):
-    return np.concatenate([noise.real.ravel(), noise.imag.ravel()])
-
-
-def p_of(z):
-    return 2 * stats.norm.sf(abs(z))
-
-
-def test_moments_are_those_of_the_normal_law(normals):
-    n = normals.size
-    square = normals * normals
-    cube = square * normals
-    moments = {k: np.mean(x) for k, x in {1: normals, 2: square, 3: cube, 4: square * square, 6: cube * cube}.items()}
-    for k, moment in moments.items():
-        expected = 0 if k % 2 else math.prod(range(1, k, 2))
-        spread = math.sqrt(math.prod(range(1, 2 * k, 2)) - expected**2)
-        assert p_of((moment - expected) / spread * math.sqrt(n)) > P_LIMIT, k
-
-
-@pytest.mark.parametrize("part", ["real", "imag"])
-def test_kolmogorov_smirnov_of_the_parts(noise, part):
-    values = getattr(noise, part).ravel()
-    assert values.size > 2_000_000
-    assert stats.kstest(values, "norm").pvalue > P_LIMIT
-
-
 def test_power_is_exponential_and_phase_uniform(noise):
     assert stats.kstest((np.abs(noise) ** 2).ravel() / 2, "expon").pvalue > P_LIMIT
     turns = np.angle(noise).ravel() / (2 * np.pi)
@@ -300,30 +263,6 @@ def test_power_and_phase_are_independent(noise):
     power = np.minimum(np.floor(stats.expon.cdf(np.abs(noise) ** 2 / 2) * 16), 15).astype(int).ravel()
     phase = (np.floor((np.angle(noise) / (2 * np.pi) + 0.5) * 16).astype(int) % 16).ravel()
     assert stats.chisquare(np.bincount(16 * power + phase, minlength=256)).pvalue > P_LIMIT
-
-
-def test_parts_are_independent(noise):
-    i, q = noise.real.ravel(), noise.imag.ravel()
-    for f in (lambda v: v, lambda v: v**2 - 1, lambda v: v**3 - 3 * v, np.abs):
-        assert p_of(np.corrcoef(f(i), f(q))[0, 1] * math.sqrt(i.size)) > P_LIMIT
-    assert p_of(np.corrcoef(i, q**2)[0, 1] * math.sqrt(i.size)) > P_LIMIT
-
-
-def test_tails_beyond_four_sigma():
-    """134 million values: 8500 are expected beyond 4 sigma, 77 beyond 5, 9 beyond 5.4."""
-    edges = np.array([4.0, 4.2, 4.4, 4.6, 4.8, 5.0, 5.4])
-    far, n = [], 0
-    for part in range(32):
-        for plane in planes(32, 65536, first_frame=65536 * part):
-            far.append(plane[np.abs(plane) > 4])
-            n += plane.size
-    values = np.concatenate(far)
-    expected = np.append(-np.diff(stats.norm.sf(edges)), stats.norm.sf(edges[-1])) * n
-    for side in (values[values > 0], -values[values < 0]):
-        counts = np.histogram(side, np.append(edges, np.inf))[0]
-        distance = np.sum((counts - expected) ** 2 / expected)
-        assert stats.chi2.sf(distance, edges.size) > P_LIMIT, counts
-    assert 5.3 < np.abs(values).max() < 6.8
 
 
 @pytest.mark.parametrize("what", ["value", "square", "power"])
@@ -345,22 +284,6 @@ def test_white_along_frames_and_bins(noise, what):
     assert stats.chi2.cdf(total, freedom) > P_LIMIT
 
 
-def test_two_bins_of_a_counter_are_independent(noise):
-    """An even bin and the odd one above it come from one call of the generator; joint distribution in 256 cells."""
-    for f in (lambda v: v.real, lambda v: v.imag):
-        low, high = (np.floor(stats.norm.cdf(f(noise[k::2])) * 16).astype(int).ravel() for k in (0, 1))
-        assert stats.chisquare(np.bincount(16 * low + high, minlength=256)).pvalue > P_LIMIT
-
-
-def test_spectrum_is_flat(noise):
-    power = np.abs(np.fft.fft(noise, axis=1)) ** 2 / (2 * noise.shape[1])
-    # 64 bins: every line is a gamma variable of shape 64
-    assert stats.kstest(power.sum(axis=0), "gamma", args=(64,)).pvalue > P_LIMIT
-    across = np.abs(np.fft.fft(noise, axis=0)) ** 2 / (2 * 64)
-    sums = (across.mean(axis=1) - 1) * math.sqrt(noise.shape[1])
-    assert stats.chi2.sf(np.sum(sums**2), 64) > P_LIMIT
-
-
 def test_keys_one_bit_apart_give_independent_noise():
     base = np.concatenate(planes(16, 4096)).ravel().astype(np.float64)
     total = 0.0
@@ -371,21 +294,6 @@ def test_keys_one_bit_apart_give_independent_noise():
     assert stats.chi2.cdf(total, 128) > P_LIMIT
 
 
-def test_one_bit_of_counter_or_key_flips_half_of_all_bits():
-    rng = np.random.default_rng(6)
-    flips = 0
-    for _ in range(40):
-        draw = rng.integers(0, 2**32, 6).tolist()
-        words = kernel_philox(draw[:4], draw[4:])
-        for bit in range(192):
-            changed = list(draw)
-            changed[bit // 32] ^= 1 << (bit % 32)
-            other = kernel_philox(changed[:4], changed[4:])
-            flips += sum((a ^ b).bit_count() for a, b in zip(words, other, strict=True))
-    n = 40 * 192 * 128
-    assert p_of((flips - n / 2) / math.sqrt(n / 4)) > P_LIMIT
-
-
 def test_consecutive_keys_and_frames_pool_to_white_noise():
     """The first frames of many examples, pooled: what a dataset's users see."""
     keys = [int(draw_key(np.random.default_rng(seed))) for seed in range(1000)] + list(range(1000))
@@ -394,24 +302,4 @@ def test_consecutive_keys_and_frames_pool_to_white_noise():
     columns = np.corrcoef(first.T)[np.triu_indices(first.shape[1], 1)] * math.sqrt(len(keys))
     assert stats.kstest(columns, "norm").pvalue > P_LIMIT
     rows = np.sum(first[1:] * first[:-1], axis=1) / math.sqrt(first.shape[1])
-    assert p_of(rows.sum() / math.sqrt(rows.size)) > P_LIMIT
-
-
-PLANE, ONE_TAP = np.zeros((4, 64), dtype=np.float32), np.ones(1, dtype=np.float32)
-REFUSED = {
-    "double planes": (native.add_noise_block, (PLANE.astype(float), PLANE, 0, 64, 0, 0, 1, 1.0, ONE_TAP)),
-    "planes of different shape": (native.add_noise_block, (PLANE[:2], PLANE, 0, 64, 0, 0, 1, 1.0, ONE_TAP)),
-    "frames beyond the planes": (native.add_noise_block, (PLANE, PLANE, 0, 65, 0, 0, 1, 1.0, ONE_TAP)),
-    "frames before the planes": (native.add_noise_block, (PLANE, PLANE, -1, 64, 0, 0, 1, 1.0, ONE_TAP)),
-    "strided rows": (native.add_noise_block, (PLANE[:, ::2], PLANE[:, ::2], 0, 32, 0, 0, 1, 1.0, ONE_TAP)),
-    "no taps": (native.add_noise_block, (PLANE, PLANE, 0, 64, 0, 0, 1, 1.0, ONE_TAP[:0])),
-    "a matrix of real numbers": (native.add_noise_matrix, (PLANE, 1, 1.0, ONE_TAP)),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_wrong_arrays_are_refused(name):
-    function, arguments = REFUSED[name]
-    with pytest.raises((TypeError, ValueError)):
-        function(*arguments)
-    assert not PLANE.any()
+    assert 2 * stats.norm.sf(abs(rows.sum()) / math.sqrt(rows.size)) > P_LIMIT

@@ -51,9 +51,3 @@ def test_fluctuation_is_a_mean_of_squares_of_smoothed_numbers_e08d(n, n_squares)
     values = np.einsum("ij,ijpd->ipd", weights, normal[near])
     expected = (values**2).mean(axis=2) / (weights**2).sum(axis=1)[:, None]
     np.testing.assert_allclose(out, expected, rtol=1e-12)
-
-
-@pytest.mark.parametrize("time", [-0.2, 2.9, np.nan, np.inf, 1e300])
-def test_times_outside_the_numbers_of_a_fluctuation_are_refused(time):
-    with pytest.raises(ValueError, match="a time is outside"):
-        native.smoothed_chi_square(np.ones((37, 4)), np.array([1.0, time]), 0.3, 9, np.zeros((2, 2)))

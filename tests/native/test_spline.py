@@ -27,24 +27,8 @@ def test_values_and_slopes_are_those_of_the_not_a_knot_spline(n_frames):
     np.testing.assert_allclose(slope, value, atol=1e-14)
 
 
-def test_ranges_and_approach_speeds_follow_from_position_and_velocity():
-    rng = np.random.default_rng(1)
-    values = np.cumsum(rng.standard_normal((40, 6)), axis=0) + 10
-    moments = np.empty_like(values)
-    native.spline_moments(values, STEP_S, moments)
-    times, origin = np.linspace(0, 39 * STEP_S, 300), np.array([1.0, -2.0, 0.5])
-    range_m, approach_mps = np.empty((300, 2)), np.empty((300, 2))
-    native.ranges_and_velocities(values, moments, STEP_S, times, origin, range_m, approach_mps)
-
-    oracle = CubicSpline(np.arange(40) * STEP_S, values.reshape(40, 2, 3))
-    sight, velocity = oracle(times) - origin, oracle(times, 1)
-    distance = np.linalg.norm(sight, axis=-1)
-    np.testing.assert_allclose(range_m, distance, rtol=1e-12)
-    np.testing.assert_allclose(approach_mps, -(sight * velocity).sum(axis=-1) / distance, rtol=1e-9, atol=1e-9)
-
-
 @pytest.mark.parametrize("n_points", [1, 2, 7, 19])
-def test_angles_of_sight_and_aspect(n_points):
+def test_ranges_approach_speeds_angles_of_sight_and_aspect(n_points):
     rng = np.random.default_rng(n_points)
     values = np.cumsum(rng.standard_normal((40, 3 * n_points)), axis=0)
     moments = np.empty_like(values)
@@ -59,6 +43,10 @@ def test_angles_of_sight_and_aspect(n_points):
     distance, speed = np.linalg.norm(sight, axis=-1), np.linalg.norm(velocity, axis=-1)
     np.testing.assert_allclose(azimuth_rad, np.arctan2(sight[..., 1], sight[..., 0]), atol=1e-11)
     np.testing.assert_allclose(elevation_rad, np.arcsin(sight[..., 2] / distance), atol=1e-11)
+    range_m, approach_mps = np.empty((2, 300, n_points))
+    native.ranges_and_velocities(values, moments, STEP_S, times, origin, range_m, approach_mps)
+    np.testing.assert_allclose(range_m, distance, rtol=1e-12)
+    np.testing.assert_allclose(approach_mps, -(sight * velocity).sum(axis=-1) / distance, rtol=1e-9, atol=1e-9)
     expected = np.arccos(-(sight * velocity).sum(axis=-1) / (distance * speed))
     np.testing.assert_allclose(aspect_rad, np.where(speed >= 200.0, expected, np.nan), atol=1e-7)
     assert np.isfinite(aspect_rad).any()
