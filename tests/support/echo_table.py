@@ -3,6 +3,8 @@
 import numpy as np
 import xarray as xr
 
+from doppelgait_conformance.radars import make_table
+
 C_MPS = 299_792_458.0
 LAMBDA_M = C_MPS / 7.29e9
 
@@ -34,6 +36,14 @@ def echo_table(position_m, radar_m, slow_time_s=None, *, velocity_mps=None, rcs_
             "part": ("scatterer", np.array(["torso"] * n_points)),
         },
     )
+
+
+def range_table(range_m, rcs_m2=1.0, prf_hz=1000.0):
+    """Table of ranges (I, L) with the velocities that they have from pulse to pulse."""
+    ranges_m = np.asarray(range_m, dtype=float)
+    slope_mps = np.gradient(ranges_m, 1 / prf_hz, axis=0) if len(ranges_m) > 1 else np.zeros(ranges_m.shape)
+    times_s, rcs = np.arange(len(ranges_m)) / prf_hz, np.broadcast_to(rcs_m2, ranges_m.shape)
+    return make_table(ranges_m, slow_time_s=times_s, radial_velocity=-slope_mps, rcs=rcs)
 
 
 def echoes(table, wavelength_m=LAMBDA_M):

@@ -297,4 +297,4 @@ def test_other_text_is_not_taken(tmp_path: Path, text: str) -> None:
 
 def test_any_cut_and_any_changed_byte_is_read_or_refused(tmp_path: Path) -> None:
     whole = write_table(tmp_path / "w.csv", BODY_M[:6], titles("{name}_{axis}_m"))
-    check_damaged_copies(whole, start=40, n_frames=6)
+    check_damaged_copies(whole, start=40, n_frames=range(7))

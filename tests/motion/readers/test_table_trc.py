@@ -215,7 +215,7 @@ def test_impossible_rates_are_refused(tmp_path: Path, rate_hz: Any) -> None:
 
 def test_any_cut_and_any_changed_byte_is_read_or_refused(tmp_path: Path) -> None:
     whole = write_trc(tmp_path / "walk.trc", y_up(BODY_M[:6]) * 1e3)
-    check_damaged_copies(whole, start=20, n_frames=6)
+    check_damaged_copies(whole, start=20, n_frames=range(7))
 
 
 def test_a_number_of_thousands_of_digits_in_the_header_is_no_traceback(tmp_path: Path) -> None:

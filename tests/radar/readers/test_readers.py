@@ -12,7 +12,7 @@ import xarray as xr
 from scipy.io import loadmat, savemat, whosmat
 from scipy.signal import firwin
 
-from damage import damaged_copies
+from damage import damaged_copies, read_or_refusal
 from doppelgait.core.errors import OutputError, RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import Radar, Recording, TargetTruth, read_recording, write_recording
@@ -530,44 +530,16 @@ def test_damaged_files_are_read_or_refused_by_name(tmp_path, make):
     path = make(tmp_path / "whole")
     if (tmp_path / "whole.toml").is_file():
         (tmp_path / "damaged.toml").write_bytes((tmp_path / "whole.toml").read_bytes())
-    read, refusals = 0, []
-    for copy in damaged_copies(path, start=1, count=80, rng=np.random.default_rng(11)):
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                recording = read_recording(copy)
-            assert np.isfinite(recording.baseband.values).all()
-            read += 1
-        except RecordingError as error:
-            refusals.append(str(error))
+    outcomes = [
+        read_or_refusal(read_recording, copy, RecordingError)
+        for copy in damaged_copies(path, start=1, count=80, rng=np.random.default_rng(11))
+    ]
+    read = [recording for recording, _ in outcomes if recording is not None]
+    refusals = [text for recording, text in outcomes if recording is None]
+    assert all(np.isfinite(recording.baseband.values).all() for recording in read)
     assert all("damaged" in text for text in refusals)
     assert len(refusals) > 25
-    assert read > 0
-
-
-def heap_objects(content):
-    """Places of the objects of the first global heap ("HDF5 File Format Specification" III.E), the last being free."""
-    at = content.index(b"GCOL")
-    end = at + int.from_bytes(content[at + 8 : at + 16], "little")
-    places = []
-    at += 16
-    while at < end:
-        places.append(at)
-        n_bytes = int.from_bytes(content[at + 8 : at + 16], "little")
-        at += 16 + (n_bytes + 7) // 8 * 8 if content[at] else n_bytes
-    return places
-
-
-@pytest.mark.parametrize("damage", ["free rest of no length", "length that leads back"])
-def test_a_heap_that_would_keep_the_hdf5_library_busy_for_ever_is_refused(tmp_path, damage):
-    content = bytearray(make_own(tmp_path / "whole").read_bytes())
-    places = heap_objects(content)
-    at, n_bytes = (places[-1], 0) if damage.startswith("free") else (places[0], 2**64 - 16)
-    content[at + 8 : at + 16] = n_bytes.to_bytes(8, "little")
-    (tmp_path / "loop.h5").write_bytes(content)
-    for options in ({}, {"format": "doppelgait"}):
-        with pytest.raises(RecordingError, match=r"loop\.h5: is damaged .*: its heap at byte \d+ has no end"):
-            read_recording(tmp_path / "loop.h5", **options)
+    assert read
 
 
 def test_a_damaged_toml_file_is_refused_by_name(tmp_path):

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from damage import mutate
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning, RecordingError
 from doppelgait.radar.xethru import (
     Splitting,
@@ -41,22 +42,6 @@ def good(folder: Path, *, splitting: Splitting | None = None) -> Path:
     )
 
 
-def mutated(content: bytes, rng: np.random.Generator) -> bytes:
-    """Cut off, longer, or some bytes changed to any value or to one that hurts."""
-    choice = rng.integers(4)
-    at = int(rng.integers(len(content)))
-    if choice == 0:
-        return content[:at]
-    if choice == 1:
-        return content[:at] + rng.bytes(int(rng.integers(1, 40))) + content[at:]
-    changed = bytearray(content)
-    for _ in range(int(rng.integers(1, 4))):
-        place = int(rng.integers(len(content)))
-        new = rng.bytes(1) if choice == 2 else bytes([rng.choice([0, 1, 0x7F, 0x80, 0xFF])]) * int(rng.integers(1, 9))
-        changed[place : place + len(new)] = new
-    return bytes(changed)
-
-
 def damaged_files(folder: Path, rng: np.random.Generator, count: int) -> Iterator[Path]:
     """Each time another file of the folder is damaged; meta files, which can do most harm, more often than the rest."""
     files = sorted(path for path in folder.rglob("*") if path.is_file())
@@ -65,7 +50,7 @@ def damaged_files(folder: Path, rng: np.random.Generator, count: int) -> Iterato
     for _ in range(count):
         among = metas if rng.random() < 0.5 else files
         path = among[int(rng.integers(len(among)))]
-        path.write_bytes(mutated(whole[path], rng))
+        path.write_bytes(mutate(whole[path], rng))
         yield path
         path.write_bytes(whole[path])
 
@@ -110,7 +95,7 @@ def test_no_damage_to_a_lone_data_file_raises_anything_else(tmp_path: Path, name
         whole += bytes(head) + rng.bytes(3 * widths[name])
     path = tmp_path / f"xethru_{name}_20261121_010848.dat"
     for _ in range(N_MUTATIONS // 4):
-        path.write_bytes(mutated(whole, rng))
+        path.write_bytes(mutate(whole, rng))
         assert outcome(path, convert=False) in ("read", "refused")
 
 
