@@ -5,10 +5,8 @@ Every function writes the files of one case into an empty folder and names the t
 
 import io
 import json
-import re
 import struct
 import zipfile
-import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +17,7 @@ from readers import TARGETS, body, c3d_bytes
 
 Attack = Callable[[Path], str]
 ATTACKS: dict[str, Attack] = {}
-READ: set[str] = {"many_heaps", "platform_with_blanks", "a_long_word_among_short_ones", "halves_of_characters_in_names"}
+READ: set[str] = {"platform_with_blanks", "a_long_word_among_short_ones", "halves_of_characters_in_names"}
 """Those that may be read, within the limits; all others must be refused."""
 
 
@@ -259,79 +257,10 @@ def content(target: str) -> Callable[[Callable[[bytearray], None]], Attack]:
     return register
 
 
-@content("result")
-def endless_heap_in_results(damaged: bytearray) -> None:
-    at = damaged.index(b"GCOL")
-    damaged[at + 24 : at + 32] = bytes(8)
-    damaged[at + 16 : at + 18] = bytes(2)
-
-
-@attack
-def many_heaps(folder: Path) -> str:
-    _seed("radar-own", folder)
-    one = b"GCOL\x01\0\0\0" + struct.pack("<Q", 2**40) + struct.pack("<H6xQ", 1, 16) + bytes(16)
-    (folder / "a.h5").write_bytes((folder / "a.h5").read_bytes() + one * 21_000)
-    return "radar-own"
-
-
-@members("radar-own")
-def recording_of_80_gigabytes(file: Any) -> None:
-    del file["baseband"]
-    file.create_dataset("baseband", (10**8, 100), "<c8", chunks=(100, 100))
-
-
-@members("radar-own")
-def gzip_in_a_recording(file: Any) -> None:
-    del file["baseband"]
-    values = file.create_dataset("baseband", (16, 6), "<c8", chunks=(16, 6), compression="gzip")
-    packer = zlib.compressobj(9)
-    packed = b"".join(packer.compress(bytes(1 << 20)) for _ in range(300)) + packer.flush()
-    values.id.write_direct_chunk((0, 0), packed)
-
-
 @members("radar-acconeer")
 def gzip_in_acconeer_text(file: Any) -> None:
     del file["sessions/session_0/session_config"]
     file.create_dataset("sessions/session_0/session_config", (1,), "S2000000000", chunks=(1,), compression="gzip")
-
-
-def _other_file(target: str, number: int, name: str, way: str) -> Attack:
-    def make(folder: Path) -> str:
-        import h5py
-
-        _seed(target, folder, number)
-        path = next(path for path in folder.iterdir() if path.suffix in (".h5", ".mat"))
-
-        def change(file: Any) -> None:
-            values = file[name][()]
-            del file[name]
-            with h5py.File(folder / "other", "w") as other:
-                other["x"] = values
-            if way == "link":
-                file[name] = h5py.ExternalLink("other", "/x")
-            elif way == "external":
-                (folder / "raw").write_bytes(values.tobytes())
-                file.create_dataset(
-                    name, values.shape, values.dtype, external=[(str(folder / "raw"), 0, values.nbytes)]
-                )
-            else:
-                layout = h5py.VirtualLayout(values.shape, values.dtype)
-                layout[:] = h5py.VirtualSource(str(folder / "other"), "x", values.shape, values.dtype)
-                file.create_virtual_dataset(name, layout)
-
-        _hdf5(path, change)
-        return target
-
-    make.__name__ = f"{target}_{way}"
-    return attack(make)
-
-
-for _target, _number, _name in (
-    ("radar-own", 0, "baseband"), ("radar-matlab", 2, "Data_Matrix"),
-    ("radar-acconeer", 0, "sessions/session_0/group_0/entry_0/result/frame"),
-):  # fmt: skip
-    for _way in ("link", "external", "virtual"):
-        _other_file(_target, _number, _name, _way)
 
 
 # ---- what small files unpack to
@@ -450,9 +379,6 @@ for _name, _factor in (("42_m", 25.0), ("1670_m", 1000.0), ("1.7_nm", 1e-9)):
 
 # ---- types of values and texts that make the HDF5 library write or allocate beyond measure
 
-TEXT_TYPE = b"\x19\x01\x01\0\x10\0\0\0"
-"""A text of variable length."""
-
 
 @content("radar-own")
 def parts_of_complex_numbers_that_overlap(damaged: bytearray) -> None:
@@ -465,31 +391,8 @@ def parts_of_complex_numbers_that_overlap(damaged: bytearray) -> None:
 @content("radar-own")
 def sequence_for_a_text(damaged: bytearray) -> None:
     """Declare a text of variable length as a sequence of characters."""
-    damaged[damaged.index(TEXT_TYPE, damaged.index(b"units\0")) + 1] = 9
-
-
-@content("radar-own")
-def text_of_gigabytes_in_an_attribute(damaged: bytearray) -> None:
-    at = damaged.index(TEXT_TYPE, damaged.index(b"units\0")) + 32
-    damaged[at : at + 4] = struct.pack("<I", 1_900_000_000)
-
-
-@content("radar-acconeer")
-def text_of_gigabytes_in_a_dataset(damaged: bytearray) -> None:
-    """A reference to a text is its length, then the place of a heap: change that of the longest."""
-    heaps = [found.start() for found in re.finditer(b"GCOL", damaged)]
-    places = [found.start() - 4 for heap in heaps for found in re.finditer(re.escape(struct.pack("<Q", heap)), damaged)]
-    _, at = max((struct.unpack_from("<I", damaged, place)[0], place) for place in places)
-    damaged[at : at + 4] = struct.pack("<I", 1_900_000_000)
-
-
-@content("radar-own")
-def endless_heap_with_reserved_bytes(damaged: bytearray) -> None:
-    """The library does not look at the bytes after the version of a heap."""
-    at = damaged.index(b"GCOL")
-    damaged[at + 5] = 0xFF
-    damaged[at + 16 : at + 18] = bytes(2)
-    damaged[at + 24 : at + 32] = bytes(8)
+    text_of_any_length = b"\x19\x01\x01\0\x10\0\0\0"
+    damaged[damaged.index(text_of_any_length, damaged.index(b"units\0")) + 1] = 9
 
 
 @attack
@@ -508,19 +411,3 @@ def matlab_axis_of_texts(file: Any) -> None:
     file.pop("range_axis", None)
     file["range_axis"] = np.full((1, file["Data_Matrix"].shape[0]), b"0.\x8b", "S3")
     file.pop("frame_start", None)
-
-
-@members("radar-own")
-def text_of_a_named_type(file: Any) -> None:
-    import h5py
-
-    file["named"] = h5py.string_dtype()
-    del file.attrs["format"]
-    file.attrs.create("format", "doppelgait-recording", dtype=file["named"])
-
-
-@members("radar-own")
-def list_of_texts(file: Any) -> None:
-    import h5py
-
-    file["baseband"].attrs.create("units", ["V"], dtype=h5py.string_dtype())
