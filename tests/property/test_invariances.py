@@ -16,6 +16,7 @@ from doppelgait.processing import Analysis, Gate, align, normalise, range_dopple
 from doppelgait.radar import Radar, received_power_w, synthesise
 from doppelgait.scene import RcsSpec, Scene, Target, assemble, compute_part_weights
 from doppelgait.scene.rcs import PART_WEIGHTS
+from echo_table import range_table
 
 
 def always(*strategies, examples=20):
@@ -49,20 +50,6 @@ def swarm(seed, n=4, speed=2.0):
 def scene_at(motion, start, heading_deg, radar_position_m, **options):
     target = Target(motion, start_position_m=start, heading_deg=heading_deg, **options)
     return Scene([target], radar_position_m=radar_position_m, duration_s=0.4)
-
-
-def table_of(range_m, rcs_m2=1.0):
-    range_m = np.asarray(range_m, dtype=float)
-    dims = ("slow_time", "scatterer")
-    return xr.Dataset(
-        {
-            "range": (dims, range_m),
-            "radial_velocity": (dims, -np.gradient(range_m, 1e-3, axis=0)),
-            "rcs": (dims, np.broadcast_to(rcs_m2, range_m.shape)),
-            "path_gain": (dims, np.ones(range_m.shape)),
-        },
-        coords={"slow_time": np.arange(range_m.shape[0]) / 1000},
-    )
 
 
 def close(found, wanted, relative):
@@ -158,9 +145,9 @@ def test_superposition_over_targets(seed, n_first, n_second):
     rng = np.random.default_rng(seed)
     ranges = rng.uniform(0.5, 9.5, (30, n_first + n_second))
     rcs = rng.uniform(0.01, 1, n_first + n_second)
-    whole = synthesise(table_of(ranges, rcs), RADAR).values
-    first = synthesise(table_of(ranges[:, :n_first], rcs[:n_first]), RADAR).values
-    second = synthesise(table_of(ranges[:, n_first:], rcs[n_first:]), RADAR).values
+    whole = synthesise(range_table(ranges, rcs), RADAR).values
+    first = synthesise(range_table(ranges[:, :n_first], rcs[:n_first]), RADAR).values
+    second = synthesise(range_table(ranges[:, n_first:], rcs[n_first:]), RADAR).values
     # exact to the rounding of complex64: half a unit in the last place for each of the three
     largest = max(np.abs(part).max() for part in (whole, first, second))
     assert np.abs(whole - (first.astype(complex) + second)).max() <= 3 * 2.0**-24 * 2**0.5 * largest
@@ -186,7 +173,7 @@ def test_weights_sum_to_one_and_are_positive(parts):
 @always(seeds, st.sampled_from([101, 107, 128, 160]))
 def test_reversing_time_mirrors_doppler(seed, k):
     ranges = 4.0 + np.cumsum(np.random.default_rng(seed).normal(0, 2e-3, (221, 3)), axis=0)
-    y = synthesise(table_of(ranges), RADAR)
+    y = synthesise(range_table(ranges), RADAR)
     # hop 10 and 221 pulses: the processing intervals are their own mirror images
     forth = signature_of(y, doppler_bins=k, hop=10)
     back = signature_of(y.copy(data=y.values[::-1]), doppler_bins=k, hop=10)
@@ -197,7 +184,7 @@ def test_reversing_time_mirrors_doppler(seed, k):
 
 @always(seeds, st.integers(1, 20))
 def test_block_size_does_not_change_the_range_doppler_maps(seed, block):
-    y = synthesise(table_of(np.random.default_rng(seed).uniform(2, 8, (200, 2))), RADAR)
+    y = synthesise(range_table(np.random.default_rng(seed).uniform(2, 8, (200, 2))), RADAR)
 
     def maps(size):
         blocks = range_doppler(y, Analysis(hop=9), wavelength_m=WAVELENGTH_M, block=size)
@@ -210,7 +197,7 @@ def test_block_size_does_not_change_the_range_doppler_maps(seed, block):
 
 @always(seeds, st.lists(st.integers(0, 11), min_size=1, max_size=6))
 def test_single_columns_equal_those_of_the_whole(seed, columns):
-    y = synthesise(table_of(np.random.default_rng(seed).uniform(2, 8, (200, 2))), RADAR)
+    y = synthesise(range_table(np.random.default_rng(seed).uniform(2, 8, (200, 2))), RADAR)
     whole = next(range_doppler(y, Analysis(hop=9), wavelength_m=WAVELENGTH_M))
     some = next(range_doppler(y, Analysis(hop=9), wavelength_m=WAVELENGTH_M, columns=columns))
     np.testing.assert_array_equal(some.coords["time"], whole.coords["time"].values[columns])
@@ -219,7 +206,7 @@ def test_single_columns_equal_those_of_the_whole(seed, columns):
 
 @always(seeds, st.floats(1e-3, 1e3))
 def test_signature_scales_with_power_and_normalisation_removes_it(seed, factor):
-    y = synthesise(table_of(np.random.default_rng(seed).uniform(2, 8, (150, 2))), RADAR)
+    y = synthesise(range_table(np.random.default_rng(seed).uniform(2, 8, (150, 2))), RADAR)
     louder = y.copy(data=(y.values * np.float32(np.sqrt(factor))).astype(np.complex64))
     plain, loud = signature_of(y, hop=5), signature_of(louder, hop=5)
     assert close(loud.values.astype(float), factor * plain.values.astype(float), 3e-6)
@@ -230,7 +217,7 @@ def test_signature_scales_with_power_and_normalisation_removes_it(seed, factor):
 def test_a_shift_in_frequency_shifts_the_signature(seed, shift_hz):
     k = 128
     bins = round(shift_hz * k / 1000)
-    y = synthesise(table_of(np.random.default_rng(seed).uniform(2, 8, (150, 2))), RADAR)
+    y = synthesise(range_table(np.random.default_rng(seed).uniform(2, 8, (150, 2))), RADAR)
     turn = np.exp(2j * np.pi * bins / k * np.arange(150))[:, None]
     turned = y.copy(data=(y.values * turn).astype(np.complex64))
     plain, shifted = signature_of(y, doppler_bins=k), signature_of(turned, doppler_bins=k)
@@ -242,8 +229,8 @@ def test_a_shift_in_frequency_shifts_the_signature(seed, shift_hz):
 @always(seeds, st.floats(-np.pi, np.pi), st.floats(0.0, 10.0))
 def test_a_common_phase_and_a_later_start_change_nothing(seed, phase_rad, start_s):
     ranges = np.random.default_rng(seed).uniform(2, 8, (150, 2))
-    plain = synthesise(table_of(ranges), RADAR)
-    other = synthesise(table_of(ranges), RADAR.model_copy(update={"transmit_phase_rad": phase_rad}))
+    plain = synthesise(range_table(ranges), RADAR)
+    other = synthesise(range_table(ranges), RADAR.model_copy(update={"transmit_phase_rad": phase_rad}))
     later = make_array(
         BASEBAND,
         other.values,

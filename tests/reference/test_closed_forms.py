@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import literal
 from doppelgait.core.labels import BASEBAND, SIGNATURE, make_array
@@ -26,25 +25,10 @@ from doppelgait.processing import (
 )
 from doppelgait.radar import Radar, Recording, add_noise, noise_power_v2, received_power_w, synthesise, synthesise_rf
 from doppelgait.scene import Scene, Target
+from echo_table import range_table
 
 PRF_HZ = 1000.0
 WAVELENGTH_M = 299_792_458.0 / 7.29e9
-
-
-def scatterer_table(range_m, rcs_m2=1.0, prf_hz=PRF_HZ):
-    """Scatterers at given ranges (I, L)."""
-    range_m = np.asarray(range_m, dtype=float)
-    dims = ("slow_time", "scatterer")
-    still = range_m.shape[0] < 2
-    return xr.Dataset(
-        {
-            "range": (dims, range_m),
-            "radial_velocity": (dims, 0.0 * range_m if still else -np.gradient(range_m, 1 / prf_hz, axis=0)),
-            "rcs": (dims, np.broadcast_to(rcs_m2, range_m.shape)),
-            "path_gain": (dims, np.ones(range_m.shape)),
-        },
-        coords={"slow_time": np.arange(range_m.shape[0]) / prf_hz},
-    )
 
 
 def moving(start_m, velocity_mps, n_pulses, prf_hz=PRF_HZ):
@@ -95,7 +79,7 @@ def relative_errors(found, wanted):
 def test_received_power_is_that_of_the_radar_equation_e14(range_bin):
     radar = Radar.preset("x4")
     at_m = radar.range_axis_m()[range_bin]
-    peak = np.abs(synthesise(scatterer_table([[at_m]], 0.3), radar).values[0, range_bin])
+    peak = np.abs(synthesise(range_table([[at_m]], 0.3), radar).values[0, range_bin])
     power_w = peak.astype(float) ** 2 / (2 * 50) / 10  # without the receiver gain of 10 dB
     wanted_w = literal.received_power_w(
         pt_w=1e-3, gt=10**0.4, gr=10**0.4, wavelength_m=WAVELENGTH_M, rcs_m2=0.3, range_m=at_m
@@ -108,7 +92,7 @@ def test_phase_history_is_minus_4_pi_r_over_lambda_over_25_m_e13():
     radar = Radar.preset("x4-long", decimation=4)
     n_pulses = 5000
     range_m = moving(30.0, 5.0, n_pulses)
-    y = synthesise(scatterer_table(range_m), radar).values.astype(np.complex128)
+    y = synthesise(range_table(range_m), radar).values.astype(np.complex128)
     strongest = np.abs(y).argmax(axis=1)
     phase = np.angle(y[np.arange(n_pulses), strongest])
     error = np.angle(np.exp(1j * (phase + 4 * np.pi * (range_m[:, 0] % WAVELENGTH_M) / WAVELENGTH_M)))
@@ -122,7 +106,7 @@ def test_phase_history_is_minus_4_pi_r_over_lambda_over_25_m_e13():
 def test_range_migration_is_kept():
     radar = Radar.preset("x4")
     range_m = moving(8.0, 3.0, 2000)
-    y = np.abs(synthesise(scatterer_table(range_m), radar).values)
+    y = np.abs(synthesise(range_table(range_m), radar).values)
     axis_m = radar.range_axis_m()
     half = radar.bin_spacing_m / 2
     assert np.abs(axis_m[y.argmax(axis=1)] - range_m[:, 0]).max() <= half * (1 + 1e-9)
@@ -131,7 +115,7 @@ def test_range_migration_is_kept():
 def test_a_pulse_tail_of_a_scatterer_outside_the_frame_is_inside_e15():
     radar = Radar.preset("x4")
     beyond = radar.range_axis_m()[-1] + 0.1
-    y = np.abs(synthesise(scatterer_table([[beyond]]), radar).values[0])
+    y = np.abs(synthesise(range_table([[beyond]]), radar).values[0])
     peak = np.sqrt(100 * received_power_w(radar, range_m=beyond, rcs_m2=1.0)) * 10**0.5
     assert y[-1] == pytest.approx(peak * np.exp(-((2 * 0.1 / literal.C_MPS) ** 2) / (2 * 0.345e-9**2)), rel=1e-2)
 
@@ -142,7 +126,7 @@ def test_a_pulse_tail_of_a_scatterer_outside_the_frame_is_inside_e15():
 )
 def test_pulse_bandwidth_and_range_width_by_fft_of_the_sampled_pulse_e11(preset, b3_ghz, b10_ghz, sigma_ns, width_cm):
     radar = Radar.preset(preset, decimation=1, range_start_m=2.0, range_stop_m=8.0)
-    y = synthesise(scatterer_table([[5.0]]), radar).values[0].astype(np.complex128)
+    y = synthesise(range_table([[5.0]]), radar).values[0].astype(np.complex128)
     spectrum = np.abs(np.fft.fftshift(np.fft.fft(y, 1 << 17))) ** 2
     axis_ghz = np.fft.fftshift(np.fft.fftfreq(1 << 17, 1 / 23.328))
     assert width_at(axis_ghz, spectrum, 0.5) == pytest.approx(b3_ghz, rel=5e-3)
@@ -156,7 +140,7 @@ def test_mean_power_of_many_scatterers_is_that_of_their_total_rcs_e08():
     rng = np.random.default_rng(0)
     at_m = radar.range_axis_m()[100]
     range_m = at_m + rng.uniform(-0.25, 0.25, (20_000, 25)) * WAVELENGTH_M  # every phase alike
-    y = synthesise(scatterer_table(range_m, 0.8 / 25), radar).values[:, 100].astype(np.complex128)
+    y = synthesise(range_table(range_m, 0.8 / 25), radar).values[:, 100].astype(np.complex128)
     power_w = np.abs(y) ** 2 / 100 / 10
     assert power_w.mean() == pytest.approx(received_power_w(radar, range_m=at_m, rcs_m2=0.8), rel=0.03)
     assert power_w.std() / power_w.mean() == pytest.approx(1.0, abs=0.04)  # Swerling 1
@@ -170,7 +154,7 @@ def test_mean_power_of_many_scatterers_is_that_of_their_total_rcs_e08():
 def test_01_static_scatterer_peaks_at_its_range_and_at_exactly_zero_doppler(k, decimation):
     radar = Radar.preset("x4", decimation=decimation, range_start_m=3.0, range_stop_m=6.0)
     range_m = 4.5678
-    y = synthesise(scatterer_table(np.full((120, 1), range_m)), radar)
+    y = synthesise(range_table(np.full((120, 1), range_m)), radar)
     axis_m = y.coords["range"].values
     assert abs(axis_m[np.abs(y.values[0]).argmax()] - range_m) <= decimation * 6.42559e-3 / 2
     mu = wide_signature(y, doppler_bins=k)
@@ -186,7 +170,7 @@ def test_01_static_scatterer_peaks_at_its_range_and_at_exactly_zero_doppler(k, d
 @pytest.mark.parametrize("velocity_mps", [2.0, -2.0])
 def test_02_moving_scatterer_has_the_right_doppler_sign_and_width(velocity_mps):
     radar = Radar.preset("liland2018", range_start_m=2.0, range_stop_m=8.0)  # tau = 1 ns
-    y = synthesise(scatterer_table(moving(5.0, velocity_mps, 150)), radar)
+    y = synthesise(range_table(moving(5.0, velocity_mps, 150)), radar)
     wanted_hz = np.copysign(97.27, velocity_mps)
     for k in (101, 128, 512):
         mu = wide_signature(y, doppler_bins=k)
@@ -217,7 +201,7 @@ def test_02_moving_scatterer_has_the_right_doppler_sign_and_width(velocity_mps):
 )
 def test_doppler_width_of_a_migrating_scatterer_e27(velocity_mps, sigma_ns, width_hz):
     radar = Radar.preset("x4", pulse_sigma_s=sigma_ns * 1e-9, range_start_m=2.0, range_stop_m=10.0)
-    y = synthesise(scatterer_table(moving(6.0, velocity_mps, 150), 1.0), radar)
+    y = synthesise(range_table(moving(6.0, velocity_mps, 150), 1.0), radar)
     mu = wide_signature(y, doppler_bins=4096)
     width = width_at(mu.coords["doppler"].values, mu.values.mean(axis=0).astype(float), 0.5)
     assert width == pytest.approx(width_hz, abs=0.01 * width_hz)
@@ -231,7 +215,7 @@ def test_03_two_scatterers_in_one_range_bin(apart_hz):
     for step in range(8):  # all relative phases
         first = 5.0 - (100 - apart_hz / 2) * WAVELENGTH_M / 2 * t
         second = 5.0 + step / 16 * WAVELENGTH_M - (100 + apart_hz / 2) * WAVELENGTH_M / 2 * t
-        y = synthesise(scatterer_table(np.hstack([first, second])), radar)
+        y = synthesise(range_table(np.hstack([first, second])), radar)
         power = power + next(range_doppler(coherent(y), Analysis(doppler_bins=4096), wavelength_m=WAVELENGTH_M)).values[
             0, :, 0
         ].astype(float)
@@ -255,7 +239,7 @@ def test_03_two_scatterers_in_one_range_bin(apart_hz):
 def test_04_scatterer_above_the_unambiguous_velocity_aliases():
     radar = Radar.preset("x4", prf_hz=300, range_start_m=2.0, range_stop_m=9.0)
     velocity = 1.5 * 3.084
-    y = synthesise(scatterer_table(moving(6.0, velocity, 60, 300.0), prf_hz=300.0), radar)
+    y = synthesise(range_table(moving(6.0, velocity, 60, 300.0), prf_hz=300.0), radar)
     mu = wide_signature(y, doppler_bins=512)
     peak_hz = mu.coords["doppler"].values[mu.values.mean(axis=0).argmax()]
     assert abs(peak_hz - (2 * velocity / WAVELENGTH_M - 300)) <= 300 / 512
@@ -267,7 +251,7 @@ def test_05_levels_follow_range_rcs_and_receiver_gain():
     axis_m = radar.range_axis_m()
 
     def peak_db(range_bin, rcs_m2=0.5, receiver=radar):
-        y = synthesise(scatterer_table([[axis_m[range_bin]]], rcs_m2), receiver).values
+        y = synthesise(range_table([[axis_m[range_bin]]], rcs_m2), receiver).values
         return 20 * np.log10(np.abs(y).max())
 
     assert peak_db(180) - peak_db(90) == pytest.approx(-12.0412, abs=1e-4)
@@ -309,7 +293,7 @@ def test_06_noise_has_the_level_of_theory_in_every_cell():
 def test_07_rf_path_equals_the_direct_baseband_model(preset):
     radar = Radar.preset(preset, range_start_m=2.0, range_stop_m=5.0)
     rng = np.random.default_rng(4)
-    table = scatterer_table(rng.uniform(2.5, 4.5, (6, 5)), rng.uniform(0.1, 1, (6, 5)))
+    table = range_table(rng.uniform(2.5, 4.5, (6, 5)), rng.uniform(0.1, 1, (6, 5)))
     direct = synthesise(table, radar).values
     error = np.abs(direct - synthesise_rf(table, radar).values).max() / np.abs(direct).max()
     assert 20 * np.log10(error) < -80

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import literal
 from doppelgait.core.labels import BASEBAND, make_array
@@ -18,25 +17,12 @@ from doppelgait.processing import (
     signature,
 )
 from doppelgait.radar import Radar, echo_amplitude_v, synthesise, synthesise_rf
+from echo_table import range_table
 
 PRF_HZ = 1000.0
 SPACING_M = 0.05
 FIRST_M = 1.0
 WAVELENGTH_M = 0.0411238
-
-
-def scatterer_table(range_m, rcs_m2=1.0, prf_hz=PRF_HZ):
-    range_m = np.asarray(range_m, dtype=float)
-    dims = ("slow_time", "scatterer")
-    return xr.Dataset(
-        {
-            "range": (dims, range_m),
-            "radial_velocity": (dims, -np.gradient(range_m, 1 / prf_hz, axis=0)),
-            "rcs": (dims, np.broadcast_to(rcs_m2, range_m.shape)),
-            "path_gain": (dims, np.ones(range_m.shape)),
-        },
-        coords={"slow_time": np.arange(range_m.shape[0]) / prf_hz},
-    )
 
 
 def echoes_in_noise(n_pulses, n_bins, seed=3):
@@ -173,7 +159,7 @@ def test_baseband_equals_the_literal_sum_e13b_e14_e18(preset):
     rng = np.random.default_rng(1)
     range_m = 4.0 + rng.uniform(-1, 1, (1, 12)) + rng.uniform(-2, 2, (1, 12)) * np.arange(30)[:, None] / 1000
     rcs_m2 = rng.uniform(0.01, 1, (1, 12))
-    found = synthesise(scatterer_table(range_m, rcs_m2), radar).values
+    found = synthesise(range_table(range_m, rcs_m2), radar).values
     power = literal.received_power_w(
         pt_w=1e-3, gt=10**0.4, gr=10**0.4, wavelength_m=radar.wavelength_m, rcs_m2=rcs_m2, range_m=range_m
     )
@@ -199,7 +185,7 @@ def test_closed_form_equals_rf_sampling_and_down_conversion_e16_e17(decimation, 
         # one scatterer at a time and three together; the last near the end of the frame, its tail cut
         for range_m in ([[2.9]], [[3.2345]], [[2.5, 3.1, 3.98]]):
             ranges = np.asarray(range_m) + rng.uniform(0, 0.05, (3, 1))
-            table = scatterer_table(ranges, 0.4)
+            table = range_table(ranges, 0.4)
             closed = synthesise(table, turned).values
             peak = np.abs(closed).max()
             assert np.abs(closed - synthesise_rf(table, turned).values).max() < 1e-4 * peak  # -80 dB
@@ -214,15 +200,3 @@ def test_closed_form_equals_rf_sampling_and_down_conversion_e16_e17(decimation, 
                 theta_rad=theta_rad,
             )
             assert np.abs(closed - mine).max() < 1e-4 * peak
-
-
-def test_superposition_over_scatterers_is_exact_to_rounding_e18():
-    radar = Radar.preset("x4")
-    rng = np.random.default_rng(5)
-    range_m = rng.uniform(2, 9, (40, 8))
-    rcs_m2 = rng.uniform(0.01, 1, 8)
-    together = synthesise(scatterer_table(range_m, rcs_m2), radar).values
-    alone = sum(
-        synthesise(scatterer_table(range_m[:, [s]], rcs_m2[s]), radar).values.astype(np.complex128) for s in range(8)
-    )
-    assert np.abs(together - alone).max() < 8 * 2.0**-24 * np.abs(alone).max()

@@ -65,13 +65,6 @@ def test_in_phase_and_quadrature_are_alike_and_independent_e18(noise):
     assert np.mean(i**4) / i.var() ** 2 == pytest.approx(3, abs=4 * np.sqrt(96 / noise.size))
 
 
-@pytest.mark.parametrize("lag", [(1, 0), (2, 0), (17, 0), (0, 1), (0, 3), (1, 1)])
-def test_noise_is_white_in_slow_time_and_range_e18(noise, lag):
-    di, dn = lag
-    a, b = noise[di:, dn:], noise[: noise.shape[0] - di, : noise.shape[1] - dn]
-    assert abs(np.mean(a * np.conj(b))) / 3e-10 < 4 / np.sqrt(a.size)
-
-
 def test_noise_is_added_to_the_echo():
     quiet = silence(200, 10)
     echo = quiet.copy(data=quiet.values + np.complex64(2 - 1j))
