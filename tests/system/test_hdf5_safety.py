@@ -12,9 +12,8 @@ from dataset_plans import put_index
 from doppelgait.core.errors import AnalysisError, DatasetError, RecordingError
 from doppelgait.core.own_hdf5 import get_own_member
 from doppelgait.dataset import open_dataset
-from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
 from doppelgait.pipeline.result_files import read_results
-from doppelgait.radar import read_recording, write_recording
+from doppelgait.radar import read_recording
 
 
 def led_out(group, name, outside):
@@ -23,17 +22,6 @@ def led_out(group, name, outside):
     del group[name]
     outside.write_bytes(values.tobytes())
     group.create_dataset(name, values.shape, values.dtype, external=[(str(outside), 0, values.nbytes)])
-
-
-@pytest.fixture(scope="module")
-def files(tmp_path_factory):
-    """A recording and its results."""
-    folder = tmp_path_factory.mktemp("own")
-    walker = {"label": "human", "motion": {"kind": "boulic", "speed_mps": 1.2}, "range_m": 4.0}
-    recording = run_simulation(parse_run({"targets": [walker], "duration_s": 0.8, "radar": {"preset": "x4"}}))
-    write_recording(recording, folder / "walk.h5")
-    write_results(folder / "result.h5", recording, analyze(recording, gate="truth"))
-    return folder
 
 
 @pytest.mark.parametrize(

@@ -271,5 +271,5 @@ def test_damaged_copies(tmp_path, part):
     assert read + refused == 150
     assert refused > 50
     if part == "data":
-        again = outcomes(lambda p: read_sigmf(p, ignore_checksum=True), path, count=100, seed=4)
-        assert sum(again) == 100
+        again = outcomes(lambda p: read_sigmf(p, ignore_checksum=True), path, count=300, seed=4)
+        assert sum(again) == 300

@@ -29,25 +29,13 @@ from dataset_plans import put_index
 from doppelgait.cli.output import explain_reader_options
 from doppelgait.core.errors import DatasetError
 from doppelgait.dataset import open_dataset
-from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
 from doppelgait.radar import read_recording, write_sigmf
 from doppelgait.viewer.settings import parse_number, parse_parameters, parse_settings, parse_whole
 from doppelgait.viewer.source import all_ranges_m, can_track, open_path
-from viewer_client import served, walking_scene
+from viewer_client import served
 
-SCENE = walking_scene(1.2)
 RUN_ADDRESSES = ("recording", "targets", "range-doppler", "sound")
 DATASET_ADDRESSES = ("dataset", "rows", "balance", "scatter", "sheet", "row-id")
-
-
-@pytest.fixture(scope="module")
-def files(tmp_path_factory):
-    """Folder with a recording and its result."""
-    folder = tmp_path_factory.mktemp("viewer")
-    recording = run_simulation(parse_run(SCENE, where="scene"))
-    write_recording(recording, folder / "walk.h5")
-    write_results(folder / "result.h5", recording, analyze(recording, gate="truth"))
-    return folder
 
 
 @pytest.fixture(scope="module")
