@@ -85,8 +85,12 @@ def test_a_generator_is_refused_where_streams_are_needed():
 @pytest.mark.parametrize("seed", [0, 2018, 2**32, 2**130 + 7])
 @pytest.mark.parametrize("example", [0, 7, 2**33])
 def test_streams_are_those_of_numpys_seed_sequence(seed, example):
-    for key, name in (("", ()), ("target.range_m", (zlib.crc32(b"target.range_m"),))):
-        words = np.random.SeedSequence(seed, spawn_key=(PURPOSES.index("scene"), example, *name))
-        made, wanted = Streams(seed, example).generator("scene", key), np.random.default_rng(words)
-        assert made.spawn(2)[1].bit_generator.state == wanted.spawn(2)[1].bit_generator.state
-        assert made.bit_generator.state == wanted.bit_generator.state
+    for number, purpose in enumerate(PURPOSES):
+        for key, name in (("", ()), ("target.range_m", (zlib.crc32(b"target.range_m"),))):
+            words = np.random.SeedSequence(seed, spawn_key=(number, example, *name))
+            made, wanted = Streams(seed, example).generator(purpose, key), np.random.default_rng(words)
+            assert made.spawn(2)[1].bit_generator.state == wanted.spawn(2)[1].bit_generator.state
+            assert made.bit_generator.state == wanted.bit_generator.state
+    assert dg.rng(seed) == Streams(seed) == Streams(seed, example=0)
+    with pytest.raises(ValueError, match="tuple"):
+        Streams(0).generator("colour")

@@ -6,7 +6,6 @@ from scipy import ndimage
 from scipy.integrate import quad as integrate_1d
 
 from doppelgait._core import native
-from doppelgait.features.doppler import width_of_bins
 from doppelgait.features.gait_frequency import (
     LOWEST_HZ,
     SALIENT_HZ,
@@ -356,15 +355,11 @@ def test_parts_of_a_swing_are_the_least_squares_fit(orders):
     np.testing.assert_allclose(found, np.hypot(*wanted.reshape(2, -1)), rtol=1e-10)
 
 
-def test_counts_above_a_level_and_the_run_about_the_largest_e35():
+def test_counts_above_a_level_e35():
     values, level, counts = random(20, 9).astype(np.float32), random(20, seed=1).astype(np.float32), np.empty((2, 9))
     native.count_above(values, level, np.array([3, 10, 19]), counts)
     above = values >= level[:, None]
     np.testing.assert_array_equal(counts, [above[3:10].sum(axis=0), above[10:19].sum(axis=0)])
-    share = np.array([0.0, 0.2, 0.04, 0.1, 0.3, 0.2, 0.03, 0.2])
-    assert width_of_bins(share) == pytest.approx(2 + (0.1 - 0.05) / 0.06 + (0.2 - 0.05) / 0.17)
-    assert width_of_bins(share[3:6]) == 2.0
-    assert width_of_bins(share / 7.0) is None
 
 
 @pytest.mark.parametrize(("n_columns", "first"), [(9, 0), (12, 2)])

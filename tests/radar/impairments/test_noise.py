@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.core.rng import PURPOSES, Streams, rng
+from doppelgait.core.rng import rng
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import parse_run, run_simulation, simulate
 from doppelgait.radar import Radar, add_noise, noise_power_v2, write_recording
@@ -103,19 +103,6 @@ def test_thermal_noise_is_the_default_and_no_generator_means_no_noise(scene):
     assert np.mean(np.abs(added) ** 2) == pytest.approx(noise_power_v2(radar), rel=0.01)
     endless = simulate(scene, radar, rng=rng(3), snr_db=np.inf)
     assert endless.baseband.values.tobytes() == clean.baseband.values.tobytes()
-
-
-def test_streams_depend_on_seed_purpose_and_index_alone():
-    def draw(seed, purpose, example):
-        return Streams(seed, example).generator(purpose).standard_normal(8).tobytes()
-
-    keys = [(seed, purpose, index) for seed in (0, 1, 7) for purpose in PURPOSES for index in (0, 1, 2)]
-    draws = {key: draw(*key) for key in keys}
-    assert len(set(draws.values())) == len(keys)
-    assert all(draw(*key) == draws[key] for key in reversed(keys))
-    assert rng(3) == Streams(3) == Streams(3, example=0)
-    with pytest.raises(ValueError, match="tuple"):
-        Streams(0).generator("colour")
 
 
 RUN = {
