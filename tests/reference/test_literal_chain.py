@@ -41,12 +41,12 @@ def test_signature_of_the_chain_is_that_of_the_literal_equations(case, clutter):
 
     times_s = np.arange(round(DURATION_S * radar.prf_hz)) / radar.prf_hz
     table, _ = observe_scene(scene, radar, times_s, conditions, angles=False, streams=rng(1))
-    range_m = table["range"].values
-    gain = table["path_gain"].values
-    amplitude_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=table["rcs"].values, path_gain=gain)
-    turns = 2 * table["radial_velocity"].values / radar.wavelength_m * radar.integration_share / radar.prf_hz
+    range_m = table["range"]
+    gain = table["path_gain"]
+    amplitude_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=table["rcs"], path_gain=gain)
+    turns = 2 * table["radial_velocity"] / radar.wavelength_m * radar.integration_share / radar.prf_hz
     amplitude_v = amplitude_v * np.sinc(turns)  # E-13b
-    phase_rad = table["path_phase"].values if "path_phase" in table else np.zeros_like(range_m)
+    phase_rad = table["path_phase"] if "path_phase" in table else np.zeros_like(range_m)
     axis_m = radar.range_start_m + radar.bin_spacing_m * np.arange(radar.n_range_bins)
     y = literal.baseband(
         range_m, amplitude_v * np.exp(1j * phase_rad), axis_m, sigma_s=radar.sigma_s, wavelength_m=radar.wavelength_m,

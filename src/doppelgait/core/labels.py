@@ -6,9 +6,9 @@ The time-like dimension is first, range or Doppler last. Values have SI units, n
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial, wraps
-from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ from xarray.core.indexing import LazilyIndexedArray, PandasIndexingAdapter
 from xarray.indexes import PandasIndex
 
 from doppelgait.core.errors import AnalysisError
+from doppelgait.core.lazy import LateRows, lazy_rows
 
 SPACE = ("x", "y", "z")
 
@@ -147,10 +148,124 @@ class Signal:
         return Signal(self.schema, self.values[columns], coords, dict(self.attrs))
 
 
+@dataclass(frozen=True, eq=False)
+class ScattererTable:
+    """Scatterers at every pulse as plain arrays (slow_time, scatterer).
+
+    ``values`` have the names of :data:`SCATTERER_VARIABLES`; equal rows may be one broadcast row, and values of long
+    recordings may be rows on demand. ``columns`` are ``target``, ``marker``, ``part`` and others along ``scatterer``.
+    """
+
+    slow_time_s: npt.NDArray[np.float64]
+    values: Mapping[str, Any]
+    columns: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
+    attrs: Mapping[Any, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, table: AnyTable) -> ScattererTable:
+        """Remove the labels of a table."""
+        if isinstance(table, ScattererTable):
+            return table
+        values = {str(name): read_axis(table, str(name)) for name in table.data_vars.variables}
+        coords = table.coords.variables.items()
+        columns = {str(name): read_axis(table, str(name)) for name, v in coords if v.dims == ("scatterer",)}
+        return cls(table["slow_time"].values, values, columns, table.attrs)
+
+    def label(self) -> xr.Dataset:
+        """Make the labelled table."""
+        dims = ("slow_time", "scatterer")
+        units = {name: {"units": unit} for name, unit in SCATTERER_VARIABLES.items()}
+        variables = {name: label_values(dims, array, units.get(name)) for name, array in self.values.items()}
+        coords = {name: label_values("scatterer", column) for name, column in self.columns.items()}
+        coords = {"slow_time": label_axis("slow_time", self.slow_time_s), **coords}
+        sizes = dict(zip(dims, self.shape, strict=True))
+        return xr.Dataset._construct_direct(
+            {**variables, **coords}, set(coords), sizes, dict(self.attrs), _list_indexes(coords)
+        )
+
+    def __getitem__(self, name: str) -> Any:
+        return self.values[name] if name in self.values else self.columns[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.values or name in self.columns
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of pulses and of scatterers."""
+        return self.slow_time_s.size, next(iter(self.values.values())).shape[1]
+
+    def replace(self, **values: Any) -> ScattererTable:
+        """Return the table with some values replaced or added."""
+        return replace(self, values={**self.values, **values})
+
+    def take(self, columns: npt.NDArray[Any]) -> ScattererTable:
+        """Return the scatterers of a mask or of numbers, as a view if possible."""
+        numbers = np.flatnonzero(columns) if columns.dtype == bool else columns
+        first, stop = (int(numbers[0]), int(numbers[-1]) + 1) if numbers.size else (0, 0)
+        chosen = slice(first, stop) if (np.diff(numbers) == 1).all() else numbers
+        values = {name: take_columns(array, chosen) for name, array in self.values.items()}
+        return replace(self, values=values, columns={name: column[chosen] for name, column in self.columns.items()})
+
+    def take_pulses(self, pulses: slice) -> ScattererTable:
+        """Return some pulses, with their values in memory."""
+        values = {name: array[pulses] for name, array in self.values.items()}
+        return replace(self, slow_time_s=self.slow_time_s[pulses], values=values)
+
+
+AnyTable = Union["xr.Dataset", ScattererTable]
+
+
+def take_columns(values: Any, columns: slice | npt.NDArray[np.intp]) -> Any:
+    """Select columns of a table's values; a broadcast row stays a single row."""
+    if isinstance(values, np.ndarray) and values.strides[0] == 0:
+        row = values[:1, columns]
+        return np.broadcast_to(row, (values.shape[0], row.shape[1]))
+    if isinstance(values, LateRows) or isinstance(columns, slice):
+        return values[:, columns]
+    return np.take(values, columns, axis=1)  # in C order, which an index of an array does not keep
+
+
+def takes_arrays(function: Callable[..., Any]) -> bool:
+    """Return True if a function's first annotation is a plain table; functions written for 0.2 take a Dataset."""
+    first = next(iter(getattr(function, "__annotations__", {}).values()), None)
+    return first in (ScattererTable, AnyTable, "ScattererTable", "AnyTable")
+
+
+Kind = TypeVar("Kind", bound=type)
+
+
+class Labelled:
+    """Field that is kept plain and gets its labels when somebody reads them."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __get__(self, owner: Any, kind: type | None = None) -> Any:
+        kept = owner.__dict__[self.name]
+        if isinstance(kept, Signal | ScattererTable):
+            kept = owner.__dict__[self.name] = kept.label()
+        return kept
+
+    def __set__(self, owner: Any, value: Any) -> None:
+        owner.__dict__[self.name] = value
+
+
+def labels_on_demand(*names: str) -> Callable[[Kind], Kind]:
+    """Keep fields of a dataclass plain until somebody reads them."""
+
+    def change(kind: Kind) -> Kind:
+        for name in names:
+            setattr(kind, name, Labelled(name))
+        return kind
+
+    return change
+
+
 P = ParamSpec("P")
 R = TypeVar("R")
 R_co = TypeVar("R_co", covariant=True)
 AnySignal = TypeVar("AnySignal", xr.DataArray, Signal)
+SomeTable = TypeVar("SomeTable", xr.Dataset, ScattererTable)
 
 
 class Step(Protocol[P]):
@@ -167,17 +282,33 @@ class Measure(Protocol[P, R_co]):
         """Return the measured value."""
 
 
+class TableStep(Protocol[P]):
+    """Function from a scatterer table to a scatterer table, labelled as its argument is."""
+
+    def __call__(self, scatterers: SomeTable, *args: P.args, **kwargs: P.kwargs) -> SomeTable:
+        """Return the new table."""
+
+
+def maps_table(function: Callable[Concatenate[ScattererTable, P], ScattererTable]) -> TableStep[P]:
+    """Let a function from table to table take labelled tables; it then returns a labelled table."""
+    return _take_labels(ScattererTable.of, function)  # type: ignore[no-any-return]
+
+
 def maps_signal(*schemas: Schema) -> Callable[[Callable[Concatenate[Signal, P], Signal]], Step[P]]:
     """Let a function from signal to signal take labelled arrays; it then returns a labelled array."""
-    return partial(_take_labels, schemas)
+    return partial(_take_labels, partial(_unlabel, schemas))
 
 
 def measures_signal(*schemas: Schema) -> Callable[[Callable[Concatenate[Signal, P], R]], Measure[P, R]]:
     """Let a function that measures a signal take labelled arrays."""
-    return partial(_take_labels, schemas)
+    return partial(_take_labels, partial(_unlabel, schemas))
 
 
-def _take_labels(schemas: tuple[Schema, ...], function: Callable[..., Any]) -> Any:
+def _unlabel(schemas: tuple[Schema, ...], array: xr.DataArray | Signal) -> Signal:
+    return Signal.of(array, *schemas)
+
+
+def _take_labels(unlabel: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
     first_name = function.__code__.co_varnames[0]
 
     @wraps(function)
@@ -185,9 +316,9 @@ def _take_labels(schemas: tuple[Schema, ...], function: Callable[..., Any]) -> A
         if not args and first_name not in kwargs:
             return function(**kwargs)  # Python says what is missing
         array, *others = args or [kwargs.pop(first_name)]
-        given = Signal.of(array, *schemas)
+        given = unlabel(array)
         found = function(given, *others, **kwargs)
-        if not isinstance(found, Signal) or isinstance(array, Signal):
+        if not isinstance(found, Signal | ScattererTable) or given is array:
             return found
         return array if found is given else found.label()
 
@@ -219,65 +350,16 @@ def replace_array_values(array: xr.DataArray, values: npt.NDArray[Any] | LazilyI
 
 
 def label_values(
-    dims: Any, values: npt.ArrayLike | LazilyIndexedArray, attrs: Mapping[str, Any] | None = None
+    dims: Any, values: npt.ArrayLike | LazilyIndexedArray | LateRows, attrs: Mapping[str, Any] | None = None
 ) -> xr.Variable:
     """Make a variable of numbers or text without xarray's test for Dask, an import of 0.3 s."""
+    values = lazy_rows(values.shape, values.rows, values.dtype) if isinstance(values, LateRows) else values
     known = values if isinstance(values, LazilyIndexedArray) else np.asarray(values)
     return xr.Variable(dims, known, attrs, fastpath=True)
 
 
-def label_table(
-    values: Mapping[str, npt.NDArray[Any]], coords: Mapping[Any, Any], attrs: Mapping[Any, Any] | None = None
-) -> xr.Dataset:
-    """Make a table of scatterers, with units."""
-    return _assemble_table(_make_scatterer_variables(values), coords, attrs)
-
-
-def _assemble_table(
-    variables: dict[Any, xr.Variable], coords: Mapping[Any, xr.Variable], attrs: Mapping[Any, Any] | None
-) -> xr.Dataset:
-    """Build a table from matching variables, with a twentieth of the usual calls."""
-    everything = {**variables, **coords}
-    sizes: dict[Any, int] = {}
-    for variable in everything.values():
-        sizes.update(zip(variable.dims, variable.shape, strict=True))
-    return xr.Dataset._construct_direct(everything, set(coords), sizes, dict(attrs or {}), _list_indexes(coords))
-
-
 def _list_indexes(coords: Mapping[Any, xr.Variable]) -> dict[Any, Any]:
     return {name: PandasIndex(v._data.array, name) for name, v in coords.items() if isinstance(v, xr.IndexVariable)}
-
-
-def replace_values(table: xr.Dataset, **values: npt.NDArray[Any]) -> xr.Dataset:
-    """Return a scatterer table with some variables replaced or added."""
-    variables = dict(table.data_vars.variables) | _make_scatterer_variables(values)
-    return _assemble_table(variables, table.coords.variables, table.attrs)
-
-
-def select_scatterers(table: xr.Dataset, columns: npt.NDArray[Any], *, copy: bool = False) -> xr.Dataset:
-    """Return a table of some scatterers, as a view if possible; ``isel`` would import Dask."""
-    numbers = np.flatnonzero(columns) if columns.dtype == bool else columns
-    first, stop = (int(numbers[0]), int(numbers[-1]) + 1) if numbers.size else (0, 0)
-    chosen: Any = slice(first, stop) if (np.diff(numbers) == 1).all() else numbers
-
-    def take(variable: xr.Variable) -> xr.Variable:
-        if variable.dims[-1:] != ("scatterer",):
-            return variable
-        if isinstance(variable._data, LazilyIndexedArray):
-            return variable[..., chosen]
-        values = variable.values[..., chosen]
-        return label_values(variable.dims, values.copy() if copy else values, variable.attrs)
-
-    variables, coords = (
-        {name: take(v) for name, v in part.items()} for part in (table.data_vars.variables, table.coords.variables)
-    )
-    return _assemble_table(variables, coords, table.attrs)
-
-
-def _make_scatterer_variables(values: Mapping[str, npt.NDArray[Any]]) -> dict[Any, xr.Variable]:
-    dims = ("slow_time", "scatterer")
-    units = ({"units": SCATTERER_VARIABLES[name]} if name in SCATTERER_VARIABLES else None for name in values)
-    return {name: label_values(dims, array, unit) for (name, array), unit in zip(values.items(), units, strict=True)}
 
 
 def _copy_coordinate(coordinate: xr.Variable) -> xr.Variable:

@@ -6,11 +6,12 @@ A recording of ten minutes has a gigabyte of samples. Code that needs all of the
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 from xarray.backends import BackendArray
 from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
@@ -18,11 +19,42 @@ LONG_PULSES = 1 << 15
 """Approximate number of pulses of a tile. Longer recordings are processed in tiles."""
 
 
+@dataclass(frozen=True)
+class LateRows:
+    """Rows (pulse, ...) that ``rows(first, stop)`` reads or computes at every access; nothing is cached."""
+
+    shape: tuple[int, ...]
+    rows: Callable[[int, int], npt.NDArray[Any]]
+    dtype: Any
+
+    def __getitem__(self, key: Any) -> Any:
+        """Return some pulses, or the rows on demand of some columns."""
+        if isinstance(key, slice):
+            return _take_rows(self, key)
+        columns = key[1]
+        width = len(range(*columns.indices(self.shape[1]))) if isinstance(columns, slice) else len(columns)
+        return LateRows((self.shape[0], width), partial(_take_columns, self.rows, columns), self.dtype)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
+        return np.asarray(self.rows(0, self.shape[0]), dtype=dtype)
+
+
+def _take_rows(late: LateRows, pulses: slice) -> npt.NDArray[Any]:
+    first, stop, step = pulses.indices(late.shape[0])
+    if step < 0:
+        return late.rows(0, late.shape[0])[pulses]
+    return late.rows(first, max(first, stop))[::step]
+
+
+def _take_columns(rows: Callable[[int, int], npt.NDArray[Any]], columns: Any, first: int, stop: int) -> Any:
+    return rows(first, stop)[:, columns]
+
+
 class _Source(BackendArray):
     """Rows on demand, indexed by xarray."""
 
-    def __init__(self, shape: tuple[int, ...], dtype: Any, rows: Callable[[int, int], npt.NDArray[Any]]) -> None:
-        self.shape, self.dtype, self._rows = shape, np.dtype(dtype), rows
+    def __init__(self, late: LateRows) -> None:
+        self.shape, self.dtype, self._late = late.shape, np.dtype(late.dtype), late
 
     def __getitem__(self, key: ExplicitIndexer) -> npt.NDArray[Any]:
         return np.asarray(explicit_indexing_adapter(key, self.shape, IndexingSupport.BASIC, self._take))
@@ -31,34 +63,31 @@ class _Source(BackendArray):
         wanted, *columns = key
         if not isinstance(wanted, slice):
             row = int(wanted) % self.shape[0]
-            return np.asarray(self._rows(row, row + 1)[(0, *columns)])
-        first, stop, step = wanted.indices(self.shape[0])
-        if step < 0:
-            return self._take((slice(None), *columns))[wanted]
-        return np.asarray(self._rows(first, max(first, stop))[(slice(None, None, step), *columns)])
+            return np.asarray(self._late[row : row + 1][(0, *columns)])
+        return np.asarray(self._late[wanted][(slice(None), *columns)])
 
 
 def lazy_rows(
     shape: tuple[int, ...], rows: Callable[[int, int], npt.NDArray[Any]], dtype: Any = np.complex64
 ) -> LazilyIndexedArray:
-    """Make values for a labelled array from a row function; nothing is cached."""
-    return LazilyIndexedArray(_Source(shape, dtype, rows))
+    """Make values for a labelled array from a row function."""
+    return LazilyIndexedArray(_Source(LateRows(shape, rows, dtype)))
 
 
-def read_pulses(array: xr.DataArray | xr.Variable, first: int, stop: int) -> Any:
-    """Return some pulses of an array, whose first dimension is slow time."""
-    variable = array.variable if isinstance(array, xr.DataArray) else array
-    data: Any = variable._data
-    return data[first:stop] if isinstance(data, np.ndarray) else np.asarray(variable[first:stop].values)
+def read_pulses(array: Any, first: int, stop: int) -> Any:
+    """Return some pulses of an array, labelled or not, whose first dimension is slow time."""
+    variable = getattr(array, "variable", array)
+    data = getattr(variable, "_data", variable)
+    return data[first:stop] if isinstance(data, np.ndarray | LateRows) else np.asarray(variable[first:stop].values)
 
 
-def read_tiles(array: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterator[tuple[int, Any]]:
+def read_tiles(array: Any, multiple: int = 1) -> Iterator[tuple[int, Any]]:
     """Yield the first pulse and the values of every tile, of a multiple of ``multiple`` pulses but for the last."""
     size = max(LONG_PULSES // multiple, 1) * multiple
-    for first in range(0, array.sizes["slow_time"], size):
+    for first in range(0, array.shape[0], size):
         yield first, read_pulses(array, first, first + size)
 
 
-def take_every_row(array: xr.DataArray | xr.Variable, step: int) -> npt.NDArray[Any]:
+def take_every_row(array: Any, step: int) -> npt.NDArray[Any]:
     """Return every ``step``-th row of an array, from the first."""
     return np.concatenate([tile[-first % step :: step].copy() for first, tile in read_tiles(array)])

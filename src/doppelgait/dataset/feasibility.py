@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-import xarray as xr
 
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.frames import SlowTime
-from doppelgait.core.labels import read_axis
+from doppelgait.core.labels import ScattererTable
 from doppelgait.dataset.config import Progress
 from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.pipeline.simulate import choose_lowest_prf, observe_scene, pulse_times_s, split_targets
@@ -102,12 +101,12 @@ def _leaves_frame(
     return bool((low < -0.5).any() or (high > bins_m.size - 0.5).any())
 
 
-def _expected_snr_db(table: xr.Dataset, number: int, radar: Radar) -> float:
+def _expected_snr_db(table: ScattererTable, number: int, radar: Radar) -> float:
     """Return the SNR_frame of a target by the radar equation, dB."""
     # the echo powers in each range cell are added; the strongest cell of every pulse is used
-    targets, _ = split_targets(table.isel(slow_time=slice(None, None, -(-table.sizes["slow_time"] // SNR_PULSES))))
+    targets, _ = split_targets(table.take_pulses(slice(None, None, -(-table.shape[0] // SNR_PULSES))))
     range_m, amplitude_v = compute_scatterer_arrays(targets, radar)
-    seen = (read_axis(targets, "target") == number) & (range_m >= radar.range_start_m) & (range_m <= radar.range_stop_m)
+    seen = (targets["target"] == number) & (range_m >= radar.range_start_m) & (range_m <= radar.range_stop_m)
     cell = np.where(seen, (range_m - radar.range_start_m) / radar.range_resolution_m, 0.0).astype(np.int64)
     power_v2 = np.zeros((range_m.shape[0], int(cell.max(initial=0)) + 1))
     np.add.at(power_v2, (np.arange(range_m.shape[0])[:, None], cell), np.where(seen, amplitude_v, 0.0) ** 2)

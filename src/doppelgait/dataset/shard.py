@@ -18,7 +18,6 @@ from doppelgait.core import files
 from doppelgait.core.config import FrozenModel, convert_to_json, format_canonical_json
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.interrupt import raise_if_stopped
-from doppelgait.core.labels import read_axis
 from doppelgait.core.worker import limit_blas_threads
 from doppelgait.dataset.config import FieldSpec, PlanConfig
 from doppelgait.dataset.plan import PlannedExample, Shard
@@ -109,7 +108,7 @@ def index_rows(
             "motion_kind": "none" if row.source == "none" else motion["kind"],
             "motion": "" if row.source == "none" else format_canonical_json(motion),
             **scene,
-            "rcs_total_m2": float(read_axis(truth.scatterers, "rcs").sum(axis=1).mean()),
+            "rcs_total_m2": float(np.asarray(truth.table["rcs"]).sum(axis=1).mean()),
             **(make_truth_columns(truth) if row.source != "none" else dict.fromkeys(make_truth_columns(truth))),
             **(result.to_row() if result is not None else {"gate": "track", **NOTHING, "flags": "not_tracked"}),
             "warnings": ";".join(messages),

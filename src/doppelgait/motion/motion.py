@@ -18,6 +18,7 @@ from doppelgait.core.labels import (
     Coord,
     Signal,
     check_signal,
+    labels_on_demand,
     make_array,
     read_axis,
     sampling_rate_hz,
@@ -100,21 +101,7 @@ class MotionFacts:
         )
 
 
-class Labelled:
-    """Positions of a motion: they are kept plain and get labels when somebody reads them."""
-
-    def __get__(self, motion: Any, kind: type | None = None) -> xr.DataArray:
-        if motion is None:
-            raise AttributeError("positions")  # the field has no default
-        kept = motion.__dict__["positions"]
-        if isinstance(kept, Signal):
-            kept = motion.__dict__["positions"] = kept.label()
-        return kept  # type: ignore[no-any-return]
-
-    def __set__(self, motion: Any, positions: xr.DataArray | Signal) -> None:
-        motion.__dict__["positions"] = positions
-
-
+@labels_on_demand("positions")
 @dataclass(frozen=True, eq=False)
 class Motion:
     """Positions of named points over time, with facts.
@@ -139,7 +126,7 @@ class Motion:
     make_motion : Build one from plain arrays.
     """
 
-    positions: xr.DataArray = Labelled()  # type: ignore[assignment]
+    positions: xr.DataArray
     facts: MotionFacts = field(default_factory=MotionFacts)
     report: Mapping[str, Any] = field(default_factory=dict)
 

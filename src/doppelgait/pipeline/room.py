@@ -14,11 +14,10 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait._core import native
 from doppelgait.core.config import FrozenModel
-from doppelgait.core.labels import label_table, read_axis
+from doppelgait.core.labels import ScattererTable, take_columns
 from doppelgait.motion.retime import Spline, fit_spline
 from doppelgait.scene import PlacedScene
 from doppelgait.scene.environment import ENVIRONMENT
@@ -27,7 +26,7 @@ from doppelgait.scene.observe import tabulate
 from doppelgait.scene.scatterers import Scatterers
 
 FloatArray = npt.NDArray[np.float64]
-Through = Callable[[xr.Dataset], xr.Dataset]
+Through = Callable[[ScattererTable], ScattererTable]
 
 GAIN_STEP_S = 0.0125
 """Longest time between two computations of the gains."""
@@ -39,31 +38,31 @@ MAX_CHANGE = 0.25
 
 
 def apply_room(
-    table: xr.Dataset,
+    table: ScattererTable,
     placed: PlacedScene,
     bodies: Sequence[Scatterers],
     effects: Sequence[FrozenModel],
     through: Through,
-) -> xr.Dataset | None:
+) -> ScattererTable | None:
     """Apply the effects of a room to a scatterer table."""
     smooth = all(ENVIRONMENT.of(spec).facts.get("is_smooth", False) for spec in effects)
     if not smooth or placed.scene.receiver_position_m is not None or not bodies:
         return None
-    times_s = read_axis(table, "slow_time")
+    times_s = table.slow_time_s
     looks = _look(placed, bodies, times_s)
     if looks is None:
         return None
     looks_s, before = looks
     after = through(before)
-    amplitude = np.sqrt(after["path_gain"].values)
+    amplitude = np.sqrt(after["path_gain"])
     if (np.abs(np.diff(amplitude, axis=0)).max(axis=0) > MAX_CHANGE * amplitude.max(axis=0)).any():
         return None
     mirrors: tuple[Mirror, ...] = after.attrs.get("mirrors", ())
-    n_rows, n_own = after.sizes["scatterer"], table.sizes["scatterer"]
+    n_rows, n_own = after.shape[1], table.shape[1]
     splines = [fit_spline(body.motion) for body in bodies] if mirrors else []
     range_m, velocity_mps = _compute_images(table, splines, placed, times_s, mirrors, n_rows)
     geometric_m, _ = _compute_images(before, splines, placed, looks_s, mirrors, n_rows)
-    delay_m = after["range"].values - geometric_m
+    delay_m = after["range"] - geometric_m
     if np.abs(delay_m).max(initial=0.0) > 1e-9:  # delay of a wall, above rounding errors
         range_m += _interpolate_table(delay_m, looks_s, times_s)
         velocity_mps -= _interpolate_table(np.gradient(delay_m, looks_s, axis=0, edge_order=2), looks_s, times_s)
@@ -74,32 +73,31 @@ def apply_room(
     values = {
         "range": range_m,
         "radial_velocity": velocity_mps,
-        "rcs": _take_sources(table["rcs"].values, sources),
-        "path_gain": _take_sources(table["path_gain"].values, sources) * np.square(amplitude),
+        "rcs": take_columns(table["rcs"], sources),
+        "path_gain": take_columns(table["path_gain"], sources) * np.square(amplitude),
     }
     if "path_phase" in after:
-        phase_rad = after["path_phase"].values
+        phase_rad = after["path_phase"]
         if np.abs(np.diff(phase_rad, axis=0)).max(initial=0.0) > np.pi:
             phase_rad = np.unwrap(phase_rad, axis=0)
         values["path_phase"] = _interpolate_table(phase_rad, looks_s, times_s)
     for name in ("azimuth", "elevation", "aspect"):
         if name in table:
             values[name] = np.full((times_s.size, n_rows), np.nan)
-            values[name][:, :n_own] = table[name].values
-    coords = {name: v for name, v in after.coords.variables.items() if v.dims == ("scatterer",)}
-    return label_table(values, {"slow_time": table.coords.variables["slow_time"], **coords}, table.attrs)
+            values[name][:, :n_own] = table[name]
+    return ScattererTable(times_s, values, after.columns, table.attrs)
 
 
 def _look(
     placed: PlacedScene, bodies: Sequence[Scatterers], times_s: FloatArray
-) -> tuple[FloatArray, xr.Dataset] | None:
+) -> tuple[FloatArray, ScattererTable] | None:
     """Observe scatterers of unit cross section at the computation times."""
     alike = [replace(b, rcs_m2=np.ones(len(b.motion.markers)), path_gain=np.ones(1)) for b in bodies]
     n_looks = max(math.ceil(float(np.ptp(times_s)) / GAIN_STEP_S) + 1, MIN_LOOKS)
     while 2 * n_looks <= times_s.size:
         looks_s = np.linspace(times_s.min(), times_s.max(), n_looks)
         seen = tabulate(placed, alike, looks_s, ("azimuth", "elevation"))
-        elevation, azimuth = seen["elevation"].values, seen["azimuth"].values
+        elevation, azimuth = seen["elevation"], seen["azimuth"]
         level = np.cos(elevation)
         turned = np.hypot(np.diff(elevation, axis=0), level[1:] * np.sin(np.diff(azimuth, axis=0) / 2.0) * 2.0)
         closer = float(turned.max(initial=0.0)) / MAX_TURN_RAD
@@ -110,7 +108,7 @@ def _look(
 
 
 def _compute_images(
-    table: xr.Dataset,
+    table: ScattererTable,
     splines: Sequence[Spline],
     placed: PlacedScene,
     times_s: FloatArray,
@@ -118,7 +116,7 @@ def _compute_images(
     n_rows: int,
 ) -> tuple[FloatArray, FloatArray]:
     """Compute ranges and velocities of scatterers and images."""
-    direct_m, direct_mps = (table[name].values for name in ("range", "radial_velocity"))
+    direct_m, direct_mps = (table[name] for name in ("range", "radial_velocity"))
     n_own = direct_m.shape[1]
     range_m, velocity_mps = np.empty((2, times_s.size, n_rows))
     range_m[:, :n_own], velocity_mps[:, :n_own] = direct_m, direct_mps
@@ -160,10 +158,3 @@ def _interpolate_table(values: FloatArray, looks_s: FloatArray, times_s: FloatAr
     out = np.empty((times_s.size, heights.shape[1]))
     native.values_between(heights, moments, step_s, times_s - looks_s[0], out)
     return out
-
-
-def _take_sources(values: FloatArray, sources: npt.NDArray[np.intp]) -> FloatArray:
-    """Select columns of a table; a broadcast row stays a single row."""
-    if values.strides[0] == 0:
-        return np.broadcast_to(values[:1, sources], (values.shape[0], sources.size))
-    return values[:, sources]

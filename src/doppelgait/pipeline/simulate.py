@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core import lazy
 from doppelgait.core.config import check_type, validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.files import check_target
-from doppelgait.core.labels import label_axis, label_table, read_axis, select_scatterers
+from doppelgait.core.labels import ScattererTable
 from doppelgait.core.rng import Streams, draw_key
 from doppelgait.core.samples import Factor, Matrix, Samples
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
@@ -198,14 +197,14 @@ ECHO_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase")
 class Echoes:
     """Echoes of a scatterer table as range bins, or as samples unless compressed."""
 
-    scatterers: xr.Dataset
+    scatterers: ScattererTable
     radar: Radar
     compressed: bool
 
     @property
     def n_pulses(self) -> int:
         """Pulses of the recording."""
-        return self.scatterers.sizes["slow_time"]
+        return self.scatterers.slow_time_s.size
 
     @property
     def is_short(self) -> bool:
@@ -270,10 +269,9 @@ def _average_v2(strongest_v2: list[npt.NDArray[np.float32]]) -> float:
     return float(powers.mean(dtype=np.float64)) if powers.size else 0.0
 
 
-def _read_pulses(scatterers: xr.Dataset, first: int, stop: int) -> xr.Dataset:
-    values = {name: scatterers[name].variable[first:stop].values for name in ECHO_VARIABLES if name in scatterers}
-    coords = {name: v for name, v in scatterers.coords.variables.items() if name != "slow_time"}
-    return label_table(values, coords, scatterers.attrs)
+def _read_pulses(scatterers: ScattererTable, first: int, stop: int) -> ScattererTable:
+    values = {name: scatterers[name] for name in ECHO_VARIABLES if name in scatterers}
+    return replace(scatterers, values=values).take_pulses(slice(first, stop))
 
 
 def _check_noise(conditions: Conditions, *, rng: Streams | None, snr_db: float | None) -> float | None:
@@ -299,7 +297,7 @@ def observe_scene(
     *,
     angles: bool,
     streams: Streams | None,
-) -> tuple[xr.Dataset, list[LineOfSight]]:
+) -> tuple[ScattererTable, list[LineOfSight]]:
     """Observe a scene through its environment and the antenna. Shapes: slow_time_s (I,)."""
     placed, times_s = as_placed(scene, streams), slow_time_s
     if conditions.impairments and streams is not None:
@@ -312,7 +310,7 @@ def observe_scene(
     tracks = [compute_body_track(target, room, times_s) for target in placed.observed]
     setting = Setting(radar.wavelength_m, room.radar_position_m, math.radians(room.radar_azimuth_deg))
 
-    def through(table: xr.Dataset) -> xr.Dataset:
+    def through(table: ScattererTable) -> ScattererTable:
         if conditions.environment:
             table = apply_environment(table, conditions.environment, setting)
         if not patterned:
@@ -333,16 +331,16 @@ def observe_scene(
     if scatterers is None:
         scatterers = through(tabulate(placed, bodies, times_s, wanted or ("azimuth", "elevation")))
     if times_s is not slow_time_s:
-        scatterers = scatterers.assign_coords(slow_time=label_axis("slow_time", slow_time_s))
+        scatterers = replace(scatterers, slow_time_s=slow_time_s)
     return scatterers, tracks
 
 
-def split_targets(scatterers: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset | None]:
+def split_targets(scatterers: ScattererTable) -> tuple[ScattererTable, ScattererTable | None]:
     """Separate targets from ghosts and background bodies."""
-    own = read_axis(scatterers, "target") >= 0
+    own = scatterers["target"] >= 0
     if own.all():
         return scatterers, None
-    return select_scatterers(scatterers, own), select_scatterers(scatterers, ~own)
+    return scatterers.take(own), scatterers.take(~own)
 
 
 def pulse_times_s(observation_s: float, radar: Radar) -> FloatArray:
@@ -362,15 +360,15 @@ def pulse_times_s(observation_s: float, radar: Radar) -> FloatArray:
 def build_target_truth(
     placed: PlacedTarget,
     observation_s: float,
-    scatterers: xr.Dataset,
+    scatterers: ScattererTable,
     centre: LineOfSight,
     *,
     shown_s: FloatArray | None = None,
 ) -> TargetTruth:
     """Build a target's truth from the simulation's geometry."""
     # gait frequencies are those of the touchdowns in the observation, NaN if unknown
-    own = read_axis(scatterers, "target") == placed.number
-    rows = scatterers if own.all() else select_scatterers(scatterers, own, copy=True)
+    own = scatterers["target"] == placed.number
+    rows = scatterers if own.all() else scatterers.take(own)
     facts = placed.motion.facts
     frequencies_hz = {key: getattr(facts, key) for key in FREQUENCIES}
     if facts.path is None or facts.path.pause_s <= 0:  # with pauses already a mean over the time not paused
@@ -387,7 +385,7 @@ def build_target_truth(
             frequencies_hz = {key: factor * hz for key, hz in frequencies_hz.items()}
     return TargetTruth(
         label=placed.target.label,
-        scatterers=rows,
+        scatterers=rows,  # type: ignore[arg-type]
         centre_range_m=centre.range_m,
         centre_velocity_mps=centre.radial_velocity_mps,
         centre_aspect_rad=centre.aspect_rad,

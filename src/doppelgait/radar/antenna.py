@@ -7,13 +7,12 @@ from typing import Literal, Self
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 from pydantic import Field, model_validator
 
 from doppelgait._core import native
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.labels import replace_values
+from doppelgait.core.labels import ScattererTable, maps_table
 from doppelgait.core.units import db_to_power
 
 FloatArray = npt.NDArray[np.float64]
@@ -151,40 +150,39 @@ def rotate_to_boresight(
     return np.arctan2(left, forward), np.arcsin(np.clip(above, -1.0, 1.0))
 
 
+@maps_table
 def apply_antenna(
-    scatterers: xr.Dataset, antenna: Antenna, *, boresight_azimuth_rad: float = 0.0, boresight_tilt_rad: float = 0.0
-) -> xr.Dataset:
+    scatterers: ScattererTable, antenna: Antenna, *, boresight_azimuth_rad: float = 0.0, boresight_tilt_rad: float = 0.0
+) -> ScattererTable:
     """Multiply path gains by the two-way antenna pattern."""
     if antenna.kind == "isotropic":
         return scatterers
-    missing = [name for name in ("azimuth", "elevation") if name not in scatterers.variables]
+    missing = [name for name in ("azimuth", "elevation") if name not in scatterers]
     if missing:
         raise ConfigError(
             f"radar.antenna.kind = {antenna.kind!r} needs the direction of every scatterer, but the scatterer table "
             f"has no {' and no '.join(missing)}; assemble it with angles=True, or use antenna kind 'isotropic'"
         )
-    path_gain, azimuth_rad, elevation_rad = (
-        scatterers.variables[name] for name in ("path_gain", "azimuth", "elevation")
-    )
+    path_gain, azimuth_rad, elevation_rad = (scatterers[name] for name in ("path_gain", "azimuth", "elevation"))
     if antenna.kind == "cosine":
         gains = np.empty(path_gain.shape)
         native.apply_cosine_pattern(
-            azimuth_rad.values,
-            elevation_rad.values,
+            azimuth_rad,
+            elevation_rad,
             boresight_azimuth_rad,
             boresight_tilt_rad,
             compute_cosine_exponent(antenna.hpbw_azimuth_deg or math.nan),
             compute_cosine_exponent(antenna.hpbw_elevation_deg or math.nan),
             float(db_to_power(antenna.floor_db)),
-            path_gain.values,
+            path_gain,
             gains,
         )
     else:
         angles = rotate_to_boresight(
-            azimuth_rad.values,
-            elevation_rad.values,
+            azimuth_rad,
+            elevation_rad,
             boresight_azimuth_rad=boresight_azimuth_rad,
             boresight_tilt_rad=boresight_tilt_rad,
         )
-        gains = path_gain.values * compute_antenna_gain(antenna, *angles) ** 2
-    return replace_values(scatterers, path_gain=gains)
+        gains = path_gain * compute_antenna_gain(antenna, *angles) ** 2
+    return scatterers.replace(path_gain=gains)

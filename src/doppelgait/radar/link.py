@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait._core import native
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.labels import read_axis, replace_values, select_scatterers
+from doppelgait.core.labels import AnyTable, ScattererTable, maps_table
 from doppelgait.core.units import (
     NOISE_DENSITY_W_PER_HZ,
     REFERENCE_IMPEDANCE_OHM,
@@ -173,7 +173,7 @@ def _factorise(correlation: tuple[float, ...]) -> tuple[float, ...]:
     return rows[-1]
 
 
-def compute_scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
+def compute_scatterer_arrays(scatterers: AnyTable, radar: Radar) -> tuple[Any, Any]:
     """Return ranges (m) and echo amplitudes (V) of scatterers.
 
     Both are contiguous float64 arrays (slow_time, scatterer). The amplitude is that of a frame: E-14 with the
@@ -188,21 +188,24 @@ def compute_scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any,
     >>> range_m.mean(axis=1).round(2)  # mean range at the three times
     array([6.8 , 6.73, 6.63])
     """
-    range_m = np.ascontiguousarray(read_axis(scatterers, "range"), dtype=np.float64)
-    tables = (read_axis(scatterers, name) for name in ("rcs", "path_gain"))
+    table = ScattererTable.of(scatterers)
+    range_m = np.ascontiguousarray(table["range"], dtype=np.float64)
     # one row of a broadcast view saves a pass over memory
-    rcs_m2, path_gain = (table[:1] if table.strides[0] == 0 else table for table in tables)
+    rcs_m2, path_gain = (
+        values[:1] if values.strides[0] == 0 else values for values in (table["rcs"], table["path_gain"])
+    )
     turns_per_mps = 2.0 / radar.wavelength_m * radar.integration_share / radar.prf_hz
-    speeds = range_m if radar.integration_share == 0.0 else radial_velocity_mps(scatterers)
+    speeds = range_m if radar.integration_share == 0.0 else radial_velocity_mps(table)
     one_metre_v = float(echo_amplitude_v(radar, range_m=1.0, rcs_m2=1.0))
     amplitude_v = np.empty(range_m.shape)
     native.integrate_echoes(range_m, speeds, rcs_m2, path_gain, one_metre_v, MIN_RANGE_M, turns_per_mps, amplitude_v)
     return range_m, amplitude_v
 
 
-def fold_scatterers(scatterers: xr.Dataset, radar: Radar) -> xr.Dataset:
+@maps_table
+def fold_scatterers(scatterers: ScattererTable, radar: Radar) -> ScattererTable:
     """Place echoes of earlier pulses k at R - k c / (2 pulse rate) (E-10b)."""
-    range_m, waveform = read_axis(scatterers, "range"), radar.waveform
+    range_m, waveform = scatterers["range"], radar.waveform
     if not radar.folds_pulses or range_m.size == 0:
         return scatterers
     pulse_m, reach_m = waveform.unambiguous_range_m(radar), waveform.reach_m(radar)
@@ -216,21 +219,25 @@ def fold_scatterers(scatterers: xr.Dataset, radar: Radar) -> xr.Dataset:
         pulses = fewest + further
         shown = (pulses <= most) | (further == 0)  # the first range may be outside the frame
         columns = np.flatnonzero(shown.any(axis=0))
-        part = select_scatterers(scatterers, columns)
+        part = scatterers.take(columns)
         true_m, lag_m = range_m[:, columns], pulses[:, columns] * pulse_m
         nearer = np.square(np.maximum(true_m - lag_m, MIN_RANGE_M) / np.maximum(true_m, MIN_RANGE_M))
         phase_rad = path_phase_rad(part)
         turn_rad = -4.0 * np.pi / radar.wavelength_m * lag_m
         values = {
             "range": true_m - lag_m,
-            "path_gain": np.where(shown[:, columns], part["path_gain"].values * np.square(nearer), 0.0),
+            "path_gain": np.where(shown[:, columns], part["path_gain"] * np.square(nearer), 0.0),
             "path_phase": turn_rad if phase_rad is None else phase_rad + turn_rad,
         }
-        images.append(replace_values(part, **values))
-    return xr.concat(images, dim="scatterer", data_vars="minimal", coords="minimal", compat="override", join="override")
+        images.append(part.replace(**values))
+    return replace(
+        scatterers,
+        values={name: np.concatenate([part[name] for part in images], axis=1) for name in images[0].values},
+        columns={name: np.concatenate([part[name] for part in images]) for name in scatterers.columns},
+    )
 
 
-def path_phase_rad(scatterers: xr.Dataset) -> npt.NDArray[np.float64] | None:
+def path_phase_rad(scatterers: AnyTable) -> npt.NDArray[np.float64] | None:
     """Return the extra phase of every echo, (slow_time, scatterer), C-contiguous.
 
     It is None if the table has none.
@@ -246,10 +253,10 @@ def path_phase_rad(scatterers: xr.Dataset) -> npt.NDArray[np.float64] | None:
     """
     if "path_phase" not in scatterers:
         return None
-    return np.ascontiguousarray(read_axis(scatterers, "path_phase"), dtype=np.float64)
+    return np.ascontiguousarray(ScattererTable.of(scatterers)["path_phase"], dtype=np.float64)
 
 
-def radial_velocity_mps(scatterers: xr.Dataset) -> npt.NDArray[np.float64]:
+def radial_velocity_mps(scatterers: AnyTable) -> npt.NDArray[np.float64]:
     """Return the radial velocity of scatterers, (slow_time, scatterer).
 
     Waveforms with a sweep and radars with integration need it.
@@ -267,7 +274,7 @@ def radial_velocity_mps(scatterers: xr.Dataset) -> npt.NDArray[np.float64]:
             "the scatterer table has no radial_velocity, which waveforms with a sweep and radars with an "
             "integration_share need; add it"
         )
-    return np.asarray(read_axis(scatterers, "radial_velocity"), dtype=np.float64)
+    return np.asarray(ScattererTable.of(scatterers)["radial_velocity"], dtype=np.float64)
 
 
 def list_derived_quantities(radar: Radar) -> dict[str, float]:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, cast
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 from pydantic import (
     BeforeValidator,
     Field,
@@ -26,6 +25,7 @@ from pydantic import (
 
 from doppelgait.core.config import FrozenModel, InnerError, validate
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.labels import AnyTable
 from doppelgait.core.notebook import show_html, show_text
 from doppelgait.core.plugins import Group
 from doppelgait.core.samples import Matrix, Samples
@@ -102,11 +102,11 @@ class Waveform(FrozenModel):
     def check(self, radar: Radar) -> None:
         """Check that the radar is valid for this waveform (``ValueError``)."""
 
-    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
+    def synthesise(self, scatterers: AnyTable, radar: Radar) -> Matrix:
         """Return noise-free receiver samples, V, shape (I, S)."""
         raise NotImplementedError(f"waveform {self.kind!r} has no method synthesise")
 
-    def synthesise_planes(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
+    def synthesise_planes(self, scatterers: AnyTable, radar: Radar) -> Samples:
         """Return the samples of :meth:`synthesise` in the fastest layout, for :func:`simulate`."""
         return Samples.own(self.synthesise(scatterers, radar))
 
@@ -117,7 +117,7 @@ class Waveform(FrozenModel):
         """
         return np.asarray(samples, dtype=np.complex64)
 
-    def synthesise_bins(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
+    def synthesise_bins(self, scatterers: AnyTable, radar: Radar) -> Matrix:
         """Return noise-free range bins, V, shape (I, N); a waveform may use a faster method."""
         return self.compress(self.synthesise(scatterers, radar), radar)
 

@@ -13,7 +13,7 @@ import xarray as xr
 from doppelgait.core.config import format_canonical_json
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.frames import Frames, SlowTime
-from doppelgait.core.labels import read_axis
+from doppelgait.core.labels import AnyTable, ScattererTable, labels_on_demand, read_axis
 from doppelgait.core.lazy import read_tiles
 from doppelgait.core.notebook import plot, show_html, show_text
 from doppelgait.core.samples import Samples
@@ -28,6 +28,7 @@ else:
 NAN = float("nan")
 
 
+@labels_on_demand("scatterers", "body")
 @dataclass(frozen=True)
 class TargetTruth:
     """Simulation truth of one target.
@@ -68,9 +69,15 @@ class TargetTruth:
     gait_frequency_hz: float = NAN
     body: xr.DataArray | None = None
 
+    @property
+    def table(self) -> AnyTable:
+        """Scatterers, as plain arrays if a simulation made them."""
+        kept: AnyTable = self.__dict__["scatterers"]
+        return kept
+
     def doppler_hz(self, wavelength_m: float) -> npt.NDArray[np.float64]:
         """Return the true Doppler shift of every scatterer, 2 v_r / lambda, shape (I, L) (E-05)."""
-        values = velocity_to_doppler_hz(self.scatterers["radial_velocity"].values, wavelength_m)
+        values = velocity_to_doppler_hz(np.asarray(self.table["radial_velocity"]), wavelength_m)
         return np.asarray(values, dtype=np.float64)
 
     def during(self, pulses: slice, start_s: float, stop_s: float) -> TargetTruth:
@@ -81,7 +88,9 @@ class TargetTruth:
             times_s = read_axis(body, "time")
             body = body.isel(time=np.flatnonzero((times_s >= start_s) & (times_s < stop_s)))
             body = body if body.sizes["time"] else None
-        return replace(self, scatterers=self.scatterers.isel(slow_time=pulses), body=body, **arrays)
+        table = self.table
+        table = table.take_pulses(pulses) if isinstance(table, ScattererTable) else table.isel(slow_time=pulses)
+        return replace(self, scatterers=table, body=body, **arrays)  # type: ignore[arg-type]
 
 
 CENTRE_ARRAYS = ("centre_range_m", "centre_velocity_mps", "centre_aspect_rad")

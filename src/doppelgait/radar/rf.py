@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import read_axis
+from doppelgait.core.labels import AnyTable, ScattererTable
 from doppelgait.core.units import range_to_delay_s
 from doppelgait.radar.link import compute_scatterer_arrays, fold_scatterers, path_phase_rad
 from doppelgait.radar.parameters import Radar
@@ -21,12 +21,12 @@ FILTER_CUTOFF_HZ = 3.2e9
 FILTER_BETA = 9.5
 
 
-def sample_rf_frames(scatterers: xr.Dataset, radar: Radar, *, margin: int) -> npt.NDArray[np.float64]:
+def sample_rf_frames(scatterers: AnyTable, radar: Radar, *, margin: int) -> npt.NDArray[np.float64]:
     """Return full-rate real samples (I, n_full + 2 margin) of the received RF frames (E-16)."""
     n_full = (radar.n_range_bins - 1) * radar.decimation + 1
     first_s = range_to_delay_s(radar.range_start_m) - margin / radar.sample_rate_hz
     time_s = first_s + np.arange(n_full + 2 * margin) / radar.sample_rate_hz
-    scatterers = fold_scatterers(scatterers, radar)
+    scatterers = fold_scatterers(ScattererTable.of(scatterers), radar)
     range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
     extra_rad = path_phase_rad(scatterers)
     frames = np.zeros((range_m.shape[0], time_s.size))
@@ -57,7 +57,7 @@ def down_convert(frames: npt.NDArray[np.float64], radar: Radar, *, margin: int) 
     return np.asarray(filtered[:, margin : stop : radar.decimation])
 
 
-def synthesise_rf(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
+def synthesise_rf(scatterers: AnyTable, radar: Radar) -> xr.DataArray:
     """Synthesise the baseband by RF sampling and down-conversion.
 
     It is noise-free and serves as the reference for the closed form.
@@ -79,6 +79,7 @@ def synthesise_rf(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
     0.0
     """
     margin = FILTER_TAPS + int(np.ceil(5.5 * radar.sigma_s * radar.sample_rate_hz))
-    frames = sample_rf_frames(scatterers, radar, margin=margin)
+    table = ScattererTable.of(scatterers)
+    frames = sample_rf_frames(table, radar, margin=margin)
     values = down_convert(frames, radar, margin=margin)
-    return label_baseband(values, read_axis(scatterers, "slow_time"), radar)
+    return label_baseband(values, table.slow_time_s, radar)

@@ -11,7 +11,7 @@ import xarray as xr
 
 from doppelgait._core import native
 from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
-from doppelgait.core.labels import BASEBAND, make_array, read_axis, replace_array_values
+from doppelgait.core.labels import BASEBAND, AnyTable, ScattererTable, make_array, replace_array_values, takes_arrays
 from doppelgait.core.lazy import read_tiles
 from doppelgait.core.rng import draw_key
 from doppelgait.core.samples import WHITE, Samples
@@ -21,7 +21,7 @@ from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import make_baseband_facts
 
 
-def synthesise(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
+def synthesise(scatterers: AnyTable, radar: Radar) -> xr.DataArray:
     """Synthesise the noise-free baseband of all scatterers.
 
     Receiver samples are compressed to range bins.
@@ -53,11 +53,12 @@ def synthesise(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
     >>> abs(baseband).idxmax("range").values.round(1)  # range of the strongest echo after 0 and 1 s
     array([6.8, 5.7])
     """
-    bins = radar.waveform.synthesise_bins(fold_scatterers(scatterers, radar), radar)  # a matrix, without planes
-    return label_baseband(bins, read_axis(scatterers, "slow_time"), radar)
+    table = ScattererTable.of(scatterers)
+    bins = radar.waveform.synthesise_bins(prepare_table(table, radar), radar)  # a matrix, without planes
+    return label_baseband(bins, table.slow_time_s, radar)
 
 
-def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.complex64]:
+def synthesise_samples(scatterers: AnyTable, radar: Radar) -> npt.NDArray[np.complex64]:
     """Synthesise noise-free receiver samples of all scatterers.
 
     Parameters
@@ -85,12 +86,19 @@ def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.c
     >>> samples.shape, samples.dtype.name
     ((2, 188), 'complex64')
     """
-    return radar.waveform.synthesise(fold_scatterers(scatterers, radar), radar)
+    return radar.waveform.synthesise(prepare_table(ScattererTable.of(scatterers), radar), radar)
 
 
-def synthesise_echoes(scatterers: xr.Dataset, radar: Radar, *, compressed: bool) -> Samples:
+def prepare_table(table: ScattererTable, radar: Radar) -> AnyTable:
+    """Fold the echoes of earlier pulses; a waveform with a method that does not take plain arrays gets labels."""
+    folded, kind = fold_scatterers(table, radar), type(radar.waveform)
+    plain = all(map(takes_arrays, (kind.synthesise, kind.synthesise_planes, kind.synthesise_bins)))
+    return folded if plain else folded.label()
+
+
+def synthesise_echoes(scatterers: ScattererTable, radar: Radar, *, compressed: bool) -> Samples:
     """Synthesise noise-free echoes: as range bins, or as the receiver's samples in their fastest layout."""
-    table, waveform = fold_scatterers(scatterers, radar), radar.waveform
+    table, waveform = prepare_table(scatterers, radar), radar.waveform
     if compressed and not waveform.samples_are_bins:
         return Samples.own(waveform.synthesise_bins(table, radar))
     return waveform.synthesise_planes(table, radar)
@@ -205,7 +213,7 @@ def snr_frame_db(signal_v2: float, noise_v2: float) -> float:
     return 10.0 * math.log10(signal_v2 / noise_v2) if signal_v2 > 0 else -math.inf
 
 
-def lowest_prf_hz(scatterers: xr.Dataset, radar: Radar, cpi_s: float) -> float:
+def lowest_prf_hz(scatterers: AnyTable, radar: Radar, cpi_s: float) -> float:
     """Return the lowest frame rate without Doppler aliasing (E-06).
 
     It is 2 (max |f_d| + 3 / T_d), rounded up to 1 Hz.
@@ -221,12 +229,12 @@ def lowest_prf_hz(scatterers: xr.Dataset, radar: Radar, cpi_s: float) -> float:
     >>> round(dg.radar.lowest_prf_hz(table, radar, cpi_s=0.1))
     585
     """
-    fastest = float(np.abs(scatterers["radial_velocity"].values).max(initial=0.0))
+    fastest = float(np.abs(ScattererTable.of(scatterers)["radial_velocity"]).max(initial=0.0))
     doppler_hz = float(velocity_to_doppler_hz(fastest, radar.wavelength_m))
     return float(np.ceil(2.0 * (doppler_hz + 3.0 / cpi_s)))
 
 
-def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
+def warn_of_limits(scatterers: AnyTable, radar: Radar) -> None:
     """Warn of scatterers that the radar cannot show. The warnings state the values (E-06, E-15)."""
     if radar.n_range_bins > 1 and radar.bin_spacing_m > 2.0 * radar.range_resolution_m:
         warn_caller(
@@ -234,10 +242,11 @@ def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
             f"{radar.range_resolution_m:.3g} m wide, so that targets between two bins vanish; lower radar.decimation "
             f"({radar.decimation}) or raise radar.sample_rate_hz"
         )
-    if scatterers.sizes["scatterer"] == 0:
+    table = ScattererTable.of(scatterers)
+    if table.shape[1] == 0:
         return
     fastest_mps = 0.0
-    for _, speeds in read_tiles(scatterers.variables["radial_velocity"]):
+    for _, speeds in read_tiles(table["radial_velocity"]):
         fastest_mps = max(fastest_mps, float(speeds.max()), -float(speeds.min()))
     if fastest_mps >= radar.unambiguous_velocity_mps:
         needed = 2.0 * float(velocity_to_doppler_hz(fastest_mps, radar.wavelength_m)) + 60.0
@@ -245,17 +254,17 @@ def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
             f"aliasing: a scatterer reaches {fastest_mps:.2f} m/s, but prf_hz = {radar.prf_hz:g} is unambiguous only "
             f"to {radar.unambiguous_velocity_mps:.2f} m/s; set radar.prf_hz to {np.ceil(needed / 10) * 10:g} or more"
         )
-    own = read_axis(scatterers, "target") >= 0 if "target" in scatterers.coords else np.ones(1, dtype=bool)
+    own = table["target"] >= 0 if "target" in table else np.ones(1, dtype=bool)
     if not own.any() or not radar.waveform.ranged:
         return
     nearest, farthest, outside = math.inf, -math.inf, 0.0
-    for _, ranges_m in read_tiles(scatterers.variables["range"]):
+    for _, ranges_m in read_tiles(table["range"]):
         ranges_m = ranges_m if own.all() else ranges_m[:, own]
         low_m, high_m = float(ranges_m.min()), float(ranges_m.max())
         nearest, farthest = min(nearest, low_m), max(farthest, high_m)
         if low_m < radar.range_start_m or high_m > radar.range_stop_m:
             beyond = (ranges_m < radar.range_start_m) | (ranges_m > radar.range_stop_m)
-            outside += float(beyond.mean()) * ranges_m.shape[0] / scatterers.sizes["slow_time"]
+            outside += float(beyond.mean()) * ranges_m.shape[0] / table.shape[0]
     waveform = radar.waveform
     folding_m = waveform.unambiguous_range_m(radar)
     folds = radar.folds_pulses or not waveform.samples_are_bins

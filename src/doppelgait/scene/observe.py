@@ -12,8 +12,8 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait._core import native
-from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, label_axis, label_table, label_values, make_array
-from doppelgait.core.lazy import lazy_rows
+from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, ScattererTable, make_array
+from doppelgait.core.lazy import LateRows
 from doppelgait.motion.retime import Spline, check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.placement import PlacedScene, PlacedTarget, as_placed
@@ -168,7 +168,7 @@ def assemble(
     """
     placed, times = as_placed(scene), np.asarray(slow_time_s, dtype=float)
     wanted = ("azimuth", "elevation", "aspect") if angles else ("azimuth", "elevation") if directions else ()
-    return tabulate(placed, make_scatterers(placed, times, rng), times, wanted)
+    return tabulate(placed, make_scatterers(placed, times, rng), times, wanted).label()
 
 
 def make_scatterers(placed: PlacedScene, times: FloatArray, rng: np.random.Generator | None) -> list[Scatterers]:
@@ -176,20 +176,22 @@ def make_scatterers(placed: PlacedScene, times: FloatArray, rng: np.random.Gener
     return [_make_scatterers(target, placed.scene, times, rng) for target in placed.targets]
 
 
-def tabulate(placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]) -> xr.Dataset:
+def tabulate(
+    placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]
+) -> ScattererTable:
     """Observe scatterers at some times as a table."""
-    return _label(placed, bodies, times, _look(placed.scene, bodies, _fit_splines(bodies), times, wanted))
+    return _tabulate(placed, bodies, times, _look(placed.scene, bodies, _fit_splines(bodies), times, wanted))
 
 
 def tabulate_later(
     placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]
-) -> xr.Dataset:
+) -> ScattererTable:
     """Observe scatterers as :func:`tabulate`; ranges, velocities and angles on demand."""
     count = sum(len(body.motion.markers) for body in bodies)
     alike = [replace(body, rcs_m2=np.ones(1), path_gain=np.ones(1)) for body in bodies]  # gains are not needed here
     look = _Look(placed.scene, alike, _fit_splines(bodies), times, tuple(wanted))
     values: dict[str, Any] = {
-        name: lazy_rows((times.size, count), partial(look.read, name), np.float64)
+        name: LateRows((times.size, count), partial(look.read, name), np.float64)
         for name in ("range", "radial_velocity", *wanted)
     }
     for name in ("rcs", "path_gain"):
@@ -200,7 +202,7 @@ def tabulate_later(
                 *(np.broadcast_to(getattr(body, of_body), (times.size, len(body.motion.markers))) for body in bodies),
             ]
         )
-    return _label(placed, bodies, times, values)
+    return _tabulate(placed, bodies, times, values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,9 +243,9 @@ def _look(
     return {name: _join_tables([np.empty((times.size, 0)), *(table[name] for table in seen)]) for name in names}
 
 
-def _label(
+def _tabulate(
     placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, values: Mapping[str, Any]
-) -> xr.Dataset:
+) -> ScattererTable:
     columns = {
         "target": np.array(
             [t.number for t, b in zip(placed.targets, bodies, strict=True) for _ in b.motion.markers], int
@@ -251,13 +253,9 @@ def _label(
         "marker": np.array([marker for body in bodies for marker in body.motion.markers], dtype=str),
         "part": np.array([part for body in bodies for part in body.motion.parts], dtype=str),
     }
-    return label_table(
-        {name: values[name] for name in SCATTERER_VARIABLES if name in values},
-        {
-            "slow_time": label_axis("slow_time", times),
-            **{name: label_values("scatterer", column) for name, column in columns.items()},
-        },
-        {} if placed.scene.receiver_position_m is None else {"bistatic": True},
+    ordered = {name: values[name] for name in SCATTERER_VARIABLES if name in values}
+    return ScattererTable(
+        times, ordered, columns, {} if placed.scene.receiver_position_m is None else {"bistatic": True}
     )
 
 

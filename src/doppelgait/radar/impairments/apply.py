@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.labels import label_axis, label_table
+from doppelgait.core.labels import ScattererTable, takes_arrays
 from doppelgait.core.plugins import Group
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import db_to_amplitude
@@ -178,8 +178,9 @@ def make_static_samples(
         "rcs": np.ones_like(range_m),
         "path_gain": (amplitude_v / one_v) ** 2,
     }
-    slow_time = label_axis("slow_time", np.arange(range_m.shape[0]) / radar.prf_hz)
-    return radar.waveform.synthesise(label_table(values, {"slow_time": slow_time}), radar)
+    table = ScattererTable(np.arange(range_m.shape[0]) / radar.prf_hz, values)
+    plain = takes_arrays(type(radar.waveform).synthesise)
+    return radar.waveform.synthesise(table if plain else table.label(), radar)
 
 
 def check_width(samples: Samples, radar: Radar) -> None:

@@ -24,9 +24,9 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait._core import native
+from doppelgait.core.labels import AnyTable
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Matrix, Samples, borrow_planes
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, range_to_delay_s, velocity_to_doppler_hz
@@ -88,14 +88,14 @@ class Impulse(Waveform):
                 "the band would extend below 0 Hz; raise carrier_hz or use a longer pulse"
             )
 
-    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
+    def synthesise(self, scatterers: AnyTable, radar: Radar) -> Matrix:
         """Sum Gaussian echoes exactly, with an extra phase per path."""
         range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
         native.add_echoes(range_m, amplitude_v, *_make_geometry(radar), out, path_phase_rad(scatterers))
         return out
 
-    def synthesise_planes(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
+    def synthesise_planes(self, scatterers: AnyTable, radar: Radar) -> Samples:
         """Sum Gaussian echoes in the layout of the kernel."""
         if type(self).synthesise is not Impulse.synthesise:  # a subclass with samples of its own
             return super().synthesise_planes(scatterers, radar)
@@ -133,7 +133,7 @@ def _make_geometry(radar: Radar) -> tuple[float, float, float, float, float]:
 class _MatchedPulse(Waveform):
     """A pulse of duration ``sweep_s`` behind its matched filter."""
 
-    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
+    def synthesise(self, scatterers: AnyTable, radar: Radar) -> Matrix:
         """Sum the matched-filter responses of all scatterers."""
         range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         phase_rad = path_phase_rad(scatterers)
@@ -274,7 +274,7 @@ class Cw(Waveform):
             return table
         return {**table, "sample_rate_hz": table["prf_hz"]}
 
-    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
+    def synthesise(self, scatterers: AnyTable, radar: Radar) -> Matrix:
         """Sum the echoes of all scatterers at all ranges, a exp(j(theta + phi - 4 pi R / lambda))."""
         range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         turns = range_m * (2.0 / radar.wavelength_m)

@@ -22,9 +22,9 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait._core import native
+from doppelgait.core.labels import AnyTable
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Matrix
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
@@ -83,7 +83,7 @@ class _Sweep(Waveform):
                 "bandwidth_hz"
             )
 
-    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
+    def synthesise(self, scatterers: AnyTable, radar: Radar) -> Matrix:
         """Synthesise sweeps with their motion and FMCW's residual video phase.
         With t_d = t_0 - beta u, beta = 2 v / c, the phase is a quadratic function of u.
         """
@@ -103,7 +103,7 @@ class _Sweep(Waveform):
         native.add_tones(amplitude_v, turns, linear, bend, out)
         return out
 
-    def synthesise_bins(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
+    def synthesise_bins(self, scatterers: AnyTable, radar: Radar) -> Matrix:
         """Synthesise range bins without the samples, to 1e-6 of the sum of all amplitudes.
         This is a non-uniform Fourier transform of type 1 (Fessler and Sutton, IEEE Trans. Signal Processing 51(2),
         2003) with a Kaiser-Bessel window over TAPS half bins.

@@ -9,15 +9,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
-import xarray as xr
 from pydantic import AfterValidator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.core.labels import ScattererTable, maps_table
 from doppelgait.scene.environment.losses import Screen, Visibility, Wall, apply_screen, apply_visibility, apply_wall
 from doppelgait.scene.environment.materials import MATERIALS, Dielectric, Material, relative_permittivity
 from doppelgait.scene.environment.reflections import GroundBounce, WallGhost, apply_ground_bounce, apply_wall_ghost
-from doppelgait.scene.environment.registry import ENVIRONMENT, Apply, Setting
+from doppelgait.scene.environment.registry import ENVIRONMENT, Apply, Setting, run_effect
 
 __all__ = [
     "ENVIRONMENT",
@@ -55,7 +55,8 @@ def make_effect(table: Mapping[str, Any]) -> FrozenModel:
     return ENVIRONMENT.parse(table)
 
 
-def apply_environment(scatterers: xr.Dataset, effects: Sequence[FrozenModel], setting: Setting) -> xr.Dataset:
+@maps_table
+def apply_environment(scatterers: ScattererTable, effects: Sequence[FrozenModel], setting: Setting) -> ScattererTable:
     """Apply all environment effects to a scatterer table, in order.
 
     Parameters
@@ -80,13 +81,11 @@ def apply_environment(scatterers: xr.Dataset, effects: Sequence[FrozenModel], se
     """
     for spec in check_order(effects):
         item, before = ENVIRONMENT.of(spec), scatterers
-        scatterers = item.run(before, spec, setting)
+        scatterers = run_effect(before, item, spec, setting)
         owner = f"environment effect {item.name!r} of {item.package}"
-        if not isinstance(scatterers, xr.Dataset):
-            raise AnalysisError(f"{owner} returns {type(scatterers).__name__}, not a scatterer table")
-        if missing := [str(name) for name in before.variables if name not in scatterers.variables]:
+        if missing := [name for name in (*before.values, *before.columns) if name not in scatterers]:
             raise AnalysisError(f"{owner} returns a table without {', '.join(missing)}")
-        n_before, n_after = before.sizes["slow_time"], scatterers.sizes["slow_time"]
+        n_before, n_after = before.slow_time_s.size, scatterers.slow_time_s.size
         if n_after != n_before:
             raise AnalysisError(f"{owner} returns {n_after} pulses instead of {n_before}; it must keep the pulses")
     return scatterers

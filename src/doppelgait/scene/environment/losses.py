@@ -7,12 +7,11 @@ from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
-import xarray as xr
 from pydantic import Field, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import warn_caller
-from doppelgait.core.labels import read_axis, replace_values
+from doppelgait.core.labels import ScattererTable, maps_table
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import db_to_power
 from doppelgait.radar.link import MIN_RANGE_M
@@ -87,7 +86,8 @@ def wall_needs_angles(spec: Wall) -> bool:
 
 
 @plugin("environment", parameters=Wall, needs_angles=wall_needs_angles, is_smooth=True)
-def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Dataset:
+@maps_table
+def apply_wall(scatterers: ScattererTable, spec: Wall, setting: Setting) -> ScattererTable:
     """Attenuate and delay the scatterers behind the wall.
 
     Parameters
@@ -142,12 +142,11 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
     rest_rad = np.angle(through) + 2.0 * np.pi / setting.wavelength_m * delay_m
     rest_rad = 2.0 * ((rest_rad + np.pi) % (2.0 * np.pi) - np.pi)
     gain = (through.real**2 + through.imag**2) ** 2 * compute_slab_spreading(
-        cosine, scatterers["range"].values, permittivity=permittivity, thickness_m=spec.thickness_m or 0.0
+        cosine, scatterers["range"], permittivity=permittivity, thickness_m=spec.thickness_m or 0.0
     )
-    delayed = _lengthen(scatterers, delay_m, rate_per_s(delay_m, read_axis(scatterers, "slow_time")), behind)
-    return replace_values(
-        delayed,
-        path_gain=delayed["path_gain"].values * np.where(behind, gain, 1.0),
+    delayed = _lengthen(scatterers, delay_m, rate_per_s(delay_m, scatterers.slow_time_s), behind)
+    return delayed.replace(
+        path_gain=delayed["path_gain"] * np.where(behind, gain, 1.0),
         path_phase=read_path_phase(scatterers) + np.where(behind, rest_rad, 0.0),
     )
 
@@ -163,25 +162,24 @@ def compute_wall_insertion(
     return np.asarray(te * share + tm * (1.0 - share))
 
 
-def _apply_measured(scatterers: xr.Dataset, spec: Wall, behind: np.ndarray | np.bool_) -> xr.Dataset:
+def _apply_measured(scatterers: ScattererTable, spec: Wall, behind: np.ndarray | np.bool_) -> ScattererTable:
     gain = float(db_to_power(-2.0 * (spec.loss_db or 0.0)))
     delayed = _lengthen(scatterers, np.asarray(spec.delay_m or 0.0), np.asarray(0.0), behind)
-    return replace_values(delayed, path_gain=delayed["path_gain"].values * np.where(behind, gain, 1.0))
+    return delayed.replace(path_gain=delayed["path_gain"] * np.where(behind, gain, 1.0))
 
 
 def _lengthen(
-    scatterers: xr.Dataset, delay_m: FloatArray, rate_mps: FloatArray, behind: np.ndarray | np.bool_
-) -> xr.Dataset:
+    scatterers: ScattererTable, delay_m: FloatArray, rate_mps: FloatArray, behind: np.ndarray | np.bool_
+) -> ScattererTable:
     """Increase the delay of paths without changing their spreading."""
-    before_m = scatterers["range"].values
+    before_m = scatterers["range"]
     after_m = before_m + np.where(behind, delay_m, 0.0)
     ratio = np.maximum(after_m, MIN_RANGE_M) / np.maximum(before_m, MIN_RANGE_M)
     squared = ratio * ratio
-    return replace_values(
-        scatterers,
+    return scatterers.replace(
         range=after_m,
-        path_gain=scatterers["path_gain"].values * (squared * squared),
-        radial_velocity=scatterers["radial_velocity"].values - np.where(behind, rate_mps, 0.0),
+        path_gain=scatterers["path_gain"] * (squared * squared),
+        radial_velocity=scatterers["radial_velocity"] - np.where(behind, rate_mps, 0.0),
     )
 
 
@@ -212,7 +210,8 @@ class Visibility(FrozenModel):
 
 
 @plugin("environment", parameters=Visibility)
-def apply_visibility(scatterers: xr.Dataset, spec: Visibility, setting: Setting) -> xr.Dataset:
+@maps_table
+def apply_visibility(scatterers: ScattererTable, spec: Visibility, setting: Setting) -> ScattererTable:
     """Apply the visibility gain at every echo's range.
 
     Parameters
@@ -228,8 +227,8 @@ def apply_visibility(scatterers: xr.Dataset, spec: Visibility, setting: Setting)
         length of the echo's path). A wall increases the apparent range, so list ``visibility`` last.
     """
     ranges_m, gains_db = np.array(spec.gain_db).T
-    gain = db_to_power(np.interp(scatterers["range"].values, ranges_m, gains_db))
-    return replace_values(scatterers, path_gain=scatterers["path_gain"].values * gain)
+    gain = db_to_power(np.interp(scatterers["range"], ranges_m, gains_db))
+    return scatterers.replace(path_gain=scatterers["path_gain"] * gain)
 
 
 Place = tuple[Annotated[float, Field(ge=-1e5, le=1e5)], Annotated[float, Field(ge=-1e5, le=1e5)]]
@@ -265,7 +264,8 @@ class Screen(FrozenModel):
 
 
 @plugin("environment", parameters=Screen, needs_angles=True, is_smooth=True)
-def apply_screen(scatterers: xr.Dataset, spec: Screen, setting: Setting) -> xr.Dataset:
+@maps_table
+def apply_screen(scatterers: ScattererTable, spec: Screen, setting: Setting) -> ScattererTable:
     """Attenuate the scatterers behind a screen.
 
     Parameters
@@ -310,7 +310,7 @@ def apply_screen(scatterers: xr.Dataset, spec: Screen, setting: Setting) -> xr.D
     for inside_m in (below_top_m, part * seen_width_m, (1.0 - part) * seen_width_m):
         loss_db = np.minimum(loss_db, knife_edge_db(inside_m * per_m))
     loss_db = np.where(between, loss_db, 0.0)
-    return replace_values(scatterers, path_gain=scatterers["path_gain"].values * db_to_power(-2.0 * loss_db))
+    return scatterers.replace(path_gain=scatterers["path_gain"] * db_to_power(-2.0 * loss_db))
 
 
 def knife_edge_db(v: FloatArray) -> FloatArray:

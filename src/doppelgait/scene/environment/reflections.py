@@ -12,13 +12,12 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 from pydantic import Field, model_validator
 
 from doppelgait._core import native
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError, warn_caller
-from doppelgait.core.labels import label_table, label_values, read_axis, replace_values
+from doppelgait.core.labels import ScattererTable, maps_table
 from doppelgait.core.plugins import plugin
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.environment.materials import (
@@ -37,7 +36,6 @@ from doppelgait.scene.environment.registry import Setting
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
-DIMS = ("slow_time", "scatterer")
 ONE_REFLECTION, TWO_REFLECTIONS = ":bounce", ":double_bounce"
 ONE_GHOST, TWO_GHOSTS = ":ghost_mixed", ":ghost"
 IMAGE_ENDINGS = (ONE_REFLECTION, TWO_REFLECTIONS, ONE_GHOST, TWO_GHOSTS)
@@ -69,7 +67,7 @@ class Rays:
         return np.asarray(self.x_m * math.cos(azimuth_rad) + self.y_m * math.sin(azimuth_rad))
 
 
-def make_direct_rays(scatterers: xr.Dataset, *, effect: str) -> Rays:
+def make_direct_rays(scatterers: ScattererTable, *, effect: str) -> Rays:
     """Return the direct paths of a table."""
     if scatterers.attrs.get("bistatic", False):
         raise ConfigError(
@@ -83,7 +81,7 @@ def make_direct_rays(scatterers: xr.Dataset, *, effect: str) -> Rays:
         )
     names = ("range", "radial_velocity", "azimuth", "elevation")
     range_m, velocity_mps, azimuth_rad, elevation_rad = (
-        np.asarray(scatterers[name].values, dtype=np.float64) for name in names
+        np.asarray(scatterers[name], dtype=np.float64) for name in names
     )
     level_m = range_m * np.cos(elevation_rad)
     return Rays(
@@ -113,10 +111,10 @@ def compute_image_length(
     return length_m, -rate / np.maximum(length_m, 1e-12)
 
 
-def find_originals(scatterers: xr.Dataset) -> npt.NDArray[np.intp]:
+def find_originals(scatterers: ScattererTable) -> npt.NDArray[np.intp]:
     """Return indices of the rows that are not images. Images of images are not modelled."""
-    names = np.char.endswith(read_axis(scatterers, "marker").astype(str)[:, None], np.array(IMAGE_ENDINGS)).any(axis=1)
-    return np.flatnonzero(~(names & (read_axis(scatterers, "target") == -1)))
+    rows = zip(scatterers["target"].tolist(), scatterers["marker"].tolist(), strict=True)
+    return np.flatnonzero([target != -1 or not str(marker).endswith(IMAGE_ENDINGS) for target, marker in rows])
 
 
 def take(rays: Rays, columns: npt.NDArray[np.intp]) -> Rays:
@@ -128,7 +126,7 @@ def take(rays: Rays, columns: npt.NDArray[np.intp]) -> Rays:
 
 
 def add_images(
-    scatterers: xr.Dataset,
+    scatterers: ScattererTable,
     columns: npt.NDArray[np.intp],
     *,
     direct: Rays,
@@ -136,40 +134,35 @@ def add_images(
     reflection: ComplexArray,
     endings: tuple[str, str],
     plane: tuple[tuple[float, float, float], float],
-) -> xr.Dataset:
+) -> ScattererTable:
     """Append the echoes with one and with two reflections."""
-    table = scatterers
-    if "path_phase" not in table:
-        table = replace_values(table, path_phase=np.zeros(tuple(table.sizes[dim] for dim in DIMS)))
-    n_rows, n_images = table.sizes["scatterer"], columns.size
+    if "path_phase" not in scatterers:
+        scatterers = scatterers.replace(path_phase=np.zeros(scatterers.shape))
+    (n_pulses, n_rows), n_images = scatterers.shape, columns.size
     first, second = slice(n_rows, n_rows + n_images), slice(n_rows + n_images, None)
     values: dict[str, FloatArray] = {}
-    for name, variable in table.data_vars.variables.items():
-        values[str(name)] = whole = np.empty((variable.shape[0], n_rows + 2 * n_images))
-        whole[:, :n_rows] = variable.values
-        whole[:, first] = whole[:, second] = np.nan if name == "aspect" else variable.values[:, columns]
+    for name, before in scatterers.values.items():
+        values[name] = whole = np.empty((n_pulses, n_rows + 2 * n_images))
+        whole[:, :n_rows] = before
+        whole[:, first] = whole[:, second] = np.nan if name == "aspect" else before[:, columns]
     rays = [list(vars(part).values()) for part in (direct, image)]
     new = [values[name] for name in ("range", "radial_velocity", "azimuth", "elevation", "path_gain", "path_phase")]
     native.fill_images(*rays, reflection.real, reflection.imag, MIN_RANGE_M, n_rows, new)
-    coords = dict(table.coords.variables)
-    for name, variable in table.coords.variables.items():
-        if variable.dims != ("scatterer",):
-            continue
-        added = variable.values[columns]
+    named = {}
+    for name, column in scatterers.columns.items():
+        rows = [column[columns]] * 2
         if name == "target":
             rows = [np.full(n_images, -1)] * 2
         elif name in ("marker", "part"):
-            rows = [np.char.add(added.astype(str), ending) for ending in endings]
-        else:
-            rows = [added, added]
-        coords[name] = label_values("scatterer", np.concatenate([variable.values, *rows]), variable.attrs)
-    mirrors = (*table.attrs.get("mirrors", ()), Mirror(*plane, tuple(columns.tolist()), n_rows))
-    return label_table(values, coords, {**table.attrs, "mirrors": mirrors})
+            rows = [np.char.add(column[columns].astype(str), ending) for ending in endings]
+        named[name] = np.concatenate([column, *rows])
+    mirrors = (*scatterers.attrs.get("mirrors", ()), Mirror(*plane, tuple(columns.tolist()), n_rows))
+    return ScattererTable(scatterers.slow_time_s, values, named, {**scatterers.attrs, "mirrors": mirrors})
 
 
-def read_path_phase(scatterers: xr.Dataset) -> FloatArray | float:
+def read_path_phase(scatterers: ScattererTable) -> FloatArray | float:
     """Return ``path_phase`` of the table, 0 where it is missing."""
-    return np.asarray(scatterers["path_phase"].values) if "path_phase" in scatterers else 0.0
+    return np.asarray(scatterers["path_phase"]) if "path_phase" in scatterers else 0.0
 
 
 class GroundBounce(FrozenModel):
@@ -193,7 +186,8 @@ class GroundBounce(FrozenModel):
 
 
 @plugin("environment", parameters=GroundBounce, needs_angles=True, makes_images=True, is_smooth=True)
-def apply_ground_bounce(scatterers: xr.Dataset, spec: GroundBounce, setting: Setting) -> xr.Dataset:
+@maps_table
+def apply_ground_bounce(scatterers: ScattererTable, spec: GroundBounce, setting: Setting) -> ScattererTable:
     """Add two floor echoes for every scatterer.
 
     Parameters
@@ -230,7 +224,7 @@ def apply_ground_bounce(scatterers: xr.Dataset, spec: GroundBounce, setting: Set
         direct,
         radar_distance_m=height_m,
         target_distance_m=above_m,
-        target_rate_mps=rate_per_s(above_m, read_axis(scatterers, "slow_time")),
+        target_rate_mps=rate_per_s(above_m, scatterers.slow_time_s),
     )
     down_m = height_m + above_m
     return add_images(
@@ -300,7 +294,8 @@ class WallGhost(FrozenModel):
 
 
 @plugin("environment", parameters=WallGhost, needs_angles=True, makes_images=True, is_smooth=True)
-def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) -> xr.Dataset:
+@maps_table
+def apply_wall_ghost(scatterers: ScattererTable, spec: WallGhost, setting: Setting) -> ScattererTable:
     """Add two wall echoes for every scatterer.
 
     Only scatterers on the radar's side of the wall have wall echoes.
@@ -339,10 +334,10 @@ def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) 
     if crosses.any():
         number = int(np.flatnonzero(crosses)[0])
         first = int(np.flatnonzero((from_wall_m[:, number] > 0) != (from_wall_m[0, number] > 0))[0])
-        name = read_axis(scatterers, "marker")[rows[number]]
+        name = scatterers["marker"][rows[number]]
         warn_caller(
             f"wall_ghost: {int(crosses.sum())} of {crosses.size} scatterers cross the wall, first {name} at "
-            f"{float(read_axis(scatterers, 'slow_time')[first]):.2f} s; they have no ghost while they are behind it. "
+            f"{float(scatterers.slow_time_s[first]):.2f} s; they have no ghost while they are behind it. "
             "Move the wall or the target"
         )
     rows, direct, from_wall_m = rows[seen], take(direct, np.flatnonzero(seen)), from_wall_m[:, seen]
@@ -350,7 +345,7 @@ def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) 
         direct,
         radar_distance_m=radar_distance_m,
         target_distance_m=from_wall_m,
-        target_rate_mps=rate_per_s(from_wall_m, read_axis(scatterers, "slow_time")),
+        target_rate_mps=rate_per_s(from_wall_m, scatterers.slow_time_s),
     )
     image = Rays(
         length_m,

@@ -7,7 +7,9 @@ from typing import Any, Protocol
 
 import xarray as xr
 
-from doppelgait.core.plugins import Group
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import AnyTable, ScattererTable, takes_arrays
+from doppelgait.core.plugins import Group, Plugin
 
 
 @dataclass(frozen=True)
@@ -38,9 +40,12 @@ class Apply(Protocol):
     therefore listed before those that lengthen or attenuate paths. With ``is_smooth=True``, gains, phases and delays
     change no faster than directions, and every added row is an image in a
     :class:`~doppelgait.scene.environment.reflections.Mirror`: the effect is then evaluated only 80 times a second.
+
+    A function whose first parameter is annotated as ``ScattererTable`` gets plain arrays. Others, such as those written
+    for version 0.2, get and return a Dataset.
     """
 
-    def __call__(self, scatterers: xr.Dataset, parameters: Any, setting: Setting, /) -> xr.Dataset:
+    def __call__(self, scatterers: Any, parameters: Any, setting: Setting, /) -> AnyTable:
         """Return the scatterer table (slow_time, scatterer) after the effect."""
 
 
@@ -49,3 +54,14 @@ ENVIRONMENT: Group[Apply] = Group(
     built_in=("doppelgait.scene.environment.losses", "doppelgait.scene.environment.reflections"),
 )
 """Environment effects by the ``kind`` of a scene file's ``[[environment]]``."""
+
+
+def run_effect(table: ScattererTable, effect: Plugin[Apply], spec: Any, setting: Setting) -> ScattererTable:
+    """Apply an effect to a table, with labels if the effect needs them."""
+    result: Any = effect.run(table if takes_arrays(effect.run) else table.label(), spec, setting)
+    if not isinstance(result, ScattererTable | xr.Dataset):
+        raise AnalysisError(
+            f"environment effect {effect.name!r} of {effect.package} returns {type(result).__name__}, not a scatterer "
+            "table"
+        )
+    return ScattererTable.of(result)

@@ -290,6 +290,7 @@ def check_environment(parameters: Any) -> None:
     >>> import doppelgait as dg
     >>> dg.testing.check_environment({"kind": "wall", "loss_db": 3.0})
     """
+    from doppelgait.core.labels import maps_table, takes_arrays
     from doppelgait.motion import boulic_walk
     from doppelgait.scene import Scene, Target, assemble
     from doppelgait.scene.environment import ENVIRONMENT, Setting
@@ -302,9 +303,11 @@ def check_environment(parameters: Any) -> None:
     scene = Scene([Target(boulic_walk(speed_mps=1.2, duration_s=1.0), range_m=5.0)])
     table = assemble(scene, times_s)
     before = table.copy(deep=True)
-    after = effect.run(table, spec, setting)
+    run: Any = effect.run
+    run = maps_table(run) if takes_arrays(run) else run
+    after = run(table, spec, setting)
     require(table.identical(before), f"{name}: changes the table of its input")
-    require(after.identical(effect.run(table, spec, setting)), f"{name}: the same table gives another one")
+    require(after.identical(run(table, spec, setting)), f"{name}: the same table gives another one")
     n_before, n_after = table.sizes["scatterer"], after.sizes["scatterer"]
     require(n_after >= n_before, f"{name}: drops scatterers")
     require(after.sizes["slow_time"] == times_s.size, f"{name}: changes the number of pulses")
@@ -317,4 +320,4 @@ def check_environment(parameters: Any) -> None:
     for column in ("rcs", "path_gain"):
         require((after[column].values >= 0).all(), f"{name}: {column} is negative")
     nothing = assemble(Scene([], duration_s=1.0), times_s)
-    require(effect.run(nothing, spec, setting).sizes["scatterer"] == 0, f"{name}: an empty room gets scatterers")
+    require(run(nothing, spec, setting).sizes["scatterer"] == 0, f"{name}: an empty room gets scatterers")
