@@ -62,7 +62,7 @@ def test_the_driving_curves_are_the_published_ones(trace):
     q, phase = float(trace["rv"]), np.arange(SAMPLES) / SAMPLES
     offset, trunk, limb = compute_body_offset(phase, q), trunk_angles_deg(phase, q), limb_angles_deg(phase, q)
     ours = {
-        "trunk_vertical_m": offset[:, 2], "trunk_lateral_m": offset[:, 1], "trunk_forward_m": offset[:, 0],
+        "trunk_vertical_m": offset[2], "trunk_lateral_m": offset[1], "trunk_forward_m": offset[0],
         "trunk_pitch_deg": trunk["trunk_pitch"], "pelvis_list_deg": trunk["pelvic_list"],
         "pelvis_torsion_deg": trunk["pelvic_torsion"], "thorax_torsion_deg": trunk["thorax_torsion"],
         **{f"{joint}_flex_deg": limb[joint] for joint in ("hip", "knee", "ankle", "shoulder", "elbow")},

@@ -8,8 +8,10 @@ from hypothesis import strategies as st
 
 import doppelgait as dg
 from doppelgait.core.errors import ConfigError
+from doppelgait.motion.retime import Variation
 from doppelgait.pipeline import Run, run_simulation
 from doppelgait.scene import RcsSpec, Scene, Target, place, placement, side_by_side
+from doppelgait.scene.placement import place_all
 
 AZIMUTHS = st.floats(-360, 360)
 METRES = st.floats(-50, 50)
@@ -121,7 +123,7 @@ def test_models_are_frozen_and_changed_ones_are_checked():
         scene.targets[0].replace(range_m=-1.0)
 
 
-STEPS = ("build_motion", "scale_to_height", "follow", "place_motion")
+STEPS = ("_check_model", "scale_to_height", "follow", "place_motion")
 
 
 def test_every_motion_is_made_scaled_and_placed_once_per_simulation(monkeypatch):
@@ -146,7 +148,7 @@ def test_every_motion_is_made_scaled_and_placed_once_per_simulation(monkeypatch)
         duration_s=0.5,
         receiver_position_m=(1.0, 0.0, 1.0),
     )
-    once = {"build_motion": 3, "scale_to_height": 2, "follow": 1, "place_motion": 2}
+    once = {"_check_model": 3, "scale_to_height": 2, "follow": 1, "place_motion": 2}
     run = Run(scene=scene, radar=dg.Radar.preset("x4", prf_hz=900), auto_prf=True)
     recording = run_simulation(run)
     assert recording.truth[0].body is not None
@@ -154,3 +156,29 @@ def test_every_motion_is_made_scaled_and_placed_once_per_simulation(monkeypatch)
     done.clear()
     dg.simulate(place(scene), run.radar)
     assert done == once
+
+
+def test_scenes_placed_together_are_those_placed_alone():
+    walker = {"kind": "human", "step_time_sd": 0.02}
+    dog = {"kind": "quadruped", "stride_variation": 0.02, "footfall_sd": 0.01}
+    beside = Target(dog, range_m=6.0, vary=Variation(pace=1.1))
+    scenes = [
+        Scene([Target(walker, range_m=4.0), beside], duration_s=1.0),
+        Scene([Target({"kind": "fan"}, range_m=3.0), Target(walker, range_m=5.0)], duration_s=0.5),
+        Scene([beside, Target(walker | {"gait": "run", "speed_mps": 3.0}, range_m=4.0)], duration_s=0.7),
+    ]
+    streams = [dg.rng(seed) for seed in (1, 2, 3)]
+    for scene, own, placed in zip(scenes, streams, place_all(scenes, streams), strict=True):
+        for alone, together in zip(place(scene, own).targets, placed.targets, strict=True):
+            assert alone.motion.position_m.tobytes() == together.motion.position_m.tobytes()
+            assert repr(alone.motion.facts) == repr(together.motion.facts)
+            assert alone.ground_speed_mps == together.ground_speed_mps
+
+
+def test_a_refused_target_of_many_scenes_is_named():
+    scenes = [Scene([Target({"kind": kind}, range_m=4.0)] * 2, duration_s=1.0) for kind in ("boulic", "human")]
+    scenes[1] = scenes[1].replace(
+        targets=(scenes[1].targets[0], Target({"kind": "human", "pace_sd": 0.02}, range_m=4.0))
+    )
+    with pytest.raises(ConfigError, match=r"targets\.1\.motion: .*pace_sd = 0\.02 need a random generator"):
+        next(place_all(scenes, [None, None]))

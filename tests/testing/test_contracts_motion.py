@@ -1,6 +1,7 @@
 """Contract checks of motion models, motion readers and paths: every built-in passes, and a broken one is caught."""
 
 import json
+from inspect import signature
 from pathlib import Path as FilePath
 from typing import Literal
 
@@ -10,6 +11,7 @@ import pytest
 import doppelgait as dg
 from doppelgait.core.config import FrozenModel
 from doppelgait.motion.models import MOTION_MODELS
+from doppelgait.motion.models.registry import generate_all
 from doppelgait.motion.paths import PATHS, CurveElement, Layout, Path, make_path
 from doppelgait.motion.readers import MOTION_READERS
 from doppelgait.testing import check_motion_model, check_motion_reader, check_path
@@ -77,6 +79,37 @@ def test_an_own_motion_model_passes_and_is_used_by_its_kind(register):
     register("motion_model", parameters=Hop)(hop)
     check_motion_model(Hop(height_m=0.2))
     assert dg.motion.generate({"kind": "hop"}, duration_s=1.0).duration_s == 1.0
+
+
+def hop_together(parameters, durations_s, rngs):
+    return [hop(*own) for own in zip(parameters, durations_s, rngs, strict=True)]
+
+
+def drift(parameters, durations_s, rngs):
+    """Motions that depend on the others of the batch."""
+    motions = hop_together(parameters, durations_s, rngs)
+    return [motion.with_positions(motion.position_m + len(motions)) for motion in motions]
+
+
+def test_a_model_of_batches_is_called_once_and_that_of_a_single_motion_for_each(register):
+    for calls, make in (([], hop), ([], hop_together)):
+
+        def counted(*arguments, calls=calls, make=make):
+            calls.append(arguments)
+            return make(*arguments)
+
+        counted.__signature__ = signature(make)
+        register("motion_model", parameters=Hop)(counted)
+        motions = generate_all([Hop(), Hop(height_m=0.2)], durations_s=[1.0, 1.5], rngs=[None, None])
+        assert [motion.duration_s for motion in motions] == [1.0, 1.5]
+        assert len(calls) == (2 if make is hop else 1)
+        check_motion_model("hop")
+
+
+def test_a_model_whose_motions_depend_on_each_other_is_caught(register):
+    register("motion_model", parameters=Hop)(drift)
+    with pytest.raises(AssertionError, match="another motion in a batch"):
+        check_motion_model("hop")
 
 
 # Readers -------------------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import json
 import math
 import warnings
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from doppelgait.core.config import validate
+from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning, MotionError, warn_caller
 from doppelgait.core.notebook import show_html
@@ -106,8 +106,26 @@ def place(scene: Scene, streams: Streams | None = None, *, folder: Path | None =
     >>> placed.observation_s, placed.targets[0].motion.facts.gait
     (2.0, 'walk')
     """
+    return next(place_all([scene], [streams], folder=folder))
+
+
+def place_all(
+    scenes: Sequence[Scene], streams: Sequence[Streams | None], *, folder: Path | None = None
+) -> Iterator[PlacedScene]:
+    """Place many scenes; the motions of their models are made together."""
+    # the models' motions are made at the first step, and each scene is read and placed at its own, with its warnings
+    rows = [*zip(scenes, streams, strict=True)]
+    # the shortest file determines the duration of the models' motions if the scene states none
+    read = [_read_motions(*row, folder) if row[0].duration_s is None else None for row in rows]
+    models = _make_motions(rows, [_find_needed_s(*row) for row in zip(scenes, read, strict=True)])
+    for row, files, made in zip(rows, read, models, strict=True):
+        motions = made | (_read_motions(*row, folder) if files is None else files)
+        yield _place_motions(row[0], [motions[number] for number in range(len(row[0].targets))])
+
+
+def _place_motions(scene: Scene, unscaled: list[Motion]) -> PlacedScene:
     motions = []
-    for number, (target, motion) in enumerate(zip(scene.targets, _make_motions(scene, streams, folder), strict=True)):
+    for number, (target, motion) in enumerate(zip(scene.targets, unscaled, strict=True)):
         try:
             motions.append(_scale(target, motion, scene.duration_s))
         except (ConfigError, MotionError) as error:
@@ -184,50 +202,75 @@ def _place(target: Target, motion: Motion, scene: Scene, observation_s: float) -
     return place_motion(motion, position_m=middle_m, heading_deg=heading_deg, at_s=observation_s / 2.0)
 
 
-def _make_motions(scene: Scene, streams: Streams | None, folder: Path | None) -> list[Motion]:
-    """Make the motions of all targets."""
-    # files are read first, because the shortest one determines the duration of the models' motions
-    models = None if streams is None else streams.generator("motion")
+def _is_model(target: Target) -> bool:
+    return not isinstance(target.motion, Motion) and target.motion["kind"] != "file"
 
-    def make(number: int, table: Mapping[str, Any], seconds: float) -> Motion:
-        rng = models
-        if streams is not None and table["kind"] == "file":  # the offset of a loop does not affect models
-            rng = streams.generator("motion", f"targets.{number}")
-        variation = scene.targets[number].vary
+
+def _read_motions(scene: Scene, streams: Streams | None, folder: Path | None) -> dict[int, Motion]:
+    """Read the motions of files, and take those that are given, by the numbers of their targets."""
+    motions = {}
+    for number, target in enumerate(scene.targets):
+        if _is_model(target):
+            continue
+        motion = target.motion
+        if not isinstance(motion, Motion):
+            # the offset of a loop does not affect models
+            rng = None if streams is None else streams.generator("motion", f"targets.{number}")
+            lasts_s = DEFAULT_DURATION_S if target.vary is None else target.vary.needed_s(DEFAULT_DURATION_S)
+            try:
+                motion = build_motion(motion, duration_s=lasts_s, folder=folder, rng=rng)
+            except ConfigError as error:
+                raise ConfigError(f"targets.{number}.motion: {error}") from None
+        motions[number] = _vary(number, target, motion, streams)
+    return motions
+
+
+def _find_needed_s(scene: Scene, files: Mapping[int, Motion] | None) -> float:
+    """Return the duration of the motions of models."""
+    if scene.duration_s is None:
+        return min((motion.duration_s for motion in (files or {}).values()), default=DEFAULT_DURATION_S)
+    # a model scaled dynamically to a smaller height runs faster, and a path may be faster than its motion (twice
+    # 30 %: in its speed, and next to a curve), so its motion must be longer
+    froude = 2.0 if any(target.scaling == "froude" for target in scene.targets) else 1.0
+    return scene.duration_s * froude * (1.7 if any(t.path is not None for t in scene.targets) else 1.0)
+
+
+def _make_motions(rows: Sequence[tuple[Scene, Streams | None]], needed_s: Sequence[float]) -> list[dict[int, Motion]]:
+    """Make the motions of models, by the numbers of their targets in each scene."""
+    from doppelgait.motion.models.registry import generate_all
+
+    made: list[dict[int, Motion]] = [{} for _ in rows]
+    rngs = [None if streams is None else streams.generator("motion") for _, streams in rows]
+    # a target of every scene at a time, since those of a scene draw from a common generator
+    for number in range(max((len(scene.targets) for scene, _ in rows), default=0)):
+        batch = [row for row, (scene, _) in enumerate(rows) if number < len(scene.targets)]
+        batch = [row for row in batch if _is_model(rows[row][0].targets[number])]
+        targets = [rows[row][0].targets[number] for row in batch]
         try:
-            lasts_s = seconds if variation is None else variation.needed_s(seconds)
-            return build_motion(table, duration_s=lasts_s, folder=folder, rng=rng)
+            motions = generate_all(
+                [_check_model(target.motion) for target in targets],
+                durations_s=[
+                    needed_s[row] if target.vary is None else target.vary.needed_s(needed_s[row])
+                    for row, target in zip(batch, targets, strict=True)
+                ],
+                rngs=[rngs[row] for row in batch],
+            )
         except ConfigError as error:
             raise ConfigError(f"targets.{number}.motion: {error}") from None
+        for row, target, motion in zip(batch, targets, motions, strict=True):
+            made[row][number] = _vary(number, target, motion, rows[row][1])
+    return made
 
-    def varied(number: int, motion: Motion) -> Motion:
-        variation = scene.targets[number].vary
-        if variation is None:
-            return motion
-        if streams is None:
-            raise ConfigError(f"targets.{number}.vary draws random numbers: pass rng=doppelgait.rng(SEED)")
-        try:
-            return vary(motion, variation, streams.generator("motion", f"targets.{number}.vary"))
-        except MotionError as error:
-            raise MotionError(f"targets.{number}: {error}") from None
 
-    made: dict[int, Motion] = {}
-    for number, target in enumerate(scene.targets):
-        if isinstance(target.motion, Motion):
-            made[number] = varied(number, target.motion)
-        elif target.motion["kind"] == "file":
-            made[number] = varied(number, make(number, target.motion, DEFAULT_DURATION_S))
-    if scene.duration_s is None:
-        seconds = min((motion.duration_s for motion in made.values()), default=DEFAULT_DURATION_S)
-    else:
-        # a model scaled dynamically to a smaller height runs faster, and a path may be faster than its motion (twice
-        # 30 %: in its speed, and next to a curve), so its motion must be longer
-        froude = 2.0 if any(target.scaling == "froude" for target in scene.targets) else 1.0
-        seconds = scene.duration_s * froude * (1.7 if any(t.path is not None for t in scene.targets) else 1.0)
-    for number, target in enumerate(scene.targets):
-        if number not in made:
-            made[number] = varied(number, make(number, target.motion, seconds))
-    return [made[number] for number in range(len(scene.targets))]
+def _vary(number: int, target: Target, motion: Motion, streams: Streams | None) -> Motion:
+    if target.vary is None:
+        return motion
+    if streams is None:
+        raise ConfigError(f"targets.{number}.vary draws random numbers: pass rng=doppelgait.rng(SEED)")
+    try:
+        return vary(motion, target.vary, streams.generator("motion", f"targets.{number}.vary"))
+    except MotionError as error:
+        raise MotionError(f"targets.{number}: {error}") from None
 
 
 def _choose_range_m(motion: Motion, observation_s: float) -> float:
@@ -270,13 +313,10 @@ def build_motion(
     # the table is a model with duration_s, or a file that is read, cleaned, combined to a hybrid
     # and looped
     options = {key: value for key, value in table.items() if key != "kind"}
-    kind = str(table["kind"])
-    if kind != "file":
-        from doppelgait.motion.models.registry import MOTION_MODELS, check_table, generate
+    if table["kind"] != "file":
+        from doppelgait.motion.models.registry import generate
 
-        if kind not in MOTION_MODELS:
-            raise ConfigError(f"unknown kind {kind!r}; known are: file, {', '.join(MOTION_MODELS)}")
-        return generate(check_table(table, where=f"kind {kind!r}").parameters, duration_s=duration_s, rng=rng)
+        return generate(_check_model(table), duration_s=duration_s, rng=rng)
     from doppelgait.motion.hybrid import Hybrid, make_hybrid
     from doppelgait.motion.loop import loop
     from doppelgait.motion.readers import check_types
@@ -291,6 +331,16 @@ def build_motion(
     if loop_options.get("loop_to_s") is None:
         return motion
     return loop(motion, duration_s=loop_options["loop_to_s"], variation=loop_options["loop_variation"], rng=rng)
+
+
+def _check_model(table: Mapping[str, Any]) -> FrozenModel:
+    """Return the checked parameters of a model's table."""
+    from doppelgait.motion.models.registry import MOTION_MODELS, check_table
+
+    kind = str(table["kind"])
+    if kind not in MOTION_MODELS:
+        raise ConfigError(f"unknown kind {kind!r}; known are: file, {', '.join(MOTION_MODELS)}")
+    return check_table(table, where=f"kind {kind!r}").parameters
 
 
 def _read_clip(options: dict[str, Any], folder: Path | None) -> Motion:

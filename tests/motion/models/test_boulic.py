@@ -126,11 +126,11 @@ def test_regimes_meet(q):
 
 
 def test_published_offsets_change_sign_at_one_half_and_the_default_leans_over_the_standing_leg():
-    below, above = (compute_body_offset(PHASE, q, signs="published")[:, 1] for q in (0.4999, 0.5001))
+    below, above = (compute_body_offset(PHASE, q, signs="published")[1] for q in (0.4999, 0.5001))
     assert np.corrcoef(below, above)[0, 1] < -0.99
     for q in SPEEDS:
         # The right leg stands around p = 0.3: the body is then to the right, y < 0.
-        assert compute_body_offset(np.array([0.35]), q)[0, 1] < 0
+        assert compute_body_offset(np.array([0.35]), q)[1, 0] < 0
 
 
 def test_the_knee_never_overshoots_its_control_points():

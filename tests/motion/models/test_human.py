@@ -185,9 +185,14 @@ def test_auto_runs_above_two_metres_per_second_and_smaller_people_sooner():
             assert motion.facts.gait == expected
 
 
+def series(duration_s, rng=None, **asked):
+    """Touchdowns of a single walker."""
+    return [rows[0] for rows in step_series(np.array([[duration_s]]), rngs=[rng], **asked)[:3]]
+
+
 def test_steps_differ_as_asked():
     asked = {"time_sd": 0.03, "length_sd": 0.02, "time_asymmetry": 0.1}
-    times, phases, way = step_series(10_000, stride_s=1.1, stride_m=1.4, rng=np.random.default_rng(5), **asked)
+    times, phases, way = series(10_000, stride_s=1.1, stride_m=1.4, rng=np.random.default_rng(5), **asked)
     left = np.mod(phases[1:], 1) == 0.5
     for knots, mean, sd, asymmetry in ((times, 0.55, 0.03, 0.1), (way, 0.7, 0.02, 0.0)):
         steps = np.diff(knots) / mean
@@ -204,9 +209,7 @@ def test_the_feet_land_at_the_drawn_steps(speed_mps):
     options = {"step_time_sd": 0.04, "time_asymmetry": 0.05}
     motion = gait(speed_mps, 12, rng=np.random.default_rng(6), **options)
     stride_s = 1 / gait(speed_mps).facts.stride_frequency_hz
-    sampled = step_series(
-        12, stride_s=stride_s, stride_m=1, time_sd=0.04, time_asymmetry=0.05, rng=np.random.default_rng(6)
-    )
+    sampled = series(12, stride_s=stride_s, stride_m=1, time_sd=0.04, time_asymmetry=0.05, rng=np.random.default_rng(6))
     times = sampled[0][(sampled[0] > -1e-9) & (sampled[0] <= 12)]
     falls = motion.facts.footfalls
     np.testing.assert_allclose(np.sort(falls["left_foot"] + falls["right_foot"]), times, atol=1e-9)
@@ -249,7 +252,7 @@ def test_feet_that_land_unevenly_leave_the_trunk_even():
 
 def test_the_pace_drifts_slowly():
     asked = {"stride_s": 1.0, "stride_m": 1.4, "pace_sd": 0.04, "rng": np.random.default_rng(4)}
-    times, _, way = step_series(20_000, **asked)
+    times, _, way = series(20_000, **asked)
     time, length = np.diff(times) / 0.5 - 1, np.diff(way) / 0.7 - 1
     np.testing.assert_allclose(time, -length, atol=1e-6)
     assert length.std() == pytest.approx(0.02, rel=0.08)
@@ -303,7 +306,7 @@ def test_standing_feet_stay_still_when_steps_differ():
 
 
 def test_step_series_begins_at_its_phase_and_needs_a_generator():
-    times, phases, way = step_series(5, stride_s=1.1, stride_m=1.4, start_phase=0.37)
+    times, phases, way = series(5, stride_s=1.1, stride_m=1.4, start_phase=0.37)
     np.testing.assert_allclose(np.interp(0.37, phases, times), 0, atol=1e-12)
     np.testing.assert_allclose(np.interp(0.37, phases, way), 0, atol=1e-12)
     assert times[0] < 0 < 5 < times[-1]

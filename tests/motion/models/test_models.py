@@ -11,6 +11,7 @@ from doppelgait.motion.models import (
     boulic_walk,
     breathing_person,
     fan,
+    generate,
     human_gait,
     moving_point,
     pendulum,
@@ -20,7 +21,7 @@ from doppelgait.motion.models import (
 from doppelgait.motion.models.confusers import curtain, robot_vacuum
 from doppelgait.motion.models.crawl import crawling_person
 from doppelgait.motion.models.human import HumanConfig
-from doppelgait.motion.models.registry import check_table
+from doppelgait.motion.models.registry import check_table, generate_all
 
 MODELS = {
     # kind: (function, species, gait)
@@ -54,13 +55,40 @@ def test_a_table_is_checked_again_after_a_change_only():
 @pytest.mark.parametrize("kind", MODELS)
 def test_each_name_alone_gives_a_motion(kind):
     make, species, gait = MODELS[kind]
-    model = MOTION_MODELS[kind]
-    motion = model.run(model.parameters(), 2.0, None)
+    motion = generate(kind, duration_s=2.0)
     np.testing.assert_array_equal(motion.position_m, make(duration_s=2.0).position_m)
     facts = motion.facts
     assert (facts.kind, facts.source, facts.species, facts.gait) == (kind, kind, species, gait)
     assert float(motion.time_s[-1]) == 2.0
     assert motion.position_m[..., 2].min() >= (-1e-5 if kind == "boulic" else 0.0)
+
+
+def test_motions_of_a_batch_are_those_made_alone():
+    models = [
+        {
+            "kind": kind,
+            **({} if kind != "quadruped" else {"gait": gait}),
+            "rate_hz": rate_hz,
+            "start_phase": 0.3,
+            **options,
+        }
+        for kind in ("human", "quadruped", "boulic", "crawl")
+        for rate_hz, gait, options in (
+            (100.0, "walk", {}),
+            (250.0, "gallop", {} if kind in ("boulic", "crawl") else {"length_asymmetry": 0.02}),
+            (250.0, "trot", {"pace_sd": 0.02, "left_hand": "bag"} if kind == "human" else {"stride_variation": 0.03}),
+        )
+    ] + [{"kind": "human", "gait": "run", "speed_mps": 3.1}, {"kind": "human", "foot_lock": False}, {"kind": "fan"}]
+    models = models + models[::-1]
+    durations_s = [1.0 + 0.13 * number for number in range(len(models))]
+    together = generate_all(
+        models, durations_s=durations_s, rngs=[np.random.default_rng(n) for n in range(len(models))]
+    )
+    for number, (model, duration_s, motion) in enumerate(zip(models, durations_s, together, strict=True)):
+        alone = generate(model, duration_s=duration_s, rng=np.random.default_rng(number))
+        assert alone.position_m.tobytes() == motion.position_m.tobytes(), model
+        assert (repr(alone.facts), alone.report) == (repr(motion.facts), motion.report)
+        assert alone.time_s.tobytes() == motion.time_s.tobytes()
 
 
 def test_models_of_walkers_have_their_parameters_and_assumed_facts():

@@ -35,6 +35,7 @@ from doppelgait.motion.models.quadruped_limbs import (
     move_along_limb,
     place_on_trunk,
 )
+from doppelgait.motion.models.strides import Columns, make_column
 from doppelgait.motion.skeleton import DOG_PARTS
 
 SIDES = ("left", "right")
@@ -66,8 +67,10 @@ def closed_form(name, froude, phase=PHASE, build=STANDARD):
     """All points at given phases with the tail at rest, in units of hip height, and the stride in the same unit."""
     gait, _, stride, _, duty = settings(name, froude, build.withers_m, build)
     stride /= hip_height_m(build, build.withers_m)
-    course = make_regular_course(phase, gait, stride)
-    return compute_all_points(phase, gait, build, course, duty, Carriage(42.0, -35.0, 0 * phase)), stride
+    gait, build, phase = Columns([gait]), Columns([build]), phase[None]
+    course = make_regular_course(phase, gait, make_column([stride]))
+    points = compute_all_points(phase, gait, build, course, duty, Carriage(42.0, -35.0, 0 * phase))
+    return {name: place[0] for name, place in points.items()}, stride
 
 
 def dog(name, froude, withers_m, **options):
@@ -225,8 +228,9 @@ def test_a_limb_that_cannot_reach_lowers_the_trunk_and_never_stretches(name, bui
         gait, *_ = settings(name, froude, build.withers_m, build)
         phase = PHASE[::4]
         points, stride = closed_form(name, froude, phase, build=build)
-        standing, _, _ = compute_trunk_motion(phase, stride * phase, gait, build, stride)
-        lowered = place_on_trunk(build.trunk * TRUNK_POINTS["rump"][0], 0.0, TRUNK_POINTS["rump"][1], standing)
+        batch = phase[None], stride * phase[None], Columns([gait]), Columns([build]), stride
+        standing, _, _ = compute_trunk_motion(*batch)
+        (lowered,) = place_on_trunk(build.trunk * TRUNK_POINTS["rump"][0], 0.0, TRUNK_POINTS["rump"][1], standing)
         lowered -= points["rump"]
         np.testing.assert_allclose(lowered, [[0.0, 0.0, lowered[0, 2]]] * phase.size, atol=1e-12)
         assert -1e-12 <= lowered[0, 2] <= DEEPEST_CROUCH + 1e-12

@@ -19,6 +19,7 @@ from doppelgait.motion.models.quadruped_gaits import (
     stride_length_m,
 )
 from doppelgait.motion.models.quadruped_limbs import Carriage, compute_all_points, make_regular_course
+from doppelgait.motion.models.strides import Columns, make_column
 
 FEET = ("left_hind", "left_fore", "right_hind", "right_fore")
 PHASE = np.arange(1500) / 1500
@@ -54,9 +55,10 @@ def stride_points(name, froude, phase=PHASE, build="standard", asymmetry=0.0):
     stride = stride_length_m(gait, speed, hip)
     duty = {end: duty_factor(getattr(gait, end), speed / stride, hip) for end in ("hind", "fore")}
     stride /= hip
-    course = make_regular_course(phase, gait, stride)
+    gait, build, phase = Columns([gait]), Columns([build]), phase[None]
+    course = make_regular_course(phase, gait, make_column([stride]))
     points = compute_all_points(phase, gait, build, course, duty, Carriage(42.0, -35.0, 0 * phase))
-    return points, stride, duty
+    return {name: place[0] for name, place in points.items()}, stride, duty
 
 
 def beats(footfalls, start_s, period_s):

@@ -6,12 +6,13 @@ speed V has q = V/L, a stride length of 1.346 sqrt(q) L and a stride time of 1.3
 
 Symbols: q is the relative speed V/L in 1/s, p the phase in cycles, 0 at initial contact of the right leg. Joint curves
 are those of the right side; the left side is half a cycle later. Regimes: A below q = 0.5, B to 1.3, C to 3.
+
+Shapes: phases are (n,) with a number q, or (..., B, n) with a column of them, (B, 1), for the examples of a batch.
 """
 
 from __future__ import annotations
 
-import math
-from functools import lru_cache
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -23,9 +24,16 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
-from doppelgait.motion.models.human_body import LENGTHS, POINTS, compute_figure_points, make_person_motion
+from doppelgait.motion.models.human_body import LENGTHS, POINTS, compute_figure_points, make_person_motions
 from doppelgait.motion.models.registry import generate, parse_parameters
-from doppelgait.motion.models.strides import Curve, fit_periodic_pchip, make_stride_clock, sample_times_s
+from doppelgait.motion.models.strides import (
+    Columns,
+    Rngs,
+    Values,
+    fit_periodic_pchip,
+    make_stride_clocks,
+    sample_times_s,
+)
 from doppelgait.motion.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
@@ -38,23 +46,24 @@ SAME_KNOT = 1e-6
 """Minimum distance of two different knots in cycles. Two knots of the hip coincide at q = 1.3."""
 
 
-def check_relative_speed(relative_speed: float) -> float:
+def check_relative_speed(relative_speed: Values) -> Values:
     """Return the relative speed if the model is valid for it."""
     # the valid range is 0 < q = V/L <= 3. Other values raise ConfigError.
-    if not 0 < relative_speed <= TOP_RELATIVE_SPEED * (1 + 1e-9):
-        raise ConfigError(
-            f"relative speed (speed / leg length): {relative_speed:.4g} per second is not allowed: "
-            f"must be above 0 and at most {TOP_RELATIVE_SPEED:g}"
-        )
+    for q in np.ravel(relative_speed):
+        if not 0 < q <= TOP_RELATIVE_SPEED * (1 + 1e-9):
+            raise ConfigError(
+                f"relative speed (speed / leg length): {q:.4g} per second is not allowed: "
+                f"must be above 0 and at most {TOP_RELATIVE_SPEED:g}"
+            )
     return relative_speed
 
 
-def cycle_duration_s(relative_speed: float) -> float:
+def cycle_duration_s(relative_speed: Values) -> Any:
     """Return the stride time T = 1.346 / sqrt(q)."""
-    return 1.346 / math.sqrt(relative_speed)
+    return 1.346 / np.sqrt(relative_speed)
 
 
-def compute_support_fraction(relative_speed: float) -> float:
+def compute_support_fraction(relative_speed: Values) -> Any:
     """Return a foot's duty factor, 0.752 - 0.143 / T."""
     return 0.752 - 0.143 / cycle_duration_s(relative_speed)
 
@@ -73,29 +82,29 @@ def _share(phase: FloatArray) -> FloatArray:
     return np.asarray(phase - np.floor(phase))
 
 
-def compute_body_offset(phase: FloatArray, relative_speed: float, *, signs: OffsetSigns = "continuous") -> FloatArray:
-    """Return the offset of the body from uniform motion. Shapes: phase (n,); returns (n, 3)."""
+def compute_body_offset(
+    phase: FloatArray, relative_speed: Values, *, signs: npt.ArrayLike = "continuous"
+) -> FloatArray:
+    """Return the offset of the body from uniform motion. Shapes: phase (..., n); returns (3, ..., n)."""
     # it is in units of the offset scale k
-    q = relative_speed
-    slow = q < 0.5
-    lateral = -0.128 * (q - q * q) if slow else -0.032
-    fore_aft = -0.084 * (q - q * q) if slow else -0.021
-    if signs == "published" and slow:
-        lateral, fore_aft = -lateral, -fore_aft
-    elif signs == "pendulum":
-        fore_aft = -fore_aft
+    q, signs = relative_speed, np.asarray(signs)
+    slow = np.less(q, 0.5)
+    lateral = np.where(slow, -0.128 * (q - q * q), -0.032)
+    fore_aft = np.where(slow, -0.084 * (q - q * q), -0.021)
+    published = (signs == "published") & slow
+    lateral = np.where(published, -lateral, lateral)
+    fore_aft = np.where(published | (signs == "pendulum"), -fore_aft, fore_aft)
     vertical = 0.015 * q
     return np.stack(
         [
             fore_aft * _sine(2 * phase + 2 * (0.625 - compute_support_fraction(q))),
             lateral * _sine(phase - 0.1),
             -vertical + vertical * _sine(2 * phase - 0.35),
-        ],
-        axis=-1,
+        ]
     )
 
 
-def pelvic_list_deg(phase: FloatArray, relative_speed: float) -> FloatArray:
+def pelvic_list_deg(phase: FloatArray, relative_speed: Values) -> FloatArray:
     """Return the pelvic list l(p), negative with the left side lower. It is 0 at p = 0 and 0.5."""
     p = _share(phase)
     first = p < 0.5
@@ -105,15 +114,15 @@ def pelvic_list_deg(phase: FloatArray, relative_speed: float) -> FloatArray:
     return np.asarray(np.where(first, -1.66 * relative_speed, 1.66 * relative_speed) * drop)
 
 
-def lean_deg(relative_speed: float) -> float:
+def lean_deg(relative_speed: Values) -> FloatArray:
     """Mean forward lean of the trunk."""
     q = relative_speed
-    return 8 * q - 8 * q * q if q < 0.5 else 2.0
+    return np.where(np.less(q, 0.5), 8 * q - 8 * q * q, 2.0)
 
 
-def trunk_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
+def trunk_angles_deg(phase: FloatArray, relative_speed: Values) -> dict[str, FloatArray]:
     """Return pelvis and trunk angles by name, degrees."""
-    # they are trunk pitch, pelvic torsion and list, and thorax torsion, each of shape (n,)
+    # they are trunk pitch, pelvic torsion and list, and thorax torsion, each of the shape of phase
     q, pitch = relative_speed, lean_deg(relative_speed)
     return {
         "trunk_pitch": -pitch + pitch * _sine(2 * phase - 0.1),
@@ -122,33 +131,37 @@ def trunk_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, Floa
     }
 
 
-def pelvis_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
+def pelvis_angles_deg(phase: FloatArray, relative_speed: Values) -> dict[str, FloatArray]:
     """Return pelvic torsion and list by name."""
     torsion = -4 * relative_speed * _cosine(phase)
     return {"pelvic_torsion": torsion, "pelvic_list": pelvic_list_deg(phase, relative_speed)}
 
 
-def thorax_torsion_deg(phase: FloatArray, relative_speed: float) -> FloatArray:
+def thorax_torsion_deg(phase: FloatArray, relative_speed: Values) -> FloatArray:
     """Return the torsion of the upper body."""
-    q = relative_speed
-    return interpolate_periodic([(0.1, 4 * q / 3), (0.4, -1.5 * q), (0.6, -4 * q / 3), (0.9, 1.5 * q)], phase)
+    knots = [
+        [(0.1, 4 * q / 3), (0.4, -1.5 * q), (0.6, -4 * q / 3), (0.9, 1.5 * q)]
+        for q in np.ravel(relative_speed).tolist()
+    ]
+    return interpolate_periodic(knots, phase)
 
 
-def limb_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
+def limb_angles_deg(phase: FloatArray, relative_speed: Values) -> dict[str, FloatArray]:
     """Return the joint flexion of one side by name, degrees."""
     # the joints are hip, knee, ankle, shoulder and elbow. The arrays have the shape of phase.
-    q = relative_speed
-    knots = find_joint_knots(q)
-    return {joint: interpolate_periodic(knots[joint], phase) for joint in ("hip", "knee", "ankle")} | arm_angles_deg(
-        phase, q
-    )
+    joints = {joint: _interpolate_joint(joint, phase, relative_speed) for joint in ("hip", "knee", "ankle")}
+    return joints | arm_angles_deg(phase, relative_speed)
 
 
-def arm_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
+def arm_angles_deg(phase: FloatArray, relative_speed: Values) -> dict[str, FloatArray]:
     """Return the flexion of shoulder and elbow alone."""
     q = relative_speed
     shoulder = 3 - 0.5 * 9.88 * q - 9.88 * q * _cosine(phase)
-    return {"shoulder": shoulder, "elbow": interpolate_periodic(find_joint_knots(q)["elbow"], phase)}
+    return {"shoulder": shoulder, "elbow": _interpolate_joint("elbow", phase, q)}
+
+
+def _interpolate_joint(joint: str, phase: FloatArray, relative_speed: Values) -> FloatArray:
+    return interpolate_periodic([find_joint_knots(q)[joint] for q in np.ravel(relative_speed).tolist()], phase)
 
 
 def find_joint_knots(relative_speed: float) -> dict[str, Knots]:
@@ -185,20 +198,25 @@ def find_joint_knots(relative_speed: float) -> dict[str, Knots]:
     }
 
 
-def interpolate_periodic(knots: Knots, phase: FloatArray) -> FloatArray:
-    """Interpolate periodic knots by a shape-preserving cubic (Fritsch-Carlson)."""
-    return _fit_pchip(tuple(knots))(_share(phase))
+def interpolate_periodic(knots: Sequence[Knots], phase: FloatArray) -> FloatArray:
+    """Interpolate the periodic knots of examples by shape-preserving cubics (Fritsch-Carlson)."""
+    rows = [_sort_knots(own) for own in knots]
+    at = _share(phase).reshape(-1, len(rows), phase.shape[-1])
+    found = np.empty(at.shape)
+    for count in {len(row) for row in rows}:
+        alike = [number for number, row in enumerate(rows) if len(row) == count]
+        curves = fit_periodic_pchip(*np.array([rows[number] for number in alike]).transpose(2, 0, 1))
+        found[:, alike] = curves(at[:, alike])
+    return found.reshape(phase.shape)
 
 
-@lru_cache(maxsize=256)
-def _fit_pchip(knots: tuple[tuple[float, float], ...]) -> Curve:
-    """Compute the shape-preserving periodic cubic through knots."""
-    # results are cached, since a motion uses the same few curves repeatedly
-    one = sorted((float(np.mod(p, 1.0)), float(value)) for p, value in knots)
+def _sort_knots(knots: Knots) -> Knots:
+    """Return knots in the order of their phases, each once."""
+    one = sorted((p % 1.0, float(value)) for p, value in knots)
     kept = [one[0]] + [b for a, b in pairwise(one) if b[0] - a[0] > SAME_KNOT]
     if kept[0][0] + 1 - kept[-1][0] <= SAME_KNOT:
         kept.pop()
-    return fit_periodic_pchip(*zip(*kept, strict=True))
+    return kept
 
 
 Form = Literal["consistent", "pendulum", "chen2011"]
@@ -287,27 +305,25 @@ def boulic_walk(
 
 
 @plugin("motion_model", parameters=BoulicConfig)
-def _generate(config: BoulicConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
-    leg_m = LEG_LENGTH * config.height_m
-    q = config.speed_mps / leg_m
-    scale_m = 1.0 if config.form == "chen2011" else leg_m
-    times_s = sample_times_s(duration_s, config.rate_hz)
-    clock = make_stride_clock(
-        times_s[-1],
-        period_s=cycle_duration_s(q),
-        start_phase=config.start_phase,
-        variation=config.stride_variation,
-        rng=rng,
-    )
+def _generate(parameters: Sequence[BoulicConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
+    columns = Columns(parameters)
+    leg_m = LEG_LENGTH * columns.height_m
+    q = columns.speed_mps / leg_m
+    forms = np.array(columns.form)[:, None]
+    scale_m = np.where(forms == "chen2011", 1.0, leg_m)
+    times_s, counts = sample_times_s(durations_s, columns.rate_hz)
+    period_s, start, variation = cycle_duration_s(q), columns.start_phase, columns.stride_variation
+    clock = make_stride_clocks(times_s, period_s=period_s, start_phase=start, variation=variation, rngs=rngs)
     phase = clock(times_s)
     # frames and a whole cycle in one call, since the floor is below the lowest point of the cycle
-    both = np.concatenate([_WHOLE_CYCLE, phase])
-    signs = _SIGNS[config.form]
-    both_m = compute_boulic_points(both, q, config.height_m, offset_scale_m=scale_m, offset_signs=signs)
-    points, lowest_m = both_m[_WHOLE_CYCLE.size :], float(both_m[: _WHOLE_CYCLE.size, _FEET, 2].min())
-    points[:, :, 0] += (1.346 * math.sqrt(q) * scale_m * (phase - phase[0]))[:, None]
-    points[:, :, 2] -= lowest_m
-    return make_person_motion(points, clock, times_s, config, gait="walk")
+    both = np.concatenate([np.broadcast_to(_WHOLE_CYCLE, (len(q), _WHOLE_CYCLE.size)), phase], axis=1)
+    signs = np.array([_SIGNS[config.form] for config in parameters])[:, None]
+    points = compute_points_in_place(both, q, columns.height_m, offset_scale_m=scale_m, offset_signs=signs)
+    lowest_m = points[_FEET, 2, :, : _WHOLE_CYCLE.size].min(axis=(0, 2))
+    points = points[..., _WHOLE_CYCLE.size :]
+    points[:, 0] += 1.346 * np.sqrt(q) * scale_m * (phase - phase[:, :1])
+    points[:, 2] -= lowest_m[:, None]
+    return make_person_motions(points, clock, times_s, phase, counts, parameters, gaits=["walk"] * len(q))
 
 
 def compute_boulic_points(
@@ -345,10 +361,21 @@ def compute_boulic_points(
     ConfigError
         If ``relative_speed`` is outside its range.
     """
-    q = check_relative_speed(relative_speed)
     p = np.atleast_1d(np.asarray(phase, dtype=float))
-    trunk = {name: np.radians(angle) for name, angle in trunk_angles_deg(p, q).items()}
-    limbs = {name: np.radians(angle) for name, angle in limb_angles_deg(np.stack([p + 0.5, p]), q).items()}
+    points = compute_points_in_place(
+        p, relative_speed, height_m, offset_scale_m=offset_scale_m, offset_signs=offset_signs
+    )
+    return np.ascontiguousarray(points.transpose(*range(2, points.ndim), 0, 1))
+
+
+def compute_points_in_place(
+    phase: FloatArray, relative_speed: Values, height_m: Values, *, offset_scale_m: Values, offset_signs: npt.ArrayLike
+) -> FloatArray:
+    """Return the points of compute_boulic_points as (17, 3, ..., n)."""
+    q = check_relative_speed(relative_speed)
+    trunk = {name: np.radians(angle) for name, angle in trunk_angles_deg(phase, q).items()}
+    limbs = {name: np.radians(angle) for name, angle in limb_angles_deg(np.stack([phase + 0.5, phase]), q).items()}
     size = {name: fraction * height_m for name, fraction in LENGTHS.items()}
-    offset_m = offset_scale_m * compute_body_offset(p, q, signs=offset_signs)
-    return np.asarray(compute_figure_points(trunk, limbs, size) + offset_m[:, None])
+    points = compute_figure_points(trunk, limbs, size)
+    points += offset_scale_m * compute_body_offset(phase, q, signs=offset_signs)
+    return points

@@ -14,7 +14,7 @@ from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.primitives import check_clearance, make_gaitless_motion, rotor
 from doppelgait.motion.models.registry import generate, parse_parameters
-from doppelgait.motion.models.strides import sample_times_s, stack_xyz
+from doppelgait.motion.models.strides import sample_times_s, stack_columns
 from doppelgait.motion.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
@@ -247,13 +247,13 @@ def fan(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = 
 
 @plugin("motion_model", parameters=VacuumConfig)
 def _generate_vacuum(config: VacuumConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
-    times_s = sample_times_s(duration_s, config.rate_hz)
+    (times_s,), _ = sample_times_s([duration_s], config.rate_hz)
     turn = math.radians(config.turn_deg_per_s)
     heading = turn * times_s
     # x = V t sinc, y = V t (1 - cos)/angle: both are also valid for a straight line.
     distance, half = config.speed_mps * times_s, heading / 2
     chord = distance * np.sinc(half / np.pi)
-    centre = stack_xyz(chord * np.cos(half), chord * np.sin(half), config.height_m)
+    centre = stack_columns(chord * np.cos(half), chord * np.sin(half), config.height_m)
     points = {"centre": centre}
     drop = np.array([0.0, 0.0, -config.height_m / 2])
     for k in range(RIM_POINTS):
@@ -268,14 +268,14 @@ def _generate_vacuum(config: VacuumConfig, duration_s: float, rng: np.random.Gen
 
 @plugin("motion_model", parameters=CurtainConfig)
 def _generate_curtain(config: CurtainConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
-    times_s = sample_times_s(duration_s, config.rate_hz)
+    (times_s,), _ = sample_times_s([duration_s], config.rate_hz)
     points = {}
     for column, across in enumerate(np.linspace(-0.5, 0.5, config.columns) if config.columns > 1 else [0.0]):
         lag = math.radians(config.phase_deg) * across
         wave = config.amplitude_m * np.sin(2 * np.pi * config.sway_hz * times_s - lag)
         for row in range(config.rows):
             down = (row + 1) / config.rows
-            place = stack_xyz(down * wave, across * config.width_m, config.rail_height_m - down * config.drop_m)
+            place = stack_columns(down * wave, across * config.width_m, config.rail_height_m - down * config.drop_m)
             points[f"cloth_{column + 1}_{row + 1}"] = place
     rate = {"gait_frequency_hz": config.sway_hz} if config.amplitude_m > 0 else {}
     return _make_confuser("curtain", points, config.rate_hz, height_m=config.rail_height_m, **rate)
@@ -294,7 +294,7 @@ def _generate_fan(config: FanConfig, duration_s: float, rng: np.random.Generator
     )
     points = {name: turning.position_m[:, n] for n, name in enumerate(turning.markers)}
     still = np.zeros(turning.n_frames)
-    points |= {"stand": stack_xyz(still, 0.0, config.hub_height_m / 2), "foot": stack_xyz(still, 0.0, 0.0)}
+    points |= {"stand": stack_columns(still, 0.0, config.hub_height_m / 2), "foot": stack_columns(still, 0.0, 0.0)}
     top_m = config.hub_height_m + config.radius_m
     return _make_confuser(
         "fan", points, config.rate_hz, height_m=top_m, gait_frequency_hz=turning.facts.gait_frequency_hz

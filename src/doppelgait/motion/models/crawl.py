@@ -6,6 +6,7 @@ It is a human with the low, four-legged motion of an animal.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -15,10 +16,18 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
-from doppelgait.motion.models.human_body import LENGTHS, POINTS, make_person_motion
+from doppelgait.motion.models.human_body import LENGTHS, POINTS, make_person_motions
 from doppelgait.motion.models.quadruped_limbs import solve_two_links
 from doppelgait.motion.models.registry import generate, parse_parameters
-from doppelgait.motion.models.strides import make_stride_clock, sample_times_s, stack_xyz
+from doppelgait.motion.models.strides import (
+    Columns,
+    Rngs,
+    Values,
+    make_stride_clocks,
+    sample_times_s,
+    square_each,
+    stack_columns,
+)
 from doppelgait.motion.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
@@ -112,20 +121,28 @@ def crawling_person(
 
 
 @plugin("motion_model", parameters=CrawlConfig)
-def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
-    times_s = sample_times_s(duration_s, config.rate_hz)
-    stride_hz = math.sqrt(config.speed_mps / (STRIDE_RATIO * config.height_m))
-    clock = make_stride_clock(
-        times_s[-1], period_s=1 / stride_hz, start_phase=config.start_phase, variation=config.stride_variation, rng=rng
-    )
+def _generate(parameters: Sequence[CrawlConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
+    columns = Columns(parameters)
+    height_m = columns.height_m
+    stride_hz = np.sqrt(columns.speed_mps / (STRIDE_RATIO * height_m))
+    times_s, counts = sample_times_s(durations_s, columns.rate_hz)
+    start, variation = columns.start_phase, columns.stride_variation
+    clock = make_stride_clocks(times_s, period_s=1 / stride_hz, start_phase=start, variation=variation, rngs=rngs)
     phase = clock(times_s)
-    stride_m = config.speed_mps / stride_hz
-    points = compute_crawling_points(phase, stride_m / config.height_m)
-    position_m = config.height_m * np.stack([points[name] for name in POINTS], axis=1)
-    position_m[:, :, 0] -= stride_m * phase[0]
-    report = {"gait": "assumed: timing and proportions"}
-    return make_person_motion(
-        position_m, clock, times_s, config, gait="crawl", mass_kg=config.mass_kg, touchdown=TOUCHDOWN, report=report
+    stride_m = columns.speed_mps / stride_hz
+    points = compute_crawling_points(phase, stride_m / height_m)
+    points_m = height_m * np.stack([points[name].transpose(2, 0, 1) for name in POINTS])
+    points_m[:, 0] -= stride_m * phase[:, :1]
+    return make_person_motions(
+        points_m,
+        clock,
+        times_s,
+        phase,
+        counts,
+        parameters,
+        gaits=["crawl"] * len(parameters),
+        touchdown=TOUCHDOWN,
+        report={"gait": "assumed: timing and proportions"},
     )
 
 
@@ -137,28 +154,28 @@ def place_limb(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]
     return number + share**3 * (10 - 15 * share + 6 * share**2), np.sin(np.pi * share) ** 2
 
 
-def compute_crawling_points(phase: FloatArray, stride: float) -> dict[str, FloatArray]:
-    """Return the crawler's points by name, in statures. Shapes: phase (n,)."""
+def compute_crawling_points(phase: FloatArray, stride: Values) -> dict[str, FloatArray]:
+    """Return the crawlers' points by name, in statures. Shapes: phase (..., n); returns (..., n, 3)."""
     # the pelvis is at stride times the phase
     size, x = LENGTHS, stride * phase
     reach = ARM_REACH * (size["upper_arm"] + size["forearm"])
-    rise = math.sqrt(reach**2 - (DUTY * stride / 2) ** 2) - size["thigh"]
-    along = math.sqrt(size["torso"] ** 2 - rise**2)
-    points = {"base": stack_xyz(x, 0.0, size["thigh"]), "neck": stack_xyz(x + along, 0.0, size["thigh"] + rise)}
+    rise = np.sqrt(reach**2 - square_each(DUTY * stride / 2)) - size["thigh"]
+    along = np.sqrt(size["torso"] ** 2 - square_each(rise))
+    points = {"base": stack_columns(x, 0.0, size["thigh"]), "neck": stack_columns(x + along, 0.0, size["thigh"] + rise)}
     points["head"] = points["neck"] + size["head"] * np.array([math.cos(0.6), 0.0, math.sin(0.6)])
     for side, sigma in (("left", 1.0), ("right", -1.0)):
         shoulder = points["neck"] + np.array([0.0, sigma * size["half_shoulder"], 0.0])
         touchdown = TOUCHDOWN[f"{side}_hand"]
         advance, lift = place_limb(phase - touchdown, DUTY)
-        ahead = points["neck"][:, 0] - stride * phase + stride * (advance + touchdown + DUTY / 2)
-        hand = stack_xyz(ahead, sigma * size["half_shoulder"], HAND_LIFT * lift)
+        ahead = points["neck"][..., 0] - stride * phase + stride * (advance + touchdown + DUTY / 2)
+        hand = stack_columns(ahead, sigma * size["half_shoulder"], HAND_LIFT * lift)
         elbow = solve_two_links(shoulder, hand, size["upper_arm"], size["forearm"], bend=-1.0)
         # the thigh rotates about the hip over the resting knee, which therefore rises slightly at both ends
         hip = points["base"] + np.array([0.0, sigma * size["half_hip"], 0.0])
         touchdown = TOUCHDOWN[f"{side}_knee"]
         advance, _ = place_limb(phase - touchdown, DUTY)
         ahead = stride * (advance + touchdown + DUTY / 2 - phase)
-        knee = hip + stack_xyz(ahead, 0.0, -np.sqrt(size["thigh"] ** 2 - ahead**2))
+        knee = hip + stack_columns(ahead, 0.0, -np.sqrt(size["thigh"] ** 2 - ahead**2))
         ankle = knee - [size["shank"], 0.0, 0.0]
         limbs = {"shoulder": shoulder, "elbow": elbow, "hand": hand, "hip": hip, "knee": knee, "ankle": ankle}
         points |= {f"{side}_{name}": xyz for name, xyz in limbs.items()}

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.config import read_toml
-from doppelgait.motion.models.strides import Curve, fit_cubic_hermite
+from doppelgait.motion.models.strides import Curve, Values, fit_cubic_hermite
 
 FloatArray = npt.NDArray[np.float64]
 PersonCurve = Literal["pelvis_speed", "neck_speed", "ankle_speed", "ankle_height", "foot_pitch"]
@@ -42,19 +42,19 @@ def load_tables() -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class CycleCurve:
-    """Periodic curves of phase, as sums of harmonics. Shapes: coefficients (K,)."""
+    """Periodic curves of phase, as sums of harmonics. Shapes: coefficients (..., K)."""
 
     coefficients: npt.NDArray[np.complex128]
 
     def __call__(self, phase: FloatArray) -> FloatArray:
-        """Values at phases (n,), of the same shape or (curves, n)."""
+        """Values at phases (..., n); their leading axes are broadcast against those of the curves."""
         angle = 2.0 * np.pi * phase
         turn = np.empty(angle.shape, dtype=complex)
         np.cos(angle, out=turn.real)  # the exponential of an imaginary number takes three times as long
         np.sin(angle, out=turn.imag)
-        highest, *lower = self.coefficients.T[::-1, ..., None]
-        total = np.empty(self.coefficients.shape[:-1] + turn.shape, dtype=complex)
-        total[...] = highest
+        count = self.coefficients.shape[-1]
+        highest, second, *lower = (self.coefficients[..., order, None] for order in range(-1, -count - 1, -1))
+        total = highest * turn + second
         for coefficient in lower:
             total *= turn
             total += coefficient
@@ -73,31 +73,31 @@ DUTY = (0.571, 0.013)
 
 
 def make_measured_curve(
-    gait: str, name: PersonCurve, dimensionless_speed: float, *, integral: bool = False, asymmetry: float = 0.0
+    gait: str, name: PersonCurve, dimensionless_speed: Values, *, integral: bool = False, asymmetry: Values = 0.0
 ) -> CycleCurve:
-    """Make a measured curve or its phase integral."""
+    """Make a measured curve or its phase integral, for a batch by columns of speeds and asymmetries."""
     mean, slope = _find_harmonics(gait, name)
     harmonics = mean + slope * _compute_slowness(gait, dimensionless_speed)
-    if asymmetry:
+    if np.any(asymmetry):
         beside = asymmetry / 4j * harmonics
-        harmonics = np.append(harmonics, 0.0)
-        harmonics[1:] += beside
-        harmonics[:-2] -= beside[1:]
+        harmonics = np.concatenate([harmonics, np.zeros_like(harmonics[..., :1])], axis=-1)
+        harmonics[..., 1:] += beside
+        harmonics[..., :-2] -= beside[..., 1:]
     if integral:
-        orders = np.arange(1, harmonics.size)
-        harmonics = np.concatenate([[0.0], harmonics[1:] / (2j * np.pi * orders)])
+        harmonics[..., 1:] /= 2j * np.pi * np.arange(1, harmonics.shape[-1])
+        harmonics[..., 0] = 0.0
     return CycleCurve(harmonics)
 
 
-def walk_duty(dimensionless_speed: float) -> float:
+def walk_duty(dimensionless_speed: Values) -> Any:
     """Return the duty factor of a walker's foot."""
     return DUTY[0] + DUTY[1] * _compute_slowness("walk", dimensionless_speed)
 
 
-def _compute_slowness(gait: str, dimensionless_speed: float) -> float:
+def _compute_slowness(gait: str, dimensionless_speed: Values) -> Any:
     """Return the mean speed divided by this speed."""
     low, middle, high = MEASURED_SPEEDS[gait]
-    return 1 / min(max(dimensionless_speed, low), high) - 1 / middle
+    return 1 / np.clip(dimensionless_speed, low, high) - 1 / middle
 
 
 @cache
@@ -137,20 +137,28 @@ def find_trunk_curve(gait: RecordedGait, name: TrunkCurve, touchdown: Mapping[st
 TRUNK_CURVES: tuple[TrunkCurve, ...] = ("surge", "hind_heave", "fore_heave", "neck", "tail")
 
 
-def join_trunk_curves(gait: RecordedGait, touchdown: Mapping[str, float]) -> CycleCurve:
-    """Join the trunk curves, each at its first phase."""
+def join_trunk_curves(gaits: Sequence[RecordedGait], touchdowns: Sequence[Mapping[str, float]]) -> CycleCurve:
+    """Join the trunk curves of a batch, each at its first phase. Shapes: coefficients (5, B, 5)."""
     # the curves are those of find_trunk_curve in the order of TRUNK_CURVES
-    terms, begins = np.zeros((len(TRUNK_CURVES), 5), dtype=complex), np.empty((len(TRUNK_CURVES), 1))
+    terms, begins = np.zeros((len(TRUNK_CURVES), len(gaits), 5), complex), np.empty((len(TRUNK_CURVES), len(gaits), 1))
     for row, name in enumerate(TRUNK_CURVES):
-        curve, begins[row] = find_trunk_curve(gait, name, touchdown)
-        terms[row, : curve.coefficients.size] = curve.coefficients
+        for number, (gait, touchdown) in enumerate(zip(gaits, touchdowns, strict=True)):
+            curve, begins[row, number] = find_trunk_curve(gait, name, touchdown)
+            terms[row, number, : curve.coefficients.size] = curve.coefficients
     return CycleCurve(terms * np.exp(-2j * np.pi * begins * np.arange(5)))
 
 
-def segment_elevation_rad(gait: RecordedGait, segment: Segment, cycles: FloatArray, duty: float) -> FloatArray:
+def _stack_gaits(find: Callable[[RecordedGait], Any], gait: RecordedGait | Sequence[RecordedGait]) -> Any:
+    """Return what a gait has, or rows of what the gaits of a batch have."""
+    return find(gait) if isinstance(gait, str) else np.stack([find(own) for own in gait])
+
+
+def segment_elevation_rad(
+    gait: RecordedGait | Sequence[RecordedGait], segment: Segment, cycles: FloatArray, duty: Values
+) -> FloatArray:
     """Return the measured elevation of a limb's segment."""
     # stance and swing of the recording are scaled to those of the duty factor
-    of_recording = MEASURED_DUTY[gait][segment != "metatarsus"]
+    of_recording = _stack_gaits(lambda own: np.array([MEASURED_DUTY[own][segment != "metatarsus"]]), gait)
     own = cycles - np.floor(cycles)
     # a cubic on both sides of lift-off with the same slope at all three knots, so that the speed is continuous
     stance, swing = of_recording / duty, (1 - of_recording) / (1 - duty)
@@ -162,21 +170,25 @@ def segment_elevation_rad(gait: RecordedGait, segment: Segment, cycles: FloatArr
     eased = share * share * (3 - 2 * share)
     bow = slope * width * share * (1 - share) * (1 - 2 * share)
     at = np.where(swings, of_recording, 0.0) + rise * eased + bow
-    return np.radians(_make_curve(gait, segment)(at))
+    return np.radians(CycleCurve(_stack_gaits(lambda own: _make_curve(own, segment).coefficients, gait))(at))
 
 
-@cache
-def find_swing_curve(gait: RecordedGait, end: str, peak: float) -> Curve:
+def find_swing_curve(gait: RecordedGait | Sequence[RecordedGait], end: str, peak: Values) -> Curve:
     """Return the path of a swinging paw, 0 to 1."""
     # the path is a function of the share of the swing
-    speed = np.array(load_tables()["dogs"][gait]["swings"][end])
-    peaked = speed**2 / (speed**2).mean() * speed.mean()
-    speed = speed + (peak - 1) * speed.max() / (peaked.max() - speed.max()) * (peaked - speed)
-    step = 1 / (speed.size - 1)
-    ways = step / 2 * (speed[:-1] + speed[1:])
-    ways[1:-1] -= step**2 / 12 * np.diff(np.gradient(speed, step))[1:-1]  # for a smooth speed, except at the ends
-    way = np.concatenate([[0.0], np.cumsum(ways)])
-    return fit_cubic_hermite(np.linspace(0, 1, speed.size), way / way[-1], speed / way[-1])
+    speed = _stack_gaits(lambda own: np.array(load_tables()["dogs"][own]["swings"][end]), gait)
+    squared = speed**2
+    peaked = squared / squared.mean(axis=-1, keepdims=True) * speed.mean(axis=-1, keepdims=True)
+    highest = speed.max(axis=-1, keepdims=True)
+    speed = speed + (peak - 1) * highest / (peaked.max(axis=-1, keepdims=True) - highest) * (peaked - speed)
+    count = speed.shape[-1]
+    step = 1 / (count - 1)
+    ways = step / 2 * (speed[..., :-1] + speed[..., 1:])
+    bend = np.diff(np.gradient(speed, step, axis=-1))
+    ways[..., 1:-1] -= step**2 / 12 * bend[..., 1:-1]  # for a smooth speed, except at the ends
+    way = np.concatenate([np.zeros_like(ways[..., :1]), np.cumsum(ways, axis=-1)], axis=-1)
+    knots = np.broadcast_to(np.linspace(0, 1, count), way.shape)
+    return fit_cubic_hermite(knots, way / way[..., -1:], speed / way[..., -1:])
 
 
 @cache

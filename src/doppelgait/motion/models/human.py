@@ -9,7 +9,7 @@ Speeds are those of an adult of 1.75 m. Other people run with dynamic similarity
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -39,21 +39,26 @@ from doppelgait.motion.models.human_body import (
     Body,
     Curves,
     Hands,
+    Sizes,
     compute_figure_points,
     find_segment_lengths,
-    make_person_motion,
+    make_person_motions,
     place_left_hip,
     place_legless_points,
     swing_arms,
 )
 from doppelgait.motion.models.human_feet import FOOT, GaitStyle, Hips, place_feet
-from doppelgait.motion.models.registry import generate, parse_parameters
+from doppelgait.motion.models.registry import generate, generate_alike, parse_parameters
 from doppelgait.motion.models.strides import (
+    Columns,
     Curve,
+    Rngs,
+    Values,
     fit_cubic_spline,
-    make_stride_clock,
+    make_column,
+    make_stride_clocks,
     sample_times_s,
-    stack_columns,
+    square_each,
     step_series,
 )
 from doppelgait.motion.motion import Motion
@@ -96,7 +101,7 @@ def _interpolate_table(table: tuple[tuple[float, ...], tuple[float, ...]], at: f
     return float(np.interp(at, x, y))
 
 
-def run_height_m(phase: npt.ArrayLike, stride_s: float, duty: float) -> FloatArray:
+def run_height_m(phase: npt.ArrayLike, stride_s: Values, duty: Values) -> FloatArray:
     """Return the height of a runner's body relative to touchdown."""
     # it follows from the half-sine ground force (Morin et al. 2005). In stance z'' = A sin(pi
     # t/t_c) - g with A = pi g t_step/(2 t_c), which supports the weight over a step; in flight z''
@@ -105,16 +110,18 @@ def run_height_m(phase: npt.ArrayLike, stride_s: float, duty: float) -> FloatArr
     contact_s, step_s = duty * stride_s, stride_s / 2
     force = math.pi * G_MPS2 * step_s / (2 * contact_s)
     t = half * stride_s
-    stance = G_MPS2 * t * (contact_s - t) / 2 - force * (contact_s / math.pi) ** 2 * np.sin(math.pi * t / contact_s)
+    stance = G_MPS2 * t * (contact_s - t) / 2 - force * square_each(contact_s / math.pi) * np.sin(
+        math.pi * t / contact_s
+    )
     flight = G_MPS2 * (t - contact_s) * (step_s - t) / 2
     return np.asarray(np.where(half < duty, stance, flight))
 
 
-def run_offset_m(phase: FloatArray, leg_m: float, stride_s: float, duty: float) -> FloatArray:
+def run_offset_m(phase: FloatArray, leg_m: Values, stride_s: Values, duty: Values) -> FloatArray:
     """Return a runner's offset from uniform motion."""
     # the offset is lateral, over the standing leg (assumed), and vertical
     sway = -0.012 * leg_m * np.sin(2 * np.pi * (phase - 0.1))
-    return np.stack([np.zeros_like(phase), sway, run_height_m(phase, stride_s, duty)], axis=-1)
+    return np.stack([np.zeros_like(phase), sway, run_height_m(phase, stride_s, duty)])
 
 
 def run_pelvis_deg(phase: FloatArray) -> dict[str, FloatArray]:
@@ -123,19 +130,18 @@ def run_pelvis_deg(phase: FloatArray) -> dict[str, FloatArray]:
     return {"pelvic_torsion": -8.0 * np.cos(2 * np.pi * phase), "pelvic_list": -3.0 * np.sin(2 * np.pi * phase)}
 
 
-def run_thorax_deg(phase: FloatArray, adult_mps: float) -> tuple[float, FloatArray]:
+def run_thorax_deg(phase: FloatArray, adult_mps: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return a runner's upper-body pitch and torsion."""
     # the lean is 5 to 10 degrees; the torsion is assumed
-    lean = float(np.interp(adult_mps, (2.2, 9.0), (5.0, 10.0)))
-    return -lean, 12.0 * np.cos(2 * np.pi * phase)
+    return -np.interp(adult_mps, (2.2, 9.0), (5.0, 10.0)), 12.0 * np.cos(2 * np.pi * phase)
 
 
-def run_arms_deg(phase: FloatArray, adult_mps: float) -> dict[str, FloatArray]:
+def run_arms_deg(phase: FloatArray, arm_swing_deg: Values) -> dict[str, FloatArray]:
     """Return flexion of shoulder and elbow of one side."""
     # the arrays have the shape of phase; phase 0 is the touchdown of that side. The elbow is at 80
     # to 100 degrees.
     back = np.cos(2 * np.pi * (phase + 0.13))
-    return {"shoulder": -12.0 - _interpolate_table(_ARM_SWING, adult_mps) * back, "elbow": 90.0 - 10.0 * back}
+    return {"shoulder": -12.0 - arm_swing_deg * back, "elbow": 90.0 - 10.0 * back}
 
 
 OfPhase = Callable[[FloatArray], FloatArray]
@@ -307,56 +313,68 @@ def human_gait(
 
 
 @plugin("motion_model", parameters=HumanConfig)
-def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
-    times_s = sample_times_s(duration_s, config.rate_hz)
-    size_m = {name: part * config.height_m for name, part in find_segment_lengths(config.body, config.height_m).items()}
-    if config.foot_lock:
-        size_m["foot"] = FOOT[0] * config.height_m  # to the tip
-    style = (
-        _run_style(config, size_m)
-        if config.actual_gait == "run"
-        else _walk_style(config, size_m)
-        if config.foot_lock
-        else _make_boulic_style(config, size_m)
-    )
+def _generate(parameters: Sequence[HumanConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
+    kinds = [
+        (
+            (_run_style if config.actual_gait == "run" else _walk_style) if config.foot_lock else _make_boulic_style,
+            any((config.step_time_sd, config.step_length_sd, config.pace_sd, config.time_asymmetry)),
+        )
+        for config in parameters
+    ]
+    return generate_alike(_generate_styled, kinds, parameters, durations_s, rngs)
+
+
+def _generate_styled(
+    kind: tuple[MakeStyle, bool], parameters: Sequence[HumanConfig], durations_s: Sequence[float], rngs: Rngs
+) -> list[Motion]:
+    """Generate walkers or runners, all with varying steps or all without."""
+    make_style, varied = kind
+    columns = Columns(parameters)
+    lengths = [find_segment_lengths(config.body, config.height_m) for config in parameters]
+    size_m = {name: make_column([own[name] for own in lengths]) * columns.height_m for name in lengths[0]}
+    if parameters[0].foot_lock:
+        size_m["foot"] = FOOT[0] * columns.height_m  # to the tip
+    style = make_style(parameters, columns, size_m)
+    times_s, counts = sample_times_s(durations_s, columns.rate_hz)
+    start = columns.start_phase
     # phase as a function of time, and distance as a function of phase if it is not linear
-    varied = {
-        "time_sd": config.step_time_sd,
-        "length_sd": config.step_length_sd,
-        "pace_sd": config.pace_sd,
-        "time_asymmetry": config.time_asymmetry,
-    }
     path: Curve | None = None
-    if any(varied.values()):
-        steps_s, phases, path_m = step_series(
-            times_s[-1],
+    if varied:
+        steps_s, phases, path_m, sizes = step_series(
+            times_s[:, -1:],
             stride_s=style.period_s,
             stride_m=style.stride_m,
-            start_phase=config.start_phase,
-            rng=rng,
-            **varied,
+            start_phase=start,
+            time_sd=columns.step_time_sd,
+            length_sd=columns.step_length_sd,
+            pace_sd=columns.pace_sd,
+            time_asymmetry=columns.time_asymmetry,
+            rngs=rngs,
         )
-        clock, path = fit_cubic_spline(steps_s, phases), fit_cubic_spline(phases, path_m)
+        clock, path = fit_cubic_spline(steps_s, phases, sizes), fit_cubic_spline(phases, path_m, sizes)
     else:
-        clock = make_stride_clock(times_s[-1], period_s=style.period_s, start_phase=config.start_phase)
+        clock = make_stride_clocks(times_s, period_s=style.period_s, start_phase=start, rngs=rngs)
     phase = clock(times_s)
 
     def advance(cycles: FloatArray, order: int) -> FloatArray:
         if path is not None:
             return path(cycles, order)
-        return style.stride_m * (cycles - phase[0]) if order == 0 else np.full_like(cycles, style.stride_m)
+        if order == 0:
+            return np.asarray(style.stride_m * (cycles - phase[:, :1]))
+        return np.broadcast_to(style.stride_m, cycles.shape)
 
-    if config.foot_lock:
+    if parameters[0].foot_lock:
         points = style.pose(phase)
-        points[:, :, 0] += advance(phase, 0)[:, None]
-        place_feet(points, phase, advance, style, size_m, config.length_asymmetry * style.stride_m / 8)
-        points = np.ascontiguousarray(points)
+        points[:, 0] += advance(phase, 0)
+        place_feet(points, phase, advance, style, size_m, columns.length_asymmetry * style.stride_m / 8)
     else:
-        both = style.pose(np.concatenate([_WHOLE_CYCLE, phase]))
-        points = both[_WHOLE_CYCLE.size :]
-        points[:, :, 0] += advance(phase, 0)[:, None]
-        points[:, :, 2] -= both[: _WHOLE_CYCLE.size, _FEET, 2].min()
-    return make_person_motion(points, clock, times_s, config, gait=config.actual_gait, mass_kg=config.mass_kg)
+        cycle = np.broadcast_to(_WHOLE_CYCLE, (len(phase), _WHOLE_CYCLE.size))
+        both = style.pose(np.concatenate([cycle, phase], axis=1))
+        points = both[..., _WHOLE_CYCLE.size :]
+        points[:, 0] += advance(phase, 0)
+        points[:, 2] -= both[_FEET, 2, :, : _WHOLE_CYCLE.size].min(axis=(0, 2))[:, None]
+    gaits = [config.actual_gait for config in parameters]
+    return make_person_motions(points, clock, times_s, phase, counts, parameters, gaits=gaits)
 
 
 def _find_leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
@@ -369,81 +387,90 @@ def _find_leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
     return leg_m, 1.0 if config.body == "adult" else math.sqrt(adult_m / leg_m)
 
 
-def _make_boulic_style(config: HumanConfig, size_m: Mapping[str, float]) -> GaitStyle:
+def _make_boulic_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Sizes) -> GaitStyle:
     """Make the walk of Boulic et al. 1990. Its feet slide."""
-    leg_m, stride_m, period_s, q = _walk_timing(config)
-    limbs = _add_arms(config, lambda phase: limb_angles_deg(phase, q))
+    leg_m, stride_m, period_s, q = _walk_timing(parameters, columns)
+    limbs = _add_arms(columns, lambda phase: limb_angles_deg(phase, q))
 
     def pose(phase: FloatArray) -> FloatArray:
         trunk = _convert_to_radians(trunk_angles_deg(phase, q))
         points = compute_figure_points(trunk, _convert_to_radians(limbs(np.stack([phase + 0.5, phase]))), size_m)
-        return np.asarray(points + (leg_m * compute_body_offset(phase, q))[:, None])
+        points += leg_m * compute_body_offset(phase, q)
+        return points
 
     return GaitStyle("walk", stride_m, period_s, compute_support_fraction(q), np.zeros_like, pose, lambda phase: {})
 
 
-def _walk_timing(config: HumanConfig) -> tuple[float, float, float, float]:
-    """Return leg, stride, stride time and relative speed."""
+def _walk_timing(
+    parameters: Sequence[HumanConfig], columns: Columns
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return columns of leg, stride, stride time and relative speed."""
     # lengths in m, the time in s; the speed is Boulic's q
-    leg_m, tempo = _find_leg_and_tempo(config)
-    q = config.speed_mps / leg_m / tempo
-    longer = math.sqrt(config.walk_ratio)
-    return leg_m, 1.346 * math.sqrt(q) * leg_m * longer, cycle_duration_s(q) / tempo * longer, q
+    leg_m, tempo = map(make_column, zip(*map(_find_leg_and_tempo, parameters), strict=True))
+    q = columns.speed_mps / leg_m / tempo
+    longer = np.sqrt(columns.walk_ratio)
+    return leg_m, 1.346 * np.sqrt(q) * leg_m * longer, cycle_duration_s(q) / tempo * longer, q
 
 
-def _walk_style(config: HumanConfig, size_m: Mapping[str, float]) -> GaitStyle:
-    leg_m, stride_m, period_s, q = _walk_timing(config)
-    speed = config.speed_mps / math.sqrt(G_MPS2 * leg_m)
+def _walk_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Sizes) -> GaitStyle:
+    leg_m, stride_m, period_s, q = _walk_timing(parameters, columns)
+    speed = columns.speed_mps / np.sqrt(G_MPS2 * leg_m)
 
     motion = _make_measured_motion(
-        config,
+        columns,
         "walk",
         stride_m,
         stride_m,
         size_m,
         pelvis=lambda phase: (pelvis_angles_deg(phase, q), leg_m * compute_body_offset(phase, q)),
         thorax=lambda phase: (-lean_deg(q), thorax_torsion_deg(phase, q)),
-        arms=_add_arms(config, lambda phase: arm_angles_deg(phase, q), WALK_ARMS),
+        arms=_add_arms(columns, lambda phase: arm_angles_deg(phase, q), WALK_ARMS),
     )
     return GaitStyle("walk", stride_m, period_s, walk_duty(speed), *motion)
 
 
-def _run_style(config: HumanConfig, size_m: Mapping[str, float]) -> GaitStyle:
-    adult_mps = adult_speed_mps(config.speed_mps, config.height_m)
-    period_s = 2 / run_step_frequency_hz(config.speed_mps, config.height_m) * math.sqrt(config.walk_ratio)
-    duty = run_duty_factor(config.speed_mps, config.height_m)
-    leg_m, stride_m = size_m["thigh"] + size_m["shank"], config.speed_mps * period_s
+def _run_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Sizes) -> GaitStyle:
+    own = [(config.speed_mps, config.height_m) for config in parameters]
+    speeds_mps = [adult_speed_mps(*args) for args in own]
+    adult_mps = make_column(speeds_mps)
+    swing_deg = make_column([_interpolate_table(_ARM_SWING, speed_mps) for speed_mps in speeds_mps])
+    period_s = 2 / make_column([run_step_frequency_hz(*args) for args in own]) * np.sqrt(columns.walk_ratio)
+    duty = make_column([run_duty_factor(*args) for args in own])
+    leg_m, stride_m = size_m["thigh"] + size_m["shank"], columns.speed_mps * period_s
 
     motion = _make_measured_motion(
-        config,
+        columns,
         "run",
         stride_m,
         stride_m * duty / RUN_DUTY,
         size_m,
         pelvis=lambda phase: (run_pelvis_deg(phase), run_offset_m(phase, leg_m, period_s, duty)),
         thorax=lambda phase: run_thorax_deg(phase, adult_mps),
-        arms=_add_arms(config, lambda phase: run_arms_deg(phase, adult_mps)),
+        arms=_add_arms(columns, lambda phase: run_arms_deg(phase, swing_deg)),
     )
     return GaitStyle("run", stride_m, period_s, duty, *motion)
 
 
+MakeStyle = Callable[[Sequence[HumanConfig], Columns, Sizes], GaitStyle]
+
+
 def _make_measured_motion(
-    config: HumanConfig,
+    columns: Columns,
     gait: Literal["walk", "run"],
-    stride_m: float,
-    reach_m: float,
-    size_m: Mapping[str, float],
+    stride_m: FloatArray,
+    reach_m: FloatArray,
+    size_m: Sizes,
     *,
     pelvis: Callable[[FloatArray], tuple[dict[str, FloatArray], FloatArray]],
-    thorax: Callable[[FloatArray], tuple[float, FloatArray]],
+    thorax: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
     arms: Curves,
 ) -> tuple[OfPhase, OfPhase, Callable[[FloatArray], Hips]]:
     """Make foot, pose and hips from measured curves."""
     # the measured ripple and feet are added to the gait's own trunk and arms
     leg_m = size_m["thigh"] + size_m["shank"]
-    speed = config.speed_mps / math.sqrt(G_MPS2 * leg_m)
+    speed = columns.speed_mps / np.sqrt(G_MPS2 * leg_m)
     pelvis_way, neck_way = (
-        make_measured_curve(gait, name, speed, integral=True, asymmetry=config.trunk_asymmetry)
+        make_measured_curve(gait, name, speed, integral=True, asymmetry=columns.trunk_asymmetry)
         for name in ("pelvis_speed", "neck_speed")
     )
     both_ways = join_curves(pelvis_way, neck_way)
@@ -451,34 +478,34 @@ def _make_measured_motion(
         make_measured_curve(gait, "ankle_speed", speed, integral=True),
         *(make_measured_curve(gait, name, speed) for name in ("ankle_height", "foot_pitch")),
     )
-    ripple_m = config.trunk_ripple * stride_m
+    ripple_m = columns.trunk_ripple * stride_m
 
     def pose(phase: FloatArray) -> FloatArray:
         pelvis_m, neck_m = ripple_m * both_ways(phase)
         angles, base_m = pelvis(phase)
-        base_m[:, 0] = pelvis_m
+        base_m[0] = pelvis_m
         ahead = (neck_m - pelvis_m) / size_m["torso"]  # of the neck, relative to the pelvis
         pitch, angles["thorax_torsion"] = thorax(phase)
-        angles["trunk_pitch"] = pitch - config.lean_deg - np.degrees(np.arcsin(np.clip(ahead, -0.5, 0.5)))
+        angles["trunk_pitch"] = pitch - columns.lean_deg - np.degrees(np.arcsin(np.clip(ahead, -0.5, 0.5)))
         trunk_rad, arms_rad = _convert_to_radians(angles), _convert_to_radians(arms(np.stack([phase + 0.5, phase])))
         return place_legless_points(base_m, place_left_hip(trunk_rad, size_m), trunk_rad, arms_rad, size_m)
 
     def hips(phase: FloatArray) -> Hips:
         angles, base_m = pelvis(phase)
-        base_m[:, 0] = ripple_m * pelvis_way(phase)
+        base_m[0] = ripple_m * pelvis_way(phase)
         left_m = place_left_hip(_convert_to_radians(angles), size_m)
         return {"left": base_m + left_m, "right": base_m - left_m}
 
     def foot(phase: FloatArray) -> FloatArray:
         ankle, height, pitch_deg = foot_curves(phase)
-        return stack_columns(reach_m * config.swing_peak * ankle, leg_m * height, np.radians(pitch_deg))
+        return np.stack([reach_m * columns.swing_peak * ankle, leg_m * height, np.radians(pitch_deg)])
 
     return foot, pose, hips
 
 
-def _add_arms(config: HumanConfig, curves: Curves, like_recorded: float = 1.0) -> Curves:
-    left, right = (like_recorded * config.arm_swing * (1 + side * config.arm_asymmetry / 2) for side in (1, -1))
-    return swing_arms(curves, factors=(left, right), hands=(config.left_hand, config.right_hand))
+def _add_arms(columns: Columns, curves: Curves, like_recorded: float = 1.0) -> Curves:
+    left, right = (like_recorded * columns.arm_swing * (1 + side * columns.arm_asymmetry / 2) for side in (1, -1))
+    return swing_arms(curves, factors=(left, right), hands=(columns.left_hand, columns.right_hand))
 
 
 def _convert_to_radians(angles_deg: Mapping[str, FloatArray]) -> dict[str, FloatArray]:

@@ -15,7 +15,13 @@ import numpy.typing as npt
 
 from doppelgait.core.config import check_choice
 from doppelgait.core.rng import RandomSource, as_generator
-from doppelgait.motion.models.strides import Curve, footfall_times_s, mean_stride_frequency_hz, stack_columns
+from doppelgait.motion.models.strides import (
+    Curve,
+    Values,
+    footfall_times_s,
+    make_column,
+    mean_stride_frequencies_hz,
+)
 from doppelgait.motion.motion import Motion, MotionFacts, make_motion
 from doppelgait.motion.skeleton import BOULIC_PARTS
 
@@ -23,7 +29,9 @@ FloatArray = npt.NDArray[np.float64]
 
 Limbs = dict[str, FloatArray]
 Curves = Callable[[FloatArray], Limbs]
-"""Function of leg phases, left and right (2, n), that returns flexions in degrees by joint, each (2, n)."""
+"""Function of leg phases, left and right (2, B, n), that returns flexions in degrees by joint, each (2, B, n)."""
+Sizes = Mapping[str, Values]
+"""Segment lengths in m by name."""
 Hands = Literal["free", "pockets", "carrying", "bag", "phone", "pushing"]
 
 LENGTHS = {
@@ -51,27 +59,35 @@ HELD = {
 _CYCLE = np.arange(200) / 200
 
 
-def swing_arms(curves: Curves, *, factors: tuple[float, float], hands: tuple[Hands, Hands]) -> Curves:
-    """Change the arm swing of joint curves."""
-    if factors == (1.0, 1.0) and hands == ("free", "free"):
+def swing_arms(
+    curves: Curves, *, factors: tuple[FloatArray, FloatArray], hands: tuple[Sequence[Hands], Sequence[Hands]]
+) -> Curves:
+    """Change the arm swing of joint curves of a batch. Factors are columns, (B, 1)."""
+    own = (factors[0] == 1.0) & (factors[1] == 1.0)
+    own &= np.array([both == ("free", "free") for both in zip(*hands, strict=True)])[:, None]
+    if own.all():
         return curves
-    means = {joint: angle.mean() for joint, angle in curves(_CYCLE).items() if joint in ("shoulder", "elbow")}
+    cycle = curves(np.broadcast_to(_CYCLE, (len(own), _CYCLE.size)))
+    held = [[HELD.get(hand) for hand in side] for side in hands]
+    means = {joint: cycle[joint].mean(axis=-1, keepdims=True) for joint in ("shoulder", "elbow")}
 
     def changed(phase: FloatArray) -> Limbs:
-        limbs = dict(curves(phase))
+        limbs = curves(phase)
         for number, joint in enumerate(("shoulder", "elbow")):
-            rows = []
-            for hand, factor, own in zip(hands, factors, limbs[joint], strict=True):
-                held = HELD.get(hand)
-                mean, share = (held[number], held[2]) if held else (means[joint], 1.0)
-                rows.append(mean + factor * share * (own - means[joint]))
-            limbs[joint] = np.stack(rows)
+            for side, factor, values in zip(held, factors, limbs[joint], strict=True):
+                mean = means[joint].copy()
+                for row, hand in enumerate(side):
+                    if hand:
+                        mean[row] = hand[number]
+                share = make_column([hand[2] if hand else 1.0 for hand in side])
+                changed_deg = mean + factor * share * (values - means[joint])
+                values[...] = np.where(own, values, changed_deg)
         return limbs
 
     return changed
 
 
-Place = tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]
+Place = tuple[Values, Values, Values]
 
 POINTS = tuple(BOULIC_PARTS)
 """Names of the points in the published order."""
@@ -85,11 +101,10 @@ _UPPER = [
 
 
 def compute_figure_points(
-    trunk_rad: Mapping[str, FloatArray], limbs_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]
+    trunk_rad: Mapping[str, FloatArray], limbs_rad: Mapping[str, FloatArray], size_m: Sizes
 ) -> FloatArray:
     """Return points relative to the base of the spine (Chen 2011)."""
-    # Shapes: trunk_rad (n,); limbs_rad (2, n); returns (n, 17, 3)
-    count = limbs_rad["hip"].shape[1]
+    # Shapes: trunk_rad (..., n); limbs_rad (2, ..., n); returns (17, 3, ..., n)
     # base of the spine, then hip, knee, ankle and toe of both sides
     below: list[Place] = [(0.0, 0.0, 0.0)]
     shank = limbs_rad["hip"] - limbs_rad["knee"]
@@ -99,16 +114,16 @@ def compute_figure_points(
     x, z = _place_hanging_links((0.0, 0.0), leg)
     for row, y in enumerate((size_m["half_hip"], -size_m["half_hip"])):
         below += [(0.0, y, 0.0), *((x_k[row], y, z_k[row]) for x_k, z_k in zip(x, z, strict=True))]
-    lower = _stack_columns(below, count)
+    lower = _stack_points(below, shank.shape[1:])
     _rotate(lower, trunk_rad["pelvic_list"], axis=0)
     _rotate(lower, -trunk_rad["pelvic_torsion"], axis=2)
-    result = np.empty((count, len(POINTS), 3))
-    result[:, _LOWER], result[:, _UPPER] = lower.T, _place_upper_body(trunk_rad, limbs_rad, size_m).T
+    result = np.empty((len(POINTS), *lower.shape[1:]))
+    result[_LOWER], result[_UPPER] = lower, _place_upper_body(trunk_rad, limbs_rad, size_m)
     return result
 
 
 def _place_upper_body(
-    trunk_rad: Mapping[str, FloatArray], arms_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]
+    trunk_rad: Mapping[str, FloatArray], arms_rad: Mapping[str, FloatArray], size_m: Sizes
 ) -> FloatArray:
     """Return neck, head, shoulders, elbows and hands."""
     top = size_m["torso"]
@@ -117,18 +132,18 @@ def _place_upper_body(
     x, z = _place_hanging_links((0.0, top), ((arms_rad["shoulder"], size_m["upper_arm"]), (forearm, size_m["forearm"])))
     for row, y in enumerate((size_m["half_shoulder"], -size_m["half_shoulder"])):
         above += [(0.0, y, top), *((x_k[row], y, z_k[row]) for x_k, z_k in zip(x, z, strict=True))]
-    upper = _stack_columns(above, forearm.shape[1])
+    upper = _stack_points(above, forearm.shape[1:])
     _rotate(upper, -trunk_rad["trunk_pitch"], axis=1)
     _rotate(upper, -trunk_rad["thorax_torsion"], axis=2)
     return upper
 
 
-def place_left_hip(pelvis_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]) -> FloatArray:
-    """Return the left hip relative to the spine's base."""
+def place_left_hip(pelvis_rad: Mapping[str, FloatArray], size_m: Sizes) -> FloatArray:
+    """Return the left hip relative to the spine's base, (3, ..., n)."""
     # the right hip is opposite. Angles are those of compute_figure_points.
     tilt, turn = pelvis_rad["pelvic_list"], pelvis_rad["pelvic_torsion"]
     aside = size_m["half_hip"] * np.cos(tilt)
-    return stack_columns(np.sin(turn) * aside, np.cos(turn) * aside, size_m["half_hip"] * np.sin(tilt))
+    return np.stack([np.sin(turn) * aside, np.cos(turn) * aside, size_m["half_hip"] * np.sin(tilt)])
 
 
 def place_legless_points(
@@ -136,28 +151,27 @@ def place_legless_points(
     left_m: FloatArray,
     trunk_rad: Mapping[str, FloatArray],
     arms_rad: Mapping[str, FloatArray],
-    size_m: Mapping[str, float],
+    size_m: Sizes,
 ) -> FloatArray:
-    """Return a figure without knees, ankles and toes."""
-    # the shape is (n, 17, 3); each coordinate of a point is contiguous in memory
-    found = np.zeros((3, len(POINTS), base_m.shape[0]))
-    found[:, _UPPER] = _place_upper_body(trunk_rad, arms_rad, size_m)
-    found[:, POINTS.index("left_hip")], found[:, POINTS.index("right_hip")] = left_m.T, -left_m.T
-    found += base_m.T[:, None]
-    return found.T
+    """Return a figure without knees, ankles and toes, (17, 3, ..., n)."""
+    found = np.zeros((len(POINTS), *base_m.shape))
+    found[_UPPER] = _place_upper_body(trunk_rad, arms_rad, size_m)
+    found[POINTS.index("left_hip")], found[POINTS.index("right_hip")] = left_m, -left_m
+    found += base_m
+    return found
 
 
-def _stack_columns(points: Sequence[Place], count: int) -> FloatArray:
-    """Stack the coordinates of points as (3, k, n). Rotations are applied to whole columns."""
-    found = np.empty((3, len(points), count))
-    for number, point in enumerate(points):
-        for row, part in zip(found[:, number], point, strict=True):
+def _stack_points(points: Sequence[Place], shape: tuple[int, ...]) -> FloatArray:
+    """Stack the coordinates of points as (k, 3, ..., n)."""
+    found = np.empty((len(points), 3, *shape))
+    for rows, point in zip(found, points, strict=True):
+        for row, part in zip(rows, point, strict=True):
             row[...] = part
     return found
 
 
 def _place_hanging_links(
-    start: tuple[float, float], links: Sequence[tuple[FloatArray, float]]
+    start: tuple[Values, Values], links: Sequence[tuple[FloatArray, Values]]
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return the ends (x, z) of linked rods."""
     # links hang straight down at angle 0; a positive angle is forward
@@ -170,14 +184,14 @@ def _place_hanging_links(
     return ends_x, ends_z
 
 
-def _rotate(xyz: FloatArray, angle_rad: FloatArray, *, axis: int) -> None:
-    """Rotate points about a coordinate axis, in place."""
-    # the rotation is right-handed, through the origin, by n angles
+def _rotate(points: FloatArray, angle_rad: FloatArray, *, axis: int) -> None:
+    """Rotate points (k, 3, ..., n) about a coordinate axis, in place."""
+    # the rotation is right-handed, through the origin, by the angles (..., n)
     first, second = (axis + 1) % 3, (axis + 2) % 3
     cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
-    turned = cosine * xyz[first] - sine * xyz[second]
-    xyz[second] = sine * xyz[first] + cosine * xyz[second]
-    xyz[first] = turned
+    turned = cosine * points[:, first] - sine * points[:, second]
+    points[:, second] = sine * points[:, first] + cosine * points[:, second]
+    points[:, first] = turned
 
 
 AgeClass = Literal["child", "adult", "senior"]
@@ -382,38 +396,52 @@ def sample_person(
     return Person(sex, age_class, complaint, left, right, **{key: float(value) for key, value in person.items()})
 
 
+_PARTS = tuple(BOULIC_PARTS.values())
 BODY_MASS_INDEX = 23.0
 FOOT_TOUCHDOWN = {"left_foot": 0.5, "right_foot": 0.0}
 """Phases in cycles at which the feet land."""
 
 
-def make_person_motion(
-    position_m: FloatArray,
+def make_person_motions(
+    points_m: FloatArray,
     clock: Curve,
     times_s: FloatArray,
-    config: Any,
+    phase: FloatArray,
+    counts: Sequence[int],
+    parameters: Sequence[Any],
     *,
-    gait: str,
-    mass_kg: float | None = None,
+    gaits: Sequence[str],
     touchdown: Mapping[str, float] = FOOT_TOUCHDOWN,
     report: Mapping[str, str] | None = None,
-) -> Motion:
-    """Make the motion of a modelled person with symmetrical steps."""
-    stride_hz = mean_stride_frequency_hz(times_s, clock(times_s))
-    facts = MotionFacts(
-        source=config.kind,
-        kind=config.kind,
-        species="human",
-        gait=gait,
-        height_m=config.height_m,
-        mass_kg=BODY_MASS_INDEX * config.height_m**2 if mass_kg is None else mass_kg,
-        stride_frequency_hz=stride_hz,
-        step_frequency_hz=2 * stride_hz,
-        gait_frequency_hz=2 * stride_hz,
-        footfalls=footfall_times_s(clock, touchdown, times_s[-1]),
-    )
-    mass = {"mass_kg": "assumed: body mass index 23 kg/m^2"} if mass_kg is None else {}
-    parts = list(BOULIC_PARTS.values())
-    return make_motion(
-        position_m, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts, report={**(report or {}), **mass}
-    )
+) -> list[Motion]:
+    """Make the motions of modelled persons with symmetrical steps. Shapes: points_m (17, 3, B, T)."""
+    position_m = np.ascontiguousarray(points_m.transpose(2, 3, 0, 1))
+    footfalls = footfall_times_s(clock, touchdown, times_s, phase)
+    motions = []
+    for number, (config, stride_hz) in enumerate(
+        zip(parameters, mean_stride_frequencies_hz(times_s, phase), strict=True)
+    ):
+        stated_kg = getattr(config, "mass_kg", None)
+        facts = MotionFacts(
+            source=config.kind,
+            kind=config.kind,
+            species="human",
+            gait=gaits[number],
+            height_m=config.height_m,
+            mass_kg=BODY_MASS_INDEX * config.height_m**2 if stated_kg is None else stated_kg,
+            stride_frequency_hz=stride_hz,
+            step_frequency_hz=2 * stride_hz,
+            gait_frequency_hz=2 * stride_hz,
+            footfalls=footfalls[number],
+        )
+        mass = {"mass_kg": "assumed: body mass index 23 kg/m^2"} if stated_kg is None else {}
+        motion = make_motion(
+            position_m[number, : counts[number]],
+            rate_hz=config.rate_hz,
+            markers=POINTS,
+            parts=_PARTS,
+            facts=facts,
+            report={**(report or {}), **mass},
+        )
+        motions.append(motion)
+    return motions

@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models.human_body import POINTS
+from doppelgait.motion.models.human_body import POINTS, Sizes
 from doppelgait.motion.models.quadruped_limbs import solve_two_links
-from doppelgait.motion.models.strides import stack_columns
+from doppelgait.motion.models.strides import Values, square_each
 
 FloatArray = npt.NDArray[np.float64]
 Advance = Callable[[FloatArray, int], FloatArray]
@@ -50,7 +50,7 @@ OFFSET = {"left": 0.5, "right": 0.0}
 """Leg phase minus body phase: the right foot lands at 0, the left at 0.5."""
 
 Hips = Mapping[str, FloatArray]
-"""Positions of the hips by side, (n, 3) in m."""
+"""Positions of the hips by side, (3, B, n) in m. B is the number of examples; their values are columns, (B, 1)."""
 
 _GRID = np.arange(400) / 400
 _PRINTS = np.linspace(-0.5, 1.0, 301)
@@ -62,9 +62,9 @@ class GaitStyle:
     """Cycle of a gait: stride, timing, sole and pose."""
 
     name: str
-    stride_m: float
-    period_s: float
-    duty: float
+    stride_m: FloatArray
+    period_s: FloatArray
+    duty: FloatArray
     foot: Callable[[FloatArray], FloatArray]
     pose: Callable[[FloatArray], FloatArray]
     hips: Callable[[FloatArray], Hips]
@@ -75,47 +75,50 @@ def place_feet(
     phase: FloatArray,
     advance: Advance,
     style: GaitStyle,
-    size_m: Mapping[str, float],
-    left_ahead_m: float = 0.0,
+    size_m: Sizes,
+    left_ahead_m: Values = 0.0,
 ) -> None:
-    """Place a figure on feet that do not slide. Shapes: points_m (n, 17, 3); phase (n,)."""
+    """Place figures on feet that do not slide. Shapes: points_m (17, 3, B, n); phase (B, n)."""
     # segment lengths are kept. A flat sole is at z = 0.
-    cycle, leg = np.floor(phase[0]) + _GRID, _sample_leg_phases(style.duty)
-    in_place = style.hips(np.concatenate([cycle, leg - OFFSET["left"], leg - OFFSET["right"]]))
-    of_legs = {"left": in_place["left"][cycle.size : -leg.size], "right": in_place["right"][-leg.size :]}
-    feet = make_feet(style, of_legs, size_m, left_ahead_m)
+    cycle, leg = np.floor(phase[:, :1]) + _GRID, _sample_leg_phases(style.duty)
+    in_place = style.hips(np.concatenate([cycle, leg - OFFSET["left"], leg - OFFSET["right"]], axis=1))
+    ends = {"left": slice(_GRID.size, -leg.shape[1]), "right": slice(-leg.shape[1], None)}
+    feet = make_feet(style, {side: in_place[side][..., ends[side]] for side in ends}, size_m, left_ahead_m)
     reach_m = MAX_EXTENSION * (size_m["thigh"] + size_m["shank"])
     # Frames and a whole cycle in one call: between the frames' phases, too, the legs must reach the hips.
-    count, every = phase.size, np.concatenate([phase, cycle])
-    way_m, rise_m, found = advance(every, 0), np.inf, {}
+    count, every = phase.shape[1], np.concatenate([phase, cycle], axis=1)
+    way_m, rises_m, found = advance(every, 0), [], {}
     for side, foot in feet.items():
-        hip_m = np.concatenate([points_m[:, _number(side, "hip")], in_place[side][: cycle.size]])
-        hip_m[count:, 0] += way_m[count:]
-        own = style.foot(every + foot.offset)
-        own = stack_columns(own[:, 0] + way_m, hip_m[:, 1], own[:, 1], own[:, 2] - STANDING_RAD)
+        hip_m = np.concatenate([points_m[_number(side, "hip")], in_place[side][..., : _GRID.size]], axis=2)
+        hip_m[0, :, count:] += way_m[:, count:]
+        ahead, up, slope = style.foot(every + foot.offset)
+        own = np.stack([ahead + way_m, hip_m[1], up, slope - STANDING_RAD])
         place, pitch, swings = compute_foot_path(foot, own, every, advance)
         # a swinging foot beyond the legs' reach, as of very fast runners, is moved closer; a standing one is not
-        away_m = place[:, :2] - hip_m[:, :2]
-        far = np.maximum(np.hypot(away_m[:, 0], away_m[:, 1]) / reach_m, 1e-9)
+        away_m = place[:2] - hip_m[:2]
+        far = np.maximum(np.hypot(away_m[0], away_m[1]) / reach_m, 1e-9)
         near, width = SWING_REACH[0], SWING_REACH[1] - SWING_REACH[0]
         shortened = np.where(swings & (far > near), near + width * np.tanh((far - near) / width), far)
-        place[:, :2] += away_m * (shortened / far - 1.0)[:, None]
-        sole = stack_columns(np.cos(pitch[:count]), 0.0, np.sin(pitch[:count]))
-        found[side] = place[:count], place[:count] + MIDDLE * size_m["foot"] * sole
+        place[:2] += away_m * (shortened / far - 1.0)
+        toe_m, pitch = place[..., :count].copy(), pitch[:, :count]
+        toe_m[0] += MIDDLE * size_m["foot"] * np.cos(pitch)
+        toe_m[2] += MIDDLE * size_m["foot"] * np.sin(pitch)
+        found[side] = place[..., :count], toe_m
         # the hips are raised until a leg is extended
         leg_m = place - hip_m
-        room = reach_m**2 - leg_m[:, 0] ** 2 - leg_m[:, 1] ** 2
-        if room.min() <= (0.4 * reach_m) ** 2:
+        room = square_each(reach_m) - leg_m[0] ** 2 - leg_m[1] ** 2
+        if (room.min(axis=1, keepdims=True) <= square_each(0.4 * reach_m)).any():
             raise ConfigError(
                 "the steps are too long for the legs; lower speed_mps, walk_ratio, step_length_sd or length_asymmetry"
             )
-        rise_m = min(rise_m, float((leg_m[:, 2] + np.sqrt(room)).min()))
-    points_m[:, :, 2] += rise_m
+        rises_m.append((leg_m[2] + np.sqrt(room)).min(axis=1))
+    points_m[:, 2] += np.minimum(*rises_m)[:, None]
     for side, (ankle_m, toe_m) in found.items():
-        hip_m = points_m[:, _number(side, "hip")]
-        knee_m = solve_two_links(hip_m, ankle_m, size_m["thigh"], size_m["shank"], bend=1.0)
+        hip_m = points_m[_number(side, "hip")]
+        top_m, low_m = (place.transpose(1, 2, 0) for place in (hip_m, ankle_m))
+        knee_m = solve_two_links(top_m, low_m, size_m["thigh"], size_m["shank"], bend=1.0).transpose(2, 0, 1)
         for joint, place in (("knee", knee_m), ("ankle", ankle_m), ("toe", toe_m)):
-            points_m[:, _number(side, joint)] = place
+            points_m[_number(side, joint)] = place
 
 
 def _number(side: str, joint: str) -> int:
@@ -125,90 +128,100 @@ def _number(side: str, joint: str) -> int:
 @dataclass(frozen=True)
 class Foot:
     """Motion of a foot through a cycle.
-    Rows are (x, y, z of the ankle in m, slope of the line from ankle to toe in rad).
+    Rows are (x, y, z of the ankle in m, slope of the line from ankle to toe in rad), shape (4, B, 1).
     """
 
     offset: float
-    duty: float
-    length_m: float
+    duty: FloatArray
+    length_m: Values
     print_m: FloatArray
     landing: tuple[FloatArray, FloatArray]
     leaving: tuple[FloatArray, FloatArray]
 
 
-def _sample_leg_phases(duty: float) -> FloatArray:
-    """Return sample phases of stance, touchdown and lift-off."""
+def _sample_leg_phases(duty: FloatArray) -> FloatArray:
+    """Return sample phases of stance, touchdown and lift-off, (B, 106)."""
     # stance has a hundred steps. Touchdown and lift-off have a neighbour on both sides.
     around = np.array([0.0, -_NUDGE, _NUDGE])
-    return np.concatenate([duty * np.arange(100) / 99, around, duty + around])
+    stance = duty * np.arange(100) / 99
+    return np.concatenate([stance, np.broadcast_to(around, (len(duty), 3)), duty + around], axis=1)
 
 
-def make_feet(style: GaitStyle, hips: Hips, size_m: Mapping[str, float], left_ahead_m: float) -> dict[str, Foot]:
+def make_feet(style: GaitStyle, hips: Hips, size_m: Sizes, left_ahead_m: Values) -> dict[str, Foot]:
     """Make a gait's feet and place their footprints. Hips are those at _sample_leg_phases."""
     cycles, reach_m = _sample_leg_phases(style.duty), MAX_EXTENSION * (size_m["thigh"] + size_m["shank"])
-    own = style.foot(cycles)
-    roll, way_m = _roll_sole(own[:, 2], size_m["foot"]), style.stride_m * cycles[:100]
+    ahead, up, slope = style.foot(cycles)
+    roll, way_m = _roll_sole(slope, size_m["foot"]), style.stride_m * cycles[:, :100]
     feet = {}
     for side, hip in hips.items():
-        error = roll - stack_columns(own[:, 0], hip[:, 1], own[:, 1], own[:, 2] - STANDING_RAD)
-        ends = [(at[0], (at[2] - at[1]) / (2 * _NUDGE)) for at in (error[-6:-3], error[-3:])]
-        moving, beside_m = hip[:100] + stack_columns(way_m, 0.0, 0.0), float(hip[:100, 1].mean())
-        ahead_m = left_ahead_m if side == "left" else -left_ahead_m
-        print_m = np.array([ahead_m + _find_best_print(moving, roll[:100], beside_m, reach_m), beside_m, 0.0, 0.0])
+        error = roll - np.stack([ahead, hip[1], up, slope - STANDING_RAD])
+        ends = [
+            (at[..., :1], (at[..., 2:] - at[..., 1:2]) / (2 * _NUDGE)) for at in (error[..., -6:-3], error[..., -3:])
+        ]
+        beside_m = np.ascontiguousarray(hip[1, :, :100]).mean(axis=1, keepdims=True)
+        room_m2 = square_each(reach_m) - (beside_m - hip[1, :, :100]) ** 2
+        print_m = np.zeros((4, *beside_m.shape))
+        print_m[0] = _find_best_print(hip[0, :, :100] + way_m, hip[2, :, :100], roll[..., :100], room_m2, reach_m)
+        print_m[0] += left_ahead_m if side == "left" else -left_ahead_m
+        print_m[1] = beside_m
         feet[side] = Foot(OFFSET[side], style.duty, size_m["foot"], print_m, *ends)
     return feet
 
 
-def _find_best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: float) -> float:
-    """Find the footprint with the highest hip."""
+def _find_best_print(
+    hip_x: FloatArray, hip_z: FloatArray, roll: FloatArray, room_m2: FloatArray, reach_m: Values
+) -> FloatArray:
+    """Find the footprints with the highest hip, (B, 1)."""
     # the leg must reach the footprint during the whole stance
     places = _PRINTS * reach_m
-    room_m2 = reach_m**2 - (side_m - hip[:, 1]) ** 2
 
     def highest(at: FloatArray) -> FloatArray:
-        room = room_m2 - (at[:, None] + roll[:, 0] - hip[:, 0]) ** 2
-        heights = np.where(room > 0, roll[:, 2] + np.sqrt(np.maximum(room, 0.0)) - hip[:, 2], -np.inf)
-        return np.asarray(heights.min(axis=1))
+        room = room_m2[:, None] - (at[..., None] + roll[0][:, None] - hip_x[:, None]) ** 2
+        heights = np.where(room > 0, roll[2][:, None] + np.sqrt(np.maximum(room, 0.0)) - hip_z[:, None], -np.inf)
+        return np.asarray(heights.min(axis=2))
 
-    coarse = highest(places[::10])
-    if np.isneginf(coarse).all():
-        return float(places[np.argmax(highest(places))])
-    near = 10 * int(np.argmax(coarse))
-    places = places[max(near - 10, 0) : near + 11]
-    return float(places[np.argmax(highest(places))])
+    coarse = highest(places[:, ::10])
+    near = 10 * coarse.argmax(axis=1)[:, None] + np.arange(-10, 11)
+    if np.isneginf(coarse).all(axis=1).any():
+        near = np.broadcast_to(np.arange(_PRINTS.size), (len(places), _PRINTS.size))
+    near_m = np.take_along_axis(places, np.clip(near, 0, _PRINTS.size - 1), 1)
+    return np.take_along_axis(near_m, highest(near_m).argmax(axis=1)[:, None], 1)
 
 
-def _roll_sole(sole: FloatArray, foot_m: float) -> FloatArray:
-    """Return ankle and pitch relative to the footprint, (n, 4)."""
+def _roll_sole(sole: FloatArray, foot_m: Values) -> FloatArray:
+    """Return ankle and pitch relative to the footprint, (4, B, n)."""
     # they follow from the slope of the sole in stance
     beyond = np.maximum(np.abs(sole) - LEVEL_RAD, 0.0)
     turned = np.sign(sole) * beyond**2 / (beyond + LEVEL_RAD)  # smooth when the sole becomes level
     up, slope = np.maximum(turned, 0.0), STANDING_RAD - np.minimum(turned, 0.0)
     heel_m, height_m = HEEL * foot_m, ANKLE * foot_m
-    return stack_columns(
-        heel_m * (np.cos(up) - 1) - height_m * np.sin(up) + foot_m * (math.cos(STANDING_RAD) - np.cos(slope)),
-        0.0,
-        heel_m * np.sin(up) + height_m * (np.cos(up) - 1) + foot_m * (np.sin(slope) + TIP),
-        turned - STANDING_RAD,
+    return np.stack(
+        [
+            heel_m * (np.cos(up) - 1) - height_m * np.sin(up) + foot_m * (math.cos(STANDING_RAD) - np.cos(slope)),
+            np.zeros_like(sole),
+            heel_m * np.sin(up) + height_m * (np.cos(up) - 1) + foot_m * (np.sin(slope) + TIP),
+            turned - STANDING_RAD,
+        ]
     )
 
 
 def compute_foot_path(
     foot: Foot, own: FloatArray, phase: FloatArray, advance: Advance
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
-    """Return the path of a foot over the floor."""
+    """Return the path of a foot over the floor. Shapes: own (4, B, n); phase (B, n)."""
     # in swing, the gait's own path is corrected by a cubic that matches value and slope of the
     # adjacent stances
     number = np.floor(phase + foot.offset)
-    cycles, first = phase + foot.offset - number, number.min()
+    cycles, first = phase + foot.offset - number, number.min(axis=1, keepdims=True)
     # values of each step are computed once; frames select their columns
     step = (number - first).astype(np.intp)
     lands = first + np.arange(step.max() + 1) - foot.offset
     leaves, width = lands + foot.duty, 1 - foot.duty
     lands_m = advance(lands, 0)
+    step += np.arange(len(step))[:, None] * lands.shape[1]
 
-    def of_steps(row: FloatArray, way_m: FloatArray | float) -> FloatArray:
-        found = np.repeat(row[:, None], lands.size, axis=1)
+    def of_steps(rows: FloatArray, way_m: FloatArray | float) -> FloatArray:
+        found = np.repeat(rows, lands.shape[1], axis=2)
         found[0] += way_m
         return found
 
@@ -220,9 +233,9 @@ def compute_foot_path(
     to_slope = width * of_steps(foot.landing[1], -advance(lands + 1, 1))
     risen = landing - leaving
     cubic = np.stack([leaving, from_slope, 3 * risen - 2 * from_slope - to_slope, from_slope + to_slope - 2 * risen])
-    c_0, c_1, c_2, c_3 = cubic.take(step, axis=2)
+    c_0, c_1, c_2, c_3 = cubic.reshape(4, 4, -1).take(step, axis=2)
     share = (cycles - foot.duty) / width
-    rows = own.T + (((c_3 * share + c_2) * share + c_1) * share + c_0)
+    rows = own + (((c_3 * share + c_2) * share + c_1) * share + c_0)
     sole, tip = rows[3] + STANDING_RAD, foot.length_m * (np.sin(rows[3]) - TIP)
     heel_m = -foot.length_m * (HEEL * np.sin(sole) + ANKLE * np.cos(sole))
     # raise a swinging foot smoothly if it would touch the floor, except at the ends of the swing
@@ -231,8 +244,8 @@ def compute_foot_path(
         depth = -rows[2] - point_m
         rows[2] += (depth + np.sqrt(depth * depth + rounding * rounding)) / 2
     swings = cycles >= foot.duty
-    stance = _roll_sole(own[:, 3] + STANDING_RAD, foot.length_m).T
+    stance = _roll_sole(own[3] + STANDING_RAD, foot.length_m)
     stance[0] += (lands_m + foot.print_m[0]).take(step)
-    stance[1:] += foot.print_m[1:, None]
+    stance[1:] += foot.print_m[1:]
     both = np.where(swings, rows, stance)
-    return both[:3].T, both[3], swings
+    return both[:3], both[3], swings

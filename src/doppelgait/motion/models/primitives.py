@@ -13,7 +13,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.registry import generate, parse_parameters
-from doppelgait.motion.models.strides import sample_times_s, stack_xyz
+from doppelgait.motion.models.strides import sample_times_s, stack_columns
 from doppelgait.motion.motion import Motion, make_motion
 
 FloatArray = npt.NDArray[np.float64]
@@ -270,25 +270,25 @@ def breathing_person(
 
 @plugin("motion_model", parameters=PointConfig)
 def _generate_point(config: PointConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
-    times_s = sample_times_s(duration_s, config.rate_hz)
-    xyz = stack_xyz(config.speed_mps * times_s, 0.0, config.height_m)
+    (times_s,), _ = sample_times_s([duration_s], config.rate_hz)
+    xyz = stack_columns(config.speed_mps * times_s, 0.0, config.height_m)
     return make_gaitless_motion("point", {"point": xyz}, config.rate_hz)
 
 
 @plugin("motion_model", parameters=PendulumConfig)
 def _generate_pendulum(config: PendulumConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
-    times_s = sample_times_s(duration_s, config.rate_hz)
+    (times_s,), _ = sample_times_s([duration_s], config.rate_hz)
     angle = np.radians(config.amplitude_deg) * np.sin(2 * np.pi * config.frequency_hz * times_s)
     x, z = config.length_m * np.sin(angle), config.pivot_height_m - config.length_m * np.cos(angle)
     return make_gaitless_motion(
-        "pendulum", {"bob": stack_xyz(x, 0.0, z)}, config.rate_hz, gait_frequency_hz=config.frequency_hz
+        "pendulum", {"bob": stack_columns(x, 0.0, z)}, config.rate_hz, gait_frequency_hz=config.frequency_hz
     )
 
 
 @plugin("motion_model", parameters=RotorConfig)
 def _generate_rotor(config: RotorConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
-    times_s = sample_times_s(duration_s, config.rate_hz)
-    points = {"hub": stack_xyz(np.zeros_like(times_s), 0.0, config.hub_height_m)}
+    (times_s,), _ = sample_times_s([duration_s], config.rate_hz)
+    points = {"hub": stack_columns(np.zeros_like(times_s), 0.0, config.hub_height_m)}
     first, second = ("xyz".index(axis) for axis in config.plane)
     for blade in range(config.blades):
         angle = 2 * np.pi * (config.rotation_hz * times_s + blade / config.blades)
@@ -312,11 +312,11 @@ _STANDING = {
 
 @plugin("motion_model", parameters=BreathingConfig)
 def _generate_breathing(config: BreathingConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
-    times_s = sample_times_s(duration_s, config.rate_hz)
+    (times_s,), _ = sample_times_s([duration_s], config.rate_hz)
     chest_m = config.amplitude_m * np.sin(2 * np.pi * config.breathing_hz * times_s)
     size_m = config.height_m
     points = {
-        name: stack_xyz(x * size_m + share * chest_m, y * size_m, z * size_m)
+        name: stack_columns(x * size_m + share * chest_m, y * size_m, z * size_m)
         for name, (_, x, y, z, share) in _STANDING.items()
     }
     return make_gaitless_motion(

@@ -7,12 +7,11 @@ and paws (:mod:`doppelgait.motion.models.quadruped_limbs`).
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
@@ -35,19 +34,27 @@ from doppelgait.motion.models.quadruped_gaits import (
     pick_gait,
     stride_length_m,
 )
-from doppelgait.motion.models.quadruped_limbs import Carriage, FootfallCourse, compute_all_points, make_regular_course
-from doppelgait.motion.models.registry import generate, parse_parameters
+from doppelgait.motion.models.quadruped_limbs import (
+    Carriage,
+    FloatArray,
+    FootfallCourse,
+    compute_all_points,
+    make_regular_course,
+)
+from doppelgait.motion.models.registry import generate, generate_alike, parse_parameters
 from doppelgait.motion.models.strides import (
+    Columns,
+    Rngs,
     fit_cubic_spline,
     landing_times_s,
-    make_stride_clock,
-    mean_stride_frequency_hz,
+    make_column,
+    make_stride_clocks,
+    mean_stride_frequencies_hz,
     sample_autoregressive,
     sample_times_s,
+    sum_steps,
 )
 from doppelgait.motion.motion import NAN, Motion, MotionFacts, make_motion
-
-FloatArray = npt.NDArray[np.float64]
 
 # a joint belongs to the bone that ends there. The shoulder is the lower end of the scapula; the hip is on the trunk.
 PART_OF_POINT = {
@@ -79,6 +86,7 @@ PART_OF_POINT = {
 }
 """Points of the dog in order, and the body part of each."""
 POINTS = tuple(PART_OF_POINT)
+_PARTS = tuple(PART_OF_POINT.values())
 
 
 class QuadrupedConfig(FrozenModel):
@@ -255,79 +263,108 @@ def quadruped_gait(
 
 
 @plugin("motion_model", parameters=QuadrupedConfig)
-def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
-    build, speed_mps, hip_m = BUILDS[config.build], config.actual_speed_mps, config.hip_m
-    gait = fit_gait_to_build(config.actual_gait, build, config.asymmetry)
+def _generate(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
+    varied = [any((config.step_length_sd, config.footfall_sd, config.length_asymmetry)) for config in parameters]
+    return generate_alike(_generate_varied, varied, parameters, durations_s, rngs)
+
+
+def _generate_varied(
+    varied: bool, parameters: Sequence[QuadrupedConfig], durations_s: Sequence[float], rngs: Rngs
+) -> list[Motion]:
+    """Generate animals, all with varying footfalls or all without."""
+    columns, builds = Columns(parameters), [BUILDS[config.build] for config in parameters]
+    gaits, hip_m = [_make_gait(config) for config in parameters], columns.hip_m
+    paces = [*zip(gaits, columns.actual_speed_mps[:, 0].tolist(), hip_m[:, 0].tolist(), strict=True)]
+    stride_m = columns.stride_ratio * make_column([stride_length_m(*pace) for pace in paces])
+    period_s, start, variation = stride_m / columns.actual_speed_mps, columns.start_phase, columns.stride_variation
+    times_s, counts = sample_times_s(durations_s, columns.rate_hz)
+    clock = make_stride_clocks(times_s, period_s=period_s, start_phase=start, variation=variation, rngs=rngs)
+    phase, gait = clock(times_s), Columns(gaits)
+    course = make_regular_course(phase, gait, stride_m / hip_m)
+    if varied:
+        course = _vary_course(course, columns, phase, gait, rngs)
+    wag_rad = np.radians(columns.tail_sweep_deg) * np.sin(2 * np.pi * columns.tail_frequency_hz * times_s)
+    rates_hz = (columns.actual_speed_mps / stride_m)[:, 0].tolist()
+    duty = {
+        end: make_column(
+            [duty_factor(getattr(own, end), hz, m) for (own, _, m), hz in zip(paces, rates_hz, strict=True)]
+        )
+        for end in ("hind", "fore")
+    }
+    carriage = Carriage(columns.neck_deg, columns.tail_deg, wag_rad)
+    points = compute_all_points(phase, gait, Columns(builds), course, duty, carriage)
+    rows = hip_m * np.stack([points[name].transpose(2, 0, 1) for name in POINTS])
+    rows[:, 0] -= hip_m * course.distance(phase[:, :1])
+    position_m = np.ascontiguousarray(rows.transpose(2, 3, 0, 1))
+    landings = []
+    for number, (first, last) in enumerate(phase[:, [0, -1]]):
+        size, low, high = course.sizes[number], first - 1e-9, last + 1e-9
+        own = {foot: course.landings[foot][number, :size] for foot in gaits[number].touchdown}
+        landings.append({foot: phases[(phases >= low) & (phases <= high)] for foot, phases in own.items()})
+    footfalls = landing_times_s(clock, landings, times_s)
+    motions = []
+    for number, stride_hz in enumerate(mean_stride_frequencies_hz(times_s, phase)):
+        config, build, harmonic = parameters[number], builds[number], gaits[number].harmonic
+        facts = MotionFacts(
+            source="quadruped",
+            kind="quadruped",
+            species=build.species,
+            gait=config.actual_gait,
+            height_m=config.actual_withers_m,
+            mass_kg=mass_kg(build, config.actual_withers_m),
+            stride_frequency_hz=stride_hz,
+            step_frequency_hz=2 * stride_hz if harmonic == 2 else NAN,
+            gait_frequency_hz=harmonic * stride_hz,
+            footfalls=footfalls[number],
+        )
+        motion = make_motion(
+            position_m[number, : counts[number]],
+            rate_hz=config.rate_hz,
+            markers=POINTS,
+            parts=_PARTS,
+            facts=facts,
+            report={
+                "mass_kg": f"assumed: {build.mass_kg:.3g} kg at withers_m = {build.withers_m:g}, "
+                "with the cube of the height",
+                "proportions": build.source,
+            },
+        )
+        motions.append(motion)
+    return motions
+
+
+def _make_gait(config: QuadrupedConfig) -> Gait:
+    """Return the gait of a configuration."""
+    gait = fit_gait_to_build(config.actual_gait, BUILDS[config.build], config.asymmetry)
     hind = replace(gait.hind, swing_peak=config.hind_swing_peak)
     fore = replace(gait.fore, swing_peak=config.fore_swing_peak)
-    gait = replace(gait, hind=hind, fore=fore, ripple=config.trunk_ripple)
-    stride_m = config.stride_ratio * stride_length_m(gait, speed_mps, hip_m)
-    times_s = sample_times_s(duration_s, config.rate_hz)
-    clock = make_stride_clock(
-        times_s[-1],
-        period_s=stride_m / speed_mps,
-        start_phase=config.start_phase,
-        variation=config.stride_variation,
-        rng=rng,
-    )
-    phase = clock(times_s)
-    course = _make_course(config, phase, gait, stride_m / hip_m, rng)
-    wag_rad = np.radians(config.tail_sweep_deg) * np.sin(2 * np.pi * config.tail_frequency_hz * times_s)
-    duty = {end: duty_factor(getattr(gait, end), speed_mps / stride_m, hip_m) for end in ("hind", "fore")}
-    points = compute_all_points(phase, gait, build, course, duty, Carriage(config.neck_deg, config.tail_deg, wag_rad))
-    position_m = hip_m * np.stack([points[name] for name in POINTS], axis=1)
-    position_m[:, :, 0] -= hip_m * course.distance(phase[:1])
-    stride_hz = mean_stride_frequency_hz(times_s, phase)
-    low, high = phase[0] - 1e-9, phase[-1] + 1e-9
-    landings = {foot: phases[(phases >= low) & (phases <= high)] for foot, (_, phases) in course.landings.items()}
-    facts = MotionFacts(
-        source="quadruped",
-        kind="quadruped",
-        species=build.species,
-        gait=config.actual_gait,
-        height_m=config.actual_withers_m,
-        mass_kg=mass_kg(build, config.actual_withers_m),
-        stride_frequency_hz=stride_hz,
-        step_frequency_hz=2 * stride_hz if gait.harmonic == 2 else NAN,
-        gait_frequency_hz=gait.harmonic * stride_hz,
-        footfalls=landing_times_s(clock, landings, float(times_s[-1])),
-    )
-    return make_motion(
-        position_m,
-        rate_hz=config.rate_hz,
-        markers=POINTS,
-        parts=list(PART_OF_POINT.values()),
-        facts=facts,
-        report={
-            "mass_kg": f"assumed: {build.mass_kg:.3g} kg at withers_m = {build.withers_m:g}, "
-            "with the cube of the height",
-            "proportions": build.source,
-        },
-    )
+    return replace(gait, hind=hind, fore=fore, ripple=config.trunk_ripple)
 
 
-def _make_course(
-    config: QuadrupedConfig, phase: FloatArray, gait: Gait, stride: float, rng: np.random.Generator | None
+def _vary_course(
+    regular: FootfallCourse, columns: Columns, phase: FloatArray, gait: Columns, rngs: Rngs
 ) -> FootfallCourse:
-    """Return the positions and times of the footfalls."""
+    """Return courses with varying positions and times of the footfalls."""
     # half strides and landings vary as first-order autoregressive sequences
-    regular = make_regular_course(phase, gait, stride)
-    length_sd, landing_sd = config.step_length_sd, config.footfall_sd
-    if length_sd == landing_sd == config.length_asymmetry == 0.0:
-        return regular
-    if rng is None and (length_sd > 0 or landing_sd > 0):
-        raise ConfigError(
-            f"step_length_sd = {length_sd:g}, footfall_sd = {landing_sd:g} need a random generator "
-            "(rng=dg.rng(seed)), or set both 0"
-        )
-    first = math.floor(2 * phase[0]) - 8
-    halves = np.arange(first, math.ceil(2 * phase[-1]) + 8)
-    lengths = stride / 2 * (1 + config.length_asymmetry * np.where(halves % 2, -0.5, 0.5))
-    landings = dict(regular.landings)
-    if rng is not None and length_sd > 0:
-        lengths += stride / 2 * length_sd * sample_autoregressive(halves.size, rng)
-    if rng is not None and landing_sd > 0:
-        for foot, (number, phases) in regular.landings.items():
-            landings[foot] = number, phases + landing_sd * sample_autoregressive(phases.size, rng)
-    way = np.concatenate([[0.0], np.cumsum(lengths)])
-    return FootfallCourse(stride, landings, fit_cubic_spline(np.arange(first, first + way.size) / 2, way))
+    first = np.floor(2 * phase[:, :1]) - 8
+    sizes = (np.ceil(2 * phase[:, -1:]) + 8 - first)[:, 0].astype(int)
+    halves = first + np.arange(sizes.max())
+    longer, landings = np.zeros(halves.shape), {foot: phases.copy() for foot, phases in regular.landings.items()}
+    spreads = np.concatenate([columns.step_length_sd, columns.footfall_sd], axis=1).tolist()
+    for row, ((length_sd, landing_sd), rng) in enumerate(zip(spreads, rngs, strict=True)):
+        if rng is None:
+            if length_sd > 0 or landing_sd > 0:
+                raise ConfigError(
+                    f"step_length_sd = {length_sd:g}, footfall_sd = {landing_sd:g} need a random generator "
+                    "(rng=dg.rng(seed)), or set both 0"
+                )
+            continue
+        if length_sd > 0:
+            longer[row, : sizes[row]] = sample_autoregressive(int(sizes[row]), rng)
+        for foot in gait.touchdown[row] if landing_sd > 0 else ():
+            size = int(regular.sizes[row])
+            landings[foot][row, :size] += landing_sd * sample_autoregressive(size, rng)
+    lengths = regular.stride / 2 * (1 + columns.length_asymmetry * np.where(halves % 2, -0.5, 0.5))
+    lengths += regular.stride / 2 * columns.step_length_sd * longer
+    way = fit_cubic_spline((first + np.arange(sizes.max() + 1)) / 2, sum_steps(lengths), sizes + 1)
+    return replace(regular, landings=landings, advance=way)

@@ -2,30 +2,34 @@
 
 All points follow from the paths of trunk and paws. Lengths are in units of the hip height h. x is forward, y left and z
 up. Proportions are those of one measured dog and of breed standards, scaled by a build.
+
+Gaits and builds are those of a batch of B animals, as columns (:class:`doppelgait.motion.models.strides.Columns`).
+Shapes: phases (B, n); points (B, n, 3), of both sides (2, B, n, 3).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.motion.models.curves import find_swing_curve, join_trunk_curves, segment_elevation_rad
-from doppelgait.motion.models.quadruped_gaits import Build, Gait, Girdle
-from doppelgait.motion.models.strides import Curve, fit_cubic_spline, stack_columns
+from doppelgait.motion.models.strides import Columns, Curve, Values, fit_cubic_spline, square_each, stack_columns
 
 FloatArray = npt.NDArray[np.float64]
 
 
-def compute_paw_path(cycles: FloatArray, girdle: Girdle, duty: float, swing: Curve) -> tuple[FloatArray, FloatArray]:
+def compute_paw_path(cycles: FloatArray, girdle: Any, duty: Values, swing: Curve) -> tuple[FloatArray, FloatArray]:
     """Return the path of a paw over the ground."""
     turn = np.floor(cycles)
     share = np.clip((cycles - turn - duty) / (1 - duty), 0.0, 1.0)
     early, late = 5 * girdle.clearance_at, 5 * (1 - girdle.clearance_at)
-    top = girdle.clearance_at**early * (1 - girdle.clearance_at) ** late
+    tops = [at ** (5 * at) * (1 - at) ** (5 * (1 - at)) for at in np.ravel(girdle.clearance_at).tolist()]
+    top = np.reshape(tops, np.shape(girdle.clearance_at))
     height = girdle.clearance / top * share**early * (1 - share) ** late
     return turn + swing(share), height
 
@@ -62,22 +66,23 @@ MAX_EXTENSION, DEEPEST_CROUCH = 0.95, 0.16
 STRAIGHT, FOLDED = (0.93, 0.97), (0.40, 0.30)
 """Distance of a limb's ends relative to its length: value from which the joint at the trunk moves, and limit."""
 SIDES = ("left", "right")
-LEFT, BOTH = np.array([[1.0], [-1.0]]), np.ones((2, 1))
+LEFT, BOTH = np.array([[[1.0]], [[-1.0]]]), np.ones((2, 1, 1))
 """Signs of y of the two sides, and factors of values that are equal on both sides."""
-_TRUNK_X, _TRUNK_HEIGHT = np.array([*TRUNK_POINTS.values()]).T[..., None]
+_TRUNK_X, _TRUNK_HEIGHT = np.array([*TRUNK_POINTS.values()]).T[..., None, None]
 _WHOLE_CYCLE = np.arange(120) / 120
 
 
-def solve_two_links(start: FloatArray, end: FloatArray, first: float, second: float, *, bend: float) -> FloatArray:
+def solve_two_links(start: FloatArray, end: FloatArray, first: Values, second: Values, *, bend: float) -> FloatArray:
     """Return the middle joint of two links. Shapes: start, end (..., 3)."""
     # the links connect start and end
     line = end - start
     x, y, z = line[..., 0], line[..., 1], line[..., 2]
     level = x * x + z * z
     square = level + y * y
-    along = (square + (first**2 - second**2)) / (2 * square)  # share of the line
+    first_2, second_2 = square_each(first), square_each(second)
+    along = (square + (first_2 - second_2)) / (2 * square)  # share of the line
     # The bend is in the plane of the limb and the direction of travel, perpendicular to the chain.
-    across = bend * np.sqrt(np.maximum(first**2 - along * along * square, 0.0) / level)
+    across = bend * np.sqrt(np.maximum(first_2 - along * along * square, 0.0) / level)
     return np.asarray(start + stack_columns(x * along - z * across, y * along, z * along + x * across))
 
 
@@ -88,55 +93,64 @@ def point_down(angle_rad: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class FootfallCourse:
-    """Distance travelled, and phases of the footfalls."""
+    """Distance travelled, and phases of the footfalls.
+    Landings have the numbers from first, (B, 1). Shapes: landings (B, K), of which each row has its size.
+    """
 
-    stride: float
-    landings: Mapping[str, tuple[int, FloatArray]]
-    advance: Callable[[FloatArray], FloatArray] | None = None
+    stride: FloatArray
+    first: FloatArray
+    sizes: npt.NDArray[np.intp]
+    landings: Mapping[str, FloatArray]
+    advance: Curve | None = None
 
     def distance(self, phase: FloatArray) -> FloatArray:
         """Distance in units of h at phases in cycles."""
         return self.stride * phase if self.advance is None else self.advance(phase)
 
 
-def make_regular_course(phase: FloatArray, gait: Gait, stride: float) -> FootfallCourse:
-    """Return the course of equal strides over phases."""
-    first = math.floor(phase.min()) - 2
-    numbers = np.arange(first, math.ceil(phase.max()) + 3.0)
-    return FootfallCourse(stride, {foot: (first, numbers + lands) for foot, lands in gait.touchdown.items()})
+def make_regular_course(phase: FloatArray, gait: Columns, stride: FloatArray) -> FootfallCourse:
+    """Return the courses of equal strides over phases."""
+    first = np.floor(phase.min(axis=1, keepdims=True)) - 2
+    sizes = (np.ceil(phase.max(axis=1, keepdims=True)) + 3.0 - first)[:, 0].astype(np.intp)
+    numbers = first + np.arange(sizes.max())
+    landings = {foot: numbers + find_touchdowns(gait, foot) for foot in gait.touchdown[0]}
+    return FootfallCourse(stride, first, sizes, landings)
+
+
+def find_touchdowns(gait: Columns, foot: str) -> FloatArray:
+    """Return the phases at which a foot lands, (B, 1)."""
+    return np.array([[touchdown[foot]] for touchdown in gait.touchdown])
 
 
 @dataclass(frozen=True)
 class Carriage:
     """Carriage of neck and tail.
-    The values are mean elevations, and the angle of the tail to the left, (n,) in rad.
+    The values are mean elevations, and the angle of the tail to the left, (B, n) in rad.
     """
 
-    neck_deg: float
-    tail_deg: float
+    neck_deg: Values
+    tail_deg: Values
     wag_rad: FloatArray
 
 
 Trunk = tuple[FloatArray, FloatArray, FloatArray]
-"""Path of the trunk's centre, (n, 3), and cosine and sine of its pitch, positive with the nose up."""
+"""Path of the trunk's centre, (B, n, 3), and cosine and sine of its pitch, positive with the nose up."""
 
 
 def compute_trunk_motion(
-    phase: FloatArray, distance: FloatArray, gait: Gait, build: Build, stride: float
+    phase: FloatArray, distance: FloatArray, gait: Columns, build: Columns, stride: FloatArray
 ) -> tuple[Trunk, FloatArray, FloatArray]:
     """Return the path of the trunk at standing height."""
     # the surge of the trunk and the heaves of its girdles are the recorded ones. The pitch follows
     # from the two heaves.
     surge, hind, fore, neck, tail = join_trunk_curves(gait.curves, gait.touchdown)(phase)
-    sway = gait.sway * np.cos(2 * np.pi * (phase - gait.touchdown["left_hind"] - SWAY_LAG))
+    sway = gait.sway * np.cos(2 * np.pi * (phase - find_touchdowns(gait, "left_hind") - SWAY_LAG))
     sine = (fore - hind) / (2 * GIRDLE_X * build.trunk)
     centre = stack_columns(distance + gait.ripple * stride * surge, sway, (hind + fore) / 2)
     return (centre, np.sqrt(1 - sine**2), sine), neck, tail
 
 
-def place_on_trunk(
-    x: FloatArray | float, y: FloatArray | float, height: FloatArray | float, trunk: Trunk
-) -> FloatArray:
+def place_on_trunk(x: Values, y: Values, height: Values, trunk: Trunk) -> FloatArray:
     """Return the path of a point on the trunk."""
     # the point is defined by its position when the dog stands with the middle of its trunk at x = 0
     z = height - TRUNK_Z
@@ -149,66 +163,73 @@ Ride = tuple[FloatArray, FootfallCourse]
 
 
 def compute_paws(
-    rides: Sequence[Ride], gait: Gait, build: Build, end: str, duty: float
+    rides: Sequence[Ride], gait: Columns, build: Columns, end: str, duty: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the paths of both paws of one girdle."""
     # in the middle of its stance, a paw is below its girdle, shifted by the reach of the gait
-    girdle: Girdle = getattr(gait, end)
+    girdle = getattr(gait, end)
     parts = []
     for phase, course in rides:
         if course.advance is None:
-            lands = np.array([[gait.touchdown[f"{side}_{end}"]] for side in SIDES])
+            lands = np.stack([find_touchdowns(gait, f"{side}_{end}") for side in SIDES])
             cycles = phase - lands
             print_at = course.stride * (np.floor(cycles) + lands + duty / 2)
-            parts.append((cycles, print_at, np.full_like(cycles, course.stride)))
+            parts.append((cycles, print_at, np.broadcast_to(course.stride, cycles.shape)))
             continue
-        found = np.empty((3, 2, phase.size))
+        found = np.empty((3, 2, *phase.shape))
         for row, side in enumerate(SIDES):
-            first, landings = course.landings[f"{side}_{end}"]
-            found[0, row] = fit_cubic_spline(landings, first + np.arange(landings.size))(phase)
-            place = np.floor(found[0, row]).astype(int) - first
+            landings = course.landings[f"{side}_{end}"]
+            numbers = course.first + np.arange(landings.shape[1])
+            found[0, row] = fit_cubic_spline(landings, numbers, course.sizes)(phase)
+            place = (np.floor(found[0, row]) - course.first).astype(np.intp)
+            place += np.arange(len(place))[:, None] * landings.shape[1]
             prints = course.advance(landings + duty / 2)
-            found[1, row], found[2, row] = prints[place], np.diff(prints)[place]
+            found[1, row] = prints.take(place)
+            found[2, row] = prints.take(place + 1) - found[1, row]
         parts.append((found[0], found[1], found[2]))
-    cycles, print_at, step = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+    cycles, print_at, step = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
     advance, height = compute_paw_path(cycles, girdle, duty, find_swing_curve(gait.curves, end, girdle.swing_peak))
     x = print_at + (advance - np.floor(cycles)) * step
     x += girdle.reach + build.trunk * (GIRDLE_X if end == "fore" else -GIRDLE_X)
     return cycles, stack_columns(x, TRACK_Y * LEFT, height)
 
 
-def compute_limb_ends(rides: Sequence[Ride], gait: Gait, build: Build, duty: dict[str, float], trunk: Trunk) -> Points:
+def compute_limb_ends(
+    rides: Sequence[Ride], gait: Columns, build: Columns, duty: Mapping[str, FloatArray], trunk: Trunk
+) -> Points:
     """Return paw, carpus or hock, and trunk joint."""
-    # the trunk is at standing height. Each array is (2, n, 3), left and right.
+    # the trunk is at standing height. Each array is (2, B, n, 3), left and right.
+    limbs = build.limbs[..., None]
     cycles, paw = compute_paws(rides, gait, build, "hind", duty["hind"])
     along = point_down(segment_elevation_rad(gait.curves, "metatarsus", cycles, duty["hind"]))
-    result = {"hind_paw": paw, "hock": paw - METATARSUS * build.limbs * along}
+    result = {"hind_paw": paw, "hock": paw - METATARSUS * limbs * along}
     result["hip"] = place_on_trunk(-GIRDLE_X * build.trunk * BOTH, HIP_Y * LEFT, HIP_Z, trunk)
     cycles, paw = compute_paws(rides, gait, build, "fore", duty["fore"])
     along, scapula = (
         point_down(segment_elevation_rad(gait.curves, s, cycles, duty["fore"])) for s in ("manus", "scapula")
     )
-    result |= {"fore_paw": paw, "carpus": paw - MANUS * build.limbs * along}
+    result |= {"fore_paw": paw, "carpus": paw - MANUS * limbs * along}
     top = place_on_trunk((GIRDLE_X * build.trunk + SCAPULA_X) * BOTH, SCAPULA_Y * LEFT, SCAPULA_Z, trunk)
-    return result | {"shoulder": top + SCAPULA * build.limbs * scapula}
+    return result | {"shoulder": top + SCAPULA * limbs * scapula}
 
 
 CHAINS = (("hip", "hock", FEMUR, TIBIA), ("shoulder", "carpus", HUMERUS, FOREARM))
 """Chains of two links between a joint at the trunk and the lower end, on both sides."""
 
 
-def compute_crouch(ends: Points, limbs: float) -> float:
-    """Return the lowering of the trunk for the limbs."""
+def compute_crouch(ends: Points, limbs: FloatArray) -> FloatArray:
+    """Return the lowering of the trunk for the limbs, (B, 1)."""
     # every limb then reaches its paw at all positions of ends
-    lower = 0.0
+    lower = np.zeros_like(limbs)
     for top, bottom, first, second in CHAINS:
         line = ends[top] - ends[bottom]
-        room = (MAX_EXTENSION * limbs * (first + second)) ** 2 - line[..., 0] ** 2 - line[..., 1] ** 2
-        lower = max(lower, float((line[..., 2] - np.sqrt(np.maximum(room, 0.0))).max()))
-    return min(lower, DEEPEST_CROUCH)
+        room = square_each(MAX_EXTENSION * limbs * (first + second)) - line[..., 0] ** 2 - line[..., 1] ** 2
+        missing = (line[..., 2] - np.sqrt(np.maximum(room, 0.0))).max(axis=(0, 2))
+        lower = np.maximum(lower, missing[:, None])
+    return np.minimum(lower, DEEPEST_CROUCH)
 
 
-def move_along_limb(top: FloatArray, bottom: FloatArray, length: float) -> None:
+def move_along_limb(top: FloatArray, bottom: FloatArray, length: FloatArray) -> None:
     """Move a trunk joint along its limb, in place."""
     # it moves if the limb is nearly straight or folded, since a scapula glides over the ribs and a
     # back bends
@@ -234,37 +255,45 @@ def lift_above_floor(elevation_rad: FloatArray, height: FloatArray) -> FloatArra
 
 
 def compute_all_points(
-    phase: FloatArray, gait: Gait, build: Build, course: FootfallCourse, duty: dict[str, float], carriage: Carriage
+    phase: FloatArray,
+    gait: Columns,
+    build: Columns,
+    course: FootfallCourse,
+    duty: Mapping[str, FloatArray],
+    carriage: Carriage,
 ) -> Points:
-    """Return the dog's points by name, (n, 3)."""
+    """Return the dogs' points by name, (B, n, 3)."""
     # they are in units of h. The trunk is lowered until all limbs reach their paws.
     # frames and a whole cycle of equal strides in one call: in the cycle, all limbs must reach their paws
-    count, even = phase.size, FootfallCourse(course.stride, course.landings)
-    distance = np.concatenate([course.distance(phase), even.distance(_WHOLE_CYCLE)])
-    trunk, nod, lift = compute_trunk_motion(np.concatenate([phase, _WHOLE_CYCLE]), distance, gait, build, course.stride)
-    ends = compute_limb_ends(((phase, course), (_WHOLE_CYCLE, even)), gait, build, duty, trunk)
+    count, even = phase.shape[1], replace(course, advance=None)
+    cycle = np.broadcast_to(_WHOLE_CYCLE, (len(phase), _WHOLE_CYCLE.size))
+    distance = np.concatenate([course.distance(phase), even.distance(cycle)], axis=1)
+    trunk, nod, lift = compute_trunk_motion(
+        np.concatenate([phase, cycle], axis=1), distance, gait, build, course.stride
+    )
+    ends = compute_limb_ends(((phase, course), (cycle, even)), gait, build, duty, trunk)
     size = build.limbs
-    lowered = compute_crouch({name: place[:, count:] for name, place in ends.items()}, size)
-    ends = {name: place[:, :count] for name, place in ends.items()}
+    lowered = compute_crouch({name: place[:, :, count:] for name, place in ends.items()}, size)
+    ends = {name: place[:, :, :count] for name, place in ends.items()}
     for top, bottom, first, second in CHAINS:
         ends[top][..., 2] -= lowered
         move_along_limb(ends[top], ends[bottom], size * (first + second))
     ends["elbow"] = solve_two_links(ends["shoulder"], ends["carpus"], size * HUMERUS, size * FOREARM, bend=-1.0)
     ends["knee"] = solve_two_links(ends["hip"], ends["hock"], size * FEMUR, size * TIBIA, bend=1.0)
-    centre, cosine, sine = (part[:count] for part in trunk)
-    centre[:, 2] -= lowered
+    centre, cosine, sine = (part[:, :count] for part in trunk)
+    centre[..., 2] -= lowered
     fixed = place_on_trunk(build.trunk * _TRUNK_X, 0.0, _TRUNK_HEIGHT, (centre, cosine, sine))
     points: Points = dict(zip(TRUNK_POINTS, fixed, strict=True))
-    neck_base, tail_base = points["neck_base"], points["tail_base"]
-    elevation = np.radians(carriage.neck_deg + gait.ripple * nod[:count])
+    neck_base, tail_base, head = points["neck_base"], points["tail_base"], build.head[..., None]
+    elevation = np.radians(carriage.neck_deg + gait.ripple * nod[:, :count])
     along = stack_columns(np.cos(elevation), 0.0, np.sin(elevation))
     skull = math.radians(SKULL_DEG)
-    points["neck"] = neck_base + build.head * NECK / 2 * along
-    points["head"] = neck_base + build.head * NECK * along
-    points["nose"] = points["head"] + build.head * SKULL * np.array([math.cos(skull), 0.0, math.sin(skull)])
+    points["neck"] = neck_base + head * NECK / 2 * along
+    points["head"] = neck_base + head * NECK * along
+    points["nose"] = points["head"] + head * SKULL * np.array([math.cos(skull), 0.0, math.sin(skull)])
     length, wag = TAIL * build.tail, carriage.wag_rad
-    elevation = lift_above_floor(np.radians(carriage.tail_deg + lift[:count]), tail_base[:, 2] / length)
+    elevation = lift_above_floor(np.radians(carriage.tail_deg + lift[:, :count]), tail_base[..., 2] / length)
     level = np.cos(elevation)
-    back = stack_columns(-level * np.cos(wag), level * np.sin(wag), np.sin(elevation))
-    points |= {"tail_middle": tail_base + length / 2 * back, "tail_tip": tail_base + length * back}
+    back = length[..., None] * stack_columns(-level * np.cos(wag), level * np.sin(wag), np.sin(elevation))
+    points |= {"tail_middle": tail_base + back / 2, "tail_tip": tail_base + back}
     return points | {f"{side}_{name}": place[row] for name, place in ends.items() for row, side in enumerate(SIDES)}

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from functools import cache
+from inspect import signature
 from typing import Any, TypeVar
 
 import numpy as np
@@ -14,8 +17,12 @@ from doppelgait.core.rng import Streams
 from doppelgait.motion.motion import Motion
 
 Parameters = TypeVar("Parameters", bound=FrozenModel)
-Generate = Callable[[Any, float, np.random.Generator | None], Motion]
-"""Type of ``generate(parameters, duration_s, rng) -> motion``; ``rng`` may be None if nothing is random."""
+Generate = Callable[..., Any]
+"""Type of a model: ``generate(parameters, durations_s, rngs) -> motions`` of a batch of examples, called with sequences
+of equal length; or ``generate(parameters, duration_s, rng) -> motion`` of a single one, which is called for each. The
+name of the third parameter tells them apart. A generator may be None if nothing is random."""
+LONGEST_BATCH_S = 100.0
+"""Maximum sum of the durations of motions that are generated together, so that their arrays remain small."""
 
 MOTION_MODELS: Group[Generate] = Group(
     "motion_model",
@@ -89,6 +96,51 @@ def generate(
     >>> dg.motion.generate({"kind": "fan", "blades": 4}, duration_s=2.0).facts.gait_frequency_hz
     60.0
     """
-    parameters = MOTION_MODELS.parse(model)
-    source = rng.generator("motion") if isinstance(rng, Streams) else rng
-    return MOTION_MODELS.of(parameters).run(parameters, duration_s, source)
+    return generate_all([model], durations_s=[duration_s], rngs=[rng])[0]
+
+
+def generate_all(
+    models: Sequence[FrozenModel | Mapping[str, Any] | str],
+    *,
+    durations_s: Sequence[float],
+    rngs: Sequence[np.random.Generator | Streams | None],
+) -> list[Motion]:
+    """Generate many motions, those of a kind together."""
+    # each is the same as that of generate. No two may share a generator.
+    parameters = [MOTION_MODELS.parse(model) for model in models]
+    sources = [rng.generator("motion") if isinstance(rng, Streams) else rng for rng in rngs]
+    keys: list[Hashable] = []
+    sums_s: dict[Hashable, float] = {}
+    for model, duration_s in zip(parameters, durations_s, strict=True):
+        # a batch is padded to its longest motion: durations are within a factor of two
+        key = MOTION_MODELS.of(model).run, math.frexp(duration_s)[1]
+        sums_s[key] = sums_s.get(key, 0.0) + duration_s
+        keys.append((*key, sums_s[key] // LONGEST_BATCH_S))
+
+    def run(key: tuple[Any, ...], *batch: Any) -> list[Motion]:
+        if _takes_batches(key[0]):
+            return list(key[0](*batch))
+        return [key[0](*example) for example in zip(*batch, strict=True)]
+
+    return generate_alike(run, keys, parameters, durations_s, sources)
+
+
+@cache
+def _takes_batches(run: Generate) -> bool:
+    return list(signature(run).parameters)[2:] == ["rngs"]
+
+
+def generate_alike(
+    run: Callable[..., list[Motion]],
+    keys: Sequence[Hashable],
+    parameters: Sequence[Any],
+    durations_s: Sequence[float],
+    rngs: Sequence[np.random.Generator | None],
+) -> list[Motion]:
+    """Generate examples with equal keys together, by ``run(key, parameters, durations_s, rngs)``."""
+    made: dict[int, Motion] = {}
+    for key in dict.fromkeys(keys):
+        rows = [row for row, own in enumerate(keys) if own == key]
+        batch = ([values[row] for row in rows] for values in (parameters, durations_s, rngs))
+        made |= zip(rows, run(key, *batch), strict=True)
+    return [made[row] for row in range(len(keys))]

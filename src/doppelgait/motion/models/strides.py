@@ -1,4 +1,4 @@
-"""Time and phase of all gait models.
+"""Time and phase of all gait models, and columns of their parameters.
 
 The module has sample times, the stride clock, footfalls, varying steps and cubic curves. SciPy's cubic curves are not
 used, because its module of interpolation takes as long to load as xarray without pandas.
@@ -7,33 +7,55 @@ used, because its module of interpolation takes as long to load as xarray withou
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, is_dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.rng import RandomSource, as_generator
 
 FloatArray = npt.NDArray[np.float64]
+Values = FloatArray | float
+"""Value of a single example, or column (B, 1) of the values of a batch."""
+Rngs = Sequence[np.random.Generator | None]
 
 
-def stack_columns(first: FloatArray, *others: FloatArray | float) -> FloatArray:
-    """Stack columns to shape (n, number of columns)."""
-    # a number is a constant column. First columns of shape (k, n) result in (k, n, number of
-    # columns).
+def make_column(values: Sequence[float]) -> FloatArray:
+    """Return the numbers of examples as a column, (B, 1)."""
+    return np.array(values, dtype=float)[:, None]
+
+
+class Columns:
+    """Attributes of the examples of a batch. Numbers are columns, in dataclasses, too; others are lists."""
+
+    def __init__(self, examples: Sequence[Any]) -> None:
+        self._examples = examples
+
+    def __getattr__(self, name: str) -> Any:
+        values: Any = [getattr(example, name) for example in self._examples]
+        if isinstance(values[0], float | int):
+            values = make_column(values)
+        elif is_dataclass(values[0]):
+            values = Columns(values)
+        setattr(self, name, values)  # made once
+        return values
+
+
+def square_each(values: Values) -> FloatArray:
+    """Return the squares of the values of examples."""
+    # by Python's power, whose last bit differs from NumPy's square
+    return np.array([value**2 for value in np.ravel(values).tolist()]).reshape(np.shape(values))
+
+
+def stack_columns(first: FloatArray, *others: Values) -> FloatArray:
+    """Stack columns to shape (..., n, number of columns)."""
+    # the first has the shape (..., n), and each of the others may be a number. Columns are contiguous in memory.
     found = np.empty((1 + len(others), *first.shape))
-    found[0] = first
-    for number, other in enumerate(others, 1):
-        found[number] = other
+    for row, values in zip(found, (first, *others), strict=True):
+        row[...] = values
     return found.transpose(*range(1, found.ndim), 0)
-
-
-def stack_xyz(x: FloatArray, y: FloatArray | float, z: FloatArray | float) -> FloatArray:
-    """Stack coordinates to points, shape (n, 3). A number is a constant coordinate."""
-    return np.stack([np.broadcast_to(part, x.shape) for part in (x, y, z)], axis=1)
 
 
 _STEPS = 60
@@ -44,96 +66,123 @@ _LAST_STEP = 1e-9
 
 @dataclass(frozen=True)
 class Curve:
-    """Piecewise cubic curve between knots. The outermost cubics are extrapolated beyond the ends.
-    Shapes: knots (K,); coefficients (4, K - 1).
+    """Piecewise cubic curves between knots. The outermost cubics are extrapolated beyond the ends.
+    Shapes: knots (K,) or (B, K), each row used up to its size (B,); coefficients (4, K - 1) or (4, B, K - 1).
+    Values to be evaluated or inverted have any shape for a single curve, and (..., B, n) for B curves.
     """
 
     knots: FloatArray
     coefficients: FloatArray
+    sizes: npt.NDArray[np.intp]
 
     def __call__(self, x: npt.ArrayLike, order: int = 0) -> FloatArray:
         """Return values (``order`` 0) or first derivatives (1)."""
         at = np.asarray(x, dtype=float)
-        place = self.knots[1:-1].searchsorted(at, side="right")
-        u = at - self.knots[place]
-        c_0, c_1, c_2, c_3 = self.coefficients.take(place, axis=1)
+        piece = self._find_pieces(self.knots, at)
+        u = at - self.knots[..., :-1].ravel().take(piece)
+        c_0, c_1, c_2, c_3 = self.coefficients.reshape(4, -1).take(piece, axis=1)
         if order == 1:
             return np.asarray(c_1 + u * (2.0 * c_2 + u * (3.0 * c_3)))
         return np.asarray(c_0 + u * (c_1 + u * (c_2 + u * c_3)))
 
+    def _find_pieces(self, edges: FloatArray, values: FloatArray) -> npt.NDArray[np.intp]:
+        """Return the pieces of values, counted through all curves."""
+        if edges.ndim == 1:
+            return np.asarray(edges[1:-1].searchsorted(values, side="right"))
+        pieces = np.empty(values.shape, dtype=np.intp)
+        for row, (own, size) in enumerate(zip(edges, self.sizes.tolist(), strict=True)):
+            pieces[..., row, :] = own[1 : size - 1].searchsorted(values[..., row, :], side="right")
+        pieces += np.arange(len(edges))[:, None] * (edges.shape[1] - 1)
+        return pieces
+
     def where(self, values: npt.ArrayLike) -> FloatArray:
-        """Invert a curve with rising knots."""
-        # the values must be between those of its first and its last knot
+        """Invert curves with rising knots."""
+        # the values must be between those of a curve's first and its last knot
         wanted = np.asarray(values, dtype=float)
-        heights = np.append(self.coefficients[0], self(self.knots[-1]))
-        place = np.clip(heights.searchsorted(wanted, side="right") - 1, 0, self.knots.size - 2)
-        low, high = self.knots[place], self.knots[place + 1]
+        heights = np.zeros(self.knots.shape)
+        heights[..., :-1] = self.coefficients[0]
+        size = self.knots.shape[-1]
+        last = np.arange(self.sizes.size) * size + self.sizes.ravel() - 1
+        ends = self.knots.ravel()[last].reshape(*self.sizes.shape, 1)
+        heights.reshape(-1)[last] = self(ends).ravel()
+        piece = self._find_pieces(heights, wanted)
+        low, high = (self.knots[..., ends].ravel().take(piece) for ends in (slice(None, -1), slice(1, None)))
+        below, above = (heights[..., ends].ravel().take(piece) for ends in (slice(None, -1), slice(1, None)))
         width = high - low
-        x = low + (wanted - heights[place]) / (heights[place + 1] - heights[place]) * width
+        x = low + (wanted - below) / (above - below) * width
+        done: npt.NDArray[np.bool_] = np.zeros((), dtype=bool)
         for _ in range(_STEPS):
             error = self(x) - wanted
             low, high = np.where(error <= 0, x, low), np.where(error >= 0, x, high)
             tried = x - error / self(x, 1)
             following = np.where((tried >= low) & (tried <= high), tried, (low + high) / 2.0)
-            x, step = following, np.abs(following - x)
-            if (step <= _LAST_STEP * width).all():
+            close = np.abs(following - x) <= _LAST_STEP * width
+            x = np.where(done, x, following)  # a curve's values do not depend on how long others take
+            done = done | close.all(axis=None if self.knots.ndim == 1 else -1, keepdims=True)
+            if done.all():
                 break
         return np.asarray(x)
 
 
-def fit_cubic_hermite(knots: FloatArray, heights: FloatArray, slopes: FloatArray) -> Curve:
+def fit_cubic_hermite(
+    knots: FloatArray, heights: FloatArray, slopes: FloatArray, sizes: npt.ArrayLike | None = None
+) -> Curve:
     """Return cubics from heights and slopes at the knots."""
-    step = knots[1:] - knots[:-1]  # np.diff takes three times as long for the few knots of a motion
-    chord = (heights[1:] - heights[:-1]) / step
-    found = np.empty((4, step.size))
-    found[0], found[1] = heights[:-1], slopes[:-1]
-    bend = found[1] + slopes[1:] - 2.0 * chord
+    step = knots[..., 1:] - knots[..., :-1]  # np.diff takes three times as long for the few knots of a motion
+    chord = (heights[..., 1:] - heights[..., :-1]) / step
+    found = np.empty((4, *step.shape))
+    found[0], found[1] = heights[..., :-1], slopes[..., :-1]
+    bend = found[1] + slopes[..., 1:] - 2.0 * chord
     found[2] = (chord - found[1] - bend) / step
     found[3] = bend / step**2
-    return Curve(knots, found)
+    return Curve(knots, found, np.broadcast_to(knots.shape[-1] if sizes is None else sizes, knots.shape[:-1]))
 
 
-def fit_cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
-    r"""Return a C2 cubic spline with not-a-knot ends. Shapes: knots (K,); heights (K,)."""
-    x, y = np.asarray(knots, dtype=float), np.asarray(heights, dtype=float)
+def fit_cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike, sizes: npt.ArrayLike | None = None) -> Curve:
+    r"""Return C2 cubic splines with not-a-knot ends. Shapes: those of :class:`Curve`."""
+    # knots beyond the size of a row rise, too, and have no effect
+    knots, heights = np.asarray(knots, dtype=float), np.asarray(heights, dtype=float)
+    x, y = np.atleast_2d(knots).T.copy(), np.atleast_2d(heights).T.copy()  # a row is the same knot of all curves
     h = x[1:] - x[:-1]
     m = (y[1:] - y[:-1]) / h
-    first, last = x[2] - x[0], x[-1] - x[-3]
-    lower = [0.0, *h[1:].tolist(), float(last)]
-    diagonal = [float(h[1]), *(2.0 * (h[:-1] + h[1:])).tolist(), float(h[-2])]
-    upper = [float(first), *h[:-1].tolist()]
-    right = np.empty(x.size)
-    right[1:-1] = 3.0 * (h[1:] * m[:-1] + h[:-1] * m[1:])
-    right[0] = ((h[0] + 2.0 * first) * h[1] * m[0] + h[0] ** 2 * m[1]) / first
-    right[-1] = (h[-1] ** 2 * m[-2] + (2.0 * last + h[-1]) * h[-2] * m[-1]) / last
+    row, end = np.arange(x.shape[1]), np.broadcast_to(len(x) if sizes is None else sizes, x.shape[1])
+    h_1, h_2, m_1, m_2 = h[end - 2, row], h[end - 3, row], m[end - 2, row], m[end - 3, row]
+    first, last = x[2] - x[0], x[end - 1, row] - x[end - 3, row]
+    lower, diagonal, upper, slopes = np.zeros_like(x), np.ones_like(x), np.zeros_like(x), np.zeros_like(x)
+    lower[1:-1], diagonal[1:-1], upper[1:-1] = h[1:], 2.0 * (h[:-1] + h[1:]), h[:-1]
+    slopes[1:-1] = 3.0 * (h[1:] * m[:-1] + h[:-1] * m[1:])
+    diagonal[0], upper[0] = h[1], first
+    slopes[0] = ((h[0] + 2.0 * first) * h[1] * m[0] + square_each(h[0]) * m[1]) / first
+    lower[end - 1, row], diagonal[end - 1, row], upper[end - 1, row] = last, h_2, 0.0
+    slopes[end - 1, row] = (square_each(h_1) * m_2 + (2.0 * last + h_1) * h_2 * m_1) / last
     # elimination; all pivots of a spline's system are positive
-    slopes = right.tolist()
-    for i in range(1, len(slopes)):
+    for i in range(1, len(x)):
         factor = lower[i] / diagonal[i - 1]
         diagonal[i] -= factor * upper[i - 1]
         slopes[i] -= factor * slopes[i - 1]
     slopes[-1] /= diagonal[-1]
-    for i in range(len(slopes) - 2, -1, -1):
+    for i in range(len(x) - 2, -1, -1):
         slopes[i] = (slopes[i] - upper[i] * slopes[i + 1]) / diagonal[i]
-    return fit_cubic_hermite(x, y, np.array(slopes))
+    return fit_cubic_hermite(knots, heights, slopes.T.reshape(knots.shape), sizes)
 
 
 def fit_periodic_pchip(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
-    """Return a shape-preserving cubic through periodic knots."""
+    """Return shape-preserving cubics through periodic knots."""
     # the phase is from 0 to 1 (Fritsch and Carlson 1980). A slope is 0 if the chords on both sides
     # differ in sign or one is level, otherwise it is their weighted harmonic mean (Fritsch and
     # Butland 1984).
-    around = np.arange(-2, np.size(knots) + 2)  # slopes depend only on the neighbours
     x, y = np.asarray(knots, dtype=float), np.asarray(heights, dtype=float)
-    x, y = x[around % x.size] + around // x.size, y[around % y.size]
+    count = x.shape[-1]
+    around = np.arange(-2, count + 2)  # slopes depend only on the neighbours
+    x, y = x[..., around % count] + around // count, y[..., around % count]
     step = np.diff(x)
     chord = np.diff(y) / step
-    before, after = chord[:-1], chord[1:]
-    weight_before, weight_after = 2.0 * step[1:] + step[:-1], step[1:] + 2.0 * step[:-1]
+    before, after = chord[..., :-1], chord[..., 1:]
+    weight_before, weight_after = 2.0 * step[..., 1:] + step[..., :-1], step[..., 1:] + 2.0 * step[..., :-1]
     level = before * after <= 0.0
     safe = (np.where(level, 1.0, before), np.where(level, 1.0, after))
     mean = (weight_before + weight_after) / (weight_before / safe[0] + weight_after / safe[1])
-    return fit_cubic_hermite(x[1:-1], y[1:-1], np.where(level, 0.0, mean))
+    return fit_cubic_hermite(x[..., 1:-1], y[..., 1:-1], np.where(level, 0.0, mean))
 
 
 STRIDE_CORRELATION = 0.5
@@ -148,116 +197,132 @@ _MARGIN = 2
 """Number of strides before the first and after the last sample, so that the ends of the spline have no effect."""
 
 
-def sample_times_s(duration_s: float, rate_hz: float) -> FloatArray:
-    """Return the frame times up to ``duration_s``."""
-    if not (math.isfinite(duration_s) and duration_s > 0):
-        raise ConfigError(f"duration_s: {duration_s!r} is not allowed: must be a number above 0 s")
-    return np.arange(math.ceil(duration_s * rate_hz - 1e-9) + 1) / rate_hz
+def sample_times_s(durations_s: Sequence[float], rates_hz: Values) -> tuple[FloatArray, list[int]]:
+    """Return the frame times of examples, (B, T), and their numbers."""
+    # shorter examples repeat their last time, so that a minimum over frames does not depend on the others
+    for duration_s in durations_s:
+        if not (math.isfinite(duration_s) and duration_s > 0):
+            raise ConfigError(f"duration_s: {duration_s!r} is not allowed: must be a number above 0 s")
+    counts = (np.ceil(make_column(durations_s) * rates_hz - 1e-9) + 1).astype(int)
+    return np.minimum(np.arange(counts.max()), counts - 1) / rates_hz, counts[:, 0].tolist()
 
 
-def make_stride_clock(
-    duration_s: float,
-    *,
-    period_s: float,
-    start_phase: float = 0.0,
-    variation: float = 0.0,
-    rng: RandomSource | None = None,
+def make_stride_clocks(
+    times_s: FloatArray, *, period_s: FloatArray, start_phase: Values, variation: Values = 0.0, rngs: Rngs
 ) -> Curve:
-    """Return the stride clock: phase in cycles as function of time."""
-    # it is a cubic spline, so that the rate is continuous
-    ahead = math.ceil(duration_s / (period_s * (1 - LARGEST_DEVIATION * variation))) + _MARGIN
-    deviation = np.zeros(_MARGIN + ahead)
-    if variation > 0:
-        if rng is None:
-            raise ConfigError(f"stride_variation: {variation!r} needs a random generator (rng=dg.rng(seed)), or set 0")
-        deviation = variation * sample_autoregressive(deviation.size, as_generator(rng, "motion"))
+    """Return stride clocks: phase in cycles as function of time."""
+    # they are cubic splines, so that the rate is continuous
+    shortest_s = period_s * (1 - LARGEST_DEVIATION * variation)
+    sizes = (np.ceil(times_s[:, -1:] / shortest_s) + (2 * _MARGIN + 1)).astype(int)[:, 0]
+    deviation = np.zeros((sizes.size, sizes.max() - 1))
+    spreads = np.broadcast_to(variation, period_s.shape)[:, 0].tolist()
+    for row, size, sd, rng in zip(deviation, sizes.tolist(), spreads, rngs, strict=True):
+        if sd > 0:
+            if rng is None:
+                raise ConfigError(f"stride_variation: {sd!r} needs a random generator (rng=dg.rng(seed)), or set 0")
+            row[: size - 1] = sd * sample_autoregressive(size - 1, rng)
     lengths_s = period_s * (1 + deviation)
-    times_s = np.concatenate([-np.cumsum(lengths_s[_MARGIN - 1 :: -1])[::-1], [0.0], np.cumsum(lengths_s[_MARGIN:])])
-    return fit_cubic_spline(times_s, start_phase + np.arange(-_MARGIN, ahead + 1.0))
+    before_s = -np.cumsum(lengths_s[:, _MARGIN - 1 :: -1], axis=1)[:, ::-1]
+    knots_s = np.concatenate([before_s, sum_steps(lengths_s[:, _MARGIN:])], axis=1)
+    return fit_cubic_spline(knots_s, start_phase + np.arange(-_MARGIN, sizes.max() - _MARGIN), sizes)
 
 
 def sample_autoregressive(count: int, rng: np.random.Generator, correlation: float = STRIDE_CORRELATION) -> FloatArray:
     """Draw autoregressive numbers of unit variance, within :data:`LARGEST_DEVIATION`."""
-    noise = rng.standard_normal(count)
-    values = np.empty(count)
-    values[0] = noise[0]
+    values: list[float] = rng.standard_normal(count).tolist()
     fresh = math.sqrt(1 - correlation**2)
     for k in range(1, count):
-        values[k] = correlation * values[k - 1] + fresh * noise[k]
-    return np.clip(values, -LARGEST_DEVIATION, LARGEST_DEVIATION)
+        values[k] = correlation * values[k - 1] + fresh * values[k]
+    return np.array([min(max(value, -LARGEST_DEVIATION), LARGEST_DEVIATION) for value in values])
 
 
-def footfall_times_s(clock: Curve, touchdown_phase: Mapping[str, float], end_s: float) -> dict[str, list[float]]:
-    """Return each foot's landing times before ``end_s``."""
-    # touchdown_phase is in cycles, by name of the foot
-    first, last = (float(p) for p in clock([0.0, end_s]))
-    phases = {
-        foot: offset + np.arange(math.ceil(first - offset - 1e-9), math.floor(last - offset + 1e-9) + 1)
-        for foot, offset in touchdown_phase.items()
-    }
-    return landing_times_s(clock, phases, end_s)
+def footfall_times_s(
+    clock: Curve, touchdown_phase: Mapping[str, float], times_s: FloatArray, phase: FloatArray
+) -> list[dict[str, list[float]]]:
+    """Return the landing times of each example's feet."""
+    # touchdown_phase is in cycles, by name of the foot; phase are those of the frame times, (B, T)
+    landings = [
+        {
+            foot: offset + np.arange(math.ceil(first - offset - 1e-9), math.floor(last - offset + 1e-9) + 1)
+            for foot, offset in touchdown_phase.items()
+        }
+        for first, last in phase[:, [0, -1]].tolist()
+    ]
+    return landing_times_s(clock, landings, times_s)
 
 
 def landing_times_s(
-    clock: Curve, phases: Mapping[str, npt.NDArray[np.floating[Any]]], end_s: float
-) -> dict[str, list[float]]:
-    """Return the times of each foot's landing phases."""
-    every_s = np.clip(clock.where(np.concatenate([*phases.values()])), 0.0, end_s) if phases else np.empty(0)
-    times_s = np.split(every_s, np.cumsum([phase.size for phase in phases.values()])[:-1])
-    return {foot: times.tolist() for foot, times in zip(phases, times_s, strict=True)}
+    clock: Curve, landings: Sequence[Mapping[str, npt.NDArray[np.floating[Any]]]], times_s: FloatArray
+) -> list[dict[str, list[float]]]:
+    """Return the times of landing phases of each example's feet."""
+    sizes = [sum(phases.size for phases in feet.values()) for feet in landings]
+    # a row is filled with the value of its first knot, which is inverted at once
+    wanted = np.repeat(clock.coefficients[0, :, :1], max(sizes), axis=1)
+    for row, size, feet in zip(wanted, sizes, landings, strict=True):
+        row[:size] = np.concatenate([*feet.values()])
+    times = np.clip(clock.where(wanted), 0.0, times_s[:, -1:]).tolist()
+    return [
+        {foot: [row.pop(0) for _ in phases] for foot, phases in feet.items()}
+        for row, feet in zip(times, landings, strict=True)
+    ]
 
 
-def mean_stride_frequency_hz(times_s: FloatArray, phase: FloatArray) -> float:
-    """Return the strides per second over a whole motion."""
-    return float((phase[-1] - phase[0]) / (times_s[-1] - times_s[0]))
+def mean_stride_frequencies_hz(times_s: FloatArray, phase: FloatArray) -> list[float]:
+    """Return the strides per second over whole motions."""
+    rates: list[float] = ((phase[:, -1] - phase[:, 0]) / (times_s[:, -1] - times_s[:, 0])).tolist()
+    return rates
 
 
-Steps = tuple[FloatArray, FloatArray, FloatArray]
-"""Touchdowns: times in s, phases in cycles (left at every half, right at every whole number) and distances in m."""
+Steps = tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.intp]]
+"""Touchdowns: times in s, phases in cycles (left at every half, right at every whole number) and distances in m, each
+(B, K), and the number of touchdowns of each example."""
 
 _STEP_MARGIN = 5
 """Number of touchdowns before the first and after the last frame, so that the ends of the splines have no effect."""
 
 
 def step_series(
-    duration_s: float,
+    durations_s: FloatArray,
     *,
-    stride_s: float,
-    stride_m: float,
-    start_phase: float = 0.0,
-    time_sd: float = 0.0,
-    length_sd: float = 0.0,
-    pace_sd: float = 0.0,
-    time_asymmetry: float = 0.0,
-    rng: RandomSource | None = None,
+    stride_s: Values,
+    stride_m: Values,
+    start_phase: Values = 0.0,
+    time_sd: Values = 0.0,
+    length_sd: Values = 0.0,
+    pace_sd: Values = 0.0,
+    time_asymmetry: Values = 0.0,
+    rngs: Rngs,
 ) -> Steps:
     """Sample the touchdowns of both feet."""
-    # they start well before time 0 and end well after duration_s
-    if rng is None and (time_sd > 0 or length_sd > 0 or pace_sd > 0):
-        raise ConfigError(
-            f"step_time_sd = {time_sd:g}, step_length_sd = {length_sd:g}, pace_sd = {pace_sd:g} need a random "
-            "generator (rng=dg.rng(seed)), or set all 0"
-        )
-    source = None if rng is None else as_generator(rng, "motion")
-    shortest = 1 - LARGEST_DEVIATION * (time_sd + pace_sd / 2) - abs(time_asymmetry) / 2
-    count = 2 * _STEP_MARGIN + math.ceil(2 * duration_s / (stride_s * shortest)) + 1
-    first = math.floor(2 * start_phase) - _STEP_MARGIN
-    left = np.where(np.arange(first + 1, first + count) % 2, 0.5, -0.5)
-    time, length = (_sample_deviations(sd, count - 1, source, 0.0) for sd in (time_sd, length_sd))
-    pace = _sample_deviations(pace_sd, count - 1, source, PACE_CORRELATION) / 2
-    times = _sum_steps(stride_s / 2 * (1 + time_asymmetry * left + time - pace))
-    distance = _sum_steps(stride_m / 2 * (1 + length + pace))
-    phases = (first + np.arange(count)) / 2
-    start_s = fit_cubic_spline(times, phases).where(start_phase)
-    start_m = fit_cubic_spline(phases, distance)(start_phase)
-    return times - float(start_s), phases, distance - float(start_m)
+    # they start well before time 0 and end well after the durations, (B, 1)
+    shortest = 1 - LARGEST_DEVIATION * (time_sd + pace_sd / 2) - np.abs(time_asymmetry) / 2
+    sizes = (np.ceil(2 * durations_s / (stride_s * shortest)) + (2 * _STEP_MARGIN + 1)).astype(int)[:, 0]
+    deviations = np.zeros((3, sizes.size, sizes.max() - 1))
+    spreads = np.concatenate([np.broadcast_to(sd, durations_s.shape) for sd in (time_sd, length_sd, pace_sd)], axis=1)
+    for row, (size, spread, rng) in enumerate(zip(sizes.tolist(), spreads, rngs, strict=True)):
+        if rng is None:
+            if spread.any():
+                raise ConfigError(
+                    "step_time_sd = {:g}, step_length_sd = {:g}, pace_sd = {:g} need a random generator "
+                    "(rng=dg.rng(seed)), or set all 0".format(*spread)
+                )
+            continue
+        for kind, (sd, correlation) in enumerate(zip(spread, (0.0, 0.0, PACE_CORRELATION), strict=True)):
+            if sd > 0:
+                deviations[kind, row, : size - 1] = sd * sample_autoregressive(size - 1, rng, correlation)
+    numbers = np.floor(2 * start_phase) - _STEP_MARGIN + np.arange(sizes.max())
+    numbers = np.broadcast_to(numbers, (sizes.size, sizes.max()))
+    left = np.where(numbers[:, 1:] % 2, 0.5, -0.5)
+    time, length, pace = deviations
+    pace = pace / 2
+    times = sum_steps(stride_s / 2 * (1 + time_asymmetry * left + time - pace))
+    distance = sum_steps(stride_m / 2 * (1 + length + pace))
+    phases, start = numbers / 2, np.broadcast_to(start_phase, durations_s.shape)
+    start_s = fit_cubic_spline(times, phases, sizes).where(start)
+    start_m = fit_cubic_spline(phases, distance, sizes)(start)
+    return times - start_s, phases, distance - start_m, sizes
 
 
-def _sum_steps(steps: FloatArray) -> FloatArray:
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def _sample_deviations(sd: float, count: int, rng: np.random.Generator | None, correlation: float) -> FloatArray:
-    if sd == 0 or rng is None:
-        return np.zeros(count)
-    return sd * sample_autoregressive(count, rng, correlation)
+def sum_steps(steps: FloatArray) -> FloatArray:
+    """Return the sums up to each step, from 0. Shapes: steps (B, n); returns (B, n + 1)."""
+    return np.concatenate([np.zeros((len(steps), 1)), np.cumsum(steps, axis=1)], axis=1)

@@ -37,7 +37,8 @@ def check_motion_model(model: FrozenModel | str, *, duration_s: float = 2.0, see
     ------
     AssertionError
         If a rule is broken: parameters with defaults that come back from JSON, frames over the whole time, finite
-        positions under unique names, facts of its kind, the same motion for the same seed.
+        positions under unique names, facts of its kind, the same motion for the same seed, alone and in a batch with
+        longer motions.
 
     Examples
     --------
@@ -45,6 +46,7 @@ def check_motion_model(model: FrozenModel | str, *, duration_s: float = 2.0, see
     >>> dg.testing.check_motion_model("boulic")
     """
     from doppelgait.motion.models import MOTION_MODELS, generate, get_parameters
+    from doppelgait.motion.models.registry import generate_all
 
     kind = model if isinstance(model, str) else str(getattr(model, "kind", ""))
     name = require_registered(MOTION_MODELS, "motion model", kind)
@@ -61,7 +63,11 @@ def check_motion_model(model: FrozenModel | str, *, duration_s: float = 2.0, see
     require(motions[0].time_s[0] == 0.0, f"{name}: starts at {motions[0].time_s[0]:g} s, must be 0")
     require(motions[0].facts.kind == kind, f"{name}: facts.kind is {motions[0].facts.kind!r}")
     require(np.isfinite(motions[0].position_m).all(), f"{name}: positions are not finite")
-    _check_same_motion(name, *motions)
+    _check_same_motion(name, motions[0], motions[1])
+    durations_s = [1.2 * duration_s, duration_s, 1.4 * duration_s]
+    rngs = [np.random.default_rng(other) for other in (seed + 1, seed, seed + 2)]
+    batch = generate_all([parameters] * 3, durations_s=durations_s, rngs=rngs)
+    _check_same_motion(name, motions[0], batch[1], "in a batch")
 
 
 def check_motion_reader(name: str, path: str | Path, **options: Any) -> None:
@@ -208,9 +214,9 @@ def _check_motion(name: str, motion: Any) -> None:
         raise AssertionError(f"{name}: its report is not plain: {error}") from None
 
 
-def _check_same_motion(name: str, one: Any, other: Any) -> None:
+def _check_same_motion(name: str, one: Any, other: Any, when: str = "the second time") -> None:
     same = np.array_equal(one.position_m, other.position_m, equal_nan=True) and one.markers == other.markers
-    require(same and repr(one.facts) == repr(other.facts), f"{name}: gives another motion the second time")
+    require(same and repr(one.facts) == repr(other.facts), f"{name}: gives another motion {when}")
 
 
 def check_rcs(parameters: Any) -> None:
