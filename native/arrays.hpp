@@ -111,6 +111,15 @@ struct Argument<std::optional<Rows<const T>>> {
 };
 
 template <typename T>
+struct Argument<std::optional<Plane<T>>> {
+  using type = std::optional<Planes<T>>;
+  static constexpr bool is_written = false;
+  static std::optional<Plane<T>> view(const type& array) {
+    return array ? std::optional(Plane<T>{view_rows(*array)}) : std::nullopt;
+  }
+};
+
+template <typename T>
 auto name_argument(const char* name) {
   if constexpr (Argument<T>::is_written) {
     return nb::arg(name).noconvert();

@@ -19,17 +19,14 @@ inline V sine_ratio(V r) {
   return sum;
 }
 
-void integrate_echoes(Rows<const double> ranges, Rows<const double> speeds, Rows<const double> rcs,
-                      Rows<const double> gains, double one_metre, double nearest_m, double turns_per_mps,
-                      Rows<double> amplitudes) {
-  const auto fits = [&](const auto& rows) { return rows.count == ranges.count && rows.width == ranges.width; };
-  const auto fits_or_repeats = [&](const auto& rows) {
-    return fits(rows) || (rows.count == 1 && rows.width == ranges.width);
-  };
-  require(fits(speeds) && fits_or_repeats(rcs) && fits_or_repeats(gains) && fits(amplitudes),
-          "ranges, velocities, cross sections, gains and amplitudes need the same shape");
+void integrate_echoes(Plane<double> ranges, Plane<double> speeds, Plane<double> rcs, Plane<double> gains,
+                      double one_metre, double nearest_m, double turns_per_mps, Rows<double> amplitudes) {
+  for (const auto& rows : {ranges, speeds, rcs, gains}) {
+    require(rows.count == amplitudes.count && rows.width == amplitudes.width,
+            "ranges, velocities, cross sections, gains and amplitudes need the same shape");
+  }
   for (Index frame = 0; frame < ranges.count; ++frame) {
-    const double *area = rcs[rcs.count > 1 ? frame : 0], *gain = gains[gains.count > 1 ? frame : 0];
+    const double *area = rcs[frame], *gain = gains[frame];
     side_by_side(ranges.width, [&](auto zero, Index at) {
       using V = decltype(zero);
       const V range = load<V>(ranges[frame] + at), x = turns_per_mps * load<V>(speeds[frame] + at);

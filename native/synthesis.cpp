@@ -48,8 +48,7 @@ struct Block {
 };
 
 struct Scatterers {
-  Scatterers(Rows<const double> range_m, Rows<const double> amplitude,
-             std::optional<Rows<const double>> extra_phase_rad)
+  Scatterers(Plane<double> range_m, Plane<double> amplitude, std::optional<Plane<double>> extra_phase_rad)
       : range_m(range_m), amplitude(amplitude), extra_phase_rad(extra_phase_rad), silence(range_m.width) {
     for (const auto& other : {amplitude, extra_phase_rad.value_or(amplitude)}) {
       require(other.count == range_m.count && other.width == range_m.width,
@@ -57,8 +56,8 @@ struct Scatterers {
     }
   }
 
-  Rows<const double> range_m, amplitude;
-  std::optional<Rows<const double>> extra_phase_rad;
+  Plane<double> range_m, amplitude;
+  std::optional<Plane<double>> extra_phase_rad;
   std::vector<double> silence;  // amplitudes outside the record
 };
 
@@ -193,9 +192,9 @@ inline void copy_frames(const float* from, Index count, float* to) {
   }
 }
 
-void echo_planes(Rows<const double> range_m, Rows<const double> amplitude, double first_bin_m, double bin_spacing_m,
+void echo_planes(Plane<double> range_m, Plane<double> amplitude, double first_bin_m, double bin_spacing_m,
                  double pulse_sigma_m, double wavelength_m, double phase_rad, Index first_frame, Index first_bin,
-                 Rows<float> re, Rows<float> im, std::optional<Rows<const double>> extra_phase_rad) {
+                 Rows<float> re, Rows<float> im, std::optional<Plane<double>> extra_phase_rad) {
   const Scatterers scatterers(range_m, amplitude, extra_phase_rad);
   const auto geometry = make_geometry(first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad);
   require(re.count == im.count && re.width == im.width, "both planes need the same shape");
@@ -213,9 +212,9 @@ void echo_planes(Rows<const double> range_m, Rows<const double> amplitude, doubl
   }
 }
 
-void add_echoes(Rows<const double> range_m, Rows<const double> amplitude, double first_bin_m, double bin_spacing_m,
+void add_echoes(Plane<double> range_m, Plane<double> amplitude, double first_bin_m, double bin_spacing_m,
                 double pulse_sigma_m, double wavelength_m, double phase_rad, Rows<Complex> matrix,
-                std::optional<Rows<const double>> extra_phase_rad) {
+                std::optional<Plane<double>> extra_phase_rad) {
   const Scatterers scatterers(range_m, amplitude, extra_phase_rad);
   const auto geometry = make_geometry(first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad);
   Block block(matrix.width);

@@ -142,8 +142,8 @@ def make_echo_cases(rng, n):
     radar = [0.4, 0.05, 0.052, 0.041, 0.3]
     planes, matrix = np.zeros((2, 40, 90), np.float32), np.zeros((77, 40), np.complex64)
     return [
-        Case("echo_planes", [range_m, amplitude, *radar, -5, 1, *planes, extra_rad], (9, 10)),
-        Case("add_echoes", [range_m, amplitude, *radar, matrix, None], (7,), free=((7, 0), (7, 1))),
+        Case("echo_planes", [range_m, amplitude, *radar, -5, 1, *planes, extra_rad], (9, 10), rows=(0, 1, 11)),
+        Case("add_echoes", [range_m, amplitude, *radar, matrix, None], (7,), free=((7, 0), (7, 1)), rows=(0, 1)),
     ]
 
 
@@ -264,7 +264,7 @@ def make_path_cases(rng, n):
 
 def make_amplitude_cases(rng, n):
     table = rng.uniform(0.1, 2.0, (4, 30, n))
-    return [Case("integrate_echoes", [*table, 3e-4, 0.2, 1.3, np.zeros((30, n))], (7,))]
+    return [Case("integrate_echoes", [*table, 3e-4, 0.2, 1.3, np.zeros((30, n))], (7,), rows=(0, 1, 2, 3))]
 
 
 def make_waveform_cases(rng, n):

@@ -9,7 +9,7 @@ import math
 import threading
 import weakref
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,32 +23,41 @@ Spans = npt.NDArray[np.int64]
 Factor = npt.NDArray[np.float32]
 Turns = npt.NDArray[np.float64]
 Rows = Callable[[int, int], Matrix]
+T = TypeVar("T", np.float32, np.float64)
 
 ROWS = 32
 """Rows of planes or of a matrix that are processed together, so that intermediate results stay in the cache."""
 
 
 LARGEST_SPARE_BYTES = 1 << 25
-"""Maximum size of memory that a thread keeps for its next samples. Larger memory is released at once."""
+"""Maximum size of memory that a thread keeps for its next samples or table. Larger memory is released at once."""
+MAX_SPARE_BYTES = 1 << 26
+"""Maximum size of all memory that a thread keeps."""
 _of_thread = threading.local()
 
 
 def borrow_planes(shape: tuple[int, ...]) -> Planes:
     """Make float32 planes in reused memory of this thread: new pages cost a third of the echoes."""
-    n_values = math.prod(shape)
-    spare: list[Planes] = _of_thread.__dict__.setdefault("spare", [])
-    while spare and spare[-1].size != n_values:
-        spare.pop()
-    memory = spare.pop() if spare else np.empty(n_values, dtype=np.float32)
+    return borrow_memory(shape, np.float32)
+
+
+def borrow_memory(shape: tuple[int, ...], dtype: type[T]) -> npt.NDArray[T]:
+    """Make an undefined array in reused memory of this thread."""
+    n_values, n_bytes = math.prod(shape), math.prod(shape) * np.dtype(dtype).itemsize
+    spare: list[npt.NDArray[np.uint8]] = _of_thread.__dict__.setdefault("spare", [])
+    fits = [number for number, memory in enumerate(spare) if n_bytes <= memory.size <= 2 * n_bytes]
+    if not fits and sum(memory.size for memory in spare) > MAX_SPARE_BYTES // 2:
+        del spare[0]
+    memory = spare.pop(fits[-1]) if fits else np.empty(n_bytes, dtype=np.uint8)
     # Views refer to the array that owns the memory. Through a buffer, they refer to this array, which is finalised.
-    planes = np.frombuffer(memory.data, dtype=np.float32)
-    if 0 < memory.nbytes <= LARGEST_SPARE_BYTES:
-        weakref.finalize(planes, _return_memory, spare, memory).atexit = False
-    return planes.reshape(shape)
+    values: npt.NDArray[T] = np.frombuffer(memory.data, dtype=dtype, count=n_values)
+    if 0 < memory.size <= LARGEST_SPARE_BYTES:
+        weakref.finalize(values, _return_memory, spare, memory).atexit = False
+    return values.reshape(shape)
 
 
-def _return_memory(spare: list[Planes], memory: Planes) -> None:
-    if len(spare) < 2:
+def _return_memory(spare: list[npt.NDArray[np.uint8]], memory: npt.NDArray[np.uint8]) -> None:
+    if sum(other.size for other in spare) + memory.size <= MAX_SPARE_BYTES:
         spare.append(memory)
 
 

@@ -53,6 +53,7 @@ MAX_SAMPLES = 2e9
 """Largest data matrix: 16 GB of complex64."""
 BODY_RATE_HZ = 60.0
 """Highest rate of the body positions that the truth stores for plots; a screen shows no more."""
+DIRECTIONS = ("azimuth", "elevation")
 PROBE_RATE_HZ = 500.0
 """Rate at which the speeds of a scene are sampled to find the lowest frame rate."""
 
@@ -323,13 +324,14 @@ def observe_scene(
     bodies = make_scatterers(placed, times_s, scene_rng)
     wanted = ("azimuth", "elevation", "aspect") if angles else ()
     plain = not conditions.environment and not patterned and room.receiver_position_m is None
+    scatterers: ScattererTable | None = None
     if not plain or times_s.size <= lazy.LONG_PULSES:
-        table, environment = tabulate(placed, bodies, times_s, wanted), conditions.environment
-        scatterers = apply_room(table, placed, bodies, environment, through) if directions else through(table)
+        if directions:
+            scatterers = apply_room(placed, bodies, times_s, wanted, conditions.environment, through)
     else:
         scatterers = tabulate_later(placed, bodies, times_s, wanted)
     if scatterers is None:
-        scatterers = through(tabulate(placed, bodies, times_s, wanted or ("azimuth", "elevation")))
+        scatterers = through(tabulate(placed, bodies, times_s, wanted or (DIRECTIONS if directions else ())))
     if times_s is not slow_time_s:
         scatterers = replace(scatterers, slow_time_s=slow_time_s)
     return scatterers, tracks

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from doppelgait._core import native
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import AnyTable, ScattererTable, maps_table
+from doppelgait.core.samples import borrow_memory
 from doppelgait.core.units import (
     NOISE_DENSITY_W_PER_HZ,
     REFERENCE_IMPEDANCE_OHM,
@@ -25,6 +26,8 @@ from doppelgait.core.units import (
     watt_to_volt,
 )
 from doppelgait.radar.parameters import Radar
+
+FloatArray = npt.NDArray[np.float64]
 
 MIN_RANGE_M = 0.2
 """Minimum range, m, in the radar equation, which is a far-field law; smaller ranges are replaced by it (E-14)."""
@@ -188,18 +191,26 @@ def compute_scatterer_arrays(scatterers: AnyTable, radar: Radar) -> tuple[Any, A
     >>> range_m.mean(axis=1).round(2)  # mean range at the three times
     array([6.8 , 6.73, 6.63])
     """
+    range_m, amplitude_v, _ = compute_echoes(scatterers, radar)
+    return np.ascontiguousarray(range_m), amplitude_v
+
+
+def compute_echoes(scatterers: AnyTable, radar: Radar) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Return ranges, amplitudes and extra phases of scatterers, in contiguous rows."""
     table = ScattererTable.of(scatterers)
-    range_m = np.ascontiguousarray(table["range"], dtype=np.float64)
-    # one row of a broadcast view saves a pass over memory
-    rcs_m2, path_gain = (
-        values[:1] if values.strides[0] == 0 else values for values in (table["rcs"], table["path_gain"])
-    )
+    range_m, rcs_m2, path_gain = (read_rows(table[name]) for name in ("range", "rcs", "path_gain"))
     turns_per_mps = 2.0 / radar.wavelength_m * radar.integration_share / radar.prf_hz
-    speeds = range_m if radar.integration_share == 0.0 else radial_velocity_mps(table)
+    speeds = range_m if radar.integration_share == 0.0 else read_rows(radial_velocity_mps(table))
     one_metre_v = float(echo_amplitude_v(radar, range_m=1.0, rcs_m2=1.0))
-    amplitude_v = np.empty(range_m.shape)
+    amplitude_v = borrow_memory(range_m.shape, np.float64)
     native.integrate_echoes(range_m, speeds, rcs_m2, path_gain, one_metre_v, MIN_RANGE_M, turns_per_mps, amplitude_v)
-    return range_m, amplitude_v
+    return range_m, amplitude_v, read_rows(table["path_phase"]) if "path_phase" in table else None
+
+
+def read_rows(values: npt.ArrayLike) -> FloatArray:
+    """Return values of which every row is contiguous, as a view if possible."""
+    rows = np.asarray(values, dtype=np.float64)
+    return rows if rows.strides[-1] == rows.itemsize else np.ascontiguousarray(rows)
 
 
 @maps_table
@@ -237,7 +248,7 @@ def fold_scatterers(scatterers: ScattererTable, radar: Radar) -> ScattererTable:
     )
 
 
-def path_phase_rad(scatterers: AnyTable) -> npt.NDArray[np.float64] | None:
+def path_phase_rad(scatterers: AnyTable) -> FloatArray | None:
     """Return the extra phase of every echo, (slow_time, scatterer), C-contiguous.
 
     It is None if the table has none.
@@ -256,7 +267,7 @@ def path_phase_rad(scatterers: AnyTable) -> npt.NDArray[np.float64] | None:
     return np.ascontiguousarray(ScattererTable.of(scatterers)["path_phase"], dtype=np.float64)
 
 
-def radial_velocity_mps(scatterers: AnyTable) -> npt.NDArray[np.float64]:
+def radial_velocity_mps(scatterers: AnyTable) -> FloatArray:
     """Return the radial velocity of scatterers, (slow_time, scatterer).
 
     Waveforms with a sweep and radars with integration need it.

@@ -14,6 +14,7 @@ import xarray as xr
 from doppelgait._core import native
 from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, ScattererTable, make_array
 from doppelgait.core.lazy import LateRows
+from doppelgait.core.samples import borrow_memory
 from doppelgait.motion.retime import Spline, check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.placement import PlacedScene, PlacedTarget, as_placed
@@ -180,7 +181,7 @@ def tabulate(
     placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]
 ) -> ScattererTable:
     """Observe scatterers at some times as a table."""
-    return _tabulate(placed, bodies, times, _look(placed.scene, bodies, _fit_splines(bodies), times, wanted))
+    return make_table(placed, bodies, times, look(placed.scene, bodies, fit_splines(bodies), times, wanted))
 
 
 def tabulate_later(
@@ -189,9 +190,9 @@ def tabulate_later(
     """Observe scatterers as :func:`tabulate`; ranges, velocities and angles on demand."""
     count = sum(len(body.motion.markers) for body in bodies)
     alike = [replace(body, rcs_m2=np.ones(1), path_gain=np.ones(1)) for body in bodies]  # gains are not needed here
-    look = _Look(placed.scene, alike, _fit_splines(bodies), times, tuple(wanted))
+    late = _Look(placed.scene, alike, fit_splines(bodies), times, tuple(wanted))
     values: dict[str, Any] = {
-        name: LateRows((times.size, count), partial(look.read, name), np.float64)
+        name: LateRows((times.size, count), partial(late.read, name), np.float64)
         for name in ("range", "radial_velocity", *wanted)
     }
     for name in ("rcs", "path_gain"):
@@ -202,7 +203,7 @@ def tabulate_later(
                 *(np.broadcast_to(getattr(body, of_body), (times.size, len(body.motion.markers))) for body in bodies),
             ]
         )
-    return _tabulate(placed, bodies, times, values)
+    return make_table(placed, bodies, times, values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,30 +223,45 @@ class _Look:
     def read(self, name: str, first: int, stop: int) -> FloatArray:
         wanted = self.angles if name in self.angles else ()
         key = (first, stop, wanted)
-        seen = self.last.get(key) or _look(self.scene, self.bodies, self.splines, self.times[first:stop], wanted)
+        seen = self.last.get(key) or look(self.scene, self.bodies, self.splines, self.times[first:stop], wanted)
         self.last.clear()
         self.last[key] = seen  # a thread returns what it has seen, whatever others keep
         return seen[name]
 
 
-def _fit_splines(bodies: Sequence[Scatterers]) -> list[Spline]:
+def fit_splines(bodies: Sequence[Scatterers]) -> list[Spline]:
+    """Fit the splines of all bodies."""
     return [fit_spline(body.motion) for body in bodies]
 
 
-def _look(
-    scene: Scene, bodies: Sequence[Scatterers], splines: Sequence[Spline], times: FloatArray, wanted: Sequence[str]
+def look(
+    scene: Scene,
+    bodies: Sequence[Scatterers],
+    splines: Sequence[Spline],
+    times: FloatArray,
+    wanted: Sequence[str],
+    n_images: int = 0,
 ) -> dict[str, FloatArray]:
-    """Observe all scatterers together; return arrays by table variable."""
-    seen = [_observe(body, spline, scene, times, wanted) for body, spline in zip(bodies, splines, strict=True)]
-    if len(seen) == 1:
-        return seen[0]
-    names = ("range", "radial_velocity", "rcs", "path_gain", *wanted)
-    return {name: _join_tables([np.empty((times.size, 0)), *(table[name] for table in seen)]) for name in names}
+    """Observe all scatterers together, with undefined columns for images."""
+    ends = np.cumsum([0, *(len(body.motion.markers) for body in bodies)])
+    values = {
+        name: borrow_memory((times.size, int(ends[-1]) + n_images), np.float64)
+        for name in ("range", "radial_velocity", *wanted)
+    }
+    gains = [np.empty((times.size, 0))]
+    for number, (body, spline) in enumerate(zip(bodies, splines, strict=True)):
+        columns = slice(ends[number], ends[number + 1])
+        own = {name: array[:, columns] for name, array in values.items()}
+        gains.append(_observe(body, spline, scene, times, own))
+    shapes = [gain.shape for gain in gains]
+    cross_sections = [gains[0], *(np.broadcast_to(b.rcs_m2, s) for b, s in zip(bodies, shapes[1:], strict=True))]
+    return {**values, "rcs": _join_tables(cross_sections), "path_gain": _join_tables(gains)}
 
 
-def _tabulate(
+def make_table(
     placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, values: Mapping[str, Any]
 ) -> ScattererTable:
+    """Make the table of observed values."""
     columns = {
         "target": np.array(
             [t.number for t, b in zip(placed.targets, bodies, strict=True) for _ in b.motion.markers], int
@@ -269,37 +285,20 @@ def _join_tables(parts: list[FloatArray]) -> FloatArray:
 
 
 def _observe(
-    scatterers: Scatterers, spline: Spline, scene: Scene, times: FloatArray, angles: Sequence[str]
-) -> dict[str, FloatArray]:
-    """Observe a target's scatterers; return arrays by table variable."""
-    times = check_times(scatterers.motion, times)
-    range_m, approach_mps = compute_ranges(spline, times, scene.radar_position_m)
-    gain = scatterers.path_gain
+    scatterers: Scatterers, spline: Spline, scene: Scene, times: FloatArray, values: Mapping[str, FloatArray]
+) -> FloatArray:
+    """Fill the columns of a target's scatterers in the arrays by table variable; return their path gains."""
+    times, gain = check_times(scatterers.motion, times), scatterers.path_gain
+    range_m, approach_mps = values["range"], values["radial_velocity"]
+    fill_ranges(spline, times, scene.radar_position_m, range_m, approach_mps)
     if scene.receiver_position_m is not None:
-        back_m, back_mps = compute_ranges(spline, times, scene.receiver_position_m)
+        back_m, back_mps = np.empty((2, *range_m.shape))
+        fill_ranges(spline, times, scene.receiver_position_m, back_m, back_mps)
         gain = gain * compute_bistatic_spreading(range_m, back_m)
-        range_m, approach_mps = (range_m + back_m) / 2.0, (approach_mps + back_mps) / 2.0
-    values = {
-        "range": range_m,
-        "radial_velocity": approach_mps,
-        "rcs": np.broadcast_to(scatterers.rcs_m2, range_m.shape),
-        "path_gain": np.broadcast_to(gain, range_m.shape),
-    }
-    if angles:
-        origin = np.asarray(scene.radar_position_m, dtype=np.float64)
-        values |= {name: np.empty(range_m.shape) for name in angles}
-        native.angles_of_sight(
-            spline.values,
-            spline.moments,
-            spline.step_s,
-            times,
-            origin,
-            values["azimuth"],
-            values["elevation"],
-            ASPECT_MIN_SPEED_MPS,
-            values.get("aspect"),
-        )
-    return values
+        range_m[:], approach_mps[:] = (range_m + back_m) / 2.0, (approach_mps + back_mps) / 2.0
+    if "azimuth" in values:
+        fill_angles(spline, times, scene.radar_position_m, values)
+    return np.broadcast_to(gain, range_m.shape)
 
 
 def _make_scatterers(
@@ -323,13 +322,29 @@ def _make_scatterers(
     return replace(seen, path_gain=np.sqrt(there * back))
 
 
-def compute_ranges(spline: Spline, times: FloatArray, radar_position_m: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Compute ranges and radial velocities of all points (E-03, E-04); both have the shape (I, P)."""
-    range_m = np.empty((times.size, spline.values.shape[1] // 3))
-    approach_mps = np.empty_like(range_m)
+def fill_ranges(
+    spline: Spline, times: FloatArray, radar_position_m: npt.ArrayLike, range_m: FloatArray, approach_mps: FloatArray
+) -> None:
+    """Compute ranges and radial velocities of all points (E-03, E-04), both (I, P)."""
     origin = np.asarray(radar_position_m, dtype=np.float64)
     native.ranges_and_velocities(spline.values, spline.moments, spline.step_s, times, origin, range_m, approach_mps)
-    return range_m, approach_mps
+
+
+def fill_angles(
+    spline: Spline, times: FloatArray, radar_position_m: npt.ArrayLike, values: Mapping[str, FloatArray]
+) -> None:
+    """Compute azimuth, elevation and, where it has an array, aspect of all points (E-04), (I, P)."""
+    native.angles_of_sight(
+        spline.values,
+        spline.moments,
+        spline.step_s,
+        times,
+        np.asarray(radar_position_m, dtype=np.float64),
+        values["azimuth"],
+        values["elevation"],
+        ASPECT_MIN_SPEED_MPS,
+        values.get("aspect"),
+    )
 
 
 def compute_body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.ArrayLike) -> LineOfSight:
@@ -347,27 +362,18 @@ def compute_body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.Arra
     array([6.8, 5.6])
     """
     times = check_times(target.motion, np.asarray(slow_time_s, dtype=float))
-    spline, origin = fit_centre(target.motion), np.asarray(scene.radar_position_m, dtype=np.float64)
+    spline = fit_centre(target.motion)
     if scene.receiver_position_m is not None:
         return bistatic_line_of_sight(
             *spline.at(times),
             transmitter_position_m=scene.radar_position_m,
             receiver_position_m=scene.receiver_position_m,
         )
-    range_m, approach_mps = compute_ranges(spline, times, scene.radar_position_m)
-    azimuth_rad, elevation_rad, aspect_rad = np.empty((3, times.size, 1))
-    native.angles_of_sight(
-        spline.values,
-        spline.moments,
-        spline.step_s,
-        times,
-        origin,
-        azimuth_rad,
-        elevation_rad,
-        ASPECT_MIN_SPEED_MPS,
-        aspect_rad,
-    )
-    return LineOfSight(*(part[:, 0] for part in (range_m, approach_mps, aspect_rad, azimuth_rad, elevation_rad)))
+    names = ("range", "radial_velocity", "aspect", "azimuth", "elevation")
+    values = dict(zip(names, np.empty((len(names), times.size, 1)), strict=True))
+    fill_ranges(spline, times, scene.radar_position_m, values["range"], values["radial_velocity"])
+    fill_angles(spline, times, scene.radar_position_m, values)
+    return LineOfSight(*(part[:, 0] for part in values.values()))
 
 
 def place_body_at(target: PlacedTarget, time_s: npt.ArrayLike) -> xr.DataArray:

@@ -30,7 +30,7 @@ from doppelgait.core.labels import AnyTable
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Matrix, Samples, borrow_planes
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, range_to_delay_s, velocity_to_doppler_hz
-from doppelgait.radar.link import compute_scatterer_arrays, path_phase_rad, radial_velocity_mps
+from doppelgait.radar.link import compute_echoes, compute_scatterer_arrays, path_phase_rad, radial_velocity_mps
 from doppelgait.radar.parameters import PULSE_SIGMA_S, Radar, Waveform, check_band, check_sweep_fits
 
 RECTANGULAR_WIDTH = 2.0 - math.sqrt(2.0)
@@ -90,21 +90,19 @@ class Impulse(Waveform):
 
     def synthesise(self, scatterers: AnyTable, radar: Radar) -> Matrix:
         """Sum Gaussian echoes exactly, with an extra phase per path."""
-        range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
+        range_m, amplitude_v, phase_rad = compute_echoes(scatterers, radar)
         out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
-        native.add_echoes(range_m, amplitude_v, *_make_geometry(radar), out, path_phase_rad(scatterers))
+        native.add_echoes(range_m, amplitude_v, *_make_geometry(radar), out, phase_rad)
         return out
 
     def synthesise_planes(self, scatterers: AnyTable, radar: Radar) -> Samples:
         """Sum Gaussian echoes in the layout of the kernel."""
         if type(self).synthesise is not Impulse.synthesise:  # a subclass with samples of its own
             return super().synthesise_planes(scatterers, radar)
-        range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
+        range_m, amplitude_v, phase_rad = compute_echoes(scatterers, radar)
         n_pulses = range_m.shape[0]
         planes = borrow_planes((2, radar.n_range_bins, -(-n_pulses // ROW_MULTIPLE) * ROW_MULTIPLE))
-        native.echo_planes(
-            range_m, amplitude_v, *_make_geometry(radar), 0, 0, planes[0], planes[1], path_phase_rad(scatterers)
-        )
+        native.echo_planes(range_m, amplitude_v, *_make_geometry(radar), 0, 0, planes[0], planes[1], phase_rad)
         return Samples.from_planes(planes, n_pulses)
 
     def resolution_m(self, radar: Radar) -> float:
