@@ -292,36 +292,42 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
     centre_m, old_s = body_centre_m(motion), motion.time_s - motion.time_s[0]
     slope = np.polynomial.polynomial.polyfit(old_s, centre_m, 1)
 
-    def about_way(at_s: FloatArray) -> FloatArray:
+    def about_way(at_s: FloatArray, points: npt.NDArray[np.bool_]) -> FloatArray:
         even_m: FloatArray = slope[0] + slope[1] * at_s[:, None]
-        return np.asarray(resample(motion, at_s)[0] - even_m[:, None])
+        columns = motion.position_m[:, points].reshape(old_s.size, -1)
+        position_m, _ = _fit_motion_spline(motion, columns).at(check_times(motion, at_s))
+        return _add_to_points(position_m.reshape(at_s.size, -1, 3), -even_m)
 
     parts = motion.parts
     fore = np.array([part.endswith(FORE_PARTS + ARM_PARTS) for part in parts])
     arms = np.array([part.endswith(ARM_PARTS) for part in parts])
     central = np.array([part in (*BODY_CENTRE_PARTS, "head", "neck", "tail") for part in parts])
-    found = about_way(limb_s)
-    found[:, fore] = about_way(limb_s + variation.fore_timing / stride_hz)[:, fore]
-    still = about_way(trunk_s)
-    found[:, central] = still[:, central]
-    trunk = [n for n, part in enumerate(parts) if part in BODY_CENTRE_PARTS] or list(range(len(parts)))
-    ripple_m = still[:, trunk].mean(axis=1)
-    rest_m = found - ripple_m[:, None]
-    place_m = rest_m.mean(axis=0)
-    swing_m = rest_m - place_m
-    factor = np.where(arms, variation.arm_swing, np.where(central, 1.0, variation.limb_swing))
+    trunk = np.array([part in BODY_CENTRE_PARTS for part in parts])
+    if not trunk.any():
+        trunk[:] = True
+    found = np.empty((times_s.size, len(parts), 3))
+    for points, at_s in ((~fore, limb_s), (fore, limb_s + variation.fore_timing / stride_hz)):
+        found[:, points & ~central] = about_way(at_s, points & ~central)
+    still = about_way(trunk_s, central | trunk)
+    found[:, central] = still[:, central[central | trunk]]
+    ripple_m = still[:, trunk[central | trunk]].mean(axis=1)
+    swing_m = _add_to_points(found, -ripple_m)
+    place_m = swing_m.mean(axis=0)
+    swing_m -= place_m
     along = slope[1] / max(float(np.linalg.norm(slope[1])), 1e-9)
-    legs = ~arms & ~central
-    shorter = np.where(legs, 1.0 / variation.pace - 1.0, 0.0)
-    swing_m += shorter[None, :, None] * (swing_m @ along)[..., None] * along
-    body_m = place_m + factor[None, :, None] * swing_m
-    upper = arms | central
+    shorter_m = np.where(arms | central, 0.0, 1.0 / variation.pace - 1.0) * (swing_m @ along)
+    factor = np.where(arms, variation.arm_swing, np.where(central, 1.0, variation.limb_swing))
+    for axis in range(3):
+        swing_m[..., axis] += shorter_m * along[axis]
+    body_m = place_m + np.repeat(factor[:, None], 3, axis=1) * swing_m
+    upper_m = body_m[:, arms | central]
     for degrees, times, turn, pivot in (
-        (variation.pitch_deg, 2, turns[3], np.array([-along[1], along[0], 0.0])),
-        (variation.yaw_deg, 1, turns[4], np.array([0.0, 0.0, 1.0])),
+        (variation.pitch_deg, 2, turns[3], (-along[1], along[0], 0.0)),
+        (variation.yaw_deg, 1, turns[4], (0.0, 0.0, 1.0)),
     ):
         angle_rad = math.radians(degrees) * np.sin(2.0 * np.pi * times * new_hz * times_s + turn)
-        body_m[:, upper] = _rotate_points(body_m[:, upper], pivot, angle_rad[:, None, None])
+        upper_m = _rotate_points(upper_m, np.array(pivot), angle_rad[:, None])
+    body_m[:, arms | central] = upper_m
     mean_m = ripple_m.mean(axis=0)
     ripple_m = mean_m + variation.trunk_ripple * (ripple_m - mean_m)
     for times, size_m, turn in ((1, variation.ripple_once_m, turns[1]), (2, variation.ripple_twice_m, turns[2])):
@@ -336,7 +342,7 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
     facts = motion.facts.with_frequencies(lambda hz: hz * variation.pace)
     kept = {foot: falls[np.isfinite(falls)].tolist() for foot, falls in footfalls.items()}
     return make_motion(
-        position_m[:, None] + body_m,
+        _add_to_points(body_m, position_m),
         rate_hz=motion.rate_hz,
         markers=motion.markers,
         parts=parts,
@@ -356,8 +362,19 @@ def _make_clock(
     return np.asarray(strides + variation.swing_timing * np.sin(2.0 * np.pi * strides + turn) + noise)
 
 
+def _add_to_points(points_m: FloatArray, way_m: FloatArray) -> FloatArray:
+    """Add a way (T, 3) to all points (T, P, 3), in place."""
+    for axis in range(3):  # a broadcast along the points takes several times as long
+        points_m[..., axis] += way_m[:, axis, None]
+    return points_m
+
+
 def _rotate_points(points_m: FloatArray, pivot: FloatArray, angle_rad: FloatArray) -> FloatArray:
-    """Rotate points about an axis through the origin (Rodrigues)."""
-    across = np.cross(np.broadcast_to(pivot, points_m.shape), points_m)
-    along = (points_m @ pivot)[..., None] * pivot
-    return np.asarray(points_m * np.cos(angle_rad) + across * np.sin(angle_rad) + along * (1.0 - np.cos(angle_rad)))
+    """Rotate points (T, P, 3) about an axis through the origin (Rodrigues)."""
+    cosine, sine, along = np.cos(angle_rad), np.sin(angle_rad), points_m @ pivot
+    found = np.empty_like(points_m)
+    for axis in range(3):
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        across = pivot[first] * points_m[..., second] - pivot[second] * points_m[..., first]
+        found[..., axis] = points_m[..., axis] * cosine + across * sine + along * pivot[axis] * (1.0 - cosine)
+    return found
