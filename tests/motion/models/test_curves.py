@@ -51,13 +51,13 @@ def test_the_surge_integrates_the_measured_speed(gait):
 @pytest.mark.parametrize("segment", ["manus", "metatarsus", "scapula"])
 def test_segments_follow_their_tables_and_stretch_with_the_duty_factor(gait, segment):
     measured = MEASURED_DUTY[gait][segment != "metatarsus"]
-    own = np.degrees(segment_elevation_rad(gait, segment, PHASE, measured))
+    own = np.degrees(segment_elevation_rad(gait, [segment], PHASE, measured))[0, 0]
     np.testing.assert_allclose(own[::100], DOGS[gait][segment], atol=3.5)
     longer = 1.2 * measured
-    scaled = np.degrees(segment_elevation_rad(gait, segment, np.array([longer, 1.0 - 1e-9]), longer))
-    expected = np.degrees(segment_elevation_rad(gait, segment, np.array([measured, 1.0 - 1e-9]), measured))
+    scaled = np.degrees(segment_elevation_rad(gait, [segment], np.array([longer, 1.0 - 1e-9]), longer))[0, 0]
+    expected = np.degrees(segment_elevation_rad(gait, [segment], np.array([measured, 1.0 - 1e-9]), measured))[0, 0]
     np.testing.assert_allclose(scaled, expected, atol=1e-5)
-    rate = np.diff(segment_elevation_rad(gait, segment, np.linspace(0, 2, 40_001), longer))
+    rate = np.diff(segment_elevation_rad(gait, [segment], np.linspace(0, 2, 40_001), longer)[0, 0])
     assert np.abs(np.diff(rate)).max() < 3e-5, "no jump of the angular speed"
 
 

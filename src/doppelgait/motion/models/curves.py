@@ -154,11 +154,11 @@ def _stack_gaits(find: Callable[[RecordedGait], Any], gait: RecordedGait | Seque
 
 
 def segment_elevation_rad(
-    gait: RecordedGait | Sequence[RecordedGait], segment: Segment, cycles: FloatArray, duty: Values
+    gait: RecordedGait | Sequence[RecordedGait], segments: Sequence[Segment], cycles: FloatArray, duty: Values
 ) -> FloatArray:
-    """Return the measured elevation of a limb's segment."""
+    """Return the measured elevations of segments of a limb."""
     # stance and swing of the recording are scaled to those of the duty factor
-    of_recording = _stack_gaits(lambda own: np.array([MEASURED_DUTY[own][segment != "metatarsus"]]), gait)
+    of_recording = _stack_gaits(lambda own: np.array([MEASURED_DUTY[own]["metatarsus" not in segments]]), gait)
     own = cycles - np.floor(cycles)
     # a cubic on both sides of lift-off with the same slope at all three knots, so that the speed is continuous
     stance, swing = of_recording / duty, (1 - of_recording) / (1 - duty)
@@ -170,7 +170,8 @@ def segment_elevation_rad(
     eased = share * share * (3 - 2 * share)
     bow = slope * width * share * (1 - share) * (1 - 2 * share)
     at = np.where(swings, of_recording, 0.0) + rise * eased + bow
-    return np.radians(CycleCurve(_stack_gaits(lambda own: _make_curve(own, segment).coefficients, gait))(at))
+    terms = _stack_gaits(lambda own: np.stack([_make_curve(own, name).coefficients for name in segments]), gait)
+    return np.radians(CycleCurve(np.moveaxis(terms, -2, 0)[:, None])(at))
 
 
 def find_swing_curve(gait: RecordedGait | Sequence[RecordedGait], end: str, peak: Values) -> Curve:

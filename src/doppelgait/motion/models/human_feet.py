@@ -95,11 +95,12 @@ def place_feet(
         own = np.stack([ahead + way_m, hip_m[1], up, slope - STANDING_RAD])
         place, pitch, swings = compute_foot_path(foot, own, every, advance)
         # a swinging foot beyond the legs' reach, as of very fast runners, is moved closer; a standing one is not
-        away_m = place[:2] - hip_m[:2]
-        far = np.maximum(np.hypot(away_m[0], away_m[1]) / reach_m, 1e-9)
+        away_m = place[:2, swings] - hip_m[:2, swings]
+        far = np.hypot(*away_m) / np.broadcast_to(reach_m, swings.shape)[swings]
+        far = np.maximum(far, 1e-9)
         near, width = SWING_REACH[0], SWING_REACH[1] - SWING_REACH[0]
-        shortened = np.where(swings & (far > near), near + width * np.tanh((far - near) / width), far)
-        place[:2] += away_m * (shortened / far - 1.0)
+        shortened = np.where(far > near, near + width * np.tanh((far - near) / width), far)
+        place[:2, swings] += away_m * (shortened / far - 1.0)
         toe_m, pitch = place[..., :count].copy(), pitch[:, :count]
         toe_m[0] += MIDDLE * size_m["foot"] * np.cos(pitch)
         toe_m[2] += MIDDLE * size_m["foot"] * np.sin(pitch)
@@ -189,7 +190,7 @@ def _find_best_print(
 
 
 def _roll_sole(sole: FloatArray, foot_m: Values) -> FloatArray:
-    """Return ankle and pitch relative to the footprint, (4, B, n)."""
+    """Return ankle and pitch relative to the footprint, (4, ..., n)."""
     # they follow from the slope of the sole in stance
     beyond = np.maximum(np.abs(sole) - LEVEL_RAD, 0.0)
     turned = np.sign(sole) * beyond**2 / (beyond + LEVEL_RAD)  # smooth when the sole becomes level
@@ -233,19 +234,21 @@ def compute_foot_path(
     to_slope = width * of_steps(foot.landing[1], -advance(lands + 1, 1))
     risen = landing - leaving
     cubic = np.stack([leaving, from_slope, 3 * risen - 2 * from_slope - to_slope, from_slope + to_slope - 2 * risen])
-    c_0, c_1, c_2, c_3 = cubic.reshape(4, 4, -1).take(step, axis=2)
-    share = (cycles - foot.duty) / width
-    rows = own + (((c_3 * share + c_2) * share + c_1) * share + c_0)
-    sole, tip = rows[3] + STANDING_RAD, foot.length_m * (np.sin(rows[3]) - TIP)
-    heel_m = -foot.length_m * (HEEL * np.sin(sole) + ANKLE * np.cos(sole))
+    swings = cycles >= foot.duty
+    stands, length_m = ~swings, np.broadcast_to(foot.length_m, phase.shape)
+    c_0, c_1, c_2, c_3 = cubic.reshape(4, 4, -1).take(step[swings], axis=2)
+    share = ((cycles - foot.duty) / width)[swings]
+    rows = own[:, swings] + (((c_3 * share + c_2) * share + c_1) * share + c_0)
+    sole, tip = rows[3] + STANDING_RAD, length_m[swings] * (np.sin(rows[3]) - TIP)
+    heel_m = -length_m[swings] * (HEEL * np.sin(sole) + ANKLE * np.cos(sole))
     # raise a swinging foot smoothly if it would touch the floor, except at the ends of the swing
     rounding = CLEARANCE_M * 16 * (share * (1 - share)) ** 2
     for point_m in (heel_m, tip):  # heel and toe of the sole relative to the ankle
         depth = -rows[2] - point_m
         rows[2] += (depth + np.sqrt(depth * depth + rounding * rounding)) / 2
-    swings = cycles >= foot.duty
-    stance = _roll_sole(own[3] + STANDING_RAD, foot.length_m)
-    stance[0] += (lands_m + foot.print_m[0]).take(step)
-    stance[1:] += foot.print_m[1:]
-    both = np.where(swings, rows, stance)
+    stance = _roll_sole(own[3, stands] + STANDING_RAD, length_m[stands])
+    stance[0] += (lands_m + foot.print_m[0]).take(step[stands])
+    stance[1:] += np.broadcast_to(foot.print_m[1:], (3, *phase.shape))[:, stands]
+    both = np.empty_like(own)
+    both[:, swings], both[:, stands] = rows, stance
     return both[:3], both[3], swings

@@ -201,13 +201,11 @@ def compute_limb_ends(
     # the trunk is at standing height. Each array is (2, B, n, 3), left and right.
     limbs = build.limbs[..., None]
     cycles, paw = compute_paws(rides, gait, build, "hind", duty["hind"])
-    along = point_down(segment_elevation_rad(gait.curves, "metatarsus", cycles, duty["hind"]))
+    (along,) = point_down(segment_elevation_rad(gait.curves, ["metatarsus"], cycles, duty["hind"]))
     result = {"hind_paw": paw, "hock": paw - METATARSUS * limbs * along}
     result["hip"] = place_on_trunk(-GIRDLE_X * build.trunk * BOTH, HIP_Y * LEFT, HIP_Z, trunk)
     cycles, paw = compute_paws(rides, gait, build, "fore", duty["fore"])
-    along, scapula = (
-        point_down(segment_elevation_rad(gait.curves, s, cycles, duty["fore"])) for s in ("manus", "scapula")
-    )
+    along, scapula = point_down(segment_elevation_rad(gait.curves, ["manus", "scapula"], cycles, duty["fore"]))
     result |= {"fore_paw": paw, "carpus": paw - MANUS * limbs * along}
     top = place_on_trunk((GIRDLE_X * build.trunk + SCAPULA_X) * BOTH, SCAPULA_Y * LEFT, SCAPULA_Z, trunk)
     return result | {"shoulder": top + SCAPULA * limbs * scapula}
