@@ -27,7 +27,7 @@ from doppelgait.radar.xethru.records import META_NAME
 
 START = datetime(2026, 11, 21, 1, 8, 48, tzinfo=UTC)
 HEAD = {"bin_length_m": 0.05144033, "sample_rate_hz": 2.916e9, "carrier_hz": 7.29e9, "range_start_m": 0.4}
-N_MUTATIONS = 400
+N_MUTATIONS = 800
 
 
 def good(folder: Path, *, splitting: Splitting | None = None) -> Path:
@@ -225,4 +225,12 @@ def test_a_data_file_elsewhere_is_refused(tmp_path: Path) -> None:
     content = meta.read_bytes()
     meta.write_bytes(content.replace(b"xethru_baseband_iq_", b"../thru_baseband_iq"))
     with pytest.raises(RecordingError, match="only a file in the folder of the meta file"):
+        read_xethru(meta)
+
+
+@pytest.mark.parametrize("mask", [5, 1024])
+def test_a_data_file_of_an_unknown_type_or_of_two_is_refused(tmp_path: Path, mask: int) -> None:
+    meta = good(tmp_path) / META_NAME
+    meta.write_bytes(at(91 + 5, "<I", mask)(bytearray(meta.read_bytes())))
+    with pytest.raises(RecordingError, match="one known type is allowed, the one of its name"):
         read_xethru(meta)
