@@ -12,13 +12,11 @@ from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
-from xarray.core.indexing import LazilyIndexedArray
 
 from doppelgait.core import lazy
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, check_signal, make_array, read_axis, sampling_rate_hz
-from doppelgait.core.lazy import lazy_rows, read_pulses
+from doppelgait.core.lazy import lazy_rows, read_pulses, xr
 from doppelgait.core.samples import Matrix, Planes, Samples
 
 FloatArray = npt.NDArray[np.float64]
@@ -103,6 +101,8 @@ class Frames:
         """Remove the labels of a baseband; frames are returned unchanged."""
         if isinstance(baseband, Frames):
             return baseband
+        from xarray.core.indexing import LazilyIndexedArray
+
         check_signal(baseband, BASEBAND)
         shape = (baseband.shape[0], baseband.shape[1])
         stored = shape[0] > lazy.LONG_PULSES and isinstance(baseband.variable._data, LazilyIndexedArray)
@@ -120,7 +120,7 @@ class Frames:
         coords = {"slow_time": self.slow_time.time_s, "range": self.range_m}
         return make_array(BASEBAND, values, coords, self.facts if facts is None else facts)
 
-    def get_values(self) -> Matrix | LazilyIndexedArray:
+    def get_values(self) -> Any:
         """Return a view of the values, or an array that reads them at every access."""
         return self.matrix.view() if self.samples.in_memory else lazy_rows(self.shape, self.samples.rows)
 

@@ -8,17 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial, wraps
-from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, Union
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Protocol, TypeVar, Union
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
-import xarray as xr
-from xarray.core.indexing import LazilyIndexedArray, PandasIndexingAdapter
-from xarray.indexes import PandasIndex
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.lazy import LateRows, lazy_rows
+from doppelgait.core.lazy import LateRows, lazy_rows, xr
+
+if TYPE_CHECKING:
+    from xarray.core.indexing import LazilyIndexedArray
 
 SPACE = ("x", "y", "z")
 
@@ -264,8 +263,8 @@ def labels_on_demand(*names: str) -> Callable[[Kind], Kind]:
 P = ParamSpec("P")
 R = TypeVar("R")
 R_co = TypeVar("R_co", covariant=True)
-AnySignal = TypeVar("AnySignal", xr.DataArray, Signal)
-SomeTable = TypeVar("SomeTable", xr.Dataset, ScattererTable)
+AnySignal = TypeVar("AnySignal", "xr.DataArray", Signal)
+SomeTable = TypeVar("SomeTable", "xr.Dataset", ScattererTable)
 
 
 class Step(Protocol[P]):
@@ -354,11 +353,15 @@ def label_values(
 ) -> xr.Variable:
     """Make a variable of numbers or text without xarray's test for Dask, an import of 0.3 s."""
     values = lazy_rows(values.shape, values.rows, values.dtype) if isinstance(values, LateRows) else values
+    from xarray.core.indexing import LazilyIndexedArray
+
     known = values if isinstance(values, LazilyIndexedArray) else np.asarray(values)
     return xr.Variable(dims, known, attrs, fastpath=True)
 
 
 def _list_indexes(coords: Mapping[Any, xr.Variable]) -> dict[Any, Any]:
+    from xarray.indexes import PandasIndex
+
     return {name: PandasIndex(v._data.array, name) for name, v in coords.items() if isinstance(v, xr.IndexVariable)}
 
 
@@ -378,6 +381,8 @@ def label_axis(name: str, coordinate: Any) -> xr.Variable:
     facts = {**attrs, **({"units": COORDINATE_UNITS[name]} if name in COORDINATE_UNITS else {})}
     if dims not in (name, (name,)):
         return label_values(dims, values, facts)
+    import pandas as pd
+
     index = pd.Index(np.asarray(values), name=name)
     return xr.IndexVariable(name, index, facts, fastpath=True)  # type: ignore[no-untyped-call]
 
@@ -390,6 +395,8 @@ def read_axis(array: xr.DataArray | xr.Dataset | Signal, name: str) -> npt.NDArr
     data: Any = variables[name]._data
     if isinstance(data, np.ndarray):
         return data
+    from xarray.core.indexing import PandasIndexingAdapter
+
     is_number = isinstance(data, PandasIndexingAdapter) and data.array.dtype.kind == "f"
     return np.asarray(data.array if is_number else variables[name].values)
 

@@ -7,13 +7,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from xarray.backends import BackendArray
-from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
+
+if TYPE_CHECKING:
+    import xarray
+    from xarray.core.indexing import LazilyIndexedArray
+
+    xr = xarray
+else:
+
+    class _Xarray:
+        """Import xarray, and pandas with it, when a name of it is used: 0.27 s."""
+
+        def __getattr__(self, name: str) -> Any:
+            import xarray
+
+            return getattr(xarray, name)
+
+    xr = _Xarray()
 
 LONG_PULSES = 1 << 15
 """Approximate number of pulses of a tile. Longer recordings are processed in tiles."""
@@ -50,28 +65,44 @@ def _take_columns(rows: Callable[[int, int], npt.NDArray[Any]], columns: Any, fi
     return rows(first, stop)[:, columns]
 
 
-class _Source(BackendArray):
-    """Rows on demand, indexed by xarray."""
+@cache
+def _define_source() -> type:
+    from xarray.backends import BackendArray
+    from xarray.core.indexing import IndexingSupport, explicit_indexing_adapter
 
-    def __init__(self, late: LateRows) -> None:
-        self.shape, self.dtype, self._late = late.shape, np.dtype(late.dtype), late
+    class Source(BackendArray):
+        """Rows on demand, indexed by xarray."""
 
-    def __getitem__(self, key: ExplicitIndexer) -> npt.NDArray[Any]:
-        return np.asarray(explicit_indexing_adapter(key, self.shape, IndexingSupport.BASIC, self._take))
+        def __init__(self, late: LateRows) -> None:
+            self.shape, self.dtype, self._late = late.shape, np.dtype(late.dtype), late
 
-    def _take(self, key: tuple[Any, ...]) -> npt.NDArray[Any]:
-        wanted, *columns = key
-        if not isinstance(wanted, slice):
-            row = int(wanted) % self.shape[0]
-            return np.asarray(self._late[row : row + 1][(0, *columns)])
-        return np.asarray(self._late[wanted][(slice(None), *columns)])
+        def __reduce__(self) -> tuple[Any, ...]:
+            return _make_source, (self._late,)
+
+        def __getitem__(self, key: Any) -> npt.NDArray[Any]:
+            return np.asarray(explicit_indexing_adapter(key, self.shape, IndexingSupport.BASIC, self._take))
+
+        def _take(self, key: tuple[Any, ...]) -> npt.NDArray[Any]:
+            wanted, *columns = key
+            if not isinstance(wanted, slice):
+                row = int(wanted) % self.shape[0]
+                return np.asarray(self._late[row : row + 1][(0, *columns)])
+            return np.asarray(self._late[wanted][(slice(None), *columns)])
+
+    return Source
+
+
+def _make_source(late: LateRows) -> Any:
+    return _define_source()(late)
 
 
 def lazy_rows(
     shape: tuple[int, ...], rows: Callable[[int, int], npt.NDArray[Any]], dtype: Any = np.complex64
 ) -> LazilyIndexedArray:
     """Make values for a labelled array from a row function."""
-    return LazilyIndexedArray(_Source(LateRows(shape, rows, dtype)))
+    from xarray.core.indexing import LazilyIndexedArray
+
+    return LazilyIndexedArray(_make_source(LateRows(shape, rows, dtype)))
 
 
 def read_pulses(array: Any, first: int, stop: int) -> Any:

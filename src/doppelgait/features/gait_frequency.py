@@ -22,10 +22,10 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait._core import native
 from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Signal, sampling_rate_hz
+from doppelgait.core.lazy import xr
 from doppelgait.features.limbs import Rows, average_columns, detrend_rows, group_size, limb_rows, summed_rows
 
 FloatArray = npt.NDArray[np.float64]

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.labels import SIGNATURE, Signal, measures_signal
+from doppelgait.core.lazy import xr
 
 NUMBERS = ("lower_velocity_mps", "upper_velocity_mps", "power_v2", "spectral_entropy")
 """Columns of :func:`measure_columns`."""

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import MotionError
 from doppelgait.core.labels import (
@@ -19,10 +18,10 @@ from doppelgait.core.labels import (
     Signal,
     check_signal,
     labels_on_demand,
-    make_array,
     read_axis,
     sampling_rate_hz,
 )
+from doppelgait.core.lazy import xr
 from doppelgait.core.notebook import show_text
 
 FloatArray = npt.NDArray[np.float64]
@@ -210,8 +209,8 @@ class Motion:
 
         Times and facts are kept.
         """
-        coords = {"time": self.time_s, "marker": list(markers), "space": list(SPACE), "part": ("marker", list(parts))}
-        return replace(self, positions=make_array(MOTION, position_m, coords, {"rate_hz": self.rate_hz}))
+        signal = describe_points(position_m, self.time_s, markers, parts, rate_hz=self.rate_hz)
+        return replace(self, positions=signal)  # type: ignore[arg-type]
 
     def frames(self, first: int, stop: int) -> Motion:
         """Return frames ``first`` to ``stop`` - 1 with their times."""
@@ -312,7 +311,15 @@ def _make_labels(
 ) -> Signal:
     """Make and cache the coordinates of a motion without values."""
     # a model uses the same points and times repeatedly
-    axes = {"time": start_s + np.arange(frames) / rate_hz, "marker": np.array(markers), "space": np.array(SPACE)}
+    values = np.broadcast_to(0.0, (frames, len(markers), len(SPACE)))
+    return describe_points(values, start_s + np.arange(frames) / rate_hz, markers, parts, rate_hz=rate_hz)
+
+
+def describe_points(
+    position_m: npt.NDArray[Any], time_s: FloatArray, markers: Sequence[str], parts: Sequence[str], **attrs: Any
+) -> Signal:
+    """Describe positions (time, marker, space) by their axes, without labels."""
+    axes = {"time": time_s, "marker": np.array(markers, dtype=str), "space": np.array(SPACE)}
     coords: dict[str, Coord] = {name: ((name,), axis, {}) for name, axis in axes.items()}
-    coords["part"] = (("marker",), np.array(parts), {})
-    return Signal(MOTION, np.broadcast_to(0.0, (frames, len(markers), len(SPACE))), coords, {"rate_hz": rate_hz})
+    coords["part"] = (("marker",), np.array(parts, dtype=str), {})
+    return Signal(MOTION, position_m, coords, {"units": MOTION.units, **attrs})

@@ -8,11 +8,11 @@ from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, read_toml, validate
 from doppelgait.core.errors import AnalysisError, ConfigError, RecordingError
+from doppelgait.core.lazy import xr
 from doppelgait.core.units import carrier_to_wavelength_m, velocity_to_doppler_hz
 from doppelgait.pipeline.spectrogram import MIN_COLUMNS, MIN_ROWS, convert_levels_to_signature
 

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError
@@ -27,6 +26,7 @@ from doppelgait.core.labels import (
     Schema,
     Signal,
 )
+from doppelgait.core.lazy import xr
 from doppelgait.core.notebook import plot, show_html, show_text
 from doppelgait.features import FEATURE_UNITS, GaitFeatures, measure_columns
 from doppelgait.processing import Analysis, Gate

@@ -38,9 +38,9 @@ from doppelgait.radar.simulate import (
     synthesise_echoes,
     warn_of_limits,
 )
-from doppelgait.scene import LineOfSight, PlacedScene, PlacedTarget, Scene, assemble, compute_body_track, place_body_at
+from doppelgait.scene import LineOfSight, PlacedScene, PlacedTarget, Scene, assemble, compute_body_track
 from doppelgait.scene.environment import Setting, apply_environment, needs_angles
-from doppelgait.scene.observe import make_scatterers, tabulate, tabulate_later
+from doppelgait.scene.observe import make_scatterers, place_points_at, tabulate, tabulate_later
 from doppelgait.scene.placement import as_placed
 
 FloatArray = npt.NDArray[np.float64]
@@ -397,7 +397,7 @@ def build_target_truth(
         motion=facts.source,
         height_m=facts.height_m,
         **frequencies_hz,
-        body=None if shown_s is None else place_body_at(placed, shown_s),
+        body=None if shown_s is None else place_points_at(placed, shown_s),  # type: ignore[arg-type]
     )
 
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import SIGNATURE, make_array, read_axis
+from doppelgait.core.lazy import xr
 from doppelgait.core.units import db_to_power, doppler_to_velocity_mps, velocity_to_doppler_hz
 from doppelgait.processing import Gate
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait import features as feature_layer
 from doppelgait import processing
 from doppelgait.core.frames import Frames
 from doppelgait.core.labels import SIGNATURE, Signal
+from doppelgait.core.lazy import xr
 from doppelgait.features import Extraction, Observation, liland2018
 from doppelgait.features.extended import measure_extended
 from doppelgait.features.ground_motion import GroundMotion, estimate_ground_motion

@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core import frames as core_frames
 from doppelgait.core.errors import AnalysisError, warn_caller
 from doppelgait.core.frames import Frames, SlowTime
+from doppelgait.core.lazy import xr
 from doppelgait.core.samples import Samples
 from doppelgait.processing.config import MIN_CPI_PULSES, Analysis, Transform, find_fast_length, gaussian_window
 from doppelgait.processing.gate import Gate

@@ -8,11 +8,11 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.frames import Frames
 from doppelgait.core.labels import SHARE_REMOVED, make_array, replace_array_values
+from doppelgait.core.lazy import xr
 from doppelgait.core.samples import ROWS, Planes, Samples, borrow_planes
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate

@@ -9,10 +9,10 @@ from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.frames import SLACK_S, Frames
+from doppelgait.core.lazy import xr
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.track.live import Track
 

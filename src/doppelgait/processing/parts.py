@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.frames import Frames
 from doppelgait.core.labels import PART_POWER, Coord, Signal, check_signal, read_axis
+from doppelgait.core.lazy import xr
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.processing.cadence import observation_s
 from doppelgait.processing.config import Analysis

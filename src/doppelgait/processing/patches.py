@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 from pydantic import Field
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import read_axis
+from doppelgait.core.lazy import xr
 
 FloatArray = npt.NDArray[np.float64]
 Levels = npt.NDArray[np.float32]

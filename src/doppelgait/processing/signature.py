@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait._core import native
 from doppelgait.core import lazy
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.core.labels import RANGE_DOPPLER, SIGNATURE, AnySignal, Coord, Signal, make_array, maps_signal
+from doppelgait.core.lazy import xr
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.bursts import make_frame_gate, split_bursts
@@ -497,7 +497,7 @@ def crop_to_frame(signature: AnySignal) -> tuple[AnySignal, float]:
     AnalysisError
         If fewer than 8 columns remain.
     """
-    if isinstance(signature, xr.DataArray):
+    if not isinstance(signature, Signal):
         given = Signal.of(signature, SIGNATURE)
         kept, inside = crop_to_frame(given)
         return (signature if kept is given else kept.label()), inside

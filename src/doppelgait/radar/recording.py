@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.config import format_canonical_json
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.core.labels import AnyTable, ScattererTable, labels_on_demand, read_axis
-from doppelgait.core.lazy import read_tiles
+from doppelgait.core.lazy import read_tiles, xr
 from doppelgait.core.notebook import plot, show_html, show_text
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import velocity_to_doppler_hz

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from doppelgait.core.config import format_canonical_json, validate
 from doppelgait.core.documents import parse_json
@@ -25,7 +24,7 @@ from doppelgait.core.labels import (
     make_array,
     read_axis,
 )
-from doppelgait.core.lazy import lazy_rows, read_tiles
+from doppelgait.core.lazy import lazy_rows, read_tiles, xr
 from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, open_hdf5
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.labels import AnyTable, ScattererTable
+from doppelgait.core.lazy import xr
 from doppelgait.core.units import range_to_delay_s
 from doppelgait.radar.link import compute_scatterer_arrays, fold_scatterers, path_phase_rad
 from doppelgait.radar.parameters import Radar

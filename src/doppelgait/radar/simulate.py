@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait._core import native
 from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
 from doppelgait.core.labels import BASEBAND, AnyTable, ScattererTable, make_array, replace_array_values, takes_arrays
-from doppelgait.core.lazy import read_tiles
+from doppelgait.core.lazy import read_tiles, xr
 from doppelgait.core.rng import draw_key
 from doppelgait.core.samples import WHITE, Samples
 from doppelgait.core.units import velocity_to_doppler_hz

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait._core import native
-from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, ScattererTable, make_array
-from doppelgait.core.lazy import LateRows
+from doppelgait.core.labels import SCATTERER_VARIABLES, ScattererTable, Signal
+from doppelgait.core.lazy import LateRows, xr
 from doppelgait.core.samples import borrow_memory
+from doppelgait.motion.motion import describe_points
 from doppelgait.motion.retime import Spline, check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.placement import PlacedScene, PlacedTarget, as_placed
@@ -390,6 +390,10 @@ def place_body_at(target: PlacedTarget, time_s: npt.ArrayLike) -> xr.DataArray:
     >>> body.sel(marker="head", space="z").values.round(1)  # height of the head, m
     array([1.7, 1.7], dtype=float32)
     """
+    return place_points_at(target, time_s).label()
+
+
+def place_points_at(target: PlacedTarget, time_s: npt.ArrayLike) -> Signal:
+    """Compute the points of :func:`place_body_at` without labels."""
     times, motion = np.asarray(time_s, dtype=float), target.motion
-    coords = {"time": times, "marker": motion.markers, "space": list(SPACE), "part": ("marker", motion.parts)}
-    return make_array(MOTION, resample(motion, times)[0].astype(np.float32), coords)
+    return describe_points(resample(motion, times)[0].astype(np.float32), times, motion.markers, motion.parts)

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.frames import Frames
+from doppelgait.core.lazy import xr
 from doppelgait.core.units import db_to_power
 from doppelgait.processing.clutter import remove_from_frames
 from doppelgait.processing.common_phase import remove_common_phase

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-import xarray as xr
-
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import AnyTable, ScattererTable, takes_arrays
+from doppelgait.core.lazy import xr
 from doppelgait.core.plugins import Group, Plugin
 
 
@@ -59,7 +58,7 @@ ENVIRONMENT: Group[Apply] = Group(
 def run_effect(table: ScattererTable, effect: Plugin[Apply], spec: Any, setting: Setting) -> ScattererTable:
     """Apply an effect to a table, with labels if the effect needs them."""
     result: Any = effect.run(table if takes_arrays(effect.run) else table.label(), spec, setting)
-    if not isinstance(result, ScattererTable | xr.Dataset):
+    if not isinstance(result, ScattererTable) and not isinstance(result, xr.Dataset):
         raise AnalysisError(
             f"environment effect {effect.name!r} of {effect.package} returns {type(result).__name__}, not a scatterer "
             "table"
