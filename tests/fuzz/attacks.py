@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from readers import TARGETS, body, c3d_bytes
+from readers import TARGETS, body
 
 Attack = Callable[[Path], str]
 ATTACKS: dict[str, Attack] = {}
@@ -114,11 +114,6 @@ def json_of_brackets() -> str:
     return '{"rate_hz": 1, "positions": [' + "[]," * 5_000_000 + "[]]}"
 
 
-@written("motion-arrays", "a.json")
-def deep_json() -> str:
-    return '{"rate_hz": 1, "positions": ' + "[" * 100_000
-
-
 @written("radar-points", "a.csv")
 def points_of_large_numbers() -> str:
     return "x,y,doppler,track,time\n" + f"{'9' * 400},1,1,1,0\n0,1,1,1,1\n"
@@ -169,13 +164,6 @@ def trc_with_one_wide_row(text: str) -> str:
 
 
 @edited("motion-expmap", "skeleton.json")
-def expmap_offsets_of_long_integers(text: str) -> str:
-    content = json.loads(text)
-    content["offsets"][3] = [10**39, 1e308, 10**400]
-    return json.dumps(content)
-
-
-@edited("motion-expmap", "skeleton.json")
 def expmap_parents_that_are_true(text: str) -> str:
     content = json.loads(text)
     content["parents"][2] = True
@@ -191,21 +179,6 @@ def platform_with_blanks(text: str) -> str:
 def settings_with_brackets(text: str) -> str:
     row = "x = '''" + "[" * 20_000 + "prf_hz " * 20_000 + "'''\n"
     return row + text.replace("prf_hz = 25.0", "prf_hz = 'x'")
-
-
-@edited("radar-arrays", "a.toml", 1)
-def deep_toml(text: str) -> str:
-    return ".".join(["a"] * 100_000) + " = 1\n"
-
-
-@edited("radar-arrays", "a.toml", 1)
-def long_integer_in_toml(text: str) -> str:
-    return "prf_hz = " + "9" * 5000 + "\n"
-
-
-@edited("radar-sigmf", "a.sigmf-meta", 1)
-def long_integer_in_sigmf(text: str) -> str:
-    return text.replace("400.0", "9" * 5000)
 
 
 @edited("radar-sigmf", "a.sigmf-meta")
@@ -335,46 +308,6 @@ def xethru_meta_that_lists_a_file_often(folder: Path) -> str:
     meta.write_bytes(pack_meta(replace(parsed, file_names=parsed.file_names + (name,) * 3000)))
     (meta.parent / name).write_bytes((meta.parent / name).read_bytes() * 2000)
     return "radar-xethru"
-
-
-# ---- what no radar and no body can have
-
-
-def _put(key: str, place: int, value: float) -> Callable[[Any], None]:
-    def change(file: Any) -> None:
-        values = file[key][()]
-        values.reshape(-1)[place] = value
-        file[key][...] = values
-
-    return change
-
-
-def _tenfold(file: Any) -> None:
-    radar = json.loads(file.attrs["radar"])
-    radar["prf_hz"] *= 10
-    file.attrs["radar"] = json.dumps(radar)
-
-
-for _name, _change in {
-    "nan": _put("baseband", 7, np.nan), "infinity": _put("baseband", 7, np.inf), "falling_times": _put("slow_time_s", 5, 0.0),
-    "far_ranges": _put("range_m", -1, 1e30), "nan_in_truth": _put("truth/0/centre_range_m", 3, np.nan),
-    "negative_noise": lambda file: file.attrs.__setitem__("noise_power_v2", -1.0), "tenfold_prf": _tenfold,
-}.items():  # fmt: skip
-    _change.__name__ = f"own_recording_with_{_name}"
-    members("radar-own", 1)(_change)
-
-
-def _c3d(name: str, factor: float) -> Attack:
-    def make(folder: Path) -> str:
-        (folder / "a.c3d").write_bytes(c3d_bytes(1000 * factor * body()))
-        return "motion-c3d"
-
-    make.__name__ = f"c3d_of_{name}"
-    return attack(make)
-
-
-for _name, _factor in (("42_m", 25.0), ("1670_m", 1000.0), ("1.7_nm", 1e-9)):
-    _c3d(_name, _factor)
 
 
 # ---- types of values and texts that make the HDF5 library write or allocate beyond measure
