@@ -31,8 +31,7 @@ from doppelgait.motion.models.strides import (
     Rngs,
     Values,
     fit_periodic_pchip,
-    make_stride_clocks,
-    sample_times_s,
+    time_even_strides,
 )
 from doppelgait.motion.motion import Motion
 
@@ -311,10 +310,8 @@ def _generate(parameters: Sequence[BoulicConfig], durations_s: Sequence[float], 
     q = columns.speed_mps / leg_m
     forms = np.array(columns.form)[:, None]
     scale_m = np.where(forms == "chen2011", 1.0, leg_m)
-    times_s, counts = sample_times_s(durations_s, columns.rate_hz)
-    period_s, start, variation = cycle_duration_s(q), columns.start_phase, columns.stride_variation
-    clock = make_stride_clocks(times_s, period_s=period_s, start_phase=start, variation=variation, rngs=rngs)
-    phase = clock(times_s)
+    timing = time_even_strides(durations_s, columns, cycle_duration_s(q), rngs)
+    phase = timing.phase
     # frames and a whole cycle in one call, since the floor is below the lowest point of the cycle
     both = np.concatenate([np.broadcast_to(_WHOLE_CYCLE, (len(q), _WHOLE_CYCLE.size)), phase], axis=1)
     signs = np.array([_SIGNS[config.form] for config in parameters])[:, None]
@@ -323,7 +320,7 @@ def _generate(parameters: Sequence[BoulicConfig], durations_s: Sequence[float], 
     points = points[..., _WHOLE_CYCLE.size :]
     points[:, 0] += 1.346 * np.sqrt(q) * scale_m * (phase - phase[:, :1])
     points[:, 2] -= lowest_m[:, None]
-    return make_person_motions(points, clock, times_s, phase, counts, parameters, gaits=["walk"] * len(q))
+    return make_person_motions(points, timing, parameters, ["walk"] * len(q))
 
 
 def compute_boulic_points(

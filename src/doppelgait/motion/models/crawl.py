@@ -23,10 +23,9 @@ from doppelgait.motion.models.strides import (
     Columns,
     Rngs,
     Values,
-    make_stride_clocks,
-    sample_times_s,
     square_each,
     stack_columns,
+    time_even_strides,
 )
 from doppelgait.motion.motion import Motion
 
@@ -125,25 +124,13 @@ def _generate(parameters: Sequence[CrawlConfig], durations_s: Sequence[float], r
     columns = Columns(parameters)
     height_m = columns.height_m
     stride_hz = np.sqrt(columns.speed_mps / (STRIDE_RATIO * height_m))
-    times_s, counts = sample_times_s(durations_s, columns.rate_hz)
-    start, variation = columns.start_phase, columns.stride_variation
-    clock = make_stride_clocks(times_s, period_s=1 / stride_hz, start_phase=start, variation=variation, rngs=rngs)
-    phase = clock(times_s)
+    timing = time_even_strides(durations_s, columns, 1 / stride_hz, rngs)
     stride_m = columns.speed_mps / stride_hz
-    points = compute_crawling_points(phase, stride_m / height_m)
+    points = compute_crawling_points(timing.phase, stride_m / height_m)
     points_m = height_m * np.stack([points[name].transpose(2, 0, 1) for name in POINTS])
-    points_m[:, 0] -= stride_m * phase[:, :1]
-    return make_person_motions(
-        points_m,
-        clock,
-        times_s,
-        phase,
-        counts,
-        parameters,
-        gaits=["crawl"] * len(parameters),
-        touchdown=TOUCHDOWN,
-        report={"gait": "assumed: timing and proportions"},
-    )
+    points_m[:, 0] -= stride_m * timing.phase[:, :1]
+    report = {"gait": "assumed: timing and proportions"}
+    return make_person_motions(points_m, timing, parameters, ["crawl"] * len(parameters), TOUCHDOWN, report)
 
 
 def place_limb(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]:

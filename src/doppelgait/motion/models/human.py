@@ -19,18 +19,7 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
-from doppelgait.motion.models.boulic import (
-    TOP_RELATIVE_SPEED,
-    arm_angles_deg,
-    compute_body_offset,
-    compute_support_fraction,
-    cycle_duration_s,
-    lean_deg,
-    limb_angles_deg,
-    pelvis_angles_deg,
-    thorax_torsion_deg,
-    trunk_angles_deg,
-)
+from doppelgait.motion.models import boulic
 from doppelgait.motion.models.curves import join_curves, make_measured_curve, walk_duty
 from doppelgait.motion.models.human_body import (
     ADULT_M,
@@ -53,6 +42,7 @@ from doppelgait.motion.models.strides import (
     Columns,
     Curve,
     Rngs,
+    Timing,
     Values,
     fit_cubic_spline,
     make_column,
@@ -274,7 +264,7 @@ class HumanConfig(FrozenModel):
             scale = math.sqrt(self.height_m / ADULT_M)
             return SLOWEST_RUN_MPS * scale, FASTEST_RUN_MPS * scale
         leg_m, tempo = _find_leg_and_tempo(self)
-        return 0.0, TOP_RELATIVE_SPEED * leg_m * tempo
+        return 0.0, boulic.TOP_RELATIVE_SPEED * leg_m * tempo
 
 
 def human_gait(
@@ -373,8 +363,8 @@ def _generate_styled(
         points = both[..., _WHOLE_CYCLE.size :]
         points[:, 0] += advance(phase, 0)
         points[:, 2] -= both[_FEET, 2, :, : _WHOLE_CYCLE.size].min(axis=(0, 2))[:, None]
-    gaits = [config.actual_gait for config in parameters]
-    return make_person_motions(points, clock, times_s, phase, counts, parameters, gaits=gaits)
+    timing = Timing(times_s, counts, clock, phase)
+    return make_person_motions(points, timing, parameters, [config.actual_gait for config in parameters])
 
 
 def _find_leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
@@ -390,15 +380,17 @@ def _find_leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
 def _make_boulic_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Sizes) -> GaitStyle:
     """Make the walk of Boulic et al. 1990. Its feet slide."""
     leg_m, stride_m, period_s, q = _walk_timing(parameters, columns)
-    limbs = _add_arms(columns, lambda phase: limb_angles_deg(phase, q))
+    limbs = _add_arms(columns, lambda phase: boulic.limb_angles_deg(phase, q))
 
     def pose(phase: FloatArray) -> FloatArray:
-        trunk = _convert_to_radians(trunk_angles_deg(phase, q))
+        trunk = _convert_to_radians(boulic.trunk_angles_deg(phase, q))
         points = compute_figure_points(trunk, _convert_to_radians(limbs(np.stack([phase + 0.5, phase]))), size_m)
-        points += leg_m * compute_body_offset(phase, q)
+        points += leg_m * boulic.compute_body_offset(phase, q)
         return points
 
-    return GaitStyle("walk", stride_m, period_s, compute_support_fraction(q), np.zeros_like, pose, lambda phase: {})
+    return GaitStyle(
+        "walk", stride_m, period_s, boulic.compute_support_fraction(q), np.zeros_like, pose, lambda phase: {}
+    )
 
 
 def _walk_timing(
@@ -409,7 +401,7 @@ def _walk_timing(
     leg_m, tempo = map(make_column, zip(*map(_find_leg_and_tempo, parameters), strict=True))
     q = columns.speed_mps / leg_m / tempo
     longer = np.sqrt(columns.walk_ratio)
-    return leg_m, 1.346 * np.sqrt(q) * leg_m * longer, cycle_duration_s(q) / tempo * longer, q
+    return leg_m, 1.346 * np.sqrt(q) * leg_m * longer, boulic.cycle_duration_s(q) / tempo * longer, q
 
 
 def _walk_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Sizes) -> GaitStyle:
@@ -422,9 +414,9 @@ def _walk_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Siz
         stride_m,
         stride_m,
         size_m,
-        pelvis=lambda phase: (pelvis_angles_deg(phase, q), leg_m * compute_body_offset(phase, q)),
-        thorax=lambda phase: (-lean_deg(q), thorax_torsion_deg(phase, q)),
-        arms=_add_arms(columns, lambda phase: arm_angles_deg(phase, q), WALK_ARMS),
+        pelvis=lambda phase: (boulic.pelvis_angles_deg(phase, q), leg_m * boulic.compute_body_offset(phase, q)),
+        thorax=lambda phase: (-boulic.lean_deg(q), boulic.thorax_torsion_deg(phase, q)),
+        arms=_add_arms(columns, lambda phase: boulic.arm_angles_deg(phase, q), WALK_ARMS),
     )
     return GaitStyle("walk", stride_m, period_s, walk_duty(speed), *motion)
 

@@ -15,14 +15,8 @@ import numpy.typing as npt
 
 from doppelgait.core.config import check_choice
 from doppelgait.core.rng import RandomSource, as_generator
-from doppelgait.motion.models.strides import (
-    Curve,
-    Values,
-    footfall_times_s,
-    make_column,
-    mean_stride_frequencies_hz,
-)
-from doppelgait.motion.motion import Motion, MotionFacts, make_motion
+from doppelgait.motion.models.strides import Timing, Values, find_landings, make_column, make_gait_motions
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.skeleton import BOULIC_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -396,7 +390,6 @@ def sample_person(
     return Person(sex, age_class, complaint, left, right, **{key: float(value) for key, value in person.items()})
 
 
-_PARTS = tuple(BOULIC_PARTS.values())
 BODY_MASS_INDEX = 23.0
 FOOT_TOUCHDOWN = {"left_foot": 0.5, "right_foot": 0.0}
 """Phases in cycles at which the feet land."""
@@ -404,44 +397,19 @@ FOOT_TOUCHDOWN = {"left_foot": 0.5, "right_foot": 0.0}
 
 def make_person_motions(
     points_m: FloatArray,
-    clock: Curve,
-    times_s: FloatArray,
-    phase: FloatArray,
-    counts: Sequence[int],
+    timing: Timing,
     parameters: Sequence[Any],
-    *,
     gaits: Sequence[str],
     touchdown: Mapping[str, float] = FOOT_TOUCHDOWN,
     report: Mapping[str, str] | None = None,
 ) -> list[Motion]:
     """Make the motions of modelled persons with symmetrical steps. Shapes: points_m (17, 3, B, T)."""
-    position_m = np.ascontiguousarray(points_m.transpose(2, 3, 0, 1))
-    footfalls = footfall_times_s(clock, touchdown, times_s, phase)
-    motions = []
-    for number, (config, stride_hz) in enumerate(
-        zip(parameters, mean_stride_frequencies_hz(times_s, phase), strict=True)
-    ):
-        stated_kg = getattr(config, "mass_kg", None)
-        facts = MotionFacts(
-            source=config.kind,
-            kind=config.kind,
-            species="human",
-            gait=gaits[number],
-            height_m=config.height_m,
-            mass_kg=BODY_MASS_INDEX * config.height_m**2 if stated_kg is None else stated_kg,
-            stride_frequency_hz=stride_hz,
-            step_frequency_hz=2 * stride_hz,
-            gait_frequency_hz=2 * stride_hz,
-            footfalls=footfalls[number],
-        )
-        mass = {"mass_kg": "assumed: body mass index 23 kg/m^2"} if stated_kg is None else {}
-        motion = make_motion(
-            position_m[number, : counts[number]],
-            rate_hz=config.rate_hz,
-            markers=POINTS,
-            parts=_PARTS,
-            facts=facts,
-            report={**(report or {}), **mass},
-        )
-        motions.append(motion)
-    return motions
+    facts, reports = [], []
+    for config, gait in zip(parameters, gaits, strict=True):
+        mass_kg = getattr(config, "mass_kg", None)
+        reports.append({**(report or {}), **({} if mass_kg else {"mass_kg": "assumed: body mass index 23 kg/m^2"})})
+        mass_kg = mass_kg or BODY_MASS_INDEX * config.height_m**2
+        body = {"height_m": config.height_m, "mass_kg": mass_kg}
+        facts.append({"species": "human", "gait": gait, "harmonic": 2, **body})
+    landings = find_landings(timing.phase, touchdown)
+    return make_gait_motions(points_m, timing, parameters, landings, BOULIC_PARTS, facts, reports)

@@ -44,17 +44,16 @@ from doppelgait.motion.models.quadruped_limbs import (
 from doppelgait.motion.models.registry import generate, generate_alike, parse_parameters
 from doppelgait.motion.models.strides import (
     Columns,
+    Landings,
     Rngs,
     fit_cubic_spline,
-    landing_times_s,
     make_column,
-    make_stride_clocks,
-    mean_stride_frequencies_hz,
+    make_gait_motions,
     sample_autoregressive,
-    sample_times_s,
     sum_steps,
+    time_even_strides,
 )
-from doppelgait.motion.motion import NAN, Motion, MotionFacts, make_motion
+from doppelgait.motion.motion import Motion
 
 # a joint belongs to the bone that ends there. The shoulder is the lower end of the scapula; the hip is on the trunk.
 PART_OF_POINT = {
@@ -86,7 +85,6 @@ PART_OF_POINT = {
 }
 """Points of the dog in order, and the body part of each."""
 POINTS = tuple(PART_OF_POINT)
-_PARTS = tuple(PART_OF_POINT.values())
 
 
 class QuadrupedConfig(FrozenModel):
@@ -276,14 +274,12 @@ def _generate_varied(
     gaits, hip_m = [_make_gait(config) for config in parameters], columns.hip_m
     paces = [*zip(gaits, columns.actual_speed_mps[:, 0].tolist(), hip_m[:, 0].tolist(), strict=True)]
     stride_m = columns.stride_ratio * make_column([stride_length_m(*pace) for pace in paces])
-    period_s, start, variation = stride_m / columns.actual_speed_mps, columns.start_phase, columns.stride_variation
-    times_s, counts = sample_times_s(durations_s, columns.rate_hz)
-    clock = make_stride_clocks(times_s, period_s=period_s, start_phase=start, variation=variation, rngs=rngs)
-    phase, gait = clock(times_s), Columns(gaits)
+    timing = time_even_strides(durations_s, columns, stride_m / columns.actual_speed_mps, rngs)
+    phase, gait = timing.phase, Columns(gaits)
     course = make_regular_course(phase, gait, stride_m / hip_m)
     if varied:
         course = _vary_course(course, columns, phase, gait, rngs)
-    wag_rad = np.radians(columns.tail_sweep_deg) * np.sin(2 * np.pi * columns.tail_frequency_hz * times_s)
+    wag_rad = np.radians(columns.tail_sweep_deg) * np.sin(2 * np.pi * columns.tail_frequency_hz * timing.times_s)
     rates_hz = (columns.actual_speed_mps / stride_m)[:, 0].tolist()
     duty = {
         end: make_column(
@@ -293,44 +289,20 @@ def _generate_varied(
     }
     carriage = Carriage(columns.neck_deg, columns.tail_deg, wag_rad)
     points = compute_all_points(phase, gait, Columns(builds), course, duty, carriage)
-    rows = hip_m * np.stack([points[name].transpose(2, 0, 1) for name in POINTS])
-    rows[:, 0] -= hip_m * course.distance(phase[:, :1])
-    position_m = np.ascontiguousarray(rows.transpose(2, 3, 0, 1))
-    landings = []
-    for number, (first, last) in enumerate(phase[:, [0, -1]]):
-        size, low, high = course.sizes[number], first - 1e-9, last + 1e-9
-        own = {foot: course.landings[foot][number, :size] for foot in gaits[number].touchdown}
-        landings.append({foot: phases[(phases >= low) & (phases <= high)] for foot, phases in own.items()})
-    footfalls = landing_times_s(clock, landings, times_s)
-    motions = []
-    for number, stride_hz in enumerate(mean_stride_frequencies_hz(times_s, phase)):
-        config, build, harmonic = parameters[number], builds[number], gaits[number].harmonic
-        facts = MotionFacts(
-            source="quadruped",
-            kind="quadruped",
-            species=build.species,
-            gait=config.actual_gait,
-            height_m=config.actual_withers_m,
-            mass_kg=mass_kg(build, config.actual_withers_m),
-            stride_frequency_hz=stride_hz,
-            step_frequency_hz=2 * stride_hz if harmonic == 2 else NAN,
-            gait_frequency_hz=harmonic * stride_hz,
-            footfalls=footfalls[number],
-        )
-        motion = make_motion(
-            position_m[number, : counts[number]],
-            rate_hz=config.rate_hz,
-            markers=POINTS,
-            parts=_PARTS,
-            facts=facts,
-            report={
-                "mass_kg": f"assumed: {build.mass_kg:.3g} kg at withers_m = {build.withers_m:g}, "
-                "with the cube of the height",
-                "proportions": build.source,
-            },
-        )
-        motions.append(motion)
-    return motions
+    points_m = hip_m * np.stack([points[name].transpose(2, 0, 1) for name in POINTS])
+    points_m[:, 0] -= hip_m * course.distance(phase[:, :1])
+    landings: list[Landings] = []
+    facts: list[dict[str, Any]] = []
+    reports = []
+    for row, (config, build, (first, last)) in enumerate(zip(parameters, builds, phase[:, [0, -1]], strict=True)):
+        own = {foot: course.landings[foot][row, : course.sizes[row]] for foot in gaits[row].touchdown}
+        landings.append({foot: at[(at >= first - 1e-9) & (at <= last + 1e-9)] for foot, at in own.items()})
+        withers_m = config.actual_withers_m
+        body = {"species": build.species, "height_m": withers_m, "mass_kg": mass_kg(build, withers_m)}
+        facts.append({"gait": config.actual_gait, "harmonic": gaits[row].harmonic, **body})
+        mass = f"assumed: {build.mass_kg:.3g} kg at withers_m = {build.withers_m:g}, with the cube of the height"
+        reports.append({"mass_kg": mass, "proportions": build.source})
+    return make_gait_motions(points_m, timing, parameters, landings, PART_OF_POINT, facts, reports)
 
 
 def _make_gait(config: QuadrupedConfig) -> Gait:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from statistics import NormalDist
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -169,17 +169,7 @@ def fit_gait_to_build(name: str, build: Build, asymmetry: float = 0.0) -> Gait:
     return replace(gait, touchdown=touchdown, stride_factor=stride_factor, hind=hind, fore=fore)
 
 
-DOG_BUILDS: tuple[BuildName, ...] = (
-    "standard",
-    "chihuahua",
-    "jack_russell",
-    "beagle",
-    "border_collie",
-    "labrador",
-    "german_shepherd",
-    "great_dane",
-    "dachshund",
-)
+DOG_BUILDS: tuple[BuildName, ...] = tuple(name for name in get_args(BuildName) if BUILDS[name].species == "dog")
 GAIT_SHARES: dict[GaitName, float] = {"walk": 0.35, "pace": 0.1, "trot": 0.35, "canter": 0.1, "gallop": 0.1}
 """Probability of the gaits of a sampled dog (assumed)."""
 

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
+from doppelgait.motion.motion import Motion, make_motion
 
 FloatArray = npt.NDArray[np.float64]
 Values = FloatArray | float
@@ -236,25 +237,41 @@ def sample_autoregressive(count: int, rng: np.random.Generator, correlation: flo
     return np.array([min(max(value, -LARGEST_DEVIATION), LARGEST_DEVIATION) for value in values])
 
 
-def footfall_times_s(
-    clock: Curve, touchdown_phase: Mapping[str, float], times_s: FloatArray, phase: FloatArray
-) -> list[dict[str, list[float]]]:
-    """Return the landing times of each example's feet."""
-    # touchdown_phase is in cycles, by name of the foot; phase are those of the frame times, (B, T)
-    landings = [
+@dataclass(frozen=True)
+class Timing:
+    """Frames of a batch. Shapes: times and phases (B, T), of which each row has its count; a clock with B curves."""
+
+    times_s: FloatArray
+    counts: Sequence[int]
+    clock: Curve
+    phase: FloatArray
+
+
+def time_even_strides(durations_s: Sequence[float], columns: Columns, period_s: FloatArray, rngs: Rngs) -> Timing:
+    """Time the frames of models with ``start_phase`` and ``stride_variation``."""
+    times_s, counts = sample_times_s(durations_s, columns.rate_hz)
+    start, variation = columns.start_phase, columns.stride_variation
+    clock = make_stride_clocks(times_s, period_s=period_s, start_phase=start, variation=variation, rngs=rngs)
+    return Timing(times_s, counts, clock, clock(times_s))
+
+
+Landings = Mapping[str, npt.NDArray[np.floating[Any]]]
+"""Phases in cycles at which feet land, by name."""
+
+
+def find_landings(phase: FloatArray, touchdown_phase: Mapping[str, float]) -> list[Landings]:
+    """Return the landings within phases, (B, T)."""
+    return [
         {
             foot: offset + np.arange(math.ceil(first - offset - 1e-9), math.floor(last - offset + 1e-9) + 1)
             for foot, offset in touchdown_phase.items()
         }
         for first, last in phase[:, [0, -1]].tolist()
     ]
-    return landing_times_s(clock, landings, times_s)
 
 
-def landing_times_s(
-    clock: Curve, landings: Sequence[Mapping[str, npt.NDArray[np.floating[Any]]]], times_s: FloatArray
-) -> list[dict[str, list[float]]]:
-    """Return the times of landing phases of each example's feet."""
+def landing_times_s(clock: Curve, landings: Sequence[Landings], times_s: FloatArray) -> list[dict[str, list[float]]]:
+    """Return the times of landings."""
     sizes = [sum(phases.size for phases in feet.values()) for feet in landings]
     # a row is filled with the value of its first knot, which is inverted at once
     wanted = np.repeat(clock.coefficients[0, :, :1], max(sizes), axis=1)
@@ -267,10 +284,33 @@ def landing_times_s(
     ]
 
 
-def mean_stride_frequencies_hz(times_s: FloatArray, phase: FloatArray) -> list[float]:
-    """Return the strides per second over whole motions."""
-    rates: list[float] = ((phase[:, -1] - phase[:, 0]) / (times_s[:, -1] - times_s[:, 0])).tolist()
-    return rates
+def make_gait_motions(
+    points_m: FloatArray,
+    timing: Timing,
+    parameters: Sequence[Any],
+    landings: Sequence[Landings],
+    parts: Mapping[str, str],
+    facts: Sequence[Mapping[str, Any]],
+    reports: Sequence[Mapping[str, str]],
+) -> list[Motion]:
+    """Make the motions of walkers from their points, (P, 3, B, T)."""
+    # the facts have the harmonic of the stride frequency at which the gait repeats
+    position_m = np.ascontiguousarray(points_m.transpose(2, 3, 0, 1))
+    times_s, phase = timing.times_s, timing.phase
+    strides_hz = ((phase[:, -1] - phase[:, 0]) / (times_s[:, -1] - times_s[:, 0])).tolist()
+    footfalls = landing_times_s(timing.clock, landings, times_s)
+    motions = []
+    for row, (config, stride_hz, count) in enumerate(zip(parameters, strides_hz, timing.counts, strict=True)):
+        own = {**facts[row]}
+        harmonic = own.pop("harmonic")
+        own |= {"source": config.kind, "kind": config.kind, "footfalls": footfalls[row]}
+        own |= {"stride_frequency_hz": stride_hz, "gait_frequency_hz": harmonic * stride_hz}
+        own |= {"step_frequency_hz": 2 * stride_hz} if harmonic == 2 else {}
+        names: dict[str, Any] = {"markers": tuple(parts), "parts": tuple(parts.values())}
+        motions.append(
+            make_motion(position_m[row, :count], rate_hz=config.rate_hz, facts=own, report=reports[row], **names)
+        )
+    return motions
 
 
 Steps = tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.intp]]
