@@ -132,41 +132,19 @@ def name_bones(words: set[str]) -> bool:
 
 Species = Literal["human", "dog"]
 
-HUMAN_PARTS = (
-    "head",
-    "torso",
-    "left_upper_arm",
-    "left_forearm",
-    "left_hand",
-    "right_upper_arm",
-    "right_forearm",
-    "right_hand",
-    "left_thigh",
-    "left_shank",
-    "left_foot",
-    "right_thigh",
-    "right_shank",
-    "right_foot",
-)
+SIDES = ("left", "right")
+
+
+def _list_limbs(*limbs: str) -> list[str]:
+    return [f"{side}_{part}" for limb in limbs for side in SIDES for part in limb.split()]
+
+
+HUMAN_PARTS = ("head", "torso", *_list_limbs("upper_arm forearm hand", "thigh shank foot"))
 """Parts of a person."""
 
 DOG_PARTS = (
-    "head",
-    "neck",
-    "trunk",
-    "tail",
-    "left_fore_upper",
-    "left_fore_lower",
-    "left_fore_paw",
-    "right_fore_upper",
-    "right_fore_lower",
-    "right_fore_paw",
-    "left_hind_upper",
-    "left_hind_lower",
-    "left_hind_paw",
-    "right_hind_upper",
-    "right_hind_lower",
-    "right_hind_paw",
+    *("head", "neck", "trunk", "tail"),
+    *_list_limbs("fore_upper fore_lower fore_paw", "hind_upper hind_lower hind_paw"),
 )
 """Parts of a four-legged animal; "upper" is scapula + humerus or femur, "lower" forearm or tibia + metatarsus."""
 
@@ -176,25 +154,17 @@ BODY_CENTRE_PARTS = ("torso", "trunk")
 FOOT_PARTS = tuple(p for p in (*HUMAN_PARTS, *DOG_PARTS) if p.endswith(("_foot", "_paw")))
 """Parts that stand on the floor."""
 
-BOULIC_PARTS = {
-    "base": "torso",
-    "neck": "torso",
-    "head": "head",
-    "left_shoulder": "torso",
-    "right_shoulder": "torso",
-    "left_elbow": "left_upper_arm",
-    "right_elbow": "right_upper_arm",
-    "left_hand": "left_hand",
-    "right_hand": "right_hand",
-    "left_hip": "torso",
-    "right_hip": "torso",
-    "left_knee": "left_thigh",
-    "right_knee": "right_thigh",
-    "left_ankle": "left_shank",
-    "right_ankle": "right_shank",
-    "left_toe": "left_foot",
-    "right_toe": "right_foot",
-}
+
+def list_points(words: str) -> dict[str, str]:
+    """Return parts by point, where ``*`` in both stands for the two sides."""
+    sided = ((word, SIDES if "*" in word else ("",)) for word in words.split())
+    return dict(word.replace("*", side).split(":") for word, sides in sided for side in sides)
+
+
+BOULIC_PARTS = list_points(
+    "base:torso neck:torso head:head *_shoulder:torso *_elbow:*_upper_arm *_hand:*_hand "
+    "*_hip:torso *_knee:*_thigh *_ankle:*_shank *_toe:*_foot"
+)
 """The 17 points of the Boulic walking model. A joint belongs to the part above it, like a skin marker on it."""
 
 _PART_OF = {

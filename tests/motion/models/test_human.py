@@ -1,5 +1,6 @@
 import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -185,13 +186,16 @@ def test_auto_runs_above_two_metres_per_second_and_smaller_people_sooner():
             assert motion.facts.gait == expected
 
 
-def series(duration_s, rng=None, **asked):
+def series(duration_s, stride_s, stride_m, rng=None, **asked):
     """Touchdowns of a single walker."""
-    return [rows[0] for rows in step_series(np.array([[duration_s]]), rngs=[rng], **asked)[:3]]
+    names = ("step_time_sd", "step_length_sd", "pace_sd", "time_asymmetry", "start_phase")
+    columns = SimpleNamespace(**{name: np.array([[asked.get(name, 0.0)]]) for name in names})
+    made = step_series(np.array([[duration_s]]), columns, np.array([[stride_s]]), np.array([[stride_m]]), [rng])
+    return [rows[0] for rows in made[:3]]
 
 
 def test_steps_differ_as_asked():
-    asked = {"time_sd": 0.03, "length_sd": 0.02, "time_asymmetry": 0.1}
+    asked = {"step_time_sd": 0.03, "step_length_sd": 0.02, "time_asymmetry": 0.1}
     times, phases, way = series(10_000, stride_s=1.1, stride_m=1.4, rng=np.random.default_rng(5), **asked)
     left = np.mod(phases[1:], 1) == 0.5
     for knots, mean, sd, asymmetry in ((times, 0.55, 0.03, 0.1), (way, 0.7, 0.02, 0.0)):
@@ -209,7 +213,9 @@ def test_the_feet_land_at_the_drawn_steps(speed_mps):
     options = {"step_time_sd": 0.04, "time_asymmetry": 0.05}
     motion = gait(speed_mps, 12, rng=np.random.default_rng(6), **options)
     stride_s = 1 / gait(speed_mps).facts.stride_frequency_hz
-    sampled = series(12, stride_s=stride_s, stride_m=1, time_sd=0.04, time_asymmetry=0.05, rng=np.random.default_rng(6))
+    sampled = series(
+        12, stride_s=stride_s, stride_m=1, step_time_sd=0.04, time_asymmetry=0.05, rng=np.random.default_rng(6)
+    )
     times = sampled[0][(sampled[0] > -1e-9) & (sampled[0] <= 12)]
     falls = motion.facts.footfalls
     np.testing.assert_allclose(np.sort(falls["left_foot"] + falls["right_foot"]), times, atol=1e-9)

@@ -315,7 +315,8 @@ def _generate(parameters: Sequence[BoulicConfig], durations_s: Sequence[float], 
     # frames and a whole cycle in one call, since the floor is below the lowest point of the cycle
     both = np.concatenate([np.broadcast_to(_WHOLE_CYCLE, (len(q), _WHOLE_CYCLE.size)), phase], axis=1)
     signs = np.array([_SIGNS[config.form] for config in parameters])[:, None]
-    points = compute_points_in_place(both, q, columns.height_m, offset_scale_m=scale_m, offset_signs=signs)
+    points = compute_boulic_points(both, q, columns.height_m, offset_scale_m=scale_m, offset_signs=signs)
+    points = points.transpose(2, 3, 0, 1)
     lowest_m = points[_FEET, 2, :, : _WHOLE_CYCLE.size].min(axis=(0, 2))
     points = points[..., _WHOLE_CYCLE.size :]
     points[:, 0] += 1.346 * np.sqrt(q) * scale_m * (phase - phase[:, :1])
@@ -325,11 +326,11 @@ def _generate(parameters: Sequence[BoulicConfig], durations_s: Sequence[float], 
 
 def compute_boulic_points(
     phase: npt.ArrayLike,
-    relative_speed: float,
-    height_m: float,
+    relative_speed: Values,
+    height_m: Values,
     *,
-    offset_scale_m: float,
-    offset_signs: OffsetSigns = "continuous",
+    offset_scale_m: Values,
+    offset_signs: npt.ArrayLike = "continuous",
 ) -> FloatArray:
     """Return the walker's points in place, without forward motion.
 
@@ -358,21 +359,10 @@ def compute_boulic_points(
     ConfigError
         If ``relative_speed`` is outside its range.
     """
-    p = np.atleast_1d(np.asarray(phase, dtype=float))
-    points = compute_points_in_place(
-        p, relative_speed, height_m, offset_scale_m=offset_scale_m, offset_signs=offset_signs
-    )
-    return np.ascontiguousarray(points.transpose(*range(2, points.ndim), 0, 1))
-
-
-def compute_points_in_place(
-    phase: FloatArray, relative_speed: Values, height_m: Values, *, offset_scale_m: Values, offset_signs: npt.ArrayLike
-) -> FloatArray:
-    """Return the points of compute_boulic_points as (17, 3, ..., n)."""
-    q = check_relative_speed(relative_speed)
-    trunk = {name: np.radians(angle) for name, angle in trunk_angles_deg(phase, q).items()}
-    limbs = {name: np.radians(angle) for name, angle in limb_angles_deg(np.stack([phase + 0.5, phase]), q).items()}
+    p, q = np.atleast_1d(np.asarray(phase, dtype=float)), check_relative_speed(relative_speed)
+    trunk = {name: np.radians(angle) for name, angle in trunk_angles_deg(p, q).items()}
+    limbs = {name: np.radians(angle) for name, angle in limb_angles_deg(np.stack([p + 0.5, p]), q).items()}
     size = {name: fraction * height_m for name, fraction in LENGTHS.items()}
     points = compute_figure_points(trunk, limbs, size)
-    points += offset_scale_m * compute_body_offset(phase, q, signs=offset_signs)
-    return points
+    points += offset_scale_m * compute_body_offset(p, q, signs=offset_signs)
+    return points.transpose(*range(2, points.ndim), 0, 1)

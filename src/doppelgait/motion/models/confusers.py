@@ -283,15 +283,7 @@ def _generate_curtain(config: CurtainConfig, duration_s: float, rng: np.random.G
 
 @plugin("motion_model", parameters=FanConfig)
 def _generate_fan(config: FanConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
-    turning = rotor(
-        radius_m=config.radius_m,
-        rotation_hz=config.rotation_hz,
-        blades=config.blades,
-        plane="yz",
-        hub_height_m=config.hub_height_m,
-        duration_s=duration_s,
-        rate_hz=config.rate_hz,
-    )
+    turning = rotor(plane="yz", duration_s=duration_s, **config.model_dump(exclude={"kind"}))
     points = {name: turning.position_m[:, n] for n, name in enumerate(turning.markers)}
     still = np.zeros(turning.n_frames)
     points |= {"stand": stack_columns(still, 0.0, config.hub_height_m / 2), "foot": stack_columns(still, 0.0, 0.0)}

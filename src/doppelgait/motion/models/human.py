@@ -326,24 +326,14 @@ def _generate_styled(
         size_m["foot"] = FOOT[0] * columns.height_m  # to the tip
     style = make_style(parameters, columns, size_m)
     times_s, counts = sample_times_s(durations_s, columns.rate_hz)
-    start = columns.start_phase
     # phase as a function of time, and distance as a function of phase if it is not linear
     path: Curve | None = None
     if varied:
-        steps_s, phases, path_m, sizes = step_series(
-            times_s[:, -1:],
-            stride_s=style.period_s,
-            stride_m=style.stride_m,
-            start_phase=start,
-            time_sd=columns.step_time_sd,
-            length_sd=columns.step_length_sd,
-            pace_sd=columns.pace_sd,
-            time_asymmetry=columns.time_asymmetry,
-            rngs=rngs,
-        )
+        lasts_s = times_s[:, -1:]
+        steps_s, phases, path_m, sizes = step_series(lasts_s, columns, style.period_s, style.stride_m, rngs)
         clock, path = fit_cubic_spline(steps_s, phases, sizes), fit_cubic_spline(phases, path_m, sizes)
     else:
-        clock = make_stride_clocks(times_s, period_s=style.period_s, start_phase=start, rngs=rngs)
+        clock = make_stride_clocks(times_s, period_s=style.period_s, start_phase=columns.start_phase, rngs=rngs)
     phase = clock(times_s)
 
     def advance(cycles: FloatArray, order: int) -> FloatArray:

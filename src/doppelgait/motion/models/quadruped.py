@@ -54,35 +54,17 @@ from doppelgait.motion.models.strides import (
     time_even_strides,
 )
 from doppelgait.motion.motion import Motion
+from doppelgait.motion.skeleton import SIDES, list_points
 
 # a joint belongs to the bone that ends there. The shoulder is the lower end of the scapula; the hip is on the trunk.
-PART_OF_POINT = {
-    "nose": "head",
-    "head": "head",
-    "neck": "neck",
-    "neck_base": "neck",
-    "withers": "trunk",
-    "chest": "trunk",
-    "back": "trunk",
-    "belly": "trunk",
-    "rump": "trunk",
-    "tail_base": "trunk",
-    "tail_middle": "tail",
-    "tail_tip": "tail",
-} | {
-    f"{side}_{joint}": "trunk" if part == "trunk" else f"{side}_{part}"
-    for side in ("left", "right")
-    for joint, part in (
-        ("shoulder", "fore_upper"),
-        ("elbow", "fore_upper"),
-        ("carpus", "fore_lower"),
-        ("fore_paw", "fore_paw"),
-        ("hip", "trunk"),
-        ("knee", "hind_upper"),
-        ("hock", "hind_lower"),
-        ("hind_paw", "hind_paw"),
-    )
-}
+_SIDED = (
+    "*_shoulder:*_fore_upper *_elbow:*_fore_upper *_carpus:*_fore_lower *_fore_paw:*_fore_paw *_hip:trunk "
+    "*_knee:*_hind_upper *_hock:*_hind_lower *_hind_paw:*_hind_paw"
+)
+PART_OF_POINT = list_points(
+    "nose:head head:head neck:neck neck_base:neck withers:trunk chest:trunk back:trunk belly:trunk rump:trunk "
+    f"tail_base:trunk tail_middle:tail tail_tip:tail {' '.join(_SIDED.replace('*', side) for side in SIDES)}"
+)
 """Points of the dog in order, and the body part of each."""
 POINTS = tuple(PART_OF_POINT)
 

@@ -321,24 +321,14 @@ _STEP_MARGIN = 5
 """Number of touchdowns before the first and after the last frame, so that the ends of the splines have no effect."""
 
 
-def step_series(
-    durations_s: FloatArray,
-    *,
-    stride_s: Values,
-    stride_m: Values,
-    start_phase: Values = 0.0,
-    time_sd: Values = 0.0,
-    length_sd: Values = 0.0,
-    pace_sd: Values = 0.0,
-    time_asymmetry: Values = 0.0,
-    rngs: Rngs,
-) -> Steps:
-    """Sample the touchdowns of both feet."""
+def step_series(durations_s: FloatArray, columns: Any, stride_s: FloatArray, stride_m: FloatArray, rngs: Rngs) -> Steps:
+    """Sample the touchdowns of both feet of models with ``step_time_sd`` and the like."""
     # they start well before time 0 and end well after the durations, (B, 1)
-    shortest = 1 - LARGEST_DEVIATION * (time_sd + pace_sd / 2) - np.abs(time_asymmetry) / 2
+    deviating = [columns.step_time_sd, columns.step_length_sd, columns.pace_sd]
+    shortest = 1 - LARGEST_DEVIATION * (deviating[0] + deviating[2] / 2) - np.abs(columns.time_asymmetry) / 2
     sizes = (np.ceil(2 * durations_s / (stride_s * shortest)) + (2 * _STEP_MARGIN + 1)).astype(int)[:, 0]
     deviations = np.zeros((3, sizes.size, sizes.max() - 1))
-    spreads = np.concatenate([np.broadcast_to(sd, durations_s.shape) for sd in (time_sd, length_sd, pace_sd)], axis=1)
+    spreads = np.concatenate(deviating, axis=1)
     for row, (size, spread, rng) in enumerate(zip(sizes.tolist(), spreads, rngs, strict=True)):
         if rng is None:
             if spread.any():
@@ -350,14 +340,14 @@ def step_series(
         for kind, (sd, correlation) in enumerate(zip(spread, (0.0, 0.0, PACE_CORRELATION), strict=True)):
             if sd > 0:
                 deviations[kind, row, : size - 1] = sd * sample_autoregressive(size - 1, rng, correlation)
-    numbers = np.floor(2 * start_phase) - _STEP_MARGIN + np.arange(sizes.max())
-    numbers = np.broadcast_to(numbers, (sizes.size, sizes.max()))
+    start = columns.start_phase
+    numbers = np.floor(2 * start) - _STEP_MARGIN + np.arange(sizes.max())
     left = np.where(numbers[:, 1:] % 2, 0.5, -0.5)
     time, length, pace = deviations
     pace = pace / 2
-    times = sum_steps(stride_s / 2 * (1 + time_asymmetry * left + time - pace))
+    times = sum_steps(stride_s / 2 * (1 + columns.time_asymmetry * left + time - pace))
     distance = sum_steps(stride_m / 2 * (1 + length + pace))
-    phases, start = numbers / 2, np.broadcast_to(start_phase, durations_s.shape)
+    phases = numbers / 2
     start_s = fit_cubic_spline(times, phases, sizes).where(start)
     start_m = fit_cubic_spline(phases, distance, sizes)(start)
     return times - start_s, phases, distance - start_m, sizes

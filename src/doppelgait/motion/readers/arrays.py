@@ -25,6 +25,7 @@ from doppelgait.motion.readers.points import (
     pick_markers,
 )
 from doppelgait.motion.readers.text import MAX_BYTES
+from doppelgait.motion.skeleton import list_points
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -33,32 +34,10 @@ NAME_KEYS = ("names", "joint_names")
 RATE_KEYS = ("rate_hz", "mocap_framerate", "mocap_frame_rate", "fps")
 UNIT_KEY = "units"
 
-SMPL_PARTS = {
-    "pelvis": "torso",
-    "left_hip": "torso",
-    "right_hip": "torso",
-    "spine1": "torso",
-    "left_knee": "left_thigh",
-    "right_knee": "right_thigh",
-    "spine2": "torso",
-    "left_ankle": "left_shank",
-    "right_ankle": "right_shank",
-    "spine3": "torso",
-    "left_foot": "left_foot",
-    "right_foot": "right_foot",
-    "neck": "torso",
-    "left_collar": "torso",
-    "right_collar": "torso",
-    "head": "head",
-    "left_shoulder": "torso",
-    "right_shoulder": "torso",
-    "left_elbow": "left_upper_arm",
-    "right_elbow": "right_upper_arm",
-    "left_wrist": "left_forearm",
-    "right_wrist": "right_forearm",
-    "left_hand": "left_hand",
-    "right_hand": "right_hand",
-}
+SMPL_PARTS = list_points(
+    "pelvis:torso *_hip:torso spine1:torso *_knee:*_thigh spine2:torso *_ankle:*_shank spine3:torso *_foot:*_foot "
+    "neck:torso *_collar:torso head:head *_shoulder:torso *_elbow:*_upper_arm *_wrist:*_forearm *_hand:*_hand"
+)
 """The 24 joints of SMPL (Loper et al. 2015) in their order, with parts; SMPL-H and SMPL-X share the first 22."""
 SMPL_COUNTS = (22, 24)
 
