@@ -156,15 +156,17 @@ def fit_cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike, sizes: npt.Ar
     slopes[0] = ((h[0] + 2.0 * first) * h[1] * m[0] + square_each(h[0]) * m[1]) / first
     lower[end - 1, row], diagonal[end - 1, row], upper[end - 1, row] = last, h_2, 0.0
     slopes[end - 1, row] = (square_each(h_1) * m_2 + (2.0 * last + h_1) * h_2 * m_1) / last
-    # elimination; all pivots of a spline's system are positive
+    # elimination; all pivots of a spline's system are positive. A row is a number or an array for all curves.
+    systems = (lower, diagonal, upper, slopes)
+    low, pivots, high, found = (rows[:, 0].tolist() if row.size == 1 else [*rows] for rows in systems)
     for i in range(1, len(x)):
-        factor = lower[i] / diagonal[i - 1]
-        diagonal[i] -= factor * upper[i - 1]
-        slopes[i] -= factor * slopes[i - 1]
-    slopes[-1] /= diagonal[-1]
+        factor = low[i] / pivots[i - 1]
+        pivots[i] = pivots[i] - factor * high[i - 1]
+        found[i] = found[i] - factor * found[i - 1]
+    found[-1] = found[-1] / pivots[-1]
     for i in range(len(x) - 2, -1, -1):
-        slopes[i] = (slopes[i] - upper[i] * slopes[i + 1]) / diagonal[i]
-    return fit_cubic_hermite(knots, heights, slopes.T.reshape(knots.shape), sizes)
+        found[i] = (found[i] - high[i] * found[i + 1]) / pivots[i]
+    return fit_cubic_hermite(knots, heights, np.array(found).T.reshape(knots.shape), sizes)
 
 
 def fit_periodic_pchip(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
