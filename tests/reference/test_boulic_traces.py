@@ -6,12 +6,12 @@ import pytest
 from doppelgait.motion.models import boulic_walk, compute_boulic_points
 from doppelgait.motion.models.boulic import (
     LEG_LENGTH,
-    POINTS,
     compute_body_offset,
     compute_support_fraction,
     limb_angles_deg,
     trunk_angles_deg,
 )
+from doppelgait.motion.models.human_body import POINTS
 
 pytestmark = pytest.mark.shared
 TRACES = ("boulic_rv1.00_h1.80.npz", "boulic_rv1.50_h1.70.npz")

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from doppelgait.motion.models.boulic import POINTS
+from doppelgait.motion.models.human_body import POINTS
 from doppelgait.scene.bodies import CHEN_HEIGHT_M, PERSON, ellipsoid_rcs_m2
 
 pytestmark = pytest.mark.shared

@@ -9,7 +9,6 @@ from doppelgait.motion.models import boulic_walk, compute_boulic_points
 from doppelgait.motion.models.boulic import (
     LEG_LENGTH,
     LENGTHS,
-    POINTS,
     compute_body_offset,
     compute_support_fraction,
     cycle_duration_s,
@@ -18,6 +17,7 @@ from doppelgait.motion.models.boulic import (
     pelvic_list_deg,
     trunk_angles_deg,
 )
+from doppelgait.motion.models.human_body import POINTS
 from doppelgait.motion.skeleton import HUMAN_PARTS
 from walking_body import BONES
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from doppelgait.motion.models.boulic import LENGTHS, POINTS
 from doppelgait.motion.models.confusers import curtain, fan, robot_vacuum
 from doppelgait.motion.models.crawl import DUTY, crawling_person
+from doppelgait.motion.models.human_body import LENGTHS, POINTS
 
 INDEX = {name: n for n, name in enumerate(POINTS)}
 

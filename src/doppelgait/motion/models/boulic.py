@@ -24,7 +24,13 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
-from doppelgait.motion.models.human_body import LENGTHS, POINTS, compute_figure_points, make_person_motions
+from doppelgait.motion.models.human_body import (
+    LENGTHS,
+    Sizes,
+    compute_figure_points,
+    make_person_motions,
+    place_lower_body,
+)
 from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import (
     Columns,
@@ -222,7 +228,6 @@ Form = Literal["consistent", "pendulum", "chen2011"]
 
 LEG_LENGTH = LENGTHS["thigh"] + LENGTHS["shank"]
 
-_FEET = [n for n, name in enumerate(POINTS) if name.endswith(("ankle", "toe"))]
 _SIGNS: dict[Form, OffsetSigns] = {"consistent": "continuous", "pendulum": "pendulum", "chen2011": "published"}
 _WHOLE_CYCLE = np.arange(1000) / 1000
 
@@ -285,7 +290,7 @@ def boulic_walk(
     Returns
     -------
     Motion
-        Motion (time, marker, space) of :data:`POINTS`. It moves along +x from x = 0; the lowest
+        Motion (time, marker, space) of ``human_body.POINTS``. It moves along +x from x = 0; the lowest
         foot point of the cycle is at z = 0.
 
     Raises
@@ -311,17 +316,25 @@ def _generate(parameters: Sequence[BoulicConfig], durations_s: Sequence[float], 
     forms = np.array(columns.form)[:, None]
     scale_m = np.where(forms == "chen2011", 1.0, leg_m)
     timing = time_even_strides(durations_s, columns, cycle_duration_s(q), rngs)
-    phase = timing.phase
-    # frames and a whole cycle in one call, since the floor is below the lowest point of the cycle
-    both = np.concatenate([np.broadcast_to(_WHOLE_CYCLE, (len(q), _WHOLE_CYCLE.size)), phase], axis=1)
+    phase, height_m = timing.phase, columns.height_m
     signs = np.array([_SIGNS[config.form] for config in parameters])[:, None]
-    points = compute_boulic_points(both, q, columns.height_m, offset_scale_m=scale_m, offset_signs=signs)
+    points = compute_boulic_points(phase, q, height_m, offset_scale_m=scale_m, offset_signs=signs)
     points = points.transpose(2, 3, 0, 1)
-    lowest_m = points[_FEET, 2, :, : _WHOLE_CYCLE.size].min(axis=(0, 2))
-    points = points[..., _WHOLE_CYCLE.size :]
     points[:, 0] += 1.346 * np.sqrt(q) * scale_m * (phase - phase[:, :1])
-    points[:, 2] -= lowest_m[:, None]
+    size_m = {name: fraction * height_m for name, fraction in LENGTHS.items()}
+    points[:, 2] -= find_floor_m(q, size_m, offset_scale_m=scale_m, offset_signs=signs)
     return make_person_motions(points, timing, parameters, ["walk"] * len(q))
+
+
+def find_floor_m(q: FloatArray, size_m: Sizes, *, offset_scale_m: Values, offset_signs: npt.ArrayLike) -> FloatArray:
+    """Return the height of the lowest point of a whole cycle, (B, 1)."""
+    cycle = np.broadcast_to(_WHOLE_CYCLE, (len(q), _WHOLE_CYCLE.size))
+    both = np.stack([cycle + 0.5, cycle])
+    pelvis = {name: np.radians(angle) for name, angle in pelvis_angles_deg(cycle, q).items()}
+    legs = {joint: np.radians(_interpolate_joint(joint, both, q)) for joint in ("hip", "knee", "ankle")}
+    offset_m = offset_scale_m * compute_body_offset(cycle, q, signs=offset_signs)
+    height_m = place_lower_body(pelvis, legs, size_m)[:, 2] + offset_m[2]
+    return np.asarray(height_m.min(axis=(0, 2))[:, None])
 
 
 def compute_boulic_points(
@@ -352,7 +365,7 @@ def compute_boulic_points(
     Returns
     -------
     ndarray, shape (n, 17, 3)
-        Metres in the order of :data:`POINTS`; origin at the base of the spine of the average posture.
+        Metres in the order of ``human_body.POINTS``; origin at the base of the spine of the average posture.
 
     Raises
     ------

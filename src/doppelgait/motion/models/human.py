@@ -24,7 +24,6 @@ from doppelgait.motion.models.curves import join_curves, make_measured_curve, wa
 from doppelgait.motion.models.human_body import (
     ADULT_M,
     CHILD_M,
-    POINTS,
     Body,
     Curves,
     Hands,
@@ -141,8 +140,6 @@ RUN_DUTY = 0.337
 """Duty factor of the recorded runs, from the table at their mean speed."""
 WALK_ARMS = 0.65
 """Arm swing of recorded walkers relative to Boulic's: hands at 0.63 V about the trunk instead of 0.97 V, at 1.1 m/s."""
-_FEET = [n for n, name in enumerate(POINTS) if name.endswith(("ankle", "toe"))]
-_WHOLE_CYCLE = np.arange(1000) / 1000
 
 
 class HumanConfig(FrozenModel):
@@ -343,16 +340,13 @@ def _generate_styled(
             return np.asarray(style.stride_m * (cycles - phase[:, :1]))
         return np.broadcast_to(style.stride_m, cycles.shape)
 
+    points = style.pose(phase)
+    points[:, 0] += advance(phase, 0)
     if parameters[0].foot_lock:
-        points = style.pose(phase)
-        points[:, 0] += advance(phase, 0)
         place_feet(points, phase, advance, style, size_m, columns.length_asymmetry * style.stride_m / 8)
     else:
-        cycle = np.broadcast_to(_WHOLE_CYCLE, (len(phase), _WHOLE_CYCLE.size))
-        both = style.pose(np.concatenate([cycle, phase], axis=1))
-        points = both[..., _WHOLE_CYCLE.size :]
-        points[:, 0] += advance(phase, 0)
-        points[:, 2] -= both[_FEET, 2, :, : _WHOLE_CYCLE.size].min(axis=(0, 2))[:, None]
+        leg_m, _, _, q = _walk_timing(parameters, columns)
+        points[:, 2] -= boulic.find_floor_m(q, size_m, offset_scale_m=leg_m, offset_signs="continuous")
     timing = Timing(times_s, counts, clock, phase)
     return make_person_motions(points, timing, parameters, [config.actual_gait for config in parameters])
 

@@ -99,6 +99,16 @@ def compute_figure_points(
 ) -> FloatArray:
     """Return points relative to the base of the spine (Chen 2011)."""
     # Shapes: trunk_rad (..., n); limbs_rad (2, ..., n); returns (17, 3, ..., n)
+    lower = place_lower_body(trunk_rad, limbs_rad, size_m)
+    result = np.empty((len(POINTS), *lower.shape[1:]))
+    result[_LOWER], result[_UPPER] = lower, _place_upper_body(trunk_rad, limbs_rad, size_m)
+    return result
+
+
+def place_lower_body(
+    trunk_rad: Mapping[str, FloatArray], limbs_rad: Mapping[str, FloatArray], size_m: Sizes
+) -> FloatArray:
+    """Return base, hips, knees, ankles and toes."""
     # base of the spine, then hip, knee, ankle and toe of both sides
     below: list[Place] = [(0.0, 0.0, 0.0)]
     shank = limbs_rad["hip"] - limbs_rad["knee"]
@@ -111,9 +121,7 @@ def compute_figure_points(
     lower = _stack_points(below, shank.shape[1:])
     _rotate(lower, trunk_rad["pelvic_list"], axis=0)
     _rotate(lower, -trunk_rad["pelvic_torsion"], axis=2)
-    result = np.empty((len(POINTS), *lower.shape[1:]))
-    result[_LOWER], result[_UPPER] = lower, _place_upper_body(trunk_rad, limbs_rad, size_m)
-    return result
+    return lower
 
 
 def _place_upper_body(
