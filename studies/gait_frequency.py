@@ -414,9 +414,9 @@ def fit_example(example: Example) -> list[dict[str, Any]]:
     doubtful = truth_hz * seconds < 1.5 or min(example.aspect_deg, 180.0 - example.aspect_deg) > 60.0
     rows = []
     for _, mu in signatures(example, recording, Analysis(), FIT_SNR_DB):
-        seen = observe_signature(crop_to_frame(decimate(mu))[0], Analysis())[0]
-        rhythms = measure_target_rhythms(seen.aligned, seen.excess, seen.floor_v2)
-        evidence, prior = compute_terms(rhythms, float(seen.line_mps.mean()))
+        seen = observe_signature(crop_to_frame(decimate(mu))[0], Analysis())
+        rhythms = measure_target_rhythms([(seen.aligned, seen.excess, seen.floor_v2)])
+        (evidence,), (prior,) = compute_terms(rhythms, np.array([seen.line_mps.mean()]))
         terms = np.concatenate([evidence.reshape(-1, GRID_HZ.size), prior]).astype(np.float32)
         weight = (1.0 if example.source == "model" else 2.0) * (0.3 if doubtful else 1.0)
         rows.append({"truth_hz": truth_hz, "weight": weight, "terms": terms, "seconds": seconds})

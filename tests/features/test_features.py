@@ -273,7 +273,9 @@ def test_width_is_that_of_the_run_about_the_largest_share_e35():
     # left: between 2 (0.02) and 3 (0.10) at 3 - 5/8; right: between 7 (0.06) and 8 (0.01) at 7 + 1/5
     assert width_of_bins(share) == pytest.approx(7.2 - (3 - 5 / 8))
     assert width_of_bins(np.full(9, 0.5)) == 8.0
-    assert width_of_bins(np.full(9, 0.01)) is None
+    np.testing.assert_array_equal(
+        width_of_bins(np.stack([share, np.full(share.size, 0.01)])), [width_of_bins(share), np.nan]
+    )
     wide = np.convolve(np.ones(5), np.ones(3)) / 3  # symmetric
     assert width_of_bins(wide) == pytest.approx(width_of_bins(wide[::-1]))
 

@@ -116,13 +116,12 @@ def rhythms(seed=0, n_columns=150, rate_hz=40.0):
     t = np.arange(n_columns) / rate_hz
     waves = [np.cos(2 * np.pi * 1.9 * t[:, None] + rng.uniform(0, 6, 5)) + rng.standard_normal((n_columns, 5))]
     waves.append(np.cos(2 * np.pi * 3.8 * t[:, None] + rng.uniform(0, 6, 7)) + rng.standard_normal((n_columns, 7)))
-    return tuple(one for values in waves for one in measure_rhythms([values], rate_hz))
+    return measure_rhythms([waves], rate_hz)
 
 
 def test_the_posterior_is_the_weighted_sum_of_its_terms():
-    found = compute_posterior(rhythms(), -1.3)
+    (found,), ((evidence,), (prior,)) = (f(rhythms(), np.array([-1.3])) for f in (compute_posterior, compute_terms))
     assert found.sum() == pytest.approx(1.0)
-    evidence, prior = compute_terms(rhythms(), -1.3)
     place = np.array([70, 120])  # ratio of two frequencies, term by term
     logs = [
         sum(WEIGHTS[s, n] * evidence[s, n, p] for s in range(4) for n in range(9))
@@ -153,8 +152,9 @@ def literal_likeness(values, lag):
 @pytest.mark.parametrize("lag", [1, 17, 80])
 def test_the_plain_rhythm_is_the_square_difference(lag):
     values = np.random.default_rng(2).standard_normal((150, 7))
-    plain, _ = measure_rhythms([values], 50.0)
-    assert plain.likeness[lag] == pytest.approx(literal_likeness(values, lag), rel=1e-9)
+    assert measure_rhythms([[values]], 50.0).likeness[0, 0, lag] == pytest.approx(
+        literal_likeness(values, lag), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("lag", [1, 17, 80])
@@ -166,20 +166,21 @@ def test_the_whitened_rhythm_filters_and_equalises_every_row(lag):
         white[j] -= 0.7 * values[j - 1]
     energy = (white**2).sum(axis=0)
     white /= np.sqrt(energy + 1e-3 * energy.max())
-    _, whitened = measure_rhythms([values], 50.0)
-    assert whitened.likeness[lag] == pytest.approx(literal_likeness(white, lag), rel=1e-9)
+    assert measure_rhythms([[values]], 50.0).likeness[0, 1, lag] == pytest.approx(
+        literal_likeness(white, lag), rel=1e-9
+    )
 
 
 def test_the_spectrum_is_that_of_the_windowed_autocorrelation():
     values = np.random.default_rng(2).standard_normal((150, 3)) + np.cos(np.arange(150) / 4.0)[:, None]
-    plain, _ = measure_rhythms([values], 50.0)
+    plain = measure_rhythms([[values]], 50.0).take(0)
     products = [sum(v[: 150 - lag] @ v[lag:] for v in values.T) for lag in range(150)]
     window = 0.5 + 0.5 * np.cos(np.pi * np.arange(150) / 150)
-    frequency_hz = np.arange(plain.share.size) * plain.step_hz
+    frequency_hz = np.arange(plain.share.shape[1]) * plain.step_hz
     waves = np.cos(2 * np.pi * np.outer(frequency_hz, np.arange(150)) / 50.0)
     power = np.maximum(2 * waves @ (products * window) - products[0], 0.0)
     power /= power[frequency_hz > 0.5].sum() * plain.step_hz * 150 / 50.0
-    np.testing.assert_allclose(plain.share, power, atol=1e-9 * power.max())
+    np.testing.assert_allclose(plain.share[0], power, atol=1e-9 * power.max())
 
 
 @pytest.mark.parametrize("at_hz", [-130.0, 0.0, 60.0])
@@ -233,12 +234,17 @@ def squares(values, frequency_hz, rate_hz, n_harmonics):
     return ((basis @ np.linalg.lstsq(basis, values, rcond=None)[0]) ** 2).sum()
 
 
+def refine(frequency_hz, values):
+    rhythm = measure_rhythms([[values]], 40.0)
+    return refine_on_harmonics(frequency_hz, rhythm.share[0, :1], rhythm.step_hz)
+
+
 @pytest.mark.parametrize("frequency_hz", [0.93, 1.87, 2.3])
 def test_harmonics_make_the_frequency_that_of_least_squares(frequency_hz):
     t = np.arange(200) / 40.0
     wave = sum(np.cos(2 * np.pi * h * frequency_hz * t + h) / h for h in range(1, 5))
     values = np.outer(wave, np.ones(12)) + np.random.default_rng(3).standard_normal((200, 12))
-    found, _ = refine_on_harmonics(frequency_hz * 1.03, [measure_rhythms([values], 40.0)[0]])
+    found, _ = refine(frequency_hz * 1.03, values)
     trials_hz = frequency_hz * np.linspace(0.97, 1.03, 241)
     direct_hz = trials_hz[np.argmax([squares(values, trial, 40.0, 6) for trial in trials_hz])]
     assert found == pytest.approx(direct_hz, rel=0.003)
@@ -248,15 +254,14 @@ def test_harmonics_make_the_frequency_that_of_least_squares(frequency_hz):
 def test_the_width_shrinks_with_the_time_observed():
     def width(seconds):
         t = np.arange(round(40 * seconds)) / 40.0
-        return refine_on_harmonics(1.9, [measure_rhythms([np.cos(2 * np.pi * 1.9 * t)[:, None]], 40.0)[0]])[1]
+        return refine(1.9, np.cos(2 * np.pi * 1.9 * t)[:, None])[1]
 
     assert width(5.0) / width(8.0) == pytest.approx(1.6, rel=0.15)  # a line's width goes with 1 / T_o
 
 
 def test_a_frequency_outside_the_search_stays():
     t = np.arange(200) / 40.0
-    rhythm, _ = measure_rhythms([np.cos(2 * np.pi * 2.5 * t)[:, None]], 40.0)
-    found, width_hz = refine_on_harmonics(2.3, [rhythm])
+    found, width_hz = refine(2.3, np.cos(2 * np.pi * 2.5 * t)[:, None])
     assert found == 2.3
     assert np.isnan(width_hz)
 
@@ -264,8 +269,8 @@ def test_a_frequency_outside_the_search_stays():
 def test_sets_of_rows_are_measured_together_as_alone_e33():
     rng = np.random.default_rng(1)
     sets = [rng.standard_normal((90, 5)), 30.0 * rng.standard_normal((90, 3))]
-    together = measure_rhythms(sets, 40.0)
-    alone = [one for values in sets for one in measure_rhythms([values], 40.0)]
-    for one, other in zip(together, alone, strict=True):
-        np.testing.assert_allclose(one.likeness, other.likeness, atol=1e-12)
-        np.testing.assert_allclose(one.share, other.share, atol=1e-12 * other.share.max())
+    together = measure_rhythms([sets], 40.0)
+    for n, values in enumerate(sets):
+        alone, own = measure_rhythms([[values]], 40.0), slice(2 * n, 2 * n + 2)
+        np.testing.assert_allclose(together.likeness[:, own], alone.likeness, atol=1e-12)
+        np.testing.assert_allclose(together.share[:, own], alone.share, atol=1e-12 * alone.share.max())

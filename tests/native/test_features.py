@@ -187,9 +187,9 @@ def test_lags_are_sums_of_products_e33(first, count, n_rows):
 
 def test_highest_value_on_straight_lines_between_samples():
     values = random(40)
-    for low, high in ((3.2, 3.9), (0.0, 39.0), (38.7, 39.0), (12.0, 12.0)):
-        wanted = np.interp(np.linspace(low, high, 9), np.arange(40), values).max()
-        assert find_highest(values, low, high) == pytest.approx(wanted, rel=1e-13)
+    low, high = np.array([3.2, 0.0, 38.7, 12.0]), np.array([3.9, 39.0, 39.0, 12.0])
+    wanted = [np.interp(np.linspace(a, b, 9), np.arange(40), values).max() for a, b in zip(low, high, strict=True)]
+    np.testing.assert_allclose(find_highest(np.tile(values, (4, 1)), low, high), wanted, rtol=1e-13)
 
 
 def test_amplitudes_of_groups_without_noise_are_those_of_rows_above_it():
@@ -301,12 +301,12 @@ def test_powers_about_a_line_count_cells_at_the_edge_in_part_and_go_round():
 def test_torso_swing_is_the_filled_smoothed_centroid_without_its_slow_part(gaps):
     square, moment, basis = np.abs(random(40)) + 0.1, random(40), np.linalg.qr(np.vander(np.linspace(-1, 1, 40), 3))[0]
     square[gaps] = 0.0
-    found = measure_swing(square, moment, 2.2, basis)
+    (found,) = measure_swing(square[None], moment[None], 2.2, basis)
     column = np.flatnonzero(square)
     line = np.interp(np.arange(40), column, moment[column] / square[column])
     line = ndimage.gaussian_filter1d(line, 2.2, mode="nearest")
     np.testing.assert_allclose(found, line - basis @ (basis.T @ line), atol=1e-12)
-    assert np.isnan(measure_swing(np.arange(40.0) - 20.0, moment, 2.2, basis)).all()
+    assert np.isnan(measure_swing(np.arange(40.0)[None] - 20.0, moment[None], 2.2, basis)).all()
 
 
 def test_a_ridge_is_refined_by_the_centroid_of_three_cells():
@@ -351,7 +351,7 @@ def test_parts_of_a_swing_are_the_least_squares_fit(orders):
     values = random(90)
     phase = 0.11 * np.outer(np.arange(90), orders)
     wanted = np.linalg.lstsq(np.concatenate([np.cos(phase), np.sin(phase)], axis=1), values, rcond=None)[0]
-    found = fit_waves(values, 0.11, np.array(orders))
+    (found,) = fit_waves(values[None], np.array([0.11]), np.array(orders))
     np.testing.assert_allclose(found, np.hypot(*wanted.reshape(2, -1)), rtol=1e-10)
 
 
@@ -419,8 +419,9 @@ def test_share_of_the_power_near_four_harmonics():
     near = np.min([np.abs(cadence_hz - h * 2.3) for h in (1, 2, 3, 4)], axis=0) <= 0.4
     band = (cadence_hz >= LOWEST_HZ) & (cadence_hz <= SALIENT_HZ)
     wanted = share[band & near].sum() / share[band].sum()
-    assert compute_salience(Rhythm(share, 40.0, share, 0.1), 2.3, 0.4) == pytest.approx(wanted, rel=1e-12)
-    assert compute_salience(Rhythm(share, 40.0, np.zeros(50), 0.1), 2.3, 0.4) == 0.0
+    shares = np.stack([share, np.zeros(250)])
+    found = compute_salience(Rhythm(shares, 40.0, shares, 0.1), np.full(2, 2.3), 0.4)
+    np.testing.assert_allclose(found, [wanted, 0.0], rtol=1e-12)
 
 
 @pytest.mark.parametrize("size", [60, 300])

@@ -28,6 +28,7 @@ from doppelgait.pipeline import (
 )
 from doppelgait.pipeline.result import LABELLED_ARRAYS, LateArrays
 from doppelgait.pipeline.result_files import is_result_file
+from doppelgait.pipeline.target import analyze_signature, analyze_signatures
 from doppelgait.processing import Analysis, Gate
 
 WALK = {"kind": "boulic", "speed_mps": 1.3, "height_m": 1.75}
@@ -45,6 +46,33 @@ ANALYSES = {
 @pytest.fixture(scope="module")
 def recording():
     return run_simulation(parse_run(SCENE, where="scene"))
+
+
+def test_targets_are_analysed_together_as_alone(recording):
+    first = analyze(recording, gate="truth", analysis=Analysis(hop=10))[0]
+    mu, rng = first.signature, np.random.default_rng(4)
+    noise = [mu.values.max() * level * rng.exponential(size=mu.shape).astype(np.float32) for level in (0.01, 0.3)]
+    still = mu.copy(data=np.broadcast_to(mu.values[:1], mu.shape).copy())
+    several = [
+        mu,
+        mu.copy(data=noise[0] + mu.values),
+        mu[:200],
+        mu.copy(data=noise[1]),
+        still,
+        mu[:, 1:],
+        mu[40:240],
+        mu,
+    ]
+    several += [mu.copy(data=mu.values[::-1] + noise[0]), mu.copy(data=np.zeros_like(mu.values))]
+    analyses = [Analysis(method="liland2018") if n == 7 else Analysis(normalisation="r4") for n in range(len(several))]
+    gates, labels = [first.gate] * len(several), [str(n) for n in range(len(several))]
+    together = analyze_signatures(several, gates, analyses, labels=labels)
+    assert together == [
+        analyze_signature(mu, first.gate, analysis, label=label)
+        for mu, analysis, label in zip(several, analyses, labels, strict=True)
+    ]
+    assert len({result.gait_frequency_hz for result in together}) > 5
+    assert analyze_signatures([], [], [], labels=[]) == []
 
 
 @pytest.fixture(scope="module")

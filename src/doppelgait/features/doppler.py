@@ -55,6 +55,14 @@ def strongest_cells_v2(signature: Signal) -> npt.NDArray[Any]:
     return np.asarray(found)
 
 
+def compute_snr_db(strongest_v2: npt.NDArray[Any], floor_v2: float) -> float:
+    """Compute the signature SNR in dB; it is infinite without noise."""
+    peak = compute_quantile(strongest_v2, 0.5)
+    if peak <= floor_v2:
+        return -np.inf
+    return 10.0 * math.log10((peak - floor_v2) / floor_v2) if floor_v2 > 0 else np.inf
+
+
 def compute_quantile(values: npt.NDArray[np.floating[Any]], share: float) -> float:
     """Compute quantiles of values without NaN."""
     # the result equals np.quantile
@@ -81,21 +89,27 @@ def _compute_noise_excess(n_bins: float) -> float:
     return float(gammainccinv(n_bins, WIDTH_SHARE)) / n_bins - 1.0
 
 
-def width_of_bins(share: FloatArray) -> float | None:
-    """Measure the width in Doppler bins above the level (E-35). Shapes: share (K,).
-    Its ends are interpolated to the level; where it does not end it reaches the end of the axis.
+def width_of_bins(share: FloatArray) -> FloatArray:
+    """Measure the width in Doppler bins above the level (E-35). Shapes: share (..., K); result (...).
+    Its ends are interpolated to the level; where it does not end it reaches the end of the axis. It is NaN without any.
     """
-    peak, level, width = int(share.argmax()), share.tolist(), 0.0
-    if not level[peak] >= WIDTH_SHARE:
-        return None
+    rows = share.reshape(-1, share.shape[-1])
+    number, bins, peak = np.arange(len(rows)), np.arange(share.shape[-1]), rows.argmax(axis=-1)
+    above, width = rows >= WIDTH_SHARE, np.zeros(len(rows))
+    has_width = above[number, peak]
     for step in (-1, 1):
-        k = peak
-        while 0 <= k + step < len(level) and level[k + step] >= WIDTH_SHARE:
-            k += step
-        width += abs(k - peak)
-        if 0 <= k + step < len(level):
-            width += 1.0 - (WIDTH_SHARE - level[k + step]) / (level[k] - level[k + step])
-    return width
+        beyond = ~above & (step * bins > step * peak[:, np.newaxis])
+        ends = beyond.any(axis=-1) & has_width
+        # the last bin above the level and the first one below
+        first = np.where(ends, beyond.argmax(axis=-1), bins.size)
+        if step < 0:
+            first = np.where(ends, bins.size - 1 - beyond[:, ::-1].argmax(axis=-1), -1)
+        last = first - step
+        level, next_level = rows[number, last], rows[number, np.clip(first, 0, bins.size - 1)]
+        width += np.abs(last - peak)
+        drop = np.where(ends, level - next_level, 1.0)
+        width += np.where(ends, 1.0 - (WIDTH_SHARE - next_level) / drop, 0.0)
+    return np.asarray(np.where(has_width, width, np.nan).reshape(share.shape[:-1]))
 
 
 def bandwidth_threshold_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, *, threshold: float) -> float:

@@ -8,26 +8,21 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from doppelgait.core.labels import SIGNATURE, Signal, measures_signal
 from doppelgait.core.plugins import plugin
-from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.features.doppler import (
     LEAST_NOISE_SIGMAS,
     bandwidth_threshold_hz,
     compute_quantile,
+    compute_snr_db,
     single_tone_width_hz,
     strongest_cells_v2,
-    width_of_bins,
 )
 from doppelgait.features.feature_set import FEATURE_UNITS, Extraction, GaitFeatures
-from doppelgait.features.gait_frequency import GaitFrequency, estimate_gait_frequency
+from doppelgait.features.gait_frequency import GaitFrequency
 from doppelgait.features.harmonics import LimbTorsoRatio, highest_cadence_hz, peak_ratio, ratio_of_rows
-from doppelgait.features.observed import Observation
+from doppelgait.features.observed import MIN_SNR_DB, Observation
 
-MIN_SNR_DB = 0.0
 MAX_HOP_SHARE = 0.5
 """Largest hop as a share of the processing interval; with a larger hop the modulation aliases."""
 MIN_PERIODS = 1.5
@@ -56,14 +51,7 @@ def snr_mu_db(signature: Signal, floor_v2: float) -> float:
     >>> round(dg.features.snr_mu_db(result.signature, result.quality["noise_floor_v2"]))
     56
     """
-    return _snr_db(strongest_cells_v2(signature), floor_v2)
-
-
-def _snr_db(strongest_v2: npt.NDArray[Any], floor_v2: float) -> float:
-    peak = compute_quantile(strongest_v2, 0.5)
-    if peak <= floor_v2:
-        return -np.inf
-    return 10.0 * math.log10((peak - floor_v2) / floor_v2) if floor_v2 > 0 else np.inf
+    return compute_snr_db(strongest_cells_v2(signature), floor_v2)
 
 
 def extract(observed: Observation, *, bandwidth_threshold: float, cpi_s: float, window_steepness: float) -> Extraction:
@@ -98,21 +86,17 @@ def extract(observed: Observation, *, bandwidth_threshold: float, cpi_s: float, 
     >>> round(found.features.torso_velocity_mps, 1), round(found.features.step_length_m, 1)
     (1.2, 0.7)
     """
-    snr_db = _snr_db(observed.strongest_v2, observed.floor_v2)
     quality: dict[str, Any] = {
-        "snr_mu_db": snr_db,
+        "snr_mu_db": observed.snr_db,
         "noise_floor_v2": observed.floor_v2,
         "observation_s": observed.observation_s,
     }
-    if not snr_db > MIN_SNR_DB:
+    if not observed.snr_db > MIN_SNR_DB:
         return Extraction(GaitFeatures(), None, None, None, quality, ("no_signal",))
     flags: list[str] = []
-    torso_hz = float(observed.main_line_hz.mean()) + observed.bend_mps / observed.mps_per_hz
+    torso_hz, velocity_mps, gait = observed.torso_hz, observed.torso_mps, observed.gait
     if not observed.agreed:
         flags.append("torso_velocity,step_length:main_line_differs_from_track")
-    wavelength_m = float(observed.signature.attrs["wavelength_m"])
-    velocity_mps = float(doppler_to_velocity_mps(torso_hz, wavelength_m))
-    gait = estimate_gait_frequency(observed.aligned, observed.excess, observed.floor_v2, velocity_mps=velocity_mps)
     bandwidth_hz = _measure_bandwidth_hz(observed, flags)
     full_hz = observed.envelope_width_hz
     if full_hz is not None and full_hz > FULL_BAND_SHARE * float(observed.signature.attrs["prf_hz"]):
@@ -151,12 +135,10 @@ def _measure_bandwidth_hz(observed: Observation, flags: list[str]) -> float | No
     if compute_quantile(observed.width_level_v2, 0.5) < LEAST_NOISE_SIGMAS * observed.noise_sd_v2:
         flags.append("doppler_bandwidth:noise_above_its_level")
         return None
-    n_columns = observed.power_v2.shape[0]
-    width = width_of_bins(observed.count_above_level(np.array([0, n_columns]))[0] / n_columns)
-    if width is None or not observed.width_level_v2.any():
+    if math.isnan(observed.width_bins) or not observed.width_level_v2.any():
         flags.append("doppler_bandwidth:signal_in_too_few_columns")
         return None
-    return width * observed.bin_mps / observed.mps_per_hz
+    return observed.width_bins * observed.bin_mps / observed.mps_per_hz
 
 
 def _check_frequency(gait: GaitFrequency, columns: Mapping[Any, Any], flags: list[str]) -> float | None:

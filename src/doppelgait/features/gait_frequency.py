@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -116,12 +116,16 @@ class GaitFrequency:
 
 @dataclass(frozen=True)
 class Rhythm:
-    """Autocorrelation and spectrum of a set of rows. Shapes: likeness (J,); share (Q,) (E-33)."""
+    """Autocorrelation and spectrum of sets of rows. Shapes: likeness (..., J); share (..., Q) (E-33)."""
 
     likeness: FloatArray
     rate_hz: float
     share: FloatArray
     step_hz: float
+
+    def take(self, number: int) -> Rhythm:
+        """Return one set of every target."""
+        return replace(self, likeness=self.likeness[:, number], share=self.share[:, number])
 
 
 def estimate_gait_frequency(
@@ -159,54 +163,77 @@ def estimate_gait_frequency(
     >>> round(found.frequency_hz, 1), round(recording.truth[0].gait_frequency_hz, 1)  # estimated, true
     (1.8, 1.8)
     """
-    rows = Signal.of(aligned, NORMALISED_SIGNATURE)
-    rhythms = measure_target_rhythms(rows, Signal.of(excess, SIGNATURE, NORMALISED_SIGNATURE), floor_v2)
-    whole, limbs = rhythms[0], rhythms[2]
-    seconds = whole.likeness.size / whole.rate_hz
-    if not whole.likeness.any() or GRID_HZ[-1] * seconds < LEAST_PERIODS:
-        return GaitFrequency()
+    target = Signal.of(aligned, NORMALISED_SIGNATURE), Signal.of(excess, SIGNATURE, NORMALISED_SIGNATURE), floor_v2
+    return estimate_gait_frequencies(measure_target_rhythms([target]), np.array([velocity_mps]))[0]
+
+
+def estimate_gait_frequencies(rhythms: Rhythm, velocity_mps: FloatArray) -> list[GaitFrequency]:
+    """Estimate f_mu of many targets (E-33). Shapes: rhythms (B, 4, ...); velocity_mps (B,)."""
+    whole, limbs = rhythms.take(0), rhythms.take(2)
+    n_columns = whole.likeness.shape[-1]
+    seconds, found = n_columns / whole.rate_hz, [GaitFrequency()] * len(velocity_mps)
+    changes = np.flatnonzero(whole.likeness.any(axis=-1))
+    if not changes.size or GRID_HZ[-1] * seconds < LEAST_PERIODS:
+        return found
     posterior = compute_posterior(rhythms, velocity_mps)
-    near = np.convolve(posterior, np.ones(2 * NEAR_STEPS + 1), "same")
-    best = int(near.argmax())
-    around = slice(max(best - NEAR_STEPS, 0), best + NEAR_STEPS + 1)
-    start_hz = math.exp(float(posterior[around] @ LOG_GRID[around] / posterior[around].sum()))
-    frequency_hz, width_hz = refine_on_harmonics(start_hz, [whole, limbs])
-    others = np.where(np.abs(np.arange(GRID_HZ.size) - best) > 2 * NEAR_STEPS, near, 0.0)
-    lag, last = whole.rate_hz / frequency_hz, float(whole.likeness.size - 1)
-    return GaitFrequency(
-        frequency_hz=frequency_hz,
-        confidence=min(float(near[best]), 1.0),
-        uncertainty_hz=width_hz if math.isfinite(width_hz) else None,
-        half_probability=_sum_posterior(near, 0.5 * frequency_hz),
-        double_probability=_sum_posterior(near, 2.0 * frequency_hz),
-        second_hz=float(GRID_HZ[others.argmax()]),
-        periodicity=find_highest(whole.likeness, 0.95 * lag, min(1.05 * lag, last)) if lag <= last else 0.0,
-        salience=compute_salience(whole, frequency_hz, 1.2 / seconds),
-        n_periods=frequency_hz * seconds,
-    )
+    near = np.stack([np.convolve(row, np.ones(2 * NEAR_STEPS + 1), "same") for row in posterior])
+    best = near.argmax(axis=-1)
+    others = np.where(np.abs(np.arange(GRID_HZ.size) - best[:, np.newaxis]) > 2 * NEAR_STEPS, near, 0.0)
+    second_hz = GRID_HZ[others.argmax(axis=-1)].tolist()
+    frequency_hz, width_hz = np.ones((2, best.size))
+    for n in changes.tolist():
+        around = slice(max(best[n] - NEAR_STEPS, 0), best[n] + NEAR_STEPS + 1)
+        start_hz = math.exp(float(posterior[n, around] @ LOG_GRID[around] / posterior[n, around].sum()))
+        frequency_hz[n], width_hz[n] = refine_on_harmonics(start_hz, [whole.share[n], limbs.share[n]], whole.step_hz)
+    lag, last = whole.rate_hz / frequency_hz, float(n_columns - 1)
+    periodicity = np.where(lag <= last, find_highest(whole.likeness, 0.95 * lag, np.minimum(1.05 * lag, last)), 0.0)
+    salience = compute_salience(whole, frequency_hz, 1.2 / seconds).tolist()
+    for n in changes.tolist():
+        f_hz = float(frequency_hz[n])
+        found[n] = GaitFrequency(
+            frequency_hz=f_hz,
+            confidence=min(float(near[n, best[n]]), 1.0),
+            uncertainty_hz=float(width_hz[n]) if math.isfinite(width_hz[n]) else None,
+            half_probability=_sum_posterior(near[n], 0.5 * f_hz),
+            double_probability=_sum_posterior(near[n], 2.0 * f_hz),
+            second_hz=second_hz[n],
+            periodicity=float(periodicity[n]),
+            salience=salience[n],
+            n_periods=f_hz * seconds,
+        )
+    return found
 
 
-def find_highest(values: FloatArray, low: float, high: float) -> float:
+def find_highest(values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
     """Find the largest of nine values between two places, on straight lines between samples."""
-    return float(np.interp(np.linspace(low, high, 9), np.arange(values.size), values).max())
+    # Shapes: values (B, J); low, high (B,)
+    places = np.linspace(low, high, 9, axis=-1)
+    highest = [np.interp(at, np.arange(row.size), row).max() for at, row in zip(places, values, strict=True)]
+    return np.array(highest)
 
 
-def compute_salience(rhythm: Rhythm, frequency_hz: float, reach_hz: float) -> float:
-    """Compute the share of the cadence power near four harmonics."""
-    cadence_hz = rhythm.step_hz * np.arange(rhythm.share.size)
+def compute_salience(rhythm: Rhythm, frequency_hz: FloatArray, reach_hz: float) -> FloatArray:
+    """Compute the share of the cadence power near four harmonics. Shapes: frequency_hz (B,)."""
+    cadence_hz, at_hz = rhythm.step_hz * np.arange(rhythm.share.shape[-1]), frequency_hz[:, np.newaxis]
     first, stop = np.searchsorted(cadence_hz, LOWEST_HZ), np.searchsorted(cadence_hz, SALIENT_HZ, "right")
-    band, cadence_hz = rhythm.share[first:stop], cadence_hz[first:stop]
-    nearest = np.clip(np.rint(cadence_hz / frequency_hz), 1.0, 4.0)
-    total = float(band.sum())
-    return float(band[np.abs(cadence_hz - nearest * frequency_hz) <= reach_hz].sum()) / total if total > 0.0 else 0.0
+    band, cadence_hz = rhythm.share[:, first:stop], cadence_hz[first:stop]
+    nearest = np.clip(np.rint(cadence_hz / at_hz), 1.0, 4.0)
+    is_near, total = np.abs(cadence_hz - nearest * at_hz) <= reach_hz, band.sum(axis=-1)
+    near = np.array([row[inside].sum() for row, inside in zip(band, is_near, strict=True)])
+    return np.asarray(np.divide(near, total, out=np.zeros(total.size), where=total > 0.0))
 
 
-def measure_target_rhythms(aligned: Signal, excess: Signal, floor_v2: float) -> tuple[Rhythm, ...]:
-    """Measure four sets of rows, two of them whitened."""
-    slow = average_columns(aligned)
-    wide = summed_rows(slow, slow.bin_hz)
-    limbs = limb_rows(slow, _compute_cell_noise(slow, aligned, excess, floor_v2))
-    return measure_rhythms([detrend_rows(wide.values, wide.rate_hz), limbs.values], wide.rate_hz)
+def measure_target_rhythms(targets: Sequence[tuple[Signal, Signal, float]]) -> Rhythm:
+    """Measure four sets of rows of every target, two of them whitened.
+    Targets (:func:`estimate_gait_frequency`: aligned, excess, floor) have equal axes. The leading axes are (B, 4).
+    """
+    rows = []
+    for aligned, excess, floor_v2 in targets:
+        slow = average_columns(aligned)
+        wide = summed_rows(slow, slow.bin_hz)
+        limbs = limb_rows(slow, _compute_cell_noise(slow, aligned, excess, floor_v2))
+        rows.append([detrend_rows(wide.values, wide.rate_hz), limbs.values])
+    return measure_rhythms(rows, slow.rate_hz)
 
 
 def _compute_cell_noise(slow: Rows, aligned: Signal, excess: Signal, floor_v2: float) -> FloatArray:
@@ -220,40 +247,37 @@ def _compute_cell_noise(slow: Rows, aligned: Signal, excess: Signal, floor_v2: f
     return np.asarray(np.divide(weight, total_v2, out=np.zeros(total_v2.size), where=total_v2 > 0))
 
 
-def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm, ...]:
+def measure_rhythms(rows: Sequence[Sequence[FloatArray]], rate_hz: float) -> Rhythm:
     """Measure autocorrelation and spectrum of sets of rows."""
-    # each set is measured unchanged and whitened. Shapes: rows (J, K)
+    # each set is measured unchanged and whitened. Shapes: rows B x S x (J, K); leading axes of the result (B, 2 S)
     from scipy import fft
 
-    values, stops = np.concatenate(rows, axis=1), np.cumsum([some.shape[1] for some in rows])
-    (n_columns, n_rows), n_series = values.shape, 2 * len(rows)
+    n_columns, n_series = rows[0][0].shape[0], 2 * len(rows[0])
     length, padded, window = _choose_lengths(n_columns)
-    # two real rows form one complex row
-    pairs, weight = np.empty((length, (n_rows + 1) // 2), dtype=np.complex128), np.empty(n_rows)
-    until = np.empty((n_series, n_columns + 1))
-    native.weigh_rows(values, stops, WHITENING, WEAK_ROW, pairs.view(np.float64), weight, until)
-    lines = fft.fft(pairs, axis=0, overwrite_x=True).view(np.float64)
-    powers = np.empty((n_series, length // 2 + 1), dtype=np.complex128)
-    native.powers_of_pairs(lines, stops, weight, WHITENING, powers)
-    products, step_hz = np.fft.irfft(powers, length)[:, :n_columns], rate_hz / padded
-    likeness = normalise_products(products, until)
+    until = np.empty((len(rows), n_series, n_columns + 1))
+    powers = np.empty((len(rows), n_series, length // 2 + 1), dtype=np.complex128)
+    for sets, before, power in zip(rows, until, powers, strict=True):
+        values, stops = np.concatenate(sets, axis=1), np.cumsum([some.shape[1] for some in sets])
+        # two real rows form one complex row
+        n_rows = values.shape[1]
+        pairs, weight = np.empty((length, (n_rows + 1) // 2), dtype=np.complex128), np.empty(n_rows)
+        native.weigh_rows(values, stops, WHITENING, WEAK_ROW, pairs.view(np.float64), weight, before)
+        lines = fft.fft(pairs, axis=0, overwrite_x=True).view(np.float64)
+        native.powers_of_pairs(lines, stops, weight, WHITENING, power)
+    products, step_hz = np.fft.irfft(powers, length)[..., :n_columns], rate_hz / padded
+    # autocorrelation: products over lags, divided by the power of their columns (E-33)
+    both = until[..., :0:-1] + (until[..., -1:] - until[..., :-1])
+    likeness = np.divide(2.0 * products, both, out=np.zeros_like(both), where=both > 0.0)
     share = compute_shares(products * window, padded, int(LOWEST_HZ / step_hz) + 1) / (step_hz * n_columns / rate_hz)
-    return tuple(Rhythm(of_one, rate_hz, spectrum, step_hz) for of_one, spectrum in zip(likeness, share, strict=True))
-
-
-def normalise_products(products: FloatArray, until: FloatArray) -> FloatArray:
-    """Divide products over lags by the power of their columns (E-33)."""
-    # Shapes: products (N, J); until (N, J + 1), the power before each column
-    both = until[:, :0:-1] + (until[:, -1:] - until[:, :-1])
-    return np.divide(2.0 * products, both, out=np.zeros_like(both), where=both > 0.0)
+    return Rhythm(likeness, rate_hz, share, step_hz)
 
 
 def compute_shares(products: FloatArray, padded: int, first: int) -> FloatArray:
     """Compute spectra as shares of the power from line ``first`` on."""
     # the other half of an autocorrelation is equal, so that its transform is 2 Re minus the product without lag
-    power = np.maximum(2.0 * np.fft.rfft(products, padded).real - products[:, :1], 0.0)
-    total = power[:, first:].sum(axis=1, keepdims=True)
-    return power / np.where(total > 0.0, total, 1.0)
+    power = np.maximum(2.0 * np.fft.rfft(products, padded).real - products[..., :1], 0.0)
+    total = power[..., first:].sum(axis=-1, keepdims=True)
+    return np.asarray(power / np.where(total > 0.0, total, 1.0))
 
 
 @lru_cache(maxsize=8)
@@ -266,30 +290,30 @@ def _choose_lengths(n_columns: int) -> tuple[int, int, FloatArray]:
     return length, padded, 0.5 + 0.5 * np.cos(np.pi * np.arange(n_columns) / n_columns)
 
 
-def compute_terms(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[FloatArray, FloatArray]:
+def compute_terms(rhythms: Rhythm, velocity_mps: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the terms of the log posterior on the grid."""
-    # the terms have the shapes (4, 9, frequency) for the rows and (5, frequency) for the prior
-    evidence = np.empty((*WEIGHTS.shape, GRID_HZ.size))
-    for rhythm, out in zip(rhythms, evidence, strict=True):
-        native.rhythm_evidence(rhythm.likeness, rhythm.rate_hz, rhythm.share, rhythm.step_hz, GRID_HZ, out)
-    seconds = rhythms[0].likeness.size / rhythms[0].rate_hz
-    step, prior = math.log(max(abs(velocity_mps), SLOWEST_MPS)) - LOG_GRID, np.empty((5, GRID_HZ.size))
-    prior[0], prior[1], prior[2] = LOG_GRID, SQUARE_LOG_GRID, step
-    np.multiply(step, step, out=prior[3])
-    np.maximum(0.0, math.log(3.0 / seconds) - LOG_GRID, out=prior[4])
+    # the terms have the shapes (B, 4, 9, frequency) for the rows and (B, 5, frequency) for the prior
+    n_columns, n_lines = rhythms.likeness.shape[-1], rhythms.share.shape[-1]
+    evidence = np.empty((len(velocity_mps), *WEIGHTS.shape, GRID_HZ.size))
+    series = rhythms.likeness.reshape(-1, n_columns), rhythms.share.reshape(-1, n_lines)
+    for likeness, share, out in zip(*series, evidence.reshape(-1, 9, GRID_HZ.size), strict=True):
+        native.rhythm_evidence(likeness, rhythms.rate_hz, share, rhythms.step_hz, GRID_HZ, out)
+    prior = np.empty((len(velocity_mps), 5, GRID_HZ.size))
+    prior[:, 0], prior[:, 1] = LOG_GRID, SQUARE_LOG_GRID
+    prior[:, 2] = np.array([[math.log(max(abs(v), SLOWEST_MPS))] for v in velocity_mps.tolist()]) - LOG_GRID
+    np.multiply(prior[:, 2], prior[:, 2], out=prior[:, 3])
+    prior[:, 4] = np.maximum(0.0, math.log(3.0 / (n_columns / rhythms.rate_hz)) - LOG_GRID)
     return evidence, prior
 
 
-def compute_posterior(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> FloatArray:
-    """Compute the posterior on the grid, with sum 1."""
+def compute_posterior(rhythms: Rhythm, velocity_mps: FloatArray) -> FloatArray:
+    """Compute the posterior on the grid, with sum 1. Shapes: velocity_mps (B,); result (B, frequency)."""
     evidence, prior = compute_terms(rhythms, velocity_mps)
-    seconds = rhythms[0].likeness.size / rhythms[0].rate_hz
-    first = int(np.searchsorted(GRID_HZ, LEAST_PERIODS / seconds))
-    level = (WEIGHTS.ravel() @ evidence.reshape(WEIGHTS.size, -1) + PRIOR_WEIGHTS @ prior)[first:]
-    posterior = np.zeros(GRID_HZ.size)
-    np.exp(level - level.max(), out=posterior[first:])
-    posterior /= posterior.sum()
-    return posterior
+    seconds = rhythms.likeness.shape[-1] / rhythms.rate_hz
+    level = WEIGHTS.ravel() @ evidence.reshape(-1, WEIGHTS.size, GRID_HZ.size) + PRIOR_WEIGHTS @ prior
+    level[:, : np.searchsorted(GRID_HZ, LEAST_PERIODS / seconds)] = -np.inf
+    posterior = np.exp(level - level.max(axis=-1, keepdims=True))
+    return np.asarray(posterior / posterior.sum(axis=-1, keepdims=True))
 
 
 def _sum_posterior(near: FloatArray, frequency_hz: float) -> float:
@@ -307,26 +331,26 @@ def _make_parabola_matrix(first: int, stop: int) -> FloatArray:
 FINE: FloatArray = np.linspace(1.0 - SEARCH, 1.0 + SEARCH, FINE_STEPS)
 
 
-def refine_on_harmonics(frequency_hz: float, rhythms: list[Rhythm]) -> tuple[float, float]:
-    """Refine a frequency by the power of its harmonics."""
+def refine_on_harmonics(frequency_hz: float, shares: Sequence[FloatArray], step_hz: float) -> tuple[float, float]:
+    """Refine a frequency by the power of its harmonics. Shapes: shares (Q,)."""
     # the method is a multi-harmonic fit. For white noise and resolved harmonics the maximum of sum_h S(h
     # f) is the least-squares fit of a periodic signal (Quinn and Thomson 1991)
     trial_hz = frequency_hz * FINE
     total, power = np.zeros(FINE_STEPS), np.empty(FINE_STEPS)
-    for rhythm in rhythms:
-        highest = min(HIGHEST_HARMONIC_HZ, (rhythm.share.size - 1) * rhythm.step_hz / (1.0 + SEARCH))
+    for share in shares:
+        highest = min(HIGHEST_HARMONIC_HZ, (share.size - 1) * step_hz / (1.0 + SEARCH))
         count = min(N_HARMONICS, int(highest / frequency_hz))
-        native.sum_harmonics(rhythm.share, trial_hz / rhythm.step_hz, count, power)
+        native.sum_harmonics(share, trial_hz / step_hz, count, power)
         total += power
     best = int(total.argmax())
     if not 0 < best < FINE_STEPS - 1 or not total.any():
         return frequency_hz, math.nan
     near = slice(max(best - TOP, 0), best + TOP + 1)
-    step_hz = float(trial_hz[1] - trial_hz[0])
+    apart_hz = float(trial_hz[1] - trial_hz[0])
     bend, slope, height = _make_parabola_matrix(near.start - best, min(near.stop, FINE_STEPS) - best) @ total[near]
-    bend, slope = bend / step_hz**2, slope / step_hz
+    bend, slope = bend / apart_hz**2, slope / apart_hz
     if bend >= 0 or height <= 0:
         return float(trial_hz[best]), math.nan
-    reach_hz = step_hz * TOP
+    reach_hz = apart_hz * TOP
     offset_hz = float(np.clip(-slope / (2.0 * bend), -reach_hz, reach_hz))
     return float(trial_hz[best]) + offset_hz, math.sqrt(WIDTH_DROP * float(height) / float(-bend))

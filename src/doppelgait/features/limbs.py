@@ -138,13 +138,13 @@ def summed_rows(rows: Rows, bin_hz: float) -> Rows:
 def detrend_rows(values: FloatArray, rate_hz: float) -> FloatArray:
     """Remove every row's least-squares polynomial (E-31)."""
     # the order is round(1.2 T_o), 1 to 6; the values are overwritten
-    basis = _make_orthonormal_basis(values.shape[0], min(max(round(1.2 * values.shape[0] / rate_hz), 1), 6))
+    basis = make_orthonormal_basis(values.shape[0], min(max(round(1.2 * values.shape[0] / rate_hz), 1), 6))
     native.remove_trend(values, basis)
     return values
 
 
-@lru_cache(maxsize=4)
-def _make_orthonormal_basis(n_columns: int, order: int) -> FloatArray:
+@lru_cache(maxsize=8)
+def make_orthonormal_basis(n_columns: int, order: int) -> FloatArray:
     """Compute orthonormal polynomials over the observation."""
     # the result has the shape (J, order + 1) and is read-only
     basis = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n_columns), order))[0]

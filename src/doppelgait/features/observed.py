@@ -6,18 +6,30 @@ Envelopes, the torso line and the powers around it are computed once.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any, Generic, NamedTuple, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait._core import native
 from doppelgait.core.labels import Signal, sampling_rate_hz
-from doppelgait.features.doppler import compute_quantile, envelopes_hz, raised_by_noise_v2, width_level_v2
+from doppelgait.core.units import doppler_to_velocity_mps
+from doppelgait.features.doppler import (
+    compute_quantile,
+    compute_snr_db,
+    envelopes_hz,
+    raised_by_noise_v2,
+    width_level_v2,
+    width_of_bins,
+)
 from doppelgait.features.feature_set import Extraction, FloatArray, GaitFeatures
+from doppelgait.features.gait_frequency import GaitFrequency, estimate_gait_frequencies, measure_target_rhythms
+from doppelgait.features.limbs import make_orthonormal_basis
 
+MIN_SNR_DB = 0.0
 TIME_SHARES = (0.05, 0.95)
 OCCUPIED_SIGMAS = 3.0
 LEAST_SPEED_MPS = 0.2
@@ -75,6 +87,79 @@ class LinePower(NamedTuple):
     total_v2: float
     near_mean_v2: float
     near_sd_v2: float
+
+
+T = TypeVar("T")
+
+
+class Shared(Generic[T]):
+    """Value that a function of many observations computes at once."""
+
+    def __init__(self, measure: Callable[[Sequence[Observation]], Iterable[T]]) -> None:
+        self.measure, self.__doc__ = measure, measure.__doc__
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    @overload
+    def __get__(self, observed: None, kind: type) -> Shared[T]: ...
+
+    @overload
+    def __get__(self, observed: Observation, kind: type) -> T: ...
+
+    def __get__(self, observed: Observation | None, kind: type) -> Shared[T] | T:
+        if observed is None:
+            return self
+        self.fill([observed])  # alone: a batch of one; from now on Python reads the observation's own value
+        value: T = observed.__dict__[self.name]
+        return value
+
+    def fill(self, observations: Sequence[Observation]) -> None:
+        """Compute the value of observations with equal axes."""
+        if observations:
+            for observed, value in zip(observations, self.measure(observations), strict=True):
+                observed.__dict__[self.name] = value
+
+
+def measure_gaits(observations: Sequence[Observation]) -> list[GaitFrequency]:
+    """Estimate f_mu with its probabilities (E-33)."""
+    rhythms = measure_target_rhythms([(seen.aligned, seen.excess, seen.floor_v2) for seen in observations])
+    return estimate_gait_frequencies(rhythms, np.array([seen.torso_mps for seen in observations]))
+
+
+def measure_widths(observations: Sequence[Observation]) -> list[float]:
+    """Measure the width above the level of B_mu in bins (E-35), NaN without any."""
+    n_columns = observations[0].power_v2.shape[0]
+    counts = np.concatenate([seen.count_above_level(np.array([0, n_columns])) for seen in observations])
+    widths: list[float] = width_of_bins(counts / n_columns).tolist()
+    return widths
+
+
+def measure_ripples(observations: Sequence[Observation]) -> FloatArray:
+    """Measure the torso velocity around the main line, detrended, shape (J,).
+
+    It is the smoothed centroid of the squared power near the line. Columns without power are filled from their
+    neighbours; the result is NaN if half of the columns have no power. The removed slow part is a polynomial with the
+    order of E-29.
+    """
+    any_one, (square, moment) = observations[0], np.array([seen.about_line[1:] for seen in observations]).swapaxes(0, 1)
+    seconds = any_one.observation_s
+    basis = make_orthonormal_basis(square.shape[-1], 1 if seconds < 1.3 else 2 if seconds < 2.5 else 3)
+    return any_one.bin_mps * measure_swing(square, moment, SMOOTHED_OVER_S * any_one.rate_hz, basis)
+
+
+def measure_ripple_parts(observations: Sequence[Observation]) -> list[dict[int, float]]:
+    """Measure the torso swing amplitudes by order of f_mu / 2."""
+    frequency_hz = np.array([seen.frequency_hz for seen in observations])
+    swing = np.stack([seen.torso_ripple_mps for seen in observations])
+    parts: list[dict[int, float]] = [{} for _ in observations]
+    halves = frequency_hz * observations[0].observation_s >= MIN_PERIODS_OF_HALVES
+    for orders, chosen in ((ORDERS, np.flatnonzero(halves)), (ORDERS[1::2], np.flatnonzero(~halves))):
+        if chosen.size:
+            turns_rad = math.pi * frequency_hz[chosen] / observations[0].rate_hz
+            for n, fitted in zip(chosen, fit_waves(swing[chosen], turns_rad, orders).tolist(), strict=True):
+                parts[n] = dict(zip(orders.tolist(), fitted, strict=True))
+    return parts
 
 
 @dataclass(eq=False)
@@ -138,6 +223,11 @@ class Observation:
     drift_hz: FloatArray | None = None
     extraction: Extraction = field(default_factory=lambda: Extraction(GaitFeatures(), None, None, None))
 
+    gait = Shared(measure_gaits)
+    width_bins = Shared(measure_widths)
+    torso_ripple_mps = Shared(measure_ripples)
+    ripple_parts = Shared(measure_ripple_parts)
+
     def describe_missing(self, needs: tuple[str, ...]) -> str | None:
         """Return why a requirement is not met, or None.
 
@@ -175,7 +265,7 @@ class Observation:
         """True if the main line follows the torso."""
         return math.isfinite(self.torso_ripple_rms_mps)
 
-    @cached_property
+    @property
     def power_v2(self) -> npt.NDArray[Any]:
         """Signature, shape (J, K)."""
         return self.signature.values
@@ -288,6 +378,21 @@ class Observation:
         return float("nan") if found is None else found
 
     @cached_property
+    def snr_db(self) -> float:
+        """Ratio of the signature to the noise in dB."""
+        return compute_snr_db(self.strongest_v2, self.floor_v2)
+
+    @cached_property
+    def torso_hz(self) -> float:
+        """Mean Doppler of the torso."""
+        return float(self.main_line_hz.mean()) + self.bend_mps / self.mps_per_hz
+
+    @property
+    def torso_mps(self) -> float:
+        """Mean radial velocity of the torso, v_m."""
+        return float(doppler_to_velocity_mps(self.torso_hz, float(self.signature.attrs["wavelength_m"])))
+
+    @cached_property
     def direction(self) -> float:
         """1 approaching, -1 receding, 0 unknown."""
         mean_mps = float(self.line_mps.mean())
@@ -363,29 +468,9 @@ class Observation:
         return LinePower(*sums.tolist()), square, moment
 
     @cached_property
-    def torso_ripple_mps(self) -> FloatArray:
-        """Torso velocity around the main line, detrended, shape (J,).
-
-        It is the smoothed centroid of the squared power near the line. Columns without power are filled from their
-        neighbours; the result is NaN if half of the columns have no power. The removed slow part is a polynomial with
-        the order of E-29.
-        """
-        _, square, moment = self.about_line
-        basis = make_slow_basis(square.size, 1 if self.observation_s < 1.3 else 2 if self.observation_s < 2.5 else 3)
-        return self.bin_mps * measure_swing(square, moment, SMOOTHED_OVER_S * self.rate_hz, basis)
-
-    @cached_property
     def torso_ripple_rms_mps(self) -> float:
         """Root mean square of :attr:`torso_ripple_mps`."""
         return math.sqrt(float(self.torso_ripple_mps @ self.torso_ripple_mps) / self.torso_ripple_mps.size)
-
-    @cached_property
-    def ripple_parts(self) -> dict[int, float]:
-        """Torso swing amplitudes by order of f_mu / 2."""
-        halves = self.frequency_hz * self.observation_s >= MIN_PERIODS_OF_HALVES
-        orders = ORDERS if halves else ORDERS[1::2]
-        turn_rad = math.pi * self.frequency_hz / self.rate_hz
-        return dict(zip(orders.tolist(), fit_waves(self.torso_ripple_mps, turn_rad, orders).tolist(), strict=True))
 
     @cached_property
     def cadence(self) -> tuple[FloatArray, FloatArray]:
@@ -414,43 +499,51 @@ class Observation:
         return [max(value - noise, 0.0) for value in highest]
 
 
+def share_set_f(observations: Sequence[Observation]) -> None:
+    """Compute together what the set F needs of observations with equal axes."""
+    audible = [seen for seen in observations if seen.snr_db > MIN_SNR_DB]
+    for shared in (Observation.gait, Observation.width_bins):
+        shared.fill(audible)
+
+
+def share_extended(observations: Sequence[Observation]) -> None:
+    """Compute together what further features and uncertainties need, after the set F."""
+    audible = [seen for seen in observations if seen.has_signal]
+    Observation.torso_ripple_mps.fill(audible)
+    Observation.ripple_parts.fill([seen for seen in audible if seen.has_gait_frequency and seen.has_line])
+
+
 def measure_swing(square: FloatArray, moment: FloatArray, sd: float, basis: FloatArray) -> FloatArray:
     """Smooth the centroid along a line and remove its slow part, in bins.
-    It is NaN if too few columns have power. Shapes: square, moment (J,); basis (J, P).
+    It is NaN if too few columns have power. Shapes: square, moment (B, J); basis (J, P).
     """
-    seen, swing = np.flatnonzero(square > 0.0), np.full(square.size, np.nan)
-    if seen.size >= SEEN_SHARE * square.size:
-        line = np.interp(np.arange(square.size), seen, moment[seen] / square[seen])
-        native.smooth(line, sd, False, swing)
-        swing -= basis @ (basis.T @ swing)
-    return swing
+    swing, columns = np.full(square.shape, np.nan), np.arange(square.shape[-1])
+    for power, product, smoothed in zip(square, moment, swing, strict=True):
+        seen = np.flatnonzero(power > 0.0)
+        if seen.size >= SEEN_SHARE * columns.size:
+            native.smooth(np.interp(columns, seen, product[seen] / power[seen]), sd, False, smoothed)
+    slow = basis @ (basis.T @ swing[..., np.newaxis])
+    return np.asarray(swing - slow[..., 0])
 
 
-def fit_waves(values: FloatArray, turn_rad: float, orders: npt.NDArray[np.int64]) -> FloatArray:
+def fit_waves(values: FloatArray, turns_rad: FloatArray, orders: npt.NDArray[np.int64]) -> FloatArray:
     """Fit the amplitudes of multiples of a frequency together by least squares."""
-    # the frequency is in radians per column, the orders rise; the cosines and sines need not be orthogonal
-    phase = turn_rad * np.arange(values.size)
-    turns = np.broadcast_to(np.cos(phase) + 1j * np.sin(phase), (int(orders[-1]), values.size))
-    powers = np.multiply.accumulate(turns)[orders - 1]
-    waves = np.concatenate([powers.real, powers.imag])
-    parts = np.linalg.solve(waves @ waves.T, waves @ values)
-    return np.asarray(np.hypot(*parts.reshape(2, -1)))
+    # the frequencies are in radians per column, the orders rise; the cosines and sines need not be orthogonal.
+    # Shapes: values (B, J); turns_rad (B,); result (B, orders)
+    phase = turns_rad[:, np.newaxis] * np.arange(values.shape[-1])
+    turns = np.broadcast_to(
+        (np.cos(phase) + 1j * np.sin(phase))[:, np.newaxis], (len(values), orders[-1], phase.shape[-1])
+    )
+    powers = np.multiply.accumulate(turns, axis=1)[:, orders - 1]
+    waves = np.concatenate([powers.real, powers.imag], axis=1)
+    parts = np.linalg.solve(waves @ waves.swapaxes(-1, -2), waves @ values[..., np.newaxis])
+    return np.asarray(np.hypot(*parts.reshape(len(values), 2, -1).swapaxes(0, 1)))
 
 
 def _average_rows(values: npt.NDArray[Any]) -> FloatArray:
     found = np.empty(values.shape[1])
     native.row_means(values, found)
     return found
-
-
-@lru_cache(maxsize=8)
-def make_slow_basis(n_columns: int, order: int) -> FloatArray:
-    """Compute orthonormal polynomials over the observation."""
-    # the result has the shape (J, order + 1) and is read-only
-    positions = np.linspace(-1.0, 1.0, n_columns)
-    basis = np.asarray(np.linalg.qr(np.polynomial.legendre.legvander(positions, order))[0], dtype=np.float64)
-    basis.flags.writeable = False
-    return basis
 
 
 def compute_square_difference(rows: FloatArray, first: int = 0, last: int | None = None) -> FloatArray:

@@ -123,8 +123,7 @@ def bandwidth_sd_hz(observed: Observation) -> float | None:
     edges = edges[np.arange(n_groups + 1) * (edges.size - 1) // n_groups]
     counts = observed.count_above_level(edges)
     left = (edges[-1] - edges[0] - np.diff(edges))[:, None]
-    widths = [width_of_bins(share) for share in (counts.sum(axis=0) - counts) / left]
-    without = np.array([np.nan if width is None else width for width in widths])
+    without = width_of_bins((counts.sum(axis=0) - counts) / left)
     scatter = (n_groups - 1) / n_groups * float(((without - without.mean()) ** 2).sum())
     return math.sqrt(scatter + 1.0 / 6.0) * observed.bin_mps / observed.mps_per_hz
 

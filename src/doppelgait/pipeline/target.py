@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,7 @@ from doppelgait.core.lazy import xr
 from doppelgait.features import Extraction, Observation, liland2018
 from doppelgait.features.extended import measure_extended
 from doppelgait.features.ground_motion import GroundMotion, estimate_ground_motion
+from doppelgait.features.observed import share_extended, share_set_f
 from doppelgait.features.uncertainty import estimate_uncertainties, flag_uncertain_features
 from doppelgait.pipeline.result import LateArrays, Result, read_signal
 from doppelgait.processing import Analysis, Gate, main_line
@@ -35,6 +37,21 @@ ALIGNED = "aligned"
 NAMED_REASONS = ("path_is_not_straight", "too_uncertain")
 """Reasons for a missing ground speed that become flags."""
 GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
+
+
+MAX_TOGETHER = 8
+"""Targets that are measured together: more of them leave the cache of the processor and gain nothing."""
+
+
+class Target(NamedTuple):
+    """Signature of a target with its settings."""
+
+    mu: Signal
+    usable: Signal
+    gate_share: float
+    gate: Gate
+    analysis: Analysis
+    label: str | None
 
 
 def analyze_gated(
@@ -61,13 +78,54 @@ def analyze_gated(
 
 def analyze_signature(mu: Signal | xr.DataArray, gate: Gate, analysis: Analysis, *, label: str | None) -> Result:
     """Analyse one target's signature."""
-    mu, liland = Signal.of(mu, SIGNATURE), analysis.method == "liland2018"
-    usable, share = processing.crop_to_frame(mu if liland else processing.decimate(mu))
-    shown = processing.crop_to_frame(mu)[0]
+    return analyze_signatures([mu], [gate], [analysis], labels=[label])[0]
+
+
+def analyze_signatures(
+    signatures: Sequence[Signal | xr.DataArray],
+    gates: Sequence[Gate],
+    analyses: Sequence[Analysis],
+    *,
+    labels: Sequence[str | None],
+) -> list[Result]:
+    """Analyse the signatures of many targets; those with equal axes are measured together.
+
+    The result of a target does not depend on the others, to the last bit. The first faulty signature raises.
+    """
+    found: dict[int, Result] = {}
+    alike: dict[Hashable, dict[int, Target]] = defaultdict(dict)
+    for n, (array, gate, analysis, label) in enumerate(zip(signatures, gates, analyses, labels, strict=True)):
+        mu = Signal.of(array, SIGNATURE)
+        if analysis.method == "liland2018":
+            target = Target(mu, *processing.crop_to_frame(mu), gate, analysis, label)
+            found[n] = _make_result(target, None)
+        else:
+            target = Target(mu, *processing.crop_to_frame(processing.decimate(mu)), gate, analysis, label)
+            alike[_describe_axes(target.usable)][n] = target
+    for group in alike.values():
+        for first in range(0, len(group), MAX_TOGETHER):
+            tile = list(group.items())[first : first + MAX_TOGETHER]
+            targets = [target for _, target in tile]
+            observed = observe_alike([target.usable for target in targets], [target.analysis for target in targets])
+            share_extended([seen for seen, target in zip(observed, targets, strict=True) if target.analysis.extended])
+            found |= {n: _make_result(target, seen) for (n, target), seen in zip(tile, observed, strict=True)}
+    return [found[n] for n in range(len(found))]
+
+
+def _describe_axes(mu: Signal) -> tuple[Any, ...]:
+    """Describe the axes of a signature, so that equal ones have equal descriptions."""
+    facts = (mu.attrs[name] for name in ("wavelength_m", "prf_hz", "hop", "cpi_pulses"))
+    return (*facts, mu.axis("time").tobytes(), mu.axis("doppler").tobytes())
+
+
+def _make_result(target: Target, observed: Observation | None) -> Result:
+    """Make the result of a target; without an observation it is analysed as in the report."""
+    mu, usable, share, gate, analysis, label = target
+    shown = usable if usable is mu else processing.crop_to_frame(mu)[0]
     thinned = usable.attrs["hop"] != mu.attrs["hop"]
     further: dict[str, Any] = {}
     over_time: dict[str, Any] = {}
-    if liland:
+    if observed is None:
         # method of the report: columns over their maximum, mean removed, plain transform, sum over Doppler
         normalised = processing.normalise(shown, 0.0, mode="max")
         rows = processing.detrend(normalised, order=0)
@@ -89,7 +147,6 @@ def analyze_signature(mu: Signal | xr.DataArray, gate: Gate, analysis: Analysis,
             mean_doppler_spectrum=mean,
         )
     else:
-        observed = observe(usable, analysis)
         extraction, line_hz = observed.extraction, observed.main_line_hz
         # kept is the signature alone: a long recording has hundreds of segments
         renew = partial(processing.normalise, observed.signature, observed.floor_v2, mode=analysis.normalisation)
@@ -172,7 +229,25 @@ def _measure_ground_motion(
 
 def observe(usable: Signal | xr.DataArray, analysis: Analysis) -> Observation:
     """Compute the observation of a signature for features (E-28 to E-38)."""
-    mu = Signal.of(usable, SIGNATURE)
+    return observe_alike([Signal.of(usable, SIGNATURE)], [analysis])[0]
+
+
+def observe_alike(signatures: Sequence[Signal], analyses: Sequence[Analysis]) -> list[Observation]:
+    """Compute the observations of signatures with equal axes (E-28 to E-38)."""
+    observations = [_prepare(mu, analysis) for mu, analysis in zip(signatures, analyses, strict=True)]
+    share_set_f(observations)
+    for observed, analysis in zip(observations, analyses, strict=True):
+        observed.extraction = feature_layer.extract(
+            observed,
+            bandwidth_threshold=analysis.bandwidth_threshold,
+            cpi_s=analysis.cpi_s,
+            window_steepness=analysis.window_steepness,
+        )
+    return observations
+
+
+def _prepare(mu: Signal, analysis: Analysis) -> Observation:
+    """Compute what is measured before the features of the set F."""
     mu = mu.replace(mu.values)  # its number of bins is replaced by that of independent ones
     floor_v2 = processing.noise_floor_v2(mu)
     mu.attrs["n_gate_bins"] = processing.count_independent_bins(mu, floor_v2)
@@ -192,7 +267,7 @@ def observe(usable: Signal | xr.DataArray, analysis: Analysis) -> Observation:
         drift_hz = main_line.fit_line(peaks_hz, bin_hz, order=processing.choose_line_order(seconds))
         aligned, excess = processing.align(normalised, drift_hz), processing.align(excess, drift_hz)
     parts = CadenceParts(aligned, processing.detrend_order(seconds))
-    observed = Observation(
+    return Observation(
         signature=mu,
         floor_v2=floor_v2,
         strongest_v2=strongest_v2,
@@ -209,10 +284,3 @@ def observe(usable: Signal | xr.DataArray, analysis: Analysis) -> Observation:
         agreed=agreed,
         drift_hz=drift_hz,
     )
-    observed.extraction = feature_layer.extract(
-        observed,
-        bandwidth_threshold=analysis.bandwidth_threshold,
-        cpi_s=analysis.cpi_s,
-        window_steepness=analysis.window_steepness,
-    )
-    return observed

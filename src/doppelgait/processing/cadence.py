@@ -123,14 +123,14 @@ def _get_buffer(name: str, shape: tuple[int, ...], dtype: type = np.float64) -> 
     return np.asarray(held[:size].reshape(shape))
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=256)  # there are as many as highest cadences
 def _time_taps(step: int, oversampling: float) -> tuple[FloatArray, float]:
     """Compute the kernel at fine columns, (step WIDTH - 1,), and its shape factor."""
     shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
     return _evaluate_kernel(np.arange(1, step * WIDTH) / step - WIDTH / 2, shape_factor), shape_factor
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=256)
 def _compute_line_taps(between: int, oversampling: float) -> tuple[FloatArray, float]:
     """Compute the kernel between coarse lines, (between, WIDTH), and its shape factor."""
     shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
@@ -145,7 +145,7 @@ def _evaluate_kernel(distance: FloatArray, shape_factor: float) -> FloatArray:
     return np.where(inside > 0, values, 0.0)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=256)
 def _transform_kernel(count: int, centre: int, length: int, shape_factor: float) -> FloatArray:
     # W sinh(r) / r, r^2 = b^2 - (pi W f)^2, at f = (n - centre) / length
     cycles_per_step = (np.arange(count) - centre) / length
