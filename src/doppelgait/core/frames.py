@@ -16,7 +16,7 @@ import numpy.typing as npt
 from doppelgait.core import lazy
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, check_signal, make_array, read_axis, sampling_rate_hz
-from doppelgait.core.lazy import lazy_rows, read_pulses, xr
+from doppelgait.core.lazy import LateRows, read_pulses, xr
 from doppelgait.core.samples import Matrix, Planes, Samples
 
 FloatArray = npt.NDArray[np.float64]
@@ -120,9 +120,9 @@ class Frames:
         coords = {"slow_time": self.slow_time.time_s, "range": self.range_m}
         return make_array(BASEBAND, values, coords, self.facts if facts is None else facts)
 
-    def get_values(self) -> Any:
+    def get_values(self) -> Matrix | LateRows:
         """Return a view of the values, or an array that reads them at every access."""
-        return self.matrix.view() if self.samples.in_memory else lazy_rows(self.shape, self.samples.rows)
+        return self.matrix.view() if self.samples.in_memory else LateRows(self.shape, self.samples.rows, np.complex64)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -5,7 +5,7 @@ The time-like dimension is first, range or Doppler last. Values have SI units, n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial, wraps
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Protocol, TypeVar, Union
@@ -147,6 +147,25 @@ class Signal:
         return Signal(self.schema, self.values[columns], coords, dict(self.attrs))
 
 
+def describe_points(
+    position_m: npt.NDArray[Any],
+    time_s: npt.NDArray[np.float64],
+    markers: Sequence[str],
+    parts: Sequence[str],
+    **attrs: Any,
+) -> Signal:
+    """Describe positions (time, marker, space) by their axes, without labels."""
+    if position_m.shape != (*time_s.shape, len(markers), 3) or time_s.ndim != 1 or len(parts) != len(markers):
+        raise ValueError(
+            f"positions of shape {position_m.shape} do not fit times of shape {time_s.shape}, {len(markers)} markers "
+            f"and {len(parts)} parts"
+        )
+    axes = {"time": time_s, "marker": np.array(markers, dtype=str), "space": np.array(SPACE)}
+    coords: dict[str, Coord] = {name: ((name,), axis, {}) for name, axis in axes.items()}
+    coords["part"] = (("marker",), np.array(parts, dtype=str), {})
+    return Signal(MOTION, position_m, coords, {"units": MOTION.units, **attrs})
+
+
 @dataclass(frozen=True, eq=False)
 class ScattererTable:
     """Scatterers at every pulse as plain arrays (slow_time, scatterer).
@@ -249,6 +268,11 @@ class Labelled:
         owner.__dict__[self.name] = value
 
 
+def get_plain(owner: Any, name: str) -> Any:
+    """Return a field of :func:`labels_on_demand` as it is kept."""
+    return owner.__dict__[name]
+
+
 def labels_on_demand(*names: str) -> Callable[[Kind], Kind]:
     """Keep fields of a dataclass plain until somebody reads them."""
 
@@ -339,7 +363,7 @@ def make_array(
     return check_signal(made, schema)
 
 
-def replace_array_values(array: xr.DataArray, values: npt.NDArray[Any] | LazilyIndexedArray) -> xr.DataArray:
+def replace_array_values(array: xr.DataArray, values: Any) -> xr.DataArray:
     """Return an array with new values and copied coordinates."""
     if values.shape != array.shape:
         raise ValueError(f"values of shape {values.shape} do not fit coordinates of shape {array.shape}")

@@ -14,9 +14,9 @@ from doppelgait.core.errors import MotionError
 from doppelgait.core.labels import (
     MOTION,
     SPACE,
-    Coord,
     Signal,
     check_signal,
+    describe_points,
     labels_on_demand,
     read_axis,
     sampling_rate_hz,
@@ -313,13 +313,3 @@ def _make_labels(
     # a model uses the same points and times repeatedly
     values = np.broadcast_to(0.0, (frames, len(markers), len(SPACE)))
     return describe_points(values, start_s + np.arange(frames) / rate_hz, markers, parts, rate_hz=rate_hz)
-
-
-def describe_points(
-    position_m: npt.NDArray[Any], time_s: FloatArray, markers: Sequence[str], parts: Sequence[str], **attrs: Any
-) -> Signal:
-    """Describe positions (time, marker, space) by their axes, without labels."""
-    axes = {"time": time_s, "marker": np.array(markers, dtype=str), "space": np.array(SPACE)}
-    coords: dict[str, Coord] = {name: ((name,), axis, {}) for name, axis in axes.items()}
-    coords["part"] = (("marker",), np.array(parts, dtype=str), {})
-    return Signal(MOTION, position_m, coords, {"units": MOTION.units, **attrs})

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from doppelgait.core.config import format_canonical_json
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.frames import Frames, SlowTime
-from doppelgait.core.labels import AnyTable, ScattererTable, labels_on_demand, read_axis
+from doppelgait.core.labels import AnyTable, ScattererTable, get_plain, labels_on_demand, read_axis
 from doppelgait.core.lazy import read_tiles, xr
 from doppelgait.core.notebook import plot, show_html, show_text
 from doppelgait.core.samples import Samples
@@ -71,8 +71,7 @@ class TargetTruth:
     @property
     def table(self) -> AnyTable:
         """Scatterers, as plain arrays if a simulation made them."""
-        kept: AnyTable = self.__dict__["scatterers"]
-        return kept
+        return get_plain(self, "scatterers")  # type: ignore[no-any-return]
 
     def doppler_hz(self, wavelength_m: float) -> npt.NDArray[np.float64]:
         """Return the true Doppler shift of every scatterer, 2 v_r / lambda, shape (I, L) (E-05)."""
@@ -357,11 +356,11 @@ def check_plausible(recording: Recording, where: str) -> None:
     for number, truth in enumerate(recording.truth):
         for name, values, most in (
             *((name, getattr(truth, name), most) for name, most in zip(CENTRE_ARRAYS, MOST_OF_TRUTH, strict=True)),
-            ("range_m", truth.scatterers["range"], RANGES_M[1]),
-            ("radial_velocity_mps", truth.scatterers["radial_velocity"], FASTEST_MPS),
+            ("range_m", truth.table["range"], RANGES_M[1]),
+            ("radial_velocity_mps", truth.table["radial_velocity"], FASTEST_MPS),
         ):
             parts = [values] if isinstance(values, np.ndarray) else (part for _, part in read_tiles(values))
-            shape = values.shape if isinstance(values, np.ndarray) else values.shape[:1]
+            shape = values.shape if name in CENTRE_ARRAYS else values.shape[:1]
             if name == "centre_aspect_rad":  # NaN while a body stands still
                 parts = [np.nan_to_num(values)]
             if shape != times_s.shape or not all((np.abs(part) <= most).all() for part in parts):
@@ -384,7 +383,9 @@ def make_baseband_facts(radar: Radar) -> dict[str, str | float]:
     return {"radar": format_canonical_json(radar), **({"independent_bin_share": share} if share < 1.0 else {})}
 
 
-def list_further_facts(baseband: xr.DataArray) -> dict[str, str | int | float]:
-    """Return the baseband's facts without a field of their own, such as the pulses in a burst."""
-    facts = {name: value.item() if isinstance(value, np.generic) else value for name, value in baseband.attrs.items()}
+def list_further_facts(recording: Recording) -> dict[str, str | int | float]:
+    """Return the facts without a field of their own, such as the pulses in a burst."""
+    labelled = vars(recording).get("baseband")  # somebody may have added attributes to it
+    attrs = {**make_baseband_facts(recording.radar), **recording.facts} if labelled is None else labelled.attrs
+    facts = {name: value.item() if isinstance(value, np.generic) else value for name, value in attrs.items()}
     return {k: v for k, v in facts.items() if k not in ("units", "radar") and isinstance(v, str | int | float)}

@@ -14,17 +14,8 @@ from doppelgait.core.config import format_canonical_json, validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.files import FileKind, create_hdf5, open_own_hdf5
-from doppelgait.core.labels import (
-    BASEBAND,
-    MOTION,
-    SCATTERER_VARIABLES,
-    SPACE,
-    label_axis,
-    label_values,
-    make_array,
-    read_axis,
-)
-from doppelgait.core.lazy import lazy_rows, read_tiles, xr
+from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, ScattererTable, Signal, describe_points, get_plain
+from doppelgait.core.lazy import LateRows, read_tiles
 from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, open_hdf5
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
@@ -96,8 +87,8 @@ def write_recording(recording: Recording, path: str | Path) -> None:
             file.attrs["seed"] = recording.seed
         if recording.notes:
             file.attrs["notes"] = json.dumps(recording.notes)
-        _put_tiles(file, "baseband", recording.baseband.variable, "<c8", "V")
-        file["baseband"].attrs.update(list_further_facts(recording.baseband))
+        _put_tiles(file, "baseband", recording.frames.get_values(), "<c8", "V")
+        file["baseband"].attrs.update(list_further_facts(recording))
         _put(file, "slow_time_s", recording.slow_time_s, "s")
         _put(file, "range_m", recording.range_m, "m")
         if recording.radar_position_m is not None:
@@ -106,22 +97,23 @@ def write_recording(recording: Recording, path: str | Path) -> None:
             group = file.create_group(f"truth/{number}", track_order=True)
             for fact in TRUTH_FACTS:
                 group.attrs[fact] = getattr(truth, fact)
-            group.attrs["marker"] = json.dumps([str(m) for m in read_axis(truth.scatterers, "marker")])
-            group.attrs["part"] = json.dumps([str(p) for p in read_axis(truth.scatterers, "part")])
+            for name in ("marker", "part"):
+                group.attrs[name] = json.dumps([str(value) for value in np.asarray(truth.table[name])])
             for name in CENTRE_ARRAYS:
                 units = {"m": "m", "mps": "m/s", "rad": "rad"}[name.rsplit("_", 1)[1]]
                 _put(group, name, getattr(truth, name), units)
-            for name in (n for n in STORED_VARIABLES if n in truth.scatterers):
-                units = SCATTERER_VARIABLES[name]
-                values = truth.scatterers[name].variable
-                if name in ("rcs", "path_gain") and all((x == values[0].values).all() for _, x in read_tiles(values)):
-                    values = values[:1]
+            for name in (n for n in STORED_VARIABLES if n in truth.table):
+                units, values = SCATTERER_VARIABLES[name], truth.table[name]
+                first = np.asarray(values[0:1])
+                if name in ("rcs", "path_gain") and all((x == first).all() for _, x in read_tiles(values)):
+                    values = first
                 _put_tiles(group, name + UNIT_SUFFIX[units], values, "<f8", units)
-            if truth.body is not None:
-                group.attrs["body_marker"] = json.dumps([str(m) for m in read_axis(truth.body, "marker")])
-                group.attrs["body_part"] = json.dumps([str(p) for p in read_axis(truth.body, "part")])
-                _put(group, "body_time_s", read_axis(truth.body, "time"), "s")
-                _put(group, "body_position_m", truth.body.values.astype("<f4"), "m")
+            if (kept := get_plain(truth, "body")) is not None:
+                body = Signal.of(kept, MOTION)
+                for name in ("marker", "part"):
+                    group.attrs[f"body_{name}"] = json.dumps([str(value) for value in body.axis(name)])
+                _put(group, "body_time_s", body.axis("time"), "s")
+                _put(group, "body_position_m", body.values.astype("<f4"), "m")
 
 
 def _put(group: Any, name: str, values: Any, units: str) -> None:
@@ -129,7 +121,7 @@ def _put(group: Any, name: str, values: Any, units: str) -> None:
     dataset.attrs["units"] = units
 
 
-def _put_tiles(group: Any, name: str, values: xr.Variable, dtype: str, units: str) -> None:
+def _put_tiles(group: Any, name: str, values: Any, dtype: str, units: str) -> None:
     """Write values (slow_time, ...), long ones tile by tile."""
     dataset = group.create_dataset(name, values.shape, dtype, track_times=False)
     for first, tile in read_tiles(values):
@@ -154,23 +146,21 @@ def read_hdf5(path: Path) -> Recording:
     """Read a recording written by :func:`write_recording`."""
     with open_own_hdf5(path, RECORDING) as file:
         radar = _read_radar(file)
-        coords = {"slow_time": _read_numbers(file, "slow_time_s"), "range": _read_numbers(file, "range_m")}
-        further = {
-            key: value.item() if isinstance(value, np.generic) else value
-            for key, value in file["baseband"].attrs.items()
-            if key != "units"
-        }
+        slow_time_s, range_m = (_read_numbers(file, name) for name in ("slow_time_s", "range_m"))
+        attrs = {k: v.item() if isinstance(v, np.generic) else v for k, v in file["baseband"].attrs.items()}
+        further = {**make_baseband_facts(radar), **attrs}
         found = file["baseband"]
-        stored = len(found.shape) == 2 and found.dtype.kind == "c" and 8 * found.size > STORED_BYTES
+        wanted = (*slow_time_s.shape, *range_m.shape)
+        if found.shape != wanted or len(wanted) != 2 or found.dtype.kind != "c":
+            raise ValueError(
+                f"baseband holds {found.dtype} values of shape {found.shape}, must be complex values of shape {wanted} "
+                "by slow_time_s and range_m"
+            )
+        stored = 8 * found.size > STORED_BYTES
         rows = StoredRows(path, "baseband", "c8", _read_stamp(path)) if stored else None
         with np.errstate(over="ignore", invalid="ignore"):  # values beyond single precision raise an error later
             values = found if stored else found[:].astype(np.complex64)
-        if values.ndim == 2:
-            check_finite(path, values)
-        lazy = None if rows is None else lazy_rows(found.shape, rows)
-        baseband = make_array(
-            BASEBAND, values if lazy is None else lazy, coords, {**make_baseband_facts(radar), **further}
-        )
+        check_finite(path, values)
         numbers = sorted(file.get("truth", {}), key=int)
         pose = {
             name: np.asarray(file.attrs[name], dtype=np.float64).reshape(POSE[name]).tolist()
@@ -182,11 +172,11 @@ def read_hdf5(path: Path) -> Recording:
         return Recording(
             Samples(values) if rows is None else Samples.stored(found.shape, rows),
             radar,
-            read_axis(baseband, "slow_time"),
-            read_axis(baseband, "range"),
-            facts={name: value for name, value in baseband.attrs.items() if name not in ("units", "radar")},
+            slow_time_s,
+            range_m,
+            facts={name: value for name, value in further.items() if name not in ("units", "radar")},
             truth=[
-                _read_truth(file[f"truth/{number}"], coords["slow_time"], int(number), path if stored else None)
+                _read_truth(file[f"truth/{number}"], slow_time_s, int(number), path if stored else None)
                 for number in numbers
             ],
             noise_power_v2=float(file.attrs.get("noise_power_v2", NAN)),
@@ -217,6 +207,14 @@ def _read_numbers(group: Any, name: str) -> Any:
     """Return the values of a dataset of real numbers."""
     _check_real(group, name)
     return group[name][:]
+
+
+def _read_names(group: Any, key: str) -> list[str]:
+    """Return a list of names in an attribute."""
+    names = parse_json(group.attrs[key])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise ValueError(f"{key} must be a list of names, not {str(names)[:40]}")
+    return names
 
 
 def _check_real(group: Any, name: str) -> None:
@@ -251,33 +249,28 @@ def _read_stamp(path: Path) -> tuple[int, int, int]:
 
 def _read_truth(group: Any, slow_time_s: Any, number: int, path: Path | None) -> TargetTruth:
     """Read the truth of one target; with a ``path``, values are read on demand."""
-    parts, markers = (parse_json(group.attrs[key]) for key in ("part", "marker"))
+    parts, markers = (_read_names(group, key) for key in ("part", "marker"))
+    if len(parts) != len(markers):
+        raise ValueError(f"{len(markers)} markers have {len(parts)} parts")
     shape = (len(slow_time_s), len(parts))
-    dims = ("slow_time", "scatterer")
 
     def values_of(key: str) -> Any:
         if path is None or group[key].shape != shape:
             return np.broadcast_to(_read_numbers(group, key), shape)
         _check_real(group, key)
-        return lazy_rows(shape, StoredRows(path, f"{group.name}/{key}", "f8", _read_stamp(path)), np.float64)
+        return LateRows(shape, StoredRows(path, f"{group.name}/{key}", "f8", _read_stamp(path)), np.float64)
 
     keys = {name: name + UNIT_SUFFIX[SCATTERER_VARIABLES[name]] for name in STORED_VARIABLES}
     values = {name: values_of(key) for name, key in keys.items() if name not in OPTIONAL_VARIABLES or key in group}
-    scatterers = xr.Dataset(
-        {name: label_values(dims, array, {"units": SCATTERER_VARIABLES[name]}) for name, array in values.items()},
-        coords={
-            "slow_time": label_axis("slow_time", slow_time_s),
-            "target": label_values("scatterer", np.full(shape[1], number)),
-            "marker": label_values("scatterer", np.array(markers, dtype=str)),
-            "part": label_values("scatterer", np.array(parts, dtype=str)),
-        },
-    )
+    columns = {"marker": np.array(markers, dtype=str), "part": np.array(parts, dtype=str)}
+    scatterers: Any = ScattererTable(slow_time_s, values, {"target": np.full(shape[1], number), **columns})
     stored = {fact: group.attrs[fact] for fact in TRUTH_FACTS}
     facts: dict[str, Any] = {k: str(v) if isinstance(v, str | bytes) else float(v) for k, v in stored.items()}
     centre = {name: _read_numbers(group, name) for name in CENTRE_ARRAYS}
-    body = None  # recordings of earlier versions have no body
+    body: Any = None  # recordings of earlier versions have no body
     if "body_position_m" in group:
-        markers, parts = (np.array(parse_json(group.attrs[f"body_{key}"]), dtype=str) for key in ("marker", "part"))
-        coords = {"time": group["body_time_s"][:], "marker": markers, "space": list(SPACE), "part": ("marker", parts)}
-        body = make_array(MOTION, group["body_position_m"][:].astype(np.float32), coords)
+        markers, parts = (_read_names(group, f"body_{key}") for key in ("marker", "part"))
+        body = describe_points(
+            group["body_position_m"][:].astype(np.float32), _read_numbers(group, "body_time_s"), markers, parts
+        )
     return TargetTruth(scatterers=scatterers, body=body, **centre, **facts)

@@ -11,10 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait._core import native
-from doppelgait.core.labels import SCATTERER_VARIABLES, ScattererTable, Signal
+from doppelgait.core.labels import SCATTERER_VARIABLES, ScattererTable, Signal, describe_points
 from doppelgait.core.lazy import LateRows, xr
 from doppelgait.core.samples import borrow_memory
-from doppelgait.motion.motion import describe_points
 from doppelgait.motion.retime import Spline, check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.placement import PlacedScene, PlacedTarget, as_placed

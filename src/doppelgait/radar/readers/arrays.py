@@ -366,7 +366,7 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
         known = {name: value for name, value in facts.items() if value is not None and value == value}  # not NaN
         radar = recording.radar.model_dump(exclude_none=True)
         lines = [FIRST_LINE, *_format_lines(known), "", "[radar]", *_format_lines(radar)]
-        if attributes := list_further_facts(recording.baseband):
+        if attributes := list_further_facts(recording):
             lines += ["", "[attributes]", *_format_lines(attributes)]
         partial_facts.write_text(("\n".join(lines) + "\n"), encoding="utf-8")
         with partial.open("wb") as file:
