@@ -36,7 +36,7 @@ from doppelgait.motion.models.human_body import (
     swing_arms,
 )
 from doppelgait.motion.models.human_feet import FOOT, GaitStyle, Hips, place_feet
-from doppelgait.motion.models.registry import generate, generate_alike, parse_parameters
+from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import (
     Columns,
     Curve,
@@ -299,23 +299,17 @@ def human_gait(
     return generate(parse_parameters(HumanConfig, parameters, where="human_gait"), duration_s=duration_s, rng=rng)
 
 
-@plugin("motion_model", parameters=HumanConfig)
+def _find_style(config: HumanConfig) -> tuple[MakeStyle, bool]:
+    """Return how a gait is made, and if its steps vary."""
+    make_style = _make_boulic_style if not config.foot_lock else _walk_style
+    if config.actual_gait == "run":
+        make_style = _run_style
+    return make_style, any((config.step_time_sd, config.step_length_sd, config.pace_sd, config.time_asymmetry))
+
+
+@plugin("motion_model", parameters=HumanConfig, alike=_find_style)
 def _generate(parameters: Sequence[HumanConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
-    kinds = [
-        (
-            (_run_style if config.actual_gait == "run" else _walk_style) if config.foot_lock else _make_boulic_style,
-            any((config.step_time_sd, config.step_length_sd, config.pace_sd, config.time_asymmetry)),
-        )
-        for config in parameters
-    ]
-    return generate_alike(_generate_styled, kinds, parameters, durations_s, rngs)
-
-
-def _generate_styled(
-    kind: tuple[MakeStyle, bool], parameters: Sequence[HumanConfig], durations_s: Sequence[float], rngs: Rngs
-) -> list[Motion]:
-    """Generate walkers or runners, all with varying steps or all without."""
-    make_style, varied = kind
+    make_style, varied = _find_style(parameters[0])
     columns = Columns(parameters)
     lengths = [find_segment_lengths(config.body, config.height_m) for config in parameters]
     size_m = {name: make_column([own[name] for own in lengths]) * columns.height_m for name in lengths[0]}

@@ -41,7 +41,7 @@ from doppelgait.motion.models.quadruped_limbs import (
     compute_all_points,
     make_regular_course,
 )
-from doppelgait.motion.models.registry import generate, generate_alike, parse_parameters
+from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import (
     Columns,
     Landings,
@@ -242,16 +242,12 @@ def quadruped_gait(
     )
 
 
-@plugin("motion_model", parameters=QuadrupedConfig)
+def _is_varied(config: QuadrupedConfig) -> bool:
+    return any((config.step_length_sd, config.footfall_sd, config.length_asymmetry))
+
+
+@plugin("motion_model", parameters=QuadrupedConfig, alike=_is_varied)
 def _generate(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
-    varied = [any((config.step_length_sd, config.footfall_sd, config.length_asymmetry)) for config in parameters]
-    return generate_alike(_generate_varied, varied, parameters, durations_s, rngs)
-
-
-def _generate_varied(
-    varied: bool, parameters: Sequence[QuadrupedConfig], durations_s: Sequence[float], rngs: Rngs
-) -> list[Motion]:
-    """Generate animals, all with varying footfalls or all without."""
     columns, builds = Columns(parameters), [BUILDS[config.build] for config in parameters]
     gaits, hip_m = [_make_gait(config) for config in parameters], columns.hip_m
     paces = [*zip(gaits, columns.actual_speed_mps[:, 0].tolist(), hip_m[:, 0].tolist(), strict=True)]
@@ -259,7 +255,7 @@ def _generate_varied(
     timing = time_even_strides(durations_s, columns, stride_m / columns.actual_speed_mps, rngs)
     phase, gait = timing.phase, Columns(gaits)
     course = make_regular_course(phase, gait, stride_m / hip_m)
-    if varied:
+    if _is_varied(parameters[0]):
         course = _vary_course(course, columns, phase, gait, rngs)
     wag_rad = np.radians(columns.tail_sweep_deg) * np.sin(2 * np.pi * columns.tail_frequency_hz * timing.times_s)
     rates_hz = (columns.actual_speed_mps / stride_m)[:, 0].tolist()

@@ -20,7 +20,8 @@ Parameters = TypeVar("Parameters", bound=FrozenModel)
 Generate = Callable[..., Any]
 """Type of a model: ``generate(parameters, durations_s, rngs) -> motions`` of a batch of examples, called with sequences
 of equal length; or ``generate(parameters, duration_s, rng) -> motion`` of a single one, which is called for each. The
-name of the third parameter tells them apart. A generator may be None if nothing is random."""
+name of the third parameter tells them apart. A generator may be None if nothing is random. The fact ``alike`` of a
+plug-in is a function of its parameters with equal values for the examples of a batch."""
 LONGEST_BATCH_S = 100.0
 """Maximum sum of the durations of motions that are generated together, so that their arrays remain small."""
 
@@ -112,35 +113,20 @@ def generate_all(
     keys: list[Hashable] = []
     sums_s: dict[Hashable, float] = {}
     for model, duration_s in zip(parameters, durations_s, strict=True):
+        plugin = MOTION_MODELS.of(model)
         # a batch is padded to its longest motion: durations are within a factor of two
-        key = MOTION_MODELS.of(model).run, math.frexp(duration_s)[1]
+        key = plugin.run, plugin.facts.get("alike", type)(model), math.frexp(duration_s)[1]
         sums_s[key] = sums_s.get(key, 0.0) + duration_s
-        keys.append((*key, sums_s[key] // LONGEST_BATCH_S))
-
-    def run(key: tuple[Any, ...], *batch: Any) -> list[Motion]:
-        if _takes_batches(key[0]):
-            return list(key[0](*batch))
-        return [key[0](*example) for example in zip(*batch, strict=True)]
-
-    return generate_alike(run, keys, parameters, durations_s, sources)
+        keys.append((key, sums_s[key] // LONGEST_BATCH_S))
+    made: dict[int, Motion] = {}
+    for batch in dict.fromkeys(keys):
+        rows = [row for row, key in enumerate(keys) if key == batch]
+        run = MOTION_MODELS.of(parameters[rows[0]]).run
+        arguments = [[values[row] for row in rows] for values in (parameters, durations_s, sources)]
+        made |= zip(rows, run(*arguments) if _takes_batches(run) else map(run, *arguments), strict=True)
+    return [made[row] for row in range(len(keys))]
 
 
 @cache
 def _takes_batches(run: Generate) -> bool:
     return list(signature(run).parameters)[2:] == ["rngs"]
-
-
-def generate_alike(
-    run: Callable[..., list[Motion]],
-    keys: Sequence[Hashable],
-    parameters: Sequence[Any],
-    durations_s: Sequence[float],
-    rngs: Sequence[np.random.Generator | None],
-) -> list[Motion]:
-    """Generate examples with equal keys together, by ``run(key, parameters, durations_s, rngs)``."""
-    made: dict[int, Motion] = {}
-    for key in dict.fromkeys(keys):
-        rows = [row for row, own in enumerate(keys) if own == key]
-        batch = ([values[row] for row in rows] for values in (parameters, durations_s, rngs))
-        made |= zip(rows, run(key, *batch), strict=True)
-    return [made[row] for row in range(len(keys))]
