@@ -23,7 +23,7 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
-from doppelgait.core.rng import Streams
+from doppelgait.core.rng import RandomSource
 from doppelgait.motion.models.human_body import (
     LENGTHS,
     Sizes,
@@ -275,9 +275,7 @@ class BoulicConfig(FrozenModel):
         return self
 
 
-def boulic_walk(
-    *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
-) -> Motion:
+def boulic_walk(*, duration_s: float = 5.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
     """Generate a walking person (Boulic et al. 1990; Chen 2011).
 
     Parameters

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
-from doppelgait.core.rng import Streams
+from doppelgait.core.rng import RandomSource
 from doppelgait.motion.models.primitives import check_clearance, make_gaitless_motion, rotor
 from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import sample_times_s, stack_columns
@@ -146,9 +146,7 @@ def _check_turns(rate_hz: float, rotation_hz: float, key: str) -> None:
         )
 
 
-def robot_vacuum(
-    *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
-) -> Motion:
+def robot_vacuum(*, duration_s: float = 5.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
     """Generate a flat round robot vacuum.
 
     The robot starts at the origin along +x and turns at a constant rate w, so that its centre is on
@@ -182,7 +180,7 @@ def robot_vacuum(
     return generate(parse_parameters(VacuumConfig, parameters, where="robot_vacuum"), duration_s=duration_s, rng=rng)
 
 
-def curtain(*, duration_s: float = 10.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
+def curtain(*, duration_s: float = 10.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
     """Generate a curtain that sways in front of a window.
 
     Points move along x by a (d/D) sin(2 pi f t - phi y/W), under a rail along y.
@@ -213,7 +211,7 @@ def curtain(*, duration_s: float = 10.0, rng: np.random.Generator | Streams | No
     return generate(parse_parameters(CurtainConfig, parameters, where="curtain"), duration_s=duration_s, rng=rng)
 
 
-def fan(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
+def fan(*, duration_s: float = 5.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
     """Generate a fan that blows along +x.
 
     It is a rotor in the plane (y, z) with a stand at rest.

@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
-from doppelgait.core.rng import Streams
+from doppelgait.core.rng import RandomSource
 from doppelgait.motion.models.human_body import LENGTHS, POINTS, make_person_motions
 from doppelgait.motion.models.quadruped_limbs import solve_two_links
 from doppelgait.motion.models.registry import generate, parse_parameters
@@ -82,9 +82,7 @@ class CrawlConfig(FrozenModel):
         return self
 
 
-def crawling_person(
-    *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
-) -> Motion:
+def crawling_person(*, duration_s: float = 5.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
     """Generate a person who crawls on hands and knees.
 
     Diagonal limbs move together. The stride frequency is f = sqrt(V/(0.36 H)) per second, and the

@@ -18,7 +18,7 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
-from doppelgait.core.rng import Streams
+from doppelgait.core.rng import RandomSource
 from doppelgait.motion.models import boulic
 from doppelgait.motion.models.curves import join_curves, make_measured_curve, walk_duty
 from doppelgait.motion.models.human_body import (
@@ -264,9 +264,7 @@ class HumanConfig(FrozenModel):
         return 0.0, boulic.TOP_RELATIVE_SPEED * leg_m * tempo
 
 
-def human_gait(
-    *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
-) -> Motion:
+def human_gait(*, duration_s: float = 5.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
     """Generate a walking or running person.
 
     Trunk, ankles and feet follow the mean of recorded people. A run has a flight phase (:func:`run_height_m`). With

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
-from doppelgait.core.rng import Streams
+from doppelgait.core.rng import RandomSource
 from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import sample_times_s, stack_columns
 from doppelgait.motion.motion import Motion, make_motion
@@ -139,9 +139,7 @@ class BreathingConfig(FrozenModel):
     rate_hz: float = Field(250.0, ge=1, le=10_000)
 
 
-def moving_point(
-    *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
-) -> Motion:
+def moving_point(*, duration_s: float = 5.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
     """Generate a point on a straight line.
 
     Its position is x = V t at a constant height.
@@ -171,7 +169,7 @@ def moving_point(
     return generate(parse_parameters(PointConfig, parameters, where="moving_point"), duration_s=duration_s, rng=rng)
 
 
-def pendulum(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
+def pendulum(*, duration_s: float = 5.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
     """Generate a point that swings in x under a pivot.
 
     The pivot is above x = 0. The angle from the vertical is a sin(2 pi f t), positive forward. The frequency is a
@@ -202,7 +200,7 @@ def pendulum(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | No
     return generate(parse_parameters(PendulumConfig, parameters, where="pendulum"), duration_s=duration_s, rng=rng)
 
 
-def rotor(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
+def rotor(*, duration_s: float = 5.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
     """Generate a hub at rest with rotating blade tips.
 
     The hub is above x = 0, and the rate is constant. Blade k is at the angle 2 pi (rotation_hz t +
@@ -234,9 +232,7 @@ def rotor(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None 
     return generate(parse_parameters(RotorConfig, parameters, where="rotor"), duration_s=duration_s, rng=rng)
 
 
-def breathing_person(
-    *, duration_s: float = 20.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
-) -> Motion:
+def breathing_person(*, duration_s: float = 20.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
     """Generate head and torso of a breathing person.
 
     The person stands still, facing +x; the chest moves as a sin(2 pi f t) in x.

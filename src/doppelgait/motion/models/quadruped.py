@@ -17,7 +17,7 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
-from doppelgait.core.rng import Streams
+from doppelgait.core.rng import RandomSource
 from doppelgait.motion.models.quadruped_gaits import (
     BUILDS,
     GAITS,
@@ -202,9 +202,7 @@ class QuadrupedConfig(FrozenModel):
         return froude_speed_mps(froude, self.hip_m)
 
 
-def quadruped_gait(
-    *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
-) -> Motion:
+def quadruped_gait(*, duration_s: float = 5.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
     """Generate a four-legged animal in one straight gait.
 
     Stride length L = c h Fr^p with Fr = V^2/(g h) and a dog's h = 0.8 withers heights (p = 0.3, Alexander and Jayes

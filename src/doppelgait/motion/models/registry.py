@@ -8,12 +8,10 @@ from functools import cache
 from inspect import signature
 from typing import Any, TypeVar
 
-import numpy as np
-
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import Group
-from doppelgait.core.rng import Streams
+from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.motion.motion import Motion
 
 Parameters = TypeVar("Parameters", bound=FrozenModel)
@@ -73,7 +71,7 @@ def parse_parameters(model: type[Parameters], parameters: Mapping[str, Any], *, 
 
 
 def generate(
-    model: FrozenModel | Mapping[str, Any] | str, *, duration_s: float, rng: np.random.Generator | Streams | None = None
+    model: FrozenModel | Mapping[str, Any] | str, *, duration_s: float, rng: RandomSource | None = None
 ) -> Motion:
     """Generate the motion of a model.
 
@@ -104,12 +102,12 @@ def generate_all(
     models: Sequence[FrozenModel | Mapping[str, Any] | str],
     *,
     durations_s: Sequence[float],
-    rngs: Sequence[np.random.Generator | Streams | None],
+    rngs: Sequence[RandomSource | None],
 ) -> list[Motion]:
     """Generate many motions, those of a kind together."""
     # each is the same as that of generate. No two may share a generator.
     parameters = [MOTION_MODELS.parse(model) for model in models]
-    sources = [rng.generator("motion") if isinstance(rng, Streams) else rng for rng in rngs]
+    sources = [None if rng is None else as_generator(rng, "motion") for rng in rngs]
     keys: list[Hashable] = []
     sums_s: dict[Hashable, float] = {}
     for model, duration_s in zip(parameters, durations_s, strict=True):
