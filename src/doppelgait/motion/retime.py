@@ -294,8 +294,9 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
 
     def about_way(at_s: FloatArray, points: npt.NDArray[np.bool_]) -> FloatArray:
         even_m: FloatArray = slope[0] + slope[1] * at_s[:, None]
-        columns = motion.position_m[:, points].reshape(old_s.size, -1)
-        position_m, _ = _fit_motion_spline(motion, columns).at(check_times(motion, at_s))
+        columns = motion.position_m.take(np.flatnonzero(points), axis=1).reshape(old_s.size, -1)
+        spline, position_m = _fit_motion_spline(motion, columns), np.empty((at_s.size, columns.shape[1]))
+        native.values_between(spline.values, spline.moments, spline.step_s, check_times(motion, at_s), position_m)
         return _add_to_points(position_m.reshape(at_s.size, -1, 3), -even_m)
 
     parts = motion.parts
