@@ -246,7 +246,7 @@ def assessed(mu):
     observed = observe(processing.decimate(mu), Analysis(doppler_bins=127))
     found = measure_extended(observed)
     return SimpleNamespace(
-        extended=found.values, reasons=found.reasons, standard_deviations=estimate_uncertainties(observed)
+        extended=found.values, reasons=found.reasons, standard_deviations=estimate_uncertainties([observed])[0]
     )
 
 

@@ -15,13 +15,13 @@ from doppelgait.features.uncertainty import (
     RATIO_FACTOR,
     VELOCITY_LEAST_MPS,
     Periods,
-    bandwidth_sd_hz,
+    estimate_bandwidth_sd,
     estimate_harmonic_ratio_sd,
     estimate_ratio_sd,
     estimate_uncertainties,
+    estimate_velocity_sd,
     flag_uncertain_features,
     frequency_sd_hz,
-    velocity_sd_mps,
 )
 from doppelgait.motion.models import human_gait
 from doppelgait.pipeline import analyze, simulate
@@ -80,7 +80,7 @@ def test_velocity_sd_of_independent_columns():
         evidence = evidence_of(line_at(1.5 + rng.normal(scale=0.1, size=T.size), k=255), 1.5)
         for frequency_hz in (2.0, 3.0, 5.0, None):
             observed = with_extraction(evidence, extraction_of(1.5, frequency_hz))
-            found.append(velocity_sd_mps(observed) ** 2 - VELOCITY_LEAST_MPS**2)
+            found.append(estimate_velocity_sd([observed])[0] ** 2 - VELOCITY_LEAST_MPS**2)
     # Cauchy weights with this tuning are 95 % efficient on Gaussian errors
     assert np.sqrt(np.mean(found)) == pytest.approx(wanted / np.sqrt(0.95), rel=0.12)
 
@@ -89,9 +89,10 @@ def test_velocity_sd_ignores_what_repeats_in_every_period():
     swing = 0.2 * np.sin(2 * np.pi * 2.0 * T)
     observed = with_extraction(evidence_of(line_at(1.5 + swing), 1.5), extraction_of(1.5, 2.0))
     ripple = np.sqrt(np.mean(observed.torso_ripple_mps**2))
-    assert velocity_sd_mps(observed) == pytest.approx(np.hypot(0.05 * ripple, VELOCITY_LEAST_MPS), rel=0.3)
+    (alone,) = estimate_velocity_sd([observed])
+    assert alone == pytest.approx(np.hypot(0.05 * ripple, VELOCITY_LEAST_MPS), rel=0.3)
     other = with_extraction(evidence_of(line_at(1.5 + swing), 1.5), extraction_of(1.5, 3.1))
-    assert velocity_sd_mps(other) > 1.5 * velocity_sd_mps(observed)
+    assert estimate_velocity_sd([observed, other])[1] > 1.5 * alone
 
 
 def test_bandwidth_sd_is_a_jackknife_over_groups_of_periods():
@@ -105,7 +106,7 @@ def test_bandwidth_sd_is_a_jackknife_over_groups_of_periods():
     without = [width_of_bins(above.mean(axis=0)) * bin_mps for above in kept]
     scatter = np.sqrt(7 / 8 * ((without - np.mean(without)) ** 2).sum())
     wanted = np.sqrt(scatter**2 + 2 * bin_mps**2 / 12) / observed.mps_per_hz
-    assert bandwidth_sd_hz(observed) == pytest.approx(wanted, rel=1e-6)
+    assert estimate_bandwidth_sd([observed]) == pytest.approx([wanted], rel=1e-6)
     assert scatter > 2 * bin_mps
 
 
@@ -117,7 +118,7 @@ def swinging():
 
 
 def test_step_length_sd_adds_relative_variances_and_the_third_harmonic_has_none():
-    found = estimate_uncertainties(with_extraction(*swinging()))
+    (found,) = estimate_uncertainties([with_extraction(*swinging())])
     share = np.hypot(found["torso_velocity_mps"] / 1.5, found["gait_frequency_hz"] / 2.0)
     assert found["step_length_m"] == pytest.approx(0.75 * share)
     assert found["harmonic_ratio_3"] is None
@@ -130,15 +131,16 @@ def test_step_length_sd_adds_relative_variances_and_the_third_harmonic_has_none(
 
 def test_no_signal_and_few_periods_have_no_uncertainty():
     evidence, extraction = swinging()
-    nothing = estimate_uncertainties(with_extraction(evidence, Extraction(GaitFeatures(), None, None, None)))
+    torso_hz = extraction.torso_doppler_hz
+    nothing, slow, without = estimate_uncertainties(
+        [
+            with_extraction(evidence, Extraction(GaitFeatures(), None, None, None)),
+            with_extraction(evidence, Extraction(extraction.features, 2.9 / 5.0, torso_hz, 2.9)),
+            with_extraction(evidence, Extraction(GaitFeatures(1.5), None, torso_hz, None)),
+        ]
+    )
     assert set(nothing.values()) == {None}
-    slow = estimate_uncertainties(
-        with_extraction(evidence, Extraction(extraction.features, 2.9 / 5.0, extraction.torso_doppler_hz, 2.9))
-    )
     assert set(slow.values()) == {None}
-    without = estimate_uncertainties(
-        with_extraction(evidence, Extraction(GaitFeatures(1.5), None, extraction.torso_doppler_hz, None))
-    )
     assert [name for name, value in without.items() if value is not None] == ["torso_velocity_mps"]
 
 
@@ -169,7 +171,7 @@ def observations(monkeypatch, count=24):
         made = simulate(scene, radar, rng=Streams(20, n), snr_db=15.0, angles=False)
         truth = made.truth[0]
         analyze(made, gate="truth", analysis=Analysis(hop=8))
-        sd = estimate_uncertainties(with_extraction(*kept[-1]))
+        (sd,) = estimate_uncertainties([with_extraction(*kept[-1])])
         found = kept[-1][1]
         yield (
             (found.features.torso_velocity_mps - truth.centre_velocity_mps.mean()) / sd["torso_velocity_mps"],

@@ -343,7 +343,7 @@ def test_scatter_of_blocks_is_the_sandwich_over_blocks():
     square, taper = (residual / scale) ** 2, 1.001 - np.linspace(-1, 1, 80) ** 2
     sums = np.add.reduceat(taper * residual / (1 + square), starts)
     wanted = np.sqrt((sums**2).sum() * 4 / 2) / (taper * (1 - square) / (1 + square) ** 2).sum()
-    assert compute_block_scatter(residual, 0.01, starts) == pytest.approx(wanted, rel=1e-12)
+    assert compute_block_scatter(residual[None], 0.01, [starts]) == pytest.approx([wanted], rel=1e-12)
 
 
 @pytest.mark.parametrize("orders", [[1, 2, 3, 4], [2, 4]])

@@ -21,7 +21,7 @@ from functools import partial
 import numpy as np
 
 from doppelgait.core.plugins import plugin
-from doppelgait.features.feature_set import FEATURES
+from doppelgait.features.feature_set import FEATURES, NEEDS
 from doppelgait.features.observed import TORSO_BAND_MPS, Observation, compute_autocorrelation_at
 
 UNDETERMINED = "undetermined"
@@ -47,10 +47,14 @@ def measure_extended(observed: Observation) -> ExtendedFeatures:
     """Measure a target's features beyond the set F."""
     values: dict[str, float | None] = {}
     reasons: dict[str, str] = {}
+    unmet = {need: observed.describe_missing((need,)) for need in NEEDS}
+    unmet[""] = observed.describe_missing(())
     for feature in FEATURES.values():
         if "set_f" in feature.facts:
             continue
-        name, reason = feature.name, observed.describe_missing(feature.facts.get("needs", ()))
+        name, reason = feature.name, unmet[""]
+        for need in feature.facts.get("needs", ()):
+            reason = reason or unmet[need]
         value = None if reason else feature.run(observed)
         values[name] = float(value) if value is not None and math.isfinite(value) else None
         if values[name] is None:
@@ -140,7 +144,9 @@ def measure_periodicity(observed: Observation) -> float | None:
         return None
     low_hz, high_hz = observed.envelopes_hz
     width_hz = high_hz - low_hz
-    return compute_autocorrelation_at(width_hz - width_hz.mean(), observed.rate_hz / observed.frequency_hz)
+    return compute_autocorrelation_at(
+        width_hz - width_hz.sum() / width_hz.size, observed.rate_hz / observed.frequency_hz
+    )
 
 
 @plugin("feature", "swing_duty", unit="1", source="ours: duration of limb spikes (E-35b)", needs=SIDES)
@@ -190,9 +196,9 @@ def measure_stance_share(observed: Observation) -> float | None:
     """Measure the power share within 0.3 m/s of zero velocity."""
     # this is the share of feet on the ground; it is None for a target that is too slow to be
     # distinguished from them
-    if abs(float(observed.line_mps.mean())) < STANCE_BAND_MPS + TORSO_BAND_MPS:
+    if abs(observed.mean_line_mps) < STANCE_BAND_MPS + TORSO_BAND_MPS:
         return None
-    share = np.clip((STANCE_BAND_MPS - np.abs(observed.velocity_mps)) / observed.bin_mps + 0.5, 0.0, 1.0)
+    share = np.minimum(((STANCE_BAND_MPS - np.abs(observed.velocity_mps)) / observed.bin_mps + 0.5).clip(0.0), 1.0)
     rows = np.flatnonzero(share)
     first, some = (int(rows[0]), share[rows[0] : rows[-1] + 1]) if rows.size else (0, share[:0])
     weight = observed.range_weight

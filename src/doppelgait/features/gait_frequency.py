@@ -26,7 +26,7 @@ import numpy.typing as npt
 from doppelgait._core import native
 from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Signal, sampling_rate_hz
 from doppelgait.core.lazy import xr
-from doppelgait.features.limbs import Rows, average_columns, detrend_rows, group_size, limb_rows, summed_rows
+from doppelgait.features.limbs import Rows, average_columns, detrend_rows, group_size, limb_rows, sum_rows
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -230,9 +230,8 @@ def measure_target_rhythms(targets: Sequence[tuple[Signal, Signal, float]]) -> R
     rows = []
     for aligned, excess, floor_v2 in targets:
         slow = average_columns(aligned)
-        wide = summed_rows(slow, slow.bin_hz)
         limbs = limb_rows(slow, _compute_cell_noise(slow, aligned, excess, floor_v2))
-        rows.append([detrend_rows(wide.values, wide.rate_hz), limbs.values])
+        rows.append([detrend_rows(sum_rows(slow), slow.rate_hz), limbs.values])
     return measure_rhythms(rows, slow.rate_hz)
 
 
@@ -352,5 +351,5 @@ def refine_on_harmonics(frequency_hz: float, shares: Sequence[FloatArray], step_
     if bend >= 0 or height <= 0:
         return float(trial_hz[best]), math.nan
     reach_hz = apart_hz * TOP
-    offset_hz = float(np.clip(-slope / (2.0 * bend), -reach_hz, reach_hz))
+    offset_hz = min(max(float(-slope / (2.0 * bend)), -reach_hz), reach_hz)
     return float(trial_hz[best]) + offset_hz, math.sqrt(WIDTH_DROP * float(height) / float(-bend))

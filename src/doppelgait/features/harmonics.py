@@ -60,7 +60,7 @@ def harmonic_ratio(spectrum: Signal, frequency_hz: float, harmonic: int) -> floa
 def peak_ratio(cadence_hz: FloatArray, values: FloatArray, frequency_hz: float, harmonic: int) -> float | None:
     """Compute :func:`harmonic_ratio` of a spectrum without checking its schema."""
     expected_hz = harmonic * frequency_hz
-    first, stop = np.searchsorted(cadence_hz, [expected_hz * (1.0 - SEARCH), expected_hz * (1.0 + SEARCH)]).tolist()
+    first, stop = cadence_hz.searchsorted([expected_hz * (1.0 - SEARCH), expected_hz * (1.0 + SEARCH)]).tolist()
     first, stop = max(first, 1), min(stop, values.size - 1)
     before, inside, after = (values[first + shift : max(stop, first) + shift] for shift in (-1, 0, 1))
     peaks = np.flatnonzero((inside > before) & (inside >= after))

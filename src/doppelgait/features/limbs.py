@@ -103,7 +103,13 @@ def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
     starts, stops, centre_hz = _make_limb_groups(rows.doppler_hz.size, zero, float(rows.doppler_hz[zero]), bin_hz)
     amplitude = np.empty((noise.size, starts.size))
     native.limb_amplitudes(
-        moved, noise, CLIPPED_MEAN * float(noise.mean()), OCCUPIED_SIGMAS * spread, starts, stops, amplitude
+        moved,
+        noise,
+        CLIPPED_MEAN * (float(noise.sum()) / noise.size),
+        OCCUPIED_SIGMAS * spread,
+        starts,
+        stops,
+        amplitude,
     )
     return Rows(detrend_rows(amplitude, rows.rate_hz), centre_hz, rows.rate_hz)
 
@@ -128,11 +134,9 @@ def _group_rows(bin_hz: float) -> int:
     return max(1, round(ROW_WIDTH_HZ / bin_hz))
 
 
-def summed_rows(rows: Rows, bin_hz: float) -> Rows:
+def sum_rows(rows: Rows) -> FloatArray:
     """Sum neighbouring rows to about 16 Hz each."""
-    size = min(_group_rows(bin_hz), max(rows.values.shape[1], 1))
-    doppler_hz = rows.doppler_hz[: rows.doppler_hz.size // size * size]
-    return Rows(sum_groups(rows.values, 1, size), doppler_hz.reshape(-1, size).mean(axis=1), rows.rate_hz)
+    return sum_groups(rows.values, 1, min(_group_rows(rows.bin_hz), max(rows.values.shape[1], 1)))
 
 
 def detrend_rows(values: FloatArray, rate_hz: float) -> FloatArray:

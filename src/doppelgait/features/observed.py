@@ -344,7 +344,7 @@ class Observation:
     @cached_property
     def occupied_columns(self) -> FloatArray:
         """Aligned normalised signature in rows K+, (J, K+)."""
-        return np.take(self.aligned.values, self.occupied_rows, axis=1, mode="clip")
+        return self.aligned.values.take(self.occupied_rows, axis=1, mode="clip")
 
     @cached_property
     def mps_per_hz(self) -> float:
@@ -385,7 +385,7 @@ class Observation:
     @cached_property
     def torso_hz(self) -> float:
         """Mean Doppler of the torso."""
-        return float(self.main_line_hz.mean()) + self.bend_mps / self.mps_per_hz
+        return float(self.main_line_hz.sum()) / self.main_line_hz.size + self.bend_mps / self.mps_per_hz
 
     @property
     def torso_mps(self) -> float:
@@ -395,8 +395,13 @@ class Observation:
     @cached_property
     def direction(self) -> float:
         """1 approaching, -1 receding, 0 unknown."""
-        mean_mps = float(self.line_mps.mean())
-        return float(np.sign(mean_mps)) if abs(mean_mps) >= LEAST_SPEED_MPS else 0.0
+        mean_mps = self.mean_line_mps
+        return math.copysign(1.0, mean_mps) if abs(mean_mps) >= LEAST_SPEED_MPS else 0.0
+
+    @cached_property
+    def mean_line_mps(self) -> float:
+        """Mean of the straight main line."""
+        return float(self.line_mps.sum()) / self.line_mps.size
 
     @cached_property
     def edges(self) -> Envelopes:
@@ -451,7 +456,7 @@ class Observation:
         It is (range / mean range)^4 of the gate.
         """
         centre_m = self.signature.axis("centre_range")
-        return np.asarray((centre_m / centre_m.mean()) ** 4)
+        return np.asarray((centre_m / (centre_m.sum() / centre_m.size)) ** 4)
 
     @cached_property
     def about_line(self) -> tuple[LinePower, FloatArray, FloatArray]:
@@ -476,7 +481,7 @@ class Observation:
     def cadence(self) -> tuple[FloatArray, FloatArray]:
         """Cadence axis and power spectrum, 0.5 to 20 Hz (E-32)."""
         cadence_hz = self.spectrum.axis("cadence")
-        first, last = np.searchsorted(cadence_hz, CADENCE_HZ)
+        first, last = cadence_hz.searchsorted(CADENCE_HZ)
         return cadence_hz[first:last], self.spectrum.values[first:last]
 
     @cached_property
@@ -491,8 +496,8 @@ class Observation:
         between = power[(np.abs(turns - np.floor(turns) - 0.5) <= 0.2) & (turns > 1.0) & (turns < 4.0)]
         noise = compute_quantile(between, 0.5) if between.size else 0.0
         centre_hz, half_cell_hz = self.frequency_hz * ORDERS, 0.5 / self.observation_s
-        first = np.searchsorted(cadence_hz, centre_hz - half_cell_hz).tolist()
-        last = np.searchsorted(cadence_hz, centre_hz + half_cell_hz).tolist()
+        first = cadence_hz.searchsorted(centre_hz - half_cell_hz).tolist()
+        last = cadence_hz.searchsorted(centre_hz + half_cell_hz).tolist()
         highest = [
             float(power[a : max(b, a + 1)].max()) if a < power.size else 0.0 for a, b in zip(first, last, strict=True)
         ]

@@ -13,6 +13,7 @@ increase the bandwidth.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -48,30 +49,31 @@ UNCERTAIN_SHARE = {
 """Standard deviation as a share of the value above which the feature is flagged."""
 
 
-def estimate_uncertainties(observed: Observation) -> dict[str, float | None]:
-    """Estimate standard deviations of the features and gait frequency."""
+def estimate_uncertainties(observations: Sequence[Observation]) -> list[dict[str, float | None]]:
+    """Estimate standard deviations of the features and gait frequency of targets with equal axes."""
     # each standard deviation has the unit of its feature
-    extraction, features = observed.extraction, observed.extraction.features
+    audible = [seen for seen in observations if seen.has_signal]
+    wide = [s for s in audible if s.has_gait_frequency and s.extraction.features.doppler_bandwidth_hz is not None]
+    velocity_sd = dict(zip(map(id, audible), estimate_velocity_sd(audible), strict=True))
+    bandwidth_sd = dict(zip(map(id, wide), estimate_bandwidth_sd(wide), strict=True))
+    return [_collect(seen, velocity_sd.get(id(seen)), bandwidth_sd.get(id(seen))) for seen in observations]
+
+
+def _collect(observed: Observation, velocity_sd: float | None, bandwidth_sd: float | None) -> dict[str, float | None]:
+    """Collect the standard deviations of one target."""
+    features, frequency_hz = observed.extraction.features, observed.extraction.gait_frequency_hz
     found: dict[str, float | None] = dict.fromkeys((*features.as_dict(), "gait_frequency_hz"))
-    if observed.describe_missing(()) is not None:
-        return found
-    found["torso_velocity_mps"] = velocity_sd_mps(observed)
-    if observed.describe_missing(("gait_frequency",)) is not None:
-        return found
-    if features.doppler_bandwidth_hz is not None:
-        found["doppler_bandwidth_hz"] = bandwidth_sd_hz(observed)
-    periods = _measure_periods(observed)
-    if periods is None:
-        return found
-    found["gait_frequency_hz"] = frequency_sd = frequency_sd_hz(periods)
-    length_m, velocity_sd = features.step_length_m, found["torso_velocity_mps"]
-    if length_m is not None and extraction.gait_frequency_hz is not None and velocity_sd is not None:
-        # L_m = v_m / f_mu: relative variances add (E-36)
-        found["step_length_m"] = math.hypot(velocity_sd, length_m * frequency_sd) / extraction.gait_frequency_hz
-    if features.limb_torso_ratio is not None:
-        found["limb_torso_ratio"] = estimate_ratio_sd(periods)
-    if features.harmonic_ratio_2 is not None:
-        found["harmonic_ratio_2"] = estimate_harmonic_ratio_sd(periods, 2)
+    found |= {"torso_velocity_mps": velocity_sd, "doppler_bandwidth_hz": bandwidth_sd}
+    periods = None if frequency_hz is None or not observed.has_signal else _measure_periods(observed)
+    if periods is not None and frequency_hz is not None:
+        found["gait_frequency_hz"] = frequency_sd = frequency_sd_hz(periods)
+        if features.step_length_m is not None and velocity_sd is not None:
+            # L_m = v_m / f_mu: relative variances add (E-36)
+            found["step_length_m"] = math.hypot(velocity_sd, features.step_length_m * frequency_sd) / frequency_hz
+        if features.limb_torso_ratio is not None:
+            found["limb_torso_ratio"] = estimate_ratio_sd(periods)
+        if features.harmonic_ratio_2 is not None:
+            found["harmonic_ratio_2"] = estimate_harmonic_ratio_sd(periods, 2)
     return {name: value if value is not None and math.isfinite(value) else None for name, value in found.items()}
 
 
@@ -86,46 +88,65 @@ def flag_uncertain_features(extraction: Extraction, sd: dict[str, float | None])
     return tuple(flags)
 
 
-def velocity_sd_mps(observed: Observation) -> float | None:
-    """Estimate the standard deviation of v_m (E-34).
+def estimate_velocity_sd(observations: Sequence[Observation]) -> list[float | None]:
+    """Estimate the standard deviation of v_m in m/s (E-34).
     The main line is an M-estimate with Cauchy weights, tapered in time. This is the sandwich estimate for clusters
     (Huber 1967): blocks are independent, and columns within a block may depend on each other.
     """
-    known = observed.extraction.gait_frequency_hz
-    edges = observed.compute_block_edges(VELOCITY_BLOCK_S) if known is None else observed.period_edges
-    starts = np.concatenate([[0], edges[1:-1]])  # remaining columns at the ends belong to the blocks there
-    if starts.size < MIN_BLOCKS:
-        return None
-    residual = observed.peaks_hz * observed.mps_per_hz - observed.line_mps
-    sandwich_mps = compute_block_scatter(residual, observed.bin_mps / 4.0, starts)
-    ripple_mps = observed.torso_ripple_rms_mps if observed.has_line else 0.0
-    return math.hypot(sandwich_mps, VELOCITY_RIPPLE_SHARE * ripple_mps, VELOCITY_LEAST_MPS)
+    starts = []
+    for seen in observations:
+        edges = seen.period_edges if seen.has_gait_frequency else seen.compute_block_edges(VELOCITY_BLOCK_S)
+        starts.append(np.concatenate([[0], edges[1:-1]]))  # remaining columns at the ends belong to the blocks there
+    found: list[float | None] = [None] * len(starts)
+    chosen = [n for n, edges in enumerate(starts) if edges.size >= MIN_BLOCKS]
+    if chosen:
+        residual = np.stack([observations[n].peaks_hz * observations[n].mps_per_hz for n in chosen])
+        residual -= np.stack([observations[n].line_mps for n in chosen])
+        least_scale = observations[0].bin_mps / 4.0
+        scatter = compute_block_scatter(residual, least_scale, [starts[n] for n in chosen])
+        for n, sandwich_mps in zip(chosen, scatter, strict=True):
+            ripple_mps = observations[n].torso_ripple_rms_mps if observations[n].has_line else 0.0
+            found[n] = math.hypot(sandwich_mps, VELOCITY_RIPPLE_SHARE * ripple_mps, VELOCITY_LEAST_MPS)
+    return found
 
 
-def compute_block_scatter(residual: FloatArray, least_scale: float, starts: npt.NDArray[np.int64]) -> float:
-    """Compute the standard deviation of a tapered Cauchy mean of dependent values."""
+def compute_block_scatter(
+    residual: FloatArray, least_scale: float, starts: Sequence[npt.NDArray[np.int64]]
+) -> list[float]:
+    """Compute the standard deviation of tapered Cauchy means of dependent values. Shapes: residual (B, J)."""
     # blocks begin at the starts, the first at 0; the slope is positive: half of the values are below a third of scale
-    scale = CAUCHY_TUNING * max(1.4826 * compute_quantile(np.abs(residual), 0.5), least_scale)
-    square, taper = (residual / scale) ** 2, 1.001 - np.linspace(-1.0, 1.0, residual.size) ** 2
-    weight = taper / (1.0 + square)
-    slope = float((weight * (1.0 - square) / (1.0 + square)).sum())
-    blocks = np.add.reduceat(weight * residual, starts)
-    return math.sqrt(float(blocks @ blocks) * starts.size / (starts.size - 2)) / slope
+    medians = np.array([[compute_quantile(row, 0.5)] for row in np.abs(residual)])
+    square = (residual / (CAUCHY_TUNING * np.maximum(1.4826 * medians, least_scale))) ** 2
+    weight = (1.001 - np.linspace(-1.0, 1.0, residual.shape[-1]) ** 2) / (1.0 + square)
+    slopes, products = (weight * (1.0 - square) / (1.0 + square)).sum(axis=-1), weight * residual
+    scatter = []
+    for product, slope, edges in zip(products, slopes.tolist(), starts, strict=True):
+        blocks = np.add.reduceat(product, edges)
+        scatter.append(math.sqrt(float(blocks @ blocks) * edges.size / (edges.size - 2)) / slope)
+    return scatter
 
 
-def bandwidth_sd_hz(observed: Observation) -> float | None:
-    """Estimate the standard deviation of B_mu (E-35)."""
+def estimate_bandwidth_sd(observations: Sequence[Observation]) -> list[float | None]:
+    """Estimate the standard deviation of B_mu in Hz (E-35)."""
     # the estimate is a jackknife over groups of periods, plus the rounding to Doppler bins
-    edges = observed.period_edges
-    if edges.size - 1 < MIN_BLOCKS:
-        return None
-    n_groups = min(edges.size - 1, GROUPS)
-    edges = edges[np.arange(n_groups + 1) * (edges.size - 1) // n_groups]
-    counts = observed.count_above_level(edges)
-    left = (edges[-1] - edges[0] - np.diff(edges))[:, None]
-    without = width_of_bins((counts.sum(axis=0) - counts) / left)
-    scatter = (n_groups - 1) / n_groups * float(((without - without.mean()) ** 2).sum())
-    return math.sqrt(scatter + 1.0 / 6.0) * observed.bin_mps / observed.mps_per_hz
+    found: list[float | None] = [None] * len(observations)
+    shares, stops = {}, [0]
+    for n, seen in enumerate(observations):
+        edges = seen.period_edges
+        n_groups = min(edges.size - 1, GROUPS)
+        if n_groups >= MIN_BLOCKS:
+            edges = edges[np.arange(n_groups + 1) * (edges.size - 1) // n_groups]
+            counts = seen.count_above_level(edges)
+            shares[n] = (counts.sum(axis=0) - counts) / (edges[-1] - edges[0] - (edges[1:] - edges[:-1]))[:, None]
+            stops.append(stops[-1] + n_groups)
+    if shares:
+        widths = width_of_bins(np.concatenate(list(shares.values())))
+        for n, first, stop in zip(shares, stops[:-1], stops[1:], strict=True):
+            without, n_groups = widths[first:stop], stop - first
+            difference = without - without.sum() / n_groups
+            scatter = (n_groups - 1) / n_groups * float((difference**2).sum())
+            found[n] = math.sqrt(scatter + 1.0 / 6.0) * observations[n].bin_mps / observations[n].mps_per_hz
+    return found
 
 
 @dataclass(frozen=True)
@@ -142,8 +163,9 @@ class Periods:
     @cached_property
     def phase_parts(self) -> tuple[FloatArray, FloatArray]:
         """Harmonics of each period relative to their mean."""
-        products = np.einsum("bhk,hk->bh", self.harmonics, self.harmonics.mean(axis=0).conj())
-        return products.imag, products.real.mean(axis=0)
+        n = len(self.harmonics)
+        products = np.einsum("bhk,hk->bh", self.harmonics, (self.harmonics.sum(axis=0) / n).conj())
+        return products.imag, products.real.sum(axis=0) / n
 
 
 def _measure_periods(observed: Observation) -> Periods | None:

@@ -107,8 +107,11 @@ def analyze_signatures(
             tile = list(group.items())[first : first + MAX_TOGETHER]
             targets = [target for _, target in tile]
             observed = observe_alike([target.usable for target in targets], [target.analysis for target in targets])
-            share_extended([seen for seen, target in zip(observed, targets, strict=True) if target.analysis.extended])
-            found |= {n: _make_result(target, seen) for (n, target), seen in zip(tile, observed, strict=True)}
+            whole = [seen for seen, target in zip(observed, targets, strict=True) if target.analysis.extended]
+            share_extended(whole)
+            deviations = dict(zip(map(id, whole), estimate_uncertainties(whole), strict=True))
+            for (n, target), seen in zip(tile, observed, strict=True):
+                found[n] = _make_result(target, seen, deviations.get(id(seen)))
     return [found[n] for n in range(len(found))]
 
 
@@ -118,7 +121,9 @@ def _describe_axes(mu: Signal) -> tuple[Any, ...]:
     return (*facts, mu.axis("time").tobytes(), mu.axis("doppler").tobytes())
 
 
-def _make_result(target: Target, observed: Observation | None) -> Result:
+def _make_result(
+    target: Target, observed: Observation | None, deviations: dict[str, float | None] | None = None
+) -> Result:
     """Make the result of a target; without an observation it is analysed as in the report."""
     mu, usable, share, gate, analysis, label = target
     shown = usable if usable is mu else processing.crop_to_frame(mu)[0]
@@ -157,12 +162,11 @@ def _make_result(target: Target, observed: Observation | None) -> Result:
             cadence_spectrum=observed.spectrum,
             mean_doppler_spectrum=lambda: processing.mean_doppler_spectrum(renew()),
         )
-        if analysis.extended:
+        if deviations is not None:
             torso_mps = main_line.torso_velocity_mps(observed.signature, observed.floor_v2, line_hz)
             if thinned:
                 torso_mps = np.interp(shown.axis("time"), observed.signature.axis("time"), torso_mps)
             over_time["torso_velocity_mps"] = torso_mps
-            deviations = estimate_uncertainties(observed)
             further = {"extended": measure_extended(observed).values, "standard_deviation": deviations}
             extraction = replace(
                 extraction, flags=(*extraction.flags, *flag_uncertain_features(extraction, deviations))
@@ -203,7 +207,7 @@ def _measure_ground_motion(
 ) -> tuple[dict[str, Any], dict[str, float | None], list[str]]:
     """Measure ground speed and aspect, their deviations and flags (E-34b)."""
     centre_m = mu.axis("centre_range")
-    follows = np.ptp(centre_m) > 0  # a fixed gate does not follow a target
+    follows = centre_m.max() > centre_m.min()  # a fixed gate does not follow a target
     motion = (
         estimate_ground_motion(mu.axis("time"), centre_m, range_sd_m=gate.range_sd_m) if follows else GroundMotion()
     )
@@ -256,8 +260,9 @@ def _prepare(mu: Signal, analysis: Analysis) -> Observation:
     (strongest_v2, peaks_hz), bin_hz = main_line.find_column_peaks(mu), main_line.bin_width_hz(mu)  # used several times
     straight = main_line.fit_line(peaks_hz, bin_hz, order=1, tapered=True)
     track_mps, bend_mps, agreed = None, 0.0, True
-    if np.ptp(mu.axis("centre_range")) > 0:  # a fixed gate does not follow a target
-        track = main_line.track_velocity(mu.axis("time"), mu.axis("centre_range"))
+    centre_m = mu.axis("centre_range")
+    if centre_m.max() > centre_m.min():  # a fixed gate does not follow a target
+        track = main_line.track_velocity(mu.axis("time"), centre_m)
         track_mps, bend_mps = track.mean_mps, track.bend_mps
         track_hz = 2.0 * track.line_mps / float(mu.attrs["wavelength_m"])
         straight, agreed = main_line.choose_velocity(mu, floor_v2, straight, track_hz)

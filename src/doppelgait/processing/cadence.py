@@ -73,12 +73,15 @@ def sum_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) 
     parts[n_columns:] = 0.0
     lines = fft.fft(pairs, axis=0, overwrite_x=True).view(np.float64)
     powers = np.einsum("qk,qk->q", lines, lines)
-    opposite = powers[-np.arange(padded // 2 + 1)]
-    products = np.fft.irfft(0.5 * (powers[: opposite.size] + opposite), padded)[:n_columns]
+    both = powers[: padded // 2 + 1].copy()
+    both[1:] += powers[: -both.size : -1]  # the opposite lines
+    both[0] += powers[0]
+    products = np.fft.irfft(0.5 * both, padded)[:n_columns]
     found = np.fft.rfft(products, length)[:n_kept].real
     return np.asarray(np.maximum(2.0 * found - products[0], 0.0))
 
 
+@lru_cache(maxsize=256)
 def _find_coarsest_step(n_columns: int, length: int, n_kept: int) -> int:
     """Find the largest allowed decimation of the column rate."""
     # the decimated rate is at least 1.5 times the two-sided band

@@ -190,8 +190,10 @@ def choose_velocity(
     """Choose between main line and track velocity (E-34)."""
     # the track's: if limbs are stronger than the trunk or if a person stops
     half_m = float(signature.attrs["wavelength_m"]) / 2.0
-    seconds = float(np.ptp(signature.axis("time")))
-    apart_mps, speed_mps = abs(float(line_hz.mean() - track_hz.mean())) * half_m, abs(float(track_hz.mean())) * half_m
+    time_s, n_columns = signature.axis("time"), track_hz.size
+    seconds = float(time_s[-1] - time_s[0])
+    line_mean_hz, track_mean_hz = float(line_hz.sum()) / n_columns, float(track_hz.sum()) / n_columns
+    apart_mps, speed_mps = abs(line_mean_hz - track_mean_hz) * half_m, abs(track_mean_hz) * half_m
     band_hz = bin_width_hz(signature) * signature.sizes["doppler"]
     ambiguous = np.abs(track_hz).max() > UNFOLDED_SHARE * band_hz / 2.0
     if ambiguous or apart_mps <= max(AGREEING_SHARE * speed_mps, LEAST_APART_MPS, TRACK_ERROR_M / seconds):
@@ -200,7 +202,7 @@ def choose_velocity(
     centre = np.rint((track_hz - float(signature.axis("doppler")[0])) / bin_hz).astype(np.int64)
     reach = round(NEAR_TRACK_MPS / half_m / bin_hz)
     rows = (centre[:, None] + np.arange(-reach, reach + 1)) % values.shape[1]
-    near = np.take_along_axis(values, rows, axis=1).max(axis=1).astype(np.float64)
+    near = values[np.arange(n_columns)[:, np.newaxis], rows].max(axis=1).astype(np.float64)
     strongest = values.max(axis=1).astype(np.float64)
     if compute_median(near) - floor_v2 >= BODY_SHARE * (compute_median(strongest) - floor_v2):
         return track_hz, True
@@ -212,11 +214,11 @@ def torso_velocity_mps(signature: Signal, floor_v2: float, line_hz: FloatArray) 
     values, doppler_hz = signature.values, signature.axis("doppler")
     bin_hz, half_m = bin_width_hz(signature), float(signature.attrs["wavelength_m"]) / 2.0
     time_s, range_m = signature.axis("time"), signature.axis("centre_range")
-    if np.ptp(range_m) > 0 and time_s.size > 4:
+    if range_m.max() > range_m.min() and time_s.size > 4:
         track = track_velocity(time_s, range_m)
         _, position = _make_cubic_basis(time_s.size)
         curve_hz = (track.line_mps + track.bend_mps * (7.5 * position**2 - 1.5)) / half_m
-        if abs(float(curve_hz.mean() - line_hz.mean())) * half_m <= RIDGE_REACH_MPS:
+        if abs(float(curve_hz.sum() / time_s.size - line_hz.sum() / time_s.size)) * half_m <= RIDGE_REACH_MPS:
             line_hz = curve_hz
     path = np.empty(values.shape[0], np.int64)
     reach = min(max(1, round(RIDGE_REACH_MPS / half_m / bin_hz)), (values.shape[1] - 1) // 2)
@@ -231,6 +233,6 @@ def torso_velocity_mps(signature: Signal, floor_v2: float, line_hz: FloatArray) 
 def refine_path(values: npt.NDArray[Any], floor_v2: float, path: npt.NDArray[np.int64]) -> FloatArray:
     """Refine a path by the centroid of three cells. Shapes: values (J, K); path (J,)."""
     rows = (path[:, None] + np.arange(-1, 2)) % values.shape[1]
-    cells = np.take_along_axis(values, rows, axis=1).astype(np.float64)
+    cells = values[np.arange(path.size)[:, None], rows].astype(np.float64)
     cells = np.maximum(cells - floor_v2, 1e-3 * cells) + 1e-300
     return np.asarray(path + (cells[:, 2] - cells[:, 0]) / cells.sum(axis=1))
