@@ -116,10 +116,10 @@ def place_all(
     # the models' motions are made at the first step, and each scene is read and placed at its own, with its warnings
     rows = [*zip(scenes, streams, strict=True)]
     # the shortest file determines the duration of the models' motions if the scene states none
-    read = [_read_motions(*row, folder) if row[0].duration_s is None else None for row in rows]
+    read = [{} if row[0].duration_s else _read_motions(*row, folder) for row in rows]
     models = _make_motions(rows, [_find_needed_s(*row) for row in zip(scenes, read, strict=True)])
     for row, files, made in zip(rows, read, models, strict=True):
-        motions = made | (_read_motions(*row, folder) if files is None else files)
+        motions = made | (files or _read_motions(*row, folder))
         yield _place_motions(row[0], [motions[number] for number in range(len(row[0].targets))])
 
 
@@ -206,6 +206,10 @@ def _is_model(target: Target) -> bool:
     return not isinstance(target.motion, Motion) and target.motion["kind"] != "file"
 
 
+def _lengthen(target: Target, duration_s: float) -> float:
+    return duration_s if target.vary is None else target.vary.needed_s(duration_s)
+
+
 def _read_motions(scene: Scene, streams: Streams | None, folder: Path | None) -> dict[int, Motion]:
     """Read the motions of files, and take those that are given, by the numbers of their targets."""
     motions = {}
@@ -216,7 +220,7 @@ def _read_motions(scene: Scene, streams: Streams | None, folder: Path | None) ->
         if not isinstance(motion, Motion):
             # the offset of a loop does not affect models
             rng = None if streams is None else streams.generator("motion", f"targets.{number}")
-            lasts_s = DEFAULT_DURATION_S if target.vary is None else target.vary.needed_s(DEFAULT_DURATION_S)
+            lasts_s = _lengthen(target, DEFAULT_DURATION_S)
             try:
                 motion = build_motion(motion, duration_s=lasts_s, folder=folder, rng=rng)
             except ConfigError as error:
@@ -225,10 +229,10 @@ def _read_motions(scene: Scene, streams: Streams | None, folder: Path | None) ->
     return motions
 
 
-def _find_needed_s(scene: Scene, files: Mapping[int, Motion] | None) -> float:
+def _find_needed_s(scene: Scene, files: Mapping[int, Motion]) -> float:
     """Return the duration of the motions of models."""
     if scene.duration_s is None:
-        return min((motion.duration_s for motion in (files or {}).values()), default=DEFAULT_DURATION_S)
+        return min((motion.duration_s for motion in files.values()), default=DEFAULT_DURATION_S)
     # a model scaled dynamically to a smaller height runs faster, and a path may be faster than its motion (twice
     # 30 %: in its speed, and next to a curve), so its motion must be longer
     froude = 2.0 if any(target.scaling == "froude" for target in scene.targets) else 1.0
@@ -243,21 +247,15 @@ def _make_motions(rows: Sequence[tuple[Scene, Streams | None]], needed_s: Sequen
     rngs = [None if streams is None else streams.generator("motion") for _, streams in rows]
     # a target of every scene at a time, since those of a scene draw from a common generator
     for number in range(max((len(scene.targets) for scene, _ in rows), default=0)):
-        batch = [row for row, (scene, _) in enumerate(rows) if number < len(scene.targets)]
-        batch = [row for row in batch if _is_model(rows[row][0].targets[number])]
-        targets = [rows[row][0].targets[number] for row in batch]
+        several = {row: scene.targets[number] for row, (scene, _) in enumerate(rows) if number < len(scene.targets)}
+        batch = {row: target for row, target in several.items() if _is_model(target)}
+        lasts_s = [_lengthen(target, needed_s[row]) for row, target in batch.items()]
         try:
-            motions = generate_all(
-                [_check_model(target.motion) for target in targets],
-                durations_s=[
-                    needed_s[row] if target.vary is None else target.vary.needed_s(needed_s[row])
-                    for row, target in zip(batch, targets, strict=True)
-                ],
-                rngs=[rngs[row] for row in batch],
-            )
+            models = [_check_model(target.motion) for target in batch.values()]
+            motions = generate_all(models, durations_s=lasts_s, rngs=[rngs[row] for row in batch])
         except ConfigError as error:
             raise ConfigError(f"targets.{number}.motion: {error}") from None
-        for row, target, motion in zip(batch, targets, motions, strict=True):
+        for (row, target), motion in zip(batch.items(), motions, strict=True):
             made[row][number] = _vary(number, target, motion, rows[row][1])
     return made
 

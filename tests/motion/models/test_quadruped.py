@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -27,7 +29,6 @@ from doppelgait.motion.models.quadruped_limbs import (
     STRAIGHT,
     TIBIA,
     TRUNK_POINTS,
-    Carriage,
     compute_all_points,
     compute_paw_path,
     compute_trunk_motion,
@@ -69,7 +70,9 @@ def closed_form(name, froude, phase=PHASE, build=STANDARD):
     stride /= hip_height_m(build, build.withers_m)
     gait, build, phase = Columns([gait]), Columns([build]), phase[None]
     course = make_regular_course(phase, gait, make_column([stride]))
-    points = compute_all_points(phase, gait, build, course, duty, Carriage(42.0, -35.0, 0 * phase))
+    points = compute_all_points(
+        phase, gait, build, course, duty, SimpleNamespace(neck_deg=42.0, tail_deg=-35.0), 0 * phase
+    )
     return {name: place[0] for name, place in points.items()}, stride
 
 

@@ -1,6 +1,7 @@
 """Footfall patterns, symmetries, builds and variation of the quadruped model."""
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from doppelgait.motion.models.quadruped_gaits import (
     pick_gait,
     stride_length_m,
 )
-from doppelgait.motion.models.quadruped_limbs import Carriage, compute_all_points, make_regular_course
+from doppelgait.motion.models.quadruped_limbs import compute_all_points, make_regular_course
 from doppelgait.motion.models.strides import Columns, make_column
 
 FEET = ("left_hind", "left_fore", "right_hind", "right_fore")
@@ -57,7 +58,9 @@ def stride_points(name, froude, phase=PHASE, build="standard", asymmetry=0.0):
     stride /= hip
     gait, build, phase = Columns([gait]), Columns([build]), phase[None]
     course = make_regular_course(phase, gait, make_column([stride]))
-    points = compute_all_points(phase, gait, build, course, duty, Carriage(42.0, -35.0, 0 * phase))
+    points = compute_all_points(
+        phase, gait, build, course, duty, SimpleNamespace(neck_deg=42.0, tail_deg=-35.0), 0 * phase
+    )
     return {name: place[0] for name, place in points.items()}, stride, duty
 
 

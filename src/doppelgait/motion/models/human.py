@@ -45,10 +45,10 @@ from doppelgait.motion.models.strides import (
     Values,
     fit_cubic_spline,
     make_column,
-    make_stride_clocks,
     sample_times_s,
     square_each,
     step_series,
+    time_even_strides,
 )
 from doppelgait.motion.motion import Motion
 
@@ -314,16 +314,17 @@ def _generate(parameters: Sequence[HumanConfig], durations_s: Sequence[float], r
     if parameters[0].foot_lock:
         size_m["foot"] = FOOT[0] * columns.height_m  # to the tip
     style = make_style(parameters, columns, size_m)
-    times_s, counts = sample_times_s(durations_s, columns.rate_hz)
     # phase as a function of time, and distance as a function of phase if it is not linear
     path: Curve | None = None
     if varied:
-        lasts_s = times_s[:, -1:]
-        steps_s, phases, path_m, sizes = step_series(lasts_s, columns, style.period_s, style.stride_m, rngs)
+        times_s, counts = sample_times_s(durations_s, columns.rate_hz)
+        lasts_s, stride_m = times_s[:, -1:], style.stride_m
+        steps_s, phases, path_m, sizes = step_series(lasts_s, columns, style.period_s, stride_m, rngs)
         clock, path = fit_cubic_spline(steps_s, phases, sizes), fit_cubic_spline(phases, path_m, sizes)
+        timing = Timing(times_s, counts, clock, clock(times_s))
     else:
-        clock = make_stride_clocks(times_s, period_s=style.period_s, start_phase=columns.start_phase, rngs=rngs)
-    phase = clock(times_s)
+        timing = time_even_strides(durations_s, columns, style.period_s, rngs)
+    phase = timing.phase
 
     def advance(cycles: FloatArray, order: int) -> FloatArray:
         if path is not None:
@@ -339,7 +340,6 @@ def _generate(parameters: Sequence[HumanConfig], durations_s: Sequence[float], r
     else:
         leg_m, _, _, q = _walk_timing(parameters, columns)
         points[:, 2] -= boulic.find_floor_m(q, size_m, offset_scale_m=leg_m, offset_signs="continuous")
-    timing = Timing(times_s, counts, clock, phase)
     return make_person_motions(points, timing, parameters, [config.actual_gait for config in parameters])
 
 

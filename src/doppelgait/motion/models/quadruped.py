@@ -35,7 +35,6 @@ from doppelgait.motion.models.quadruped_gaits import (
     stride_length_m,
 )
 from doppelgait.motion.models.quadruped_limbs import (
-    Carriage,
     FloatArray,
     FootfallCourse,
     compute_all_points,
@@ -263,8 +262,7 @@ def _generate(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[float
         )
         for end in ("hind", "fore")
     }
-    carriage = Carriage(columns.neck_deg, columns.tail_deg, wag_rad)
-    points = compute_all_points(phase, gait, Columns(builds), course, duty, carriage)
+    points = compute_all_points(phase, gait, Columns(builds), course, duty, columns, wag_rad)
     points_m = hip_m * np.stack([points[name].transpose(2, 0, 1) for name in POINTS])
     points_m[:, 0] -= hip_m * course.distance(phase[:, :1])
     landings: list[Landings] = []

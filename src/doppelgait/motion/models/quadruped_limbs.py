@@ -122,17 +122,6 @@ def find_touchdowns(gait: Columns, foot: str) -> FloatArray:
     return np.array([[touchdown[foot]] for touchdown in gait.touchdown])
 
 
-@dataclass(frozen=True)
-class Carriage:
-    """Carriage of neck and tail.
-    The values are mean elevations, and the angle of the tail to the left, (B, n) in rad.
-    """
-
-    neck_deg: Values
-    tail_deg: Values
-    wag_rad: FloatArray
-
-
 Trunk = tuple[FloatArray, FloatArray, FloatArray]
 """Path of the trunk's centre, (B, n, 3), and cosine and sine of its pitch, positive with the nose up."""
 
@@ -258,9 +247,11 @@ def compute_all_points(
     build: Columns,
     course: FootfallCourse,
     duty: Mapping[str, FloatArray],
-    carriage: Carriage,
+    carriage: Any,
+    wag_rad: FloatArray,
 ) -> Points:
     """Return the dogs' points by name, (B, n, 3)."""
+    # the carriage has mean elevations neck_deg and tail_deg; wag_rad is the angle of the tail to the left, (B, n)
     # they are in units of h. The trunk is lowered until all limbs reach their paws.
     # frames and a whole cycle of equal strides in one call: in the cycle, all limbs must reach their paws
     count, even = phase.shape[1], replace(course, advance=None)
@@ -289,7 +280,7 @@ def compute_all_points(
     points["neck"] = neck_base + head * NECK / 2 * along
     points["head"] = neck_base + head * NECK * along
     points["nose"] = points["head"] + head * SKULL * np.array([math.cos(skull), 0.0, math.sin(skull)])
-    length, wag = TAIL * build.tail, carriage.wag_rad
+    length, wag = TAIL * build.tail, wag_rad
     elevation = lift_above_floor(np.radians(carriage.tail_deg + lift[:, :count]), tail_base[..., 2] / length)
     level = np.cos(elevation)
     back = length[..., None] * stack_columns(-level * np.cos(wag), level * np.sin(wag), np.sin(elevation))

@@ -210,26 +210,6 @@ def sample_times_s(durations_s: Sequence[float], rates_hz: Values) -> tuple[Floa
     return np.minimum(np.arange(counts.max()), counts - 1) / rates_hz, counts[:, 0].tolist()
 
 
-def make_stride_clocks(
-    times_s: FloatArray, *, period_s: FloatArray, start_phase: Values, variation: Values = 0.0, rngs: Rngs
-) -> Curve:
-    """Return stride clocks: phase in cycles as function of time."""
-    # they are cubic splines, so that the rate is continuous
-    shortest_s = period_s * (1 - LARGEST_DEVIATION * variation)
-    sizes = (np.ceil(times_s[:, -1:] / shortest_s) + (2 * _MARGIN + 1)).astype(int)[:, 0]
-    deviation = np.zeros((sizes.size, sizes.max() - 1))
-    spreads = np.broadcast_to(variation, period_s.shape)[:, 0].tolist()
-    for row, size, sd, rng in zip(deviation, sizes.tolist(), spreads, rngs, strict=True):
-        if sd > 0:
-            if rng is None:
-                raise ConfigError(f"stride_variation: {sd!r} needs a random generator (rng=dg.rng(seed)), or set 0")
-            row[: size - 1] = sd * sample_autoregressive(size - 1, rng)
-    lengths_s = period_s * (1 + deviation)
-    before_s = -np.cumsum(lengths_s[:, _MARGIN - 1 :: -1], axis=1)[:, ::-1]
-    knots_s = np.concatenate([before_s, sum_steps(lengths_s[:, _MARGIN:])], axis=1)
-    return fit_cubic_spline(knots_s, start_phase + np.arange(-_MARGIN, sizes.max() - _MARGIN), sizes)
-
-
 def sample_autoregressive(count: int, rng: np.random.Generator, correlation: float = STRIDE_CORRELATION) -> FloatArray:
     """Draw autoregressive numbers of unit variance, within :data:`LARGEST_DEVIATION`."""
     values: list[float] = rng.standard_normal(count).tolist()
@@ -250,10 +230,23 @@ class Timing:
 
 
 def time_even_strides(durations_s: Sequence[float], columns: Columns, period_s: FloatArray, rngs: Rngs) -> Timing:
-    """Time the frames of models with ``start_phase`` and ``stride_variation``."""
+    """Time frames by stride clocks, from a ``start_phase``."""
+    # clocks are cubic splines, so that the rate is continuous; strides may have a ``stride_variation``
     times_s, counts = sample_times_s(durations_s, columns.rate_hz)
-    start, variation = columns.start_phase, columns.stride_variation
-    clock = make_stride_clocks(times_s, period_s=period_s, start_phase=start, variation=variation, rngs=rngs)
+    variation = getattr(columns, "stride_variation", np.zeros_like(period_s))
+    shortest_s = period_s * (1 - LARGEST_DEVIATION * variation)
+    sizes = (np.ceil(times_s[:, -1:] / shortest_s) + (2 * _MARGIN + 1)).astype(int)[:, 0]
+    deviation = np.zeros((sizes.size, sizes.max() - 1))
+    for row, size, sd, rng in zip(deviation, sizes.tolist(), variation[:, 0].tolist(), rngs, strict=True):
+        if sd > 0:
+            if rng is None:
+                raise ConfigError(f"stride_variation: {sd!r} needs a random generator (rng=dg.rng(seed)), or set 0")
+            row[: size - 1] = sd * sample_autoregressive(size - 1, rng)
+    lengths_s = period_s * (1 + deviation)
+    before_s = -np.cumsum(lengths_s[:, _MARGIN - 1 :: -1], axis=1)[:, ::-1]
+    knots_s = np.concatenate([before_s, sum_steps(lengths_s[:, _MARGIN:])], axis=1)
+    strides = np.arange(-_MARGIN, sizes.max() - _MARGIN)
+    clock = fit_cubic_spline(knots_s, columns.start_phase + strides, sizes)
     return Timing(times_s, counts, clock, clock(times_s))
 
 
