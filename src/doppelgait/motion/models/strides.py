@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -272,10 +273,10 @@ def landing_times_s(clock: Curve, landings: Sequence[Landings], times_s: FloatAr
     wanted = np.repeat(clock.coefficients[0, :, :1], max(sizes), axis=1)
     for row, size, feet in zip(wanted, sizes, landings, strict=True):
         row[:size] = np.concatenate([*feet.values()])
-    times = np.clip(clock.where(wanted), 0.0, times_s[:, -1:]).tolist()
+    rows = map(iter, np.clip(clock.where(wanted), 0.0, times_s[:, -1:]).tolist())
     return [
-        {foot: [row.pop(0) for _ in phases] for foot, phases in feet.items()}
-        for row, feet in zip(times, landings, strict=True)
+        {foot: [*islice(row, phases.size)] for foot, phases in feet.items()}
+        for row, feet in zip(rows, landings, strict=True)
     ]
 
 
