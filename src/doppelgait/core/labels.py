@@ -268,11 +268,6 @@ class Labelled:
         owner.__dict__[self.name] = value
 
 
-def get_plain(owner: Any, name: str) -> Any:
-    """Return a field of :func:`labels_on_demand` as it is kept."""
-    return owner.__dict__[name]
-
-
 def labels_on_demand(*names: str) -> Callable[[Kind], Kind]:
     """Keep fields of a dataclass plain until somebody reads them."""
 
@@ -319,16 +314,12 @@ def maps_table(function: Callable[Concatenate[ScattererTable, P], ScattererTable
 
 def maps_signal(*schemas: Schema) -> Callable[[Callable[Concatenate[Signal, P], Signal]], Step[P]]:
     """Let a function from signal to signal take labelled arrays; it then returns a labelled array."""
-    return partial(_take_labels, partial(_unlabel, schemas))
+    return partial(_take_labels, lambda array: Signal.of(array, *schemas))
 
 
 def measures_signal(*schemas: Schema) -> Callable[[Callable[Concatenate[Signal, P], R]], Measure[P, R]]:
     """Let a function that measures a signal take labelled arrays."""
-    return partial(_take_labels, partial(_unlabel, schemas))
-
-
-def _unlabel(schemas: tuple[Schema, ...], array: xr.DataArray | Signal) -> Signal:
-    return Signal.of(array, *schemas)
+    return partial(_take_labels, lambda array: Signal.of(array, *schemas))
 
 
 def _take_labels(unlabel: Callable[[Any], Any], function: Callable[..., Any]) -> Any:

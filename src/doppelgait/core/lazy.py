@@ -45,20 +45,14 @@ class LateRows:
     def __getitem__(self, key: Any) -> Any:
         """Return some pulses, or the rows on demand of some columns."""
         if isinstance(key, slice):
-            return _take_rows(self, key)
+            first, stop, step = key.indices(self.shape[0])
+            return self.rows(first, max(first, stop))[::step] if step > 0 else self.rows(0, self.shape[0])[key]
         columns = key[1]
         width = len(range(*columns.indices(self.shape[1]))) if isinstance(columns, slice) else len(columns)
         return LateRows((self.shape[0], width), partial(_take_columns, self.rows, columns), self.dtype)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         return np.asarray(self.rows(0, self.shape[0]), dtype=dtype)
-
-
-def _take_rows(late: LateRows, pulses: slice) -> npt.NDArray[Any]:
-    first, stop, step = pulses.indices(late.shape[0])
-    if step < 0:
-        return late.rows(0, late.shape[0])[pulses]
-    return late.rows(first, max(first, stop))[::step]
 
 
 def _take_columns(rows: Callable[[int, int], npt.NDArray[Any]], columns: Any, first: int, stop: int) -> Any:

@@ -33,6 +33,7 @@ LARGEST_SPARE_BYTES = 1 << 25
 """Maximum size of memory that a thread keeps for its next samples or table. Larger memory is released at once."""
 MAX_SPARE_BYTES = 1 << 26
 """Maximum size of all memory that a thread keeps."""
+Spare = list[tuple[int, npt.NDArray[np.uint8]]]
 _of_thread = threading.local()
 
 
@@ -44,21 +45,21 @@ def borrow_planes(shape: tuple[int, ...]) -> Planes:
 def borrow_memory(shape: tuple[int, ...], dtype: type[T]) -> npt.NDArray[T]:
     """Make an undefined array in reused memory of this thread."""
     n_values, n_bytes = math.prod(shape), math.prod(shape) * np.dtype(dtype).itemsize
-    spare: list[npt.NDArray[np.uint8]] = _of_thread.__dict__.setdefault("spare", [])
-    fits = [number for number, memory in enumerate(spare) if n_bytes <= memory.size <= 2 * n_bytes]
-    if not fits and sum(memory.size for memory in spare) > MAX_SPARE_BYTES // 2:
+    spare: Spare = _of_thread.__dict__.setdefault("spare", [])
+    fits = [number for number, (size, _) in enumerate(spare) if n_bytes <= size <= 2 * n_bytes]
+    if not fits and sum(size for size, _ in spare) > MAX_SPARE_BYTES // 2:
         del spare[0]
-    memory = spare.pop(fits[-1]) if fits else np.empty(n_bytes, dtype=np.uint8)
+    size, memory = spare.pop(fits[-1]) if fits else (n_bytes, np.empty(n_bytes, dtype=np.uint8))
     # Views refer to the array that owns the memory. Through a buffer, they refer to this array, which is finalised.
     values: npt.NDArray[T] = np.frombuffer(memory.data, dtype=dtype, count=n_values)
-    if 0 < memory.size <= LARGEST_SPARE_BYTES:
-        weakref.finalize(values, _return_memory, spare, memory).atexit = False
+    if 0 < size <= LARGEST_SPARE_BYTES:
+        weakref.finalize(values, _return_memory, spare, size, memory).atexit = False
     return values.reshape(shape)
 
 
-def _return_memory(spare: list[npt.NDArray[np.uint8]], memory: npt.NDArray[np.uint8]) -> None:
-    if sum(other.size for other in spare) + memory.size <= MAX_SPARE_BYTES:
-        spare.append(memory)
+def _return_memory(spare: Spare, size: int, memory: npt.NDArray[np.uint8]) -> None:
+    if sum(other for other, _ in spare) + size <= MAX_SPARE_BYTES:
+        spare.append((size, memory))
 
 
 WHITE: Factor = np.ones(1, dtype=np.float32)

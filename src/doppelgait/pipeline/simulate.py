@@ -25,7 +25,7 @@ from doppelgait.pipeline.radar_table import read_radar
 from doppelgait.pipeline.room import apply_room
 from doppelgait.radar.antenna import apply_antenna
 from doppelgait.radar.impairments import ThermalNoise, apply_impairments, noise_power_per_sample_v2, shift_pulse_times
-from doppelgait.radar.link import make_noise_taps
+from doppelgait.radar.link import fold_scatterers, make_noise_taps
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.radar.recordings import read_hdf5, write_recording
@@ -222,7 +222,7 @@ class Echoes:
         """Synthesise some pulses; also return the targets' strongest power per pulse, V^2."""
         # ghosts and background bodies are added to the targets' echoes, which set the signal level
         table = self.scatterers if self.is_short else _read_pulses(self.scatterers, first, stop)
-        targets, others = split_targets(table)
+        targets, others = split_targets(fold_scatterers(table, self.radar))
         samples = synthesise_echoes(targets, self.radar, compressed=self.compressed)
         strongest_v2 = strongest_powers_v2(self.compress(samples))
         if others is not None:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from doppelgait.core.config import format_canonical_json
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.frames import Frames, SlowTime
-from doppelgait.core.labels import AnyTable, ScattererTable, get_plain, labels_on_demand, read_axis
+from doppelgait.core.labels import AnyTable, ScattererTable, labels_on_demand, read_axis
 from doppelgait.core.lazy import read_tiles, xr
 from doppelgait.core.notebook import plot, show_html, show_text
 from doppelgait.core.samples import Samples
@@ -71,7 +71,7 @@ class TargetTruth:
     @property
     def table(self) -> AnyTable:
         """Scatterers, as plain arrays if a simulation made them."""
-        return get_plain(self, "scatterers")  # type: ignore[no-any-return]
+        return vars(self)["scatterers"]  # type: ignore[no-any-return]
 
     def doppler_hz(self, wavelength_m: float) -> npt.NDArray[np.float64]:
         """Return the true Doppler shift of every scatterer, 2 v_r / lambda, shape (I, L) (E-05)."""

@@ -14,7 +14,7 @@ from doppelgait.core.config import format_canonical_json, validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.files import FileKind, create_hdf5, open_own_hdf5
-from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, ScattererTable, Signal, describe_points, get_plain
+from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, ScattererTable, Signal, describe_points
 from doppelgait.core.lazy import LateRows, read_tiles
 from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, open_hdf5
 from doppelgait.core.plugins import plugin
@@ -108,7 +108,7 @@ def write_recording(recording: Recording, path: str | Path) -> None:
                 if name in ("rcs", "path_gain") and all((x == first).all() for _, x in read_tiles(values)):
                     values = first
                 _put_tiles(group, name + UNIT_SUFFIX[units], values, "<f8", units)
-            if (kept := get_plain(truth, "body")) is not None:
+            if (kept := vars(truth)["body"]) is not None:
                 body = Signal.of(kept, MOTION)
                 for name in ("marker", "part"):
                     group.attrs[f"body_{name}"] = json.dumps([str(value) for value in body.axis(name)])

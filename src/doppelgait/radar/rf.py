@@ -12,7 +12,7 @@ import numpy.typing as npt
 from doppelgait.core.labels import AnyTable, ScattererTable
 from doppelgait.core.lazy import xr
 from doppelgait.core.units import range_to_delay_s
-from doppelgait.radar.link import compute_scatterer_arrays, fold_scatterers, path_phase_rad
+from doppelgait.radar.link import compute_echoes, fold_scatterers
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.simulate import label_baseband
 
@@ -26,9 +26,7 @@ def sample_rf_frames(scatterers: AnyTable, radar: Radar, *, margin: int) -> npt.
     n_full = (radar.n_range_bins - 1) * radar.decimation + 1
     first_s = range_to_delay_s(radar.range_start_m) - margin / radar.sample_rate_hz
     time_s = first_s + np.arange(n_full + 2 * margin) / radar.sample_rate_hz
-    scatterers = fold_scatterers(ScattererTable.of(scatterers), radar)
-    range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
-    extra_rad = path_phase_rad(scatterers)
+    range_m, amplitude_v, extra_rad = compute_echoes(fold_scatterers(ScattererTable.of(scatterers), radar), radar)
     frames = np.zeros((range_m.shape[0], time_s.size))
     for i in range(range_m.shape[0]):
         delay_s = range_to_delay_s(range_m[i])[:, None]

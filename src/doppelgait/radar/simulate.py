@@ -53,7 +53,7 @@ def synthesise(scatterers: AnyTable, radar: Radar) -> xr.DataArray:
     array([6.8, 5.7])
     """
     table = ScattererTable.of(scatterers)
-    bins = radar.waveform.synthesise_bins(prepare_table(table, radar), radar)  # a matrix, without planes
+    bins = radar.waveform.synthesise_bins(fit_waveform(fold_scatterers(table, radar), radar), radar)  # without planes
     return label_baseband(bins, table.slow_time_s, radar)
 
 
@@ -85,19 +85,20 @@ def synthesise_samples(scatterers: AnyTable, radar: Radar) -> npt.NDArray[np.com
     >>> samples.shape, samples.dtype.name
     ((2, 188), 'complex64')
     """
-    return radar.waveform.synthesise(prepare_table(ScattererTable.of(scatterers), radar), radar)
+    table = fold_scatterers(ScattererTable.of(scatterers), radar)
+    return radar.waveform.synthesise(fit_waveform(table, radar), radar)
 
 
-def prepare_table(table: ScattererTable, radar: Radar) -> AnyTable:
-    """Fold the echoes of earlier pulses; a waveform with a method that does not take plain arrays gets labels."""
-    folded, kind = fold_scatterers(table, radar), type(radar.waveform)
+def fit_waveform(table: ScattererTable, radar: Radar) -> AnyTable:
+    """Return a table with labels if a method of the waveform does not take plain arrays."""
+    kind = type(radar.waveform)
     plain = all(map(takes_arrays, (kind.synthesise, kind.synthesise_planes, kind.synthesise_bins)))
-    return folded if plain else folded.label()
+    return table if plain else table.label()
 
 
 def synthesise_echoes(scatterers: ScattererTable, radar: Radar, *, compressed: bool) -> Samples:
-    """Synthesise noise-free echoes: as range bins, or as the receiver's samples in their fastest layout."""
-    table, waveform = prepare_table(scatterers, radar), radar.waveform
+    """Synthesise noise-free echoes of folded scatterers: range bins, or samples in their fastest layout."""
+    table, waveform = fit_waveform(scatterers, radar), radar.waveform
     if compressed and not waveform.samples_are_bins:
         return Samples.own(waveform.synthesise_bins(table, radar))
     return waveform.synthesise_planes(table, radar)

@@ -194,14 +194,8 @@ def tabulate_later(
         name: LateRows((times.size, count), partial(late.read, name), np.float64)
         for name in ("range", "radial_velocity", *wanted)
     }
-    for name in ("rcs", "path_gain"):
-        of_body = {"rcs": "rcs_m2", "path_gain": "path_gain"}[name]
-        values[name] = _join_tables(
-            [
-                np.empty((times.size, 0)),
-                *(np.broadcast_to(getattr(body, of_body), (times.size, len(body.motion.markers))) for body in bodies),
-            ]
-        )
+    values["rcs"] = _join_tables(bodies, times, [body.rcs_m2 for body in bodies])
+    values["path_gain"] = _join_tables(bodies, times, [body.path_gain for body in bodies])
     return make_table(placed, bodies, times, values)
 
 
@@ -247,14 +241,13 @@ def look(
         name: borrow_memory((times.size, int(ends[-1]) + n_images), np.float64)
         for name in ("range", "radial_velocity", *wanted)
     }
-    gains = [np.empty((times.size, 0))]
+    gains = []
     for number, (body, spline) in enumerate(zip(bodies, splines, strict=True)):
         columns = slice(ends[number], ends[number + 1])
         own = {name: array[:, columns] for name, array in values.items()}
         gains.append(_observe(body, spline, scene, times, own))
-    shapes = [gain.shape for gain in gains]
-    cross_sections = [gains[0], *(np.broadcast_to(b.rcs_m2, s) for b, s in zip(bodies, shapes[1:], strict=True))]
-    return {**values, "rcs": _join_tables(cross_sections), "path_gain": _join_tables(gains)}
+    values["rcs"] = _join_tables(bodies, times, [body.rcs_m2 for body in bodies])
+    return {**values, "path_gain": _join_tables(bodies, times, gains)}
 
 
 def make_table(
@@ -274,13 +267,14 @@ def make_table(
     )
 
 
-def _join_tables(parts: list[FloatArray]) -> FloatArray:
-    """Join tables; repeated rows stay one row."""
-    rows = [part[:1] for part in parts if part.shape[1]]
-    if rows and all(row.strides[0] == 0 for row in rows):
-        row = np.concatenate(rows, axis=1)
-        return np.broadcast_to(row, (parts[0].shape[0], row.shape[1]))
-    return np.concatenate(parts, axis=1)
+def _join_tables(bodies: Sequence[Scatterers], times: FloatArray, tables: Sequence[FloatArray]) -> FloatArray:
+    """Join values of all bodies, (I, P); repeated rows stay one row."""
+    shapes = [(times.size, len(body.motion.markers)) for body in bodies]
+    parts = [np.broadcast_to(values, shape) for values, shape in zip(tables, shapes, strict=True)]
+    if all(part.strides[0] == 0 for part in parts if part.shape[1]):
+        row = np.concatenate([np.empty((1, 0)), *(part[:1] for part in parts)], axis=1)
+        return np.broadcast_to(row, (times.size, row.shape[1]))
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
 
 def _observe(
@@ -297,7 +291,7 @@ def _observe(
         range_m[:], approach_mps[:] = (range_m + back_m) / 2.0, (approach_mps + back_mps) / 2.0
     if "azimuth" in values:
         fill_angles(spline, times, scene.radar_position_m, values)
-    return np.broadcast_to(gain, range_m.shape)
+    return gain
 
 
 def _make_scatterers(

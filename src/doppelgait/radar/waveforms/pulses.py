@@ -30,7 +30,7 @@ from doppelgait.core.labels import AnyTable
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Matrix, Samples, borrow_planes
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, range_to_delay_s, velocity_to_doppler_hz
-from doppelgait.radar.link import compute_echoes, compute_scatterer_arrays, path_phase_rad, radial_velocity_mps
+from doppelgait.radar.link import compute_echoes, radial_velocity_mps
 from doppelgait.radar.parameters import PULSE_SIGMA_S, Radar, Waveform, check_band, check_sweep_fits
 
 RECTANGULAR_WIDTH = 2.0 - math.sqrt(2.0)
@@ -133,8 +133,7 @@ class _MatchedPulse(Waveform):
 
     def synthesise(self, scatterers: AnyTable, radar: Radar) -> Matrix:
         """Sum the matched-filter responses of all scatterers."""
-        range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
-        phase_rad = path_phase_rad(scatterers)
+        range_m, amplitude_v, phase_rad = compute_echoes(scatterers, radar)
         extra_rad = radar.transmit_phase_rad + (0.0 if phase_rad is None else phase_rad)
         turns = extra_rad / (2.0 * math.pi) - range_m * (2.0 / radar.wavelength_m)
         duration_s = _duration_s(radar)
@@ -274,10 +273,9 @@ class Cw(Waveform):
 
     def synthesise(self, scatterers: AnyTable, radar: Radar) -> Matrix:
         """Sum the echoes of all scatterers at all ranges, a exp(j(theta + phi - 4 pi R / lambda))."""
-        range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
+        range_m, amplitude_v, extra_rad = compute_echoes(scatterers, radar)
         turns = range_m * (2.0 / radar.wavelength_m)
         phase_rad = -2.0 * np.pi * (turns - np.rint(turns)) + radar.transmit_phase_rad
-        extra_rad = path_phase_rad(scatterers)
         if extra_rad is not None:
             phase_rad += extra_rad
         total = (amplitude_v * np.exp(1j * phase_rad)).sum(axis=1, keepdims=True)

@@ -28,7 +28,7 @@ from doppelgait.core.labels import AnyTable
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Matrix
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.radar.link import compute_scatterer_arrays, path_phase_rad, radial_velocity_mps
+from doppelgait.radar.link import compute_echoes, radial_velocity_mps
 from doppelgait.radar.parameters import Radar, Waveform, check_band, check_sweep_fits
 
 MAX_SAMPLES = 65_536
@@ -87,14 +87,13 @@ class _Sweep(Waveform):
         """Synthesise sweeps with their motion and FMCW's residual video phase.
         With t_d = t_0 - beta u, beta = 2 v / c, the phase is a quadratic function of u.
         """
-        range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
+        range_m, amplitude_v, phase_rad = compute_echoes(scatterers, radar)
         delay_s = range_m * (2.0 / SPEED_OF_LIGHT_MPS)
         beta = radial_velocity_mps(scatterers) * (2.0 / SPEED_OF_LIGHT_MPS)
         slope, step_s = _slope_hz_per_s(radar), 1.0 / radar.sample_rate_hz
         turns = radar.transmit_phase_rad / (2.0 * math.pi) - delay_s * (
             radar.carrier_hz - 0.5 * self.lag * slope * delay_s
         )
-        phase_rad = path_phase_rad(scatterers)
         if phase_rad is not None:
             turns += phase_rad / (2.0 * math.pi)
         linear = step_s * (radar.carrier_hz * beta - slope * delay_s * (1.0 + self.lag * beta))
@@ -119,7 +118,7 @@ class _Sweep(Waveform):
         fastest_mps = max(float(velocity_mps.max(initial=0.0)), -float(velocity_mps.min(initial=0.0)))
         if not bend * per_m * fastest_mps < LARGEST_BEND:
             return super().synthesise_bins(scatterers, radar)
-        range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
+        range_m, amplitude_v, phase_rad = compute_echoes(scatterers, radar)
         facts = np.array(
             [
                 per_m,
@@ -144,7 +143,7 @@ class _Sweep(Waveform):
             range_m,
             velocity_mps,
             amplitude_v,
-            path_phase_rad(scatterers),
+            phase_rad,
             facts,
             tabulate_taps(),
             tabulate_half_bin_responses(radar.range_window, size, n_columns),

@@ -13,11 +13,12 @@ from pydantic import AfterValidator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.labels import ScattererTable, maps_table
+from doppelgait.core.labels import ScattererTable, maps_table, takes_arrays
+from doppelgait.core.lazy import xr
 from doppelgait.scene.environment.losses import Screen, Visibility, Wall, apply_screen, apply_visibility, apply_wall
 from doppelgait.scene.environment.materials import MATERIALS, Dielectric, Material, relative_permittivity
 from doppelgait.scene.environment.reflections import GroundBounce, WallGhost, apply_ground_bounce, apply_wall_ghost
-from doppelgait.scene.environment.registry import ENVIRONMENT, Apply, Setting, run_effect
+from doppelgait.scene.environment.registry import ENVIRONMENT, Apply, Setting
 
 __all__ = [
     "ENVIRONMENT",
@@ -81,8 +82,11 @@ def apply_environment(scatterers: ScattererTable, effects: Sequence[FrozenModel]
     """
     for spec in check_order(effects):
         item, before = ENVIRONMENT.of(spec), scatterers
-        scatterers = run_effect(before, item, spec, setting)
         owner = f"environment effect {item.name!r} of {item.package}"
+        after: Any = item.run(before if takes_arrays(item.run) else before.label(), spec, setting)
+        if not isinstance(after, ScattererTable) and not isinstance(after, xr.Dataset):
+            raise AnalysisError(f"{owner} returns {type(after).__name__}, not a scatterer table")
+        scatterers = ScattererTable.of(after)
         if missing := [name for name in (*before.values, *before.columns) if name not in scatterers]:
             raise AnalysisError(f"{owner} returns a table without {', '.join(missing)}")
         n_before, n_after = before.slow_time_s.size, scatterers.slow_time_s.size

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import AnyTable, ScattererTable, takes_arrays
-from doppelgait.core.lazy import xr
-from doppelgait.core.plugins import Group, Plugin
+from doppelgait.core.labels import AnyTable
+from doppelgait.core.plugins import Group
 
 
 @dataclass(frozen=True)
@@ -53,14 +51,3 @@ ENVIRONMENT: Group[Apply] = Group(
     built_in=("doppelgait.scene.environment.losses", "doppelgait.scene.environment.reflections"),
 )
 """Environment effects by the ``kind`` of a scene file's ``[[environment]]``."""
-
-
-def run_effect(table: ScattererTable, effect: Plugin[Apply], spec: Any, setting: Setting) -> ScattererTable:
-    """Apply an effect to a table, with labels if the effect needs them."""
-    result: Any = effect.run(table if takes_arrays(effect.run) else table.label(), spec, setting)
-    if not isinstance(result, ScattererTable) and not isinstance(result, xr.Dataset):
-        raise AnalysisError(
-            f"environment effect {effect.name!r} of {effect.package} returns {type(result).__name__}, not a scatterer "
-            "table"
-        )
-    return ScattererTable.of(result)
