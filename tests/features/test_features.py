@@ -152,10 +152,11 @@ def test_occupied_rows_stand_three_standard_deviations_above_the_noise_e38():
     # N_g = 16 and 25 independent columns: std of a row's mean is nu / sqrt(16 * 25) = nu / 20
     mean = 1.0 + np.array([0.0, 0.14, 0.16, -0.2, 5.0])
     coords = {"time": np.arange(50) / RATE_HZ, **doppler_coords(5)}
-    mu = Signal.of(make_array(SIGNATURE, np.tile(mean, (50, 1)), coords, {"n_gate_bins": 16}), SIGNATURE)
+    attrs = {"n_gate_bins": 16, "wavelength_m": 0.04}
+    mu = Signal.of(make_array(SIGNATURE, np.tile(mean, (50, 1)), coords, attrs), SIGNATURE)
     evidence = Observation(
         signature=mu, floor_v2=1.0, excess=mu.replace(mu.values - 1.0), n_independent=25.0,
-        main_line_hz=None, aligned=None, cadence_parts=None, strongest_v2=None,
+        main_line_hz=np.ones(50), aligned=None, cadence_parts=None, strongest_v2=None,
         peaks_hz=None, spectrum=None, observation_s=0.4,
     )  # fmt: skip
     np.testing.assert_array_equal(evidence.occupied, [False, False, True, False, True])

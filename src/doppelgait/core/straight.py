@@ -1,6 +1,11 @@
-"""Goodness of fit of straight, steady motion."""
+"""Polynomials over an observation, and goodness of fit of straight, steady motion."""
 
 from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
 
 ERROR_MEMORY_S = 0.5
 """Correlation time of range errors, set by the stride and by the memory of a tracker's smoother."""
@@ -20,3 +25,11 @@ def compute_straight_probability(
     n_errors = duration_s / ERROR_MEMORY_S
     square = square_m2 / (range_sd_m**2 + (SPEED_WANDER * way_m) ** 2)
     return float(chdtrc(max(n_errors - n_parameters, 0.5), n_errors * square))
+
+
+@lru_cache(maxsize=16)
+def make_orthonormal_basis(n_columns: int, order: int) -> npt.NDArray[np.float64]:
+    """Compute orthonormal polynomials over the observation, read-only, (J, order + 1)."""
+    basis = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n_columns), order))[0]
+    basis.flags.writeable = False
+    return np.asarray(basis, dtype=np.float64)

@@ -34,14 +34,6 @@ class ExtendedFeatures:
     values: dict[str, float | None]
     reasons: dict[str, str]
 
-    def flags(self) -> tuple[str, ...]:
-        """Return one flag per reason for missing features."""
-        # A flag consists of the names of the features and the reason, as for the set F
-        names: dict[str, list[str]] = {}
-        for name, reason in self.reasons.items():
-            names.setdefault(reason, []).append(name)
-        return tuple(f"{','.join(found)}:{reason}" for reason, found in names.items())
-
 
 def measure_extended(observed: Observation) -> ExtendedFeatures:
     """Measure a target's features beyond the set F."""

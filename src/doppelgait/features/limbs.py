@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from doppelgait._core import native
 from doppelgait.core.labels import Signal, sampling_rate_hz
+from doppelgait.core.straight import make_orthonormal_basis
 from doppelgait.features.doppler import compute_quantile
 
 FloatArray = npt.NDArray[np.float64]
@@ -145,12 +146,3 @@ def detrend_rows(values: FloatArray, rate_hz: float) -> FloatArray:
     basis = make_orthonormal_basis(values.shape[0], min(max(round(1.2 * values.shape[0] / rate_hz), 1), 6))
     native.remove_trend(values, basis)
     return values
-
-
-@lru_cache(maxsize=8)
-def make_orthonormal_basis(n_columns: int, order: int) -> FloatArray:
-    """Compute orthonormal polynomials over the observation."""
-    # the result has the shape (J, order + 1) and is read-only
-    basis = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n_columns), order))[0]
-    basis.flags.writeable = False
-    return np.asarray(basis, dtype=np.float64)

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from doppelgait._core import native
 from doppelgait.core.labels import Signal, sampling_rate_hz
+from doppelgait.core.straight import make_orthonormal_basis
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.features.doppler import (
     compute_quantile,
@@ -27,7 +28,6 @@ from doppelgait.features.doppler import (
 )
 from doppelgait.features.feature_set import Extraction, FloatArray, GaitFeatures
 from doppelgait.features.gait_frequency import GaitFrequency, estimate_gait_frequencies, measure_target_rhythms
-from doppelgait.features.limbs import make_orthonormal_basis
 
 MIN_SNR_DB = 0.0
 TIME_SHARES = (0.05, 0.95)
@@ -228,6 +228,21 @@ class Observation:
     torso_ripple_mps = Shared(measure_ripples)
     ripple_parts = Shared(measure_ripple_parts)
 
+    def __post_init__(self) -> None:
+        wavelength_m = float(self.signature.attrs["wavelength_m"])
+        self.power_v2: npt.NDArray[Any] = self.signature.values  # (J, K)
+        self.rate_hz = sampling_rate_hz(self.signature.axis("time"))  # columns per second
+        self.mps_per_hz = wavelength_m / 2.0  # speed per hertz of Doppler (E-05)
+        self.velocity_mps: FloatArray = self.signature.axis("doppler") * self.mps_per_hz  # of every Doppler row, (K,)
+        self.bin_mps = float(self.velocity_mps[1] - self.velocity_mps[0])
+        self.line_mps: FloatArray = self.main_line_hz * self.mps_per_hz  # straight main line, (J,)
+        self.mean_line_mps = float(self.line_mps.sum()) / self.line_mps.size
+        is_fast = abs(self.mean_line_mps) >= LEAST_SPEED_MPS
+        self.direction = math.copysign(1.0, self.mean_line_mps) if is_fast else 0.0  # 1 approaching, -1 receding
+        # mean Doppler and radial velocity v_m of the torso
+        self.torso_hz = float(self.main_line_hz.sum()) / self.line_mps.size + self.bend_mps / self.mps_per_hz
+        self.torso_mps = float(doppler_to_velocity_mps(self.torso_hz, wavelength_m))
+
     def describe_missing(self, needs: tuple[str, ...]) -> str | None:
         """Return why a requirement is not met, or None.
 
@@ -264,11 +279,6 @@ class Observation:
     def has_line(self) -> bool:
         """True if the main line follows the torso."""
         return math.isfinite(self.torso_ripple_rms_mps)
-
-    @property
-    def power_v2(self) -> npt.NDArray[Any]:
-        """Signature, shape (J, K)."""
-        return self.signature.values
 
     @cached_property
     def envelopes_hz(self) -> tuple[FloatArray, FloatArray]:
@@ -347,31 +357,6 @@ class Observation:
         return self.aligned.values.take(self.occupied_rows, axis=1, mode="clip")
 
     @cached_property
-    def mps_per_hz(self) -> float:
-        """Half a wavelength: speed per hertz of Doppler (E-05)."""
-        return float(self.signature.attrs["wavelength_m"]) / 2.0
-
-    @cached_property
-    def velocity_mps(self) -> FloatArray:
-        """Velocity of every Doppler row; shape (K,)."""
-        return np.asarray(self.signature.axis("doppler") * self.mps_per_hz)
-
-    @cached_property
-    def bin_mps(self) -> float:
-        """Velocity of one Doppler bin."""
-        return float(self.velocity_mps[1] - self.velocity_mps[0])
-
-    @cached_property
-    def rate_hz(self) -> float:
-        """Columns per second."""
-        return sampling_rate_hz(self.signature.axis("time"))
-
-    @cached_property
-    def line_mps(self) -> FloatArray:
-        """Straight main line; shape (J,)."""
-        return np.asarray(self.main_line_hz * self.mps_per_hz)
-
-    @cached_property
     def frequency_hz(self) -> float:
         """f_mu; only for features that need a gait frequency."""
         found = self.extraction.gait_frequency_hz
@@ -381,27 +366,6 @@ class Observation:
     def snr_db(self) -> float:
         """Ratio of the signature to the noise in dB."""
         return compute_snr_db(self.strongest_v2, self.floor_v2)
-
-    @cached_property
-    def torso_hz(self) -> float:
-        """Mean Doppler of the torso."""
-        return float(self.main_line_hz.sum()) / self.main_line_hz.size + self.bend_mps / self.mps_per_hz
-
-    @property
-    def torso_mps(self) -> float:
-        """Mean radial velocity of the torso, v_m."""
-        return float(doppler_to_velocity_mps(self.torso_hz, float(self.signature.attrs["wavelength_m"])))
-
-    @cached_property
-    def direction(self) -> float:
-        """1 approaching, -1 receding, 0 unknown."""
-        mean_mps = self.mean_line_mps
-        return math.copysign(1.0, mean_mps) if abs(mean_mps) >= LEAST_SPEED_MPS else 0.0
-
-    @cached_property
-    def mean_line_mps(self) -> float:
-        """Mean of the straight main line."""
-        return float(self.line_mps.sum()) / self.line_mps.size
 
     @cached_property
     def edges(self) -> Envelopes:
@@ -451,10 +415,7 @@ class Observation:
 
     @cached_property
     def range_weight(self) -> FloatArray:
-        """Factor that removes the radar equation (E-28); shape (J,).
-
-        It is (range / mean range)^4 of the gate.
-        """
+        """Factor (range / mean range)^4 that removes the radar equation (E-28), (J,)."""
         centre_m = self.signature.axis("centre_range")
         return np.asarray((centre_m / (centre_m.sum() / centre_m.size)) ** 4)
 

@@ -13,7 +13,7 @@ import numpy as np
 from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.pipeline.result import Result, TargetList
-from doppelgait.pipeline.target import analyze_gated, analyze_signature
+from doppelgait.pipeline.target import analyze_gates, analyze_signature
 from doppelgait.pipeline.tracking import Tracking, track_targets
 from doppelgait.pipeline.verdicts import is_echo
 from doppelgait.processing import Analysis, Gate
@@ -114,8 +114,7 @@ def analyze(
         touched = [own.touched_bins(*own.edges(range_m, times_s, sharp=sharp), range_m) for own, _ in gates]
         bins = slice(min(cells.start for cells in touched), max(cells.stop for cells in touched))
         frames = clean_frames(frames, settings, bins=bins)
-    results = [analyze_gated(frames, wavelength_m, own, settings, label) for own, label in gates]
-    return TargetList(flag_overlaps(results))
+    return TargetList(flag_overlaps(analyze_gates(frames, wavelength_m, gates, settings)))
 
 
 def flag_overlaps(results: Sequence[Result]) -> list[Result]:

@@ -58,12 +58,24 @@ def analyze_gated(
     clean: Frames, wavelength_m: float, gate: Gate, analysis: Analysis, label: str | None = None
 ) -> Result:
     """Analyse the target in a gate of frames without clutter."""
-    mu = compute_signature(clean, gate, analysis, wavelength_m=wavelength_m)
-    result = analyze_signature(mu, gate, analysis, label=label)
-    if not analysis.parts:
-        return result
-    # torso, legs and limbs (E-40)
-    mask, reason = None, "recorded_in_bursts"
+    return analyze_gates(clean, wavelength_m, [(gate, label)], analysis)[0]
+
+
+def analyze_gates(
+    clean: Frames, wavelength_m: float, gates: Sequence[tuple[Gate, str | None]], analysis: Analysis
+) -> list[Result]:
+    """Analyse the targets in gates of frames without clutter; each gate has a label."""
+    signatures = [compute_signature(clean, gate, analysis, wavelength_m=wavelength_m) for gate, _ in gates]
+    limits, labels = [gate for gate, _ in gates], [label for _, label in gates]
+    results = analyze_signatures(signatures, limits, [analysis] * len(gates), labels=labels)
+    if analysis.parts:
+        return [add_parts(result, clean, wavelength_m, gate) for result, gate in zip(results, limits, strict=True)]
+    return results
+
+
+def add_parts(result: Result, clean: Frames, wavelength_m: float, gate: Gate) -> Result:
+    """Add torso, legs and limbs to a result (E-40)."""
+    analysis, mask, reason = result.analysis, None, "recorded_in_bursts"
     clean = clean.find_bursts()
     if clean.slow_time.burst_pulses is None:
         mask, reason = locate_parts(clean, read_signal(result, "signature"), gate, analysis)

@@ -21,6 +21,7 @@ from doppelgait.core.labels import (
     measures_signal,
     sampling_rate_hz,
 )
+from doppelgait.core.straight import make_orthonormal_basis
 from doppelgait.processing.normalise import copy_rows
 
 FloatArray = npt.NDArray[np.float64]
@@ -198,23 +199,15 @@ def detrend(normalised: Signal, *, order: int) -> Signal:
     order : int
         0 or more; 0 is the report's mu_0.
     """
-    trend = _make_orthonormal_basis(normalised.shape[0], order) @ _project_rows(normalised.values, order)
+    trend = make_orthonormal_basis(normalised.shape[0], order) @ _project_rows(normalised.values, order)
     return normalised.replace(np.subtract(normalised.values, trend, out=trend))
 
 
 def _project_rows(values: FloatArray, order: int) -> FloatArray:
-    basis = _make_orthonormal_basis(values.shape[0], order)
+    basis = make_orthonormal_basis(values.shape[0], order)
     found = np.empty((basis.shape[1], values.shape[1]))
     native.project(values, basis, found)
     return found
-
-
-@lru_cache(maxsize=4)
-def _make_orthonormal_basis(n_columns: int, order: int) -> npt.NDArray[np.float64]:
-    """Compute orthonormal polynomials over the observation, (J, order + 1)."""
-    basis = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n_columns), order))[0]
-    basis.flags.writeable = False
-    return np.asarray(basis, dtype=np.float64)
 
 
 @maps_signal(NORMALISED_SIGNATURE)
@@ -292,7 +285,7 @@ class CadenceParts:
 @lru_cache(maxsize=8)
 def _smear_basis(n_columns: int, rate_hz: float, order: int, step: int) -> FloatArray:
     weights, length, cadence_hz = _make_grid(n_columns, rate_hz, True, None)
-    return _smear(_make_orthonormal_basis(n_columns, order), weights, length, cadence_hz.size, step)[0]
+    return _smear(make_orthonormal_basis(n_columns, order), weights, length, cadence_hz.size, step)[0]
 
 
 @lru_cache(maxsize=8)
