@@ -252,28 +252,21 @@ def takes_arrays(function: Callable[..., Any]) -> bool:
 Kind = TypeVar("Kind", bound=type)
 
 
-class Labelled:
-    """Field that is kept plain and gets its labels when somebody reads them."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-
-    def __get__(self, owner: Any, kind: type | None = None) -> Any:
-        kept = owner.__dict__[self.name]
-        if isinstance(kept, Signal | ScattererTable):
-            kept = owner.__dict__[self.name] = kept.label()
-        return kept
-
-    def __set__(self, owner: Any, value: Any) -> None:
-        owner.__dict__[self.name] = value
-
-
 def labels_on_demand(*names: str) -> Callable[[Kind], Kind]:
     """Keep fields of a dataclass plain until somebody reads them."""
 
+    def make_field(name: str) -> property:
+        def read(owner: Any) -> Any:
+            kept = vars(owner)[name]
+            if isinstance(kept, Signal | ScattererTable):
+                kept = vars(owner)[name] = kept.label()
+            return kept
+
+        return property(read, lambda owner, value: vars(owner).update({name: value}))
+
     def change(kind: Kind) -> Kind:
         for name in names:
-            setattr(kind, name, Labelled(name))
+            setattr(kind, name, make_field(name))
         return kind
 
     return change

@@ -54,6 +54,14 @@ class LateRows:
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         return np.asarray(self.rows(0, self.shape[0]), dtype=dtype)
 
+    def read(self, key: tuple[Any, ...]) -> npt.NDArray[Any]:
+        """Return the values of an index of numbers and slices."""
+        pulses, *columns = key
+        if isinstance(pulses, slice):
+            return np.asarray(self[pulses][(slice(None), *columns)])
+        row = int(pulses) % self.shape[0]
+        return np.asarray(self.rows(row, row + 1)[(0, *columns)])
+
 
 def _take_columns(rows: Callable[[int, int], npt.NDArray[Any]], columns: Any, first: int, stop: int) -> Any:
     return rows(first, stop)[:, columns]
@@ -74,14 +82,7 @@ def _define_source() -> type:
             return _make_source, (self._late,)
 
         def __getitem__(self, key: Any) -> npt.NDArray[Any]:
-            return np.asarray(explicit_indexing_adapter(key, self.shape, IndexingSupport.BASIC, self._take))
-
-        def _take(self, key: tuple[Any, ...]) -> npt.NDArray[Any]:
-            wanted, *columns = key
-            if not isinstance(wanted, slice):
-                row = int(wanted) % self.shape[0]
-                return np.asarray(self._late[row : row + 1][(0, *columns)])
-            return np.asarray(self._late[wanted][(slice(None), *columns)])
+            return np.asarray(explicit_indexing_adapter(key, self.shape, IndexingSupport.BASIC, self._late.read))
 
     return Source
 
