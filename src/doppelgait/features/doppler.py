@@ -94,21 +94,16 @@ def width_of_bins(share: FloatArray) -> FloatArray:
     Its ends are interpolated to the level; where it does not end it reaches the end of the axis. It is NaN without any.
     """
     rows = share.reshape(-1, share.shape[-1])
-    number, bins, peak = np.arange(len(rows)), np.arange(share.shape[-1]), rows.argmax(axis=-1)
-    above, width = rows >= WIDTH_SHARE, np.zeros(len(rows))
-    has_width = above[number, peak]
-    for step in (-1, 1):
-        beyond = ~above & (step * bins > step * peak[:, np.newaxis])
-        ends = beyond.any(axis=-1) & has_width
-        # the last bin above the level and the first one below
-        first = np.where(ends, beyond.argmax(axis=-1), bins.size)
-        if step < 0:
-            first = np.where(ends, bins.size - 1 - beyond[:, ::-1].argmax(axis=-1), -1)
-        last = first - step
-        level, next_level = rows[number, last], rows[number, np.clip(first, 0, bins.size - 1)]
-        width += np.abs(last - peak)
-        drop = np.where(ends, level - next_level, 1.0)
-        width += np.where(ends, 1.0 - (WIDTH_SHARE - next_level) / drop, 0.0)
+    number, bins, peak = np.arange(len(rows)), np.arange(rows.shape[1]), rows.argmax(axis=-1)
+    has_width, width = rows[number, peak] >= WIDTH_SHARE, np.zeros(len(rows))
+    for side, top in ((np.ascontiguousarray(rows[:, ::-1]), bins[-1] - peak), (rows, peak)):
+        below = ~(side >= WIDTH_SHARE) & (bins > top[:, np.newaxis])
+        first = below.argmax(axis=-1)
+        ends = below[number, first] & has_width
+        last = np.where(ends, first - 1, bins[-1])  # the last bin above the level, before the first one below
+        width += last - top
+        inside, outside = side[number, last], side[number, first]
+        width += np.where(ends, 1.0 - (WIDTH_SHARE - outside) / np.where(ends, inside - outside, 1.0), 0.0)
     return np.asarray(np.where(has_width, width, np.nan).reshape(share.shape[:-1]))
 
 

@@ -122,13 +122,7 @@ def measure_strength_variation(observed: Observation) -> float | None:
     return power.near_sd_v2 / power.near_mean_v2 if power.near_mean_v2 > 0 else None
 
 
-@plugin(
-    "feature",
-    "envelope_periodicity",
-    unit="1",
-    source="ours: E-33 on the width between the envelopes",
-    needs=("gait_frequency", "envelope"),
-)
+@plugin("feature", "envelope_periodicity", unit="1", source=WIDTH, needs=("gait_frequency", "envelope"))
 def measure_periodicity(observed: Observation) -> float | None:
     """Measure the envelope width's autocorrelation at one period."""
     # the autocorrelation is normalised and at most 1 (E-33)
@@ -154,6 +148,7 @@ def measure_swing_duty(observed: Observation) -> float | None:
 
 STANCE_BAND_MPS = 0.3
 BAND_SOURCE = "ours: power shares by velocity about the main line"
+HARMONIC_SOURCE = "relative harmonic powers (E-37)"
 CADENCE_SOURCE = "moments of the cadence spectrum S (E-32); cadence-velocity features as in Björklund et al. 2015"
 
 
@@ -242,13 +237,8 @@ def compare_harmonic(observed: Observation, *, harmonic: int) -> float | None:
 
 
 for _harmonic in (2, 3, 4):
-    plugin(
-        "feature",
-        f"relative_harmonic_{_harmonic}",
-        unit="1",
-        source="relative harmonic powers (E-37)",
-        needs=("gait_frequency",),
-    )(partial(compare_harmonic, harmonic=_harmonic))
+    _name, _compare = f"relative_harmonic_{_harmonic}", partial(compare_harmonic, harmonic=_harmonic)
+    plugin("feature", _name, unit="1", source=HARMONIC_SOURCE, needs=("gait_frequency",))(_compare)
 
 
 # Torso ---------------------------------------------------------------------------------------------------------------

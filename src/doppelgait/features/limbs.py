@@ -84,7 +84,7 @@ def find_torso(values: FloatArray, reach: int) -> tuple[int, FloatArray]:
     """Find the median peak, and the centroid of the squared power around it (J,)."""
     peaks, distance = values.argmax(axis=1).astype(np.float64), np.arange(-reach, reach + 1)
     middle = int(compute_quantile(peaks, 0.5))
-    square = np.take(values, (middle + distance) % values.shape[1], axis=1) ** 2
+    square = values.take((middle + distance) % values.shape[1], axis=1) ** 2
     total = square.sum(axis=1)
     return middle, np.divide(square @ distance, total, out=np.zeros(total.size), where=total > 0.0)
 
