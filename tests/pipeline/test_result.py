@@ -64,6 +64,7 @@ def test_targets_are_analysed_together_as_alone(recording):
         mu,
     ]
     several += [mu.copy(data=mu.values[::-1] + noise[0]), mu.copy(data=np.zeros_like(mu.values))]
+    several += [mu.copy(data=mu.values + level * noise[1]) for level in np.linspace(0.0, 1.0, 6, dtype=np.float32)]
     analyses = [Analysis(method="liland2018") if n == 7 else Analysis(normalisation="r4") for n in range(len(several))]
     gates, labels = [first.gate] * len(several), [str(n) for n in range(len(several))]
     together = analyze_signatures(several, gates, analyses, labels=labels)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -104,38 +104,36 @@ def analyze_signatures(
 
     The result of a target does not depend on the others, to the last bit. The first faulty signature raises.
     """
-    found: dict[int, Result] = {}
-    alike: dict[Hashable, dict[int, Target]] = defaultdict(dict)
+    targets, alike = [], defaultdict(list)
     for n, (array, gate, analysis, label) in enumerate(zip(signatures, gates, analyses, labels, strict=True)):
         mu = Signal.of(array, SIGNATURE)
-        if analysis.method == "liland2018":
-            target = Target(mu, *processing.crop_to_frame(mu), gate, analysis, label)
-            found[n] = _make_result(target, None)
-        else:
-            target = Target(mu, *processing.crop_to_frame(processing.decimate(mu)), gate, analysis, label)
-            alike[_describe_axes(target.usable)][n] = target
-    for group in alike.values():
-        for first in range(0, len(group), MAX_TOGETHER):
-            tile = list(group.items())[first : first + MAX_TOGETHER]
-            targets = [target for _, target in tile]
-            observed = observe_alike([target.usable for target in targets], [target.analysis for target in targets])
-            whole = [seen for seen, target in zip(observed, targets, strict=True) if target.analysis.extended]
-            share_extended(whole)
-            deviations = dict(zip(map(id, whole), estimate_uncertainties(whole), strict=True))
-            for (n, target), seen in zip(tile, observed, strict=True):
-                found[n] = _make_result(target, seen, deviations.get(id(seen)))
+        usable, share = processing.crop_to_frame(mu if analysis.method == "liland2018" else processing.decimate(mu))
+        targets.append(Target(mu, usable, share, gate, analysis, label))
+        # signatures with equal axes are arrays of equal shape
+        facts = (usable.attrs[name] for name in ("wavelength_m", "prf_hz", "hop", "cpi_pulses"))
+        axes = usable.axis("time").tobytes(), usable.axis("doppler").tobytes()
+        alike[analysis.method, analysis.extended, *facts, *axes].append(n)
+    found: dict[int, Result] = {}
+    for numbers in alike.values():
+        for first in range(0, len(numbers), MAX_TOGETHER):
+            tile = numbers[first : first + MAX_TOGETHER]
+            found |= zip(tile, _analyze_alike([targets[n] for n in tile]), strict=True)
     return [found[n] for n in range(len(found))]
 
 
-def _describe_axes(mu: Signal) -> tuple[Any, ...]:
-    """Describe the axes of a signature, so that equal ones have equal descriptions."""
-    facts = (mu.attrs[name] for name in ("wavelength_m", "prf_hz", "hop", "cpi_pulses"))
-    return (*facts, mu.axis("time").tobytes(), mu.axis("doppler").tobytes())
+def _analyze_alike(targets: Sequence[Target]) -> list[Result]:
+    """Analyse targets with equal axes by the same method."""
+    if targets[0].analysis.method == "liland2018":
+        return [_make_result(target, None, None) for target in targets]
+    observed = observe_alike([target.usable for target in targets], [target.analysis for target in targets])
+    deviations: Sequence[dict[str, float | None] | None] = [None] * len(targets)
+    if targets[0].analysis.extended:
+        share_extended(observed)
+        deviations = estimate_uncertainties(observed)
+    return [_make_result(*facts) for facts in zip(targets, observed, deviations, strict=True)]
 
 
-def _make_result(
-    target: Target, observed: Observation | None, deviations: dict[str, float | None] | None = None
-) -> Result:
+def _make_result(target: Target, observed: Observation | None, deviations: dict[str, float | None] | None) -> Result:
     """Make the result of a target; without an observation it is analysed as in the report."""
     mu, usable, share, gate, analysis, label = target
     shown = usable if usable is mu else processing.crop_to_frame(mu)[0]
