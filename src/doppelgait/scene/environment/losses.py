@@ -30,7 +30,6 @@ from doppelgait.scene.environment.reflections import (
     FloatArray,
     make_direct_rays,
     rate_per_s,
-    read_path_phase,
 )
 from doppelgait.scene.environment.registry import Setting
 
@@ -147,7 +146,7 @@ def apply_wall(scatterers: ScattererTable, spec: Wall, setting: Setting) -> Scat
     delayed = _lengthen(scatterers, delay_m, rate_per_s(delay_m, scatterers.slow_time_s), behind)
     return delayed.replace(
         path_gain=delayed["path_gain"] * np.where(behind, gain, 1.0),
-        path_phase=read_path_phase(scatterers) + np.where(behind, rest_rad, 0.0),
+        path_phase=scatterers.values.get("path_phase", 0.0) + np.where(behind, rest_rad, 0.0),
     )
 
 

@@ -160,11 +160,6 @@ def add_images(
     return ScattererTable(scatterers.slow_time_s, values, named, {**scatterers.attrs, "mirrors": mirrors})
 
 
-def read_path_phase(scatterers: ScattererTable) -> FloatArray | float:
-    """Return ``path_phase`` of the table, 0 where it is missing."""
-    return np.asarray(scatterers["path_phase"]) if "path_phase" in scatterers else 0.0
-
-
 class GroundBounce(FrozenModel):
     """Flat reflecting floor at z = 0.
 
