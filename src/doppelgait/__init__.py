@@ -1,7 +1,7 @@
 """doppelgait: labelled micro-Doppler radar data of people and dogs.
 
-The data come from motion capture or gait models. Everything here is imported on first use, so that ``import
-doppelgait`` and ``doppelgait --help`` stay fast.
+The data come from motion capture or gait models. Everything here is imported on first use, so that
+``import doppelgait`` and ``doppelgait --help`` stay fast.
 
 Labels such as E-18 in docstrings are the equations of docs/theory.md.
 """

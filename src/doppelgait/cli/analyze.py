@@ -97,8 +97,8 @@ def analyze(
 ) -> None:
     """Analyse a recording: signature, cadence-velocity diagram, features.
 
-    The six gait features of every target are printed, or all results written with -o. With --window-s or --hop-s there
-    is one row per window and target.
+    The six gait features of every target are printed, or all results written with -o. With
+    --window-s or --hop-s there is one row per window and target.
 
     Example: doppelgait analyze walk.h5 -o result.h5 --figures figures
 

@@ -51,8 +51,8 @@ def classify(
 ) -> None:
     """Classify a recording's targets with calibrated probabilities.
 
-    Where the model does not decide, the reason is printed. With --window-s or --hop-s the recording is classified in
-    windows: a table of tracks, and a timeline of the decisions about them.
+    Where the model does not decide, the reason is printed. With --window-s or --hop-s the recording
+    is classified in windows: a table of tracks, and a timeline of the decisions about them.
 
     Example: doppelgait classify walk.h5
 

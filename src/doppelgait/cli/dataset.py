@@ -65,8 +65,8 @@ def plan_command(
 ) -> None:
     """Check a plan and estimate its size and duration.
 
-    The command prints the numbers of examples, subjects and files. It also prints how many rows alias in Doppler, leave
-    the radar frame or have a gate that the frame truncates.
+    The command prints the numbers of examples, subjects and files. It also prints how many rows
+    alias in Doppler, leave the radar frame or have a gate that the frame truncates.
 
     Example: doppelgait dataset plan home-alarm --set dataset.examples_per_class=50000
     """
@@ -289,8 +289,8 @@ def verify(
 ) -> None:
     """Verify a dataset: hashes, repeated simulation, truth, and leaks.
 
-    A share of the examples is simulated again and compared. Features are compared with the truth. Leaks between splits
-    and leaks through nuisance parameters are searched.
+    A share of the examples is simulated again and compared. Features are compared with the truth.
+    Leaks between splits and leaks through nuisance parameters are searched.
 
     Example: doppelgait dataset verify home-alarm --figures pages
     """

@@ -59,8 +59,8 @@ def listen(
 ) -> None:
     """Make the Doppler signal of one target audible.
 
-    The stereo WAV file is as long as the recording. Static clutter is removed first for every gate, as in 'analyze
-    --gate track'; --set clutter=none keeps it.
+    The stereo WAV file is as long as the recording. Static clutter is removed first for every gate,
+    as in 'analyze --gate track'; --set clutter=none keeps it.
 
     Example: doppelgait listen walk.h5 -o walk.wav
 

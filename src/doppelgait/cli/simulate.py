@@ -1,8 +1,8 @@
 """``doppelgait simulate`` and ``demo``: scene, motion or model to recording.
 
-Command-line options are merged into the table of the scene, which is then read like any scene file. The ending of
-``-o`` sets the format of the recording: the HDF5 format of doppelgait, NumPy arrays, SigMF, or a folder for a XeThru
-recording.
+Command-line options are merged into the table of the scene, which is then read like any scene file.
+The ending of ``-o`` sets the format of the recording: the HDF5 format of doppelgait, NumPy arrays,
+SigMF, or a folder for a XeThru recording.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Frozen, checked parameter models and their TOML files.
 
-Every fault of a file comes back in one :class:`ConfigError` that names the file, the dotted key, its line, the value
-and what is allowed.
+Every fault of a file comes back in one :class:`ConfigError` that names the file, the dotted key,
+its line, the value and what is allowed.
 """
 
 from __future__ import annotations

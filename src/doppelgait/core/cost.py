@@ -1,7 +1,7 @@
 """Memory budget for reading files.
 
-A file of a few kilobytes can declare, or decompress to, any number of values. Every reader computes the memory that the
-values need and checks it with this module before it allocates them.
+A file of a few kilobytes can declare, or decompress to, any number of values. Every reader computes
+the memory that the values need and checks it with this module before it allocates them.
 """
 
 from __future__ import annotations

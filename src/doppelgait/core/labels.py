@@ -66,8 +66,8 @@ SCATTERER_VARIABLES = {
 }
 """Variables of the scatterer table, all (slow_time, scatterer), and their units.
 
-The angles are optional. ``path_phase`` exists only if a wall or a reflection shifts the phase of an echo. It is added
-to -4 pi R / lambda.
+The angles are optional. ``path_phase`` exists only if a wall or a reflection shifts the phase of an
+echo. It is added to -4 pi R / lambda.
 """
 
 

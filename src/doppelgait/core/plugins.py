@@ -109,8 +109,8 @@ def plugin(
 ) -> Callable[[T], T]:
     """Register a function, class or object as plug-in.
 
-    If the same module registers a name again, for example in a notebook cell that runs twice, the later plug-in
-    replaces the earlier one.
+    If the same module registers a name again, for example in a notebook cell that runs twice, the
+    later plug-in replaces the earlier one.
 
     Parameters
     ----------
@@ -121,8 +121,8 @@ def plugin(
     parameters : type of FrozenModel, optional
         Frozen model of the plug-in's parameters. A decorated class that is such a model is its own ``parameters``.
     version : str
-        Version of the results: change it when the same parameters give other numbers. It is part of the identity of a
-        dataset.
+        Version of the results: change it when the same parameters give other numbers. It is part of
+        the identity of a dataset.
     **facts
         Further information that the group requires; see the group.
 
@@ -205,9 +205,9 @@ class Group(Generic[T]):
     def _load_plugins(self) -> dict[str, Plugin[T]]:
         known = _REGISTERED.setdefault(self.name, {})
         if not self._complete:
-            # Several threads may do this at once: importing twice is harmless, and Python's import lock makes each
-            # thread wait until a module is complete. A module that reads its group during its import gets the plug-ins
-            # that are registered by then.
+            # Several threads may do this at once: importing twice is harmless, and Python's import
+            # lock makes each thread wait until a module is complete. A module that reads its group
+            # during its import gets the plug-ins that are registered by then.
             for module in self._built_in:
                 import_module(module)
             _load_packages()
@@ -294,8 +294,8 @@ def list_foreign_plugins() -> list[Plugin[Any]]:
 def identify_plugins(tables: Any, files: Mapping[str, Sequence[Path]] | None = None) -> list[dict[str, Any]]:
     """Identify the plug-ins of other packages in a configuration, and readers of files by their group.
 
-    A plug-in is used if its name is the value, or one of the choices, of a key ``kind`` or of a key with the name of
-    its group. Features are always used, since every feature is computed.
+    A plug-in is used if its name is the value, or one of the choices, of a key ``kind`` or of a key
+    with the name of its group. Features are always used, since every feature is computed.
     """
     foreign = list_foreign_plugins()
     names: dict[str, set[str]] = {}

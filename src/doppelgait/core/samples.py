@@ -82,8 +82,8 @@ class Samples:
     """Complex samples, one row per pulse.
 
     In arithmetic they are like a complex64 array of shape (pulses, samples). ``samples + 0.1`` or
-    ``samples * turn[:, None]`` return new samples. ``samples += row`` reuses the memory if the samples own it.
-    ``numpy.asarray(samples)`` is the complex matrix.
+    ``samples * turn[:, None]`` return new samples. ``samples += row`` reuses the memory if the
+    samples own it. ``numpy.asarray(samples)`` is the complex matrix.
 
     Parameters
     ----------

@@ -56,8 +56,8 @@ class BuildReport:
     Parameters
     ----------
     n_examples, n_built, n_reused : int
-        Examples in the dataset, examples built now, and examples reused. While other parts are missing, the counts
-        cover only this part.
+        Examples in the dataset, examples built now, and examples reused. While other parts are
+        missing, the counts cover only this part.
     n_rows : int
         Rows of the index, one per target; 0 while shards of other parts are missing.
     n_failed : int
@@ -147,15 +147,15 @@ def build_dataset(
     Raises
     ------
     DatasetError
-        If the folder contains a dataset of another configuration, another build uses it, the plan cannot be split, or
-        workers die repeatedly.
+        If the folder contains a dataset of another configuration, another build uses it, the plan
+        cannot be split, or workers die repeatedly.
     OutputError
         If the folder cannot be written or the disk is full; finished shards are kept.
     ConfigError
         If the plan has examples that are not allowed (nothing is written then), or the executor or part does not exist.
     KeyboardInterrupt
-        On Ctrl-C or termination, after the current example, with a message on how to resume. Finished shards are kept.
-        A second signal ends the process at once.
+        On Ctrl-C or termination, after the current example, with a message on how to resume.
+        Finished shards are kept. A second signal ends the process at once.
 
     See Also
     --------

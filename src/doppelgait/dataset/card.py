@@ -124,8 +124,8 @@ target: labels, split, subject, source, recording, licence, resolved parameters,
 SIMULATED_FILES = """\
 - `dataset.json`: identity, classes, the whole configuration. The same configuration gives the same bytes.
 
-SNR: `snr_frame_db` is the time mean of the strongest range bin's power over the noise power, before any transform;
-`quality_snr_mu_db` is that of the signature.
+SNR: `snr_frame_db` is the time mean of the strongest range bin's power over the noise power, before
+any transform; `quality_snr_mu_db` is that of the signature.
 {gate}
 
 """
@@ -259,8 +259,8 @@ IMPORTED_MAKING = """## Recordings
 
 ## Processing
 
-{gate} {windows} A row without a target has no features and the flag `not_tracked`; it is kept, so that scores count it.
-If the scene is labelled as empty, the flag is `nobody:nothing_found`.
+{gate} {windows} A row without a target has no features and the flag `not_tracked`; it is kept, so
+that scores count it. If the scene is labelled as empty, the flag is `nobody:nothing_found`.
 
 """
 IMPORTED_LIMITS = """- Labels are provided by the user and are not verified.

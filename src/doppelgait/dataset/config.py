@@ -87,9 +87,9 @@ class FieldSpec(FrozenModel):
     name : str
         Name of the array (:data:`doppelgait.dataset.shard_files.FIELDS`).
     dtype : {"full", "half"}, optional
-        ``full``: single precision. ``half`` (signature and cadence map): 10 log10 in float16, under a third of the size
-        on disk, with an error of at most 1.5 % of the value (0.0625 dB). The default is ``half`` for a signature, else
-        ``full``.
+        ``full``: single precision. ``half`` (signature and cadence map): 10 log10 in float16, under
+        a third of the size on disk, with an error of at most 1.5 % of the value (0.0625 dB). The
+        default is ``half`` for a signature, else ``full``.
     hop : int
         Keep every ``hop``-th column (or pulse).
     """
@@ -135,8 +135,8 @@ class SplitSection(FrozenModel):
         ``stratified``: the shares are exact for every class. ``stable``: a hash of the subject's name sets its split,
         so that subjects added later do not move the others; the shares are correct on average.
     sources : table
-        Leave one source out: ``{ recording = "test" }`` puts every recorded subject into test; ``model`` and
-        ``recording`` are the sources.
+        Leave one source out: ``{ recording = "test" }`` puts every recorded subject into test;
+        ``model`` and ``recording`` are the sources.
     subjects : table
         Subjects assigned by name, with ``*`` and ``?``: ``{ test = ["cmu-07", "dog-*"] }``.
     """
@@ -156,11 +156,11 @@ class SourceSection(FrozenModel):
     files : str
         Motion files as written in the plan; ``*`` stands for any text, including folders.
     subject : str, optional
-        Regular expression; its first group in a file's path names the person or animal (``"cmu_(\d+)_"``). By default
-        every file is a separate subject.
+        Regular expression; its first group in a file's path names the person or animal
+        (``"cmu_(\d+)_"``). By default every file is a separate subject.
     licence : str
-        Name of the licence, from SPDX if it is listed there; empty if unknown. Unknown and non-commercial licences
-        block a release.
+        Name of the licence, from SPDX if it is listed there; empty if unknown. Unknown and
+        non-commercial licences block a release.
     citation : str
         Citation that users of the dataset must include.
     """
@@ -200,9 +200,9 @@ class DatasetSection(FrozenModel):
     shard_size : int
         Examples in one shard file. The shard is the unit of work, of resuming and of hashing.
     gate : {"truth", "track"}
-        ``truth``: centred on the true range of the body plus an error that is independent of the class. ``track``:
-        found by tracking, as in a measured recording; a target without a track has no features and the flag
-        ``not_tracked``.
+        ``truth``: centred on the true range of the body plus an error that is independent of the
+        class. ``track``: found by tracking, as in a measured recording; a target without a track
+        has no features and the flag ``not_tracked``.
     gate_error_sd_m : float
         Standard deviation of the range error of the truth gate, the same for every class.
     fields : list
@@ -318,8 +318,8 @@ class PlanConfig(FrozenModel):
         Further targets of every scene, with label, motion and place: ``[[targets]]`` entries of a scene file. Each is a
         separate row with its own label and subject, in the split of its scene.
     background : list
-        Confusers, which scatter but are not targets (a fan, a curtain): ``[[targets]]`` entries of a scene file, with
-        motion.
+        Confusers, which scatter but are not targets (a fan, a curtain): ``[[targets]]`` entries of
+        a scene file, with motion.
     sources : list of SourceSection
         Subjects, licences and citations of the motion files.
     environment : list
@@ -331,11 +331,11 @@ class PlanConfig(FrozenModel):
         As in a scene file: ``preset`` and changes, or all parameters. ``prf_hz = "auto"`` is refused, because it
         reveals the speed to the features, except where ``dataset.leaks`` names ``radar.prf_hz``.
     noise : table
-        Receiver noise, as in a scene file. Plans with an empty class (``motion = "none"``) allow ``thermal`` only,
-        because a wanted SNR needs a target.
+        Receiver noise, as in a scene file. Plans with an empty class (``motion = "none"``) allow
+        ``thermal`` only, because a wanted SNR needs a target.
     analysis : table
-        Computation of the signature and the features, as in a scene file. ``method = "liland2018"`` is refused, because
-        its gate reveals the class and the truth to the features.
+        Computation of the signature and the features, as in a scene file. ``method = "liland2018"``
+        is refused, because its gate reveals the class and the truth to the features.
     """
 
     dataset: DatasetSection
@@ -463,8 +463,8 @@ class ImportConfig(FrozenModel):
     fields : list
         Arrays to store in addition to the features: ``signature``, ``cadence_map``, ``ti_frames``, ``baseband``.
     split : "train", "validation", "test" or table
-        Split of all rows, or shares of the subjects of every class. The default is the column ``split`` of the labels,
-        or ``test`` without this column.
+        Split of all rows, or shares of the subjects of every class. The default is the column
+        ``split`` of the labels, or ``test`` without this column.
     seed : int
         Seed of the assignment of subjects to splits, used if ``split`` has shares.
     shard_size : int

@@ -92,8 +92,8 @@ def export_dataset(
     ConfigError
         If the form is not known or a parameter is not allowed.
     DatasetError
-        If a field is not known, the destination exists, no row is selected, or ``release`` is set and a licence is
-        non-commercial or unknown.
+        If a field is not known, the destination exists, no row is selected, or ``release`` is set
+        and a licence is non-commercial or unknown.
     OutputError
         If the export cannot be written; no partial output remains.
     """

@@ -113,8 +113,8 @@ def import_dataset(
     Returns
     -------
     ImportReport
-        Report of the import. A recording that cannot be read or analysed is listed as a failure with its reason; the
-        others are imported.
+        Report of the import. A recording that cannot be read or analysed is listed as a failure
+        with its reason; the others are imported.
 
     Raises
     ------

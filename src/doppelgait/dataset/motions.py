@@ -189,13 +189,13 @@ class FolderMotion(FrozenModel):
     pattern : str
         Pattern of the file names, for example ``"*.bvh"``; subfolders are included.
     loop : bool
-        Segments shorter than the scene are repeated over whole strides; else they are left out. A scene without
-        ``duration_s`` is as long as its segment.
+        Segments shorter than the scene are repeated over whole strides; else they are left out. A
+        scene without ``duration_s`` is as long as its segment.
     min_duration_s : float
         Shorter segments are left out.
     hybrid : {"none", "retarget", "blend"}
-        Whether every example changes speed, size and stride of its segment, and also blends it with another one
-        (:mod:`doppelgait.motion.hybrid`).
+        Whether every example changes speed, size and stride of its segment, and also blends it with
+        another one (:mod:`doppelgait.motion.hybrid`).
     options : table
         Options of the reader, such as ``units``.
     """

@@ -316,9 +316,9 @@ class Dataset:
         Returns
         -------
         dict
-            By label, in the order of the class numbers: n / (number of classes with rows * rows of the class), as
-            scikit-learn's ``class_weight="balanced"``; 0 for a class without rows here.
-            ``torch.tensor([*weights.values()])`` is the ``weight`` of a loss in torch.
+            By label, in the order of the class numbers: n / (number of classes with rows * rows of
+            the class), as scikit-learn's ``class_weight="balanced"``; 0 for a class without rows
+            here. ``torch.tensor([*weights.values()])`` is the ``weight`` of a loss in torch.
         """
         classes: Mapping[str, int] = self.description["classes"]
         counts = np.bincount(self.class_numbers(), minlength=1 + max(classes.values(), default=-1))

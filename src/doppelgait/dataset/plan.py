@@ -96,8 +96,8 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     Raises
     ------
     ConfigError
-        If a motion is not allowed or its file is missing; the message names the class, the example and the key. If a
-        radar file cannot be read.
+        If a motion is not allowed or its file is missing; the message names the class, the example
+        and the key. If a radar file cannot be read.
     DatasetError
         If a class cannot have a subject in every requested split, or a folder has no usable file.
 

@@ -208,8 +208,8 @@ class ShardFiles:
         if shard in files:
             files.move_to_end(shard)
         else:
-            # Refuse a shard that an index or a link places outside the folder. The folder of shards must not be a link
-            # either; the folder of the dataset may be one.
+            # Refuse a shard that an index or a link places outside the folder. The folder of shards
+            # must not be a link either; the folder of the dataset may be one.
             if self._make_path(shard).resolve().parent != self.folder.parent.resolve() / self.folder.name:
                 raise ValueError("it lies outside the folder of the dataset")
             opened = open_hdf5(self._make_path(shard), members=False, rdcc_nbytes=0)  # rows are rarely read twice

@@ -46,8 +46,8 @@ class PictureSettings(FrozenModel):
     carrier_hz : float
         Carrier frequency of the radar.
     cpi_s : float
-        Processing interval of a column of the spectrogram. It has no default, because it determines whether steps can
-        be distinguished.
+        Processing interval of a column of the spectrogram. It has no default, because it determines
+        whether steps can be distinguished.
     level_db : (float, float)
         Levels of the first and the last colour of the map.
     colormap : str

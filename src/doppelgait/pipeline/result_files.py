@@ -57,8 +57,8 @@ class Results:
 def describe_results(recording: Recording, results: Sequence[Result]) -> dict[str, Any]:
     """Build the document that ``doppelgait analyze --json`` prints.
 
-    Values that are not finite become None. An empty list of targets has a ``reason``. ``n_bodies`` excludes targets
-    with the verdict reflection, folded or thing.
+    Values that are not finite become None. An empty list of targets has a ``reason``. ``n_bodies``
+    excludes targets with the verdict reflection, folded or thing.
     """
     facts = {
         "file": recording.source,
@@ -80,10 +80,10 @@ def describe_results(recording: Recording, results: Sequence[Result]) -> dict[st
 def write_results(path: str | Path, recording: Recording, results: Sequence[Result]) -> None:
     """Write results to an HDF5 file, atomically.
 
-    Each target is a group ``targets/<number>``. Label, gate source, features and numbers are attributes (empty if
-    undetermined), further mappings are JSON, arrays are datasets with their coordinates under ``axes``, and segments
-    are groups of the same form. The links ``time_s``, ``doppler_hz`` and ``cadence_hz`` point to the axes of signature
-    and cadence map.
+    Each target is a group ``targets/<number>``. Label, gate source, features and numbers are
+    attributes (empty if undetermined), further mappings are JSON, arrays are datasets with their
+    coordinates under ``axes``, and segments are groups of the same form. The links ``time_s``,
+    ``doppler_hz`` and ``cadence_hz`` point to the axes of signature and cadence map.
 
     Raises
     ------

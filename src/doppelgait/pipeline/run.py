@@ -142,9 +142,9 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "",
     Parameters
     ----------
     table : mapping
-        Keys ``targets`` (list), ``radar`` (``preset`` and changes, or all parameters), and optionally the other keys
-        of :class:`doppelgait.scene.Scene` and of :class:`Run`. A list ``environment`` or ``impairments``
-        replaces the one of the radar's preset.
+        Keys ``targets`` (list), ``radar`` (``preset`` and changes, or all parameters), and
+        optionally the other keys of :class:`doppelgait.scene.Scene` and of :class:`Run`. A list
+        ``environment`` or ``impairments`` replaces the one of the radar's preset.
     where, text : str
         File name and text for error messages.
     folder : Path, optional

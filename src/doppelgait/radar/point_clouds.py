@@ -1,8 +1,8 @@
 """Point clouds with track numbers from TI's tracking demos.
 
-Such a log has no samples, so that it cannot be analysed; its tracks have positions and speeds, which can be compared
-with those of a recording or a simulation. Supported files are CSV files with one line per point, and the JSON files
-that the Industrial Visualizer of TI's Radar Toolbox saves.
+Such a log has no samples, so that it cannot be analysed; its tracks have positions and speeds,
+which can be compared with those of a recording or a simulation. Supported files are CSV files with
+one line per point, and the JSON files that the Industrial Visualizer of TI's Radar Toolbox saves.
 """
 
 from __future__ import annotations

@@ -49,8 +49,8 @@ class TargetTruth:
     stride_frequency_hz, step_frequency_hz, gait_frequency_hz : float
         Means over the observation, NaN when unknown (E-07).
     body : DataArray (time, marker, space), optional
-        Positions of the body's points, for plots: at most 60 positions per second, in the frame of the scene (floor at
-        z = 0).
+        Positions of the body's points, for plots: at most 60 positions per second, in the frame of
+        the scene (floor at z = 0).
     """
 
     label: str
@@ -204,8 +204,8 @@ class Recording:
         Parameters
         ----------
         start_s, stop_s : float
-            The part has the pulses with start_s <= time < stop_s; these limits may be outside the recording. If the
-            ``facts`` have ``burst_pulses``, only complete bursts are included.
+            The part has the pulses with start_s <= time < stop_s; these limits may be outside the
+            recording. If the ``facts`` have ``burst_pulses``, only complete bursts are included.
 
         Returns
         -------
@@ -249,8 +249,8 @@ class Recording:
     def baseband(self) -> xr.DataArray:
         """Samples as a labelled, read-only complex64 array, V.
 
-        The array has the dimensions (slow_time, range) and is made on first access. The values of a long recording in a
-        file are read at every access (``samples.in_memory``): select a part,
+        The array has the dimensions (slow_time, range) and is made on first access. The values of a
+        long recording in a file are read at every access (``samples.in_memory``): select a part,
         ``baseband.isel(slow_time=slice(0, 1000))``.
         """
         return self.frames.label({**make_baseband_facts(self.radar), **self.facts})

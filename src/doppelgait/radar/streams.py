@@ -1,7 +1,7 @@
 """Live frames from files, standard input and sockets.
 
-A thread receives frames, and the consumer iterates over them. A queue of bounded length between them limits memory and
-latency, even for a slow consumer.
+A thread receives frames, and the consumer iterates over them. A queue of bounded length between
+them limits memory and latency, even for a slow consumer.
 """
 
 from __future__ import annotations
@@ -281,14 +281,14 @@ def open_stream(
     expect : Radar, optional
         Expected radar. Frames with another carrier, frame rate or bin spacing are refused.
     timeout_s : float
-        Time without new data after which a file or sender counts as stopped; 0 reads a file to its present end. The
-        wait for the first sender is not limited.
+        Time without new data after which a file or sender counts as stopped; 0 reads a file to its
+        present end. The wait for the first sender is not limited.
     queue_s : float
-        Duration of the frames that the queue holds. If it is full, files and standard input wait; for sockets the
-        oldest frames are dropped and counted.
+        Duration of the frames that the queue holds. If it is full, files and standard input wait;
+        for sockets the oldest frames are dropped and counted.
     **options
-        Options for recordings, as of :func:`doppelgait.radar.read_recording`; XeThru files without a frame rate in
-        their records need ``prf_hz``.
+        Options for recordings, as of :func:`doppelgait.radar.read_recording`; XeThru files without
+        a frame rate in their records need ``prf_hz``.
 
     Returns
     -------
@@ -305,9 +305,9 @@ def open_stream(
     Raises
     ------
     RecordingError
-        If the file does not exist, or the socket cannot be opened. Damaged and missing frames, jumps of the clock and
-        dropped frames are counted and cause one :class:`DoppelgaitWarning` of each kind; frames of another radar raise
-        a :class:`RecordingError` during the iteration.
+        If the file does not exist, or the socket cannot be opened. Damaged and missing frames,
+        jumps of the clock and dropped frames are counted and cause one :class:`DoppelgaitWarning`
+        of each kind; frames of another radar raise a :class:`RecordingError` during the iteration.
     ConfigError
         If the source or a time is not allowed.
     """

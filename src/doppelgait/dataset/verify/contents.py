@@ -31,9 +31,9 @@ class Check:
     Parameters
     ----------
     status : {"passed", "warning", "failed", "skipped", "not applicable"}
-        ``warning``: the dataset stays valid, but a person should look at it. ``skipped``: the check was not possible
-        for the reason in the summary; the dataset is not proven. ``not applicable``: nothing to check in this dataset,
-        or not requested.
+        ``warning``: the dataset stays valid, but a person should look at it. ``skipped``: the check
+        was not possible for the reason in the summary; the dataset is not proven. ``not
+        applicable``: nothing to check in this dataset, or not requested.
     summary : str
         What was found, in one line.
     numbers : dict

@@ -8,10 +8,10 @@ a wrong sign, unit, label or truth, which hits nearly every row, always does fro
 good is another question; :mod:`doppelgait.features` describes how often each is correct (the gait frequency: 96 % of
 those that are not flagged are within 5 %).
 
-Tolerances: the torso velocity 0.15 m/s, a cell of Doppler at 0.1 s and 24 GHz or a quarter of one at 7 GHz and the
-body's own swing, and 10 % for a main line that is not the body's centre; the gait frequency 10 %, five
-times its resolution at five periods and far from the factor of two of a mistaken step. The SNR 0.1 dB: it is set, not
-estimated. The aspect 10 degrees from that of the
+Tolerances: the torso velocity 0.15 m/s, a cell of Doppler at 0.1 s and 24 GHz or a quarter of one
+at 7 GHz and the body's own swing, and 10 % for a main line that is not the body's centre; the gait
+frequency 10 %, five times its resolution at five periods and far from the factor of two of a
+mistaken step. The SNR 0.1 dB: it is set, not estimated. The aspect 10 degrees from that of the
 body's straight path: the rise and fall of a walker's centre tilts its velocity by 8 degrees in the mean.
 """
 

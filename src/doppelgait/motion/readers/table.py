@@ -246,8 +246,8 @@ def _split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
             cells = next(csv.reader([line], delimiter=delimiter, strict=True)) if quoted else line.split(delimiter)
         except csv.Error as error:
             raise MotionError(f"{path}: line {number}: a quoted cell is damaged ({error}). Correct it.") from None
-        # blanks matter only in names, and stripping millions of numbers takes longer than reading them
-        # patterns are fast on short names only
+        # blanks matter only in names, and stripping millions of numbers takes longer than reading
+        # them patterns are fast on short names only
         rows.append((number, [" ".join(cell[:MAX_TITLE].split()) for cell in cells] if len(rows) < 2 else cells))
     return rows, delimiter
 

@@ -48,8 +48,8 @@ def ca_factor(n_training: int, pfa: float, *, n_summed: int = 1) -> float:
 def os_pfa(factor: float, n_training: int, rank: int, *, n_summed: int = 1) -> float:
     r"""Compute an ordered-statistic threshold's false-alarm probability (Rohling, 1983).
 
-    The threshold is ``factor``, alpha of 0 or more, times the ``rank``-th smallest of ``n_training`` independent cells
-    (k of N), with ``n_summed`` (n_g) cells summed in each.
+    The threshold is ``factor``, alpha of 0 or more, times the ``rank``-th smallest of
+    ``n_training`` independent cells (k of N), with ``n_summed`` (n_g) cells summed in each.
 
     .. math:: P_{fa} = \prod_{i=0}^{k-1} \frac{N - i}{N - i + \alpha}
 
@@ -72,8 +72,8 @@ def os_pfa(factor: float, n_training: int, rank: int, *, n_summed: int = 1) -> f
 def os_factor(n_training: int, rank: int, pfa: float, *, n_summed: int = 1) -> float:
     """Compute the threshold factor of an ordered statistic.
 
-    The factor applies to the ``rank``-th smallest of ``n_training`` cells of noise; it is :func:`os_pfa` solved for
-    alpha.
+    The factor applies to the ``rank``-th smallest of ``n_training`` cells of noise; it is
+    :func:`os_pfa` solved for alpha.
 
     Raises
     ------

@@ -20,8 +20,8 @@ class Detector(FrozenModel):
     Parameters
     ----------
     method : {"noise_map", "os_cfar", "ca_cfar"}
-        Reference of a cell: the noise floor of its range bin over time and Doppler, or the cells around it in range at
-        the same Doppler, as an ordered statistic (OS) or averaged (CA).
+        Reference of a cell: the noise floor of its range bin over time and Doppler, or the cells
+        around it in range at the same Doppler, as an ordered statistic (OS) or averaged (CA).
     clutter : {"none", "mean", "median", "exponential", "mti"}
         Clutter removal before detection (:func:`doppelgait.processing.clutter.remove_static_clutter`); harmless where
         the clutter has been removed already.
@@ -36,20 +36,20 @@ class Detector(FrozenModel):
     peak_pfa : float
         False-alarm probability of a peak, a cell that makes its cluster a body; not above ``pfa``.
     min_snr : float
-        A cluster without a peak is a body if the sum of its cells' power over the noise of one cell is at least this.
-        At 50, noise alone reaches this about 10 times per minute (1 kHz, 188 range bins, the other defaults), and has
-        a cell above ``peak_pfa`` as often. If range bins share noise, the value is divided by the recording's
-        independent noise values per bin.
+        A cluster without a peak is a body if the sum of its cells' power over the noise of one cell
+        is at least this. At 50, noise alone reaches this about 10 times per minute (1 kHz, 188
+        range bins, the other defaults), and has a cell above ``peak_pfa`` as often. If range bins
+        share noise, the value is divided by the recording's independent noise values per bin.
     dynamic_range_db : float
-        Cells this far below the strongest Doppler cell of the same range bin and scan are its side lobes (43.8 dB for
-        sigma_w = 0.4) and are ignored.
+        Cells this far below the strongest Doppler cell of the same range bin and scan are its side
+        lobes (43.8 dB for sigma_w = 0.4) and are ignored.
     slow_mps : float
         Below this speed, the half width of a Doppler line, a cell is also compared with its permanent power (lower
         quartile of the scans), so that residual static clutter is not detected. A body that moves more slowly for half
         of the recording or longer is not detected. 0 switches this off.
     near_m : float
-        Range bins nearer than this contain the direct path between the antennas and are ignored, unless there is only
-        one bin.
+        Range bins nearer than this contain the direct path between the antennas and are ignored,
+        unless there is only one bin.
     window_m : float
         Half length of the CFAR window in range.
     guard_m : float
@@ -63,8 +63,8 @@ class Detector(FrozenModel):
     join_doppler_hz : float
         Gaps in Doppler up to this are closed.
     merge_range_m : float
-        Clusters are one body if their centres are closer than this in range and the gap between their Doppler boxes is
-        at most ``merge_velocity_mps``.
+        Clusters are one body if their centres are closer than this in range and the gap between
+        their Doppler boxes is at most ``merge_velocity_mps``.
     merge_velocity_mps : float
         Largest gap between the Doppler boxes of clusters that are one body.
     limb_velocity_mps : float

@@ -40,10 +40,10 @@ def find_scans(
 ) -> list[Scan]:
     """Find bodies in every interval of a recording.
 
-    The common phase of the frames and static clutter are removed, and range-Doppler maps are computed (E-24). Cells
-    above the threshold are joined to clusters, and clusters of one body are joined to one detection. A radar without
-    range resolution (one range bin) gives one detection per cluster in Doppler, with the range of its bin and a
-    standard deviation of 1 km.
+    The common phase of the frames and static clutter are removed, and range-Doppler maps are
+    computed (E-24). Cells above the threshold are joined to clusters, and clusters of one body are
+    joined to one detection. A radar without range resolution (one range bin) gives one detection
+    per cluster in Doppler, with the range of its bin and a standard deviation of 1 km.
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ def find_scans(
     Raises
     ------
     AnalysisError
-        If the recording is in bursts, too short or too slow for a processing interval, or its range frame too short
-        for the CFAR window.
+        If the recording is in bursts, too short or too slow for a processing interval, or its range
+        frame too short for the CFAR window.
 
     Examples
     --------

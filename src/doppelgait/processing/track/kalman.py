@@ -1,8 +1,8 @@
 """Kalman filter and smoother of range and radial velocity.
 
-The matrix products are written out for two states. A body at range R has the radial velocity v, positive when
-approaching, with dR/dt = -v. A detection measures both with independent errors, so the measurement matrix is the
-identity.
+The matrix products are written out for two states. A body at range R has the radial velocity v,
+positive when approaching, with dR/dt = -v. A detection measures both with independent errors, so
+the measurement matrix is the identity.
 """
 
 from __future__ import annotations

@@ -47,8 +47,8 @@ class Tracker(FrozenModel):
     delete_s : float
         A confirmed track ends after this time without a detection.
     rest_speed_mps : float
-        A body that was slower than this when last detected may stand still and have no Doppler shift. Its track stays
-        at its range for ``rest_s``, with a growing gate.
+        A body that was slower than this when last detected may stand still and have no Doppler
+        shift. Its track stays at its range for ``rest_s``, with a growing gate.
     rest_s : float
         Longest time for which a track is kept without detections of a resting body.
     rest_velocity_sd_mps : float

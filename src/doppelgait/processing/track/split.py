@@ -116,11 +116,11 @@ def find_ridge(profiles: FloatArray, found: Track, others: Sequence[Track]) -> R
 def split_tracks(tracks: Sequence[Track], clean: Frames, *, wavelength_m: float, cpi_s: float) -> list[Track]:
     """Divide tracks that follow two bodies.
 
-    Bodies that are nearer to each other than the detector's box have one track. The power within 0.35 m/s of the track
-    is one narrow echo for a single person and extends over up to 0.9 m for animals and for people who crawl. A second
-    echo at 0.6 m or more from the strongest, with a valley of 10 dB between them for 2 s, is a second body and becomes
-    a track. If the second echo is present for a part of the time, or without such a valley, the track is marked
-    ``several``.
+    Bodies that are nearer to each other than the detector's box have one track. The power within
+    0.35 m/s of the track is one narrow echo for a single person and extends over up to 0.9 m for
+    animals and for people who crawl. A second echo at 0.6 m or more from the strongest, with a
+    valley of 10 dB between them for 2 s, is a second body and becomes a track. If the second echo
+    is present for a part of the time, or without such a valley, the track is marked ``several``.
 
     Parameters
     ----------

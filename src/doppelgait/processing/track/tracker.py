@@ -42,8 +42,8 @@ def track(
 ) -> list[Track]:
     """Track bodies through the detections of a recording.
 
-    The tracker uses a Kalman filter of range and radial velocity per body, joint association, and smoothing at the end.
-    It uses only the detections and treats all bodies alike.
+    The tracker uses a Kalman filter of range and radial velocity per body, joint association, and
+    smoothing at the end. It uses only the detections and treats all bodies alike.
 
     Parameters
     ----------

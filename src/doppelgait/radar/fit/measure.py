@@ -1,8 +1,8 @@
 """Measurement of a sensor in one recording.
 
-The estimates use only values that certainly belong to the sensor: the upper half of the Doppler band in windows where
-it contains only noise, and low quantiles elsewhere. Quantities that a recording does not show are refused with the
-reason.
+The estimates use only values that certainly belong to the sensor: the upper half of the Doppler
+band in windows where it contains only noise, and low quantiles elsewhere. Quantities that a
+recording does not show are refused with the reason.
 """
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ class SensorMeasurement:
     refused : dict
         Reasons, by the names of the quantities that the recording does not show.
     doppler_hz, doppler_db : ndarray, shape (F,)
-        Noise density over the absolute Doppler frequency, as the level of white noise, dB re 1 V; NaN where there was
-        motion in too many windows.
+        Noise density over the absolute Doppler frequency, as the level of white noise, dB re 1 V;
+        NaN where there was motion in too many windows.
     doppler_sd_db : ndarray, shape (F,)
     range_db, range_sd_db : ndarray, shape (N,)
         Noise per bin relative to the mean over all bins, dB; empty for fewer than eight bins.

@@ -1,7 +1,7 @@
 """Pool the measurements of several recordings of one sensor kind.
 
-Every quantity has a mean and a spread between recordings: the variation that the uncertainties of single
-values do not explain. Gain and noise figure are fitted to the pooled levels.
+Every quantity has a mean and a spread between recordings: the variation that the uncertainties of
+single values do not explain. Gain and noise figure are fitted to the pooled levels.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class PooledQuantity:
     ----------
     mean : Estimate
     spread, low, high : float
-        Standard deviation between recordings without the measurement error, and its 95 % interval; NaN for fewer than
-        three recordings.
+        Standard deviation between recordings without the measurement error, and its 95 % interval;
+        NaN for fewer than three recordings.
     count : int
         Number of recordings.
     """
@@ -294,11 +294,11 @@ def fit_kind(
     recordings : iterable of Recording
         Unlabelled recordings of empty rooms or daily life, with one carrier and frame rate; others are not used.
     radar : Radar, optional
-        Source of the parameters that no recording states: power, antenna gains, pulse. By default the radar of the
-        longest recording.
+        Source of the parameters that no recording states: power, antenna gains, pulse. By default
+        the radar of the longest recording.
     people_at_m : float, optional
-        Median range of the people in the recordings: the receiver gain is set so that 0.8 m^2 at this range has the
-        level of the echoes. By default the gain is not changed.
+        Median range of the people in the recordings: the receiver gain is set so that 0.8 m^2 at
+        this range has the level of the echoes. By default the gain is not changed.
 
     Raises
     ------
@@ -394,8 +394,8 @@ def _pool_drops(same: Sequence[SensorMeasurement]) -> tuple[PooledQuantity | Non
     runs = sum(m.n_faulty / m.run_length for m in counted)
     length = faulty / runs if runs else 1.0
     share = (faulty + 0.5) / (frames + 1.0)
-    # runs of mean length L scatter 2 L - 1 times as much as single frames; the share is common to all recordings,
-    # because that of a recording without dropped frames is not known exactly
+    # runs of mean length L scatter 2 L - 1 times as much as single frames; the share is common to
+    # all recordings, because that of a recording without dropped frames is not known exactly
     each = share * (1.0 - share) * (2.0 * length - 1.0)
     return pool(Estimate(m.n_faulty / m.n_frames, math.sqrt(each / m.n_frames)) for m in counted), length
 

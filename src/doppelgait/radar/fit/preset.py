@@ -378,8 +378,8 @@ def _iterate_kind_impairments(kind: SensorKind) -> Iterator[Table]:
         table = {k: _draw(found[k], max(found[k].mean.value, 0.0), lowest=0.0) for k in names}
         yield {"kind": "phase_noise", **table}, {k: _format_comment(found[k], unit) for k, unit in names.items()}
     if apart:
-        # echoes pass both, the noise behind the mixer passes the second only: I is unchanged, and both together give
-        # the Q of the echoes
+        # echoes pass both, the noise behind the mixer passes the second only: I is unchanged, and
+        # both together give the Q of the echoes
         g, phi, own_g, own_phi = (
             10.0 ** (found[name].mean.value / 20.0) if name.endswith("_db") else math.radians(found[name].mean.value)
             for name in ("iq_gain_db", "iq_phase_deg", "noise_iq_gain_db", "noise_iq_phase_deg")

@@ -85,14 +85,14 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
     Returns
     -------
     Recording
-        Recording with the axes of the file. Measured recordings have no truth, an unknown noise level, and ``notes`` on
-        values that the file does not state.
+        Recording with the axes of the file. Measured recordings have no truth, an unknown noise
+        level, and ``notes`` on values that the file does not state.
 
     Raises
     ------
     RecordingError
-        If the file does not exist, none or several readers recognise it, an option is not allowed, or the content is
-        not valid.
+        If the file does not exist, none or several readers recognise it, an option is not allowed,
+        or the content is not valid.
 
     See Also
     --------
@@ -176,8 +176,8 @@ def is_folder_of_recordings(path: Path) -> bool:
 def find_recordings(paths: Iterable[Path]) -> Iterator[tuple[Path, bool]]:
     """Yield the recordings of files and folders, each once.
 
-    They are in the order of their names, with True for a named path and False for a file found in a folder. In folders,
-    files without the suffix of a recording are skipped.
+    They are in the order of their names, with True for a named path and False for a file found in a
+    folder. In folders, files without the suffix of a recording are skipped.
     """
     suffixes = tuple(s for one in RADAR_READERS.values() for s in one.facts["suffixes"] if s.startswith("."))
     seen: set[Path] = set()
@@ -222,8 +222,8 @@ def read_several(paths: Iterable[Path], **options: Any) -> tuple[list[Recording]
     Raises
     ------
     RecordingError
-        If a named file cannot be read, a folder cannot be listed, no recording remains, or no reader has one of the
-        options (except ``radar``).
+        If a named file cannot be read, a folder cannot be listed, no recording remains, or no
+        reader has one of the options (except ``radar``).
     """
     paths, found, left_out, taken = list(paths), [], [], {"radar"}
     try:

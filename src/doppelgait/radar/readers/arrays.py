@@ -324,8 +324,8 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     OutputError
-        If the name does not end in ``.npz``, another kind of TOML file with this stem exists, or the files cannot be
-        written; existing files then do not change.
+        If the name does not end in ``.npz``, another kind of TOML file with this stem exists, or
+        the files cannot be written; existing files then do not change.
 
     See Also
     --------

@@ -2,8 +2,8 @@
 
 ``NAME_RE.txt`` and ``NAME_IM.txt`` have one integer per line.
 
-Programs for 24 GHz Doppler modules with a 12-bit converter write these files. The module fills a buffer, sends it and
-starts again: the samples are continuous within a burst only.
+Programs for 24 GHz Doppler modules with a 12-bit converter write these files. The module fills a
+buffer, sends it and starts again: the samples are continuous within a burst only.
 """
 
 from __future__ import annotations

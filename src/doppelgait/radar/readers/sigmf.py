@@ -271,8 +271,8 @@ def _read_own(
         if range_m.ndim != 1 or not range_m.size:
             raise ValueError("doppelgait:range_m must be a list of one range or more")
         rows = samples.size // max(range_m.size, 1)
-        # times of the rows: each capture starts at ``doppelgait:time_s``, and its rows have the rate
-        # ``doppelgait:prf_hz``
+        # times of the rows: each capture starts at ``doppelgait:time_s``, and its rows have the
+        # rate ``doppelgait:prf_hz``
         n_bins = range_m.size
         if not 0 < rows <= MAX_ROWS:
             raise ValueError(f"there are {rows} pulses of {n_bins} range bins")

@@ -129,9 +129,9 @@ def read_xethru_recording(
 ) -> Recording:
     """Read a XeThru recording as baseband.
 
-    The values in the records (range of the first bin, bin length, carrier, frame rate) are used unless an option
-    replaces them. Ranges are those of the file, for which the driver uses c = 3e8 m/s. If no record states the frame
-    rate, it is measured from the times in the meta file.
+    The values in the records (range of the first bin, bin length, carrier, frame rate) are used
+    unless an option replaces them. Ranges are those of the file, for which the driver uses c = 3e8
+    m/s. If no record states the frame rate, it is measured from the times in the meta file.
 
     Parameters
     ----------
@@ -140,22 +140,22 @@ def read_xethru_recording(
     data_type : str, optional
         Data type to read; needed if the recording has several types with a baseband.
     radar : str
-        Preset of the sensor, or path of a preset file: its ``volts_per_unit`` converts the file's unit (1 = 1024 DAC
-        codes) to volts, and its pulse and powers describe the radar.
+        Preset of the sensor, or path of a preset file: its ``volts_per_unit`` converts the file's
+        unit (1 = 1024 DAC codes) to volts, and its pulse and powers describe the radar.
     range_start_m, bin_spacing_m, carrier_hz, prf_hz : float, optional
-        Range of the first bin (above -10 m), bin spacing, carrier, frames per second. ``datafloat`` records state none
-        of them.
+        Range of the first bin (above -10 m), bin spacing, carrier, frames per second. ``datafloat``
+        records state none of them.
     kind : {"baseband", "rf"}
         Type of the ``datafloat`` values. RF frames are down-converted
         (:func:`~doppelgait.radar.xethru.downconvert.down_convert_frames`).
     iq : {"separate", "interleaved"}
         Order of ``datafloat`` baseband: all I, then all Q (the default of the driver), or alternating I and Q.
     conjugate : bool
-        Use I - jQ instead of I + jQ. False is correct for the X4, because its driver negates Q: with its filters an
-        approaching target then has positive Doppler.
+        Use I - jQ instead of I + jQ. False is correct for the X4, because its driver negates Q:
+        with its filters an approaching target then has positive Doppler.
     filter : {"hamming", "chip"}
-        Low-pass for RF frames. An echo has the same volts with both; the radar states the noise bandwidth and
-        correlation of the chosen filter.
+        Low-pass for RF frames. An echo has the same volts with both; the radar states the noise
+        bandwidth and correlation of the chosen filter.
     counts_per_unit : float, optional
         Counter steps per unit for ``radar_rf`` records, which contain counters without a unit.
 
@@ -167,8 +167,8 @@ def read_xethru_recording(
     Raises
     ------
     RecordingError
-        If the recording cannot be read, has none or several basebands, its settings change, or an option is required
-        or not allowed.
+        If the recording cannot be read, has none or several basebands, its settings change, or an
+        option is required or not allowed.
 
     Warns
     -----

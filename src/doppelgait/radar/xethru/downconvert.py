@@ -81,8 +81,8 @@ def down_convert_frames(
     range_start_m : float
         Range r_0 of the first RF sample.
     bin_length_m : float, optional
-        Range spacing of the RF samples in the file (0.00643004 m in X4 files, computed with c = 3e8 m/s); by default
-        c / (2 f_s) with the true speed of light.
+        Range spacing of the RF samples in the file (0.00643004 m in X4 files, computed with c = 3e8
+        m/s); by default c / (2 f_s) with the true speed of light.
     filter : {"hamming", "chip"}
         ``"hamming"``: symmetric low-pass with 27 taps, Hamming window, cut-off f_s / (2 D) and gain 1 at the carrier;
         there is no factor 2, so an RF sinusoid of amplitude A becomes A / 2. This is the method of the vendor's user

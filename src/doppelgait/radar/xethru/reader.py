@@ -175,9 +175,9 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
     Raises
     ------
     RecordingError
-        If the file does not exist, is not a XeThru recording, its meta file is damaged, or a data file is missing. An
-        incomplete or damaged data file is read up to the fault, with a :class:`DoppelgaitWarning` that states the
-        position.
+        If the file does not exist, is not a XeThru recording, its meta file is damaged, or a data
+        file is missing. An incomplete or damaged data file is read up to the fault, with a
+        :class:`DoppelgaitWarning` that states the position.
     """
     place = _find_main_path(Path(path))
     try:

@@ -1,8 +1,8 @@
 """Structure of XeThru meta files (version 13) and data records.
 
-The meta file has one table entry per record and the names of the data files. A table of data types defines the records
-of each type as structured NumPy types. All records are little endian, follow each other without padding, and contain
-their number of values.
+The meta file has one table entry per record and the names of the data files. A table of data types
+defines the records of each type as structured NumPy types. All records are little endian, follow
+each other without padding, and contain their number of values.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ ENTRY = np.dtype(
 )
 """Type of a table entry of 33 bytes.
 
-``data_type`` is a bit mask, bitwise inverted for a user header; ``offset`` is the position in the data file; ``total``
-is the number of bytes of all data files up to and including this record.
+``data_type`` is a bit mask, bitwise inverted for a user header; ``offset`` is the position in the
+data file; ``total`` is the number of bytes of all data files up to and including this record.
 """
 
 
@@ -330,8 +330,8 @@ def make_records(name: str, **fields: Any) -> npt.NDArray[np.void]:
     name : str
         Data type.
     **fields
-        One value per field, or one per record: scalars or shape (n,) for the header, shape (n, count) or (count,) for
-        the arrays.
+        One value per field, or one per record: scalars or shape (n,) for the header, shape (n,
+        count) or (count,) for the arrays.
 
     Returns
     -------

@@ -70,8 +70,8 @@ class Splitting(FrozenModel):
     Parameters
     ----------
     file_bytes, folder_bytes : int, optional
-        Maximum size of a data file, and of all data files of a folder: they are closed after the record that reaches
-        it.
+        Maximum size of a data file, and of all data files of a folder: they are closed after the
+        record that reaches it.
     file_ms, folder_ms : int, optional
         Maximum duration: they are closed before the first record at this time after they were opened.
     """
@@ -146,13 +146,13 @@ def write_xethru(
     records : iterable of TimedRecord
         Records in the order of time.
     start_time : datetime
-        Start time with a time zone. The names have the time in that zone (the vendor's recorder uses local time); the
-        meta file has the UTC time in ms.
+        Start time with a time zone. The names have the time in that zone (the vendor's recorder
+        uses local time); the meta file has the UTC time in ms.
     session_id : str
         1 to 100 printable characters that are allowed in the name of a folder.
     stop_ms : int or sequence of int, optional
-        Time at which the last files were closed; by default the time of the last record. For a recording that is split
-        over folders, it may be one time per folder.
+        Time at which the last files were closed; by default the time of the last record. For a
+        recording that is split over folders, it may be one time per folder.
     duration_ms : int, optional
         End of the recording for the duration in the (last) meta file; ``stop_ms`` by default.
     profile_id : int
@@ -160,8 +160,8 @@ def write_xethru(
     user_header : bytes
         Content at the start of every data file.
     splitting : Splitting
-        With ``folder_bytes`` or ``folder_ms`` the folder holds folders ``<its name>_0``, ``_1`` ..., each with a meta
-        file that names the next.
+        With ``folder_bytes`` or ``folder_ms`` the folder holds folders ``<its name>_0``, ``_1``
+        ..., each with a meta file that names the next.
     rename_lag_ms : int
         Time from the closing of a data file to the time in its name. The name has the second in which the file was
         opened; if it exists already, ``_NNNms`` is added, the millisecond of the time in the name.
@@ -346,11 +346,11 @@ def write_xethru_recording(
 
     :func:`~doppelgait.radar.xethru.read_xethru_recording` reads it back.
 
-    ``radar.volts_per_unit`` (1 V if the radar has none) converts amplitudes to the driver's unit, which is the unit of
-    the chip's baseband: RF frames are larger by the inverse of the chip's gain, 1 / 0.78. Bin length and range of the
-    first bin are written from the range axis, with the true speed of light, in float32; these files cannot store the
-    truth and the noise power of a simulation. Frame counters start at 1; the meta file has the time of every frame in
-    integer ms.
+    ``radar.volts_per_unit`` (1 V if the radar has none) converts amplitudes to the driver's unit,
+    which is the unit of the chip's baseband: RF frames are larger by the inverse of the chip's
+    gain, 1 / 0.78. Bin length and range of the first bin are written from the range axis, with the
+    true speed of light, in float32; these files cannot store the truth and the noise power of a
+    simulation. Frame counters start at 1; the meta file has the time of every frame in integer ms.
 
     Parameters
     ----------

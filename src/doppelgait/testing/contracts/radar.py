@@ -39,8 +39,8 @@ def check_waveform(kind: str, radar: Radar) -> None:
     Raises
     ------
     AssertionError
-        If a rule is broken: registration, round trip through JSON, shapes and types, superposition, phases, amplitude
-        and phase of an echo in the middle of a bin, half-power width, noise gain.
+        If a rule is broken: registration, round trip through JSON, shapes and types, superposition,
+        phases, amplitude and phase of an echo in the middle of a bin, half-power width, noise gain.
 
     Examples
     --------
@@ -182,9 +182,9 @@ def check_impairment(parameters: FrozenModel, radar: Radar, *, n_pulses: int = 6
     Raises
     ------
     AssertionError
-        If a rule is broken: registration, round trip through JSON, shape, finite values, the same result for the same
-        random numbers and in both layouts of the samples, an input that stays unchanged unless its memory is released,
-        pulse times that rise.
+        If a rule is broken: registration, round trip through JSON, shape, finite values, the same
+        result for the same random numbers and in both layouts of the samples, an input that stays
+        unchanged unless its memory is released, pulse times that rise.
 
     Examples
     --------
@@ -234,8 +234,8 @@ def check_radar_reader(name: str, path: str | Path, **options: Any) -> None:
     name : str
         Its name in the group of readers.
     path : path-like
-        A valid file, or folder, of the format, alone in its parent folder, because the check makes damaged copies of
-        that folder.
+        A valid file, or folder, of the format, alone in its parent folder, because the check makes
+        damaged copies of that folder.
     **options
         Options that reading it needs.
 

@@ -32,8 +32,8 @@ def check_feature(name: str) -> None:
     ------
     AssertionError
         If a rule is broken: registration, a plain number or None, the same value for
-        the same signature, a signature that is left alone, no dependence on the level of the signal, no value
-        without a signal.
+        the same signature, a signature that is left alone, no dependence on the level of the
+        signal, no value without a signal.
 
     Examples
     --------
@@ -112,9 +112,9 @@ def check_classifier(name: str, *, seed: int = 0) -> None:
     Raises
     ------
     AssertionError
-        If a rule is broken: registration, a result in one of the forms that a model file keeps, probabilities of two
-        and of three classes, unknown values, no held-out rows, the same model for the same seed, inputs left alone,
-        classes that are easily separated.
+        If a rule is broken: registration, a result in one of the forms that a model file keeps,
+        probabilities of two and of three classes, unknown values, no held-out rows, the same model
+        for the same seed, inputs left alone, classes that are easily separated.
 
     Examples
     --------
@@ -199,8 +199,8 @@ def check_exporter(kind: str, dataset: Dataset) -> None:
     Raises
     ------
     AssertionError
-        If a rule is broken: registration, parameters with defaults, the number of rows that are done, files that do not
-        depend on when they are written, nothing outside of the folder.
+        If a rule is broken: registration, parameters with defaults, the number of rows that are
+        done, files that do not depend on when they are written, nothing outside of the folder.
 
     Examples
     --------

@@ -232,8 +232,8 @@ def check_rcs(parameters: Any) -> None:
     Raises
     ------
     AssertionError
-        If a rule is broken: registration, round trip through TOML, shapes, values, the same numbers again, no change to
-        the motion, a total that scales.
+        If a rule is broken: registration, round trip through TOML, shapes, values, the same numbers
+        again, no change to the motion, a total that scales.
 
     Examples
     --------
