@@ -43,7 +43,6 @@ def asked_rows(results: dict[str, Any]) -> list[dict[str, Any]]:
         at_most(1e-6, 1e-6, "", "accuracy, the largest error", {"min": error, "median": error}),
         at_most(1.0, 0.7, "s", "first signature, processor time", cpu_s["first signature"]),
         at_most(0.3, 0.3, "s", "doppelgait --help, processor time", cpu_s["doppelgait --help"]),
-        at_most(5, 0, "s", "first run waits for the compiler", builds["first run waits for the compiler, s"]),
         at_most(250, 250, "MB", "memory of a worker", {"min": memory_mb, "median": memory_mb}),
     ]
     for name, asked, aim in (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import sys
@@ -11,8 +10,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from clock import Timing, timing
-from startup import RECORDING, SIGNATURE, run_fresh
+from clock import timing
 
 from doppelgait.dataset import load_plan, plan_dataset
 from doppelgait.dataset.shard import BuildContext, build_planned
@@ -44,15 +42,16 @@ def measure_datasets(rounds: int, *, quick: bool) -> dict[str, Any]:
         plan = plan_dataset(config, folder=folder)
         entries = list(plan.examples)[:: max(1, len(plan.examples) // (6 if quick else N_EXAMPLES))]
         context = BuildContext(plan.config, str(plan.folder), ".")
-        made = [build_planned(entry, context) for entry in entries]
-        times: list[list[float]] = [[] for _ in entries]
+        size = context.batch_size
+        batches = [entries[first : first + size] for first in range(0, len(entries), size)]
+        rows = [row for batch in batches for made in build_planned(batch, context) for row in made]
+        spent = []
         for _ in range(rounds):
-            for spent, entry in zip(times, entries, strict=True):
-                began = time.thread_time()
-                build_planned(entry, context)
-                spent.append(time.thread_time() - began)
-        result["seconds"][f"{name}, made"] = _mean([timing(spent) for spent in times])
-        rows = [row for pairs in made for row in pairs]
+            began = time.thread_time()
+            for batch in batches:
+                build_planned(batch, context)
+            spent.append((time.thread_time() - began) / len(entries))
+        result["seconds"][f"{name}, made"] = timing(spent)
         with tempfile.TemporaryDirectory() as place:
             path, spent = Path(place) / "shard.h5", []
             for _ in range(rounds + 2):
@@ -62,10 +61,6 @@ def measure_datasets(rounds: int, *, quick: bool) -> dict[str, Any]:
             result["seconds"][f"{name}, written"] = timing(spent)
             result[f"KiB of a row, {name}"] = path.stat().st_size / 1024 / len(rows)
     return result
-
-
-def _mean(timings: list[Timing]) -> Timing:
-    return {key: sum(each[key] for each in timings) / len(timings) for key in ("min", "median")}
 
 
 def measure_builds(*, quick: bool) -> dict[str, Any]:
@@ -79,15 +74,6 @@ def measure_builds(*, quick: bool) -> dict[str, Any]:
             subprocess.run([*command, *options, "--workers", "2"], check=True, capture_output=True)
             result[f"dataset build of {count}, 2 workers, wall s"] = time.perf_counter() - began
             shutil.rmtree(f"{place}/{count}")
-        warm_s, _ = run_fresh(RECORDING + SIGNATURE)
-        kept = os.environ.get("NUMBA_CACHE_DIR")
-        os.environ["NUMBA_CACHE_DIR"] = place
-        try:
-            result["first run waits for the compiler, s"] = max(0.0, run_fresh(RECORDING + SIGNATURE)[0] - warm_s)
-        finally:
-            os.environ.pop("NUMBA_CACHE_DIR")
-            if kept is not None:
-                os.environ["NUMBA_CACHE_DIR"] = kept
     if not quick:
         done, result["600 s recording, peak MB"] = run_fresh_and_print(LONG)
         result["600 s recording, analyze, s"] = float(done)

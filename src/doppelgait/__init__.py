@@ -9,7 +9,7 @@ Labels such as E-18 in docstrings are the equations of docs/theory.md.
 from importlib import import_module
 from typing import Any
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 _LAZY = {
     "motion": "doppelgait.motion",

@@ -113,7 +113,7 @@ def test_who_is_blended_shares_a_split(planned):
 def test_the_index_knows_every_subject_and_recording_of_a_row(planned, takes):
     number = next(n for n in range(40) if planned.example(n).rows[0].others)
     row = planned.example(number).rows[0]
-    ((written, _),) = build_planned(planned.examples[number], BuildContext(planned.config, str(takes), ""))
+    (((written, _),),) = build_planned([planned.examples[number]], BuildContext(planned.config, str(takes), ""))
     index = pd.DataFrame([written])
     assert list_names(index, "subject") == [(row.subject, *row.others)]
     (paths,) = list_names(index, "recording")

@@ -19,7 +19,7 @@ def test_a_row_is_made_without_labels(monkeypatch):
     config, folder = load_plan("home-alarm", overrides=["dataset.examples_per_class=12"])
     plan = plan_dataset(config, folder=folder)
     monkeypatch.setattr("doppelgait.core.labels.make_array", None)
-    ((_, arrays),) = build_planned(plan.examples[0], BuildContext(plan.config, str(plan.folder), ""))
+    (((_, arrays),),) = build_planned([plan.examples[0]], BuildContext(plan.config, str(plan.folder), ""))
     assert arrays["signature"].size
 
 

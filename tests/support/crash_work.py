@@ -29,7 +29,7 @@ def build_until(folder, number, after):
 def warm_up():
     plan = plan_dataset(mini_plan(), folder=Path())
     for number in (0, 2):
-        build_planned(plan.examples[number], BuildContext(plan.config, ".", "."))
+        build_planned([plan.examples[number]], BuildContext(plan.config, ".", "."))
 
 
 warm_up()

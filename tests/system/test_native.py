@@ -17,8 +17,8 @@ digest = hashlib.sha256()
 for name in ("home-alarm", {str(ROOMS)!r}):
     config, folder = load_plan(name, overrides=["dataset.examples_per_class=12"])
     plan = plan_dataset(config, folder=folder)
-    for entry in plan.examples[::6]:
-        for row, arrays in build_planned(entry, BuildContext(plan.config, str(plan.folder), ".")):
+    for made in build_planned(plan.examples[::6], BuildContext(plan.config, str(plan.folder), ".")):
+        for row, arrays in made:
             digest.update(repr(sorted(row.items())).encode())
             for values in arrays.values():
                 digest.update(values.tobytes())

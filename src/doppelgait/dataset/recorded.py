@@ -126,8 +126,16 @@ class RecordedExamples:
     hashes: Mapping[str, str]
     identity: str
 
-    def make(self, entry: PlannedEntry) -> ExampleData:
-        """Analyse the windows of an entry; faults become failures."""
+    @property
+    def batch_size(self) -> int:
+        """Entries are made alone: they can be long."""
+        return 1
+
+    def make(self, entries: Sequence[PlannedEntry]) -> list[ExampleData]:
+        """Analyse the windows of entries; faults become failures."""
+        return [self._make_windows(entry) for entry in entries]
+
+    def _make_windows(self, entry: PlannedEntry) -> ExampleData:
         made, line, config = ExampleData(), entry.entry, self.config
 
         def fail(name: str, error: Exception) -> None:

@@ -6,8 +6,10 @@ import json
 import math
 import traceback
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -16,6 +18,7 @@ import numpy.typing as npt
 
 from doppelgait.core import files
 from doppelgait.core.config import FrozenModel, convert_to_json, format_canonical_json
+from doppelgait.core.draws import replace_by_middle
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.worker import limit_blas_threads
@@ -24,10 +27,19 @@ from doppelgait.dataset.plan import PlannedExample, Shard
 from doppelgait.dataset.resolve import ExampleSpec, resolve_example
 from doppelgait.dataset.shard_files import Arrays, encode_arrays, hash_contents, write_shard
 from doppelgait.features import FEATURE_UNITS
-from doppelgait.pipeline import Result, analyze, run_simulation
+from doppelgait.pipeline import Result, analyze
+from doppelgait.pipeline.analyze import analyze_together, compute_signatures
 from doppelgait.pipeline.result import read_signal
+from doppelgait.pipeline.run import simulate_placed
+from doppelgait.pipeline.target import Gated
 from doppelgait.radar.recording import Recording, TargetTruth
+from doppelgait.scene import PlacedScene
+from doppelgait.scene.placement import place_all
 
+MAX_BATCH = 16
+"""Maximum number of examples that are made together."""
+BATCH_S = 60.0
+"""Maximum duration, s, of the scenes that are made together, so that memory does not grow with their number."""
 MOST_APART_M = 1.0
 """Maximum mean distance, m, between a track and its body."""
 LEAST_SHARE = 0.3
@@ -72,10 +84,8 @@ NOTHING = {
 """Columns of a row without a target; they exist even if no row has a target."""
 
 
-def index_rows(
-    example: ExampleSpec, recording: Recording, results: Sequence[Result | None], messages: Sequence[str]
-) -> list[dict[str, Any]]:
-    """Make the index rows of an example, one per target."""
+def describe_scene(example: ExampleSpec, recording: Recording) -> list[dict[str, Any]]:
+    """Return the columns of an example's rows that do not depend on the analysis, one row per target."""
     run, is_empty = example.run, all(row.source == "none" for row in example.rows)
     scene = {
         "carrier_hz": run.radar.carrier_hz,
@@ -92,28 +102,27 @@ def index_rows(
         "gate_error_m": example.gate_error_m,
     }
     rows = []
-    for number, (row, result) in enumerate(zip(example.rows, results, strict=True)):
+    for number, row in enumerate(example.rows):
         truth, motion = recording.truth[number], run.scene.targets[number].motion
-        columns = {
-            "id": row.id,
-            "scene_id": example.id,
-            "label": row.label,
-            "split": example.split,
-            "subject": row.subject,
-            "others": json.dumps(row.others, ensure_ascii=False) if row.others else "",
-            "group": example.group,
-            "source": row.source,
-            "recording": row.recording,
-            "licence": row.licence,
-            "motion_kind": "none" if row.source == "none" else motion["kind"],
-            "motion": "" if row.source == "none" else format_canonical_json(motion),
-            **scene,
-            "rcs_total_m2": float(np.asarray(truth.table["rcs"]).sum(axis=1).mean()),
-            **(make_truth_columns(truth) if row.source != "none" else dict.fromkeys(make_truth_columns(truth))),
-            **(result.to_row() if result is not None else {"gate": "track", **NOTHING, "flags": "not_tracked"}),
-            "warnings": ";".join(messages),
-        }
-        rows.append(convert_to_json(columns))
+        rows.append(
+            {
+                "id": row.id,
+                "scene_id": example.id,
+                "label": row.label,
+                "split": example.split,
+                "subject": row.subject,
+                "others": json.dumps(row.others, ensure_ascii=False) if row.others else "",
+                "group": example.group,
+                "source": row.source,
+                "recording": row.recording,
+                "licence": row.licence,
+                "motion_kind": "none" if row.source == "none" else motion["kind"],
+                "motion": "" if row.source == "none" else format_canonical_json(motion),
+                **scene,
+                "rcs_total_m2": float(np.asarray(truth.table["rcs"]).sum(axis=1).mean()),
+                **(make_truth_columns(truth) if row.source != "none" else dict.fromkeys(make_truth_columns(truth))),
+            }
+        )
     return rows
 
 
@@ -159,8 +168,13 @@ class ExampleMaker(Protocol):
         """Id of the dataset."""
         ...
 
-    def make(self, entry: Any) -> ExampleData:
-        """Make an example; its faults become failures."""
+    @property
+    def batch_size(self) -> int:
+        """Number of examples that are made together."""
+        ...
+
+    def make(self, entries: Sequence[Any]) -> list[ExampleData]:
+        """Make examples together; the faults of one become its failures."""
         ...
 
 
@@ -173,17 +187,28 @@ class BuildContext:
     directory: str
     identity: str = ""
 
-    def make(self, entry: PlannedExample) -> ExampleData:
-        """Simulate and analyse a planned example."""
+    @property
+    def batch_size(self) -> int:
+        """Number of examples that are made together; long scenes are made alone."""
+        duration_s = replace_by_middle(self.config.scene).get("duration_s")
+        return max(1, min(MAX_BATCH, int(BATCH_S / duration_s))) if isinstance(duration_s, int | float) else 1
+
+    def make(self, entries: Sequence[PlannedExample]) -> list[ExampleData]:
+        """Simulate and analyse planned examples."""
         try:
-            found = build_planned(entry, self)
+            return [
+                ExampleData([row for row, _ in made], [stored for _, stored in made])
+                for made in build_planned(entries, self)
+            ]
         except Exception as error:
+            if len(entries) > 1:  # the fault of one must not reach the others
+                return [data for entry in entries for data in self.make([entry])]
+            (entry,) = entries
             try:
                 spec = format_canonical_json(resolve_example(self.config, entry.number, Path(self.folder)))
             except DoppelgaitError:
                 spec = json.dumps({"number": entry.number})
-            return ExampleData(failures=[{"id": entry.id, "reason": describe_failure(error), "spec": spec}])
-        return ExampleData([row for row, _ in found], [stored for _, stored in found])
+            return [ExampleData(failures=[{"id": entry.id, "reason": describe_failure(error), "spec": spec}])]
 
 
 def build_shard(
@@ -193,15 +218,17 @@ def build_shard(
     rows: list[dict[str, Any]] = []
     failures: list[dict[str, str]] = []
     arrays: list[Arrays] = []
-    for entry in shard.examples:
+    size = maker.batch_size
+    for first in range(0, len(shard.examples), size):
         raise_if_stopped()
-        made = maker.make(entry)
-        failures += made.failures
-        for row, stored in zip(made.rows, made.arrays, strict=True):
-            rows.append({**row, "shard": shard.name, "row": len(arrays)})
-            arrays.append(stored)
-        if tick is not None:
-            tick(entry, made)
+        batch = shard.examples[first : first + size]
+        for entry, made in zip(batch, maker.make(batch), strict=True):
+            failures += made.failures
+            for row, stored in zip(made.rows, made.arrays, strict=True):
+                rows.append({**row, "shard": shard.name, "row": len(arrays)})
+                arrays.append(stored)
+            if tick is not None:
+                tick(entry, made)
     path = Path(maker.directory) / "shards" / f"{shard.name}.h5"
     with files.open_atomically(path, os_errors=True) as partial:
         write_shard(partial, shard.split, [row["id"] for row in rows], arrays, identity=maker.identity)
@@ -225,39 +252,96 @@ def describe_failure(error: Exception) -> str:
     return "internal error: " + "".join(traceback.format_exception_only(error)).strip()
 
 
-def build_planned(entry: PlannedExample, context: BuildContext) -> list[tuple[dict[str, Any], Arrays]]:
-    """Build the rows and stored arrays of a planned example."""
-    folder = Path(context.folder)
-    example = resolve_example(context.config, entry.number, folder, split=entry.split, group=entry.group)
-    settings = context.config.dataset
+MadeRows = list[tuple[dict[str, Any], Arrays]]
+"""Index row and stored arrays of every target of an example."""
+
+
+def build_planned(entries: Sequence[PlannedExample], context: BuildContext) -> list[MadeRows]:
+    """Build planned examples."""
+    folder, settings = Path(context.folder), context.config.dataset
+    specs = [
+        resolve_example(context.config, entry.number, folder, split=entry.split, group=entry.group) for entry in entries
+    ]
+    return build_examples(specs, settings.fields, folder, gate=settings.gate)
+
+
+@dataclass(frozen=True)
+class SimulatedExample:
+    """Example that is simulated as far as the signatures of its targets."""
+
+    columns: list[dict[str, Any]]
+    signals: list[dict[str, Any]]  # of the recording, by row, as far as they are stored
+    signatures: list[Gated]
+    tracked: Sequence[Result | None]  # with gates from tracks, which leave no signatures
+    messages: list[str]
+
+
+def build_examples(
+    examples: Sequence[ExampleSpec],
+    fields: Sequence[FieldSpec],
+    folder: Path,
+    *,
+    gate: Literal["truth", "track"] = "truth",
+) -> list[MadeRows]:
+    """Build examples; their motions are made together, and their signatures are analysed together."""
+    runs = [example.run for example in examples]
+    scenes = place_all([run.scene for run in runs], [run.streams for run in runs], folder=folder)
     with limit_blas_threads():
-        return build_example(example, settings.fields, folder, gate=settings.gate)
+        with collect_messages() as early:  # the first step makes the motions of all scenes
+            first = next(scenes)
+        scenes = chain([first], scenes)
+        simulated = [simulate_example(example, scenes, fields, gate) for example in examples]
+        with collect_messages() as late:
+            analysed = analyze_together([one.signatures for one in simulated])
+    if len(examples) > 1 and (early or late):  # made alone, a warning is that of its example
+        return [made for example in examples for made in build_examples([example], fields, folder, gate=gate)]
+    made = []
+    for one, results in zip(simulated, analysed, strict=True):
+        messages = ";".join(dict.fromkeys([*early, *one.messages, *late]))
+        rows = []
+        for columns, signals, result in zip(one.columns, one.signals, one.tracked or results, strict=True):
+            measured = result.to_row() if result is not None else {"gate": "track", **NOTHING, "flags": "not_tracked"}
+            row = convert_to_json({**columns, **measured, "warnings": messages})
+            whole = {spec.name: read_signal(result, spec.name) for spec in fields if spec.name not in signals}
+            rows.append((row, encode_arrays(fields, whole | signals)))
+        made.append(rows)
+    return made
 
 
-def build_example(
-    example: ExampleSpec, fields: Sequence[FieldSpec], folder: Path, *, gate: Literal["truth", "track"] = "truth"
-) -> list[tuple[dict[str, Any], Arrays]]:
-    """Build index row and stored arrays of every target."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DoppelgaitWarning)
-        recording = run_simulation(example.run, folder=folder, angles=False)
-        error_m = example.gate_error_m if gate == "truth" else 0.0
-        found = analyze(recording, gate=gate, analysis=example.run.analysis, gate_error_m=error_m)
-    results: Sequence[Result | None] = found
-    if gate == "track" and example.rows[0].source == "none" and len(example.rows) == 1:
-        results = find_strongest_track(found)
-    elif gate == "track":
-        results = match_tracks(found, recording.truth, recording.slow_time_s)
-    messages = (str(w.message).partition(":")[0] for w in caught if issubclass(w.category, DoppelgaitWarning))
-    rows = index_rows(example, recording, results, list(dict.fromkeys(messages)))
-    found_rows = []
-    for number, (row, result) in enumerate(zip(rows, results, strict=True)):
-        signals: dict[str, Any] = {}
-        for name in (spec.name for spec in fields):
+def simulate_example(
+    example: ExampleSpec, scenes: Iterator[PlacedScene], fields: Sequence[FieldSpec], gate: Literal["truth", "track"]
+) -> SimulatedExample:
+    """Simulate an example, whose scene is the next one."""
+    raise_if_stopped()
+    signatures: list[Gated] = []
+    tracked: Sequence[Result | None] = ()
+    with collect_messages() as messages:
+        recording = simulate_placed(example.run, next(scenes), angles=False)
+        if gate == "truth":
+            settings = example.run.analysis.resolved(gate)
+            signatures = compute_signatures(recording, gate, settings, example.gate_error_m)
+        else:
+            found = analyze(recording, gate=gate, analysis=example.run.analysis)
+            is_empty = example.rows[0].source == "none" and len(example.rows) == 1
+            tracked = (
+                find_strongest_track(found) if is_empty else match_tracks(found, recording.truth, recording.slow_time_s)
+            )
+    signals: list[dict[str, Any]] = [{} for _ in example.rows]
+    for name in (spec.name for spec in fields):
+        for number, kept in enumerate(signals):
             if name.startswith("truth_"):
                 variable = name.removeprefix("truth_").rpartition("_")[0]
-                signals[name] = recording.truth[number].scatterers[variable]
-            else:
-                signals[name] = recording.baseband if name == "baseband" else read_signal(result, name)
-        found_rows.append((row, encode_arrays(fields, signals)))
-    return found_rows
+                kept[name] = recording.truth[number].scatterers[variable]
+            elif name == "baseband":
+                kept[name] = recording.baseband
+    return SimulatedExample(describe_scene(example, recording), signals, signatures, tracked, messages)
+
+
+@contextmanager
+def collect_messages() -> Iterator[list[str]]:
+    """Collect the keys of the warnings in this block."""
+    messages: list[str] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DoppelgaitWarning)
+        yield messages
+    messages += [str(w.message).partition(":")[0] for w in caught if issubclass(w.category, DoppelgaitWarning)]

@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, warn_caller
-from doppelgait.core.worker import limit_blas_threads
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.example import Example, label_arrays
 from doppelgait.dataset.learning import As, picture_format
 from doppelgait.dataset.motions import expand_folders
 from doppelgait.dataset.plan import Plan
 from doppelgait.dataset.resolve import resolve_example
-from doppelgait.dataset.shard import build_example
+from doppelgait.dataset.shard import build_examples
 from doppelgait.dataset.shard_files import INDEX_NAMES, describe_fields
 
 if TYPE_CHECKING:
@@ -71,8 +70,7 @@ class ExampleStream:
         while True:
             try:
                 spec = resolve_example(self.config, number, self.folder)
-                with limit_blas_threads():
-                    made = build_example(spec, settings.fields, self.folder, gate=settings.gate)
+                (made,) = build_examples([spec], settings.fields, self.folder, gate=settings.gate)
                 failed = 0
             except ConfigError:
                 raise

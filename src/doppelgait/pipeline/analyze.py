@@ -13,7 +13,7 @@ import numpy as np
 from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.pipeline.result import Result, TargetList
-from doppelgait.pipeline.target import analyze_gates, analyze_signature
+from doppelgait.pipeline.target import Gated, analyze_signature, analyze_targets, compute_gated
 from doppelgait.pipeline.tracking import Tracking, track_targets
 from doppelgait.pipeline.verdicts import is_echo
 from doppelgait.processing import Analysis, Gate
@@ -95,6 +95,13 @@ def analyze(
         del recording  # tracking does not use the truth, which is large
         found = track_targets(frames, radar, source, settings, tracking or Tracking())
         return TargetList(flag_overlaps(found), reason=found.reason)
+    return analyze_together([compute_signatures(recording, gate, settings, gate_error_m)])[0]
+
+
+def compute_signatures(
+    recording: Recording, gate: Gate | GateChoice, settings: Analysis, gate_error_m: float
+) -> list[Gated]:
+    """Compute the signatures of a recording's targets, in gates of their truth, or in a given gate."""
     frames, times_s, wavelength_m = recording.frames, recording.slow_time_s, recording.radar.wavelength_m
     if isinstance(gate, tuple):
         gate = Gate.fixed(*gate, time_s=times_s, range_m=recording.range_m)
@@ -114,7 +121,13 @@ def analyze(
         touched = [own.touched_bins(*own.edges(range_m, times_s, sharp=sharp), range_m) for own, _ in gates]
         bins = slice(min(cells.start for cells in touched), max(cells.stop for cells in touched))
         frames = clean_frames(frames, settings, bins=bins)
-    return TargetList(flag_overlaps(analyze_gates(frames, wavelength_m, gates, settings)))
+    return [compute_gated(frames, wavelength_m, own, settings, label) for own, label in gates]
+
+
+def analyze_together(recordings: Sequence[Sequence[Gated]]) -> list[TargetList]:
+    """Analyse the targets of many recordings together."""
+    results = iter(analyze_targets([target for targets in recordings for target in targets]))
+    return [TargetList(flag_overlaps([next(results) for _ in targets])) for targets in recordings]
 
 
 def flag_overlaps(results: Sequence[Result]) -> list[Result]:

@@ -26,7 +26,7 @@ from doppelgait.processing import Analysis
 from doppelgait.radar.impairments import Impairments
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
-from doppelgait.scene import Scene, place
+from doppelgait.scene import PlacedScene, Scene, place
 from doppelgait.scene.environment import Environment
 from doppelgait.scene.scene import resolve_file_paths
 
@@ -188,8 +188,12 @@ def run_simulation(
     >>> dg.pipeline.run_simulation(run).n_pulses
     1920
     """
+    return simulate_placed(run, place(run.scene, run.streams, folder=folder), angles=angles, path=path)
+
+
+def simulate_placed(run: Run, scene: PlacedScene, *, angles: bool = True, path: str | Path | None = None) -> Recording:
+    """Simulate a run whose scene is placed."""
     streams, radar = run.streams, run.radar
-    scene = place(run.scene, streams, folder=folder)
     if run.auto_prf:
         radar = choose_lowest_prf(scene, radar, cpi_s=run.analysis.cpi_s)
     return simulate(scene, radar, angles=angles, rng=streams, conditions=run.conditions, path=path)

@@ -54,34 +54,53 @@ class Target(NamedTuple):
     label: str | None
 
 
+class Gated(NamedTuple):
+    """Signature of the target in a gate, and what its analysis needs."""
+
+    signature: Signal
+    gate: Gate
+    analysis: Analysis
+    label: str | None
+    wavelength_m: float
+    frames: Frames | None  # without clutter, for the parts of the body alone
+
+
+def compute_gated(clean: Frames, wavelength_m: float, gate: Gate, analysis: Analysis, label: str | None) -> Gated:
+    """Compute the signature of the target in a gate of frames without clutter."""
+    mu = compute_signature(clean, gate, analysis, wavelength_m=wavelength_m)
+    return Gated(mu, gate, analysis, label, wavelength_m, clean if analysis.parts else None)
+
+
 def analyze_gated(
     clean: Frames, wavelength_m: float, gate: Gate, analysis: Analysis, label: str | None = None
 ) -> Result:
     """Analyse the target in a gate of frames without clutter."""
-    return analyze_gates(clean, wavelength_m, [(gate, label)], analysis)[0]
+    return analyze_targets([compute_gated(clean, wavelength_m, gate, analysis, label)])[0]
 
 
-def analyze_gates(
-    clean: Frames, wavelength_m: float, gates: Sequence[tuple[Gate, str | None]], analysis: Analysis
-) -> list[Result]:
-    """Analyse the targets in gates of frames without clutter; each gate has a label."""
-    signatures = [compute_signature(clean, gate, analysis, wavelength_m=wavelength_m) for gate, _ in gates]
-    limits, labels = [gate for gate, _ in gates], [label for _, label in gates]
-    results = analyze_signatures(signatures, limits, [analysis] * len(gates), labels=labels)
-    if analysis.parts:
-        return [add_parts(result, clean, wavelength_m, gate) for result, gate in zip(results, limits, strict=True)]
-    return results
+def analyze_targets(targets: Sequence[Gated]) -> list[Result]:
+    """Analyse many targets, also of several recordings."""
+    results = analyze_signatures(
+        [target.signature for target in targets],
+        [target.gate for target in targets],
+        [target.analysis for target in targets],
+        labels=[target.label for target in targets],
+    )
+    return [
+        result if target.frames is None else _add_parts(result, target, target.frames)
+        for result, target in zip(results, targets, strict=True)
+    ]
 
 
-def add_parts(result: Result, clean: Frames, wavelength_m: float, gate: Gate) -> Result:
-    """Add torso, legs and limbs to a result (E-40)."""
-    analysis, mask, reason = result.analysis, None, "recorded_in_bursts"
+def _add_parts(result: Result, target: Gated, clean: Frames) -> Result:
+    """Add the powers of torso, legs and limbs (E-40)."""
+    mask, reason = None, "recorded_in_bursts"
     clean = clean.find_bursts()
     if clean.slow_time.burst_pulses is None:
-        mask, reason = locate_parts(clean, read_signal(result, "signature"), gate, analysis)
+        mask, reason = locate_parts(clean, read_signal(result, "signature"), target.gate, target.analysis)
     if mask is None:
         return replace(result, flags=(*result.flags, f"parts:{reason}"))
-    power = mask.power_v2(clean, analysis, wavelength_m=wavelength_m)
+    power = mask.power_v2(clean, target.analysis, wavelength_m=target.wavelength_m)
     energy = power.values.sum(axis=(1, 2), dtype=np.float64)
     shares = {f"{name}_energy_share": float(share) for name, share in zip(PARTS, energy / energy.sum(), strict=True)}
     arrays = LateArrays(result.arrays, part_power=power)

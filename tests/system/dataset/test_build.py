@@ -78,18 +78,18 @@ def test_a_second_build_tries_failed_examples_again_and_only_their_shards(built,
     import doppelgait.dataset.build as build
     import doppelgait.dataset.shard as shard
 
-    real_example, real_shard, tried = shard.build_example, build.build_shard, []
+    real_example, real_shard, tried = shard.simulate_example, build.build_shard, []
 
     def fails_once(example, *arguments, **options):
         if example.id == "dog-000002":
             raise DatasetError("no luck")
         return real_example(example, *arguments, **options)
 
-    monkeypatch.setattr(shard, "build_example", fails_once)
+    monkeypatch.setattr(shard, "simulate_example", fails_once)
     first = build_dataset(small_plan(), tmp_path, workers=1)
     assert [f["id"] for f in first.failures] == ["dog-000002"]
     assert (first.n_examples, first.n_built, first.n_reused) == (7, 7, 0)
-    monkeypatch.setattr(shard, "build_example", real_example)
+    monkeypatch.setattr(shard, "simulate_example", real_example)
     monkeypatch.setattr(build, "build_shard", lambda s, *a: tried.append(s) or real_shard(s, *a))
     second = build_dataset(small_plan(), tmp_path, workers=1)
     assert second.failures == []

@@ -341,14 +341,14 @@ def test_motion_files_that_vanish_during_the_build_are_failures_of_their_example
 
 def let_one_fail(monkeypatch, error):
     """Raise an error in place of one example."""
-    real = shard.build_example
+    real = shard.simulate_example
 
     def fail(example, *arguments, **options):
         if example.id == "dog-000001":
             raise error
         return real(example, *arguments, **options)
 
-    monkeypatch.setattr(shard, "build_example", fail)
+    monkeypatch.setattr(shard, "simulate_example", fail)
 
 
 def test_an_error_of_an_example_is_recorded_with_its_reason(tmp_path, monkeypatch):

@@ -42,7 +42,7 @@ def plan(**changes):
 def rows_of(config, number=0, folder=Path()):
     laid_out = plan_dataset(config, folder=folder)
     context = BuildContext(laid_out.config, str(folder), "")
-    return build_planned(laid_out.examples[number], context)
+    return build_planned([laid_out.examples[number]], context)[0]
 
 
 def test_targets_of_one_scene_are_rows_with_their_own_label_signature_and_truth():
@@ -284,7 +284,7 @@ def test_the_fair_report_plan_takes_a_folder_of_real_people_and_dogs(shared):
     assert len(people) > 45
     assert len(dogs) > 15
     context = BuildContext(laid_out.config, str(shared / "data" / "mocap"), "")
-    ((row, _),) = build_planned(laid_out.examples[150], context)
+    (((row, _),),) = build_planned([laid_out.examples[150]], context)
     assert row["label"] == "dog"
     assert row["feature_torso_velocity_mps"] == pytest.approx(row["truth_radial_velocity_mps"], abs=0.15)
 

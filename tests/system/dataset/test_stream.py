@@ -25,10 +25,13 @@ def ids(examples, count):
 def light(monkeypatch):
     """Names of the examples alone: nothing is simulated."""
 
-    def row_only(spec, fields, folder, *, gate):
-        return [({"id": spec.id, "label": spec.label, "prf_hz": 1000.0, "subject": spec.rows[0].subject}, {})]
+    def rows_only(specs, fields, folder, *, gate):
+        return [
+            [({"id": spec.id, "label": spec.label, "prf_hz": 1000.0, "subject": spec.rows[0].subject}, {})]
+            for spec in specs
+        ]
 
-    monkeypatch.setattr(stream, "build_example", row_only)
+    monkeypatch.setattr(stream, "build_examples", rows_only)
 
 
 @pytest.mark.parametrize(("name", "plan"), [("dataset", tiny_plan()), ("mixed", mixed_plan())])
@@ -87,14 +90,14 @@ def test_arrays_do_not_depend_on_the_worker_and_a_seed_makes_another_stream():
 
 
 def test_failed_examples_are_left_out_with_a_warning(light, monkeypatch):
-    works = stream.build_example
+    works = stream.build_examples
 
-    def sometimes(spec, *arguments, **options):
-        if spec.run.example % 3 == 0:
+    def sometimes(specs, *arguments, **options):
+        if any(spec.run.example % 3 == 0 for spec in specs):
             raise AnalysisError("the target is nowhere")
-        return works(spec, *arguments, **options)
+        return works(specs, *arguments, **options)
 
-    monkeypatch.setattr(stream, "build_example", sometimes)
+    monkeypatch.setattr(stream, "build_examples", sometimes)
     with pytest.warns(DoppelgaitWarning) as caught:
         found = ids(stream_examples(PLAN), 4)
     assert [str(w.message) for w in caught] == [
@@ -107,7 +110,7 @@ def test_a_plan_that_always_fails_ends_the_stream(monkeypatch):
     def never(*arguments, **options):
         raise AnalysisError("the target is nowhere")
 
-    monkeypatch.setattr(stream, "build_example", never)
+    monkeypatch.setattr(stream, "build_examples", never)
     with (
         pytest.warns(DoppelgaitWarning) as caught,
         pytest.raises(

@@ -78,7 +78,7 @@ def check_resimulation(contents: Contents, chosen: Sequence[PlannedExample], tic
         tick()
         rows = contents.index[contents.index["scene_id"] == entry.id]
         try:
-            made = build_planned(entry, context)
+            (made,) = build_planned([entry], context)
         except Exception as error:  # as in a build, the error of one example is a finding and does not stop the check
             found.append(Difference(entry.id, False, reason=f"cannot be made again: {error}"))
             continue
