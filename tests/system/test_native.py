@@ -83,7 +83,7 @@ def test_native_code_stays_inside_its_memory(tmp_path):
     lines = [
         ["cmake", "-S", ROOT / "native", "-B", tmp_path / "build", *options, f"-DDOPPELGAIT_OPTIONS={watched}"],
         ["cmake", "--build", tmp_path / "build", "--parallel"],
-        [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", ROOT / "tests" / "native"],
+        [sys.executable, "-m", "pytest", "-q", "-s", "-x", "-p", "no:cacheprovider", ROOT / "tests" / "native"],
     ]
     names = ("libasan.so", "libstdc++.so.6")
     found = [processes.run(["g++", f"-print-file-name={name}"], capture_output=True, text=True) for name in names]
