@@ -85,7 +85,7 @@ NOTHING = {
 
 
 def describe_scene(example: ExampleSpec, recording: Recording) -> list[dict[str, Any]]:
-    """Return the columns of an example's rows that do not depend on the analysis, one row per target."""
+    """Return the columns of an example that need no analysis, by row."""
     run, is_empty = example.run, all(row.source == "none" for row in example.rows)
     scene = {
         "carrier_hz": run.radar.carrier_hz,

@@ -50,7 +50,7 @@ UNCERTAIN_SHARE = {
 
 
 def estimate_uncertainties(observations: Sequence[Observation]) -> list[dict[str, float | None]]:
-    """Estimate standard deviations of the features and gait frequency of targets with equal axes."""
+    """Estimate standard deviations of features of targets with equal axes."""
     # each standard deviation has the unit of its feature
     audible = [seen for seen in observations if seen.has_signal]
     wide = [s for s in audible if s.has_gait_frequency and s.extraction.features.doppler_bandwidth_hz is not None]

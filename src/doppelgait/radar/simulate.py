@@ -90,7 +90,7 @@ def synthesise_samples(scatterers: AnyTable, radar: Radar) -> npt.NDArray[np.com
 
 
 def fit_waveform(table: ScattererTable, radar: Radar) -> AnyTable:
-    """Return a table with labels if a method of the waveform does not take plain arrays."""
+    """Label a table for a waveform that takes no plain arrays."""
     kind = type(radar.waveform)
     plain = all(map(takes_arrays, (kind.synthesise, kind.synthesise_planes, kind.synthesise_bins)))
     return table if plain else table.label()

@@ -280,7 +280,7 @@ def _join_tables(bodies: Sequence[Scatterers], times: FloatArray, tables: Sequen
 def _observe(
     scatterers: Scatterers, spline: Spline, scene: Scene, times: FloatArray, values: Mapping[str, FloatArray]
 ) -> FloatArray:
-    """Fill the columns of a target's scatterers in the arrays by table variable; return their path gains."""
+    """Fill a target's columns in the arrays of the table; return their path gains."""
     times, gain = check_times(scatterers.motion, times), scatterers.path_gain
     range_m, approach_mps = values["range"], values["radial_velocity"]
     fill_ranges(spline, times, scene.radar_position_m, range_m, approach_mps)
