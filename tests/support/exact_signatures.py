@@ -58,7 +58,7 @@ def with_extraction(observed, extraction):
 
 def extended_of(values, line_mps, frequency_hz=2.0, **changes):
     observed = evidence_of(values, line_mps, **changes)
-    return measure_extended(with_extraction(observed, extraction_of(line_mps, frequency_hz))).values
+    return measure_extended(with_extraction(observed, extraction_of(line_mps, frequency_hz)))
 
 
 def block(low_mps, high_mps, k=1023):

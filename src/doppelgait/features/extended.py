@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -24,40 +23,23 @@ from doppelgait.core.plugins import plugin
 from doppelgait.features.feature_set import FEATURES, NEEDS
 from doppelgait.features.observed import TORSO_BAND_MPS, Observation, compute_autocorrelation_at
 
-UNDETERMINED = "undetermined"
 
-
-@dataclass(frozen=True)
-class ExtendedFeatures:
-    """Features beyond the set F, by name, and the reason for every None."""
-
-    values: dict[str, float | None]
-    reasons: dict[str, str]
-
-
-def measure_extended(observed: Observation) -> ExtendedFeatures:
-    """Measure a target's features beyond the set F."""
+def measure_extended(observed: Observation) -> dict[str, float | None]:
+    """Measure a target's features beyond the set F, by name."""
     values: dict[str, float | None] = {}
-    reasons: dict[str, str] = {}
-    unmet = {need: observed.describe_missing((need,)) for need in NEEDS}
-    unmet[""] = observed.describe_missing(())
+    unmet = {need for need in NEEDS if observed.describe_missing((need,))}
     for feature in FEATURES.values():
-        if "set_f" in feature.facts:
-            continue
-        name, reason = feature.name, unmet[""]
-        for need in feature.facts.get("needs", ()):
-            reason = reason or unmet[need]
-        value = None if reason else feature.run(observed)
-        values[name] = float(value) if value is not None and math.isfinite(value) else None
-        if values[name] is None:
-            reasons[name] = reason or UNDETERMINED
-    return ExtendedFeatures(values, reasons)
+        if "set_f" not in feature.facts:
+            is_possible = observed.has_signal and unmet.isdisjoint(feature.facts.get("needs", ()))
+            value = feature.run(observed) if is_possible else None
+            values[feature.name] = float(value) if value is not None and math.isfinite(value) else None
+    return values
 
 
 def list_features() -> list[tuple[str, str, str]]:
     """List name, unit and source of every extended feature. The list is in alphabetical order."""
-    found = [feature for feature in FEATURES.values() if "set_f" not in feature.facts]
-    return [(feature.name, feature.facts["unit"], feature.facts["source"]) for feature in found]
+    further = [feature for feature in FEATURES.values() if "set_f" not in feature.facts]
+    return [(feature.name, feature.facts["unit"], feature.facts["source"]) for feature in further]
 
 
 # Envelopes -----------------------------------------------------------------------------------------------------------
@@ -258,7 +240,7 @@ def ripple_mps(observed: Observation) -> float:
 @plugin("feature", "torso_ripple_gait_mps", unit="m/s", source=TORSO_LINE, needs=("gait_frequency", "line"))
 def ripple_at_gait_mps(observed: Observation) -> float | None:
     """Measure the RMS torso swing that repeats with f_mu."""
-    return _component_mps(observed, 2)
+    return math.sqrt(0.5) * observed.ripple_parts[2]
 
 
 @plugin("feature", "torso_ripple_half_mps", unit="m/s", source=TORSO_LINE, needs=("gait_frequency", "line"))
@@ -267,12 +249,7 @@ def ripple_at_half_mps(observed: Observation) -> float | None:
     # the swing is caused by sway and limp, which alternate from step to step
     if observed.frequency_hz * observed.observation_s < MIN_PERIODS_OF_PAIRS:
         return None
-    return _component_mps(observed, 1)
-
-
-def _component_mps(observed: Observation, number: int) -> float:
-    """Measure one of the torso swing components."""
-    return math.sqrt(0.5) * observed.ripple_parts[number]
+    return math.sqrt(0.5) * observed.ripple_parts[1]
 
 
 @plugin("feature", "alternate_likeness", unit="1", source=PERIODS, needs=("gait_frequency",))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
+from operator import attrgetter
 from typing import Any
 
 from doppelgait.core.labels import SIGNATURE, Signal, measures_signal
@@ -97,7 +97,13 @@ def extract(observed: Observation, *, bandwidth_threshold: float, cpi_s: float, 
     torso_hz, velocity_mps, gait = observed.torso_hz, observed.torso_mps, observed.gait
     if not observed.agreed:
         flags.append("torso_velocity,step_length:main_line_differs_from_track")
-    bandwidth_hz = _measure_bandwidth_hz(observed, flags)
+    bandwidth_hz = None
+    if compute_quantile(observed.width_level_v2, 0.5) < LEAST_NOISE_SIGMAS * observed.noise_sd_v2:
+        flags.append("doppler_bandwidth:noise_above_its_level")
+    elif math.isnan(observed.width_bins) or not observed.width_level_v2.any():
+        flags.append("doppler_bandwidth:signal_in_too_few_columns")
+    else:
+        bandwidth_hz = observed.width_bins * observed.bin_mps / observed.mps_per_hz
     full_hz = observed.envelope_width_hz
     if full_hz is not None and full_hz > FULL_BAND_SHARE * float(observed.signature.attrs["prf_hz"]):
         flags.append("doppler_band_full:aliasing_is_possible")
@@ -109,8 +115,11 @@ def extract(observed: Observation, *, bandwidth_threshold: float, cpi_s: float, 
     if rho.ratio is not None and rho.ratio < NO_GAIT_RATIO:
         flags.append("gait_frequency:no_modulation")
         frequency_hz = None
-    whole = GaitFeatures(torso_velocity_mps=velocity_mps, doppler_bandwidth_hz=bandwidth_hz)
-    features = _add_gait(whole, observed.spectrum, frequency_hz, rho, flags)
+    features = GaitFeatures(torso_velocity_mps=velocity_mps, doppler_bandwidth_hz=bandwidth_hz)
+    if frequency_hz is None:
+        flags.append("step_length,harmonic_ratios,limb_torso_ratio:need_a_gait_frequency")
+    else:
+        features = _add_gait(features, observed.spectrum, frequency_hz, rho, flags)
     threshold_hz = bandwidth_threshold_hz(
         observed.mean_row, observed.aligned.axis("doppler"), threshold=bandwidth_threshold
     ) - single_tone_width_hz(cpi_s=cpi_s, window_steepness=window_steepness, threshold=bandwidth_threshold)
@@ -131,16 +140,6 @@ def extract(observed: Observation, *, bandwidth_threshold: float, cpi_s: float, 
     return Extraction(features, frequency_hz, torso_hz, periods, quality, tuple(flags))
 
 
-def _measure_bandwidth_hz(observed: Observation, flags: list[str]) -> float | None:
-    if compute_quantile(observed.width_level_v2, 0.5) < LEAST_NOISE_SIGMAS * observed.noise_sd_v2:
-        flags.append("doppler_bandwidth:noise_above_its_level")
-        return None
-    if math.isnan(observed.width_bins) or not observed.width_level_v2.any():
-        flags.append("doppler_bandwidth:signal_in_too_few_columns")
-        return None
-    return observed.width_bins * observed.bin_mps / observed.mps_per_hz
-
-
 def _check_frequency(gait: GaitFrequency, columns: Mapping[Any, Any], flags: list[str]) -> float | None:
     if columns["hop"] > MAX_HOP_SHARE * columns["cpi_pulses"]:
         flags.append("gait_frequency:columns_do_not_overlap")
@@ -159,11 +158,8 @@ def _check_frequency(gait: GaitFrequency, columns: Mapping[Any, Any], flags: lis
 
 
 def _add_gait(
-    whole: GaitFeatures, spectrum: Signal, frequency_hz: float | None, rho: LimbTorsoRatio, flags: list[str]
+    whole: GaitFeatures, spectrum: Signal, frequency_hz: float, rho: LimbTorsoRatio, flags: list[str]
 ) -> GaitFeatures:
-    if frequency_hz is None:
-        flags.append("step_length,harmonic_ratios,limb_torso_ratio:need_a_gait_frequency")
-        return whole
     cadence_hz, power = spectrum.axis("cadence"), spectrum.values
     second, third = (peak_ratio(cadence_hz, power, frequency_hz, h) for h in (2, 3))
     for number, value in ((2, second), (3, third)):
@@ -180,13 +176,9 @@ def _add_gait(
     )
 
 
-def _set_f(observed: Observation, *, name: str) -> float | None:
-    # extract measures the whole set, because each feature needs the features before it
-    value: float | None = getattr(observed.extraction.features, name)
-    return value
-
-
+# extract measures the whole set, because each feature needs the features before it
 for _place, (_name, _source) in enumerate(
     zip(FEATURE_UNITS, ("E-34", "E-35", "E-36", "E-37", "E-37", "E-38"), strict=True)
 ):
-    plugin("feature", _name, unit=FEATURE_UNITS[_name], source=_source, set_f=_place)(partial(_set_f, name=_name))
+    _read = attrgetter(f"extraction.features.{_name}")
+    plugin("feature", _name, unit=FEATURE_UNITS[_name], source=_source, set_f=_place)(_read)

@@ -26,7 +26,7 @@ import numpy.typing as npt
 from doppelgait._core import native
 from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Signal, sampling_rate_hz
 from doppelgait.core.lazy import xr
-from doppelgait.features.limbs import Rows, average_columns, detrend_rows, group_size, limb_rows, sum_rows
+from doppelgait.features.limbs import average_columns, detrend_rows, group_size, limb_rows, sum_rows
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -230,20 +230,15 @@ def measure_target_rhythms(targets: Sequence[tuple[Signal, Signal, float]]) -> R
     rows = []
     for aligned, excess, floor_v2 in targets:
         slow = average_columns(aligned)
-        limbs = limb_rows(slow, _compute_cell_noise(slow, aligned, excess, floor_v2))
+        # noise of a cell in averaged columns: its standard deviation in each column, shape (J',)
+        cell_v2 = floor_v2 / math.sqrt(max(1.0, float(excess.attrs["n_gate_bins"])))
+        size, total_v2 = group_size(sampling_rate_hz(aligned.axis("time"))), np.empty(slow.values.shape[0])
+        native.positive_sums(excess.values, size, total_v2)
+        weight = slow.values.sum(axis=1)
+        weight *= cell_v2 * size
+        limbs = limb_rows(slow, np.divide(weight, total_v2, out=np.zeros(total_v2.size), where=total_v2 > 0))
         rows.append([detrend_rows(sum_rows(slow), slow.rate_hz), limbs.values])
     return measure_rhythms(rows, slow.rate_hz)
-
-
-def _compute_cell_noise(slow: Rows, aligned: Signal, excess: Signal, floor_v2: float) -> FloatArray:
-    """Compute the noise of a cell in averaged columns."""
-    # the noise is the standard deviation in each column of average_columns, shape (J',)
-    cell_v2 = floor_v2 / math.sqrt(max(1.0, float(excess.attrs["n_gate_bins"])))
-    size, total_v2 = group_size(sampling_rate_hz(aligned.axis("time"))), np.empty(slow.values.shape[0])
-    native.positive_sums(excess.values, size, total_v2)
-    weight = slow.values.sum(axis=1)
-    weight *= cell_v2 * size
-    return np.asarray(np.divide(weight, total_v2, out=np.zeros(total_v2.size), where=total_v2 > 0))
 
 
 def measure_rhythms(rows: Sequence[Sequence[FloatArray]], rate_hz: float) -> Rhythm:
@@ -267,16 +262,13 @@ def measure_rhythms(rows: Sequence[Sequence[FloatArray]], rate_hz: float) -> Rhy
     # autocorrelation: products over lags, divided by the power of their columns (E-33)
     both = until[..., :0:-1] + (until[..., -1:] - until[..., :-1])
     likeness = np.divide(2.0 * products, both, out=np.zeros_like(both), where=both > 0.0)
-    share = compute_shares(products * window, padded, int(LOWEST_HZ / step_hz) + 1) / (step_hz * n_columns / rate_hz)
-    return Rhythm(likeness, rate_hz, share, step_hz)
-
-
-def compute_shares(products: FloatArray, padded: int, first: int) -> FloatArray:
-    """Compute spectra as shares of the power from line ``first`` on."""
-    # the other half of an autocorrelation is equal, so that its transform is 2 Re minus the product without lag
+    # spectra as shares of the power from the lowest cadence on. The other half of an autocorrelation is equal, so
+    # that its transform is 2 Re minus the product without lag
+    products = products * window
     power = np.maximum(2.0 * np.fft.rfft(products, padded).real - products[..., :1], 0.0)
-    total = power[..., first:].sum(axis=-1, keepdims=True)
-    return np.asarray(power / np.where(total > 0.0, total, 1.0))
+    total = power[..., int(LOWEST_HZ / step_hz) + 1 :].sum(axis=-1, keepdims=True)
+    share = power / np.where(total > 0.0, total, 1.0) / (step_hz * n_columns / rate_hz)
+    return Rhythm(likeness, rate_hz, share, step_hz)
 
 
 @lru_cache(maxsize=8)

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait._core import native
-from doppelgait.core.errors import AnalysisError
 from doppelgait.core.straight import ERROR_MEMORY_S, LINE, PARABOLA, compute_straight_probability
 
 Visibility = Literal["clear", "limbs_only", "hidden", "unknown"]
@@ -130,11 +129,6 @@ def estimate_ground_motion(
     error_m2 = sd_m**2 * times.size * ERROR_MEMORY_S / duration_s
     across_sd = math.sqrt(across_variance * error_m2 + c0 * ACCELERATION_SD_MPS2**2)
     radial_sd = math.sqrt(radial_variance * error_m2 + (SPEED_SD_SHARE * radial_mps) ** 2)
-    return _compute_posterior(radial_mps, radial_sd, across_2, across_sd)
-
-
-def _compute_posterior(radial_mps: float, radial_sd: float, across_2: float, across_sd: float) -> GroundMotion:
-    """Integrate over the speed across the line of sight."""
     (speed, aspect), (speed_variance, aspect_variance) = average_motion(radial_mps, across_2, across_sd)
     along = abs(radial_mps) / max(speed, 1e-9)
     speed_sd = math.sqrt(speed_variance + (along * radial_sd) ** 2 + (SPEED_SD_SHARE * speed) ** 2)
@@ -156,34 +150,8 @@ def average_motion(radial_mps: float, across_2: float, across_sd: float) -> tupl
     return means.tolist(), ((values - means[:, np.newaxis]) ** 2 @ weight).tolist()
 
 
-@dataclass(frozen=True)
-class SegmentMotion:
-    r"""Straight motion over ground in one segment."""
-
-    ground_speed_mps: float | None
-    aspect_deg: float | None
-    visibility: Visibility
-
-
-def estimate_segment_motion(
-    time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, start_s: float, stop_s: float
-) -> SegmentMotion:
-    """Estimate ground motion in a track segment (E-34b). Shapes: time_s, range_m (J,)."""
-    times, ranges = np.asarray(time_s, dtype=np.float64), np.asarray(range_m, dtype=np.float64)
-    if times.ndim != 1 or times.shape != ranges.shape:
-        raise AnalysisError(f"a range track needs as many times as ranges, not {times.shape} and {ranges.shape}")
-    inside = (times >= start_s - 1e-9) & (times <= stop_s + 1e-9)
-    if inside.sum() < 3:
-        raise AnalysisError(
-            f"the segment from {start_s:g} to {stop_s:g} s has {int(inside.sum())} ranges of the track; 3 are needed"
-        )
-    found = estimate_ground_motion(times[inside], ranges[inside])
-    return SegmentMotion(found.ground_speed_mps, found.aspect_deg, classify_visibility(found))
-
-
 def classify_visibility(motion: GroundMotion) -> Visibility:
     """Classify the visibility of the gait at an aspect."""
-    # the classes are described in SegmentMotion
     if motion.aspect_deg is None:
         return "unknown"
     cosine = abs(math.cos(math.radians(motion.aspect_deg)))

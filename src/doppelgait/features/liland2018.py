@@ -58,21 +58,11 @@ def extract(
     return Extraction(features, step_hz, torso_hz, step_hz * seconds, {**quality, "observation_s": seconds}, flags)
 
 
-def find_local_maxima(values: FloatArray, *, first: int, last: int) -> npt.NDArray[np.int64]:
-    """Find the local maxima of an array, without its ends."""
-    # the result has the indices i in first..last with values[i-1] < values[i] >= values[i+1]
-    start, stop = max(first, 1), min(last, values.size - 2) + 1
-    if stop <= start:
-        return np.empty(0, dtype=np.int64)
-    here = values[start:stop]
-    found = (here > values[start - 1 : stop - 1]) & (here >= values[start + 1 : stop + 1])
-    return np.flatnonzero(found) + start
-
-
 def _find_highest(spectrum: Signal, low_hz: float, high_hz: float) -> tuple[float, float] | None:
     cadence_hz = spectrum.axis("cadence")
     values = np.asarray(spectrum.values, dtype=np.float64)
-    peaks = find_local_maxima(values, first=1, last=values.size - 2)
+    # local maxima, without the ends
+    peaks = np.flatnonzero((values[1:-1] > values[:-2]) & (values[1:-1] >= values[2:])) + 1
     peaks = peaks[(cadence_hz[peaks] >= low_hz) & (cadence_hz[peaks] <= high_hz)]
     if not peaks.size:
         return None

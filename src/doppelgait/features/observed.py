@@ -239,6 +239,7 @@ class Observation:
         self.mean_line_mps = float(self.line_mps.sum()) / self.line_mps.size
         is_fast = abs(self.mean_line_mps) >= LEAST_SPEED_MPS
         self.direction = math.copysign(1.0, self.mean_line_mps) if is_fast else 0.0  # 1 approaching, -1 receding
+        self.has_direction = self.direction != 0.0
         # mean Doppler and radial velocity v_m of the torso
         self.torso_hz = float(self.main_line_hz.sum()) / self.line_mps.size + self.bend_mps / self.mps_per_hz
         self.torso_mps = float(doppler_to_velocity_mps(self.torso_hz, wavelength_m))
@@ -264,11 +265,6 @@ class Observation:
     def has_gait_frequency(self) -> bool:
         """True if f_mu is known."""
         return self.extraction.gait_frequency_hz is not None
-
-    @cached_property
-    def has_direction(self) -> bool:
-        """True if the target approaches or recedes."""
-        return self.direction != 0.0
 
     @cached_property
     def has_envelope(self) -> bool:

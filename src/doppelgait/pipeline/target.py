@@ -196,7 +196,7 @@ def _make_result(target: Target, observed: Observation | None, deviations: dict[
             if thinned:
                 torso_mps = np.interp(shown.axis("time"), observed.signature.axis("time"), torso_mps)
             over_time["torso_velocity_mps"] = torso_mps
-            further = {"extended": measure_extended(observed).values, "standard_deviation": deviations}
+            further = {"extended": measure_extended(observed), "standard_deviation": deviations}
             extraction = replace(
                 extraction, flags=(*extraction.flags, *flag_uncertain_features(extraction, deviations))
             )

@@ -14,7 +14,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError, warn_caller
 from doppelgait.core.frames import Frames
 from doppelgait.features import GaitFeatures
-from doppelgait.features.ground_motion import estimate_segment_motion
+from doppelgait.features.ground_motion import classify_visibility, estimate_ground_motion
 from doppelgait.pipeline import rangeless
 from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.target import analyze_gated
@@ -360,8 +360,8 @@ def _analyze_segment(
         flags.append("more_than_one_body:two_torso_echoes_in_the_gate")
     inside = (found.times_s >= start_s - 1e-9) & (found.times_s <= stop_s + 1e-9)
     if inside.sum() >= 3:
-        motion = estimate_segment_motion(found.times_s, found.range_m, start_s=start_s, stop_s=stop_s)
-        if motion.visibility == "hidden":
+        motion = estimate_ground_motion(found.times_s[inside], found.range_m[inside])
+        if classify_visibility(motion) == "hidden":
             flags.append("aspect_beyond_75_deg:gait_is_hidden")
     removed = 0.0
     if measured is not None:  # the share, otherwise predicted
