@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -313,7 +314,13 @@ def clean_motion(
     swaps = repair_swaps(position, names, rate_hz=rate)
     spikes = remove_spikes(position, rate_hz=rate)
     jumps = find_jumps(position, names, rate_hz=rate)
-    dropped = find_useless_points(position, names, parts) | _find_unmoved_points(position)
+    unmoved = {int(i): "never seen" for i in np.flatnonzero(~np.isfinite(position).all(axis=2).any(axis=0))}
+    centre = find_body_centre(position)
+    path = centre[np.isfinite(centre).all(axis=1), :2]
+    if path.size and float(np.linalg.norm(np.ptp(path, axis=0))) > MOVING_BODY_M:
+        still = map(int, np.flatnonzero(find_stationary_points(position)))
+        unmoved |= {i: "stands still while the body moves" for i in still if i not in unmoved}
+    dropped = find_useless_points(position, names, parts) | unmoved
     kept = np.array([i for i in range(len(names)) if i not in dropped], dtype=int)
     filled, fill_facts = fill_gaps(position[:, kept], gap_limit=round(gap_limit_s * rate))
     first, stop, complete = _find_best_segment(np.asarray(np.isfinite(filled).all(axis=2)), [names[i] for i in kept])
@@ -338,7 +345,10 @@ def clean_motion(
     if not math.isfinite(facts.height_m):
         height_m, size_note = math.nan, ""
         if whole is not None:
-            height_m, size_note = _measure_height(whole, gap_limit_s, lowpass_hz, floor)
+            with warnings.catch_warnings(), suppress(MotionError):  # unknown if it cannot be cleaned
+                warnings.simplefilter("ignore", DoppelgaitWarning)  # they are about the whole recording
+                cleaned = clean_motion(whole, gap_limit_s=gap_limit_s, lowpass_hz=lowpass_hz, floor=floor)
+                height_m, size_note = measure_height(cleaned.position_m, cleaned.markers, cleaned.parts)
         if not math.isfinite(height_m):
             height_m, size_note = measure_height(smooth, kept_names, kept_parts)
         facts = replace(facts, height_m=height_m)
@@ -365,18 +375,6 @@ def clean_motion(
     }
     facts = replace(facts, file_time_s=facts.file_time_s + first / rate)
     return make_motion(smooth, rate_hz=rate, markers=kept_names, parts=kept_parts, facts=facts, report=report)
-
-
-def _measure_height(whole: Motion, gap_limit_s: float, lowpass_hz: float | None, floor: bool) -> tuple[float, str]:
-    """Measure the height in a recording after cleaning."""
-    # it is NaN if the recording cannot be cleaned
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoppelgaitWarning)  # they are about the whole recording
-        try:
-            cleaned = clean_motion(whole, gap_limit_s=gap_limit_s, lowpass_hz=lowpass_hz, floor=floor)
-        except MotionError:
-            return math.nan, ""
-    return measure_height(cleaned.position_m, cleaned.markers, cleaned.parts)
 
 
 def describe_known_parts(parts: Sequence[str]) -> str:
@@ -431,18 +429,6 @@ def _check_sides(
         return ["left parts are on the right side of the path: walked backwards, mirrored axes or exchanged names"]
     wrong = [name for name, apart in apart_m.items() if apart < -WRONG_SIDE * max(apart_m.values())]
     return [f"left_{name} and right_{name} are on each other's side: {EXCHANGED}" for name in wrong]
-
-
-def _find_unmoved_points(position: FloatArray) -> dict[int, str]:
-    """Find points that are never seen or stand still."""
-    seen = np.isfinite(position).all(axis=2)
-    reasons = {int(i): "never seen" for i in np.flatnonzero(~seen.any(axis=0))}
-    still = find_stationary_points(position)
-    centre = find_body_centre(position)
-    path = centre[np.isfinite(centre).all(axis=1), :2]
-    if path.size and float(np.linalg.norm(np.ptp(path, axis=0))) > MOVING_BODY_M:
-        reasons |= {int(i): "stands still while the body moves" for i in np.flatnonzero(still) if int(i) not in reasons}
-    return reasons
 
 
 def find_stationary_points(position: FloatArray, *, limit_m: float = STATIONARY_M) -> BoolArray:

@@ -166,8 +166,24 @@ def follow(
     times_s = np.arange(frames) / rate_hz
     position = np.empty((frames, len(motion.markers), 3))
     for first in range(0, frames, BLOCK_FRAMES):
-        part = slice(first, first + BLOCK_FRAMES)
-        _place_points(course, gait, times_s[part], position[part])
+        block_s, points = times_s[first : first + BLOCK_FRAMES], position[first : first + BLOCK_FRAMES]
+        # the motion's points on the path (E-02b)
+        along_m = distance_m(pace, block_s) + course.ahead_m
+        heading = smooth_heading_rad(curve, along_m) + spot_turn_rad(pace, block_s)
+        offset = gait.offsets_m(np.clip(course.phase_time_s(block_s), 0.0, gait.lasts_s))
+        for number, stop in enumerate(pace.stops):
+            still = compute_stillness(pace, number, block_s)[:, None, None]
+            # the standing posture: mean of the frozen one and of that half a stride away
+            frozen_s, half_s = stop.at_m / gait.speed_mps, 0.5 / motion.facts.stride_frequency_hz
+            other_s = frozen_s + half_s if frozen_s + half_s <= gait.lasts_s else max(frozen_s - half_s, 0.0)
+            standing_m = np.asarray(gait.offsets_m(np.array([frozen_s, other_s])).mean(axis=0))
+            offset += still * (standing_m - offset)
+        offset[..., 1] += course.side_m
+        origin = find_points(curve, along_m)
+        cosines, sines = np.cos(heading)[:, None], np.sin(heading)[:, None]
+        points[..., 0] = origin[:, :1] + cosines * offset[..., 0] - sines * offset[..., 1]
+        points[..., 1] = origin[:, 1:] + sines * offset[..., 0] + cosines * offset[..., 1]
+        points[..., 2] = offset[..., 2]
     return make_motion(
         position,
         rate_hz=rate_hz,
@@ -177,27 +193,6 @@ def follow(
         facts=(facts := _make_facts(course, gait, path, times_s)),
         report={**motion.report, "path": asdict(facts.path) if facts.path else None},
     )
-
-
-def _place_points(course: Course, gait: Gait, times_s: FloatArray, position: FloatArray) -> None:
-    """Place the motion's points at some times on the path (E-02b)."""
-    # the result is written into position
-    along_m = distance_m(course.pace, times_s) + course.ahead_m
-    heading = smooth_heading_rad(course.curve, along_m) + spot_turn_rad(course.pace, times_s)
-    offset = gait.offsets_m(np.clip(course.phase_time_s(times_s), 0.0, gait.lasts_s))
-    for number in range(len(course.pace.stops)):
-        still = compute_stillness(course.pace, number, times_s)[:, None, None]
-        # the standing posture: mean of the frozen one and of that half a stride away
-        frozen_s, half_s = course.pace.stops[number].at_m / gait.speed_mps, 0.5 / gait.motion.facts.stride_frequency_hz
-        other_s = frozen_s + half_s if frozen_s + half_s <= gait.lasts_s else max(frozen_s - half_s, 0.0)
-        standing_m = np.asarray(gait.offsets_m(np.array([frozen_s, other_s])).mean(axis=0))
-        offset += still * (standing_m - offset)
-    offset[..., 1] += course.side_m
-    origin = find_points(course.curve, along_m)
-    cosines, sines = np.cos(heading)[:, None], np.sin(heading)[:, None]
-    position[..., 0] = origin[:, :1] + cosines * offset[..., 0] - sines * offset[..., 1]
-    position[..., 1] = origin[:, 1:] + sines * offset[..., 0] + cosines * offset[..., 1]
-    position[..., 2] = offset[..., 2]
 
 
 def steady_speed_mps(motion: Motion) -> float:

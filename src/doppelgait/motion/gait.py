@@ -465,5 +465,4 @@ def _fit_beat_hz(landings: list[FloatArray]) -> float:
 
 
 def _wrap_about_zero(lag: float) -> float:
-    """Wrap a lag to -0.5 to 0.5."""
     return lag - math.floor(lag + 0.5)

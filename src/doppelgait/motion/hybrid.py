@@ -294,7 +294,15 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
         )
     scales = (1.0, ratio)
     cycles = [_find_body_cycle(*each) for each in zip((cycle, second_cycle), points, scales, strict=True)]
-    shift, likeness, offset = _align(*(mean for mean, _ in cycles))
+    # align the mean strides at their maximum correlation, by shifts sixteen times finer than the phases
+    means = [mean for mean, _ in cycles]
+    offset = (means[0].mean(axis=(0, 1)) - means[1].mean(axis=(0, 1))) * (1.0, 1.0, 0.0)
+    swings = [mean - mean.mean(axis=0) for mean in means]
+    spectra = [np.fft.rfft(swing.reshape(PHASES, -1), axis=0) for swing in swings]
+    product = (spectra[0].conj() * spectra[1]).sum(axis=1)
+    by_shift = np.fft.irfft(product, 16 * PHASES) * 16 / np.sqrt(np.prod([(swing**2).sum() for swing in swings]))
+    best = int(np.argmax(by_shift))
+    shift, likeness = (best / by_shift.size + 0.5) % 1.0 - 0.5, float(by_shift[best])
     if likeness < LIKE:
         raise MotionError(
             f"{where}: cannot be blended: the normalised correlation of their limbs is only {likeness:.2f} "
@@ -440,18 +448,6 @@ def _find_body_cycle(cycle: Cycle, points: list[int], scale: float) -> tuple[Flo
     phase = np.arange(PHASES * cycle.seam.strides) / PHASES
     swing = at(phase) - np.multiply.outer(phase * _stride_m(cycle) * scale, np.array([1.0, 0.0, 0.0]))[:, np.newaxis]
     return swing.reshape(cycle.seam.strides, PHASES, len(points), 3).mean(axis=0), at
-
-
-def _align(one: FloatArray, other: FloatArray) -> tuple[float, float, FloatArray]:
-    """Align two strides at their maximum correlation."""
-    offset = (one.mean(axis=(0, 1)) - other.mean(axis=(0, 1))) * (1.0, 1.0, 0.0)
-    swings = [stride - stride.mean(axis=0) for stride in (one, other)]
-    spectra = [np.fft.rfft(swing.reshape(PHASES, -1), axis=0) for swing in swings]
-    # correlation by shift, sixteen times finer than the phases
-    product = (spectra[0].conj() * spectra[1]).sum(axis=1)
-    likeness = np.fft.irfft(product, 16 * PHASES) * 16 / np.sqrt(np.prod([(swing**2).sum() for swing in swings]))
-    best = int(np.argmax(likeness))
-    return (best / likeness.size + 0.5) % 1.0 - 0.5, float(likeness[best]), offset
 
 
 def _join_marks(one: str, other: str, mark: str = " + ") -> str:

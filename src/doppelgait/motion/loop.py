@@ -402,7 +402,12 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     spread = QUADRUPED if is_quadruped(known) else PERSON
     share = variation / math.sqrt(seam.strides)
     cycle_mps = float(np.hypot(*cycle.advance[:2])) / seam.lag * rate
-    speed_mps = cycle_mps * _compute_speed_ratio(cycle, known)
+    # the mean speed of the clip, from the ratio of its travel to that of the cycle
+    ends = np.array([0.0, motion.n_frames - 1.0])
+    central = [n for n, part in enumerate(known.parts) if part in BODY_CENTRE_PARTS] or list(range(cycle.shape[1]))
+    clip_m, repeated_m = known.position_m[ends.astype(int)][:, central], cycle.at(ends - seam.start, central)
+    gone, would = (float((values[1] - values[0]).mean(axis=0) @ cycle.advance) for values in (clip_m, repeated_m))
+    speed_mps = cycle_mps * (gone / would if gone > 0 and would > 0 else 1.0)
     position, clocks, length_factor = _vary(cycle, known, count, speed_mps, spread, share, source)
     if share:  # limbs vary independently, which would separate them from their joints
         pairs = find_rigid_pairs(np.asarray(motion.position_m, dtype=np.float64))
@@ -487,14 +492,6 @@ def _find_limb(part: str) -> str:
     return f"{side}_{'leg' if end in ('foot', 'shank', 'thigh') else 'arm'}"
 
 
-def _compute_speed_ratio(cycle: Cycle, motion: Motion) -> float:
-    ends = np.array([0.0, motion.n_frames - 1.0])
-    central = [n for n, part in enumerate(motion.parts) if part in BODY_CENTRE_PARTS] or list(range(cycle.shape[1]))
-    clip, repeated = motion.position_m[ends.astype(int)][:, central], cycle.at(ends - cycle.seam.start, central)
-    gone, would = (float((values[1] - values[0]).mean(axis=0) @ cycle.advance) for values in (clip, repeated))
-    return gone / would if gone > 0 and would > 0 else 1.0
-
-
 def _vary(
     cycle: Cycle,
     motion: Motion,
@@ -504,7 +501,6 @@ def _vary(
     share: float,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, dict[str, FloatArray], float]:
-    """Return frames of the varied cycle."""
     seam = cycle.seam
     stride = seam.lag / seam.strides
     frames = np.arange(count, dtype=np.float64)

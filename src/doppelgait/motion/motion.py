@@ -88,10 +88,7 @@ class MotionFacts:
     file_time_s: float = 0.0
 
     def with_frequencies(self, change: Callable[[float], float]) -> MotionFacts:
-        """Return the facts with a function applied to all frequencies.
-
-        These are stride, step and gait frequency.
-        """
+        """Return the facts with a function applied to stride, step and gait frequency."""
         return replace(
             self,
             stride_frequency_hz=change(self.stride_frequency_hz),
@@ -205,10 +202,7 @@ class Motion:
         return replace(self, positions=self._kept, report={**self.report, **entries})
 
     def with_points(self, position_m: npt.NDArray[Any], markers: Sequence[str], parts: Sequence[str]) -> Motion:
-        """Return a motion of other points (T, P, 3).
-
-        Times and facts are kept.
-        """
+        """Return a motion of other points (T, P, 3) with the same times and facts."""
         signal = describe_points(position_m, self.time_s, markers, parts, rate_hz=self.rate_hz)
         return replace(self, positions=signal)  # type: ignore[arg-type]
 
@@ -217,10 +211,7 @@ class Motion:
         return replace(self, positions=Signal.of(self._kept, MOTION).take_columns(slice(first, stop)))  # type: ignore[arg-type]
 
     def cut(self, first: int, stop: int) -> Motion:
-        """Return frames ``first`` to ``stop`` - 1 from time 0.
-
-        Footfalls are shifted accordingly.
-        """
+        """Return frames ``first`` to ``stop`` - 1 and their footfalls from time 0."""
         part = Signal.of(self._kept, MOTION).take_columns(slice(first, stop))
         dims, times, attrs = part.coords["time"]
         coords = {**part.coords, "time": (dims, np.arange(times.size) / self.rate_hz, attrs)}

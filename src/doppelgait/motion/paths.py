@@ -39,9 +39,7 @@ class CurveElement:
 
 @dataclass(frozen=True)
 class Curve:
-    """Joined lines and arcs, with one array entry per element.
-    Shapes: start_m (n,); point_m (n, 2); heading_rad (n,); curvature_per_m, spot_rad (n,).
-    """
+    """Joined lines and arcs, one array entry per element. Shapes: point_m (n, 2), others (n,)."""
 
     start_m: FloatArray
     point_m: FloatArray

@@ -134,9 +134,7 @@ def scale_to_height(
 
 
 def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float, at_s: float) -> Motion:
-    """Rotate and move a motion to a heading and position.
-    At the time ``at_s``, its body centre is above the ground position.
-    """
+    """Rotate and move a motion: at ``at_s``, its body centre is above the position."""
     turn = math.radians(heading_deg) - travel_heading_rad(motion)
     pivot, points = _interpolate_centre(motion, at_s), np.ascontiguousarray(motion.position_m, dtype=np.float64)
     moved = np.empty(points.shape)
@@ -168,9 +166,7 @@ def resample(motion: Motion, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatAr
 
 @dataclass(frozen=True)
 class Spline:
-    """Cubic spline through the frames of a motion.
-    It holds values and second derivatives, shape (T, 3 P), and the frame time.
-    """
+    """Cubic spline through frames. Values and moments (second derivatives) have shape (T, 3 P)."""
 
     values: FloatArray
     moments: FloatArray
@@ -286,7 +282,12 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
     times_s = np.arange(math.floor(lasts_s * motion.rate_hz + 1e-6) + 1) / motion.rate_hz
     new_hz = stride_hz * variation.pace
     turns = 2.0 * np.pi * rng.random(6)
-    limb_s = _make_clock(times_s, new_hz, variation, turns[0], rng) / stride_hz + margin_s
+    # the clock of strides: the timing varies within a stride, the noise from stride to stride
+    strides = new_hz * times_s
+    deviations = variation.phase_noise * np.clip(rng.normal(size=math.ceil(strides[-1]) + 2), -2.0, 2.0)
+    noise = np.interp(strides, np.arange(deviations.size), deviations)
+    clock = strides + variation.swing_timing * np.sin(2.0 * np.pi * strides + turns[0]) + noise
+    limb_s = clock / stride_hz + margin_s
     trunk_s = limb_s - variation.swing_timing * np.sin(2 * np.pi * new_hz * times_s + turns[0]) / stride_hz
     # the path: even motion from the first to the last position of the centre
     centre_m, old_s = body_centre_m(motion), motion.time_s - motion.time_s[0]
@@ -327,7 +328,14 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
         (variation.yaw_deg, 1, turns[4], (0.0, 0.0, 1.0)),
     ):
         angle_rad = math.radians(degrees) * np.sin(2.0 * np.pi * times * new_hz * times_s + turn)
-        upper_m = _rotate_points(upper_m, np.array(pivot), angle_rad[:, None])
+        # rotation about an axis through the origin (Rodrigues)
+        cosine, sine, ahead_m = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None], upper_m @ np.array(pivot)
+        turned_m = np.empty_like(upper_m)
+        for axis in range(3):
+            first, second = (axis + 1) % 3, (axis + 2) % 3
+            across_m = pivot[first] * upper_m[..., second] - pivot[second] * upper_m[..., first]
+            turned_m[..., axis] = upper_m[..., axis] * cosine + across_m * sine + ahead_m * pivot[axis] * (1.0 - cosine)
+        upper_m = turned_m
     body_m[:, arms | central] = upper_m
     mean_m = ripple_m.mean(axis=0)
     ripple_m = mean_m + variation.trunk_ripple * (ripple_m - mean_m)
@@ -352,30 +360,8 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
     )
 
 
-def _make_clock(
-    times_s: FloatArray, stride_hz: float, variation: Variation, turn: float, rng: np.random.Generator
-) -> FloatArray:
-    """Return a clock of strides with timing and noise."""
-    # the timing varies within a stride, the noise from stride to stride
-    strides = stride_hz * times_s
-    deviations = variation.phase_noise * np.clip(rng.normal(size=math.ceil(strides[-1]) + 2), -2.0, 2.0)
-    noise = np.interp(strides, np.arange(deviations.size), deviations)
-    return np.asarray(strides + variation.swing_timing * np.sin(2.0 * np.pi * strides + turn) + noise)
-
-
 def _add_to_points(points_m: FloatArray, way_m: FloatArray) -> FloatArray:
     """Add a way (T, 3) to all points (T, P, 3), in place."""
     for axis in range(3):  # a broadcast along the points takes several times as long
         points_m[..., axis] += way_m[:, axis, None]
     return points_m
-
-
-def _rotate_points(points_m: FloatArray, pivot: FloatArray, angle_rad: FloatArray) -> FloatArray:
-    """Rotate points (T, P, 3) about an axis through the origin (Rodrigues)."""
-    cosine, sine, along = np.cos(angle_rad), np.sin(angle_rad), points_m @ pivot
-    found = np.empty_like(points_m)
-    for axis in range(3):
-        first, second = (axis + 1) % 3, (axis + 2) % 3
-        across = pivot[first] * points_m[..., second] - pivot[second] * points_m[..., first]
-        found[..., axis] = points_m[..., axis] * cosine + across * sine + along * pivot[axis] * (1.0 - cosine)
-    return found

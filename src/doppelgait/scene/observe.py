@@ -245,7 +245,17 @@ def look(
     for number, (body, spline) in enumerate(zip(bodies, splines, strict=True)):
         columns = slice(ends[number], ends[number + 1])
         own = {name: array[:, columns] for name, array in values.items()}
-        gains.append(_observe(body, spline, scene, times, own))
+        checked_s, gain = check_times(body.motion, times), body.path_gain
+        range_m, approach_mps = own["range"], own["radial_velocity"]
+        fill_ranges(spline, checked_s, scene.radar_position_m, range_m, approach_mps)
+        if scene.receiver_position_m is not None:
+            back_m, back_mps = np.empty((2, *range_m.shape))
+            fill_ranges(spline, checked_s, scene.receiver_position_m, back_m, back_mps)
+            gain = gain * compute_bistatic_spreading(range_m, back_m)
+            range_m[:], approach_mps[:] = (range_m + back_m) / 2.0, (approach_mps + back_mps) / 2.0
+        if "azimuth" in own:
+            fill_angles(spline, checked_s, scene.radar_position_m, own)
+        gains.append(gain)
     values["rcs"] = _join_tables(bodies, times, [body.rcs_m2 for body in bodies])
     return {**values, "path_gain": _join_tables(bodies, times, gains)}
 
@@ -275,23 +285,6 @@ def _join_tables(bodies: Sequence[Scatterers], times: FloatArray, tables: Sequen
         row = np.concatenate([np.empty((1, 0)), *(part[:1] for part in parts)], axis=1)
         return np.broadcast_to(row, (times.size, row.shape[1]))
     return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
-
-
-def _observe(
-    scatterers: Scatterers, spline: Spline, scene: Scene, times: FloatArray, values: Mapping[str, FloatArray]
-) -> FloatArray:
-    """Fill a target's columns in the arrays of the table; return their path gains."""
-    times, gain = check_times(scatterers.motion, times), scatterers.path_gain
-    range_m, approach_mps = values["range"], values["radial_velocity"]
-    fill_ranges(spline, times, scene.radar_position_m, range_m, approach_mps)
-    if scene.receiver_position_m is not None:
-        back_m, back_mps = np.empty((2, *range_m.shape))
-        fill_ranges(spline, times, scene.receiver_position_m, back_m, back_mps)
-        gain = gain * compute_bistatic_spreading(range_m, back_m)
-        range_m[:], approach_mps[:] = (range_m + back_m) / 2.0, (approach_mps + back_mps) / 2.0
-    if "azimuth" in values:
-        fill_angles(spline, times, scene.radar_position_m, values)
-    return gain
 
 
 def _make_scatterers(

@@ -65,7 +65,14 @@ def compare_tracks(
     matches = np.full(truths.shape, -1, dtype=np.int64)
     before: dict[int, int] = {}
     for t in range(len(truths)):
-        pairs = _match(tracks[t], truths[t], cutoff=cutoff, order=order, before=before)
+        # a reference keeps its last track while that is near; the others are matched at minimum cost
+        cost = np.abs(tracks[t][:, None] - truths[t])
+        pairs = {n: m for n, m in before.items() if cost[m, n] < cutoff}
+        rest_n = [n for n in range(truths.shape[1]) if n not in pairs and np.isfinite(truths[t, n])]
+        rest_m = [m for m in range(tracks.shape[1]) if m not in pairs.values() and np.isfinite(tracks[t, m])]
+        near = np.minimum(cost[np.ix_(rest_m, rest_n)], cutoff) ** order
+        rows, columns = _assign(near)
+        pairs |= {rest_n[c]: rest_m[r] for r, c in zip(rows, columns, strict=True) if near[r, c] < cutoff**order}
         before.update(pairs)
         for truth, own in pairs.items():
             matches[t, truth] = own
@@ -84,20 +91,6 @@ def compare_tracks(
         switches=sum(int(np.count_nonzero(np.diff(column[column >= 0]))) for column in matches.T),
         first_match=np.where((matches >= 0).any(axis=0), (matches >= 0).argmax(axis=0), -1),
     )
-
-
-def _match(
-    tracks: FloatArray, truths: FloatArray, *, cutoff: float, order: float, before: dict[int, int]
-) -> dict[int, int]:
-    """Match tracks to references at one time."""
-    cost = np.abs(tracks[:, None] - truths[None, :])
-    kept = {n: m for n, m in before.items() if cost[m, n] < cutoff}
-    rest_n = [n for n in range(truths.size) if n not in kept and np.isfinite(truths[n])]
-    rest_m = [m for m in range(tracks.size) if m not in kept.values() and np.isfinite(tracks[m])]
-    near = np.minimum(cost[np.ix_(rest_m, rest_n)], cutoff) ** order
-    rows, columns = _assign(near)
-    new = {rest_n[c]: rest_m[r] for r, c in zip(rows, columns, strict=True) if near[r, c] < cutoff**order}
-    return {**kept, **new}
 
 
 def _pair_points(

@@ -82,7 +82,6 @@ def _cosine(cycles: FloatArray) -> FloatArray:
 
 
 def _share(phase: FloatArray) -> FloatArray:
-    """Return the phase within its cycle."""
     # the result is exactly equal to NumPy's remainder, which takes many times as long
     return np.asarray(phase - np.floor(phase))
 
@@ -205,7 +204,12 @@ def find_joint_knots(relative_speed: float) -> dict[str, Knots]:
 
 def interpolate_periodic(knots: Sequence[Knots], phase: FloatArray) -> FloatArray:
     """Interpolate the periodic knots of examples by shape-preserving cubics (Fritsch-Carlson)."""
-    rows = [_sort_knots(own) for own in knots]
+    rows = []
+    for own in knots:  # in the order of their phases, each once
+        ordered = sorted((p % 1.0, float(value)) for p, value in own)
+        rows.append([ordered[0]] + [b for a, b in pairwise(ordered) if b[0] - a[0] > SAME_KNOT])
+        if rows[-1][0][0] + 1 - rows[-1][-1][0] <= SAME_KNOT:
+            rows[-1].pop()
     at = _share(phase).reshape(-1, len(rows), phase.shape[-1])
     found = np.empty(at.shape)
     for count in {len(row) for row in rows}:
@@ -213,15 +217,6 @@ def interpolate_periodic(knots: Sequence[Knots], phase: FloatArray) -> FloatArra
         curves = fit_periodic_pchip(*np.array([rows[number] for number in alike]).transpose(2, 0, 1))
         found[:, alike] = curves(at[:, alike])
     return found.reshape(phase.shape)
-
-
-def _sort_knots(knots: Knots) -> Knots:
-    """Return knots in the order of their phases, each once."""
-    one = sorted((p % 1.0, float(value)) for p, value in knots)
-    kept = [one[0]] + [b for a, b in pairwise(one) if b[0] - a[0] > SAME_KNOT]
-    if kept[0][0] + 1 - kept[-1][0] <= SAME_KNOT:
-        kept.pop()
-    return kept
 
 
 Form = Literal["consistent", "pendulum", "chen2011"]

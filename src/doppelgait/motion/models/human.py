@@ -246,10 +246,7 @@ class HumanConfig(FrozenModel):
 
     @property
     def actual_gait(self) -> Literal["walk", "run"]:
-        """The gait; ``"auto"`` is resolved by speed.
-
-        It is a run above 2 m/s for 1.75 m, and at the same Froude number for other statures.
-        """
+        """The gait; ``"auto"`` is a run above 2 m/s for 1.75 m, and at the same Froude number."""
         if self.gait != "auto":
             return self.gait
         return "run" if adult_speed_mps(self.speed_mps, self.height_m) > WALK_RUN_MPS else "walk"

@@ -244,10 +244,7 @@ _NO_PARAMETERS = ("sex", "age_class", "complaint", "age_years")
 
 @dataclass(frozen=True)
 class Person:
-    """Person sampled by :func:`sample_person`.
-
-    The speed is the preferred walking speed.
-    """
+    """Person sampled by :func:`sample_person`. The speed is the preferred walking speed."""
 
     sex: str
     age_class: AgeClass

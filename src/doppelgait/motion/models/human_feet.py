@@ -128,9 +128,7 @@ def _number(side: str, joint: str) -> int:
 
 @dataclass(frozen=True)
 class Foot:
-    """Motion of a foot through a cycle.
-    Rows are (x, y, z of the ankle in m, slope of the line from ankle to toe in rad), shape (4, B, 1).
-    """
+    """Motion of a foot. Rows: ankle x, y, z in m, slope from ankle to toe in rad, (4, B, 1)."""
 
     offset: float
     duty: FloatArray

@@ -191,10 +191,7 @@ class QuadrupedConfig(FrozenModel):
 
     @property
     def actual_speed_mps(self) -> float:
-        """The speed, or that of the Froude number.
-
-        Without both, it is the speed of the gait's usual Froude number.
-        """
+        """The speed, or that of the Froude number; by default the gait's usual one."""
         if self.speed_mps is not None:
             return self.speed_mps
         froude = GAITS[self.actual_gait].froude[2] if self.froude is None else self.froude
@@ -280,7 +277,6 @@ def _generate(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[float
 
 
 def _make_gait(config: QuadrupedConfig) -> Gait:
-    """Return the gait of a configuration."""
     gait = fit_gait_to_build(config.actual_gait, BUILDS[config.build], config.asymmetry)
     hind = replace(gait.hind, swing_peak=config.hind_swing_peak)
     fore = replace(gait.fore, swing_peak=config.fore_swing_peak)

@@ -93,9 +93,7 @@ def point_down(angle_rad: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class FootfallCourse:
-    """Distance travelled, and phases of the footfalls.
-    Landings have the numbers from first, (B, 1). Shapes: landings (B, K), of which each row has its size.
-    """
+    """Distance and footfalls. Landings (B, K), each row up to its size, count from first (B, 1)."""
 
     stride: FloatArray
     first: FloatArray

@@ -62,9 +62,7 @@ class Span:
 
 @dataclass(frozen=True)
 class Record:
-    """One parameter with type, dimensions, values and byte positions.
-    Types are -1 (text), 1 and 2 (integer) and 4 (float).
-    """
+    """Values and positions of a parameter. Kinds: -1 (text), 1 and 2 (integer), 4 (float)."""
 
     kind: int
     shape: tuple[int, ...]
@@ -100,9 +98,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Layout:
-    """Counts and byte positions that a C3D file declares.
-    They come from header and parameters; ``header_analog`` is in words per frame.
-    """
+    """Counts and byte positions that a file declares; ``header_analog`` is words per frame."""
 
     size: int
     section_at: int

@@ -192,20 +192,6 @@ def _sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> d
     return reasons
 
 
-def _pick_subject(path: Path, labels: Sequence[str], kept: Sequence[int], subject: str | None) -> tuple[str, list[int]]:
-    """Return the subject to read and its points."""
-    counts = Counter(_find_prefix(labels[i]) for i in kept)
-    named = ", ".join(f"{name or '(no prefix)'} ({count} points)" for name, count in counts.most_common())
-    if subject is not None:
-        if subject not in counts:
-            raise MotionError(f"{path}: holds no subject {subject!r}; allowed are {named}")
-        return subject, [i for i in kept if _find_prefix(labels[i]) == subject]
-    bodies = [name for name, count in counts.items() if len(counts) == 1 or count >= MIN_SUBJECT_POINTS]
-    if len(bodies) != 1:
-        raise MotionError(f"{path}: holds several subjects: {named}. Name the one to read: subject='...'.")
-    return bodies[0], [i for i in kept if _find_prefix(labels[i]) == bodies[0]]
-
-
 def _find_prefix(label: str) -> str:
     return label.rsplit(":", 1)[0].strip() if ":" in label else ""
 
@@ -273,7 +259,15 @@ def pick_markers(
         raise MotionError(f"{path}: holds no marker positions: its {len(reasons)} points are {kinds}")
     # ghosts and unlabelled points were also measured by cameras
     measured = len(labels) - sum(reason.startswith("model output") for reason in reasons.values())
-    name, kept = _pick_subject(path, labels, markers, subject)
+    counts = Counter(_find_prefix(labels[i]) for i in markers)
+    named = ", ".join(f"{name or '(no prefix)'} ({count} points)" for name, count in counts.most_common())
+    if subject is not None and subject not in counts:
+        raise MotionError(f"{path}: holds no subject {subject!r}; allowed are {named}")
+    bodies = [name for name, count in counts.items() if len(counts) == 1 or count >= MIN_SUBJECT_POINTS]
+    if subject is None and len(bodies) != 1:
+        raise MotionError(f"{path}: holds several subjects: {named}. Name the one to read: subject='...'.")
+    name = bodies[0] if subject is None else subject
+    kept = [i for i in markers if _find_prefix(labels[i]) == name]
     for i in set(markers) - set(kept):
         reasons[i] = (
             f"belongs to subject or prop {_find_prefix(labels[i])!r}" if ":" in labels[i] else "belongs to no subject"
