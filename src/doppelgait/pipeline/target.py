@@ -66,7 +66,7 @@ class Gated(NamedTuple):
 
 
 def compute_gated(clean: Frames, wavelength_m: float, gate: Gate, analysis: Analysis, label: str | None) -> Gated:
-    """Compute the signature of the target in a gate of frames without clutter."""
+    """Compute the signature in a gate of frames without clutter."""
     mu = compute_signature(clean, gate, analysis, wavelength_m=wavelength_m)
     return Gated(mu, gate, analysis, label, wavelength_m, clean if analysis.parts else None)
 

@@ -318,7 +318,7 @@ _STEP_MARGIN = 5
 
 
 def step_series(durations_s: FloatArray, columns: Any, stride_s: FloatArray, stride_m: FloatArray, rngs: Rngs) -> Steps:
-    """Sample the touchdowns of both feet of models with ``step_time_sd`` and the like."""
+    """Sample the touchdowns of both feet of models with varied steps."""
     # they start well before time 0 and end well after the durations, (B, 1)
     deviating = [columns.step_time_sd, columns.step_length_sd, columns.pace_sd]
     shortest = 1 - LARGEST_DEVIATION * (deviating[0] + deviating[2] / 2) - np.abs(columns.time_asymmetry) / 2
