@@ -26,12 +26,6 @@ FIRST = 0.1
 """Tolerance from the highest peak within which the first peak is used, since multiples of the period are as high."""
 
 
-def repetition_hz(swing: FloatArray, *, rate_hz: float) -> float:
-    r"""Measure the repetition frequency of a motion, Hz. Shapes: swing (T, P, C)."""
-    velocity = np.gradient(swing, axis=0)
-    return _first_peak_hz(velocity, velocity, rate_hz, PERIOD_S)
-
-
 def mirrored_repetition_hz(swing: FloatArray, parts: Sequence[str], *, rate_hz: float) -> float:
     """Measure the stride frequency from mirrored half strides, Hz."""
     # in a walk, run, pace or trot, each left part repeats the motion of the right part after half a
@@ -369,7 +363,8 @@ def _limbs_hz(motion: Motion) -> float:
     seen = np.asarray(np.isfinite(position).all(axis=2).any(axis=0))
     relative = fill_linear(position[:, seen]) - find_body_centre(position)[:, np.newaxis]
     swing = np.stack([relative[:, :, :2] @ find_principal_direction(path), relative[:, :, 2]], axis=2)
-    whole_hz = repetition_hz(swing, rate_hz=rate)
+    velocity = np.gradient(swing, axis=0)
+    whole_hz = _first_peak_hz(velocity, velocity, rate, PERIOD_S)
     if math.isfinite(whole_hz):
         return whole_hz
     parts = [part for part, is_seen in zip(motion.parts, seen, strict=True) if is_seen]

@@ -181,7 +181,11 @@ def check_hybrid(
     free = [n for n, part in enumerate(made.parts) if part in FREE_PARTS]
     joints = _find_joints(pairs, sources[0].position_m)
     joints = joints[~np.isin(joints, free).any(axis=1)]
-    angles = [_angles_deg(motion.position_m, joints) for motion in (made, *sources)]
+    angles = []  # of the joints over time, (T, J), degrees
+    for motion in (made, *sources):
+        arms = [motion.position_m[:, joints[:, end]] - motion.position_m[:, joints[:, 1]] for end in (0, 2)]
+        lengths = np.maximum(np.linalg.norm(arms[0], axis=2) * np.linalg.norm(arms[1], axis=2), 1e-12)
+        angles.append(np.degrees(np.arccos(np.clip((arms[0] * arms[1]).sum(axis=2) / lengths, -1.0, 1.0))))
     if joints.size:
         low = np.min([angle.min(axis=0) for angle in angles[1:]], axis=0) - angles[0].min(axis=0)
         high = angles[0].max(axis=0) - np.max([angle.max(axis=0) for angle in angles[1:]], axis=0)
@@ -225,10 +229,3 @@ def _find_joints(pairs: IntArray, position: FloatArray) -> IntArray:
         if a < c and (a, c) not in rigid
     ]
     return np.array(found, dtype=np.int32).reshape(-1, 3)
-
-
-def _angles_deg(position: FloatArray, joints: IntArray) -> FloatArray:
-    """Return joint angles over time, shape (T, J)."""
-    arms = [position[:, joints[:, end]] - position[:, joints[:, 1]] for end in (0, 2)]
-    lengths = np.maximum(np.linalg.norm(arms[0], axis=2) * np.linalg.norm(arms[1], axis=2), 1e-12)
-    return np.asarray(np.degrees(np.arccos(np.clip((arms[0] * arms[1]).sum(axis=2) / lengths, -1.0, 1.0))))

@@ -118,11 +118,6 @@ def look_up(word: str, table: Mapping[str, str]) -> str:
     return table.get(word) or table.get(word.rstrip("0123456789"), "")
 
 
-def strip_end(word: str) -> str:
-    """Return the bone of a free end (``"lefthandend"``), or ``""``."""
-    return word.removesuffix("end") if word.endswith("end") else ""
-
-
 def name_bones(words: set[str]) -> bool:
     """Return True if joints have the names of bones."""
     # that is so in BVH files, which have an upper leg
@@ -207,7 +202,8 @@ def find_part(name: str, species: Species = "human") -> str:
 def _find(word: str, species: Species, *, starts: bool) -> str:
     words, bones = _PART_OF[species]
     first, second = (bones, words) if starts else (words, bones)
-    return look_up(word, first) or look_up(word, second) or look_up(strip_end(word), words)
+    bone = word.removesuffix("end") if word.endswith("end") else ""  # of a free end: "lefthandend"
+    return look_up(word, first) or look_up(word, second) or look_up(bone, words)
 
 
 def guess_species(names: Iterable[str]) -> Species | Literal[""]:
@@ -269,7 +265,12 @@ def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[s
     # the height of a person with a head is that of its highest point
     z = position[:, :, 2]
     if "trunk" in parts:
-        return _measure_withers(z, names, parts), ""
+        # of the withers above the lower fore paw: the median over the frames in which the animal stands
+        trunk = [i for i, part in enumerate(parts) if part == "trunk"]
+        named = [i for i in trunk if "withers" in reduce_word(strip_subject(names[i]))]
+        fore = [i for i, part in enumerate(parts) if part.endswith("_fore_paw")]
+        above = z[:, named or trunk].max(axis=1) - (z[:, fore].min(axis=1) if fore else 0.0)
+        return float(np.median(above[above >= UPRIGHT * np.percentile(above, 95)])), ""
     head = [i for i, part in enumerate(parts) if part == "head"]
     leg_m, hip_m = measure_leg_length(position, names)
     height_m = leg_m / LEG_SHARE
@@ -307,13 +308,3 @@ def measure_leg_length(position: FloatArray, names: Sequence[str]) -> tuple[floa
             lengths.append(sum(float(np.median(bone)) for bone in bones))
             hips.append(float(np.median(hip[:, 2])))
     return (float(np.mean(lengths)), float(np.mean(hips))) if lengths else (float("nan"), float("nan"))
-
-
-def _measure_withers(z: FloatArray, names: Sequence[str], parts: Sequence[str]) -> float:
-    """Return the withers height above the lower fore paw."""
-    # it is the median over the frames in which the animal stands
-    trunk = [i for i, part in enumerate(parts) if part == "trunk"]
-    named = [i for i in trunk if "withers" in reduce_word(strip_subject(names[i]))]
-    fore = [i for i, part in enumerate(parts) if part.endswith("_fore_paw")]
-    above = z[:, named or trunk].max(axis=1) - (z[:, fore].min(axis=1) if fore else 0.0)
-    return float(np.median(above[above >= UPRIGHT * np.percentile(above, 95)]))

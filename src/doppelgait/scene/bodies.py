@@ -265,9 +265,8 @@ def ellipsoid_rcs_m2(semi_axes_m: npt.ArrayLike, direction: npt.ArrayLike) -> Fl
     return np.asarray(np.pi * squares.prod(axis=-1) / (form * form))
 
 
-def horizontal_mean_rcs_m2(body: Ellipsoids) -> FloatArray:
-    r"""Average :func:`ellipsoid_rcs_m2` over all horizontal directions."""
-    # the result has the shape (I, S), m^2
+def mean_rcs_m2(body: Ellipsoids) -> float:
+    """Average the body's RCS, m^2, over times and all horizontal directions."""
     across, upright, along = body.semi_axes_m.T
     wide, long = across**2 - upright**2, along**2 - upright**2
     x, y = body.along[..., 0], body.along[..., 1]
@@ -275,7 +274,8 @@ def horizontal_mean_rcs_m2(body: Ellipsoids) -> FloatArray:
     xx = upright**2 + wide * side_x**2 + long * x**2
     yy = upright**2 + wide * side_y**2 + long * y**2
     xy = wide * side_x * side_y + long * x * y
-    return np.asarray(np.pi * (across * upright * along) ** 2 * (xx + yy) / (2.0 * (xx * yy - xy**2) ** 1.5))
+    each_m2 = np.pi * (across * upright * along) ** 2 * (xx + yy) / (2.0 * (xx * yy - xy**2) ** 1.5)
+    return float(each_m2.mean(axis=0).sum())
 
 
 def build_skeleton(motion: Motion) -> Skeleton:
@@ -340,12 +340,6 @@ def _multiply_dot(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("...k,...k->...", first, second))  # three times as fast as a product and a sum
 
 
-def mean_rcs_m2(body: Ellipsoids) -> float:
-    """Compute the body's RCS averaged over times and horizontal directions."""
-    # the result is the sum over the ellipsoids, m^2
-    return float(horizontal_mean_rcs_m2(body).mean(axis=0).sum())
-
-
 def seen_rcs_m2(body: Ellipsoids, radar_position_m: npt.ArrayLike) -> FloatArray:
     """Compute every ellipsoid's RCS at its distance (E-08c, E-08g)."""
     # the result has the shape (I, S), m^2, and is not scaled to a total
@@ -392,8 +386,7 @@ def compute_visible_power(
 
 def find_own_points(point_m: FloatArray, body: Ellipsoids) -> npt.NDArray[np.bool_]:
     """Determine which ellipsoids contain which points."""
-    # an ellipsoid contains a point that is inside it (up to a tenth beyond its surface) at least
-    # half of the time
+    # they are inside it (up to a tenth beyond its surface) at least half of the time
     step = -(-point_m.shape[0] // 100)
     offset = point_m[::step, :, None] - body.centre_m[::step, None]
     across, upright, along = body.semi_axes_m.T

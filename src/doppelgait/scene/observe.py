@@ -91,8 +91,7 @@ def bistatic_line_of_sight(
     receiver_position_m: npt.ArrayLike,
 ) -> LineOfSight:
     """Compute the bistatic geometry of moving points."""
-    # these are range, radial velocity and angles for a radar with separate transmitter and receiver
-    # positions
+    # range, radial velocity and angles for separate positions of transmitter and receiver
     sight = line_of_sight(position_m, velocity_mps, transmitter_position_m)
     back = line_of_sight(position_m, velocity_mps, receiver_position_m)
     return replace(

@@ -136,9 +136,7 @@ def _place_motions(scene: Scene, unscaled: list[Motion]) -> PlacedScene:
                 f"targets.{number}: its motion ({motion.facts.source}) lasts {lasts_s:.3f} s, but the scene "
                 f"{scene.duration_s} s; lower duration_s to {math.floor(lasts_s * 100) / 100} or less"
             )
-    observation_s = scene.duration_s
-    if observation_s is None:
-        observation_s = min(motion.duration_s for motion in motions)
+    observation_s = scene.duration_s or min(motion.duration_s for motion in motions)
     numbers = iter(range(len(scene.targets)))
     placed = tuple(
         PlacedTarget(
@@ -192,9 +190,7 @@ def _place(target: Target, motion: Motion, scene: Scene, observation_s: float) -
         return motion
     if target.start_position_m is not None and target.heading_deg is not None:
         return place_motion(motion, position_m=target.start_position_m, heading_deg=target.heading_deg, at_s=0.0)
-    range_m = target.range_m
-    if range_m is None:
-        range_m = _choose_range_m(motion, observation_s)
+    range_m = _choose_range_m(motion, observation_s) if target.range_m is None else target.range_m
     bearing = math.radians(target.bearing_deg)
     x, y, _ = scene.radar_position_m
     middle_m = (x + range_m * math.cos(bearing), y + range_m * math.sin(bearing))

@@ -144,9 +144,7 @@ def compute_scatterers(
         if rcs_m2.ndim != 1:
             raise ConfigError(f"rcs kind {spec.kind!r} changes with time; remove merge_closer_than_m")
         points, rcs_m2 = merge_close(points, rcs_m2, closer_than_m=spec.merge_closer_than_m)
-    gain = np.ones(())
-    if spec.occlusion:
-        gain = view.compute_sight_gain(points)
+    gain = view.compute_sight_gain(points) if spec.occlusion else np.ones(())
     if rng is not None and spec.total_spread_db > 0:
         rcs_m2 = rcs_m2 * sample_spread(spec.total_spread_db, rng)
     if rng is not None and spec.fluctuation != "none":
@@ -222,8 +220,7 @@ def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) 
 
 def close_groups(motion: Motion, closer_than_m: float) -> list[list[int]]:
     """Group points with median distances below the limit."""
-    # all pairs within a group are below the limit; the groups are in the order of their first
-    # points
+    # all pairs of a group are below the limit; groups are in the order of their first points
     from scipy.cluster.hierarchy import fcluster, linkage
     from scipy.spatial.distance import squareform
 

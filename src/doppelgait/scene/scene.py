@@ -319,10 +319,7 @@ class Scene(FrozenModel):
 
     @property
     def observed_targets(self) -> tuple[Target, ...]:
-        """Targets that are not background.
-
-        They are in the order of their numbers in the scatterer table.
-        """
+        """Targets that are not background, in the order of the scatterer table."""
         return tuple(target for target in self.targets if not target.background)
 
 

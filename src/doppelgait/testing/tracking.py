@@ -74,8 +74,7 @@ def compare_tracks(
         rows, columns = _assign(near)
         pairs |= {rest_n[c]: rest_m[r] for r, c in zip(rows, columns, strict=True) if near[r, c] < cutoff**order}
         before.update(pairs)
-        for truth, own in pairs.items():
-            matches[t, truth] = own
+        matches[t, list(pairs)] = list(pairs.values())
     errors = [tracks[t, own] - truths[t, n] for (t, n), own in np.ndenumerate(matches) if own >= 0]
     present, lasting = np.isfinite(truths).sum(axis=0), np.isfinite(tracks).sum(axis=0)
     moments = list(zip(tracks, truths, strict=True))

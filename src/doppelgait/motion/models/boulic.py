@@ -51,18 +51,6 @@ SAME_KNOT = 1e-6
 """Minimum distance of two different knots in cycles. Two knots of the hip coincide at q = 1.3."""
 
 
-def check_relative_speed(relative_speed: Values) -> Values:
-    """Return the relative speed if the model is valid for it."""
-    # the valid range is 0 < q = V/L <= 3. Other values raise ConfigError.
-    for q in np.ravel(relative_speed):
-        if not 0 < q <= TOP_RELATIVE_SPEED * (1 + 1e-9):
-            raise ConfigError(
-                f"relative speed (speed / leg length): {q:.4g} per second is not allowed: "
-                f"must be above 0 and at most {TOP_RELATIVE_SPEED:g}"
-            )
-    return relative_speed
-
-
 def cycle_duration_s(relative_speed: Values) -> Any:
     """Return the stride time T = 1.346 / sqrt(q)."""
     return 1.346 / np.sqrt(relative_speed)
@@ -365,7 +353,13 @@ def compute_boulic_points(
     ConfigError
         If ``relative_speed`` is outside its range.
     """
-    p, q = np.atleast_1d(np.asarray(phase, dtype=float)), check_relative_speed(relative_speed)
+    p, q = np.atleast_1d(np.asarray(phase, dtype=float)), relative_speed
+    for each in np.ravel(q):
+        if not 0 < each <= TOP_RELATIVE_SPEED * (1 + 1e-9):
+            raise ConfigError(
+                f"relative speed (speed / leg length): {each:.4g} per second is not allowed: "
+                f"must be above 0 and at most {TOP_RELATIVE_SPEED:g}"
+            )
     trunk = {name: np.radians(angle) for name, angle in trunk_angles_deg(p, q).items()}
     limbs = {name: np.radians(angle) for name, angle in limb_angles_deg(np.stack([p + 0.5, p]), q).items()}
     size = {name: fraction * height_m for name, fraction in LENGTHS.items()}

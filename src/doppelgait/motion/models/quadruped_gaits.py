@@ -264,8 +264,14 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
     froude = low * (high / low) ** effort if froude is None else froude
     uneven = 1 / math.sqrt(max(froude, 0.1))
     peaks = np.clip([1 + 0.1 * hind, 1 + 0.1 * fore], 0.8, 1.2)
+    # the heights are truncated at the breed's limits by rank, so that they do not accumulate there
+    body, normal = BUILDS[build], NormalDist()
+    spread_m = 0.08 * body.withers_m
+    least, most = (
+        normal.cdf(min(max((limit_m - body.withers_m) / spread_m, -2.5), 2.5)) for limit_m in body.withers_range_m
+    )
     values = {
-        "withers_m": _withers_m(BUILDS[build], size),
+        "withers_m": body.withers_m + spread_m * normal.inv_cdf(least + normal.cdf(size) * (most - least)),
         "froude": froude,
         "stride_ratio": math.exp(0.07 * far),
         "trunk_ripple": min(math.exp(0.4 * ripple), 2.0),
@@ -301,13 +307,3 @@ def _list_possible_gaits(gait: GaitName | None, froude: float | None) -> list[Ga
             f"froude: {froude!r} is not allowed; it must be a number from {low:g} to {high:g}{where}, or left out"
         )
     return found
-
-
-def _withers_m(build: Build, size: float) -> float:
-    """Return a breed's withers height from a normal number."""
-    # the distribution is truncated at the limits by rank, so that heights do not accumulate there
-    normal, spread_m = NormalDist(), 0.08 * build.withers_m
-    low, high = (
-        normal.cdf(min(max((limit_m - build.withers_m) / spread_m, -2.5), 2.5)) for limit_m in build.withers_range_m
-    )
-    return build.withers_m + spread_m * normal.inv_cdf(low + normal.cdf(size) * (high - low))

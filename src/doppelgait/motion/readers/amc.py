@@ -419,8 +419,7 @@ def read_expmap(
     values = parse_rows(path, text, 0, n_columns=columns, separator=",")
     check_skeleton_cost(path, n_joints, len(values))
     # compute the positions (T, J, 3) of all joints
-    expmap_n_joints = len(body.parents)
-    vectors = values[:, 3:].reshape(len(values), expmap_n_joints, 3).swapaxes(0, 1)
+    vectors = values[:, 3:].reshape(len(values), n_joints, 3).swapaxes(0, 1)
     translation = np.repeat(body.offsets[:, np.newaxis], len(values), axis=1)
     translation[0] = values[:, :3]
     position = forward_kinematics(body.parents, translation, make_vector_rotations(-vectors))

@@ -109,9 +109,7 @@ PERSON_M2 = 0.8
 
 
 def rescale_radar(radar: Radar, scale_db: float) -> Radar:
-    """Return a radar with volts scaled up.
-    Echoes, noise and the step of a counter are scaled together, so that the SNR does not change.
-    """
+    """Scale a radar's echoes, noise and counter step together, so that the SNR does not change."""
     changes = {"receiver_gain_db": radar.receiver_gain_db + scale_db}
     if radar.threshold_step_v is not None:
         changes["threshold_step_v"] = radar.threshold_step_v * float(db_to_amplitude(scale_db))
@@ -126,9 +124,7 @@ def fit_gain(
     *,
     radar_is_known: bool,
 ) -> Radar:
-    """Return a radar with fitted gain and noise figure.
-    The spread of both is added to ``pooled``.
-    """
+    """Return a radar with fitted gain and noise figure; add their spread to ``pooled``."""
     if "noise_level_db" not in pooled:
         return radar
     direct = pooled.get("direct_path_db")

@@ -462,9 +462,7 @@ def _make_doppler_knots(kind: SensorKind) -> list[tuple[float, float]]:
 
 
 def _subtract_level(knots: list[tuple[float, float]], reference_db: float, lowest_db: float) -> list[list[float]]:
-    """Return knots of the power over a lowest level.
-    They are in dB relative to a reference, with a minimum of -20 dB.
-    """
+    """Return knots of the power over a lowest level, in dB to a reference, at least -20 dB."""
     excess = [(x, max(10.0 ** (level_db / 10.0) - 10.0 ** (lowest_db / 10.0), 0.01)) for x, level_db in knots]
     return [[round(x, 4), round(reference_db + DB_PER_NEPER * math.log(power), 2)] for x, power in excess]
 

@@ -26,7 +26,6 @@ from doppelgait.scene.environment.materials import (
     slab_delay_m,
 )
 from doppelgait.scene.environment.reflections import (
-    ComplexArray,
     FloatArray,
     make_direct_rays,
     rate_per_s,
@@ -134,31 +133,22 @@ def apply_wall(scatterers: ScattererTable, spec: Wall, setting: Setting) -> Scat
     permittivity = relative_permittivity(spec.material, wavelength_m=setting.wavelength_m)
     cosine = np.minimum(np.abs(toward_m) / np.maximum(direct.range_m, 1e-12), 1.0)
     share = compute_te_share(toward_m, direct.along(normal_rad + math.pi / 2), direct.z_m)
-    through = compute_wall_insertion(
-        cosine, vertical_te=share, permittivity=permittivity, spec=spec, wavelength_m=setting.wavelength_m
-    )
-    delay_m = slab_delay_m(cosine, permittivity=permittivity, thickness_m=spec.thickness_m or 0.0)
+    share = share if spec.polarisation == "vertical" else 1.0 - share
+    thickness_m = spec.thickness_m or 0.0
+    slab = {"thickness_m": thickness_m, "wavelength_m": setting.wavelength_m}
+    te, tm = interpolate_modes(insertion_coefficient, cosine, permittivity=permittivity, **slab)
+    through = te * share + tm * (1.0 - share)  # co-polar
+    delay_m = slab_delay_m(cosine, permittivity=permittivity, thickness_m=thickness_m)
     rest_rad = np.angle(through) + 2.0 * np.pi / setting.wavelength_m * delay_m
     rest_rad = 2.0 * ((rest_rad + np.pi) % (2.0 * np.pi) - np.pi)
     gain = (through.real**2 + through.imag**2) ** 2 * compute_slab_spreading(
-        cosine, scatterers["range"], permittivity=permittivity, thickness_m=spec.thickness_m or 0.0
+        cosine, scatterers["range"], permittivity=permittivity, thickness_m=thickness_m
     )
     delayed = _lengthen(scatterers, delay_m, rate_per_s(delay_m, scatterers.slow_time_s), behind)
     return delayed.replace(
         path_gain=delayed["path_gain"] * np.where(behind, gain, 1.0),
         path_phase=scatterers.values.get("path_phase", 0.0) + np.where(behind, rest_rad, 0.0),
     )
-
-
-def compute_wall_insertion(
-    cos_incidence: FloatArray, *, vertical_te: FloatArray, permittivity: complex, spec: Wall, wavelength_m: float
-) -> ComplexArray:
-    """Compute the co-polar insertion coefficient of a vertical slab."""
-    # it is T_te w + T_tm (1 - w), with w = vertical_te from compute_te_share
-    slab = {"thickness_m": spec.thickness_m or 0.0, "wavelength_m": wavelength_m}
-    te, tm = interpolate_modes(insertion_coefficient, cos_incidence, permittivity=permittivity, **slab)
-    share = vertical_te if spec.polarisation == "vertical" else 1.0 - vertical_te
-    return np.asarray(te * share + tm * (1.0 - share))
 
 
 def _apply_measured(scatterers: ScattererTable, spec: Wall, behind: np.ndarray | np.bool_) -> ScattererTable:

@@ -190,8 +190,7 @@ def slab_transmission(
     cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float, wavelength_m: float, mode: Mode
 ) -> ComplexArray:
     """Compute the transmission coefficient of a slab in air. With all internal reflections (ITU-R P.2040)."""
-    # (1 - r^2) exp(-jq) / (1 - r^2 exp(-2jq)): field at the back face to that opposite on the front
-    # face
+    # (1 - r^2) exp(-jq) / (1 - r^2 exp(-2jq)): field at the back face to that opposite in front
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
     r2 = interface_reflection(cosine, permittivity=permittivity, mode=mode) ** 2
     once = np.exp(-1j * _compute_slab_phase(cosine, permittivity, thickness_m, wavelength_m))

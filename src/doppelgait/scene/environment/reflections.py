@@ -349,7 +349,13 @@ def apply_wall_ghost(scatterers: ScattererTable, spec: WallGhost, setting: Setti
         y_m=direct.y_m + 2.0 * math.sin(normal_rad) * from_wall_m,
         z_m=direct.z_m,
     )
-    reflection = compute_wall_reflection(image, normal_rad, spec, setting.wavelength_m)
+    toward_m = image.along(normal_rad)
+    cosine = np.clip(toward_m / np.maximum(image.range_m, 1e-12), 0.0, 1.0)
+    permittivity = relative_permittivity(spec.material, wavelength_m=setting.wavelength_m)
+    slab = {"thickness_m": spec.thickness_m, "wavelength_m": setting.wavelength_m}
+    te, tm = interpolate_modes(slab_reflection, cosine, permittivity=permittivity, **slab)
+    share = compute_te_share(toward_m, image.along(normal_rad + math.pi / 2), image.z_m)
+    reflection = te * share - tm * (1.0 - share) if spec.polarisation == "vertical" else tm * share - te * (1.0 - share)
     reflection = np.where(from_wall_m > 0, reflection, 0.0)
     normal = (-math.cos(normal_rad), -math.sin(normal_rad), 0.0)
     return add_images(
@@ -378,14 +384,3 @@ def find_wall_plane(spec: WallGhost, setting: Setting) -> tuple[float, float]:
             f"{spec.normal_azimuth_deg:g} passes through the radar; move one of them"
         )
     return (normal_rad, distance_m) if distance_m > 0 else (normal_rad + math.pi, -distance_m)
-
-
-def compute_wall_reflection(image: Rays, normal_rad: float, spec: WallGhost, wavelength_m: float) -> ComplexArray:
-    """Compute the co-polar coefficient of paths to mirror images."""
-    permittivity = relative_permittivity(spec.material, wavelength_m=wavelength_m)
-    toward_m = image.along(normal_rad)
-    cosine = np.clip(toward_m / np.maximum(image.range_m, 1e-12), 0.0, 1.0)
-    slab = {"thickness_m": spec.thickness_m, "wavelength_m": wavelength_m}
-    te, tm = interpolate_modes(slab_reflection, cosine, permittivity=permittivity, **slab)
-    share = compute_te_share(toward_m, image.along(normal_rad + math.pi / 2), image.z_m)
-    return te * share - tm * (1.0 - share) if spec.polarisation == "vertical" else tm * share - te * (1.0 - share)

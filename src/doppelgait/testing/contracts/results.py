@@ -65,10 +65,8 @@ def check_feature(name: str) -> None:
     mu = _make_walking_signature()
     first, louder = (observe(mu.copy(data=mu.values * gain), Analysis()) for gain in (np.float32(1), np.float32(4)))
     value = measure(first)
-    fresh = measure(observe(mu, Analysis()))
-    require(
-        _is_same_number(value, measure(first)) and _is_same_number(value, fresh), f"{label}: changes from call to call"
-    )
+    same = all(_is_same_number(value, measure(seen)) for seen in (first, observe(mu, Analysis())))
+    require(same, f"{label}: changes from call to call")
     text = f"{label}: four times the power changes {value} to"
     require(_is_same_number(value, loud := measure(louder)), f"{text} {loud}")
     if "set_f" in feature.facts:
