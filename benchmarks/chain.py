@@ -115,7 +115,7 @@ def run_datasets(quick: bool) -> dict[str, Any]:
 
 def run_startup(rounds: int) -> dict[str, Any]:
     result = measure_startup(rounds)
-    report.print_title("7. Start-up: processor seconds (user + system) of a fresh process, kernels cached")
+    report.print_title("7. Start-up: processor seconds (user + system) of a fresh process")
     report.print_timings(result["cpu_s"], unit="s", digits=3)
     report.print_title("Peak memory of the same processes")
     report.print_values(result["peak_mb"], "9.0f", "MB")

@@ -1,4 +1,4 @@
-"""Processor time and memory of fresh processes; compiled kernels are in the cache."""
+"""Processor time and memory of fresh processes."""
 
 from __future__ import annotations
 
