@@ -188,7 +188,7 @@ def true_bandwidth_hz(body: Body, recording: Recording, result: Result) -> float
     whole = synthesise(body.truth.scatterers, radar)
     pulses = np.searchsorted(read_axis(whole, "slow_time"), recording.slow_time_s - 0.5 / radar.prf_hz)
     frames = gate.crop(Frames.of(whole.isel(slow_time=pulses).assign_attrs(recording.facts)))
-    return analyze_gated(frames, radar.wavelength_m, gate, settings, None).features.doppler_bandwidth_hz
+    return analyze_gated(frames, radar.wavelength_m, gate, settings).features.doppler_bandwidth_hz
 
 
 # Scores --------------------------------------------------------------------------------------------------------------

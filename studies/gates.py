@@ -142,7 +142,7 @@ def compare_gates(job: tuple[int, str, float, int]) -> list[dict[str, Any]]:
             clean = clean_frames(remove_common_phase(cluttered.frames), settings)
             gate = Gate.from_truth(recording.truth[0], recording.slow_time_s, settings)
             gate = gate.during(best.quality["start_s"], best.quality["stop_s"])
-            pairs["gate"] = analyze_gated(gate.crop(clean), recording.radar.wavelength_m, gate, settings, None)
+            pairs["gate"] = analyze_gated(gate.crop(clean), recording.radar.wavelength_m, gate, settings)
         facts = {"radar": ("x4", "x4-long")[radar_number], "kind": kind, "level": f"{level_db:g} dB"}
         rows += [
             {**facts, "way": way, "track": seven(best).tolist(), "truth": seven(true).tolist()}

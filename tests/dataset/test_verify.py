@@ -18,7 +18,7 @@ from doppelgait.dataset.verify.truth import check_visible_targets
 
 def contents(index, **description):
     described = {"fields": {}, "classes": {}, "config": {}, **description}
-    return Contents(Path("nowhere"), described, pd.DataFrame(index), True, {}, None, "no plan")
+    return Contents(Path("nowhere"), described, pd.DataFrame(index), {}, None, "no plan")
 
 
 def walkers(n=40, **changes):

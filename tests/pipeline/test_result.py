@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from doppelgait.core.errors import AnalysisError, ConfigError, OutputError
-from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, make_array
+from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, Signal, make_array
 from doppelgait.features.gait import GaitFeatures
 from doppelgait.pipeline import (
     Result,
@@ -28,7 +28,7 @@ from doppelgait.pipeline import (
 )
 from doppelgait.pipeline.result import LABELLED_ARRAYS, LateArrays
 from doppelgait.pipeline.result_files import is_result_file
-from doppelgait.pipeline.target import analyze_signature, analyze_signatures
+from doppelgait.pipeline.target import Gated, analyze_signature, analyze_targets
 from doppelgait.processing import Analysis, Gate
 
 WALK = {"kind": "boulic", "speed_mps": 1.3, "height_m": 1.75}
@@ -67,13 +67,14 @@ def test_targets_are_analysed_together_as_alone(recording):
     several += [mu.copy(data=mu.values + level * noise[1]) for level in np.linspace(0.0, 1.0, 6, dtype=np.float32)]
     analyses = [Analysis(method="liland2018") if n == 7 else Analysis(normalisation="r4") for n in range(len(several))]
     gates, labels = [first.gate] * len(several), [str(n) for n in range(len(several))]
-    together = analyze_signatures(several, gates, analyses, labels=labels)
+    signals = [Signal.of(mu, SIGNATURE) for mu in several]
+    together = analyze_targets([Gated(*facts) for facts in zip(signals, gates, analyses, labels, strict=True)])
     assert together == [
         analyze_signature(mu, first.gate, analysis, label=label)
         for mu, analysis, label in zip(several, analyses, labels, strict=True)
     ]
     assert len({result.gait_frequency_hz for result in together}) > 5
-    assert analyze_signatures([], [], [], labels=[]) == []
+    assert analyze_targets([]) == []
 
 
 @pytest.fixture(scope="module")

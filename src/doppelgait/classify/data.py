@@ -186,7 +186,7 @@ def collect_nuisances(rows: Rows, motion_folder: Path) -> Table:
     parts, notes = [], []
     for dataset in rows.datasets:
         plan, reason = read_plan(dataset.description, motion_folder)
-        contents = Contents(dataset.directory, dataset.description, dataset.index, True, {}, plan, reason)
+        contents = Contents(dataset.directory, dataset.description, dataset.index, {}, plan, reason)
         sampled = contents.resolve_sample(np.random.default_rng(0), most=10 * len(dataset) + 100)
         if sampled:
             part = tabulate_nuisances(dataset.index, sampled).drop(columns=["label", "group", "empty"])

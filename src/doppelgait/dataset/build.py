@@ -43,7 +43,6 @@ from doppelgait.dataset.shard import BuildContext, build_shard
 
 __all__ = ["BuildReport", "build_dataset", "make_index"]
 
-
 CHECKED_EXAMPLES = 200
 """Number of examples, spread over the plan, that are resolved before anything is written, to find errors early."""
 RELEASE = (__version__, DATA_VERSION)
@@ -253,7 +252,6 @@ def _refuse_foreign(job: _Job) -> None:
 
 
 def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: Progress | None) -> _Tally:
-    """Build the own shards that do not exist yet."""
     began, tally = time.monotonic(), _Tally()
     _refuse_foreign(job)  # check again, now that no other build can write
     missing = []
@@ -299,7 +297,6 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
 
 
 def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int]) -> dict[str, Any]:
-    """Build a shard in its worker and return the counts."""
     if release != RELEASE:
         raise DatasetError(
             f"a worker has doppelgait {RELEASE}, this build {release}; install the same version everywhere"

@@ -117,7 +117,6 @@ class FieldSpec(FrozenModel):
 
 
 def _list_field_specs(fields: Sequence[Any]) -> tuple[list[Any], list[str]]:
-    """Return the tables of fields and their names."""
     # the validation of the model rejects other values
     specs = [{"name": one} if isinstance(one, str) else one for one in fields]
     names = [one.get("name") if isinstance(one, dict) else getattr(one, "name", None) for one in specs]

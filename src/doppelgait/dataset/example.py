@@ -326,7 +326,6 @@ def find_plan_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> 
 
 
 def _plan_place(description: Mapping[str, Any], row: Mapping[str, Any]) -> tuple[Mapping[str, Any], int | None]:
-    """Return the configuration and the position of a simulated row."""
     config = description.get("config") or {}
     simulated = description.get("origin", "simulated") == "simulated"
     return config, number_in_plan(config, str(row["scene_id"])) if simulated else None

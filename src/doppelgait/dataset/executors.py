@@ -198,7 +198,6 @@ def _wait_for_some(client: Client, running: dict[DaskFuture[Any], Any], *, is_lo
 
 @contextmanager
 def _connect_client(address: str, workers: int) -> Iterator[Client]:
-    """Connect to a scheduler, or to a local cluster for the block."""
     import dask
     from distributed import Client, LocalCluster
     from distributed.system import MEMORY_LIMIT

@@ -32,7 +32,6 @@ written since the last call."""
 
 EXPORTERS: Group[Exporter] = Group("exporter", built_in=("doppelgait.dataset.exporters",), noun="form")
 """Export formats of datasets.
-
 Facts of an exporter: ``allowed``, the fields that it supports (by default all); ``default``, the fields that are
 written if none are named (by default all stored fields); ``least``, the minimum number of fields (by default 0).
 """
@@ -42,13 +41,7 @@ SHOWN_FILES = 8
 
 @dataclass(frozen=True)
 class ExportReport:
-    """Report of an export.
-
-    Parameters
-    ----------
-    n_rows, n_files, bytes : int
-        Rows of the dataset, files written and their size.
-    """
+    """Report of an export: rows of the dataset, files written and their size."""
 
     directory: Path
     form: str
@@ -66,37 +59,13 @@ def export_dataset(
     release: bool = False,
     on_progress: Progress | None = None,
 ) -> ExportReport:
-    """Write a dataset, or part of it, in another form.
-
-    The folder appears complete or not at all.
-
-    Next to the data are ``dataset.json``, with what was exported under ``export``, and ``source-card.md``, the card of
-    the source dataset. Arrays are in linear units and single precision.
-
-    Parameters
-    ----------
-    destination : path-like
-        Folder to write; it must not exist.
-    form : str, table or parameter model
-        Name of an exporter (``parquet``, ``csv``, ``webdataset``, ``zarr``, ``sigmf`` or a plug-in's), or a table with
-        ``kind`` and its parameters: ``{"kind": "webdataset", "examples_per_tar": 500}``.
-    fields : sequence of str, optional
-        Arrays to write; by default none into tables, the baseband into SigMF and all into the others.
-    release : bool
-        The export is for redistribution: refuse it if a licence of its sources does not allow redistribution.
-    on_progress : callable, optional
-        Called with (rows done, rows in total).
-
-    Raises
-    ------
-    ConfigError
-        If the form is not known or a parameter is not allowed.
-    DatasetError
-        If a field is not known, the destination exists, no row is selected, or ``release`` is set
-        and a licence is non-commercial or unknown.
-    OutputError
-        If the export cannot be written; no partial output remains.
-    """
+    """Write a dataset, or part of it, in another form."""
+    # The folder, which must not exist, appears complete or not at all. Next to the data are
+    # ``dataset.json``, with what was exported under ``export``, and ``source-card.md``, the card of
+    # the source dataset. Arrays are in linear units and single precision. By default no fields are
+    # written into tables, the baseband into SigMF and all fields into the others. For a release,
+    # every licence of the sources must allow redistribution. The form is the name of an exporter,
+    # or a table of its parameters: {"kind": "webdataset", "examples_per_tar": 500}.
     target = Path(destination)
     parameters = EXPORTERS.parse(form)
     exporter = EXPORTERS.of(parameters)

@@ -102,7 +102,6 @@ def _leaves_frame(
 
 
 def _expected_snr_db(table: ScattererTable, number: int, radar: Radar) -> float:
-    """Return the SNR_frame of a target by the radar equation, dB."""
     # the echo powers in each range cell are added; the strongest cell of every pulse is used
     targets, _ = split_targets(table.take_pulses(slice(None, None, -(-table.shape[0] // SNR_PULSES))))
     range_m, amplitude_v = compute_scatterer_arrays(targets, radar)

@@ -65,8 +65,8 @@ def _make_factor_ranges(clip: Motion) -> dict[str, Any]:
     for side in (0, 1):
         part = 1.0
         for _ in range(TRIES):
-            factors = math.exp(part * speed[side]), math.exp(part * stride[side])
-            if _can(partial(_retarget, clip, *factors)):
+            factors = {"speed_factor": math.exp(part * speed[side]), "stride_factor": math.exp(part * stride[side])}
+            if _can(partial(retarget, clip, **factors)):
                 break
             part *= SHRINK
         else:
@@ -77,10 +77,6 @@ def _make_factor_ranges(clip: Motion) -> dict[str, Any]:
         [round(math.exp(part * end), 6) for part, end in zip(reach, ends, strict=True)] for ends in (speed, stride)
     )
     return {"speed_factor": {"log_uniform": speeds}, "size_factor": sizes, "stride_factor": {"log_uniform": strides}}
-
-
-def _retarget(clip: Motion, speed_factor: float, stride_factor: float) -> None:
-    retarget(clip, speed_factor=speed_factor, stride_factor=stride_factor)
 
 
 def _group_families(clips: Sequence[Motion], subjects: Sequence[str]) -> list[list[int]]:
@@ -118,8 +114,7 @@ def _fit(clip: Motion, other: Motion, hybrid: Mapping[str, Any]) -> list[float]:
     return found if _can(make) else []
 
 
-def _can(make: Callable[[], None]) -> bool:
-    """Return True if a hybrid can be generated."""
+def _can(make: Callable[[], object]) -> bool:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)
         try:

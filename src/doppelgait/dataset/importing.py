@@ -38,46 +38,24 @@ from doppelgait.dataset.splits import PlannedEntry, plan_entries
 
 __all__ = ["ImportConfig", "ImportReport", "LabelEntry", "import_dataset", "import_id", "read_labels"]
 
-
 NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
 
 
 @dataclass(frozen=True)
 class ImportReport:
-    """Report of an import.
-
-    Parameters
-    ----------
-    n_recordings : int
-        Recordings, or parts of them, that the labels name.
-    n_rows : int
-        Rows of the index: one per recording or window.
-    n_not_tracked : int
-        Rows without features, because an expected target was not found.
-    n_failed : int
-        Recordings or windows that could not be read or analysed; they are not in the dataset.
-    failures : list of dict
-        The first 100 of them: ``id``, ``reason``, ``spec`` (line, file).
-    counts : dict
-        Rows of every class.
-    bytes : int
-        Size of the shards.
-    seconds : float
-    was_there : bool
-        Whether the folder already contained the same import, which is then unchanged.
-    """
+    """Report of an import."""
 
     directory: Path
     dataset_id: str
-    n_recordings: int
-    n_rows: int
-    n_not_tracked: int
-    n_failed: int
-    failures: list[dict[str, Any]]
-    counts: dict[str, int]
-    bytes: int
+    n_recordings: int  # recordings, or parts of them, that the labels name
+    n_rows: int  # of the index: one per recording or window
+    n_not_tracked: int  # rows without features, because an expected target was not found
+    n_failed: int  # recordings or windows that could not be read or analysed; they are not in the dataset
+    failures: list[dict[str, Any]]  # the first 100 of them: ``id``, ``reason``, ``spec`` (line, file)
+    counts: dict[str, int]  # rows of every class
+    bytes: int  # size of the shards
     seconds: float
-    was_there: bool
+    was_there: bool  # the folder already contained the same import, which is then unchanged
 
 
 def import_dataset(
@@ -89,42 +67,13 @@ def import_dataset(
     name: str | None = None,
     on_progress: Progress | None = None,
 ) -> ImportReport:
-    """Make a dataset from recordings and a label file.
-
-    Each recording, part of a recording or window is a row. The detected target gets the label. If there are several, it
-    is the track with the longest duration weighted by confidence; ``n_tracks`` and a flag record this. If there is
-    none, the row has no features and the flag ``not_tracked``, so that scores count it.
-
-    Parameters
-    ----------
-    folder : path
-        Recordings of any format that :func:`doppelgait.radar.read_recording` reads.
-    labels : path or sequence of LabelEntry
-        File of labels, see :func:`doppelgait.dataset.importing.read_labels`, or the entries from
-        :func:`doppelgait.dataset.names.read_names`.
-    directory : path
-        Folder of the dataset; it appears when it is complete. Repeating the same import changes nothing.
-    config : ImportConfig, optional
-    name : str, optional
-        Name of the dataset; by default that of the folder.
-    on_progress : callable, optional
-        Called with (recordings done, recordings in total).
-
-    Returns
-    -------
-    ImportReport
-        Report of the import. A recording that cannot be read or analysed is listed as a failure
-        with its reason; the others are imported.
-
-    Raises
-    ------
-    ConfigError
-        If a line of the labels is wrong, or a parameter is not allowed.
-    DatasetError
-        If the folder has other content, no recording can be imported, or the requested splits are impossible.
-    OutputError
-        If the folder cannot be written or the disk is full; no partial folder remains.
-    """
+    """Make a dataset from recordings and a label file."""
+    # Each recording, part of a recording or window is a row. The detected target gets the label. If
+    # there are several, it is the track with the longest duration weighted by confidence;
+    # ``n_tracks`` and a flag record this. If there is none, the row has no features and the flag
+    # ``not_tracked``, so that scores count it. A recording that cannot be read or analysed is a
+    # failure with its reason; the others are imported. The folder appears when it is complete, and
+    # repeating the same import changes nothing.
     began = time.monotonic()
     settings = config or ImportConfig()
     source, target = Path(folder), Path(directory).absolute()
@@ -183,7 +132,6 @@ def import_dataset(
 
 
 def _build(folder: Path, shards: Sequence[Shard], maker: RecordedExamples, on_progress: Progress | None) -> None:
-    """Build all shards, logging every recording."""
     (folder / "shards").mkdir()
     total = sum(len(shard.examples) for shard in shards)
     done, last = 0, time.monotonic()

@@ -135,7 +135,6 @@ def list_motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def _list_strings(value: Any) -> list[str]:
-    """Return the texts of a value, ``choice`` or ``cycle``."""
     if isinstance(value, str):
         return [value]
     if isinstance(value, Mapping):
@@ -256,7 +255,6 @@ def _list_segments(
     sources: Sequence[SourceSection],
     on_progress: Progress | None,
 ) -> list[dict[str, Any]]:
-    """Return motion tables of a folder's usable segments."""
     # the first segment of every file, then the second, and so on
     root = folder / spec.path
     if not root.is_dir():

@@ -82,7 +82,6 @@ def check_description(description: Any) -> None:
 
 
 def _check_plan(config: Any) -> None:
-    """Check the part of a configuration that locates an example."""
     # the other keys are needed only to simulate an example again
     if not isinstance(config, Mapping):
         raise ValueError("dataset.json: config must be a table")

@@ -59,7 +59,6 @@ def _is_condition(value: Any) -> bool:
 
 
 def _evaluate_value(node: ast.expr, index: pd.DataFrame) -> Any:
-    """Return a column, a number, a text or a list."""
     match node:
         case ast.Name(id=name):
             if name not in index.columns:

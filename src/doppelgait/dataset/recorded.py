@@ -99,7 +99,6 @@ def cut(
 
 
 def _make_part(recording: Recording | xr.DataArray, blocks: _Blocks, start_s: float, stop_s: float) -> Part:
-    """Make a recording from a part of another."""
     chosen = blocks.between(start_s, stop_s)
     if isinstance(recording, xr.DataArray):
         cropped = recording.isel(time=chosen)
@@ -270,10 +269,8 @@ def _collect_messages(folder: Path) -> Iterator[list[str]]:
 
 
 def _remove_folder(text: str, folder: Path) -> str:
-    """Remove the path of a folder from a text."""
     return text.replace(f"{folder}/", "").replace(f"{folder}\\", "")
 
 
 def _join(texts: Iterable[str]) -> str:
-    """Join texts in one column, each once."""
     return ";".join(dict.fromkeys(text.replace(";", ",") for text in texts))

@@ -49,9 +49,8 @@ LEAST_SHARE = 0.3
 def match_tracks(
     results: Sequence[Result], truths: Sequence[TargetTruth], slow_time_s: npt.NDArray[np.float64]
 ) -> list[Result | None]:
-    """Match every target to the nearest track of its body.
-    Each track is used once, nearest pairs first. Shapes: slow_time_s (I,).
-    """
+    """Match every target to the nearest track of its body."""
+    # Each track is used once, nearest pairs first. Shapes: slow_time_s (I,).
     found: list[Result | None] = [None] * len(truths)
     pairs = []
     for number, truth in enumerate(truths):

@@ -227,7 +227,6 @@ class ShardFiles:
         return get_own_member(found, str(row)), False
 
     def _get_files(self) -> OrderedDict[str, tuple[Any, dict[str, Any]]]:
-        """Return the files of this process and thread."""
         # after a fork the parent's files are left to the parent
         if getattr(self._local, "pid", None) != os.getpid():
             self._local.pid = os.getpid()

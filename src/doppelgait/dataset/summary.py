@@ -69,6 +69,30 @@ def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_E
             entry = find_source_entry(recording, plan.config.sources)
             licence = entry.licence if entry is not None and entry.licence else "unknown"
             files.append({"file": recording, "subject": subject, "examples": count, "licence": licence})
+    estimate: dict[str, Any] = {}
+    if pilot:
+        total = len(plan.examples)
+        count = min(pilot, total)
+        entries = tuple(plan.examples[place * total // count] for place in range(count))
+        with tempfile.TemporaryDirectory() as directory:
+            (Path(directory) / "shards").mkdir()
+            context = BuildContext(plan.config, str(plan.folder), directory)
+            context.make(entries[:1])  # the first one loads the libraries
+            began = time.process_time()
+            record = build_shard(Shard("pilot", shards[0].split, entries), context)
+            seconds = (time.process_time() - began) / count
+            size = record["bytes"] / count
+        processors = os.cpu_count() or 1
+        estimate = {
+            "pilot_examples": count,
+            "pilot_failures": len(record["failures"]),
+            "pilot_failure": next((f"{one['id']}: {one['reason']}" for one in record["failures"]), ""),
+            "seconds_per_example": seconds,
+            "bytes_per_example": size,
+            "total_bytes": (size + ROW_BYTES) * total,
+            "processors": processors,
+            "total_seconds": seconds * total / processors,
+        }
     return PlanSummary(
         name=plan.config.dataset.name,
         dataset_id=identity,
@@ -78,34 +102,8 @@ def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_E
         subjects=subjects,
         files=files,
         n_checked=n_checked,
-        estimate=_estimate(plan, shards, pilot) if pilot else {},
+        estimate=estimate,
     )
-
-
-def _estimate(plan: Plan, shards: list[Shard], pilot: int) -> dict[str, Any]:
-    """Estimate a plan's time and size from few examples."""
-    total = len(plan.examples)
-    count = min(pilot, total)
-    entries = tuple(plan.examples[place * total // count] for place in range(count))
-    with tempfile.TemporaryDirectory() as directory:
-        (Path(directory) / "shards").mkdir()
-        context = BuildContext(plan.config, str(plan.folder), directory)
-        context.make(entries[:1])  # the first one loads the libraries
-        began = time.process_time()
-        record = build_shard(Shard("pilot", shards[0].split, entries), context)
-        seconds = (time.process_time() - began) / count
-        size = record["bytes"] / count
-    processors = os.cpu_count() or 1
-    return {
-        "pilot_examples": count,
-        "pilot_failures": len(record["failures"]),
-        "pilot_failure": next((f"{one['id']}: {one['reason']}" for one in record["failures"]), ""),
-        "seconds_per_example": seconds,
-        "bytes_per_example": size,
-        "total_bytes": (size + ROW_BYTES) * total,
-        "processors": processors,
-        "total_seconds": seconds * total / processors,
-    }
 
 
 def write_specs(plan: Plan, path: Path) -> None:

@@ -18,9 +18,7 @@ POWER_QUANTILES = (0.01, 0.99)
 DETECTION_SIGMAS = 4.0
 WIDTH_LEVEL = 0.03
 """Level of the bandwidth as a share (-15 dB) of the body's power.
-
-Feet in full swing are above this level; the noise for a person at 5 m is below it.
-"""
+Feet in full swing are above this level; the noise for a person at 5 m is below it."""
 WIDTH_SHARE = 0.05
 """Share of the time for which a Doppler shift of the body must exceed the level."""
 LEAST_NOISE_SIGMAS = 1.0
@@ -113,9 +111,8 @@ def bandwidth_threshold_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, *,
     """
     level = mean_spectrum / mean_spectrum.max()
     peak = int(level.argmax())
-    return _interpolate_crossing(level, doppler_hz, peak, +1, threshold) - _interpolate_crossing(
-        level, doppler_hz, peak, -1, threshold
-    )
+    upper_hz, lower_hz = (_interpolate_crossing(level, doppler_hz, peak, step, threshold) for step in (1, -1))
+    return upper_hz - lower_hz
 
 
 def _interpolate_crossing(level: FloatArray, doppler_hz: FloatArray, start: int, step: int, threshold: float) -> float:

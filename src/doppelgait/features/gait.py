@@ -119,7 +119,20 @@ def extract(observed: Observation, *, bandwidth_threshold: float, cpi_s: float, 
     if frequency_hz is None:
         flags.append("step_length,harmonic_ratios,limb_torso_ratio:need_a_gait_frequency")
     else:
-        features = _add_gait(features, observed.spectrum, frequency_hz, rho, flags)
+        cadence_hz, power = observed.spectrum.axis("cadence"), observed.spectrum.values
+        second, third = (peak_ratio(cadence_hz, power, frequency_hz, h) for h in (2, 3))
+        for number, value in ((2, second), (3, third)):
+            if value is None:
+                flags.append(f"harmonic_ratio_{number}:no_peak_6_db_above_its_surroundings")
+        if rho.ratio is None:
+            flags.append("limb_torso_ratio:no_doppler_row_above_the_noise")
+        features = replace(
+            features,
+            step_length_m=abs(velocity_mps or 0.0) / frequency_hz,
+            harmonic_ratio_2=second,
+            harmonic_ratio_3=third,
+            limb_torso_ratio=rho.ratio,
+        )
     threshold_hz = bandwidth_threshold_hz(
         observed.mean_row, observed.aligned.axis("doppler"), threshold=bandwidth_threshold
     ) - single_tone_width_hz(cpi_s=cpi_s, window_steepness=window_steepness, threshold=bandwidth_threshold)
@@ -155,25 +168,6 @@ def _check_frequency(gait: GaitFrequency, columns: Mapping[Any, Any], flags: lis
     if max(gait.half_probability or 0.0, gait.double_probability or 0.0) > CLOSE_OCTAVE:
         flags.append("gait_frequency:step_or_stride_is_a_close_decision")
     return gait.frequency_hz
-
-
-def _add_gait(
-    whole: GaitFeatures, spectrum: Signal, frequency_hz: float, rho: LimbTorsoRatio, flags: list[str]
-) -> GaitFeatures:
-    cadence_hz, power = spectrum.axis("cadence"), spectrum.values
-    second, third = (peak_ratio(cadence_hz, power, frequency_hz, h) for h in (2, 3))
-    for number, value in ((2, second), (3, third)):
-        if value is None:
-            flags.append(f"harmonic_ratio_{number}:no_peak_6_db_above_its_surroundings")
-    if rho.ratio is None:
-        flags.append("limb_torso_ratio:no_doppler_row_above_the_noise")
-    return replace(
-        whole,
-        step_length_m=abs(whole.torso_velocity_mps or 0.0) / frequency_hz,
-        harmonic_ratio_2=second,
-        harmonic_ratio_3=third,
-        limb_torso_ratio=rho.ratio,
-    )
 
 
 # extract measures the whole set, because each feature needs the features before it

@@ -41,9 +41,7 @@ WHITENING = 0.7
 """Coefficient of the first-order whitening filter at 40 columns per second."""
 WEAK_ROW = 1e-3
 """Power of a row relative to the strongest one below which it has no equal weight.
-
-Without noise such a row contains only rounding errors.
-"""
+Without noise such a row contains only rounding errors."""
 PADDING = 8
 SLOWEST_MPS = 0.25
 """Lowest torso velocity from which the step length is estimated for the prior."""
@@ -56,15 +54,11 @@ WEIGHTS: FloatArray = np.array(
     ]
 )
 """Weights of the nine terms of the evidence of rows.
-
-There is one row per set: whole, whole whitened, limbs, limbs whitened.
-"""
+There is one row per set: whole, whole whitened, limbs, limbs whitened."""
 PRIOR_WEIGHTS: FloatArray = np.array([2.27, -0.971, -1.34, -0.0757, -14.6])
 """Weights of the terms of the prior.
-
 The terms are ln f, its square, ln of the step length (torso velocity over f), its square, and ln of the number of
-periods that are missing to three.
-"""
+periods that are missing to three."""
 
 # Exact frequency
 N_HARMONICS = 6
@@ -308,14 +302,12 @@ def compute_posterior(rhythms: Rhythm, velocity_mps: FloatArray) -> FloatArray:
 
 
 def _sum_posterior(near: FloatArray, frequency_hz: float) -> float:
-    """Return the posterior near a frequency, 0 outside the grid."""
     place = round(48.0 * math.log2(frequency_hz / GRID_HZ[0]))
     return min(float(near[place]), 1.0) if 0 <= place < near.size else 0.0
 
 
 @lru_cache(maxsize=16)
 def _make_parabola_matrix(first: int, stop: int) -> FloatArray:
-    """Compute the matrix that fits a parabola."""
     return np.asarray(np.linalg.pinv(np.vander(np.arange(first, stop, dtype=np.float64), 3)))
 
 

@@ -16,18 +16,14 @@ Visibility = Literal["clear", "limbs_only", "hidden", "unknown"]
 
 CLEAR_COSINE = 0.6
 """Smallest |cos psi| (up to 53 degrees) at which the whole body gives the step frequency.
-
-Below it the measured frequency may be that of the stride.
-"""
+Below it the measured frequency may be that of the stride."""
 HIDDEN_COSINE = 0.25
 """Smallest |cos psi| (up to 75.5 degrees) at which the modulation of the limbs gives the step frequency."""
 MIN_OBSERVATION_S = 3.0
 ENDS_S = 0.4
 """Largest difference between the length of a recording and the time of its columns.
-
 The columns of 3 s span 2.9 s, because half a processing interval is lost at each end. In the gate of a track, which
-begins and ends with a scan, they span 2.7 s.
-"""
+begins and ends with a scan, they span 2.7 s."""
 ITERATIONS = 4
 CAUCHY_TUNING = 2.385
 LEAST_SCALE_M = 1e-6
@@ -37,9 +33,7 @@ RANGE_SD_M = 0.02
 """Default error of a range: sway of the body relative to its path."""
 ACCELERATION_SD_MPS2, SPEED_SD_SHARE, ASPECT_SD_DEG = 0.01, 0.005, 0.7
 """Standard deviations of a steady walker's mean acceleration, speed and direction from constant velocity.
-
-They were chosen on simulated people, dogs and cats with other seeds than those of the tables.
-"""
+They were chosen on simulated people, dogs and cats with other seeds than those of the tables."""
 STRAIGHT_LEVEL = 1e-3
 """Probability of straight motion below which the path is not straight."""
 GREATEST_SPEED_SD_SHARE, GREATEST_ASPECT_SD_DEG = 0.1, 15.0

@@ -103,15 +103,8 @@ def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
     spread = CLIPPED_SD * math.sqrt(float(noise @ noise) / noise.size / independent)
     starts, stops, centre_hz = _make_limb_groups(rows.doppler_hz.size, zero, float(rows.doppler_hz[zero]), bin_hz)
     amplitude = np.empty((noise.size, starts.size))
-    native.limb_amplitudes(
-        moved,
-        noise,
-        CLIPPED_MEAN * (float(noise.sum()) / noise.size),
-        OCCUPIED_SIGMAS * spread,
-        starts,
-        stops,
-        amplitude,
-    )
+    mean = CLIPPED_MEAN * (float(noise.sum()) / noise.size)
+    native.limb_amplitudes(moved, noise, mean, OCCUPIED_SIGMAS * spread, starts, stops, amplitude)
     return Rows(detrend_rows(amplitude, rows.rate_hz), centre_hz, rows.rate_hz)
 
 
@@ -119,7 +112,6 @@ def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
 def _make_limb_groups(
     n_rows: int, zero: int, zero_hz: float, bin_hz: float
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], FloatArray]:
-    """Return limb groups of 16 Hz around the torso."""
     # Returns the first row of each group, one past its last row, and the Doppler of its middle
     torso, size = int(TORSO_WIDTH_HZ / bin_hz), _group_rows(bin_hz)
     starts, stops = [], []

@@ -55,7 +55,6 @@ REASONS = {
 }
 """Reason why a feature is None, by the requirement that is not met."""
 
-
 ORDERS = np.arange(1, 5)
 """Multiples of f_mu / 2 that are the components of the torso's swing."""
 
@@ -131,8 +130,7 @@ def measure_widths(observations: Sequence[Observation]) -> list[float]:
     """Measure the width above the level of B_mu in bins (E-35), NaN without any."""
     n_columns = observations[0].power_v2.shape[0]
     counts = np.concatenate([seen.count_above_level(np.array([0, n_columns])) for seen in observations])
-    widths: list[float] = width_of_bins(counts / n_columns).tolist()
-    return widths
+    return list(map(float, width_of_bins(counts / n_columns)))
 
 
 def measure_ripples(observations: Sequence[Observation]) -> FloatArray:
@@ -240,6 +238,8 @@ class Observation:
         is_fast = abs(self.mean_line_mps) >= LEAST_SPEED_MPS
         self.direction = math.copysign(1.0, self.mean_line_mps) if is_fast else 0.0  # 1 approaching, -1 receding
         self.has_direction = self.direction != 0.0
+        self.n_bins = max(1.0, float(self.signature.attrs["n_gate_bins"]))
+        self.noise_sd_v2 = self.floor_v2 / float(np.sqrt(self.n_bins))  # of a noise cell, nu / sqrt(N_g)
         # mean Doppler and radial velocity v_m of the torso
         self.torso_hz = float(self.main_line_hz.sum()) / self.line_mps.size + self.bend_mps / self.mps_per_hz
         self.torso_mps = float(doppler_to_velocity_mps(self.torso_hz, wavelength_m))
@@ -301,8 +301,7 @@ class Observation:
 
         It has the same precision as the cells that are compared with it.
         """
-        n_bins = max(1.0, float(self.signature.attrs["n_gate_bins"]))
-        return raised_by_noise_v2(self.width_level_v2, self.floor_v2, n_bins).astype(self.excess.values.dtype)
+        return raised_by_noise_v2(self.width_level_v2, self.floor_v2, self.n_bins).astype(self.excess.values.dtype)
 
     @cached_property
     def period_edges(self) -> npt.NDArray[np.int64]:
@@ -316,11 +315,6 @@ class Observation:
         count = int(n_columns / length + 1e-9)
         first = (n_columns - count * length) / 2.0
         return np.array([round(first + length * n) for n in range(count + 1)])
-
-    @cached_property
-    def noise_sd_v2(self) -> float:
-        """Standard deviation of a noise cell, nu / sqrt(N_g)."""
-        return self.floor_v2 / float(np.sqrt(max(1.0, float(self.signature.attrs["n_gate_bins"]))))
 
     @cached_property
     def rows(self) -> Signal:
@@ -476,9 +470,8 @@ def share_extended(observations: Sequence[Observation]) -> None:
 
 
 def measure_swing(square: FloatArray, moment: FloatArray, sd: float, basis: FloatArray) -> FloatArray:
-    """Smooth the centroid along a line and remove its slow part, in bins.
-    It is NaN if too few columns have power. Shapes: square, moment (B, J); basis (J, P).
-    """
+    """Smooth the centroid along a line and remove its slow part, in bins."""
+    # It is NaN if too few columns have power. Shapes: square, moment (B, J); basis (J, P).
     swing, columns = np.full(square.shape, np.nan), np.arange(square.shape[-1])
     for power, product, smoothed in zip(square, moment, swing, strict=True):
         seen = np.flatnonzero(power > 0.0)

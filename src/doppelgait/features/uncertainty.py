@@ -60,7 +60,6 @@ def estimate_uncertainties(observations: Sequence[Observation]) -> list[dict[str
 
 
 def _collect(observed: Observation, velocity_sd: float | None, bandwidth_sd: float | None) -> dict[str, float | None]:
-    """Collect the standard deviations of one target."""
     features, frequency_hz = observed.extraction.features, observed.extraction.gait_frequency_hz
     found: dict[str, float | None] = dict.fromkeys((*features.as_dict(), "gait_frequency_hz"))
     found |= {"torso_velocity_mps": velocity_sd, "doppler_bandwidth_hz": bandwidth_sd}

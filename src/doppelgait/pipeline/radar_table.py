@@ -63,7 +63,14 @@ def parse_radar(
                     source = str((folder or Path()) / source)
                 stated = read_preset(source)
             found = resolve(stated, seed=seed, example=example, key="preset")
-            _check_preset(found)
+            own = {*Radar.model_fields, *FITTED_KEYS}
+            for key, value in found.items():
+                if key not in own:
+                    near = difflib.get_close_matches(key, own, n=1)
+                    raise ConfigError(f"{key}: unknown key{'; did you mean ' + near[0] + '?' if near else ''}")
+                if isinstance(value, Mapping) and key not in ("waveform", "antenna"):
+                    laws = ", ".join((*DISTRIBUTIONS, CYCLE))
+                    raise ConfigError(f"{key} = {value}: needs a number, or a table with one of {laws}")
             values = change_preset(source, values, sampled=found)
         except ConfigError as error:
             place = f"{where + ': ' if where else ''}radar.preset {preset}{format_line_note(text, ['radar', 'preset'])}"
@@ -71,18 +78,6 @@ def parse_radar(
     radar = validate(Radar, values, where=where, text=text, section=("radar",))
     lists = {key: value for key, value in found.items() if key in FITTED_KEYS}
     return (FixedRadar if found == stated else dict)(radar=radar, auto_prf=auto_prf, **lists)
-
-
-def _check_preset(table: Mapping[str, Any]) -> None:
-    """Reject unknown keys and misplaced tables of a preset."""
-    known = {*Radar.model_fields, *FITTED_KEYS}
-    for key, value in table.items():
-        if key not in known:
-            near = difflib.get_close_matches(key, known, n=1)
-            raise ConfigError(f"{key}: unknown key{'; did you mean ' + near[0] + '?' if near else ''}")
-        if isinstance(value, Mapping) and key not in ("waveform", "antenna"):
-            laws = ", ".join((*DISTRIBUTIONS, CYCLE))
-            raise ConfigError(f"{key} = {value}: needs a number, or a table with one of {laws}")
 
 
 def read_radar(radar: str | Path, *, seed: int = 0, example: int = 0) -> tuple[Radar, Conditions]:

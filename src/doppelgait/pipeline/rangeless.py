@@ -136,7 +136,7 @@ def analyze_motion(
     results = []
     for start_s, stop_s in spans:
         part = _make_whole_gate(clean, start_s, stop_s)
-        result = analyze_gated(part.crop(clean), wavelength_m, part, analysis, None)
+        result = analyze_gated(part.crop(clean), wavelength_m, part, analysis)
         quality = {**result.quality, "start_s": part.start_s, "stop_s": part.stop_s}
         results.append(replace(result, quality=quality, flags=(*result.flags, *flags)))
     longest = max(results, key=lambda one: one.quality["stop_s"] - one.quality["start_s"])

@@ -50,7 +50,6 @@ NUMBERS = ("gait_frequency_hz", "torso_doppler_hz", "n_periods")
 GROUPS = {"quality": "quality_", "standard_deviation": "sd_", "extended": "extended_"}
 """Mappings of a result and the prefixes of their columns in a table."""
 
-
 FROM_GAIT_FREQUENCY = (
     "gait_frequency_hz",
     "ground_step_length_m",
@@ -334,17 +333,13 @@ class Result:
             gate = self.gate_limits
             plain["analysis"] = self.analysis.model_dump(mode="json")
             plain["arrays"] = {name: _encode_values(describe_array(array)) for name, array in self.arrays.items()}
-            plain["gate_limits"] = (
-                None
-                if gate is None
-                else {
-                    "time_s": _encode_values({"values": gate.time_s}),
-                    "centre_m": _encode_values({"values": gate.centre_m}),
-                    "span_m": gate.span_m,
-                    "doppler_hz": None if gate.doppler_hz is None else list(gate.doppler_hz),
-                    "source": gate.source,
-                }
-            )
+            plain["gate_limits"] = gate and {
+                "time_s": _encode_values({"values": gate.time_s}),
+                "centre_m": _encode_values({"values": gate.centre_m}),
+                "span_m": gate.span_m,
+                "doppler_hz": gate.doppler_hz and list(gate.doppler_hz),
+                "source": gate.source,
+            }
         return plain
 
     @classmethod

@@ -151,7 +151,6 @@ def _write_result(group: Any, result: Result, written: dict[Any, Any]) -> None:
 def _write_values(
     group: Any, name: str, values: npt.NDArray[Any], facts: Mapping[str, Any], written: dict[Any, Any]
 ) -> None:
-    """Write a dataset, or a link to an equal one."""
     # arrays have common axes, and a target has those of its longest segment
     values = np.ascontiguousarray(values)
     text = {key: value if isinstance(value, str) else json.dumps(value) for key, value in facts.items()}

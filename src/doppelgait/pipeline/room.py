@@ -51,10 +51,23 @@ def apply_room(
     if not smooth or placed.scene.receiver_position_m is not None or not bodies:
         return None
     splines = fit_splines(bodies)
-    before = _look(placed, bodies, splines, times_s)
-    if before is None:
+    # scatterers of unit cross section at the computation times
+    alike = [replace(b, rcs_m2=np.ones(len(b.motion.markers)), path_gain=np.ones(1)) for b in bodies]
+    n_looks = max(math.ceil(float(np.ptp(times_s)) / GAIN_STEP_S) + 1, MIN_LOOKS)
+    while 2 * n_looks <= times_s.size:
+        looks_s = np.linspace(times_s.min(), times_s.max(), n_looks)
+        seen = look(placed.scene, alike, splines, looks_s, ("azimuth", "elevation"))
+        elevation, azimuth = seen["elevation"], seen["azimuth"]
+        level = np.cos(elevation)
+        turned = np.hypot(np.diff(elevation, axis=0), level[1:] * np.sin(np.diff(azimuth, axis=0) / 2.0) * 2.0)
+        closer = float(turned.max(initial=0.0)) / MAX_TURN_RAD
+        if closer <= 1.0:
+            break
+        n_looks = math.ceil(1.2 * closer * n_looks)
+    else:
         return None
-    after, looks_s = through(before), before.slow_time_s
+    before = make_table(placed, alike, looks_s, seen)
+    after = through(before)
     amplitude = np.sqrt(after["path_gain"])
     if (np.abs(np.diff(amplitude, axis=0)).max(axis=0) > MAX_CHANGE * amplitude.max(axis=0)).any():
         return None
@@ -85,25 +98,6 @@ def apply_room(
     for name in wanted:
         values[name][:, n_own:] = np.nan
     return ScattererTable(times_s, values, after.columns)
-
-
-def _look(
-    placed: PlacedScene, bodies: Sequence[Scatterers], splines: Sequence[Spline], times_s: FloatArray
-) -> ScattererTable | None:
-    """Observe scatterers of unit cross section at the computation times."""
-    alike = [replace(b, rcs_m2=np.ones(len(b.motion.markers)), path_gain=np.ones(1)) for b in bodies]
-    n_looks = max(math.ceil(float(np.ptp(times_s)) / GAIN_STEP_S) + 1, MIN_LOOKS)
-    while 2 * n_looks <= times_s.size:
-        looks_s = np.linspace(times_s.min(), times_s.max(), n_looks)
-        seen = look(placed.scene, alike, splines, looks_s, ("azimuth", "elevation"))
-        elevation, azimuth = seen["elevation"], seen["azimuth"]
-        level = np.cos(elevation)
-        turned = np.hypot(np.diff(elevation, axis=0), level[1:] * np.sin(np.diff(azimuth, axis=0) / 2.0) * 2.0)
-        closer = float(turned.max(initial=0.0)) / MAX_TURN_RAD
-        if closer <= 1.0:
-            return make_table(placed, alike, looks_s, seen)
-        n_looks = math.ceil(1.2 * closer * n_looks)
-    return None
 
 
 def _fill_images(

@@ -78,7 +78,6 @@ class Run(FrozenModel):
     @model_validator(mode="before")
     @classmethod
     def _read_radar(cls, data: Any) -> Any:
-        """Read a radar that is a preset or file."""
         if isinstance(data, Mapping) and isinstance(data.get("radar"), str):
             seed, example = (
                 n if isinstance(n := data.get(key, 0), int) and n >= 0 else 0 for key in ("seed", "example")

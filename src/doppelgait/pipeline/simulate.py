@@ -134,7 +134,16 @@ def simulate(
     conditions = conditions if conditions is not None else Conditions()
     check_type(conditions, Conditions, "conditions", "make them with doppelgait.Conditions(impairments=[...])")
     check_type(snr_db, (float, int, type(None)), "snr_db", "give a number of dB")
-    snr_db = _check_noise(conditions, rng=rng, snr_db=snr_db)
+    if snr_db is None and conditions.noise.kind == "snr":
+        snr_db = conditions.noise.snr_db
+    if snr_db is not None and rng is None and not math.isinf(snr_db):
+        raise ConfigError(f"snr_db = {snr_db} adds noise, which needs rng: pass rng=doppelgait.rng(SEED)")
+    if conditions.impairments and rng is None:
+        raise ConfigError("impairments draw random numbers: pass rng=doppelgait.rng(SEED)")
+    if snr_db is not None and conditions.has_impairment("thermal_noise"):
+        raise ConfigError(
+            f"snr_db = {snr_db:g} and an impairment thermal_noise both set the noise level: leave one out"
+        )
     check_type(path, (str, Path, type(None)), "path", 'name a file, for example "walk.h5"')
     target = None if path is None else check_target(path)
     placed = as_placed(scene, rng)
@@ -273,21 +282,6 @@ def _average_v2(strongest_v2: list[npt.NDArray[np.float32]]) -> float:
 def _read_pulses(scatterers: ScattererTable, first: int, stop: int) -> ScattererTable:
     values = {name: scatterers[name] for name in ECHO_VARIABLES if name in scatterers}
     return replace(scatterers, values=values).take_pulses(slice(first, stop))
-
-
-def _check_noise(conditions: Conditions, *, rng: Streams | None, snr_db: float | None) -> float | None:
-    """Check the noise settings and return the SNR_frame to set."""
-    if snr_db is None and conditions.noise.kind == "snr":
-        snr_db = conditions.noise.snr_db
-    if snr_db is not None and rng is None and not math.isinf(snr_db):
-        raise ConfigError(f"snr_db = {snr_db} adds noise, which needs rng: pass rng=doppelgait.rng(SEED)")
-    if conditions.impairments and rng is None:
-        raise ConfigError("impairments draw random numbers: pass rng=doppelgait.rng(SEED)")
-    if snr_db is not None and conditions.has_impairment("thermal_noise"):
-        raise ConfigError(
-            f"snr_db = {snr_db:g} and an impairment thermal_noise both set the noise level: leave one out"
-        )
-    return snr_db
 
 
 def observe_scene(

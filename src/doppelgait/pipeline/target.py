@@ -38,20 +38,8 @@ NAMED_REASONS = ("path_is_not_straight", "too_uncertain")
 """Reasons for a missing ground speed that become flags."""
 GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
 
-
 MAX_TOGETHER = 8
 """Targets that are measured together: more of them leave the cache of the processor and gain nothing."""
-
-
-class Target(NamedTuple):
-    """Signature of a target with its settings."""
-
-    mu: Signal
-    usable: Signal
-    gate_share: float
-    gate: Gate
-    analysis: Analysis
-    label: str | None
 
 
 class Gated(NamedTuple):
@@ -61,35 +49,26 @@ class Gated(NamedTuple):
     gate: Gate
     analysis: Analysis
     label: str | None
-    wavelength_m: float
-    frames: Frames | None  # without clutter, for the parts of the body alone
+    frames: Frames | None = None  # without clutter, for the parts of the body alone
+
+
+class Target(NamedTuple):
+    """Target with its columns inside the frame, and their share of the gate."""
+
+    gated: Gated
+    usable: Signal
+    gate_share: float
 
 
 def compute_gated(clean: Frames, wavelength_m: float, gate: Gate, analysis: Analysis, label: str | None) -> Gated:
     """Compute the signature in a gate of frames without clutter."""
     mu = compute_signature(clean, gate, analysis, wavelength_m=wavelength_m)
-    return Gated(mu, gate, analysis, label, wavelength_m, clean if analysis.parts else None)
+    return Gated(mu, gate, analysis, label, clean if analysis.parts else None)
 
 
-def analyze_gated(
-    clean: Frames, wavelength_m: float, gate: Gate, analysis: Analysis, label: str | None = None
-) -> Result:
+def analyze_gated(clean: Frames, wavelength_m: float, gate: Gate, analysis: Analysis) -> Result:
     """Analyse the target in a gate of frames without clutter."""
-    return analyze_targets([compute_gated(clean, wavelength_m, gate, analysis, label)])[0]
-
-
-def analyze_targets(targets: Sequence[Gated]) -> list[Result]:
-    """Analyse many targets, also of several recordings."""
-    results = analyze_signatures(
-        [target.signature for target in targets],
-        [target.gate for target in targets],
-        [target.analysis for target in targets],
-        labels=[target.label for target in targets],
-    )
-    return [
-        result if target.frames is None else _add_parts(result, target, target.frames)
-        for result, target in zip(results, targets, strict=True)
-    ]
+    return analyze_targets([compute_gated(clean, wavelength_m, gate, analysis, None)])[0]
 
 
 def _add_parts(result: Result, target: Gated, clean: Frames) -> Result:
@@ -100,7 +79,7 @@ def _add_parts(result: Result, target: Gated, clean: Frames) -> Result:
         mask, reason = locate_parts(clean, read_signal(result, "signature"), target.gate, target.analysis)
     if mask is None:
         return replace(result, flags=(*result.flags, f"parts:{reason}"))
-    power = mask.power_v2(clean, target.analysis, wavelength_m=target.wavelength_m)
+    power = mask.power_v2(clean, target.analysis, wavelength_m=target.signature.attrs["wavelength_m"])
     energy = power.values.sum(axis=(1, 2), dtype=np.float64)
     shares = {f"{name}_energy_share": float(share) for name, share in zip(PARTS, energy / energy.sum(), strict=True)}
     arrays = LateArrays(result.arrays, part_power=power)
@@ -109,25 +88,18 @@ def _add_parts(result: Result, target: Gated, clean: Frames) -> Result:
 
 def analyze_signature(mu: Signal | xr.DataArray, gate: Gate, analysis: Analysis, *, label: str | None) -> Result:
     """Analyse one target's signature."""
-    return analyze_signatures([mu], [gate], [analysis], labels=[label])[0]
+    return analyze_targets([Gated(Signal.of(mu, SIGNATURE), gate, analysis, label)])[0]
 
 
-def analyze_signatures(
-    signatures: Sequence[Signal | xr.DataArray],
-    gates: Sequence[Gate],
-    analyses: Sequence[Analysis],
-    *,
-    labels: Sequence[str | None],
-) -> list[Result]:
-    """Analyse the signatures of many targets; those with equal axes are measured together.
-
-    The result of a target does not depend on the others, to the last bit. The first faulty signature raises.
-    """
+def analyze_targets(gated: Sequence[Gated]) -> list[Result]:
+    """Analyse targets, also of several recordings; those with equal axes are measured together."""
+    # The result of a target does not depend on the others, to the last bit. The first faulty
+    # signature raises.
     targets, alike = [], defaultdict(list)
-    for n, (array, gate, analysis, label) in enumerate(zip(signatures, gates, analyses, labels, strict=True)):
-        mu = Signal.of(array, SIGNATURE)
+    for n, one in enumerate(gated):
+        mu, analysis = one.signature, one.analysis
         usable, share = processing.crop_to_frame(mu if analysis.method == "liland2018" else processing.decimate(mu))
-        targets.append(Target(mu, usable, share, gate, analysis, label))
+        targets.append(Target(one, usable, share))
         # signatures with equal axes are arrays of equal shape
         facts = (usable.attrs[name] for name in ("wavelength_m", "prf_hz", "hop", "cpi_pulses"))
         axes = usable.axis("time").tobytes(), usable.axis("doppler").tobytes()
@@ -137,16 +109,17 @@ def analyze_signatures(
         for first in range(0, len(numbers), MAX_TOGETHER):
             tile = numbers[first : first + MAX_TOGETHER]
             found |= zip(tile, _analyze_alike([targets[n] for n in tile]), strict=True)
-    return [found[n] for n in range(len(found))]
+    return [found[n] if one.frames is None else _add_parts(found[n], one, one.frames) for n, one in enumerate(gated)]
 
 
 def _analyze_alike(targets: Sequence[Target]) -> list[Result]:
     """Analyse targets with equal axes by the same method."""
-    if targets[0].analysis.method == "liland2018":
+    analysis = targets[0].gated.analysis
+    if analysis.method == "liland2018":
         return [_make_result(target, None, None) for target in targets]
-    observed = observe_alike([target.usable for target in targets], [target.analysis for target in targets])
+    observed = observe_alike([target.usable for target in targets], [target.gated.analysis for target in targets])
     deviations: Sequence[dict[str, float | None] | None] = [None] * len(targets)
-    if targets[0].analysis.extended:
+    if analysis.extended:
         share_extended(observed)
         deviations = estimate_uncertainties(observed)
     return [_make_result(*facts) for facts in zip(targets, observed, deviations, strict=True)]
@@ -154,7 +127,7 @@ def _analyze_alike(targets: Sequence[Target]) -> list[Result]:
 
 def _make_result(target: Target, observed: Observation | None, deviations: dict[str, float | None] | None) -> Result:
     """Make the result of a target; without an observation it is analysed as in the report."""
-    mu, usable, share, gate, analysis, label = target
+    (mu, gate, analysis, label, _), usable, share = target
     shown = usable if usable is mu else processing.crop_to_frame(mu)[0]
     thinned = usable.attrs["hop"] != mu.attrs["hop"]
     further: dict[str, Any] = {}

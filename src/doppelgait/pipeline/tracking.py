@@ -147,7 +147,6 @@ def _copy_verdict(judged: Result, before: Result, alone: Result) -> Result:
 
 
 def _flag_lost_frames(result: Result, frames: Frames) -> Result:
-    """Flag the bandwidth if lost frames were filled."""
     # a recorder that loses frames repeats the last one or stores zeros: jumps wide in Doppler
     times_s = frames.slow_time.time_s
     first, stop = np.searchsorted(times_s, [result.quality["start_s"], result.quality["stop_s"]])
@@ -164,7 +163,6 @@ def _flag_lost_frames(result: Result, frames: Frames) -> Result:
 
 
 def _analyze_without_range(frames: Frames, wavelength_m: float, analysis: Analysis, tracking: Tracking) -> TargetList:
-    """Analyse motion or breath in the only range bin."""
     kind = "none" if frames.slow_time.burst_pulses is not None else analysis.clutter
     clean = remove_from_frames(frames, kind=kind, time_s=analysis.clutter_time_s)
     motion = rangeless.transform_motion(clean, tracking.detector, wavelength_m=wavelength_m)
@@ -265,7 +263,6 @@ def _link(tracks: list[Track], persons: Sequence[BreathingTarget], range_m: Floa
 
 
 def _describe_breath(found: Track, persons: Sequence[BreathingTarget]) -> dict[str, float]:
-    """Describe the rest of a body between motions, and its breathing."""
     moves = np.flatnonzero(found.measured & (np.abs(found.velocity_mps) > STILL_SPEED_MPS))
     if moves.size < 2:
         return {}
@@ -302,7 +299,6 @@ def _analyze_track(
     *,
     taken: npt.NDArray[np.bool_] | None = None,
 ) -> Result:
-    """Analyse the segments of a track; return the longest."""
     gate = Gate.from_track(
         found,
         span_m=analysis.gate_span_m,
@@ -353,7 +349,7 @@ def _analyze_segment(
     gate: Gate,
 ) -> Result:
     """Analyse one segment, flagging hidden gait and clutter losses."""
-    result = analyze_gated(gate.crop(clean), wavelength_m, gate, analysis, None)
+    result = analyze_gated(gate.crop(clean), wavelength_m, gate, analysis)
     start_s, stop_s = gate.start_s, gate.stop_s
     flags = list(result.flags)
     if found.several:
@@ -388,7 +384,7 @@ def _analyze_breathing(clean: Frames, wavelength_m: float, person: BreathingTarg
     slow = analysis.model_copy(update={"cpi_s": max(analysis.cpi_s, 3 * MIN_CPI_PULSES / prf_hz)})
     span_m = STILL_SPAN_M / 2
     gate = Gate.fixed(person.range_m - span_m, person.range_m + span_m, time_s=clean.slow_time.time_s, source="track")
-    result = analyze_gated(clean, wavelength_m, gate, slow, None)
+    result = analyze_gated(clean, wavelength_m, gate, slow)
     quality = {
         **_summarise_breath(person),
         "track_range_m": person.range_m,

@@ -33,10 +33,8 @@ STEPS_AT_ONCE = 4096
 
 FOLD_GAP_S, FOLD_EDGE_M, FOLD_RANGE_M, FOLD_SPEED, FOLD_LEVEL_DB = 1.0, 1.0, 0.4, 0.2, 8.0
 """Limits for a folded echo.
-
 They are the longest pause between body and echo, the largest distance from the edges of the frame
-at that time, and the largest differences in range, speed and level.
-"""
+at that time, and the largest differences in range, speed and level."""
 
 SLOWEST_MPS, FASTEST_MPS, FASTEST_GROUND_MPS = 0.08, 0.45, 0.5
 LEAST_THING_S, LEAST_THING_WAY_M = 2.0, 0.4
@@ -44,11 +42,9 @@ SIDE_MPS = 0.3
 """Difference from the body's Doppler velocity above which power is from moving parts."""
 BACKWARD, LEAST_BALANCE = (0.36, 0.6), 0.7
 """Limits of the share of power in backward motion, and smallest balance of both directions, for turning parts.
-
 Legs hardly move backward over the ground: the share is below 7 % for all crawlers, slow walkers and
 dogs of the development scenes. The brushes of a vacuum cleaner move equally in both directions: 38
-to 56 %, with a balance of 74 to 97 %.
-"""
+to 56 %, with a balance of 74 to 97 %."""
 CLEAR_M = 1.2
 """Distance of other tracks above which a strip contains only its own target."""
 
@@ -56,7 +52,6 @@ LEAST_MIRROR_S, LEAST_EXCESS_M, LEAST_CHANGE_M = 0.7, 0.3, 0.3
 MIRROR_ERROR_M, MIRROR_DRIFT_PER_S = 0.03, 0.2
 GHOST_LEVEL_DB, IN_STEP_LEVEL_DB = -11.0, 1.0
 """Highest level of a reflection relative to its body, without and with a common rhythm.
-
 The two-way path by a brick wall loses 12 dB or more; small dogs are up to 10 dB weaker than a person.
 """
 RHYTHM_TOLERANCE, SURE, IN_STEP = 0.12, 0.5, 0.75

@@ -174,7 +174,6 @@ def _is_same(person: BreathingTarget, other: BreathingTarget, extent_m: float) -
 def _find_in(
     values: ComplexArray, times: FloatArray, range_m: FloatArray, wavelength_m: float, options: BreathingSettings
 ) -> list[_Candidate]:
-    """Find the breaths in a series, strongest first."""
     series = remove_common_gain(values, range_m)
     window_s, high_hz = options.window_s, options.high_hz
     spectrum = compute_breath_spectrum(series, sampling_rate_hz(times), window_s=window_s, high_hz=high_hz)

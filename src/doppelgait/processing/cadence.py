@@ -164,9 +164,7 @@ MAX_CADENCE_HZ = 20.0
 TAPER_FROM_S = 4.0
 PADDING = 8
 """Zero-padding factor of the cadence transform.
-
-Without padding, a bin of 1 / T_o is coarser than 10 % for fewer than five periods (E-30).
-"""
+Without padding, a bin of 1 / T_o is coarser than 10 % for fewer than five periods (E-30)."""
 
 
 @measures_signal(SIGNATURE, NORMALISED_SIGNATURE)

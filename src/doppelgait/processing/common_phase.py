@@ -58,8 +58,14 @@ def remove_common_phase(frames: Frames) -> Frames:
     turns = np.empty((count, zones.size), dtype=np.complex64)
     for first, values in tiles():
         turns[first : first + values.shape[0]] = (values @ pointing @ far)[:, zones]
-    for column, number in enumerate(zones):
-        turns[:, column] = _turn(turns[:, column], math.ceil(wanted[served & (zone == number)].max()))
+    for column, number in enumerate(zones):  # the rotation that corrects a zone, from the frames around each
+        pointer, pulses = turns[:, column], math.ceil(wanted[served & (zone == number)].max())
+        if pulses > 1:
+            place = np.arange(count)
+            total = np.concatenate([[0.0], np.cumsum(pointer, dtype=np.complex128)])
+            stop = np.minimum(place + pulses - pulses // 2, count)
+            pointer = np.asarray(total[stop] - total[np.maximum(place - pulses // 2, 0)], dtype=np.complex64)
+        turns[:, column] = pointer.conj() / np.maximum(np.abs(pointer), TINY)
     place = np.searchsorted(zones, zone)
 
     def turned(bins: npt.NDArray[np.bool_], values: Values, first: int) -> Values:
@@ -70,16 +76,6 @@ def remove_common_phase(frames: Frames) -> Frames:
     trial = _compute_moments(lambda: (turned(served, values, first) for first, values in tiles()), count)[1]
     better = served & (trial < _compute_moments(lambda: (values for _, values in tiles()), count)[1])
     return frames.map_tiles(partial(turned, better)) if better.any() else frames
-
-
-def _turn(pointer: Values, pulses: int) -> Values:
-    """Return the rotation that corrects a zone, from ``pulses`` frames around each."""
-    if pulses > 1:
-        place = np.arange(pointer.size)
-        total = np.concatenate([[0.0], np.cumsum(pointer, dtype=np.complex128)])
-        stop = np.minimum(place + pulses - pulses // 2, place.size)
-        pointer = np.asarray(total[stop] - total[np.maximum(place - pulses // 2, 0)], dtype=np.complex64)
-    return np.asarray(pointer.conj() / np.maximum(np.abs(pointer), TINY), dtype=np.complex64)
 
 
 def average_blocks(frames: Frames, block_pulses: int) -> ComplexArray:

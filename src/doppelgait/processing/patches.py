@@ -120,7 +120,22 @@ def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
         As :func:`patch`.
     """
     spec = spec or Patch()
-    power, times_s, rows_mps = _validate(signature)
+    if not isinstance(signature, xr.DataArray) or signature.dims != ("time", "doppler"):
+        raise AnalysisError("a patch needs a signature: a DataArray with the dimensions (time, doppler)")
+    if "velocity" not in signature.coords or "time" not in signature.coords:
+        raise AnalysisError("a patch needs the coordinates time and velocity of its signature")
+    power = np.asarray(signature.values, dtype=np.float64)
+    times_s, rows_mps = (np.asarray(read_axis(signature, name), dtype=np.float64) for name in ("time", "velocity"))
+    for name, values in (("time", times_s), ("velocity", rows_mps)):
+        steps = np.diff(values)
+        if values.size < 2 or not (np.isfinite(values).all() and steps.min() > 0):
+            raise AnalysisError(f"a patch needs a {name} axis of two rising values or more; the carrier must be known")
+        if steps.max() > 1.05 * steps.min():
+            raise AnalysisError(
+                f"a patch needs an evenly spaced {name} axis; its steps are {steps.min():.4g} to {steps.max():.4g}"
+            )
+    if not np.isfinite(power).all() or power.min() < 0:
+        raise AnalysisError("a patch needs finite power of 0 or more in every cell; convert levels in dB to power")
     # Mean power of the rows with the least power, without rows that are 0.
     rows = np.sort(power.mean(axis=0))
     rows = rows[rows > 0]
@@ -163,27 +178,6 @@ def cut_pictures(whole: Levels, spec: Patch) -> Levels:
     count = 1 + -(-2 * spare // spec.n_time)
     starts = np.linspace(0, spare, count).round().astype(int)
     return np.stack([cut(whole, int(start), spec) for start in starts])
-
-
-def _validate(signature: xr.DataArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Validate a signature; return its power (J, K) and its rising, even axes."""
-    if not isinstance(signature, xr.DataArray) or signature.dims != ("time", "doppler"):
-        raise AnalysisError("a patch needs a signature: a DataArray with the dimensions (time, doppler)")
-    if "velocity" not in signature.coords or "time" not in signature.coords:
-        raise AnalysisError("a patch needs the coordinates time and velocity of its signature")
-    power = np.asarray(signature.values, dtype=np.float64)
-    axes = [np.asarray(read_axis(signature, name), dtype=np.float64) for name in ("time", "velocity")]
-    for name, values in zip(("time", "velocity"), axes, strict=True):
-        steps = np.diff(values)
-        if values.size < 2 or not (np.isfinite(values).all() and steps.min() > 0):
-            raise AnalysisError(f"a patch needs a {name} axis of two rising values or more; the carrier must be known")
-        if steps.max() > 1.05 * steps.min():
-            raise AnalysisError(
-                f"a patch needs an evenly spaced {name} axis; its steps are {steps.min():.4g} to {steps.max():.4g}"
-            )
-    if not np.isfinite(power).all() or power.min() < 0:
-        raise AnalysisError("a patch needs finite power of 0 or more in every cell; convert levels in dB to power")
-    return power, axes[0], axes[1]
 
 
 def _average(values: FloatArray, centres: FloatArray, edges: FloatArray) -> FloatArray:

@@ -97,9 +97,7 @@ AUDIO_RATES_HZ = (8000, 16000, 24000, 48000)
 """Rates of a sound file; the lowest rate that covers the Doppler band is used."""
 USUAL_PITCH = 4.0
 """Default pitch factor. A walker's torso (60 Hz at 7.29 GHz and 1.2 m/s) is then at 240 Hz.
-
-Small loudspeakers reproduce frequencies above about 200 Hz.
-"""
+Small loudspeakers reproduce frequencies above about 200 Hz."""
 PITCH_LIMITS = (0.1, 5000.0)
 HEADROOM_DB = 1.0
 """Level of the loudest sample below full scale."""

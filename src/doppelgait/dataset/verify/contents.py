@@ -98,7 +98,6 @@ class Contents:
     directory: Path
     description: Mapping[str, Any]
     index: pd.DataFrame
-    has_index: bool
     failed: Mapping[str, str]
     plan: Plan | None
     no_plan: str

@@ -158,7 +158,6 @@ def make_picture(power: npt.NDArray[Any]) -> Float32Array:
 
 
 def _average(values: npt.NDArray[Any], count: int) -> npt.NDArray[Any]:
-    """Average rows into ``count`` groups."""
     size = values.shape[0]
     starts = np.arange(count) * size // count
     if size < count:

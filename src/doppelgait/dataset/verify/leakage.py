@@ -143,9 +143,8 @@ def bin_values(column: pd.Series, count: int) -> IntArray:
 
 
 def score_folds(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[np.float64]:
-    """Return the folds' mean balanced accuracy per label column.
-    Each fold is guessed from the others; labels have the shape (n, n_columns).
-    """
+    """Return the folds' mean balanced accuracy per label column."""
+    # Each fold is guessed from the others; labels have the shape (n, n_columns).
     n_classes = int(labels.max()) + 1
     found = []
     for fold in range(FOLDS):
@@ -157,9 +156,8 @@ def score_folds(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[
 
 
 def _compute_log_ratios(cells: Cells, test: npt.NDArray[np.bool_], labels: IntArray, n_classes: int) -> Float32Array:
-    """Return the log-likelihood ratio of every class against all rows.
-    The ratios are those of the rows of a fold, with shape (n_classes, n_test, P).
-    """
+    """Return the log-likelihood ratio of every class against all rows."""
+    # The ratios are those of the rows of a fold, with shape (n_classes, n_test, P).
     train = cells.members[~test]
     spread = (train.mean(axis=0) + 1e-6)[:, None]
     ratios, strength = [], np.zeros((len(cells.starts), labels.shape[1]), dtype=np.float32)

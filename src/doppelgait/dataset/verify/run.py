@@ -230,7 +230,7 @@ def _open(
         rows = make_index(read_records(target, findings.whole))
     else:
         rows = index[index["shard"].isin(findings.whole)].reset_index(drop=True)
-    contents = Contents(target, description, rows, index is not None, findings.failed, plan, no_plan)
+    contents = Contents(target, description, rows, findings.failed, plan, no_plan)
     return contents, checks, len(findings.missing) + len(findings.damaged)
 
 

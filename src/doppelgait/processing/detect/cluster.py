@@ -133,7 +133,6 @@ def _sum_weights(number: IntArray, weight: FloatArray, n: int) -> FloatArray:
 
 
 def _compute_moments(profile: FloatArray, quantile: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute centre, spread and edges of power profiles."""
     bins = np.arange(profile.shape[1])
     share = profile / profile.sum(axis=1, keepdims=True)
     centre = share @ bins

@@ -33,9 +33,7 @@ FLOOR_FROM_M, FLOOR_QUANTILE, FLOOR_FACTOR = 1.0, 0.3, 2.0
 SPLIT_S, SPLIT_SHARE = 2.0, 0.75
 DOUBT_S, DOUBT_SHARE = 1.0, 0.2
 """Shortest continuous time of a second echo for ``several``, and its smallest share of the usable scans.
-
-In a usable scan the track is fast and no other track is near.
-"""
+In a usable scan the track is fast and no other track is near."""
 RUN_SHARE = 0.9
 READ_SCANS = 64
 """Number of scans for which pulses are read together."""

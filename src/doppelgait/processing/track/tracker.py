@@ -190,7 +190,6 @@ def _choose_model(one: LiveTrack, time_s: float, options: Tracker) -> Model:
 def _update_in_boxes(
     steps: list[Step], chosen: Associations, detections: list[Detection], options: Tracker, span_mps: float | None
 ) -> list[Step]:
-    """Update tracks inside the box of another detection."""
     # a box without owner around one track alone belongs to it: a limb has shifted its centre
     inside = {
         m: [n for n, s in enumerate(steps) if _is_in_box(d, s.predicted, span_mps)] for m, d in enumerate(detections)
