@@ -10,7 +10,7 @@ from typing import Any
 from doppelgait._core import _level1  # type: ignore[attr-defined]
 
 native: Any = _level1
-LEVEL = min(_level1.find_processor_level(), int(os.environ.get("DOPPELGAIT_LEVEL", "3")))
+LEVEL = min(_level1.find_processor_level(), {"1": 1, "2": 2}.get(os.environ.get("DOPPELGAIT_LEVEL", ""), 3))
 if LEVEL == 3:
     from doppelgait._core import _level3  # type: ignore[attr-defined]
 
