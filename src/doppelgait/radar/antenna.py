@@ -38,19 +38,19 @@ class Antenna(FrozenModel):
     Parameters
     ----------
     kind : {"isotropic", "cosine", "table"}
-        ``isotropic``: the same in all directions. ``cosine``: a main lobe with set widths. ``table``: two measured
-        cuts.
+        ``isotropic``: the same in all directions. ``cosine``: a main lobe with set widths.
+        ``table``: two measured cuts.
     hpbw_azimuth_deg : float
         ``cosine``: full half-power beam width in azimuth, 1 to 179 degrees. About 65 degrees in both planes suits a
         small patch antenna like those of X4 modules (assumed: no data sheet at hand).
     hpbw_elevation_deg : float
         ``cosine``: full half-power beam width in elevation, 1 to 179 degrees.
     floor_db : float
-        ``cosine``: one-way level of the side and back lobes, -100 to 0 dB. This level is the minimum of the
-        pattern. The default of -20 dB is assumed.
+        ``cosine``: one-way level of the side and back lobes, -100 to 0 dB. This level is the
+        minimum of the pattern. The default of -20 dB is assumed.
     angle_deg : list of float
-        ``table``: angles of the two cuts, rising, -180 to 180 degrees. Gains are interpolated in dB between them, and
-        behind the antenna from the last angle to the first.
+        ``table``: angles of the two cuts, rising, -180 to 180 degrees. Gains are interpolated in dB
+        between them, and behind the antenna from the last angle to the first.
     azimuth_db : list of float
         ``table``: one-way gain of the horizontal cut at these angles, relative to the peak: -300 to 0 dB.
     elevation_db : list of float

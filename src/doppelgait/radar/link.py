@@ -179,8 +179,8 @@ def _factorise(correlation: tuple[float, ...]) -> tuple[float, ...]:
 def compute_scatterer_arrays(scatterers: AnyTable, radar: Radar) -> tuple[Any, Any]:
     """Return ranges (m) and echo amplitudes (V) of scatterers.
 
-    Both are contiguous float64 arrays (slow_time, scatterer). The amplitude is that of a frame: E-14 with the
-    integration loss (E-13b), negative beyond a null.
+    Both are contiguous float64 arrays (slow_time, scatterer). The amplitude is that of a frame:
+    E-14 with the integration loss (E-13b), negative beyond a null.
 
     Examples
     --------
@@ -293,8 +293,8 @@ def list_derived_quantities(radar: Radar) -> dict[str, float]:
 
     The unit is at the end of each name.
 
-    Quantities that do not apply to the waveform are omitted. Power and SNR are those of 1 m^2 at 5 m in a single frame,
-    in the middle of its bin (E-14, E-18).
+    Quantities that do not apply to the waveform are omitted. Power and SNR are those of 1 m^2 at
+    5 m in a single frame, in the middle of its bin (E-14, E-18).
 
     Examples
     --------

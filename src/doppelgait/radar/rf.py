@@ -1,7 +1,7 @@
 """Full-rate RF samples and digital down-conversion (E-16, E-17).
 
-This is slow and for validation only: :func:`doppelgait.radar.simulate.synthesise` gives the same baseband in closed
-form.
+This is slow and for validation only: :func:`doppelgait.radar.simulate.synthesise` gives the same
+baseband in closed form.
 """
 
 from __future__ import annotations

@@ -28,8 +28,8 @@ def synthesise(scatterers: AnyTable, radar: Radar) -> xr.DataArray:
     Parameters
     ----------
     scatterers : Dataset (slow_time, scatterer)
-        Table with ``range``, ``rcs`` and ``path_gain``, ``radial_velocity`` for waveforms with a sweep, and optionally
-        ``path_phase``. It may have any source.
+        Table with ``range``, ``rcs`` and ``path_gain``, ``radial_velocity`` for waveforms with a
+        sweep, and optionally ``path_phase``. It may have any source.
     radar : Radar
 
     Returns
@@ -69,8 +69,8 @@ def synthesise_samples(scatterers: AnyTable, radar: Radar) -> npt.NDArray[np.com
     Returns
     -------
     ndarray, shape (I, S)
-        complex64, V. The samples are the range bins for impulse, rectangular and lfm, the samples of every sweep for
-        fmcw, the frequency steps for stepped, and one sample per frame for cw.
+        complex64, V. The samples are the range bins for impulse, rectangular and lfm, the samples
+        of every sweep for fmcw, the frequency steps for stepped, and one sample per frame for cw.
 
     See Also
     --------
@@ -118,8 +118,8 @@ def compress(samples: Samples | npt.NDArray[Any], radar: Radar) -> npt.NDArray[n
     Returns
     -------
     ndarray, shape (I, N)
-        complex64, V. The amplitude of a point echo does not change; noise with the mean square s^2 per sample has s^2
-        times the waveform's ``noise_gain`` per bin.
+        complex64, V. The amplitude of a point echo does not change; noise with the mean square s^2
+        per sample has s^2 times the waveform's ``noise_gain`` per bin.
 
     Raises
     ------
@@ -158,8 +158,8 @@ def label_baseband(values: Any, slow_time_s: Any, radar: Radar) -> xr.DataArray:
 def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.Generator) -> xr.DataArray:
     """Add Gaussian receiver noise to a baseband (E-18).
 
-    The noise is complex with the mean square ``noise_power_v2`` in every bin. Its correlation over range is the
-    ``noise_correlation`` of the baseband's radar; without one it is white.
+    The noise is complex with the mean square ``noise_power_v2`` in every bin. Its correlation over
+    range is the ``noise_correlation`` of the baseband's radar; without one it is white.
 
     A single 64-bit key is drawn from ``rng``; the value in a bin of a frame is a function of (key, frame, bin) only.
 

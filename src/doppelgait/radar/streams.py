@@ -169,8 +169,8 @@ class Stream:
     def receive(self, items: Iterator[Header | Frame], holds: bool) -> None:
         """Move the frames of a source into the queue.
 
-        The receiving thread runs this method.
-        A source that ``holds`` waits while the queue is full; for other sources the oldest frames are dropped.
+        The receiving thread runs this method. A source that ``holds`` waits while the queue is
+        full; for other sources the oldest frames are dropped.
         """
         error = ""
         try:

@@ -229,8 +229,8 @@ def _find_needed_s(scene: Scene, files: Mapping[int, Motion]) -> float:
     """Return the duration of the motions of models."""
     if scene.duration_s is None:
         return min((motion.duration_s for motion in files.values()), default=DEFAULT_DURATION_S)
-    # a model scaled dynamically to a smaller height runs faster, and a path may be faster than its motion (twice
-    # 30 %: in its speed, and next to a curve), so its motion must be longer
+    # a model scaled dynamically to a smaller height runs faster, and a path may be faster than its
+    # motion (twice 30 %: in its speed, and next to a curve), so its motion must be longer
     froude = 2.0 if any(target.scaling == "froude" for target in scene.targets) else 1.0
     return scene.duration_s * froude * (1.7 if any(t.path is not None for t in scene.targets) else 1.0)
 

@@ -271,8 +271,8 @@ def boulic_walk(*, duration_s: float = 5.0, rng: RandomSource | None = None, **p
     Returns
     -------
     Motion
-        Motion (time, marker, space) of ``human_body.POINTS``. It moves along +x from x = 0; the lowest
-        foot point of the cycle is at z = 0.
+        Motion (time, marker, space) of ``human_body.POINTS``. It moves along +x from x = 0; the
+        lowest foot point of the cycle is at z = 0.
 
     Raises
     ------

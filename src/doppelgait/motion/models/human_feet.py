@@ -224,8 +224,8 @@ def compute_foot_path(
         found[0] += way_m
         return found
 
-    # cubic Hermite from value and slope at lift-off (share 0) to those at touchdown (share 1), which move the gait's
-    # own path onto the floor in the adjacent stances
+    # cubic Hermite from value and slope at lift-off (share 0) to those at touchdown (share 1),
+    # which move the gait's own path onto the floor in the adjacent stances
     leaving = of_steps(foot.print_m + foot.leaving[0], lands_m - advance(leaves, 0))
     landing = of_steps(foot.print_m + foot.landing[0], 0.0)
     from_slope = width * of_steps(foot.leaving[1], -advance(leaves, 1))

@@ -310,8 +310,8 @@ def make_gait_motions(
 
 
 Steps = tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.intp]]
-"""Touchdowns: times in s, phases in cycles (left at every half, right at every whole number) and distances in m, each
-(B, K), and the number of touchdowns of each example."""
+"""Touchdowns: times in s, phases in cycles (left at every half, right at every whole number) and
+distances in m, each (B, K), and the number of touchdowns of each example."""
 
 _STEP_MARGIN = 5
 """Number of touchdowns before the first and after the last frame, so that the ends of the splines have no effect."""

@@ -23,8 +23,8 @@ Times = npt.NDArray[np.float64]
 class Apply(Protocol):
     """An impairment: a function that returns the changed receiver samples.
 
-    It may change the samples in place (``samples += ...``) and return them, or return new samples or a complex array of
-    shape (pulses, samples). All random numbers must be drawn from ``rng``.
+    It may change the samples in place (``samples += ...``) and return them, or return new samples
+    or a complex array of shape (pulses, samples). All random numbers must be drawn from ``rng``.
     """
 
     def __call__(self, samples: Samples, parameters: Any, radar: Radar, rng: np.random.Generator, /) -> Any:
@@ -79,8 +79,8 @@ def apply_impairments(
     Parameters
     ----------
     samples : Samples or ndarray, shape (I, S), complex
-        Samples of the receiver, V; a row is a pulse, frame or sweep. ``Samples`` may be changed in place, an array is
-        not changed.
+        Samples of the receiver, V; a row is a pulse, frame or sweep. ``Samples`` may be changed in
+        place, an array is not changed.
     specs : sequence of models
         Impairments made by :func:`make_impairment`.
     radar : Radar

@@ -91,14 +91,14 @@ def add_leakage(samples: Samples, parameters: Leakage, radar: Radar, rng: np.ran
 class StaticClutter(FrozenModel):
     r"""Static scatterers of the room at all ranges.
 
-    They are sampled once per recording.
-    Every resolution cell has several scatterers with random phase and exponential power, so that |y| is Rayleigh
-    distributed over realisations with the mean square
+    They are sampled once per recording. Every resolution cell has several scatterers with random
+    phase and exponential power, so that |y| is Rayleigh distributed over realisations with the mean
+    square
 
     .. math:: E|y(R)|^2 = \sum_k E a_k^2\, |p(R - R_k)|^2 \approx \overline{a^2}(R)\, \frac{1}{d} \int |p(r)|^2\,dr
 
-    (p: range response of one echo with peak 1; d: spacing of the scatterers). An X4 measured -51 dB (re one unit) at
-    0.85 m and -60 to -88 dB at up to 8 m in an empty room.
+    (p: range response of one echo with peak 1; d: spacing of the scatterers). An X4 measured -51 dB
+    (re one unit) at 0.85 m and -60 to -88 dB at up to 8 m in an empty room.
 
     Parameters
     ----------
@@ -107,8 +107,8 @@ class StaticClutter(FrozenModel):
     in_units : bool
         Levels are re one unit of the sensor's own files (``radar.volts_per_unit``).
     rcs_per_metre_m2 : float, optional
-        Mean radar cross section per metre of range, m^2, instead of levels (furniture: 0.03 to 0.3); the level follows
-        from the radar equation.
+        Mean radar cross section per metre of range, m^2, instead of levels (furniture: 0.03 to
+        0.3); the level follows from the radar equation.
     """
 
     kind: Literal["static_clutter"] = "static_clutter"

@@ -25,8 +25,8 @@ class PhaseNoise(FrozenModel):
 
     It is the sum of a random phase per frame, slow drift, and the phase noise after range correlation.
 
-    Sample n of frame i becomes :math:`y_{i,n} e^{j(\varphi_i + \psi_{i,n})}`. One oscillator serves transmitter and
-    receiver, so that only the change of its phase over the delay has an effect:
+    Sample n of frame i becomes :math:`y_{i,n} e^{j(\varphi_i + \psi_{i,n})}`. One oscillator serves
+    transmitter and receiver, so that only the change of its phase over the delay has an effect:
     :math:`\psi(t) = \varphi_0(t) - \varphi_0(t - 2R/c)`, with the spectral density
 
     .. math:: S_\psi(f) = 4 \sin^2(2 \pi f R / c)\, S_{\varphi_0}(f), \qquad S_{\varphi_0}(f) = 2 \mathcal{L}(f)
@@ -41,8 +41,8 @@ class PhaseNoise(FrozenModel):
     Parameters
     ----------
     white_rad : float
-        Standard deviation of the common phase, independent from frame to frame. The default is 0.004: 0.003 and 0.005
-        were measured with two X4 at 25 frames/s in an empty room.
+        Standard deviation of the common phase, independent from frame to frame. The default is
+        0.004: 0.003 and 0.005 were measured with two X4 at 25 frames/s in an empty room.
     jitter_s : float
         Start jitter of the frames at the receiver after averaging; it is added to ``white_rad`` in power.
     drift_rad_per_min : float
@@ -50,8 +50,8 @@ class PhaseNoise(FrozenModel):
     walk_rad_per_sqrt_min : float
         Random walk of the common phase: its standard deviation after one minute.
     density_dbc_per_hz : float, optional
-        Single-sideband phase noise L of the oscillator at ``offset_hz``; none by default. Only offsets up to f_p / 2
-        have an effect: higher ones average out within a frame.
+        Single-sideband phase noise L of the oscillator at ``offset_hz``; none by default. Only
+        offsets up to f_p / 2 have an effect: higher ones average out within a frame.
     offset_hz : float
         Offset from the carrier at which the density applies.
     slope_db_per_decade : float

@@ -36,8 +36,8 @@ class Adc(FrozenModel):
     full_scale_v : float, optional
         Maximum voltage of I or Q. Set either this or ``backoff_db``.
     backoff_db : float, optional
-        Distance of the maximum of I or Q in the recording from full scale, as set by a gain control; 12 dB if neither
-        is set. Negative values clip.
+        Distance of the maximum of I or Q in the recording from full scale, as set by a gain
+        control; 12 dB if neither is set. Negative values clip.
     """
 
     kind: Literal["adc"] = "adc"
@@ -90,8 +90,8 @@ class X4Counts(FrozenModel):
 
     One count is :math:`d / (1024\,i\,p)` units in RF (i iterations of p pulses per step d of the threshold DAC) and
     :math:`d / (1024\,i\,p\,\sum|h|)` units in I and Q after the chip's down-conversion filter h. RF stays within
-    +-L, L = (dac_max - dac_min + 1) / 2048 units. The envelope A of a larger RF sinusoid becomes the fundamental of
-    the clipped sinusoid,
+    +-L, L = (dac_max - dac_min + 1) / 2048 units. The envelope A of a larger RF sinusoid becomes
+    the fundamental of the clipped sinusoid,
 
     .. math:: A' = \frac{2}{\pi} \left(A \arcsin\frac{L}{A} + L \sqrt{1 - L^2 / A^2}\right),
 
@@ -213,8 +213,8 @@ def keep_samples(samples: Samples, parameters: FrameJitter, radar: Radar, rng: n
 class DroppedFrames(FrozenModel):
     """Frames lost between sensor and recorder, alone or in bursts.
 
-    The model is a two-state Markov chain (Gilbert 1960): the length of lost runs is geometric with the mean
-    ``mean_length``, and the expected share of lost frames is ``probability``.
+    The model is a two-state Markov chain (Gilbert 1960): the length of lost runs is geometric with
+    the mean ``mean_length``, and the expected share of lost frames is ``probability``.
 
     Parameters
     ----------
@@ -225,8 +225,8 @@ class DroppedFrames(FrozenModel):
     mean_length : float
         Mean number of frames lost in a row, 1 or more.
     fill : {"repeat", "zero"}
-        Content that the recorder stores instead: the last received frame (at the start, the first received frame), or
-        0.
+        Content that the recorder stores instead: the last received frame (at the start, the first
+        received frame), or 0.
     """
 
     kind: Literal["dropped_frames"] = "dropped_frames"

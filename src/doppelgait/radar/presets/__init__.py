@@ -69,8 +69,8 @@ def _change(table: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
 def read_full_preset(name: str | Path) -> dict[str, Any]:
     """Return the full contents of a preset's file.
 
-    They include the lists of environment and impairments. A file may be based on another preset: ``preset = "x4"`` and
-    the changed values.
+    They include the lists of environment and impairments. A file may be based on another preset:
+    ``preset = "x4"`` and the changed values.
 
     Parameters
     ----------

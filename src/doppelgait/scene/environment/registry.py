@@ -38,8 +38,8 @@ class Apply(Protocol):
     change no faster than directions, and every added row is an image in a
     :class:`~doppelgait.scene.environment.reflections.Mirror`: the effect is then evaluated only 80 times a second.
 
-    A function whose first parameter is annotated as ``ScattererTable`` gets plain arrays. Others, such as those written
-    for version 0.2, get and return a Dataset.
+    A function whose first parameter is annotated as ``ScattererTable`` gets plain arrays. Others,
+    such as those written for version 0.2, get and return a Dataset.
     """
 
     def __call__(self, scatterers: Any, parameters: Any, setting: Setting, /) -> AnyTable:

@@ -36,9 +36,9 @@ def check_motion_model(model: FrozenModel | str, *, duration_s: float = 2.0, see
     Raises
     ------
     AssertionError
-        If a rule is broken: parameters with defaults that come back from JSON, frames over the whole time, finite
-        positions under unique names, facts of its kind, the same motion for the same seed, alone and in a batch with
-        longer motions.
+        If a rule is broken: parameters with defaults that come back from JSON, frames over the
+        whole time, finite positions under unique names, facts of its kind, the same motion for the
+        same seed, alone and in a batch with longer motions.
 
     Examples
     --------
