@@ -211,7 +211,7 @@ class Motion:
         return replace(self, positions=Signal.of(self._kept, MOTION).take_columns(slice(first, stop)))  # type: ignore[arg-type]
 
     def cut(self, first: int, stop: int) -> Motion:
-        """Return frames ``first`` to ``stop`` - 1 and their footfalls from time 0."""
+        """Return frames ``first`` to ``stop`` - 1 from time 0, with footfalls."""
         part = Signal.of(self._kept, MOTION).take_columns(slice(first, stop))
         dims, times, attrs = part.coords["time"]
         coords = {**part.coords, "time": (dims, np.arange(times.size) / self.rate_hz, attrs)}

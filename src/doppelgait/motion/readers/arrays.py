@@ -71,7 +71,15 @@ def read_arrays(
         content = _load_json(path)
     # positions (T, P, 3), NaN where not finite
     name = _find_position_key(path, content, key)
-    array = _as_array(path, name, content[name])
+    value = content[name]
+    if isinstance(value, np.ndarray) and value.dtype.kind not in "fiu":
+        raise MotionError(f"{path}: {name!r} holds {value.dtype} values; positions are real numbers")
+    try:
+        if isinstance(value, list):
+            _refuse_text(path, name, value)
+        array = np.asarray(value, dtype=np.float64)
+    except (ValueError, TypeError, OverflowError):
+        raise MotionError(f"{path}: {_describe_unevenness(name, value)}") from None
     if array.ndim != 3 or array.shape[2] != 3:
         raise MotionError(
             f"{path}: {name!r} has the shape {array.shape}; it must be (frames, points, 3). Reshape it, or name "
@@ -138,17 +146,6 @@ def _find_position_key(path: Path, content: Mapping[str, Any], key: str | None) 
     raise MotionError(
         f"{path}: has no array of positions ({', '.join(POSITION_KEYS)}); it holds {held}. Name it: key='...'"
     )
-
-
-def _as_array(path: Path, name: str, value: Any) -> FloatArray:
-    if isinstance(value, np.ndarray) and value.dtype.kind not in "fiu":
-        raise MotionError(f"{path}: {name!r} holds {value.dtype} values; positions are real numbers")
-    try:
-        if isinstance(value, list):
-            _refuse_text(path, name, value)
-        return np.asarray(value, dtype=np.float64)
-    except (ValueError, TypeError, OverflowError):
-        raise MotionError(f"{path}: {_describe_unevenness(name, value)}") from None
 
 
 def _refuse_text(path: Path, name: str, frames: Sequence[Any]) -> None:

@@ -106,7 +106,13 @@ def _run_statement(path: Path, number: int, words: list[str], nodes: list[Node],
         if not open_nodes or open_nodes[-1] != len(nodes) - 1:
             raise MotionError(f"{path}, line {number}: {word} outside a joint")
         if word == "OFFSET":
-            nodes[-1].offset = _parse_offset(path, number, words[1:])
+            try:
+                x, y, z = (float(value) for value in words[1:])
+            except ValueError:
+                x = y = z = float("nan")
+            if not np.isfinite([x, y, z]).all():
+                raise MotionError(f"{path}, line {number}: OFFSET needs three numbers, but has {' '.join(words[1:])!r}")
+            nodes[-1].offset = x, y, z
         else:
             nodes[-1].channels = _parse_channels(path, number, words[1:])
     elif word != "HIERARCHY":
@@ -114,16 +120,6 @@ def _run_statement(path: Path, number: int, words: list[str], nodes: list[Node],
             f"{path}, line {number}: {' '.join(words)[:60]!r} is not a statement of a BVH hierarchy; allowed are ROOT, "
             "JOINT, End Site, OFFSET, CHANNELS and braces"
         )
-
-
-def _parse_offset(path: Path, number: int, words: list[str]) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(word) for word in words)
-    except ValueError:
-        x = y = z = float("nan")
-    if not np.isfinite([x, y, z]).all():
-        raise MotionError(f"{path}, line {number}: OFFSET needs three numbers, but has {' '.join(words)!r}")
-    return x, y, z
 
 
 def _parse_channels(path: Path, number: int, words: list[str]) -> list[str]:
