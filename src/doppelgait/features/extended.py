@@ -54,9 +54,9 @@ SIDES = ("direction", "envelope")
 @plugin("feature", "doppler_bandwidth_envelope_hz", unit="Hz", source="ours: envelopes of E-35b", needs=("envelope",))
 def bandwidth_envelope_hz(observed: Observation) -> float | None:
     """Measure the bandwidth between the envelopes."""
-    # the bandwidth is the 95th percentile over time of the upper envelope minus the 5th percentile of the
-    # lower one. The envelopes include all cells above the noise, so the bandwidth depends on the noise
-    # level
+    # the bandwidth is the 95th percentile over time of the upper envelope minus the 5th percentile
+    # of the lower one. The envelopes include all cells above the noise, so the bandwidth depends on
+    # the noise level
     return observed.envelope_width_hz
 
 
@@ -98,8 +98,8 @@ def torso_bandwidth_mps(observed: Observation) -> float:
 @plugin("feature", "strength_variation", unit="1", source=KIM_LING)
 def measure_strength_variation(observed: Observation) -> float | None:
     """Measure the variation of power near the main line."""
-    # the variation is the standard deviation over time divided by the mean, with the influence of range
-    # removed (E-28)
+    # the variation is the standard deviation over time divided by the mean, with the influence of
+    # range removed (E-28)
     power, _, _ = observed.about_line
     return power.near_sd_v2 / power.near_mean_v2 if power.near_mean_v2 > 0 else None
 
@@ -178,9 +178,9 @@ def measure_stance_share(observed: Observation) -> float | None:
 @plugin("feature", "entropy_width_mps", unit="m/s", source="Shannon entropy of the mean Doppler spectrum")
 def entropy_width_mps(observed: Observation) -> float | None:
     """Measure the mean Doppler spectrum's entropy as a width."""
-    # A uniform distribution of power with this width has the same entropy. The width is exp(-sum p ln p)
-    # times the bin width, over the rows above the noise (E-38). Unlike the entropy it does not depend on
-    # the transform length
+    # A uniform distribution of power with this width has the same entropy. The width is exp(-sum p
+    # ln p) times the bin width, over the rows above the noise (E-38). Unlike the entropy it does
+    # not depend on the transform length
     mean = observed.mean_row[observed.occupied]
     mean = mean[mean > 0]
     if not mean.size:
@@ -255,9 +255,9 @@ def ripple_at_half_mps(observed: Observation) -> float | None:
 @plugin("feature", "alternate_likeness", unit="1", source=PERIODS, needs=("gait_frequency",))
 def alternate_likeness(observed: Observation) -> float | None:
     """Compare autocorrelations of neighbouring and alternate periods."""
-    # the value is at most about 1. It is near 1 if a period is a step and left and right steps have the
-    # same signature. It is lower if left and right, or the two halves of a stride, differ. Noise lowers
-    # both autocorrelations alike. Rows without signal are left out (K+ of E-38)
+    # the value is at most about 1. It is near 1 if a period is a step and left and right steps have
+    # the same signature. It is lower if left and right, or the two halves of a stride, differ.
+    # Noise lowers both autocorrelations alike. Rows without signal are left out (K+ of E-38)
     if observed.frequency_hz * observed.observation_s < MIN_PERIODS_OF_PAIRS:
         return None
     rows = observed.occupied_columns - observed.mean_row[observed.occupied]

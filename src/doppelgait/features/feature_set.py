@@ -34,8 +34,8 @@ FEATURES: Group[Callable[[Any], float | None]] = Group(
 )
 """All features by name: functions of an :class:`doppelgait.features.observed.Observation`.
 
-A function is called only if everything that it needs is known. A result of None, or one that is not finite, means
-undetermined. Facts of a plug-in:
+A function is called only if everything that it needs is known. A result of None, or one that is not
+finite, means undetermined. Facts of a plug-in:
 
 unit : str
     ``"1"`` for a plain number.

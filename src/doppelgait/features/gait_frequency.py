@@ -256,8 +256,8 @@ def measure_rhythms(rows: Sequence[Sequence[FloatArray]], rate_hz: float) -> Rhy
     # autocorrelation: products over lags, divided by the power of their columns (E-33)
     both = until[..., :0:-1] + (until[..., -1:] - until[..., :-1])
     likeness = np.divide(2.0 * products, both, out=np.zeros_like(both), where=both > 0.0)
-    # spectra as shares of the power from the lowest cadence on. The other half of an autocorrelation is equal, so
-    # that its transform is 2 Re minus the product without lag
+    # spectra as shares of the power from the lowest cadence on. The other half of an
+    # autocorrelation is equal, so that its transform is 2 Re minus the product without lag
     products = products * window
     power = np.maximum(2.0 * np.fft.rfft(products, padded).real - products[..., :1], 0.0)
     total = power[..., int(LOWEST_HZ / step_hz) + 1 :].sum(axis=-1, keepdims=True)
@@ -316,8 +316,8 @@ FINE: FloatArray = np.linspace(1.0 - SEARCH, 1.0 + SEARCH, FINE_STEPS)
 
 def refine_on_harmonics(frequency_hz: float, shares: Sequence[FloatArray], step_hz: float) -> tuple[float, float]:
     """Refine a frequency by the power of its harmonics. Shapes: shares (Q,)."""
-    # the method is a multi-harmonic fit. For white noise and resolved harmonics the maximum of sum_h S(h
-    # f) is the least-squares fit of a periodic signal (Quinn and Thomson 1991)
+    # the method is a multi-harmonic fit. For white noise and resolved harmonics the maximum of
+    # sum_h S(h f) is the least-squares fit of a periodic signal (Quinn and Thomson 1991)
     trial_hz = frequency_hz * FINE
     total, power = np.zeros(FINE_STEPS), np.empty(FINE_STEPS)
     for share in shares:

@@ -136,9 +136,9 @@ def measure_widths(observations: Sequence[Observation]) -> list[float]:
 def measure_ripples(observations: Sequence[Observation]) -> FloatArray:
     """Measure the torso velocity around the main line, detrended, shape (J,).
 
-    It is the smoothed centroid of the squared power near the line. Columns without power are filled from their
-    neighbours; the result is NaN if half of the columns have no power. The removed slow part is a polynomial with the
-    order of E-29.
+    It is the smoothed centroid of the squared power near the line. Columns without power are filled
+    from their neighbours; the result is NaN if half of the columns have no power. The removed slow
+    part is a polynomial with the order of E-29.
     """
     any_one, (square, moment) = observations[0], np.array([seen.about_line[1:] for seen in observations]).swapaxes(0, 1)
     seconds = any_one.observation_s
@@ -164,8 +164,8 @@ def measure_ripple_parts(observations: Sequence[Observation]) -> list[dict[int, 
 class Observation:
     """Processed signature of one target, with cached intermediate results.
 
-    Velocities are radial. "Forward" is the direction in which the target moves along the line of sight, so that an
-    approaching and a receding target have the same features.
+    Velocities are radial. "Forward" is the direction in which the target moves along the line of
+    sight, so that an approaching and a receding target have the same features.
 
     Parameters
     ----------
@@ -398,8 +398,8 @@ class Observation:
     def envelope_width_hz(self) -> float | None:
         """Bandwidth between the envelopes (E-35b).
 
-        It is the 95th percentile over time of the upper envelope minus the 5th percentile of the lower one. It is None
-        if less than half of the columns are above the noise.
+        It is the 95th percentile over time of the upper envelope minus the 5th percentile of the
+        lower one. It is None if less than half of the columns are above the noise.
         """
         return self.edges.full_width_mps / self.mps_per_hz if self.has_envelope else None
 
@@ -439,8 +439,8 @@ class Observation:
     def harmonic_powers(self) -> list[float]:
         """Power of four harmonics of f_mu above the noise.
 
-        Each is the highest value of S within half a resolution cell. The noise is the median of S between the harmonics
-        (E-38), and 0 if there are no values between them.
+        Each is the highest value of S within half a resolution cell. The noise is the median of S
+        between the harmonics (E-38), and 0 if there are no values between them.
         """
         cadence_hz, power = self.cadence
         turns = cadence_hz / self.frequency_hz
@@ -483,8 +483,8 @@ def measure_swing(square: FloatArray, moment: FloatArray, sd: float, basis: Floa
 
 def fit_waves(values: FloatArray, turns_rad: FloatArray, orders: npt.NDArray[np.int64]) -> FloatArray:
     """Fit the amplitudes of multiples of a frequency together by least squares."""
-    # the frequencies are in radians per column, the orders rise; the cosines and sines need not be orthogonal.
-    # Shapes: values (B, J); turns_rad (B,); result (B, orders)
+    # the frequencies are in radians per column, the orders rise; the cosines and sines need not be
+    # orthogonal. Shapes: values (B, J); turns_rad (B,); result (B, orders)
     phase = turns_rad[:, np.newaxis] * np.arange(values.shape[-1])
     turns = np.broadcast_to(
         (np.cos(phase) + 1j * np.sin(phase))[:, np.newaxis], (len(values), orders[-1], phase.shape[-1])

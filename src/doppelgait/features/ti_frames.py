@@ -1,9 +1,9 @@
 """Four features per frame, as in the classifier of TI's xWRL6432.
 
-The motion and presence detection of this sensor describes each frame of a track by two velocities, a power and an
-entropy, and is trained on windows of frames. With the same features from simulated and recorded signatures you can
-train a classifier for the sensor. The exact forms are specific to doppelgait; the sensor computes the features from its
-Doppler spectrum of the track's range bins.
+The motion and presence detection of this sensor describes each frame of a track by two velocities,
+a power and an entropy, and is trained on windows of frames. With the same features from simulated
+and recorded signatures you can train a classifier for the sensor. The exact forms are specific to
+doppelgait; the sensor computes the features from its Doppler spectrum of the track's range bins.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ LOWER, UPPER = 0.125, 0.875
 def measure_columns(signature: Signal, *, noise_floor_v2: float = 0.0) -> xr.DataArray:
     """Measure four numbers of every column of a signature.
 
-    Let ``p[k] = max(mu[t, k] - nu, 0)`` and ``q[k] = p[k] / sum(p)``, with ascending velocities. The lower and upper
-    velocities are those of the first rows at which the cumulative power reaches 12.5 % and 87.5 %. The power is the sum
-    of p from the lower to the upper row, both included. The entropy is ``-sum(q ln q) / ln K``, from 0 (one row) to 1
-    (K equal rows).
+    Let ``p[k] = max(mu[t, k] - nu, 0)`` and ``q[k] = p[k] / sum(p)``, with ascending velocities.
+    The lower and upper velocities are those of the first rows at which the cumulative power reaches
+    12.5 % and 87.5 %. The power is the sum of p from the lower to the upper row, both included. The
+    entropy is ``-sum(q ln q) / ln K``, from 0 (one row) to 1 (K equal rows).
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ def measure_columns(signature: Signal, *, noise_floor_v2: float = 0.0) -> xr.Dat
     Returns
     -------
     DataArray (time, number)
-        float32: lower and upper velocity in m/s (positive when approaching), power in V^2, entropy. Velocities and
-        entropy are NaN in columns with no power above the noise.
+        float32: lower and upper velocity in m/s (positive when approaching), power in V^2, entropy.
+        Velocities and entropy are NaN in columns with no power above the noise.
 
     Raises
     ------
@@ -98,8 +98,8 @@ def measure_windows(numbers: npt.ArrayLike, *, frames: int | None = None) -> npt
     numbers : array_like, shape (T, 4)
         Result of :func:`measure_columns`; the power is converted to dB.
     frames : int, optional
-        Frames per window. Windows do not overlap, and remaining frames are left out. By default one window of all
-        frames.
+        Frames per window. Windows do not overlap, and remaining frames are left out. By default one
+        window of all frames.
 
     Returns
     -------

@@ -5,9 +5,9 @@ The record is divided into blocks of one gait period. Periodic effects are equal
 the constants below were chosen by simulation (``studies/gait_frequency.py``: walking and running people, dogs in seven
 gaits, SNR 5 to 30 dB, 2 to 6 s, within 30 degrees of the line of sight), on other targets than those of its table.
 
-The values are valid if the gait frequency is correct, and not its half or double. They describe the scatter of a value
-between records. They do not include a bias that noise causes in every record, such as feet that are too weak to
-increase the bandwidth.
+The values are valid if the gait frequency is correct, and not its half or double. They describe the
+scatter of a value between records. They do not include a bias that noise causes in every record,
+such as feet that are too weak to increase the bandwidth.
 """
 
 from __future__ import annotations
