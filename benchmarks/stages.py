@@ -25,7 +25,7 @@ from doppelgait.core.samples import Samples
 from doppelgait.dataset import stream_examples
 from doppelgait.motion import boulic_walk, human_gait, quadruped_gait, sample_dog, sample_person
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.pipeline.analyze import analyze_signature
+from doppelgait.pipeline.target import analyze_signature
 from doppelgait.processing import Analysis, signature
 from doppelgait.radar import Recording, add_noise, synthesise
 from doppelgait.scene import assemble

@@ -49,7 +49,7 @@ from doppelgait.motion.readers import read
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.motion.segments import crop, find_segments
 from doppelgait.pipeline import simulate
-from doppelgait.pipeline.analyze import analyze_signature
+from doppelgait.pipeline.target import analyze_signature
 from doppelgait.pipeline.target import observe as observe_signature
 from doppelgait.processing import Analysis, Gate, crop_to_frame, decimate, signature
 from doppelgait.radar import Radar, add_noise

@@ -29,9 +29,9 @@ from doppelgait.core.rng import Streams
 from doppelgait.motion import make_motion
 from doppelgait.motion.motion import Motion
 from doppelgait.pipeline import simulate
-from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.pipeline.spectrogram import make_level_gate
+from doppelgait.pipeline.target import analyze_signature
 from doppelgait.processing.patches import Patch
 from doppelgait.radar import Radar, Recording
 from doppelgait.scene import Scene, Target

@@ -30,8 +30,8 @@ from xband_readings import IMAGES, Image
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.units import carrier_to_wavelength_m
 from doppelgait.pipeline import Result, analyze
-from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.pipeline.spectrogram import convert_levels_to_signature, make_level_gate
+from doppelgait.pipeline.target import analyze_signature
 from doppelgait.processing import Analysis
 from doppelgait.radar.readers.cw_text import read_cw_text
 

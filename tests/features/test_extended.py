@@ -17,8 +17,7 @@ from doppelgait.features.observed import REASONS, compute_autocorrelation_at
 from doppelgait.features.uncertainty import estimate_uncertainties
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.pipeline.analyze import analyze_signature
-from doppelgait.pipeline.target import observe
+from doppelgait.pipeline.target import analyze_signature, observe
 from doppelgait.processing import Analysis, Gate
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target

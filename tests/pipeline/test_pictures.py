@@ -10,9 +10,9 @@ from PIL import Image
 
 import doppelgait as dg
 from doppelgait.core.errors import ConfigError, RecordingError
-from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.pipeline.pictures import PictureSettings, find_settings_file, is_picture, read_picture
 from doppelgait.pipeline.spectrogram import make_level_gate
+from doppelgait.pipeline.target import analyze_signature
 
 LIGHT_MPS = 299_792_458.0
 TABLE = {

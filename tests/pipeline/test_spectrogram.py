@@ -17,8 +17,8 @@ from doppelgait import processing
 from doppelgait.core.errors import AnalysisError
 from doppelgait.motion.models import boulic_walk
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.pipeline.spectrogram import convert_levels_to_signature, make_level_gate
+from doppelgait.pipeline.target import analyze_signature
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target

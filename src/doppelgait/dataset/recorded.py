@@ -25,10 +25,10 @@ from doppelgait.dataset.shard import NOTHING, ExampleData, describe_failure
 from doppelgait.dataset.shard_files import encode_arrays
 from doppelgait.dataset.splits import PlannedEntry
 from doppelgait.pipeline import Result, analyze
-from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.pipeline.pictures import is_picture, read_picture
 from doppelgait.pipeline.result import read_signal
 from doppelgait.pipeline.spectrogram import make_level_gate
+from doppelgait.pipeline.target import analyze_signature
 from doppelgait.radar import read_recording
 from doppelgait.radar.recording import Recording
 

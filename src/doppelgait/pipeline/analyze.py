@@ -13,7 +13,7 @@ import numpy as np
 from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.pipeline.result import Result, TargetList
-from doppelgait.pipeline.target import Gated, analyze_signature, analyze_targets, compute_gated
+from doppelgait.pipeline.target import Gated, analyze_targets, compute_gated
 from doppelgait.pipeline.tracking import Tracking, track_targets
 from doppelgait.pipeline.verdicts import is_echo
 from doppelgait.processing import Analysis, Gate
@@ -21,8 +21,6 @@ from doppelgait.processing.clutter import clean_frames
 from doppelgait.processing.gate import GateChoice
 from doppelgait.radar.readers import read_recording
 from doppelgait.radar.recording import Recording
-
-__all__ = ["Result", "analyze", "analyze_signature", "flag_overlaps"]
 
 
 def analyze(

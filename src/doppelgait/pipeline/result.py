@@ -170,7 +170,6 @@ class Result:
         return show_html("Result", facts, "result" if "signature" in self.arrays else "", self)
 
     def _facts(self) -> dict[str, str]:
-        """Collect the most important values as text."""
         figures = {**self.shown_features, "gait_frequency_hz": self.gait_frequency_hz}
         return {
             **{

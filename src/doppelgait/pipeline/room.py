@@ -111,31 +111,19 @@ def _fill_images(
     """Compute ranges and velocities of images from those of the scatterers, the first columns."""
     for mirror in mirrors:
         sources, (nx, ny, nz) = np.array(mirror.sources, dtype=np.int64), mirror.normal
-        place = placed.scene.radar_position_m
-        from_plane = mirror.radar_distance_m - (nx * place[0] + ny * place[1] + nz * place[2])
-        column = 0
+        place, distance_m, size = placed.scene.radar_position_m, mirror.radar_distance_m, sources.size
+        from_plane = distance_m - (nx * place[0] + ny * place[1] + nz * place[2])
+        column, out = 0, (range_m, velocity_mps)
         for spline in splines:  # a distance from a plane is a spline as well
             heights, moments = (
                 nx * part[:, 0::3] + ny * part[:, 1::3] + nz * part[:, 2::3] for part in (spline.values, spline.moments)
             )
             own = np.flatnonzero((sources >= column) & (sources < column + heights.shape[1]))
             for run in np.split(own, np.flatnonzero(np.diff(sources[own]) != 1) + 1) if own.size else ():
-                chosen = slice(sources[run[0]] - column, sources[run[-1]] - column + 1)
-                first = mirror.first + int(run[0])
-                native.image_ranges(
-                    heights[:, chosen] + from_plane,
-                    moments[:, chosen],
-                    spline.step_s,
-                    times_s,
-                    range_m,
-                    velocity_mps,
-                    int(sources[run[0]]),
-                    mirror.radar_distance_m,
-                    first,
-                    first + sources.size,
-                    range_m,
-                    velocity_mps,
-                )
+                source, first = int(sources[run[0]]), mirror.first + int(run[0])
+                chosen = slice(source - column, sources[run[-1]] - column + 1)
+                above = heights[:, chosen] + from_plane, moments[:, chosen], spline.step_s
+                native.image_ranges(*above, times_s, *out, source, distance_m, first, first + size, *out)
             column += heights.shape[1]
 
 

@@ -30,14 +30,11 @@ from doppelgait.processing.signature import compute_signature
 
 SIDEWAYS_COSINE = 0.6
 """|cos psi| below which lateral sway, with the period of the stride, can be stronger than the steps (E-33)."""
-
 ALIGNED = "aligned"
 """Attribute of a cadence map: True if its Doppler is relative to the main line (E-29) and not to 0 Hz."""
-
 NAMED_REASONS = ("path_is_not_straight", "too_uncertain")
 """Reasons for a missing ground speed that become flags."""
 GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
-
 MAX_TOGETHER = 8
 """Targets that are measured together: more of them leave the cache of the processor and gain nothing."""
 
@@ -113,7 +110,6 @@ def analyze_targets(gated: Sequence[Gated]) -> list[Result]:
 
 
 def _analyze_alike(targets: Sequence[Target]) -> list[Result]:
-    """Analyse targets with equal axes by the same method."""
     analysis = targets[0].gated.analysis
     if analysis.method == "liland2018":
         return [_make_result(target, None, None) for target in targets]

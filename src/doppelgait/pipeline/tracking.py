@@ -194,7 +194,6 @@ def _describe_missing_breath(raw: Frames) -> str:
 
 
 def _explain_missing_track(raw: Frames, scans: Sequence[Scan] | None, wavelength_m: float, tracking: Tracking) -> str:
-    """Explain why no moving body was found, with numbers."""
     if scans is None:
         return f"moving bodies cannot be detected at {raw.slow_time.rate_hz:.3g} frames/s"
     detector, tracker = tracking.detector, tracking.tracker
@@ -348,7 +347,6 @@ def _analyze_segment(
     analysis: Analysis,
     gate: Gate,
 ) -> Result:
-    """Analyse one segment, flagging hidden gait and clutter losses."""
     result = analyze_gated(gate.crop(clean), wavelength_m, gate, analysis)
     start_s, stop_s = gate.start_s, gate.stop_s
     flags = list(result.flags)

@@ -30,12 +30,10 @@ SIGNIFICANT = 4.0
 """Ratio to the noise floor above which a cell of a strip is used."""
 STEPS_AT_ONCE = 4096
 """Number of steps that are averaged together; all columns of an hour would need a gigabyte."""
-
 FOLD_GAP_S, FOLD_EDGE_M, FOLD_RANGE_M, FOLD_SPEED, FOLD_LEVEL_DB = 1.0, 1.0, 0.4, 0.2, 8.0
 """Limits for a folded echo.
 They are the longest pause between body and echo, the largest distance from the edges of the frame
 at that time, and the largest differences in range, speed and level."""
-
 SLOWEST_MPS, FASTEST_MPS, FASTEST_GROUND_MPS = 0.08, 0.45, 0.5
 LEAST_THING_S, LEAST_THING_WAY_M = 2.0, 0.4
 SIDE_MPS = 0.3
@@ -47,7 +45,6 @@ dogs of the development scenes. The brushes of a vacuum cleaner move equally in 
 to 56 %, with a balance of 74 to 97 %."""
 CLEAR_M = 1.2
 """Distance of other tracks above which a strip contains only its own target."""
-
 LEAST_MIRROR_S, LEAST_EXCESS_M, LEAST_CHANGE_M = 0.7, 0.3, 0.3
 MIRROR_ERROR_M, MIRROR_DRIFT_PER_S = 0.03, 0.2
 GHOST_LEVEL_DB, IN_STEP_LEVEL_DB = -11.0, 1.0

@@ -285,43 +285,34 @@ class GatedTransform:
 
     def sum_power(self, samples: Samples) -> npt.NDArray[np.float32]:
         """Sum the power over the gate's bins, (J, K) (E-27)."""
-        transform = self.transform
+        transform, hop = self.transform, self.transform.hop
         spans = self.find_needed_pulses()
         window = np.zeros(transform.n_doppler_bins, dtype=np.float32)
         window[: transform.window.size] = transform.window
         power = np.zeros((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
         # the pulses after the needed ones have no weight, but must be finite
-        margin = transform.n_doppler_bins - transform.window.size + 2 * transform.hop
+        margin = transform.n_doppler_bins - transform.window.size + 2 * hop
         step, is_short = transform.n_columns, self.n_pulses <= lazy.LONG_PULSES
         if not is_short:
-            step = max(TILE_PULSES // transform.hop // LANES, 1) * LANES
+            step = max(TILE_PULSES // hop // LANES, 1) * LANES
         for start in range(0, transform.n_columns, step):
             columns = slice(start, min(start + step, transform.n_columns))
-            first = transform.first_pulse + transform.hop * columns.start
+            first = transform.first_pulse + hop * columns.start
             low, high = self.low[columns], self.high[columns]
             if is_short:
                 planes, first_bin = samples.read(spans, margin)
-                begin, n_pulses = 0, self.n_pulses
+                n_pulses = self.n_pulses
             else:
                 lowest, highest = int(np.floor(low.min() - 0.5)) + 1, int(np.ceil(high.max() + 0.5))
                 bins = slice(max(lowest, 0), min(highest, self.n_bins))
                 if bins.start >= bins.stop:
                     continue
-                after = transform.first_pulse + transform.hop * (columns.stop + 1) + window.size
+                after = transform.first_pulse + hop * (columns.stop + 1) + window.size
                 pulses = slice(max(first, 0), min(after, self.n_pulses))
                 planes, first_bin = samples.read_tile(pulses, bins), bins.start
-                begin, n_pulses = pulses.start, planes.shape[2]
-            sum_columns(
-                planes[0],
-                planes[1],
-                n_pulses,
-                first - begin,
-                transform.hop,
-                window,
-                low - first_bin,
-                high - first_bin,
-                power[columns],
-            )
+                first, n_pulses = first - pulses.start, planes.shape[2]
+            edges = low - first_bin, high - first_bin
+            sum_columns(planes[0], planes[1], n_pulses, first, hop, window, *edges, power[columns])
         return power
 
     def sum_bursts(self, frames: Frames, *, remove_mean: bool) -> npt.NDArray[np.float32]:
@@ -379,30 +370,13 @@ def sum_columns(
     high: npt.NDArray[np.float64],
     out: Plane,
 ) -> None:
-    r"""Sum the power of a moving gate over range, column by column (E-24, E-27).
-
-    .. math:: \mu_{j,k} = \sum_n g_{j,n} \Big| \sum_{m=0}^{M-1} w_m\, Y_{i_j+m-h,\,n}\, e^{-j 2 \pi k m / K} \Big|^2
-
-    with the Doppler bins in ascending order (zero Doppler at k = K // 2) and :math:`g_{j,n}` the share of bin n's cell
-    (n - 1/2 to n + 1/2) that lies between ``low[j]`` and ``high[j]``.
-
-    Parameters
-    ----------
-    plane_re, plane_im : ndarray, shape (N, I or more), float32
-        Data matrix, one contiguous row a range bin.
-    n_pulses : int
-        I; pulses outside 0..I-1 count as zero.
-    first_pulse : int
-        Pulse i_0 - h at which the window of column 0 starts; may be negative.
-    hop : int
-        Pulses from column to column.
-    window : ndarray, shape (K,), float32
-        The window and zeros up to the transform length.
-    low, high : ndarray, shape (J,), float64
-        Edges of the gate in bins; parts outside the frame count as zero.
-    out : ndarray, shape (J, K), float32
-        Overwritten.
-    """
+    """Sum the power of a moving gate over range, column by column (E-24, E-27)."""
+    # mu[j, k] = sum_n g[j, n] |sum_m w[m] Y[i_j + m - h, n] e^{-j 2 pi k m / K}|^2, with the Doppler
+    # bins in ascending order (zero Doppler at k = K // 2) and g[j, n] the share of bin n's cell
+    # (n - 1/2 to n + 1/2) between low[j] and high[j]. Pulses outside 0..I-1 and parts of the gate
+    # outside the frame count as zero; the first pulse i_0 - h, at which the window of column 0
+    # starts, may be negative. Shapes: planes (N, I or more), one contiguous row a range bin; window
+    # (K,), with zeros up to the transform length; low, high (J,), in bins; out (J, K), overwritten.
     if native.has_passes(window.size):
         native.gated_signature(plane_re, plane_im, n_pulses, first_pulse, hop, window, low, high, out)
         return

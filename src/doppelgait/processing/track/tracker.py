@@ -14,7 +14,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.processing.detections import Detection, Scan
 from doppelgait.processing.track import kalman
 from doppelgait.processing.track.associate import Associations, associate, compute_gate_threshold
-from doppelgait.processing.track.kalman import Gaussian, Model
+from doppelgait.processing.track.kalman import Gaussian, Innovation, Model
 from doppelgait.processing.track.live import (
     MEASURED,
     MISSED,
@@ -133,20 +133,7 @@ def _update_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps
             continue
         models = [_choose_model(one, scan.time_s, options) for one in group]
         predictions = [kalman.predict(one.state, model) for one, model in zip(group, models, strict=True)]
-        measured = [
-            [
-                kalman.compute_innovation(
-                    predicted,
-                    range_m=d.range_m,
-                    velocity_mps=d.velocity_mps,
-                    range_sd_m=max(d.range_sd_m, options.range_sd_min_m),
-                    velocity_sd_mps=max(d.velocity_sd_mps, options.velocity_sd_min_mps),
-                    velocity_span_mps=span_mps,
-                )
-                for d in free
-            ]
-            for predicted in predictions
-        ]
+        measured = [[_measure(state, d, options, span_mps) for d in free] for state in predictions]
         limit = compute_gate_threshold(options.gate_probability)
         table = [[i.log_likelihood if i.nis <= limit else -math.inf for i in row] for row in measured]
         chosen = associate(
@@ -173,6 +160,22 @@ def _update_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps
             one.add(step, share_s=options.share_s)
         taken = {int(d) for d in chosen.assigned if d >= 0}
         free = [d for n, d in enumerate(free) if n not in taken]
+
+
+def _measure(
+    state: Gaussian, d: Detection, options: Tracker, span_mps: float | None, *, in_box: bool = False
+) -> Innovation:
+    # at an unknown position in a box: with a standard deviation of half its width
+    half_m = (d.range_high_m - d.range_low_m) / 2 if in_box else 0.0
+    half_mps = (d.velocity_high_mps - d.velocity_low_mps) / 2 if in_box else 0.0
+    return kalman.compute_innovation(
+        state,
+        range_m=d.range_m,
+        velocity_mps=d.velocity_mps,
+        range_sd_m=max(d.range_sd_m, options.range_sd_min_m, half_m),
+        velocity_sd_mps=max(d.velocity_sd_mps, options.velocity_sd_min_mps, half_mps),
+        velocity_span_mps=span_mps,
+    )
 
 
 def _choose_model(one: LiveTrack, time_s: float, options: Tracker) -> Model:
@@ -211,16 +214,7 @@ def _update_in_boxes(
 
 
 def _update_in_box(step: Step, d: Detection, options: Tracker, span_mps: float | None, outcome: str) -> Step:
-    """Update a track at an unknown position in a box, with sd of half its width."""
-    half_m, half_mps = (d.range_high_m - d.range_low_m) / 2, (d.velocity_high_mps - d.velocity_low_mps) / 2
-    measured = kalman.compute_innovation(
-        step.predicted,
-        range_m=d.range_m,
-        velocity_mps=d.velocity_mps,
-        range_sd_m=max(d.range_sd_m, options.range_sd_min_m, half_m),
-        velocity_sd_mps=max(d.velocity_sd_mps, options.velocity_sd_min_mps, half_mps),
-        velocity_span_mps=span_mps,
-    )
+    measured = _measure(step.predicted, d, options, span_mps, in_box=True)
     state = kalman.update(step.predicted, measured)
     if outcome == SHARED:
         return step._replace(filtered=state, outcome=SHARED)
