@@ -207,9 +207,10 @@ class DatasetSection(FrozenModel):
     fields : list
         Arrays to store in addition to the features: names, or tables (:class:`FieldSpec`).
     leaks : list
-        Keys that may reveal the class in this plan, to reproduce a published dataset: ``target.KEY`` may differ by
-        class (``[classes.target]``), ``radar.prf_hz`` may be ``"auto"``, ``scene.duration_s`` may be left out (every
-        recording then has its full length). The card lists them and ``verify`` does not judge them.
+        Keys that may reveal the class in this plan, to reproduce a published dataset:
+        ``target.KEY`` may differ by class (``[classes.target]``), ``radar.prf_hz`` may be
+        ``"auto"``, ``scene.duration_s`` may be left out (every recording then has its full length).
+        The card lists them and ``verify`` does not judge them.
     """
 
     name: str = Field(max_length=200)
@@ -269,10 +270,12 @@ class ClassSection(FrozenModel):
     label : str
         Name of the class; letters, digits, space and ``_ . -``.
     motion : table or "none"
-        Motion as in a scene file, with distributions: ``{ kind = "boulic", speed_mps = { uniform = [0.6, 2.0] } }``; a
-        ``{ choice = [...] }`` of several such tables mixes sources. ``{ kind = "folder", path = "dogs" }`` takes the
-        straight segments of all motion files of a folder in turn (:mod:`doppelgait.dataset.motions`). ``"none"`` is an
-        empty scene, with or without background; the gate follows a virtual body without echo.
+        Motion as in a scene file, with distributions:
+        ``{ kind = "boulic", speed_mps = { uniform = [0.6, 2.0] } }``; a ``{ choice = [...] }`` of
+        several such tables mixes sources. ``{ kind = "folder", path = "dogs" }`` takes the straight
+        segments of all motion files of a folder in turn (:mod:`doppelgait.dataset.motions`).
+        ``"none"`` is an empty scene, with or without background; the gate follows a virtual body
+        without echo.
     examples : int, optional
         Number of examples of this class; ``dataset.examples_per_class`` by default.
     target : table
@@ -300,8 +303,9 @@ class ClassSection(FrozenModel):
 class PlanConfig(FrozenModel):
     """Dataset plan.
 
-    Everything outside ``[[classes]]`` applies to all classes equally, so that it cannot distinguish them. Exceptions
-    are the keys in ``dataset.leaks``. All tables but ``dataset`` and ``sources`` may hold distributions.
+    Everything outside ``[[classes]]`` applies to all classes equally, so that it cannot distinguish
+    them. Exceptions are the keys in ``dataset.leaks``. All tables but ``dataset`` and ``sources``
+    may hold distributions.
 
     Parameters
     ----------
@@ -322,8 +326,9 @@ class PlanConfig(FrozenModel):
     sources : list of SourceSection
         Subjects, licences and citations of the motion files.
     environment : list
-        Walls, reflections and screens, as in a scene file. In this and the other lists of targets and impairments, an
-        entry that is sampled as an empty table is left out: ``{ choice = [{ kind = "wall", ... }, {}] }``.
+        Walls, reflections and screens, as in a scene file. In this and the other lists of targets
+        and impairments, an entry that is sampled as an empty table is left out:
+        ``{ choice = [{ kind = "wall", ... }, {}] }``.
     impairments : list
         Receiver errors in the order of their application, as in a scene file.
     radar : table

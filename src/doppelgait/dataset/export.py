@@ -32,8 +32,9 @@ written since the last call."""
 
 EXPORTERS: Group[Exporter] = Group("exporter", built_in=("doppelgait.dataset.exporters",), noun="form")
 """Export formats of datasets.
-Facts of an exporter: ``allowed``, the fields that it supports (by default all); ``default``, the fields that are
-written if none are named (by default all stored fields); ``least``, the minimum number of fields (by default 0).
+Facts of an exporter: ``allowed``, the fields that it supports (by default all); ``default``, the
+fields that are written if none are named (by default all stored fields); ``least``, the minimum
+number of fields (by default 0).
 """
 
 SHOWN_FILES = 8

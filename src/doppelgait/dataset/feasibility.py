@@ -1,7 +1,8 @@
 """Count a plan's rows beyond the limits of the radar.
 
-Motions are generated and observed as in a simulation, but no echo is synthesised. The names of the limits are those
-that simulation and analysis write to the index of a built dataset (``warnings``, ``quality_flags``).
+Motions are generated and observed as in a simulation, but no echo is synthesised. The names of the
+limits are those that simulation and analysis write to the index of a built dataset (``warnings``,
+``quality_flags``).
 """
 
 from __future__ import annotations

@@ -210,9 +210,10 @@ class Dataset:
         Parameters
         ----------
         names : {"six", "extended"} or list of str
-            ``six``: the feature set F in the order of :data:`doppelgait.features.FEATURE_UNITS`. ``extended``: these,
-            the gait frequency and all of ``extended_*``. A list names columns of the index. Only a list can include
-            true values (``truth_*``) and columns that are not features (``snr_frame_db``).
+            ``six``: the feature set F in the order of :data:`doppelgait.features.FEATURE_UNITS`.
+            ``extended``: these, the gait frequency and all of ``extended_*``. A list names columns
+            of the index. Only a list can include true values (``truth_*``) and columns that are not
+            features (``snr_frame_db``).
         without_flags : sequence of str
             Leave out rows with one of these flags; ``*`` fits anything, for example ``"*:uncertain_by_*"``.
 
@@ -436,14 +437,16 @@ class Dataset:
     ) -> IterableExamples:
         """Return the examples as a ``torch.utils.data.IterableDataset``.
 
-        The workers of a loader share the examples: every example is returned once per epoch, for any number of
-        workers. Shard files are read one group after another, which suits datasets that are larger than memory.
+        The workers of a loader share the examples: every example is returned once per epoch, for
+        any number of workers. Shard files are read one group after another, which suits datasets
+        that are larger than memory.
 
         Parameters
         ----------
         seed : int or None
-            Seed of the order, which depends only on seed and epoch; None for the order of the index. Call
-            ``set_epoch(n)`` before every epoch for another order; this holds for persistent workers, too.
+            Seed of the order, which depends only on seed and epoch; None for the order of the
+            index. Call ``set_epoch(n)`` before every epoch for another order; this holds for
+            persistent workers, too.
         fields, as_, transform, target
             As of :meth:`torch`.
 

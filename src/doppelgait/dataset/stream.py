@@ -155,9 +155,10 @@ def stream_examples(
 ) -> ExampleStream:
     """Simulate a plan's examples on use, without end.
 
-    The example of a number is the same as in the built dataset. By default the stream starts after the examples of the
-    built dataset, so that it never contains the examples of a built test split. There the classes alternate. Subjects
-    of motion recordings are repeated, however: use ``example.row["subject"]`` to leave out test subjects.
+    The example of a number is the same as in the built dataset. By default the stream starts after
+    the examples of the built dataset, so that it never contains the examples of a built test split.
+    There the classes alternate. Subjects of motion recordings are repeated, however: use
+    ``example.row["subject"]`` to leave out test subjects.
 
     Parameters
     ----------

@@ -57,8 +57,8 @@ WEIGHTS: FloatArray = np.array(
 There is one row per set: whole, whole whitened, limbs, limbs whitened."""
 PRIOR_WEIGHTS: FloatArray = np.array([2.27, -0.971, -1.34, -0.0757, -14.6])
 """Weights of the terms of the prior.
-The terms are ln f, its square, ln of the step length (torso velocity over f), its square, and ln of the number of
-periods that are missing to three."""
+The terms are ln f, its square, ln of the step length (torso velocity over f), its square, and ln of
+the number of periods that are missing to three."""
 
 # Exact frequency
 N_HARMONICS = 6

@@ -22,8 +22,8 @@ HIDDEN_COSINE = 0.25
 MIN_OBSERVATION_S = 3.0
 ENDS_S = 0.4
 """Largest difference between the length of a recording and the time of its columns.
-The columns of 3 s span 2.9 s, because half a processing interval is lost at each end. In the gate of a track, which
-begins and ends with a scan, they span 2.7 s."""
+The columns of 3 s span 2.9 s, because half a processing interval is lost at each end. In the gate
+of a track, which begins and ends with a scan, they span 2.7 s."""
 ITERATIONS = 4
 CAUCHY_TUNING = 2.385
 LEAST_SCALE_M = 1e-6

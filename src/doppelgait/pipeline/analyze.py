@@ -52,8 +52,8 @@ def analyze(
     Returns
     -------
     TargetList of Result
-        One result per target of the truth or per track, or one result for a fixed gate. If nothing is detected, the
-        list is empty and its ``reason`` states why.
+        One result per target of the truth or per track, or one result for a fixed gate. If nothing
+        is detected, the list is empty and its ``reason`` states why.
 
     Raises
     ------

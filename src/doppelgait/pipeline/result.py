@@ -120,13 +120,13 @@ class Result:
     standard_deviation : mapping
         Standard deviations of the features of the set F and of the gait frequency, None where unknown.
     arrays : mapping
-        Arrays by name, which :attr:`signature`, :attr:`cadence_map` and the other properties return. A result from a
-        table row may have none.
+        Arrays by name, which :attr:`signature`, :attr:`cadence_map` and the other properties
+        return. A result from a table row may have none.
     gate_limits : Gate, optional
         Gate of the target, for a tracked target over the whole track; None in a result from a table row.
     segments : tuple of Result
-        For a tracked target, one result per segment of steady motion in the order of time. The values of the target are
-        those of the longest segment.
+        For a tracked target, one result per segment of steady motion in the order of time. The
+        values of the target are those of the longest segment.
 
     Examples
     --------
@@ -286,9 +286,9 @@ class Result:
     def parts(self) -> xr.Dataset | None:
         """Torso, legs and limbs over time (E-40), or None.
 
-        The parts require ``Analysis(parts=True)``; if there are none, a flag ``parts:...`` states the reason. The
-        variables are power (part, time, doppler), label (time, doppler), energy share (part), and centroid and spread
-        of the radial velocity (part, time).
+        The parts require ``Analysis(parts=True)``; if there are none, a flag ``parts:...`` states
+        the reason. The variables are power (part, time, doppler), label (time, doppler), energy
+        share (part), and centroid and spread of the radial velocity (part, time).
         """
         power = self.arrays.get("part_power")
         return None if power is None else measure_parts(power)
@@ -309,8 +309,8 @@ class Result:
         Parameters
         ----------
         arrays : bool
-            If True, the arrays, the gate's limits and the analysis settings are included. If False, the document is
-            that of a target of ``doppelgait analyze --json``.
+            If True, the arrays, the gate's limits and the analysis settings are included. If False,
+            the document is that of a target of ``doppelgait analyze --json``.
 
         Notes
         -----

@@ -81,8 +81,8 @@ def simulate(
         Without random streams the recording is noise-free, and random effects are not allowed.
     conditions : Conditions, optional
         Receiver noise, environment and impairments; by default thermal noise (equation E-18 of
-        docs/theory.md) and, for a preset or file, its environment and impairments. Receiver noise is added before the
-        impairments; an impairment ``thermal_noise`` replaces it.
+        docs/theory.md) and, for a preset or file, its environment and impairments. Receiver noise
+        is added before the impairments; an impairment ``thermal_noise`` replaces it.
     snr_db : float, optional
         SNR_frame to set instead of ``conditions.noise``: time mean of the strongest bin's power over the noise power,
         in dB; ``inf`` for no noise. The power is that of the targets, without ghosts, background bodies and clutter.
@@ -95,8 +95,8 @@ def simulate(
     Returns
     -------
     Recording
-        With ``path`` that of the file: its source is the file's name, its truth has no angles, and more than 32,768
-        pulses are read from the file on every access.
+        With ``path`` that of the file: its source is the file's name, its truth has no angles, and
+        more than 32,768 pulses are read from the file on every access.
 
     Raises
     ------

@@ -55,8 +55,8 @@ class BreathingSettings(FrozenModel):
     gap_m : float
         Range bins with breathing that are closer than this are one person.
     extent_m : float
-        A weaker detection within this distance of a stronger one, with the same rate or a multiple of it, is the same
-        person.
+        A weaker detection within this distance of a stronger one, with the same rate or a multiple
+        of it, is the same person.
     largest_displacement_m : float
         Largest amplitude of the chest motion; larger motion is not breathing.
     least_share : float
@@ -192,8 +192,8 @@ def _find_in(
 
 def _measure_cluster(look: _SlowSeries, bins: npt.NDArray[np.int64]) -> _Candidate | None:
     spectrum, settings = look.spectrum, look.settings
-    # add nearby bins that reach a quarter of the threshold ratio at this rate: the strongest echo of a body is not
-    # always the echo with the steadiest line
+    # add nearby bins that reach a quarter of the threshold ratio at this rate: the strongest echo
+    # of a body is not always the echo with the steadiest line
     frequency_hz = spectrum.frequency_hz
     line = int(np.argmax(look.ratio[:, bins].max(axis=1)))
     near = np.abs(frequency_hz - frequency_hz[line]) <= 1.5 / spectrum.window_s

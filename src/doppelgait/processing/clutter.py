@@ -56,8 +56,9 @@ def remove_static_clutter(
     all motion of more than half a wavelength within the recording. If a body stands still for a share p of the
     recording, the mean contains p times its echo, which then appears at this range for the rest of the time.
 
-    ``median`` subtracts the median of the means over 0.1 s, for real and imaginary part separately. The notch is the
-    same as for the mean, and a body that stands still for less than half of the recording leaves no echo.
+    ``median`` subtracts the median of the means over 0.1 s, for real and imaginary part separately.
+    The notch is the same as for the mean, and a body that stands still for less than half of the
+    recording leaves no echo.
 
     ``exponential`` subtracts a running mean
 
@@ -68,9 +69,9 @@ def remove_static_clutter(
     1.6 mm/s at 2 s and 7.29 GHz. Breathing is kept, and the torso of a person who crosses at 90 degrees loses only the
     power within 0.08 Hz of 0.
 
-    ``mti`` is a Butterworth high-pass filter of order 2 at ``cutoff_hz``. Its initial state is the mean of its first
-    period. It also removes swaying motion (breathing, curtains, phase drift) and, at 3 Hz and 7.29 GHz, everything
-    slower than 0.06 m/s, including a crossing torso.
+    ``mti`` is a Butterworth high-pass filter of order 2 at ``cutoff_hz``. Its initial state is the
+    mean of its first period. It also removes swaying motion (breathing, curtains, phase drift) and,
+    at 3 Hz and 7.29 GHz, everything slower than 0.06 m/s, including a crossing torso.
 
     :func:`clutter_gain` returns the gain at a Doppler frequency, and :func:`measure_share_removed` the share of the
     power in a gate that was removed. A two-pulse canceller, :math:`|2 \sin(\pi f / f_p)|`, is not available: at 1 kHz
@@ -306,17 +307,17 @@ def measure_share_removed(
 
     The share refers to the gate of the body and is a function of time.
 
-    Static clutter is in a range bin all the time, a body only while its gate covers the bin. The mean c of each bin
-    over the pulses at which the gate does *not* cover it is therefore clutter without the body. The body alone is the
-    baseband before removal minus c:
+    Static clutter is in a range bin all the time, a body only while its gate covers the bin. The
+    mean c of each bin over the pulses at which the gate does *not* cover it is therefore clutter
+    without the body. The body alone is the baseband before removal minus c:
 
     .. math:: \text{share} = 1 - \frac{\sum |y_{after}|^2}{\sum |y_{before} - c|^2}
 
-    summed over the gate's bins and the pulses of a time block, and limited to 0 or more. Both sums contain noise, so
-    the share refers to body and noise together. A bin that the gate covers nearly all the time has no reference,
-    because a radar cannot distinguish a body that stays from clutter. The result is then NaN, and
-    :func:`predict_torso_share_removed` predicts the share from the range history alone. Drifting clutter is counted as
-    removed power of the body.
+    summed over the gate's bins and the pulses of a time block, and limited to 0 or more. Both sums
+    contain noise, so the share refers to body and noise together. A bin that the gate covers nearly
+    all the time has no reference, because a radar cannot distinguish a body that stays from
+    clutter. The result is then NaN, and :func:`predict_torso_share_removed` predicts the share from
+    the range history alone. Drifting clutter is counted as removed power of the body.
 
     Parameters
     ----------
@@ -333,8 +334,8 @@ def measure_share_removed(
     Returns
     -------
     DataArray (time)
-        One share per block of the gate's times, 0 to 1; NaN where fewer than half of the gate's bins have a
-        reference.
+        One share per block of the gate's times, 0 to 1; NaN where fewer than half of the gate's
+        bins have a reference.
 
     Examples
     --------

@@ -29,9 +29,10 @@ class Analysis(FrozenModel):
     Parameters
     ----------
     method : {"standard", "liland2018"}
-        ``liland2018`` uses the choices of the report: zero padding at the ends, columns divided by their maximum, the
-        cadence spectrum's highest peak, gate span by class, sharp gate edges and the Doppler gate from the truth.
-        Parameters that contradict these choices are rejected. By default ``hop`` is then 1 and ``doppler_bins`` M.
+        ``liland2018`` uses the choices of the report: zero padding at the ends, columns divided by
+        their maximum, the cadence spectrum's highest peak, gate span by class, sharp gate edges and
+        the Doppler gate from the truth. Parameters that contradict these choices are rejected. By
+        default ``hop`` is then 1 and ``doppler_bins`` M.
     clutter : {"auto", "none", "mean", "median", "exponential", "mti"}
         Removal of static clutter before the analysis (:func:`doppelgait.processing.remove_clutter`). ``auto`` is
         ``median`` for tracking, which needs clutter removal, and ``none`` for any other gate.
@@ -60,8 +61,8 @@ class Analysis(FrozenModel):
     extended : bool
         Compute the extended features and the standard deviations; not available with ``liland2018``.
     parts : bool
-        Separate the body into torso, legs and other limbs (:mod:`doppelgait.processing.parts`, E-40). In a fixed gate
-        this takes several times as long as the rest of the analysis.
+        Separate the body into torso, legs and other limbs (:mod:`doppelgait.processing.parts`,
+        E-40). In a fixed gate this takes several times as long as the rest of the analysis.
 
     Examples
     --------
@@ -164,8 +165,8 @@ def plan_transform(analysis: Analysis, *, n_pulses: int, prf_hz: float) -> Trans
     Raises
     ------
     AnalysisError
-        If a processing interval has fewer than 5 pulses, the recording is shorter than one, or ``doppler_bins`` is
-        below M.
+        If a processing interval has fewer than 5 pulses, the recording is shorter than one, or
+        ``doppler_bins`` is below M.
 
     Examples
     --------

@@ -129,8 +129,8 @@ class Gate:
         low_m, high_m : float
         time_s : array_like
         range_m : array_like, optional
-            Range axis of the recording: the gate is limited to its cells. A recording without range (one cell) is
-            inside any gate.
+            Range axis of the recording: the gate is limited to its cells. A recording without range
+            (one cell) is inside any gate.
         source : str
 
         Raises

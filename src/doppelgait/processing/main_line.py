@@ -59,8 +59,8 @@ def main_line_hz(signature: Signal, *, order: int, tapered: bool = False) -> Flo
     Returns
     -------
     ndarray, shape (J,)
-        Main line m[j] in Hz, fitted by iteratively reweighted least squares. Cauchy weights reduce the influence of
-        columns in which a leg or a stance foot is strongest.
+        Main line m[j] in Hz, fitted by iteratively reweighted least squares. Cauchy weights reduce
+        the influence of columns in which a leg or a stance foot is strongest.
 
     Examples
     --------

@@ -24,10 +24,11 @@ COUNTED_EVERY = 4
 def noise_floor_v2(signature: Signal) -> float:
     """Estimate the mean noise of a signature (E-28).
 
-    The estimate uses the Doppler rows of least power. The third of the rows with the least mean power gives a first
-    value; all rows that agree with it give the second. A cell of pure noise sums N_g exponential variables, and its
-    median is (1 - 1/(9 N_g))^3 times its mean (ln 2 times for N_g <= 1; if a gate of about one bin moves across bin
-    edges, the estimate is then up to 12 % too high).
+    The estimate uses the Doppler rows of least power. The third of the rows with the least mean
+    power gives a first value; all rows that agree with it give the second. A cell of pure noise
+    sums N_g exponential variables, and its median is (1 - 1/(9 N_g))^3 times its mean (ln 2 times
+    for N_g <= 1; if a gate of about one bin moves across bin edges, the estimate is then up to 12 %
+    too high).
 
     Parameters
     ----------

@@ -40,8 +40,8 @@ LENGTH_M, LENGTH_EXTENTS = 0.05, 3.25
 """Half the torso's length in range: a constant, and times the half extent of the ridge's power."""
 LEGS_AHEAD, LEGS_BEHIND = 0.7, 0.5
 """Speed relative to the body, as a share of its speed, beyond which power belongs to legs.
-On the tuning seeds more than three quarters of a person's energy there is from legs, in both directions of motion and
-for both kinds of scatterer."""
+On the tuning seeds more than three quarters of a person's energy there is from legs, in both
+directions of motion and for both kinds of scatterer."""
 SLOWEST, FASTEST = -1.5, 2.5
 """Speed relative to the torso, as a share of its speed, beyond which power is noise: no limb moves at this speed."""
 LEAST_SPEED_CELLS = 3.0

@@ -27,8 +27,8 @@ class Patch(FrozenModel):
     Parameters
     ----------
     velocity_mps : float
-        The rows cover radial velocities from minus to plus this value. 6.4 m/s includes the feet of a running person
-        and most of those of a galloping dog.
+        The rows cover radial velocities from minus to plus this value. 6.4 m/s includes the feet of
+        a running person and most of those of a galloping dog.
     n_velocity : int
         Number of rows; 64 rows of 0.2 m/s match the resolution of T_d = 0.1 s at 7.29 GHz.
     column_s : float
@@ -36,8 +36,8 @@ class Patch(FrozenModel):
     n_time : int
         Number of columns.
     range_db : float
-        Dynamic range that is mapped to 0 to 1. It starts at the noise floor, or at the peak minus this value if that is
-        higher.
+        Dynamic range that is mapped to 0 to 1. It starts at the noise floor, or at the peak minus
+        this value if that is higher.
 
     Examples
     --------
@@ -65,8 +65,8 @@ def patch(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     Parameters
     ----------
     signature : DataArray (time, doppler)
-        Power in any linear unit, with the coordinate ``velocity`` (m/s, approaching positive) along ``doppler``. It
-        can be from :func:`doppelgait.analyze`, from a dataset, or from
+        Power in any linear unit, with the coordinate ``velocity`` (m/s, approaching positive) along
+        ``doppler``. It can be from :func:`doppelgait.analyze`, from a dataset, or from
         :func:`doppelgait.pipeline.spectrogram.convert_levels_to_signature`.
     spec : Patch, optional
 
@@ -98,11 +98,12 @@ def patch(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
 def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     """Convert a whole signature to levels on an image grid.
 
-    The power is averaged over cells of velocity and time, so that finer or coarser axes, other pulse rates and other
-    carriers give the same image. It is then converted to dB, relative to the noise floor or to ``range_db`` below the
-    peak, whichever is higher, and divided by ``range_db``. The noise floor is the mean power of the third of the
-    Doppler rows with the least power, without rows that are 0. The peak is the median over time of the strongest cell.
-    The image does not depend on the gain.
+    The power is averaged over cells of velocity and time, so that finer or coarser axes, other
+    pulse rates and other carriers give the same image. It is then converted to dB, relative to the
+    noise floor or to ``range_db`` below the peak, whichever is higher, and divided by ``range_db``.
+    The noise floor is the mean power of the third of the Doppler rows with the least power, without
+    rows that are 0. The peak is the median over time of the strongest cell. The image does not
+    depend on the gain.
 
     Parameters
     ----------

@@ -140,9 +140,10 @@ def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelen
     Returns
     -------
     DataArray (time, doppler)
-        float32, V^2. The coordinate ``gate_share`` is the part of the gate that lies inside the frame. The attributes
-        are the window energy sum(w^2), the number of gate bins N_g (not an integer for fractional edges), hop, M and
-        the gate's source, so that levels and the noise floor can be computed from the signature alone.
+        float32, V^2. The coordinate ``gate_share`` is the part of the gate that lies inside the
+        frame. The attributes are the window energy sum(w^2), the number of gate bins N_g (not an
+        integer for fractional edges), hop, M and the gate's source, so that levels and the noise
+        floor can be computed from the signature alone.
 
     Raises
     ------
@@ -371,10 +372,10 @@ def sum_columns(
     out: Plane,
 ) -> None:
     """Sum the power of a moving gate over range, column by column (E-24, E-27)."""
-    # mu[j, k] = sum_n g[j, n] |sum_m w[m] Y[i_j + m - h, n] e^{-j 2 pi k m / K}|^2, with the Doppler
-    # bins in ascending order (zero Doppler at k = K // 2) and g[j, n] the share of bin n's cell
-    # (n - 1/2 to n + 1/2) between low[j] and high[j]. Pulses outside 0..I-1 and parts of the gate
-    # outside the frame count as zero; the first pulse i_0 - h, at which the window of column 0
+    # mu[j, k] = sum_n g[j, n] |sum_m w[m] Y[i_j + m - h, n] e^{-j 2 pi k m / K}|^2, with the
+    # Doppler bins in ascending order (zero Doppler at k = K // 2) and g[j, n] the share of bin n's
+    # cell (n - 1/2 to n + 1/2) between low[j] and high[j]. Pulses outside 0..I-1 and parts of the
+    # gate outside the frame count as zero; the first pulse i_0 - h, at which the window of column 0
     # starts, may be negative. Shapes: planes (N, I or more), one contiguous row a range bin; window
     # (K,), with zeros up to the transform length; low, high (J,), in bins; out (J, K), overwritten.
     if native.has_passes(window.size):
@@ -423,9 +424,10 @@ def make_gated_transform(
 def decimate(signature: Signal) -> Signal:
     """Decimate a signature to the lossless hop.
 
-    Every n-th column is kept if the hop is finer than the lossless hop; otherwise all are kept. The columns between
-    can be interpolated from the kept ones (E-23), so features do not depend on them. If the lossless hop is a multiple
-    of the hop, the features are those of the lossless hop; otherwise they are those of the largest multiple below.
+    Every n-th column is kept if the hop is finer than the lossless hop; otherwise all are kept. The
+    columns between can be interpolated from the kept ones (E-23), so features do not depend on
+    them. If the lossless hop is a multiple of the hop, the features are those of the lossless hop;
+    otherwise they are those of the largest multiple below.
 
     Examples
     --------
@@ -461,8 +463,8 @@ def crop_to_frame(signature: AnySignal) -> tuple[AnySignal, float]:
     Returns
     -------
     signature : DataArray (time, doppler)
-        Longest run of columns with half of the gate or more inside. A column with a part of its gate outside is divided
-        by the part inside, so that its noise has the level of a whole gate.
+        Longest run of columns with half of the gate or more inside. A column with a part of its
+        gate outside is divided by the part inside, so that its noise has the level of a whole gate.
     share : float
         Mean part of the gate that was inside, over the whole recording; 1 if the gate was always inside.
 

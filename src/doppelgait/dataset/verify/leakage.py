@@ -1,14 +1,16 @@
 """Leakage test: classes predicted from nuisance parameters.
 
-The classifier is a Bayes classifier on cells: quantile bins of every parameter and coarser ones of every pair, their
-log-likelihood ratios added up. Each parameter and pair counts by how much of its G statistic exceeds twice its degrees
-of freedom, so that parameters without information have no effect. Cells do not depend on the labels; training is
-counting, and a thousand permutations of the labels, each with a new training, are a few matrix products.
+The classifier is a Bayes classifier on cells: quantile bins of every parameter and coarser ones of
+every pair, their log-likelihood ratios added up. Each parameter and pair counts by how much of its
+G statistic exceeds twice its degrees of freedom, so that parameters without information have no
+effect. Cells do not depend on the labels; training is counting, and a thousand permutations of the
+labels, each with a new training, are a few matrix products.
 
-False alarms: one statistic, the accuracy of all parameters together, is compared with that of permuted labels, so that
-the number of parameters needs no correction. A leak needs an accuracy that fewer than one in 10 000 permutations reach.
-A table without a leak is therefore called leaky in less than one case in 10 000, whatever its size; the test of a plan
-is one such comparison, that of a dataset with an empty class is two.
+False alarms: one statistic, the accuracy of all parameters together, is compared with that of
+permuted labels, so that the number of parameters needs no correction. A leak needs an accuracy that
+fewer than one in 10 000 permutations reach. A table without a leak is therefore called leaky in
+less than one case in 10 000, whatever its size; the test of a plan is one such comparison, that of
+a dataset with an empty class is two.
 """
 
 from __future__ import annotations

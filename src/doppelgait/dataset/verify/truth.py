@@ -2,11 +2,12 @@
 
 Wrong labels, units or levels affect a class as a whole.
 
-A check of one class fails where fewer than :data:`LEAST_SHARE` of its rows are within the tolerance, at a level of
-significance of 0.1 % (one-sided binomial test), so that single wrong estimates or a handful of rows never fail it, and
-a wrong sign, unit, label or truth, which hits nearly every row, always does from seven rows on. Whether an estimator is
-good is another question; :mod:`doppelgait.features` describes how often each is correct (the gait frequency: 96 % of
-those that are not flagged are within 5 %).
+A check of one class fails where fewer than :data:`LEAST_SHARE` of its rows are within the
+tolerance, at a level of significance of 0.1 % (one-sided binomial test), so that single wrong
+estimates or a handful of rows never fail it, and a wrong sign, unit, label or truth, which hits
+nearly every row, always does from seven rows on. Whether an estimator is good is another question;
+:mod:`doppelgait.features` describes how often each is correct (the gait frequency: 96 % of those
+that are not flagged are within 5 %).
 
 Tolerances: the torso velocity 0.15 m/s, a cell of Doppler at 0.1 s and 24 GHz or a quarter of one
 at 7 GHz and the body's own swing, and 10 % for a main line that is not the body's centre; the gait

@@ -44,9 +44,10 @@ class Detector(FrozenModel):
         Cells this far below the strongest Doppler cell of the same range bin and scan are its side
         lobes (43.8 dB for sigma_w = 0.4) and are ignored.
     slow_mps : float
-        Below this speed, the half width of a Doppler line, a cell is also compared with its permanent power (lower
-        quartile of the scans), so that residual static clutter is not detected. A body that moves more slowly for half
-        of the recording or longer is not detected. 0 switches this off.
+        Below this speed, the half width of a Doppler line, a cell is also compared with its
+        permanent power (lower quartile of the scans), so that residual static clutter is not
+        detected. A body that moves more slowly for half of the recording or longer is not detected.
+        0 switches this off.
     near_m : float
         Range bins nearer than this contain the direct path between the antennas and are ignored,
         unless there is only one bin.

@@ -64,9 +64,10 @@ class Tracker(FrozenModel):
     min_duration_s : float
         Shortest time from first to last detection; shorter tracks are dropped.
     still_travel_m : float
-        A track is dropped if its travel in range is less than this and its detections are narrower in velocity than
-        twice ``still_velocity_mps`` (median). Such a track can be the echo that clutter removal leaves at a place where
-        a person stood for half of the recording. A person who only breathes is dropped, too. 0 keeps all tracks.
+        A track is dropped if its travel in range is less than this and its detections are narrower
+        in velocity than twice ``still_velocity_mps`` (median). Such a track can be the echo that
+        clutter removal leaves at a place where a person stood for half of the recording. A person
+        who only breathes is dropped, too. 0 keeps all tracks.
     still_velocity_mps : float
         Half width in velocity below which a detection may be clutter, for ``still_travel_m`` and ``still_speed_mps``.
     still_speed_mps : float
