@@ -25,11 +25,6 @@ def test_the_shipped_model_with_its_own_arrays_is_read(tmp_path):
     assert load_model(changed(tmp_path / "m.npz")).facts.alarm == "human"
 
 
-def names(ending):
-    with np.load(SHIPPED) as archive:
-        return next(name for name in archive.files if name.endswith(ending))
-
-
 @pytest.mark.parametrize(
     ("ending", "change"),
     [
@@ -48,7 +43,8 @@ def names(ending):
     ],
 )
 def test_arrays_that_do_not_fit_are_one_error(tmp_path, ending, change):
-    name = names(ending)
+    with np.load(SHIPPED) as archive:
+        name = next(name for name in archive.files if name.endswith(ending))
     with np.load(SHIPPED) as archive:
         path = changed(tmp_path / "m.npz", **{name: change(archive[name])})
     with pytest.raises(DatasetError, match=r"m\.npz") as refused:

@@ -57,18 +57,14 @@ def test_an_unknown_name_lists_those_there_are():
         load_shipped_model("x5")
 
 
-def walking(motion):
-    scene = dg.Scene([dg.Target(motion, range_m=5.0, aspect_deg=0.0)], radar_position_m=(0, 0, 1), duration_s=3.0)
-    return dg.simulate(scene, dg.Radar.preset("x4"), rng=dg.Streams(3))
-
-
 @pytest.mark.parametrize(
     ("motion", "label"),
     [(lambda: dg.motion.boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=3.0), "human"),
      (lambda: dg.motion.quadruped_gait(gait="trot", withers_m=0.5, speed_mps=1.6, duration_s=3.0), "animal")],
 )  # fmt: skip
 def test_who_goes_is_decided_without_naming_a_model(motion, label):
-    recording = walking(motion())
+    scene = dg.Scene([dg.Target(motion(), range_m=5.0, aspect_deg=0.0)], radar_position_m=(0, 0, 1), duration_s=3.0)
+    recording = dg.simulate(scene, dg.Radar.preset("x4"), rng=dg.Streams(3))
     assert choose_model(recording) is load_shipped_model("x4")
     decision = classify(recording, gate="truth")[0]
     assert (decision.label, decision.abstained) == (label, False), decision.reason

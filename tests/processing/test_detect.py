@@ -188,10 +188,6 @@ def test_an_echo_at_the_end_of_the_doppler_axis_is_one_body():
     assert sum(len(scan.detections) for scan in scans) <= len(scans) + 1
 
 
-def three(bodies, n_pulses=1001):
-    return noise(n_pulses, 9) + sum(echo(*body, n_pulses) for body in bodies)
-
-
 @pytest.mark.parametrize(
     ("bodies", "expected"),
     [
@@ -205,7 +201,7 @@ def three(bodies, n_pulses=1001):
     ],
 )
 def test_clusters_are_merged_to_bodies(bodies, expected):
-    scan = scans_of(three(bodies, 201))[0]
+    scan = scans_of(noise(201, 9) + sum(echo(*body, 201) for body in bodies))[0]
     assert len(scan.detections) == expected
 
 

@@ -125,14 +125,9 @@ def test_a_line_of_another_length_is_refused():
             align(mu, np.zeros(size))
 
 
-def walk_past(time_s, speed_mps=1.3, closest_m=2.0, start_m=6.0):
-    along_m = start_m - speed_mps * time_s
-    return np.hypot(along_m, closest_m)
-
-
 def test_track_velocity_is_the_slope_and_the_way_over_the_time_e34():
     time_s = np.arange(400) * 0.0125
-    range_m = walk_past(time_s)
+    range_m = np.hypot(6.0 - 1.3 * time_s, 2.0)
     found = track_velocity(time_s, range_m)
     assert found.line_mps.mean() == pytest.approx(-np.polyfit(time_s, range_m, 1)[0], rel=1e-3)
     assert found.mean_mps == pytest.approx((range_m[0] - range_m[-1]) / np.ptp(time_s), rel=0.01)

@@ -232,22 +232,17 @@ def path_cost(times, ranges, knots, *, sd_m, smooth_mps2, penalty):
     return float(((rows @ solution - wanted) ** 2).sum()) + penalty * len(knots)
 
 
-def short_track(seed):
-    """14 ranges at uneven times, with none to two corners."""
-    source = np.random.default_rng(seed)
-    times = np.cumsum(source.uniform(0.08, 0.12, 14))
-    corners = times[0] + np.sort(source.uniform(0.2, 1.1, seed % 3))
-    track = 6 + source.normal(0, 1) * times + source.normal(0, 0.03, 14)
-    return times, track + sum(source.normal(0, 4) * np.maximum(times - c, 0) for c in corners)
-
-
 COSTS = {"smooth_mps2": 0.5, "penalty": 5.0}
 
 
 @pytest.mark.parametrize("seed", range(9))
 def test_no_other_partition_costs_less(seed):
-    """All partitions of a short track, each solved by dense least squares."""
-    times, track = short_track(seed)
+    """All partitions of 14 uneven ranges with up to two corners, each solved by dense least squares."""
+    source = np.random.default_rng(seed)
+    times = np.cumsum(source.uniform(0.08, 0.12, 14))
+    corners = times[0] + np.sort(source.uniform(0.2, 1.1, seed % 3))
+    track = 6 + source.normal(0, 1) * times + source.normal(0, 0.03, 14)
+    track += sum(source.normal(0, 4) * np.maximum(times - c, 0) for c in corners)
 
     def allowed(knots):
         return all(times[b] - times[a] >= 0.3 for a, b in pairwise([0, *knots, 13]))

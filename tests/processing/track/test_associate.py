@@ -29,15 +29,11 @@ def all_events(gain: np.ndarray) -> list[tuple[tuple[int, ...], float]]:
     return events
 
 
-def random_gain(rng: np.random.Generator, tracks: int, detections: int) -> np.ndarray:
-    gain = rng.normal(0, 3, size=(tracks, detections))
-    return np.where(rng.random(gain.shape) < 0.3, -np.inf, gain)
-
-
 @pytest.mark.parametrize("seed", range(30))
 def test_assignment_and_probabilities_equal_brute_force(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    gain = random_gain(rng, int(rng.integers(1, 4)), int(rng.integers(1, 5)))
+    gain = rng.normal(0, 3, size=(rng.integers(1, 4), rng.integers(1, 5)))
+    gain[rng.random(gain.shape) < 0.3] = -np.inf
     events = all_events(gain)
     best = max(weight for _, weight in events)
     chosen = find_best_assignment(gain, MISS)

@@ -226,19 +226,16 @@ def test_a_frame_that_starts_behind_the_radar(tmp_path: Path) -> None:
     assert recording.radar.n_range_bins == 20
 
 
-def changed_frame(folder: Path) -> Path:
+def test_settings_that_change_are_refused(tmp_path: Path) -> None:
     head = {"bin_length_m": 0.05, "sample_rate_hz": 2.9e9, "carrier_hz": 7.29e9}
     records = [
         make_records("baseband_iq", **head, frame_counter=k, range_start_m=0.4 if k < 3 else 0.6, i=[1, 2], q=[3, 4])
         for k in range(1, 5)
     ]
     timed = [TimedRecord(10 * k, "baseband_iq", record.tobytes()) for k, record in enumerate(records)]
-    return write_xethru(folder, timed, start_time=START, session_id="S")
-
-
-def test_settings_that_change_are_refused(tmp_path: Path) -> None:
+    path = write_xethru(tmp_path, timed, start_time=START, session_id="S")
     with pytest.raises(RecordingError, match=r"range_start_m changes from 0\.4 to 0\.6 at record 3 of 4"):
-        read_xethru_recording(changed_frame(tmp_path))
+        read_xethru_recording(path)
 
 
 def test_records_of_several_sizes_are_refused(tmp_path: Path) -> None:
