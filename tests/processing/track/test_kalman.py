@@ -85,8 +85,10 @@ def test_mixture_has_the_moments_of_its_samples() -> None:
     np.testing.assert_allclose(kalman.make_covariance(got), np.cov(draws.T), atol=3e-3)
 
 
-def simulated(n: int, rng: np.random.Generator) -> tuple[list, list, kalman.Model]:
-    """Filtered and predicted states of one random run from a random start."""
+def test_smoother_is_the_least_squares_solution() -> None:
+    """Smoothed means and covariances equal those of one large linear problem over all states (information form)."""
+    n = 12
+    rng = np.random.default_rng(3)
     model = kalman.make_constant_velocity_model(DT, acceleration_noise_m2ps3=Q)
     transition, noise = matrices(model)
     truth = rng.multivariate_normal(START[:2], kalman.make_covariance(START))
@@ -100,14 +102,6 @@ def simulated(n: int, rng: np.random.Generator) -> tuple[list, list, kalman.Mode
         )
         predicted.append(before)
         filtered.append(kalman.update(before, seen))
-    return filtered, predicted, model
-
-
-def test_smoother_is_the_least_squares_solution() -> None:
-    """Smoothed means and covariances equal those of one large linear problem over all states (information form)."""
-    n = 12
-    filtered, predicted, model = simulated(n, np.random.default_rng(3))
-    transition, noise = matrices(model)
     information, vector = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
     prior = np.linalg.inv(kalman.make_covariance(START))
     information[:2, :2] += prior
