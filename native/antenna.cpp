@@ -20,8 +20,8 @@ void apply_cosine_pattern(Rows<const double> azimuths, Rows<const double> elevat
     side_by_side(results.width, [&](auto zero, Index at) {
       using V = decltype(zero);
       V level, up, ahead, left;
-      phasor(load<V>(elevations[i] + at) * (0.5 / M_PI), level, up);
-      phasor((load<V>(azimuths[i] + at) - boresight_azimuth_rad) * (0.5 / M_PI), ahead, left);
+      phasor(load<V>(elevations[i] + at) * (0.5 / kPi), level, up);
+      phasor((load<V>(azimuths[i] + at) - boresight_azimuth_rad) * (0.5 / kPi), ahead, left);
       ahead *= level;
       left *= level;
       const V forward = ahead * cos_tilt + up * sin_tilt, above = up * cos_tilt - ahead * sin_tilt;

@@ -21,7 +21,7 @@ void sum_excess(Rows<const T> values, double floor, Line<double> sums, Line<doub
     for (Index first = 0; first < whole; first += kLanes) {  // sums that do not wait for each other
       for (int i = 0; i < n; ++i) {
         const Double excess = load_double(column + first + i * kHalfWidth) - floor;
-        const Double cell = excess > 0.0 ? excess : Double{};
+        const Double cell = excess <= 0.0 ? Double{} : excess;  // what is not a number stays so
         parts[i] += cell;
         tops[i] = cell > tops[i] ? cell : tops[i];
       }
@@ -51,7 +51,7 @@ void scale_excess(Rows<const T> values, double floor, Line<const double> factor,
     double* __restrict to = out[j];
     for (Index k = 0; k < values.width; ++k) {
       const double excess = static_cast<double>(column[k]) - floor;
-      to[k] = (excess > 0.0 ? excess : 0.0) * factor[j];
+      to[k] = (excess <= 0.0 ? 0.0 : excess) * factor[j];
     }
   }
 }

@@ -55,6 +55,7 @@ typedef std::uint64_t Long __attribute__((vector_size(4 * kWidth)));
 template <typename V>
 using Bits = std::conditional_t<std::is_same_v<V, double>, std::uint64_t, Long>;
 
+constexpr double kPi = 3.14159265358979323846;
 constexpr double kLn2High = 0.693147180369123816490, kLn2Low = 1.90821492927058770002e-10;
 
 // e^x, 0 below -700; Taylor's series ends below 1e-17 for |x| <= ln(2) / 2.

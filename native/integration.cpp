@@ -33,7 +33,7 @@ void integrate_echoes(Plane<double> ranges, Plane<double> speeds, Plane<double> 
       const V distance = range > nearest_m ? range : zero + nearest_m;
       const V whole = round_even(x), r = x - whole, ratio = sine_ratio(r);
       const V odd = whole - 2.0 * round_even(0.5 * whole);  // -1, 0 or 1
-      const V loss = whole == 0.0 ? ratio * (1.0 / M_PI) : ratio * r * (1.0 - 2.0 * odd * odd) / (M_PI * x);
+      const V loss = whole == 0.0 ? ratio * (1.0 / kPi) : ratio * r * (1.0 - 2.0 * odd * odd) / (kPi * x);
       const V level = one_metre * square_root(load<V>(area + at) * load<V>(gain + at));
       store(amplitudes[frame] + at, level * loss / (distance * distance));
     });

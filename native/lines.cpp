@@ -20,7 +20,7 @@ Index go_round(Index bin, Index n_bins) { return (bin % n_bins + n_bins) % n_bin
 void smooth(Line<const double> values, double sd, bool mirrored, Line<double> out) {
   const Index n = values.size;
   require(out.size == n && n > 0, "every value needs a smoothed one");
-  require(sd > 0.0 && sd < 1e8, "the standard deviation must be positive");
+  require(sd > 0.0 && sd < 1e6, "the standard deviation must be positive");
   const auto reach = static_cast<Index>(4.0 * sd + 0.5);
   std::vector<double> weight(reach + 1), padded(n + 2 * reach + kLanes);
   double sum = 0.0;

@@ -99,7 +99,7 @@ void weigh_rows(Rows<const double> values, Sizes stops, double whitening, double
     }
   }
   for (Index s = 0, first = 0; s < stops.size; first = stops[s++]) {
-    const double strongest = *std::max_element(weight.data + first, weight.data + std::max(stops[s], first + 1));
+    const double strongest = stops[s] > first ? *std::max_element(weight.data + first, weight.data + stops[s]) : 0.0;
     for (Index k = first; k < stops[s]; ++k) weight[k] = 1.0 / (weight[k] + weak * strongest + 1e-300);
     double *plain = until[2 * s], *equal = until[2 * s + 1];
     plain[0] = equal[0] = 0.0;
@@ -122,7 +122,8 @@ void powers_of_pairs(Rows<const double> lines, Sizes stops, Line<const double> w
                      Rows<std::complex<double>> powers) {
   const Index length = lines.count, width = lines.width;
   check_sets(stops, std::min(weight.size, width));
-  require(width % 2 == 0 && powers.count == 2 * stops.size && powers.width == length / 2 + 1, "powers do not fit");
+  require(length > 0 && width % 2 == 0 && powers.count == 2 * stops.size && powers.width == length / 2 + 1,
+          "powers do not fit");
   std::vector<double> power(width);
   for (Index q = 0; q < powers.width; ++q) {
     const double *here = lines[q], *there = lines[(length - q) % length];

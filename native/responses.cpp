@@ -60,7 +60,7 @@ void add_response(const Pulses& pulses, Index pulse, Index scatterer, const Bins
   for (Index n = lowest; n < stop; n += kHalfWidth) {
     const Double x = (static_cast<double>(n) + lane) * bins.step + start;
     const Double inside = 1.0 - (x < 0.0 ? -x : x);
-    const Double g = (delta + bins.time_bandwidth * x) * inside, angle = M_PI * g;
+    const Double g = (delta + bins.time_bandwidth * x) * inside, angle = kPi * g;
     Double cosine, sine, re, im;
     phasor(0.5 * g, cosine, sine);
     phasor(0.5 * delta * x, re, im);
@@ -197,7 +197,7 @@ struct Spread {
       using V = decltype(zero);
       const V delay = load<V>(range_m + at) * sweep.per_m, beta = load<V>(velocity_mps + at) * sweep.per_m;
       V phase = sweep.first_turns - delay * (sweep.carrier_hz - sweep.half_slope * delay);
-      if (extra_rad) phase += load<V>(extra_rad + at) * (0.5 / M_PI);
+      if (extra_rad) phase += load<V>(extra_rad + at) * (0.5 / kPi);
       const V place = sweep.bandwidth_hz * delay * (1.0 + sweep.lag * beta) - sweep.coupling * beta - sweep.first_bin;
       const V rounds = round_down(place / sweep.n_samples);
       phase += sweep.turns_round * rounds;
@@ -206,7 +206,7 @@ struct Spread {
       const V inside = (half - round_down(half)) * kPlaces;
       store_narrow(&size[at], load<V>(amplitude + at));
       store_narrow(&turns[at], phase - round_even(phase));
-      store_narrow(&eta[at], (round_down(inside) + 0.5 - inside) * (0.5 * M_PI / kPlaces));
+      store_narrow(&eta[at], (round_down(inside) + 0.5 - inside) * (0.5 * kPi / kPlaces));
       store_narrow(&bend[at], sweep.bend * beta * (1.0 + 0.5 * sweep.lag * beta));
       store(&halves[at], half);
     });

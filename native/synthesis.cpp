@@ -97,7 +97,7 @@ struct Split {
   Split(const Geometry& geometry, Double range, Double amplitude, Double extra_rad) {
     place = (range - geometry.first_bin_m) * geometry.bins_per_m;
     bin = round_even(place);
-    turns = fused(range, -geometry.turns_per_m, geometry.first_turn) + extra_rad * (0.5 / M_PI);
+    turns = fused(range, -geometry.turns_per_m, geometry.first_turn) + extra_rad * (0.5 / kPi);
     turns -= round_even(turns);
     const Double halves = round_even(2.0 * turns);
     turns -= 0.5 * halves;
@@ -177,7 +177,7 @@ Geometry make_geometry(double first_bin_m, double bin_spacing_m, double pulse_si
   const double sigma = pulse_sigma_m / bin_spacing_m, support = kSupportSigmas * sigma;
   return {first_bin_m,
           1.0 / bin_spacing_m,
-          phase_rad / (2.0 * M_PI),
+          phase_rad / (2.0 * kPi),
           2.0 / wavelength_m,
           std::max(0.0, std::min(1e9, support + 1e-3)),  // floats may round a bin at the cut to either side
           static_cast<float>(-0.5 / (std::log(2.0) * sigma * sigma)),

@@ -17,16 +17,8 @@ from doppelgait.motion.models.boulic import boulic_walk
 def make_all(plan, size):
     """Return rows, bytes of arrays and failures of a plan's examples, made some at a time."""
     context = BuildContext(plan.config, str(plan.folder), ".")
-    batches = [plan.examples[first : first + size] for first in range(0, len(plan.examples), size)]
-    return [
-        (
-            data.rows,
-            [{name: array.tobytes() for name, array in arrays.items()} for arrays in data.arrays],
-            data.failures,
-        )
-        for batch in batches
-        for data in context.make(batch)
-    ]
+    made = [data for n in range(0, len(plan.examples), size) for data in context.make(plan.examples[n : n + size])]
+    return [(data.rows, [{k: v.tobytes() for k, v in a.items()} for a in data.arrays], data.failures) for data in made]
 
 
 @pytest.mark.parametrize("name", ["home-alarm", str(ROOT / "examples" / "rooms-plan.toml")])
@@ -39,8 +31,6 @@ def test_bytes_do_not_depend_on_the_batch(name):
 
 
 class Moody(FrozenModel):
-    """Parameters of a model that warns or fails."""
-
     kind: Literal["moody"] = "moody"
     mood: str = "calm"
 

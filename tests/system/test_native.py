@@ -71,24 +71,22 @@ def test_the_process_lives(surroundings):
     sys.platform != "linux" or not (shutil.which("g++") and shutil.which("cmake")), reason="needs Linux, g++ and cmake"
 )
 def test_native_code_stays_inside_its_memory(tmp_path):
-    # the tests of native code, watched by the sanitizers of addresses and of undefined behaviour
     package, core = Path(doppelgait.__file__).parent, tmp_path / "doppelgait" / "_core"
     core.mkdir(parents=True)
     for path in package.iterdir():
         if path.name != "_core":
             (tmp_path / "doppelgait" / path.name).symlink_to(path)
     shutil.copy(package / "_core" / "__init__.py", core)
-    watched = "-fsanitize=address,undefined;-fno-sanitize-recover=undefined;-g1;-O1"
+    watched = "-DDOPPELGAIT_OPTIONS=-fsanitize=address,undefined;-fno-sanitize-recover=undefined;-g1;-O1"
     options = [f"-DPython_EXECUTABLE={sys.executable}", f"-DDOPPELGAIT_OUTPUT={core}", "-DCMAKE_CXX_COMPILER=g++"]
-    lines = [
-        ["cmake", "-S", ROOT / "native", "-B", tmp_path / "build", *options, f"-DDOPPELGAIT_OPTIONS={watched}"],
-        ["cmake", "--build", tmp_path / "build", "--parallel"],
-        [sys.executable, "-m", "pytest", "-q", "-s", "-x", "-p", "no:cacheprovider", ROOT / "tests" / "native"],
-    ]
     names = ("libasan.so", "libstdc++.so.6")
     found = [processes.run(["g++", f"-print-file-name={name}"], capture_output=True, text=True) for name in names]
     variables = {"LD_PRELOAD": " ".join(one.stdout.strip() for one in found), "ASAN_OPTIONS": "detect_leaks=0"}
-    for line, further in zip(lines, ({}, {}, variables), strict=True):
+    for line, further in (
+        (["cmake", "-S", ROOT / "native", "-B", tmp_path / "build", *options, watched], {}),
+        (["cmake", "--build", tmp_path / "build", "--parallel"], {}),
+        ([sys.executable, "-m", "pytest", "-qsx", "-p", "no:cacheprovider", ROOT / "tests" / "native"], variables),
+    ):
         environment = {**os.environ, **further, "PYTHONPATH": str(tmp_path)}
         done = processes.run([*map(str, line)], timeout=600, capture_output=True, text=True, env=environment)
         assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]

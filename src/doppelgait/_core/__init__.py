@@ -7,7 +7,13 @@ AVX-512). Levels 2 and 3 make the same bytes. ``DOPPELGAIT_LEVEL`` chooses a low
 import os
 from typing import Any
 
-from doppelgait._core import _level1  # type: ignore[attr-defined]
+try:
+    from doppelgait._core import _level1  # type: ignore[attr-defined]
+except ImportError as error:
+    raise ImportError(
+        "doppelgait's native code is not built for this Python: install doppelgait again (pip install, or make in a "
+        f"checkout); it needs a wheel or a C++ compiler ({error})"
+    ) from None
 
 native: Any = _level1
 LEVEL = min(_level1.find_processor_level(), {"1": 1, "2": 2}.get(os.environ.get("DOPPELGAIT_LEVEL", ""), 3))

@@ -288,11 +288,13 @@ def build_examples(
     with limit_blas_threads():
         with collect_messages() as early:  # the first step makes the motions of all scenes
             first = next(scenes)
+        if early and len(examples) > 1:  # made alone, a warning is that of its example
+            return [made for example in examples for made in build_examples([example], fields, folder, gate=gate)]
         scenes = chain([first], scenes)
         simulated = [simulate_example(example, scenes, fields, gate) for example in examples]
         with collect_messages() as late:
             analysed = analyze_together([one.signatures for one in simulated])
-    if len(examples) > 1 and (early or late):  # made alone, a warning is that of its example
+    if late and len(examples) > 1:
         return [made for example in examples for made in build_examples([example], fields, folder, gate=gate)]
     made = []
     for one, results in zip(simulated, analysed, strict=True):

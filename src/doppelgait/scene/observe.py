@@ -280,7 +280,7 @@ def _join_tables(bodies: Sequence[Scatterers], times: FloatArray, tables: Sequen
     """Join values of all bodies, (I, P); repeated rows stay one row."""
     shapes = [(times.size, len(body.motion.markers)) for body in bodies]
     parts = [np.broadcast_to(values, shape) for values, shape in zip(tables, shapes, strict=True)]
-    if all(part.strides[0] == 0 for part in parts if part.shape[1]):
+    if times.size and all(part.strides[0] == 0 for part in parts if part.shape[1]):
         row = np.concatenate([np.empty((1, 0)), *(part[:1] for part in parts)], axis=1)
         return np.broadcast_to(row, (times.size, row.shape[1]))
     return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)

@@ -501,33 +501,26 @@ def test_a_foreign_toml_file_is_never_overwritten(tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["scene.toml"]
 
 
-def make_npz(path):
-    write_arrays(measured(), path.with_suffix(".npz"))
-    return path.with_suffix(".npz")
-
-
-def make_mat(path):
-    savemat(path.with_suffix(".mat"), matlab_content(FRAMES[:, :60]))
-    return path.with_suffix(".mat")
-
-
 def make_v73(path):
-    with h5py.File(path.with_suffix(".mat"), "w", userblock_size=512) as file:
+    with h5py.File(path, "w", userblock_size=512) as file:
         for name, value in matlab_content(FRAMES[:, :60], subject=None).items():
             file[name] = np.atleast_2d(value).T
-    with path.with_suffix(".mat").open("r+b") as file:
+    with path.open("r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file")
-    return path.with_suffix(".mat")
 
 
-def make_own(path):
-    write_recording(measured(notes=["n"]), path.with_suffix(".h5"))
-    return path.with_suffix(".h5")
+WRITERS = {
+    "npz": lambda path: write_arrays(measured(), path),
+    "mat": lambda path: savemat(path, matlab_content(FRAMES[:, :60])),
+    "v73.mat": make_v73,
+    "h5": lambda path: write_recording(measured(notes=["n"]), path),
+}
 
 
-@pytest.mark.parametrize("make", [make_npz, make_mat, make_v73, make_own], ids=lambda f: f.__name__)
-def test_damaged_files_are_read_or_refused_by_name(tmp_path, make):
-    path = make(tmp_path / "whole")
+@pytest.mark.parametrize("ending", WRITERS)
+def test_damaged_files_are_read_or_refused_by_name(tmp_path, ending):
+    path = tmp_path / f"whole.{ending}"
+    WRITERS[ending](path)
     if (tmp_path / "whole.toml").is_file():
         (tmp_path / "damaged.toml").write_bytes((tmp_path / "whole.toml").read_bytes())
     outcomes = [
