@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial, wraps
-from inspect import signature
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Protocol, TypeVar, Union
 
 import numpy as np
@@ -245,8 +244,9 @@ def take_columns(values: Any, columns: slice | npt.NDArray[np.intp]) -> Any:
 
 
 def takes_arrays(function: Callable[..., Any]) -> bool:
-    """Return True if a function's first parameter is a plain table; functions written for 0.2 take a Dataset."""
-    first = next((p.annotation for p in signature(function).parameters.values()), None)
+    """Return True if the first annotated parameter is a plain table; those of 0.2 take a Dataset."""
+    annotations = getattr(function, "__annotations__", {})
+    first = next((value for name, value in annotations.items() if name != "return"), None)
     name = first.rpartition(".")[2] if isinstance(first, str) else first
     return name in (ScattererTable, AnyTable, "ScattererTable", "AnyTable")
 
