@@ -17,7 +17,7 @@ Parameters = TypeVar("Parameters", bound=FrozenModel)
 Generate = Callable[..., Any]
 """Type of a model: ``generate(parameters, durations_s, rngs) -> motions`` of a batch of examples, called with sequences
 of equal length; or ``generate(parameters, duration_s, rng) -> motion`` of a single one, which is called for each. The
-name of the third parameter tells them apart. A generator may be None if nothing is random. The fact ``alike`` of a
+names ``durations_s, rngs`` tell them apart. A generator may be None if nothing is random. The fact ``alike`` of a
 plug-in is a function of its parameters with equal values for the examples of a batch."""
 LONGEST_BATCH_S = 100.0
 """Maximum sum of the durations of motions that are generated together, so that their arrays remain small."""
@@ -126,6 +126,6 @@ def generate_all(
 
 def _takes_batches(run: Generate) -> bool:
     try:
-        return list(signature(run).parameters)[2:] == ["rngs"]
+        return list(signature(run).parameters)[1:] == ["durations_s", "rngs"]
     except ValueError:  # a builtin states no parameters
         return False
