@@ -45,7 +45,6 @@ def test_the_shipped_model_with_its_own_arrays_is_read(tmp_path):
 def test_arrays_that_do_not_fit_are_one_error(tmp_path, ending, change):
     with np.load(SHIPPED) as archive:
         name = next(name for name in archive.files if name.endswith(ending))
-    with np.load(SHIPPED) as archive:
         path = changed(tmp_path / "m.npz", **{name: change(archive[name])})
     with pytest.raises(DatasetError, match=r"m\.npz") as refused:
         load_model(path)

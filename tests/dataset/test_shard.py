@@ -30,6 +30,12 @@ def test_bytes_do_not_depend_on_the_batch(name):
     assert make_all(plan, 4) == make_all(plan, 16) == alone
 
 
+def test_a_batch_is_bounded_by_its_time_and_its_bytes():
+    long, large = ["scene.duration_s={uniform=[10,30]}"], ["radar={preset='ti-77'}", "analysis.parts=true"]
+    for size, changes in ((16, []), (3, long), (8, large), (9, ['dataset.fields=["baseband"]'])):
+        assert BuildContext(load_plan("home-alarm", overrides=changes)[0], ".").batch_size == size
+
+
 class Moody(FrozenModel):
     kind: Literal["moody"] = "moody"
     mood: str = "calm"

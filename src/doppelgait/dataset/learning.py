@@ -37,39 +37,31 @@ class StoredExamples(Protocol):
     @property
     def directory(self) -> Path:
         """Folder of the dataset."""
-        ...
 
     @property
     def description(self) -> dict[str, Any]:
         """Content of ``dataset.json``."""
-        ...
 
     @property
     def index(self) -> pd.DataFrame:
         """One row per example and target."""
-        ...
 
     def __len__(self) -> int: ...
 
     def array(self, field: str, number: int) -> Array:
         """Read an array of a row, in linear units."""
-        ...
 
     def stored(self, number: int, name: str) -> Array | None:
         """Read an array of a row, as stored."""
-        ...
 
     def shape(self, number: int, name: str) -> tuple[int, ...] | None:
         """Return the shape of an array of a row without reading it."""
-        ...
 
     def check_fields(self, fields: Sequence[str]) -> None:
         """Raise a :class:`DatasetError` if a field is not kept."""
-        ...
 
     def class_numbers(self) -> npt.NDArray[np.int64]:
         """Return the class number of every row."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

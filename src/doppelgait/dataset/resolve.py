@@ -134,7 +134,6 @@ def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[Row
 
 
 def _make_sampler(plan: PlanConfig, number: int) -> Draw:
-    """Return the function that samples values of an example."""
     # cycles advance with the number within the class, in the same order for every class
     return partial(sample, Streams(plan.dataset.seed, number), find_class(plan, number)[1])
 

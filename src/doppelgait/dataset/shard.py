@@ -7,8 +7,9 @@ import math
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -32,6 +33,7 @@ from doppelgait.pipeline.analyze import analyze_together, compute_signatures
 from doppelgait.pipeline.result import read_signal
 from doppelgait.pipeline.run import simulate_placed
 from doppelgait.pipeline.target import Gated
+from doppelgait.processing.config import plan_transform
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.scene import PlacedScene
 from doppelgait.scene.placement import place_all
@@ -40,6 +42,8 @@ MAX_BATCH = 16
 """Maximum number of examples that are made together."""
 BATCH_S = 60.0
 """Maximum duration, s, of the scenes that are made together, so that memory does not grow with their number."""
+BATCH_BYTES = 48_000_000
+"""Maximum size of the basebands and signatures that are kept of the examples that are made together."""
 MOST_APART_M = 1.0
 """Maximum mean distance, m, between a track and its body."""
 LEAST_SHARE = 0.3
@@ -153,6 +157,9 @@ class ExampleData:
     arrays: list[Arrays] = field(default_factory=list)
     failures: list[dict[str, str]] = field(default_factory=list)
 
+    def __iter__(self) -> Iterator[tuple[dict[str, Any], Arrays]]:
+        return zip(self.rows, self.arrays, strict=True)
+
 
 class ExampleMaker(Protocol):
     """Maker of examples, from a plan or recordings."""
@@ -160,21 +167,17 @@ class ExampleMaker(Protocol):
     @property
     def directory(self) -> str:
         """Folder of the dataset."""
-        ...
 
     @property
     def identity(self) -> str:
         """Id of the dataset."""
-        ...
 
     @property
     def batch_size(self) -> int:
         """Number of examples that are made together."""
-        ...
 
     def make(self, entries: Sequence[Any]) -> list[ExampleData]:
         """Make examples together; the faults of one become its failures."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -183,31 +186,39 @@ class BuildContext:
 
     config: PlanConfig
     folder: str
-    directory: str
+    directory: str = ""
     identity: str = ""
 
-    @property
+    @cached_property
     def batch_size(self) -> int:
-        """Number of examples that are made together; long scenes are made alone."""
-        duration_s = replace_by_middle(self.config.scene).get("duration_s")
-        return max(1, min(MAX_BATCH, int(BATCH_S / duration_s))) if isinstance(duration_s, int | float) else 1
+        """Number of examples that are made together: fewer of long scenes and of large arrays."""
+        settings, duration_s = self.config.dataset, replace_by_middle(self.config.scene).get("duration_s")
+        if not isinstance(duration_s, int | float):
+            return 1
+        try:  # radar and settings of one example stand for all
+            run = resolve_example(self.config, 0, Path(self.folder)).run
+            n_pulses = int(duration_s * run.radar.prf_hz)
+            columns = plan_transform(run.analysis.resolved(settings.gate), n_pulses=n_pulses, prf_hz=run.radar.prf_hz)
+        except DoppelgaitError:
+            return 1
+        n_bytes = 4 * columns.n_columns * columns.n_doppler_bins
+        if run.analysis.parts or any(spec.name == "baseband" for spec in settings.fields):
+            n_bytes += 8 * n_pulses * run.radar.range_axis_m().size
+        return max(1, min(MAX_BATCH, int(BATCH_S / duration_s), BATCH_BYTES // n_bytes))
 
     def make(self, entries: Sequence[PlannedExample]) -> list[ExampleData]:
         """Simulate and analyse planned examples."""
-        try:
-            return [
-                ExampleData([row for row, _ in made], [stored for _, stored in made])
-                for made in build_planned(entries, self)
-            ]
-        except Exception as error:
-            if len(entries) > 1:  # the fault of one must not reach the others
-                return [data for entry in entries for data in self.make([entry])]
-            (entry,) = entries
-            try:
-                spec = format_canonical_json(resolve_example(self.config, entry.number, Path(self.folder)))
-            except DoppelgaitError:
-                spec = json.dumps({"number": entry.number})
-            return [ExampleData(failures=[{"id": entry.id, "reason": describe_failure(error), "spec": spec}])]
+        made = build_planned(entries, self)
+        return [
+            self._describe_failure(entry, data) if isinstance(data, Exception) else data
+            for entry, data in zip(entries, made, strict=True)
+        ]
+
+    def _describe_failure(self, entry: PlannedExample, error: Exception) -> ExampleData:
+        spec = json.dumps({"number": entry.number})
+        with suppress(DoppelgaitError):
+            spec = format_canonical_json(resolve_example(self.config, entry.number, Path(self.folder)))
+        return ExampleData(failures=[{"id": entry.id, "reason": describe_failure(error), "spec": spec}])
 
 
 def build_shard(
@@ -223,7 +234,7 @@ def build_shard(
         batch = shard.examples[first : first + size]
         for entry, made in zip(batch, maker.make(batch), strict=True):
             failures += made.failures
-            for row, stored in zip(made.rows, made.arrays, strict=True):
+            for row, stored in made:
                 rows.append({**row, "shard": shard.name, "row": len(arrays)})
                 arrays.append(stored)
             if tick is not None:
@@ -251,17 +262,20 @@ def describe_failure(error: Exception) -> str:
     return "internal error: " + "".join(traceback.format_exception_only(error)).strip()
 
 
-MadeRows = list[tuple[dict[str, Any], Arrays]]
-"""Index row and stored arrays of every target of an example."""
+class MixedWarningsError(Exception):
+    """Error of a batch with warnings that may belong to any of its examples."""
 
 
-def build_planned(entries: Sequence[PlannedExample], context: BuildContext) -> list[MadeRows]:
-    """Build planned examples."""
+def build_planned(entries: Sequence[PlannedExample], context: BuildContext) -> list[ExampleData | Exception]:
+    """Build planned examples together; the fault or warning of one does not reach the others."""
     folder, settings = Path(context.folder), context.config.dataset
-    specs = [
-        resolve_example(context.config, entry.number, folder, split=entry.split, group=entry.group) for entry in entries
-    ]
-    return build_examples(specs, settings.fields, folder, gate=settings.gate)
+    try:
+        specs = [resolve_example(context.config, e.number, folder, split=e.split, group=e.group) for e in entries]
+        return [*build_examples(specs, settings.fields, folder, gate=settings.gate)]
+    except Exception as error:
+        if len(entries) == 1:
+            return [error]
+        return [made for entry in entries for made in build_planned([entry], context)]
 
 
 @dataclass(frozen=True)
@@ -281,31 +295,30 @@ def build_examples(
     folder: Path,
     *,
     gate: Literal["truth", "track"] = "truth",
-) -> list[MadeRows]:
+) -> list[ExampleData]:
     """Build examples; their motions are made together, and their signatures are analysed together."""
     runs = [example.run for example in examples]
     scenes = place_all([run.scene for run in runs], [run.streams for run in runs], folder=folder)
     with limit_blas_threads():
         with collect_messages() as early:  # the first step makes the motions of all scenes
             first = next(scenes)
-        if early and len(examples) > 1:  # made alone, a warning is that of its example
-            return [made for example in examples for made in build_examples([example], fields, folder, gate=gate)]
+        if early and len(examples) > 1:
+            raise MixedWarningsError
         scenes = chain([first], scenes)
         simulated = [simulate_example(example, scenes, fields, gate) for example in examples]
         with collect_messages() as late:
             analysed = analyze_together([one.signatures for one in simulated])
     if late and len(examples) > 1:
-        return [made for example in examples for made in build_examples([example], fields, folder, gate=gate)]
+        raise MixedWarningsError
     made = []
     for one, results in zip(simulated, analysed, strict=True):
         messages = ";".join(dict.fromkeys([*early, *one.messages, *late]))
-        rows = []
+        made.append(data := ExampleData())
         for columns, signals, result in zip(one.columns, one.signals, one.tracked or results, strict=True):
             measured = result.to_row() if result is not None else {"gate": "track", **NOTHING, "flags": "not_tracked"}
-            row = convert_to_json({**columns, **measured, "warnings": messages})
             whole = {spec.name: read_signal(result, spec.name) for spec in fields if spec.name not in signals}
-            rows.append((row, encode_arrays(fields, whole | signals)))
-        made.append(rows)
+            data.rows.append(convert_to_json({**columns, **measured, "warnings": messages}))
+            data.arrays.append(encode_arrays(fields, whole | signals))
     return made
 
 

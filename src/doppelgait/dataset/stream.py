@@ -13,9 +13,9 @@ from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.example import Example, label_arrays
 from doppelgait.dataset.learning import As, picture_format
 from doppelgait.dataset.motions import expand_folders
-from doppelgait.dataset.plan import Plan
+from doppelgait.dataset.plan import Plan, PlannedExample
 from doppelgait.dataset.resolve import resolve_example
-from doppelgait.dataset.shard import build_examples
+from doppelgait.dataset.shard import BuildContext, build_planned
 from doppelgait.dataset.shard_files import INDEX_NAMES, describe_fields
 
 if TYPE_CHECKING:
@@ -65,27 +65,26 @@ class ExampleStream:
         DatasetError
             If :data:`MAX_FAILURES` examples in a row fail.
         """
-        settings, number, failed = self.config.dataset, self.start, 0
-        facts = describe_fields(settings.fields)
+        number, size, failed = self.start, 1, 0
+        context, facts = BuildContext(self.config, str(self.folder)), describe_fields(self.config.dataset.fields)
         while True:
-            try:
-                spec = resolve_example(self.config, number, self.folder)
-                (made,) = build_examples([spec], settings.fields, self.folder, gate=settings.gate)
+            entries = [PlannedExample(number + n * self.step, 0, "", "", "", ()) for n in range(size)]
+            for (number, *_), made in zip(entries, build_planned(entries, context), strict=True):
+                if isinstance(made, Exception):
+                    if isinstance(made, ConfigError) or not isinstance(made, DoppelgaitError):
+                        raise made
+                    failed += 1
+                    if failed == MAX_FAILURES:
+                        raise DatasetError(f"{failed} examples in a row failed, the last is number {number}: {made}")
+                    warn_caller(f"example number {number} failed: {made}; left out")
+                    continue
                 failed = 0
-            except ConfigError:
-                raise
-            except DoppelgaitError as error:
-                made, failed = [], failed + 1
-                if failed == MAX_FAILURES:
-                    raise DatasetError(
-                        f"{failed} examples in a row failed, the last is number {number}: {error}"
-                    ) from None
-                warn_caller(f"example number {number} failed: {error}; left out")
-            for row, arrays in made:
-                labelled = label_arrays(facts, row, arrays.get, carrier_hz=spec.run.radar.carrier_hz)
-                row = {INDEX_NAMES.get(name, name): value for name, value in row.items()}
-                yield number, Example(row, labelled, partial(resolve_example, self.config, number, self.folder))
+                for row, arrays in made:
+                    labelled = label_arrays(facts, row, arrays.get, carrier_hz=row["carrier_hz"])
+                    row = {INDEX_NAMES.get(name, name): value for name, value in row.items()}
+                    yield number, Example(row, labelled, partial(resolve_example, self.config, number, self.folder))
             number += self.step
+            size = min(2 * size, context.batch_size)  # the first example is there soon
 
     def class_number(self, label: str) -> int:
         """Return a class's number in the plan's order."""

@@ -32,15 +32,12 @@ class NumberedExamples(Protocol):
 
     def iterate_numbered(self) -> Iterator[tuple[int, Example]]:
         """Yield examples with their numbers."""
-        ...
 
     def part(self, number: int, count: int) -> NumberedExamples:
         """Return the share of one of several workers."""
-        ...
 
     def class_number(self, label: str) -> int:
         """Return the number of a class."""
-        ...
 
 
 def as_item(arrays: Mapping[str, npt.NDArray[Any]], transform: Transform | None, target: int) -> Item:

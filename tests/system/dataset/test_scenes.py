@@ -42,7 +42,7 @@ def plan(**changes):
 def rows_of(config, number=0, folder=Path()):
     laid_out = plan_dataset(config, folder=folder)
     context = BuildContext(laid_out.config, str(folder), "")
-    return build_planned([laid_out.examples[number]], context)[0]
+    return list(build_planned([laid_out.examples[number]], context)[0])
 
 
 def test_targets_of_one_scene_are_rows_with_their_own_label_signature_and_truth():

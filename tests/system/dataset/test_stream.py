@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning
-from doppelgait.dataset import plan_dataset, stream
+from doppelgait.dataset import plan_dataset, shard
 from doppelgait.dataset.stream import MAX_FAILURES, stream_examples
 from tiny_dataset import TROT, mixed_plan, tiny_plan
 
@@ -23,15 +23,16 @@ def ids(examples, count):
 
 @pytest.fixture
 def light(monkeypatch):
-    """Names of the examples alone: nothing is simulated."""
+    """Names of the examples alone: nothing is simulated. Returns the sizes of the batches."""
+    sizes = []
 
     def rows_only(specs, fields, folder, *, gate):
-        return [
-            [({"id": spec.id, "label": spec.label, "prf_hz": 1000.0, "subject": spec.rows[0].subject}, {})]
-            for spec in specs
-        ]
+        sizes.append(len(specs))
+        more = {"prf_hz": 1000.0, "carrier_hz": 1e10}
+        return [[({"id": spec.id, "label": spec.label, "subject": spec.rows[0].subject, **more}, {})] for spec in specs]
 
-    monkeypatch.setattr(stream, "build_examples", rows_only)
+    monkeypatch.setattr(shard, "build_examples", rows_only)
+    return sizes
 
 
 @pytest.mark.parametrize(("name", "plan"), [("dataset", tiny_plan()), ("mixed", mixed_plan())])
@@ -54,6 +55,7 @@ def test_goes_on_beyond_the_plan_with_the_classes_in_turn(light):
     assert ids(stream_examples(PLAN, start=10), 6) == [
         "dog-000004", "dog-000005", "human-000006", "dog-000006", "human-000007", "dog-000007",
     ]  # fmt: skip
+    assert light == [1, 2, 4]  # the first example does not wait for others
 
 
 def test_starts_behind_the_plan_and_anew_each_time(light):
@@ -69,13 +71,8 @@ def test_workers_share_the_stream(light, count):
     serial = ids(stream_examples(PLAN, start=2), 30)
     shares = [ids(stream_examples(PLAN, start=2, worker=(k, count)), 30 // count) for k in range(count)]
     assert [shares[n % count][n // count] for n in range(30)] == serial
-
-
-def test_shares_of_shares_are_the_stream_too(light):
-    """Several machines, each with several workers."""
-    serial = ids(stream_examples(PLAN), 24)
-    parts = [stream_examples(PLAN, worker=(k, 2)).part(j, 3) for k in range(2) for j in range(3)]
-    assert sorted(name for part in parts for name in ids(part, 4)) == sorted(serial)
+    parts = [stream_examples(PLAN, start=2, worker=(k, 2)).part(j, count) for k in range(2) for j in range(count)]
+    assert sorted(name for part in parts for name in ids(part, 3)) == sorted(serial[: 6 * count])
 
 
 def test_arrays_do_not_depend_on_the_worker_and_a_seed_makes_another_stream():
@@ -90,14 +87,14 @@ def test_arrays_do_not_depend_on_the_worker_and_a_seed_makes_another_stream():
 
 
 def test_failed_examples_are_left_out_with_a_warning(light, monkeypatch):
-    works = stream.build_examples
+    works = shard.build_examples
 
     def sometimes(specs, *arguments, **options):
         if any(spec.run.example % 3 == 0 for spec in specs):
             raise AnalysisError("the target is nowhere")
         return works(specs, *arguments, **options)
 
-    monkeypatch.setattr(stream, "build_examples", sometimes)
+    monkeypatch.setattr(shard, "build_examples", sometimes)
     with pytest.warns(DoppelgaitWarning) as caught:
         found = ids(stream_examples(PLAN), 4)
     assert [str(w.message) for w in caught] == [
@@ -110,12 +107,10 @@ def test_a_plan_that_always_fails_ends_the_stream(monkeypatch):
     def never(*arguments, **options):
         raise AnalysisError("the target is nowhere")
 
-    monkeypatch.setattr(stream, "build_examples", never)
+    monkeypatch.setattr(shard, "build_examples", never)
     with (
         pytest.warns(DoppelgaitWarning) as caught,
-        pytest.raises(
-            DatasetError, match=f"{MAX_FAILURES} examples in a row failed, the last is number 21: the target"
-        ),
+        pytest.raises(DatasetError, match=f"{MAX_FAILURES} examples in a row failed, the last is number 21: the"),
     ):
         next(iter(stream_examples(PLAN)))
     assert len(caught) == MAX_FAILURES - 1

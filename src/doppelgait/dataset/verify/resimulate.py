@@ -77,12 +77,11 @@ def check_resimulation(contents: Contents, chosen: Sequence[PlannedExample], tic
     for entry in chosen:
         tick()
         rows = contents.index[contents.index["scene_id"] == entry.id]
-        try:
-            (made,) = build_planned([entry], context)
-        except Exception as error:  # as in a build, the error of one example is a finding and does not stop the check
-            found.append(Difference(entry.id, False, reason=f"cannot be made again: {error}"))
+        (made,) = build_planned([entry], context)
+        if isinstance(made, Exception):
+            found.append(Difference(entry.id, False, reason=f"cannot be made again: {made}"))
             continue
-        if [row["id"] for row, _ in made] != rows["id"].tolist():
+        if [row["id"] for row in made.rows] != rows["id"].tolist():
             found.append(Difference(entry.id, False, reason="has other rows"))
             continue
         found += [_compare(contents, rows.iloc[n], row, arrays) for n, (row, arrays) in enumerate(made)]
