@@ -5,6 +5,7 @@
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
 
+#include <cmath>
 #include <complex>
 #include <cstdint>
 #include <optional>
@@ -68,6 +69,12 @@ auto view_rows(const Array& array) {
   if (width > 1 && count > 0 && array.stride(1) != 1) throw std::invalid_argument("rows must be contiguous");
   return Rows<T>{array.data(), count, width, array.stride(0)};
 }
+
+// The bin next to a place on the Doppler axis, which goes round.
+inline Index nearest_bin(double place) {
+  return std::abs(place) < 1e15 ? static_cast<Index>(std::nearbyint(place)) : 0;
+}
+inline Index go_round(Index bin, Index n_bins) { return (bin % n_bins + n_bins) % n_bins; }
 
 inline void require(bool fits, const char* otherwise) {
   if (!fits) throw std::invalid_argument(otherwise);

@@ -14,18 +14,17 @@ constexpr Index kBlock = 16;  // cells whose power is summed before it is looked
 // Shifts every column downwards in Doppler, circularly, by fractional bins. Keys' cubic convolution (IEEE Trans. ASSP
 // 29, 1981); weights sum to 1, so that column sums are kept.
 template <typename T>
-void shift_columns(Rows<const T> values, Line<const Index> whole, Line<const double> part, Rows<double> out) {
+void shift_columns(Rows<const T> values, Line<const double> shift, Rows<double> out) {
   const Index n_bins = values.width;
   require(out.count == values.count && out.width == n_bins, "shapes do not agree");
-  require(whole.size == values.count && part.size == values.count, "every column needs a shift");
-  for (Index j = 0; j < values.count; ++j) require(whole[j] >= 0 && whole[j] < n_bins, "whole bins must be circular");
+  require(shift.size == values.count && n_bins > 0, "every column needs a shift");
   std::vector<double> row(n_bins + 3);
   for (Index j = 0; j < values.count; ++j) {
-    const double p = part[j], q = 1.0 - p;
+    const double whole = std::floor(shift[j]), p = shift[j] - whole, q = 1.0 - p;
     const double before = -0.5 * p * q * q, after = -0.5 * q * p * p;
     const double here = 1.0 - 2.5 * p * p + 1.5 * p * p * p, there = 1.0 - 2.5 * q * q + 1.5 * q * q * q;
     const T* column = values[j];
-    const Index first = (whole[j] - 1 + n_bins) % n_bins;
+    const Index first = go_round(nearest_bin(whole) - 1, n_bins);
     std::copy(column + first, column + n_bins, row.data());
     std::copy(column, column + first, row.data() + n_bins - first);
     for (Index k = 0; k < 3; ++k) row[n_bins + k] = row[k % n_bins];
@@ -161,9 +160,36 @@ void positive_sums(Rows<const T> values, Index n_columns, Line<double> out) {
   }
 }
 
+// Widths above a level around the peaks of rows, with ends on straight lines between bins; NaN without any (E-35).
+void widths_above(Rows<const double> rows, double level, Line<double> widths) {
+  require(widths.size == rows.count && rows.width > 0, "every row needs a width");
+  for (Index n = 0; n < rows.count; ++n) {
+    const double* row = rows[n];
+    const Index peak = std::max_element(row, row + rows.width) - row;
+    widths[n] = row[peak] >= level ? 0.0 : std::numeric_limits<double>::quiet_NaN();
+    for (const Index step : {-1, 1}) {
+      Index next = peak + step;
+      while (0 <= next && next < rows.width && row[next] >= level) next += step;
+      widths[n] += static_cast<double>(std::abs(next - peak) - 1);
+      if (0 <= next && next < rows.width) widths[n] += 1.0 - (level - row[next]) / (row[next - step] - row[next]);
+    }
+  }
+}
+
+// Copies chosen Doppler rows of (J, K).
+template <typename T>
+void copy_rows(Rows<const T> values, Line<const Index> rows, Rows<T> out) {
+  require(out.count == values.count && out.width == rows.size, "every chosen row needs a place");
+  for (Index n = 0; n < rows.size; ++n) require(rows[n] >= 0 && rows[n] < values.width, "there is no such row");
+  for (Index j = 0; j < values.count; ++j) {
+    for (Index n = 0; n < rows.size; ++n) out[j][n] = values[j][rows[n]];
+  }
+}
+
 template <typename T>
 void bind_for(nb::module_& module) {
-  define(module, "shift_columns", &shift_columns<T>, "values", "whole", "part", "out");
+  define(module, "copy_rows", &copy_rows<T>, "values", "rows", "out");
+  define(module, "shift_columns", &shift_columns<T>, "values", "shift", "out");
   define(module, "power_quantiles", &power_quantiles<T>, "values", "threshold", "floor", "low_share", "high_share",
          "low", "high");
   define(module, "positive_sums", &positive_sums<T>, "values", "n_columns", "out");
@@ -176,6 +202,7 @@ void bind(nb::module_& module) {
   bind_for<float>(module);
   define(module, "limb_amplitudes", &limb_amplitudes, "moved", "noise", "mean_noise", "above", "starts", "stops",
          "out");
+  define(module, "widths_above", &widths_above, "rows", "level", "widths");
   define(module, "sum_groups", &sum_groups, "values", "n_columns", "n_rows", "out");
 }
 

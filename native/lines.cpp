@@ -12,10 +12,6 @@ namespace {
 constexpr Index kLanes = 64;  // values that are smoothed together
 constexpr Index kParts = 8;   // partial sums of a column
 
-// The bin next to a place on the Doppler axis, which goes round.
-Index nearest_bin(double place) { return std::abs(place) < 1e15 ? static_cast<Index>(std::nearbyint(place)) : 0; }
-Index go_round(Index bin, Index n_bins) { return (bin % n_bins + n_bins) % n_bins; }
-
 // Smooths by a Gaussian, cut off at four standard deviations; beyond its ends the line is mirrored or constant.
 void smooth(Line<const double> values, double sd, bool mirrored, Line<double> out) {
   const Index n = values.size;
@@ -122,6 +118,7 @@ void follow_ridge(Rows<const T> values, double floor, Line<const double> line, I
   Index last = nearest_bin(line[0]);
   for (Index j = 0; j < n_columns; ++j) {
     const Index centre = nearest_bin(line[j]), moved = centre - last;
+    Index k = go_round(centre - reach, n_bins);
     for (Index i = 0; i < width; ++i) {
       Index& origin = origins[j * width + i];
       origin = std::clamp<Index>(i + moved, 0, width - 1);
@@ -136,7 +133,8 @@ void follow_ridge(Rows<const T> values, double floor, Line<const double> line, I
         }
       }
       if (most == none) most = before[origin] - cost;  // the line itself has jumped
-      const auto cell = static_cast<double>(values[j][go_round(centre - reach + i, n_bins)]);
+      const auto cell = static_cast<double>(values[j][k]);
+      k = k + 1 < n_bins ? k + 1 : 0;
       score[i] = most + std::log(std::max({cell, floor, 1e-300}));
     }
     before.swap(score);
@@ -149,8 +147,41 @@ void follow_ridge(Rows<const T> values, double floor, Line<const double> line, I
   }
 }
 
+// A path refined by the centroid of three cells above the floor; a weak cell counts a thousandth.
+template <typename T>
+void refine_path(Rows<const T> values, double floor, Line<const Index> path, Line<double> out) {
+  require(path.size == values.count && out.size == values.count && values.width > 0, "every column needs its bin");
+  for (Index j = 0; j < values.count; ++j) {
+    double cells[3];
+    Index k = go_round(path[j] - 1, values.width);
+    for (double& above : cells) {
+      const auto cell = static_cast<double>(values[j][k]);
+      above = std::max(cell - floor, 1e-3 * cell) + 1e-300;
+      k = k + 1 < values.width ? k + 1 : 0;
+    }
+    out[j] = static_cast<double>(path[j]) + (cells[2] - cells[0]) / (cells[0] + cells[1] + cells[2]);
+  }
+}
+
+// The strongest cell of every column within reach of a bin.
+template <typename T>
+void strongest_near(Rows<const T> values, Line<const Index> bins, Index reach, Line<T> out) {
+  require(bins.size == values.count && out.size == values.count, "every column needs its bin");
+  require(reach >= 0 && reach < values.width, "the reach must lie within the Doppler axis");
+  for (Index j = 0; j < values.count; ++j) {
+    Index k = go_round(bins[j] - reach, values.width);
+    out[j] = values[j][k];
+    for (Index i = 0; i < 2 * reach; ++i) {
+      k = k + 1 < values.width ? k + 1 : 0;
+      out[j] = std::max(out[j], values[j][k]);
+    }
+  }
+}
+
 template <typename T>
 void bind_for(nb::module_& module) {
+  define(module, "refine_path", &refine_path<T>, "values", "floor", "path", "out");
+  define(module, "strongest_near", &strongest_near<T>, "values", "bins", "reach", "out");
   define(module, "powers_about_line", &powers_about_line<T>, "values", "floor", "line", "reaches", "range_weight",
          "sums", "square", "moment");
   define(module, "follow_ridge", &follow_ridge<T>, "values", "floor", "line", "reach", "cost", "path");

@@ -181,7 +181,7 @@ void sum_harmonics(Line<const double> values, Line<const double> place, Index co
 // What one set of rows indicates for every frequency of a grid (E-33): autocorrelations at the period, half of it, one
 // and a half and a third; powers at the frequency and at its double; logarithms. Shapes: likeness (J,); share (Q,);
 // out (9, F).
-void rhythm_evidence(Line<const double> likeness, double rate_hz, Line<const double> share, double step_hz,
+void evidence_of_set(Line<const double> likeness, double rate_hz, Line<const double> share, double step_hz,
                      Line<const double> grid_hz, Rows<double> out) {
   require(likeness.size >= 2 && share.size >= 2, "an autocorrelation and a spectrum have two values or more");
   require(out.count == 9 && out.width == grid_hz.size, "the evidence does not fit");
@@ -218,6 +218,16 @@ void rhythm_evidence(Line<const double> likeness, double rate_hz, Line<const dou
                       logarithm(half + 0.1)};
     for (int row = 0; row < 9; ++row) store(out[row] + i, rows[row]);
   });
+}
+
+// The evidence of every set: likeness (S, J); share (S, Q); out (9 S, F).
+void rhythm_evidence(Rows<const double> likeness, double rate_hz, Rows<const double> share, double step_hz,
+                     Line<const double> grid_hz, Rows<double> out) {
+  require(share.count == likeness.count && out.count == 9 * likeness.count, "the sets do not fit");
+  for (Index s = 0; s < likeness.count; ++s) {
+    evidence_of_set({likeness[s], likeness.width}, rate_hz, {share[s], share.width}, step_hz, grid_hz,
+                    out.slice(9 * s, 9 * s + 9));
+  }
 }
 
 }  // namespace

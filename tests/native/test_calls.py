@@ -198,7 +198,7 @@ def make_column_cases(rng, n, dtype=np.float64):
     values = (rng.standard_normal((9, n + 2)) ** 2).astype(dtype)
     level, each, sums = values.mean(axis=1), np.zeros(9), np.zeros(5)
     cells, lines = np.zeros(values.shape), np.linspace(0.4, n + 0.3, 9)
-    whole, edges, reaches = rng.integers(0, n + 2, 9), np.array([1, 4, 9]), np.array([0.6, 2.7, 1.5])
+    bins, edges, reaches = rng.integers(0, n + 2, 9), np.array([1, 4, 9]), np.array([0.6, 2.7, 1.5])
     wide = (rng.standard_normal((9, 2 * n + 1)) ** 2).astype(dtype)
     return [
         Case("sum_excess", [values, 0.3, each, each], (2, 3), free=((0, 1),)),
@@ -206,11 +206,14 @@ def make_column_cases(rng, n, dtype=np.float64):
         Case("column_peaks", [values, np.zeros(9, dtype), each], (1, 2), free=((0, 1),)),
         Case("row_means", [values, np.zeros(n + 2)], (1,), free=((0, 0),)),
         Case("count_above", [values, level, edges, np.zeros((2, n + 2))], (3,)),
-        Case("shift_columns", [values, whole, np.linspace(0.0, 0.9, 9), cells], (3,)),
+        Case("shift_columns", [values, 1.7 * lines - 4.0, cells], (2,)),
+        Case("copy_rows", [values, bins[:5], np.zeros((9, 5), dtype)], (2,), free=((0, 1),)),
         Case("power_quantiles", [values, 0.3, 0.2, 0.01, 0.99, each, each], (5, 6), free=((0, 1),)),
         Case("positive_sums", [values - values.mean(), 3, np.zeros(3)], (2,), free=((0, 1),)),
         Case("powers_about_line", [values, 0.3, lines, reaches, lines, sums, each, each], (5, 6, 7), free=((0, 1),)),
         Case("follow_ridge", [wide, 0.1, lines, n, 2.0, np.zeros(9, np.int64)], (5,)),
+        Case("refine_path", [values, 0.1, bins - 1, each], (3,), free=((0, 1),)),
+        Case("strongest_near", [values, bins - 1, 1, np.zeros(9, dtype)], (3,), free=((0, 1),)),
     ]
 
 
@@ -223,6 +226,7 @@ def make_row_cases(rng, n):
     starts, stops = 3 * np.arange(n), 3 * np.arange(1, n + 1)
     return [
         Case("limb_amplitudes", [moved, noise, 0.1, 0.2, starts, stops, np.zeros((8, n))], (6,)),
+        Case("widths_above", [moved, 0.7, np.zeros(8)], (2,), free=((0, 1),)),
         Case("sum_groups", [moved, 2, 3, np.zeros((4, n))], (3,)),
         Case("sum_groups", [moved, 2, 1, np.zeros((4, 3 * n))], (3,)),
         Case("smooth", [moved.ravel(), 1.7, True, np.zeros(24 * n)], (3,)),
@@ -240,19 +244,14 @@ def make_rhythm_cases(rng, n):
         Case("remove_trend", [rows, basis], (0,), free=((0, 1), (1, 1))),
         Case("square_difference", [rows, 3, np.zeros(37)], (2,), free=((0, 1), (2, 0))),
         Case("period_harmonics", [rows, starts, 19, 0.1, np.zeros((15, n))], (4,)),
-        Case(
-            "weigh_rows",
-            [rows, stops, 0.7, 1e-3, pairs, np.zeros(n), until],
-            (4, 5, 6),
-            free=((4, 0), (4, 1)),
-        ),
+        Case("weigh_rows", [rows, stops, 0.7, 1e-3, pairs, np.zeros(n), until], (4, 5, 6), free=((4, 0), (4, 1))),
         Case("powers_of_pairs", [lines, stops, rng.uniform(size=n), 0.7, powers], (4,), free=((0, 0),)),
         Case("sum_harmonics", [share, place, 3, np.zeros(9 * n)], (3,), free=((0, 0),)),
         Case(
             "rhythm_evidence",
-            [np.tanh(rng.standard_normal(90)), 40.0, share, 0.05, place / 4.0, np.zeros((9, 9 * n))],
+            [np.tanh(rng.standard_normal((2, 90))), 40.0, lines[:2] ** 2, 0.05, place / 4.0, np.zeros((18, 9 * n))],
             (5,),
-            free=((0, 0), (2, 0)),
+            free=((0, 1), (2, 1)),
         ),
     ]
 
@@ -413,8 +412,9 @@ TAP, WINDOW = np.ones(1, np.float32), np.ones(48, np.float32)
         ("follow_ridge", [np.ones((4, 5)), 0.1, np.ones(4), 3, 2.0, np.zeros(4, np.int64)]),
         ("follow_ridge", [np.ones((4, 5)), 0.1, np.ones(4), 1 << 62, 2.0, np.zeros(4, np.int64)]),
         ("follow_ridge", [np.ones((4, 5)), 0.1, np.ones(4), -1, 2.0, np.zeros(4, np.int64)]),
-        ("shift_columns", [np.ones((4, 5)), np.array([0, 1, 5, 2]), np.ones(4), np.ones((4, 5))]),
-        ("shift_columns", [np.ones((4, 5)), np.array([0, 1, -1, 2]), np.ones(4), np.ones((4, 5))]),
+        ("strongest_near", [np.ones((4, 5)), np.zeros(4, np.int64), 5, np.ones(4)]),
+        ("copy_rows", [np.ones((4, 5)), np.array([0, 5]), np.ones((4, 2))]),
+        ("copy_rows", [np.ones((4, 5)), np.array([0, -1]), np.ones((4, 2))]),
         ("count_above", [np.ones((4, 5)), np.ones(4), np.array([0, 5]), np.ones((1, 5))]),
         ("count_above", [np.ones((4, 5)), np.ones(4), np.array([-1, 4]), np.ones((1, 5))]),
         ("limb_amplitudes", [np.ones((4, 5)), np.ones(4), 0.0, 0.0, np.array([-1]), np.array([2]), np.ones((4, 1))]),

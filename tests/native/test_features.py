@@ -17,7 +17,6 @@ from doppelgait.features.ground_motion import average_motion
 from doppelgait.features.limbs import find_torso
 from doppelgait.features.observed import fit_waves, measure_swing
 from doppelgait.features.uncertainty import Periods, compute_block_scatter
-from doppelgait.processing.main_line import refine_path
 
 
 def random(*shape, seed=0):
@@ -311,7 +310,8 @@ def test_torso_swing_is_the_filled_smoothed_centroid_without_its_slow_part(gaps)
 
 def test_a_ridge_is_refined_by_the_centroid_of_three_cells():
     values, path = np.abs(random(20, 9)).astype(np.float32), np.arange(-5, 15)
-    found = refine_path(values, 0.3, path)
+    found = np.empty(20)
+    native.refine_path(values, 0.3, path, found)
     for j, k in enumerate(path):
         cells = [max(cell - 0.3, 1e-3 * cell) for cell in (float(values[j, (k + i) % 9]) for i in (-1, 0, 1))]
         assert found[j] == pytest.approx(k + (cells[2] - cells[0]) / sum(cells), rel=1e-12)
@@ -429,7 +429,7 @@ def test_rhythm_evidence_is_that_of_interpolated_numpy(size):
     likeness, share = np.tanh(random(size)), random(400, seed=1) ** 2
     rate_hz, step_hz, grid_hz = 40.0, 0.05, np.array([0.7, 1.9, 7.3])
     found = np.empty((9, 3))
-    native.rhythm_evidence(likeness, rate_hz, share, step_hz, grid_hz, found)
+    native.rhythm_evidence(likeness[np.newaxis], rate_hz, share[np.newaxis], step_hz, grid_hz, found)
 
     def near(lag):
         places = np.linspace(0.957 * lag, min(1.0443 * lag, size - 1), 7)

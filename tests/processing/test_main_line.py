@@ -162,9 +162,8 @@ def lines(time_s, velocities_mps, powers, k=128, prf_hz=500.0):
 def test_track_settles_what_the_main_line_is_e34(line_mps, track_mps, trunk, wanted_mps, agreed):
     time_s = np.arange(300) * 0.01
     mu = lines(time_s, [line_mps, track_mps], [1.0, trunk])
-    found, same = choose_velocity(
-        Signal.of(mu, SIGNATURE), 0.0, np.full(300, line_mps / 0.02), np.full(300, track_mps / 0.02)
-    )
+    lines_hz = np.full(300, line_mps / 0.02), np.full(300, track_mps / 0.02)
+    found, same = choose_velocity(Signal.of(mu, SIGNATURE), 0.0, mu.values.max(axis=1), *lines_hz)
     assert found.mean() * 0.02 == pytest.approx(wanted_mps)
     assert same == agreed
 

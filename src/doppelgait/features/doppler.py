@@ -91,18 +91,9 @@ def width_of_bins(share: FloatArray) -> FloatArray:
     """Measure the width in Doppler bins above the level (E-35). Shapes: share (..., K); result (...).
     Its ends are interpolated to the level; where it does not end it reaches the end of the axis. It is NaN without any.
     """
-    rows = share.reshape(-1, share.shape[-1])
-    number, bins, peak = np.arange(len(rows)), np.arange(rows.shape[1]), rows.argmax(axis=-1)
-    has_width, width = rows[number, peak] >= WIDTH_SHARE, np.zeros(len(rows))
-    for side, top in ((np.ascontiguousarray(rows[:, ::-1]), bins[-1] - peak), (rows, peak)):
-        below = ~(side >= WIDTH_SHARE) & (bins > top[:, np.newaxis])
-        first = below.argmax(axis=-1)
-        ends = below[number, first] & has_width
-        last = np.where(ends, first - 1, bins[-1])  # the last bin above the level, before the first one below
-        width += last - top
-        inside, outside = side[number, last], side[number, first]
-        width += np.where(ends, 1.0 - (WIDTH_SHARE - outside) / np.where(ends, inside - outside, 1.0), 0.0)
-    return np.asarray(np.where(has_width, width, np.nan).reshape(share.shape[:-1]))
+    widths = np.empty(share.shape[:-1])
+    native.widths_above(share.reshape(-1, share.shape[-1]), WIDTH_SHARE, widths.reshape(-1))
+    return widths
 
 
 def bandwidth_threshold_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, *, threshold: float) -> float:

@@ -68,6 +68,7 @@ SALIENT_HZ = 20.0
 SEARCH = 0.06
 """Relative half width of the search for the exact frequency."""
 FINE_STEPS = 97
+NINE = np.arange(9.0)
 TOP = 6
 """Number of steps on each side of the maximum for the fit of a parabola."""
 WIDTH_DROP = 0.02
@@ -201,9 +202,9 @@ def estimate_gait_frequencies(rhythms: Rhythm, velocity_mps: FloatArray) -> list
 def find_highest(values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
     """Find the largest of nine values between two places, on straight lines between samples."""
     # Shapes: values (B, J); low, high (B,)
-    places = np.linspace(low, high, 9, axis=-1)
-    highest = [np.interp(at, np.arange(row.size), row).max() for at, row in zip(places, values, strict=True)]
-    return np.array(highest)
+    places, samples = low[:, np.newaxis] + ((high - low) / 8.0)[:, np.newaxis] * NINE, np.arange(values.shape[-1] + 0.0)
+    places[:, -1] = high
+    return np.array([np.interp(at, samples, row).max() for at, row in zip(places, values, strict=True)])
 
 
 def compute_salience(rhythm: Rhythm, frequency_hz: FloatArray, reach_hz: float) -> FloatArray:
@@ -238,8 +239,6 @@ def measure_target_rhythms(targets: Sequence[tuple[Signal, Signal, float]]) -> R
 def measure_rhythms(rows: Sequence[Sequence[FloatArray]], rate_hz: float) -> Rhythm:
     """Measure autocorrelation and spectrum of sets of rows."""
     # each set is measured unchanged and whitened. Shapes: rows B x S x (J, K); leading axes of the result (B, 2 S)
-    from scipy import fft
-
     n_columns, n_series = rows[0][0].shape[0], 2 * len(rows[0])
     length, padded, window = _choose_lengths(n_columns)
     until = np.empty((len(rows), n_series, n_columns + 1))
@@ -250,8 +249,8 @@ def measure_rhythms(rows: Sequence[Sequence[FloatArray]], rate_hz: float) -> Rhy
         n_rows = values.shape[1]
         pairs, weight = np.empty((length, (n_rows + 1) // 2), dtype=np.complex128), np.empty(n_rows)
         native.weigh_rows(values, stops, WHITENING, WEAK_ROW, pairs.view(np.float64), weight, before)
-        lines = fft.fft(pairs, axis=0, overwrite_x=True).view(np.float64)
-        native.powers_of_pairs(lines, stops, weight, WHITENING, power)
+        np.fft.fft(pairs, axis=0, out=pairs)
+        native.powers_of_pairs(pairs.view(np.float64), stops, weight, WHITENING, power)
     products, step_hz = np.fft.irfft(powers, length)[..., :n_columns], rate_hz / padded
     # autocorrelation: products over lags, divided by the power of their columns (E-33)
     both = until[..., :0:-1] + (until[..., -1:] - until[..., :-1])
@@ -280,9 +279,9 @@ def compute_terms(rhythms: Rhythm, velocity_mps: FloatArray) -> tuple[FloatArray
     # the terms have the shapes (B, 4, 9, frequency) for the rows and (B, 5, frequency) for the prior
     n_columns, n_lines = rhythms.likeness.shape[-1], rhythms.share.shape[-1]
     evidence = np.empty((len(velocity_mps), *WEIGHTS.shape, GRID_HZ.size))
-    series = rhythms.likeness.reshape(-1, n_columns), rhythms.share.reshape(-1, n_lines)
-    for likeness, share, out in zip(*series, evidence.reshape(-1, 9, GRID_HZ.size), strict=True):
-        native.rhythm_evidence(likeness, rhythms.rate_hz, share, rhythms.step_hz, GRID_HZ, out)
+    likeness, share = rhythms.likeness.reshape(-1, n_columns), rhythms.share.reshape(-1, n_lines)
+    out = evidence.reshape(-1, GRID_HZ.size)
+    native.rhythm_evidence(likeness, rhythms.rate_hz, share, rhythms.step_hz, GRID_HZ, out)
     prior = np.empty((len(velocity_mps), 5, GRID_HZ.size))
     prior[:, 0], prior[:, 1] = LOG_GRID, SQUARE_LOG_GRID
     prior[:, 2] = np.array([[math.log(max(abs(v), SLOWEST_MPS))] for v in velocity_mps.tolist()]) - LOG_GRID

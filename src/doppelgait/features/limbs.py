@@ -94,10 +94,8 @@ def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
     The rows are amplitudes without noise, detrended; their Doppler is relative to the torso. Shapes: noise (J,).
     """
     zero, bin_hz = int(np.abs(rows.doppler_hz).argmin()), rows.bin_hz
-    shift = torso_line_hz(rows) / bin_hz
-    whole = np.floor(shift)
     moved = np.empty(rows.values.shape)
-    native.shift_columns(rows.values, whole.astype(np.int64) % rows.doppler_hz.size, shift - whole, moved)
+    native.shift_columns(rows.values, torso_line_hz(rows) / bin_hz, moved)
     # rows above the noise, as in E-38, for cells that were clipped at the floor
     independent = max(1.0, noise.size / rows.rate_hz / INDEPENDENT_AFTER_S)
     spread = CLIPPED_SD * math.sqrt(float(noise @ noise) / noise.size / independent)

@@ -344,7 +344,9 @@ class Observation:
     @cached_property
     def occupied_columns(self) -> FloatArray:
         """Aligned normalised signature in rows K+, (J, K+)."""
-        return self.aligned.values.take(self.occupied_rows, axis=1, mode="clip")
+        columns = np.empty((self.aligned.shape[0], self.occupied_rows.size))
+        native.copy_rows(self.aligned.values, self.occupied_rows, columns)
+        return columns
 
     @cached_property
     def frequency_hz(self) -> float:
@@ -486,9 +488,7 @@ def fit_waves(values: FloatArray, turns_rad: FloatArray, orders: npt.NDArray[np.
     # the frequencies are in radians per column, the orders rise; the cosines and sines need not be
     # orthogonal. Shapes: values (B, J); turns_rad (B,); result (B, orders)
     phase = turns_rad[:, np.newaxis] * np.arange(values.shape[-1])
-    turns = np.broadcast_to(
-        (np.cos(phase) + 1j * np.sin(phase))[:, np.newaxis], (len(values), orders[-1], phase.shape[-1])
-    )
+    turns = np.repeat((np.cos(phase) + 1j * np.sin(phase))[:, np.newaxis], orders[-1], axis=1)
     powers = np.multiply.accumulate(turns, axis=1)[:, orders - 1]
     waves = np.concatenate([powers.real, powers.imag], axis=1)
     parts = np.linalg.solve(waves @ waves.swapaxes(-1, -2), waves @ values[..., np.newaxis])

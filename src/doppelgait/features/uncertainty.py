@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -116,7 +116,7 @@ def compute_block_scatter(
     # blocks begin at the starts, the first at 0; the slope is positive: half of the values are below a third of scale
     medians = np.array([[compute_quantile(row, 0.5)] for row in np.abs(residual)])
     square = (residual / (CAUCHY_TUNING * np.maximum(1.4826 * medians, least_scale))) ** 2
-    weight = (1.001 - np.linspace(-1.0, 1.0, residual.shape[-1]) ** 2) / (1.0 + square)
+    weight = _make_taper(residual.shape[-1]) / (1.0 + square)
     slopes, products = (weight * (1.0 - square) / (1.0 + square)).sum(axis=-1), weight * residual
     scatter = []
     for product, slope, edges in zip(products, slopes.tolist(), starts, strict=True):
@@ -125,26 +125,26 @@ def compute_block_scatter(
     return scatter
 
 
+@lru_cache(maxsize=8)
+def _make_taper(n_columns: int) -> FloatArray:
+    return np.asarray(1.001 - np.linspace(-1.0, 1.0, n_columns) ** 2)
+
+
 def estimate_bandwidth_sd(observations: Sequence[Observation]) -> list[float | None]:
     """Estimate the standard deviation of B_mu in Hz (E-35)."""
     # the estimate is a jackknife over groups of periods, plus the rounding to Doppler bins
     found: list[float | None] = [None] * len(observations)
-    shares, stops = {}, [0]
     for n, seen in enumerate(observations):
         edges = seen.period_edges
         n_groups = min(edges.size - 1, GROUPS)
         if n_groups >= MIN_BLOCKS:
             edges = edges[np.arange(n_groups + 1) * (edges.size - 1) // n_groups]
             counts = seen.count_above_level(edges)
-            shares[n] = (counts.sum(axis=0) - counts) / (edges[-1] - edges[0] - (edges[1:] - edges[:-1]))[:, None]
-            stops.append(stops[-1] + n_groups)
-    if shares:
-        widths = width_of_bins(np.concatenate(list(shares.values())))
-        for n, first, stop in zip(shares, stops[:-1], stops[1:], strict=True):
-            without, n_groups = widths[first:stop], stop - first
+            lengths = edges[-1] - edges[0] - (edges[1:] - edges[:-1])
+            without = width_of_bins((counts.sum(axis=0) - counts) / lengths[:, np.newaxis])
             difference = without - without.sum() / n_groups
             scatter = (n_groups - 1) / n_groups * float((difference**2).sum())
-            found[n] = math.sqrt(scatter + 1.0 / 6.0) * observations[n].bin_mps / observations[n].mps_per_hz
+            found[n] = math.sqrt(scatter + 1.0 / 6.0) * seen.bin_mps / seen.mps_per_hz
     return found
 
 

@@ -263,7 +263,7 @@ def _prepare(mu: Signal, analysis: Analysis) -> Observation:
         track = main_line.track_velocity(mu.axis("time"), centre_m)
         track_mps, bend_mps = track.mean_mps, track.bend_mps
         track_hz = 2.0 * track.line_mps / float(mu.attrs["wavelength_m"])
-        straight, agreed = main_line.choose_velocity(mu, floor_v2, straight, track_hz)
+        straight, agreed = main_line.choose_velocity(mu, floor_v2, strongest_v2, straight, track_hz)
     excess = mu.replace(mu.values - mu.values.dtype.type(floor_v2))
     aligned, drift_hz = normalised, None
     if main_line.has_drift(main_line.fit_line(peaks_hz, bin_hz, order=1)):

@@ -32,6 +32,8 @@ LOWEST_OVERSAMPLING = 2.0
 GROUP = 64
 """Rows that are processed together, so that all buffers stay in the second-level cache."""
 
+SPARE_PAIRS = 4
+"""Unused values between columns: if these are a power of two apart, a transform over them takes twice the time."""
 LARGEST_BUFFER = 1 << 20
 """Largest number of values in a buffer that a thread keeps; a larger buffer is freed after use."""
 
@@ -40,8 +42,6 @@ _buffers = local()
 
 def compute_magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) -> FloatArray:
     """Compute the first magnitudes of every row's zero-padded transform."""
-    from scipy import fft
-
     step = _find_coarsest_step(rows.shape[0], length, n_kept)
     if step > 1:
         coarse, response = _smear(rows, weights, length, n_kept, step)
@@ -51,7 +51,7 @@ def compute_magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kep
         fits = fewer >= LOWEST_OVERSAMPLING * rows.shape[0] and fewer // 2 > n_kept / between + WIDTH + 1
         if length % between == 0 and fits:
             return _interpolate_lines(rows, weights, length // between, between, n_kept)
-    lines = fft.rfft(np.ascontiguousarray((rows * weights[:, None]).T), length, axis=1)[:, :n_kept]
+    lines = np.fft.rfft(np.ascontiguousarray((rows * weights[:, None]).T), length, axis=1)[:, :n_kept]
     return np.ascontiguousarray(np.abs(lines).T)
 
 
@@ -65,15 +65,15 @@ def sum_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) 
         coarse, response = _smear(rows, weights, length, n_kept, step)
         return np.asarray(sum_powers(coarse, np.ones(coarse.shape[0]), length // step, n_kept) / response**2)
     n_columns, n_rows = rows.shape
-    padded = fft.next_fast_len(2 * n_columns, real=True)
+    padded, n_pairs = fft.next_fast_len(2 * n_columns, real=True), (n_rows + 1) // 2
     # two real rows form one complex row; the even part of its power spectrum is the sum of both rows' power spectra
-    pairs = _get_buffer("pairs", (padded, (n_rows + 1) // 2), np.complex128)
+    pairs = _get_buffer("pairs", (padded, n_pairs + SPARE_PAIRS), np.complex128)[:, :n_pairs]
     parts = pairs.view(np.float64)
     np.multiply(rows, weights[:, None], out=parts[:n_columns, :n_rows])
     parts[:n_columns, n_rows:] = 0.0
     parts[n_columns:] = 0.0
-    lines = fft.fft(pairs, axis=0, overwrite_x=True).view(np.float64)
-    powers = np.einsum("qk,qk->q", lines, lines)
+    np.fft.fft(pairs, axis=0, out=pairs)
+    powers = np.einsum("qk,qk->q", parts, parts)
     both = powers[: padded // 2 + 1].copy()
     both[1:] += powers[: -both.size : -1]  # the opposite lines
     both[0] += powers[0]

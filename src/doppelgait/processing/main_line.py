@@ -153,10 +153,8 @@ def align(array: Signal, line_hz: FloatArray) -> Signal:
         raise AnalysisError(
             f"line_hz has shape {np.shape(line_hz)}; it must be ({array.sizes['time']},), one frequency per column"
         )
-    shift = line_hz / bin_width_hz(array)
-    whole = np.floor(shift)
     moved = np.empty(array.shape)
-    native.shift_columns(array.values, whole.astype(np.int64) % moved.shape[1], shift - whole, moved)
+    native.shift_columns(array.values, line_hz / bin_width_hz(array), moved)
     return array.replace(moved)
 
 
@@ -185,9 +183,9 @@ def _make_cubic_basis(n_columns: int) -> tuple[FloatArray, FloatArray]:
 
 
 def choose_velocity(
-    signature: Signal, floor_v2: float, line_hz: FloatArray, track_hz: FloatArray
+    signature: Signal, floor_v2: float, strongest_v2: npt.NDArray[Any], line_hz: FloatArray, track_hz: FloatArray
 ) -> tuple[FloatArray, bool]:
-    """Choose between main line and track velocity (E-34)."""
+    """Choose between main line and track velocity (E-34). Shapes: strongest_v2, line_hz, track_hz (J,)."""
     # the track's: if limbs are stronger than the trunk or if a person stops
     half_m = float(signature.attrs["wavelength_m"]) / 2.0
     time_s, n_columns = signature.axis("time"), track_hz.size
@@ -198,12 +196,10 @@ def choose_velocity(
     ambiguous = np.abs(track_hz).max() > UNFOLDED_SHARE * band_hz / 2.0
     if ambiguous or apart_mps <= max(AGREEING_SHARE * speed_mps, LEAST_APART_MPS, TRACK_ERROR_M / seconds):
         return line_hz, True
-    values, bin_hz = signature.values, bin_width_hz(signature)
+    bin_hz, near = bin_width_hz(signature), np.empty_like(strongest_v2)
     centre = np.rint((track_hz - float(signature.axis("doppler")[0])) / bin_hz).astype(np.int64)
-    reach = round(NEAR_TRACK_MPS / half_m / bin_hz)
-    rows = (centre[:, None] + np.arange(-reach, reach + 1)) % values.shape[1]
-    near = values[np.arange(n_columns)[:, np.newaxis], rows].max(axis=1).astype(np.float64)
-    strongest = values.max(axis=1).astype(np.float64)
+    native.strongest_near(signature.values, centre, round(NEAR_TRACK_MPS / half_m / bin_hz), near)
+    near, strongest = near.astype(np.float64), strongest_v2.astype(np.float64)
     if compute_median(near) - floor_v2 >= BODY_SHARE * (compute_median(strongest) - floor_v2):
         return track_hz, True
     return line_hz, apart_mps <= max(DIFFERING_SHARE * speed_mps, LEAST_APART_MPS, TRACK_ERROR_M / seconds)
@@ -224,15 +220,9 @@ def torso_velocity_mps(signature: Signal, floor_v2: float, line_hz: FloatArray) 
     reach = min(max(1, round(RIDGE_REACH_MPS / half_m / bin_hz)), (values.shape[1] - 1) // 2)
     native.follow_ridge(values, float(floor_v2), (line_hz - doppler_hz[0]) / bin_hz, reach, RIDGE_COST, path)
     step_s, ridge = float(time_s[-1] - time_s[0]) / max(values.shape[0] - 1, 1), np.empty(values.shape[0])
-    native.smooth(refine_path(values, float(floor_v2), path), RIDGE_SMOOTH_S / step_s, False, ridge)
+    refined = np.empty(values.shape[0])
+    native.refine_path(values, float(floor_v2), path, refined)
+    native.smooth(refined, RIDGE_SMOOTH_S / step_s, False, ridge)
     ridge *= half_m * bin_hz
     ridge += half_m * float(doppler_hz[0])
     return ridge
-
-
-def refine_path(values: npt.NDArray[Any], floor_v2: float, path: npt.NDArray[np.int64]) -> FloatArray:
-    """Refine a path by the centroid of three cells. Shapes: values (J, K); path (J,)."""
-    rows = (path[:, None] + np.arange(-1, 2)) % values.shape[1]
-    cells = values[np.arange(path.size)[:, None], rows].astype(np.float64)
-    cells = np.maximum(cells - floor_v2, 1e-3 * cells) + 1e-300
-    return np.asarray(path + (cells[:, 2] - cells[:, 0]) / cells.sum(axis=1))

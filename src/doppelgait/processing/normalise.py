@@ -69,7 +69,9 @@ def noise_floor_v2(signature: Signal) -> float:
 
 def copy_rows(values: npt.NDArray[Any], rows: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
     """Copy Doppler rows, (time, rows)."""
-    return values.take(rows, axis=1, mode="clip")  # the mode spares a check of every number
+    chosen = np.empty((values.shape[0], rows.size), values.dtype)
+    native.copy_rows(values, rows, chosen)
+    return chosen
 
 
 @measures_signal(SIGNATURE)
