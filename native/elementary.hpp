@@ -51,7 +51,6 @@ inline void phasor(V turns, V& cosine, V& sine) {
   sine = (left == -1.0) | (one == 4.0) ? -im : im;
 }
 
-typedef std::uint64_t Long __attribute__((vector_size(4 * kWidth)));
 template <typename V>
 using Bits = std::conditional_t<std::is_same_v<V, double>, std::uint64_t, Long>;
 

@@ -27,6 +27,7 @@ constexpr int kWidth = 4;
 typedef float Float __attribute__((vector_size(4 * kWidth)));
 typedef std::int32_t Int __attribute__((vector_size(4 * kWidth)));
 typedef std::uint32_t Word __attribute__((vector_size(4 * kWidth)));
+typedef std::uint64_t Long __attribute__((vector_size(4 * kWidth)));
 typedef double Double __attribute__((vector_size(4 * kWidth)));  // half as many
 constexpr int kHalfWidth = kWidth / 2;
 typedef float HalfFloat __attribute__((vector_size(4 * kHalfWidth)));  // as many as in a Double
@@ -226,21 +227,14 @@ inline V larger(V a, double b) {
   return a > V{} + b ? a : V{} + b;
 }
 
-// High and low words of the products of all lanes with one number.
-inline void multiply(Word a, std::uint32_t b, Word& high, Word& low) {
+// Products of the low words of all lanes with one word.
+inline Long multiply_words(Long a, std::uint32_t b) {
 #if defined(__AVX512F__)
-  const __m512i x = (__m512i)a, y = _mm512_set1_epi32(static_cast<int>(b));
-  const __m512i even = _mm512_mul_epu32(x, y), odd = _mm512_mul_epu32(_mm512_srli_epi64(x, 32), y);
-  high = (Word)_mm512_mask_blend_epi32(0xAAAA, _mm512_srli_epi64(even, 32), odd);
-  low = a * b;
+  return (Long)_mm512_mul_epu32((__m512i)a, _mm512_set1_epi64(b));
 #elif defined(__AVX2__)
-  const __m256i x = (__m256i)a, y = _mm256_set1_epi32(static_cast<int>(b));
-  const __m256i even = _mm256_mul_epu32(x, y), odd = _mm256_mul_epu32(_mm256_srli_epi64(x, 32), y);
-  high = (Word)_mm256_blend_epi32(_mm256_srli_epi64(even, 32), odd, 0xAA);
-  low = a * b;
+  return (Long)_mm256_mul_epu32((__m256i)a, _mm256_set1_epi64x(b));
 #else
-  for (int lane = 0; lane < kWidth; ++lane) high[lane] = static_cast<std::uint32_t>((std::uint64_t{a[lane]} * b) >> 32);
-  low = a * b;
+  return (a & 0xFFFFFFFF) * b;
 #endif
 }
 
@@ -258,6 +252,26 @@ inline Double take_third(Double a, Double b, Double c) {
 template <int k>
 inline double take_third(double a, double b, double c) {
   return k == 0 ? a : k == 1 ? b : c;
+}
+
+// Lanes of two vectors in turn, from a lane on.
+template <int first, int... lane>
+inline Float take_turns(Float a, Float b, std::integer_sequence<int, lane...>) {
+  return __builtin_shufflevector(a, b, (first + lane / 2 + lane % 2 * kWidth)...);
+}
+
+// Vectors become lanes: mixing the first half of the vectors with the second moves one bit of the places.
+inline void transpose(Float (&rows)[kWidth]) {
+  constexpr int half = kWidth / 2;
+  constexpr auto lanes = std::make_integer_sequence<int, kWidth>();
+  for (int round = 1; round < kWidth; round *= 2) {
+    Float mixed[kWidth];
+    for (int i = 0; i < half; ++i) {
+      mixed[2 * i] = take_turns<0>(rows[i], rows[i + half], lanes);
+      mixed[2 * i + 1] = take_turns<half>(rows[i], rows[i + half], lanes);
+    }
+    for (int i = 0; i < kWidth; ++i) rows[i] = mixed[i];
+  }
 }
 
 // Coordinates of points side by side that lie behind each other.

@@ -10,78 +10,100 @@ namespace {
 
 constexpr int kLanes = 128;  // frames side by side
 
-// Random words of kLanes frames for one pair of bins; the four words of a frame lie kLanes apart.
-void draw(Index first_frame, Index pair, std::uint64_t key, std::uint32_t* words) {
-  Word frame;
-  for (int lane = 0; lane < kWidth; ++lane) frame[lane] = static_cast<std::uint32_t>(first_frame + lane);
-  for (int lane = 0; lane < kLanes; lane += kWidth, frame += kWidth) {
-    const Words drawn = philox({{frame, Word{} + static_cast<std::uint32_t>(pair), Word{}, Word{}}}, key);
-    for (int word = 0; word < 4; ++word) store(words + word * kLanes + lane, drawn.at[word]);
+// Noise of kLanes frames for bin after bin; real parts come first, then imaginary parts.
+struct Source {
+  Source(std::uint64_t key, double rms, Line<const float> factor)
+      : key(key), rms(static_cast<float>(rms)), factor(factor) {
+    require(factor.size > 0, "the factor needs a tap");
+    memory.resize((factor.size + 1) * 2 * kLanes / kWidth);
   }
-}
 
-// Box and Muller: w = s sqrt(-ln u) exp(j phi); real parts first, then imaginary parts.
-void transform(const std::uint32_t* words, float rms, float* parts) {
-  for (int lane = 0; lane < kLanes; lane += kWidth) {
-    const Float radius = rms * square_root(exponential(load<Word>(words + lane)));
-    Float x, y;
-    direction(load<Word>(words + kLanes + lane), x, y);
-    store(parts + lane, radius * x);
-    store(parts + kLanes + lane, radius * y);
-  }
-}
+  // White noise of the last bins, from bin -1 on.
+  float* white(Index n) { return reinterpret_cast<float*>(memory.data()) + (n + 1) % (factor.size + 1) * 2 * kLanes; }
 
-// White noise of the last bins, and its sums over range: w_n = g_0 u_n + g_1 u_(n+1) + ..., added in this order.
-struct Ring {
-  Ring(Line<const float> factor, Index slots) : factor(factor), slots(slots), white(slots * 2 * kLanes) {}
-
-  float* slot(Index n) { return white.data() + (n % slots) * 2 * kLanes; }
-
-  void filter(Index oldest, float* parts) {
-    const float* first = slot(oldest);
-    for (int i = 0; i < 2 * kLanes; ++i) parts[i] = factor[0] * first[i];
-    for (Index k = 1; k < factor.size; ++k) {
-      const float* next = slot(oldest + k);
-      for (int i = 0; i < 2 * kLanes; ++i) parts[i] += factor[k] * next[i];
+  // Random words of a pair of bins; the four words of a frame lie kLanes apart. Loops of their own, not inlined: the
+  // processor sees further ahead, and constants stay in registers.
+  [[gnu::noinline]] void draw(Index first_frame, Index pair) {
+    const std::uint64_t key = this->key;  // the words may lie anywhere
+    Word frame;
+    for (int lane = 0; lane < kWidth; ++lane) frame[lane] = static_cast<std::uint32_t>(first_frame + lane);
+    for (int lane = 0; lane < kLanes; lane += kWidth, frame += kWidth) {
+      const Words drawn = philox({{frame, Word{} + static_cast<std::uint32_t>(pair), Word{}, Word{}}}, key);
+      for (int word = 0; word < 4; ++word) store(words + word * kLanes + lane, drawn.at[word]);
     }
   }
 
-  Line<const float> factor;
-  Index slots;
-  std::vector<float> white;
-};
+  // Box and Muller: w = s sqrt(-ln u) exp(j phi).
+  [[gnu::noinline]] void transform(const std::uint32_t* from, float* to) const {
+    const Float scale = spread(rms);
+    for (int lane = 0; lane < kLanes; lane += kWidth) {
+      const Float radius = scale * square_root(exponential(load<Word>(from + lane)));
+      Float x, y;
+      direction(load<Word>(from + kLanes + lane), x, y);
+      store(to + lane, radius * x);
+      store(to + kLanes + lane, radius * y);
+    }
+  }
 
-void add_to_planes(Rows<float> re, Rows<float> im, Index start, Index stop, Index first_bin, Index first_frame,
-                   std::uint64_t key, float rms, Line<const float> factor) {
-  const Index n_bins = re.count, n_more = factor.size - 1;
-  std::uint32_t words[4 * kLanes];
-  float parts[2 * kLanes];
-  Ring ring(factor, factor.size);
-  for (Index column = start; column < stop; column += kLanes) {
-    const Index n_frames = std::min<Index>(kLanes, stop - column);
+  template <typename Use>
+  void fill(Index first_frame, Index first_bin, Index n_bins, Use use) {
+    const Index n_more = factor.size - 1;
     for (Index pair = first_bin / 2; pair < (first_bin + n_bins + n_more + 1) / 2; ++pair) {
-      draw(first_frame + column - start, pair, key, words);
-      for (int odd = 0; odd < 2; ++odd) {
-        const Index row = 2 * pair + odd - first_bin;
-        if (row < 0 || row >= n_bins + n_more) continue;
-        transform(words + 2 * odd * kLanes, rms, ring.slot(row));
-        if (row < n_more) continue;
-        ring.filter(row - n_more, parts);
-        float *x = re[row - n_more] + column, *y = im[row - n_more] + column;
-        for (Index i = 0; i < n_frames; ++i) x[i] += parts[i];
-        for (Index i = 0; i < n_frames; ++i) y[i] += parts[kLanes + i];
+      const Index row = 2 * pair - first_bin;
+      draw(first_frame, pair);
+      for (int odd = 0; odd < 2; ++odd) transform(words + 2 * odd * kLanes, white(row + odd));
+      for (Index n = std::max<Index>(row - n_more, 0); n < std::min(row + 2 - n_more, n_bins); ++n) use(n);
+    }
+  }
+
+  // Sums over range: w_n = g_0 u_n + g_1 u_(n+1) + ..., added in this order.
+  [[gnu::noinline]] void filter(Index n, float* to) {
+    for (Index k = 0; k < factor.size; ++k) {
+      const float* from = white(n + k);
+      const Float g = spread(factor[k]);
+      for (int i = 0; i < 2 * kLanes; i += kWidth) {
+        const Float next = g * load<Float>(from + i);
+        store(to + i, k == 0 ? next : load<Float>(to + i) + next);
       }
     }
   }
+
+  std::uint64_t key;
+  float rms;
+  Line<const float> factor;
+  alignas(64) std::uint32_t words[4 * kLanes];
+  std::vector<Float> memory;
+};
+
+inline void add(const float* a, const float* b, Index size, float* to) {
+  Index i = 0;
+  for (; i + kWidth <= size; i += kWidth) store(to + i, load<Float>(a + i) + load<Float>(b + i));
+  for (; i < size; ++i) to[i] = a[i] + b[i];
 }
+
+// Writes rows with noise in the columns start..stop-1, in place or not.
+void add_to_planes(Rows<const float> from_re, Rows<const float> from_im, Index start, Index stop, Index first_bin,
+                   Index first_frame, Source& source, Rows<float> re, Rows<float> im) {
+  alignas(64) float parts[2 * kLanes];
+  for (Index column = start; column < stop; column += kLanes) {
+    const Index n_frames = std::min<Index>(kLanes, stop - column);
+    source.fill(first_frame + column - start, first_bin, re.count, [&](Index n) {
+      source.filter(n, parts);
+      add(from_re[n] + column, parts, n_frames, re[n] + column);
+      add(from_im[n] + column, parts + kLanes, n_frames, im[n] + column);
+    });
+  }
+}
+
+Rows<const float> read(Rows<float> rows) { return {rows.data, rows.count, rows.width, rows.stride}; }
 
 void add_noise_block(const Out2<float>& plane_re, const Out2<float>& plane_im, Index start, Index stop, Index first_bin,
                      Index first_frame, std::uint64_t key, double rms, const In1<float>& factor) {
   const auto re = view_rows(plane_re), im = view_rows(plane_im);
   require(re.count == im.count && re.width == im.width, "both planes need the same shape");
   require(0 <= start && stop <= re.width && first_bin >= 0, "frames and bins must lie within the planes");
-  require(factor.shape(0) > 0, "the factor needs a tap");
-  add_to_planes(re, im, start, stop, first_bin, first_frame, key, static_cast<float>(rms), view_line(factor));
+  Source source(key, rms, view_line(factor));
+  add_to_planes(read(re), read(im), start, stop, first_bin, first_frame, source, re, im);
 }
 
 void copy_noise_spans(const Planes<float>& source_re, const Planes<float>& source_im, const In2<Index>& spans,
@@ -93,7 +115,7 @@ void copy_noise_spans(const Planes<float>& source_re, const Planes<float>& sourc
   const Index n_bins = from_re.count, n_frames = re.width;
   require(from_im.count == n_bins && re.count == n_bins && im.count == n_bins && span.count == n_bins, "bins differ");
   require(im.width == n_frames && from_re.width >= n_frames && from_im.width >= n_frames, "frames differ");
-  require(span.width == 2 && factor.shape(0) > 0 && first_bin >= 0 && margin >= 0, "spans are pairs, with a factor");
+  require(span.width == 2 && first_bin >= 0 && margin >= 0, "spans are pairs");
   for (Index n = 0; n < n_bins; ++n) {
     require(span[n][0] >= span[n][1] || (span[n][0] >= 0 && span[n][1] <= n_frames), "spans must lie in the planes");
   }
@@ -101,12 +123,10 @@ void copy_noise_spans(const Planes<float>& source_re, const Planes<float>& sourc
   for (Index n = 0; n < n_bins; ++n) {
     const Index begin = span[n][0], stop = span[n][1];
     if (begin >= stop) continue;
-    const Index copied = std::min(stop + margin, n_frames);
-    std::copy(from_re[n] + begin, from_re[n] + copied, re[n] + begin);
-    std::copy(from_im[n] + begin, from_im[n] + copied, im[n] + begin);
     first_frame = std::min(first_frame, begin);
     last_frame = std::max(last_frame, stop);
   }
+  Source source(key, rms, view_line(factor));
   // In every block of frames runs of bins get noise together: neighbours share random words and white noise.
   for (Index column = first_frame; column < last_frame; column += kLanes) {
     const Index end = std::min<Index>(column + kLanes, last_frame);
@@ -114,37 +134,45 @@ void copy_noise_spans(const Planes<float>& source_re, const Planes<float>& sourc
       const Index top = row;
       while (row < n_bins && span[row][0] < std::min(span[row][1], end) && span[row][1] > column) ++row;
       if (row > top) {
-        add_to_planes(re.slice(top, row), im.slice(top, row), column, end, first_bin + top, column, key,
-                      static_cast<float>(rms), view_line(factor));
+        add_to_planes(from_re.slice(top, row), from_im.slice(top, row), column, end, first_bin + top, column, source,
+                      re.slice(top, row), im.slice(top, row));
       }
     }
+  }
+  for (Index n = 0; n < n_bins; ++n) {
+    if (span[n][0] >= span[n][1]) continue;
+    const Index blocks = (span[n][1] - first_frame + kLanes - 1) / kLanes;
+    const Index begin = std::min(first_frame + blocks * kLanes, last_frame),
+                stop = std::min(span[n][1] + margin, n_frames);
+    if (begin < stop) std::copy(from_re[n] + begin, from_re[n] + stop, re[n] + begin);
+    if (begin < stop) std::copy(from_im[n] + begin, from_im[n] + stop, im[n] + begin);
   }
 }
 
 template <typename T>
 void add_noise_matrix(const Out2<std::complex<T>>& matrix, std::uint64_t key, double rms, const In1<float>& factor) {
   const auto all = view_rows(matrix);
-  const auto taps = view_line(factor);
-  require(taps.size > 0, "the factor needs a tap");
-  const Index n_more = taps.size - 1;
-  std::uint32_t words[4 * kLanes];
-  float even[2 * kLanes], odd[2 * kLanes];
-  Ring ring(taps, taps.size + 1);
+  Source source(key, rms, view_line(factor));
+  alignas(64) float parts[kWidth * kLanes] = {};               // noise of some bins, real and imaginary parts in turn
   for (Index start = 0; start < all.count; start += kLanes) {  // these rows stay in the cache for all bins
-    const Index n_rows = std::min<Index>(kLanes, all.count - start);
-    for (Index pair = 0; pair < (all.width + n_more + 1) / 2; ++pair) {
-      draw(start, pair, key, words);
-      transform(words, static_cast<float>(rms), ring.slot(2 * pair));
-      transform(words + 2 * kLanes, static_cast<float>(rms), ring.slot(2 * pair + 1));
-      const Index n = 2 * pair - n_more;  // the first of two bins whose noise is now known
-      if (n >= 0) ring.filter(n, even);
-      if (n >= -1) ring.filter(n + 1, odd);
-      for (Index i = 0; i < n_rows; ++i) {
-        std::complex<T>* row = all[start + i];
-        if (n >= 0) row[n] += std::complex<T>(even[i], even[kLanes + i]);
-        if (n >= -1 && n < all.width - 1) row[n + 1] += std::complex<T>(odd[i], odd[kLanes + i]);
+    source.fill(start, 0, all.width, [&](Index n) {
+      const Index bins = n % kHalfWidth + 1, stop = std::min<Index>(all.count - start, kLanes);
+      source.filter(n, parts + (bins - 1) * 2 * kLanes);
+      if (bins < kHalfWidth && n < all.width - 1) return;
+      for (Index frame = 0; frame < stop; frame += kWidth) {
+        Float rows[kWidth];
+        for (int i = 0; i < kWidth; ++i) rows[i] = load<Float>(parts + i * kLanes + frame);
+        transpose(rows);
+        for (Index i = 0; i < std::min<Index>(kWidth, stop - frame); ++i) {
+          T* numbers = reinterpret_cast<T*>(all[start + frame + i] + n + 1 - bins);
+          if (bins == kHalfWidth) {
+            for (int k = 0; k < kWidth; ++k) numbers[k] += rows[i][k];
+          } else {
+            for (Index k = 0; k < 2 * bins; ++k) numbers[k] += rows[i][k];
+          }
+        }
       }
-    }
+    });
   }
 }
 

@@ -10,22 +10,37 @@
 
 namespace doppelgait::noise {
 
-// Philox4x32-10 (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC11).
 struct Words {
   Word at[4];
 };
 
-inline Words philox(Words c, std::uint64_t key) {
-  auto k0 = static_cast<std::uint32_t>(key), k1 = static_cast<std::uint32_t>(key >> 32);
-  for (int round = 0; round < 10; ++round) {
-    Word high0, low0, high1, low1;
-    multiply(c.at[0], 0xD2511F53, high0, low0);
-    multiply(c.at[2], 0xCD9E8D57, high1, low1);
-    c = {{high1 ^ c.at[1] ^ k0, low1, high0 ^ c.at[3] ^ k1, low0}};
-    k0 += 0x9E3779B9;
-    k1 += 0xBB67AE85;
+template <int... lane>
+inline Word join_words(Word even, Word odd, std::integer_sequence<int, lane...>) {
+  return __builtin_shufflevector(even, odd, (lane % 2 ? kWidth + lane - 1 : lane)...);
+}
+
+// Philox4x32-10 (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC11). Even and odd
+// lanes are computed by themselves in words of 64 bits, whose high halves mean nothing: one product has both halves.
+inline Words philox(const Words& counter, std::uint64_t key) {
+  Long c[2][4];
+  for (int word = 0; word < 4; ++word) {
+    c[0][word] = bits_of<Long>(counter.at[word]);
+    c[1][word] = c[0][word] >> 32;
   }
-  return c;
+  auto k0 = static_cast<std::uint32_t>(key), k1 = static_cast<std::uint32_t>(key >> 32);
+  for (int round = 0; round < 10; ++round, k0 += 0x9E3779B9, k1 += 0xBB67AE85) {
+    for (auto& x : c) {
+      const Long first = multiply_words(x[0], 0xD2511F53), second = multiply_words(x[2], 0xCD9E8D57);
+      x[0] = (second >> 32) ^ x[1] ^ k0, x[1] = second;
+      x[2] = (first >> 32) ^ x[3] ^ k1, x[3] = first;
+    }
+  }
+  Words drawn;
+  for (int word = 0; word < 4; ++word) {
+    constexpr auto lanes = std::make_integer_sequence<int, kWidth>();
+    drawn.at[word] = join_words(bits_of<Word>(c[0][word]), bits_of<Word>(c[1][word]), lanes);
+  }
+  return drawn;
 }
 
 // Exponential variable of mean 1: -ln u with u = (w + 1/2) / 2^32. ln(1 + f) = f + f^2 (L0 + L1 f + ...) with the least

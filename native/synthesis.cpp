@@ -36,15 +36,17 @@ struct Geometry {
 
 // Echoes of kFrames frames in some bins. Rows outside first..stop-1 are zero.
 struct Block {
-  explicit Block(Index n_bins) : n_bins(n_bins), sums(n_bins * kRow) {}
+  explicit Block(Index n_bins) : n_bins(n_bins), memory((n_bins + kHalfWidth) * kRow / kWidth) {}
+
+  float* operator[](Index n) { return reinterpret_cast<float*>(memory.data()) + n * kRow; }
 
   void clear() {
-    if (first < stop) std::fill(sums.begin() + first * kRow, sums.begin() + stop * kRow, 0.0f);
+    if (first < stop) std::fill((*this)[first], (*this)[stop], 0.0f);
     first = n_bins, stop = 0;
   }
 
   Index n_bins, first = 0, stop = 0;
-  std::vector<float> sums;
+  std::vector<Float> memory;  // aligned, with room for whole vectors of bins
 };
 
 struct Scatterers {
@@ -133,7 +135,7 @@ void add_echo(const Geometry& geometry, const Split& a, const Split& b, Index fi
   const Float bin = narrow(a.bin, b.bin), rest = narrow(a.place - a.bin, b.place - b.bin);
   const Float cut = spread(geometry.cut), exponent = spread(geometry.exponent);
   Float n = spread(static_cast<float>(first + first_bin));
-  float *sum = &block.sums[first * kRow + lane], *end = sum + (stop - first) * kRow;
+  float *sum = block[first] + lane, *end = block[stop] + lane;
   for (; sum < end; sum += kRow, n += 1.0f) {
     const Float distance = (n - bin) - rest;  // the first difference is between whole numbers, hence exact
     const Float square = distance * distance;
@@ -202,13 +204,30 @@ void echo_planes(Plane<double> range_m, Plane<double> amplitude, double first_bi
   constexpr Index limit = Index{1} << 40;  // beyond all frames and bins
   first_frame = std::clamp(first_frame, -limit, limit);
   first_bin = std::clamp(first_bin, -limit, limit);
+  // Every number is written once. Zeros are most of them: long runs are faster than blocks of frames.
+  std::vector<Index> written(re.count);
+  const auto write_zeros = [&](Index n, Index stop) {
+    for (const auto& plane : {re, im}) std::fill(plane[n] + written[n], plane[n] + stop, 0.0f);
+  };
   for (Index column = 0; column < re.width; column += kFrames) {
     fill(geometry, scatterers, first_frame + column, first_bin, block);
-    const Index used = std::min<Index>(kFrames, re.width - column);
-    for (Index n = 0; n < re.count; ++n) {
-      copy_frames(&block.sums[n * kRow], used, re[n] + column);
-      copy_frames(&block.sums[n * kRow + kFrames], used, im[n] + column);
+    const Index stop = std::min<Index>(column + kFrames, re.width);
+    for (Index n = block.first; n < block.stop; ++n) {
+      if (written[n] < column) write_zeros(n, column);
+      written[n] = stop;
+      copy_frames(block[n], stop - column, re[n] + column);
+      copy_frames(block[n] + kFrames, stop - column, im[n] + column);
     }
+  }
+  for (Index n = 0; n < re.count; ++n) write_zeros(n, re.width);
+}
+
+inline void store_samples(Float parts, Index count, Complex* to) {
+  auto* numbers = reinterpret_cast<float*>(to);
+  if (count == kHalfWidth) {
+    store(numbers, parts);
+  } else {
+    std::memcpy(numbers, &parts, count * sizeof(Complex));
   }
 }
 
@@ -220,9 +239,23 @@ void add_echoes(Plane<double> range_m, Plane<double> amplitude, double first_bin
   Block block(matrix.width);
   for (Index frame = 0; frame < matrix.count; frame += kFrames) {
     fill(geometry, scatterers, frame, 0, block);
-    for (Index lane = 0; lane < std::min<Index>(kFrames, matrix.count - frame); ++lane) {
-      const float* sum = block.sums.data() + lane;
-      for (Index n = 0; n < matrix.width; ++n, sum += kRow) matrix[frame + lane][n] = Complex(sum[0], sum[kFrames]);
+    const Index first = block.first, stop = std::max(first, block.stop);
+    const Index used = std::min<Index>(kFrames, matrix.count - frame);
+    for (Index lane = 0; lane < used; ++lane) {
+      Complex* row = matrix[frame + lane];
+      std::fill(row, row + first, Complex());
+      std::fill(row + stop, row + matrix.width, Complex());
+    }
+    for (Index n = first; n < stop; n += kHalfWidth) {
+      const Index bins = std::min<Index>(kHalfWidth, matrix.width - n);
+      for (Index begin = 0; begin < used; begin += kWidth) {
+        Float rows[kWidth];  // real and imaginary parts of some bins in kWidth frames, then of a frame in some bins
+        for (int i = 0; i < kWidth; ++i) rows[i] = load<Float>(block[n] + i * kFrames + begin);
+        transpose(rows);
+        for (Index lane = begin; lane < std::min<Index>(begin + kWidth, used); ++lane) {
+          store_samples(rows[lane - begin], bins, matrix[frame + lane] + n);
+        }
+      }
     }
   }
 }
