@@ -64,7 +64,7 @@ def compute_snr_db(strongest_v2: npt.NDArray[Any], floor_v2: float) -> float:
 def compute_quantile(values: npt.NDArray[np.floating[Any]], share: float) -> float:
     """Compute quantiles of values without NaN."""
     # the result equals np.quantile
-    return float(native.quantile(values.ravel(), share))
+    return float(native.quantile(values, share))
 
 
 def width_level_v2(strongest_v2: npt.NDArray[Any], floor_v2: float, range_weight: FloatArray) -> FloatArray:

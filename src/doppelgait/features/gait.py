@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from operator import attrgetter
 from typing import Any
 
@@ -115,7 +114,7 @@ def extract(observed: Observation, *, bandwidth_threshold: float, cpi_s: float, 
     if rho.ratio is not None and rho.ratio < NO_GAIT_RATIO:
         flags.append("gait_frequency:no_modulation")
         frequency_hz = None
-    features = GaitFeatures(torso_velocity_mps=velocity_mps, doppler_bandwidth_hz=bandwidth_hz)
+    step_m = second = third = None
     if frequency_hz is None:
         flags.append("step_length,harmonic_ratios,limb_torso_ratio:need_a_gait_frequency")
     else:
@@ -126,13 +125,9 @@ def extract(observed: Observation, *, bandwidth_threshold: float, cpi_s: float, 
                 flags.append(f"harmonic_ratio_{number}:no_peak_6_db_above_its_surroundings")
         if rho.ratio is None:
             flags.append("limb_torso_ratio:no_doppler_row_above_the_noise")
-        features = replace(
-            features,
-            step_length_m=abs(velocity_mps or 0.0) / frequency_hz,
-            harmonic_ratio_2=second,
-            harmonic_ratio_3=third,
-            limb_torso_ratio=rho.ratio,
-        )
+        step_m = abs(velocity_mps or 0.0) / frequency_hz
+    ratio = None if frequency_hz is None else rho.ratio
+    features = GaitFeatures(velocity_mps, bandwidth_hz, step_m, second, third, ratio)
     threshold_hz = bandwidth_threshold_hz(
         observed.mean_row, observed.aligned.axis("doppler"), threshold=bandwidth_threshold
     ) - single_tone_width_hz(cpi_s=cpi_s, window_steepness=window_steepness, threshold=bandwidth_threshold)

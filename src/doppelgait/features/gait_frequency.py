@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -36,6 +36,7 @@ LOG_GRID: FloatArray = np.log(GRID_HZ)
 SQUARE_LOG_GRID: FloatArray = LOG_GRID**2
 NEAR_STEPS = 3
 """Number of grid steps (4.4 %) within which two frequencies are the same."""
+NEAR = np.ones(2 * NEAR_STEPS + 1)
 LEAST_PERIODS = 1.1
 WHITENING = 0.7
 """Coefficient of the first-order whitening filter at 40 columns per second."""
@@ -120,7 +121,7 @@ class Rhythm:
 
     def take(self, number: int) -> Rhythm:
         """Return one set of every target."""
-        return replace(self, likeness=self.likeness[:, number], share=self.share[:, number])
+        return Rhythm(self.likeness[:, number], self.rate_hz, self.share[:, number], self.step_hz)
 
 
 def estimate_gait_frequency(
@@ -171,7 +172,7 @@ def estimate_gait_frequencies(rhythms: Rhythm, velocity_mps: FloatArray) -> list
     if not changes.size or GRID_HZ[-1] * seconds < LEAST_PERIODS:
         return found
     posterior = compute_posterior(rhythms, velocity_mps)
-    near = np.stack([np.convolve(row, np.ones(2 * NEAR_STEPS + 1), "same") for row in posterior])
+    near = np.array([np.convolve(row, NEAR, "same") for row in posterior])
     best = near.argmax(axis=-1)
     others = np.where(np.abs(np.arange(GRID_HZ.size) - best[:, np.newaxis]) > 2 * NEAR_STEPS, near, 0.0)
     second_hz = GRID_HZ[others.argmax(axis=-1)].tolist()
@@ -295,7 +296,7 @@ def compute_posterior(rhythms: Rhythm, velocity_mps: FloatArray) -> FloatArray:
     evidence, prior = compute_terms(rhythms, velocity_mps)
     seconds = rhythms.likeness.shape[-1] / rhythms.rate_hz
     level = WEIGHTS.ravel() @ evidence.reshape(-1, WEIGHTS.size, GRID_HZ.size) + PRIOR_WEIGHTS @ prior
-    level[:, : np.searchsorted(GRID_HZ, LEAST_PERIODS / seconds)] = -np.inf
+    level[:, : GRID_HZ.searchsorted(LEAST_PERIODS / seconds)] = -np.inf
     posterior = np.exp(level - level.max(axis=-1, keepdims=True))
     return np.asarray(posterior / posterior.sum(axis=-1, keepdims=True))
 

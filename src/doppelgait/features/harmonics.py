@@ -62,17 +62,18 @@ def peak_ratio(cadence_hz: FloatArray, values: FloatArray, frequency_hz: float, 
     expected_hz = harmonic * frequency_hz
     first, stop = cadence_hz.searchsorted([expected_hz * (1.0 - SEARCH), expected_hz * (1.0 + SEARCH)]).tolist()
     first, stop = max(first, 1), min(stop, values.size - 1)
-    before, inside, after = (values[first + shift : max(stop, first) + shift] for shift in (-1, 0, 1))
-    peaks = np.flatnonzero((inside > before) & (inside >= after))
-    if not peaks.size:
+    around = values[first - 1 : max(stop, first) + 1].tolist()
+    peaks = [n for n in range(1, len(around) - 1) if around[n - 1] < around[n] >= around[n + 1]]
+    if not peaks:
         return None
-    best = int(peaks[inside[peaks].argmax()])
+    best = max(peaks, key=around.__getitem__)
+    before, highest, after = around[best - 1 : best + 2]
     near = np.abs(cadence_hz - expected_hz) <= frequency_hz / 2.0
-    if inside[best] < MIN_SNR * compute_quantile(values[near], 0.5):
+    if highest < MIN_SNR * compute_quantile(values[near], 0.5):
         return None
-    bend = float(before[best] - 2.0 * inside[best] + after[best])
-    offset = 0.5 * float(before[best] - after[best]) / bend if bend < 0 else 0.0
-    return float((first + best + offset) * (cadence_hz[1] - cadence_hz[0])) / frequency_hz
+    bend = before - 2.0 * highest + after
+    offset = 0.5 * (before - after) / bend if bend < 0 else 0.0
+    return float((first - 1 + best + offset) * (cadence_hz[1] - cadence_hz[0])) / frequency_hz
 
 
 @dataclass(frozen=True)

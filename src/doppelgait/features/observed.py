@@ -239,7 +239,7 @@ class Observation:
         self.direction = math.copysign(1.0, self.mean_line_mps) if is_fast else 0.0  # 1 approaching, -1 receding
         self.has_direction = self.direction != 0.0
         self.n_bins = max(1.0, float(self.signature.attrs["n_gate_bins"]))
-        self.noise_sd_v2 = self.floor_v2 / float(np.sqrt(self.n_bins))  # of a noise cell, nu / sqrt(N_g)
+        self.noise_sd_v2 = self.floor_v2 / math.sqrt(self.n_bins)  # of a noise cell, nu / sqrt(N_g)
         # mean Doppler and radial velocity v_m of the torso
         self.torso_hz = float(self.main_line_hz.sum()) / self.line_mps.size + self.bend_mps / self.mps_per_hz
         self.torso_mps = float(doppler_to_velocity_mps(self.torso_hz, wavelength_m))
@@ -333,7 +333,7 @@ class Observation:
 
         Their mean power is 3 standard deviations above the noise.
         """
-        spread = self.floor_v2 / np.sqrt(self.signature.attrs["n_gate_bins"] * self.n_independent)
+        spread = self.floor_v2 / math.sqrt(self.signature.attrs["n_gate_bins"] * self.n_independent)
         return np.asarray(_average_rows(self.excess.values) > OCCUPIED_SIGMAS * spread)
 
     @cached_property
@@ -488,7 +488,8 @@ def fit_waves(values: FloatArray, turns_rad: FloatArray, orders: npt.NDArray[np.
     # the frequencies are in radians per column, the orders rise; the cosines and sines need not be
     # orthogonal. Shapes: values (B, J); turns_rad (B,); result (B, orders)
     phase = turns_rad[:, np.newaxis] * np.arange(values.shape[-1])
-    turns = np.repeat((np.cos(phase) + 1j * np.sin(phase))[:, np.newaxis], orders[-1], axis=1)
+    turns = np.empty((len(values), orders[-1], phase.shape[-1]), dtype=np.complex128)
+    turns.real, turns.imag = np.cos(phase)[:, np.newaxis], np.sin(phase)[:, np.newaxis]
     powers = np.multiply.accumulate(turns, axis=1)[:, orders - 1]
     waves = np.concatenate([powers.real, powers.imag], axis=1)
     parts = np.linalg.solve(waves @ waves.swapaxes(-1, -2), waves @ values[..., np.newaxis])

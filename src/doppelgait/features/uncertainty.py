@@ -13,7 +13,7 @@ such as feet that are too weak to increase the bandwidth.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -76,7 +76,7 @@ def _collect(observed: Observation, velocity_sd: float | None, bandwidth_sd: flo
     return {name: value if value is not None and math.isfinite(value) else None for name, value in found.items()}
 
 
-def flag_uncertain_features(extraction: Extraction, sd: dict[str, float | None]) -> tuple[str, ...]:
+def flag_uncertain_features(extraction: Extraction, sd: Mapping[str, float | None]) -> tuple[str, ...]:
     """Flag features with a large standard deviation."""
     values = {**extraction.features.as_dict(), "gait_frequency_hz": extraction.gait_frequency_hz}
     flags = []

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError, ConfigError
@@ -133,11 +132,11 @@ def flag_overlaps(results: Sequence[Result]) -> list[Result]:
     flagged = []
     for number, result in enumerate(results):
         times_s = result.gate.time_s
-        counted = np.ones(times_s.size, dtype=bool)
+        counted: Any = True
         if result.segments:
             counted = (times_s >= result.quality["start_s"]) & (times_s <= result.quality["stop_s"])
         others = (other for other in results if other is not result)
         near = [other for other in others if (result.gate.shares(other.gate) & counted).any()]
         found = {"own_echo_in_gate" if is_echo(other, number) else "gates_overlap" for other in near}
-        flagged.append(replace(result, flags=(*result.flags, *sorted(found))))
+        flagged.append(replace(result, flags=(*result.flags, *sorted(found))) if found else result)
     return flagged

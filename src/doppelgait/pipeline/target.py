@@ -25,6 +25,7 @@ from doppelgait.features.uncertainty import estimate_uncertainties, flag_uncerta
 from doppelgait.pipeline.result import LateArrays, Result, read_signal
 from doppelgait.processing import Analysis, Gate, main_line
 from doppelgait.processing.cadence import CadenceParts
+from doppelgait.processing.normalise import compute_median
 from doppelgait.processing.parts import PARTS, locate_parts
 from doppelgait.processing.signature import compute_signature
 
@@ -165,12 +166,10 @@ def _make_result(target: Target, observed: Observation | None, deviations: dict[
             if thinned:
                 torso_mps = np.interp(shown.axis("time"), observed.signature.axis("time"), torso_mps)
             over_time["torso_velocity_mps"] = torso_mps
-            further = {"extended": measure_extended(observed), "standard_deviation": deviations}
-            extraction = replace(
-                extraction, flags=(*extraction.flags, *flag_uncertain_features(extraction, deviations))
-            )
-    motion, ground_sd, flags = _measure_ground_motion(usable, gate, extraction, further.get("standard_deviation", {}))
-    further["standard_deviation"] = {**further.get("standard_deviation", {}), **ground_sd}
+            further["extended"] = measure_extended(observed)
+    sd = deviations or {}
+    motion, ground_sd, flags = _measure_ground_motion(usable, gate, extraction, sd)
+    further["standard_deviation"] = {**sd, **ground_sd}
     if share < 1.0:
         flags.append("gate_leaves_frame")
     if thinned:
@@ -215,7 +214,7 @@ def _measure_ground_motion(
         step_m = motion.ground_speed_mps / frequency_hz
         if motion.ground_speed_sd_mps is not None and frequency_sd_hz is not None:
             step_sd_m = math.hypot(motion.ground_speed_sd_mps, step_m * frequency_sd_hz) / frequency_hz
-    flags = list(extraction.flags)
+    flags = [*extraction.flags, *flag_uncertain_features(extraction, deviations)]
     if motion.reason in NAMED_REASONS:
         flags.append(f"ground_speed,aspect:{motion.reason}")
     sideways = motion.aspect_deg is not None and abs(math.cos(math.radians(motion.aspect_deg))) < SIDEWAYS_COSINE
@@ -256,7 +255,8 @@ def _prepare(mu: Signal, analysis: Analysis) -> Observation:
     normalised = processing.normalise(mu, floor_v2, mode=analysis.normalisation)
     seconds = processing.observation_s(mu)
     (strongest_v2, peaks_hz), bin_hz = main_line.find_column_peaks(mu), main_line.bin_width_hz(mu)  # used several times
-    straight = main_line.fit_line(peaks_hz, bin_hz, order=1, tapered=True)
+    fit = partial(main_line.fit_line, peaks_hz, bin_hz, median_hz=compute_median(peaks_hz.copy()))
+    straight = fit(order=1, tapered=True)
     track_mps, bend_mps, agreed = None, 0.0, True
     centre_m = mu.axis("centre_range")
     if centre_m.max() > centre_m.min():  # a fixed gate does not follow a target
@@ -266,8 +266,8 @@ def _prepare(mu: Signal, analysis: Analysis) -> Observation:
         straight, agreed = main_line.choose_velocity(mu, floor_v2, strongest_v2, straight, track_hz)
     excess = mu.replace(mu.values - mu.values.dtype.type(floor_v2))
     aligned, drift_hz = normalised, None
-    if main_line.has_drift(main_line.fit_line(peaks_hz, bin_hz, order=1)):
-        drift_hz = main_line.fit_line(peaks_hz, bin_hz, order=processing.choose_line_order(seconds))
+    if main_line.has_drift(fit(order=1)):
+        drift_hz = fit(order=processing.choose_line_order(seconds))
         aligned, excess = processing.align(normalised, drift_hz), processing.align(excess, drift_hz)
     parts = CadenceParts(aligned, processing.detrend_order(seconds))
     return Observation(

@@ -253,10 +253,9 @@ class CadenceParts:
         self._like, self._values, self._order = rows, rows.values, order
         rate_hz = sampling_rate_hz(rows.axis("time"))
         self._weights, self._length, self.cadence_hz = _make_grid(rows.shape[0], rate_hz, True, None)
-        self._response = np.ones(self.cadence_hz.size)
         step = _find_coarsest_step(self._values.shape[0], self._length, self.cadence_hz.size)
         if step == 1:
-            self._values = self.detrend().values
+            self._values, self._response = self.detrend().values, np.ones(self.cadence_hz.size)
             return
         trend = _smear_basis(self._values.shape[0], rate_hz, order, step) @ _project_rows(self._values, order)
         self._values, self._response = _smear(self._values, self._weights, self._length, self.cadence_hz.size, step)

@@ -75,10 +75,13 @@ def main_line_hz(signature: Signal, *, order: int, tapered: bool = False) -> Flo
     return fit_line(find_column_peaks(signature)[1], bin_width_hz(signature), order=order, tapered=tapered)
 
 
-def fit_line(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool = False) -> FloatArray:
-    """Fit the line of :func:`main_line_hz` through column peaks."""
+def fit_line(
+    peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool = False, median_hz: float | None = None
+) -> FloatArray:
+    """Fit the line of :func:`main_line_hz` through column peaks, from their median on."""
     basis, parabola, ones = _make_line_basis(peaks_hz.size, min(order, peaks_hz.size - 1))
-    line: FloatArray = np.full(peaks_hz.size, compute_median(peaks_hz.copy()))
+    line = np.empty(peaks_hz.size)
+    line.fill(compute_median(peaks_hz.copy()) if median_hz is None else median_hz)
     taper, coefficients = parabola if tapered else ones, np.empty(basis.shape[0])
     native.robust_fit(basis, peaks_hz, taper, ones, bin_hz / 4.0, CAUCHY_TUNING, ITERATIONS, line, coefficients)
     return line

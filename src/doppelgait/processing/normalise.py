@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -58,11 +59,11 @@ def noise_floor_v2(signature: Signal) -> float:
     if not open_rows.size:
         return 0.0
     n_gate = max(1.0, float(signature.attrs["n_gate_bins"]))  # below one bin it is one variable
-    to_mean = np.log(2.0) if n_gate == 1.0 else (1.0 - 1.0 / (9.0 * n_gate)) ** 3
+    to_mean = math.log(2.0) if n_gate == 1.0 else (1.0 - 1.0 / (9.0 * n_gate)) ** 3
     ordered = open_rows[np.argsort(row_power[open_rows], kind="stable")]
     quiet = ordered[: max(3, int(QUIET_SHARE * ordered.size))]
     floor = compute_median(copy_rows(values, quiet)) / to_mean
-    spread = 1.0 / np.sqrt(n_gate * count_independent_columns(signature))
+    spread = 1.0 / math.sqrt(n_gate * count_independent_columns(signature))
     agreeing = open_rows[row_power[open_rows] < floor * (1.0 + 3.0 * spread)]
     return compute_median(copy_rows(values, agreeing)) / to_mean if agreeing.size > quiet.size else floor
 
@@ -92,7 +93,7 @@ def count_independent_bins(signature: Signal, floor_v2: float) -> float:
     values, stated = np.ascontiguousarray(signature.values), max(1.0, float(signature.attrs["n_gate_bins"]))
     row_power = np.empty(values.shape[1])
     native.row_means(values, row_power)
-    highest_v2 = floor_v2 * (1.0 + 3.0 / np.sqrt(stated * count_independent_columns(signature)))
+    highest_v2 = floor_v2 * (1.0 + 3.0 / math.sqrt(stated * count_independent_columns(signature)))
     quiet = (row_power > 0) & (row_power < highest_v2)
     n_quiet = np.count_nonzero(quiet)
     if n_quiet < LEAST_QUIET_ROWS:
