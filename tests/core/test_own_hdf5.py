@@ -14,7 +14,7 @@ import pytest
 
 from checkout import ROOT
 from doppelgait.core import own_hdf5
-from doppelgait.core.cost import DEFAULT_MB, VARIABLE, check_cost, limit_bytes
+from doppelgait.core.documents import DEFAULT_MB, VARIABLE, check_cost, limit_bytes
 from doppelgait.core.errors import ConfigError, MotionError
 from doppelgait.core.own_hdf5 import HEAP, _find, _find_endless_heaps, get_own_member, open_hdf5
 

@@ -6,13 +6,7 @@ from scipy import ndimage
 from scipy.integrate import quad as integrate_1d
 
 from doppelgait._core import native
-from doppelgait.features.gait_frequency import (
-    LOWEST_HZ,
-    SALIENT_HZ,
-    Rhythm,
-    compute_salience,
-    find_highest,
-)
+from doppelgait.features.gait_frequency import LOWEST_HZ, SALIENT_HZ, Rhythm, compute_salience, find_highest
 from doppelgait.features.ground_motion import average_motion
 from doppelgait.features.limbs import find_torso
 from doppelgait.features.observed import fit_waves, measure_swing

@@ -3,17 +3,30 @@
 The parsers of the standard library raise other errors for deep nesting and long integers. They also
 accept text that later code fails on: tables nested too deep for recursion, integers too large for
 any number type, and lone surrogates (halves of a UTF-16 character), which cannot be encoded.
+
+A small file can declare any number of values: readers check their memory (:func:`check_cost`) before allocation.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import re
 import tomllib
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from doppelgait.core.cost import describe_excess_memory, limit_bytes
+from doppelgait.core.errors import ConfigError
 
+VARIABLE = "DOPPELGAIT_READ_LIMIT_MB"
+"""Environment variable that raises the limit, in MB (1 MB is 1,000,000 bytes)."""
+DEFAULT_MB = 256.0
+PER_BYTE = 16
+"""Allowed bytes of values per byte of the file. An ordinary text file of numbers needs up to 13."""
+MB = 1_000_000
+CELL_BYTES = 72
+"""Bytes that a number of a text file takes as a Python string in a list and as a double."""
 MAX_DEPTH = 64
 """Maximum nesting depth of lists and tables. Files of doppelgait have 10 levels at most."""
 MAX_DIGITS = 40
@@ -87,3 +100,32 @@ def _check_depth(value: Any, *, integers: bool = False) -> None:
             if kinds is None or type(item) in kinds
         ]
     raise ValueError(_TOO_DEEP)
+
+
+def limit_bytes(stored_bytes: int) -> int:
+    """Return the memory limit for a file's values: 256 MB, or 16 times its size if larger."""
+    stated = os.environ.get(VARIABLE, "")
+    try:
+        limit_mb = float(stated) if stated else DEFAULT_MB
+    except ValueError:
+        limit_mb = -1.0
+    if not 0.0 < limit_mb < 1e9:
+        raise ConfigError(f"{VARIABLE} = {stated[:40]!r} is not allowed; it must be a number of MB above 0")
+    return max(int(limit_mb * MB), PER_BYTE * stored_bytes)
+
+
+def check_cost(
+    path: Path, n_bytes: int | float, error: Callable[[str], Exception] = ValueError, *, what: str = "its values"
+) -> None:
+    """Refuse a file with values that exceed the memory limit."""
+    if n_bytes > limit_bytes(stored := path.stat().st_size):
+        raise error(f"{path}: {describe_excess_memory(n_bytes, stored, what)}")
+
+
+def describe_excess_memory(n_bytes: int | float, stored_bytes: int, what: str) -> str:
+    """Describe values that take more memory than the limit."""
+    need_mb = -(-n_bytes // MB)
+    return (
+        f"{what} would take {need_mb:,.0f} MB of memory; the limit for a file of {stored_bytes:,} bytes is "
+        f"{limit_bytes(stored_bytes) // MB:,} MB. If you trust the file, raise the limit: {VARIABLE}={need_mb:.0f}"
+    )

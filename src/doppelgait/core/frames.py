@@ -11,15 +11,13 @@ from functools import cached_property, partial
 from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core import lazy
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, check_signal, make_array, read_axis, sampling_rate_hz
 from doppelgait.core.lazy import LateRows, read_pulses, xr
 from doppelgait.core.samples import Matrix, Planes, Samples
-
-FloatArray = npt.NDArray[np.float64]
+from doppelgait.core.units import FloatArray
 
 SLACK_S = 1e-9
 """Tolerance for the rounding of pulse times."""

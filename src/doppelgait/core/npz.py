@@ -17,7 +17,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.cost import check_cost
+from doppelgait.core.documents import check_cost
 
 NPY_MAGIC = b"\x93NUMPY"
 NUMBER_BYTES = 8
@@ -30,10 +30,7 @@ _FAULTS = (
     MemoryError,
     OverflowError,
     SyntaxError,
-    RecursionError,
-    NotImplementedError,
     RuntimeError,
-    UnicodeDecodeError,
     tokenize.TokenError,
     zipfile.BadZipFile,
     zlib.error,

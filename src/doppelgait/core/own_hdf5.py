@@ -18,7 +18,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from doppelgait.core.cost import describe_excess_memory, limit_bytes
+from doppelgait.core.documents import describe_excess_memory, limit_bytes
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file."""

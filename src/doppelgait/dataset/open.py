@@ -13,8 +13,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.config import convert_to_json, validate
-from doppelgait.core.cost import CELL_BYTES, check_cost
-from doppelgait.core.documents import parse_json
+from doppelgait.core.documents import CELL_BYTES, check_cost, parse_json
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.notebook import show_html, show_text
 from doppelgait.core.rng import RandomSource

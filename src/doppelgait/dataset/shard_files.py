@@ -19,10 +19,11 @@ import xarray as xr
 from deflate import zlib_compress
 
 from doppelgait.core.config import format_canonical_json
-from doppelgait.core.cost import describe_excess_memory, limit_bytes
+from doppelgait.core.documents import describe_excess_memory, limit_bytes
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import Signal, read_axis
 from doppelgait.core.own_hdf5 import get_own_member, open_hdf5
+from doppelgait.core.units import decimal_logarithm, power_of_ten
 from doppelgait.dataset.config import FieldSpec
 
 Array = npt.NDArray[Any]
@@ -58,9 +59,7 @@ def encode(values: npt.ArrayLike, spec: FieldSpec) -> Array:
     kept = np.asarray(values)[:: spec.hop]
     if not spec.is_half:
         return np.ascontiguousarray(kept.astype(np.dtype(FIELDS[spec.name]["dtype"]).newbyteorder("<"), copy=False))
-    with np.errstate(divide="ignore"):
-        level_db = 10.0 * np.log10(kept.astype(np.float64))
-    return np.maximum(level_db, DB_FLOOR).astype("<f2")
+    return np.maximum(10.0 * decimal_logarithm(kept), DB_FLOOR).astype("<f2")
 
 
 def decode(values: npt.ArrayLike, facts: Mapping[str, Any]) -> Array:
@@ -68,7 +67,7 @@ def decode(values: npt.ArrayLike, facts: Mapping[str, Any]) -> Array:
     stored = np.asarray(values)
     if facts.get("scale", "linear") == "linear":
         return stored
-    power = 10.0 ** (stored.astype(np.float64) / 10.0)
+    power = power_of_ten(stored.astype(np.float64) / 10.0)
     return np.where(stored <= DB_FLOOR, 0.0, power).astype(np.float32)
 
 

@@ -20,6 +20,7 @@ from functools import partial
 import numpy as np
 
 from doppelgait.core.plugins import plugin
+from doppelgait.core.units import logarithm
 from doppelgait.features.feature_set import FEATURES, NEEDS
 from doppelgait.features.observed import TORSO_BAND_MPS, Observation, compute_autocorrelation_at
 
@@ -186,7 +187,7 @@ def entropy_width_mps(observed: Observation) -> float | None:
     if not mean.size:
         return None
     p = mean / mean.sum()
-    return float(np.exp(-(p * np.log(p)).sum()) * observed.bin_mps)
+    return math.exp(-(p * logarithm(p)).sum()) * observed.bin_mps
 
 
 @plugin("feature", "cadence_centroid_hz", unit="Hz", source=CADENCE_SOURCE)

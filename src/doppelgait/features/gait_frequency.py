@@ -21,18 +21,16 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait._core import native
 from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Signal, sampling_rate_hz
 from doppelgait.core.lazy import xr
+from doppelgait.core.units import FloatArray, exponential, logarithm
 from doppelgait.features.limbs import average_columns, detrend_rows, group_size, limb_rows, sum_rows
 
-FloatArray = npt.NDArray[np.float64]
-
-GRID_HZ: FloatArray = 0.5 * 2.0 ** (np.arange(193) / 48.0)
+GRID_HZ: FloatArray = np.array([0.5 * 2.0 ** (step / 48.0) for step in range(193)])
 """Frequency grid: 0.5 to 8 Hz in steps of 1.45 %."""
-LOG_GRID: FloatArray = np.log(GRID_HZ)
+LOG_GRID: FloatArray = logarithm(GRID_HZ)
 SQUARE_LOG_GRID: FloatArray = LOG_GRID**2
 NEAR_STEPS = 3
 """Number of grid steps (4.4 %) within which two frequencies are the same."""
@@ -297,7 +295,7 @@ def compute_posterior(rhythms: Rhythm, velocity_mps: FloatArray) -> FloatArray:
     seconds = rhythms.likeness.shape[-1] / rhythms.rate_hz
     level = WEIGHTS.ravel() @ evidence.reshape(-1, WEIGHTS.size, GRID_HZ.size) + PRIOR_WEIGHTS @ prior
     level[:, : GRID_HZ.searchsorted(LEAST_PERIODS / seconds)] = -np.inf
-    posterior = np.exp(level - level.max(axis=-1, keepdims=True))
+    posterior = exponential(level - level.max(axis=-1, keepdims=True))
     return np.asarray(posterior / posterior.sum(axis=-1, keepdims=True))
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from doppelgait._core import native
 from doppelgait.core.straight import ERROR_MEMORY_S, LINE, PARABOLA, compute_straight_probability
+from doppelgait.core.units import arctangent, exponential
 
 Visibility = Literal["clear", "limbs_only", "hidden", "unknown"]
 
@@ -137,9 +138,9 @@ def average_motion(radial_mps: float, across_2: float, across_sd: float) -> tupl
     """Average speed and aspect over speeds across the line of sight; return means and variances."""
     # all speeds across are equally likely before; their square has a Gaussian error
     across = np.linspace(0.0, math.sqrt(max(across_2, 0.0) + GRID_SD * across_sd), GRID_SPEEDS)
-    weight = np.exp(-0.5 * ((across * across - across_2) / across_sd) ** 2)
+    weight = exponential(-0.5 * ((across * across - across_2) / across_sd) ** 2)
     weight /= weight.sum()
-    values = np.stack([np.hypot(radial_mps, across), np.degrees(np.arctan2(across, radial_mps))])
+    values = np.stack([np.hypot(radial_mps, across), np.degrees(arctangent(across, np.full_like(across, radial_mps)))])
     means = values @ weight
     return means.tolist(), ((values - means[:, np.newaxis]) ** 2 @ weight).tolist()
 

@@ -6,13 +6,10 @@ The code follows the text of the report wherever the report is unambiguous.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core.labels import Signal
-from doppelgait.core.units import doppler_to_velocity_mps
+from doppelgait.core.units import FloatArray, doppler_to_velocity_mps
 from doppelgait.features.feature_set import Extraction, GaitFeatures
-
-FloatArray = npt.NDArray[np.float64]
 
 HARMONIC_WINDOW = 0.2
 """Relative half width of the search for a harmonic; the report specifies only "close to where it is expected"."""

@@ -409,7 +409,7 @@ class Observation:
     def range_weight(self) -> FloatArray:
         """Factor (range / mean range)^4 that removes the radar equation (E-28), (J,)."""
         centre_m = self.signature.axis("centre_range")
-        return np.asarray((centre_m / (centre_m.sum() / centre_m.size)) ** 4)
+        return np.asarray(((centre_m / (centre_m.sum() / centre_m.size)) ** 2) ** 2)
 
     @cached_property
     def about_line(self) -> tuple[LinePower, FloatArray, FloatArray]:

@@ -8,11 +8,14 @@ doppelgait; the sensor computes the features from its Doppler spectrum of the tr
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.labels import SIGNATURE, Signal, measures_signal
 from doppelgait.core.lazy import xr
+from doppelgait.core.units import decimal_logarithm, logarithm
 
 NUMBERS = ("lower_velocity_mps", "upper_velocity_mps", "power_v2", "spectral_entropy")
 """Columns of :func:`measure_columns`."""
@@ -76,13 +79,13 @@ def measure_columns(signature: Signal, *, noise_floor_v2: float = 0.0) -> xr.Dat
     )
     rows = np.arange(velocity_mps.size)
     between = (rows >= lower[:, None]) & (rows <= upper[:, None])
-    logarithm = np.log(share, out=np.zeros_like(share), where=share > 0)
+    logarithms = logarithm(np.where(share > 0, share, 1.0))
     values = np.stack(
         [
             np.where(some, velocity_mps[lower], np.nan),
             np.where(some, velocity_mps[upper], np.nan),
             (power * between).sum(axis=1),
-            np.where(some, -(share * logarithm).sum(axis=1) / np.log(velocity_mps.size), np.nan),
+            np.where(some, -(share * logarithms).sum(axis=1) / math.log(velocity_mps.size), np.nan),
         ],
         axis=1,
     )
@@ -121,7 +124,7 @@ def measure_windows(numbers: npt.ArrayLike, *, frames: int | None = None) -> npt
     values = np.array(numbers, dtype=np.float64)
     dark = ~(values[:, 2] > 0)
     values[dark] = np.nan
-    values[~dark, 2] = 10.0 * np.log10(values[~dark, 2])
+    values[~dark, 2] = 10.0 * decimal_logarithm(values[~dark, 2])
     length = frames or len(values)
     found = np.full((len(values) // max(length, 1), 2 * values.shape[1]), np.nan)
     for number in range(len(found)):

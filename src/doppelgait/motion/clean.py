@@ -100,7 +100,7 @@ def find_steps(
     # after
     last, before, after, gap = _find_paths(position, rate_hz)
     step = np.linalg.norm(position - last - gap[..., np.newaxis] * (before + after) / 2, axis=2)
-    return step, np.maximum(floor_m, jerk_mps3 * (gap / rate_hz) ** 3 / 2)
+    return step, np.maximum(floor_m, jerk_mps3 * (gap / rate_hz) ** 2 * (gap / rate_hz) / 2)
 
 
 def _find_paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -207,7 +207,7 @@ class Cycle:
         fading = into < self.overlap
         share = into[fading] / self.overlap
         # no slope and no curvature at either end
-        weight = (share**3 * (10.0 - 15.0 * share + 6.0 * share**2))[:, np.newaxis, np.newaxis]
+        weight = (share**2 * share * (10.0 - 15.0 * share + 6.0 * share**2))[:, np.newaxis, np.newaxis]
         follows = once(lag + into[fading]) + self.advance * (turns[fading] - 1.0)[:, np.newaxis, np.newaxis]
         position[fading] = weight * position[fading] + (1.0 - weight) * follows
         return np.asarray(position)

@@ -18,8 +18,7 @@ from pydantic import Field, field_validator, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import Group, plugin
-
-FloatArray = npt.NDArray[np.float64]
+from doppelgait.core.units import FloatArray, arctangent, cosine, sine
 
 HEADING_WINDOW_M = 0.5
 """Distance over which the body turns where the curvature of its path jumps: about a step (assumed)."""
@@ -80,7 +79,7 @@ def _chord_m(length_m: npt.ArrayLike, heading_rad: npt.ArrayLike, curvature_per_
     half = np.asarray(length_m) * np.asarray(curvature_per_m) / 2
     chord = np.asarray(length_m) * np.sinc(half / np.pi)
     middle = np.asarray(heading_rad) + half
-    return np.stack([chord * np.cos(middle), chord * np.sin(middle)], axis=-1)
+    return np.stack([chord * cosine(middle), chord * sine(middle)], axis=-1)
 
 
 def find_points(curve: Curve, distance_m: FloatArray) -> FloatArray:
@@ -153,7 +152,7 @@ def _integrate_ramp(time_s: FloatArray, ramp_s: float) -> FloatArray:
     """Return the integral of a half-cosine ramp."""
     # the ramp is (1 - cos(pi t / T)) / 2. After the ramp, the integral of the loss is constant.
     t = np.clip(time_s, 0.0, ramp_s)
-    return np.asarray(t / 2 - ramp_s / (2 * np.pi) * np.sin(np.pi * t / ramp_s))
+    return np.asarray(t / 2 - ramp_s / (2 * np.pi) * sine(np.pi * t / ramp_s))
 
 
 def spot_turn_rad(pace: Pace, time_s: FloatArray) -> FloatArray:
@@ -184,7 +183,7 @@ def _get_transition_s(stop: Stop) -> float:
 
 
 def _ramp_half_cosine(share: FloatArray) -> FloatArray:
-    return np.asarray((1 - np.cos(np.pi * np.clip(share, 0.0, 1.0))) / 2)
+    return np.asarray((1 - cosine(np.pi * np.clip(share, 0.0, 1.0))) / 2)
 
 
 def first_time_s(progress: Callable[[FloatArray], FloatArray], wanted: npt.ArrayLike, *, stop_s: float) -> FloatArray:
@@ -398,12 +397,12 @@ def lay_out_polyline(path: PolylinePath) -> Layout:
     if lengths.min() < _SHORTEST_M:
         number = int(lengths.argmin())
         raise ValueError(f"points_m: {number} and {number + 1} are at the same place; leave one out")
-    headings = np.arctan2(legs[:, 1], legs[:, 0])
+    headings = arctangent(legs[:, 1], legs[:, 0])
     turns = (np.diff(headings) + np.pi) % (2 * np.pi) - np.pi
     if turns.size and np.abs(turns).max() > math.radians(175):
         number = int(np.abs(turns).argmax()) + 1
         raise ValueError(f'points_m: the path turns back at point {number}; use kind = "turn_around"')
-    cut = np.concatenate([[0.0], path.corner_radius_m * np.tan(np.abs(turns) / 2), [0.0]])
+    cut = np.concatenate([[0.0], path.corner_radius_m * sine(np.abs(turns) / 2) / cosine(turns / 2), [0.0]])
     left = lengths - cut[:-1] - cut[1:]
     if left.min() < -1e-9:
         number = int(left.argmin())

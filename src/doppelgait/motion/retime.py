@@ -13,11 +13,9 @@ from pydantic import Field
 from doppelgait._core import native
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import MotionError
+from doppelgait.core.units import FloatArray, cosine, sine
 from doppelgait.motion.motion import Motion, make_motion, require_motion
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
-
-FloatArray = npt.NDArray[np.float64]
-
 
 ScalingMode = Literal["uniform", "froude", "z_only"]
 
@@ -138,8 +136,8 @@ def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float
     turn = math.radians(heading_deg) - travel_heading_rad(motion)
     pivot, points = _interpolate_centre(motion, at_s), np.ascontiguousarray(motion.position_m, dtype=np.float64)
     moved = np.empty(points.shape)
-    cosine, sine, ends_m = math.cos(turn), math.sin(turn), (*map(float, pivot[:2]), *map(float, position_m[:2]))
-    native.turn_and_move(points.reshape(-1, 3), cosine, sine, *ends_m, moved.reshape(-1, 3))
+    cos, sin, ends_m = math.cos(turn), math.sin(turn), (*map(float, pivot[:2]), *map(float, position_m[:2]))
+    native.turn_and_move(points.reshape(-1, 3), cos, sin, *ends_m, moved.reshape(-1, 3))
     return motion.with_positions(moved)
 
 
@@ -286,9 +284,9 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
     strides = new_hz * times_s
     deviations = variation.phase_noise * np.clip(rng.normal(size=math.ceil(strides[-1]) + 2), -2.0, 2.0)
     noise = np.interp(strides, np.arange(deviations.size), deviations)
-    clock = strides + variation.swing_timing * np.sin(2.0 * np.pi * strides + turns[0]) + noise
+    clock = strides + variation.swing_timing * sine(2.0 * np.pi * strides + turns[0]) + noise
     limb_s = clock / stride_hz + margin_s
-    trunk_s = limb_s - variation.swing_timing * np.sin(2 * np.pi * new_hz * times_s + turns[0]) / stride_hz
+    trunk_s = limb_s - variation.swing_timing * sine(2 * np.pi * new_hz * times_s + turns[0]) / stride_hz
     # the path: even motion from the first to the last position of the centre
     centre_m, old_s = body_centre_m(motion), motion.time_s - motion.time_s[0]
     slope = np.polynomial.polynomial.polyfit(old_s, centre_m, 1)
@@ -327,21 +325,21 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
         (variation.pitch_deg, 2, turns[3], (-along[1], along[0], 0.0)),
         (variation.yaw_deg, 1, turns[4], (0.0, 0.0, 1.0)),
     ):
-        angle_rad = math.radians(degrees) * np.sin(2.0 * np.pi * times * new_hz * times_s + turn)
+        angle_rad = math.radians(degrees) * sine(2.0 * np.pi * times * new_hz * times_s + turn)
         # rotation about an axis through the origin (Rodrigues)
-        cosine, sine, ahead_m = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None], upper_m @ np.array(pivot)
+        cos, sin, ahead_m = cosine(angle_rad)[:, None], sine(angle_rad)[:, None], upper_m @ np.array(pivot)
         turned_m = np.empty_like(upper_m)
         for axis in range(3):
             first, second = (axis + 1) % 3, (axis + 2) % 3
             across_m = pivot[first] * upper_m[..., second] - pivot[second] * upper_m[..., first]
-            turned_m[..., axis] = upper_m[..., axis] * cosine + across_m * sine + ahead_m * pivot[axis] * (1.0 - cosine)
+            turned_m[..., axis] = upper_m[..., axis] * cos + across_m * sin + ahead_m * pivot[axis] * (1.0 - cos)
         upper_m = turned_m
     body_m[:, arms | central] = upper_m
     mean_m = ripple_m.mean(axis=0)
     ripple_m = mean_m + variation.trunk_ripple * (ripple_m - mean_m)
     for times, size_m, turn in ((1, variation.ripple_once_m, turns[1]), (2, variation.ripple_twice_m, turns[2])):
         way = rng.normal(size=3)
-        wave = np.sin(2.0 * np.pi * times * new_hz * times_s + turn)
+        wave = sine(2.0 * np.pi * times * new_hz * times_s + turn)
         ripple_m = ripple_m + size_m * wave[:, None] * way / np.linalg.norm(way)
     position_m = slope[0] + slope[1] * (times_s[:, None] + margin_s) + ripple_m
     footfalls = {

@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError
+from doppelgait.core.units import FloatArray, arccosine
 from doppelgait.motion.gait import STANCE_SPEED, find_feet
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
 
-FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int32]
 
 
@@ -185,7 +185,7 @@ def check_hybrid(
     for motion in (made, *sources):
         arms = [motion.position_m[:, joints[:, end]] - motion.position_m[:, joints[:, 1]] for end in (0, 2)]
         lengths = np.maximum(np.linalg.norm(arms[0], axis=2) * np.linalg.norm(arms[1], axis=2), 1e-12)
-        angles.append(np.degrees(np.arccos(np.clip((arms[0] * arms[1]).sum(axis=2) / lengths, -1.0, 1.0))))
+        angles.append(np.degrees(arccosine(np.clip((arms[0] * arms[1]).sum(axis=2) / lengths, -1.0, 1.0))))
     if joints.size:
         low = np.min([angle.min(axis=0) for angle in angles[1:]], axis=0) - angles[0].min(axis=0)
         high = angles[0].max(axis=0) - np.max([angle.max(axis=0) for angle in angles[1:]], axis=0)

@@ -13,12 +13,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait._core import native
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.labels import ScattererTable, take_columns
 from doppelgait.core.samples import borrow_memory
+from doppelgait.core.units import FloatArray, cosine, sine
 from doppelgait.motion.retime import Spline
 from doppelgait.scene import PlacedScene
 from doppelgait.scene.environment import ENVIRONMENT
@@ -26,7 +26,6 @@ from doppelgait.scene.environment.reflections import Mirror
 from doppelgait.scene.observe import fit_splines, look, make_table
 from doppelgait.scene.scatterers import Scatterers
 
-FloatArray = npt.NDArray[np.float64]
 Through = Callable[[ScattererTable], ScattererTable]
 
 GAIN_STEP_S = 0.0125
@@ -58,8 +57,8 @@ def apply_room(
         looks_s = np.linspace(times_s.min(), times_s.max(), n_looks)
         seen = look(placed.scene, alike, splines, looks_s, ("azimuth", "elevation"))
         elevation, azimuth = seen["elevation"], seen["azimuth"]
-        level = np.cos(elevation)
-        turned = np.hypot(np.diff(elevation, axis=0), level[1:] * np.sin(np.diff(azimuth, axis=0) / 2.0) * 2.0)
+        level = cosine(elevation)
+        turned = np.hypot(np.diff(elevation, axis=0), level[1:] * sine(np.diff(azimuth, axis=0) / 2.0) * 2.0)
         closer = float(turned.max(initial=0.0)) / MAX_TURN_RAD
         if closer <= 1.0:
             break

@@ -14,13 +14,12 @@ import numpy.typing as npt
 
 from doppelgait import processing
 from doppelgait.core.frames import Frames
+from doppelgait.core.units import FloatArray, decimal_logarithm
 from doppelgait.pipeline.result import Result
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import frame_limits_m
 from doppelgait.processing.signature import compute_signature
 from doppelgait.radar import Radar
-
-FloatArray = npt.NDArray[np.float64]
 
 STEP_S = 0.05
 """Time step of tracks and Doppler for verdicts."""
@@ -69,7 +68,7 @@ class TrackStrip:
     def level_db(self) -> FloatArray:
         """Return the level, scaled to 1 m, in dB."""
         power_v2 = np.maximum(self.power_v2.sum(axis=1), 1e-30)
-        return np.asarray(10.0 * np.log10(power_v2) + 40.0 * np.log10(np.maximum(self.range_m, 0.1)))
+        return np.asarray(10.0 * decimal_logarithm(power_v2) + 40.0 * decimal_logarithm(np.maximum(self.range_m, 0.1)))
 
     def between(self, start_s: float, stop_s: float) -> TrackStrip:
         """Return the steps between two times."""

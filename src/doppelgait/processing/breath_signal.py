@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from doppelgait.core.units import FloatArray, arctangent
+
 ComplexArray = npt.NDArray[np.complex128]
 
 PADDING = 4
@@ -100,7 +101,7 @@ def compute_threshold(spectrum: BreathSpectrum, false_alarm: float, *, low_hz: f
 
     windows = spectrum.starts.size
     cells = 1.5 * max(high_hz - low_hz, 1.0 / spectrum.window_s) * spectrum.window_s * spectrum.power.shape[2]
-    single = -np.expm1(np.log1p(-false_alarm) / cells)
+    single = -math.expm1(math.log1p(-false_alarm) / cells)
     background = _select_background(spectrum.frequency_hz).sum() / (1.5 * PADDING)
     return float(f_distribution.isf(single, 4 * windows, 2 * windows * background))
 
@@ -142,7 +143,7 @@ def compute_displacement(values: ComplexArray, *, wavelength_m: float) -> tuple[
     centre, radius = fit_circle(values)
     if math.isfinite(radius):
         about = values - centre
-        phase = np.unwrap(np.angle(about))
+        phase = np.unwrap(arctangent(about.imag, about.real))
         noise = float(np.std(np.abs(about)))
         arc = float(np.ptp(np.quantile(phase, [0.02, 0.98])))
         accurate = noise * math.sqrt(720.0 / values.size) < RADIUS_ERROR * radius * arc**2

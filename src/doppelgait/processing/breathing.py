@@ -13,6 +13,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.frames import Frames
 from doppelgait.core.labels import sampling_rate_hz
+from doppelgait.core.units import FloatArray, logarithm
 from doppelgait.processing.breath_signal import (
     BreathSpectrum,
     compute_breath_spectrum,
@@ -23,7 +24,6 @@ from doppelgait.processing.breath_signal import (
 )
 from doppelgait.processing.common_phase import average_blocks
 
-FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
 WORKING_RATE_HZ = 10.0
@@ -238,7 +238,7 @@ def _measure_cluster(look: _SlowSeries, bins: npt.NDArray[np.int64]) -> _Candida
         range_m=float(np.average(look.range_m[bins[strong]], weights=powers[strong])),
         rate_hz=rate_hz,
         displacement_m=displacement_m,
-        snr_db=float(10.0 * np.log10(look.ratio[:, chosen].max())),
+        snr_db=10.0 * math.log10(look.ratio[:, chosen].max()),
         confidence=float(breathes.mean() * share),
         start_s=float(look.times[spectrum.starts[run[0]]]),
         stop_s=float(look.times[spectrum.starts[run[-1]] + spectrum.window_pulses - 1]),
@@ -265,7 +265,7 @@ def _measure_strongest_rate(
     band &= (frequency_hz >= max(settings.low_hz, 2.0 / spectrum.window_s)) & (frequency_hz <= settings.high_hz)
     peak = int(np.argmax(np.where(band, power, 0.0)))
     peak = min(max(peak, 1), power.size - 2)
-    left, top, right = np.log(np.maximum(power[peak - 1 : peak + 2], 1e-300))
+    left, top, right = logarithm(np.maximum(power[peak - 1 : peak + 2], 1e-300))
     bend = left - 2.0 * top + right
     offset = float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend < 0 else 0.0
     rate_hz = (peak + offset) * float(frequency_hz[1])

@@ -22,9 +22,8 @@ from doppelgait.core.labels import (
     sampling_rate_hz,
 )
 from doppelgait.core.straight import make_orthonormal_basis
+from doppelgait.core.units import FloatArray, exponential, modified_bessel
 from doppelgait.processing.normalise import copy_rows
-
-FloatArray = npt.NDArray[np.float64]
 
 WIDTH = 18
 """Length of the interpolation kernel in grid steps; with the sampling rates used here the error is 1e-13."""
@@ -145,7 +144,7 @@ def _compute_line_taps(between: int, oversampling: float) -> tuple[FloatArray, f
 def _evaluate_kernel(distance: FloatArray, shape_factor: float) -> FloatArray:
     """Compute the Kaiser-Bessel kernel within W / 2."""
     inside = 1.0 - (2.0 * distance / WIDTH) ** 2
-    values = np.i0(shape_factor * np.sqrt(np.maximum(inside, 0.0))) * math.exp(-shape_factor)
+    values = modified_bessel(shape_factor * np.sqrt(np.maximum(inside, 0.0))) * math.exp(-shape_factor)
     return np.where(inside > 0, values, 0.0)
 
 
@@ -154,7 +153,7 @@ def _transform_kernel(count: int, centre: int, length: int, shape_factor: float)
     # W sinh(r) / r, r^2 = b^2 - (pi W f)^2, at f = (n - centre) / length
     cycles_per_step = (np.arange(count) - centre) / length
     root = np.sqrt(shape_factor**2 - (math.pi * WIDTH * cycles_per_step) ** 2)
-    found: FloatArray = WIDTH * np.exp(root - shape_factor) * -np.expm1(-2.0 * root) / (2.0 * root)
+    found: FloatArray = WIDTH * exponential(root - shape_factor) * (1.0 - exponential(-2.0 * root)) / (2.0 * root)
     found.flags.writeable = False
     return found
 

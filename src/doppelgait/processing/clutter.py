@@ -289,8 +289,8 @@ def clutter_gain(
     if kind == "exponential":
         kept = math.exp(-1.0 / (prf_hz * time_s))
         return np.asarray(2.0 * sine * kept / np.abs(1.0 - kept * np.exp(-2j * angle)))
-    low = (math.tan(math.pi * cutoff_hz / prf_hz) * np.abs(np.cos(angle))) ** (2 * MTI_ORDER)
-    high = sine ** (2 * MTI_ORDER)
+    low = (math.tan(math.pi * cutoff_hz / prf_hz) * np.abs(np.cos(angle))) ** 2
+    low, high = low**MTI_ORDER, (sine**2) ** MTI_ORDER
     return np.asarray(np.sqrt(high / (high + low)))
 
 

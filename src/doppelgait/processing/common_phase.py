@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.frames import Frames
+from doppelgait.core.units import FloatArray, arctangent
 
 Values = npt.NDArray[np.complex64]
 ComplexArray = npt.NDArray[np.complex128]
-FloatArray = npt.NDArray[np.float64]
 
 ZONE_M = 0.75
 ZONE_BINS = 5
@@ -46,7 +46,7 @@ def remove_common_phase(frames: Frames) -> Frames:
     # mean of each bin over the blocks, after the far bins have aligned each block with the one before
     blocks = average_blocks(frames, block)
     steps = (blocks[1:] * blocks[:-1].conj() * weight) @ (member @ far)[:, zone]
-    phase_rad = np.cumsum(np.angle(steps), axis=0)
+    phase_rad = np.cumsum(arctangent(steps.imag, steps.real), axis=0)
     static = (blocks[0] + (blocks[1:] * np.exp(-1j * phase_rad)).sum(axis=0)) / blocks.shape[0]
     own = weight * np.abs(static) ** 2
     wanted = np.maximum(LEAST_WEIGHT, MARGIN * own) / np.maximum(own @ member @ far, TINY)[zone]

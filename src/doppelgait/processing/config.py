@@ -12,7 +12,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.units import cpi_to_pulses
+from doppelgait.core.units import cpi_to_pulses, exponential
 
 Method = Literal["standard", "liland2018"]
 Normalisation = Literal["sum", "max", "r4"]
@@ -144,7 +144,7 @@ def gaussian_window(n_pulses: int, steepness: float) -> npt.NDArray[np.float64]:
     The window is exp(-0.5 ((m - h) / (sigma_w h))^2) with h = (M - 1) / 2.
     """
     half = (n_pulses - 1) / 2.0
-    return np.asarray(np.exp(-0.5 * ((np.arange(n_pulses) - half) / (steepness * max(half, 0.5))) ** 2))
+    return np.asarray(exponential(-0.5 * ((np.arange(n_pulses) - half) / (steepness * max(half, 0.5))) ** 2))
 
 
 def find_fast_length(n_pulses: int) -> int:

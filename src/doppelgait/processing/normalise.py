@@ -161,7 +161,7 @@ def normalise(signature: Signal, floor_v2: float, *, mode: Normalisation = "sum"
         scale = highest
     elif mode == "r4":
         centre = signature.axis("centre_range")
-        scale = (centre.mean() / centre) ** 4 * sums.mean()
+        scale = ((centre.mean() / centre) ** 2) ** 2 * sums.mean()
     else:
         raise AnalysisError(f"normalisation {mode!r} is not known; allowed are sum, max and r4")
     native.scale_excess(power, floor, np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0), values)

@@ -13,8 +13,8 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import read_axis
 from doppelgait.core.lazy import xr
+from doppelgait.core.units import FloatArray, decimal_logarithm
 
-FloatArray = npt.NDArray[np.float64]
 Levels = npt.NDArray[np.float32]
 
 QUIET_SHARE = 1.0 / 3.0
@@ -153,7 +153,7 @@ def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     if not lowest > 0:
         return np.zeros(known.shape, dtype=np.float32)
     with np.errstate(divide="ignore"):
-        level_db = 10.0 * np.log10(known / lowest)
+        level_db = 10.0 * decimal_logarithm(known / lowest)
     return np.asarray(np.clip(level_db / spec.range_db, 0.0, 1.0), dtype=np.float32)
 
 

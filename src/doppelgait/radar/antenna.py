@@ -13,9 +13,7 @@ from doppelgait._core import native
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import ScattererTable, maps_table
-from doppelgait.core.units import db_to_power
-
-FloatArray = npt.NDArray[np.float64]
+from doppelgait.core.units import FloatArray, arcsine, arctangent, cosine, db_to_power, exponential, logarithm, sine
 
 FIELDS_OF_KIND = {
     "isotropic": (),
@@ -112,9 +110,11 @@ def compute_antenna_gain(antenna: Antenna, azimuth_rad: npt.ArrayLike, elevation
     azimuth, elevation = np.broadcast_arrays(np.asarray(azimuth_rad, float), np.asarray(elevation_rad, float))
     if antenna.kind == "cosine":
         # a direction behind the antenna has a negative cosine
-        lobe = np.maximum(np.cos(azimuth), 0.0) ** compute_cosine_exponent(antenna.hpbw_azimuth_deg or math.nan)
-        lobe *= np.maximum(np.cos(elevation), 0.0) ** compute_cosine_exponent(antenna.hpbw_elevation_deg or math.nan)
-        return np.asarray(np.maximum(lobe, db_to_power(antenna.floor_db)))
+        log = logarithm(np.maximum(cosine(azimuth), 0.0))
+        log = log * compute_cosine_exponent(antenna.hpbw_azimuth_deg or math.nan)
+        across = logarithm(np.maximum(cosine(elevation), 0.0))
+        log += across * compute_cosine_exponent(antenna.hpbw_elevation_deg or math.nan)
+        return np.asarray(np.maximum(exponential(log), db_to_power(antenna.floor_db)))
     if antenna.kind == "table":
         cuts = ((azimuth, antenna.azimuth_db), (elevation, antenna.elevation_db))
         angle_deg = np.array(antenna.angle_deg, dtype=float)
@@ -143,11 +143,11 @@ def rotate_to_boresight(
     turn = np.asarray(azimuth_rad, dtype=float) - boresight_azimuth_rad
     elevation = np.asarray(elevation_rad, dtype=float)
     cos_tilt, sin_tilt = math.cos(boresight_tilt_rad), math.sin(boresight_tilt_rad)
-    level, up = np.cos(elevation), np.sin(elevation)
-    ahead, left = level * np.cos(turn), level * np.sin(turn)
+    level, up = cosine(elevation), sine(elevation)
+    ahead, left = level * cosine(turn), level * sine(turn)
     forward = ahead * cos_tilt + up * sin_tilt
     above = up * cos_tilt - ahead * sin_tilt
-    return np.arctan2(left, forward), np.arcsin(np.clip(above, -1.0, 1.0))
+    return arctangent(left, forward), arcsine(np.clip(above, -1.0, 1.0))
 
 
 @maps_table

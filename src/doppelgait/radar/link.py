@@ -22,7 +22,6 @@ from doppelgait.core.units import (
     db_to_power,
     dbm_to_watt,
     power_to_db,
-    watt_to_dbm,
     watt_to_volt,
 )
 from doppelgait.radar.parameters import Radar
@@ -319,7 +318,7 @@ def list_derived_quantities(radar: Radar) -> dict[str, float]:
         "averages_per_frame": radar.averages_per_frame,
         "noise_power_v2": noise_v2,
         "noise_level_dbv": float(power_to_db(noise_v2)),
-        "received_power_1m2_5m_dbm": float(watt_to_dbm(power_w)),
+        "received_power_1m2_5m_dbm": float(power_to_db(power_w / 1e-3)),
         "snr_1m2_5m_db": float(power_to_db(echo_v**2 / noise_v2)),
     }
     if not radar.waveform.ranged:

@@ -274,7 +274,8 @@ def mean_rcs_m2(body: Ellipsoids) -> float:
     xx = upright**2 + wide * side_x**2 + long * x**2
     yy = upright**2 + wide * side_y**2 + long * y**2
     xy = wide * side_x * side_y + long * x * y
-    each_m2 = np.pi * (across * upright * along) ** 2 * (xx + yy) / (2.0 * (xx * yy - xy**2) ** 1.5)
+    square = xx * yy - xy**2
+    each_m2 = np.pi * (across * upright * along) ** 2 * (xx + yy) / (2.0 * square * np.sqrt(square))
     return float(each_m2.mean(axis=0).sum())
 
 
@@ -389,8 +390,8 @@ def find_own_points(point_m: FloatArray, body: Ellipsoids) -> npt.NDArray[np.boo
     # they are inside it (up to a tenth beyond its surface) at least half of the time
     step = -(-point_m.shape[0] // 100)
     offset = point_m[::step, :, None] - body.centre_m[::step, None]
-    across, upright, along = body.semi_axes_m.T
-    wide = (offset * body.across[::step, None]).sum(axis=-1) ** 2 * (across**-2.0 - upright**-2.0)
-    long = (offset * body.along[::step, None]).sum(axis=-1) ** 2 * (along**-2.0 - upright**-2.0)
-    form = (offset**2).sum(axis=-1) * upright**-2.0 + wide + long
+    across, upright, along = 1.0 / body.semi_axes_m.T**2
+    wide = (offset * body.across[::step, None]).sum(axis=-1) ** 2 * (across - upright)
+    long = (offset * body.along[::step, None]).sum(axis=-1) ** 2 * (along - upright)
+    form = (offset**2).sum(axis=-1) * upright + wide + long
     return np.asarray(np.median(form, axis=0) <= OWN_REACH**2)

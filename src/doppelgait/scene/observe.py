@@ -14,13 +14,12 @@ from doppelgait._core import native
 from doppelgait.core.labels import SCATTERER_VARIABLES, ScattererTable, Signal, describe_points
 from doppelgait.core.lazy import LateRows, xr
 from doppelgait.core.samples import borrow_memory
+from doppelgait.core.units import FloatArray, arccosine, arcsine, arctangent
 from doppelgait.motion.retime import Spline, check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.placement import PlacedScene, PlacedTarget, as_placed
 from doppelgait.scene.scatterers import Scatterers, View, compute_scatterers
 from doppelgait.scene.scene import Scene
-
-FloatArray = npt.NDArray[np.float64]
 
 ASPECT_MIN_SPEED_MPS = 0.05
 """Minimum speed, m/s, at which a scatterer has a direction of motion, and hence an aspect angle (E-04)."""
@@ -77,9 +76,9 @@ def line_of_sight(position_m: FloatArray, velocity_mps: FloatArray, radar_positi
     return LineOfSight(
         range_m=range_m,
         radial_velocity_mps=approach,
-        aspect_rad=np.arccos(np.clip(cosine, -1.0, 1.0)),
-        azimuth_rad=np.arctan2(sight[..., 1], sight[..., 0]),
-        elevation_rad=np.arcsin(np.clip(unit[..., 2], -1.0, 1.0)),
+        aspect_rad=arccosine(np.clip(cosine, -1.0, 1.0)),
+        azimuth_rad=arctangent(sight[..., 1], sight[..., 0]),
+        elevation_rad=arcsine(np.clip(unit[..., 2], -1.0, 1.0)),
     )
 
 

@@ -9,6 +9,7 @@ that the power does not reveal the class.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -281,5 +282,5 @@ def sample_fluctuation(
 def sample_spread(spread_db: float, rng: np.random.Generator) -> float:
     """Draw a log-normal factor of mean 1 (E-08b)."""
     # its decibels have the standard deviation spread_db
-    deviation = spread_db * np.log(10.0) / 10.0
-    return float(np.exp(deviation * rng.standard_normal() - deviation**2 / 2.0))
+    deviation = spread_db * math.log(10.0) / 10.0
+    return math.exp(deviation * rng.standard_normal() - deviation**2 / 2.0)

@@ -205,15 +205,10 @@ def test_limbs_reach_bend_the_right_way_and_keep_their_lengths(name, froude):
 
 
 @pytest.mark.parametrize("name", GAITS)
-def test_the_trunk_moves_more_or_less_and_limbs_keep_their_lengths(name):
+def test_the_trunk_moves_more_or_less(name):
     def ripple_m(factor):
         motion = quadruped_gait(gait=name, trunk_ripple=factor, duration_s=4.0)
-        places = dict(zip(motion.markers, np.moveaxis(motion.position_m, 1, 0), strict=True))
-        for side in SIDES:
-            for a, b, _ in LINKS:
-                distance_m = np.linalg.norm(places[f"{side}_{a}"] - places[f"{side}_{b}"], axis=1)
-                np.testing.assert_allclose(distance_m, distance_m[0], rtol=1e-9)
-        x = places["rump"][:, 0]
+        x = motion.position_m[:, motion.markers.index("rump"), 0]
         assert (x[-1] - x[0]) / motion.time_s[-1] == pytest.approx(
             QuadrupedConfig(gait=name).actual_speed_mps, rel=0.03
         )

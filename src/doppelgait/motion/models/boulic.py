@@ -24,6 +24,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import RandomSource
+from doppelgait.core.units import FloatArray, cosine, sine
 from doppelgait.motion.models.human_body import (
     LENGTHS,
     Sizes,
@@ -41,7 +42,6 @@ from doppelgait.motion.models.strides import (
 )
 from doppelgait.motion.motion import Motion
 
-FloatArray = npt.NDArray[np.float64]
 OffsetSigns = Literal["continuous", "published", "pendulum"]
 Knots = list[tuple[float, float]]
 
@@ -62,11 +62,11 @@ def compute_support_fraction(relative_speed: Values) -> Any:
 
 
 def _sine(cycles: FloatArray) -> FloatArray:
-    return np.asarray(np.sin(2 * np.pi * cycles))
+    return np.asarray(sine(2 * np.pi * cycles))
 
 
 def _cosine(cycles: FloatArray) -> FloatArray:
-    return np.asarray(np.cos(2 * np.pi * cycles))
+    return np.asarray(cosine(2 * np.pi * cycles))
 
 
 def _share(phase: FloatArray) -> FloatArray:

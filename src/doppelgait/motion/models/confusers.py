@@ -6,18 +6,16 @@ import math
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import RandomSource
+from doppelgait.core.units import FloatArray, cosine, sine
 from doppelgait.motion.models.primitives import check_clearance, make_gaitless_motion, rotor
 from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import sample_times_s, stack_columns
 from doppelgait.motion.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
 
 FRAMES_PER_TURN = 16
 """Minimum number of frames per turn of a brush or blade. The error of a spline is then 1 % of the tip speed."""
@@ -251,7 +249,7 @@ def _generate_vacuum(config: VacuumConfig, duration_s: float, rng: np.random.Gen
     # x = V t sinc, y = V t (1 - cos)/angle: both are also valid for a straight line.
     distance, half = config.speed_mps * times_s, heading / 2
     chord = distance * np.sinc(half / np.pi)
-    centre = stack_columns(chord * np.cos(half), chord * np.sin(half), config.height_m)
+    centre = stack_columns(chord * cosine(half), chord * sine(half), config.height_m)
     points = {"centre": centre}
     drop = np.array([0.0, 0.0, -config.height_m / 2])
     for k in range(RIM_POINTS):
@@ -270,7 +268,7 @@ def _generate_curtain(config: CurtainConfig, duration_s: float, rng: np.random.G
     points = {}
     for column, across in enumerate(np.linspace(-0.5, 0.5, config.columns) if config.columns > 1 else [0.0]):
         lag = math.radians(config.phase_deg) * across
-        wave = config.amplitude_m * np.sin(2 * np.pi * config.sway_hz * times_s - lag)
+        wave = config.amplitude_m * sine(2 * np.pi * config.sway_hz * times_s - lag)
         for row in range(config.rows):
             down = (row + 1) / config.rows
             place = stack_columns(down * wave, across * config.width_m, config.rail_height_m - down * config.drop_m)
@@ -292,7 +290,7 @@ def _generate_fan(config: FanConfig, duration_s: float, rng: np.random.Generator
 
 
 def _round(angle_rad: FloatArray, radius_m: float) -> FloatArray:
-    return radius_m * np.stack([np.cos(angle_rad), np.sin(angle_rad), np.zeros_like(angle_rad)], axis=1)
+    return radius_m * np.stack([cosine(angle_rad), sine(angle_rad), np.zeros_like(angle_rad)], axis=1)
 
 
 def _make_confuser(kind: str, points: dict[str, FloatArray], rate_hz: float, **facts: Any) -> Motion:

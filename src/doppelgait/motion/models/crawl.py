@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import RandomSource
+from doppelgait.core.units import FloatArray, sine
 from doppelgait.motion.models.human_body import LENGTHS, POINTS, make_person_motions
 from doppelgait.motion.models.quadruped_limbs import solve_two_links
 from doppelgait.motion.models.registry import generate, parse_parameters
@@ -28,8 +28,6 @@ from doppelgait.motion.models.strides import (
     time_even_strides,
 )
 from doppelgait.motion.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
 
 TOUCHDOWN = {"right_hand": 0.0, "left_knee": 0.0, "left_hand": 0.5, "right_knee": 0.5}
 """Phases in cycles at which hands and knees touch down, in diagonal pairs."""
@@ -136,7 +134,7 @@ def place_limb(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]
     # the advance is in strides, the lift from 0 to 1, and cycles are counted from touchdown
     number = np.floor(cycles)
     share = np.clip((cycles - number - duty) / (1 - duty), 0.0, 1.0)
-    return number + share**3 * (10 - 15 * share + 6 * share**2), np.sin(np.pi * share) ** 2
+    return number + share**2 * share * (10 - 15 * share + 6 * share**2), sine(np.pi * share) ** 2
 
 
 def compute_crawling_points(phase: FloatArray, stride: Values) -> dict[str, FloatArray]:

@@ -25,9 +25,9 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.config import read_toml
+from doppelgait.core.units import FloatArray, cosine, sine
 from doppelgait.motion.models.strides import Curve, Values, fit_cubic_hermite
 
-FloatArray = npt.NDArray[np.float64]
 PersonCurve = Literal["pelvis_speed", "neck_speed", "ankle_speed", "ankle_height", "foot_pitch"]
 TrunkCurve = Literal["surge", "hind_heave", "fore_heave", "neck", "tail"]
 Segment = Literal["scapula", "manus", "metatarsus"]
@@ -50,8 +50,7 @@ class CycleCurve:
         """Values at phases (..., n); their leading axes are broadcast against those of the curves."""
         angle = 2.0 * np.pi * phase
         turn = np.empty(angle.shape, dtype=complex)
-        np.cos(angle, out=turn.real)  # the exponential of an imaginary number takes three times as long
-        np.sin(angle, out=turn.imag)
+        turn.real, turn.imag = cosine(angle), sine(angle)
         count = self.coefficients.shape[-1]
         highest, second, *lower = (self.coefficients[..., order, None] for order in range(-1, -count - 1, -1))
         total = highest * turn + second

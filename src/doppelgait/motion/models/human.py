@@ -19,6 +19,7 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import RandomSource
+from doppelgait.core.units import FloatArray, arcsine, cosine, sine
 from doppelgait.motion.models import boulic
 from doppelgait.motion.models.curves import join_curves, make_measured_curve, walk_duty
 from doppelgait.motion.models.human_body import (
@@ -51,8 +52,6 @@ from doppelgait.motion.models.strides import (
     time_even_strides,
 )
 from doppelgait.motion.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
 
 G_MPS2 = 9.81
 SLOWEST_RUN_MPS, FASTEST_RUN_MPS = 1.8, 9.0
@@ -99,9 +98,7 @@ def run_height_m(phase: npt.ArrayLike, stride_s: Values, duty: Values) -> FloatA
     contact_s, step_s = duty * stride_s, stride_s / 2
     force = math.pi * G_MPS2 * step_s / (2 * contact_s)
     t = half * stride_s
-    stance = G_MPS2 * t * (contact_s - t) / 2 - force * square_each(contact_s / math.pi) * np.sin(
-        math.pi * t / contact_s
-    )
+    stance = G_MPS2 * t * (contact_s - t) / 2 - force * square_each(contact_s / math.pi) * sine(math.pi * t / contact_s)
     flight = G_MPS2 * (t - contact_s) * (step_s - t) / 2
     return np.asarray(np.where(half < duty, stance, flight))
 
@@ -109,27 +106,27 @@ def run_height_m(phase: npt.ArrayLike, stride_s: Values, duty: Values) -> FloatA
 def run_offset_m(phase: FloatArray, leg_m: Values, stride_s: Values, duty: Values) -> FloatArray:
     """Return a runner's offset from uniform motion."""
     # the offset is lateral, over the standing leg (assumed), and vertical
-    sway = -0.012 * leg_m * np.sin(2 * np.pi * (phase - 0.1))
+    sway = -0.012 * leg_m * sine(2 * np.pi * (phase - 0.1))
     return np.stack([np.zeros_like(phase), sway, run_height_m(phase, stride_s, duty)])
 
 
 def run_pelvis_deg(phase: FloatArray) -> dict[str, FloatArray]:
     """Return a runner's assumed pelvic torsion and list."""
     # signs are those of doppelgait.motion.models.boulic.trunk_angles_deg
-    return {"pelvic_torsion": -8.0 * np.cos(2 * np.pi * phase), "pelvic_list": -3.0 * np.sin(2 * np.pi * phase)}
+    return {"pelvic_torsion": -8.0 * cosine(2 * np.pi * phase), "pelvic_list": -3.0 * sine(2 * np.pi * phase)}
 
 
 def run_thorax_deg(phase: FloatArray, adult_mps: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return a runner's upper-body pitch and torsion."""
     # the lean is 5 to 10 degrees; the torsion is assumed
-    return -np.interp(adult_mps, (2.2, 9.0), (5.0, 10.0)), 12.0 * np.cos(2 * np.pi * phase)
+    return -np.interp(adult_mps, (2.2, 9.0), (5.0, 10.0)), 12.0 * cosine(2 * np.pi * phase)
 
 
 def run_arms_deg(phase: FloatArray, arm_swing_deg: Values) -> dict[str, FloatArray]:
     """Return flexion of shoulder and elbow of one side."""
     # the arrays have the shape of phase; phase 0 is the touchdown of that side. The elbow is at 80
     # to 100 degrees.
-    back = np.cos(2 * np.pi * (phase + 0.13))
+    back = cosine(2 * np.pi * (phase + 0.13))
     return {"shoulder": -12.0 - arm_swing_deg * back, "elbow": 90.0 - 10.0 * back}
 
 
@@ -451,7 +448,7 @@ def _make_measured_motion(
         base_m[0] = pelvis_m
         ahead = (neck_m - pelvis_m) / size_m["torso"]  # of the neck, relative to the pelvis
         pitch, angles["thorax_torsion"] = thorax(phase)
-        angles["trunk_pitch"] = pitch - columns.lean_deg - np.degrees(np.arcsin(np.clip(ahead, -0.5, 0.5)))
+        angles["trunk_pitch"] = pitch - columns.lean_deg - np.degrees(arcsine(np.clip(ahead, -0.5, 0.5)))
         trunk_rad, arms_rad = _convert_to_radians(angles), _convert_to_radians(arms(np.stack([phase + 0.5, phase])))
         return place_legless_points(base_m, place_left_hip(trunk_rad, size_m), trunk_rad, arms_rad, size_m)
 

@@ -11,15 +11,13 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core.config import check_choice
 from doppelgait.core.rng import RandomSource, as_generator
+from doppelgait.core.units import FloatArray, cosine, sine
 from doppelgait.motion.models.strides import Timing, Values, find_landings, make_column, make_gait_motions
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.skeleton import BOULIC_PARTS
-
-FloatArray = npt.NDArray[np.float64]
 
 Limbs = dict[str, FloatArray]
 Curves = Callable[[FloatArray], Limbs]
@@ -144,8 +142,8 @@ def place_left_hip(pelvis_rad: Mapping[str, FloatArray], size_m: Sizes) -> Float
     """Return the left hip relative to the spine's base, (3, ..., n)."""
     # the right hip is opposite. Angles are those of compute_figure_points.
     tilt, turn = pelvis_rad["pelvic_list"], pelvis_rad["pelvic_torsion"]
-    aside = size_m["half_hip"] * np.cos(tilt)
-    return np.stack([np.sin(turn) * aside, np.cos(turn) * aside, size_m["half_hip"] * np.sin(tilt)])
+    aside = size_m["half_hip"] * cosine(tilt)
+    return np.stack([sine(turn) * aside, cosine(turn) * aside, size_m["half_hip"] * sine(tilt)])
 
 
 def place_legless_points(
@@ -180,7 +178,7 @@ def _place_hanging_links(
     ends_x, ends_z = [], []
     x, z = (np.asarray(part) for part in start)
     for angle_rad, length in links:
-        x, z = x + length * np.sin(angle_rad), z - length * np.cos(angle_rad)
+        x, z = x + length * sine(angle_rad), z - length * cosine(angle_rad)
         ends_x.append(x)
         ends_z.append(z)
     return ends_x, ends_z
@@ -190,9 +188,9 @@ def _rotate(points: FloatArray, angle_rad: FloatArray, *, axis: int) -> None:
     """Rotate points (k, 3, ..., n) about a coordinate axis, in place."""
     # the rotation is right-handed, through the origin, by the angles (..., n)
     first, second = (axis + 1) % 3, (axis + 2) % 3
-    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
-    turned = cosine * points[:, first] - sine * points[:, second]
-    points[:, second] = sine * points[:, first] + cosine * points[:, second]
+    cos, sin = cosine(angle_rad), sine(angle_rad)
+    turned = cos * points[:, first] - sin * points[:, second]
+    points[:, second] = sin * points[:, first] + cos * points[:, second]
     points[:, first] = turned
 
 

@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.units import FloatArray, cosine, sine
 from doppelgait.motion.models.human_body import POINTS, Sizes
 from doppelgait.motion.models.quadruped_limbs import solve_two_links
 from doppelgait.motion.models.strides import Values, square_each
 
-FloatArray = npt.NDArray[np.float64]
 Advance = Callable[[FloatArray, int], FloatArray]
 """Function that returns the distance travelled in m at phases in cycles (order 0), or its slope per cycle (order 1)."""
 
@@ -102,8 +102,8 @@ def place_feet(
         shortened = np.where(far > near, near + width * np.tanh((far - near) / width), far)
         place[:2, swings] += away_m * (shortened / far - 1.0)
         toe_m, pitch = place[..., :count].copy(), pitch[:, :count]
-        toe_m[0] += MIDDLE * size_m["foot"] * np.cos(pitch)
-        toe_m[2] += MIDDLE * size_m["foot"] * np.sin(pitch)
+        toe_m[0] += MIDDLE * size_m["foot"] * cosine(pitch)
+        toe_m[2] += MIDDLE * size_m["foot"] * sine(pitch)
         found[side] = place[..., :count], toe_m
         # the hips are raised until a leg is extended
         leg_m = place - hip_m
@@ -196,9 +196,9 @@ def _roll_sole(sole: FloatArray, foot_m: Values) -> FloatArray:
     heel_m, height_m = HEEL * foot_m, ANKLE * foot_m
     return np.stack(
         [
-            heel_m * (np.cos(up) - 1) - height_m * np.sin(up) + foot_m * (math.cos(STANDING_RAD) - np.cos(slope)),
+            heel_m * (cosine(up) - 1) - height_m * sine(up) + foot_m * (math.cos(STANDING_RAD) - cosine(slope)),
             np.zeros_like(sole),
-            heel_m * np.sin(up) + height_m * (np.cos(up) - 1) + foot_m * (np.sin(slope) + TIP),
+            heel_m * sine(up) + height_m * (cosine(up) - 1) + foot_m * (sine(slope) + TIP),
             turned - STANDING_RAD,
         ]
     )
@@ -237,8 +237,8 @@ def compute_foot_path(
     c_0, c_1, c_2, c_3 = cubic.reshape(4, 4, -1).take(step[swings], axis=2)
     share = ((cycles - foot.duty) / width)[swings]
     rows = own[:, swings] + (((c_3 * share + c_2) * share + c_1) * share + c_0)
-    sole, tip = rows[3] + STANDING_RAD, length_m[swings] * (np.sin(rows[3]) - TIP)
-    heel_m = -length_m[swings] * (HEEL * np.sin(sole) + ANKLE * np.cos(sole))
+    sole, tip = rows[3] + STANDING_RAD, length_m[swings] * (sine(rows[3]) - TIP)
+    heel_m = -length_m[swings] * (HEEL * sine(sole) + ANKLE * cosine(sole))
     # raise a swinging foot smoothly if it would touch the floor, except at the ends of the swing
     rounding = CLEARANCE_M * 16 * (share * (1 - share)) ** 2
     for point_m in (heel_m, tip):  # heel and toe of the sole relative to the ankle

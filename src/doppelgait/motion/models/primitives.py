@@ -6,17 +6,16 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import RandomSource
+from doppelgait.core.units import FloatArray, cosine, sine
 from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import sample_times_s, stack_columns
 from doppelgait.motion.motion import Motion, make_motion
 
-FloatArray = npt.NDArray[np.float64]
 Plane = Literal["xy", "xz", "yz"]
 
 
@@ -274,8 +273,8 @@ def _generate_point(config: PointConfig, duration_s: float, rng: np.random.Gener
 @plugin("motion_model", parameters=PendulumConfig)
 def _generate_pendulum(config: PendulumConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     (times_s,), _ = sample_times_s([duration_s], config.rate_hz)
-    angle = np.radians(config.amplitude_deg) * np.sin(2 * np.pi * config.frequency_hz * times_s)
-    x, z = config.length_m * np.sin(angle), config.pivot_height_m - config.length_m * np.cos(angle)
+    angle = np.radians(config.amplitude_deg) * sine(2 * np.pi * config.frequency_hz * times_s)
+    x, z = config.length_m * sine(angle), config.pivot_height_m - config.length_m * cosine(angle)
     return make_gaitless_motion(
         "pendulum", {"bob": stack_columns(x, 0.0, z)}, config.rate_hz, gait_frequency_hz=config.frequency_hz
     )
@@ -289,8 +288,8 @@ def _generate_rotor(config: RotorConfig, duration_s: float, rng: np.random.Gener
     for blade in range(config.blades):
         angle = 2 * np.pi * (config.rotation_hz * times_s + blade / config.blades)
         tip = points["hub"].copy()
-        tip[:, first] += config.radius_m * np.cos(angle)
-        tip[:, second] += config.radius_m * np.sin(angle)
+        tip[:, first] += config.radius_m * cosine(angle)
+        tip[:, second] += config.radius_m * sine(angle)
         points[f"blade_{blade + 1}"] = tip
     return make_gaitless_motion("rotor", points, config.rate_hz, gait_frequency_hz=config.blades * config.rotation_hz)
 
@@ -309,7 +308,7 @@ _STANDING = {
 @plugin("motion_model", parameters=BreathingConfig)
 def _generate_breathing(config: BreathingConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     (times_s,), _ = sample_times_s([duration_s], config.rate_hz)
-    chest_m = config.amplitude_m * np.sin(2 * np.pi * config.breathing_hz * times_s)
+    chest_m = config.amplitude_m * sine(2 * np.pi * config.breathing_hz * times_s)
     size_m = config.height_m
     points = {
         name: stack_columns(x * size_m + share * chest_m, y * size_m, z * size_m)

@@ -18,6 +18,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import RandomSource
+from doppelgait.core.units import FloatArray, sine
 from doppelgait.motion.models.quadruped_gaits import (
     BUILDS,
     GAITS,
@@ -35,7 +36,6 @@ from doppelgait.motion.models.quadruped_gaits import (
     stride_length_m,
 )
 from doppelgait.motion.models.quadruped_limbs import (
-    FloatArray,
     FootfallCourse,
     compute_all_points,
     make_regular_course,
@@ -251,7 +251,7 @@ def _generate(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[float
     course = make_regular_course(phase, gait, stride_m / hip_m)
     if _is_varied(parameters[0]):
         course = _vary_course(course, columns, phase, gait, rngs)
-    wag_rad = np.radians(columns.tail_sweep_deg) * np.sin(2 * np.pi * columns.tail_frequency_hz * timing.times_s)
+    wag_rad = np.radians(columns.tail_sweep_deg) * sine(2 * np.pi * columns.tail_frequency_hz * timing.times_s)
     rates_hz = (columns.actual_speed_mps / stride_m)[:, 0].tolist()
     duty = {
         end: make_column(

@@ -17,20 +17,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.units import FloatArray, cosine, exponential, logarithm, sine
 from doppelgait.motion.models.curves import find_swing_curve, join_trunk_curves, segment_elevation_rad
 from doppelgait.motion.models.strides import Columns, Curve, Values, fit_cubic_spline, square_each, stack_columns
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def compute_paw_path(cycles: FloatArray, girdle: Any, duty: Values, swing: Curve) -> tuple[FloatArray, FloatArray]:
     """Return the path of a paw over the ground."""
     turn = np.floor(cycles)
     share = np.clip((cycles - turn - duty) / (1 - duty), 0.0, 1.0)
-    early, late = 5 * girdle.clearance_at, 5 * (1 - girdle.clearance_at)
-    tops = [at ** (5 * at) * (1 - at) ** (5 * (1 - at)) for at in np.ravel(girdle.clearance_at).tolist()]
-    top = np.reshape(tops, np.shape(girdle.clearance_at))
-    height = girdle.clearance / top * share**early * (1 - share) ** late
+    at = girdle.clearance_at  # share of the swing at which the paw is highest
+    rise, fall = logarithm(share / at), logarithm((1 - share) / (1 - at))
+    height = girdle.clearance * exponential(5 * at * rise + 5 * (1 - at) * fall)
     return turn + swing(share), height
 
 
@@ -88,7 +86,7 @@ def solve_two_links(start: FloatArray, end: FloatArray, first: Values, second: V
 
 def point_down(angle_rad: FloatArray) -> FloatArray:
     """Return unit vectors that point down at angle 0. A positive angle is forward."""
-    return stack_columns(np.sin(angle_rad), 0.0, -np.cos(angle_rad))
+    return stack_columns(sine(angle_rad), 0.0, -cosine(angle_rad))
 
 
 @dataclass(frozen=True)
@@ -131,18 +129,18 @@ def compute_trunk_motion(
     # the surge of the trunk and the heaves of its girdles are the recorded ones. The pitch follows
     # from the two heaves.
     surge, hind, fore, neck, tail = join_trunk_curves(gait.curves, gait.touchdown)(phase)
-    sway = gait.sway * np.cos(2 * np.pi * (phase - find_touchdowns(gait, "left_hind") - SWAY_LAG))
-    sine = (fore - hind) / (2 * GIRDLE_X * build.trunk)
+    sway = gait.sway * cosine(2 * np.pi * (phase - find_touchdowns(gait, "left_hind") - SWAY_LAG))
+    sin = (fore - hind) / (2 * GIRDLE_X * build.trunk)
     centre = stack_columns(distance + gait.ripple * stride * surge, sway, (hind + fore) / 2)
-    return (centre, np.sqrt(1 - sine**2), sine), neck, tail
+    return (centre, np.sqrt(1 - sin**2), sin), neck, tail
 
 
 def place_on_trunk(x: Values, y: Values, height: Values, trunk: Trunk) -> FloatArray:
     """Return the path of a point on the trunk."""
     # the point is defined by its position when the dog stands with the middle of its trunk at x = 0
     z = height - TRUNK_Z
-    centre, cosine, sine = trunk
-    return np.asarray(centre + stack_columns(x * cosine - z * sine, y, TRUNK_Z + x * sine + z * cosine))
+    centre, cos, sin = trunk
+    return np.asarray(centre + stack_columns(x * cos - z * sin, y, TRUNK_Z + x * sin + z * cos))
 
 
 Ride = tuple[FloatArray, FootfallCourse]
@@ -267,20 +265,20 @@ def compute_all_points(
         move_along_limb(ends[top], ends[bottom], size * (first + second))
     ends["elbow"] = solve_two_links(ends["shoulder"], ends["carpus"], size * HUMERUS, size * FOREARM, bend=-1.0)
     ends["knee"] = solve_two_links(ends["hip"], ends["hock"], size * FEMUR, size * TIBIA, bend=1.0)
-    centre, cosine, sine = (part[:, :count] for part in trunk)
+    centre, cos, sin = (part[:, :count] for part in trunk)
     centre[..., 2] -= lowered
-    fixed = place_on_trunk(build.trunk * _TRUNK_X, 0.0, _TRUNK_HEIGHT, (centre, cosine, sine))
+    fixed = place_on_trunk(build.trunk * _TRUNK_X, 0.0, _TRUNK_HEIGHT, (centre, cos, sin))
     points: Points = dict(zip(TRUNK_POINTS, fixed, strict=True))
     neck_base, tail_base, head = points["neck_base"], points["tail_base"], build.head[..., None]
     elevation = np.radians(carriage.neck_deg + gait.ripple * nod[:, :count])
-    along = stack_columns(np.cos(elevation), 0.0, np.sin(elevation))
+    along = stack_columns(cosine(elevation), 0.0, sine(elevation))
     skull = math.radians(SKULL_DEG)
     points["neck"] = neck_base + head * NECK / 2 * along
     points["head"] = neck_base + head * NECK * along
     points["nose"] = points["head"] + head * SKULL * np.array([math.cos(skull), 0.0, math.sin(skull)])
     length, wag = TAIL * build.tail, wag_rad
     elevation = lift_above_floor(np.radians(carriage.tail_deg + lift[:, :count]), tail_base[..., 2] / length)
-    level = np.cos(elevation)
-    back = length[..., None] * stack_columns(-level * np.cos(wag), level * np.sin(wag), np.sin(elevation))
+    level = cosine(elevation)
+    back = length[..., None] * stack_columns(-level * cosine(wag), level * sine(wag), sine(elevation))
     points |= {"tail_middle": tail_base + back / 2, "tail_tip": tail_base + back}
     return points | {f"{side}_{name}": place[row] for name, place in ends.items() for row, side in enumerate(SIDES)}

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.cost import check_cost
+from doppelgait.core.documents import check_cost
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.points import (

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.cost import CELL_BYTES, check_cost
+from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion

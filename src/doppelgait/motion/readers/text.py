@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.cost import CELL_BYTES, check_cost
+from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError
 from doppelgait.motion.readers.points import MAX_RATE_HZ, MIN_RATE_HZ
 

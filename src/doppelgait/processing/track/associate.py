@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from doppelgait.core.units import FloatArray, exponential
 
 MAX_EVENTS = 20_000
 """Largest number of joint events that is enumerated; a cluster with more events uses its best assignment."""
@@ -96,7 +96,7 @@ def compute_joint_probabilities(gain: FloatArray, miss: float) -> FloatArray:
     tracks, detections = gain.shape
     finite = gain[np.isfinite(gain)]
     top = max(float(finite.max()), miss) if finite.size else miss  # scale factor that avoids overflow
-    factors = np.hstack([np.exp(gain - top), np.full((tracks, 1), math.exp(miss - top))])
+    factors = np.hstack([exponential(gain - top), np.full((tracks, 1), math.exp(miss - top))])
     table = np.zeros((tracks, detections + 1))
 
     def extend(track: int, taken: tuple[int, ...], weight: float) -> None:

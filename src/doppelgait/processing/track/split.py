@@ -10,10 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.frames import Frames
+from doppelgait.core.units import FloatArray, decimal_logarithm
 from doppelgait.processing.config import gaussian_window
 from doppelgait.processing.track.live import Track
-
-FloatArray = npt.NDArray[np.float64]
 
 REACH_M, STEP_M = 1.6, 0.05
 OFFSETS_M = STEP_M * np.arange(-round(REACH_M / STEP_M), round(REACH_M / STEP_M) + 1)
@@ -84,7 +83,7 @@ def find_ridge(profiles: FloatArray, found: Track, others: Sequence[Track]) -> R
     floor = np.quantile(smooth[:, np.abs(OFFSETS_M) > FLOOR_FROM_M], FLOOR_QUANTILE, axis=1)[:, None]
     smooth = np.maximum(smooth, FLOOR_FACTOR * floor)
     top = np.maximum(smooth.max(axis=1, keepdims=True), 1e-300)
-    level_db = 10.0 * np.log10(np.maximum(smooth / top, 1e-6))
+    level_db = 10.0 * decimal_logarithm(np.maximum(smooth / top, 1e-6))
     own_m, other_m = np.full((2, profiles.shape[0]), np.nan)
     deep = np.zeros(profiles.shape[0], dtype=bool)
     taken = [np.interp(found.times_s, one.times_s, one.range_m, left=np.nan, right=np.nan) for one in others]

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array, read_axis
-from doppelgait.core.units import db_to_power, power_to_db
+from doppelgait.core.units import FloatArray, db_to_power, power_to_db
 from doppelgait.radar.fit.model import BUSY_SHARE, MAX_PHASE_VARIANCE, MIN_BINS, MIN_FRAMES, SensorFit, fit_sensor
 from doppelgait.radar.fit.room import (
     DB_PER_NEPER,
@@ -31,7 +31,6 @@ from doppelgait.radar.fit.room import (
 from doppelgait.radar.recording import Recording
 
 ComplexArray = npt.NDArray[np.complex128]
-FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 WINDOW = 64

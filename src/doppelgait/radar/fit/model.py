@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.units import db_to_power, power_to_db
+from doppelgait.core.units import FloatArray, db_to_power, power_to_db
 from doppelgait.radar.fit.room import (
     Bursts,
     ClutterProfile,
@@ -39,7 +39,6 @@ from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 
 ComplexArray = npt.NDArray[np.complex128]
-FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 MIN_FRAMES = 32

@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.units import db_to_amplitude, power_to_db
+from doppelgait.core.units import FloatArray, db_to_amplitude, power_to_db
 from doppelgait.radar.fit.measure import SLOW_CELLS, SensorMeasurement, measure_recording
 from doppelgait.radar.fit.model import PLAUSIBLE_NOISE_FIGURE_DB
 from doppelgait.radar.fit.room import DB_PER_NEPER, Estimate
@@ -199,8 +198,6 @@ def find_noise_figure(radar: Radar, level_db: Estimate) -> Estimate:
     slope = level_at(value + 0.5) - level_at(value - 0.5)
     return Estimate(value, level_db.sd / slope)
 
-
-FloatArray = npt.NDArray[np.float64]
 
 SAME = 0.05
 """Maximum relative difference of carrier and bin spacing between recordings of one kind."""

@@ -12,7 +12,7 @@ from pydantic import Field
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
-from doppelgait.core.units import db_to_amplitude, range_to_delay_s
+from doppelgait.core.units import cosine, db_to_amplitude, decimal_logarithm, range_to_delay_s, sine
 from doppelgait.radar.impairments.apply import check_width, convert_level_to_volt, sample_range_m
 from doppelgait.radar.parameters import Radar
 
@@ -87,7 +87,7 @@ def add_phase_noise(samples: Samples, parameters: PhaseNoise, radar: Radar, rng:
             return samples.rotate(phase_rad / (2.0 * math.pi), residual_rad / (2.0 * math.pi), weights)
         phase_rad = phase_rad + weights[0] @ residual_rad
     turn = np.empty((phase_rad.size, 1), dtype=np.complex64)
-    turn.real, turn.imag = np.cos(phase_rad)[:, None], np.sin(phase_rad)[:, None]
+    turn.real, turn.imag = cosine(phase_rad)[:, None], sine(phase_rad)[:, None]
     samples *= turn
     return samples
 
@@ -100,13 +100,15 @@ def residual_phase_rad(
 
     length = fft.next_fast_len(2 * n_frames, real=True)
     f_hz = np.arange(1, length // 2 + 1) * (radar.prf_hz / length)
-    level_db = float(spec.density_dbc_per_hz or 0.0) + spec.slope_db_per_decade * np.log10(f_hz / spec.offset_hz)
+    level_db = float(spec.density_dbc_per_hz or 0.0) + spec.slope_db_per_decade * decimal_logarithm(
+        f_hz / spec.offset_hz
+    )
     size = db_to_amplitude(level_db) * math.sqrt(2.0 * radar.prf_hz * length)  # S = 2 L, one-sided, rad^2/Hz
     parts = rng.standard_normal((2, f_hz.size))
     node_s, weights = make_delay_nodes(range_to_delay_s(sample_range_m(radar)), radar.prf_hz / 2.0)
     seen = np.zeros((node_s.size, f_hz.size + 1), dtype=np.complex128)  # without the mean, which is part of the drift
     angle = np.pi * f_hz * node_s[:, None]
-    sin, cos = np.sin(angle), np.cos(angle)
+    sin, cos = sine(angle), cosine(angle)
     size = size * sin  # 1 - exp(-2 j a) = 2 sin(a) (sin(a) + j cos(a))
     seen.real[:, 1:] = size * (parts[0] * sin - parts[1] * cos)
     seen.imag[:, 1:] = size * (parts[0] * cos + parts[1] * sin)
@@ -125,7 +127,7 @@ def make_delay_nodes(
     while error > INTERPOLATION_ERROR:
         n_nodes += 1
         error *= reach / (2.0 * (n_nodes + 1))
-    node = np.cos(np.pi * (np.arange(n_nodes) + 0.5) / n_nodes)
+    node = cosine(np.pi * (np.arange(n_nodes) + 0.5) / n_nodes)
     node_s = middle_s + half_s * node
     distance = (delay_s[:, None] - node_s) / half_s
     columns = [

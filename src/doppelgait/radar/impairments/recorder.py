@@ -13,7 +13,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
-from doppelgait.core.units import db_to_amplitude
+from doppelgait.core.units import arcsine, db_to_amplitude
 from doppelgait.radar.impairments.apply import Times, find_volts_per_unit
 from doppelgait.radar.parameters import Radar
 
@@ -162,7 +162,7 @@ def count(samples: Samples, parameters: X4Counts, radar: Radar, rng: np.random.G
         over = size > limit
         # the envelope of a clipped sinusoid
         ratio = limit / size[over].astype(np.float64)
-        gain = 2.0 / math.pi * (np.arcsin(ratio) + ratio * np.sqrt(1.0 - ratio**2))
+        gain = 2.0 / math.pi * (arcsine(ratio) + ratio * np.sqrt(1.0 - ratio**2))
         values[over] *= gain.astype(np.float32)
         text = f"x4_counts: thresholds {parameters.dac_min} to {parameters.dac_max}"
         _warn_clipped(float(over.mean()), text, "widen dac_min to dac_max")

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.cost import check_cost
-from doppelgait.core.documents import parse_json
+from doppelgait.core.documents import check_cost, parse_json
 from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.own_hdf5 import FAULTS, is_hdf5, open_hdf5
 from doppelgait.core.plugins import plugin

@@ -22,13 +22,11 @@ from doppelgait.core.errors import ConfigError, OutputError, RecordingError
 from doppelgait.core.files import open_atomically
 from doppelgait.core.npz import NPY_MAGIC, is_npz, load_npy, load_npz
 from doppelgait.core.plugins import plugin
-from doppelgait.core.units import SPEED_OF_LIGHT_MPS, slow_time_axis_s
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS, FloatArray, slow_time_axis_s
 from doppelgait.radar.measured import check_shape, label_measured
 from doppelgait.radar.parameters import GAUSSIAN_WIDTH, PULSE_SIGMA_S, Radar
 from doppelgait.radar.presets import change_preset
 from doppelgait.radar.recording import NAN, Recording, list_further_facts
-
-FloatArray = npt.NDArray[np.float64]
 
 CW_RANGE_STOP_M = 1.0
 """End of the nominal frame of a continuous-wave radar, m; it has a single bin and no range."""

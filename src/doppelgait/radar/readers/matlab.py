@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.cost import check_cost
+from doppelgait.core.documents import check_cost
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.own_hdf5 import open_hdf5
 from doppelgait.core.plugins import plugin
@@ -143,8 +143,6 @@ def _read_numbers(content: bytes, at: int, variable: Variable) -> tuple[npt.NDAr
         raise ValueError(f"{variable.name} holds {values.size} numbers for the shape {variable.shape}")
     return values.reshape(variable.shape, order="F").astype(CLASSES[variable.kind]), after
 
-
-FloatArray = npt.NDArray[np.float64]
 
 HEADERS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 MATRIX = "Data_Matrix"

@@ -21,7 +21,7 @@ from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
 from doppelgait.core.files import open_atomically
 from doppelgait.core.plugins import plugin
-from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS, FloatArray
 from doppelgait.radar.measured import CW_FRAME_M, check_number, label_measured, make_cw_radar, make_radar
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
@@ -178,8 +178,6 @@ def read_samples(
         out.real, out.imag = (pairs[:, part] - zero if zero else pairs[:, part] for part in (0, 1))
     return out
 
-
-FloatArray = npt.NDArray[np.float64]
 
 MAX_ROWS = 100_000_000
 

@@ -27,7 +27,7 @@ from doppelgait._core import native
 from doppelgait.core.labels import AnyTable
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Matrix
-from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS, modified_bessel
 from doppelgait.radar.link import compute_echoes, radial_velocity_mps
 from doppelgait.radar.parameters import Radar, Waveform, check_band, check_sweep_fits
 
@@ -269,7 +269,8 @@ def tabulate_taps() -> npt.NDArray[np.float32]:
     y = np.arange(TAPS) - TAPS // 2 + 1 - ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
     s0, s1, s2 = 1.0 - (2.0 * y / TAPS) ** 2, -8.0 * y / TAPS**2, -4.0 / TAPS**2
     beta = _find_kaiser_beta()
-    series, power, size = np.zeros((ORDERS, *y.shape)), np.zeros((ORDERS, *y.shape)), 1.0 / float(np.i0(beta))
+    series, power = np.zeros((2, ORDERS, *y.shape))
+    size = 1.0 / float(modified_bessel(np.array(beta)))
     power[0] = 1.0
     for k in range(80):
         series += size * power
@@ -293,7 +294,8 @@ def tabulate_half_bin_responses(name: str, n_samples: int, n_columns: int) -> np
 
     window, t = make_range_window(name, n_samples), (2 * np.arange(n_samples) + 1) / n_samples - 1.0
     node, weight = np.polynomial.legendre.leggauss(128)
-    shape = weight * np.i0(_find_kaiser_beta() * np.sqrt(1.0 - node**2)) / np.i0(_find_kaiser_beta()) * (TAPS / 2)
+    lobe = modified_bessel(_find_kaiser_beta() * np.sqrt(1.0 - np.append(node, 0.0) ** 2))
+    shape = weight * lobe[:-1] / lobe[-1] * (TAPS / 2)
     spectrum = np.cos(0.25 * math.pi * TAPS * t[:, None] * node) @ shape
     halves = 2 * np.arange(-n_samples - 8, n_columns + 8) - np.arange(2)[:, None]
     turned = 2 * n_samples * ifft(window / (spectrum * window.sum()), n=2 * n_samples)

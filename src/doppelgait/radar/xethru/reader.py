@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.cost import CELL_BYTES, check_cost
+from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.radar.xethru.records import (
     MAGIC_BYTES,

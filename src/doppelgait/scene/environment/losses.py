@@ -13,7 +13,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import warn_caller
 from doppelgait.core.labels import ScattererTable, maps_table
 from doppelgait.core.plugins import plugin
-from doppelgait.core.units import db_to_power
+from doppelgait.core.units import FloatArray, arctangent, db_to_power, decimal_logarithm
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.environment.materials import (
     Material,
@@ -26,7 +26,6 @@ from doppelgait.scene.environment.materials import (
     slab_delay_m,
 )
 from doppelgait.scene.environment.reflections import (
-    FloatArray,
     make_direct_rays,
     rate_per_s,
 )
@@ -139,7 +138,7 @@ def apply_wall(scatterers: ScattererTable, spec: Wall, setting: Setting) -> Scat
     te, tm = interpolate_modes(insertion_coefficient, cosine, permittivity=permittivity, **slab)
     through = te * share + tm * (1.0 - share)  # co-polar
     delay_m = slab_delay_m(cosine, permittivity=permittivity, thickness_m=thickness_m)
-    rest_rad = np.angle(through) + 2.0 * np.pi / setting.wavelength_m * delay_m
+    rest_rad = arctangent(through.imag, through.real) + 2.0 * np.pi / setting.wavelength_m * delay_m
     rest_rad = 2.0 * ((rest_rad + np.pi) % (2.0 * np.pi) - np.pi)
     gain = (through.real**2 + through.imag**2) ** 2 * compute_slab_spreading(
         cosine, scatterers["range"], permittivity=permittivity, thickness_m=thickness_m
@@ -307,4 +306,4 @@ def knife_edge_db(v: FloatArray) -> FloatArray:
     # v is the depth h of the straight line in the shadow times sqrt(2 / lambda (1/d1 + 1/d2)). For
     # v >= 0 the loss is within 0.7 dB of Fresnel's integral.
     deep = np.maximum(v, -0.78) - 0.1
-    return np.where(v > -0.78, 6.9 + 20.0 * np.log10(np.sqrt(deep * deep + 1.0) + deep), 0.0)
+    return np.where(v > -0.78, 6.9 + 20.0 * decimal_logarithm(np.sqrt(deep * deep + 1.0) + deep), 0.0)

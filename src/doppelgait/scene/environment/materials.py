@@ -17,9 +17,8 @@ from pydantic import BeforeValidator, Field
 
 from doppelgait.core.config import FrozenModel, InnerError, validate
 from doppelgait.core.errors import ConfigError, warn_caller
-from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS, FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
 MaterialName = Literal[

@@ -19,6 +19,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.labels import ScattererTable, maps_table
 from doppelgait.core.plugins import plugin
+from doppelgait.core.units import FloatArray, cosine, exponential, sine
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.environment.materials import (
     Material,
@@ -33,7 +34,6 @@ from doppelgait.scene.environment.materials import (
 )
 from doppelgait.scene.environment.registry import Setting
 
-FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
 ONE_REFLECTION, TWO_REFLECTIONS = ":bounce", ":double_bounce"
@@ -83,13 +83,13 @@ def make_direct_rays(scatterers: ScattererTable, *, effect: str) -> Rays:
     range_m, velocity_mps, azimuth_rad, elevation_rad = (
         np.asarray(scatterers[name], dtype=np.float64) for name in names
     )
-    level_m = range_m * np.cos(elevation_rad)
+    level_m = range_m * cosine(elevation_rad)
     return Rays(
         range_m,
         velocity_mps,
-        level_m * np.cos(azimuth_rad),
-        level_m * np.sin(azimuth_rad),
-        range_m * np.sin(elevation_rad),
+        level_m * cosine(azimuth_rad),
+        level_m * sine(azimuth_rad),
+        range_m * sine(elevation_rad),
     )
 
 
@@ -243,7 +243,7 @@ def compute_floor_reflection(sin_grazing: FloatArray, spec: GroundBounce, wavele
         lambda sine: interface_reflection(sine, permittivity=permittivity, mode=mode), sin_grazing
     )
     swing = 2.0 * np.pi / wavelength_m * spec.roughness_m * sin_grazing
-    return np.asarray(smooth * np.exp(-2.0 * swing**2))
+    return np.asarray(smooth * exponential(-2.0 * swing**2))
 
 
 class WallGhost(FrozenModel):
