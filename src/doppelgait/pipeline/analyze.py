@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError, ConfigError
@@ -131,10 +130,8 @@ def flag_overlaps(results: Sequence[Result]) -> list[Result]:
     """Flag results with ``gates_overlap`` where another target shares range."""
     flagged = []
     for number, result in enumerate(results):
-        times_s = result.gate.time_s
-        counted: Any = True
-        if result.segments:
-            counted = (times_s >= result.quality["start_s"]) & (times_s <= result.quality["stop_s"])
+        times_s, about = result.gate.time_s, result.quality
+        counted = not result.segments or (times_s >= about["start_s"]) & (times_s <= about["stop_s"])
         others = (other for other in results if other is not result)
         near = [other for other in others if (result.gate.shares(other.gate) & counted).any()]
         found = {"own_echo_in_gate" if is_echo(other, number) else "gates_overlap" for other in near}

@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait import features as feature_layer
 from doppelgait import processing
@@ -19,6 +18,7 @@ from doppelgait.core.labels import SIGNATURE, Signal
 from doppelgait.core.lazy import xr
 from doppelgait.features import Extraction, Observation, liland2018
 from doppelgait.features.extended import measure_extended
+from doppelgait.features.feature_set import FloatArray
 from doppelgait.features.ground_motion import GroundMotion, estimate_ground_motion
 from doppelgait.features.observed import share_extended, share_set_f
 from doppelgait.features.uncertainty import estimate_uncertainties, flag_uncertain_features
@@ -162,10 +162,8 @@ def _make_result(target: Target, observed: Observation | None, deviations: dict[
             mean_doppler_spectrum=lambda: processing.mean_doppler_spectrum(renew()),
         )
         if deviations is not None:
-            torso_mps = main_line.torso_velocity_mps(observed.signature, observed.floor_v2, line_hz)
-            if thinned:
-                torso_mps = np.interp(shown.axis("time"), observed.signature.axis("time"), torso_mps)
-            over_time["torso_velocity_mps"] = torso_mps
+            follow = partial(_follow_torso, observed.signature, observed.floor_v2, line_hz, shown.axis("time"))
+            over_time["torso_velocity_mps"] = follow
             further["extended"] = measure_extended(observed)
     sd = deviations or {}
     motion, ground_sd, flags = _measure_ground_motion(usable, gate, extraction, sd)
@@ -192,7 +190,11 @@ def _make_result(target: Target, observed: Observation | None, deviations: dict[
     )
 
 
-def _draw_cadence_map(renew: Callable[[], Signal], drift_hz: npt.NDArray[np.float64] | None, order: int) -> Signal:
+def _follow_torso(mu: Signal, floor_v2: float, line_hz: FloatArray, times_s: FloatArray) -> FloatArray:
+    return np.interp(times_s, mu.axis("time"), main_line.torso_velocity_mps(mu, floor_v2, line_hz))
+
+
+def _draw_cadence_map(renew: Callable[[], Signal], drift_hz: FloatArray | None, order: int) -> Signal:
     rows = renew() if drift_hz is None else processing.align(renew(), drift_hz)
     drawn = processing.cadence_map(processing.detrend(rows, order=order))
     drawn.attrs[ALIGNED] = drift_hz is not None
