@@ -63,13 +63,7 @@ class FrozenModel(BaseModel, metaclass=_Checked):
 
     @classmethod
     def model_validate(cls, obj: Any, **settings: Any) -> Self:
-        """Build the model from a mapping.
-
-        Raises
-        ------
-        ConfigError
-            If a value is not allowed; the message names the key, its value and what is allowed.
-        """
+        """Build the model from a mapping; a :class:`ConfigError` names a value that is not allowed."""
         try:
             return super().model_validate(obj, **settings)
         except ValidationError as error:
@@ -77,13 +71,7 @@ class FrozenModel(BaseModel, metaclass=_Checked):
 
     @classmethod
     def model_validate_json(cls, json_data: str | bytes | bytearray, **settings: Any) -> Self:
-        """Build the model from JSON text.
-
-        Raises
-        ------
-        ConfigError
-            If a value is not allowed, as for :meth:`model_validate`.
-        """
+        """Build the model from JSON text, as :meth:`model_validate` from a mapping."""
         try:
             return super().model_validate_json(json_data, **settings)
         except ValidationError as error:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Mapping
-from functools import partial
-from typing import Any
+from functools import cache, partial
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -15,40 +15,50 @@ from doppelgait.core.rng import Streams
 
 LARGEST = 1e100
 """Largest magnitude of a distribution's numbers, so that their sums and differences stay finite."""
-Drawer = Callable[[list[Any], np.random.Generator], Any]
 CYCLE = "cycle"
 TIMES = "times"
 Sibling = Callable[[str], Any]
 """Function that returns the sampled value of another key of the same table."""
-_PLAIN = (str, int, float, type(None))
-"""Types of values that cannot contain a distribution."""
 
 
-def _sample_uniform(values: list[Any], rng: np.random.Generator) -> float:
-    low, high = _check_two_numbers("uniform", values)
+class Turn(NamedTuple):
+    """Example that samples: its turn in cycles and its streams; without streams, middles are taken."""
+
+    number: int = 0
+    streams: Streams | None = None
+
+
+Draw = Callable[[Turn, Sibling | None], Any]
+Law = tuple[Callable[[np.random.Generator], Any], Any]
+"""Compiled distribution: the function that samples it, and its middle."""
+
+
+def _make_uniform(name: str, values: Any) -> Law:
+    low, high = _check_two_numbers(name, values)
     if low > high:
-        raise ConfigError(f"uniform = {values}: the first number must not exceed the second")
-    return float(rng.uniform(low, high))
+        raise ConfigError(f"{name} = {values}: the first number must not exceed the second")
+    return lambda rng: low + (high - low) * rng.random(), (low + high) / 2.0
 
 
-def _sample_log_uniform(values: list[Any], rng: np.random.Generator) -> float:
-    low, high = _check_two_numbers("log_uniform", values)
+def _make_log_uniform(name: str, values: Any) -> Law:
+    low, high = _check_two_numbers(name, values)
     if not 0 < low <= high:
-        raise ConfigError(f"log_uniform = {values}: needs two positive rising numbers")
-    return float(math.exp(rng.uniform(math.log(low), math.log(high))))
+        raise ConfigError(f"{name} = {values}: needs two positive rising numbers")
+    first, last = math.log(low), math.log(high)
+    return lambda rng: math.exp(first + (last - first) * rng.random()), math.sqrt(low * high)
 
 
-def _sample_normal(values: list[Any], rng: np.random.Generator) -> float:
-    mean, spread = _check_two_numbers("normal", values)
+def _make_normal(name: str, values: Any) -> Law:
+    mean, spread = _check_two_numbers(name, values)
     if spread < 0:
-        raise ConfigError(f"normal = {values}: needs a mean and a standard deviation of 0 or more")
-    return float(mean + spread * np.clip(rng.standard_normal(), -3.0, 3.0))
+        raise ConfigError(f"{name} = {values}: needs a mean and a standard deviation of 0 or more")
+    return lambda rng: mean + spread * min(max(rng.standard_normal(), -3.0), 3.0), values[0]
 
 
-def _sample_choice(values: list[Any], rng: np.random.Generator) -> Any:
+def _make_choice(name: str, values: Any) -> Law:
     if not isinstance(values, list) or not values:
-        raise ConfigError(f"choice = {values}: needs a list of at least one value")
-    return values[int(rng.integers(len(values)))]
+        raise ConfigError(f"{name} = {values}: needs {'a list of ' * (name != CYCLE)}at least one value")
+    return lambda rng: int(rng.integers(len(values))), 0
 
 
 def _check_two_numbers(name: str, values: Any) -> tuple[float, float]:
@@ -58,11 +68,11 @@ def _check_two_numbers(name: str, values: Any) -> tuple[float, float]:
     raise ConfigError(f"{name} = {values}: needs two numbers of {LARGEST:g} at most")
 
 
-DISTRIBUTIONS: dict[str, Drawer] = {
-    "uniform": _sample_uniform,
-    "log_uniform": _sample_log_uniform,
-    "normal": _sample_normal,
-    "choice": _sample_choice,
+DISTRIBUTIONS: dict[str, Callable[[str, Any], Law]] = {
+    "uniform": _make_uniform,
+    "log_uniform": _make_log_uniform,
+    "normal": _make_normal,
+    "choice": _make_choice,
 }
 """``{ uniform = [low, high] }``, ``{ log_uniform = [low, high] }``, ``{ normal = [mean, sd] }``
 (clipped at 3 sd), ``{ choice = [a, b, ...] }``. In addition, ``{ cycle = [a, b, ...] }`` uses the values in turn, by
@@ -71,35 +81,92 @@ table; ``times`` does not change the draw itself."""
 
 
 def resolve(value: Any, *, seed: int, example: int, key: str, turn: int | None = None) -> Any:
-    """Sample every distribution inside a value of a plan."""
-    return sample(Streams(seed, example), example if turn is None else turn, value, key)
+    """Sample every distribution inside a value of a plan, each from the stream of its key."""
+    return compile_draws(value, key)(Turn(example if turn is None else turn, Streams(seed, example)))
 
 
-def sample(streams: Streams, turn: int, value: Any, key: str, sibling: Sibling | None = None) -> Any:
-    """Sample every distribution inside a value, each from the stream of its key."""
-    if isinstance(value, _PLAIN):
-        return value
+def replace_by_middle(value: Any, key: str = "") -> Any:
+    """Replace every distribution inside a value by its middle."""
+    return compile_draws(value, key)(Turn())
+
+
+def compile_draws(value: Any, key: str) -> Callable[[Turn], Any]:
+    """Compile a value of a plan, so that an example only draws its numbers; the rest is shared."""
+    draw = _compile(value, key)
+    return (lambda _: value) if draw is None else lambda turn: draw(turn, None)
+
+
+def _compile(value: Any, key: str) -> Draw | None:
+    """Compile a value; return None if nothing is drawn."""
     if isinstance(value, (dict, Mapping)):  # the usual one first: the other test is slow
-        law = _parse_law(value)
-        if law is None:
+        try:
+            law = _parse_law(value)
+            if law is not None:
+                return _compile_law(*law, key)
             _refuse_misspelt_law(value, key)
-            return _sample_table(value, key, partial(sample, streams, turn))
-        name, numbers, factor = law
-        if name == CYCLE:
-            if not isinstance(numbers, list) or not numbers:
-                raise ConfigError(f"{key}: cycle = {numbers}: needs at least one value")
-            outcome = numbers[turn % len(numbers)]
+        except ConfigError as error:  # an example that samples this value fails
+            return partial(_raise, str(error))
+        return _compile_table(value, key)
+    draws = [_compile(inner, f"{key}.{n}") for n, inner in enumerate(value)] if isinstance(value, list) else []
+    if not any(draws):
+        return None
+    return lambda turn, sibling: [
+        inner if draw is None else draw(turn, sibling) for inner, draw in zip(value, draws, strict=True)
+    ]
+
+
+def _raise(message: str, turn: Turn, sibling: Sibling | None) -> NoReturn:
+    raise ConfigError(message)
+
+
+def _compile_law(name: str, values: Any, factor: Any, key: str) -> Draw:
+    try:
+        sample, middle = DISTRIBUTIONS.get(name, _make_choice)(name, values)
+    except ConfigError as error:
+        raise ConfigError(f"{key}: {error}" if key else str(error)) from None
+    compile_outcome = cache(lambda n: _compile(values[n], f"{key}.{name}"))  # when it is drawn: there may be thousands
+
+    def draw(turn: Turn, sibling: Sibling | None) -> Any:
+        if turn.streams is None:
+            outcome = middle
+        elif name == CYCLE:
+            outcome = turn.number % len(values)
         else:
-            try:
-                outcome = DISTRIBUTIONS[name](numbers, streams.generator("plan", key))
-            except ConfigError as error:
-                raise ConfigError(f"{key}: {error}") from None
-        if not isinstance(outcome, _PLAIN):
-            outcome = sample(streams, turn, outcome, f"{key}.{name}", sibling)
+            outcome = sample(turn.streams.generator("plan", key))
+        if name in (CYCLE, "choice"):
+            inner = compile_outcome(outcome)
+            outcome = values[outcome] if inner is None else inner(turn, sibling)
         return outcome if factor is None else _multiply(outcome, factor, key, sibling)
-    if isinstance(value, list):
-        return [sample(streams, turn, v, f"{key}.{n}", sibling) for n, v in enumerate(value)]
-    return value
+
+    return draw
+
+
+def _compile_table(table: Mapping[str, Any], key: str) -> Draw | None:
+    """Compile a table; a value that another multiplies (``times``) is sampled first."""
+    draws = {name: _compile(inner, f"{key}.{name}" if key else name) for name, inner in table.items()}
+    varying = {name: draw for name, draw in draws.items() if draw is not None}
+
+    def sample(turn: Turn, _: Sibling | None) -> dict[str, Any]:
+        values, left = dict(table), dict(varying)
+        begun: list[str] = []
+
+        def value_of(name: str) -> Any:
+            if name not in table:
+                known = ", ".join(str(other) for other in table if other not in begun) or "none"
+                raise ConfigError(f"is not a key of the same table; its other keys are {known}")
+            if name in begun:
+                raise ConfigError(f"is circular: {' -> '.join([*begun, name])}")
+            if name in left:
+                begun.append(name)
+                values[name] = left[name](turn, value_of)
+                del left[begun.pop()]
+            return values[name]
+
+        for name in varying:
+            value_of(name)
+        return values
+
+    return sample if varying else None
 
 
 def _parse_law(table: Mapping[str, Any]) -> tuple[str, Any, Any] | None:
@@ -124,32 +191,6 @@ def _refuse_misspelt_law(table: Mapping[str, Any], key: str) -> None:
             )
 
 
-def _sample_table(table: Mapping[str, Any], key: str, sample: Callable[[Any, str, Sibling], Any]) -> dict[str, Any]:
-    """Sample the values of a table; one that another multiplies (``times``) comes first."""
-    found: dict[str, Any] = {}
-    begun: list[str] = []
-
-    def value_of(name: str) -> Any:
-        if name in found:
-            return found[name]
-        if name not in table:
-            known = ", ".join(str(other) for other in table if other not in begun) or "none"
-            raise ConfigError(f"is not a key of the same table; its other keys are {known}")
-        if name in begun:
-            raise ConfigError(f"is circular: {' -> '.join([*begun, name])}")
-        begun.append(name)
-        found[name] = sample(table[name], f"{key}.{name}" if key else name, value_of)
-        begun.pop()
-        return found[name]
-
-    for name, inner in table.items():
-        if isinstance(inner, _PLAIN):  # the most frequent case
-            found[name] = inner
-        elif name not in found:
-            value_of(name)
-    return {name: found[name] for name in table}
-
-
 def _multiply(value: Any, name: Any, key: str, sibling: Sibling | None) -> float:
     said = f"{key}: {TIMES} = {name!r}"
     if not isinstance(name, str) or sibling is None:
@@ -163,26 +204,3 @@ def _multiply(value: Any, name: Any, key: str, sibling: Sibling | None) -> float
         if not isinstance(number, int | float) or isinstance(number, bool):
             raise ConfigError(f"{said}: {words} {number!r}, which is not a number")
     return float(value * factor)
-
-
-def replace_by_middle(value: Any, key: str = "", sibling: Sibling | None = None) -> Any:
-    """Replace every distribution inside a value by its middle."""
-    if isinstance(value, list):
-        return [replace_by_middle(v, f"{key}.{n}", sibling) for n, v in enumerate(value)]
-    law = _parse_law(value) if isinstance(value, Mapping) else None
-    if law is None:
-        return _sample_table(value, key, replace_by_middle) if isinstance(value, Mapping) else value
-    name, numbers, factor = law
-    if name == CYCLE:
-        found = replace_by_middle(numbers[0], key, sibling) if isinstance(numbers, list) and numbers else numbers
-    else:
-        try:
-            DISTRIBUTIONS[name](numbers, np.random.default_rng(0))  # raises for numbers that are not allowed
-        except ConfigError as error:
-            raise ConfigError(f"{key}: {error}" if key else str(error)) from None
-        first, last = numbers[0], numbers[-1]
-        if name in ("choice", "normal"):
-            found = replace_by_middle(first, key, sibling)
-        else:
-            found = (first + last) / 2.0 if name == "uniform" else math.sqrt(first * last)
-    return found if factor is None else _multiply(found, factor, key, sibling)

@@ -244,13 +244,7 @@ class Group(Generic[T]):
         return found
 
     def parse(self, value: Any) -> FrozenModel:
-        """Parse a table with ``kind``, or check a model.
-
-        Raises
-        ------
-        ConfigError
-            If the kind or a parameter is not allowed.
-        """
+        """Parse a table with ``kind``, or check a model; a :class:`ConfigError` names what is not allowed."""
         if isinstance(value, FrozenModel):
             self.of(value)
             return value

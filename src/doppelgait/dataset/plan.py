@@ -14,9 +14,11 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.dataset.config import MAX_SHARDS, SPLITS, PlanConfig, Progress
 from doppelgait.dataset.motions import expand_folders, list_motion_files, refuse_copies, refuse_two_spellings
 from doppelgait.dataset.resolve import (
+    Compiled,
     ExampleSpec,
     find_class,
     make_example_id,
+    make_sampler,
     resolve_example,
     resolve_rows,
     store_radar_files,
@@ -118,6 +120,7 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     refuse_two_spellings(files, source)
     refuse_copies(files, source, expanded.sources)
     scenes: list[tuple[str, ...]] = []
+    compiled: Compiled = {}
     for section in expanded.classes:
         from_files = bool(expanded.companions) or bool(list_motion_files([section.motion]))
         for within in range(expanded.count_class_examples(section)):
@@ -126,7 +129,7 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
                 scenes.append((f"model/{name}",))
                 continue
             try:
-                rows, _ = resolve_rows(expanded, len(scenes), source)
+                rows, _ = resolve_rows(expanded, len(scenes), source, make_sampler(expanded, len(scenes), compiled))
             except ConfigError as error:
                 raise ConfigError(f"class {section.label!r}: example {name}: {error}") from None
             mine = [row.subject for row in rows]

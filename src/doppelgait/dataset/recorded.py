@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +14,12 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.config import convert_to_json
-from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
+from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import read_axis
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.core.worker import limit_blas_threads
 from doppelgait.dataset.config import ImportConfig
-from doppelgait.dataset.shard import NOTHING, ExampleData, describe_failure
+from doppelgait.dataset.shard import NOTHING, ExampleData, collect_messages, describe_failure
 from doppelgait.dataset.shard_files import encode_arrays
 from doppelgait.dataset.splits import PlannedEntry
 from doppelgait.pipeline import Result, analyze
@@ -115,7 +113,7 @@ def _make_part(recording: Recording | xr.DataArray, blocks: _Blocks, start_s: fl
 SEVERAL = "several_tracks:the_label_went_to_the_surest"
 
 
-@dataclass(frozen=True)
+@dataclass
 class RecordedExamples:
     """Maker of the examples of labelled recordings."""
 
@@ -124,11 +122,7 @@ class RecordedExamples:
     directory: str
     hashes: Mapping[str, str]
     identity: str
-
-    @property
-    def batch_size(self) -> int:
-        """Entries are made alone: they can be long."""
-        return 1
+    batch_size: int = 1  # entries can be long
 
     def make(self, entries: Sequence[PlannedEntry]) -> list[ExampleData]:
         """Analyse the windows of entries; faults become failures."""
@@ -156,7 +150,7 @@ class RecordedExamples:
             name = entry.id if config.window_s is None else f"{entry.id}-w{number:04d}"
             try:
                 analysed = part.recording
-                with limit_blas_threads(), _collect_messages(self.folder) as messages:
+                with limit_blas_threads(), collect_messages(partial(_remove_folder, folder=self.folder)) as messages:
                     if isinstance(analysed, Recording):
                         results: Sequence[Result] = analyze(
                             analysed, gate=line.gate, analysis=config.analysis, tracking=config.tracking
@@ -222,7 +216,7 @@ def _read(
     folder: Path, recording: str, sha256: str, options: tuple[tuple[str, Any], ...]
 ) -> tuple[Recording | xr.DataArray, tuple[str, ...]]:
     loaded: Recording | xr.DataArray
-    with _collect_messages(folder) as messages:
+    with collect_messages(partial(_remove_folder, folder=folder)) as messages:
         if is_picture(recording):
             if unknown := sorted(set(dict(options)) - {"config"}):
                 raise AnalysisError(f"{recording}: a picture has no option {', '.join(unknown)}; it has config")
@@ -255,17 +249,6 @@ def _make_outcome_columns(planned: PlannedEntry, results: Sequence[Result], resu
     if tracked and sum(one.is_body for one in results) > 1:
         columns["flags"] = ";".join(filter(None, (columns["flags"], SEVERAL)))
     return columns
-
-
-@contextmanager
-def _collect_messages(folder: Path) -> Iterator[list[str]]:
-    """Collect the warnings of the block, when it ends."""
-    messages: list[str] = []
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DoppelgaitWarning)
-        yield messages
-    found = (_remove_folder(str(one.message), folder) for one in caught if issubclass(one.category, DoppelgaitWarning))
-    messages += dict.fromkeys(found)
 
 
 def _remove_folder(text: str, folder: Path) -> str:

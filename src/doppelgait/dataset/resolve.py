@@ -9,16 +9,16 @@ import json
 import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.documents import parse_json
-from doppelgait.core.draws import sample
+from doppelgait.core.draws import Turn, compile_draws, resolve
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
-from doppelgait.dataset.config import AUTO_PRF_REFUSED, ORACLE_REFUSED, ClassSection, PlanConfig, shorten
+from doppelgait.dataset.config import AUTO_PRF_REFUSED, ORACLE_REFUSED, PlanConfig, shorten
 from doppelgait.dataset.motions import (
     BOTH,
     EMPTY_SCENE,
@@ -40,6 +40,8 @@ STORED_KEYS = {"file", "values"}
 then needs no file of its radar."""
 
 Draw = Callable[[Any, str], Any]
+Compiled = dict[tuple[int, str], Callable[[Turn], Any]]
+"""Compiled values of a plan by class and key; the examples of a batch share them."""
 
 
 class RowSpec(FrozenModel):
@@ -88,12 +90,13 @@ def make_example_id(label: str, number: int) -> str:
     return f"{label.replace(' ', '_')}-{number:06d}"
 
 
-def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec, ...], list[dict[str, Any]]]:
+def resolve_rows(
+    plan: PlanConfig, number: int, folder: Path, draw: Draw
+) -> tuple[tuple[RowSpec, ...], list[dict[str, Any]]]:
     """Return the rows of an example and their targets."""
     place, within = find_class(plan, number)
     section, name = plan.classes[place], make_example_id(plan.classes[place].label, within)
     key = f"classes.{place}.motion"
-    draw = _make_sampler(plan, number)
     try:
         motion = draw(section.motion, "motion")  # the key also names the random stream
     except ConfigError as error:
@@ -133,9 +136,18 @@ def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[Row
     return tuple(rows), targets
 
 
-def _make_sampler(plan: PlanConfig, number: int) -> Draw:
+def make_sampler(plan: PlanConfig, number: int, compiled: Compiled) -> Draw:
+    """Make the function that samples values of an example."""
     # cycles advance with the number within the class, in the same order for every class
-    return partial(sample, Streams(plan.dataset.seed, number), find_class(plan, number)[1])
+    place, within = find_class(plan, number)
+    turn = Turn(within, Streams(plan.dataset.seed, number))
+
+    def draw(value: Any, key: str) -> Any:
+        if (place, key) not in compiled:
+            compiled[place, key] = compile_draws(value, key)
+        return compiled[place, key](turn)
+
+    return draw
 
 
 @lru_cache(maxsize=4)
@@ -143,29 +155,32 @@ def _parse_fixed_radar(text: str, folder: Path) -> FixedRadar | None:
     # the radar that all examples share, from its table in JSON; None if it is drawn or faulty
     table = replace_radar_files(parse_json(text))
     with suppress(ConfigError):  # the error of an example names it
-        if sample(Streams(0), 0, table, "radar") == table:
+        if resolve(table, seed=0, example=0, key="radar") == table:
             radar = parse_radar(table, where="", folder=folder)
             return radar if isinstance(radar, FixedRadar) else None
     return None
 
 
-def resolve_example(plan: PlanConfig, number: int, folder: Path, *, split: str = "", group: str = "") -> ExampleSpec:
+def resolve_example(
+    plan: PlanConfig, number: int, folder: Path, *, split: str = "", group: str = "", compiled: Compiled | None = None
+) -> ExampleSpec:
     """Resolve an example of a plan: sample every distribution."""
     place, within = find_class(plan, number)
+    draw = make_sampler(plan, number, {} if compiled is None else compiled)
     section = plan.classes[place]
     name = make_example_id(section.label, within)
     try:
-        rows, targets = resolve_rows(plan, number, folder)
-        run = _run_spec(plan, section, number, targets, folder)
+        rows, targets = resolve_rows(plan, number, folder, draw)
+        run = _run_spec(plan, number, targets, folder, draw)
     except ConfigError as error:
         raise ConfigError(f"class {section.label!r}: example {name}: {error}") from None
     error_m = float(Streams(plan.dataset.seed, number).generator("gate").normal(0.0, plan.dataset.gate_error_sd_m))
     return ExampleSpec.model_construct(id=name, split=split, group=group, gate_error_m=error_m, rows=rows, run=run)
 
 
-def _run_spec(plan: PlanConfig, section: ClassSection, number: int, targets: list[dict[str, Any]], folder: Path) -> Run:
+def _run_spec(plan: PlanConfig, number: int, targets: list[dict[str, Any]], folder: Path, draw: Draw) -> Run:
     # all but motions and the keys in ``dataset.leaks`` is sampled independently of the class
-    draw = _make_sampler(plan, number)
+    section = plan.classes[place := find_class(plan, number)[0]]
     fixed = _parse_fixed_radar(json.dumps(plan.radar, default=str), folder)
     first = {**draw({**plan.target, **section.target}, "target"), **targets[0]}
     if section.motion.get("kind") == EMPTY_SCENE or targets[0]["motion"]["kind"] == EMPTY_SCENE:
@@ -173,11 +188,11 @@ def _run_spec(plan: PlanConfig, section: ClassSection, number: int, targets: lis
         first |= {"motion": phantom, "rcs": {"kind": "equal", "total_m2": UNSEEN_M2}}
     scene = draw(plan.scene, "scene")
     background = _sample_list(plan, draw, "background")
-    for place, target in enumerate(background):
+    for count, target in enumerate(background):
         if not isinstance(target, Mapping) or not isinstance(target.get("motion"), Mapping):
-            raise ConfigError(f"background.{place}: {shorten(target)} is not allowed: needs motion = {{ kind = ... }}")
+            raise ConfigError(f"background.{count}: {shorten(target)} is not allowed: needs motion = {{ kind = ... }}")
         if target["motion"].get("kind") == "file":
-            raise ConfigError(f"background.{place}.motion: a recording is not allowed here, it would have no subject")
+            raise ConfigError(f"background.{count}.motion: a recording is not allowed here, it would have no subject")
     noise = draw(plan.noise, "noise")
     table = {
         **scene,
@@ -193,14 +208,13 @@ def _run_spec(plan: PlanConfig, section: ClassSection, number: int, targets: lis
     try:
         run = parse_run(table, where="", folder=folder)
     except ConfigError as error:  # with the keys of the plan
-        own = f"classes.{find_class(plan, number)[0]}."
 
         def name_key(found: re.Match[str]) -> str:
             if found[1] != "0":
                 return f"{'companions' if int(found[1]) < len(targets) else 'background'}: {found[2]}"
             if found[2] == "motion":
-                return f"{own}motion"
-            return f"{own if found[2] in section.target else ''}target.{found[2]}"
+                return f"classes.{place}.motion"
+            return f"{f'classes.{place}.' if found[2] in section.target else ''}target.{found[2]}"
 
         raise ConfigError(re.sub(r"\btargets\.(\d+)\.(\w+)", name_key, str(error))) from None
     # check for forbidden values here, where every distribution is resolved

@@ -25,7 +25,7 @@ from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.worker import limit_blas_threads
 from doppelgait.dataset.config import FieldSpec, PlanConfig
 from doppelgait.dataset.plan import PlannedExample, Shard
-from doppelgait.dataset.resolve import ExampleSpec, resolve_example
+from doppelgait.dataset.resolve import Compiled, ExampleSpec, resolve_example
 from doppelgait.dataset.shard_files import Arrays, encode_arrays, hash_contents, write_shard
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import Result, analyze
@@ -107,6 +107,8 @@ def describe_scene(example: ExampleSpec, recording: Recording) -> list[dict[str,
     rows = []
     for number, row in enumerate(example.rows):
         truth, motion = recording.truth[number], run.scene.targets[number].motion
+        rcs_m2 = np.asarray(truth.table["rcs"])
+        total_m2 = rcs_m2[: None if rcs_m2.strides[0] else 1].sum(axis=1)  # often the same at every pulse
         rows.append(
             {
                 "id": row.id,
@@ -122,7 +124,7 @@ def describe_scene(example: ExampleSpec, recording: Recording) -> list[dict[str,
                 "motion_kind": "none" if row.source == "none" else motion["kind"],
                 "motion": "" if row.source == "none" else format_canonical_json(motion),
                 **scene,
-                "rcs_total_m2": float(np.asarray(truth.table["rcs"]).sum(axis=1).mean()),
+                "rcs_total_m2": float(np.broadcast_to(total_m2, rcs_m2.shape[:1]).mean()),
                 **(make_truth_columns(truth) if row.source != "none" else dict.fromkeys(make_truth_columns(truth))),
             }
         )
@@ -164,13 +166,8 @@ class ExampleData:
 class ExampleMaker(Protocol):
     """Maker of examples, from a plan or recordings."""
 
-    @property
-    def directory(self) -> str:
-        """Folder of the dataset."""
-
-    @property
-    def identity(self) -> str:
-        """Id of the dataset."""
+    directory: str
+    identity: str
 
     @property
     def batch_size(self) -> int:
@@ -180,7 +177,7 @@ class ExampleMaker(Protocol):
         """Make examples together; the faults of one become its failures."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class BuildContext:
     """Maker of the examples of a plan."""
 
@@ -188,6 +185,7 @@ class BuildContext:
     folder: str
     directory: str = ""
     identity: str = ""
+    compiled: Compiled = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def batch_size(self) -> int:
@@ -270,7 +268,10 @@ def build_planned(entries: Sequence[PlannedExample], context: BuildContext) -> l
     """Build planned examples together; the fault or warning of one does not reach the others."""
     folder, settings = Path(context.folder), context.config.dataset
     try:
-        specs = [resolve_example(context.config, e.number, folder, split=e.split, group=e.group) for e in entries]
+        specs = [
+            resolve_example(context.config, e.number, folder, split=e.split, group=e.group, compiled=context.compiled)
+            for e in entries
+        ]
         return [*build_examples(specs, settings.fields, folder, gate=settings.gate)]
     except Exception as error:
         if len(entries) == 1:
@@ -352,10 +353,10 @@ def simulate_example(
 
 
 @contextmanager
-def collect_messages() -> Iterator[list[str]]:
-    """Collect the keys of the warnings in this block."""
+def collect_messages(convert: Callable[[str], str] = lambda text: text.partition(":")[0]) -> Iterator[list[str]]:
+    """Collect the warnings in this block: their keys, or what ``convert`` makes of their texts."""
     messages: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoppelgaitWarning)
         yield messages
-    messages += [str(w.message).partition(":")[0] for w in caught if issubclass(w.category, DoppelgaitWarning)]
+    messages += [convert(str(w.message)) for w in caught if issubclass(w.category, DoppelgaitWarning)]
