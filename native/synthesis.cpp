@@ -16,7 +16,8 @@ namespace {
 constexpr double kSupportSigmas = 5.5;  // beyond it an envelope is below exp(-5.5^2 / 2) = 2.7e-7 of its peak
 constexpr int kFrames = 32;             // frames side by side
 constexpr int kRow = 2 * kFrames;       // real and imaginary parts of one bin
-constexpr int kGroup = 4;               // scatterers that are read together
+constexpr int kVectors = kFrames / kWidth;
+constexpr int kGroup = 4;  // scatterers that are read together
 
 // 2^x for -126 < x = a b <= 0, with a relative error of 9e-8 and exact at 0: a polynomial gives 2^(x - round(x)), and
 // round(x) is added to the bits of the exponent.
@@ -96,6 +97,7 @@ struct Group {
 // into a whole number and a rest; only the rests go on in single precision. (All in single precision would leave an
 // error floor of -80 dB.)
 struct Split {
+  Split() = default;
   Split(const Geometry& geometry, Double range, Double amplitude, Double extra_rad) {
     place = (range - geometry.first_bin_m) * geometry.bins_per_m;
     bin = round_even(place);
@@ -109,12 +111,12 @@ struct Split {
   Double place, bin, turns, peak;
 };
 
-// Adds the echoes of one scatterer in kWidth frames: one half of them, and the other.
-void add_echo(const Geometry& geometry, const Split& a, const Split& b, Index first_bin, int lane, Block& block) {
+// Adds the echoes of one scatterer.
+void add_echo(const Geometry& geometry, const Split (&halves)[2 * kVectors], Index first_bin, Block& block) {
   Double nearest = spread(1e9), farthest = spread(1e9);  // with its sign reversed
-  for (const Double place : {a.place, b.place}) {
-    nearest = place < nearest ? place : nearest;
-    farthest = -place < farthest ? -place : farthest;
+  for (const Split& half : halves) {
+    nearest = half.place < nearest ? half.place : nearest;
+    farthest = -half.place < farthest ? -half.place : farthest;
   }
   const Index near_bin = static_cast<Index>(std::ceil(std::max(-1e9, least(nearest)) - geometry.reach));
   const Index far_bin = static_cast<Index>(std::floor(geometry.reach - std::max(-1e9, least(farthest))));
@@ -124,24 +126,30 @@ void add_echo(const Geometry& geometry, const Split& a, const Split& b, Index fi
   block.first = std::min(block.first, first);
   block.stop = std::max(block.stop, stop);
 
-  // cos(2 pi v) and sin(2 pi v) / v with errors of 3e-10 and 7e-9 for |v| <= 1/4
-  const Float v = narrow(a.turns, b.turns), peak = narrow(a.peak, b.peak), q = v * v;
-  Float even = fused(q, fused(q, -24.98143432289362f, 60.14388953533489f), spread(-85.45356475943481f));
-  even = fused(q, fused(q, fused(q, even, 64.93934647616803f), -19.739208547715332f), 1.0f);
-  Float odd = fused(q, fused(q, 39.75982706857711f, -76.5811726421402f), spread(81.60247636883796f));
-  odd = fused(q, fused(q, odd, -41.34168061334532f), 6.283185280154403f);
-  const Float x = peak * even, y = peak * v * odd;
-
-  const Float bin = narrow(a.bin, b.bin), rest = narrow(a.place - a.bin, b.place - b.bin);
+  Float x[kVectors], y[kVectors], bin[kVectors], rest[kVectors];
+  for (int i = 0; i < kVectors; ++i) {
+    const Split &a = halves[2 * i], &b = halves[2 * i + 1];
+    // cos(2 pi v) and sin(2 pi v) / v with errors of 3e-10 and 7e-9 for |v| <= 1/4
+    const Float v = narrow(a.turns, b.turns), peak = narrow(a.peak, b.peak), q = v * v;
+    Float even = fused(q, fused(q, -24.98143432289362f, 60.14388953533489f), spread(-85.45356475943481f));
+    even = fused(q, fused(q, fused(q, even, 64.93934647616803f), -19.739208547715332f), 1.0f);
+    Float odd = fused(q, fused(q, 39.75982706857711f, -76.5811726421402f), spread(81.60247636883796f));
+    odd = fused(q, fused(q, odd, -41.34168061334532f), 6.283185280154403f);
+    x[i] = peak * even, y[i] = peak * v * odd;
+    bin[i] = narrow(a.bin, b.bin), rest[i] = narrow(a.place - a.bin, b.place - b.bin);
+  }
   const Float cut = spread(geometry.cut), exponent = spread(geometry.exponent);
   Float n = spread(static_cast<float>(first + first_bin));
-  float *sum = block[first] + lane, *end = block[stop] + lane;
+  float *sum = block[first], *end = block[stop];
   for (; sum < end; sum += kRow, n += 1.0f) {
-    const Float distance = (n - bin) - rest;  // the first difference is between whole numbers, hence exact
-    const Float square = distance * distance;
-    const Float envelope = square <= cut ? power_of_two(exponent, square) : Float{};
-    store(sum, fused(envelope, x, load<Float>(sum)));
-    store(sum + kFrames, fused(envelope, y, load<Float>(sum + kFrames)));
+    for (int i = 0; i < kVectors; ++i) {
+      float *re = sum + i * kWidth, *im = re + kFrames;
+      const Float distance = (n - bin[i]) - rest[i];  // the first difference is between whole numbers, hence exact
+      const Float square = distance * distance;
+      const Float envelope = square <= cut ? power_of_two(exponent, square) : Float{};
+      store(re, fused(envelope, x[i], load<Float>(re)));
+      store(im, fused(envelope, y[i], load<Float>(im)));
+    }
   }
 }
 
@@ -162,13 +170,13 @@ void fill(const Geometry& geometry, const Scatterers& all, Index first_frame, In
     amplitude.read(amplitude_rows, begin, count);
     if (all.extra_phase_rad) extra_rad.read(extra_rows, begin, count);
     for (Index i = 0; i < count; ++i) {
-      const auto split = [&](int lane) {
-        return Split(geometry, load<Double>(range_m.at[i] + lane), load<Double>(amplitude.at[i] + lane),
-                     load<Double>(extra_rad.at[i] + lane));
-      };
-      for (int lane = 0; lane < kFrames; lane += kWidth) {
-        add_echo(geometry, split(lane), split(lane + kHalfWidth), first_bin, lane, block);
+      Split halves[2 * kVectors];
+      for (int k = 0; k < 2 * kVectors; ++k) {
+        const int lane = k * kHalfWidth;
+        halves[k] = Split(geometry, load<Double>(range_m.at[i] + lane), load<Double>(amplitude.at[i] + lane),
+                          load<Double>(extra_rad.at[i] + lane));
       }
+      add_echo(geometry, halves, first_bin, block);
     }
   }
 }
@@ -260,28 +268,47 @@ void add_echoes(Plane<double> range_m, Plane<double> amplitude, double first_bin
   }
 }
 
-constexpr Index kBins = 64;  // bins transposed together stay in the first-level cache
-
-template <typename From, typename To, typename Copy>
-void transpose(From matrix, To re, To im, Copy copy) {
+// Copies samples from or to planes: a few frames for all bins, in tiles that are transposed in registers.
+template <typename From, typename To, typename CopyTile, typename Copy>
+void exchange(From matrix, To re, To im, CopyTile copy_tile, Copy copy) {
   require(re.count == matrix.width && im.count == matrix.width && re.width >= matrix.count && im.width >= matrix.count,
           "both planes need a row for every column of the matrix, as long as it has rows");
   for (Index first = 0; first < matrix.count; first += kFrames) {
-    for (Index begin = 0; begin < matrix.width; begin += kBins) {
-      const Index frames = std::min<Index>(first + kFrames, matrix.count), bins = std::min(begin + kBins, matrix.width);
-      for (Index n = begin; n < bins; ++n) {
-        for (Index frame = first; frame < frames; ++frame) copy(matrix[frame][n], re[n][frame], im[n][frame]);
+    for (Index n = 0; n < matrix.width; n += kHalfWidth) {
+      const Index bins = std::min<Index>(n + kHalfWidth, matrix.width);
+      for (Index frame = first; frame < std::min<Index>(first + kFrames, matrix.count); frame += kWidth) {
+        const Index frames = std::min<Index>(frame + kWidth, matrix.count);
+        if (frames - frame == kWidth && bins - n == kHalfWidth) {
+          copy_tile(frame, n);
+          continue;
+        }
+        for (Index i = frame; i < frames; ++i) {
+          for (Index k = n; k < bins; ++k) copy(matrix[i][k], re[k][i], im[k][i]);
+        }
       }
     }
   }
 }
 
 void join_planes(Plane<float> re, Plane<float> im, Rows<Complex> matrix) {
-  transpose(matrix, re, im, [](Complex& sample, float x, float y) { sample = Complex(x, y); });
+  const auto join_tile = [=](Index frame, Index n) {
+    Float rows[kWidth];
+    for (int i = 0; i < kWidth; ++i) rows[i] = load<Float>((i % 2 ? im : re)[n + i / 2] + frame);
+    transpose(rows);
+    for (int i = 0; i < kWidth; ++i) store(reinterpret_cast<float*>(matrix[frame + i] + n), rows[i]);
+  };
+  exchange(matrix, re, im, join_tile, [](Complex& sample, float x, float y) { sample = Complex(x, y); });
 }
 
 void split_planes(Plane<Complex> matrix, Rows<float> re, Rows<float> im) {
-  transpose(matrix, re, im, [](const Complex& sample, float& x, float& y) { x = sample.real(), y = sample.imag(); });
+  const auto split_tile = [=](Index frame, Index n) {
+    Float rows[kWidth];
+    for (int i = 0; i < kWidth; ++i) rows[i] = load<Float>(reinterpret_cast<const float*>(matrix[frame + i] + n));
+    transpose(rows);
+    for (int i = 0; i < kWidth; ++i) store((i % 2 ? im : re)[n + i / 2] + frame, rows[i]);
+  };
+  const auto split = [](const Complex& sample, float& x, float& y) { x = sample.real(), y = sample.imag(); };
+  exchange(matrix, re, im, split_tile, split);
 }
 
 }  // namespace

@@ -269,25 +269,22 @@ class GatedTransform:
 
     def find_needed_pulses(self) -> npt.NDArray[np.int64]:
         """Return the needed pulses per range bin, first and last + 1; (I, 0) for none."""
-        self.gate.touched_bins(self.low, self.high, self.range_m)
-        columns = np.arange(0, self.time_s.size, NEED_BLOCK)
-        first = np.maximum(np.floor(np.minimum.reduceat(self.low, columns) - 0.5).astype(int) + 1, 0)
-        stop = np.minimum(np.ceil(np.maximum.reduceat(self.high, columns) + 0.5).astype(int), self.n_bins)
+        columns, bins = np.arange(0, self.time_s.size, NEED_BLOCK), np.arange(self.n_bins)[:, None]
+        first = np.floor(np.minimum.reduceat(self.low, columns) - 0.5).astype(int) + 1
+        stop = np.ceil(np.maximum.reduceat(self.high, columns) + 0.5).astype(int)
         last = np.minimum(columns + NEED_BLOCK, self.time_s.size) - 1
         begin = np.maximum(self.transform.first_pulse + self.transform.hop * columns, 0)
         end = self.transform.first_pulse + self.transform.hop * last + self.transform.window.size
-        spans = np.empty((self.n_bins, 2), dtype=np.int64)
-        spans[:] = (self.n_pulses, 0)
-        for n in range(columns.size):
-            bins = spans[first[n] : max(stop[n], first[n])]
-            np.minimum(bins[:, 0], begin[n], out=bins[:, 0])
-            np.maximum(bins[:, 1], min(end[n], self.n_pulses), out=bins[:, 1])
+        touched = (first <= bins) & (bins < stop)
+        latest = columns.size - 1 - touched[:, ::-1].argmax(axis=1)
+        spans = np.stack([begin[touched.argmax(axis=1)], np.minimum(end[latest], self.n_pulses)], axis=1)
+        spans[~touched.any(axis=1)] = (self.n_pulses, 0)
         return spans
 
     def sum_power(self, samples: Samples) -> npt.NDArray[np.float32]:
         """Sum the power over the gate's bins, (J, K) (E-27)."""
         transform, hop = self.transform, self.transform.hop
-        spans = self.find_needed_pulses()
+        self.gate.touched_bins(self.low, self.high, self.range_m)
         window = np.zeros(transform.n_doppler_bins, dtype=np.float32)
         window[: transform.window.size] = transform.window
         power = np.zeros((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
@@ -301,7 +298,7 @@ class GatedTransform:
             first = transform.first_pulse + hop * columns.start
             low, high = self.low[columns], self.high[columns]
             if is_short:
-                planes, first_bin = samples.read(spans, margin)
+                planes, first_bin = samples.read(self.find_needed_pulses(), margin)
                 n_pulses = self.n_pulses
             else:
                 lowest, highest = int(np.floor(low.min() - 0.5)) + 1, int(np.ceil(high.max() + 0.5))
