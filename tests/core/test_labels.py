@@ -48,6 +48,12 @@ def test_an_array_is_the_one_that_xarray_makes_of_the_same_parts():
     xr.testing.assert_identical(made.isel(time=slice(1, 3)) + 1.0, wanted.isel(time=slice(1, 3)) + 1.0)
 
 
+def test_arrays_of_another_byte_order_are_converted():
+    axes = {"doppler": DOPPLER_HZ.astype(">f8"), "centre_range": ("time", (TIME_S + 2.0).astype(">f8"))}
+    plain = Signal.of(signature().astype(">f8").assign_coords(axes), SIGNATURE)
+    assert all(array.dtype.isnative for array in (plain.values, plain.axis("doppler"), plain.axis("centre_range")))
+
+
 def test_new_values_share_the_coordinates_and_leave_the_old_array_alone():
     old = signature()
     plain = Signal.of(old, SIGNATURE)

@@ -98,7 +98,7 @@ class Signal:
             str(name): (variable.dims, read_axis(array, str(name)), variable.attrs)
             for name, variable in array.coords.variables.items()
         }
-        return cls(schema, np.ascontiguousarray(array.values), coords, dict(array.attrs))
+        return cls(schema, np.ascontiguousarray(array.values, array.dtype.newbyteorder("=")), coords, dict(array.attrs))
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -398,17 +398,17 @@ def label_axis(name: str, coordinate: Any) -> xr.Variable:
 
 
 def read_axis(array: xr.DataArray | xr.Dataset | Signal, name: str) -> npt.NDArray[Any]:
-    """Return the values of a coordinate or variable, in a thirtieth of the time of xarray."""
+    """Return a coordinate or variable in native byte order, in a thirtieth of the time of xarray."""
     if isinstance(array, Signal):
         return array.axis(name)
     variables = array._coords if isinstance(array, xr.DataArray) else array._variables
     data: Any = variables[name]._data
-    if isinstance(data, np.ndarray):
-        return data
-    from xarray.core.indexing import PandasIndexingAdapter
+    if not isinstance(data, np.ndarray):
+        from xarray.core.indexing import PandasIndexingAdapter
 
-    is_number = isinstance(data, PandasIndexingAdapter) and data.array.dtype.kind == "f"
-    return np.asarray(data.array if is_number else variables[name].values)
+        is_number = isinstance(data, PandasIndexingAdapter) and data.array.dtype.kind == "f"
+        data = np.asarray(data.array if is_number else variables[name].values)
+    return np.asarray(data, data.dtype.newbyteorder("="))
 
 
 def check_signal(array: xr.DataArray, schema: Schema) -> xr.DataArray:
