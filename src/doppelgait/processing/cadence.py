@@ -104,8 +104,9 @@ def _interpolate_lines(rows: FloatArray, weights: FloatArray, length: int, betwe
     # the kernel needs time 0 in the middle of the record; this does not change magnitudes
     sharper = weights / _transform_kernel(n_columns, n_columns // 2, length, shape_factor)
     rows, found = np.ascontiguousarray(rows), np.empty((n_kept, n_rows))
-    for first in range(0, n_rows, GROUP):
-        size = min(GROUP, n_rows - first)
+    group = min(max(LARGEST_BUFFER // length, 1), GROUP)  # long rows would fill the memory
+    for first in range(0, n_rows, group):
+        size = min(group, n_rows - first)
         circular = _get_buffer("circular", (size, length))
         native.lay_circular(rows, sharper, first, circular)  # step 2: transforms of contiguous rows take half the time
         lines = _get_buffer("lines", (size, length // 2 + 1), np.complex128)
@@ -275,7 +276,7 @@ class CadenceParts:
         """Compute Doppler rows of D up to a cadence: cadences (Q,), magnitudes (Q, R)."""
         n_kept = min(int(np.searchsorted(self.cadence_hz, highest_hz, side="right")) + 1, self.cadence_hz.size)
         found = compute_magnitudes(copy_rows(self._values, wanted), self._weights, self._length, n_kept)
-        return self.cadence_hz[:n_kept], found / self._response[:n_kept, None]
+        return self.cadence_hz[:n_kept], np.divide(found, self._response[:n_kept, None], out=found)
 
 
 @lru_cache(maxsize=8)
