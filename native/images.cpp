@@ -1,7 +1,9 @@
 // Echoes by one and by two reflections of every scatterer.
 #include <nanobind/stl/array.h>
 
+#include <algorithm>
 #include <array>
+#include <complex>
 #include <vector>
 
 #include "angles.hpp"
@@ -103,9 +105,33 @@ void image_ranges(const In2<double>& height_m, const In2<double>& moments, doubl
   }
 }
 
+// Complex values between those of a rising, nearly even grid, as numpy.interp to the last bit.
+void interpolate_values(Line<const double> at, Line<const double> grid, Line<const std::complex<double>> values,
+                        Line<std::complex<double>> out) {
+  const Index last = grid.size - 1;
+  require(last > 0 && values.size == grid.size && out.size == at.size, "grid, values and results do not fit");
+  std::vector<std::complex<double>> slopes(last);
+  for (Index k = 0; k < last; ++k) {
+    const double per = 1.0 / (grid[k + 1] - grid[k]);
+    slopes[k] = {(values[k + 1].real() - values[k].real()) * per, (values[k + 1].imag() - values[k].imag()) * per};
+  }
+  const double lowest = grid[0], highest = grid[last], per_step = static_cast<double>(last) / (highest - lowest);
+  for (Index i = 0; i < at.size; ++i) {
+    const double x = at[i];
+    require(x >= lowest && x <= highest, "a place is outside the grid");
+    Index k = std::min(static_cast<Index>((x - lowest) * per_step), last - 1);
+    k -= grid[k] > x;
+    k += k + 1 < last && grid[k + 1] <= x;
+    const double offset = x - grid[k], *one = reinterpret_cast<const double*>(&values[k]);
+    const double* slope = reinterpret_cast<const double*>(&slopes[k]);
+    out[i] = x == highest ? values[last] : std::complex<double>(slope[0] * offset + one[0], slope[1] * offset + one[1]);
+  }
+}
+
 }  // namespace
 
 void bind(nb::module_& module) {
+  define(module, "interpolate_values", &interpolate_values, "at", "grid", "values", "out");
   module.def("fill_images", &fill_images, nb::arg("direct"), nb::arg("image"), nb::arg("reflection_re"),
              nb::arg("reflection_im"), nb::arg("least_m"), nb::arg("place"), nb::arg("table").noconvert(), Unlocked());
   module.def("image_ranges", &image_ranges, nb::arg("height_m"), nb::arg("moments"), nb::arg("step"), nb::arg("times"),

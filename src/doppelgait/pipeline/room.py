@@ -109,13 +109,13 @@ def _fill_images(
 ) -> None:
     """Compute ranges and velocities of images from those of the scatterers, the first columns."""
     for mirror in mirrors:
-        sources, (nx, ny, nz) = np.array(mirror.sources, dtype=np.int64), mirror.normal
-        place, distance_m, size = placed.scene.radar_position_m, mirror.radar_distance_m, sources.size
-        from_plane = distance_m - (nx * place[0] + ny * place[1] + nz * place[2])
+        sources, distance_m = np.array(mirror.sources, dtype=np.int64), mirror.radar_distance_m
+        size, axes = sources.size, [(axis, n) for axis, n in enumerate(mirror.normal) if n]
+        from_plane = distance_m - sum(n * placed.scene.radar_position_m[axis] for axis, n in axes)
         column, out = 0, (range_m, velocity_mps)
         for spline in splines:  # a distance from a plane is a spline as well
             heights, moments = (
-                nx * part[:, 0::3] + ny * part[:, 1::3] + nz * part[:, 2::3] for part in (spline.values, spline.moments)
+                np.add.reduce([n * part[:, axis::3] for axis, n in axes]) for part in (spline.values, spline.moments)
             )
             own = np.flatnonzero((sources >= column) & (sources < column + heights.shape[1]))
             for run in np.split(own, np.flatnonzero(np.diff(sources[own]) != 1) + 1) if own.size else ():
