@@ -148,6 +148,25 @@ void ranges_and_velocities(Frames values, Frames moments, double step, Line<cons
   }
 }
 
+// Azimuth, elevation and aspect of points at r that move at v (E-04), aspect only where it has a place.
+template <typename V>
+void store_angles(const V (&r)[3], const V (&v)[3], double least_mps, double* azimuth, double* elevation,
+                  double* aspect) {
+  store(azimuth, angle_of(r[1], r[0]));
+  store(elevation, angle_of(r[2], square_root(fused(r[1], r[1], r[0] * r[0]))));
+  if (!aspect) return;
+  V across{}, along{}, square{};  // of r x v and -r v: exact near 0 and pi, too
+  for (int k = 0; k < 3; ++k) {
+    const int next = (k + 1) % 3, last = (k + 2) % 3;
+    const V turn = r[next] * v[last] - r[last] * v[next];
+    across = fused(turn, turn, across);
+    along = along - r[k] * v[k];
+    square = fused(v[k], v[k], square);
+  }
+  const V angle = angle_of(square_root(across), along), least = V{} + least_mps;
+  store(aspect, square_root(square) >= least ? angle : V{} + NAN);
+}
+
 // Azimuth, elevation and, where it has an array, aspect of points (E-04), all (I, P). Points slower than least_mps
 // have no aspect.
 void angles_of_sight(const In2<double>& values, const In2<double>& moments, double step, const In1<double>& times,
@@ -161,26 +180,28 @@ void angles_of_sight(const In2<double>& values, const In2<double>& moments, doub
   require(from.size == 3 && curve.values.width == 3 * n && elevations.width == n && aspects.width == n,
           "points do not fit");
   require(azimuths.count == at.size && elevations.count == at.size && aspects.count == at.size, "times do not fit");
-  for (Index i = 0; i < at.size; ++i) {
-    const Sight sight(curve, at[i], from.data);
+  // of a point alone, times are side by side
+  const bool is_alone = n == 1 && azimuths.stride == 1 && elevations.stride == 1 && aspects.stride == 1;
+  const Index step_rows = is_alone ? kHalfWidth : 1;
+  for (Index i = 0; i < at.size; i += step_rows) {
     double *azimuth = azimuths[i], *elevation = elevations[i], *aspect = aspect_rad ? aspects[i] : nullptr;
-    side_by_side(n, [=](auto zero, Index p) {
+    const Index some = std::min(step_rows, at.size - i);
+    double places[3][kHalfWidth], speeds[3][kHalfWidth];
+    for (Index k = 0; is_alone && k < some; ++k) {
+      double r[3], v[3];
+      Sight(curve, at[i + k], from.data).look(0, r, v);
+      for (int axis = 0; axis < 3; ++axis) places[axis][k] = r[axis], speeds[axis][k] = v[axis];
+    }
+    const Sight sight(curve, at[i], from.data);
+    side_by_side(is_alone ? some : n, [&](auto zero, Index p) {
       using V = decltype(zero);
       V r[3], v[3];
-      sight.look(p, r, v);
-      store(azimuth + p, angle_of(r[1], r[0]));
-      store(elevation + p, angle_of(r[2], square_root(fused(r[1], r[1], r[0] * r[0]))));
-      if (!aspect) return;
-      V across = zero, along = zero, square = zero;  // of r x v and -r v: exact near 0 and pi, too
-      for (int k = 0; k < 3; ++k) {
-        const int next = (k + 1) % 3, last = (k + 2) % 3;
-        const V turn = r[next] * v[last] - r[last] * v[next];
-        across = fused(turn, turn, across);
-        along = along - r[k] * v[k];
-        square = fused(v[k], v[k], square);
+      if (!is_alone) sight.look(p, r, v);
+      for (int axis = 0; is_alone && axis < 3; ++axis) {
+        r[axis] = load<V>(places[axis] + p);
+        v[axis] = load<V>(speeds[axis] + p);
       }
-      const V angle = angle_of(square_root(across), along);
-      store(aspect + p, square_root(square) >= zero + least_mps ? angle : zero + NAN);
+      store_angles(r, v, least_mps, azimuth + p, elevation + p, aspect ? aspect + p : nullptr);
     });
   }
 }
