@@ -65,37 +65,42 @@ void powers_about_line(Rows<const T> values, double floor, Line<const double> li
   require(reaches.size == 3 && sums.size == 5 && n_bins > 0, "three reaches have five sums");
   const double most = static_cast<double>((n_bins - 1) / 2), torso = reaches[0], near = reaches[1], body = reaches[2];
   const auto half = static_cast<Index>(std::max(std::min(most, std::ceil(near) + 1.0), 0.0)), wide = 2 * half + 1;
-  std::vector<double> near_power(n_columns), buffer(5 * wide);
-  double *power = buffer.data(), *distance = power + wide, *inner = power + 2 * wide, *outer = power + 3 * wide;
-  double* above = power + 4 * wide;
+  std::vector<double> inner_power(n_columns), near_power(n_columns), cells(wide * kHalfWidth);
+  double *inner = inner_power.data(), *outer = near_power.data(), *power = cells.data();
+  side_by_side(n_columns, [=](auto zero, Index j) {
+    using V = decltype(zero);
+    constexpr Index lanes = sizeof(V) / sizeof(double);
+    double starts[lanes];
+    for (Index lane = 0; lane < lanes; ++lane) {
+      const Index centre = nearest_bin(line[j + lane]);
+      starts[lane] = static_cast<double>(centre - half) - line[j + lane];
+      Index k = go_round(centre - half, n_bins);
+      for (Index i = 0; i < wide; ++i) {
+        power[i * lanes + lane] = static_cast<double>(values[j + lane][k]) - floor;
+        k = k + 1 < n_bins ? k + 1 : 0;
+      }
+    }
+    const V start = load<V>(starts), full = zero + 1.0;
+    const auto clip = [=](V share) { return share > 0.0 ? (share < 1.0 ? share : full) : zero; };
+    V inside = zero, about = zero, weight = zero, turn = zero;
+    for (Index i = 0; i < wide; ++i) {
+      const V cell = load<V>(power + i * lanes), distance = start + static_cast<double>(i);
+      const V away = distance < 0.0 ? -distance : distance, beyond = away - 0.5;
+      const V above = (cell > 0.0) & (away <= body) ? cell * cell : zero;
+      inside += cell * clip(torso - beyond);
+      about += cell * clip(near - beyond);
+      weight += above;
+      turn += above * distance;
+    }
+    store(inner + j, inside);
+    store(outer + j, about);
+    store(square.data + j, weight);
+    store(moment.data + j, turn);
+  });
   std::fill(sums.data, sums.data + sums.size, 0.0);
   for (Index j = 0; j < n_columns; ++j) {
-    const Index centre = nearest_bin(line[j]);
-    const double start = static_cast<double>(centre - half) - line[j];
-    Index k = go_round(centre - half, n_bins);
-    for (Index i = 0; i < wide; ++i) {
-      power[i] = static_cast<double>(values[j][k]) - floor;
-      k = k + 1 < n_bins ? k + 1 : 0;
-    }
-    for (Index i = 0; i < wide; ++i) {  // parts that do not wait for each other
-      distance[i] = start + static_cast<double>(i);
-      const double beyond = std::abs(distance[i]) - 0.5, part = torso - beyond, whole = near - beyond;
-      inner[i] = power[i] * (part > 0.0 ? (part < 1.0 ? part : 1.0) : 0.0);
-      outer[i] = power[i] * (whole > 0.0 ? (whole < 1.0 ? whole : 1.0) : 0.0);
-      const double cell = power[i] > 0.0 && std::abs(distance[i]) <= body ? power[i] : 0.0;
-      above[i] = cell * cell;
-    }
-    double inside = 0.0, about = 0.0, weight = 0.0, turn = 0.0;
-    for (Index i = 0; i < wide; ++i) {
-      inside += inner[i];
-      about += outer[i];
-      weight += above[i];
-      turn += above[i] * distance[i];
-    }
-    square[j] = weight;
-    moment[j] = turn;
-    near_power[j] = about * range_weight[j];
-    sums[0] += inside * range_weight[j];
+    near_power[j] *= range_weight[j];
+    sums[0] += inner[j] * range_weight[j];
     sums[1] += near_power[j];
     sums[2] += sum_above(values[j], n_bins, floor) * range_weight[j];
   }
