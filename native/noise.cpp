@@ -8,7 +8,8 @@
 namespace doppelgait::noise {
 namespace {
 
-constexpr int kLanes = 128;  // frames side by side
+constexpr int kLanes = 256;      // frames side by side
+constexpr int kSpanLanes = 128;  // where every bin needs other frames
 
 // Noise of kLanes frames for bin after bin; real parts come first, then imaginary parts.
 struct Source {
@@ -23,20 +24,20 @@ struct Source {
 
   // Random words of a pair of bins; the four words of a frame lie kLanes apart. Loops of their own, not inlined: the
   // processor sees further ahead, and constants stay in registers.
-  [[gnu::noinline]] void draw(Index first_frame, Index pair) {
+  [[gnu::noinline]] void draw(Index first_frame, Index pair, Index n_frames) {
     const std::uint64_t key = this->key;  // the words may lie anywhere
     Word frame;
     for (int lane = 0; lane < kWidth; ++lane) frame[lane] = static_cast<std::uint32_t>(first_frame + lane);
-    for (int lane = 0; lane < kLanes; lane += kWidth, frame += kWidth) {
+    for (Index lane = 0; lane < n_frames; lane += kWidth, frame += kWidth) {
       const Words drawn = philox({{frame, Word{} + static_cast<std::uint32_t>(pair), Word{}, Word{}}}, key);
       for (int word = 0; word < 4; ++word) store(words + word * kLanes + lane, drawn.at[word]);
     }
   }
 
   // Box and Muller: w = s sqrt(-ln u) exp(j phi).
-  [[gnu::noinline]] void transform(const std::uint32_t* from, float* to) const {
+  [[gnu::noinline]] void transform(const std::uint32_t* from, Index n_frames, float* to) const {
     const Float scale = spread(rms);
-    for (int lane = 0; lane < kLanes; lane += kWidth) {
+    for (Index lane = 0; lane < n_frames; lane += kWidth) {
       const Float radius = scale * square_root(exponential(load<Word>(from + lane)));
       Float x, y;
       direction(load<Word>(from + kLanes + lane), x, y);
@@ -46,24 +47,26 @@ struct Source {
   }
 
   template <typename Use>
-  void fill(Index first_frame, Index first_bin, Index n_bins, Use use) {
+  void fill(Index first_frame, Index n_frames, Index first_bin, Index n_bins, Use use) {
     const Index n_more = factor.size - 1;
     for (Index pair = first_bin / 2; pair < (first_bin + n_bins + n_more + 1) / 2; ++pair) {
       const Index row = 2 * pair - first_bin;
-      draw(first_frame, pair);
-      for (int odd = 0; odd < 2; ++odd) transform(words + 2 * odd * kLanes, white(row + odd));
+      draw(first_frame, pair, n_frames);
+      for (int odd = 0; odd < 2; ++odd) transform(words + 2 * odd * kLanes, n_frames, white(row + odd));
       for (Index n = std::max<Index>(row - n_more, 0); n < std::min(row + 2 - n_more, n_bins); ++n) use(n);
     }
   }
 
   // Sums over range: w_n = g_0 u_n + g_1 u_(n+1) + ..., added in this order.
-  [[gnu::noinline]] void filter(Index n, float* to) {
+  [[gnu::noinline]] void filter(Index n, Index n_frames, float* to) {
     for (Index k = 0; k < factor.size; ++k) {
       const float* from = white(n + k);
       const Float g = spread(factor[k]);
-      for (int i = 0; i < 2 * kLanes; i += kWidth) {
-        const Float next = g * load<Float>(from + i);
-        store(to + i, k == 0 ? next : load<Float>(to + i) + next);
+      for (Index begin = 0; begin < 2 * kLanes; begin += kLanes) {
+        for (Index i = begin; i < begin + n_frames; i += kWidth) {
+          const Float next = g * load<Float>(from + i);
+          store(to + i, k == 0 ? next : load<Float>(to + i) + next);
+        }
       }
     }
   }
@@ -87,8 +90,8 @@ void add_to_planes(Rows<const float> from_re, Rows<const float> from_im, Index s
   alignas(64) float parts[2 * kLanes];
   for (Index column = start; column < stop; column += kLanes) {
     const Index n_frames = std::min<Index>(kLanes, stop - column);
-    source.fill(first_frame + column - start, first_bin, re.count, [&](Index n) {
-      source.filter(n, parts);
+    source.fill(first_frame + column - start, n_frames, first_bin, re.count, [&](Index n) {
+      source.filter(n, n_frames, parts);
       add(from_re[n] + column, parts, n_frames, re[n] + column);
       add(from_im[n] + column, parts + kLanes, n_frames, im[n] + column);
     });
@@ -128,8 +131,8 @@ void copy_noise_spans(const Planes<float>& source_re, const Planes<float>& sourc
   }
   Source source(key, rms, view_line(factor));
   // In every block of frames runs of bins get noise together: neighbours share random words and white noise.
-  for (Index column = first_frame; column < last_frame; column += kLanes) {
-    const Index end = std::min<Index>(column + kLanes, last_frame);
+  for (Index column = first_frame; column < last_frame; column += kSpanLanes) {
+    const Index end = std::min<Index>(column + kSpanLanes, last_frame);
     for (Index row = 0; row < n_bins; ++row) {
       const Index top = row;
       while (row < n_bins && span[row][0] < std::min(span[row][1], end) && span[row][1] > column) ++row;
@@ -141,8 +144,8 @@ void copy_noise_spans(const Planes<float>& source_re, const Planes<float>& sourc
   }
   for (Index n = 0; n < n_bins; ++n) {
     if (span[n][0] >= span[n][1]) continue;
-    const Index blocks = (span[n][1] - first_frame + kLanes - 1) / kLanes;
-    const Index begin = std::min(first_frame + blocks * kLanes, last_frame),
+    const Index blocks = (span[n][1] - first_frame + kSpanLanes - 1) / kSpanLanes;
+    const Index begin = std::min(first_frame + blocks * kSpanLanes, last_frame),
                 stop = std::min(span[n][1] + margin, n_frames);
     if (begin < stop) std::copy(from_re[n] + begin, from_re[n] + stop, re[n] + begin);
     if (begin < stop) std::copy(from_im[n] + begin, from_im[n] + stop, im[n] + begin);
@@ -155,15 +158,16 @@ void add_noise_matrix(const Out2<std::complex<T>>& matrix, std::uint64_t key, do
   Source source(key, rms, view_line(factor));
   alignas(64) float parts[kWidth * kLanes] = {};               // noise of some bins, real and imaginary parts in turn
   for (Index start = 0; start < all.count; start += kLanes) {  // these rows stay in the cache for all bins
-    source.fill(start, 0, all.width, [&](Index n) {
-      const Index bins = n % kHalfWidth + 1, stop = std::min<Index>(all.count - start, kLanes);
-      source.filter(n, parts + (bins - 1) * 2 * kLanes);
+    const Index n_frames = std::min<Index>(all.count - start, kLanes);
+    source.fill(start, n_frames, 0, all.width, [&](Index n) {
+      const Index bins = n % kHalfWidth + 1;
+      source.filter(n, n_frames, parts + (bins - 1) * 2 * kLanes);
       if (bins < kHalfWidth && n < all.width - 1) return;
-      for (Index frame = 0; frame < stop; frame += kWidth) {
+      for (Index frame = 0; frame < n_frames; frame += kWidth) {
         Float rows[kWidth];
         for (int i = 0; i < kWidth; ++i) rows[i] = load<Float>(parts + i * kLanes + frame);
         transpose(rows);
-        for (Index i = 0; i < std::min<Index>(kWidth, stop - frame); ++i) {
+        for (Index i = 0; i < std::min<Index>(kWidth, n_frames - frame); ++i) {
           T* numbers = reinterpret_cast<T*>(all[start + frame + i] + n + 1 - bins);
           if (bins == kHalfWidth) {
             for (int k = 0; k < kWidth; ++k) numbers[k] += rows[i][k];
