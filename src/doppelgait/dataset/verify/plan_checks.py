@@ -41,7 +41,7 @@ def refuse_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, l
     )
     if table["label"].nunique() < 2 or len(table.columns) < 3:
         return
-    guess = guess_classes(table, rng)
+    guess = guess_classes(table, rng, only_leaks=True)
     if guess.leaks:
         raise DatasetError(
             f"{describe_guess('classes', guess, table)}; sample them from one distribution for every class"
@@ -87,7 +87,7 @@ def warn_of_default_rcs(
     table = pd.DataFrame(records, columns=["label", "group", "rcs_total_m2"])
     if table["label"].nunique() < 2 or table["rcs_total_m2"].nunique() < 2:
         return
-    guess = guess_classes(table, rng)
+    guess = guess_classes(table, rng, only_leaks=True)
     if guess.leaks:
         warn_caller(f"{describe_guess('classes', guess, table)}; {RCS_FIX}")
 
