@@ -287,7 +287,7 @@ class GatedTransform:
         self.gate.touched_bins(self.low, self.high, self.range_m)
         window = np.zeros(transform.n_doppler_bins, dtype=np.float32)
         window[: transform.window.size] = transform.window
-        power = np.zeros((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
+        power = np.empty((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
         # the pulses after the needed ones have no weight, but must be finite
         margin = transform.n_doppler_bins - transform.window.size + 2 * hop
         step, is_short = transform.n_columns, self.n_pulses <= lazy.LONG_PULSES
@@ -304,6 +304,7 @@ class GatedTransform:
                 lowest, highest = int(np.floor(low.min() - 0.5)) + 1, int(np.ceil(high.max() + 0.5))
                 bins = slice(max(lowest, 0), min(highest, self.n_bins))
                 if bins.start >= bins.stop:
+                    power[columns] = 0.0
                     continue
                 after = transform.first_pulse + hop * (columns.stop + 1) + window.size
                 pulses = slice(max(first, 0), min(after, self.n_pulses))
