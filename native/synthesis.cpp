@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "arrays.hpp"
+#include "elementary.hpp"
 #include "lanes.hpp"
 
 namespace doppelgait::synthesis {

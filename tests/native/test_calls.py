@@ -46,6 +46,7 @@ def make_spline_cases(rng, n_points):
     native.spline_moments(values, step, moments)
     spline, origin = [values, moments, step, times], np.array([1.0, -2.0, 0.5])
     both, each = np.zeros((77, 3 * n_points)), np.zeros((77, n_points))
+    knots = np.sort(rng.uniform(size=(2, 7))), np.array([7, 5])
     return [
         Case("spline_moments", [values, step, np.zeros_like(values)], (2,)),
         Case("positions_and_velocities", [*spline, both, both], (4, 5)),
@@ -56,6 +57,8 @@ def make_spline_cases(rng, n_points):
         Case(
             "turn_and_move", [values.reshape(-1, 3), 0.8, 0.6, 1.0, 2.0, 3.0, 4.0, np.zeros((40 * n_points, 3))], (7,)
         ),
+        Case("sum_harmonics", [rng.normal(size=(6, 8)), both[:3] + 0.3, both[:6]], (2,), free=((0, 1), (1, 0))),
+        Case("evaluate_cubics", [*knots, rng.normal(size=(4, 12)), 1, both[:4] + 0.1, both[:4]], (5,)),
     ]
 
 

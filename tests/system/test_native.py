@@ -44,14 +44,9 @@ def test_processors_without_the_widest_vectors_give_the_same_bytes():
     assert narrow.stdout == processes.python(PROGRAM).stdout
 
 
-SIMULATE = """
-scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=0.5)
-dg.simulate(scene, dg.Radar.preset("x4"), rng=dg.rng(1))
-"""
-
-
 def test_the_lowest_level_simulates():
-    processes.python("import doppelgait as dg" + SIMULATE, DOPPELGAIT_LEVEL="1")
+    scene = 'dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=0.5)'
+    processes.python(f"import doppelgait as dg\ndg.simulate({scene}, 'x4', rng=dg.rng(1))", DOPPELGAIT_LEVEL="1")
 
 
 @pytest.mark.release

@@ -300,10 +300,9 @@ def _generate(parameters: Sequence[BoulicConfig], durations_s: Sequence[float], 
     phase, height_m = timing.phase, columns.height_m
     signs = np.array([_SIGNS[config.form] for config in parameters])[:, None]
     points = compute_boulic_points(phase, q, height_m, offset_scale_m=scale_m, offset_signs=signs)
-    points = points.transpose(2, 3, 0, 1)
-    points[:, 0] += 1.346 * np.sqrt(q) * scale_m * (phase - phase[:, :1])
+    points[..., 0] += (1.346 * np.sqrt(q) * scale_m * (phase - phase[:, :1]))[..., None]
     size_m = {name: fraction * height_m for name, fraction in LENGTHS.items()}
-    points[:, 2] -= find_floor_m(q, size_m, offset_scale_m=scale_m, offset_signs=signs)
+    points[..., 2] -= find_floor_m(q, size_m, offset_scale_m=scale_m, offset_signs=signs)[..., None]
     return make_person_motions(points, timing, parameters, ["walk"] * len(q))
 
 

@@ -19,14 +19,7 @@ from doppelgait.core.units import FloatArray, sine
 from doppelgait.motion.models.human_body import LENGTHS, POINTS, make_person_motions
 from doppelgait.motion.models.quadruped_limbs import solve_two_links
 from doppelgait.motion.models.registry import generate, parse_parameters
-from doppelgait.motion.models.strides import (
-    Columns,
-    Rngs,
-    Values,
-    square_each,
-    stack_columns,
-    time_even_strides,
-)
+from doppelgait.motion.models.strides import Columns, Rngs, Values, scale_points, stack_columns, time_even_strides
 from doppelgait.motion.motion import Motion
 
 TOUCHDOWN = {"right_hand": 0.0, "left_knee": 0.0, "left_hand": 0.5, "right_knee": 0.5}
@@ -123,10 +116,10 @@ def _generate(parameters: Sequence[CrawlConfig], durations_s: Sequence[float], r
     timing = time_even_strides(durations_s, columns, 1 / stride_hz, rngs)
     stride_m = columns.speed_mps / stride_hz
     points = compute_crawling_points(timing.phase, stride_m / height_m)
-    points_m = height_m * np.stack([points[name].transpose(2, 0, 1) for name in POINTS])
-    points_m[:, 0] -= stride_m * timing.phase[:, :1]
+    position_m = scale_points([points[name] for name in POINTS], height_m)
+    position_m[..., 0] -= (stride_m * timing.phase[:, :1])[..., None]
     report = {"gait": "assumed: timing and proportions"}
-    return make_person_motions(points_m, timing, parameters, ["crawl"] * len(parameters), TOUCHDOWN, report)
+    return make_person_motions(position_m, timing, parameters, ["crawl"] * len(parameters), TOUCHDOWN, report)
 
 
 def place_limb(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]:
@@ -142,8 +135,8 @@ def compute_crawling_points(phase: FloatArray, stride: Values) -> dict[str, Floa
     # the pelvis is at stride times the phase
     size, x = LENGTHS, stride * phase
     reach = ARM_REACH * (size["upper_arm"] + size["forearm"])
-    rise = np.sqrt(reach**2 - square_each(DUTY * stride / 2)) - size["thigh"]
-    along = np.sqrt(size["torso"] ** 2 - square_each(rise))
+    rise = np.sqrt(reach**2 - (DUTY * stride / 2) ** 2) - size["thigh"]
+    along = np.sqrt(size["torso"] ** 2 - rise**2)
     points = {"base": stack_columns(x, 0.0, size["thigh"]), "neck": stack_columns(x + along, 0.0, size["thigh"] + rise)}
     points["head"] = points["neck"] + size["head"] * np.array([math.cos(0.6), 0.0, math.sin(0.6)])
     for side, sigma in (("left", 1.0), ("right", -1.0)):

@@ -24,8 +24,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait._core import native
 from doppelgait.core.config import read_toml
-from doppelgait.core.units import FloatArray, cosine, sine
+from doppelgait.core.units import FloatArray
 from doppelgait.motion.models.strides import Curve, Values, fit_cubic_hermite
 
 PersonCurve = Literal["pelvis_speed", "neck_speed", "ankle_speed", "ankle_height", "foot_pitch"]
@@ -48,16 +49,13 @@ class CycleCurve:
 
     def __call__(self, phase: FloatArray) -> FloatArray:
         """Values at phases (..., n); their leading axes are broadcast against those of the curves."""
-        angle = 2.0 * np.pi * phase
-        turn = np.empty(angle.shape, dtype=complex)
-        turn.real, turn.imag = cosine(angle), sine(angle)
-        count = self.coefficients.shape[-1]
-        highest, second, *lower = (self.coefficients[..., order, None] for order in range(-1, -count - 1, -1))
-        total = highest * turn + second
-        for coefficient in lower:
-            total *= turn
-            total += coefficient
-        return np.asarray(total.real)
+        count, n_terms = phase.shape[-1], self.coefficients.shape[-1]
+        lead = np.broadcast_shapes(self.coefficients.shape[:-1], phase.shape[:-1])
+        terms = np.broadcast_to(self.coefficients, (*lead, n_terms)).reshape(-1, n_terms).view(float)
+        turns = np.broadcast_to(phase, (*lead[len(lead) - phase.ndim + 1 :], count)).reshape(-1, count)
+        sums = np.empty((*lead, count))
+        native.sum_harmonics(terms, turns, sums.reshape(-1, count))
+        return sums
 
 
 def join_curves(*curves: CycleCurve) -> CycleCurve:

@@ -47,7 +47,6 @@ from doppelgait.motion.models.strides import (
     fit_cubic_spline,
     make_column,
     sample_times_s,
-    square_each,
     step_series,
     time_even_strides,
 )
@@ -98,7 +97,7 @@ def run_height_m(phase: npt.ArrayLike, stride_s: Values, duty: Values) -> FloatA
     contact_s, step_s = duty * stride_s, stride_s / 2
     force = math.pi * G_MPS2 * step_s / (2 * contact_s)
     t = half * stride_s
-    stance = G_MPS2 * t * (contact_s - t) / 2 - force * square_each(contact_s / math.pi) * sine(math.pi * t / contact_s)
+    stance = G_MPS2 * t * (contact_s - t) / 2 - force * (contact_s / math.pi) ** 2 * sine(math.pi * t / contact_s)
     flight = G_MPS2 * (t - contact_s) * (step_s - t) / 2
     return np.asarray(np.where(half < duty, stance, flight))
 
@@ -334,7 +333,9 @@ def _generate(parameters: Sequence[HumanConfig], durations_s: Sequence[float], r
     else:
         leg_m, _, _, q = _walk_timing(parameters, columns)
         points[:, 2] -= boulic.find_floor_m(q, size_m, offset_scale_m=leg_m, offset_signs="continuous")
-    return make_person_motions(points, timing, parameters, [config.actual_gait for config in parameters])
+    return make_person_motions(
+        points.transpose(2, 3, 0, 1), timing, parameters, [config.actual_gait for config in parameters]
+    )
 
 
 def _find_leg_and_tempo(config: HumanConfig) -> tuple[float, float]:

@@ -399,14 +399,14 @@ FOOT_TOUCHDOWN = {"left_foot": 0.5, "right_foot": 0.0}
 
 
 def make_person_motions(
-    points_m: FloatArray,
+    position_m: FloatArray,
     timing: Timing,
     parameters: Sequence[Any],
     gaits: Sequence[str],
     touchdown: Mapping[str, float] = FOOT_TOUCHDOWN,
     report: Mapping[str, str] | None = None,
 ) -> list[Motion]:
-    """Make the motions of modelled persons with symmetrical steps. Shapes: points_m (17, 3, B, T)."""
+    """Make the motions of modelled persons with symmetrical steps. Shapes: position_m (B, T, 17, 3)."""
     facts, reports = [], []
     for config, gait in zip(parameters, gaits, strict=True):
         mass_kg = getattr(config, "mass_kg", None)
@@ -415,4 +415,4 @@ def make_person_motions(
         body = {"height_m": config.height_m, "mass_kg": mass_kg}
         facts.append({"species": "human", "gait": gait, "harmonic": 2, **body})
     landings = find_landings(timing.phase, touchdown)
-    return make_gait_motions(points_m, timing, parameters, landings, BOULIC_PARTS, facts, reports)
+    return make_gait_motions(position_m, timing, parameters, landings, BOULIC_PARTS, facts, reports)

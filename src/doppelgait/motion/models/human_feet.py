@@ -18,7 +18,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.units import FloatArray, cosine, sine
 from doppelgait.motion.models.human_body import POINTS, Sizes
 from doppelgait.motion.models.quadruped_limbs import solve_two_links
-from doppelgait.motion.models.strides import Values, square_each
+from doppelgait.motion.models.strides import Values
 
 Advance = Callable[[FloatArray, int], FloatArray]
 """Function that returns the distance travelled in m at phases in cycles (order 0), or its slope per cycle (order 1)."""
@@ -107,8 +107,8 @@ def place_feet(
         found[side] = place[..., :count], toe_m
         # the hips are raised until a leg is extended
         leg_m = place - hip_m
-        room = square_each(reach_m) - leg_m[0] ** 2 - leg_m[1] ** 2
-        if (room.min(axis=1, keepdims=True) <= square_each(0.4 * reach_m)).any():
+        room = reach_m**2 - leg_m[0] ** 2 - leg_m[1] ** 2
+        if (room.min(axis=1, keepdims=True) <= (0.4 * reach_m) ** 2).any():
             raise ConfigError(
                 "the steps are too long for the legs; lower speed_mps, walk_ratio, step_length_sd or length_asymmetry"
             )
@@ -158,7 +158,7 @@ def make_feet(style: GaitStyle, hips: Hips, size_m: Sizes, left_ahead_m: Values)
             (at[..., :1], (at[..., 2:] - at[..., 1:2]) / (2 * _NUDGE)) for at in (error[..., -6:-3], error[..., -3:])
         ]
         beside_m = np.ascontiguousarray(hip[1, :, :100]).mean(axis=1, keepdims=True)
-        room_m2 = square_each(reach_m) - (beside_m - hip[1, :, :100]) ** 2
+        room_m2 = reach_m**2 - (beside_m - hip[1, :, :100]) ** 2
         print_m = np.zeros((4, *beside_m.shape))
         print_m[0] = _find_best_print(hip[0, :, :100] + way_m, hip[2, :, :100], roll[..., :100], room_m2, reach_m)
         print_m[0] += left_ahead_m if side == "left" else -left_ahead_m

@@ -49,6 +49,7 @@ from doppelgait.motion.models.strides import (
     make_column,
     make_gait_motions,
     sample_autoregressive,
+    scale_points,
     sum_steps,
     time_even_strides,
 )
@@ -260,8 +261,8 @@ def _generate(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[float
         for end in ("hind", "fore")
     }
     points = compute_all_points(phase, gait, Columns(builds), course, duty, columns, wag_rad)
-    points_m = hip_m * np.stack([points[name].transpose(2, 0, 1) for name in POINTS])
-    points_m[:, 0] -= hip_m * course.distance(phase[:, :1])
+    position_m = scale_points([points[name] for name in POINTS], hip_m)
+    position_m[..., 0] -= (hip_m * course.distance(phase[:, :1]))[..., None]
     landings: list[Landings] = []
     facts: list[dict[str, Any]] = []
     reports = []
@@ -273,7 +274,7 @@ def _generate(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[float
         facts.append({"gait": config.actual_gait, "harmonic": gaits[row].harmonic, **body})
         mass = f"assumed: {build.mass_kg:.3g} kg at withers_m = {build.withers_m:g}, with the cube of the height"
         reports.append({"mass_kg": mass, "proportions": build.source})
-    return make_gait_motions(points_m, timing, parameters, landings, PART_OF_POINT, facts, reports)
+    return make_gait_motions(position_m, timing, parameters, landings, PART_OF_POINT, facts, reports)
 
 
 def _make_gait(config: QuadrupedConfig) -> Gait:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from doppelgait.core.units import FloatArray, cosine, exponential, logarithm, sine
 from doppelgait.motion.models.curves import find_swing_curve, join_trunk_curves, segment_elevation_rad
-from doppelgait.motion.models.strides import Columns, Curve, Values, fit_cubic_spline, square_each, stack_columns
+from doppelgait.motion.models.strides import Columns, Curve, Values, fit_cubic_spline, stack_columns
 
 
 def compute_paw_path(cycles: FloatArray, girdle: Any, duty: Values, swing: Curve) -> tuple[FloatArray, FloatArray]:
@@ -77,7 +77,7 @@ def solve_two_links(start: FloatArray, end: FloatArray, first: Values, second: V
     x, y, z = line[..., 0], line[..., 1], line[..., 2]
     level = x * x + z * z
     square = level + y * y
-    first_2, second_2 = square_each(first), square_each(second)
+    first_2, second_2 = first**2, second**2
     along = (square + (first_2 - second_2)) / (2 * square)  # share of the line
     # The bend is in the plane of the limb and the direction of travel, perpendicular to the chain.
     across = bend * np.sqrt(np.maximum(first_2 - along * along * square, 0.0) / level)
@@ -140,7 +140,9 @@ def place_on_trunk(x: Values, y: Values, height: Values, trunk: Trunk) -> FloatA
     # the point is defined by its position when the dog stands with the middle of its trunk at x = 0
     z = height - TRUNK_Z
     centre, cos, sin = trunk
-    return np.asarray(centre + stack_columns(x * cos - z * sin, y, TRUNK_Z + x * sin + z * cos))
+    found = stack_columns(x * cos - z * sin, y, TRUNK_Z + x * sin + z * cos)
+    found += centre
+    return found
 
 
 Ride = tuple[FloatArray, FootfallCourse]
@@ -161,17 +163,15 @@ def compute_paws(
             print_at = course.stride * (np.floor(cycles) + lands + duty / 2)
             parts.append((cycles, print_at, np.broadcast_to(course.stride, cycles.shape)))
             continue
-        found = np.empty((3, 2, *phase.shape))
-        for row, side in enumerate(SIDES):
-            landings = course.landings[f"{side}_{end}"]
-            numbers = course.first + np.arange(landings.shape[1])
-            found[0, row] = fit_cubic_spline(landings, numbers, course.sizes)(phase)
-            place = (np.floor(found[0, row]) - course.first).astype(np.intp)
-            place += np.arange(len(place))[:, None] * landings.shape[1]
-            prints = course.advance(landings + duty / 2)
-            found[1, row] = prints.take(place)
-            found[2, row] = prints.take(place + 1) - found[1, row]
-        parts.append((found[0], found[1], found[2]))
+        lands = np.stack([course.landings[f"{side}_{end}"] for side in SIDES])
+        count, numbers = lands.shape[-1], np.broadcast_to(course.first + np.arange(lands.shape[-1]), lands.shape)
+        clocks = fit_cubic_spline(lands.reshape(-1, count), numbers.reshape(-1, count), np.tile(course.sizes, 2))
+        cycles = clocks(np.concatenate([phase, phase])).reshape(2, *phase.shape)
+        place = (np.floor(cycles) - course.first).astype(np.intp)
+        place += count * np.arange(2 * len(phase)).reshape(2, -1, 1)
+        prints = course.advance(lands + duty / 2)
+        print_at = prints.take(place)
+        parts.append((cycles, print_at, prints.take(place + 1) - print_at))
     cycles, print_at, step = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
     advance, height = compute_paw_path(cycles, girdle, duty, find_swing_curve(gait.curves, end, girdle.swing_peak))
     x = print_at + (advance - np.floor(cycles)) * step
@@ -206,7 +206,7 @@ def compute_crouch(ends: Points, limbs: FloatArray) -> FloatArray:
     lower = np.zeros_like(limbs)
     for top, bottom, first, second in CHAINS:
         line = ends[top] - ends[bottom]
-        room = square_each(MAX_EXTENSION * limbs * (first + second)) - line[..., 0] ** 2 - line[..., 1] ** 2
+        room = (MAX_EXTENSION * limbs * (first + second)) ** 2 - line[..., 0] ** 2 - line[..., 1] ** 2
         missing = (line[..., 2] - np.sqrt(np.maximum(room, 0.0))).max(axis=(0, 2))
         lower = np.maximum(lower, missing[:, None])
     return np.minimum(lower, DEEPEST_CROUCH)

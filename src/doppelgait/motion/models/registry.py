@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from functools import cache
 from inspect import signature
 from typing import Any, TypeVar
 
@@ -124,6 +125,7 @@ def generate_all(
     return [made[row] for row in range(len(keys))]
 
 
+@cache
 def _takes_batches(run: Generate) -> bool:
     try:
         return list(signature(run).parameters)[1:] == ["durations_s", "rngs"]

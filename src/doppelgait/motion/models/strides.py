@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait._core import native
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.motion import Motion, make_motion
 
@@ -43,12 +44,6 @@ class Columns:
             values = Columns(values)
         setattr(self, name, values)  # made once
         return values
-
-
-def square_each(values: Values) -> FloatArray:
-    """Return the squares of the values of examples."""
-    # by Python's power, whose last bit differs from NumPy's square
-    return np.array([value**2 for value in np.ravel(values).tolist()]).reshape(np.shape(values))
 
 
 def stack_columns(first: FloatArray, *others: Values) -> FloatArray:
@@ -80,12 +75,11 @@ class Curve:
     def __call__(self, x: npt.ArrayLike, order: int = 0) -> FloatArray:
         """Return values (``order`` 0) or first derivatives (1)."""
         at = np.asarray(x, dtype=float)
-        piece = self._find_pieces(self.knots, at)
-        u = at - self.knots[..., :-1].ravel().take(piece)
-        c_0, c_1, c_2, c_3 = self.coefficients.reshape(4, -1).take(piece, axis=1)
-        if order == 1:
-            return np.asarray(c_1 + u * (2.0 * c_2 + u * (3.0 * c_3)))
-        return np.asarray(c_0 + u * (c_1 + u * (c_2 + u * c_3)))
+        rows = (1, at.size) if self.knots.ndim == 1 else (math.prod(at.shape[:-1]), at.shape[-1])
+        found = np.empty(rows)
+        curves = np.atleast_2d(self.knots), self.sizes.reshape(-1), self.coefficients.reshape(4, -1)
+        native.evaluate_cubics(*curves, order, at.reshape(rows), found)
+        return found.reshape(at.shape)
 
     def _find_pieces(self, edges: FloatArray, values: FloatArray) -> npt.NDArray[np.intp]:
         """Return the pieces of values, counted through all curves."""
@@ -154,9 +148,9 @@ def fit_cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike, sizes: npt.Ar
     lower[1:-1], diagonal[1:-1], upper[1:-1] = h[1:], 2.0 * (h[:-1] + h[1:]), h[:-1]
     slopes[1:-1] = 3.0 * (h[1:] * m[:-1] + h[:-1] * m[1:])
     diagonal[0], upper[0] = h[1], first
-    slopes[0] = ((h[0] + 2.0 * first) * h[1] * m[0] + square_each(h[0]) * m[1]) / first
+    slopes[0] = ((h[0] + 2.0 * first) * h[1] * m[0] + h[0] ** 2 * m[1]) / first
     lower[end - 1, row], diagonal[end - 1, row], upper[end - 1, row] = last, h_2, 0.0
-    slopes[end - 1, row] = (square_each(h_1) * m_2 + (2.0 * last + h_1) * h_2 * m_1) / last
+    slopes[end - 1, row] = (h_1**2 * m_2 + (2.0 * last + h_1) * h_2 * m_1) / last
     # elimination; all pivots of a spline's system are positive. A row is a number or an array for all curves.
     systems = (lower, diagonal, upper, slopes)
     low, pivots, high, found = (rows[:, 0].tolist() if row.size == 1 else [*rows] for rows in systems)
@@ -280,8 +274,16 @@ def landing_times_s(clock: Curve, landings: Sequence[Landings], times_s: FloatAr
     ]
 
 
+def scale_points(points: Sequence[FloatArray], scale_m: FloatArray) -> FloatArray:
+    """Return scaled points as positions, (B, T, P, 3). Shapes: points (B, T, 3), scale_m (B, 1)."""
+    planes = np.empty((len(points), 3, *points[0].shape[:-1]))
+    for plane, point in zip(planes, points, strict=True):
+        np.multiply(point.transpose(2, 0, 1), scale_m, out=plane)
+    return np.ascontiguousarray(planes.transpose(2, 3, 0, 1))
+
+
 def make_gait_motions(
-    points_m: FloatArray,
+    position_m: FloatArray,
     timing: Timing,
     parameters: Sequence[Any],
     landings: Sequence[Landings],
@@ -289,9 +291,9 @@ def make_gait_motions(
     facts: Sequence[Mapping[str, Any]],
     reports: Sequence[Mapping[str, str]],
 ) -> list[Motion]:
-    """Make the motions of walkers from their points, (P, 3, B, T)."""
+    """Make the motions of walkers from their positions, (B, T, P, 3)."""
     # the facts have the harmonic of the stride frequency at which the gait repeats
-    position_m = np.ascontiguousarray(points_m.transpose(2, 3, 0, 1))
+    position_m = np.ascontiguousarray(position_m)
     times_s, phase = timing.times_s, timing.phase
     strides_hz = ((phase[:, -1] - phase[:, 0]) / (times_s[:, -1] - times_s[:, 0])).tolist()
     footfalls = landing_times_s(timing.clock, landings, times_s)
