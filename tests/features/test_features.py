@@ -155,7 +155,7 @@ def test_occupied_rows_stand_three_standard_deviations_above_the_noise_e38():
     attrs = {"n_gate_bins": 16, "wavelength_m": 0.04}
     mu = Signal.of(make_array(SIGNATURE, np.tile(mean, (50, 1)), coords, attrs), SIGNATURE)
     evidence = Observation(
-        signature=mu, floor_v2=1.0, excess=mu.replace(mu.values - 1.0), n_independent=25.0,
+        signature=mu, floor_v2=1.0, make_excess=lambda: mu.replace(mu.values - 1.0), n_independent=25.0,
         main_line_hz=np.ones(50), aligned=None, cadence_parts=None, strongest_v2=None,
         peaks_hz=None, spectrum=None, observation_s=0.4,
     )  # fmt: skip
@@ -225,7 +225,7 @@ def block_signature(low, high, floor, k=200, n_columns=100):
 def envelope_width_hz(mu, floor_v2):
     observed = Observation(
         signature=mu, floor_v2=floor_v2, main_line_hz=np.zeros(mu.sizes["time"]),
-        excess=None, n_independent=25.0, aligned=None, cadence_parts=None, strongest_v2=None, peaks_hz=None,
+        make_excess=None, n_independent=25.0, aligned=None, cadence_parts=None, strongest_v2=None, peaks_hz=None,
         spectrum=None, observation_s=0.4,
     )  # fmt: skip
     return observed.envelope_width_hz

@@ -38,7 +38,7 @@ def evidence_of(values, line_mps, *, floor=0.0, spectrum=None, **changes):
     power = np.ones(cadence_hz.size) if spectrum is None else spectrum(cadence_hz)
     return Observation(
         signature=mu, floor_v2=floor, main_line_hz=np.broadcast_to(line_mps, T.shape) / HALF_M,
-        excess=mu.replace(values - floor),
+        make_excess=lambda: mu.replace(values - floor),
         aligned=mu.replace(aligned, schema=NORMALISED_SIGNATURE),
         cadence_parts=None, strongest_v2=values.max(axis=1), peaks_hz=find_column_peaks(mu)[1],
         spectrum=mu.with_axes(CADENCE_SPECTRUM, power, cadence=cadence_hz),

@@ -261,7 +261,8 @@ def alternate_likeness(observed: Observation) -> float | None:
     # Noise lowers both autocorrelations alike. Rows without signal are left out (K+ of E-38)
     if observed.frequency_hz * observed.observation_s < MIN_PERIODS_OF_PAIRS:
         return None
-    rows = observed.occupied_columns - observed.mean_row[observed.occupied]
+    rows = observed.occupied_columns
+    rows -= observed.mean_row[observed.occupied]
     lag = observed.rate_hz / observed.frequency_hz
     once, twice = compute_autocorrelation_at(rows, lag), compute_autocorrelation_at(rows, 2.0 * lag)
     if once is None or twice is None or twice < MIN_LIKENESS:

@@ -16,7 +16,7 @@ and do not influence the decision.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -217,7 +217,7 @@ def compute_salience(rhythm: Rhythm, frequency_hz: FloatArray, reach_hz: float) 
     return np.asarray(np.divide(near, total, out=np.zeros(total.size), where=total > 0.0))
 
 
-def measure_target_rhythms(targets: Sequence[tuple[Signal, Signal, float]]) -> Rhythm:
+def measure_target_rhythms(targets: Iterable[tuple[Signal, Signal, float]]) -> Rhythm:
     """Measure four sets of rows of every target, two of them whitened.
     Targets (:func:`estimate_gait_frequency`: aligned, excess, floor) have equal axes. The leading axes are (B, 4).
     """
@@ -228,6 +228,7 @@ def measure_target_rhythms(targets: Sequence[tuple[Signal, Signal, float]]) -> R
         cell_v2 = floor_v2 / math.sqrt(max(1.0, float(excess.attrs["n_gate_bins"])))
         size, total_v2 = group_size(sampling_rate_hz(aligned.axis("time"))), np.empty(slow.values.shape[0])
         native.positive_sums(excess.values, size, total_v2)
+        del excess  # as large as a signature
         weight = slow.values.sum(axis=1)
         weight *= cell_v2 * size
         limbs = limb_rows(slow, np.divide(weight, total_v2, out=np.zeros(total_v2.size), where=total_v2 > 0))

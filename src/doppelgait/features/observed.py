@@ -122,7 +122,7 @@ class Shared(Generic[T]):
 
 def measure_gaits(observations: Sequence[Observation]) -> list[GaitFrequency]:
     """Estimate f_mu with its probabilities (E-33)."""
-    rhythms = measure_target_rhythms([(seen.aligned, seen.excess, seen.floor_v2) for seen in observations])
+    rhythms = measure_target_rhythms((seen.aligned, seen.excess, seen.floor_v2) for seen in observations)
     return estimate_gait_frequencies(rhythms, np.array([seen.torso_mps for seen in observations]))
 
 
@@ -177,8 +177,8 @@ class Observation:
         Strongest cell of every column, and its Doppler.
     main_line_hz : ndarray, shape (J,)
         Straight main line.
-    excess : Signal (time, doppler)
-        mu - nu, aligned as ``aligned``.
+    make_excess : Callable
+        Returns :attr:`excess`.
     aligned : Signal (time, doppler)
         Normalised signature, aligned to the main line if that drifts.
     cadence_parts : CadenceParts
@@ -208,7 +208,7 @@ class Observation:
     strongest_v2: npt.NDArray[Any]
     peaks_hz: FloatArray
     main_line_hz: FloatArray
-    excess: Signal
+    make_excess: Callable[[], Signal]
     aligned: Signal
     cadence_parts: Any
     spectrum: Signal
@@ -291,7 +291,7 @@ class Observation:
 
         The blocks lie between ``edges``, in columns; the result has the shape (blocks, K).
         """
-        counts = np.empty((edges.size - 1, self.excess.shape[1]))
+        counts = np.empty((edges.size - 1, self.power_v2.shape[1]))
         native.count_above(self.excess.values, self.raised_level_v2, edges, counts)
         return counts
 
@@ -301,7 +301,7 @@ class Observation:
 
         It has the same precision as the cells that are compared with it.
         """
-        return raised_by_noise_v2(self.width_level_v2, self.floor_v2, self.n_bins).astype(self.excess.values.dtype)
+        return raised_by_noise_v2(self.width_level_v2, self.floor_v2, self.n_bins).astype(self.power_v2.dtype)
 
     @cached_property
     def period_edges(self) -> npt.NDArray[np.int64]:
@@ -322,6 +322,11 @@ class Observation:
         found: Signal = self.cadence_parts.detrend()
         return found
 
+    @property
+    def excess(self) -> Signal:
+        """Power above the floor, mu - nu, aligned as ``aligned``; (J, K)."""
+        return self.make_excess()  # of a long recording too large to keep
+
     @cached_property
     def mean_row(self) -> FloatArray:
         """Mean aligned normalised signature, D_1; shape (K,)."""
@@ -341,7 +346,7 @@ class Observation:
         """Numbers of the rows K+."""
         return np.flatnonzero(self.occupied)
 
-    @cached_property
+    @property
     def occupied_columns(self) -> FloatArray:
         """Aligned normalised signature in rows K+, (J, K+)."""
         columns = np.empty((self.aligned.shape[0], self.occupied_rows.size))

@@ -58,8 +58,9 @@ def apply_room(
         seen = look(placed.scene, alike, splines, looks_s, ("azimuth", "elevation"))
         elevation, azimuth = seen["elevation"], seen["azimuth"]
         level = cosine(elevation)
-        turned = np.hypot(np.diff(elevation, axis=0), level[1:] * sine(np.diff(azimuth, axis=0) / 2.0) * 2.0)
-        closer = float(turned.max(initial=0.0)) / MAX_TURN_RAD
+        aside = level[1:] * sine(np.diff(azimuth, axis=0) / 2.0) * 2.0
+        turned2 = np.square(np.diff(elevation, axis=0)) + np.square(aside)
+        closer = math.sqrt(float(turned2.max(initial=0.0))) / MAX_TURN_RAD
         if closer <= 1.0:
             break
         n_looks = math.ceil(1.2 * closer * n_looks)

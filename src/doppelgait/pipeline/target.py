@@ -266,19 +266,23 @@ def _prepare(mu: Signal, analysis: Analysis) -> Observation:
         track_mps, bend_mps = track.mean_mps, track.bend_mps
         track_hz = 2.0 * track.line_mps / float(mu.attrs["wavelength_m"])
         straight, agreed = main_line.choose_velocity(mu, floor_v2, strongest_v2, straight, track_hz)
-    excess = mu.replace(mu.values - mu.values.dtype.type(floor_v2))
     aligned, drift_hz = normalised, None
     if main_line.has_drift(fit(order=1)):
         drift_hz = fit(order=processing.choose_line_order(seconds))
-        aligned, excess = processing.align(normalised, drift_hz), processing.align(excess, drift_hz)
+        aligned = processing.align(normalised, drift_hz)
     parts = CadenceParts(aligned, processing.detrend_order(seconds))
+
+    def make_excess() -> Signal:
+        excess = mu.replace(mu.values - mu.values.dtype.type(floor_v2))
+        return excess if drift_hz is None else processing.align(excess, drift_hz)
+
     return Observation(
         signature=mu,
         floor_v2=floor_v2,
         strongest_v2=strongest_v2,
         peaks_hz=peaks_hz,
         main_line_hz=straight,
-        excess=excess,
+        make_excess=make_excess,
         aligned=aligned,
         cadence_parts=parts,
         spectrum=parts.spectrum(),
