@@ -245,10 +245,7 @@ class Observation:
         self.torso_mps = float(doppler_to_velocity_mps(self.torso_hz, wavelength_m))
 
     def describe_missing(self, needs: tuple[str, ...]) -> str | None:
-        """Return why a requirement is not met, or None.
-
-        A signal is always required.
-        """
+        """Return why a requirement is not met, or None; a signal is always required."""
         if not self.has_signal:
             return REASONS["signal"]
         for need in needs:
@@ -334,10 +331,7 @@ class Observation:
 
     @cached_property
     def occupied(self) -> npt.NDArray[np.bool_]:
-        """Doppler rows K+ above the noise (E-38), shape (K,).
-
-        Their mean power is 3 standard deviations above the noise.
-        """
+        """Doppler rows K+, 3 standard deviations above the noise (E-38), (K,)."""
         spread = self.floor_v2 / math.sqrt(self.signature.attrs["n_gate_bins"] * self.n_independent)
         return np.asarray(_average_rows(self.excess.values) > OCCUPIED_SIGMAS * spread)
 
@@ -374,10 +368,7 @@ class Observation:
 
     @cached_property
     def edges_mps(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper envelope (E-35b) as velocities; shapes (J,).
-
-        NaN in columns without power above the noise.
-        """
+        """Lower and upper envelope (E-35b) as velocities, (J,); NaN without power."""
         low_hz, high_hz = self.envelopes_hz
         return low_hz * self.mps_per_hz, high_hz * self.mps_per_hz
 

@@ -230,10 +230,7 @@ class Result:
 
     @property
     def gate(self) -> Gate:
-        """Gate of the target.
-
-        Access raises an :class:`AnalysisError` if the gate is not stored.
-        """
+        """Gate of the target; :class:`AnalysisError` if it is not stored."""
         if self.gate_limits is None:
             raise AnalysisError("this result has no gate; it was read from a table row, which does not store it")
         return self.gate_limits
