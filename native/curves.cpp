@@ -8,9 +8,9 @@ namespace doppelgait::curves {
 namespace {
 
 // Real parts of sums of c_k e^(2 pi j k phase), c_k as two numbers. Rows of curves use the rows of phases in turn.
-void sum_harmonics(Rows<const double> coefficients, Rows<const double> phases, Rows<double> sums) {
+void evaluate_harmonics(Rows<const double> coefficients, Rows<const double> phases, Rows<double> sums) {
   require(coefficients.count == sums.count && coefficients.width % 2 == 0 && coefficients.width >= 2, "no curves");
-  require(phases.count > 0 && phases.width == sums.width, "phases do not fit");
+  require(phases.count > 0 && sums.count % phases.count == 0 && phases.width == sums.width, "phases do not fit");
   for (Index row = 0; row < sums.count; ++row) {
     const double *c = coefficients[row], *phase = phases[row % phases.count];
     double* to = sums[row];
@@ -33,7 +33,8 @@ void evaluate_cubics(Rows<const double> knots, Line<const Index> sizes, Rows<con
                      Rows<const double> numbers, Rows<double> values) {
   require(knots.count > 0 && sizes.size == knots.count, "sizes do not fit the knots");
   require(coefficients.count == 4 && coefficients.width == knots.count * (knots.width - 1), "coefficients do not fit");
-  require(numbers.count == values.count && numbers.width == values.width, "values do not fit");
+  require(numbers.count == values.count && numbers.width == values.width && values.count % knots.count == 0,
+          "values do not fit");
   for (Index curve = 0; curve < knots.count; ++curve) {
     require(sizes[curve] >= 2 && sizes[curve] <= knots.width, "a curve has two knots or more");
   }
@@ -56,7 +57,7 @@ void evaluate_cubics(Rows<const double> knots, Line<const Index> sizes, Rows<con
 }  // namespace
 
 void bind(nb::module_& module) {
-  define(module, "sum_harmonics", &sum_harmonics, "coefficients", "phase", "out");
+  define(module, "evaluate_harmonics", &evaluate_harmonics, "coefficients", "phase", "out");
   define(module, "evaluate_cubics", &evaluate_cubics, "knots", "sizes", "coefficients", "order", "numbers", "out");
 }
 

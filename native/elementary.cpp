@@ -106,7 +106,7 @@ void bind(nb::module_& module) {
   define_map(module, "arcsine", -1.0, 1.0, std::asin, arcsine);
   define_map(module, "cosine", -kMaxAngle, kMaxAngle, std::cos, [](auto x) { return rotate<false>(x); });
   define_map(module, "decimal_logarithm", DBL_MIN, DBL_MAX, std::log10, [](auto x) { return decimal_logarithm(x); });
-  define_map(module, "exponential", -700.0, 700.0, std::exp, [](auto x) { return exponential(x); });
+  define_map(module, "exponential", -699.0, 700.0, std::exp, [](auto x) { return exponential(x); });
   define_map(module, "logarithm", DBL_MIN, DBL_MAX, std::log, [](auto x) { return logarithm(x); });
   define_map(module, "power_of_ten", -300.0, 300.0, power, [](auto x) { return power_of_ten(x); });
   define_map(module, "sine", -kMaxAngle, kMaxAngle, std::sin, [](auto x) { return rotate<true>(x); });

@@ -115,6 +115,7 @@ void interpolate_values(Line<const double> at, Line<const double> grid, Line<con
     const double per = 1.0 / (grid[k + 1] - grid[k]);
     slopes[k] = {(values[k + 1].real() - values[k].real()) * per, (values[k + 1].imag() - values[k].imag()) * per};
   }
+  require(grid[last] - grid[0] > 0.0 && grid[last] - grid[0] < 1e300, "the grid must rise");
   const double lowest = grid[0], highest = grid[last], per_step = static_cast<double>(last) / (highest - lowest);
   for (Index i = 0; i < at.size; ++i) {
     const double x = at[i];

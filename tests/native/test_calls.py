@@ -57,7 +57,7 @@ def make_spline_cases(rng, n_points):
         Case(
             "turn_and_move", [values.reshape(-1, 3), 0.8, 0.6, 1.0, 2.0, 3.0, 4.0, np.zeros((40 * n_points, 3))], (7,)
         ),
-        Case("sum_harmonics", [rng.normal(size=(6, 8)), both[:3] + 0.3, both[:6]], (2,), free=((0, 1), (1, 0))),
+        Case("evaluate_harmonics", [rng.normal(size=(6, 8)), both[:3] + 0.3, both[:6]], (2,), free=((0, 1), (1, 0))),
         Case("evaluate_cubics", [*knots, rng.normal(size=(4, 12)), 1, both[:4] + 0.1, both[:4]], (5,)),
     ]
 

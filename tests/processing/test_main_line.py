@@ -166,6 +166,8 @@ def test_track_settles_what_the_main_line_is_e34(line_mps, track_mps, trunk, wan
     found, same = choose_velocity(Signal.of(mu, SIGNATURE), 0.0, mu.values.max(axis=1), *lines_hz)
     assert found.mean() * 0.02 == pytest.approx(wanted_mps)
     assert same == agreed
+    slow = Signal.of(lines(time_s, [-0.15, 0.15], [1.0, 0.3], prf_hz=19.0), SIGNATURE)  # all bins are near
+    assert choose_velocity(slow, 0.0, slow.values.max(axis=1), np.full(300, -7.5), np.full(300, 7.5))[1]
 
 
 def test_torso_is_followed_under_a_stronger_limb_e34c():

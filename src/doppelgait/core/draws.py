@@ -124,7 +124,7 @@ def _compile_law(name: str, values: Any, factor: Any, key: str) -> Draw:
         sample, middle = DISTRIBUTIONS.get(name, _make_choice)(name, values)
     except ConfigError as error:
         raise ConfigError(f"{key}: {error}" if key else str(error)) from None
-    compile_outcome = cache(lambda n: _compile(values[n], f"{key}.{name}"))  # when it is drawn: there may be thousands
+    compile_outcome = cache(lambda n: _compile(values[n], f"{key}.{name}".lstrip(".")))  # there may be thousands
 
     def draw(turn: Turn, sibling: Sibling | None) -> Any:
         if turn.streams is None:

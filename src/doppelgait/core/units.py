@@ -21,8 +21,8 @@ REFERENCE_IMPEDANCE_OHM = 50.0
 """Impedance Z0 of the signal voltages. An envelope of a volts has the power a^2 / (2 Z0) in watts (E-14)."""
 
 FloatArray = npt.NDArray[np.float64]
+# NumPy's last digits depend on the processor, these do not, for angles up to 2^20 rad.
 Map = Callable[[npt.NDArray[Any]], FloatArray]
-"""Function of each number of an array. NumPy's last digits depend on the processor, those of the native code do not."""
 sine: Map = native.sine
 cosine: Map = native.cosine
 arcsine: Map = native.arcsine
@@ -31,7 +31,7 @@ exponential: Map = native.exponential
 power_of_ten: Map = native.power_of_ten
 logarithm: Map = native.logarithm
 decimal_logarithm: Map = native.decimal_logarithm
-arctangent: Callable[[FloatArray, FloatArray], FloatArray] = native.arctangent  # of y and x
+arctangent: Callable[[FloatArray, FloatArray], FloatArray] = native.arctangent  # of y and x of one shape
 
 
 def modified_bessel(numbers: FloatArray) -> FloatArray:

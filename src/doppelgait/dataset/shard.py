@@ -190,14 +190,13 @@ class BuildContext:
     @cached_property
     def batch_size(self) -> int:
         """Number of examples that are made together: fewer of long scenes and of large arrays."""
-        settings, duration_s = self.config.dataset, replace_by_middle(self.config.scene).get("duration_s")
-        if not isinstance(duration_s, int | float):
-            return 1
+        settings = self.config.dataset
         try:  # radar and settings of one example stand for all
+            duration_s = replace_by_middle(self.config.scene).get("duration_s")
             run = resolve_example(self.config, 0, Path(self.folder)).run
             n_pulses = int(duration_s * run.radar.prf_hz)
             columns = plan_transform(run.analysis.resolved(settings.gate), n_pulses=n_pulses, prf_hz=run.radar.prf_hz)
-        except DoppelgaitError:
+        except (DoppelgaitError, TypeError):  # the second where no duration is stated
             return 1
         n_bytes = 4 * columns.n_columns * columns.n_doppler_bins
         if run.analysis.parts or any(spec.name == "baseband" for spec in settings.fields):
@@ -261,7 +260,7 @@ def describe_failure(error: Exception) -> str:
 
 
 class MixedWarningsError(Exception):
-    """Error of a batch with warnings that may belong to any of its examples."""
+    """Warnings of a batch that may be those of any example."""
 
 
 def build_planned(entries: Sequence[PlannedExample], context: BuildContext) -> list[ExampleData | Exception]:

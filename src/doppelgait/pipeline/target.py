@@ -271,18 +271,13 @@ def _prepare(mu: Signal, analysis: Analysis) -> Observation:
         drift_hz = fit(order=processing.choose_line_order(seconds))
         aligned = processing.align(normalised, drift_hz)
     parts = CadenceParts(aligned, processing.detrend_order(seconds))
-
-    def make_excess() -> Signal:
-        excess = mu.replace(mu.values - mu.values.dtype.type(floor_v2))
-        return excess if drift_hz is None else processing.align(excess, drift_hz)
-
     return Observation(
         signature=mu,
         floor_v2=floor_v2,
         strongest_v2=strongest_v2,
         peaks_hz=peaks_hz,
         main_line_hz=straight,
-        make_excess=make_excess,
+        make_excess=partial(_make_excess, mu, floor_v2, drift_hz),
         aligned=aligned,
         cadence_parts=parts,
         spectrum=parts.spectrum(),
@@ -293,3 +288,8 @@ def _prepare(mu: Signal, analysis: Analysis) -> Observation:
         agreed=agreed,
         drift_hz=drift_hz,
     )
+
+
+def _make_excess(mu: Signal, floor_v2: float, drift_hz: FloatArray | None) -> Signal:
+    excess = mu.replace(mu.values - mu.values.dtype.type(floor_v2))
+    return excess if drift_hz is None else processing.align(excess, drift_hz)

@@ -201,7 +201,8 @@ def choose_velocity(
         return line_hz, True
     bin_hz, near = bin_width_hz(signature), np.empty_like(strongest_v2)
     centre = np.rint((track_hz - float(signature.axis("doppler")[0])) / bin_hz).astype(np.int64)
-    native.strongest_near(signature.values, centre, round(NEAR_TRACK_MPS / half_m / bin_hz), near)
+    reach = min(round(NEAR_TRACK_MPS / half_m / bin_hz), signature.sizes["doppler"] - 1)  # a slow radar's whole axis
+    native.strongest_near(signature.values, centre, reach, near)
     near, strongest = near.astype(np.float64), strongest_v2.astype(np.float64)
     if compute_median(near) - floor_v2 >= BODY_SHARE * (compute_median(strongest) - floor_v2):
         return track_hz, True

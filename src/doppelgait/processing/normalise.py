@@ -70,6 +70,7 @@ def noise_floor_v2(signature: Signal) -> float:
 
 def copy_rows(values: npt.NDArray[Any], rows: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
     """Copy Doppler rows, (time, rows)."""
+    values = values if values.dtype.char in "fd" else values.astype(np.float64)
     chosen = np.empty((values.shape[0], rows.size), values.dtype)
     native.copy_rows(values, rows, chosen)
     return chosen

@@ -147,7 +147,7 @@ def rotate_to_boresight(
     ahead, left = level * cosine(turn), level * sine(turn)
     forward = ahead * cos_tilt + up * sin_tilt
     above = up * cos_tilt - ahead * sin_tilt
-    return arctangent(left, forward), arcsine(np.clip(above, -1.0, 1.0))
+    return arctangent(left, forward)[()], arcsine(np.clip(above, -1.0, 1.0))[()]
 
 
 @maps_table

@@ -51,10 +51,10 @@ class CycleCurve:
         """Values at phases (..., n); their leading axes are broadcast against those of the curves."""
         count, n_terms = phase.shape[-1], self.coefficients.shape[-1]
         lead = np.broadcast_shapes(self.coefficients.shape[:-1], phase.shape[:-1])
-        terms = np.broadcast_to(self.coefficients, (*lead, n_terms)).reshape(-1, n_terms).view(float)
+        terms = np.broadcast_to(self.coefficients, (*lead, n_terms)).reshape(-1, n_terms)
         turns = np.broadcast_to(phase, (*lead[len(lead) - phase.ndim + 1 :], count)).reshape(-1, count)
         sums = np.empty((*lead, count))
-        native.sum_harmonics(terms, turns, sums.reshape(-1, count))
+        native.evaluate_harmonics(np.ascontiguousarray(terms, complex).view(float), turns, sums.reshape(-1, count))
         return sums
 
 
