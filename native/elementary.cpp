@@ -1,5 +1,5 @@
-// Elementary functions of arrays, where NumPy's last digits depend on the processor; errors of 1 or 2 of the last
-// digit.
+// Elementary functions of arrays, where NumPy's last digits depend on the processor; errors of at most 3 units in the
+// last place.
 #include "elementary.hpp"
 
 #include <cfloat>

@@ -22,7 +22,7 @@ Sibling = Callable[[str], Any]
 
 
 class Turn(NamedTuple):
-    """Example that samples: its turn in cycles and its streams; without streams, middles are taken."""
+    """Turn of an example in cycles, and its streams; None takes middles."""
 
     number: int = 0
     streams: Streams | None = None
@@ -91,7 +91,7 @@ def replace_by_middle(value: Any, key: str = "") -> Any:
 
 
 def compile_draws(value: Any, key: str) -> Callable[[Turn], Any]:
-    """Compile a value of a plan, so that an example only draws its numbers; the rest is shared."""
+    """Compile a plan's value; an example then only draws its numbers."""
     draw = _compile(value, key)
     return (lambda _: value) if draw is None else lambda turn: draw(turn, None)
 
@@ -124,7 +124,7 @@ def _compile_law(name: str, values: Any, factor: Any, key: str) -> Draw:
         sample, middle = DISTRIBUTIONS.get(name, _make_choice)(name, values)
     except ConfigError as error:
         raise ConfigError(f"{key}: {error}" if key else str(error)) from None
-    compile_outcome = cache(lambda n: _compile(values[n], f"{key}.{name}".lstrip(".")))  # there may be thousands
+    compile_outcome = cache(lambda n: _compile(values[n], f"{key}.{name}".lstrip(".")))  # only those drawn
 
     def draw(turn: Turn, sibling: Sibling | None) -> Any:
         if turn.streams is None:

@@ -398,7 +398,7 @@ def label_axis(name: str, coordinate: Any) -> xr.Variable:
 
 
 def read_axis(array: xr.DataArray | xr.Dataset | Signal, name: str) -> npt.NDArray[Any]:
-    """Return a coordinate or variable in native byte order, in a thirtieth of the time of xarray."""
+    """Return a coordinate or variable in native byte order."""
     if isinstance(array, Signal):
         return array.axis(name)
     variables = array._coords if isinstance(array, xr.DataArray) else array._variables
