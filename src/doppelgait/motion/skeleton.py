@@ -1,100 +1,65 @@
 """Body parts of known markers and joints. Also the height of a body from them (E-01).
 
-There are two kinds of names. :data:`PERSON_WORDS` and :data:`ANIMAL_WORDS` contain markers, and joints with the name of
-the joint (knee, wrist) or of the bone that ends there (femur, humerus in ASF/AMC). Joints of BVH skeletons have the
-name of the bone that starts there (``LeftLeg`` is the knee): :data:`PERSON_STARTS` and :data:`ANIMAL_STARTS`.
+The words are in ``markers.toml``. There are two kinds: markers, and joints with the name of the joint (knee, wrist) or
+of the bone that ends there (femur, humerus in ASF/AMC); joints of BVH skeletons have the name of the bone that starts
+there (``LeftLeg`` is the knee).
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Literal
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.config import read_toml
+
 FloatArray = npt.NDArray[np.float64]
 
 
-_PERSON_MIDLINE = {
-    "head": "head headtop nose jaw chin forehead eyes",
-    "torso": "c7 cv7 t8 tv8 t10 t12 l5 s2 clav strn ster sternum sxs snj sacr sac sacrum scr vsac rbac rbak lbac lbak "
-    "bac7 neck upperneck lowerneck lowerback upperback thorax base pelvis hip hips root jointroot bip spine chest "
-    "belly abdomen mtop mbac pv",
-}
-_PERSON_SIDED = {
-    "head": "fhd bhd hd hdf hdb tempd eye ear eyesmplhf",
-    "torso": "sho should shoulder acromion clavicle clav collar sacwand asi asis ias psi psis ips fwt bwt wt hip hjc "
-    "hipjoint crest iliaccrest scap scapula saj off pv",
-    "upper_arm": "upa uarm elb elbow ejc hle hme um1 upperarm arm biceps humerus",
-    "forearm": "frm fra wra wrb wri wrist wjc rsp uhe uls rds forearm lowerarm radius ulna",
-    "hand": "fin hm2 hm5 hand finger fingers fingerbase palm thumb index middle ring pinky handthumb handindex "
-    "handmiddle handring handpinky handfinger glove",
-    "thigh": "thi th th1 th2 th3 th4 t1 t2 t3 t4 thigh kne knee knein kneemedial knm kjc knee1 knee2 bar1 fle fme lfc "
-    "mfc grt gtr ftc fax antfem postfem fem femur wand1",
-    "shank": "tib tb1 tb2 tb3 tib1 shn sha sh1 sh2 sh3 sh4 shin calf ank ankin ankle anklemedial ajc anm mall lma mma "
-    "lmal mmal att fal tam ttc ttb tt hf bar2 sk sk1 sk2 sk3 sk4 anttib posttib tibia shank leg lowerleg wand2",
-    "foot": "hee heel toe toes toebase toe1 mt1 mt2 mt5 met met1 mtp cal fcc fm1 fm2 fm5 pm1 ft ft1 ft2 ft3 foot ball "
-    "lat",
-}
-_PERSON_STARTS = {
-    "torso": "upleg upperleg legupper thigh upperarm arm uparm clavicle shoulder hip hipjoint",
-    "upper_arm": "forearm lowerarm",
-    "forearm": "hand",
-    "thigh": "leg lowerleg legleg calf shin",
-    "shank": "foot",
-}
-_ANIMAL_MIDLINE = {
-    "head": "head headtop nose jaw muzzle snout forehead poll chin",
-    "neck": "neck neckbase throat",
-    "trunk": "hips hip pelvis root bip base spine withers chest back belly rump croup loin sternum thorax ribs trunk "
-    "body tailbase sacrum",
-    "tail": "tail tailmiddle tailtip",
-}
-_ANIMAL_SIDED = {
-    "head": "ear eye",
-    "trunk": "hip hipjoint crest iliaccrest asis psis",
-    "fore_upper": "shoulder scapula clavicle clav arm upperarm humerus elbow frontelbow foreelbow",
-    "fore_lower": "forearm lowerarm radius ulna carpus wrist carpal metacarpus",
-    "fore_paw": "hand finger fingers forepaw frontpaw forefoot frontfoot forehoof fronthoof foretoe fronttoe",
-    "hind_upper": "thigh upleg upperleg legupper femur knee stifle",
-    "hind_lower": "leg lowerleg tibia shank hock ankle tarsus tarsal metatarsus heel calcaneus",
-    "hind_paw": "foot toe toes toebase mtp hindpaw hindfoot rearpaw rearfoot backpaw hindhoof hindtoe",
-}
-_HOOVES = {
-    f"h{end[0]}{side[0]}": f"{side}_{'fore' if end == 'front' else 'hind'}_paw"
-    for end in ("front", "hind")
-    for side in ("left", "right")
-}
-"""Hooves of the Vienna Horse Data Collection: HFL is the hoof front left, HHR the hoof hind right."""
-_ANIMAL_STARTS = {
-    "trunk": "shoulder clavicle clav upleg upperleg legupper thigh",
-    "fore_upper": "arm upperarm forearm lowerarm",
-    "fore_lower": "hand",
-    "hind_upper": "leg lowerleg",
-    "hind_lower": "leg1 foot",
-}
 _UNSIDED_PARTS = ("head", "neck", "torso", "trunk", "tail")
 
 
-def _list_words(midline: Mapping[str, str], sided: Mapping[str, str]) -> dict[str, str]:
-    """Return body parts by plain word."""
-    # each sided word is prefixed with all spellings of its side. The words of the midline follow.
+@cache
+def load_markers() -> dict[str, Any]:
+    """Return words of names by species and list, and marker sets."""
+    return read_toml(Path(__file__).with_name("markers.toml"))[0]
+
+
+def _expand(text: str) -> list[str]:
+    """List the words of a text; ``{a,b}c`` is ac and bc."""
+    choices = [[piece.split(",") for piece in re.split(r"[{}]", word)] for word in text.split()]
+    # pieces inside braces are the odd ones; outside, there is no comma
+    return ["".join(chosen) for pieces in choices for chosen in product(*pieces)]
+
+
+@cache
+def _list_words(species: Species, *kinds: str) -> dict[str, str]:
+    """Return body parts by word, with its side if it has one."""
     table: dict[str, str] = {}
-    for part, names in sided.items():
-        for side, letter in (("left", "l"), ("right", "r")):
-            full = part if part in _UNSIDED_PARTS else f"{side}_{part}"
-            table |= {f"{start}{name}": full for name in names.split() for start in (letter, side)}
-    for part, names in midline.items():
-        table |= dict.fromkeys(names.split(), part)
+    for kind in kinds:
+        for part, text in load_markers()[species][kind].items():
+            full = (part, part) if part in _UNSIDED_PARTS else tuple(f"{side}_{part}" for side in SIDES)
+            if kind == "midline":
+                table |= dict.fromkeys(_expand(text), part)
+            else:
+                sided = zip(SIDES, full, strict=True)
+                table |= {
+                    f"{start}{word}": of for side, of in sided for word in _expand(text) for start in (side[0], side)
+                }
     return table
 
 
-PERSON_WORDS = _list_words(_PERSON_MIDLINE, _PERSON_SIDED)
-ANIMAL_WORDS = _list_words(_ANIMAL_MIDLINE, _ANIMAL_SIDED) | _HOOVES
-PERSON_STARTS = _list_words({}, _PERSON_STARTS)
-ANIMAL_STARTS = _list_words({}, _ANIMAL_STARTS)
+@cache
+def list_marker_sets() -> dict[str, frozenset[str]]:
+    """Return the physical markers of whole-body sets, without subject prefix."""
+    return {name: frozenset(_expand(text)) for name, text in load_markers()["sets"].items()}
+
 
 _RIG_PREFIX = re.compile(r"^(b_+|bip\d+[ _]+|mixamorig_?)(?=.)", re.IGNORECASE)
 _SIDE_BEHIND = re.compile(r"^(.*[A-Za-z0-9])[_. -]([LlRr])(\d*)$|^(.*[a-z])([LR])(\d*)$")
@@ -112,6 +77,23 @@ def reduce_word(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower()) + ("end" if is_end else "")
 
 
+_TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+")
+
+
+def list_spellings(name: str, species: Species = "human") -> list[str]:
+    """List the words that a name may stand for, the most exact first."""
+    # "WaistLFront" is "waistlfront", with its side in front "lwaistfront", and without the place on the part "lwaist"
+    tokens = [token.lower() for token in _TOKEN.findall(_RIG_PREFIX.sub("", name))]
+    side = next((n for n, token in enumerate(tokens) if token in ("l", "r", *SIDES)), -1)
+    if side < 0 and (compact := re.fullmatch(r"(.+)(left|right)", tokens[-1] if tokens else "")):
+        tokens, side = [*tokens[:-1], compact[1], compact[2]], len(tokens)
+    if side > 0:
+        tokens = [tokens.pop(side), *tokens]
+    where, start = load_markers()["where"][species].split(), int(side >= 0)
+    short = [*tokens[:start], *([t for t in tokens[start:] if t not in where] or tokens[start : start + 1])]
+    return list(dict.fromkeys((reduce_word(name), "".join(tokens), "".join(short))))
+
+
 def look_up(word: str, table: Mapping[str, str]) -> str:
     """Return the body part of a word, with or without a number."""
     # an example is "lknee2". The result is "" if the word is unknown.
@@ -120,9 +102,10 @@ def look_up(word: str, table: Mapping[str, str]) -> str:
 
 def name_bones(words: set[str]) -> bool:
     """Return True if joints have the names of bones."""
-    # that is so in BVH files, which have an upper leg
+    # that is so in BVH files, which have an upper leg; markers on thigh and shin come with markers of the knee
+    limbs = {"lthigh", "lshin", "lfoot"} <= words and not any("kne" in word for word in words)
     legs = {word for word in words if re.fullmatch(r"(l|r|left|right)(upleg|upperleg|legupper)\d*", word)}
-    return bool(legs) or {"lthigh", "lcalf"} <= words
+    return bool(legs) or limbs or {"lthigh", "lcalf"} <= words
 
 
 Species = Literal["human", "dog"]
@@ -162,30 +145,9 @@ BOULIC_PARTS = list_points(
 )
 """The 17 points of the Boulic walking model. A joint belongs to the part above it, like a skin marker on it."""
 
-_PART_OF = {
-    "human": (
-        {part.replace("_", ""): part for part in HUMAN_PARTS}
-        | PERSON_WORDS
-        | {key.replace("_", ""): part for key, part in BOULIC_PARTS.items()},
-        PERSON_STARTS,
-    ),
-    "dog": ({part.replace("_", ""): part for part in DOG_PARTS} | ANIMAL_WORDS, ANIMAL_STARTS),
-}
 _ONLY_ANIMALS = re.compile(r"tail|paw|withers|hock|stifle|fetlock|muzzle|snout|hoof")
 MIN_HUMAN_PARTS = 10
 """Minimum number of named parts, of the 14 of a person, from which names alone identify a person."""
-
-_CMU_SIDED = "FHD BHD SHO UPA ELB FRM WRA WRB FIN FWT BWT THI KNE SHN ANK HEE TOE MT5"
-_PIG_SIDED = "FHD BHD SHO UPA ELB FRA WRA WRB FIN ASI PSI THI KNE TIB ANK HEE TOE"
-KNOWN_SETS: Mapping[str, frozenset[str]] = {
-    "CMU 41": frozenset(
-        ["C7", "T10", "CLAV", "STRN", "RBAC", *(side + name for side in "LR" for name in _CMU_SIDED.split())]
-    ),
-    "Plug-in Gait": frozenset(
-        ["C7", "T10", "CLAV", "STRN", "RBAK", *(side + name for side in "LR" for name in _PIG_SIDED.split())]
-    ),
-}
-"""Physical markers of whole-body sets, without subject prefix."""
 
 
 def strip_subject(marker: str) -> str:
@@ -196,14 +158,17 @@ def strip_subject(marker: str) -> str:
 def find_part(name: str, species: Species = "human") -> str:
     """Return the body part of a marker or joint name."""
     # find_parts resolves more names, because it uses the whole set
-    return _find(reduce_word(strip_subject(name)), species, starts=False)
+    return _find(strip_subject(name), species, starts=False)
 
 
-def _find(word: str, species: Species, *, starts: bool) -> str:
-    words, bones = _PART_OF[species]
+def _find(name: str, species: Species, *, starts: bool) -> str:
+    words, bones = _list_words(species, "sided", "midline"), _list_words(species, "starts")
     first, second = (bones, words) if starts else (words, bones)
-    bone = word.removesuffix("end") if word.endswith("end") else ""  # of a free end: "lefthandend"
-    return look_up(word, first) or look_up(word, second) or look_up(bone, words)
+    for word in list_spellings(name, species):
+        bone = word.removesuffix("end") if word.endswith("end") else ""  # of a free end: "lefthandend"
+        if part := look_up(word, first) or look_up(word, second) or look_up(bone, words):
+            return part
+    return ""
 
 
 def guess_species(names: Iterable[str]) -> Species | Literal[""]:
@@ -228,16 +193,15 @@ def _find_species_parts(names: Sequence[str], species: Species) -> list[str]:
         same = next(apart, min(len(first), len(last)))
         start = max(first.rfind(mark, 0, same) for mark in "_ .-") + 1
         names = [name[start:] for name in names]
-    words = [reduce_word(name) for name in names]
-    starts = name_bones(set(words))
-    return [_find(word, species, starts=starts) for word in words]
+    starts = name_bones({reduce_word(name) for name in names})
+    return [_find(name, species, starts=starts) for name in names]
 
 
 def complete_set(markers: Iterable[str]) -> frozenset[str]:
     """Return the known marker set that the markers contain."""
     # at least 90 % of the set must be present. The result is empty if there is no such set.
     names = {strip_subject(marker).upper() for marker in markers}
-    found = [known for known in KNOWN_SETS.values() if len(known & names) >= 0.9 * len(known)]
+    found = [known for known in list_marker_sets().values() if len(known & names) >= 0.9 * len(known)]
     return max(found, key=lambda known: len(known & names), default=frozenset())
 
 
@@ -295,13 +259,15 @@ def measure_leg_length(position: FloatArray, names: Sequence[str]) -> tuple[floa
     """Measure leg length and hip height, m."""
     # the leg is from hip over knee to ankle. Values are means of both legs, or NaN if the names
     # include no whole leg.
-    words = [reduce_word(strip_subject(name)) for name in names]
-    joints = JOINTS_OF_BONES if name_bones(set(words)) else MARKERS_OF_JOINTS
-    words = [word.rstrip("0123456789") for word in words]
+    spellings = [list_spellings(strip_subject(name)) for name in names]
+    joints, n_spellings = MARKERS_OF_JOINTS, None
+    if name_bones({words[0] for words in spellings}):  # "UpperLeg" is not the leg, whose start is the knee
+        joints, n_spellings = JOINTS_OF_BONES, 1
+    spellings = [[word.rstrip("0123456789") for word in words[:n_spellings]] for words in spellings]
     lengths, hips = [], []
     for side in ("left", "right"):
         sided = [{start + name for name in one.split() for start in (side, side[0])} for one in joints]
-        points = [[i for i, word in enumerate(words) if word in allowed] for allowed in sided]
+        points = [[i for i, words in enumerate(spellings) if allowed.intersection(words)] for allowed in sided]
         if all(points):
             hip, knee, ankle = (position[:, these].mean(axis=1) for these in points)
             bones = (np.linalg.norm(hip - knee, axis=1), np.linalg.norm(knee - ankle, axis=1))

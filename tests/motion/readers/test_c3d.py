@@ -186,9 +186,9 @@ def test_segment_axes_and_centres_of_mass_are_left_out(tmp_path: Path) -> None:
 
 
 def test_points_computed_from_a_complete_set_are_left_out(tmp_path: Path) -> None:
-    from doppelgait.motion.skeleton import KNOWN_SETS
+    from doppelgait.motion.skeleton import list_marker_sets
 
-    known = sorted(KNOWN_SETS["CMU 41"])
+    known = sorted(list_marker_sets()["CMU 41"])
     labels = [f"J:{name}" for name in known] + [f"J:LFEM{i}" for i in range(60)]
     position = np.random.default_rng(1).normal(1000, 100, (20, len(labels), 3))
     motion = read(write_c3d(tmp_path / "a.c3d", position, labels=labels), clean=False, up_axis="z")
