@@ -124,12 +124,68 @@ def test_missing_value_and_blank_cells(tmp_path: Path) -> None:
         read(path, clean=False, missing="gone")
 
 
-def test_decimal_comma(tmp_path: Path) -> None:
-    path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m"), separator=";")
+@pytest.mark.parametrize("separator", [";", "\t", ","])
+def test_decimal_comma(tmp_path: Path, separator: str) -> None:
+    path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m"), separator=separator)
+    if separator == ",":
+        quoted = [",".join(f'"{cell}"' for cell in row.split(",")) for row in path.read_text().split("\n") if row]
+        path.write_text("\n".join(quoted))
     path.write_text(path.read_text().replace(".", ","))
     motion = read(path, clean=False)
     np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-8)
     assert motion.rate_hz == 100.0
+
+
+def timed(path: Path, times: Sequence[str], position: np.ndarray) -> Path:
+    rows = [",".join([t, *(f"{v:.9g}" for v in frame.ravel())]) for t, frame in zip(times, position, strict=True)]
+    path.write_text("\n".join([",".join(["time_s", *titles("{name}_{axis}_m")]), *rows]))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("times", "rate_hz", "left_out"),
+    [
+        ([f"{round(k / 60, 3):.6f}" for k in range(40)], 60.0, 0),
+        ([f"{round(7.3 + k / 120, 3):.5f}" for k in range(40)], 120.0, 0),
+        ([*(f"{k / 25:.3f}" for k in range(39)), "1.549"], 25.0, 1),
+        ([*(f"{k / 90:.7f}" for k in range(39)), "0.9"], 90.0, 1),
+        ([f"{(k + (k > 20)) / 50:.6f}" for k in range(40)], None, 0),  # a frame is missing
+        ([f"{(k + 0.5 * (k == 20)) / 50:.6f}" for k in range(40)], None, 0),  # multiples of 10 ms, but no raster
+    ],
+)
+def test_times_that_are_rounded_or_end_off_the_raster(
+    tmp_path: Path, times: list[str], rate_hz: float | None, left_out: int
+) -> None:
+    path = timed(tmp_path / "w.csv", times, BODY_M)
+    if rate_hz is None:
+        with pytest.raises(MotionError, match=r"Frames must be evenly spaced.*resample_hz"):
+            read(path, clean=False)
+        return
+    motion = read(path, clean=False)
+    assert (motion.rate_hz, motion.n_frames) == (rate_hz, 40 - left_out)
+    assert [note.startswith("the last frame") for note in motion.report["notes"]] == [True] * left_out
+
+
+def test_irregular_times_are_interpolated_over(tmp_path: Path) -> None:
+    """A jittery camera that repeats one frame and pauses for 0.3 s; the formula gives the truth at any time."""
+    rng = np.random.default_rng(3)
+    time_s = 0.01 + np.arange(75) / 31.0 + rng.uniform(-0.008, 0.008, 75)
+    time_s[50:] += 0.3
+    time_s[30] = time_s[29]
+    dense = walking_body(n_frames=30_000, rate_hz=10_000.0)
+    path = timed(tmp_path / "w.csv", [f"{t:.5f}" for t in time_s], dense[np.rint(1e4 * time_s).astype(int)])
+    with pytest.raises(MotionError, match=r"does not increase.*resample_hz"):
+        read(path, clean=False)
+    motion = read(path, clean=False, resample_hz=50)
+    even_s = round(time_s[0], 5) + motion.time_s
+    truth = dense[np.rint(1e4 * even_s).astype(int)]
+    paused = (even_s > time_s[49]) & (even_s < time_s[50])
+    assert motion.rate_hz == 50.0
+    assert (np.isnan(motion.position_m).any(axis=(1, 2)) == paused).all()
+    assert np.abs(motion.position_m - truth)[~paused].max() < 2e-3
+    for options, says in (({"rate_hz": 30.0}, "give one of them only"), ({"resample_hz": 0.1}, "must be 1 to 10000")):
+        with pytest.raises(MotionError, match=says):
+            read(path, clean=False, **{"resample_hz": 50.0, **options})
 
 
 def test_milliseconds_frames_and_other_columns(tmp_path: Path) -> None:

@@ -72,6 +72,15 @@ def test_units_give_the_same_motion(tmp_path: Path, unit: str) -> None:
     )
 
 
+def test_decimal_commas(tmp_path: Path) -> None:
+    def edit(lines: list[str]) -> None:
+        lines[:] = [*lines[:2], *(line.replace(".", ",") for line in lines[2:])]
+
+    motion = read(write_trc(tmp_path / "walk.trc", y_up(BODY_M) * 1e3, edit=edit), clean=False)
+    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-6)
+    assert (motion.rate_hz, motion.report["notes"]) == (100.0, [])
+
+
 def test_z_up_is_seen_and_can_be_overridden(tmp_path: Path) -> None:
     path = write_trc(tmp_path / "walk.trc", BODY_M * 1e3)
     np.testing.assert_allclose(read(path, clean=False).position_m, BODY_M, atol=1e-6)

@@ -219,6 +219,7 @@ NUMBERS = {
     "loop_to_s": f"above 0 and up to {LONGEST_S:g} s",
     "loop_variation": "0 to 2",
     "rate_hz": "1 to 10000 Hz",
+    "resample_hz": "1 to 10000 Hz",
 }
 """Options that are numbers, and what is allowed."""
 WORDS = ("units", "up_axis", "subject", "skeleton", "key")

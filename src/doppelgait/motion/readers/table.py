@@ -19,22 +19,15 @@ from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.readers.points import (
-    LengthUnit,
-    check_amount,
-    check_rate,
-    convert_unit_to_metres,
-    find_unit,
-    make_point_motion,
-    measure_body_extent,
-    pick_markers,
-)
+from doppelgait.motion.readers.points import check_amount, convert_unit_to_metres, measure_body_extent
 from doppelgait.motion.readers.text import (
+    Points,
     Row,
     decode,
-    find_frame_rate,
-    find_last_digit,
+    make_timed_motion,
+    point_format,
     read_lines,
+    read_times,
     to_numbers,
     trim_cells,
 )
@@ -66,16 +59,9 @@ def sniff_trc(path: Path, head: bytes) -> bool:
     return head.removeprefix(b"\xef\xbb\xbf").lstrip()[: len(START)].lower() == START.lower()
 
 
-@plugin("motion_reader", "trc", sniff=sniff_trc, suffixes=(".trc",))
-def read_trc(
-    path: Path,
-    *,
-    subject: str | None = None,
-    units: str | None = None,
-    up_axis: str | None = None,
-    rate_hz: float | None = None,
-) -> Motion:
-    """Read the markers of a TRC file, not cleaned."""
+@point_format("trc", sniff_trc, (".trc",))
+def parse_trc(path: Path) -> Points:
+    """Read the markers of a TRC file."""
     # blank cells and points at exactly 0, 0, 0 are gaps
     content = _parse_trc(path)
     check_amount(path, len(content.rows), len(content.labels))
@@ -89,20 +75,17 @@ def read_trc(
     points = content.header.get("nummarkers", "")
     if _is_other(points, len(content.labels)):
         notes.append(f"declares {points[:LONGEST_NUMBER]} markers but holds {len(content.labels)}")
-    rate = check_rate(path, rate_hz, said="was given") if rate_hz is not None else _find_trc_rate(path, content, notes)
     titles = [f"{label or f'point {i + 1}'} {axis}" for i, label in enumerate(content.labels) for axis in "XYZ"]
     columns = range(FIRST, FIRST + len(titles))
     position = to_numbers(path, content.rows, columns, titles).reshape(len(content.rows), -1, 3)
     position[(position == 0.0).all(axis=2)] = np.nan
-    unit = find_unit(path, units or content.header.get("units", ""), position)
-    return make_point_motion(
-        path,
+    has_times = any(cells[1] for _, cells in content.rows)
+    return Points(
+        [label or f"unlabelled {i + 1}" for i, label in enumerate(content.labels)],
         position,
-        pick_markers(path, [label or f"unlabelled {i + 1}" for i, label in enumerate(content.labels)], subject=subject),
-        file_format="trc",
-        rate_hz=rate,
-        unit=LengthUnit(unit, convert_unit_to_metres(unit, where=str(path))),
-        up_axis=up_axis,
+        unit=content.header.get("units", ""),
+        rate_hz=content.header.get("datarate", "").replace(",", "."),
+        times=read_times(path, content.rows, 1, "Time") if has_times else None,
         usual_up="y",
         notes=notes,
     )
@@ -164,25 +147,6 @@ def _parse_header(lines: list[list[str]]) -> dict[str, str]:
     return dict(zip(keys, values, strict=True)) if len(values) == len(keys) else {}
 
 
-def _find_trc_rate(path: Path, content: _Content, notes: list[str]) -> float:
-    declared = content.header.get("datarate", "")
-    lines = [line for line, _ in content.rows]
-    printed = [cells[1] for _, cells in content.rows]
-    if not any(printed):
-        return check_rate(path, declared or None, said="has no times and declares")
-    time_s = to_numbers(path, content.rows, [1], ["Time"])[:, 0]
-    try:
-        header_hz = float(declared)
-    except ValueError:
-        header_hz = 0.0
-    header_hz = header_hz if 0.0 < header_hz < float("inf") else 0.0
-    rate = find_frame_rate(path, time_s, lines, digit_s=find_last_digit(printed, time_s), declared_hz=header_hz or None)
-    if rate != header_hz:
-        notes.append(f"the header states {declared or 'no rate'} Hz, the times {rate:g} Hz; the times were used")
-        warn_caller(f"{path}: {notes[-1]}. If that is wrong, give the rate: rate_hz=...")
-    return rate
-
-
 def _is_other(declared: str, count: int) -> bool:
     """Return True if a header states another number. Numbers may have thousands of digits."""
     return declared.isdecimal() and (len(declared) > LONGEST_NUMBER or int(declared) != count)
@@ -230,12 +194,12 @@ def _list_content_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
     return [(i + 1, line) for i, line in enumerate(lines) if line.strip(' \t,;"') and not line.startswith("# ")]
 
 
-def _split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
+def _split_rows(path: Path, lines: Sequence[str]) -> list[Row]:
     """Split the content lines into numbered rows of cells."""
-    # the function also returns the delimiter: the most frequent of tab, ; and , in the first line
+    # the delimiter is the most frequent of tab, ; and , in the first line
     numbered = _list_content_lines(lines)
     if not numbered:
-        return [], ","
+        return []
     first = numbered[0][1]
     delimiter = max("\t;,", key=first.count)
     check_cost(path, CELL_BYTES * sum(line.count(delimiter) for _, line in numbered), MotionError)
@@ -249,7 +213,7 @@ def _split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
         # blanks matter only in names, and stripping millions of numbers takes longer than reading
         # them patterns are fast on short names only
         rows.append((number, [" ".join(cell[:MAX_TITLE].split()) for cell in cells] if len(rows) < 2 else cells))
-    return rows, delimiter
+    return rows
 
 
 def read_header(path: Path, rows: Sequence[Row]) -> Header:
@@ -369,7 +333,7 @@ def sniff_table(path: Path, head: bytes) -> bool:
         with path.open("rb") as file:
             head = file.read(HEADER_BYTES)
     try:
-        rows, _ = _split_rows(path, [line for _, line in _list_content_lines(decode(head).splitlines())[:2]])
+        rows = _split_rows(path, [line for _, line in _list_content_lines(decode(head).splitlines())[:2]])
     except MotionError:
         return False
     # the first rows name coordinates of points, even if in an unknown unit
@@ -387,11 +351,12 @@ def read_table(
     units: str | None = None,
     up_axis: str | None = None,
     rate_hz: float | None = None,
+    resample_hz: float | None = None,
     missing: float | None = None,
 ) -> Motion:
     """Read the points of a delimited table, not cleaned."""
     # the column of times is time_s, time_ms or Time; without a unit, times are in s
-    rows, delimiter = _split_rows(path, read_lines(path))
+    rows = _split_rows(path, read_lines(path))
     if not rows:
         raise MotionError(f"{path}: holds no rows")
     header = read_header(path, rows)
@@ -404,11 +369,13 @@ def read_table(
                 f"{path}: line {line} has {len(cells)} cells; its header names {n_columns} columns. Correct the line "
                 "or, if the file is truncated there, remove it."
             )
-    comma = delimiter == ";"
-    rate = _find_rate(path, header, frames, rate_hz, comma)
+    if header.time_column is None and rate_hz is None:
+        raise MotionError(
+            f"{path}: has no column of times (time_s, time_ms or Time); give the frame rate: rate_hz=..., or add one"
+        )
     columns = [i for places in header.columns for i in places]
     titles = [header.titles[i] for i in columns]
-    position = to_numbers(path, frames, columns, titles, decimal_comma=comma).reshape(len(frames), -1, 3)
+    position = to_numbers(path, frames, columns, titles).reshape(len(frames), -1, 3)
     if missing is not None and (isinstance(missing, bool) or not isinstance(missing, int | float)):
         raise MotionError(f"{path}: missing={missing!r} is not a number; give the number that means not seen")
     if missing is None and header.is_accad:
@@ -417,42 +384,25 @@ def read_table(
         position[(position == float(missing)).all(axis=2)] = np.nan
     notes = [f"columns left out: {', '.join(header.left_out)}"] if header.left_out else []
     names = _find_coordinate_units(path, header, units, notes)
-    metres = np.array([[convert_unit_to_metres(name, where=str(path)) for name in point] for point in names])
     if header.is_accad and units is None:
-        size = float(np.nan_to_num(measure_body_extent(position * metres)).max())
+        size = float(np.nan_to_num(measure_body_extent(position * 1e-3)).max())
         if not BODY_M[0] < size < BODY_M[1]:
             raise MotionError(
                 f"{path}: its points would span {size:.3g} m if it is in mm, as ACCAD files are; give the true unit: "
                 "units='cm' or 'm'"
             )
-    flat = [name for point in names for name in point]
-    first = max(dict.fromkeys(flat), key=flat.count)
-    body = pick_markers(path, header.labels, subject=subject)
-    return make_point_motion(
+    times = None
+    if header.time_column is not None and rate_hz is None:
+        title = header.titles[header.time_column]
+        times = read_times(path, frames, header.time_column, title, factor=header.time_factor)
+    return make_timed_motion(
         path,
-        position,
-        body,
+        Points(header.labels, position, each=names, times=times, notes=notes),
         file_format="table",
-        rate_hz=rate,
-        unit=LengthUnit(first, convert_unit_to_metres(first, where=str(path)), each=metres[body.kept]),
+        subject=subject,
         up_axis=up_axis,
-        notes=notes,
-    )
-
-
-def _find_rate(path: Path, header: Header, frames: Sequence[Row], rate_hz: float | None, comma: bool) -> float:
-    """Return the frame rate, from the option or times."""
-    if rate_hz is not None:
-        return check_rate(path, rate_hz, said="was given")
-    column = header.time_column
-    if column is None:
-        raise MotionError(
-            f"{path}: has no column of times (time_s, time_ms or Time); give the frame rate: rate_hz=..., or add one"
-        )
-    time_s = to_numbers(path, frames, [column], [header.titles[column]], decimal_comma=comma)[:, 0] * header.time_factor
-    printed = [cells[column].replace(",", ".") for _, cells in frames]
-    return find_frame_rate(
-        path, time_s, [line for line, _ in frames], digit_s=find_last_digit(printed, time_s, header.time_factor)
+        rate_hz=rate_hz,
+        resample_hz=resample_hz,
     )
 
 

@@ -1,17 +1,31 @@
-"""Text of motion files: lines, tables, frame rates."""
+"""Text of motion files: lines, tables of numbers, and the frames of points with a time axis."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.documents import CELL_BYTES, check_cost
-from doppelgait.core.errors import MotionError
-from doppelgait.motion.readers.points import MAX_RATE_HZ, MIN_RATE_HZ
+from doppelgait.core.errors import MotionError, warn_caller
+from doppelgait.core.plugins import plugin
+from doppelgait.motion.motion import Motion
+from doppelgait.motion.readers.points import (
+    MAX_RATE_HZ,
+    MIN_FRAMES,
+    MIN_RATE_HZ,
+    LengthUnit,
+    check_amount,
+    check_rate,
+    convert_unit_to_metres,
+    find_unit,
+    make_point_motion,
+    pick_markers,
+)
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -72,6 +86,7 @@ Row = tuple[int, list[str]]
 """Line number, from 1, and cells of the line."""
 
 MAX_BYTES = 2**30
+HEAD_ROWS = 20
 _BLANK = {"", "na", "n/a", "null", "none", "-"}
 
 
@@ -100,12 +115,17 @@ def trim_cells(cells: Sequence[str]) -> list[str]:
     return list(cells[: last + 1])
 
 
-def to_numbers(
-    path: Path, rows: Sequence[Row], columns: Sequence[int], titles: Sequence[str], *, decimal_comma: bool = False
-) -> FloatArray:
+def has_decimal_comma(rows: Sequence[Row]) -> bool:
+    """Return True if numbers of the first rows have decimal commas, and none a point."""
+    cells = [cell for _, row in rows[:HEAD_ROWS] for cell in row]
+    return any(is_finite(cell.replace(",", ".")) for cell in cells if "," in cell) and not any("." in c for c in cells)
+
+
+def to_numbers(path: Path, rows: Sequence[Row], columns: Sequence[int], titles: Sequence[str]) -> FloatArray:
     """Convert cells to numbers, shape (rows, columns)."""
     # blank cells, na, n/a, null, none and - become NaN
     values = np.empty((len(rows), len(columns)))
+    decimal_comma = has_decimal_comma(rows)
     for k, (line, cells) in enumerate(rows):
         wanted = [cells[i] for i in columns]
         if decimal_comma:
@@ -130,14 +150,38 @@ JITTER = 0.01
 """Maximum time error of a frame, in frames. A larger one causes a false velocity."""
 COARSEST = 0.4
 """Maximum rounding of a printed time, in frames. A missing frame appears as 0.5."""
+MAX_STEP = 2.5
+"""Maximum step of irregular times to interpolate over, in median steps. A longer one is a gap."""
 INSTEAD = "or give rate_hz= if the frames are evenly spaced nevertheless"
 
 
-def find_frame_rate(
-    path: Path, time_s: FloatArray, lines: Sequence[int], *, digit_s: float, declared_hz: float | None = None
-) -> float:
-    """Determine the frame rate from frame times. Shapes: time_s (T,)."""
+@dataclass(frozen=True)
+class Times:
+    """Times of the frames, their lines, and the units of their last digits. Shapes: time_s (T,)."""
+
+    time_s: FloatArray
+    lines: Sequence[int]
+    printed_s: float
+    significant_s: float
+
+
+def read_times(path: Path, rows: Sequence[Row], column: int, title: str, *, factor: float = 1.0) -> Times:
+    """Read a column of times."""
+    time_s = to_numbers(path, rows, [column], [title])[:, 0] * factor
+    printed = [cells[column].strip().replace(",", ".").partition(".")[2] for _, cells in rows]
+    decimals = [digits for digits in printed if "e" not in digits.lower()] or ["0" * 14 + "1"]
+    # large numbers printed to nine significant digits have fewer decimals
+    least_s = 1e-8 * float(np.abs(np.nan_to_num(time_s)).max())
+    # some programs print times that are rounded to the millisecond with six decimals
+    digits = (max(map(len, decimals)), max(len(word.rstrip("0")) for word in decimals))
+    printed_s, significant_s = (max(10.0**-n * factor, least_s) for n in digits)
+    return Times(time_s, [line for line, _ in rows], printed_s, significant_s)
+
+
+def find_frame_rate(path: Path, times: Times, declared_hz: float | None = None) -> tuple[float, int]:
+    """Determine the frame rate and how many frames have it: all, or all but the last."""
     # it is the declared rate if the times agree with it
+    time_s, lines = times.time_s, times.lines
     step = np.diff(time_s)
     if np.isnan(time_s).any():
         raise MotionError(f"{path}: line {lines[int(np.isnan(time_s).argmax())]} has no time. Add it, {INSTEAD}.")
@@ -145,24 +189,32 @@ def find_frame_rate(
         k = int((step <= 0).argmax())
         raise MotionError(
             f"{path}: line {lines[k + 1]}: the time does not increase ({time_s[k]:g} s, then {time_s[k + 1]:g} s). "
-            f"Correct it, {INSTEAD}."
+            f"Correct it, interpolate over the increasing times: resample_hz=..., {INSTEAD}."
         )
     fit = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
-    candidates = [declared_hz or 0.0, *(round(fit, decimals) for decimals in range(7))]
-    rate = next((hz for hz in candidates if hz > 0 and _offset_s(time_s, hz) <= _rounding_s(digit_s, hz)), fit)
-    if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
+    if not MIN_RATE_HZ <= fit <= MAX_RATE_HZ:
         raise MotionError(
             f"{path}: its times step by {1 / fit:.6g} s, {fit:.4g} frames a second; allowed are {MIN_RATE_HZ:g} to "
             f"{MAX_RATE_HZ:g}. If they are not in seconds, give the rate: rate_hz=..."
         )
-    if _offset_s(time_s, rate) > max(_rounding_s(digit_s, rate), JITTER / rate):
-        odd = int(np.abs(step - np.median(step)).argmax())
-        raise MotionError(
-            f"{path}: line {lines[odd + 1]}: the time steps by {step[odd]:.6g} s, but most frames are "
-            f"{np.median(step):.6g} s apart. Frames must be evenly spaced: add missing frames with blank cells, "
-            f"resample, {INSTEAD}."
-        )
-    return rate
+    for n in (len(time_s), len(time_s) - 1):
+        rate = _fit_rate(time_s[:n], times, declared_hz) if n >= MIN_FRAMES else np.nan
+        if rate == rate:
+            return rate, n
+    odd = int(np.abs(step - np.median(step)).argmax())
+    raise MotionError(
+        f"{path}: line {lines[odd + 1]}: the time steps by {step[odd]:.6g} s, but most frames are "
+        f"{np.median(step):.6g} s apart. Frames must be evenly spaced: interpolate over the times: resample_hz=..., "
+        f"add missing frames with blank cells, {INSTEAD}."
+    )
+
+
+def _fit_rate(time_s: FloatArray, times: Times, declared_hz: float | None) -> float:
+    """Return the frame rate of even times, NaN if they are uneven."""
+    fit = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
+    candidates = [declared_hz or 0.0, *(round(fit, decimals) for decimals in range(7))]
+    rate = next((hz for hz in candidates if hz > 0 and _offset_s(time_s, hz) <= _rounding_s(times, hz)), fit)
+    return rate if _offset_s(time_s, rate) <= max(_rounding_s(times, rate), JITTER / rate) else float("nan")
 
 
 def _offset_s(time_s: FloatArray, rate_hz: float) -> float:
@@ -171,14 +223,162 @@ def _offset_s(time_s: FloatArray, rate_hz: float) -> float:
     return float(np.ptp(time_s - np.arange(len(time_s)) / rate_hz)) / 2.0
 
 
-def _rounding_s(digit_s: float, rate_hz: float) -> float:
+def _rounding_s(times: Times, rate_hz: float) -> float:
     """Return the largest deviation that rounding explains."""
+    # if a whole number of digits is a period, rounding to them moves all frames alike
+    digits = 1.0 / (rate_hz * times.significant_s)
+    digit_s = times.printed_s if abs(digits - round(digits)) < 1e-6 * digits else times.significant_s
     return min(0.5 * digit_s * (1.0 + 1e-6), COARSEST / rate_hz)
 
 
-def find_last_digit(cells: Sequence[str], time_s: FloatArray, factor: float = 1.0) -> float:
-    """Return the unit of a time column's last printed digit, s."""
-    # it is at least 1e-8 of the largest time
-    decimals = max((len(cell.strip().partition(".")[2]) for cell in cells if "e" not in cell.lower()), default=15)
-    # large numbers printed to nine significant digits have fewer decimals
-    return max(10.0**-decimals * factor, 1e-8 * float(np.abs(np.nan_to_num(time_s)).max()))
+def resample(path: Path, position: FloatArray, time_s: FloatArray, rate_hz: float) -> FloatArray:
+    """Interpolate positions over uneven times by cubic splines. Shapes: position (T, P, 3)."""
+    from scipy.interpolate import CubicSpline
+
+    # frames whose time does not increase repeat an earlier one
+    kept = time_s > np.fmax.accumulate(np.concatenate([[-np.inf], time_s[:-1]]))
+    check_amount(path, int(kept.sum()))
+    time_s, position = time_s[kept], position[kept]
+    n_frames = int((time_s[-1] - time_s[0]) * rate_hz * (1.0 + 1e-12)) + 1
+    check_cost(path, 8.0 * position[0].size * n_frames, MotionError)
+    even_s, longest_s = time_s[0] + np.arange(n_frames) / rate_hz, MAX_STEP * float(np.median(np.diff(time_s)))
+    result = np.full((n_frames, *position.shape[1:]), np.nan)
+    for p in range(position.shape[1]):
+        seen = np.isfinite(position[:, p]).all(axis=1)
+        if seen.sum() < 2:
+            continue
+        seen_s = time_s[seen]
+        after = np.clip(np.searchsorted(seen_s, even_s, side="right"), 1, len(seen_s) - 1)
+        near = (np.diff(seen_s)[after - 1] <= longest_s) & (even_s >= seen_s[0]) & (even_s <= seen_s[-1])
+        result[near, p] = CubicSpline(seen_s, position[seen, p])(even_s[near])
+    return result
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points of a file, with what it states about rate and unit. Shapes: position (T, P, 3).
+
+    An empty unit is guessed; None must be given. ``each`` are the units of the single coordinates.
+    """
+
+    labels: Sequence[str]
+    position: FloatArray
+    unit: str | None = None
+    each: Sequence[Sequence[str]] | None = None
+    rate_hz: float | str | None = None
+    times: Times | None = None
+    usual_up: str = "z"
+    parts: Mapping[str, str] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+
+
+def make_timed_motion(
+    path: Path,
+    points: Points,
+    *,
+    file_format: str,
+    subject: str | None = None,
+    units: str | None = None,
+    up_axis: str | None = None,
+    rate_hz: float | None = None,
+    resample_hz: float | None = None,
+) -> Motion:
+    """Make the motion of one body's points over a time axis."""
+    check_amount(path, len(points.position), len(points.labels))
+    lacks_rate = rate_hz is None and points.times is None and points.rate_hz is None
+    unit = units or points.unit
+    if missing := [
+        *(["frame rate: rate_hz=..."] if lacks_rate else []),
+        *(["length unit: units='mm', 'cm' or 'm'"] if unit is None and points.each is None else []),
+    ]:
+        raise MotionError(
+            f"{path}: states no {' and no '.join(name.split(':')[0] for name in missing)}; give the "
+            f"{', and the '.join(missing)}"
+        )
+    notes = list(points.notes)
+    position, rate = _space_evenly(path, points, notes, rate_hz, resample_hz)
+    body = pick_markers(path, points.labels, subject=subject, known_parts=points.parts)
+    each = None
+    if points.each is not None:
+        each = np.array([[convert_unit_to_metres(name, where=str(path)) for name in point] for point in points.each])
+        flat = [name for point in points.each for name in point]
+        unit = max(dict.fromkeys(flat), key=flat.count)
+    unit = find_unit(path, unit or "", position)
+    return make_point_motion(
+        path,
+        position,
+        body,
+        file_format=file_format,
+        rate_hz=rate,
+        unit=LengthUnit(
+            unit, convert_unit_to_metres(unit, where=str(path)), each=None if each is None else each[body.kept]
+        ),
+        up_axis=up_axis,
+        usual_up=points.usual_up,
+        notes=notes,
+    )
+
+
+def _space_evenly(
+    path: Path, points: Points, notes: list[str], rate_hz: float | None, resample_hz: float | None
+) -> tuple[FloatArray, float]:
+    """Return evenly spaced positions and their rate, of options, times or header."""
+    times, position = points.times, points.position
+    if resample_hz is not None:
+        if times is None or rate_hz is not None:
+            why = "holds no times to interpolate over" if times is None else "rate_hz says that frames are even"
+            raise MotionError(f"{path}: resample_hz={resample_hz!r} is not possible: {why}; give one of them only")
+        rate = check_rate(path, resample_hz, said="resample_hz is")
+        even = resample(path, position, times.time_s, rate)
+        notes.append(f"resampled from {len(position)} frames at their own times to {rate:g} Hz by cubic splines")
+        return even, rate
+    if rate_hz is not None:
+        return position, check_rate(path, rate_hz, said="was given")
+    if times is None:
+        return position, check_rate(path, points.rate_hz, said="declares")
+    try:
+        declared = float(points.rate_hz or 0.0)
+    except ValueError:
+        declared = 0.0
+    declared = declared if 0.0 < declared < float("inf") else 0.0
+    rate, n = find_frame_rate(path, times, declared or None)
+    if n < len(position):
+        step_s = float(times.time_s[-1] - times.time_s[-2])
+        notes.append(f"the last frame, {step_s:.4g} s after the one before at {rate:g} Hz, was left out")
+    if points.rate_hz is not None and rate != declared:
+        notes.append(f"the header states {points.rate_hz or 'no rate'} Hz, the times {rate:g} Hz; the times were used")
+        warn_caller(f"{path}: {notes[-1]}. If that is wrong, give the rate: rate_hz=...")
+    return position[:n], rate
+
+
+def point_format(
+    name: str, sniff: Callable[[Path, bytes], bool], suffixes: Sequence[str]
+) -> Callable[[Callable[[Path], Points]], Callable[[Path], Points]]:
+    """Register a parser of points as a motion reader with the usual options."""
+
+    def register(parse: Callable[[Path], Points]) -> Callable[[Path], Points]:
+        @plugin("motion_reader", name, sniff=sniff, suffixes=tuple(suffixes))
+        def read(
+            path: Path,
+            *,
+            subject: str | None = None,
+            units: str | None = None,
+            up_axis: str | None = None,
+            rate_hz: float | None = None,
+            resample_hz: float | None = None,
+        ) -> Motion:
+            return make_timed_motion(
+                path,
+                parse(path),
+                file_format=name,
+                subject=subject,
+                units=units,
+                up_axis=up_axis,
+                rate_hz=rate_hz,
+                resample_hz=resample_hz,
+            )
+
+        read.__doc__ = parse.__doc__
+        return parse
+
+    return register
