@@ -506,7 +506,7 @@ def _follow_xethru_frames(path: Path, stream: Stream, options: Mapping[str, Any]
     assert kind is not None
     stated = {key: options.get(key) for key in TYPICAL}
     further = {key: value for key, value in options.items() if key not in TYPICAL}
-    head = np.dtype(list(kind.header))
+    head = kind.header
     content, first = b"", None
     for chunk in _file_bytes(path, stream):
         content += chunk

@@ -19,7 +19,7 @@ from doppelgait.radar.xethru import (
     sniff_xethru,
     write_xethru,
 )
-from doppelgait.radar.xethru.records import find_data_type_by_mask
+from doppelgait.radar.xethru.records import TYPES_BY_MASK
 
 pytestmark = pytest.mark.shared
 
@@ -109,7 +109,7 @@ def written_again(folder: Path, name: str, zone_h: int, into: Path) -> Path:
 def timed_records(place: Path, meta: Any, start_ms: int) -> list[TimedRecord]:
     found = []
     for entry in meta.records:
-        kind = find_data_type_by_mask(int(entry["data_type"]))
+        kind = TYPES_BY_MASK.get(int(entry["data_type"]))
         if kind is not None:
             data = (place / meta.file_names[entry["file"]]).read_bytes()
             content = data[entry["offset"] : entry["offset"] + entry["size"]]

@@ -9,7 +9,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -67,6 +67,7 @@ CONVERTIBLE = (
     "datafloat",
 )
 """Data types that contain a baseband or can be converted to one."""
+Q15_MAX = 32767
 RF_DECIMATION = 8
 DRIVER_SPEED_OF_LIGHT_MPS = 3.0e8
 """Speed of light in the driver, on which the bin lengths in its files are based."""
@@ -183,14 +184,11 @@ def read_xethru_recording(
         "counts_per_unit": counts_per_unit,
     }
     file = Path(path)
-    for option, word_used, words in (
-        ("kind", kind, ("baseband", "rf")),
-        ("iq", iq, ("separate", "interleaved")),
-        ("conjugate", conjugate, (False, True)),
-    ):
-        if not any(word_used is word or (isinstance(word, str) and word_used == word) for word in words):
-            allowed = " and ".join(repr(word) for word in words)
-            raise RecordingError(f"{file}: {option} = {word_used!r} is not allowed; allowed are {allowed}")
+    choices = {"kind": (kind, "baseband", "rf"), "iq": (iq, "separate", "interleaved")}
+    for option, (value, *allowed) in {**choices, "conjugate": (conjugate, False, True)}.items():
+        if type(value) is not type(allowed[0]) or value not in allowed:
+            words = " and ".join(map(repr, allowed))
+            raise RecordingError(f"{file}: {option} = {value!r} is not allowed; allowed are {words}")
     content = read_xethru(path)
     usable = [name for name, stream in content.streams.items() if name in CONVERTIBLE and len(stream)]
     held = ", ".join(content.streams)
@@ -262,7 +260,7 @@ def convert_records(
     if is_rf:
         values, range_m = _from_rf(source, facts, filter)
     else:
-        values = _from_datafloat(source, iq) if source.name == "datafloat" else _from_pairs(source)
+        values = _decode(source, iq)
         range_m = facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(values.shape[1], dtype=np.float64)
     made = adapt_preset(
         source.path,
@@ -302,34 +300,45 @@ def _read_constant(source: Records, name: str) -> float:
     return float(str(values[0]))
 
 
-def _from_pairs(source: Records) -> npt.NDArray[np.complex64]:
-    records = source.records
+def _decode(source: Records, iq: str) -> npt.NDArray[np.complex64]:
+    """Return the baseband (record, bin) of records, in their unit; :func:`encode` is the inverse."""
+    records, name = source.records, source.name
     with np.errstate(over="ignore", invalid="ignore"):  # damaged values raise an error later, with their position
-        if source.name == "baseband_ap":
+        if name == "baseband_ap":
             source.notes.append("amplitude is taken as magnitude in the driver's unit, phase in rad: not in the file")
             return np.asarray(records["amplitude"] * np.exp(1j * records["phase_rad"]), dtype=np.complex64)
+        if name == "datafloat":
+            values, half = records["values"], records["values"].shape[1] // 2
+            if values.shape[1] % 2:
+                raise RecordingError(
+                    f"{source.path}: the records hold {values.shape[1]} values, which is odd; baseband has as many I "
+                    "as Q. If they are RF frames, give kind='rf'"
+                )
+            source.notes.append(f"values are baseband, I and Q {iq}: not in the file")
+            pairs = values.reshape(-1, 2, half).swapaxes(1, 2) if iq == "separate" else values.reshape(-1, half, 2)
+            return np.ascontiguousarray(pairs).view(np.complex64)[..., 0]
         values = records["i"] + np.complex64(1j) * records["q"]
-        if source.name == "radar_baseband_q15":
+        if name == "radar_baseband_q15":
             source.notes.append("scaling factor is taken as the size of one integer step: not in the file")
             values = values * records["scale"][:, None]
-    return np.asarray(values, dtype=np.complex64)
+        return np.asarray(values, dtype=np.complex64)
 
 
-def _from_datafloat(source: Records, iq: str) -> npt.NDArray[np.complex64]:
-    values = source.records["values"]
-    if values.shape[1] % 2:
-        raise RecordingError(
-            f"{source.path}: the records hold {values.shape[1]} values, which is odd; baseband has as many I as Q. "
-            "If they are RF frames, give kind='rf'"
-        )
-    source.notes.append(f"values are baseband, I and Q {iq}: not in the file")
-    half = values.shape[1] // 2
-    in_phase, quadrature = (
-        (values[:, :half], values[:, half:]) if iq == "separate" else (values[:, ::2], values[:, 1::2])
-    )
-    result = np.empty((len(values), half), dtype=np.complex64)
-    result.real, result.imag = in_phase, quadrature
-    return result
+def encode(name: str, values: npt.NDArray[np.complex64]) -> dict[str, Any]:
+    """Return the fields of records of a type from baseband (record, bin), in their unit."""
+    if name == "datafloat":
+        return {"values": np.concatenate([values.real, values.imag], axis=1)}
+    if name == "baseband_ap":
+        return {"amplitude": np.abs(values), "phase_rad": np.angle(values)}
+    if name != "radar_baseband_q15":
+        return {"i": values.real, "q": values.imag}
+    # integers, and for each frame the factor for its maximum value
+    largest = np.maximum(np.abs(values.real), np.abs(values.imag)).max(axis=1)
+    scale = (largest / Q15_MAX).astype(np.float32)
+    scale[scale < np.finfo(np.float32).tiny] = 1.0
+    steps = values.astype(np.complex128) / scale[:, None]
+    in_phase, quadrature = (np.clip(np.rint(s), -Q15_MAX, Q15_MAX).astype("<i2") for s in (steps.real, steps.imag))
+    return {"scale": scale, "i": in_phase, "q": quadrature}
 
 
 def _from_rf(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +19,10 @@ from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.radar.xethru.records import (
     MAGIC_BYTES,
     META_NAME,
+    TYPES_BY_MASK,
     DataType,
     Meta,
     find_data_type_by_file,
-    find_data_type_by_mask,
-    iterate,
     parse_meta,
     parse_records,
     record_bytes,
@@ -62,7 +62,7 @@ class XethruStream:
         return sum(map(len, self.blocks)) + len(self.lines) + len(self.raw)
 
     def __iter__(self) -> Iterator[np.void]:
-        return iterate(list(self.blocks))
+        return chain.from_iterable(self.blocks)
 
     @property
     def records(self) -> npt.NDArray[np.void]:
@@ -121,15 +121,6 @@ class XethruRecording:
         return self.metas[0].profile_id if self.metas else 0
 
 
-@dataclass(frozen=True)
-class _DataContent:
-    """Content of one data file."""
-
-    kind: DataType
-    stream: XethruStream
-    user_header: bytes = b""
-
-
 def sniff_xethru(path: str | os.PathLike[str]) -> bool:
     """Return whether a path is a XeThru recording.
 
@@ -149,11 +140,10 @@ def sniff_xethru(path: str | os.PathLike[str]) -> bool:
         kind = find_data_type_by_file(place.name)
         if kind is None or not head:
             return False
-        if not kind.header or (place.parent / META_NAME).is_file():
+        if not kind.header_layout or (place.parent / META_NAME).is_file():
             return True
-        fixed = np.dtype(list(kind.header))
-        return len(head) >= fixed.itemsize and (
-            record_bytes(kind, count=int(np.frombuffer(head, fixed, 1)[0]["count"])) <= place.stat().st_size
+        return len(head) >= kind.header.itemsize and (
+            record_bytes(kind, count=int(np.frombuffer(head, kind.header, 1)[0]["count"])) <= place.stat().st_size
         )
     except (OSError, ValueError):
         return False
@@ -181,43 +171,40 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
     """
     place = _find_main_path(Path(path))
     try:
-        if find_data_type_by_file(place.name) is not None:
-            # one data file; its times are known if a valid meta file in its folder lists it
-            file = place
-            if not file.is_file():
-                raise RecordingError(f"{file}: no such file")
-            kind = find_data_type_by_file(file.name)
-            meta, reason = _find_listing_meta(file)
-            if meta is not None:
-                return _join(file, [_read_listed(file, meta, meta.file_names.index(file.name), 0)], (meta,))
-            content = _read_bytes(file)
-            if not content:
-                raise RecordingError(f"{file}: is empty (0 bytes)")
-            if kind is None or not (kind.header or kind.text):
-                raise RecordingError(f"{file}: its records can only be cut with a meta file: {reason}")
-            warn_caller(f"{file}: read without the times of its records: {reason}")
-            none = np.empty(0, dtype=np.int64)
-            stream = (
-                _read_text_stream(kind, content, none) if kind.text else _read_binary_stream(file, kind, content, None)
-            )
-            if not len(stream):
-                raise RecordingError(
-                    f"{file}: holds no whole record of {kind.name}; it is cut off, damaged or of another kind"
-                )
-            return _join(file, [_DataContent(kind, stream)], ())
-        chain = _list_chain(place)
+        if (kind := find_data_type_by_file(place.name)) is not None:
+            return _read_data_file(place, kind)
+        parts = _list_chain(place)
         contents = []
-        for meta_path, meta in chain:
-            shift_ms = meta.start_ms - chain[0][1].start_ms
+        for meta_path, meta in parts:
+            shift_ms = meta.start_ms - parts[0][1].start_ms
             if abs(shift_ms) > LONGEST_MS:
                 raise RecordingError(
-                    f"{meta_path}: starts {shift_ms / 8.64e7:,.0f} days after {chain[0][0]}; one is damaged"
+                    f"{meta_path}: starts {shift_ms / 8.64e7:,.0f} days after {parts[0][0]}; one is damaged"
                 )
             for number, name in enumerate(meta.file_names):
                 contents.append(_read_listed(meta_path.parent / name, meta, number, shift_ms))
-        return _join(Path(path), contents, tuple(meta for _, meta in chain))
+        return _join(Path(path), contents, tuple(meta for _, meta in parts))
     except OSError as error:
         raise RecordingError(f"{place}: cannot be read: {error.strerror or error}") from None
+
+
+def _read_data_file(file: Path, kind: DataType) -> XethruRecording:
+    """Read one data file; its times are known if a valid meta file in its folder lists it."""
+    if not file.is_file():
+        raise RecordingError(f"{file}: no such file")
+    meta, reason = _find_listing_meta(file)
+    if meta is not None:
+        return _join(file, [_read_listed(file, meta, meta.file_names.index(file.name), 0)], (meta,))
+    content = _read_bytes(file)
+    if not content:
+        raise RecordingError(f"{file}: is empty (0 bytes)")
+    if not (kind.header_layout or kind.text):
+        raise RecordingError(f"{file}: its records can only be cut with a meta file: {reason}")
+    warn_caller(f"{file}: read without the times of its records: {reason}")
+    stream = _read_stream(file, kind, content, None)
+    if not len(stream):
+        raise RecordingError(f"{file}: holds no whole record of {kind.name}; it is cut off, damaged or of another kind")
+    return _join(file, [(stream, b"")], ())
 
 
 def _find_main_path(path: Path) -> Path:
@@ -266,13 +253,14 @@ def _list_chain(first: Path) -> list[tuple[Path, Meta]]:
     raise RecordingError(f"{first}: is split over more than {MAX_PARTS:,} folders")
 
 
-def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> _DataContent:
+def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> tuple[XethruStream, bytes]:
+    """Read a data file as its meta file lists it: records and user header."""
     entries = meta.records
     entries = entries[entries["file"] == number]
     header = entries["data_type"] >> 31 == 1
     masks = entries["data_type"][~header]
     named = find_data_type_by_file(file.name)
-    kind = find_data_type_by_mask(int(masks[0])) if masks.size else named
+    kind = TYPES_BY_MASK.get(int(masks[0])) if masks.size else named
     if kind is None or np.any(masks != kind.mask) or (named is not None and named != kind):
         raise RecordingError(
             f"{file}: the meta file gives its records the data types {sorted({int(m) for m in masks})[:4]}; one known "
@@ -284,23 +272,19 @@ def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> _DataCon
         )
     content = _read_bytes(file)
     first = min(int(entries["size"][header].sum(dtype=np.int64)), len(content))
-    times = entries["time_ms"][~header].astype(np.int64) + shift_ms
-    if kind.text:
-        stream = _read_text_stream(kind, content[first:], times)
-    elif kind.header:
-        stream = _read_binary_stream(file, kind, content[first:], times)
-    else:
-        entries = entries[~header]
-        ends = entries["offset"] + entries["size"].astype(np.int64)
-        whole = np.flatnonzero(ends > len(content))
-        count = int(whole[0]) if whole.size else len(entries)
-        if count < len(entries):
-            warn_caller(f"{file}: {count:,} records of {len(entries):,} read; it is cut off at byte {len(content):,}")
-        if int(entries["size"][:count].sum(dtype=np.int64)) > len(content):
-            raise RecordingError(f"{file}: its records overlap by the meta file in its folder, which is damaged")
-        raw = tuple(content[int(e["offset"]) : int(e["offset"]) + int(e["size"])] for e in entries[:count])
-        stream = XethruStream(kind, time_ms=times[:count], raw=raw)
-    return _DataContent(kind, stream, content[:first])
+    entries = entries[~header]
+    times = entries["time_ms"].astype(np.int64) + shift_ms
+    if kind.text or kind.header_layout:
+        return _read_stream(file, kind, content[first:], times), content[:first]
+    ends = entries["offset"] + entries["size"].astype(np.int64)
+    whole = np.flatnonzero(ends > len(content))
+    count = int(whole[0]) if whole.size else len(entries)
+    if count < len(entries):
+        warn_caller(f"{file}: {count:,} records of {len(entries):,} read; it is cut off at byte {len(content):,}")
+    if int(entries["size"][:count].sum(dtype=np.int64)) > len(content):
+        raise RecordingError(f"{file}: its records overlap by the meta file in its folder, which is damaged")
+    raw = tuple(content[int(e["offset"]) : int(e["offset"]) + int(e["size"])] for e in entries[:count])
+    return XethruStream(kind, time_ms=times[:count], raw=raw), content[:first]
 
 
 def _read_bytes(file: Path) -> bytes:
@@ -310,9 +294,12 @@ def _read_bytes(file: Path) -> bytes:
     return content
 
 
-def _read_binary_stream(
-    file: Path, kind: DataType, content: bytes, times: npt.NDArray[np.int64] | None
-) -> XethruStream:
+def _read_stream(file: Path, kind: DataType, content: bytes, times: npt.NDArray[np.int64] | None) -> XethruStream:
+    """Split lines or records of a known layout, with times if they are known."""
+    known = np.empty(0, dtype=np.int64) if times is None else times
+    if kind.text:
+        lines = tuple(content.decode("utf-8", errors="replace").splitlines())
+        return XethruStream(kind, time_ms=known[: len(lines)], lines=lines)
     blocks, used = parse_records(content, kind)
     count = sum(map(len, blocks))
     if used < len(content) or (times is not None and count != times.size):
@@ -320,13 +307,7 @@ def _read_binary_stream(
         warn_caller(
             f"{file}: {count:,} records {of} read; after byte {used:,} of {len(content):,} it is cut off or damaged"
         )
-    known = np.empty(0, dtype=np.int64) if times is None else times[:count]
-    return XethruStream(kind, tuple(blocks), time_ms=known)
-
-
-def _read_text_stream(kind: DataType, content: bytes, times: npt.NDArray[np.int64]) -> XethruStream:
-    lines = tuple(content.decode("utf-8", errors="replace").splitlines())
-    return XethruStream(kind, time_ms=times[: len(lines)], lines=lines)
+    return XethruStream(kind, tuple(blocks), time_ms=known[:count])
 
 
 def _find_listing_meta(file: Path) -> tuple[Meta | None, str]:
@@ -340,23 +321,25 @@ def _find_listing_meta(file: Path) -> tuple[Meta | None, str]:
     return (meta, "") if file.name in meta.file_names else (None, f"the {META_NAME} in its folder does not list it")
 
 
-def _join(path: Path, contents: Sequence[_DataContent], metas: tuple[Meta, ...]) -> XethruRecording:
+def _join(path: Path, contents: Sequence[tuple[XethruStream, bytes]], metas: tuple[Meta, ...]) -> XethruRecording:
+    """Join the streams of data files by type; the first user header of a type counts."""
     streams: dict[str, list[XethruStream]] = {}
     headers: dict[str, bytes] = {}
-    for content in contents:
-        streams.setdefault(content.kind.name, []).append(content.stream)
-        if content.user_header:
-            headers.setdefault(content.kind.name, content.user_header)
-    joined = {}
-    for name, parts in streams.items():
-        timed = all(part.time_ms.size == len(part) for part in parts)
-        joined[name] = XethruStream(
-            parts[0].data_type,
-            tuple(block for part in parts for block in part.blocks),
-            np.concatenate([part.time_ms for part in parts]) if timed else np.empty(0, dtype=np.int64),
-            tuple(line for part in parts for line in part.lines),
-            tuple(raw for part in parts for raw in part.raw),
-        )
-    if not any(len(stream) for stream in joined.values()):
+    for stream, header in contents:
+        streams.setdefault(stream.data_type.name, []).append(stream)
+        if header:
+            headers.setdefault(stream.data_type.name, header)
+    if not any(map(len, chain.from_iterable(streams.values()))):
         raise RecordingError(f"{path}: holds no whole record")
-    return XethruRecording(path, joined, headers, metas)
+    return XethruRecording(path, {name: _concatenate(parts) for name, parts in streams.items()}, headers, metas)
+
+
+def _concatenate(parts: Sequence[XethruStream]) -> XethruStream:
+    timed = all(part.time_ms.size == len(part) for part in parts)
+    return XethruStream(
+        parts[0].data_type,
+        tuple(block for part in parts for block in part.blocks),
+        np.concatenate([part.time_ms for part in parts]) if timed else np.empty(0, dtype=np.int64),
+        tuple(line for part in parts for line in part.lines),
+        tuple(raw for part in parts for raw in part.raw),
+    )

@@ -25,9 +25,10 @@ from doppelgait.core.labels import sampling_rate_hz
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.radar.recording import Recording
-from doppelgait.radar.xethru.convert import CONVERTIBLE, TYPICAL
+from doppelgait.radar.xethru.convert import CONVERTIBLE, TYPICAL, encode
 from doppelgait.radar.xethru.downconvert import compute_chip_gain, up_convert_frames
 from doppelgait.radar.xethru.records import (
+    DATA_TYPES,
     ENTRY,
     FILE_CLOSED,
     META_NAME,
@@ -313,19 +314,7 @@ def _close_part(job: _Job, part: _Part, *, stop_ms: int, duration_ms: int | None
 RF_FRAMES = ("radar_rf", "radar_rf_normalized")
 SWEEP_CODES = 152
 """Number of thresholds of the sweep (949 to 1100) of written counters; one unit is 1024 thresholds."""
-Q15_MAX = 32767
 CHUNK_FRAMES = 1024
-
-
-@dataclass(frozen=True)
-class _Frames:
-    """Baseband in units of the file, and header values."""
-
-    name: str
-    values: npt.NDArray[np.complex64]
-    head: dict[str, float]
-    recording: Recording
-    counts_per_unit: float
 
 
 @plugin("radar_writer", "xethru", suffix="")
@@ -410,10 +399,9 @@ def write_xethru_recording(
         "frame_rate_hz": rate_hz,
     }
     stored = (np.conj(values) if conjugate else values).astype(np.complex64)
-    frames = _Frames(name, stored, head, recording, counts_per_unit or 1.0)
     return write_xethru(
         folder,
-        _iterate_records(frames),
+        _iterate_records(name, stored, recording, head, counts_per_unit or 1.0),
         start_time=start_time,
         session_id=session_id,
         profile_id=profile_id,
@@ -422,54 +410,40 @@ def write_xethru_recording(
     )
 
 
-def _iterate_records(frames: _Frames) -> Iterator[TimedRecord]:
-    slow_time_s = frames.recording.slow_time_s
-    times_ms = np.rint(1000.0 * (slow_time_s - slow_time_s[0])).astype(np.int64)
+def _iterate_records(
+    name: str,
+    baseband: npt.NDArray[np.complex64],
+    recording: Recording,
+    head: dict[str, float],
+    counts_per_unit: float,
+) -> Iterator[TimedRecord]:
+    """Yield the records of a baseband in units of the file."""
+    times_ms = np.rint(1000.0 * (recording.slow_time_s - recording.slow_time_s[0])).astype(np.int64)
+    decimation = recording.radar.decimation
+    stated = {**head, "decimation": decimation, "content_id": 0}  # corrections are 0
+    names = DATA_TYPES[name].header.names or ()
     for first in range(0, len(times_ms), CHUNK_FRAMES):
-        values = frames.values[first : first + CHUNK_FRAMES]
+        values = baseband[first : first + CHUNK_FRAMES]
         counters = (first + 1 + np.arange(len(values))) % 2**32
-        if frames.name == "datafloat":
-            both = np.concatenate([values.real, values.imag], axis=1)
-            records = make_records("datafloat", content_id=0, info=counters, values=both)
-        else:
-            head: dict[str, Any] = {**frames.head, "frame_counter": counters}
-            if frames.name.startswith("baseband_"):
-                del head["frame_rate_hz"]
-            if frames.name.startswith("radar_baseband_"):
-                head |= {"decimation": frames.recording.radar.decimation, "correction_bin": 0}
-                head |= {"correction_i": 0.0, "correction_q": 0.0}
-            records = make_records(frames.name, **head, **_make_payload(frames, values))
-        content, size = records.tobytes(), records.dtype.itemsize
-        for number, time_ms in enumerate(times_ms[first : first + CHUNK_FRAMES]):
-            yield TimedRecord(int(time_ms), frames.name, content[number * size : (number + 1) * size])
+        fields = {key: stated.get(key, 0) for key in names if key not in ("count", "scale")}
+        fields |= {key: counters for key in ("frame_counter", "info") if key in names}
+        payload = _encode_rf(name, values, head, decimation, counts_per_unit) if name in RF_FRAMES else None
+        records = make_records(name, **fields, **(payload or encode(name, values)))
+        for time_ms, record in zip(times_ms[first : first + CHUNK_FRAMES].tolist(), records, strict=True):
+            yield TimedRecord(time_ms, name, record.tobytes())
 
 
-def _make_payload(frames: _Frames, values: npt.NDArray[np.complex64]) -> dict[str, Any]:
-    if frames.name == "baseband_ap":
-        return {"amplitude": np.abs(values), "phase_rad": np.angle(values)}
-    if frames.name == "radar_baseband_q15":
-        # integers, and for each frame the factor for its maximum value
-        largest = np.maximum(np.abs(values.real), np.abs(values.imag)).max(axis=1)
-        scale = (largest / Q15_MAX).astype(np.float32)
-        scale[scale < np.finfo(np.float32).tiny] = 1.0
-        steps = values.astype(np.complex128) / scale[:, None]
-        in_phase, quadrature = (np.clip(np.rint(s), -Q15_MAX, Q15_MAX).astype("<i2") for s in (steps.real, steps.imag))
-        return {"scale": scale, "i": in_phase, "q": quadrature}
-    if frames.name not in RF_FRAMES:
-        return {"i": values.real, "q": values.imag}
-    rf = up_convert_frames(
-        values,
-        carrier_hz=frames.head["carrier_hz"],
-        sample_rate_hz=frames.head["sample_rate_hz"],
-        decimation=frames.recording.radar.decimation,
-        range_start_m=frames.head["range_start_m"],
-        bin_length_m=frames.head["bin_length_m"],
-    ) / compute_chip_gain(frames.head["carrier_hz"], frames.head["sample_rate_hz"], "hamming")
-    if frames.name == "radar_rf_normalized":
+def _encode_rf(
+    name: str, values: npt.NDArray[np.complex64], head: dict[str, float], decimation: int, counts_per_unit: float
+) -> dict[str, Any]:
+    frame = {key: head[key] for key in ("carrier_hz", "sample_rate_hz", "range_start_m", "bin_length_m")}
+    rf = up_convert_frames(values, decimation=decimation, **frame)
+    rf = rf / compute_chip_gain(head["carrier_hz"], head["sample_rate_hz"], "hamming")
+    if name == "radar_rf_normalized":
         return {"values": rf}
     # counters of a threshold sweep around 0; values outside it are clipped, as on the chip
-    most = SWEEP_CODES / 1024.0 * frames.counts_per_unit
-    counts = np.rint(frames.counts_per_unit * rf + most / 2.0)
+    most = SWEEP_CODES / 1024.0 * counts_per_unit
+    counts = np.rint(counts_per_unit * rf + most / 2.0)
     if clipped := int(np.count_nonzero((counts < 0) | (counts > most))):
         warn_caller(f"{clipped:,} of {counts.size:,} RF samples lie outside the threshold sweep and are clipped")
     return {"counts": np.asarray(np.clip(counts, 0, min(most, 2**32 - 1)), dtype="<u4")}
