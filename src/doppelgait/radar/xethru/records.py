@@ -288,7 +288,7 @@ def record_dtype(kind: DataType, *, count: int) -> np.dtype[np.void]:
     """Return the structured type of a record. Each of its arrays has ``count`` values."""
     if not kind.header_layout:
         raise RecordingError(f"records of the XeThru data type {kind.name} have no known layout; read its bytes")
-    return np.dtype([*kind.header.descr, *((name, code, (count,)) for name, code in kind.payload.descr)])
+    return np.dtype([*kind.header.descr, *((name, kind.payload[name], (count,)) for name in kind.payload.names or ())])
 
 
 def record_bytes(kind: DataType, *, count: int) -> int:
@@ -342,6 +342,7 @@ def make_records(name: str, **fields: Any) -> npt.NDArray[np.void]:
 def parse_records(content: bytes | memoryview, kind: DataType) -> tuple[list[npt.NDArray[np.void]], int]:
     """Split a data file into records; those of one size share one array, without a copy."""
     blocks, offset, head = [], 0, kind.header
+    count_at = head.fields["count"][1] if head.fields else 0
     while len(content) - offset >= head.itemsize:
         count = int(np.frombuffer(content, head, 1, offset)["count"][0])
         size = record_bytes(kind, count=count)
@@ -350,7 +351,7 @@ def parse_records(content: bytes | memoryview, kind: DataType) -> tuple[list[npt
             break
         while same < whole:  # twice as many records each time, so that changing sizes take linear time
             ahead = min(2 * same, whole) - same
-            at = offset + same * size + (head.fields or {})["count"][1]
+            at = offset + same * size + count_at
             different = np.flatnonzero(np.ndarray(ahead, "<u4", content, at, (size,)) != count)
             if different.size:
                 same += int(different[0])

@@ -425,7 +425,7 @@ def _iterate_records(
     for first in range(0, len(times_ms), CHUNK_FRAMES):
         values = baseband[first : first + CHUNK_FRAMES]
         counters = (first + 1 + np.arange(len(values))) % 2**32
-        fields = {key: stated.get(key, 0) for key in names if key not in ("count", "scale")}
+        fields: dict[str, Any] = {key: stated.get(key, 0) for key in names if key not in ("count", "scale")}
         fields |= {key: counters for key in ("frame_counter", "info") if key in names}
         payload = _encode_rf(name, values, head, decimation, counts_per_unit) if name in RF_FRAMES else None
         records = make_records(name, **fields, **(payload or encode(name, values)))
