@@ -28,7 +28,7 @@ from tracking import truth_of
 
 from doppelgait.core.labels import read_axis
 from doppelgait.core.rng import Streams
-from doppelgait.motion.models.confusers import fan
+from doppelgait.motion.models import fan
 from doppelgait.motion.models.human import human_gait
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.pipeline.conditions import Conditions

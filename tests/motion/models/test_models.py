@@ -1,25 +1,31 @@
 """Every registered model: its name alone gives a motion, and what is out of its range is refused."""
 
+import inspect
+import pickle
+
 import numpy as np
 import pytest
 
+import doppelgait as dg
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.keys import list_keys
 from doppelgait.motion.models import (
     MOTION_MODELS,
     BoulicConfig,
     QuadrupedConfig,
     boulic_walk,
     breathing_person,
+    crawling_person,
+    curtain,
     fan,
     generate,
     human_gait,
     moving_point,
     pendulum,
     quadruped_gait,
+    robot_vacuum,
     rotor,
 )
-from doppelgait.motion.models.confusers import curtain, robot_vacuum
-from doppelgait.motion.models.crawl import crawling_person
 from doppelgait.motion.models.human import HumanConfig
 from doppelgait.motion.models.registry import check_table, generate_all
 
@@ -151,10 +157,24 @@ def test_what_is_out_of_range_is_refused_with_the_value_and_the_range(make, opti
         assert text in str(caught.value)
 
 
-@pytest.mark.parametrize("make", [boulic_walk, human_gait, quadruped_gait, moving_point, pendulum, rotor, fan])
-def test_an_unknown_parameter_is_refused_with_those_of_the_function(make):
-    with pytest.raises(ConfigError, match=rf"{make.__name__}: speed: unknown parameter; allowed are ") as caught:
+@pytest.mark.parametrize("kind", MODELS)
+def test_a_function_refuses_and_shows_the_parameters_of_its_model(kind):
+    make, model = MODELS[kind][0], MOTION_MODELS[kind].parameters
+    with pytest.raises(ConfigError, match=rf"^{make.__name__}: speed: unknown parameter; allowed are ") as caught:
         make(speed=1.0)
-    allowed = str(caught.value).split("allowed are ")[1].split(", ")
-    assert {"duration_s", "rng", "rate_hz"} <= set(allowed)
-    assert "kind" not in allowed
+    own = [name for name in model.model_fields if name != "kind"]
+    assert str(caught.value).split("allowed are ")[1].split(", ") == sorted([*own, "duration_s", "rng"])
+    shown = inspect.signature(make).parameters
+    assert list(shown) == ["duration_s", "rng", *own]
+    assert [shown[name].default for name in own] == [model.model_fields[name].default for name in own]
+    assert make().duration_s == shown["duration_s"].default
+    for key in list_keys(model)[1:]:
+        facts = ", ".join(filter(None, (key.unit, key.limits, key.default and f"default {key.default}"))).replace(
+            "`", ""
+        )
+        for text in (make.__doc__, model.__doc__):
+            entry = text.split(f"\n{key.key} : ")[1].split("\n")
+            assert facts in entry[0]
+            assert entry[1].startswith("    ")
+            assert key.description.startswith(entry[1].strip())
+    assert getattr(dg.motion, make.__name__) is pickle.loads(pickle.dumps(make))

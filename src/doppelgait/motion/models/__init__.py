@@ -1,18 +1,23 @@
 """Motion models: people, animals, confusers and primitives."""
 
 from doppelgait.motion.models.boulic import BoulicConfig, boulic_walk, compute_boulic_points
-from doppelgait.motion.models.confusers import CurtainConfig, FanConfig, VacuumConfig, curtain, fan, robot_vacuum
 from doppelgait.motion.models.crawl import CrawlConfig, crawling_person
 from doppelgait.motion.models.human import HumanConfig, human_gait
 from doppelgait.motion.models.human_body import Person, sample_person
 from doppelgait.motion.models.primitives import (
     BreathingConfig,
+    CurtainConfig,
+    FanConfig,
     PendulumConfig,
     PointConfig,
     RotorConfig,
+    VacuumConfig,
     breathing_person,
+    curtain,
+    fan,
     moving_point,
     pendulum,
+    robot_vacuum,
     rotor,
 )
 from doppelgait.motion.models.quadruped import QuadrupedConfig, quadruped_gait

@@ -23,7 +23,6 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
-from doppelgait.core.rng import RandomSource
 from doppelgait.core.units import FloatArray, cosine, sine
 from doppelgait.motion.models.human_body import (
     LENGTHS,
@@ -32,7 +31,7 @@ from doppelgait.motion.models.human_body import (
     make_person_motions,
     place_lower_body,
 )
-from doppelgait.motion.models.registry import generate, parse_parameters
+from doppelgait.motion.models.registry import model_function
 from doppelgait.motion.models.strides import (
     Columns,
     Rngs,
@@ -218,24 +217,17 @@ _WHOLE_CYCLE = np.arange(1000) / 1000
 class BoulicConfig(FrozenModel):
     """Parameters of :func:`boulic_walk`.
 
-    Parameters
-    ----------
-    speed_mps : float
-        Mean forward speed V, above 0 and at most 3 leg lengths per second (2.58 m/s at 1.75 m).
-    height_m : float
-        Stature H, 0.6 to 2.4. The height of the figure, without that of the feet, is 0.909 H.
-    form : str
-        ``"consistent"``: all lengths in units of the leg length. ``"pendulum"``: the same with the
-        opposite fore-aft sway, so that the body is fastest in double support. ``"chen2011"``: the
-        published program, with body offsets in metres and an advance of 1.346 sqrt(q) metres per
-        cycle, so that the speed is q = V/L metres per second instead of V.
-    start_phase : float
-        Phase at the start in cycles, 0 (right foot lands) to below 1.
-    stride_variation : float
-        Standard deviation of the stride time relative to its mean, 0 to 0.1; healthy adults 0.02.
-        The stride length is constant, so that the speed varies, too.
-    rate_hz : float
-        Frames per second, 50 to 10000.
+    speed_mps: Mean forward speed V, above 0 and at most 3 leg lengths per second (2.58 m/s at 1.75
+        m).
+    height_m: Stature H. The height of the figure, without that of the feet, is 0.909 H.
+    form: ``"consistent"``: all lengths in units of the leg length. ``"pendulum"``: the same with
+        the opposite fore-aft sway, so that the body is fastest in double support. ``"chen2011"``:
+        the published program, with body offsets in metres and an advance of 1.346 sqrt(q) metres
+        per cycle, so that the speed is q = V/L metres per second instead of V.
+    start_phase: Phase at the start in cycles, 0 (right foot lands) to below 1.
+    stride_variation: Standard deviation of the stride time relative to its mean; healthy adults
+        0.02. The stride length is constant, so that the speed varies, too.
+    rate_hz: Frames per second.
     """
 
     kind: Literal["boulic"] = "boulic"
@@ -258,39 +250,19 @@ class BoulicConfig(FrozenModel):
         return self
 
 
-def boulic_walk(*, duration_s: float = 5.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
+@model_function(BoulicConfig)
+@plugin("motion_model", parameters=BoulicConfig)
+def boulic_walk(parameters: Sequence[BoulicConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
     """Generate a walking person (Boulic et al. 1990; Chen 2011).
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator or Streams, optional
-        Source of random numbers, needed if ``stride_variation`` is above 0.
-    **parameters
-        Fields of :class:`BoulicConfig`.
+    The person moves along +x from x = 0; the lowest foot point of the cycle is at z = 0. The points are
+    those of ``human_body.POINTS``.
 
-    Returns
-    -------
-    Motion
-        Motion (time, marker, space) of ``human_body.POINTS``. It moves along +x from x = 0; the
-        lowest foot point of the cycle is at z = 0.
-
-    Raises
-    ------
-    ConfigError
-        If a parameter is outside its range.
-
-    Examples
-    --------
     >>> import doppelgait as dg
     >>> motion = dg.motion.boulic_walk(speed_mps=1.2, duration_s=2.0)
     >>> round(motion.facts.gait_frequency_hz, 2), round(motion.facts.height_m, 2)  # steps per second, stature
     (1.76, 1.75)
     """
-    return generate(parse_parameters(BoulicConfig, parameters, where="boulic_walk"), duration_s=duration_s, rng=rng)
-
-
-@plugin("motion_model", parameters=BoulicConfig)
-def _generate(parameters: Sequence[BoulicConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
     columns = Columns(parameters)
     leg_m = LEG_LENGTH * columns.height_m
     q = columns.speed_mps / leg_m

@@ -7,18 +7,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
-from doppelgait.core.rng import RandomSource
 from doppelgait.core.units import FloatArray, sine
 from doppelgait.motion.models.human_body import LENGTHS, POINTS, make_person_motions
 from doppelgait.motion.models.quadruped_limbs import solve_two_links
-from doppelgait.motion.models.registry import generate, parse_parameters
+from doppelgait.motion.models.registry import model_function
 from doppelgait.motion.models.strides import Columns, Rngs, Values, scale_points, stack_columns, time_even_strides
 from doppelgait.motion.motion import Motion
 
@@ -37,20 +36,12 @@ ARM_REACH = 0.95
 class CrawlConfig(FrozenModel):
     """Parameters of :func:`crawling_person`.
 
-    Parameters
-    ----------
-    speed_mps : float
-        Mean forward speed V, 0.1 to 0.8.
-    height_m : float
-        Stature H, 0.9 to 2.1.
-    mass_kg : float, optional
-        Body mass; by default that of a body mass index of 23.
-    start_phase : float
-        Phase at the start in cycles, 0 (right hand and left knee touch down) to below 1.
-    stride_variation : float
-        Standard deviation of the stride time relative to its mean, 0 to 0.1.
-    rate_hz : float
-        Frames per second, 50 to 10000.
+    speed_mps: Mean forward speed V.
+    height_m: Stature H.
+    mass_kg: Body mass; by default that of a body mass index of 23.
+    start_phase: Phase at the start in cycles, 0 (right hand and left knee touch down) to below 1.
+    stride_variation: Standard deviation of the stride time relative to its mean.
+    rate_hz: Frames per second.
     """
 
     kind: Literal["crawl"] = "crawl"
@@ -73,43 +64,23 @@ class CrawlConfig(FrozenModel):
         return self
 
 
-def crawling_person(*, duration_s: float = 5.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
+@model_function(CrawlConfig)
+@plugin("motion_model", parameters=CrawlConfig)
+def crawling_person(parameters: Sequence[CrawlConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
     """Generate a person who crawls on hands and knees.
 
     Diagonal limbs move together. The stride frequency is f = sqrt(V/(0.36 H)) per second, and the
     stride length is V/f (assumed, like all proportions of the gait). Hands and knees rest on the
     floor for 65 % of a stride. The lengths of the segments are constant.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator or Streams, optional
-        Source of random numbers, needed if ``stride_variation`` is above 0.
-    **parameters
-        Fields of :class:`CrawlConfig`.
+    The person moves along +x over z = 0. The points are the 17 of the Boulic walk.
 
-    Returns
-    -------
-    Motion
-        Motion (time, marker, space) of the 17 points of the Boulic walk: travels along +x over z = 0.
-
-    Raises
-    ------
-    ConfigError
-        If a parameter is outside its range.
-
-    Examples
-    --------
     >>> import doppelgait as dg
     >>> motion = dg.motion.crawling_person(duration_s=2.0)
     >>> head = motion.positions.sel(marker="head", space="z")
     >>> round(float(head.mean()), 1), round(motion.facts.gait_frequency_hz, 1)  # height in m, cycles per second
     (0.7, 1.6)
     """
-    return generate(parse_parameters(CrawlConfig, parameters, where="crawling_person"), duration_s=duration_s, rng=rng)
-
-
-@plugin("motion_model", parameters=CrawlConfig)
-def _generate(parameters: Sequence[CrawlConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
     columns = Columns(parameters)
     height_m = columns.height_m
     stride_hz = np.sqrt(columns.speed_mps / (STRIDE_RATIO * height_m))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,6 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
-from doppelgait.core.rng import RandomSource
 from doppelgait.core.units import FloatArray, arcsine, cosine, sine
 from doppelgait.motion.models import boulic
 from doppelgait.motion.models.curves import join_curves, make_measured_curve, walk_duty
@@ -37,7 +36,7 @@ from doppelgait.motion.models.human_body import (
     swing_arms,
 )
 from doppelgait.motion.models.human_feet import FOOT, GaitStyle, Hips, place_feet
-from doppelgait.motion.models.registry import generate, parse_parameters
+from doppelgait.motion.models.registry import model_function
 from doppelgait.motion.models.strides import (
     Columns,
     Curve,
@@ -141,61 +140,42 @@ WALK_ARMS = 0.65
 class HumanConfig(FrozenModel):
     """Parameters of :func:`human_gait`.
 
-    Parameters
-    ----------
-    gait : str
-        ``"walk"``, ``"run"`` or ``"auto"``: a run above 2 m/s at 1.75 m, and at the same Froude
+    gait: ``"walk"``, ``"run"`` or ``"auto"``: a run above 2 m/s at 1.75 m, and at the same Froude
         number for other statures.
-    speed_mps : float
-        Mean forward speed V. Walk: above 0 to 3 leg lengths per second (2.58 m/s at 1.75 m); run:
-        1.8 to 9 m/s at 1.75 m, and as the square root of the stature.
-    height_m : float
-        Stature H, 0.6 to 2.4.
-    mass_kg : float, optional
-        Body mass; by default that of a body mass index of 23.
-    body : str
-        ``"adult"``: Boulic's proportions and times at every stature. ``"child"``, 0.9 to 1.6 m: a child's proportions,
-        and the walk of an adult of 1.75 m at the same Froude number, with times as the square root of the leg.
-    foot_lock : bool
-        Use the measured motion of trunk and feet, with feet at rest on the floor. If false, a walk is that of Boulic et
-        al. 1990 (:func:`doppelgait.motion.models.boulic.boulic_walk`), with sliding feet.
-    walk_ratio : float
-        Step length over step frequency, relative to the model's, 0.7 to 1.4; about 8 % between persons.
-    trunk_ripple : float
-        Forward and back motion of trunk and head within a step, relative to the measured mean, 0 to
-        2.5; between persons with a standard deviation of 0.2.
-    lean_deg : float
-        Further lean of the trunk, forward positive, -15 to 25.
-    swing_peak : float
-        Deviation of a swinging foot's speed from its mean, relative to the measured deviation, 0.5
-        to 1.5; between persons with a standard deviation of 0.24.
-    trunk_asymmetry : float
-        (left - right) / mean of the trunk ripple in the halves of a stride before a left and before
-        a right landing, -2 to 2; between persons with a standard deviation of 0.4.
-    arm_swing : float
-        Swing of shoulders and elbows relative to the gait's own, 0 to 2; between persons 0.3 to 2.
-    arm_asymmetry : float
-        (left - right) / mean of the swing of the arms, -2 to 2; between persons 0.15 with a standard deviation of 0.28.
-    left_hand : str
-        State of the left hand: ``"free"``, ``"pockets"``, ``"carrying"`` (in front), ``"bag"`` (the
-        arm hangs down), ``"phone"`` (at the ear) or ``"pushing"``.
-    right_hand : str
-        State of the right hand, with the same values as ``left_hand``.
-    step_time_sd : float
-        Standard deviation of the time of a step over its mean, 0 to 0.1; healthy adults 0.025.
-    step_length_sd : float
-        Standard deviation of the length of a step over its mean, 0 to 0.1; healthy adults 0.014.
-    pace_sd : float
-        Standard deviation of a slow drift of the speed, 0 to 0.1: half in the length of steps, half in their time.
-    time_asymmetry : float
-        (left - right) / mean of the time of the step before a foot's landing, -0.4 to 0.4; healthy
+    speed_mps: Mean forward speed V. Walk: above 0 to 3 leg lengths per second (2.58 m/s at 1.75 m);
+        run: 1.8 to 9 m/s at 1.75 m, and as the square root of the stature.
+    height_m: Stature H.
+    mass_kg: Body mass; by default that of a body mass index of 23.
+    body: ``"adult"``: Boulic's proportions and times at every stature. ``"child"``, 0.9 to 1.6 m: a
+        child's proportions, and the walk of an adult of 1.75 m at the same Froude number, with
+        times as the square root of the leg.
+    foot_lock: Use the measured motion of trunk and feet, with feet at rest on the floor. If false,
+        a walk is that of Boulic et al. 1990 (:func:`doppelgait.motion.models.boulic.boulic_walk`),
+        with sliding feet.
+    walk_ratio: Step length over step frequency, relative to the model's; about 8 % between persons.
+    trunk_ripple: Forward and back motion of trunk and head within a step, relative to the measured
+        mean; between persons with a standard deviation of 0.2.
+    lean_deg: Further lean of the trunk, forward positive.
+    swing_peak: Deviation of a swinging foot's speed from its mean, relative to the measured
+        deviation; between persons with a standard deviation of 0.24.
+    trunk_asymmetry: (left - right) / mean of the trunk ripple in the halves of a stride before a
+        left and before a right landing; between persons with a standard deviation of 0.4.
+    arm_swing: Swing of shoulders and elbows relative to the gait's own; between persons 0.3 to 2.
+    arm_asymmetry: (left - right) / mean of the swing of the arms; between persons 0.15 with a
+        standard deviation of 0.28.
+    left_hand: State of the left hand: ``"free"``, ``"pockets"``, ``"carrying"`` (in front),
+        ``"bag"`` (the arm hangs down), ``"phone"`` (at the ear) or ``"pushing"``.
+    right_hand: State of the right hand, with the same values as ``left_hand``.
+    step_time_sd: Standard deviation of the time of a step over its mean; healthy adults 0.025.
+    step_length_sd: Standard deviation of the length of a step over its mean; healthy adults 0.014.
+    pace_sd: Standard deviation of a slow drift of the speed, 0 to 0.1: half in the length of steps,
+        half in their time.
+    time_asymmetry: (left - right) / mean of the time of the step before a foot's landing; healthy
         adults with a standard deviation of 0.02.
-    length_asymmetry : float
-        (left - right) / mean of the length of that step, -0.4 to 0.4; healthy adults with a standard deviation of 0.06.
-    start_phase : float
-        Phase at the start in cycles, 0 (right foot lands) to below 1.
-    rate_hz : float
-        Frames per second, 50 to 10000.
+    length_asymmetry: (left - right) / mean of the length of that step; healthy adults with a
+        standard deviation of 0.06.
+    start_phase: Phase at the start in cycles, 0 (right foot lands) to below 1.
+    rate_hz: Frames per second.
     """
 
     kind: Literal["human"] = "human"
@@ -257,39 +237,6 @@ class HumanConfig(FrozenModel):
         return 0.0, boulic.TOP_RELATIVE_SPEED * leg_m * tempo
 
 
-def human_gait(*, duration_s: float = 5.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
-    """Generate a walking or running person.
-
-    Trunk, ankles and feet follow the mean of recorded people. A run has a flight phase (:func:`run_height_m`). With
-    ``foot_lock=False`` and otherwise default values, a walk is exactly that of Boulic et al. 1990.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator or Streams, optional
-        Source of random numbers, needed if a standard deviation is above 0.
-    **parameters
-        Fields of :class:`HumanConfig`.
-
-    Returns
-    -------
-    Motion
-        Motion (time, marker, space) of the 17 points of the Boulic walk: travels along +x from x = 0 over z = 0.
-
-    Raises
-    ------
-    ConfigError
-        If a parameter is outside its range, or steps are too long for the legs.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> motion = dg.motion.human_gait(speed_mps=1.2, duration_s=2.0)
-    >>> round(motion.facts.gait_frequency_hz, 2), round(motion.facts.height_m, 2)  # steps per second, stature
-    (1.76, 1.75)
-    """
-    return generate(parse_parameters(HumanConfig, parameters, where="human_gait"), duration_s=duration_s, rng=rng)
-
-
 def _find_style(config: HumanConfig) -> tuple[MakeStyle, bool]:
     """Return how a gait is made, and if its steps vary."""
     make_style = _make_boulic_style if not config.foot_lock else _walk_style
@@ -298,8 +245,22 @@ def _find_style(config: HumanConfig) -> tuple[MakeStyle, bool]:
     return make_style, any((config.step_time_sd, config.step_length_sd, config.pace_sd, config.time_asymmetry))
 
 
+@model_function(HumanConfig)
 @plugin("motion_model", parameters=HumanConfig, alike=_find_style)
-def _generate(parameters: Sequence[HumanConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
+def human_gait(parameters: Sequence[HumanConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
+    """Generate a walking or running person.
+
+    Trunk, ankles and feet follow the mean of recorded people. A run has a flight phase (:func:`run_height_m`). With
+    ``foot_lock=False`` and otherwise default values, a walk is exactly that of Boulic et al. 1990.
+
+    The person moves along +x from x = 0 over z = 0. The points are the 17 of the Boulic walk. Steps that are too
+    long for the legs raise a ConfigError.
+
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.human_gait(speed_mps=1.2, duration_s=2.0)
+    >>> round(motion.facts.gait_frequency_hz, 2), round(motion.facts.height_m, 2)  # steps per second, stature
+    (1.76, 1.75)
+    """
     make_style, varied = _find_style(parameters[0])
     columns = Columns(parameters)
     lengths = [find_segment_lengths(config.body, config.height_m) for config in parameters]

@@ -1,8 +1,10 @@
-"""Targets with known results: point, pendulum, rotor, breathing person."""
+"""Bodies without gait, with known results: primitives, a breathing person and the confusers of a home."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
+from functools import wraps
 from typing import Any, Literal
 
 import numpy as np
@@ -10,17 +12,54 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
-from doppelgait.core.rng import RandomSource
 from doppelgait.core.units import FloatArray, cosine, sine
-from doppelgait.motion.models.registry import generate, parse_parameters
+from doppelgait.motion.models.registry import ModelFunction, model_function
 from doppelgait.motion.models.strides import sample_times_s, stack_columns
 from doppelgait.motion.motion import Motion, make_motion
 
 Plane = Literal["xy", "xz", "yz"]
+Body = tuple[dict[str, FloatArray], dict[str, Any]]
+"""Points over time by name, (T, 3), and facts of the motion."""
+FRAMES_PER_TURN = 16
+"""Minimum number of frames per turn of a brush or blade. The error of a spline is then 1 % of the tip speed."""
+RIM_POINTS = 8
+BRUSH_ARMS = 3
+ASSUMED_MASS = {"mass_kg": "assumed"}
+"""Report of a confuser. Its mass determines the radar cross section if none is set."""
 
 
-def check_clearance(key: str, height_m: float, lower_key: str, lower_m: float, motion: str) -> None:
-    """Raise an error if a body would move through the floor."""
+def gaitless_model(
+    model: type[FrozenModel],
+    *,
+    duration_s: float = 5.0,
+    parts: list[str] | None = None,
+    report: Mapping[str, str] | None = None,
+    **facts: Any,
+) -> Callable[[Callable[[Any, FloatArray], Body]], ModelFunction]:
+    """Register a gaitless model by the function that places its points."""
+    kind = model.model_fields["kind"].default
+
+    def wrap(place: Callable[[Any, FloatArray], Body]) -> ModelFunction:
+        @plugin("motion_model", parameters=model)
+        @wraps(place)
+        def run(config: Any, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
+            (times_s,), _ = sample_times_s([duration_s], config.rate_hz)
+            points, own = place(config, times_s)
+            return make_motion(
+                np.stack([*points.values()], axis=1),
+                rate_hz=config.rate_hz,
+                markers=[*points],
+                parts=parts or [""] * len(points),
+                facts={"source": kind, "kind": kind, **facts, **own},
+                report=report,
+            )
+
+        return model_function(model, duration_s=duration_s)(run)
+
+    return wrap
+
+
+def _check_clearance(key: str, height_m: float, lower_key: str, lower_m: float, motion: str) -> None:
     if height_m < lower_m:
         raise ValueError(
             f"{key}: {height_m:g} is not allowed: the {motion} through the floor; "
@@ -28,17 +67,19 @@ def check_clearance(key: str, height_m: float, lower_key: str, lower_m: float, m
         )
 
 
+def _check_turns(rate_hz: float, rotation_hz: float, key: str) -> None:
+    if rate_hz < FRAMES_PER_TURN * rotation_hz:
+        raise ValueError(
+            f"rate_hz: {rate_hz:g} is not allowed: must be at least {FRAMES_PER_TURN} times {key} = {rotation_hz:g}"
+        )
+
+
 class PointConfig(FrozenModel):
     """Parameters of :func:`moving_point`.
 
-    Parameters
-    ----------
-    speed_mps : float
-        Speed V along +x, 0 (a point at rest) to 1000.
-    height_m : float
-        Height above the floor, 0 to 1000.
-    rate_hz : float
-        Frames per second.
+    speed_mps: Speed V along +x, 0 (a point at rest) to 1000.
+    height_m: Height above the floor.
+    rate_hz: Frames per second.
     """
 
     kind: Literal["point"] = "point"
@@ -48,21 +89,28 @@ class PointConfig(FrozenModel):
     rate_hz: float = Field(250.0, ge=1, le=100_000)
 
 
+@gaitless_model(PointConfig)
+def moving_point(config: PointConfig, times_s: FloatArray) -> Body:
+    """Generate a point on a straight line.
+
+    Its position is x = V t at a constant height. The only point is ``"point"``.
+
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.moving_point(duration_s=2.0)
+    >>> (motion.position_m[-1, 0] - motion.position_m[0, 0]).round(2)  # displacement in 2 s, m
+    array([2., 0., 0.])
+    """
+    return {"point": stack_columns(config.speed_mps * times_s, 0.0, config.height_m)}, {}
+
+
 class PendulumConfig(FrozenModel):
     """Parameters of :func:`pendulum`.
 
-    Parameters
-    ----------
-    length_m : float
-        Length l, above 0.
-    amplitude_deg : float
-        Largest angle a, 0 to 180 degrees.
-    frequency_hz : float
-        Full swings per second f, above 0.
-    pivot_height_m : float
-        Height of the pivot, at least the length.
-    rate_hz : float
-        Frames per second.
+    length_m: Length l, above 0.
+    amplitude_deg: Largest angle a, 0 to 180 degrees.
+    frequency_hz: Full swings per second f, above 0.
+    pivot_height_m: Height of the pivot, at least the length.
+    rate_hz: Frames per second.
     """
 
     kind: Literal["pendulum"] = "pendulum"
@@ -75,27 +123,37 @@ class PendulumConfig(FrozenModel):
 
     @model_validator(mode="after")
     def _check_height(self) -> PendulumConfig:
-        check_clearance("pivot_height_m", self.pivot_height_m, "length_m", self.length_m, "pendulum would swing")
+        _check_clearance("pivot_height_m", self.pivot_height_m, "length_m", self.length_m, "pendulum would swing")
         return self
+
+
+@gaitless_model(PendulumConfig)
+def pendulum(config: PendulumConfig, times_s: FloatArray) -> Body:
+    """Generate a point that swings in x under a pivot.
+
+    The pivot is above x = 0. The angle of the point ``"bob"`` from the vertical is a sin(2 pi f t), positive
+    forward. The frequency is a parameter and does not follow from gravity. The maximum speed is 2 pi f a l, at
+    the lowest point.
+
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.pendulum(duration_s=2.0)
+    >>> round(motion.facts.gait_frequency_hz, 2)
+    1.0
+    """
+    angle = np.radians(config.amplitude_deg) * sine(2 * np.pi * config.frequency_hz * times_s)
+    x, z = config.length_m * sine(angle), config.pivot_height_m - config.length_m * cosine(angle)
+    return {"bob": stack_columns(x, 0.0, z)}, {"gait_frequency_hz": config.frequency_hz}
 
 
 class RotorConfig(FrozenModel):
     """Parameters of :func:`rotor`.
 
-    Parameters
-    ----------
-    radius_m : float
-        Distance of the tips from the hub, above 0.
-    rotation_hz : float
-        Turns per second, above 0.
-    blades : int
-        Number of blades, 1 to 64.
-    plane : str
-        Plane of rotation: ``"xy"`` (level), ``"xz"`` or ``"yz"``.
-    hub_height_m : float
-        Height of the hub; at least the radius unless level.
-    rate_hz : float
-        Frames per second.
+    radius_m: Distance of the tips from the hub, above 0.
+    rotation_hz: Turns per second, above 0.
+    blades: Number of blades.
+    plane: Plane of rotation: ``"xy"`` (level), ``"xz"`` or ``"yz"``.
+    hub_height_m: Height of the hub; at least the radius unless level.
+    rate_hz: Frames per second.
     """
 
     kind: Literal["rotor"] = "rotor"
@@ -110,24 +168,46 @@ class RotorConfig(FrozenModel):
     @model_validator(mode="after")
     def _check_height(self) -> RotorConfig:
         if self.plane != "xy":
-            check_clearance("hub_height_m", self.hub_height_m, "radius_m", self.radius_m, "blades would turn")
+            _check_clearance("hub_height_m", self.hub_height_m, "radius_m", self.radius_m, "blades would turn")
         return self
+
+
+@gaitless_model(RotorConfig)
+def rotor(config: RotorConfig, times_s: FloatArray) -> Body:
+    """Generate a hub at rest with rotating blade tips.
+
+    The hub is above x = 0, and the rate is constant. Blade k is at the angle 2 pi (rotation_hz t + k / blades),
+    from the plane's first axis to its second. The maximum speed is 2 pi rotation_hz radius_m. The signature
+    repeats ``blades`` times per turn. The points are ``"hub"``, ``"blade_1"``, ...
+
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.rotor(duration_s=2.0)
+    >>> motion.markers, round(motion.facts.gait_frequency_hz, 2)  # blades passing per second
+    (['hub', 'blade_1', 'blade_2'], 4.0)
+    """
+    return _place_blades(config, config.plane, times_s)
+
+
+def _place_blades(config: RotorConfig | FanConfig, plane: Plane, times_s: FloatArray) -> Body:
+    points = {"hub": stack_columns(np.zeros_like(times_s), 0.0, config.hub_height_m)}
+    first, second = ("xyz".index(axis) for axis in plane)
+    for blade in range(config.blades):
+        angle = 2 * np.pi * (config.rotation_hz * times_s + blade / config.blades)
+        tip = points["hub"].copy()
+        tip[:, first] += config.radius_m * cosine(angle)
+        tip[:, second] += config.radius_m * sine(angle)
+        points[f"blade_{blade + 1}"] = tip
+    return points, {"gait_frequency_hz": config.blades * config.rotation_hz}
 
 
 class BreathingConfig(FrozenModel):
     """Parameters of :func:`breathing_person`.
 
-    Parameters
-    ----------
-    height_m : float
-        Stature, 0.4 to 2.4.
-    breathing_hz : float
-        Breaths per second f, above 0 to 2.
-    amplitude_m : float
-        Amplitude a of the two chest points, 0 to 0.05. The abdomen moves half as far (assumed);
-        other points are at rest.
-    rate_hz : float
-        Frames per second.
+    height_m: Stature.
+    breathing_hz: Breaths per second f.
+    amplitude_m: Amplitude a of the two chest points. The abdomen moves half as far (assumed); other
+        points are at rest.
+    rate_hz: Frames per second.
     """
 
     kind: Literal["breathing"] = "breathing"
@@ -136,162 +216,6 @@ class BreathingConfig(FrozenModel):
     breathing_hz: float = Field(0.25, gt=0, le=2)
     amplitude_m: float = Field(0.005, ge=0, le=0.05)
     rate_hz: float = Field(250.0, ge=1, le=10_000)
-
-
-def moving_point(*, duration_s: float = 5.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
-    """Generate a point on a straight line.
-
-    Its position is x = V t at a constant height.
-
-    Parameters
-    ----------
-    **parameters
-        Fields of :class:`PointConfig`.
-
-    Returns
-    -------
-    Motion
-        Motion of one point, ``"point"``.
-
-    Raises
-    ------
-    ConfigError
-        If a parameter is outside its range.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> motion = dg.motion.moving_point(duration_s=2.0)
-    >>> (motion.position_m[-1, 0] - motion.position_m[0, 0]).round(2)  # displacement in 2 s, m
-    array([2., 0., 0.])
-    """
-    return generate(parse_parameters(PointConfig, parameters, where="moving_point"), duration_s=duration_s, rng=rng)
-
-
-def pendulum(*, duration_s: float = 5.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
-    """Generate a point that swings in x under a pivot.
-
-    The pivot is above x = 0. The angle from the vertical is a sin(2 pi f t), positive forward. The frequency is a
-    parameter and does not follow from gravity. The maximum speed is 2 pi f a l, at the lowest point.
-
-    Parameters
-    ----------
-    **parameters
-        Fields of :class:`PendulumConfig`.
-
-    Returns
-    -------
-    Motion
-        Motion of one point, ``"bob"``.
-
-    Raises
-    ------
-    ConfigError
-        If a parameter is outside its range.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> motion = dg.motion.pendulum(duration_s=2.0)
-    >>> round(motion.facts.gait_frequency_hz, 2)
-    1.0
-    """
-    return generate(parse_parameters(PendulumConfig, parameters, where="pendulum"), duration_s=duration_s, rng=rng)
-
-
-def rotor(*, duration_s: float = 5.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
-    """Generate a hub at rest with rotating blade tips.
-
-    The hub is above x = 0, and the rate is constant. Blade k is at the angle 2 pi (rotation_hz t +
-    k / blades), from the plane's first axis to its second. The maximum speed is 2 pi rotation_hz
-    radius_m. The signature repeats ``blades`` times per turn.
-
-    Parameters
-    ----------
-    **parameters
-        Fields of :class:`RotorConfig`.
-
-    Returns
-    -------
-    Motion
-        Motion of the points ``"hub"``, ``"blade_1"``, ...
-
-    Raises
-    ------
-    ConfigError
-        If a parameter is outside its range.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> motion = dg.motion.rotor(duration_s=2.0)
-    >>> motion.markers, round(motion.facts.gait_frequency_hz, 2)  # blades passing per second
-    (['hub', 'blade_1', 'blade_2'], 4.0)
-    """
-    return generate(parse_parameters(RotorConfig, parameters, where="rotor"), duration_s=duration_s, rng=rng)
-
-
-def breathing_person(*, duration_s: float = 20.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
-    """Generate head and torso of a breathing person.
-
-    The person stands still, facing +x; the chest moves as a sin(2 pi f t) in x.
-
-    Parameters
-    ----------
-    **parameters
-        Fields of :class:`BreathingConfig`.
-
-    Returns
-    -------
-    Motion
-        Motion of six points.
-
-    Raises
-    ------
-    ConfigError
-        If a parameter is outside its range.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> motion = dg.motion.breathing_person(duration_s=2.0)
-    >>> round(motion.facts.gait_frequency_hz, 2)  # breaths per second
-    0.25
-    """
-    return generate(
-        parse_parameters(BreathingConfig, parameters, where="breathing_person"), duration_s=duration_s, rng=rng
-    )
-
-
-@plugin("motion_model", parameters=PointConfig)
-def _generate_point(config: PointConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
-    (times_s,), _ = sample_times_s([duration_s], config.rate_hz)
-    xyz = stack_columns(config.speed_mps * times_s, 0.0, config.height_m)
-    return make_gaitless_motion("point", {"point": xyz}, config.rate_hz)
-
-
-@plugin("motion_model", parameters=PendulumConfig)
-def _generate_pendulum(config: PendulumConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
-    (times_s,), _ = sample_times_s([duration_s], config.rate_hz)
-    angle = np.radians(config.amplitude_deg) * sine(2 * np.pi * config.frequency_hz * times_s)
-    x, z = config.length_m * sine(angle), config.pivot_height_m - config.length_m * cosine(angle)
-    return make_gaitless_motion(
-        "pendulum", {"bob": stack_columns(x, 0.0, z)}, config.rate_hz, gait_frequency_hz=config.frequency_hz
-    )
-
-
-@plugin("motion_model", parameters=RotorConfig)
-def _generate_rotor(config: RotorConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
-    (times_s,), _ = sample_times_s([duration_s], config.rate_hz)
-    points = {"hub": stack_columns(np.zeros_like(times_s), 0.0, config.hub_height_m)}
-    first, second = ("xyz".index(axis) for axis in config.plane)
-    for blade in range(config.blades):
-        angle = 2 * np.pi * (config.rotation_hz * times_s + blade / config.blades)
-        tip = points["hub"].copy()
-        tip[:, first] += config.radius_m * cosine(angle)
-        tip[:, second] += config.radius_m * sine(angle)
-        points[f"blade_{blade + 1}"] = tip
-    return make_gaitless_motion("rotor", points, config.rate_hz, gait_frequency_hz=config.blades * config.rotation_hz)
 
 
 _STANDING = {
@@ -305,44 +229,196 @@ _STANDING = {
 """Part, position as fractions of the stature (x, y, z), and share of the chest's motion by point (assumed)."""
 
 
-@plugin("motion_model", parameters=BreathingConfig)
-def _generate_breathing(config: BreathingConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
-    (times_s,), _ = sample_times_s([duration_s], config.rate_hz)
+@gaitless_model(
+    BreathingConfig,
+    duration_s=20.0,
+    parts=[row[0] for row in _STANDING.values()],
+    report={"mass_kg": "assumed: body mass index 23 kg/m^2", "proportions": "assumed"},
+    species="human",
+    gait="stand",
+)
+def breathing_person(config: BreathingConfig, times_s: FloatArray) -> Body:
+    """Generate head and torso of a breathing person.
+
+    The person stands still, facing +x; the chest moves as a sin(2 pi f t) in x.
+
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.breathing_person(duration_s=2.0)
+    >>> round(motion.facts.gait_frequency_hz, 2)  # breaths per second
+    0.25
+    """
     chest_m = config.amplitude_m * sine(2 * np.pi * config.breathing_hz * times_s)
     size_m = config.height_m
     points = {
         name: stack_columns(x * size_m + share * chest_m, y * size_m, z * size_m)
         for name, (_, x, y, z, share) in _STANDING.items()
     }
-    return make_gaitless_motion(
-        "breathing",
-        points,
-        config.rate_hz,
-        parts=[row[0] for row in _STANDING.values()],
-        species="human",
-        gait="stand",
-        height_m=size_m,
-        mass_kg=23.0 * size_m**2,
-        gait_frequency_hz=config.breathing_hz,
-        report={"mass_kg": "assumed: body mass index 23 kg/m^2", "proportions": "assumed"},
-    )
+    return points, {"height_m": size_m, "mass_kg": 23.0 * size_m**2, "gait_frequency_hz": config.breathing_hz}
 
 
-def make_gaitless_motion(
-    kind: str,
-    points: dict[str, FloatArray],
-    rate_hz: float,
-    *,
-    parts: list[str] | None = None,
-    report: Mapping[str, str] | None = None,
-    **facts: object,
-) -> Motion:
-    """Make the motion of a model without gait from its points."""
-    return make_motion(
-        np.stack(list(points.values()), axis=1),
-        rate_hz=rate_hz,
-        markers=list(points),
-        parts=parts or [""] * len(points),
-        facts={"source": kind, "kind": kind, **facts},
-        report=report,
-    )
+class VacuumConfig(FrozenModel):
+    """Parameters of :func:`robot_vacuum`.
+
+    speed_mps: Speed V of the centre.
+    turn_deg_per_s: Rate w of turning to the left.
+    radius_m: Radius of the rim.
+    height_m: Height of the shell; the rim is at half of it.
+    brush_hz: Turns of the brush per second f, 0 (no brush) to 20.
+    brush_radius_m: Length r of the brush's arms.
+    rate_hz: Frames per second, 16 per turn of the brush or more.
+    """
+
+    kind: Literal["vacuum"] = "vacuum"
+
+    speed_mps: float = Field(0.3, ge=0, le=1)
+    turn_deg_per_s: float = Field(0.0, ge=-180, le=180)
+    radius_m: float = Field(0.17, ge=0.05, le=0.5)
+    height_m: float = Field(0.09, ge=0.02, le=0.3)
+    brush_hz: float = Field(0.0, ge=0, le=20)
+    brush_radius_m: float = Field(0.07, gt=0, le=0.2)
+    rate_hz: float = Field(250.0, ge=1, le=100_000)
+
+    @model_validator(mode="after")
+    def _check_frame_rate(self) -> VacuumConfig:
+        _check_turns(self.rate_hz, self.brush_hz, "brush_hz")
+        return self
+
+
+@gaitless_model(VacuumConfig, report=ASSUMED_MASS, mass_kg=3.5)
+def robot_vacuum(config: VacuumConfig, times_s: FloatArray) -> Body:
+    """Generate a flat round robot vacuum.
+
+    The robot starts at the origin along +x and turns at a constant rate w, so that its centre is on a straight
+    line or on a circle of radius V/w. Its rim rotates with it. A side brush is optional: three arms rotate about
+    a point of the rim, ahead and to the right. The speed of a tip relative to that point is 2 pi (f + w/2 pi) r,
+    where f are the turns per second relative to the robot. The points are ``"centre"``, ``"rim_1"``, ... and
+    ``"brush_1"``, ...
+
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.robot_vacuum(duration_s=2.0)
+    >>> path = motion.positions.sel(marker="centre")
+    >>> round(float(path[-1, 0] - path[0, 0]), 2)  # path along x in 2 s, m
+    0.6
+    """
+    turn = math.radians(config.turn_deg_per_s)
+    heading = turn * times_s
+    # x = V t sinc, y = V t (1 - cos)/angle: both are also valid for a straight line.
+    distance, half = config.speed_mps * times_s, heading / 2
+    chord = distance * np.sinc(half / np.pi)
+    centre = stack_columns(chord * cosine(half), chord * sine(half), config.height_m)
+    points = {"centre": centre}
+    drop = np.array([0.0, 0.0, -config.height_m / 2])
+    for k in range(RIM_POINTS):
+        points[f"rim_{k + 1}"] = centre + drop + _place_round(heading + 2 * np.pi * k / RIM_POINTS, config.radius_m)
+    hub = centre + drop * 2 + _place_round(heading - np.pi / 4, config.radius_m)
+    for k in range(BRUSH_ARMS if config.brush_hz > 0 else 0):
+        angle = heading + 2 * np.pi * (config.brush_hz * times_s + k / BRUSH_ARMS)
+        points[f"brush_{k + 1}"] = hub + _place_round(angle, config.brush_radius_m)
+    rate = {"gait_frequency_hz": BRUSH_ARMS * config.brush_hz} if config.brush_hz > 0 else {}
+    return points, {"height_m": config.height_m, **rate}
+
+
+def _place_round(angle_rad: FloatArray, radius_m: float) -> FloatArray:
+    return radius_m * np.stack([cosine(angle_rad), sine(angle_rad), np.zeros_like(angle_rad)], axis=1)
+
+
+class CurtainConfig(FrozenModel):
+    """Parameters of :func:`curtain`.
+
+    sway_hz: Frequency f; 0.2 to 0.6 in a draught (assumed).
+    amplitude_m: Amplitude a of the hem. Above the hem, it is proportional to the distance d from
+        the rail.
+    phase_deg: Lag phi from one side to the other.
+    width_m: Width W of the cloth.
+    drop_m: Height D of the cloth.
+    rail_height_m: Height of the rail, at least the drop.
+    columns: Number of points from side to side.
+    rows: Number of points from top to bottom; the last row is on the hem.
+    rate_hz: Frames per second.
+    """
+
+    kind: Literal["curtain"] = "curtain"
+
+    sway_hz: float = Field(0.4, gt=0, le=2)
+    amplitude_m: float = Field(0.05, ge=0, le=0.5)
+    phase_deg: float = Field(120.0, ge=-720, le=720)
+    width_m: float = Field(1.2, gt=0, le=10)
+    drop_m: float = Field(1.8, gt=0, le=5)
+    rail_height_m: float = Field(2.0, gt=0, le=6)
+    columns: int = Field(5, ge=1, le=50)
+    rows: int = Field(4, ge=1, le=50)
+    rate_hz: float = Field(250.0, ge=20, le=100_000)
+
+    @model_validator(mode="after")
+    def _check_height(self) -> CurtainConfig:
+        _check_clearance("rail_height_m", self.rail_height_m, "drop_m", self.drop_m, "curtain would reach")
+        return self
+
+
+@gaitless_model(CurtainConfig, duration_s=10.0, report=ASSUMED_MASS, mass_kg=1.5)
+def curtain(config: CurtainConfig, times_s: FloatArray) -> Body:
+    """Generate a curtain that sways in front of a window.
+
+    Points move along x by a (d/D) sin(2 pi f t - phi y/W), under a rail along y. They are ``"cloth_1_1"``
+    (column, row), ...
+
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.curtain(duration_s=2.0)
+    >>> depth = motion.position_m[:, -1].max(axis=0) - motion.position_m[:, -1].min(axis=0)
+    >>> depth.round(2)  # space that a point of the cloth moves in, m
+    array([0.09, 0.  , 0.  ])
+    """
+    points = {}
+    for column, across in enumerate(np.linspace(-0.5, 0.5, config.columns) if config.columns > 1 else [0.0]):
+        lag = math.radians(config.phase_deg) * across
+        wave = config.amplitude_m * sine(2 * np.pi * config.sway_hz * times_s - lag)
+        for row in range(config.rows):
+            down = (row + 1) / config.rows
+            cloth = stack_columns(down * wave, across * config.width_m, config.rail_height_m - down * config.drop_m)
+            points[f"cloth_{column + 1}_{row + 1}"] = cloth
+    rate = {"gait_frequency_hz": config.sway_hz} if config.amplitude_m > 0 else {}
+    return points, {"height_m": config.rail_height_m, **rate}
+
+
+class FanConfig(FrozenModel):
+    """Parameters of :func:`fan`.
+
+    radius_m: Distance of the blades' tips from the hub.
+    rotation_hz: Turns per second.
+    blades: Number of blades.
+    hub_height_m: Height of the hub, at least the radius.
+    rate_hz: Frames per second, 16 per turn or more.
+    """
+
+    kind: Literal["fan"] = "fan"
+
+    radius_m: float = Field(0.2, gt=0, le=1)
+    rotation_hz: float = Field(15.0, gt=0, le=60)
+    blades: int = Field(3, ge=3, le=5)
+    hub_height_m: float = Field(1.1, gt=0, le=4)
+    rate_hz: float = Field(1000.0, ge=1, le=100_000)
+
+    @model_validator(mode="after")
+    def _check_fan(self) -> FanConfig:
+        _check_clearance("hub_height_m", self.hub_height_m, "radius_m", self.radius_m, "blades would turn")
+        _check_turns(self.rate_hz, self.rotation_hz, "rotation_hz")
+        return self
+
+
+@gaitless_model(FanConfig, report=ASSUMED_MASS, mass_kg=3.0)
+def fan(config: FanConfig, times_s: FloatArray) -> Body:
+    """Generate a fan that blows along +x.
+
+    It is a rotor in the plane (y, z) with a stand at rest: ``"hub"``, ``"blade_1"``, ..., ``"stand"`` (half way
+    up) and ``"foot"``. The tips move at 2 pi rotation_hz radius_m, 19 m/s by default, which few radars' frame
+    rates can show.
+
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.fan(duration_s=2.0)
+    >>> motion.rate_hz, motion.facts.gait_frequency_hz  # the blades pass 45 times per second
+    (1000.0, 45.0)
+    """
+    points, facts = _place_blades(config, "yz", times_s)
+    still = np.zeros_like(times_s)
+    points |= {"stand": stack_columns(still, 0.0, config.hub_height_m / 2), "foot": stack_columns(still, 0.0, 0.0)}
+    return points, {"height_m": config.hub_height_m + config.radius_m, **facts}

@@ -17,7 +17,6 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
-from doppelgait.core.rng import RandomSource
 from doppelgait.core.units import FloatArray, sine
 from doppelgait.motion.models.quadruped_gaits import (
     BUILDS,
@@ -40,7 +39,7 @@ from doppelgait.motion.models.quadruped_limbs import (
     compute_all_points,
     make_regular_course,
 )
-from doppelgait.motion.models.registry import generate, parse_parameters
+from doppelgait.motion.models.registry import model_function
 from doppelgait.motion.models.strides import (
     Columns,
     Landings,
@@ -72,54 +71,39 @@ POINTS = tuple(PART_OF_POINT)
 class QuadrupedConfig(FrozenModel):
     """Parameters of :func:`quadruped_gait`.
 
-    Parameters
-    ----------
-    gait : str
-        ``"walk"`` (lateral sequence, Froude number 0.05 to 0.5), ``"pace"`` (0.1 to 1), ``"trot"`` (0.3 to 2.5),
-        ``"canter"`` (1 to 5), ``"gallop"`` (rotary, 1.2 to 10), ``"transverse_gallop"`` (1.2 to 10), ``"bound"`` (1 to
-        6), or ``"auto"``: walk up to a Froude number of 0.5, trot up to 2.5, then gallop.
-    speed_mps : float, optional
-        Mean forward speed V. Set either this or ``froude``.
-    froude : float, optional
-        Froude number that determines the speed. Without either key, it is the gait's usual one (trot 1, gallop 4).
-    build : str
-        Proportions, mass and usual size, a key of :data:`doppelgait.motion.models.quadruped_gaits.BUILDS`:
-        ``"standard"``, breeds of dog, ``"cat"``, ``"horse"``, ``"cow"``.
-    withers_m : float, optional
-        Height of the withers when standing: 0.15 to 0.9, for a horse 0.7 to 1.8, for a cow 0.8 to
-        1.8. The default is that of the build (standard 0.5).
-    start_phase : float
-        Phase at the start in strides, 0 (left hind foot lands) to below 1.
-    stride_variation : float
-        Standard deviation of the stride time relative to its mean, 0 to 0.1; 0.03 to 0.05 is usual.
-    step_length_sd : float
-        Standard deviation of the length of half a stride over its mean, 0 to 0.15.
-    footfall_sd : float
-        Standard deviation of the landing time of a foot, in strides, 0 to 0.04.
-    asymmetry : float
-        Delay of the landing of both right feet in strides, -0.05 to 0.05. The frequencies in the
-        facts remain those of the gait (f_mu by E-07), although half strides then differ.
-    length_asymmetry : float
-        (first - second) / mean of the half strides, starting at the landing of the left hind foot, -0.4 to 0.4.
-    trunk_ripple : float
-        Fore-aft motion of the trunk and swing of the neck within a stride, relative to the recorded ones, 0 to 2.
-    stride_ratio : float
-        Stride length relative to the gait's at this speed, 0.8 to 1.25; two recorded dogs differ by 14 %.
-    hind_swing_peak : float
-        Maximum speed of a swinging hind paw relative to that of the recorded dog, 0.8 to 1.2.
-    fore_swing_peak : float
-        Maximum speed of a swinging fore paw relative to that of the recorded dog, 0.8 to 1.2.
-    neck_deg : float
-        Mean elevation of the neck, -40 to 80 degrees.
-    tail_deg : float
-        Mean elevation of the tail, -80 to 80 degrees.
-    tail_frequency_hz : float
-        Frequency of the sideways swing of the tail, 0 to 5 Hz. The motion repeats every stride only
-        if this frequency is a multiple of the stride frequency.
-    tail_sweep_deg : float
-        Maximum sideways angle of the tail to both sides, 0 to 60 degrees.
-    rate_hz : float
-        Frames per second, 50 to 10000.
+    gait: ``"walk"`` (lateral sequence, Froude number 0.05 to 0.5), ``"pace"`` (0.1 to 1),
+        ``"trot"`` (0.3 to 2.5), ``"canter"`` (1 to 5), ``"gallop"`` (rotary, 1.2 to 10),
+        ``"transverse_gallop"`` (1.2 to 10), ``"bound"`` (1 to 6), or ``"auto"``: walk up to a
+        Froude number of 0.5, trot up to 2.5, then gallop.
+    speed_mps: Mean forward speed V. Set either this or ``froude``.
+    froude: Froude number that determines the speed. Without either key, it is the gait's usual one
+        (trot 1, gallop 4).
+    build: Proportions, mass and usual size, a key of
+        :data:`doppelgait.motion.models.quadruped_gaits.BUILDS`: ``"standard"``, breeds of dog,
+        ``"cat"``, ``"horse"``, ``"cow"``.
+    withers_m: Height of the withers when standing: 0.15 to 0.9, for a horse 0.7 to 1.8, for a cow
+        0.8 to 1.8. The default is that of the build (standard 0.5).
+    start_phase: Phase at the start in strides, 0 (left hind foot lands) to below 1.
+    stride_variation: Standard deviation of the stride time relative to its mean; 0.03 to 0.05 is
+        usual.
+    step_length_sd: Standard deviation of the length of half a stride over its mean.
+    footfall_sd: Standard deviation of the landing time of a foot, in strides.
+    asymmetry: Delay of the landing of both right feet in strides. The frequencies in the facts
+        remain those of the gait (f_mu by E-07), although half strides then differ.
+    length_asymmetry: (first - second) / mean of the half strides, starting at the landing of the
+        left hind foot.
+    trunk_ripple: Fore-aft motion of the trunk and swing of the neck within a stride, relative to
+        the recorded ones.
+    stride_ratio: Stride length relative to the gait's at this speed; two recorded dogs differ by 14
+        %.
+    hind_swing_peak: Maximum speed of a swinging hind paw relative to that of the recorded dog.
+    fore_swing_peak: Maximum speed of a swinging fore paw relative to that of the recorded dog.
+    neck_deg: Mean elevation of the neck, -40 to 80 degrees.
+    tail_deg: Mean elevation of the tail, -80 to 80 degrees.
+    tail_frequency_hz: Frequency of the sideways swing of the tail, 0 to 5 Hz. The motion repeats
+        every stride only if this frequency is a multiple of the stride frequency.
+    tail_sweep_deg: Maximum sideways angle of the tail to both sides, 0 to 60 degrees.
+    rate_hz: Frames per second.
     """
 
     kind: Literal["quadruped"] = "quadruped"
@@ -199,7 +183,13 @@ class QuadrupedConfig(FrozenModel):
         return froude_speed_mps(froude, self.hip_m)
 
 
-def quadruped_gait(*, duration_s: float = 5.0, rng: RandomSource | None = None, **parameters: Any) -> Motion:
+def _is_varied(config: QuadrupedConfig) -> bool:
+    return any((config.step_length_sd, config.footfall_sd, config.length_asymmetry))
+
+
+@model_function(QuadrupedConfig)
+@plugin("motion_model", parameters=QuadrupedConfig, alike=_is_varied)
+def quadruped_gait(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
     """Generate a four-legged animal in one straight gait.
 
     Stride length L = c h Fr^p with Fr = V^2/(g h) and a dog's h = 0.8 withers heights (p = 0.3, Alexander and Jayes
@@ -208,41 +198,14 @@ def quadruped_gait(*, duration_s: float = 5.0, rng: RandomSource | None = None, 
     t_swing = 0.35 s (h/0.46 m)^0.5. Trunk, neck, tail, swinging paws and the segments of the limbs follow the mean
     curves of one recorded dog (:mod:`doppelgait.motion.models.curves`).
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator or Streams, optional
-        Source of random numbers, needed if ``stride_variation``, ``step_length_sd`` or ``footfall_sd`` is above 0.
-    **parameters
-        Fields of :class:`QuadrupedConfig`.
+    The animal moves along +x from about x = 0, with its paws on z = 0 in stance. The points are those of
+    :data:`POINTS`.
 
-    Returns
-    -------
-    Motion
-        Motion (time, marker, space) of :data:`POINTS`: travels along +x from about x = 0, paws on z = 0 in stance.
-
-    Raises
-    ------
-    ConfigError
-        If a parameter is outside its range.
-
-    Examples
-    --------
     >>> import doppelgait as dg
     >>> motion = dg.motion.quadruped_gait(duration_s=2.0)
     >>> motion.facts.species, motion.facts.gait, round(motion.facts.stride_frequency_hz, 2)
     ('dog', 'trot', 1.9)
     """
-    return generate(
-        parse_parameters(QuadrupedConfig, parameters, where="quadruped_gait"), duration_s=duration_s, rng=rng
-    )
-
-
-def _is_varied(config: QuadrupedConfig) -> bool:
-    return any((config.step_length_sd, config.footfall_sd, config.length_asymmetry))
-
-
-@plugin("motion_model", parameters=QuadrupedConfig, alike=_is_varied)
-def _generate(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
     columns, builds = Columns(parameters), [BUILDS[config.build] for config in parameters]
     gaits, hip_m = [_make_gait(config) for config in parameters], columns.hip_m
     paces = [*zip(gaits, columns.actual_speed_mps[:, 0].tolist(), hip_m[:, 0].tolist(), strict=True)]

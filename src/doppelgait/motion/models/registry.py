@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import cache
-from inspect import signature
-from typing import Any, TypeVar
+from inspect import Parameter, Signature, cleandoc, signature
+from typing import Any, Protocol
 
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.keys import list_keys
 from doppelgait.core.plugins import Group
 from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.motion.motion import Motion
 
-Parameters = TypeVar("Parameters", bound=FrozenModel)
 Generate = Callable[..., Any]
 """Type of a model: ``generate(parameters, durations_s, rngs) -> motions`` of a batch of examples, called with sequences
 of equal length; or ``generate(parameters, duration_s, rng) -> motion`` of a single one, which is called for each. The
@@ -26,8 +27,7 @@ LONGEST_BATCH_S = 100.0
 MOTION_MODELS: Group[Generate] = Group(
     "motion_model",
     built_in=tuple(
-        f"doppelgait.motion.models.{name}"
-        for name in ("boulic", "confusers", "crawl", "human", "primitives", "quadruped")
+        f"doppelgait.motion.models.{name}" for name in ("boulic", "crawl", "human", "primitives", "quadruped")
     ),
 )
 """Motion models by the ``kind`` of a scene file. Every parameter has a default, so that the name is sufficient."""
@@ -60,14 +60,74 @@ def check_table(table: Mapping[str, Any], **location: Any) -> MotionTable:
     return made
 
 
-def parse_parameters(model: type[Parameters], parameters: Mapping[str, Any], *, where: str) -> Parameters:
-    """Check the keyword arguments of a model's function."""
-    # unlike a scene file, the function has a duration and no kind
-    for name in parameters:
-        if name not in model.model_fields:
-            allowed = sorted({*model.model_fields, "duration_s", "rng"} - {"kind"})
-            raise ConfigError(f"{where}: {name}: unknown parameter; allowed are {', '.join(allowed)}")
-    return validate(model, parameters, where=where)
+class ModelFunction(Protocol):
+    """Type of the public function of a model."""
+
+    def __call__(self, *, duration_s: float = ..., rng: RandomSource | None = None, **parameters: Any) -> Motion:
+        """Generate the motion of parameters that are given by name."""
+
+
+_SECTIONS = """
+
+Parameters
+----------
+duration_s : float
+    Duration of the motion, {duration_s:g} s by default; the last frame is at or just after it.
+rng : numpy.random.Generator or Streams, optional
+    Source of random numbers, needed if a parameter makes strides or steps vary.
+{parameters}
+Returns
+-------
+Motion
+    Motion (time, marker, space) of the points in m, z up, floor at z = 0.
+
+Raises
+------
+ConfigError
+    If a parameter is outside its range.
+
+Examples
+--------
+"""
+
+
+def model_function(model: type[FrozenModel], *, duration_s: float = 5.0) -> Callable[[Generate], ModelFunction]:
+    """Make the public function of a model from its generator."""
+    # The docstring of the model has an entry "name: description" for each parameter, that of the generator a text and
+    # an example. Types, limits and defaults come from the fields, and the function shows all of them.
+    keys = {key.key: key for key in list_keys(model) if key.key != "kind"}
+    summary, *entries = re.split(rf"^({'|'.join(keys)}): ", cleandoc(model.__doc__ or ""), flags=re.MULTILINE)
+    described = ""
+    for name, text in zip(entries[::2], entries[1::2], strict=True):
+        key = keys[name]
+        facts = ", ".join(filter(None, (key.type, key.unit, key.limits, key.default and f"default {key.default}")))
+        described += f"{name} : {facts.replace('`', '')}\n    {text.strip()}\n"
+    model.__doc__ = f"{summary}Parameters\n----------\n{described}"
+    default_s = duration_s
+
+    def wrap(run: Generate) -> ModelFunction:
+        name = run.__name__
+
+        def make(*, duration_s: float = default_s, rng: RandomSource | None = None, **parameters: Any) -> Motion:
+            # unlike a scene file, the function has a duration and no kind
+            for key in parameters:
+                if key not in model.model_fields:
+                    allowed = sorted({*keys, "duration_s", "rng"})
+                    raise ConfigError(f"{name}: {key}: unknown parameter; allowed are {', '.join(allowed)}")
+            return generate(validate(model, parameters, where=name), duration_s=duration_s, rng=rng)
+
+        text, _, example = cleandoc(run.__doc__ or "").partition("\n\n>>> ")
+        make.__doc__ = text + _SECTIONS.format(duration_s=default_s, parameters=described) + ">>> " + example
+        make.__name__ = make.__qualname__ = name
+        make.__module__ = run.__module__
+        common = Parameter("duration_s", Parameter.KEYWORD_ONLY, default=default_s, annotation=float)
+        rows = {key: field for key, field in model.model_fields.items() if key in keys}
+        own = [Parameter(key, common.kind, default=row.default, annotation=row.annotation) for key, row in rows.items()]
+        chance = Parameter("rng", common.kind, default=None, annotation="RandomSource | None")
+        make.__signature__ = Signature([common, chance, *own], return_annotation=Motion)  # type: ignore[attr-defined]
+        return make
+
+    return wrap
 
 
 def generate(
