@@ -45,14 +45,14 @@ def read_or_refusal(reader: Callable[[Path], Any], path: Path, error: type[Excep
             return None, str(refusal)
 
 
-def check_damaged_copies(whole: Path, *, start: int, n_frames: range) -> None:
-    """300 copies: each is a motion of so many frames or refused by its name, and both occur."""
+def check_damaged_copies(whole: Path, *, start: int, n_frames: range, count: int = 300, **options: Any) -> None:
+    """Copies: each is a motion of so many frames or refused by its name, and both occur."""
     motions = 0
-    for copy in damaged_copies(whole, start=start, count=300, rng=np.random.default_rng(1)):
-        motion, refusal = read_or_refusal(lambda path: read(path, clean=False), copy, MotionError)
+    for copy in damaged_copies(whole, start=start, count=count, rng=np.random.default_rng(1)):
+        motion, refusal = read_or_refusal(lambda path: read(path, clean=False, **options), copy, MotionError)
         assert copy.name in refusal or (motion is not None and motion.n_frames in n_frames)
         motions += motion is not None
-    assert 0 < motions < 300
+    assert 0 < motions < count
 
 
 def outcomes(reader: Callable[[Path], Any], path: Path, *, count: int, seed: int) -> tuple[int, int]:

@@ -15,6 +15,7 @@ from doppelgait.motion.models.registry import generate_all
 from doppelgait.motion.paths import PATHS, CurveElement, Layout, Path, make_path
 from doppelgait.motion.readers import MOTION_READERS
 from doppelgait.testing import check_motion_model, check_motion_reader, check_path
+from motion_files import BODY_M, TEXTS
 
 TABLES = [
     {"kind": "straight"},
@@ -117,31 +118,18 @@ def test_a_model_whose_motions_depend_on_each_other_is_caught(register):
 
 def walk_file(folder, name: str) -> FilePath:
     """A walk in a format that can be written here."""
-    walk = dg.motion.boulic_walk(duration_s=1.0)
     if name == "arrays":
+        walk = dg.motion.boulic_walk(duration_s=1.0)
         np.savez(folder / "walk.npz", positions=walk.position_m, names=walk.markers, rate_hz=walk.rate_hz, units="m")
         return folder / "walk.npz"
-    if name == "table":
-        columns = ",".join(["time_s", *(f"{m}_{a}_m" for m in walk.markers for a in "xyz")])
-        rows = np.column_stack([walk.time_s, walk.position_m.reshape(walk.n_frames, -1)])
-        np.savetxt(folder / "walk.csv", rows, delimiter=",", header=columns, comments="")
-        return folder / "walk.csv"
-    head = ["PathFileType\t4\t(X/Y/Z)\twalk.trc",
-            "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
-            f"250\t250\t{walk.n_frames}\t{len(walk.markers)}\tm\t250\t1\t{walk.n_frames}",
-            "Frame#\tTime\t" + "\t\t\t".join(walk.markers) + "\t\t",
-            "\t\t" + "\t".join(f"{axis}{n + 1}" for n in range(len(walk.markers)) for axis in "XYZ")]  # fmt: skip
-    rows = [
-        "\t".join([str(n + 1), f"{walk.time_s[n]:.4f}", *(f"{x:.6f}" for x in walk.position_m[n].ravel())])
-        for n in range(walk.n_frames)
-    ]
-    (folder / "walk.trc").write_text("\n".join([*head, "", *rows, ""]))
-    return folder / "walk.trc"
+    suffix, write, _ = TEXTS[name]
+    (folder / f"walk.{suffix}").write_text(write(BODY_M))
+    return folder / f"walk.{suffix}"
 
 
-@pytest.mark.parametrize("name", ["arrays", "table", "trc"])
+@pytest.mark.parametrize("name", ["arrays", *(name for name in TEXTS if " " not in name)])
 def test_motion_readers_keep_their_contract(tmp_path, name):
-    check_motion_reader(name, walk_file(tmp_path, name))
+    check_motion_reader(name, walk_file(tmp_path, name), **TEXTS[name][2] if name in TEXTS else {})
 
 
 @pytest.mark.shared
@@ -157,7 +145,7 @@ def test_the_reader_of_exponential_maps_keeps_its_contract(shared):
 
 
 def test_no_motion_reader_is_left_out():
-    assert {"arrays", "table", "trc", "expmap", *FILES} == set(MOTION_READERS)
+    assert {"arrays", "expmap", *FILES, *(name.split()[0] for name in TEXTS)} == set(MOTION_READERS)
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ __all__ = ["MOTION_READERS", "check_types", "cut_part", "list_reader_options", "
 
 MOTION_READERS: Group[Callable[..., Motion]] = Group(
     "motion_reader",
-    built_in=tuple(f"doppelgait.motion.readers.{name}" for name in ("amc", "arrays", "bvh", "c3d", "table")),
+    built_in=tuple(f"doppelgait.motion.readers.{name}" for name in ("amc", "arrays", "bvh", "c3d", "table", "vendor")),
 )
 """Readers of motion files by name."""
 

@@ -192,6 +192,11 @@ def _sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> d
     return reasons
 
 
+def is_unlabelled(label: str) -> bool:
+    """Return True if a label is the number of a point, no name."""
+    return not label or _UNLABELLED.match(strip_subject(label)) is not None
+
+
 def _find_prefix(label: str) -> str:
     return label.rsplit(":", 1)[0].strip() if ":" in label else ""
 

@@ -23,7 +23,7 @@ from doppelgait.motion.readers.points import check_amount, convert_unit_to_metre
 from doppelgait.motion.readers.text import (
     Points,
     Row,
-    decode,
+    list_head_lines,
     make_timed_motion,
     point_format,
     read_lines,
@@ -194,14 +194,13 @@ def _list_content_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
     return [(i + 1, line) for i, line in enumerate(lines) if line.strip(' \t,;"') and not line.startswith("# ")]
 
 
-def _split_rows(path: Path, lines: Sequence[str]) -> list[Row]:
+def split_rows(path: Path, lines: Sequence[str], delimiter: str = "") -> list[Row]:
     """Split the content lines into numbered rows of cells."""
     # the delimiter is the most frequent of tab, ; and , in the first line
     numbered = _list_content_lines(lines)
     if not numbered:
         return []
-    first = numbered[0][1]
-    delimiter = max("\t;,", key=first.count)
+    delimiter = delimiter or max("\t;,", key=numbered[0][1].count)
     check_cost(path, CELL_BYTES * sum(line.count(delimiter) for _, line in numbered), MotionError)
     rows: list[Row] = []
     for number, line in numbered:
@@ -318,8 +317,6 @@ def _join_titles(path: Path, rows: Sequence[Row]) -> list[str]:
     return titles
 
 
-HEADER_BYTES = 2**20
-"""Number of bytes read for the column names. Those of many points exceed the head that :func:`sniff_table` gets."""
 ACCAD_UNIT = "mm"
 ACCAD_MISSING = -9999.99
 BODY_M = (0.1, 10.0)
@@ -329,11 +326,9 @@ def sniff_table(path: Path, head: bytes) -> bool:
     """Return True if the column names are coordinates of points."""
     if b"\0" in head or sniff_trc(path, head) or head.lstrip()[:1] in (b"{", b"["):
         return False
-    if head.count(b"\n") < 3:
-        with path.open("rb") as file:
-            head = file.read(HEADER_BYTES)
+    lines = list_head_lines(path, head, 3)
     try:
-        rows = _split_rows(path, [line for _, line in _list_content_lines(decode(head).splitlines())[:2]])
+        rows = split_rows(path, [line for _, line in _list_content_lines(lines)[:2]])
     except MotionError:
         return False
     # the first rows name coordinates of points, even if in an unknown unit
@@ -356,7 +351,7 @@ def read_table(
 ) -> Motion:
     """Read the points of a delimited table, not cleaned."""
     # the column of times is time_s, time_ms or Time; without a unit, times are in s
-    rows = _split_rows(path, read_lines(path))
+    rows = split_rows(path, read_lines(path))
     if not rows:
         raise MotionError(f"{path}: holds no rows")
     header = read_header(path, rows)
@@ -370,8 +365,10 @@ def read_table(
                 "or, if the file is truncated there, remove it."
             )
     if header.time_column is None and rate_hz is None:
+        lacks_unit = units is None and any("" in point for point in header.units)
         raise MotionError(
             f"{path}: has no column of times (time_s, time_ms or Time); give the frame rate: rate_hz=..., or add one"
+            + (". It names no length unit either: units='mm', 'cm' or 'm'" if lacks_unit else "")
         )
     columns = [i for places in header.columns for i in places]
     titles = [header.titles[i] for i in columns]

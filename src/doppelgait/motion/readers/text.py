@@ -109,6 +109,18 @@ def read_lines(path: Path) -> list[str]:
     return decode(raw).replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
+HEADER_BYTES = 2**20
+"""Number of bytes read for the column names. Those of many points exceed the head that sniffers get."""
+
+
+def list_head_lines(path: Path, head: bytes, n_lines: int) -> list[str]:
+    """Return the first lines of a text file, at least as many as asked for."""
+    if head.count(b"\n") < n_lines:
+        with path.open("rb") as file:
+            head = file.read(HEADER_BYTES)
+    return [*decode(head).splitlines(), *[""] * n_lines]
+
+
 def trim_cells(cells: Sequence[str]) -> list[str]:
     """Return the cells without blank cells at the end."""
     last = max((i for i, cell in enumerate(cells) if cell), default=-1)

@@ -1,0 +1,316 @@
+"""Exports of motion-capture and pose-estimation programs: text tables with a header, and HDF5.
+
+Motive, Nexus, Qualisys Track Manager, Visual3D and OpenSim write positions of markers, DeepLabCut and movement those of
+keypoints. Each parser returns the points with what the header states about rate and unit.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.documents import CELL_BYTES, check_cost
+from doppelgait.core.errors import MotionError, warn_caller
+from doppelgait.motion.clean import MIN_MARKERS
+from doppelgait.motion.readers.points import check_amount, is_unlabelled
+from doppelgait.motion.readers.table import read_header, split_rows
+from doppelgait.motion.readers.text import (
+    Points,
+    Row,
+    Times,
+    is_finite,
+    list_head_lines,
+    point_format,
+    read_lines,
+    read_times,
+    to_numbers,
+    trim_cells,
+)
+
+FloatArray = npt.NDArray[np.float64]
+
+Column = tuple[str, str]
+"""Name of a point, and x, y or z."""
+
+
+def _read_rows(path: Path, n_head: int) -> list[Row]:
+    """Read the rows of a file whose first lines show the delimiter."""
+    lines = read_lines(path)
+    delimiter = max("\t;,", key="".join(lines[:n_head]).count)
+    return [(line, [cell.strip() for cell in cells]) for line, cells in split_rows(path, lines, delimiter)]
+
+
+def _arrange(path: Path, columns: Sequence[Column | None], rows: Sequence[Row]) -> tuple[list[str], FloatArray]:
+    """Return names and positions (T, P, 3) of the points that columns hold; each repeated name is another point."""
+    points: list[tuple[str, dict[str, int]]] = []
+    latest: dict[str, dict[str, int]] = {}
+    for i, column in enumerate(columns):
+        if column is None:
+            continue
+        name, axis = column
+        if axis in latest.get(name, {axis: 0}):
+            latest[name] = {}
+            points.append((name, latest[name]))
+        latest[name][axis] = i
+    whole = [(name, [axes[a] for a in "xyz"]) for name, axes in points if {*"xyz"} <= set(axes)]
+    check_amount(path, len(rows), len(whole))
+    used = [i for _, places in whole for i in places]
+    check_cost(path, CELL_BYTES * len(rows) * len(used), MotionError)
+    n_columns = max(used) + 1
+    # points that are not seen at the end of a row may lack their cells; a row that ends within a point is damaged
+    for line, cells in rows:
+        if len(cells) < n_columns and (n_columns - len(cells)) % 3:
+            raise MotionError(
+                f"{path}: line {line} has {len(cells)} cells; its header names {n_columns} columns. Correct the line "
+                "or, if the file is truncated there, remove it."
+            )
+    filled = [(line, cells + [""] * (n_columns - len(cells))) for line, cells in rows]
+    titles = [f"{name} {axis}" for name, _ in whole for axis in "xyz"]
+    return [name for name, _ in whole], to_numbers(path, filled, used, titles).reshape(len(rows), -1, 3)
+
+
+def _note_frames(path: Path, declared: str, n_frames: int) -> list[str]:
+    """Return a note, and warn, if a header declares another number of frames."""
+    if not declared.isdecimal() or (len(declared) < 10 and int(declared) == n_frames):
+        return []
+    note = f"declares {declared[:10]} frames but holds {n_frames}"
+    warn_caller(f"{path}: {note}; it may be truncated. The existing frames are read.")
+    return [note]
+
+
+MOTIVE_KINDS = ("marker", "bone marker", "rigid body marker", "bone", "rigid body")
+"""Kinds of points of Motive, the best first: measured markers before those that a solved body predicts."""
+
+
+def sniff_motive(path: Path, head: bytes) -> bool:
+    """Return True if the first cell is Format Version."""
+    return re.match(rb'(?i)(\xef\xbb\xbf)?\s*"?format version"?[,;\t]', head) is not None
+
+
+@point_format("motive", sniff_motive, (".csv",))
+def parse_motive(path: Path) -> Points:
+    """Read the markers, bones or rigid bodies of a Motive CSV export."""
+    rows = _read_rows(path, 1)
+    header = {key.lower(): value for key, value in zip(rows[0][1][::2], rows[0][1][1::2], strict=False)}
+    at = next((i for i, (_, cells) in enumerate(rows[:12]) if cells[0].lower() == "frame"), -1)
+    if at < 4:
+        raise MotionError(f"{path}: has no rows of types, names, properties and axes above Frame; export it with them")
+    # older versions write no titles in front of the rows of types and names
+    titled = {[*cells, ""][1].lower(): cells for _, cells in rows[at - 1 : 0 : -1]}
+    types, names = (titled.get(key, rows[n][1]) for key, n in (("type", 1), ("name", 2)))
+    columns: dict[str, list[Column | None]] = {}
+    n_columns = len(rows[at][1])
+    for i, (kind, name, meaning, axis) in enumerate(zip(types, names, rows[at - 1][1], rows[at][1], strict=False)):
+        if meaning.lower() == "position" and axis.lower() in ("x", "y", "z"):
+            columns.setdefault(kind.lower(), [None] * n_columns)[i] = (name, axis.lower())
+    counts = {kind: len({c[0] for c in held if c and not is_unlabelled(c[0])}) for kind, held in columns.items()}
+    kinds = [kind for kind in (*MOTIVE_KINDS, *counts) if counts.get(kind, 0) >= MIN_MARKERS]
+    if not kinds:
+        listed = ", ".join(f"{count} of type {kind}" for kind, count in counts.items()) or "none"
+        raise MotionError(f"{path}: a body needs {MIN_MARKERS} named points with positions or more; it has {listed}")
+    space = header.get("coordinate space", "global")
+    if space.lower() not in ("global", "world") and "marker" not in kinds[0]:
+        raise MotionError(f"{path}: states Coordinate Space {space!r}; export the {kinds[0]} positions as Global")
+    rows, title = rows[at + 1 :], rows[at][1][1]
+    labels, position = _arrange(path, columns[kinds[0]], rows)
+    others = [f"{counts[kind]} of type {kind}" for kind in counts if kind != kinds[0]]
+    return Points(
+        labels,
+        position,
+        unit=header.get("length units", ""),
+        rate_hz=header.get("export frame rate", "").replace(",", "."),
+        times=read_times(path, rows, 1, title) if title.lower().startswith("time") else None,
+        usual_up="y",
+        notes=[
+            *_note_frames(path, header.get("total exported frames", ""), len(rows)),
+            *([f"points left out: {', '.join(others)}"] if others else []),
+        ],
+    )
+
+
+NEXUS_BLOCKS = ("trajectories", "devices", "model outputs", "joints", "segments", "events", "imu")
+
+
+def sniff_nexus(path: Path, head: bytes) -> bool:
+    """Return True if the first line names a block of Nexus and the second is a rate."""
+    title, rate = [line.strip('",;\t ') for line in list_head_lines(path, head, 2)[:2]]
+    return title.lower() in NEXUS_BLOCKS and is_finite(rate)
+
+
+@point_format("nexus", sniff_nexus, (".csv", ".txt"))
+def parse_nexus(path: Path) -> Points:
+    """Read the block Trajectories of a Nexus export."""
+    rows = _read_rows(path, 5)
+    titles = [i for i, (_, cells) in enumerate(rows) if cells[0].lower() in NEXUS_BLOCKS and not any(cells[1:])]
+    at = next((i for i in titles if rows[i][1][0].lower() == "trajectories"), -1)
+    if at < 0:
+        held = ", ".join(rows[i][1][0] for i in titles)
+        raise MotionError(f"{path}: holds {held}, but no block Trajectories; export the trajectories of the markers")
+    block = rows[at : next((i for i in titles if i > at), len(rows))]
+    frames = [row for row in block[4:] if is_finite(row[1][0])]
+    if len(block) < 5 or not frames:
+        raise MotionError(f"{path}: its block Trajectories holds no frames")
+    header = read_header(path, block[2:4])
+    columns: list[Column | None] = [None] * len(header.titles)
+    for label, places in zip(header.labels, header.columns, strict=True):
+        for axis, i in zip("xyz", places, strict=True):
+            columns[i] = (label, axis)
+    labels, position = _arrange(path, columns, frames)
+    units = block[4][1] + [""] * len(columns)
+    each = [[units[i] for i in places] for places in header.columns]
+    rate = block[1][1][0].replace(",", ".")
+    # numbers of frames that are skipped show as uneven times
+    step_s = 1.0 / float(rate) if is_finite(rate) and float(rate) > 0.0 else 1.0
+    time_s = to_numbers(path, frames, [0], ["Frame"])[:, 0] * step_s
+    times = Times(time_s, [line for line, _ in frames], 1e-6 * step_s, 1e-6 * step_s)
+    named = all(unit for point in each for unit in point) and len(labels) == len(each)
+    return Points(labels, position, unit="mm", each=each if named else None, rate_hz=rate, times=times)
+
+
+def sniff_qualisys(path: Path, head: bytes) -> bool:
+    """Return True if the first key is the number of frames."""
+    return head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"NO_OF_FRAMES\t")
+
+
+@point_format("qualisys", sniff_qualisys, (".tsv",))
+def parse_qualisys(path: Path) -> Points:
+    """Read the markers of a Qualisys TSV export."""
+    rows = split_rows(path, read_lines(path), "\t")
+    first = next((i for i, (_, cells) in enumerate(rows) if is_finite(cells[0].replace(",", "."))), len(rows))
+    header = {cells[0].strip(): trim_cells([cell.strip() for cell in cells[1:]]) for _, cells in rows[:first]}
+    value = {key: values[0] if values else "" for key, values in header.items()}
+    names = header.get("MARKER_NAMES", [])
+    if not names:
+        kind = "rigid bodies" if "BODY_NAMES" in header or value.get("DATA_INCLUDED") == "6D" else "no markers"
+        kind = "segments of a skeleton" if "SOLVER" in header else kind
+        raise MotionError(f"{path}: holds {kind}; export the 3D data of the markers to TSV in Qualisys Track Manager")
+    rows_cells = [cells[:-1] if cells[-1].strip() == "" and len(cells) % 3 == 1 else cells for _, cells in rows[first:]]
+    frames = [(line, cells) for (line, _), cells in zip(rows[first:], rows_cells, strict=True)]
+    check_amount(path, len(frames), len(names))
+    n_columns = len(frames[0][1])
+    lead = n_columns - 3 * len(names)
+    if not 0 <= lead <= 2:
+        raise MotionError(
+            f"{path}: line {frames[0][0]} has {n_columns} cells; three for each of {len(names)} MARKER_NAMES, after "
+            f"none, a frame number, or frame number and time, are {3 * len(names)} to {3 * len(names) + 2}"
+        )
+    columns = [None] * lead + [(f"{name}\t{n}", axis) for n, name in enumerate(names) for axis in "xyz"]
+    labels, position = _arrange(path, columns, frames)
+    position[(position == 0.0).all(axis=2)] = np.nan
+    return Points(
+        [label.rsplit("\t", 1)[0] for label in labels],
+        position,
+        unit="mm",
+        rate_hz=value.get("FREQUENCY", "").replace(",", "."),
+        times=read_times(path, frames, 1, "Time") if lead == 2 else None,
+        notes=_note_frames(path, value.get("NO_OF_FRAMES", ""), len(frames)),
+    )
+
+
+VISUAL3D_POINTS = ("TARGET", "LANDMARK")
+
+
+def sniff_visual3d(path: Path, head: bytes) -> bool:
+    """Return True if the fifth line starts with ITEM."""
+    return head[:1] == b"\t" and list_head_lines(path, head, 5)[4].startswith("ITEM\t")
+
+
+@point_format("visual3d", sniff_visual3d, (".txt",))
+def parse_visual3d(path: Path) -> Points:
+    """Read the targets and landmarks of a Visual3D text export."""
+    rows = split_rows(path, read_lines(path), "\t")
+    files, names, kinds, _, axes = ([cell.strip() for cell in cells] for _, cells in rows[:5])
+    if len(held := dict.fromkeys(filter(None, files))) > 1:
+        raise MotionError(f"{path}: holds {len(held)} recordings ({', '.join(held)}); export each to its own file")
+    columns: list[Column | None] = [
+        (name, axis.lower()) if kind in VISUAL3D_POINTS and axis in ("X", "Y", "Z") else None
+        for name, kind, axis in zip(names, kinds, axes, strict=False)
+    ]
+    if not any(columns):
+        raise MotionError(
+            f"{path}: holds {', '.join(sorted(set(kinds) - {''}))}; positions are {' and '.join(VISUAL3D_POINTS)}"
+        )
+    labels, position = _arrange(path, columns, rows[5:])
+    time = names.index("TIME") if "TIME" in names else None
+    times = None if time is None else read_times(path, rows[5:], time, "TIME")
+    return Points(labels, position, unit="m", times=times)
+
+
+_OPENSIM_AXIS = re.compile(r"(?i)(.+?)_[tp]?([xyz])")
+_NO_POSITION = re.compile(r"(?i)veloc|accel|force|moment|error")
+
+
+def sniff_opensim(path: Path, head: bytes) -> bool:
+    """Return True if a line is endheader."""
+    return re.search(rb"(?im)^endheader[ \t\r]*$", head) is not None
+
+
+@point_format("opensim", sniff_opensim, (".sto", ".mot"))
+def parse_opensim(path: Path) -> Points:
+    """Read marker locations or body positions of an OpenSim storage file."""
+    lines = read_lines(path)
+    end = next(i for i, line in enumerate(lines) if line.strip().lower() == "endheader")
+    header = dict(line.split("=", 1) for line in lines[:end] if "=" in line)
+    kind, is_vector = header.get("DataType", "double").strip(), header.get("DataType", "").strip() == "Vec3"
+    check_cost(path, CELL_BYTES * sum(map(len, lines[end:])) // 4, MotionError)
+    rows = [
+        (n, (line.replace(",", "\t") if is_vector else line).split("\t" if "\t" in line else None))
+        for n, line in enumerate(lines[end + 1 :], start=end + 2)
+        if line.strip()
+    ]
+    titles = [cell.strip() for cell in rows[0][1]] if rows else []
+    names = [re.sub(r"\|\w*?(?=_[123]$|$)", "", title.rsplit("/", 1)[-1]) for title in titles]
+    columns: list[Column | None] = [None]
+    for name in names[1:]:
+        match = _OPENSIM_AXIS.fullmatch(name)
+        flat = [f"{name[:-1]}{n}" for n in "123"]  # of a table of vectors that was flattened
+        if is_vector:
+            columns += [(name, axis) for axis in "xyz"]
+        elif match:
+            columns.append((match[1], match[2].lower()))
+        else:
+            columns.append((name[:-2], "xyz"[flat.index(name)]) if name in flat and {*flat} <= {*names} else None)
+    if kind not in ("double", "Vec3") or not any(columns) or _NO_POSITION.search(lines[0]):
+        raise MotionError(
+            f"{path}: holds {lines[0].strip() or 'values'} ({', '.join(titles[1:4])}, ...), no positions; "
+            "let OpenSim report the marker locations, or export the markers as TRC"
+        )
+    labels, position = _arrange(path, columns, rows[1:])
+    times = read_times(path, rows[1:], 0, titles[0])
+    return Points(labels, position, unit=header.get("units", "m").strip(), times=times, usual_up="y")
+
+
+def sniff_deeplabcut(path: Path, head: bytes) -> bool:
+    """Return True if the first rows are scorer, individuals or bodyparts, and coords."""
+    return [line.split(",")[0] for line in list_head_lines(path, head, 2)[:2]] in (
+        ["scorer", "individuals"],
+        ["scorer", "bodyparts"],
+    )
+
+
+@point_format("deeplabcut", sniff_deeplabcut, (".csv",))
+def parse_deeplabcut(path: Path) -> Points:
+    """Read the keypoints of a three-dimensional DeepLabCut table."""
+    rows = _read_rows(path, 1)
+    at = next((i for i, (_, cells) in enumerate(rows[:5]) if cells[0] == "coords"), -1)
+    if at < 0:
+        raise MotionError(f"{path}: has no row coords below its rows scorer and bodyparts; export it again")
+    return _arrange_keypoints(path, {cells[0]: cells[1:] for _, cells in rows[: at + 1]}, rows[at + 1 :])
+
+
+def _arrange_keypoints(path: Path, levels: Mapping[str, Sequence[str]], rows: Sequence[Row]) -> Points:
+    """Arrange columns that have levels individuals, bodyparts and coords after the number of the frame."""
+    owners = levels.get("individuals", [""] * len(levels["bodyparts"]))
+    names = [f"{owner}:{name}" if owner else name for owner, name in zip(owners, levels["bodyparts"], strict=False)]
+    columns = [(n, a) if a in ("x", "y", "z") else None for n, a in zip(names, levels["coords"], strict=False)]
+    if "z" not in levels["coords"]:
+        raise MotionError(
+            f"{path}: holds image coordinates (x and y in pixels); triangulate the keypoints of two or more calibrated "
+            "cameras, and read the file of three-dimensional keypoints"
+        )
+    labels, position = _arrange(path, [None, *columns], rows)
+    return Points(labels, position)

@@ -1,0 +1,206 @@
+"""Files of motion-capture programs, as several versions of each program write them."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from walking_body import NAMES, walking_body, y_up
+
+RATE_HZ = 80.0
+BODY_M = walking_body(rate_hz=RATE_HZ)
+BODY_M[5:7, 2] = np.nan
+Text = Callable[[np.ndarray], str]
+
+
+def lines(*rows: list[Any], separator: str = ",", end: str = "\r\n") -> str:
+    cells = [
+        ["" if cell != cell else f"{cell:.6f}" if isinstance(cell, float) else str(cell) for cell in row]
+        for row in rows
+    ]
+    return end.join([separator.join(row) for row in cells] + [""])
+
+
+def frames(body: np.ndarray, *, first: int = 0, time: bool = True, extra: int = 0) -> list[list[Any]]:
+    """Rows of frame number, time, ``extra`` other values and positions."""
+    lead = [[k + first, *([k / RATE_HZ] if time else []), *[0.5] * extra] for k in range(len(body))]
+    return [[*start, *row] for start, row in zip(lead, body.reshape(len(body), -1).tolist(), strict=True)]
+
+
+def thrice(names: list[str]) -> list[str]:
+    return [name for name in names for _ in "xyz"]
+
+
+def motive(version: str, unit: str, metres: float, *, kind: str = "Marker", bones: bool = False) -> Text:
+    """Version 1.2 has no titles of the header rows, 1.24 a column of time codes; bones have quaternions."""
+
+    def write(body: np.ndarray) -> str:
+        body = y_up(body) / metres
+        stamp, titled = version >= "1.24", version != "1.2"
+        lead = [["", title if titled else ""] + [""] * stamp for title in ("Type", "Name", "ID", "")]
+        names = [f"Jim:{name}" for name in NAMES]
+        blocks = [thrice([kind] * 16), thrice(names), [f'"{n // 3:04X}"' for n in range(48)], ["Position"] * 48]
+        axes = list("XYZ" * 16)
+        if bones:
+            for block, cell in zip(blocks, (["Bone"] * 7, ["Jim:Hip"] * 7, ["1"] * 7), strict=False):
+                block[:0] = cell
+            blocks[3][:0] = ["Rotation"] * 4 + ["Position"] * 3
+            axes[:0] = list("XYZWXYZ")
+            for block, cell in zip([*blocks, axes], ("Marker", "Unlabeled 1189", "9", "Position", ""), strict=True):
+                block += [cell] * 3
+            axes[-3:] = list("XYZ")
+        head = f"Format Version,{version},Take Name,walk,Capture Frame Rate,240,Export Frame Rate,{RATE_HZ:.6f},"
+        head += f"Total Exported Frames,{len(body)},Length Units,{unit},Coordinate Space,Global"
+        data = frames(body, extra=7 if bones else 0)
+        for k, row in enumerate(data):
+            row[2:2] = [f"15:26:46:{k}"] if stamp else []
+            row += [1.0, 2.0, 3.0] if bones and k % 2 else [""] * 3 * bones
+        columns = ["Frame", "Time (Seconds)", *["TimeCode"] * stamp]
+        rows = [start + block for start, block in zip(lead, blocks, strict=True)]
+        return lines([head], [], *rows, columns + axes, *data)
+
+    return write
+
+
+def nexus(separator: str, *, around: bool) -> Text:
+    def write(body: np.ndarray) -> str:
+        block = [
+            ["Trajectories"],
+            [f"{RATE_HZ:g}"],
+            ["", "", *[c for n in NAMES for c in (f"Jim:{n}", "", "")]],
+            ["Frame", "Sub Frame", *"XYZ" * 16],
+            ["", "", *["mm"] * 48],
+            *[[row[0], 0, *row[1:]] for row in frames(1e3 * body, first=301, time=False)],
+        ]
+        devices = [
+            ["Devices"],
+            ["800"],
+            ["", "", "Force"],
+            ["Frame", "Sub Frame", "Fx"],
+            ["", "", "N"],
+            *[[k // 10, k % 10, 1.5] for k in range(400)],
+            [],
+        ]
+        outputs = [
+            [],
+            ["Model Outputs"],
+            ["80"],
+            ["", "", "Jim:LKneeAngles"],
+            ["Frame", "Sub Frame", *"XYZ"],
+            ["", "", *["deg"] * 3],
+            [301, 0, 1.0, 2.0, 3.0],
+        ]
+        return lines(*(devices if around else []), *block, *(outputs if around else []), separator=separator)
+
+    return write
+
+
+def qualisys(*, columns: int = 0, types: bool = False, gap: str = "0.000", kind: str = "3D") -> Text:
+    def write(body: np.ndarray) -> str:
+        data = frames(1e3 * body, first=1)
+        data = [[gap if cell != cell else cell for cell in row[2 - columns :]] for row in data]
+        head = [
+            ["NO_OF_FRAMES", len(body)],
+            ["NO_OF_MARKERS", 16],
+            ["FREQUENCY", f"{RATE_HZ:g}"],
+            ["DATA_INCLUDED", kind],
+            ["MARKER_NAMES" if kind == "3D" else "BODY_NAMES", *NAMES],
+        ]
+        if columns == 2:
+            head.append(["Frame", "Time", *[f"{name} {axis}" for name in NAMES for axis in "XYZ"]])
+        if types:  # newer versions also end each line with a tab
+            head, data = (
+                [[*row, ""] for row in [*head, ["TRAJECTORY_TYPES", *["Measured"] * 16]]],
+                [[*r, ""] for r in data],
+            )
+        return lines(*head, *data, separator="\t")
+
+    return write
+
+
+def visual3d(body: np.ndarray) -> str:
+    names = ["TIME", *thrice(["KNEE"]), *thrice(NAMES)]
+    kinds = ["FRAME_NUMBERS", *["LINK_MODEL_BASED"] * 3, *["TARGET"] * 48]
+    head = [["", *["a.c3d"] * 52], ["", *names], ["", *kinds], ["", *["ORIGINAL"] * 52], ["ITEM", "X", *"XYZ" * 17]]
+    return lines(*head, *frames(body, first=1, extra=3), separator="\t")
+
+
+def opensim(form: str, name: str = "ModelMarkerLocations") -> Text:
+    def write(body: np.ndarray) -> str:
+        head = [[name], ["version=3"], *([["DataType=Vec3"], ["units=m"]] if form == "Vec3" else []), ["endheader"]]
+        labels = [form.format(name=n, axis=a, n="xyz".index(a) + 1) for n in NAMES for a in "xyz"]
+        data = [row[1:] for row in frames(y_up(np.nan_to_num(body, nan=0.1)), first=1)]
+        data = [["nan" if np.isnan(body[k, i // 3, 0]) else c for i, c in enumerate(r[1:])] for k, r in enumerate(data)]
+        if form == "Vec3":
+            labels, data = NAMES, [[",".join(str(c) for c in r[i : i + 3]) for i in range(0, 48, 3)] for r in data]
+        rows = [[k / RATE_HZ, *row] for k, row in enumerate(data)]
+        return lines(*head, ["time", *labels], *rows, separator="\t", end="\n")
+
+    return write
+
+
+def deeplabcut(*, individuals: bool = False, coords: str = "xyz") -> Text:
+    def write(body: np.ndarray) -> str:
+        names = [name for name in NAMES for _ in coords]
+        data = [
+            row[:1] + [c for k in range(16) for c in (*row[3 * k + 1 : 3 * k + 4], 0.9)[: len(coords)]]
+            for row in frames(100 * body, time=False)
+        ]
+        rows = [
+            ["scorer", *["net"] * len(names)],
+            ["individuals", *["Rex"] * len(names)],
+            ["bodyparts", *names],
+            ["coords", *[{"l": "likelihood"}.get(c, c) for _ in NAMES for c in coords]],
+            *data,
+        ]
+        if not individuals:
+            del rows[1]
+        else:
+            others = [["net"] * 3, ["Tom"] * 3, ["nose"] * 3, list("xyz")]
+            rows = [row + (others[k] if k < 4 else [1.0, 2.0, 3.0]) for k, row in enumerate(rows)]
+        return lines(*rows, end="\n")
+
+    return write
+
+
+def anipose(body: np.ndarray) -> str:
+    columns = [f"{name}_{end}" for name in NAMES for end in ("x", "y", "z", "error", "ncams", "score")]
+    data = [
+        [c for i in range(0, 48, 3) for c in (*row[i : i + 3], 1.2, 3, 0.9)] + [k]
+        for k, row in enumerate(body.reshape(len(body), -1).tolist())
+    ]
+    return lines([*columns, "fnum"], *data, end="\n")
+
+
+def trc(body: np.ndarray) -> str:
+    keys = ["DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units"]
+    head = [["PathFileType", 4, "(X/Y/Z)"], keys, [RATE_HZ, RATE_HZ, len(body), 16, "mm"]]
+    names = ["Frame#", "Time", *[c for name in NAMES for c in (name, "", "")]]
+    axes = ["", "", *[f"{axis}{n + 1}" for n in range(16) for axis in "XYZ"]]
+    return lines(*head, names, axes, [], *frames(1e3 * y_up(body), first=1), separator="\t")
+
+
+TEXTS: dict[str, tuple[str, Text, dict[str, Any]]] = {
+    "motive": ("csv", motive("1.23", "Meters", 1.0), {}),
+    "motive bones": ("csv", motive("1.25", "Centimeters", 0.01, bones=True), {}),
+    "motive without titles": ("csv", motive("1.2", "Millimeters", 1e-3, kind="Rigid Body"), {}),
+    "nexus": ("csv", nexus(",", around=False), {}),
+    "nexus blocks": ("txt", nexus("\t", around=True), {}),
+    "qualisys": ("tsv", qualisys(), {}),
+    "qualisys frames": ("tsv", qualisys(columns=1, gap=""), {}),
+    "qualisys columns": ("tsv", qualisys(columns=2, gap="NULL"), {}),
+    "qualisys types": ("tsv", qualisys(types=True), {}),
+    "visual3d": ("txt", visual3d, {}),
+    "opensim": ("sto", opensim("{name}_t{axis}"), {}),
+    "opensim bodies": ("sto", opensim("{name}_{axis}"), {}),
+    "opensim flat": ("mot", opensim("/markerset/{name}|location_{n}"), {}),
+    "opensim vectors": ("sto", opensim("Vec3"), {}),
+    "deeplabcut": ("csv", deeplabcut(), {"units": "cm", "rate_hz": RATE_HZ}),
+    "deeplabcut individuals": (
+        "csv",
+        deeplabcut(individuals=True, coords="xyzl"),
+        {"units": "cm", "rate_hz": RATE_HZ, "subject": "Rex"},
+    ),
+    "trc": ("trc", trc, {}),
+    "table": ("csv", anipose, {"units": "m", "rate_hz": RATE_HZ}),
+}
