@@ -87,7 +87,7 @@ def test_no_text_of_the_keys_begins_in_the_middle_of_a_sentence() -> None:
     text = "".join(run(row["topic"]) for row in json.loads(run("--json")))
     for fault in ("...\n", "      ...", "its defaults", "Of the ", "\\|"):
         assert [line for line in text.splitlines(keepends=True) if fault in line] == []
-    assert 'motion, kind = "human": Generate a walking or running person.\n' in text
+    assert 'motion, kind = "human": Walking or running person of human_gait.\n' in text
 
 
 def test_a_table_with_defaults_is_optional() -> None:

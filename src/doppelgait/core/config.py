@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, fie
 
 from doppelgait.core.documents import parse_json, parse_toml
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.keys import expand_docstring
 
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass as _Checked
@@ -56,6 +57,10 @@ class FrozenModel(BaseModel, metaclass=_Checked):
     """Fields that Python code may pass by position."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **settings: Any) -> None:
+        cls.__doc__ = expand_docstring(cls)
 
     def replace(self, **changes: Any) -> Self:
         """Return a copy with some fields changed and checked."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import inspect
 import re
-import sys
 import types
 from collections.abc import Iterator, Mapping
 from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
@@ -90,12 +89,8 @@ def unit_of(key: str) -> str:
 
 
 def summary_of(model: type[BaseModel]) -> str:
-    """Return the first paragraph of a model's docstring, or that of the function that it names."""
-    text = inspect.cleandoc(model.__doc__ or "")
-    first = text.split("\n\n")[0]
-    if first.startswith("Parameters of :func:"):
-        return _referred(text, model.__module__).split("\n\n")[0] or first
-    return first
+    """Return the first paragraph of a model's docstring."""
+    return inspect.cleandoc(model.__doc__ or "").split("\n\n")[0]
 
 
 def _kind(kind: Any) -> str:
@@ -156,26 +151,25 @@ def parameter_words(model: type[BaseModel]) -> dict[str, str]:
     """Return the description of every key, from the docstrings of a model and of its bases."""
     found: dict[str, str] = {}
     for owner in model.__mro__:
-        if owner.__module__.partition(".")[0] in ("pydantic", "builtins"):
-            continue
-        text = inspect.cleandoc(owner.__doc__ or "")
-        for each in (text, _referred(text, owner.__module__)):
-            for name, words in _sections(each):
-                found[name] = found.get(name) or words
+        for name, words in _sections(inspect.cleandoc(owner.__doc__ or "")):
+            found[name] = found.get(name) or words
     return {
         "kind": "Kind of the table; it determines which other keys are allowed.",
         **{name: found[name] for name in model.model_fields if found.get(name)},
     }
 
 
-def _referred(text: str, module: str) -> str:
-    """Return the docstring of the object that a docstring refers to."""
-    named = re.search(r"(?:see|Parameters of) :(?:class|func):`~?([\w.]+)`", text)
-    if named is None:
-        return ""
-    place, _, name = named.group(1).rpartition(".")
-    referred = getattr(sys.modules.get(place or module), name, None)
-    return "" if referred is None else inspect.getdoc(referred) or ""
+def expand_docstring(model: type[BaseModel]) -> str | None:
+    """Write entries ``name: text`` of a model's docstring as numpydoc."""
+    summary, *entries = re.split(r"^(\w+): ", inspect.cleandoc(model.__doc__ or ""), flags=re.MULTILINE)
+    texts = dict(zip(entries[::2], entries[1::2], strict=True))
+    if not texts or not texts.keys() <= model.model_fields.keys():
+        return model.__doc__
+    text = f"{summary}Parameters\n----------\n"
+    for key in list_keys(model):  # types, limits and defaults come from the fields
+        facts = ", ".join(filter(None, (key.type, key.unit, key.limits, key.default and f"default {key.default}")))
+        text += f"{key.key} : {facts.replace('`', '')}\n    {texts[key.key].strip()}\n" if key.key in texts else ""
+    return text
 
 
 def _sections(docstring: str) -> Iterator[tuple[str, str]]:

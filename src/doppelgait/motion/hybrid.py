@@ -74,18 +74,11 @@ class Hybrid(FrozenModel):
 
     It is a table of a scene or a plan. ``other`` and ``share`` must be set together.
 
-    Parameters
-    ----------
-    speed_factor : float
-        Factor of the dimensionless speed V / sqrt(g l) (:func:`retarget`).
-    size_factor : float
-        Factor of all lengths; times change by its square root.
-    stride_factor : float
-        Factor of the stride length at equal speed.
-    other : table, optional
-        Second recording, ``{ kind = "file", path = "...", segment = 1 }``.
-    share : float
-        Part of the second recording, 0 to 1.
+    speed_factor: Factor of the dimensionless speed V / sqrt(g l) (:func:`retarget`).
+    size_factor: Factor of all lengths; times change by its square root.
+    stride_factor: Factor of the stride length at equal speed.
+    other: Second recording, ``{ kind = "file", path = "...", segment = 1 }``.
+    share: Part of the second recording.
     """
 
     speed_factor: Factor = 1.0

@@ -223,14 +223,9 @@ class Layout:
 class Path(FrozenModel):
     """Parameters of every path; each kind adds its shape.
 
-    Parameters
-    ----------
-    speed_mps : float, optional
-        Speed along the path, within 30 % of the motion's own speed, which is the default.
-    side_m : float
-        Distance of the body to the left of the path, for a person who accompanies another.
-    ahead_m : float
-        Distance of the body ahead of the point on the path, along the path.
+    speed_mps: Speed along the path, within 30 % of the motion's own speed, which is the default.
+    side_m: Distance of the body to the left of the path, for a person who accompanies another.
+    ahead_m: Distance of the body ahead of the point on the path, along the path.
     """
 
     kind: str
@@ -248,12 +243,8 @@ class StraightPath(Path):
 class ArcPath(Path):
     """Arc of a circle, or several rounds of it.
 
-    Parameters
-    ----------
-    radius_m : float
-        Radius of the circle, 0.3 or more.
-    turn_deg : float
-        Change of heading from start to end, positive to the left; not 0, at most ten rounds.
+    radius_m: Radius of the circle, 0.3 or more.
+    turn_deg: Change of heading from start to end, positive to the left; not 0, at most ten rounds.
     """
 
     kind: Literal["arc"] = "arc"
@@ -271,12 +262,9 @@ class ArcPath(Path):
 class PolylinePath(Path):
     """Polyline through points, with rounded corners.
 
-    Parameters
-    ----------
-    points_m : list of (float, float)
-        Two or more corners; the path starts at the first.
-    corner_radius_m : float
-        Radius of the corners, 0.1 or more. The arc touches both legs of a corner and must fit between its neighbours.
+    points_m: Two or more corners; the path starts at the first.
+    corner_radius_m: Radius of the corners, 0.1 or more. The arc touches both legs of a corner and
+        must fit between its neighbours.
     """
 
     kind: Literal["polyline"] = "polyline"
@@ -292,12 +280,8 @@ class PolylinePath(Path):
 class StopSpec(FrozenModel):
     """Stop on a path: distance from start and pause.
 
-    Parameters
-    ----------
-    at_m : float
-        Distance along the path from its start to the stop.
-    pause_s : float
-        Time that the body stands at the stop.
+    at_m: Distance along the path from its start to the stop.
+    pause_s: Time that the body stands at the stop.
     """
 
     at_m: float = Field(gt=0, le=1e5)
@@ -307,12 +291,8 @@ class StopSpec(FrozenModel):
 class StopAndGoPath(Path):
     """Straight ahead with stops.
 
-    Parameters
-    ----------
-    stops : list of StopSpec
-        Places and times of the stops in order, at most 20.
-    acceleration_mps2 : float
-        Maximum acceleration on stopping and starting.
+    stops: Places and times of the stops in order, at most 20.
+    acceleration_mps2: Maximum acceleration on stopping and starting.
     """
 
     kind: Literal["stop_and_go"] = "stop_and_go"
@@ -333,16 +313,12 @@ class TurnAroundPath(Path):
 
     The path lasts as long as the motion.
 
-    Parameters
-    ----------
-    out_m : float
-        Distance from the start to the turn.
-    radius_m : float, optional
-        Radius of a U-turn at full speed, 0.3 or more. Without it, the body stops and turns on the spot.
-    turn_s : float, optional
-        Duration of the turn on the spot, 2 s by default; the body stands still briefly before and after it.
-    acceleration_mps2 : float, optional
-        Maximum acceleration before and after the turn on the spot, 1 by default.
+    out_m: Distance from the start to the turn.
+    radius_m: Radius of a U-turn at full speed, 0.3 or more. Without it, the body stops and turns on
+        the spot.
+    turn_s: Duration of the turn on the spot, 2 s by default; the body stands still briefly before
+        and after it.
+    acceleration_mps2: Maximum acceleration before and after the turn on the spot, 1 by default.
     """
 
     kind: Literal["turn_around"] = "turn_around"

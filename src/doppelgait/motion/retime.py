@@ -222,30 +222,23 @@ SLOWEST_STRIDE_S = 2.5
 class Variation(FrozenModel):
     """Change of a body's motion from its model or recording.
 
-    Parameters
-    ----------
-    limb_swing : float
-        Factor of the swing of the legs about the trunk, including the forelegs of an animal; 1 leaves it unchanged.
-    arm_swing : float
-        Factor of the swing of a person's arms.
-    trunk_ripple : float
-        Factor of the deviations of the trunk from uniform motion.
-    ripple_once_m : float
-        Amplitude of a movement of the whole body at the stride frequency, in a random direction and phase.
-    ripple_twice_m : float
-        Amplitude of such a movement at twice the stride frequency.
-    pitch_deg : float
-        Amplitude of the pitch of trunk, head and arms about the body's centre, at twice the stride frequency.
-    yaw_deg : float
-        Amplitude of the yaw of trunk, head and arms about the body's centre, at the stride frequency.
-    pace : float
-        Factor of the stride frequency at equal speed. The swing of the legs becomes shorter by the same factor.
-    swing_timing : float
-        Share of a stride by which the swing of all limbs leads and lags in every stride, which changes the stance time.
-    fore_timing : float
-        Share of a stride by which the forelimbs (a person's arms) are delayed.
-    phase_noise : float
-        Standard deviation of the stride clock from stride to stride, in strides.
+    limb_swing: Factor of the swing of the legs about the trunk, including the forelegs of an
+        animal; 1 leaves it unchanged.
+    arm_swing: Factor of the swing of a person's arms.
+    trunk_ripple: Factor of the deviations of the trunk from uniform motion.
+    ripple_once_m: Amplitude of a movement of the whole body at the stride frequency, in a random
+        direction and phase.
+    ripple_twice_m: Amplitude of such a movement at twice the stride frequency.
+    pitch_deg: Amplitude of the pitch of trunk, head and arms about the body's centre, at twice the
+        stride frequency.
+    yaw_deg: Amplitude of the yaw of trunk, head and arms about the body's centre, at the stride
+        frequency.
+    pace: Factor of the stride frequency at equal speed. The swing of the legs becomes shorter by
+        the same factor.
+    swing_timing: Share of a stride by which the swing of all limbs leads and lags in every stride,
+        which changes the stance time.
+    fore_timing: Share of a stride by which the forelimbs (a person's arms) are delayed.
+    phase_noise: Standard deviation of the stride clock from stride to stride, in strides.
     """
 
     limb_swing: float = Field(default=1.0, ge=0.3, le=2.0)

@@ -215,7 +215,7 @@ _WHOLE_CYCLE = np.arange(1000) / 1000
 
 
 class BoulicConfig(FrozenModel):
-    """Parameters of :func:`boulic_walk`.
+    """Walking person of :func:`boulic_walk` (Boulic et al. 1990; Chen 2011).
 
     speed_mps: Mean forward speed V, above 0 and at most 3 leg lengths per second (2.58 m/s at 1.75
         m).
@@ -231,7 +231,6 @@ class BoulicConfig(FrozenModel):
     """
 
     kind: Literal["boulic"] = "boulic"
-
     speed_mps: float = Field(1.2, gt=0)
     height_m: float = Field(1.75, ge=0.6, le=2.4)
     form: Form = "consistent"

@@ -34,7 +34,7 @@ ARM_REACH = 0.95
 
 
 class CrawlConfig(FrozenModel):
-    """Parameters of :func:`crawling_person`.
+    """Person of :func:`crawling_person`, on hands and knees.
 
     speed_mps: Mean forward speed V.
     height_m: Stature H.
@@ -45,7 +45,6 @@ class CrawlConfig(FrozenModel):
     """
 
     kind: Literal["crawl"] = "crawl"
-
     speed_mps: float = Field(0.4, ge=0.1, le=0.8)
     height_m: float = Field(1.75, ge=0.9, le=2.1)
     mass_kg: float | None = Field(None, gt=0, le=400)

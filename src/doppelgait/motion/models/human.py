@@ -138,7 +138,7 @@ WALK_ARMS = 0.65
 
 
 class HumanConfig(FrozenModel):
-    """Parameters of :func:`human_gait`.
+    """Walking or running person of :func:`human_gait`.
 
     gait: ``"walk"``, ``"run"`` or ``"auto"``: a run above 2 m/s at 1.75 m, and at the same Froude
         number for other statures.
@@ -179,7 +179,6 @@ class HumanConfig(FrozenModel):
     """
 
     kind: Literal["human"] = "human"
-
     gait: GaitName = "auto"
     speed_mps: float = Field(1.2, gt=0)
     height_m: float = Field(1.75, ge=0.6, le=2.4)

@@ -75,7 +75,7 @@ def _check_turns(rate_hz: float, rotation_hz: float, key: str) -> None:
 
 
 class PointConfig(FrozenModel):
-    """Parameters of :func:`moving_point`.
+    """Point of :func:`moving_point`, on a straight line.
 
     speed_mps: Speed V along +x, 0 (a point at rest) to 1000.
     height_m: Height above the floor.
@@ -83,7 +83,6 @@ class PointConfig(FrozenModel):
     """
 
     kind: Literal["point"] = "point"
-
     speed_mps: float = Field(1.0, ge=0, le=1000)
     height_m: float = Field(1.0, ge=0, le=1000)
     rate_hz: float = Field(250.0, ge=1, le=100_000)
@@ -104,7 +103,7 @@ def moving_point(config: PointConfig, times_s: FloatArray) -> Body:
 
 
 class PendulumConfig(FrozenModel):
-    """Parameters of :func:`pendulum`.
+    """Swinging point of :func:`pendulum`.
 
     length_m: Length l, above 0.
     amplitude_deg: Largest angle a, 0 to 180 degrees.
@@ -114,7 +113,6 @@ class PendulumConfig(FrozenModel):
     """
 
     kind: Literal["pendulum"] = "pendulum"
-
     length_m: float = Field(0.8, gt=0, le=100)
     amplitude_deg: float = Field(30.0, ge=0, le=180)
     frequency_hz: float = Field(1.0, gt=0, le=100)
@@ -146,7 +144,7 @@ def pendulum(config: PendulumConfig, times_s: FloatArray) -> Body:
 
 
 class RotorConfig(FrozenModel):
-    """Parameters of :func:`rotor`.
+    """Hub with rotating blade tips of :func:`rotor`.
 
     radius_m: Distance of the tips from the hub, above 0.
     rotation_hz: Turns per second, above 0.
@@ -157,7 +155,6 @@ class RotorConfig(FrozenModel):
     """
 
     kind: Literal["rotor"] = "rotor"
-
     radius_m: float = Field(0.3, gt=0, le=100)
     rotation_hz: float = Field(2.0, gt=0, le=1000)
     blades: int = Field(2, ge=1, le=64)
@@ -201,7 +198,7 @@ def _place_blades(config: RotorConfig | FanConfig, plane: Plane, times_s: FloatA
 
 
 class BreathingConfig(FrozenModel):
-    """Parameters of :func:`breathing_person`.
+    """Head and torso of :func:`breathing_person`.
 
     height_m: Stature.
     breathing_hz: Breaths per second f.
@@ -211,7 +208,6 @@ class BreathingConfig(FrozenModel):
     """
 
     kind: Literal["breathing"] = "breathing"
-
     height_m: float = Field(1.75, ge=0.4, le=2.4)
     breathing_hz: float = Field(0.25, gt=0, le=2)
     amplitude_m: float = Field(0.005, ge=0, le=0.05)
@@ -257,7 +253,7 @@ def breathing_person(config: BreathingConfig, times_s: FloatArray) -> Body:
 
 
 class VacuumConfig(FrozenModel):
-    """Parameters of :func:`robot_vacuum`.
+    """Flat round robot of :func:`robot_vacuum`.
 
     speed_mps: Speed V of the centre.
     turn_deg_per_s: Rate w of turning to the left.
@@ -269,7 +265,6 @@ class VacuumConfig(FrozenModel):
     """
 
     kind: Literal["vacuum"] = "vacuum"
-
     speed_mps: float = Field(0.3, ge=0, le=1)
     turn_deg_per_s: float = Field(0.0, ge=-180, le=180)
     radius_m: float = Field(0.17, ge=0.05, le=0.5)
@@ -323,7 +318,7 @@ def _place_round(angle_rad: FloatArray, radius_m: float) -> FloatArray:
 
 
 class CurtainConfig(FrozenModel):
-    """Parameters of :func:`curtain`.
+    """Swaying cloth of :func:`curtain`.
 
     sway_hz: Frequency f; 0.2 to 0.6 in a draught (assumed).
     amplitude_m: Amplitude a of the hem. Above the hem, it is proportional to the distance d from
@@ -338,7 +333,6 @@ class CurtainConfig(FrozenModel):
     """
 
     kind: Literal["curtain"] = "curtain"
-
     sway_hz: float = Field(0.4, gt=0, le=2)
     amplitude_m: float = Field(0.05, ge=0, le=0.5)
     phase_deg: float = Field(120.0, ge=-720, le=720)
@@ -381,7 +375,7 @@ def curtain(config: CurtainConfig, times_s: FloatArray) -> Body:
 
 
 class FanConfig(FrozenModel):
-    """Parameters of :func:`fan`.
+    """Rotor on a stand of :func:`fan`.
 
     radius_m: Distance of the blades' tips from the hub.
     rotation_hz: Turns per second.
@@ -391,7 +385,6 @@ class FanConfig(FrozenModel):
     """
 
     kind: Literal["fan"] = "fan"
-
     radius_m: float = Field(0.2, gt=0, le=1)
     rotation_hz: float = Field(15.0, gt=0, le=60)
     blades: int = Field(3, ge=3, le=5)

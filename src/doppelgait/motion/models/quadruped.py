@@ -69,7 +69,7 @@ POINTS = tuple(PART_OF_POINT)
 
 
 class QuadrupedConfig(FrozenModel):
-    """Parameters of :func:`quadruped_gait`.
+    """Four-legged animal of :func:`quadruped_gait`, in one straight gait.
 
     gait: ``"walk"`` (lateral sequence, Froude number 0.05 to 0.5), ``"pace"`` (0.1 to 1),
         ``"trot"`` (0.3 to 2.5), ``"canter"`` (1 to 5), ``"gallop"`` (rotary, 1.2 to 10),
@@ -107,7 +107,6 @@ class QuadrupedConfig(FrozenModel):
     """
 
     kind: Literal["quadruped"] = "quadruped"
-
     gait: GaitChoice = "trot"
     speed_mps: float | None = Field(None, gt=0)
     froude: float | None = Field(None, gt=0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import cache
 from inspect import Parameter, Signature, cleandoc, signature
@@ -11,7 +10,6 @@ from typing import Any, Protocol
 
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.keys import list_keys
 from doppelgait.core.plugins import Group
 from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.motion.motion import Motion
@@ -93,16 +91,9 @@ Examples
 
 def model_function(model: type[FrozenModel], *, duration_s: float = 5.0) -> Callable[[Generate], ModelFunction]:
     """Make the public function of a model from its generator."""
-    # The docstring of the model has an entry "name: description" for each parameter, that of the generator a text and
-    # an example. Types, limits and defaults come from the fields, and the function shows all of them.
-    keys = {key.key: key for key in list_keys(model) if key.key != "kind"}
-    summary, *entries = re.split(rf"^({'|'.join(keys)}): ", cleandoc(model.__doc__ or ""), flags=re.MULTILINE)
-    described = ""
-    for name, text in zip(entries[::2], entries[1::2], strict=True):
-        key = keys[name]
-        facts = ", ".join(filter(None, (key.type, key.unit, key.limits, key.default and f"default {key.default}")))
-        described += f"{name} : {facts.replace('`', '')}\n    {text.strip()}\n"
-    model.__doc__ = f"{summary}Parameters\n----------\n{described}"
+    # types, limits and defaults come from the fields, and descriptions from the docstring of the model
+    described = (model.__doc__ or "").partition("Parameters\n----------\n")[2]
+    fields = {name: field for name, field in model.model_fields.items() if name != "kind"}
     default_s = duration_s
 
     def wrap(run: Generate) -> ModelFunction:
@@ -112,7 +103,7 @@ def model_function(model: type[FrozenModel], *, duration_s: float = 5.0) -> Call
             # unlike a scene file, the function has a duration and no kind
             for key in parameters:
                 if key not in model.model_fields:
-                    allowed = sorted({*keys, "duration_s", "rng"})
+                    allowed = sorted({*fields, "duration_s", "rng"})
                     raise ConfigError(f"{name}: {key}: unknown parameter; allowed are {', '.join(allowed)}")
             return generate(validate(model, parameters, where=name), duration_s=duration_s, rng=rng)
 
@@ -121,8 +112,7 @@ def model_function(model: type[FrozenModel], *, duration_s: float = 5.0) -> Call
         make.__name__ = make.__qualname__ = name
         make.__module__ = run.__module__
         common = Parameter("duration_s", Parameter.KEYWORD_ONLY, default=default_s, annotation=float)
-        rows = {key: field for key, field in model.model_fields.items() if key in keys}
-        own = [Parameter(key, common.kind, default=row.default, annotation=row.annotation) for key, row in rows.items()]
+        own = [Parameter(key, common.kind, default=f.default, annotation=f.annotation) for key, f in fields.items()]
         chance = Parameter("rng", common.kind, default=None, annotation="RandomSource | None")
         make.__signature__ = Signature([common, chance, *own], return_annotation=Motion)  # type: ignore[attr-defined]
         return make
