@@ -133,8 +133,8 @@ def test_bursts_are_found_from_the_pauses():
     times = burst_times()
     assert get_burst_pulses(labelled(np.ones(times.size), times, burst_pulses=64)) == 64
     assert get_burst_pulses(labelled(np.ones(times.size), times)) == M
-    with pytest.raises(AnalysisError, match="different lengths \\(123, 128 pulses"):
-        find_burst_pulses(np.delete(times, slice(M, M + 5)))
+    assert find_burst_pulses(np.delete(times, slice(M, M + 5))) is None  # a reader leaves the incomplete one out
+    assert find_burst_pulses(burst_times(count=2)) is None  # a pause is no burst
 
 
 def test_a_last_burst_that_is_not_whole_is_left_out():

@@ -11,9 +11,9 @@ from functools import cached_property, partial
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from doppelgait.core import lazy
-from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, check_signal, make_array, read_axis, sampling_rate_hz
 from doppelgait.core.lazy import LateRows, read_pulses, xr
 from doppelgait.core.samples import Matrix, Planes, Samples
@@ -22,7 +22,11 @@ from doppelgait.core.units import FloatArray
 SLACK_S = 1e-9
 """Tolerance for the rounding of pulse times."""
 PAUSE = 1.5
-"""Ratio of a slow-time step to the usual step above which the step is a pause between bursts."""
+"""Ratio of a slow-time step to the usual step above which the step is a pause."""
+MIN_BURSTS, WHOLE_SHARE, PERIOD_OFF, RARE_SHARE = 4, 0.8, 0.1, 0.05
+"""Proof of bursts: their number, the share of those alike, the deviation of their period, and the pause in it."""
+SAME_STEP, MAX_PIECES = 0.01, 64
+"""Largest relative difference of the steps of a piece, and number of pieces above which the times only jitter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +60,19 @@ class SlowTime:
         """Count the pulses of a burst from the pauses, where no file or radar states them."""
         return self if self.burst_pulses is not None else replace(self, burst_pulses=find_burst_pulses(self.time_s))
 
+    def find_pieces(self) -> list[slice]:
+        """Divide the pulses at pauses, and where their rate changes; bursts are one piece."""
+        whole, steps = slice(0, self.size), np.diff(self.time_s)
+        if steps.size < 2 or self.find_bursts().burst_pulses is not None:
+            return [whole]
+        least = np.minimum(steps[1:], steps[:-1])
+        changes = np.flatnonzero(np.abs(np.diff(steps)) > SAME_STEP * least) + 1
+        if changes.size > 2 * MAX_PIECES:  # jitter
+            changes = np.flatnonzero(steps > PAUSE * np.median(steps)) + 1
+        # a pause is a change of the step, and at once another
+        cuts = changes[np.append(np.diff(changes) != 1, True)] if changes.size else changes
+        return [slice(int(a), int(b)) for a, b in zip([0, *cuts], [*cuts, self.size], strict=True)]
+
     def __getitem__(self, pulses: slice) -> SlowTime:
         return replace(self, time_s=self.time_s[pulses])
 
@@ -66,23 +83,33 @@ class SlowTime:
 
 
 def find_burst_pulses(time_s: FloatArray) -> int | None:
-    """Count the pulses per burst from pauses; None without a pause."""
+    """Count the pulses per burst from pauses; None without proof of bursts."""
+    bursts = prove_bursts(time_s)
+    return None if bursts is None or not bursts[1][: -bursts[0]].all() else bursts[0]
+
+
+def prove_bursts(time_s: FloatArray) -> tuple[int, npt.NDArray[np.bool_]] | None:
+    """Return the pulses of a burst, and which pulses are in whole bursts; None without proof.
+
+    Bursts are alike and regular; pulses that a recorder lost are few, and a pause is rare.
+    """
     steps = np.diff(time_s)
     if steps.size < 2 or not (steps > 0).all():
         return None
     # The usual step is the shortest third: with two pulses in a burst every other step is a pause.
-    usual = float(np.quantile(steps, 0.3, method="lower"))
-    ends = np.flatnonzero(steps > PAUSE * usual) + 1
-    if not ends.size:
+    usual_s = float(np.quantile(steps, 0.3, method="lower"))
+    starts = np.concatenate([[0], np.flatnonzero(steps > PAUSE * usual_s) + 1])
+    lengths = np.diff([*starts, time_s.size])
+    length = int(np.median(lengths[:-1])) if lengths.size > 1 else 0
+    alike = lengths == length
+    periods_s = np.diff(time_s[starts])
+    period_s = float(np.median(periods_s)) if periods_s.size else 0.0
+    regular = np.abs(periods_s - period_s) <= PERIOD_OFF * period_s
+    if length < 2 or lengths.size < MIN_BURSTS or min(alike[:-1].mean(), regular.mean()) < WHOLE_SHARE:
         return None
-    lengths = np.diff([0, *ends])
-    if (lengths != lengths[0]).any() or time_s.size - ends[-1] > lengths[0]:
-        found = sorted({int(n) for n in (*lengths, time_s.size - ends[-1])})
-        raise AnalysisError(
-            f"the bursts of this recording have different lengths ({', '.join(map(str, found))} pulses); pulses are "
-            "missing or burst_pulses must be given"
-        )
-    return int(lengths[0])
+    if length * usual_s > (1.0 - RARE_SHARE) * period_s:
+        return None
+    return length, np.repeat(alike, lengths)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,12 +7,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.core.frames import Frames
 from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.target import Gated, analyze_targets, compute_gated
-from doppelgait.pipeline.tracking import Tracking, track_targets
+from doppelgait.pipeline.tracking import LOST_SHARE, Tracking, track_targets
 from doppelgait.pipeline.verdicts import is_echo
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.clutter import clean_frames
@@ -85,13 +89,65 @@ def analyze(
     check_type(gate_error_m, (float, int), "gate_error_m", "give a number of m")
     if not math.isfinite(gate_error_m) or (gate_error_m != 0 and gate != "truth"):
         raise ConfigError(f"gate_error_m: {gate_error_m} is not allowed; it must be a finite number, with gate='truth'")
+    pieces = recording.split_at_pauses()
+    if len(pieces) > 1:
+        parts = [_analyze_piece(piece, gate, analysis, tracking, gate_error_m) for piece in pieces]
+        return join_pieces(parts)
     settings = (analysis or Analysis()).resolved(gate)
     if gate == "track":
         frames, radar, source = recording.frames, recording.radar, recording.source
         del recording  # tracking does not use the truth, which is large
         found = track_targets(frames, radar, source, settings, tracking or Tracking())
-        return TargetList(flag_overlaps(found), reason=found.reason)
-    return analyze_together([compute_signatures(recording, gate, settings, gate_error_m)])[0]
+        return TargetList(flag_filled(flag_overlaps(found), frames), reason=found.reason)
+    results = analyze_together([compute_signatures(recording, gate, settings, gate_error_m)])[0]
+    return TargetList(flag_filled(results, recording.frames))
+
+
+def _analyze_piece(piece: Recording, gate: Gate | GateChoice, *settings: Any) -> TargetList:
+    """Analyse a part between pauses; one that is too short has no targets."""
+    analysis, tracking, gate_error_m = settings
+    try:
+        return analyze(piece, gate=gate, analysis=analysis, tracking=tracking, gate_error_m=gate_error_m)
+    except AnalysisError as error:
+        start_s, stop_s = piece.slow_time_s[[0, -1]]
+        return TargetList(reason=f"from {start_s:.4g} to {stop_s:.4g} s: {error}")
+
+
+def join_pieces(pieces: Sequence[TargetList]) -> TargetList:
+    """Join the results of one body before and after a pause; the values are those of the longest part."""
+    bodies: list[list[Result]] = []
+    for piece in pieces:
+        free = list(bodies)
+        for result in piece:
+            fits = [body for body in free if _continues(body[-1], result)]
+            if len(fits) == 1:
+                free.remove(fits[0])
+                fits[0].append(result)
+            else:
+                bodies.append([result])
+    joined = []
+    for body in bodies:
+        segments = tuple(segment for part in body for segment in part.segments or (part,))
+        longest = max(body, key=lambda part: np.ptp(part.gate.time_s))
+        quality = {**longest.quality, "n_pieces": len(segments)}
+        joined.append(longest if len(body) == 1 else replace(longest, segments=segments, quality=quality))
+    return TargetList(joined, reason="; ".join(dict.fromkeys(piece.reason for piece in pieces if piece.reason)))
+
+
+def _continues(before: Result, after: Result) -> bool:
+    """Return True if a target after a pause may be the one before it."""
+    if before.label != after.label or before.gate_source != after.gate_source:
+        return False
+    if before.gate_source != "track":
+        return True
+    pause_s = float(after.gate.time_s[0] - before.gate.time_s[-1])
+    ends_m = [float(one.gate.centre_at(one.gate.time_s)[n]) for one, n in ((before, -1), (after, 0))]
+    speed_mps = before.features.torso_velocity_mps or 0.0
+    return abs(ends_m[1] - ends_m[0] + speed_mps * pause_s) <= NEAR_M + abs(speed_mps) * pause_s / 2
+
+
+NEAR_M = 1.0
+"""Distance from where a body is expected after a pause below which a target is the same body."""
 
 
 def compute_signatures(
@@ -124,6 +180,18 @@ def analyze_together(recordings: Sequence[Sequence[Gated]]) -> list[TargetList]:
     """Analyse the targets of many recordings together."""
     results = iter(analyze_targets([target for targets in recordings for target in targets]))
     return [TargetList(flag_overlaps([next(results) for _ in targets])) for targets in recordings]
+
+
+def flag_filled(results: Sequence[Result], frames: Frames) -> Sequence[Result]:
+    """Flag the bandwidth, and beyond twice the share the velocity, where many pulses were lost and filled."""
+    share = float(frames.facts.get("lost_frame_share", 0.0))
+    if share <= LOST_SHARE:
+        return results
+    names = ("doppler_bandwidth", "torso_velocity") if share > 2.0 * LOST_SHARE else ("doppler_bandwidth",)
+    flags = tuple(f"{name}:{100 * share:.0f}_per_cent_of_the_frames_were_lost" for name in names)
+    return [
+        replace(one, flags=(*one.flags, *flags), segments=tuple(flag_filled(one.segments, frames))) for one in results
+    ]
 
 
 def flag_overlaps(results: Sequence[Result]) -> list[Result]:

@@ -29,17 +29,12 @@ UNEVEN = 0.1
 def find_burst_pulses(slow_time_s: npt.ArrayLike) -> int | None:
     """Count the pulses per burst from pauses.
 
-    The result is None if there is no pause.
+    The result is None if the pauses are not those between bursts: four or more of one length, at even times.
 
     Parameters
     ----------
     slow_time_s : array_like, shape (I,)
         Times of the pulses, ascending.
-
-    Raises
-    ------
-    AnalysisError
-        If the bursts have different lengths; a shorter last one is allowed.
 
     Examples
     --------

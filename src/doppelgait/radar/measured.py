@@ -11,12 +11,17 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.config import validate
-from doppelgait.core.errors import ConfigError, RecordingError
+from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording, make_baseband_facts
+from doppelgait.radar.slow_time import place_pulses
 
+RATE_OFF = 5e-3
+"""Largest relative difference of the stated rate and that of the stamps without a word."""
+UNIT_OFF = 0.2
+"""Largest relative difference of the rates in another unit of time."""
 CHECK_ROWS = 4096
 """Number of rows per block in the search for NaN."""
 
@@ -60,10 +65,35 @@ def label_measured(
     """Make a recording of measured values. Shapes: values (I, N)."""
     check_shape(path, values)
     check_finite(path, values)
-    coords = {"slow_time": slow_time_s, "range": range_m}
     facts = {**make_baseband_facts(radar), **(attrs or {})}
-    baseband = make_array(BASEBAND, np.asarray(values, dtype=np.complex64), coords, facts)
-    return Recording.from_baseband(baseband, radar, source=path.name, notes=notes)
+    burst_pulses = facts.get("burst_pulses", radar.burst_pulses)
+    placed = place_pulses(slow_time_s, where=str(path), burst_pulses=burst_pulses)
+    off = placed.rate_hz / radar.prf_hz - 1.0
+    messages = list(placed.notes)
+    if abs(off) > RATE_OFF:
+        check_unit_of_times(path, placed.rate_hz, radar.prf_hz)
+        messages.append(
+            f"states prf_hz = {radar.prf_hz:.6g}, but its times say {placed.rate_hz:.6g} Hz ({100 * off:+.2g} %); the "
+            "times are used. If they are wrong, leave them out, or give prf_hz"
+        )
+        radar = make_radar(path, **{**radar.model_dump(), "prf_hz": placed.rate_hz})
+        facts |= make_baseband_facts(radar)
+    for message in messages:
+        warn_caller(f"{path}: {message}")
+    coords = {"slow_time": placed.time_s, "range": range_m}
+    baseband = make_array(
+        BASEBAND, placed.fill(np.asarray(values, dtype=np.complex64)), coords, {**facts, **placed.facts}
+    )
+    return Recording.from_baseband(baseband, radar, source=path.name, notes=[*notes, *messages])
+
+
+def check_unit_of_times(path: Path, rate_hz: float, stated_hz: float) -> None:
+    """Refuse stamps in another unit than s."""
+    for unit, factor in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
+        if abs(stated_hz / (rate_hz * factor) - 1.0) < UNIT_OFF:
+            raise RecordingError(
+                f"{path}: states prf_hz = {stated_hz:g}, but its times say {rate_hz:g} Hz: they are in {unit}; give s"
+            )
 
 
 def label_sweeps(

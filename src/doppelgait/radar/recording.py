@@ -245,6 +245,19 @@ class Recording:
             **({"snr_frame_db": NAN} if stop - first < self.n_pulses else {}),
         )
 
+    def split_at_pauses(self) -> list[Recording]:
+        """Return the parts between pauses, each with its own rate; those of one pulse are left out."""
+        pieces = self.frames.slow_time.find_pieces()
+        if len(pieces) == 1:
+            return [self]
+        parts = []
+        for piece in (piece for piece in pieces if piece.stop - piece.start > 1):
+            times_s = self.slow_time_s[piece]
+            part = self.between(times_s[0], times_s[-1] + 2 * SLACK_S)
+            rate_hz = part.frames.slow_time.rate_hz
+            parts.append(replace(part, radar=self.radar.model_copy(update={"prf_hz": rate_hz})))
+        return parts
+
     @cached_property
     def baseband(self) -> xr.DataArray:
         """Samples as a labelled, read-only complex64 array, V.

@@ -18,15 +18,16 @@ import numpy.typing as npt
 from pydantic import Field
 
 from doppelgait.core.config import FrozenModel, read_toml, validate
-from doppelgait.core.errors import ConfigError, OutputError, RecordingError
+from doppelgait.core.errors import ConfigError, OutputError, RecordingError, warn_caller
 from doppelgait.core.files import open_atomically
 from doppelgait.core.npz import NPY_MAGIC, is_npz, load_npy, load_npz
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, FloatArray, slow_time_axis_s
-from doppelgait.radar.measured import check_shape, label_measured
+from doppelgait.radar.measured import RATE_OFF, check_shape, label_measured
 from doppelgait.radar.parameters import GAUSSIAN_WIDTH, PULSE_SIGMA_S, Radar
 from doppelgait.radar.presets import change_preset
 from doppelgait.radar.recording import NAN, Recording, list_further_facts
+from doppelgait.radar.slow_time import place_pulses
 
 CW_RANGE_STOP_M = 1.0
 """End of the nominal frame of a continuous-wave radar, m; it has a single bin and no range."""
@@ -97,7 +98,7 @@ def read_facts(path: Path, options: Mapping[str, Any]) -> ArrayFacts:
 
 
 def _describe(
-    path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mapping[str, Any]
+    path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mapping[str, Any], *, is_forced: bool
 ) -> tuple[FloatArray, FloatArray, Radar, list[str]]:
     """Return slow time, ranges, radar and notes: facts come before axes in the file, these before the radar."""
     n_pulses, n_bins = shape
@@ -110,15 +111,20 @@ def _describe(
             stated = validate(Radar, table, where="radar")
         except ConfigError as error:
             raise RecordingError(f"{path}: {error}") from None
-    slow_time_s = None if facts.prf_hz else _read_axis(path, axes, "slow_time_s", n_pulses)
+    slow_time_s = _read_axis(path, axes, "slow_time_s", n_pulses)
+    stamps_hz = None if slow_time_s is None else place_pulses(slow_time_s, where=str(path)).rate_hz
+    if is_forced and stamps_hz is not None and facts.prf_hz is not None:
+        if abs(facts.prf_hz / stamps_hz - 1.0) > RATE_OFF:
+            warn_caller(f"{path}: prf_hz = {facts.prf_hz:g} is taken, but slow_time_s says {stamps_hz:.6g} Hz")
+        slow_time_s = None
     range_m = (
         None if facts.range_start_m is not None or facts.bin_spacing_m else _read_axis(path, axes, "range_m", n_bins)
     )
     # rate, carrier and frame, in rising order of precedence
     names = ("prf_hz", "carrier_hz", "range_start_m", "bin_spacing_m")
     known = {name: float(getattr(stated, name)) for name in names} if stated is not None else {}
-    if slow_time_s is not None and "prf_hz" not in known:  # of bursts, the rate inside them
-        known["prf_hz"] = 1.0 / float(np.median(np.diff(slow_time_s)))
+    if stamps_hz is not None and "prf_hz" not in known:  # of bursts, the rate inside them
+        known["prf_hz"] = stamps_hz
     if range_m is not None:
         known["range_start_m"] = float(range_m[0])
         known |= {"bin_spacing_m": float(np.diff(range_m).mean())} if range_m.size > 1 else {}
@@ -157,8 +163,8 @@ def _read_axis(path: Path, axes: Mapping[str, Any], name: str, size: int) -> Flo
         raise RecordingError(
             f"{path}: {name} is {values.dtype} of shape {values.shape}; it must be {size} real numbers"
         )
-    if size > 1 and not (np.diff(values) > 0).all():
-        raise RecordingError(f"{path}: {name} does not rise from sample to sample")
+    if name == "range_m" and not (np.diff(values) > 0).all():
+        raise RecordingError(f"{path}: {name} does not rise from bin to bin")
     return np.asarray(values, dtype=np.float64)
 
 
@@ -260,7 +266,7 @@ def read_arrays(
     values = values.conj() if facts.conjugate else values
     if facts.scale_v is not None and facts.scale_v != 1.0:
         values = facts.scale_v * values
-    slow_time_s, range_m, made, notes = _describe(path, facts, values.shape, arrays)
+    slow_time_s, range_m, made, notes = _describe(path, facts, values.shape, arrays, is_forced=prf_hz is not None)
     notes = notes if facts.notes is None else facts.notes
     recording = label_measured(
         path, values, radar=made, slow_time_s=slow_time_s, range_m=range_m, notes=notes, attrs=facts.attributes

@@ -1,0 +1,279 @@
+"""The time axis of measured pulses: stamps become even times, lost pulses are filled, pauses divide.
+
+A piece is a run of pulses at one rate. Its times are a straight line through the stamps, so that coarse clocks, jitter
+and late deliveries do not move the pulses; only holes and changes of the rate do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import RecordingError
+from doppelgait.core.frames import PAUSE, prove_bursts
+from doppelgait.core.units import FloatArray
+
+IntArray = npt.NDArray[np.int64]
+
+EVEN = 1e-3
+"""Largest deviation of even stamps from a straight line, in steps."""
+ON_RASTER, RASTER_SHARE = 0.2, 0.95
+"""Largest deviation of a step from a multiple of the usual one, and the share of such steps of a precise clock."""
+ROUGH = 0.5
+"""Deviation of the stamps from even times, in steps, above which it is stated."""
+USUAL_STEPS = 101
+"""Number of steps whose median is the usual step at a pulse."""
+MAX_DISORDER = 64
+"""Largest number of pulses by which one comes too late; more are those of a clock that was set back."""
+MAX_HOLE_S, MAX_HOLE_PULSES = 0.1, 3
+"""Longest hole that is filled: part of a scan, or a few pulses of a slow radar."""
+RATE_CHANGE = 0.02
+"""Smallest relative difference of the rates of two pieces."""
+MIN_PIECE_PULSES = 16
+REGULAR_HOLES = 20
+"""Smallest number of evenly distributed double steps that show a coarse clock, and not lost pulses."""
+SHARE_S = 3.0
+"""Time over which the largest share of filled pulses is stated."""
+GAIN = 25.0
+"""Smallest gain in squared error, in variances of the stamps, that divides a piece: 5 standard deviations."""
+EPOCH_S = 1e8
+"""Times above it count from an epoch, not from the start of the recording."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Pulses on even times; ``row`` is the number of the row of a pulse, -1 for a filled one. Shapes: (I,)."""
+
+    row: IntArray
+    time_s: FloatArray
+    rate_hz: float
+    facts: dict[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def fill(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return the values (I, N) of the pulses; those of a hole are on the line between its neighbours."""
+        if self.row.size == len(values) and (self.row == np.arange(self.row.size)).all():
+            return values
+        kept = np.flatnonzero(self.row >= 0)
+        lost = np.flatnonzero(self.row < 0)
+        after = np.searchsorted(kept, lost)
+        before, following = kept[after - 1], kept[after]
+        share = ((lost - before) / (following - before))[:, np.newaxis]
+        filled = values[np.maximum(self.row, 0)]
+        first, last = values[self.row[before]], values[self.row[following]]
+        filled[lost] = ((1.0 - share) * first + share * last).astype(filled.dtype)
+        return filled
+
+
+def place_pulses(stamps_s: FloatArray, *, where: str, burst_pulses: int | None = None) -> Placed:
+    """Place measured pulses on even times by their stamps; ``burst_pulses`` declares bursts."""
+    stamps = np.asarray(stamps_s, dtype=np.float64)
+    if not np.isfinite(stamps).all() or np.ptp(stamps) == 0.0:
+        raise RecordingError(
+            f"{where}: its times are not finite or all equal ({stamps[0]:g} s); leave them out and give prf_hz"
+        )
+    facts: dict[str, Any] = {}
+    if abs(stamps[0]) > EPOCH_S:
+        facts["epoch_s"] = float(stamps[0])
+        stamps = stamps - stamps[0]
+    row = np.arange(stamps.size)
+    if burst_pulses is not None or _is_even(stamps):
+        return Placed(row, stamps, measure_rate_hz(stamps, burst_pulses), facts)
+    row, stamps, notes = _order(stamps)
+    pulse, cuts, twice = _locate(stamps)
+    if twice.any():
+        row, stamps, pulse = row[~twice], stamps[~twice], pulse[~twice]
+        notes.append(f"{int(twice.sum())} pulses have the stamp of the one before and are left out")
+    pieces = list(_pair(cuts, stamps.size))
+    lines = [np.polyfit(pulse[first:stop] - pulse[first], stamps[first:stop], 1) for first, stop in pieces]
+    times = np.concatenate(
+        [line[1] + line[0] * (pulse[a:b] - pulse[a]) for line, (a, b) in zip(lines, pieces, strict=True)]
+    )
+    off_s = float(np.abs(times - stamps).max())
+    if len(pieces) == 1 and off_s > ROUGH * lines[0][0]:
+        notes.append(
+            f"its times are up to {1e3 * off_s:.3g} ms from even ones; even ones are taken, {1.0 / lines[0][0]:.6g} Hz"
+        )
+    longest = max(range(len(pieces)), key=lambda n: pieces[n][1] - pieces[n][0])
+    step_s = float(lines[longest][0])
+    if len(pieces) > 1:
+        rates = ", ".join(f"{1.0 / line[0]:.4g}" for line in lines)
+        notes.append(f"the rate of the pulses changes: {rates} Hz; the parts are analysed on their own")
+    elif (bursts := prove_bursts(times)) is not None:
+        length, whole = bursts
+        starts = stamps[whole].reshape(-1, length)
+        # a burst begins where its stamps say on average
+        begin_s = (starts - step_s * np.arange(length)).mean(axis=1, keepdims=True)
+        facts["burst_pulses"] = length
+        if not whole.all():
+            notes.append(f"{int((~whole).sum())} pulses of incomplete bursts are left out")
+        return Placed(row[whole], (begin_s + step_s * np.arange(length)).ravel(), 1.0 / step_s, facts, tuple(notes))
+    return _fill_holes(row, pulse, times, cuts, step_s, facts, notes)
+
+
+def measure_rate_hz(stamps_s: FloatArray, burst_pulses: int | None = None) -> float:
+    """Return the rate of the pulses, in bursts that within a burst."""
+    if burst_pulses is None or burst_pulses < 2:
+        return (stamps_s.size - 1) / float(stamps_s[-1] - stamps_s[0])
+    inside = np.arange(1, stamps_s.size) % burst_pulses != 0
+    return 1.0 / float(np.median(np.diff(stamps_s)[inside]))
+
+
+def _is_even(stamps: FloatArray) -> bool:
+    step_s = (stamps[-1] - stamps[0]) / (stamps.size - 1)
+    line = np.linspace(stamps[0], stamps[-1], stamps.size)
+    return bool(step_s > 0 and np.abs(stamps - line).max() <= EVEN * step_s + 8 * np.spacing(np.abs(stamps[-1])))
+
+
+def _pair(cuts: IntArray, size: int) -> Iterator[tuple[int, int]]:
+    return pairwise([0, *(int(cut) for cut in cuts), size])
+
+
+def _order(stamps: FloatArray) -> tuple[IntArray, FloatArray, list[str]]:
+    """Sort pulses that came out of order; a clock that was set back continues."""
+    row = np.arange(stamps.size)
+    back = np.flatnonzero(np.diff(stamps) < 0)
+    if not back.size:
+        return row, stamps, []
+    steps = np.diff(stamps)
+    order = np.argsort(stamps, kind="stable")
+    usual_s = float(np.median(np.diff(stamps[order])))
+    small = [int((np.abs(some) < usual_s / 2).sum()) for some in (np.diff(stamps[order]), steps)]
+    near = int(np.abs(order - row).max()) <= MAX_DISORDER
+    if near and _is_precise(np.diff(stamps[order])) and small[0] <= small[1]:
+        moved = int((order != row).sum())
+        return (
+            order,
+            stamps[order],
+            [f"{moved} of {row.size} pulses came out of order; they are sorted by their stamps"],
+        )
+    jumps = back[steps[back] < -3.0 * float(np.quantile(np.abs(steps), 0.99))]
+    steps[jumps] = float(np.median(steps))
+    said = f"the clock was set back {jumps.size} times; time continues there" if jumps.size else ""
+    return row, np.concatenate([[0.0], np.cumsum(steps)]) + stamps[0], [said] if said else []
+
+
+def _is_precise(steps: FloatArray) -> bool:
+    """Return True if nearly all steps are multiples of the usual step about them."""
+    ratio = steps / np.maximum(_find_usual(steps), 1e-300)
+    return bool((np.abs(ratio - np.round(ratio)) < ON_RASTER).mean() >= RASTER_SHARE and (ratio > 0.5).mean() > 0.5)
+
+
+def _find_usual(steps: FloatArray) -> FloatArray:
+    """Return the median of the steps about each."""
+    from scipy.ndimage import median_filter
+
+    return np.asarray(median_filter(steps, min(USUAL_STEPS, steps.size), mode="mirror"))
+
+
+def _locate(stamps: FloatArray) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_]]:
+    """Return the number of every pulse, holes counted, where the rate changes, and pulses that came twice."""
+    from scipy.ndimage import median_filter
+
+    index, none, never = np.arange(stamps.size), np.empty(0, dtype=np.int64), np.zeros(stamps.size, dtype=bool)
+    steps = np.diff(stamps)
+    if not _is_precise(steps):
+        return *_locate_roughly(stamps), never
+    usual = _find_usual(steps)
+    off = np.ptp(stamps - np.polyval(np.polyfit(index, stamps, 1), index))
+    if (steps > PAUSE * usual).sum() >= REGULAR_HOLES and off <= 2.2 * float(np.median(usual)):
+        return index, none, never
+    # a pulse that came late or early is ahead or behind for a short time only: holes and repeated pulses stay
+    ahead = np.concatenate([[0], np.cumsum(np.round(steps / usual).astype(np.int64) - 1)])
+    number = index + median_filter(ahead, min(2 * MAX_DISORDER + 1, ahead.size), mode="nearest")
+    cuts: list[int] = []
+    for cut in (np.flatnonzero(np.abs(np.diff(usual)) > RATE_CHANGE * usual[:-1]) + 1).tolist():
+        before_s, after_s = usual[max(cut - USUAL_STEPS, 0)], usual[min(cut + USUAL_STEPS, usual.size - 1)]
+        changes = abs(after_s - before_s) > RATE_CHANGE * before_s
+        if changes and cut - (cuts[-1] if cuts else 0) >= MIN_PIECE_PULSES and stamps.size - cut >= MIN_PIECE_PULSES:
+            cuts.append(int(cut))
+    return number, np.array(cuts, dtype=np.int64), np.concatenate([[False], np.diff(number) == 0])
+
+
+def _locate_roughly(stamps: FloatArray) -> tuple[IntArray, IntArray]:
+    """Divide imprecise stamps by straight lines: lines of one slope are one raster with a hole between."""
+    index = np.arange(stamps.size)
+    cuts = sorted(_divide(stamps, 0, stamps.size))
+    number, changes = index.copy(), []
+    pieces = list(_pair(np.array(cuts, dtype=np.int64), stamps.size))
+    lines = [np.polyfit(index[a:b], stamps[a:b], 1) for a, b in pieces]
+    for cut, before, after in zip(cuts, lines[:-1], lines[1:], strict=True):
+        if abs(after[0] / before[0] - 1.0) > RATE_CHANGE:
+            changes.append(cut)
+            continue
+        missing = round(float(np.polyval(after, cut - 0.5) - np.polyval(before, cut - 0.5)) / float(before[0]))
+        number[cut:] += max(missing, 0)
+    return number, np.array(changes, dtype=np.int64)
+
+
+def _divide(stamps: FloatArray, first: int, stop: int) -> list[int]:
+    """Return where two lines describe the stamps clearly better than one, again for both parts."""
+    size = stop - first
+    if size < 2 * MIN_PIECE_PULSES:
+        return []
+    x, y = np.arange(size, dtype=np.float64), stamps[first:stop] - stamps[first]
+    y = y - x * (y[-1] / max(size - 1, 1))
+    sums = [np.concatenate([[0.0], np.cumsum(values)]) for values in (np.ones(size), x, y, x * x, x * y, y * y)]
+
+    def miss(part: list[FloatArray]) -> FloatArray:
+        n, sx, sy, sxx, sxy, syy = part
+        xx, xy, yy = sxx - sx * sx / n, sxy - sx * sy / n, syy - sy * sy / n
+        return np.asarray(np.maximum(yy - xy * xy / np.maximum(xx, 1e-12), 0.0))
+
+    at = np.arange(MIN_PIECE_PULSES, size - MIN_PIECE_PULSES + 1)
+    left, right = miss([values[at] for values in sums]), miss([values[-1] - values[at] for values in sums])
+    whole = float(miss([values[-1:] for values in sums])[0])
+    best = int(np.argmin(left + right))
+    # the variance of the stamps about the lines; stamps in steps of a coarse clock are no independent errors
+    rest = float(left[best] + right[best]) / size
+    step = float(np.median(np.abs(np.diff(y - np.convolve(y, np.ones(9) / 9, mode="same")))))
+    if whole - (left[best] + right[best]) < GAIN * max(rest, step**2) * 2 or whole < 1.5 * (left[best] + right[best]):
+        return []
+    near = slice(max(int(at[best]) - 3, 1), int(at[best]) + 4)
+    cut = first + near.start + int(np.argmax(np.diff(stamps[first + near.start - 1 : first + near.stop])))
+    return [*_divide(stamps, first, cut), cut, *_divide(stamps, cut, stop)]
+
+
+def _fill_holes(
+    row: IntArray,
+    pulse: IntArray,
+    times: FloatArray,
+    cuts: IntArray,
+    usual_s: float,
+    facts: dict[str, Any],
+    notes: list[str],
+) -> Placed:
+    """Insert the pulses of short holes."""
+    missing = np.diff(pulse) - 1
+    missing[cuts - 1] = 0
+    steps_s = np.diff(times) / (missing + 1)
+    short = (missing * steps_s <= MAX_HOLE_S) | (missing <= MAX_HOLE_PULSES)
+    lost = np.where(short, missing, 0)
+    before = np.repeat(np.arange(lost.size), lost)
+    ahead = np.arange(before.size) - np.repeat(np.cumsum(lost) - lost, lost) + 1
+    at = np.concatenate([np.arange(row.size, dtype=np.float64), before + ahead / (lost[before] + 1.0)])
+    order = np.argsort(at, kind="stable")
+    every_row = np.concatenate([row, np.full(before.size, -1)])[order]
+    every_time = np.concatenate([times, times[before] + ahead * steps_s[before]])[order]
+    if before.size:
+        # the share in the worst time, so that a long recording does not hide a bad part
+        filled = np.concatenate([[0], np.cumsum(every_row < 0)])
+        first = np.searchsorted(every_time, every_time - SHARE_S)
+        span = np.maximum(np.arange(1, filled.size) - first, min(filled.size - 1, SHARE_S / usual_s))
+        facts["lost_frame_share"] = float(((filled[1:] - filled[first]) / span).max())
+        notes.append(
+            f"{before.size} of {every_row.size} pulses are missing at {int((lost > 0).sum())} places and filled in "
+            "between their neighbours"
+        )
+    pauses = missing[~short]
+    if pauses.size:
+        notes.append(
+            f"{pauses.size} pause{'s' * (pauses.size > 1)} of up to {float((missing * steps_s)[~short].max()):.3g} s; "
+            "the parts between are analysed on their own"
+        )
+    return Placed(every_row, every_time, 1.0 / usual_s, facts, tuple(notes))

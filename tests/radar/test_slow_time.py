@@ -1,0 +1,132 @@
+"""Times of pulses as recorders stamp them: what is a hole, a pause, another rate, or only an imprecise clock."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import doppelgait as dg
+from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+from doppelgait.core.frames import SlowTime
+from doppelgait.radar.measured import label_measured
+from doppelgait.radar.slow_time import place_pulses
+
+N, RATE_HZ, TICK_S = 2400, 400.0, 1 / 64
+RNG = np.random.default_rng(3)
+EVEN_S = np.arange(N) / RATE_HZ
+LOST = RNG.choice(np.arange(1, N - 1), 240, replace=False)
+PAUSE_S = np.concatenate([EVEN_S[:1200], EVEN_S[1200:] + 1.0])
+TWO_RATES_S = np.concatenate([EVEN_S[:1200], EVEN_S[1200] + np.arange(900) / 300.0])
+BURSTS_S = (0.2 * np.arange(15)[:, None] + np.arange(128) / 3000.0).ravel()
+
+
+def late_s():
+    """Deliveries of 20 pulses at once, 40 ms after the first."""
+    stamps = EVEN_S.copy()
+    for first in RNG.choice(N - 60, 10, replace=False):
+        stamps[first : first + 20] = np.maximum(stamps[first : first + 20], stamps[first] + 0.04)
+    return np.maximum.accumulate(stamps)
+
+
+def floored(stamps_s, tick_s):
+    return np.floor(stamps_s / tick_s) * tick_s
+
+
+def jittered(stamps_s, steps):
+    return stamps_s + steps / RATE_HZ * RNG.standard_normal(stamps_s.size)
+
+
+@pytest.mark.parametrize(
+    ("stamps_s", "rate_hz", "size", "pieces"),
+    [
+        pytest.param(EVEN_S, RATE_HZ, N, 1, id="even"),
+        pytest.param(np.delete(EVEN_S, [497, 998, 1501]), RATE_HZ, N, 1, id="three lost"),
+        pytest.param(np.delete(EVEN_S, LOST), RATE_HZ, N, 1, id="ten per cent lost"),
+        pytest.param(np.delete(np.arange(500) / 17.06, [100, 101, 300]), 17.06, 500, 1, id="slow radar, three lost"),
+        pytest.param(floored(EVEN_S + 1.65e9, TICK_S), RATE_HZ, N, 1, id="clock of a PC since 1970"),
+        pytest.param(floored(np.arange(600) / 60.0, TICK_S), 60.0, 600, 1, id="clock of a PC, slow radar"),
+        pytest.param(floored(PAUSE_S, TICK_S), RATE_HZ, N, 2, id="clock of a PC, pause"),
+        pytest.param(floored(np.delete(EVEN_S, np.s_[1000:1040]), TICK_S), RATE_HZ, N, 1, id="clock of a PC, 40 lost"),
+        pytest.param(np.round(np.arange(N) / 300.0, 3), 300.0, N, 1, id="whole milliseconds"),
+        pytest.param(np.sort(jittered(EVEN_S, 0.3)), RATE_HZ, N, 1, id="jitter"),
+        pytest.param(np.maximum.accumulate(jittered(EVEN_S, 3.0)), RATE_HZ, N, 1, id="jitter of several steps"),
+        pytest.param(np.delete(jittered(EVEN_S, 0.3), np.s_[900:920]), RATE_HZ, N, 1, id="jitter, 20 lost"),
+        pytest.param(late_s(), RATE_HZ, N, 1, id="late deliveries"),
+        pytest.param(EVEN_S[np.minimum(np.arange(N) // 32 * 32 + 31, N - 1)], RATE_HZ, N, 1, id="packets of 32"),
+        pytest.param(np.sort(np.append(EVEN_S, EVEN_S[[100, 900]])), RATE_HZ, N, 1, id="two sent twice"),
+        pytest.param(PAUSE_S, RATE_HZ, N, 2, id="pause"),
+        pytest.param(np.where(EVEN_S < 3.0, EVEN_S, EVEN_S - 3600.0), RATE_HZ, N, 1, id="clock set back"),
+        pytest.param(np.where(EVEN_S < 3.0, EVEN_S, EVEN_S + 3600.0), RATE_HZ, N, 2, id="clock set ahead"),
+        pytest.param(TWO_RATES_S, RATE_HZ, 2100, 2, id="another rate"),
+        pytest.param(np.round(TWO_RATES_S, 3), RATE_HZ, 2100, 2, id="another rate, milliseconds"),
+        pytest.param(jittered(TWO_RATES_S, 0.3), RATE_HZ, 2100, 2, id="another rate, jitter"),
+        pytest.param(BURSTS_S, 3000.0, 1920, 1, id="bursts"),
+        pytest.param(np.delete(BURSTS_S, np.s_[896:1024]), 3000.0, 1792, 1, id="bursts, one lost"),
+        pytest.param(np.delete(BURSTS_S, [700, 701]), 3000.0, 1792, 1, id="bursts, one incomplete"),
+    ],
+)
+def test_times_are_even_in_pieces_at_the_true_rate(stamps_s, rate_hz, size, pieces):
+    placed = place_pulses(stamps_s, where="test")
+    assert placed.rate_hz == pytest.approx(rate_hz, rel=1e-3)
+    assert placed.row.size == size
+    assert len(SlowTime(placed.time_s).find_pieces()) == pieces
+    assert ("burst_pulses" in placed.facts) == (rate_hz == 3000.0)
+    steps_s = np.diff(placed.time_s)
+    odd = np.abs(steps_s * placed.rate_hz - 1.0) > 0.01
+    assert odd.sum() <= (900 if size == 2100 else 14 if rate_hz == 3000.0 else pieces - 1)
+
+
+def test_pulses_out_of_order_are_sorted_and_lost_ones_are_on_the_line_between_neighbours():
+    order = np.arange(N)
+    order[[100, 102]] = order[[102, 100]]
+    placed = place_pulses(EVEN_S[order], where="test")
+    np.testing.assert_array_equal(placed.fill(order[:, None])[:, 0], np.arange(N))
+    kept = np.delete(np.arange(N), [500, 501, 900])
+    placed = place_pulses(EVEN_S[kept], where="test")
+    np.testing.assert_allclose(placed.fill(kept[:, None].astype(np.complex64))[:, 0], np.arange(N), rtol=1e-6)
+    assert placed.facts["lost_frame_share"] == pytest.approx(3 / 1200)
+
+
+def test_all_equal_or_endless_times_are_refused():
+    for stamps_s in (np.zeros(5), np.array([0.0, 1.0, np.nan])):
+        with pytest.raises(RecordingError, match="leave them out and give prf_hz"):
+            place_pulses(stamps_s, where="test")
+
+
+@pytest.fixture(scope="module")
+def walk():
+    scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=6.0)
+    return dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+
+
+def read(recording, rows, times_s, prf_hz):
+    radar = recording.radar.model_copy(update={"prf_hz": prf_hz})
+    values = recording.baseband.values[rows]
+    return label_measured(Path("walk"), values, radar=radar, slow_time_s=times_s, range_m=recording.range_m)
+
+
+def test_a_wrong_stated_rate_is_corrected_by_the_times_and_said(walk):
+    with pytest.warns(DoppelgaitWarning, match="states prf_hz = 700, but its times say 640 Hz"):
+        read_back = read(walk, slice(None), walk.slow_time_s, 700.0)
+    assert read_back.radar.prf_hz == pytest.approx(640.0)
+    with pytest.raises(RecordingError, match="they are in ms"):
+        read(walk, slice(None), 1e3 * walk.slow_time_s, 640.0)
+
+
+@pytest.mark.parametrize("gate", ["track", (1.0, 9.0)])
+def test_a_walk_is_measured_on_both_sides_of_a_pause_and_with_lost_pulses(walk, gate):
+    whole = dg.analyze(walk, gate=gate)[0]
+    kept = np.flatnonzero((walk.slow_time_s < 2.5) | (walk.slow_time_s >= 3.1))
+    with pytest.warns(DoppelgaitWarning, match="1 pause of up to 0.6 s"):
+        parts = dg.analyze(read(walk, kept, walk.slow_time_s[kept], 640.0), gate=gate)
+    assert len(parts) == 1  # one body
+    assert len(parts[0].segments) == 2
+    assert parts[0].features.torso_velocity_mps == pytest.approx(whole.features.torso_velocity_mps, rel=0.05)
+    kept = np.delete(np.arange(walk.n_pulses), LOST)
+    with pytest.warns(DoppelgaitWarning, match="pulses are missing"):
+        result = dg.analyze(read(walk, kept, walk.slow_time_s[kept], 640.0), gate=gate)[0]
+    assert result.gait_frequency_hz == pytest.approx(whole.gait_frequency_hz, rel=0.01)
+    assert [flag.split(":")[0] for flag in result.flags if "were_lost" in flag] == [
+        "doppler_bandwidth",
+        "torso_velocity",
+    ]
