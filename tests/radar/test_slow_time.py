@@ -88,7 +88,7 @@ def test_pulses_out_of_order_are_sorted_and_lost_ones_are_on_the_line_between_ne
 
 
 def test_all_equal_or_endless_times_are_refused():
-    for stamps_s in (np.zeros(5), np.array([0.0, 1.0, np.nan])):
+    for stamps_s in (np.zeros(5), np.array([0.0, 1.0, np.nan]), EVEN_S[::-1]):
         with pytest.raises(RecordingError, match="leave them out and give prf_hz"):
             place_pulses(stamps_s, where="test")
 

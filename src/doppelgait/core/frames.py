@@ -23,8 +23,9 @@ SLACK_S = 1e-9
 """Tolerance for the rounding of pulse times."""
 PAUSE = 1.5
 """Ratio of a slow-time step to the usual step above which the step is a pause."""
-MIN_BURSTS, WHOLE_SHARE, PERIOD_OFF, RARE_SHARE = 4, 0.8, 0.1, 0.05
-"""Proof of bursts: their number, the share of those alike, the deviation of their period, and the pause in it."""
+MIN_BURSTS, WHOLE_SHARE, PERIOD_OFF, RARE_SHARE, LONGEST_BURST_S = 3, 0.8, 0.1, 0.05, 0.5
+"""Proof of bursts: their number, the share of those alike, the deviation of their period, the pause in it, their time.
+A longer run would show motion by itself."""
 SAME_STEP, MAX_PIECES = 0.01, 64
 """Largest relative difference of the steps of a piece, and number of pieces above which the times only jitter."""
 
@@ -107,7 +108,7 @@ def prove_bursts(time_s: FloatArray) -> tuple[int, npt.NDArray[np.bool_]] | None
     regular = np.abs(periods_s - period_s) <= PERIOD_OFF * period_s
     if length < 2 or lengths.size < MIN_BURSTS or min(alike[:-1].mean(), regular.mean()) < WHOLE_SHARE:
         return None
-    if length * usual_s > (1.0 - RARE_SHARE) * period_s:
+    if length * usual_s > min((1.0 - RARE_SHARE) * period_s, LONGEST_BURST_S):
         return None
     return length, np.repeat(alike, lengths)
 

@@ -73,9 +73,10 @@ class Placed:
 def place_pulses(stamps_s: FloatArray, *, where: str, burst_pulses: int | None = None) -> Placed:
     """Place measured pulses on even times by their stamps; ``burst_pulses`` declares bursts."""
     stamps = np.asarray(stamps_s, dtype=np.float64)
-    if not np.isfinite(stamps).all() or np.ptp(stamps) == 0.0:
+    if not np.isfinite(stamps).all() or np.ptp(stamps) == 0.0 or (np.diff(stamps) < 0).mean() > 0.5:
         raise RecordingError(
-            f"{where}: its times are not finite or all equal ({stamps[0]:g} s); leave them out and give prf_hz"
+            f"{where}: its times are not finite, all equal or falling ({stamps[0]:g} to {stamps[-1]:g} s); correct them, "
+            "or leave them out and give prf_hz"
         )
     facts: dict[str, Any] = {}
     if abs(stamps[0]) > EPOCH_S:
