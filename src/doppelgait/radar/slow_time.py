@@ -75,8 +75,8 @@ def place_pulses(stamps_s: FloatArray, *, where: str, burst_pulses: int | None =
     stamps = np.asarray(stamps_s, dtype=np.float64)
     if not np.isfinite(stamps).all() or np.ptp(stamps) == 0.0 or (np.diff(stamps) < 0).mean() > 0.5:
         raise RecordingError(
-            f"{where}: its times are not finite, all equal or falling ({stamps[0]:g} to {stamps[-1]:g} s); correct them, "
-            "or leave them out and give prf_hz"
+            f"{where}: its times are not finite, all equal or falling ({stamps[0]:g} to {stamps[-1]:g} s); correct "
+            "them, or leave them out and give prf_hz"
         )
     facts: dict[str, Any] = {}
     if abs(stamps[0]) > EPOCH_S:
@@ -95,26 +95,29 @@ def place_pulses(stamps_s: FloatArray, *, where: str, burst_pulses: int | None =
     times = np.concatenate(
         [line[1] + line[0] * (pulse[a:b] - pulse[a]) for line, (a, b) in zip(lines, pieces, strict=True)]
     )
-    off_s = float(np.abs(times - stamps).max())
-    if len(pieces) == 1 and off_s > ROUGH * lines[0][0]:
-        notes.append(
-            f"its times are up to {1e3 * off_s:.3g} ms from even ones; even ones are taken, {1.0 / lines[0][0]:.6g} Hz"
-        )
-    longest = max(range(len(pieces)), key=lambda n: pieces[n][1] - pieces[n][0])
-    step_s = float(lines[longest][0])
-    if len(pieces) > 1:
-        rates = ", ".join(f"{1.0 / line[0]:.4g}" for line in lines)
-        notes.append(f"the rate of the pulses changes: {rates} Hz; the parts are analysed on their own")
-    elif (bursts := prove_bursts(times)) is not None:
-        length, whole = bursts
-        starts = stamps[whole].reshape(-1, length)
-        # a burst begins where its stamps say on average
-        begin_s = (starts - step_s * np.arange(length)).mean(axis=1, keepdims=True)
-        facts["burst_pulses"] = length
+    step_s = float(lines[max(range(len(pieces)), key=lambda n: pieces[n][1] - pieces[n][0])][0])
+    bursts = None if cuts.size else prove_bursts(times)
+    if bursts is not None:
+        facts["burst_pulses"], whole = bursts
         if not whole.all():
             notes.append(f"{int((~whole).sum())} pulses of incomplete bursts are left out")
-        return Placed(row[whole], (begin_s + step_s * np.arange(length)).ravel(), 1.0 / step_s, facts, tuple(notes))
-    return _fill_holes(row, pulse, times, cuts, step_s, facts, notes)
+        # a burst begins where its stamps say on average
+        inside_s = step_s * np.arange(bursts[0])
+        begin_s = (stamps[whole].reshape(-1, bursts[0]) - inside_s).mean(axis=1, keepdims=True)
+        times = _keep_even(stamps[whole], (begin_s + inside_s).ravel(), step_s)
+        return Placed(row[whole], times, 1.0 / step_s, facts, tuple(notes))
+    off_s = float(np.abs(times - stamps).max())
+    if cuts.size:
+        rates = ", ".join(f"{1.0 / line[0]:.4g}" for line in lines)
+        notes.append(f"the rate of the pulses changes: {rates} Hz; the parts are analysed on their own")
+    elif off_s > ROUGH * step_s:
+        notes.append(f"its times are up to {1e3 * off_s:.3g} ms from even ones, which are taken: {1.0 / step_s:.6g} Hz")
+    return _fill_holes(row, pulse, _keep_even(stamps, times, step_s), cuts, step_s, facts, notes)
+
+
+def _keep_even(stamps: FloatArray, times: FloatArray, step_s: float) -> FloatArray:
+    """Return the stamps themselves where they are the fitted times up to rounding."""
+    return stamps if np.abs(times - stamps).max() <= EVEN * step_s else times
 
 
 def measure_rate_hz(stamps_s: FloatArray, burst_pulses: int | None = None) -> float:
