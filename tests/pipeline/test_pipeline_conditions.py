@@ -297,6 +297,6 @@ def test_bursts_are_no_lost_frames():
 
 def test_switches_of_readers_are_true_or_false(tmp_path):
     write_arrays(run_simulation(parse_run({**SCENE, "duration_s": 0.1})), tmp_path / "walk.npz")
-    with pytest.raises(RecordingError, match="conjugate = 'no' is not allowed: must be true or false"):
+    with pytest.raises(RecordingError, match="conjugate = 'no' is not allowed; it must be true or false"):
         read_recording(tmp_path / "walk.npz", conjugate="no")
     assert read_recording(tmp_path / "walk.npz", conjugate=False).baseband.sizes["range"] == 188

@@ -340,15 +340,13 @@ def list_formats(as_json: AsJson = False) -> None:
 
     Example: doppelgait radar formats
     """
-    import inspect
-
+    from doppelgait.core.readers import list_options
     from doppelgait.radar.readers import RADAR_READERS
 
-    rows = []
-    for reader in RADAR_READERS.values():
-        parameters = inspect.signature(reader.run).parameters.values()
-        options = [p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY]
-        rows.append({"format": reader.name, "files": " ".join(reader.facts["suffixes"]), "options": " ".join(options)})
+    rows = [
+        {"format": r.name, "files": " ".join(r.facts["suffixes"]), "options": " ".join(list_options(r.run))}
+        for r in RADAR_READERS.values()
+    ]
     if as_json:
         print_json(rows)
     else:

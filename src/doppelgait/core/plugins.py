@@ -12,7 +12,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.metadata import entry_points, packages_distributions, version
-from inspect import signature
 from pathlib import Path
 from threading import RLock
 from typing import Annotated, Any, Generic, TypeVar
@@ -47,28 +46,13 @@ DRAWING = "drawing"
 NAMING_KEYS = ("kind", "gate", "format")
 """Keys of a configuration with one or several names of plug-ins, in addition to the names of the groups."""
 CHOICES = ("choice", "cycle")
+HEAD_BYTES = 4096
+"""Number of bytes by which a reader recognises its files."""
 
 
 @dataclass(frozen=True)
 class Plugin(Generic[T]):
-    """Plug-in of one group.
-
-    Parameters
-    ----------
-    group, name : str
-    run : callable or object
-        Object that the group calls. The docstring of the group's :class:`Group` states its contract.
-    parameters : type of FrozenModel, optional
-        Model of its parameters; None for a plug-in without parameters.
-    version : str
-        Version of the results: it must change when the same parameters give other numbers.
-    package : str
-        Top-level package that contains it.
-    facts : mapping
-        Further information for the group, for example a feature's unit.
-    module : str
-        Module that registered it.
-    """
+    """Plug-in of one group: what the group calls, a model of its parameters and further facts."""
 
     group: str
     name: str
@@ -169,20 +153,8 @@ def plugin(
 
 
 class Group(Generic[T]):
-    """Plug-ins of one kind by name, built-in and installed.
-
-    Parameters
-    ----------
-    name : str
-        Name of the group, as in the decorator, for example ``impairment``.
-    built_in : sequence of str
-        Modules of doppelgait that register this group's plug-ins; imported on first use.
-    noun : str, optional
-        Word for a plug-in of the group in messages; by default the name with spaces.
-    check : callable, optional
-        Function that raises :class:`ConfigError` for a plug-in with facts that the group cannot use.
-    listed : bool
-        Show the group where plug-ins are listed.
+    """Plug-ins of one kind by name: of the modules ``built_in``, imported on first use, and of other packages.
+    ``check`` raises :class:`ConfigError` for a plug-in with facts that the group cannot use.
     """
 
     def __init__(
@@ -311,11 +283,9 @@ def identify_plugins(tables: Any, files: Mapping[str, Sequence[Path]] | None = N
     for item in foreign:
         named = set().union(*(names.get(key, set()) for key in (*NAMING_KEYS, item.group)))
         used = item.group == "feature" or item.name in named
-        sniff = item.facts.get("sniff") or getattr(item.run, "sniff", None)
         for path in (files or {}).get(item.group, ()):
             with suppress(OSError):
-                looks = (path,) if sniff and len(signature(sniff).parameters) < 2 else (path, _read_head(path))
-                used = used or sniff is None or bool(sniff(*looks))
+                used = used or bool(item.facts["sniff"](path, read_head(path)))
         if used:
             fields = {} if item.parameters is None else item.parameters.model_fields
             defaults = {name: repr(field.default) for name, field in fields.items()}
@@ -323,9 +293,12 @@ def identify_plugins(tables: Any, files: Mapping[str, Sequence[Path]] | None = N
     return found
 
 
-def _read_head(path: Path) -> bytes:
+def read_head(path: Path) -> bytes:
+    """Read the first bytes of a file; none of a folder and of a name without a file."""
+    if not path.is_file():
+        return b""
     with path.open("rb") as handle:
-        return handle.read(4096)
+        return handle.read(HEAD_BYTES)
 
 
 def _load_packages() -> None:

@@ -92,11 +92,12 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> dict[str, Any]:
             raise ConfigError(f'{key}.path: {shorten(path)} is not allowed: kind "file" needs path = "..."')
         if not (folder / path).is_file():
             raise ConfigError(f"{key}.path: {path!r} is not allowed: there is no such file in {folder.resolve()}")
-        from doppelgait.motion.readers import MOTION_READERS, list_reader_options, read
+        from doppelgait.core.readers import list_options
+        from doppelgait.motion.readers import MOTION_READERS, read
 
         # Allow the options of all readers, because the reader depends on the content of the file.
         functions = [read, *(reader.run for reader in MOTION_READERS.values())]
-        allowed = list(dict.fromkeys(name for function in functions for name in list_reader_options(function)))
+        allowed = list(dict.fromkeys(name for function in functions for name in list_options(function)))
         for name in sorted(set(options) - set(allowed)):
             raise ConfigError(
                 f"{key}.{name}: {shorten(options[name])} is not allowed: unknown key; allowed are path, "

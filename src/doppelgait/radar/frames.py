@@ -236,12 +236,9 @@ class FrameParser:
         self._lost = True
 
 
-def sniff_frames(path: Path) -> bool:
+def sniff_frames(path: Path, head: bytes) -> bool:
     """Return whether a file starts with frames of doppelgait's format."""
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
+    return head.startswith(MAGIC)
 
 
 @plugin("radar_writer", "frames", suffix=".dgf")

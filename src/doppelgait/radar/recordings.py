@@ -129,11 +129,10 @@ def _put_tiles(group: Any, name: str, values: Any, dtype: str, units: str) -> No
     dataset.attrs["units"] = units
 
 
-def sniff_hdf5(path: Path) -> bool:
+def sniff_hdf5(path: Path, head: bytes) -> bool:
     """Return whether a file is a doppelgait recording, or a damaged HDF5 file without a format."""
-    with path.open("rb") as file:
-        if file.read(len(SIGNATURE)) != SIGNATURE:
-            return False
+    if not head.startswith(SIGNATURE):
+        return False
     try:
         with open_hdf5(path, members=False) as content:
             return bool(content.attrs.get("format") == RECORDING.format)

@@ -120,7 +120,7 @@ def test_missing_value_and_blank_cells(tmp_path: Path) -> None:
     path = write_table(tmp_path / "w.csv", body, titles("{name}_{axis}_m"))
     lost = np.isnan(read(path, clean=False, missing=999).position_m).any(axis=2)
     assert np.argwhere(lost).tolist() == [[4, 2], [6, 3]]
-    with pytest.raises(MotionError, match="missing='gone' is not a number"):
+    with pytest.raises(MotionError, match="missing = 'gone' is not allowed; it must be a number"):
         read(path, clean=False, missing="gone")
 
 

@@ -218,7 +218,7 @@ def test_one_marker_is_no_body(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rate_hz", [0.0, -5.0, 1e6, float("nan"), "fast", True])
 def test_impossible_rates_are_refused(tmp_path: Path, rate_hz: Any) -> None:
-    with pytest.raises(MotionError, match="must be 1 to 10000"):
+    with pytest.raises(MotionError, match=r"must be (1 to 10000|a number)"):
         read(write_trc(tmp_path / "walk.trc", y_up(BODY_M) * 1e3), clean=False, rate_hz=rate_hz)
 
 

@@ -8,7 +8,8 @@ from acconeer_file import subsweep, write_file
 from damage import outcomes
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.processing import Analysis, burst_signature
-from doppelgait.radar.readers.acconeer import read_acconeer, sniff_acconeer
+from doppelgait.radar.readers import find_formats
+from doppelgait.radar.readers.acconeer import read_acconeer
 
 C = 299_792_458.0
 LAMBDA_M = C / 60.5e9
@@ -114,7 +115,7 @@ def test_groups_entries_and_sessions(tmp_path):
     with pytest.raises(RecordingError, match="group = -1"):
         read_acconeer(path, group=-1)
     older = write_file(tmp_path / "b.h5", root="session")
-    assert sniff_acconeer(older)
+    assert find_formats(older) == ["acconeer"]
     assert read_acconeer(older).baseband.shape == (144, 6)
 
 
@@ -165,7 +166,7 @@ def test_what_it_is_not(tmp_path):
     with h5py.File(other, "w") as file:
         file["generation"] = "a121"
     (tmp_path / "text.h5").write_text("sessions")
-    assert not any(sniff_acconeer(one) for one in (other, tmp_path / "text.h5", tmp_path / "none.h5", tmp_path))
+    assert not any(find_formats(one) for one in (other, tmp_path / "text.h5", tmp_path / "none.h5", tmp_path))
     with pytest.raises(RecordingError, match="not an HDF5 file"):
         read_acconeer(tmp_path / "text.h5")
     with pytest.raises(RecordingError, match="no such file"):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from doppelgait.processing import Analysis, burst_signature
-from doppelgait.radar.readers.acconeer import read_acconeer, sniff_acconeer
+from doppelgait.radar.readers import find_formats
+from doppelgait.radar.readers.acconeer import read_acconeer
 
 pytestmark = pytest.mark.shared
 
@@ -28,7 +29,7 @@ def folder(shared):
 )
 def test_all_are_read(folder, name, options, shape, first_point, step, prf_hz, burst_pulses):
     path = folder / f"{name}.h5"
-    assert sniff_acconeer(path)
+    assert find_formats(path) == ["acconeer"]
     recording = read_acconeer(path, **options)
     baseband = recording.baseband
     assert baseband.shape == shape

@@ -7,7 +7,8 @@ from damage import outcomes
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.processing import Analysis, burst_signature
 from doppelgait.radar import read_recording
-from doppelgait.radar.readers.cw_text import read_cw_text, sniff_cw_text
+from doppelgait.radar.readers import find_formats
+from doppelgait.radar.readers.cw_text import read_cw_text
 
 
 def write_pair(folder, re, im, name="walk"):
@@ -71,16 +72,16 @@ def test_either_file_or_the_stem(tmp_path):
     first = read_cw_text(path)
     for one in (stem, other, str(path)):
         assert read_cw_text(one).baseband.identical(first.baseband)
-    assert all(sniff_cw_text(one) for one in (path, stem, other))
+    assert all(find_formats(one) == ["cw-text"] for one in (path, stem, other))
 
 
 def test_what_it_is_not(tmp_path):
-    assert not sniff_cw_text(tmp_path / "walk")
+    assert not find_formats(tmp_path / "walk")
     (tmp_path / "notes.txt").write_text("12\n13\n")
-    assert not sniff_cw_text(tmp_path / "notes.txt")
+    assert not find_formats(tmp_path / "notes.txt")
     (tmp_path / "a_RE.txt").write_text("time,value\n1,2\n")
-    assert not sniff_cw_text(tmp_path / "a_RE.txt")
-    assert not sniff_cw_text(tmp_path)
+    assert not find_formats(tmp_path / "a_RE.txt")
+    assert not find_formats(tmp_path)
 
 
 def test_clipping_is_told(tmp_path):

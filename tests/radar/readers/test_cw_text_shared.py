@@ -8,7 +8,8 @@ import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.processing import Analysis, burst_signature
-from doppelgait.radar.readers.cw_text import read_cw_text, sniff_cw_text
+from doppelgait.radar.readers import find_formats
+from doppelgait.radar.readers.cw_text import read_cw_text
 
 pytestmark = pytest.mark.shared
 
@@ -62,7 +63,7 @@ def test_all_recordings_are_read(folder):
     assert len(paths) == 152
     clipped = 0
     for path in paths:
-        assert sniff_cw_text(path)
+        assert find_formats(path) == ["cw-text"]
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always", DoppelgaitWarning)
             recording = read_cw_text(path)

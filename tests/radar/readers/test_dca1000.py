@@ -9,7 +9,8 @@ import doppelgait as dg
 from beat import approaching, beat
 from doppelgait.core.errors import AnalysisError, RecordingError
 from doppelgait.radar import read_recording
-from doppelgait.radar.readers.dca1000 import read_config, read_dca1000, sniff_dca1000
+from doppelgait.radar.readers import find_formats
+from doppelgait.radar.readers.dca1000 import read_config, read_dca1000
 
 C_MPS = 299_792_458.0
 TABLE = {
@@ -83,7 +84,7 @@ def test_every_order_of_the_numbers(tmp_path, device, output, q_first):
         return
     table = TABLE | {"device": device, "output": output, "q_first": q_first, "receivers": [0, 2, 3]}
     path = write(tmp_path, point(512, 1e4, table), table)
-    assert sniff_dca1000(path)
+    assert find_formats(path) == ["dca1000"]
     recording = read_recording(path)
     values, bins = recording.baseband.values, 64 if output == "complex1x" else 32
     assert recording.range_m == pytest.approx(SPACING_M * np.arange(bins))

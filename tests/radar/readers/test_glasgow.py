@@ -7,7 +7,8 @@ from beat import approaching, beat, write_glasgow
 from damage import outcomes
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.radar import read_recording
-from doppelgait.radar.readers.glasgow import read_glasgow, sniff_glasgow
+from doppelgait.radar.readers import find_formats
+from doppelgait.radar.readers.glasgow import read_glasgow
 
 SWEEP = {"carrier_hz": 5.8e9, "bandwidth_hz": 400e6, "sweep_s": 1e-3, "n_samples": 128}
 SPACING_M = 299_792_458 / (2 * 400e6)
@@ -99,11 +100,11 @@ def test_a_sweep_that_is_cut_off(tmp_path):
 
 def test_what_is_recognised(tmp_path):
     path = write_glasgow(tmp_path / "a.dat", beat(*approaching(2, 1000, 6, 1), **SWEEP))
-    assert sniff_glasgow(path)
+    assert find_formats(path) == ["glasgow"]
     for text in ("", "1\n2\n3\n4\n", "1\n2\n3\n4\n5\n", "a\n2\n3\n4\n5+2i", "1\n2\n3\n4\nhi", "1 2 3 4 \xff\xfei"):
         other = tmp_path / "other.dat"
         other.write_text(text, encoding="latin-1")
-        assert not sniff_glasgow(other)
+        assert not find_formats(other)
 
 
 def test_damaged_files_are_read_or_refused(tmp_path):

@@ -10,7 +10,8 @@ from damage import outcomes
 from doppelgait.core.errors import DoppelgaitWarning, OutputError, RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import Radar
-from doppelgait.radar.readers.sigmf import read_sigmf, sniff_sigmf, write_sigmf
+from doppelgait.radar.readers import find_formats
+from doppelgait.radar.readers.sigmf import read_sigmf, write_sigmf
 from doppelgait.radar.recording import Recording, TargetTruth
 
 RADAR = Radar(
@@ -51,7 +52,7 @@ def test_round_trip(tmp_path, name):
     write_sigmf(recording, tmp_path / name)
     for ending in ("sigmf-meta", "sigmf-data"):
         path = tmp_path / f"walk.{ending}"
-        assert sniff_sigmf(path)
+        assert find_formats(path) == ["sigmf"]
         again = read_sigmf(path)
         assert np.array_equal(again.baseband.values, recording.baseband.values)
         assert np.array_equal(again.baseband.range.values, recording.baseband.range.values)
@@ -260,7 +261,7 @@ def test_more_refusals(tmp_path):
 def test_what_it_is_not(tmp_path):
     (tmp_path / "a.json").write_text("{}")
     (tmp_path / "b.sigmf-data").write_bytes(b"1234")
-    assert not any(sniff_sigmf(tmp_path / name) for name in ("a.json", "b.sigmf-data", "none", "."))
+    assert not any(find_formats(tmp_path / name) for name in ("a.json", "b.sigmf-data", "none", "."))
 
 
 @pytest.mark.parametrize("part", ["meta", "data"])

@@ -1,13 +1,12 @@
 """Motion files: a reader per format, selected by content.
 
-A reader is a function ``(path, **options) -> Motion`` with keyword-only options, registered by
-``plugin("motion_reader", NAME, sniff=..., suffixes=(...))``: ``sniff(path, head) -> bool`` decides by the first 4096
-bytes of a file. It returns every physical marker in metres, z up, NaN for gaps; cleaning is the same for all.
+A reader is a function ``(path, **options) -> Motion`` under ``plugin("motion_reader", ...)``, with the protocol of
+:mod:`doppelgait.core.readers`. It returns every physical marker in metres, z up, NaN for gaps; cleaning is the same for
+all.
 """
 
 from __future__ import annotations
 
-import inspect
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -15,17 +14,23 @@ from typing import Any, Literal
 
 from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import Group
+from doppelgait.core.readers import OtherFile, check_reader, choose_reader
 from doppelgait.motion.motion import Motion
 
-__all__ = ["MOTION_READERS", "check_types", "cut_part", "list_reader_options", "read", "take_part"]
+__all__ = ["MOTION_READERS", "check_types", "cut_part", "read", "take_part"]
 
 MOTION_READERS: Group[Callable[..., Motion]] = Group(
     "motion_reader",
     built_in=tuple(f"doppelgait.motion.readers.{name}" for name in ("amc", "arrays", "bvh", "c3d", "table", "vendor")),
+    check=check_reader,
 )
 """Readers of motion files by name."""
-
-HEAD_BYTES = 4096
+OTHER_FILES = (
+    OtherFile((".fbx",), "an FBX animation", "export it as .bvh", (b"Kaydara FBX", b"; FBX")),
+    OtherFile((".blend",), "a Blender scene", "export the skeleton as .bvh", (b"BLENDER",)),
+    OtherFile((".h5", ".sigmf-meta", ".dgf"), "a recording of a radar, or of another program", "give a motion file"),
+)
+"""Files that are no motions, but that people have."""
 
 
 def read(
@@ -38,6 +43,7 @@ def read(
     loop_to_s: float | None = None,
     loop_variation: float = 1.0,
     treadmill: bool = False,
+    format: str | None = None,
     **options: Any,
 ) -> Motion:
     """Read a motion recording.
@@ -63,6 +69,8 @@ def read(
     treadmill : bool
         The recording was made on a treadmill: move the body over the ground at the measured belt
         speed (:func:`~doppelgait.motion.treadmill.move_over_ground`). Needs ``clean``.
+    format : str, optional
+        Name of the reader, for a file that none or several recognise.
     **options
         Options of the reader, for example ``units``, ``up_axis``, ``rate_hz`` and ``subject`` for C3D.
 
@@ -91,31 +99,17 @@ def read(
     (17, 250.0, 3.0)
     """
     file = Path(path)
-    if file.is_dir():
-        raise MotionError(f"{file}: is a folder; give one motion file")
-    if not file.is_file():
-        raise MotionError(f"{file}: there is no such file")
-    try:
-        with file.open("rb") as stream:
-            head = stream.read(HEAD_BYTES)
-    except OSError as error:
-        raise MotionError(f"{file}: cannot be read: {error.strerror or error}") from None
-    if not head:
-        raise MotionError(f"{file}: is empty (0 bytes)")
-    readers = MOTION_READERS.values()
-    names = [reader.name for reader in readers if reader.facts["sniff"](file, head)]
-    if not names:
-        known = ", ".join(f"{reader.name} ({', '.join(reader.facts['suffixes'])})" for reader in readers)
-        raise MotionError(f"{file}: its content is not a supported motion format; supported are: {known}")
-    if len(names) > 1:
-        raise MotionError(f"{file}: its content could be {' or '.join(names)}, so that the format is ambiguous")
-    reader = MOTION_READERS[names[0]]
-    allowed = list_reader_options(reader.run)
-    if unknown := sorted(set(options) - set(allowed)):
-        raise MotionError(
-            f"the {reader.name} reader has no option {', '.join(unknown)}; allowed are clean, start_s, stop_s, "
-            f"segment, loop_to_s, loop_variation, treadmill, {', '.join(allowed)}"
-        )
+    further = ("clean", "start_s", "stop_s", "segment", "loop_to_s", "loop_variation", "treadmill")
+    reader = choose_reader(
+        MOTION_READERS,
+        file,
+        options,
+        noun="motion",
+        error=MotionError,
+        others=OTHER_FILES,
+        format=format,
+        further=further,
+    )
     check_types(
         file,
         {
@@ -207,29 +201,18 @@ def take_part(
     return motion if loop_to_s is None else loop(motion, duration_s=loop_to_s, variation=loop_variation)
 
 
-def list_reader_options(read: Callable[..., Motion]) -> list[str]:
-    """Return a reader's keyword-only options."""
-    return [p.name for p in inspect.signature(read).parameters.values() if p.kind is p.KEYWORD_ONLY]
-
-
 LONGEST_S = 3600.0
 NUMBERS = {
     "start_s": "a number of seconds",
     "stop_s": "a number of seconds",
     "loop_to_s": f"above 0 and up to {LONGEST_S:g} s",
     "loop_variation": "0 to 2",
-    "rate_hz": "1 to 10000 Hz",
-    "resample_hz": "1 to 10000 Hz",
 }
-"""Options that are numbers, and what is allowed."""
-WORDS = ("units", "up_axis", "subject", "skeleton", "key")
+"""Options of :func:`read` that are numbers, and what is allowed."""
 
 
 def check_types(path: Path, options: dict[str, Any]) -> None:
-    """Raise an error for an option of the wrong type.
-
-    Each reader checks the ranges of its own options.
-    """
+    """Raise an error for an option of :func:`read` of the wrong type."""
     for name, value in options.items():
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if name in ("clean", "treadmill") and not isinstance(value, bool):
@@ -240,5 +223,3 @@ def check_types(path: Path, options: dict[str, Any]) -> None:
         too_varied = name == "loop_variation" and number and not 0.0 <= value <= 2.0
         if name in NUMBERS and (not number or too_long or too_varied):
             raise MotionError(f"{path}: {name} = {value!r} is not allowed; it must be {NUMBERS[name]}")
-        if name in WORDS and not isinstance(value, str | os.PathLike):
-            raise MotionError(f"{path}: {name} = {value!r} is not allowed; it must be a text")

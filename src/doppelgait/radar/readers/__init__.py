@@ -1,26 +1,23 @@
 """Radar recordings: readers selected by content, and writers.
 
-A reader is a function ``(path, **options) -> Recording`` with keyword-only options, registered by
-``plugin("radar_reader", NAME, sniff=..., suffixes=(...))``; ``sniff(path) -> bool`` is cheap, looks at the content and
-is called for every path, also for one that does not exist. A writer is a function ``(recording, path, **options)``,
-registered by ``plugin("radar_writer", NAME, suffix=...)``; the suffix picks it, "" stands for a folder. A reader of
-files that may hold several recordings also has ``parts(path) -> list of options``, one entry per recording.
+A reader is a function ``(path, **options) -> Recording`` under ``plugin("radar_reader", ...)``, with the protocol of
+:mod:`doppelgait.core.readers`. A writer is a function ``(recording, path, **options)``, registered by
+``plugin("radar_writer", NAME, suffix=...)``; the suffix picks it, "" stands for a folder.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
-from doppelgait.core.own_hdf5 import read_stated_format
+from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, open_hdf5
 from doppelgait.core.plugins import Group, Plugin
+from doppelgait.core.readers import OtherFile, check_reader, choose_reader, find_readers, list_options
 from doppelgait.radar.recording import Recording, check_plausible
 
 __all__ = [
@@ -51,6 +48,7 @@ RADAR_READERS: Group[Reader] = Group(
         "doppelgait.radar.readers.dca1000",
         "doppelgait.radar.frames",
     ),
+    check=check_reader,
 )
 """Readers of radar recordings by name."""
 
@@ -66,8 +64,36 @@ RADAR_WRITERS: Group[Writer] = Group(
 )
 """Writers of radar recordings by name."""
 
-SWITCHES = {"conjugate", "time_first", "ignore_checksum"}
-"""Boolean options."""
+
+def _describe_hdf5(path: Path) -> str:
+    """Name the arrays of an HDF5 file of unknown origin, and how to use them."""
+    try:
+        with open_hdf5(path) as file:
+            if file.attrs.get("format") == "doppelgait-result":
+                return "it holds results of doppelgait analyze, not a recording; pass the recording that was analysed"
+            held: list[str] = []
+            file.visititems(lambda name, node: held.append(f"{name} {node.shape}") if hasattr(node, "shape") else None)
+    except FAULTS as error:
+        return f"it cannot be opened: {error}"
+    listed = ", ".join(held[:12]) + (", ..." if len(held) > 12 else "")
+    return f"it holds {listed or 'no arrays'}; save the complex matrix (pulses, range bins) with numpy.savez"
+
+
+SAVE_AS_ARRAYS = "read it with its own library and save the complex matrix (pulses, range bins) with numpy.savez"
+OTHER_FILES = (
+    OtherFile(
+        (".pcap", ".pcapng"),
+        "captured network packets",
+        "write adc_data.bin with the DCA1000's own program",
+        (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x0a\x0d\x0d\x0a"),
+    ),
+    OtherFile((".bag", ".db3", ".mcap"), "a recording of ROS", SAVE_AS_ARRAYS, (b"#ROSBAG", b"\x89MCAP", b"SQLite")),
+    OtherFile((".tdms", ".tdm"), "a measurement file of LabVIEW", SAVE_AS_ARRAYS, (b"TDSm",)),
+    OtherFile((".h5", ".hdf5", ".he5", ".nc"), "HDF5 of another program", _describe_hdf5, (SIGNATURE,)),
+    OtherFile((".mp3", ".flac", ".ogg", ".m4a"), "compressed sound", "save it as .wav", (b"ID3", b"fLaC", b"OggS")),
+    OtherFile((".bvh", ".c3d", ".trc", ".amc", ".fbx"), "a recorded motion", "use doppelgait simulate --motion FILE"),
+)
+"""Files that are no recordings of a radar, but that people have."""
 
 
 def read_recording(path: str | os.PathLike[str], *, format: str | None = None, **options: Any) -> Recording:
@@ -113,26 +139,11 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
         file = file.resolve()
     if not file.name:
         raise RecordingError(f"{path}: is not a recording; pass a file, or the folder of a XeThru recording")
+    reader = choose_reader(
+        RADAR_READERS, file, options, noun="recording", error=RecordingError, others=OTHER_FILES, format=format
+    )
     try:
-        if format is None:
-            name = _find_format(file)
-        elif format not in RADAR_READERS:
-            raise RecordingError(f"{file}: format = {format!r} is not known; known are: {_list_known()}")
-        elif not file.exists() and not file.parent.is_dir():
-            raise RecordingError(f"{file}: no such file")
-        else:
-            name = format
-        reader = RADAR_READERS[name].run
-        allowed = [p.name for p in inspect.signature(reader).parameters.values() if p.kind is p.KEYWORD_ONLY]
-        if unknown := sorted(set(options) - set(allowed)):
-            said = f"allowed are {', '.join(allowed)}" if allowed else "it has none"
-            raise RecordingError(f"{file}: the {name} reader has no option {', '.join(unknown)}; {said}")
-        for switch in SWITCHES & set(options):
-            if not isinstance(options[switch], bool):
-                raise RecordingError(
-                    f"{file}: option {switch} = {options[switch]!r} is not allowed: must be true or false"
-                )
-        recording = reader(file, **options)
+        recording = reader.run(file, **options)
         check_plausible(recording, str(file))
         return recording
     except OSError as error:
@@ -141,31 +152,10 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
 
 def find_formats(path: Path) -> list[str]:
     """Return the readers that recognise a file or folder."""
-    names = []
-    for reader in RADAR_READERS.values():
-        with suppress(OSError):  # a file that cannot be opened has no format
-            if reader.facts["sniff"](path):
-                names.append(reader.name)
-    return names
-
-
-def _find_format(path: Path) -> str:
-    names = find_formats(path)
-    if len(names) == 1:
-        return names[0]
-    if names:
-        raise RecordingError(
-            f"{path}: its content could be {' or '.join(names)}; the reader is ambiguous: name it, format='{names[0]}'"
-        )
-    if not path.exists():
-        raise RecordingError(f"{path}: no such file")
-    if path.is_file() and not path.stat().st_size:
-        raise RecordingError(f"{path}: is empty (0 bytes)")
-    if read_stated_format(path) == "doppelgait-result":
-        raise RecordingError(
-            f"{path}: holds results of doppelgait analyze, not a recording; pass the recording that was analysed"
-        )
-    raise RecordingError(f"{path}: its content has no known recording format; known are: {_list_known()}")
+    try:
+        return find_readers(RADAR_READERS, path)
+    except OSError:  # a file that cannot be opened has no format
+        return []
 
 
 def is_folder_of_recordings(path: Path) -> bool:
@@ -229,7 +219,7 @@ def read_several(paths: Iterable[Path], **options: Any) -> tuple[list[Recording]
     try:
         for path, named in find_recordings(paths):
             readers = [RADAR_READERS[name] for name in find_formats(path)]
-            allowed = {name for reader in readers for name in inspect.signature(reader.run).parameters}
+            allowed = {name for reader in readers for name in list_options(reader.run)}
             taken |= allowed
             chosen = {name: value for name, value in options.items() if name in allowed}
             parts = readers[0].facts["parts"](path) if len(readers) == 1 and "parts" in readers[0].facts else []
@@ -258,10 +248,6 @@ def read_several(paths: Iterable[Path], **options: Any) -> tuple[list[Recording]
             f"no reader of these files has the option {', '.join(unknown)}; see doppelgait radar formats"
         )
     return found, left_out
-
-
-def _list_known() -> str:
-    return ", ".join(f"{one.name} ({', '.join(one.facts['suffixes'])})" for one in RADAR_READERS.values())
 
 
 def list_writers() -> dict[str, Plugin[Writer]]:

@@ -188,9 +188,9 @@ LATE_TICKS = 1.5
 """Maximum deviation of integer ticks from a straight line for evenly spaced frames."""
 
 
-def sniff_acconeer(path: Path) -> bool:
+def sniff_acconeer(path: Path, head: bytes) -> bool:
     """Return whether a file is HDF5 of Acconeer's exploration tool."""
-    if not Path(path).is_file() or not is_hdf5(path):
+    if not head or not is_hdf5(path):
         return False
     try:
         with open_hdf5(path, members=False) as file:

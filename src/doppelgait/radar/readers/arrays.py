@@ -206,10 +206,8 @@ AXES = ("slow_time_s", "range_m")
 Arrays = Mapping[str, npt.NDArray[Any] | None]
 
 
-def sniff_arrays(path: Path) -> bool:
+def sniff_arrays(path: Path, head: bytes) -> bool:
     """Return whether a file is ``.npy`` or npz."""
-    with path.open("rb") as file:
-        head = file.read(4096)
     return head.startswith(NPY_MAGIC) or is_npz(head)
 
 

@@ -27,7 +27,7 @@ MAX_BYTES = 2**26
 HEAD_BYTES = 256
 
 
-def sniff_cw_text(path: Path) -> bool:
+def sniff_cw_text(path: Path, head: bytes) -> bool:
     """Return whether a path is one of two continuous-wave text files, or their common stem."""
     try:
         names = _find_pair(Path(path))

@@ -266,12 +266,11 @@ BLOCK = 1 << 24
 """Number of values that are sorted at a time."""
 
 
-def sniff_dca1000(path: Path) -> bool:
+def sniff_dca1000(path: Path, head: bytes) -> bool:
     """Return whether radar settings lie next to a .bin file."""
-    file = Path(path)
-    if file.suffix.lower() != ".bin" or not file.is_file():
+    if path.suffix.lower() != ".bin" or not head:
         return False
-    config = find_config(file)
+    config = find_config(path)
     if config is None or config.stat().st_size > MAX_CONFIG_BYTES:
         return False
     content = config.read_bytes()

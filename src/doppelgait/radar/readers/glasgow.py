@@ -28,12 +28,9 @@ VOLTS_PER_CODE = 1.0 / 4096
 """Volts per converter step; the middle code 2048 indicates 12 bits, and a full scale of 1 V is assumed."""
 
 
-def sniff_glasgow(path: Path) -> bool:
+def sniff_glasgow(path: Path, head: bytes) -> bool:
     """Return whether a file begins with four numbers and a complex sample."""
-    if not Path(path).is_file():
-        return False
-    with Path(path).open("rb") as file:
-        words = file.read(HEAD_BYTES).split()
+    words = head[:HEAD_BYTES].split()
     if len(words) < 5 or not words[4].endswith(b"i") or b"." in words[2]:
         return False
     try:

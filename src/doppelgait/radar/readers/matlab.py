@@ -159,10 +159,9 @@ DRIVER_LIGHT_SPEED_MPS = 3e8
 """Speed of light in the X4 driver, on which the bin lengths in files are based."""
 
 
-def sniff_matlab(path: Path) -> bool:
+def sniff_matlab(path: Path, head: bytes) -> bool:
     """Return whether a file starts like MATLAB 5 to 7.3."""
-    with path.open("rb") as file:
-        return file.read(len(HEADERS[0])) in HEADERS
+    return head.startswith(HEADERS)
 
 
 def list_matrices(path: Path) -> list[dict[str, Any]]:

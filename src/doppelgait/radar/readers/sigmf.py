@@ -20,7 +20,7 @@ from doppelgait.core.config import validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
 from doppelgait.core.files import open_atomically
-from doppelgait.core.plugins import plugin
+from doppelgait.core.plugins import plugin, read_head
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, FloatArray
 from doppelgait.radar.measured import CW_FRAME_M, check_number, label_measured, make_cw_radar, make_radar
 from doppelgait.radar.parameters import Radar
@@ -28,7 +28,6 @@ from doppelgait.radar.recording import Recording
 
 META = ".sigmf-meta"
 DATA = ".sigmf-data"
-HEAD_BYTES = 4096
 MAX_META_BYTES = 2**28
 DATATYPES = {
     "f32": "f4",
@@ -182,14 +181,12 @@ def read_samples(
 MAX_ROWS = 100_000_000
 
 
-def sniff_sigmf(path: Path) -> bool:
+def sniff_sigmf(path: Path, head: bytes) -> bool:
     """Return whether a path is one of a SigMF pair, by the start of its metadata."""
-    file = Path(path)
-    meta = find_sigmf_pair(file)[0]
-    if not file.is_file() or not meta.is_file():
+    meta = find_sigmf_pair(path)[0]
+    if not head or not meta.is_file():
         return False
-    with meta.open("rb") as handle:
-        head = handle.read(HEAD_BYTES)
+    head = head if meta == path else read_head(meta)
     return head.lstrip()[:1] == b"{" and (b'"core:' in head or meta.name.endswith(META))
 
 

@@ -112,7 +112,7 @@ class Records:
         return np.asarray(self.records["info" if self.name == "datafloat" else "frame_counter"])
 
 
-@plugin("radar_reader", "xethru", sniff=sniff_xethru, suffixes=("folder", ".dat"))
+@plugin("radar_reader", "xethru", sniff=lambda path, head: sniff_xethru(path), suffixes=("folder", ".dat"))
 def read_xethru_recording(
     path: str | os.PathLike[str],
     *,

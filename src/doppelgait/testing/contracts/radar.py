@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.plugins import read_head
 from doppelgait.testing.contracts import require, require_close, require_registered
 
 if TYPE_CHECKING:
@@ -261,9 +262,6 @@ def check_radar_reader(name: str, path: str | Path, **options: Any) -> None:
 
     place, what = Path(path).absolute(), require_registered(RADAR_READERS, "radar reader", name)
     reader = RADAR_READERS[name]
-    sniff, suffixes = reader.facts.get("sniff"), reader.facts.get("suffixes")
-    require(callable(sniff), f"{what} has no function sniff")
-    require(isinstance(suffixes, tuple) and suffixes, f"{what} names no suffixes")
     parameters = list(inspect.signature(reader.run).parameters.values())[1:]
     positional = [one.name for one in parameters if one.kind is not inspect.Parameter.KEYWORD_ONLY]
     require(not positional, f"{what}: options {positional} are not keyword-only")
@@ -316,7 +314,7 @@ def check_radar_reader(name: str, path: str | Path, **options: Any) -> None:
 
 def _is_recognised(reader: Any, path: Path) -> bool:
     try:
-        return bool(reader.facts["sniff"](path))
+        return bool(reader.facts["sniff"](path, read_head(path)))
     except OSError:
         return False
     except Exception as error:

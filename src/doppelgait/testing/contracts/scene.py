@@ -100,12 +100,11 @@ def check_motion_reader(name: str, path: str | Path, **options: Any) -> None:
     >>> dg.testing.check_motion_reader("arrays", file)
     """
     from doppelgait.core.errors import DoppelgaitWarning, MotionError
-    from doppelgait.motion.readers import HEAD_BYTES, MOTION_READERS, read
+    from doppelgait.core.plugins import HEAD_BYTES
+    from doppelgait.motion.readers import MOTION_READERS, read
 
     path, what = Path(path), require_registered(MOTION_READERS, "motion reader", name)
     reader = MOTION_READERS[name]
-    missing = [fact for fact in ("sniff", "suffixes") if fact not in reader.facts]
-    require(not missing, f"{what}: register it with {' and '.join(f'{fact}=...' for fact in missing)}")
     kinds = [parameter.kind for parameter in inspect.signature(reader.run).parameters.values()]
     keyword_only = kinds and all(kind is inspect.Parameter.KEYWORD_ONLY for kind in kinds[1:])
     require(keyword_only, f"{what}: must take one path and keyword-only options")
