@@ -33,7 +33,6 @@ from doppelgait.radar.fit.room import (
     fit_clutter_profile,
     fit_series,
     fit_static_part,
-    level_db,
     multiply_correlation,
     take_root,
 )
@@ -457,9 +456,9 @@ def test_rows_and_json_hold_the_estimates() -> None:
 
 
 def test_estimates_convert_with_their_uncertainty() -> None:
-    assert level_db(Estimate(100.0, 1.0)).value == pytest.approx(20.0)
-    assert level_db(Estimate(100.0, 1.0)).sd == pytest.approx(10 * math.log10(1.01), rel=0.01)
-    assert level_db(Estimate(0.0, 1.0)).value == -math.inf
+    assert Estimate(100.0, 1.0).to_db(10.0).value == pytest.approx(20.0)
+    assert Estimate(100.0, 1.0).to_db(10.0).sd == pytest.approx(10 * math.log10(1.01), rel=0.01)
+    assert Estimate(0.0, 1.0).to_db(10.0).value == -math.inf
     assert take_root(4.0, 0.1).value == pytest.approx(2.0)
     assert take_root(4.0, 0.1).sd == pytest.approx(0.1 / 4, rel=0.02)
     assert take_root(-1.0, 0.04).value == 0.0

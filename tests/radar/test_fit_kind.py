@@ -23,7 +23,8 @@ from doppelgait.radar.fit import (
     pool,
 )
 from doppelgait.radar.fit.measure import convert_ratio, find_converter
-from doppelgait.radar.fit.pool import find_mains_harmonic, find_noise_figure
+from doppelgait.radar.fit.model import find_noise_figure
+from doppelgait.radar.fit.pool import find_mains_harmonic
 from doppelgait.radar.link import list_derived_quantities, noise_power_v2
 
 PRF_HZ = 400.0

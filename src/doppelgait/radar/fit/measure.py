@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,16 +18,19 @@ import numpy.typing as npt
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array, read_axis
 from doppelgait.core.units import FloatArray, db_to_power, power_to_db
-from doppelgait.radar.fit.model import BUSY_SHARE, MAX_PHASE_VARIANCE, MIN_BINS, MIN_FRAMES, SensorFit, fit_sensor
+from doppelgait.radar.fit.model import MAX_PHASE_VARIANCE, MIN_BINS, MIN_FRAMES, SensorFit, fit_sensor
 from doppelgait.radar.fit.room import (
     DB_PER_NEPER,
     MAX_LEVERAGE,
+    MEDIAN_SPREAD,
     NEAR_M,
     ClutterProfile,
     Estimate,
     compute_factor_variance,
     compute_leverage,
+    correlate_bins,
     fit_static_part,
+    mark_dropped,
 )
 from doppelgait.radar.recording import Recording
 
@@ -43,6 +47,8 @@ AT_QUANTILE = -math.log(1.0 - QUANTILE)
 """Ratio of this quantile of the noise power to its mean."""
 WHITE_RATIO = 1.5
 """Minimum ratio of upper to lower power quartile, relative to noise (4.82), of cells that contain more than noise."""
+QUARTILE_RATIO = math.log(4.0) / math.log(4.0 / 3.0)
+"""Ratio of the quartiles of noise power."""
 HANN_SHARE = 2.0
 """Number of Doppler cells per independent one; the Hann window correlates the noise of neighbouring cells."""
 SLOW_CELLS = 3
@@ -151,16 +157,15 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
     estimates: dict[str, Estimate] = {}
     refused: dict[str, str] = {}
     room = _fit_room(recording, refused)
-    repeated = np.concatenate([[False], (samples[1:] == samples[:-1]).all(axis=1)]) & (n_bins >= MIN_BINS)
-    bad = ~samples.any(axis=1) | repeated | at_limit.any(axis=1)
+    blank, repeated = mark_dropped(samples)
+    bad = blank | (repeated & (n_bins >= MIN_BINS)) | at_limit.any(axis=1)
     rest, taken = _remove_common_phase(samples, bad)
-    count = n_pulses // window
-    good = ~bad[: count * window].reshape(count, window).any(axis=1)
+    windows = _split_windows(rest, window)
+    good = ~_split_windows(bad, window).any(axis=1)
     if good.sum() < MIN_WINDOWS:  # clipped nearly everywhere: a biased estimate is kept, with this reason
         refused["noise"] = f"fewer than {MIN_WINDOWS} windows without clipped, blank or repeated samples"
-        good = np.ones(count, dtype=bool)
-    part = rest[: count * window].reshape(count, window, n_bins)[good]
-    f_hz, power, spectrum = compute_windowed_power(part, recording.radar.prf_hz)
+        good = np.ones(len(windows), dtype=bool)
+    f_hz, power, spectrum = compute_windowed_power(windows[good], recording.radar.prf_hz)
     power = power / np.maximum(1.0 - taken, 1.0 - MAX_LEVERAGE)
     upper = np.abs(f_hz) >= recording.radar.prf_hz / 4.0
     quiet = _find_quiet_windows(power, upper)
@@ -187,14 +192,12 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
     doppler = _measure_over_doppler(f_hz, power)
     lines = _find_lines(rest, bad, recording, window)
     echo_db = math.nan
-    moving = power[:, np.abs(f_hz) > SLOW_CELLS * recording.radar.prf_hz / window].sum(axis=1) / window
+    fast = np.abs(f_hz) > SLOW_CELLS * recording.radar.prf_hz / window
+    moving = power[:, fast].sum(axis=1) / window
     if np.isfinite(level_v2):
         strongest_db = power_to_db(np.maximum(moving.max(axis=1), level_v2))
         if (busy := strongest_db > power_to_db(level_v2) + MOVING_DB).sum() >= MIN_WINDOWS:
-            every = compute_windowed_power(
-                rest[: count * window].reshape(count, window, n_bins), recording.radar.prf_hz
-            )[1]
-            fast = np.abs(f_hz) > SLOW_CELLS * recording.radar.prf_hz / window
+            every = compute_windowed_power(windows, recording.radar.prf_hz)[1]
             echo_db = float(power_to_db(np.median((every[:, fast].sum(axis=1) / window).max(axis=1))))
             estimates |= _estimate_image(spectrum[busy], moving[busy], f_hz, refused)
         else:
@@ -202,7 +205,7 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
     else:
         refused["I/Q image"] = "the noise is not known"
     if n_bins < MIN_BINS:
-        estimates |= _estimate_constant(samples[: count * window].reshape(count, window * n_bins), step_v)
+        estimates |= _estimate_constant(_split_windows(samples, window).reshape(len(windows), -1), step_v)
     faults = (0, 0, 1.0)
     if room is not None:
         estimates |= _list_room_estimates(room, refused)
@@ -248,6 +251,12 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
         echo_db=echo_db,
         uses=(*uses, *(["something moved: those ranges left out"] if has_moving else [])),
     )
+
+
+def _split_windows(values: npt.NDArray[Any], window: int) -> npt.NDArray[Any]:
+    """Return values (pulse, ...) as (window, pulse, ...), without the last incomplete window."""
+    count = len(values) // window
+    return values[: count * window].reshape(count, window, *values.shape[1:])
 
 
 def compute_windowed_power(part: ComplexArray, prf_hz: float) -> tuple[FloatArray, FloatArray, ComplexArray]:
@@ -305,19 +314,15 @@ def _fit_room(recording: Recording, refused: dict[str, str]) -> SensorFit | None
 
 def _list_room_estimates(room: SensorFit, refused: dict[str, str]) -> dict[str, Estimate]:
     found: dict[str, Estimate] = {}
-    busy_m = sum(m.stop_m - m.start_m for m in room.moving)
     if room.phase is None:
         refused["phase noise"] = "static echoes are too weak to show it"
-    elif busy_m > BUSY_SHARE * (room.range_m[-1] - room.range_m[0]):
+    elif room.is_busy:
         refused["phase noise"] = "something moved in more than a third of the ranges"
     else:
-        found["white_rad"] = room.phase.white
-        found["walk_rad_per_sqrt_min"] = room.phase.walk_per_root_s.scale(math.sqrt(60.0))
-        found["drift_rad_per_min"] = room.phase.drift_per_s.scale(60.0)
+        found |= room.phase.per_minute()
     constant = room.leakage.constant_v
     if constant.value > 3.0 * constant.sd:
-        level_db = 2.0 * DB_PER_NEPER * math.log(constant.value)
-        found["dc_level_db"] = Estimate(level_db, 2.0 * DB_PER_NEPER * constant.sd / constant.value)
+        found["dc_level_db"] = constant.to_db(20.0)
     else:
         refused["constant (direct current)"] = "not distinguished from static echoes"
     direct = room.leakage.level_db
@@ -352,7 +357,7 @@ def _find_quiet_windows(power: FloatArray, upper: Mask) -> Mask:
     """Return the windows with noise alone in the upper half-band, by the spread of their powers."""
     cells = power[:, upper]
     low, high = np.quantile(cells, (0.25, 0.75), axis=1)
-    ratio = high / np.maximum(low, np.finfo(float).tiny) / (math.log(4.0) / math.log(4.0 / 3.0))
+    ratio = high / np.maximum(low, np.finfo(float).tiny) / QUARTILE_RATIO
     # few cells scatter: the limit is that of noise plus twice the spread, 2.6 / sqrt(independent cells)
     limit = WHITE_RATIO + 2.6 * math.sqrt(HANN_SHARE / upper.sum())
     return np.asarray(np.median(ratio, axis=1) < limit)
@@ -375,17 +380,12 @@ def _estimate_by_jackknife(estimate: Callable[[npt.NDArray[np.intp]], float], co
 
 def _measure_correlation(spectrum: ComplexArray, lags: int = 8) -> tuple[ComplexArray, float]:
     """Return the correlation at a lag of l bins, and its uncertainty: a median over the bins."""
-    n_bins = spectrum.shape[2]
     size = np.abs(spectrum)
     # a cell far above the others contains an echo
     cells = np.where(size > 4.0 * np.median(size, axis=(0, 1)), 0.0, spectrum)
     unit = cells / np.sqrt(np.mean(np.abs(cells) ** 2, axis=(0, 1)))
-    lags = min(lags, n_bins // 2)
-    rho = np.ones(lags + 1, dtype=complex)
-    for lag in range(1, lags + 1):
-        products = np.mean(unit[:, :, lag:] * unit[:, :, :-lag].conj(), axis=(0, 1))
-        rho[lag] = np.median(products.real) + 1j * np.median(products.imag)
-    sd = 1.2533 * math.sqrt(HANN_SHARE / unit.size / 2.0 * (1.0 + 2.0 * float(np.sum(np.abs(rho[1:]) ** 2))))
+    rho = correlate_bins(unit, min(lags, spectrum.shape[2] // 2))
+    sd = MEDIAN_SPREAD * math.sqrt(HANN_SHARE / unit.size / 2.0 * (1.0 + 2.0 * float(np.sum(np.abs(rho[1:]) ** 2))))
     return rho, sd
 
 
@@ -393,11 +393,12 @@ def _measure_over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArr
     """Return the noise level over the absolute frequency. It is NaN where there was motion."""
     size_hz = np.unique(np.abs(f_hz))
     level, sd = np.full(size_hz.size, np.nan), np.full(size_hz.size, np.nan)
-    expected = math.log(4.0) / math.log(4.0 / 3.0)
     for place, frequency in enumerate(size_hz[2:], start=2):  # subtraction of the window's mean reduces the first
         cells = power[:, np.abs(f_hz) == frequency].reshape(-1, power.shape[2])
         low, high = np.quantile(cells, (0.25, 0.75), axis=0)
-        calm = high / np.maximum(low, np.finfo(float).tiny) < expected * (WHITE_RATIO + 4.0 / math.sqrt(len(cells)))
+        calm = high / np.maximum(low, np.finfo(float).tiny) < QUARTILE_RATIO * (
+            WHITE_RATIO + 4.0 / math.sqrt(len(cells))
+        )
         sides = [
             np.quantile(power[:, f_hz == side], 0.25, axis=0)[0] for side in (frequency, -frequency) if side in f_hz
         ]
@@ -417,10 +418,10 @@ def _find_lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int
     if not recording.facts.get("burst_pulses"):
         window = max(window, 1 << int(math.log2(max(n_pulses / 8, 1))))
     count = n_pulses // window
-    good = ~bad[: count * window].reshape(count, window).any(axis=1)
+    good = ~_split_windows(bad, window).any(axis=1)
     if good.sum() < MIN_WINDOWS:
         return ()
-    part = rest[: count * window].reshape(count, window, n_bins)[good]
+    part = _split_windows(rest, window)[good]
     f_hz, power, _ = compute_windowed_power(part, recording.radar.prf_hz)
     low = np.quantile(power.reshape(-1, window, n_bins).transpose(1, 0, 2).reshape(window, -1), QUANTILE, axis=1)
     low /= AT_QUANTILE
@@ -433,7 +434,7 @@ def _find_lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int
     )
     # a line with noise scatters no more than noise; motion is stronger in some windows and bins
     lower, upper = np.quantile(power.transpose(1, 0, 2).reshape(window, -1), (0.25, 0.75), axis=1)
-    stands &= upper < lower * WHITE_RATIO * math.log(4.0) / math.log(4.0 / 3.0)
+    stands &= upper < lower * WHITE_RATIO * QUARTILE_RATIO
     stands &= (low >= np.roll(low, 1)) & (low > np.roll(low, -1))
     gain = float(np.sum(np.hanning(window + 2)[1:-1]) ** 2 / np.sum(np.hanning(window + 2)[1:-1] ** 2))
     whole = None
@@ -486,7 +487,7 @@ def _estimate_image(
     phase = _estimate_by_jackknife(lambda chosen: estimate(chosen)[1], len(ratio))
     # the jackknife of a median is inaccurate: the minimum is the scatter of the windows
     scatter = 1.4826 * float(np.median(np.abs(ratio - complex(np.median(ratio.real), np.median(ratio.imag)))))
-    least = 1.2533 * scatter / math.sqrt(2.0 * len(ratio))
+    least = MEDIAN_SPREAD * scatter / math.sqrt(2.0 * len(ratio))
     if least > 0.2:
         refused["I/Q image"] = "the phase of the motion changed too little to show an image"
         return {}

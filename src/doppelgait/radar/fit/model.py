@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.units import FloatArray, db_to_power, power_to_db
+from doppelgait.core.units import FloatArray, db_to_amplitude, db_to_power, power_to_db
 from doppelgait.radar.fit.room import (
+    DB_PER_NEPER,
     Bursts,
     ClutterProfile,
     Estimate,
@@ -31,7 +32,6 @@ from doppelgait.radar.fit.room import (
     fit_clutter_profile,
     fit_series,
     fit_static_part,
-    level_db,
     split_still_part,
 )
 from doppelgait.radar.link import find_noise_slope, noise_power_v2
@@ -131,6 +131,12 @@ class SensorFit:
         unit = self.radar.volts_per_unit
         return None if unit is None else 20.0 * math.log10(unit)
 
+    @property
+    def is_busy(self) -> bool:
+        """True if targets fill more than a third of the ranges: the median over bins is then not the noise."""
+        busy_m = sum(m.stop_m - m.start_m for m in self.moving)
+        return bool(busy_m > BUSY_SHARE * (self.range_m[-1] - self.range_m[0]))
+
 
 def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: float | None = None) -> SensorFit:
     """Fit a sensor model to an empty-room recording.
@@ -190,14 +196,14 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
     variance = compute_factor_variance(static, noise.correlation, noise_power_v2=noise.power_v2.value)
     phase, gain = None, None
     if variance <= MAX_PHASE_VARIANCE:
-        per_gain_db = 20.0 / math.log(10.0)
         phase = fit_series(np.unwrap(np.angle(static.factor)), time_s=time_s[used], measurement_variance=variance)
-        gain_db = per_gain_db * np.log(np.abs(static.factor))
-        gain = fit_series(gain_db, time_s=time_s[used], measurement_variance=per_gain_db**2 * variance)
+        db = 2.0 * DB_PER_NEPER
+        gain_db = db * np.log(np.abs(static.factor))
+        gain = fit_series(gain_db, time_s=time_s[used], measurement_variance=db**2 * variance)
     left_v2 = noise.power_v2.value / used.size
-    level = level_db(noise.power_v2)
-    slope = find_noise_slope(recording.radar)
-    excess_db = (level.value - float(power_to_db(noise_power_v2(recording.radar)))) / slope
+    level = noise.power_v2.to_db(10.0)
+    figure = find_noise_figure(recording.radar, level)
+    excess_db = figure.value - recording.radar.noise_figure_db
     clutter = fit_clutter_profile(
         static.echo_v, range_m=range_m, noise_power_v2=left_v2, resolution_m=recording.radar.range_resolution_m
     )
@@ -210,8 +216,8 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
         duration_s=float(time_s[-1] - time_s[0]),
         noise=noise,
         noise_level_db=level,
-        noise_figure_db=Estimate(recording.radar.noise_figure_db + excess_db, level.sd / slope),
-        receiver_gain_db=Estimate(recording.radar.receiver_gain_db + excess_db, level.sd / slope),
+        noise_figure_db=figure,
+        receiver_gain_db=Estimate(recording.radar.receiver_gain_db + excess_db, figure.sd),
         echo_v=static.echo_v,
         clutter=clutter,
         leakage=estimate_leakage(static.echo_v, range_m=range_m, noise_power_v2=left_v2),
@@ -279,9 +285,42 @@ def _remove_targets(
 
 
 BUSY_SHARE = 1.0 / 3.0
-"""Maximum share of bins with targets; above it the median over bins is not the noise."""
 PLAUSIBLE_NOISE_FIGURE_DB = (0.0, 30.0)
 SHORT_S = 10.0
+
+
+def find_noise_figure(radar: Radar, level_db: Estimate) -> Estimate:
+    """Return the noise figure for a measured level (E-18, E-18b)."""
+    slope = find_noise_slope(radar)
+    return Estimate(radar.noise_figure_db + _find_excess_db(radar, level_db) / slope, level_db.sd / slope)
+
+
+def _find_excess_db(radar: Radar, level_db: Estimate) -> float:
+    return level_db.value - DB_PER_NEPER * math.log(noise_power_v2(radar))
+
+
+def rescale_radar(radar: Radar, scale_db: float) -> Radar:
+    """Scale a radar's echoes, noise and counter step together, so that the SNR does not change."""
+    changes = {"receiver_gain_db": radar.receiver_gain_db + scale_db}
+    if radar.threshold_step_v is not None:
+        changes["threshold_step_v"] = radar.threshold_step_v * float(db_to_amplitude(scale_db))
+    return radar.model_copy(update=changes)
+
+
+def choose_noise_change(fit: SensorFit, base: Radar) -> dict[str, Any]:
+    """Return a plausible noise figure, or a scale."""
+    radar = base.model_copy(update={"prf_hz": fit.radar.prf_hz})
+    figure_db = find_noise_figure(radar, fit.noise_level_db).value
+    if is_plausible(figure_db):
+        return {"noise_figure_db": figure_db}
+    scaled = rescale_radar(radar, _find_excess_db(radar, fit.noise_level_db))
+    return {key: getattr(scaled, key) for key in ("receiver_gain_db", "threshold_step_v")}
+
+
+def is_plausible(figure_db: float) -> bool:
+    """Return whether a receiver can have this noise figure."""
+    low_db, high_db = PLAUSIBLE_NOISE_FIGURE_DB
+    return low_db <= figure_db <= high_db
 
 
 def list_flags(fit: SensorFit) -> tuple[str, ...]:
@@ -290,12 +329,11 @@ def list_flags(fit: SensorFit) -> tuple[str, ...]:
     if fit.moving:
         where = ", ".join(f"{m.start_m:.2f} to {m.stop_m:.2f} m ({m.excess_db:.0f} dB)" for m in fit.moving)
         flags.append(f"the room was not empty: slow-time variance over the noise at {where}; those bins were left out")
-        if sum(m.stop_m - m.start_m for m in fit.moving) > BUSY_SHARE * (fit.range_m[-1] - fit.range_m[0]):
+        if fit.is_busy:
             flags.append("targets in more than a third of the frame: noise, phase and clutter cannot be trusted")
     if not fit.noise.flat:
         flags.append(f"the noise is not flat in range: {fit.noise.slope_db_per_m.value:+.2f} dB/m")
-    low_db, high_db = PLAUSIBLE_NOISE_FIGURE_DB
-    if not low_db <= fit.noise_figure_db.value <= high_db:
+    if not is_plausible(fit.noise_figure_db.value):
         flags.append(
             f"a noise figure of {fit.noise_figure_db.value:.1f} dB would be needed: the preset changes the receiver "
             "gain instead, that is the scale of the file against volts"
@@ -328,13 +366,13 @@ def estimate_rows(fit: SensorFit) -> list[tuple[str, Estimate, str]]:
         rows.append((f"strongest echo within 1 m, at {fit.leakage.range_m:.2f} m", fit.leakage.level_db, "dB re 1 V"))
     rows.append(("constant over range", fit.leakage.constant_v, "V"))
     if fit.phase is not None and fit.gain is not None:
-        minute = 60.0
+        minutely = fit.phase.per_minute()
         rows += [
-            ("phase drift", fit.phase.drift_per_s.scale(minute), "rad/min"),
-            ("phase random walk", fit.phase.walk_per_root_s.scale(math.sqrt(minute)), "rad/sqrt(min)"),
+            ("phase drift", minutely["drift_rad_per_min"], "rad/min"),
+            ("phase random walk", minutely["walk_rad_per_sqrt_min"], "rad/sqrt(min)"),
             ("phase jitter, white", fit.phase.white, "rad"),
             ("as clock jitter", fit.phase.white.scale(1e12 / (2 * math.pi * fit.radar.carrier_hz)), "ps"),
-            ("gain drift", fit.gain.drift_per_s.scale(minute), "dB/min"),
+            ("gain drift", fit.gain.drift_per_s.scale(60.0), "dB/min"),
             ("gain jitter, white", fit.gain.white, "dB"),
         ]
     rows.append(("dropped frames", fit.faults.probability.scale(100.0), "%"))

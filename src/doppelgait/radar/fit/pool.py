@@ -15,11 +15,10 @@ import numpy as np
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.units import FloatArray, db_to_amplitude, power_to_db
 from doppelgait.radar.fit.measure import SLOW_CELLS, SensorMeasurement, measure_recording
-from doppelgait.radar.fit.model import PLAUSIBLE_NOISE_FIGURE_DB
-from doppelgait.radar.fit.room import DB_PER_NEPER, Estimate
-from doppelgait.radar.link import echo_amplitude_v, find_noise_slope, noise_power_v2
+from doppelgait.radar.fit.model import find_noise_figure, is_plausible, rescale_radar
+from doppelgait.radar.fit.room import DB_PER_NEPER, MEDIAN_SPREAD, Estimate
+from doppelgait.radar.link import echo_amplitude_v, find_noise_slope
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 
@@ -107,14 +106,6 @@ PERSON_M2 = 0.8
 """Radar cross section of a person, from which the gain follows by the level of the echoes."""
 
 
-def rescale_radar(radar: Radar, scale_db: float) -> Radar:
-    """Scale a radar's echoes, noise and counter step together, so that the SNR does not change."""
-    changes = {"receiver_gain_db": radar.receiver_gain_db + scale_db}
-    if radar.threshold_step_v is not None:
-        changes["threshold_step_v"] = radar.threshold_step_v * float(db_to_amplitude(scale_db))
-    return radar.model_copy(update=changes)
-
-
 def fit_gain(
     radar: Radar,
     same: Sequence[SensorMeasurement],
@@ -156,8 +147,7 @@ def fit_gain(
         return pool(found)
 
     figure = figures()
-    low_db, high_db = PLAUSIBLE_NOISE_FIGURE_DB
-    if people_at_m is None and not low_db <= figure.mean.value <= high_db:
+    if people_at_m is None and not is_plausible(figure.mean.value):
         # such a noise figure is impossible: the scale of the file to volts is unknown, so that the gain is changed
         plausible_db = max(radar.noise_figure_db, MATTERS * (figure.spread if figure.spread_is_known else 0.0))
         gain_db = (figure.mean.value - plausible_db) * find_noise_slope(radar)
@@ -182,21 +172,6 @@ def is_noise_separate(pooled: Mapping[str, PooledQuantity]) -> bool:
         if abs(echo.value - noise.value) > max(MATTERS * math.hypot(echo.sd, noise.sd), least):
             return True
     return False
-
-
-def find_noise_figure(radar: Radar, level_db: Estimate) -> Estimate:
-    """Return the noise figure for a measured level, by bisection."""
-    from scipy.optimize import brentq
-
-    def level_at(figure_db: float) -> float:
-        return float(power_to_db(noise_power_v2(radar.model_copy(update={"noise_figure_db": figure_db}))))
-
-    lowest, highest = -1000.0, 1000.0  # the scale of a file may be anything
-    if not level_at(lowest) < level_db.value < level_at(highest):
-        return Estimate(math.nan, math.inf)
-    value = float(brentq(lambda figure_db: level_at(figure_db) - level_db.value, lowest, highest))
-    slope = level_at(value + 0.5) - level_at(value - 0.5)
-    return Estimate(value, level_db.sd / slope)
 
 
 SAME = 0.05
@@ -356,7 +331,7 @@ def fit_kind(
         pooled=pooled,
         refused=refused,
         left_out=tuple(left_out),
-        clutter=_pool_clutter(spaced, longest.range_m),
+        clutter=_pool_clutter(spaced),
         doppler=doppler,
         doppler_step_hz=doppler_step_hz,
         range_db=_pool_over_range(spaced),
@@ -393,21 +368,17 @@ def _pool_drops(same: Sequence[SensorMeasurement]) -> tuple[PooledQuantity | Non
     return pool(Estimate(m.n_faulty / m.n_frames, math.sqrt(each / m.n_frames)) for m in counted), length
 
 
-def _pool_clutter(spaced: Sequence[SensorMeasurement], range_m: FloatArray) -> tuple[tuple[float, PooledQuantity], ...]:
-    with_clutter = [m for m in spaced if m.clutter is not None]
-    if not with_clutter:
+def _pool_clutter(spaced: Sequence[SensorMeasurement]) -> tuple[tuple[float, PooledQuantity], ...]:
+    """Pool the clutter at the knots of the longest frame."""
+    profiles = [(m.recording.range_m.size, m.clutter) for m in spaced if m.clutter is not None]
+    if not profiles:
         return ()
-    longest = max(with_clutter, key=lambda m: m.recording.range_m.size)
-    knots = longest.clutter.range_m if longest.clutter is not None else range_m
+    knots = max(profiles, key=lambda pair: pair[0])[1].range_m
     found = []
     for knot in knots.tolist():
-        estimates = []
-        for one in with_clutter:
-            profile = one.clutter
-            if profile is not None and profile.range_m[0] - 0.1 <= knot <= profile.range_m[-1] + 0.1:
-                sd = float(np.interp(knot, profile.range_m, profile.sd_db))
-                estimates.append(Estimate(float(profile.at(knot)), sd))
-        found.append((knot, pool(estimates)))
+        at_knot = [c for _, c in profiles if c.range_m[0] - 0.1 <= knot <= c.range_m[-1] + 0.1]
+        sds = [float(np.interp(knot, c.range_m, c.sd_db)) for c in at_knot]
+        found.append((knot, pool(Estimate(float(c.at(knot)), sd) for c, sd in zip(at_knot, sds, strict=True))))
     return tuple(found)
 
 
@@ -437,7 +408,9 @@ def _pool_doppler(
         if calm.mean() < 0.5 or (calm.sum() >= 4 and spread > 1.5 * expected + 0.5):
             missing.append(frequency)
             continue
-        middle_sd = 1.2533 * max(spread if calm.sum() >= 4 else 0.0, float(np.median(sd[calm]))) / math.sqrt(calm.sum())
+        middle_sd = (
+            MEDIAN_SPREAD * max(spread if calm.sum() >= 4 else 0.0, float(np.median(sd[calm]))) / math.sqrt(calm.sum())
+        )
         found.append((frequency, Estimate(float(np.median(level[calm])), middle_sd)))
     # the window smears motion into neighbouring cells
     step_hz = float(axis_of[1])
@@ -467,7 +440,7 @@ def _pool_over_range(spaced: Sequence[SensorMeasurement]) -> tuple[tuple[float, 
         for one in usable:
             inside = (one.recording.range_m >= low) & (one.recording.range_m <= high) & np.isfinite(one.range_db)
             if inside.sum() >= 3:
-                sd = 1.2533 * float(np.median(one.range_sd_db[inside])) / math.sqrt(inside.sum() / 2.0)
+                sd = MEDIAN_SPREAD * float(np.median(one.range_sd_db[inside])) / math.sqrt(inside.sum() / 2.0)
                 values.append(Estimate(float(np.median(one.range_db[inside])), sd))
         if not values:
             continue

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
 from doppelgait.core.config import validate
 from doppelgait.radar.fit.measure import SLOW_CELLS
-from doppelgait.radar.fit.model import PLAUSIBLE_NOISE_FIGURE_DB, SensorFit
+from doppelgait.radar.fit.model import SensorFit, choose_noise_change
 from doppelgait.radar.fit.pool import (
     MATTERS,
     SHAPE_DB,
@@ -21,13 +22,36 @@ from doppelgait.radar.fit.pool import (
     SensorKind,
     find_mains_harmonic,
     is_noise_separate,
-    rescale_radar,
 )
 from doppelgait.radar.fit.room import DB_PER_NEPER, Estimate
 from doppelgait.radar.parameters import Radar, find_possible_correlation
 
 Table = tuple[dict[str, Any], dict[str, str]]
 """Impairment and the comments of its keys."""
+
+
+UNITS = {
+    "noise_level_db": "dB re 1 V",
+    "noise_figure_db": "dB",
+    "gain_db": "dB",
+    "direct_path_db": "dB re 1 V",
+    "white_rad": "rad",
+    "walk_rad_per_sqrt_min": "rad/sqrt(min)",
+    "drift_rad_per_min": "rad/min",
+    "iq_gain_db": "dB",
+    "iq_phase_deg": "deg",
+    "noise_iq_gain_db": "dB",
+    "noise_iq_phase_deg": "deg",
+    "dc_level_db": "dB re 1 V",
+    "dc_i_v": "V",
+    "dc_q_v": "V",
+    "drop_probability": "of all frames",
+}
+"""Unit of each fitted quantity by its name, which is a group and the key of an impairment."""
+GROUPS = re.compile("^(noise|iq|dc|drop)_")
+DIGITS = {"level_db": 2, "phase_deg": 3}
+"""Digits behind the point, by key; 4 for others."""
+MAX_KNOTS = 16
 
 
 def calibrate_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
@@ -45,35 +69,19 @@ def calibrate_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
     """
     base = fit.radar if radar is None else radar
     start_m = max(float(fit.range_m[0]), 0.0)
-    stop_m = start_m + (fit.range_m.size - 0.5) * base.bin_spacing_m
     changes: dict[str, Any] = {
         "name": f"{base.name}, calibrated",
         "prf_hz": fit.radar.prf_hz,
         "range_start_m": start_m,
-        "range_stop_m": stop_m,
+        "range_stop_m": start_m + (fit.range_m.size - 0.5) * base.bin_spacing_m,
     }
-    same = base.model_copy(update={"prf_hz": fit.radar.prf_hz})
-    noise = _choose_noise_change(fit, same)
     if base.waveform.samples_are_bins and "noise_correlation" in base.waveform.takes:
         correlation = [float(rho.real) for rho in fit.noise.correlation[1:]]
         while correlation and correlation[-1] == 0.0:  # not significant
             correlation.pop()
         changes["noise_correlation"] = find_possible_correlation(correlation)
     where = f"the radar fitted to {fit.source or 'a recording'}; its values should be in V"
-    return validate(Radar, {**base.model_dump(), **changes, **noise}, where=where)
-
-
-def _choose_noise_change(fit: SensorFit, radar: Radar) -> dict[str, Any]:
-    """Return a plausible noise figure, or a scale."""
-    from doppelgait.radar.link import find_noise_slope, noise_power_v2
-
-    excess_db = fit.noise_level_db.value - DB_PER_NEPER * math.log(noise_power_v2(radar))
-    figure_db = radar.noise_figure_db + excess_db / find_noise_slope(radar)
-    low_db, high_db = PLAUSIBLE_NOISE_FIGURE_DB
-    if low_db <= figure_db <= high_db:
-        return {"noise_figure_db": figure_db}
-    scaled = rescale_radar(radar, excess_db)
-    return {key: getattr(scaled, key) for key in ("receiver_gain_db", "threshold_step_v")}
+    return validate(Radar, {**base.model_dump(), **changes, **choose_noise_change(fit, base)}, where=where)
 
 
 def format_calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
@@ -94,13 +102,10 @@ def format_calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
     ConfigError
         If the fitted values do not make a radar or an impairment.
     """
-    from doppelgait.radar.impairments import make_impairment
     from doppelgait.radar.link import find_noise_slope
 
-    calibrated = calibrate_radar(fit, radar)
-    tables = list(_iterate_impairments(fit))
-    for table, _ in tables:
-        make_impairment(table)
+    base = fit.radar if radar is None else radar
+    values = calibrate_radar(fit, radar).model_dump(mode="json", exclude_none=True)
     lines = [
         f"# {clean_comment(f'Sensor model fitted from {_format_origin(fit)}.')}",
         "# A number after +- is one standard deviation. Levels are dB re 1 V at the receiver output.",
@@ -108,38 +113,37 @@ def format_calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
     ]
     if fit.gain is not None and _is_significant(fit.gain.white):
         lines.append(f"# Not modelled: gain jitter of {fit.gain.white.value:.2g} dB from frame to frame.")
-    lines += [*(f"# Note: {clean_comment(flag)}." for flag in fit.flags), ""]
-    base = fit.radar if radar is None else radar
-    noise = _choose_noise_change(fit, base.model_copy(update={"prf_hz": fit.radar.prf_hz}))
-    axes = f"axis of {fit.source or 'the recording'}"
-    origins = dict.fromkeys(("prf_hz", "range_start_m", "range_stop_m"), axes)
-    origins["noise_correlation"] = f"fitted from {_format_origin(fit)}: between bins 1, 2, ... apart"
-    if "noise_figure_db" in noise:
-        noise_sd_db = fit.noise_level_db.sd / find_noise_slope(base)
-        origins["noise_figure_db"] = (
-            _format_fitted(fit, noise_sd_db, "dB") + "; gives the measured noise per bin and frame"
-        )
+    lines += [f"# Note: {clean_comment(flag)}." for flag in fit.flags]
+    comments = dict.fromkeys(("prf_hz", "range_start_m", "range_stop_m"), f"axis of {fit.source or 'the recording'}")
+    comments["noise_correlation"] = f"fitted from {_format_origin(fit)}: between bins 1, 2, ... apart"
+    level_sd = fit.noise_level_db.sd
+    if "noise_figure_db" in choose_noise_change(fit, base):
+        noise = _format_fitted(fit, level_sd / find_noise_slope(base), "dB")
+        comments["noise_figure_db"] = f"{noise}; gives the measured noise per bin and frame"
     else:
-        origins["receiver_gain_db"] = (
-            _format_fitted(fit, fit.noise_level_db.sd, "dB")
-            + "; gives the measured noise: no noise figure of a receiver does"
-        )
-        origins["threshold_step_v"] = "scaled with the gain, so that the SNR is that of the preset"
-    values = calibrated.model_dump(mode="json", exclude_none=True)
-    nested = [name for name, value in values.items() if isinstance(value, dict)]
-    return "\n".join(lines + _format_tables(values, nested, origins, f"as {base.name}", tables)) + "\n"
+        noise = _format_fitted(fit, level_sd, "dB")
+        comments["receiver_gain_db"] = f"{noise}; gives the measured noise: no noise figure of a receiver does"
+        comments["threshold_step_v"] = "scaled with the gain, so that the SNR is that of the preset"
+    return _format_preset(lines, values, comments, f"as {base.name}", list(_iterate_impairments(fit)))
 
 
-def _format_tables(
-    values: dict[str, Any], nested: list[str], comments: dict[str, str], default: str, impairments: list[Table]
-) -> list[str]:
-    """Return the lines of a radar, of its nested tables and of its impairments."""
-    lines = [format_setting(k, v, comments.get(k, default)) for k, v in values.items() if k not in nested]
+def _format_preset(
+    lines: Sequence[str], values: Mapping[str, Any], comments: Mapping[str, str], default: str, tables: Sequence[Table]
+) -> str:
+    """Return the text of a radar, of its nested tables and of its impairments, which are checked."""
+    from doppelgait.core.draws import replace_by_middle
+    from doppelgait.radar.impairments import make_impairment
+
+    for table, _ in tables:
+        make_impairment(replace_by_middle(table))
+    nested = sorted(name for name, value in values.items() if isinstance(value, dict) and name not in comments)
+    lines = [*lines, ""]
+    lines += [format_setting(k, v, comments.get(k, default)) for k, v in values.items() if k not in nested]
     for name in nested:
         lines += ["", f"[{name}]", *(format_setting(k, v, default) for k, v in values[name].items())]
-    for table, why in impairments:
+    for table, why in tables:
         lines += ["", "[[impairments]]", *(format_setting(k, v, why.get(k, "")) for k, v in table.items())]
-    return lines
+    return "\n".join(lines) + "\n"
 
 
 def _format_origin(fit: SensorFit) -> str:
@@ -156,28 +160,19 @@ def _iterate_impairments(fit: SensorFit) -> Iterator[Table]:
     why = _format_fitted(fit, float(fit.clutter.sd_db.max()), "dB a knot") + "; holds the direct path too"
     yield {"kind": "static_clutter", "levels": knots}, {"levels": why}
     constant = fit.leakage.constant_v
-    if constant.value > MATTERS * constant.sd:
-        level_db = 2.0 * DB_PER_NEPER * math.log(constant.value)
-        sd = 2.0 * DB_PER_NEPER * constant.sd / constant.value
-        yield {"kind": "dc_leak", "level_db": round(level_db, 2)}, {"level_db": _format_fitted(fit, sd, "dB")}
+    if _is_significant(constant):
+        level = constant.to_db(20.0)
+        yield {"kind": "dc_leak", "level_db": round(level.value, 2)}, {"level_db": _format_fitted(fit, level.sd, "dB")}
     if fit.phase is not None:
-        drift = fit.phase.drift_per_s.scale(60.0)
-        walk = fit.phase.walk_per_root_s.scale(math.sqrt(60.0))
-        rows = {
-            "white_rad": (fit.phase.white, "rad"),
-            "drift_rad_per_min": (drift, "rad/min"),
-            "walk_rad_per_sqrt_min": (walk, "rad/sqrt(min)"),
-        }
-        table: dict[str, Any] = {
-            name: _round_digits(estimate.value) if _is_significant(estimate) else 0.0
-            for name, (estimate, _) in rows.items()
-        }
-        comments = {
-            name: _format_fitted(fit, estimate.sd, unit)
-            + ("" if _is_significant(estimate) else f"; {estimate.value:.2g} is not distinguished from 0")
-            for name, (estimate, unit) in rows.items()
-        }
-        yield {"kind": "phase_noise", **table}, comments
+        table: dict[str, Any] = {"kind": "phase_noise"}
+        comments, minutely = {}, fit.phase.per_minute()
+        for name in ("white_rad", "drift_rad_per_min", "walk_rad_per_sqrt_min"):
+            estimate = minutely[name]
+            table[name] = _round_digits(estimate.value) if _is_significant(estimate) else 0.0
+            comments[name] = _format_fitted(fit, estimate.sd, UNITS[name])
+            if not _is_significant(estimate):
+                comments[name] += f"; {estimate.value:.2g} is not distinguished from 0"
+        yield table, comments
     if fit.bursts.frames.any():
         bursts = fit.bursts
         runs = float(bursts.frames.sum()) / bursts.mean_length
@@ -198,19 +193,18 @@ def _iterate_impairments(fit: SensorFit) -> Iterator[Table]:
     if fit.faults.probability.value > 0:
         repeated = int(fit.faults.dropped.sum()) - fit.faults.blank
         length = max(fit.faults.mean_length, 1.0)
-        share = min(fit.faults.probability.value, length / (1.0 + length))
-        faults = {
+        table = {
             "kind": "dropped_frames",
-            "probability": _round_digits(share),
+            "probability": _round_digits(min(fit.faults.probability.value, length / (1.0 + length))),
             "mean_length": _round_digits(length),
             "fill": "zero" if fit.faults.blank > repeated else "repeat",
         }
         comments = {
-            "probability": _format_fitted(fit, fit.faults.probability.sd, "of all frames"),
+            "probability": _format_fitted(fit, fit.faults.probability.sd, UNITS["drop_probability"]),
             "mean_length": "fitted: mean length of the runs",
             "fill": f"fitted: {repeated} frames repeated, {fit.faults.blank} zero",
         }
-        yield faults, comments
+        yield table, comments
 
 
 def _is_significant(estimate: Estimate) -> bool:
@@ -239,29 +233,6 @@ def _format_toml(value: Any) -> str:
     if isinstance(value, list) and value and isinstance(value[0], list):
         return "[\n" + "".join(f"    [{', '.join(_format_toml(cell) for cell in row)}],\n" for row in value) + "]"
     return json.dumps(value, ensure_ascii=False)
-
-
-UNITS = {
-    "noise_level_db": "dB re 1 V",
-    "noise_figure_db": "dB",
-    "gain_db": "dB",
-    "direct_path_db": "dB re 1 V",
-    "white_rad": "rad",
-    "walk_rad_per_sqrt_min": "rad/sqrt(min)",
-    "drift_rad_per_min": "rad/min",
-    "iq_gain_db": "dB",
-    "iq_phase_deg": "deg",
-    "noise_iq_gain_db": "dB",
-    "noise_iq_phase_deg": "deg",
-    "dc_level_db": "dB re 1 V",
-    "dc_i_v": "V",
-    "dc_q_v": "V",
-    "drop_probability": "of all frames",
-}
-"""Unit of each pooled quantity by its name."""
-
-
-MAX_KNOTS = 16
 
 
 def kind_rows(kind: SensorKind) -> list[dict[str, str]]:
@@ -300,14 +271,9 @@ def format_kind_preset(kind: SensorKind) -> str:
     ConfigError
         If the fitted values do not make a radar or an impairment.
     """
-    from doppelgait.core.draws import replace_by_middle
-    from doppelgait.radar.impairments import make_impairment
-
-    tables = list(_iterate_kind_impairments(kind))
-    for table, _ in tables:
-        make_impairment(replace_by_middle(table))
     names = ", ".join(m.recording.source or "a recording" for m in kind.recordings[:5])
     more = len(kind.recordings) - 5
+    separate, pooled = is_noise_separate(kind.pooled), kind.pooled
     lines = [
         f"# {clean_comment(f'Sensors of a kind, fitted from {len(kind.recordings)} recordings')}: "
         f"{clean_comment(names)}{f' and {more} more' if more > 0 else ''}.",
@@ -315,57 +281,68 @@ def format_kind_preset(kind: SensorKind) -> str:
         "# the measurement error; a plan draws from it for every example, otherwise its centre is used.",
         "# Levels are dB re 1 V at the receiver output.",
         "# Receiver noise arises behind the mixer: the thermal_noise below replaces the noise of the radar."
-        if is_noise_separate(kind.pooled)
+        if separate
         else "# Receiver noise is in the radar: do not add thermal_noise.",
         *(f"# Refused: {clean_comment(name)}: {clean_comment(why)}." for name, why in kind.refused.items()),
         *(f"# Left out: {clean_comment(why)}." for why in kind.left_out),
-        "",
     ]
     values = kind.radar.model_dump(mode="json", exclude_none=True)
     values["name"] = f"{kind.radar.name}, fitted"
     comments: dict[str, str] = {}
-    if "noise_figure_db" in kind.pooled:
-        figure = kind.pooled["noise_figure_db"]
-        values["noise_figure_db"] = _draw(figure, kind.radar.noise_figure_db)
-        if figure.spread_is_known and figure.mean.value < MATTERS * figure.spread:  # a normal draw would fall below 0
-            values["noise_figure_db"] = _draw(figure, kind.radar.noise_figure_db, lowest=0.0)
-        use = "not used: thermal_noise below" if is_noise_separate(kind.pooled) else "gives the measured noise"
+    if (figure := pooled.get("noise_figure_db")) is not None:
+        below_0 = (
+            figure.spread_is_known and figure.mean.value < MATTERS * figure.spread
+        )  # a normal draw would fall there
+        values["noise_figure_db"] = _draw(figure, kind.radar.noise_figure_db, lowest=0.0 if below_0 else None)
+        use = "not used: thermal_noise below" if separate else "gives the measured noise"
         comments["noise_figure_db"] = f"{_format_comment(figure, 'dB')}; {use}"
-    if "gain_db" in kind.pooled:
-        gain = kind.pooled["gain_db"]
+    if (gain := pooled.get("gain_db")) is not None:
         values["receiver_gain_db"] = _draw(gain, kind.radar.receiver_gain_db)
         comments["receiver_gain_db"] = _format_comment(gain, "dB") + "; the spread is that of the direct path"
     if kind.correlation and "noise_correlation" in kind.radar.waveform.takes:
         values["noise_correlation"] = list(find_possible_correlation(kind.correlation))
         comments["noise_correlation"] = "fitted: between bins 1, 2, ... apart"
-    nested = sorted(name for name, value in values.items() if isinstance(value, dict) and name not in comments)
-    return "\n".join(lines + _format_tables(values, nested, comments, f"as {kind.radar.name}", tables)) + "\n"
+    tables = list(_iterate_kind_impairments(kind))
+    return _format_preset(lines, values, comments, f"as {kind.radar.name}", tables)
 
 
 def _draw(pooled: PooledQuantity, middle: float, *, digits: int = 4, lowest: float | None = None) -> Any:
     """Return a number, or its distribution: normal, or uniform if it has a ``lowest`` value."""
-    value = round(middle, digits) if lowest is None else float(f"{middle:.4g}")
+    value = round(middle, digits) if lowest is None else _round_digits(middle)
     if not pooled.spread_is_known:
         return value
     if lowest is None:
         return {"normal": [value, float(f"{pooled.spread:.3g}")]}
     half = math.sqrt(3.0) * pooled.spread
-    return {"uniform": [float(f"{max(middle - half, lowest):.4g}"), float(f"{middle + half:.4g}")]}
+    return {"uniform": [_round_digits(max(middle - half, lowest)), _round_digits(middle + half)]}
 
 
 def _format_comment(pooled: PooledQuantity, unit: str) -> str:
     text = f"fitted from {pooled.count} recordings, mean +-{pooled.mean.sd:.2g} {unit}"
     if math.isnan(pooled.spread):
         return f"{text}; too few for a spread"
-    known = "spread" if pooled.spread_is_known else "no spread beyond the uncertainty: 95 %"
-    return f"{text}; {known} {pooled.low:.2g} to {pooled.high:.2g}"
+    spread = "spread" if pooled.spread_is_known else "no spread beyond the uncertainty: 95 %"
+    return f"{text}; {spread} {pooled.low:.2g} to {pooled.high:.2g}"
+
+
+def _make_table(
+    kind: str, pooled: Mapping[str, PooledQuantity], middles: Mapping[str, float | None], *, lowest: float | None = None
+) -> Table:
+    """Return an impairment with the named quantities around their middles, by default their means."""
+    table: dict[str, Any] = {"kind": kind}
+    comments = {}
+    for name, middle in middles.items():
+        key, quantity = GROUPS.sub("", name), pooled[name]
+        middle = quantity.mean.value if middle is None else middle
+        table[key] = _draw(quantity, middle, digits=DIGITS.get(key, 4), lowest=lowest)
+        comments[key] = _format_comment(quantity, UNITS[name].removesuffix(" re 1 V"))
+    return table, comments
 
 
 def _iterate_kind_impairments(kind: SensorKind) -> Iterator[Table]:
     """Yield impairments in order, with comments."""
-    found = kind.pooled
-    table: dict[str, Any]
-    apart = is_noise_separate(found)
+    pooled = kind.pooled
+    apart = is_noise_separate(pooled)
     if not apart:
         yield from _iterate_noise(kind)
     if kind.clutter:
@@ -373,47 +350,43 @@ def _iterate_kind_impairments(kind: SensorKind) -> Iterator[Table]:
         worst = max(level.mean.sd for _, level in kind.clutter)
         text = f"fitted from up to {max(level.count for _, level in kind.clutter)} recordings, +-{worst:.2g} dB a knot"
         yield {"kind": "static_clutter", "levels": levels}, {"levels": text + "; holds the direct path too"}
-    if "white_rad" in found:
-        names = {"white_rad": "rad", "walk_rad_per_sqrt_min": "rad/sqrt(min)"}
-        table = {k: _draw(found[k], max(found[k].mean.value, 0.0), lowest=0.0) for k in names}
-        yield {"kind": "phase_noise", **table}, {k: _format_comment(found[k], unit) for k, unit in names.items()}
+    if "white_rad" in pooled:
+        names = ("white_rad", "walk_rad_per_sqrt_min")
+        yield _make_table(
+            "phase_noise", pooled, {name: max(pooled[name].mean.value, 0.0) for name in names}, lowest=0.0
+        )
+    image = ("iq_gain_db", "iq_phase_deg")
     if apart:
         # echoes pass both, the noise behind the mixer passes the second only: I is unchanged, and
         # both together give the Q of the echoes
         g, phi, own_g, own_phi = (
-            10.0 ** (found[name].mean.value / 20.0) if name.endswith("_db") else math.radians(found[name].mean.value)
-            for name in ("iq_gain_db", "iq_phase_deg", "noise_iq_gain_db", "noise_iq_phase_deg")
+            10.0 ** (pooled[name].mean.value / 20.0) if name.endswith("_db") else math.radians(pooled[name].mean.value)
+            for name in (*image, "noise_iq_gain_db", "noise_iq_phase_deg")
         )
         kept = g * math.cos(phi) / (own_g * math.cos(own_phi))
         mixed = (g * math.sin(phi) - own_g * math.sin(own_phi)) / (own_g * math.cos(own_phi))
-        gain_db, phase_deg = 20.0 * math.log10(math.hypot(kept, mixed)), math.degrees(math.atan2(mixed, kept))
-        gain, phase = found["iq_gain_db"], found["iq_phase_deg"]
-        table = {"gain_db": _draw(gain, gain_db), "phase_deg": _draw(phase, phase_deg, digits=3)}
-        why = f"; with the next one {gain.mean.value:.2f} dB and {phase.mean.value:.1f} deg"
-        comments = {"gain_db": _format_comment(gain, "dB") + why, "phase_deg": _format_comment(phase, "deg")}
-        yield {"kind": "iq_imbalance", **table}, comments
-        level = found["noise_level_db"]
-        level_db = level.mean.value - DB_PER_NEPER * math.log((1.0 + own_g**2) / 2.0)
-        why = _format_comment(level, "dB") + "; replaces the radar's own: it arises behind the mixer"
-        yield {"kind": "thermal_noise", "level_db": _draw(level, level_db, digits=2)}, {"level_db": why}
+        joint = (20.0 * math.log10(math.hypot(kept, mixed)), math.degrees(math.atan2(mixed, kept)))
+        gain, phase = (pooled[name].mean.value for name in image)
+        why = f"; with the next one {gain:.2f} dB and {phase:.1f} deg"
+        table, comments = _make_table("iq_imbalance", pooled, dict(zip(image, joint, strict=True)))
+        yield table, {**comments, "gain_db": comments["gain_db"] + why}
+        level_db = pooled["noise_level_db"].mean.value - DB_PER_NEPER * math.log((1.0 + own_g**2) / 2.0)
+        table, comments = _make_table("thermal_noise", pooled, {"noise_level_db": level_db})
+        yield table, {"level_db": comments["level_db"] + "; replaces the radar's own: it arises behind the mixer"}
         yield from _iterate_noise(kind)
-        table = {"gain_db": round(20.0 * math.log10(own_g), 3), "phase_deg": round(math.degrees(own_phi), 2)}
-        comments = {"gain_db": _format_comment(found["noise_iq_gain_db"], "dB") + "; of the noise"}
-        yield {"kind": "iq_imbalance", **table}, comments
-    elif "iq_gain_db" in found:
-        gain, phase = found["iq_gain_db"], found["iq_phase_deg"]
-        if any(p.spread_is_known or abs(p.mean.value) > MATTERS * p.mean.sd for p in (gain, phase)):
-            table = {"gain_db": _draw(gain, gain.mean.value), "phase_deg": _draw(phase, phase.mean.value, digits=3)}
-            comments = {"gain_db": _format_comment(gain, "dB"), "phase_deg": _format_comment(phase, "deg")}
-            yield {"kind": "iq_imbalance", **table}, comments
+        second = {"gain_db": round(20.0 * math.log10(own_g), 3), "phase_deg": round(math.degrees(own_phi), 2)}
+        why = _format_comment(pooled["noise_iq_gain_db"], "dB") + "; of the noise"
+        yield {"kind": "iq_imbalance", **second}, {"gain_db": why}
+    elif "iq_gain_db" in pooled and any(pooled[n].spread_is_known or _is_significant(pooled[n].mean) for n in image):
+        yield _make_table("iq_imbalance", pooled, dict.fromkeys(image))
     if (constant := _find_constant(kind)) is not None:
         yield constant
-    share = found.get("drop_probability")
+    share = pooled.get("drop_probability")
     if share is not None and share.mean.value > 0.0:
         most = 0.9 * kind.run_length / (1.0 + kind.run_length)
-        middle = min(share.mean.value, most)
-        table = {"probability": _draw(share, middle, lowest=0.0), "mean_length": round(max(kind.run_length, 1.0), 3)}
-        yield {"kind": "dropped_frames", **table}, {"probability": _format_comment(share, "of all frames")}
+        middles = {"drop_probability": min(share.mean.value, most)}
+        table, comments = _make_table("dropped_frames", pooled, middles, lowest=0.0)
+        yield {**table, "mean_length": round(max(kind.run_length, 1.0), 3)}, comments
     if kind.bits:
         why = "reached" if math.isfinite(kind.full_scale_v) and kind.clipped else "never reached: assumed"
         table = {"kind": "adc", "bits": kind.bits, "full_scale_v": float(f"{kind.full_scale_v:.6g}")}
@@ -424,20 +397,19 @@ def _iterate_kind_impairments(kind: SensorKind) -> Iterator[Table]:
 def _iterate_noise(kind: SensorKind) -> Iterator[Table]:
     """Yield the impairments that add to the samples, except white noise."""
     noise_db = kind.pooled["noise_level_db"].mean.value if "noise_level_db" in kind.pooled else math.nan
-    table: dict[str, Any]
+    table: dict[str, Any] = {"kind": "coloured_noise"}
     if math.isfinite(noise_db) and sum(e.value > max(SHAPE_DB, MATTERS * e.sd) for _, e in kind.doppler) >= 2:
         # power above the white floor
-        table = {"kind": "coloured_noise", "levels": _subtract_level(_make_doppler_knots(kind), noise_db, 0.0)}
+        levels = _subtract_level(_make_doppler_knots(kind), noise_db, 0.0)
         text = "fitted: noise over the white floor, by Doppler; constant outside, 20 dB below the floor where refused"
-        yield table, {"levels": text}
+        yield {**table, "levels": levels}, {"levels": text}
     if math.isfinite(noise_db) and kind.range_db:
         lowest_db = min(level_db for _, level_db in kind.range_db)
-        table = {"kind": "coloured_noise", "levels": [[0.0, round(noise_db, 2)]]}
-        table["range_db"] = _subtract_level(list(kind.range_db), 0.0, lowest_db)
-        yield table, {"range_db": "fitted: noise over its lowest level, by range"}
+        shape = {"levels": [[0.0, round(noise_db, 2)]], "range_db": _subtract_level(kind.range_db, 0.0, lowest_db)}
+        yield table | shape, {"range_db": "fitted: noise over its lowest level, by range"}
     for number, line in enumerate(kind.lines):
-        frequency = {"frequency_hz": round(line.frequency_hz, 3)}
-        table = {"kind": "spur", **frequency, "level_db": _draw(line.level_db, line.level_db.mean.value, digits=2)}
+        level = _draw(line.level_db, line.level_db.mean.value, digits=2)
+        table = {"kind": "spur", "frequency_hz": round(line.frequency_hz, 3), "level_db": level}
         yield table, {"frequency_hz": _name_line(kind, number), "level_db": _format_comment(line.level_db, "dB")}
 
 
@@ -461,7 +433,7 @@ def _make_doppler_knots(kind: SensorKind) -> list[tuple[float, float]]:
     return knots
 
 
-def _subtract_level(knots: list[tuple[float, float]], reference_db: float, lowest_db: float) -> list[list[float]]:
+def _subtract_level(knots: Sequence[tuple[float, float]], reference_db: float, lowest_db: float) -> list[list[float]]:
     """Return knots of the power over a lowest level, in dB to a reference, at least -20 dB."""
     excess = [(x, max(10.0 ** (level_db / 10.0) - 10.0 ** (lowest_db / 10.0), 0.01)) for x, level_db in knots]
     return [[round(x, 4), round(reference_db + DB_PER_NEPER * math.log(power), 2)] for x, power in excess]
@@ -469,13 +441,10 @@ def _subtract_level(knots: list[tuple[float, float]], reference_db: float, lowes
 
 def _find_constant(kind: SensorKind) -> Table | None:
     """Return the constant of all bins, if significant."""
-    found = kind.pooled
-    if "dc_level_db" in found and found["dc_level_db"].count > len(kind.recordings) / 2:
-        level = found["dc_level_db"]
-        return {"kind": "dc_leak", "level_db": _draw(level, level.mean.value, digits=2)}, {
-            "level_db": _format_comment(level, "dB")
-        }
-    if "dc_i_v" not in found or found["dc_i_v"].count < len(kind.recordings) / 2:
+    found, half = kind.pooled, len(kind.recordings) / 2
+    if "dc_level_db" in found and found["dc_level_db"].count > half:
+        return _make_table("dc_leak", found, {"dc_level_db": None})
+    if "dc_i_v" not in found or found["dc_i_v"].count < half:
         return None
     in_phase, quadrature = found["dc_i_v"], found["dc_q_v"]
     size_v = math.hypot(in_phase.mean.value, quadrature.mean.value)

@@ -34,12 +34,11 @@ class Estimate:
         """Return the estimate in another unit."""
         return Estimate(self.value * factor, self.sd * abs(factor))
 
-
-def level_db(power: Estimate) -> Estimate:
-    """Return the level 10 log10 of a power, with uncertainty."""
-    if not power.value > 0:
-        return Estimate(-math.inf, math.inf)
-    return Estimate(10.0 * math.log10(power.value), DB_PER_NEPER * power.sd / power.value)
+    def to_db(self, factor: float) -> Estimate:
+        """Return the level of a power (``factor`` 10) or of an amplitude (20)."""
+        if not self.value > 0:
+            return Estimate(-math.inf, math.inf)
+        return Estimate(factor * math.log10(self.value), factor / math.log(10.0) * self.sd / self.value)
 
 
 def take_root(power: float, sd: float) -> Estimate:
@@ -134,6 +133,14 @@ class SeriesFit:
     walk_per_root_s: Estimate
     white: Estimate
 
+    def per_minute(self) -> dict[str, Estimate]:
+        """Return the parameters of phase noise, for a series in rad."""
+        return {
+            "white_rad": self.white,
+            "walk_rad_per_sqrt_min": self.walk_per_root_s.scale(math.sqrt(60.0)),
+            "drift_rad_per_min": self.drift_per_s.scale(60.0),
+        }
+
 
 def fit_series(values: FloatArray, *, time_s: FloatArray, measurement_variance: float = 0.0) -> SeriesFit:
     """Fit drift, random walk and white jitter to a series.
@@ -203,17 +210,27 @@ class FrameFaults:
 
 def find_frame_faults(samples_v: ComplexArray, *, slow_time_s: FloatArray) -> FrameFaults:
     """Find dropped frames (zero or an exact repetition) and lost ones (gaps of time)."""
-    blank = ~samples_v.any(axis=1)
-    repeated = np.concatenate([[False], (samples_v[1:] == samples_v[:-1]).all(axis=1)])
+    blank, repeated = mark_dropped(samples_v)
     dropped = blank | repeated
     steps = np.diff(slow_time_s)
     lost = int(np.sum(np.maximum(np.round(steps / np.median(steps)) - 1, 0)))
-    runs = int(np.sum(dropped & ~np.concatenate([[False], dropped[:-1]])))
-    length = float(dropped.sum() / runs) if runs else 0.0
+    length = _measure_run_length(dropped)
     total, faulty = len(samples_v) + lost, int(dropped.sum()) + lost
     share = (faulty + 1) / (total + 2)
     sd = math.sqrt(share * (1 - share) / total * max(length, 1.0))
     return FrameFaults(dropped, int(blank.sum()), lost, Estimate(faulty / total, sd), length)
+
+
+def mark_dropped(samples_v: ComplexArray) -> tuple[Mask, Mask]:
+    """Mark the frames that are zero, and those that repeat the frame before."""
+    repeated: Mask = np.concatenate([[False], (samples_v[1:] == samples_v[:-1]).all(axis=1)])
+    return np.asarray(~samples_v.any(axis=1)), repeated
+
+
+def _measure_run_length(flags: Mask) -> float:
+    """Return the mean length of the runs of flags, 0 without any."""
+    runs = int(np.sum(flags & ~np.concatenate([[False], flags[:-1]])))
+    return float(flags.sum() / runs) if runs else 0.0
 
 
 @dataclass(frozen=True)
@@ -228,11 +245,14 @@ class Bursts:
 
 def find_bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> Bursts:
     """Find frames with interference: cells far above the noise after a running median."""
+    from scipy.ndimage import median_filter
+
     nothing = np.zeros(len(rest_v), dtype=bool)
     if not noise_power_v2 > 0 or not quiet.any():
         return Bursts(nothing, math.nan, 0.0, 0.0)
     rest = rest_v[:, quiet]
-    power = np.abs(rest - _compute_running_median(rest.real) - 1j * _compute_running_median(rest.imag)) ** 2
+    middle = [median_filter(x, size=(MEDIAN_FRAMES, 1), mode="nearest") for x in (rest.real, rest.imag)]
+    power = np.abs(rest - middle[0] - 1j * middle[1]) ** 2
     floor = np.maximum(np.median(power, axis=0) / math.log(2.0), noise_power_v2)
     hit: Mask = np.asarray(power > floor * math.log(power.size / FALSE_ALARMS))
     hit[: MEDIAN_FRAMES // 2] = hit[len(hit) - MEDIAN_FRAMES // 2 :] = False
@@ -240,17 +260,8 @@ def find_bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> 
     frames: Mask = np.asarray(hit.any(axis=1))
     if not frames.any():
         return Bursts(nothing, math.nan, 0.0, 0.0)
-    runs = int(np.sum(frames & ~np.concatenate([[False], frames[:-1]])))
     level = float(10.0 * np.log10(np.mean(power[hit])))
-    return Bursts(frames, level, float(frames.sum() / runs), float(hit[frames].mean()))
-
-
-def _compute_running_median(values: FloatArray) -> FloatArray:
-    """Return the running median of nine frames per bin; the ends are repeated."""
-    half = MEDIAN_FRAMES // 2
-    padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_FRAMES, axis=0)
-    return np.asarray(np.partition(windows, half, axis=-1)[..., half])
+    return Bursts(frames, level, _measure_run_length(frames), float(hit[frames].mean()))
 
 
 LAGS = 8
@@ -299,16 +310,19 @@ def estimate_noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFlo
 def estimate_bin_correlation(steps: ComplexArray) -> ComplexArray:
     """Estimate the noise correlation rho_l at a lag of l bins; insignificant values are 0."""
     size = np.sqrt(np.maximum(np.mean(np.abs(steps) ** 2, axis=0), 1e-300))
-    unit = steps / size
-    lags = min(LAGS, steps.shape[1] - 1)
-    rho = np.zeros(lags + 1, dtype=complex)
-    rho[0] = 1.0
-    for lag in range(1, lags + 1):
-        products = np.mean(unit[:, lag:] * unit[:, :-lag].conj(), axis=0)
-        rho[lag] = np.median(products.real) + 1j * np.median(products.imag)
+    rho = correlate_bins(steps / size, min(LAGS, steps.shape[1] - 1))
     chance = 4.0 / np.sqrt(steps.size)
-    first = next((lag for lag in range(1, lags + 1) if abs(rho[lag]) < chance), lags + 1)
+    first = next((lag for lag in range(1, rho.size) if abs(rho[lag]) < chance), rho.size)
     rho[first:] = 0.0
+    return rho
+
+
+def correlate_bins(unit: ComplexArray, lags: int) -> ComplexArray:
+    """Return the correlation of unit noise (..., N) at lags of 0 to ``lags`` bins: medians over the bins."""
+    rho = np.ones(lags + 1, dtype=complex)
+    for lag in range(1, lags + 1):
+        products = np.mean(unit[..., lag:] * unit[..., :-lag].conj(), axis=tuple(range(unit.ndim - 1)))
+        rho[lag] = np.median(products.real) + 1j * np.median(products.imag)
     return rho
 
 
