@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.motion import boulic_walk, crawling_person, human_gait, quadruped_gait
 from doppelgait.motion.readers import read
 from doppelgait.motion.readers.c3d import read_layout
 from doppelgait.motion.readers.points import AXES, find_up_axis, turn_z_up
+from doppelgait.motion.skeleton import find_parts, list_marker_sets
 from walking_body import NAMES, walking_body
 
 ezc3d = pytest.importorskip("ezc3d")
@@ -139,18 +141,6 @@ def two_subjects(path: Path, n_second: int) -> Path:
     return write_c3d(path, position, labels=[f"A:{name}" for name in NAMES] + second)
 
 
-def test_two_subjects_need_a_choice(tmp_path: Path) -> None:
-    path = two_subjects(tmp_path / "a.c3d", 16)
-    with pytest.raises(MotionError, match=r"A \(16 points\), B \(16 points\).*subject="):
-        read(path)
-    motion = read(path, clean=False, subject="B")
-    assert motion.facts.subject == "B"
-    np.testing.assert_allclose(motion.position_m, walker() + BESIDE_M, atol=1e-5)
-    assert len(motion.report["dropped"]["belongs to subject or prop 'A'"]) == 16
-    with pytest.raises(MotionError, match="no subject 'C'"):
-        read(path, subject="C")
-
-
 def test_a_prop_is_left_out(tmp_path: Path) -> None:
     motion = read(two_subjects(tmp_path / "a.c3d", 3), clean=False)
     assert motion.facts.subject == "A"
@@ -186,8 +176,6 @@ def test_segment_axes_and_centres_of_mass_are_left_out(tmp_path: Path) -> None:
 
 
 def test_points_computed_from_a_complete_set_are_left_out(tmp_path: Path) -> None:
-    from doppelgait.motion.skeleton import list_marker_sets
-
     known = sorted(list_marker_sets()["CMU 41"])
     labels = [f"J:{name}" for name in known] + [f"J:LFEM{i}" for i in range(60)]
     position = np.random.default_rng(1).normal(1000, 100, (20, len(labels), 3))
@@ -255,7 +243,7 @@ def test_every_up_axis_is_found_and_turned(tmp_path: Path, up_axis: str, named: 
     path = write_c3d(tmp_path / "a.c3d", FROM_Z_UP[up_axis](walker()) * 1000, labels=labels)
     motion = read(path, clean=False)
     assert motion.report["up_axis"] == up_axis
-    assert motion.report["up_axis_from"] == ("body parts" if named else "motion")
+    assert motion.report["up_axis_from"] == ("body parts" if named else "points at rest")
     np.testing.assert_allclose(motion.position_m, walker(), atol=1e-5)
 
 
@@ -286,6 +274,62 @@ def test_feet_below_a_raised_origin_still_show_what_is_up() -> None:
     for sign in (1, -1):
         found = find_up_axis(position * [1, 1, sign], [""] * 16, declared="z")
         assert found["up_axis"] == ("z" if sign > 0 else "-z")
+
+
+BODIES = {
+    "dog": quadruped_gait(duration_s=1.5),
+    "crawler": crawling_person(duration_s=3.0),
+    "walker": human_gait(duration_s=1.5),
+}
+
+
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("known", ["_", "head", "trunk torso head", "nothing"])
+def test_a_head_ahead_of_the_body_is_not_above_it(body: str, known: str) -> None:
+    position = np.add(BODIES[body].position_m, [7.0, -2.0, 1.5])
+    parts = [part if any(word in part + "_" for word in known.split()) else "" for part in BODIES[body].parts]
+    for up_axis, turn in FROM_Z_UP.items():
+        assert find_up_axis(turn(position), parts)["up_axis"] == up_axis
+
+
+OTHER = boulic_walk(duration_s=1.5)
+TWO = np.concatenate([BODIES["walker"].position_m, np.add(OTHER.position_m, [0.0, 3.0, 0.0])], axis=1)
+BARE = [*BODIES["walker"].markers, *OTHER.markers]
+N_FIRST = len(BODIES["walker"].markers)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "subjects"),
+    [
+        ("{}_1", "{}_2", "1 2"), ("{}", "{}.2", "1 2"), ("{}", "{}", "1 2"), ("P1_{}", "P2_{}", "P1 P2"),
+        ("Anna {}", "Ben {}", "Anna Ben"), ("{}-a", "{}-b", "a b"), ("M{n}", "M{n}", "1 2"),
+        ("Jo:{}", "Al:{}", "Jo Al"),
+    ],
+)  # fmt: skip
+def test_two_bodies_in_a_file_are_refused_or_read_one_by_one(
+    tmp_path: Path, first: str, second: str, subjects: str
+) -> None:
+    labels = [(first if n < N_FIRST else second).format(name, n=n) for n, name in enumerate(BARE)]
+    path = write_c3d(tmp_path / "a.c3d", TWO[::4] * 1000, labels=labels, rate_hz=BODIES["walker"].rate_hz / 4)
+    with pytest.raises(MotionError, match=r"holds several subjects: .* points\), .*subject='\.\.\.'"):
+        read(path)
+    for chosen, points in zip(subjects.split(), (range(N_FIRST), range(N_FIRST, len(BARE))), strict=True):
+        motion = read(path, subject=chosen, clean=False)
+        np.testing.assert_allclose(motion.position_m, TWO[::4][:, points], atol=1e-4)
+        assert motion.facts.subject == chosen
+        assert sum(map(len, motion.report["dropped"].values())) == len(BARE) - len(points)
+        assert "M{n}" in first or motion.parts == find_parts([BARE[n] for n in points])
+    with pytest.raises(MotionError, match="holds no subject 'Eve'; allowed are"):
+        read(path, subject="Eve")
+
+
+@pytest.mark.parametrize("names", ["{}_1 {}_2", "RAW_{} FIT_{}"])
+def test_two_points_of_each_segment_are_one_body(tmp_path: Path, names: str) -> None:
+    walk = BODIES["walker"]
+    labels = [name.format(marker) for name in names.split() for marker in walk.markers]
+    position = np.concatenate([walk.position_m, np.add(walk.position_m, [0.03, 0.0, 0.05])], axis=1)
+    path = write_c3d(tmp_path / "a.c3d", position[::4] * 1000, labels=labels, rate_hz=walk.rate_hz / 4)
+    assert len(read(path, clean=False).markers) == len(labels)
 
 
 def test_unclear_axis_is_assumed_aloud(tmp_path: Path) -> None:

@@ -6,11 +6,13 @@
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError, warn_caller
-from doppelgait.motion.clean import MIN_MARKERS
+from doppelgait.motion.clean import MIN_MARKERS, find_stationary_points
 from doppelgait.motion.motion import Motion, make_motion
 from doppelgait.motion.skeleton import FOOT_PARTS, complete_set, find_part, find_parts, strip_subject
 
@@ -62,26 +64,31 @@ def turn_z_up(position: FloatArray, up_axis: str) -> FloatArray:
 
 
 def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = "") -> dict[str, Any]:
-    """Find the upward axis of an upright body. Shapes: position (T, P, 3)."""
-    # if feet, torso and head are known, the axis from the feet to the others is used
+    """Find the upward axis of a body. Shapes: position (T, P, 3)."""
     typical = _compute_median(position, axis=0)
-    # from the feet to head and torso; the mean of all points replaces an unknown end
-    feet = [i for i, part in enumerate(parts) if part in FOOT_PARTS]
-    body = [i for i, part in enumerate(parts) if part in ("head", "torso", "trunk")]
-    head = [i for i, part in enumerate(parts) if part == "head"]
-    lift = np.zeros(3)
-    if feet or head:
-        upper = typical[body if feet and body else head] if (feet and body) or head else typical
-        lower = typical[feet] if feet else typical
-        lift = np.nan_to_num(_compute_median(upper, axis=0) - _compute_median(lower, axis=0))
-    order = np.argsort(-np.abs(lift))
-    if abs(lift[order[0]]) > 1.5 * abs(lift[order[1]]):
-        return {"up_axis": _name(int(order[0]), lift[order[0]]), "up_axis_from": "body parts"}
+    feet, body, head = (
+        [i for i, part in enumerate(parts) if part in names]
+        for names in (FOOT_PARTS, ("head", "torso", "trunk"), ("head",))
+    )
     extent, travel = np.nan_to_num(measure_body_extent(position)), np.zeros(3)
     centre = _compute_median(position, axis=1)
     seen = centre[np.isfinite(centre).all(axis=1)]
     if seen.size:  # travel along each axis, without the outermost 2 % of the frames at either end
         travel = np.percentile(seen, 98, axis=0) - np.percentile(seen, 2, axis=0)
+    # a body does not move by more than its size, and farther than along the others, along the vertical
+    ahead = int(np.argmax(travel))
+    level = np.arange(3) != (ahead if travel[ahead] > extent[ahead] else -1)
+    # from what bears the body to the rest; a head is above an upright body, but ahead of an animal
+    every = list(range(len(parts)))
+    ends = [(body or every, feet)] if feet else []
+    ends += [(head, every)] if head and not feet and "trunk" not in parts else []
+    lifts = [(_compute_median(typical[a], axis=0) - _compute_median(typical[b], axis=0), "body parts") for a, b in ends]
+    if not declared:
+        lifts.insert(0, (_find_resting_lift(position), "body parts" if feet else "points at rest"))
+    for lift, source in ((np.where(level, np.nan_to_num(lift), 0.0), source) for lift, source in lifts):
+        order = np.argsort(-np.abs(lift))
+        if abs(lift[order[0]]) > 1.5 * abs(lift[order[1]]):
+            return {"up_axis": _name(int(order[0]), lift[order[0]]), "up_axis_from": source}
     # z is preferred if axes are equal, since most systems use it
     other, axis = sorted(
         sorted((2, 1, 0), key=lambda k: round(float(travel[k]), 9))[:2], key=lambda k: float(extent[k])
@@ -92,6 +99,34 @@ def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = 
     if stated < 0 and extent[axis] < 1.3 * extent[other]:
         return {"up_axis": "z", "up_axis_from": "assumed"}
     return {"up_axis": _name(axis, _find_height_sign(position, typical, axis)), "up_axis_from": "motion"}
+
+
+RESTS, RESTING_SHARE, MOVES_M, TRAVELS, MIN_BODY = 0.15, 0.1, 0.03, 0.3, 6
+"""A point rests while it moves by less than this share of the body's step, over as many frames as the body needs for
+3 cm. Points must rest in this share of the frames, of a body of 6 points that travels by this share of its path."""
+
+
+def _find_resting_lift(position: FloatArray) -> FloatArray:
+    """Return the vector from points at rest to the middle of a travelling body, or NaN."""
+    # feet, paws, knees and hands that bear weight are at rest, whatever their names; on a treadmill, the trunk is
+    unknown = np.full(3, np.nan)
+    step_m = _compute_median(np.linalg.norm(np.diff(position, axis=0), axis=2), axis=1)
+    usual_m, centre = float(np.nan_to_num(_compute_median(step_m, axis=0))), _compute_median(position, axis=1)
+    n = max(1, min(math.ceil(MOVES_M / max(usual_m, 1e-6)), len(position) // 10))
+    centre = centre[np.isfinite(centre).all(axis=1)]
+    if position.shape[1] < MIN_BODY or not len(centre):
+        return unknown
+    step = np.linalg.norm(position[n:] - position[:-n], axis=2)
+    pace_m = _compute_median(step, axis=1)[:, np.newaxis]
+    rests = (step < RESTS * pace_m) & (pace_m >= 0.9 * MOVES_M)
+    count = rests.sum(axis=1)[:, np.newaxis]
+    travels = float(np.linalg.norm(centre[-1] - centre[0])) > TRAVELS * float(np.nansum(step_m))
+    if not travels or (count > 0).mean() < RESTING_SHARE or rests.any(axis=0).sum() < 2:
+        return unknown
+    inner = (position[n:] + position[:-n]) / 2
+    resting = np.where(rests[..., np.newaxis], inner, 0.0).sum(axis=1) / np.maximum(count, 1)
+    middle = (np.fmin.reduce(inner, axis=1) + np.fmax.reduce(inner, axis=1)) / 2
+    return _compute_median((middle - resting)[count[:, 0] > 0], axis=0)
 
 
 def _name(axis: int, sign: float) -> str:
@@ -245,6 +280,7 @@ class BodyPoints:
     subject: str = ""
     species: str = ""
     is_skeleton: bool = False
+    wanted: str | None = None  # subject to take when positions are known; "" if it was taken by its prefix
 
 
 def pick_markers(
@@ -266,6 +302,11 @@ def pick_markers(
     measured = len(labels) - sum(reason.startswith("model output") for reason in reasons.values())
     counts = Counter(_find_prefix(labels[i]) for i in markers)
     named = ", ".join(f"{name or '(no prefix)'} ({count} points)" for name, count in counts.most_common())
+    wanted = subject
+    if subject is not None and set(counts) == {""}:  # there are no prefixes: positions are needed
+        subject = None
+    elif subject is not None:
+        wanted = ""
     if subject is not None and subject not in counts:
         raise MotionError(f"{path}: holds no subject {subject!r}; allowed are {named}")
     bodies = [name for name, count in counts.items() if len(counts) == 1 or count >= MIN_SUBJECT_POINTS]
@@ -282,7 +323,99 @@ def pick_markers(
         extra.get(bare_label.lower()) or part
         for bare_label, part in zip(bare, find_parts([labels[i] for i in kept]), strict=True)
     ]
-    return BodyPoints(labels, kept, make_names_unique(bare), parts, reasons, measured, name)
+    return BodyPoints(labels, kept, make_names_unique(bare), parts, reasons, measured, name, wanted=wanted)
+
+
+_FIRST_WORD = re.compile(r"(?P<body>[^_ .-]+)[_ .-]+(?P<name>.+)")
+_LAST_WORD = re.compile(r"(?P<name>.+?)(?:[_ .-]+|(?=\d+$))(?P<body>[^_ .-]+)")
+APART_M = 0.25
+"""Minimum distance of the middles of two bodies. Markers 1 and 2 of every segment of one body are closer."""
+LINK_M, LINK_SWAY_M = 1.0, 0.15
+"""Mean distance of two points of one body without names, and standard deviation of it, below which they are linked."""
+MAX_LINKED, MAX_LOOKS = 300, 64
+
+
+def _list_name_groups(labels: Sequence[str]) -> list[dict[str, dict[int, str]]]:
+    """Divide names into those of bodies: by first word, last word or repetition."""
+    divisions: list[dict[str, dict[int, str]]] = [{}, {}, {}]
+    seen: Counter[str] = Counter()
+    for i, label in enumerate(labels):
+        seen[label] += 1
+        words = [pattern.fullmatch(label) for pattern in (_FIRST_WORD, _LAST_WORD)]
+        keys = [(word["body"], word["name"]) if word else ("1", label) for word in words] + [(str(seen[label]), label)]
+        for groups, (body, name) in zip(divisions, keys, strict=True):
+            groups.setdefault(body, {})[i] = name
+    return [{body: names for body, names in groups.items() if _is_body(list(names.values()))} for groups in divisions]
+
+
+def _is_body(names: Sequence[str]) -> bool:
+    parts = find_parts(names) if len(names) >= MIN_SUBJECT_POINTS else []
+    sides = {part.partition("_")[0] for part in parts}
+    return {"left", "right"} <= sides and sum(map(bool, parts)) >= len(parts) / 2
+
+
+def _find_moving_clusters(position_m: FloatArray) -> dict[str, dict[int, str]]:
+    """Return points of each moving body, from distances alone."""
+    from scipy.sparse.csgraph import connected_components
+
+    n_points = position_m.shape[1]
+    if n_points > MAX_LINKED:
+        return {}
+    some = position_m[:: max(1, len(position_m) // MAX_LOOKS)]
+    distance = np.linalg.norm(some[:, :, np.newaxis] - some[:, np.newaxis], axis=-1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of points that are never seen together
+        linked = (np.nanmean(distance, axis=0) < LINK_M) & (np.nanstd(distance, axis=0) < LINK_SWAY_M)
+    _, number = connected_components(linked, directed=False)
+    clusters = [np.flatnonzero(number == n) for n in range(number.max(initial=-1) + 1)]
+    moving = [
+        c
+        for c in clusters
+        if len(c) >= MIN_SUBJECT_POINTS and not find_stationary_points(some[:, c], limit_m=0.5).all()
+    ]
+    return {str(n): dict.fromkeys(map(int, points), "") for n, points in enumerate(moving, start=1)}
+
+
+def _are_apart(position_m: FloatArray, groups: Mapping[str, Mapping[int, str]]) -> bool:
+    """Return True if points of different groups are not those of one body."""
+    for a, b in combinations(groups.values(), 2):
+        # points with equal names are compared, else the middles of all points
+        ends = {name: i for i, name in b.items()}
+        shared = [([i], [ends[name]]) for i, name in a.items() if name and name in ends] or [(list(a), list(b))]
+        middles = ([_compute_median(position_m[:, points], axis=1) for points in pair] for pair in shared)
+        apart_m = [_compute_median(np.linalg.norm(first - second, axis=1), axis=0) for first, second in middles]
+        if not float(np.median(apart_m)) > APART_M:
+            return False
+    return len(groups) > 1
+
+
+def _take_subject(path: Path, position_m: FloatArray, body: BodyPoints) -> tuple[list[int], BodyPoints]:
+    """Return the points of one body, and refuse several. Shapes: position_m (T, K, 3)."""
+    every = list(range(len(body.kept)))
+    if body.is_skeleton or body.wanted == "":
+        return every, body
+    labels = [strip_subject(body.labels[i]) for i in body.kept]
+    divisions = [groups for groups in _list_name_groups(labels) if _are_apart(position_m, groups)]
+    groups = divisions[0] if divisions else _find_moving_clusters(position_m)
+    several = _are_apart(position_m, groups)
+    named = ", ".join(f"{name} ({len(points)} points)" for name, points in groups.items()) if several else "(no prefix)"
+    if body.wanted is not None and not (several and body.wanted in groups):
+        raise MotionError(f"{path}: holds no subject {body.wanted!r}; allowed are {named}")
+    if not several:
+        return every, body
+    if body.wanted is None:
+        raise MotionError(f"{path}: holds several subjects: {named}. Name the one to read: subject='...'.")
+    chosen = groups[body.wanted]
+    names = [chosen[k] or body.names[k] for k in chosen]
+    reasons = {body.kept[k]: f"does not belong to subject {body.wanted!r}" for k in every if k not in chosen}
+    return list(chosen), replace(
+        body,
+        kept=[body.kept[k] for k in chosen],
+        names=make_names_unique(names),
+        parts=find_parts(names) if divisions else [body.parts[k] for k in chosen],
+        reasons={**body.reasons, **reasons},
+        subject=body.wanted,
+    )
 
 
 @dataclass(frozen=True)
@@ -398,6 +531,8 @@ def make_point_motion(
     # this is the last step of every reader
     check_amount(path, len(position))
     position_m = position[:, body.kept] * (unit.metres if unit.each is None else unit.each)
+    chosen, body = _take_subject(path, position_m, body)
+    position_m = position_m[:, chosen]
     notes = [*notes, *remove_implausible(path, position_m)]
     position_m[np.isnan(position_m).any(axis=2)] = np.nan
     if up_axis is not None:
