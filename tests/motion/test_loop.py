@@ -8,8 +8,9 @@ from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.core.rng import Streams
 from doppelgait.motion import Motion
 from doppelgait.motion.gait import measure_gait
-from doppelgait.motion.loop import PERSON, loop
+from doppelgait.motion.loop import loop
 from doppelgait.motion.models import boulic_walk, quadruped_gait
+from doppelgait.motion.models.curves import load_tables
 from doppelgait.motion.models.human import human_gait
 from doppelgait.motion.retime import body_centre_m, resample
 
@@ -166,15 +167,15 @@ def test_the_loop_keeps_the_speed_of_the_clip(variation: float) -> None:
 def test_successive_strides_vary_as_measured() -> None:
     clip = boulic_walk(speed_mps=1.2, duration_s=2.6)
     looped = loop(clip, duration_s=200.0)
-    strides = looped.report["loop"]["strides"]
+    person, strides = load_tables()["variation"]["person"], looped.report["loop"]["strides"]
     times = np.array(looped.facts.footfalls["left_foot"])
     stride_s = np.diff(times)
-    wanted = np.hypot(PERSON.time, np.sqrt(2) * PERSON.limb_phase * np.sqrt(1 - 0.5)) / np.sqrt(strides)
+    wanted = np.hypot(person["time"], np.sqrt(2) * person["limb_phase"] * np.sqrt(1 - 0.5)) / np.sqrt(strides)
     assert stride_s.std() / stride_s.mean() == pytest.approx(wanted, rel=0.25)
     foot = looped.positions.sel(marker="left_ankle")
     place = np.interp(times, looped.time_s, foot.sel(space="x"))
     stride_m = np.diff(place)
-    assert 0.4 < stride_m.std() / stride_m.mean() / PERSON.length * np.sqrt(strides) < 1.8
+    assert 0.4 < stride_m.std() / stride_m.mean() / person["length"] * np.sqrt(strides) < 1.8
     assert np.corrcoef(stride_s[:-1], stride_s[1:])[0, 1] > 0.1
     again = np.diff(loop(clip, duration_s=200.0, variation=0.0).facts.footfalls["left_foot"])
     assert again.std() < 1e-5

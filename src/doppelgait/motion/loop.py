@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,6 +18,7 @@ from doppelgait._core import native
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.rng import RandomSource, Streams, as_generator
 from doppelgait.motion.gait import add_gait_facts, find_feet, find_steps, is_quadruped
+from doppelgait.motion.models.curves import load_tables
 from doppelgait.motion.models.strides import fit_cubic_spline, sample_autoregressive
 from doppelgait.motion.motion import Motion, make_motion, require_motion
 from doppelgait.motion.retime import Spline, fit_spline, travel_speed_mps
@@ -271,53 +273,6 @@ FEW_STRIDES = 2.0
 """Minimum number of strides of a clip that shows their variation."""
 
 
-@dataclass(frozen=True)
-class StrideVariation:
-    """Standard deviations of successive strides about their mean."""
-
-    time: float
-    length: float
-    length_with_time: float
-    limb_phase: float
-    pose: Mapping[str, tuple[float, float, float]]
-    arm: float = 0.0
-    head: float = 0.0
-    tail: float = 0.0
-    trunk: float = 0.0
-
-
-PERSON = StrideVariation(
-    0.016,
-    0.03,
-    0.4,
-    0.009,
-    arm=0.06,
-    head=0.08,
-    trunk=0.08,
-    pose={
-        "leg": (0.0115, 0.008, 0.0),
-        "arm": (0.012, 0.0075, 0.006),
-        "head": (0.0075, 0.004, 0.0025),
-        "trunk": (0.0045, 0.0026, 0.0019),
-    },
-)
-"""Variation of people: medians over shared recordings with several strides (method: docs/motion.md)."""
-QUADRUPED = StrideVariation(
-    0.048,
-    0.06,
-    0.35,
-    0.035,
-    head=0.4,
-    tail=0.5,
-    trunk=0.05,
-    pose={
-        "leg": (0.036, 0.036, 0.0),
-        "head": (0.012, 0.045, 0.025),
-        "tail": (0.025, 0.075, 0.04),
-        "trunk": (0.006, 0.012, 0.005),
-    },
-)
-"""Variation of dogs, measured with the same method."""
 POSES_PER_STRIDE = 2
 """Number of random deviations of the pose per stride."""
 SHARE_OF_SWING = 2.0
@@ -343,8 +298,8 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     speed are removed along the cycle beforehand, in proportion to the speed of each point.
 
     Strides vary about this cycle: their times and lengths, the lead and position of each limb and the swing of the
-    upper body are first-order autoregressive from stride to stride with the spreads of recordings (:data:`PERSON`,
-    :data:`QUADRUPED`), reduced by sqrt(1/n) because a cycle of n strides contains the rest. Advance and fore-aft swing
+    upper body are first-order autoregressive from stride to stride with the spreads of recordings of people or
+    dogs, reduced by sqrt(1/n) because a cycle of n strides contains the rest. Advance and fore-aft swing
     are scaled by one factor, so that a foot on the ground stays in place. The distances between the points of the body
     are restored to those of the cycle, with little movement of the feet. The mean speed is that of the clip.
 
@@ -399,7 +354,7 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     count = math.ceil(duration_s * rate - 1e-9) + 1
     clip = f"loop {known.facts.source} {known.facts.subject} {known.facts.file_time_s:.3f}"
     source = Streams(0).generator("motion", clip) if rng is None else as_generator(rng, "motion")
-    spread = QUADRUPED if is_quadruped(known) else PERSON
+    spread = load_tables()["variation"]["quadruped" if is_quadruped(known) else "person"]
     share = variation / math.sqrt(seam.strides)
     cycle_mps = float(np.hypot(*cycle.advance[:2])) / seam.lag * rate
     # the mean speed of the clip, from the ratio of its travel to that of the cycle
@@ -417,7 +372,9 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     has_strides = (motion.n_frames - 1) / period
     if has_strides < FEW_STRIDES:
         varied = (
-            f"their times vary by {100 * share * spread.time:.2g} %, as in recordings" if share else "all are the same"
+            f"their times vary by {100 * share * spread['time']:.2g} %, as in recordings"
+            if share
+            else "all are the same"
         )
         warn_caller(
             f"{where}: has {has_strides:.2g} strides, fewer than {FEW_STRIDES:g}: the strides of the loop repeat one "
@@ -439,8 +396,8 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
             "cycle_speed_mps": cycle_mps,
             "speed_mps": speed_mps,
             "stride_length_factor": length_factor,
-            "stride_time_sd": share * spread.time,
-            "stride_length_sd": share * spread.length,
+            "stride_time_sd": share * spread["time"],
+            "stride_length_sd": share * spread["length"],
         },
     )
     # touchdowns of one cycle in s after its start: the stated ones, or those found in the middle one of three cycles
@@ -497,7 +454,7 @@ def _vary(
     motion: Motion,
     count: int,
     speed_mps: float,
-    spread: StrideVariation,
+    spread: Mapping[str, Any],
     share: float,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, dict[str, FloatArray], float]:
@@ -508,7 +465,7 @@ def _vary(
     number = np.arange(strides) - KNOT_MARGIN
     shorter = sample_autoregressive(strides, rng)
     # time of the cycle as a function of that of the motion; their totals are equal
-    starts = np.cumsum(stride * (1.0 + share * spread.time * shorter))
+    starts = np.cumsum(stride * (1.0 + share * spread["time"] * shorter))
     starts -= starts[KNOT_MARGIN]
     clock = fit_cubic_spline(starts, number * stride)
     ends = float(clock.where(float(count - 1))) if share else float(count - 1)
@@ -518,9 +475,9 @@ def _vary(
         deviations = sample_autoregressive(strides, rng) if values is None else values
         return np.asarray(fit_cubic_spline(number * stride, share * sd * deviations)(body))
 
-    common = spread.length_with_time
+    common = spread["length_with_time"]
     longer = common * shorter + math.sqrt(1.0 - common**2) * sample_autoregressive(strides, rng)
-    length = 1.0 + series(spread.length, longer)
+    length = 1.0 + series(spread["length"], longer)
     # speed: the stride length corrects the speed of the cycle
     per_frame = cycle.advance / seam.lag
     way = np.concatenate([[0.0], np.cumsum((length[1:] + length[:-1]) / 2.0 * np.diff(body))])
@@ -532,7 +489,6 @@ def _vary(
     limbs: dict[str, list[int]] = {}
     for point, part in enumerate(motion.parts):
         limbs.setdefault(_find_limb(part), []).append(point)
-    swings = {"head": spread.head, "tail": spread.tail, "": spread.trunk}
     aside = np.array([-ahead[1], ahead[0], 0.0])
     stride_m = length_factor * float(np.hypot(*per_frame[:2])) * stride
     poses = POSES_PER_STRIDE * strides
@@ -540,19 +496,18 @@ def _vary(
     position, clocks = np.empty((count, *cycle.shape[1:])), {"": body}
     for limb in sorted(limbs):
         points = limbs[limb]
-        lead = stride * series(spread.limb_phase) if limb else np.zeros(count)
-        own_sd = spread.arm if limb.endswith("_arm") else swings.get(limb, 0.0)
+        lead = stride * series(spread["limb_phase"]) if limb else np.zeros(count)
+        kind = limb.rpartition("_")[2] or "trunk"
         # points without a part may be feet: their swing scales with the stride length only
         known = np.array([bool(motion.parts[point]) for point in points])[np.newaxis, :, np.newaxis]
-        own = np.clip(1.0 + series(own_sd), 0.0, SHARE_OF_SWING)[:, np.newaxis, np.newaxis]
+        own = np.clip(1.0 + series(spread["swing"].get(kind, 0.0)), 0.0, SHARE_OF_SWING)[:, np.newaxis, np.newaxis]
         at = clocks[limb] = body + lead
         middle = (cycle.at(grid, points) - np.multiply.outer(grid, per_frame)[:, np.newaxis]).mean(axis=0)
         swing = cycle.at(at, points) - np.multiply.outer(at, per_frame)[:, np.newaxis] - middle
         swing = np.where(known, own, 1.0) * swing
         forward = (swing @ ahead)[..., np.newaxis] * ahead
         moved = middle + swing + (length_factor * length[:, np.newaxis, np.newaxis] - 1.0) * forward
-        kind = limb.rpartition("_")[2] or "trunk"
-        sds = spread.pose.get("leg" if kind in ("fore", "hind") else kind, (0.0, 0.0, 0.0))
+        sds = spread["pose"].get("leg" if kind in ("fore", "hind") else kind, (0.0, 0.0, 0.0))
         # counted along the travel of each point, so that a foot on the ground stays in place
         step = cycle.count_strides(at, points)
         for sd, direction in zip(sds, (ahead, aside, np.array([0.0, 0.0, 1.0])), strict=True):

@@ -13,6 +13,7 @@ Shapes: phases are (n,) with a number q, or (..., B, n) with a column of them, (
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -26,6 +27,7 @@ from doppelgait.core.plugins import plugin
 from doppelgait.core.units import FloatArray, cosine, sine
 from doppelgait.motion.models.human_body import (
     LENGTHS,
+    PEOPLE,
     Sizes,
     compute_figure_points,
     make_person_motions,
@@ -155,37 +157,17 @@ def _interpolate_joint(joint: str, phase: FloatArray, relative_speed: Values) ->
     return interpolate_periodic([find_joint_knots(q)[joint] for q in np.ravel(relative_speed).tolist()], phase)
 
 
+@lru_cache(maxsize=1024)  # every joint of an example needs them
 def find_joint_knots(relative_speed: float) -> dict[str, Knots]:
     """Return the joint curves' control points (phase, degrees)."""
     # the joints are hip, knee, ankle and elbow
-    q, s = relative_speed, compute_support_fraction(relative_speed)
-    if q < 0.5:
-        return {
-            "hip": [(-0.1, 50 * q), (0.5, -30 * q)],
-            "knee": [(0.17, 3), (0.4, 3), (0.75, 140 * q), (1, 3)],
-            "ankle": [(0, -3), (0.08, -3 - 30 * q), (0.5, -3 + 22 * q), (s, -3 - 34 * q), (0.85, -3)],
-            "elbow": [(0.05, 3 + 6 * q), (0.5, 3 + 34 * q), (0.9, 3 + 10 * q)],
-        }
-    if q < SLOWEST_FAST:
-        w = (q - 0.5) / 0.8
-        return {
-            "hip": [(-0.1, 25), (0.5, -15)],
-            "knee": [(0.17, 3), (0.4, 3), (0.75, 70), (1, 3)],
-            "ankle": [(0, -3), (0.08, -18), (0.5, 8), (s, -20), (0.85, -3)],
-            "elbow": [(0.05, 6 + 8 * w), (0.5 + 0.01 * w, 20 + 24 * w), (0.9, 8 + 9 * w)],
-        }
-    u = (q - SLOWEST_FAST) / 1.7
+    q, support = relative_speed, compute_support_fraction(relative_speed)
+    regime, x = ("slow", q) if q < 0.5 else ("middle", (q - 0.5) / 0.8)
+    if q >= SLOWEST_FAST:
+        regime, x = "fast", (q - SLOWEST_FAST) / 1.7
     return {
-        "hip": [(-0.1 + 0.2 * u, 25 + 5 * u), (0.5, -15), (0.9, 25 + 6 * u)],
-        "knee": [(0.17 - 0.05 * u, 3 + 22 * u), (0.4, 3), (0.75 - 0.05 * u, 70 - 5 * u), (1 - 0.03 * u, 3 + 3 * u)],
-        "ankle": [
-            (0, -3 + 5 * u),
-            (0.08, -18 + 4 * u),
-            (0.5 - 0.1 * u, 8 - 3 * u),
-            (s, -20 - 8 * u),
-            (0.85, -3 + 5 * u),
-        ],
-        "elbow": [(0.05, 14 - 6 * u), (0.51 + 0.04 * u, 44 + 26 * u), (0.9 - 0.1 * u, 17 - 6 * u)],
+        joint: [(support if at == "support" else at + d_at * x, angle + slope * x) for at, d_at, angle, slope in rows]
+        for joint, rows in PEOPLE["knots"][regime].items()
     }
 
 

@@ -8,14 +8,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 
-from doppelgait.core.config import check_choice
+from doppelgait.core.config import check_choice, read_toml
 from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.core.units import FloatArray, cosine, sine
-from doppelgait.motion.models.strides import Timing, Values, find_landings, make_column, make_gait_motions
+from doppelgait.motion.models.strides import (
+    Timing,
+    Values,
+    evaluate_laws,
+    find_landings,
+    make_column,
+    make_gait_motions,
+)
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.skeleton import BOULIC_PARTS
 
@@ -26,27 +34,9 @@ Sizes = Mapping[str, Values]
 """Segment lengths in m by name."""
 Hands = Literal["free", "pockets", "carrying", "bag", "phone", "pushing"]
 
-LENGTHS = {
-    "head": 0.130,
-    "half_shoulder": 0.1295,
-    "torso": 0.288,
-    "half_hip": 0.0955,
-    "thigh": 0.245,
-    "shank": 0.246,
-    "foot": 0.143,
-    "upper_arm": 0.188,
-    "forearm": 0.152,
-}
+PEOPLE: dict[str, Any] = read_toml(Path(__file__).with_name("people.toml"))[0]
+LENGTHS: dict[str, float] = PEOPLE["lengths"]
 """Segment lengths as fractions of the stature."""
-
-HELD = {
-    "pockets": (-12.0, 45.0, 0.15),
-    "carrying": (5.0, 90.0, 0.1),
-    "bag": (0.0, 8.0, 0.3),
-    "phone": (75.0, 145.0, 0.1),
-    "pushing": (20.0, 60.0, 0.0),
-}
-"""Mean shoulder and elbow flexion in degrees and remaining share of the swing, by state of the hand (assumed)."""
 
 _CYCLE = np.arange(200) / 200
 
@@ -60,7 +50,7 @@ def swing_arms(
     if own.all():
         return curves
     cycle = curves(np.broadcast_to(_CYCLE, (len(own), _CYCLE.size)))
-    held = [[HELD.get(hand) for hand in side] for side in hands]
+    held = [[PEOPLE["held"].get(hand) for hand in side] for side in hands]
     means = {joint: cycle[joint].mean(axis=-1, keepdims=True) for joint in ("shoulder", "elbow")}
 
     def changed(phase: FloatArray) -> Limbs:
@@ -206,37 +196,6 @@ _SMALLEST = {"leg": 0.885, "head": 1.38}
 0.575 H instead of 0.52 H, head height H/5 instead of H/7.5; assumed)."""
 Load = Literal["free", "pockets", "bag", "phone", "pushing"]
 Complaint = Literal["none", "weak", "joint", "neurological"]
-_STATURE_M = {"male": (1.75, 0.07), "female": (1.62, 0.065)}
-_SPEED_MPS: dict[AgeClass, tuple[float, float]] = {"adult": (1.35, 0.18), "senior": (1.15, 0.20), "child": (1.35, 0.18)}
-
-
-@dataclass(frozen=True)
-class _Manner:
-    """Means and spreads of the gait of a group of people. The spreads ``_spread`` are those of logarithms."""
-
-    walk_ratio: float = 1.0
-    trunk_ripple: float = 1.0
-    ripple_spread: float = 0.2
-    step_time_sd: float = 0.025
-    time_spread: float = 0.3
-    step_length_sd: float = 0.014
-    length_spread: float = 0.7
-    time_asymmetry: float = 0.02
-    length_asymmetry: float = 0.06
-    speed_mps: tuple[float, float] | None = None
-
-
-_MANNERS: dict[Complaint, _Manner] = {
-    "none": _Manner(),
-    "weak": _Manner(0.73, 1.12, 0.26, 0.041, 0.3, 0.034, 0.3, 0.02, 0.10, (0.91, 0.2)),
-    "joint": _Manner(0.89, 1.15, 0.2, 0.034, 0.3, 0.063, 0.3, 0.126, 0.06, (0.81, 0.25)),
-    "neurological": _Manner(0.92, 1.08, 0.28, 0.046, 0.6, 0.053, 0.5, 0.033, 0.05, (0.82, 0.3)),
-}
-"""Clinical walkers of the tuning half: 2 people with weak muscles (4 clips), 2 with joint problems (4), 5 neurological
-(10). Spreads below 0.3 are assumed because the groups are small, and so is that of the speed of people with weak
-muscles. Duty factor and peak speed of the ankles are those of other people at the same speed, within 3 %."""
-
-
 _NO_PARAMETERS = ("sex", "age_class", "complaint", "age_years")
 
 
@@ -352,7 +311,6 @@ def sample_person(
     check_choice(load, get_args(Load), "load")
     chance = as_generator(rng, "plan")  # the model draws from the streams' "motion"
     male, old, hand = chance.random(3)
-    manner = _MANNERS[complaint]
     size, weight, pace, ratio = np.clip(chance.standard_normal(4), -3.0, 3.0)
     sex = "male" if male < 0.5 else "female"
     if age_class == "child":
@@ -362,35 +320,18 @@ def sample_person(
         mass_kg, scale = mean_kg * math.exp(0.12 * weight), math.sqrt(height_m / ADULT_M)
     else:
         age_years = 20 + 45 * old if age_class == "adult" else 65 + 20 * old
-        mean_m, sd_m = _STATURE_M[sex]
+        mean_m, sd_m = PEOPLE["stature_m"][sex]
         height_m = mean_m + sd_m * size
         mass_kg, scale = 24.0 * math.exp(0.13 * weight) * height_m**2, 1.0
-    mean_mps, sd_mps = manner.speed_mps or _SPEED_MPS[age_class]
+    mean_mps, sd_mps = PEOPLE["speed_mps"].get(complaint) or PEOPLE["speed_mps"][age_class]
     speed_mps = scale * float(np.clip(mean_mps + sd_mps * pace, 0.4, 2.0))
-    ripple, peak, arms, lean, time, length, time_sd, length_sd, pace_sd, trunk, sides = np.clip(
-        chance.standard_normal(11), -3.0, 3.0
-    )
-    person = {
-        "age_years": age_years,
-        "height_m": height_m,
-        "mass_kg": mass_kg,
-        "speed_mps": speed_mps,
-        "walk_ratio": min(max(manner.walk_ratio * math.exp(0.16 * ratio), 0.7), 1.4),
-        "trunk_ripple": min(manner.trunk_ripple * math.exp(manner.ripple_spread * ripple), 2.5),
-        "trunk_asymmetry": 0.4 * trunk,
-        "swing_peak": min(max(1 + 0.24 * peak, 0.5), 1.5),
-        "arm_swing": min(math.exp(0.4 * arms), 2.0),
-        "arm_asymmetry": 0.15 + 0.28 * sides,
-        "lean_deg": 3.0 * lean + (5.0 if load == "pushing" else 0.0),
-        "step_time_sd": min(manner.step_time_sd * math.exp(manner.time_spread * time_sd), 0.09),
-        "step_length_sd": min(manner.step_length_sd * math.exp(manner.length_spread * length_sd), 0.09),
-        "pace_sd": 0.01 * math.exp(0.5 * pace_sd),
-        "time_asymmetry": manner.time_asymmetry * time,
-        "length_asymmetry": manner.length_asymmetry * length,
-    }
+    laws = {name: law | PEOPLE["laws"][complaint].get(name, {}) for name, law in PEOPLE["laws"]["none"].items()}
+    values = evaluate_laws(laws, [ratio, *np.clip(chance.standard_normal(11), -3.0, 3.0)])
+    values["lean_deg"] += 5.0 if load == "pushing" else 0.0
     one_handed = load in ("bag", "phone")
     left, right = (load if not one_handed or (hand < 0.5) == is_left else "free" for is_left in (True, False))
-    return Person(sex, age_class, complaint, left, right, **{key: float(value) for key, value in person.items()})
+    body = age_years, height_m, mass_kg, speed_mps
+    return Person(sex, age_class, complaint, left, right, *map(float, body), **values)
 
 
 BODY_MASS_INDEX = 23.0

@@ -21,6 +21,7 @@ from doppelgait.core.config import check_choice, check_type, read_toml
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.motion.models.curves import RecordedGait
+from doppelgait.motion.models.strides import evaluate_laws
 
 GaitName = Literal["walk", "pace", "trot", "canter", "gallop", "transverse_gallop", "bound"]
 GaitChoice = Literal["auto", "walk", "pace", "trot", "canter", "gallop", "transverse_gallop", "bound"]
@@ -263,31 +264,21 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
     low, high = math.sqrt(slowest * usual), math.sqrt(usual * fastest)
     froude = low * (high / low) ** effort if froude is None else froude
     uneven = 1 / math.sqrt(max(froude, 0.1))
-    peaks = np.clip([1 + 0.1 * hind, 1 + 0.1 * fore], 0.8, 1.2)
     # the heights are truncated at the breed's limits by rank, so that they do not accumulate there
     body, normal = BUILDS[build], NormalDist()
     spread_m = 0.08 * body.withers_m
     least, most = (
         normal.cdf(min(max((limit_m - body.withers_m) / spread_m, -2.5), 2.5)) for limit_m in body.withers_range_m
     )
-    values = {
+    own = {
         "withers_m": body.withers_m + spread_m * normal.inv_cdf(least + normal.cdf(size) * (most - least)),
         "froude": froude,
-        "stride_ratio": math.exp(0.07 * far),
-        "trunk_ripple": min(math.exp(0.4 * ripple), 2.0),
-        "hind_swing_peak": peaks[0],
-        "fore_swing_peak": peaks[1],
-        "neck_deg": 40 + 15 * neck,
-        "tail_deg": -10 + 20 * tail,
-        "tail_frequency_hz": 0.5 + 3.5 * wag,
-        "tail_sweep_deg": 40 * sweep,
-        "stride_variation": 0.02 + 0.04 * time,
         "step_length_sd": min((0.02 + 0.02 * length) * uneven, 0.15),
-        "footfall_sd": 0.01 + 0.025 * landing,
-        "asymmetry": 0.02 * late,
         "length_asymmetry": max(min(0.04 * uneven * long, 0.4), -0.4),
     }
-    return Dog(build, gait, **{name: float(value) for name, value in values.items()})
+    deviates = far, ripple, hind, fore, neck, tail, late, wag, sweep, time, landing
+    values = {name: float(value) for name, value in own.items()} | evaluate_laws(_TABLES["laws"], deviates)
+    return Dog(build, gait, **values)
 
 
 def _list_possible_gaits(gait: GaitName | None, froude: float | None) -> list[GaitName]:

@@ -214,6 +214,15 @@ def sample_autoregressive(count: int, rng: np.random.Generator, correlation: flo
     return np.array([min(max(value, -LARGEST_DEVIATION), LARGEST_DEVIATION) for value in values])
 
 
+def evaluate_laws(laws: Mapping[str, Mapping[str, float]], deviates: Sequence[float]) -> dict[str, float]:
+    """Return the values of normal or lognormal laws at standard deviates."""
+    values = {}
+    for (name, law), x in zip(laws.items(), deviates, strict=True):
+        value = law["median"] * math.exp(law["spread"] * x) if "median" in law else law["mean"] + law["sd"] * x
+        values[name] = float(min(max(value, law.get("low", value)), law.get("high", value)))
+    return values
+
+
 @dataclass(frozen=True)
 class Timing:
     """Frames of a batch. Shapes: times and phases (B, T), of which each row has its count; a clock with B curves."""
