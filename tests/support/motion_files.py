@@ -1,9 +1,14 @@
 """Files of motion-capture programs, as several versions of each program write them."""
 
+import json
+import struct
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from walking_body import NAMES, walking_body, y_up
 
@@ -180,6 +185,40 @@ def trc(body: np.ndarray) -> str:
     return lines(*head, names, axes, [], *frames(1e3 * y_up(body), first=1), separator="\t")
 
 
+KINECT = [3, 4, 7, 8, 11, 12, 15, 16, 19]
+"""Joints of Kinect v2 in the place of the first points of the body: head, shoulders, hands, hips, feet."""
+
+
+def kinect(body: np.ndarray) -> str:
+    """One body, in two frames after it another that leaves again; the last value of a lost joint is 0."""
+    rows: list[list[Any]] = [[len(body)]]
+    for k, points in enumerate(y_up(body)):
+        joints = np.zeros((25, 3)) + np.nanmean(points, axis=0)
+        joints[KINECT] = points[: len(KINECT)]
+        words = [
+            [*(0.0 if c != c else float(c) for c in j), *[0] * 8, 2 if np.isfinite(j).all() else 0] for j in joints
+        ]
+        rows += [[int(k > 1)]] if k < 2 else [[1], [7, *[0] * 9], [25], *words]
+    return lines(*rows, separator=" ", end="\n")
+
+
+def mvnx(body: np.ndarray) -> str:
+    segments = "".join(f'<segment id="{n + 1}" label="{name}"><points/></segment>' for n, name in enumerate(NAMES))
+    poses = '<frame type="tpose"><position>' + "0 " * 48 + "</position></frame>"
+    rows = [" ".join(f"{0.0 if c != c else c:.6f}" for c in frame.ravel()) for frame in body]
+    normal = [
+        f'<frame time="{k / RATE_HZ * 1e3:.0f}" type="normal"><orientation>1 0</orientation>'
+        f"<position>{row}</position></frame>"
+        for k, row in enumerate(rows)
+    ]
+    return (
+        '<?xml version="1.0"?><mvnx version="4" xmlns="http://www.xsens.com/mvn/mvnx"><!-- MVN -->'
+        f'<subject label="Jim" frameRate="{RATE_HZ:g}"><segments>{segments}</segments><frames>{poses}\n'
+        + "\n".join(normal)
+        + "</frames></subject></mvnx>"
+    )
+
+
 TEXTS: dict[str, tuple[str, Text, dict[str, Any]]] = {
     "motive": ("csv", motive("1.23", "Meters", 1.0), {}),
     "motive bones": ("csv", motive("1.25", "Centimeters", 0.01, bones=True), {}),
@@ -204,3 +243,103 @@ TEXTS: dict[str, tuple[str, Text, dict[str, Any]]] = {
     "trc": ("trc", trc, {}),
     "table": ("csv", anipose, {"units": "m", "rate_hz": RATE_HZ}),
 }
+
+
+JOINTS: dict[str, tuple[str, Text, dict[str, Any]]] = {
+    "kinect": ("skeleton", kinect, {"rate_hz": RATE_HZ}),
+    "mvnx": ("mvnx", mvnx, {}),
+}
+
+BONES = {
+    "Armature": (-1, (0.0, 0.0, 0.0)),
+    "Hips": (0, (0.0, 0.0, 90.0)),
+    "Spine": (1, (0.0, 0.0, 30.0)),
+    "Head": (2, (0.0, 0.0, 45.0)),
+    "LeftUpLeg": (1, (10.0, 0.0, 0.0)),
+    "LeftLeg": (4, (0.0, 0.0, -42.0)),
+    "LeftFoot": (5, (0.0, 0.0, -42.0)),
+    "RightUpLeg": (1, (-10.0, 0.0, 0.0)),
+    "RightLeg": (7, (0.0, 0.0, -42.0)),
+    "RightFoot": (8, (0.0, 0.0, -42.0)),
+    "Camera": (-1, (5.0, 5.0, 5.0)),
+}
+KEYS_S = np.linspace(0.0, 2.0, 9)
+CUBIC = np.array([[0.0, 3.0, -2.0, 5.0], [0.0, -90.0, 20.0, -4.0], [90.0, 1.0, 2.0, -1.0]])
+SPIN = Rotation.from_euler("xyz", [0.8, 0.3, 0.2])
+
+
+def glb(path: Path, *, times_s: np.ndarray = KEYS_S, rotations: str = "f4", **scene: Any) -> Path:
+    """A skeleton in cm below an armature: cubic travel, steady swing, a leg that steps, and a key of scale."""
+    powers = np.vander(times_s, 4, increasing=True)
+    slopes = np.stack([np.zeros_like(times_s), np.ones_like(times_s), 2 * times_s, 3 * times_s**2], axis=1)
+    travel = np.stack([slopes @ CUBIC.T, powers @ CUBIC.T, slopes @ CUBIC.T], axis=1).reshape(-1, 3)
+    swing = Rotation.from_rotvec(times_s[:, None] * SPIN.as_rotvec()).as_quat()
+    swing[::2] *= -1.0  # the same rotations
+    steps = Rotation.from_euler("x", 0.3 * (np.arange(len(times_s)) % 2)[:, None]).as_quat()
+    arrays = [times_s[:, None], travel, swing, steps]
+    tracks = [(1, "translation", "CUBICSPLINE"), (4, "rotation", "LINEAR"), (7, "rotation", "STEP")]
+    binary, views, accessors = b"", [], []
+    for n, values in enumerate(arrays):
+        stored = values.astype("<f4")
+        if n >= 2 and rotations == "i2":
+            stored = np.rint(values * 32767).astype("<i2")
+        views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": stored.nbytes})
+        kind = {"f": 5126, "i": 5122}[stored.dtype.kind]
+        accessors.append(
+            {
+                "bufferView": n,
+                "componentType": kind,
+                "count": len(values),
+                "type": {1: "SCALAR", 3: "VEC3", 4: "VEC4"}[values.shape[1]],
+            }
+        )
+        binary += stored.tobytes()
+    nodes: list[dict[str, Any]] = [{"name": name, "translation": at} for name, (_, at) in BONES.items()]
+    for n, (parent, _) in enumerate(BONES.values()):
+        if parent >= 0:
+            nodes[parent].setdefault("children", []).append(n)
+    nodes[0] |= {"rotation": Rotation.from_euler("x", -90, degrees=True).as_quat().tolist(), "scale": [0.01] * 3}
+    nodes[8] = {**nodes[8], "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 2, 0, *nodes[8].pop("translation"), 1]}
+    content = {
+        "asset": {"version": "2.0"},
+        "nodes": nodes,
+        "skins": [{"joints": list(range(1, 10))}],
+        "buffers": [{"byteLength": len(binary)}],
+        "bufferViews": views,
+        "accessors": accessors,
+        "animations": [
+            {
+                "name": "walk",
+                "samplers": [
+                    {"input": 0, "output": n + 1, "interpolation": how} for n, (_, _, how) in enumerate(tracks)
+                ],
+                "channels": [
+                    {"sampler": n, "target": {"node": node, "path": what}} for n, (node, what, _) in enumerate(tracks)
+                ],
+            }
+        ],
+        **scene,
+    }
+    text = json.dumps(content).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = [struct.pack("<I", len(c)) + kind + c for kind, c in ((b"JSON", text), (b"BIN\0", binary))]
+    path.write_bytes(b"glTF" + struct.pack("<II", 2, 12 + sum(map(len, chunks))) + b"".join(chunks))
+    return path
+
+
+def write_movement(path: Path, *, axes: tuple[str, ...], space: str = "xyz", **attributes: Any) -> Path:
+    sizes = {"time": len(BODY_M), "space": len(space), "keypoints": 16, "individuals": 2}
+    position = np.stack([BODY_M, BODY_M + 1.0])[..., : len(space)]  # individuals, time, keypoints, space
+    order = ["individuals", "time", "keypoints", "space"]
+    with h5py.File(path, "w") as file:
+        file["position"] = position.transpose(
+            [order.index(axis.rstrip("s") + "s" * (axis != "time" and axis != "space")) for axis in axes]
+        )
+        labels = {"space": list(space), "keypoints": NAMES, "individuals": ["Eva", "Jim"]}
+        for n, axis in enumerate(axes):
+            key = next(name for name in sizes if name.rstrip("s") == axis.rstrip("s"))
+            file[axis] = np.arange(sizes[key]) / RATE_HZ if axis == "time" else labels[key]
+            file[axis].make_scale(axis)
+            file["position"].dims[n].attach_scale(file[axis])
+        file.attrs.update(attributes)
+    return path

@@ -15,7 +15,7 @@ from doppelgait.motion.models.registry import generate_all
 from doppelgait.motion.paths import PATHS, CurveElement, Layout, Path, make_path
 from doppelgait.motion.readers import MOTION_READERS
 from doppelgait.testing import check_motion_model, check_motion_reader, check_path
-from motion_files import BODY_M, TEXTS
+from motion_files import BODY_M, JOINTS, TEXTS, glb, write_movement
 
 TABLES = [
     {"kind": "straight"},
@@ -116,20 +116,29 @@ def test_a_model_whose_motions_depend_on_each_other_is_caught(register):
 # Readers -------------------------------------------------------------------------------------------------------------
 
 
+WRITTEN = {name: facts for name, facts in (TEXTS | JOINTS).items() if " " not in name}
+
+
 def walk_file(folder, name: str) -> FilePath:
     """A walk in a format that can be written here."""
+    if name == "glb":
+        return glb(folder / "walk.glb")
+    if name == "keypoints":
+        return write_movement(folder / "walk.nc", axes=("time", "space", "keypoint", "individual"), fps=80.0)
     if name == "arrays":
-        walk = dg.motion.boulic_walk(duration_s=1.0)
-        np.savez(folder / "walk.npz", positions=walk.position_m, names=walk.markers, rate_hz=walk.rate_hz, units="m")
+        np.savez(folder / "walk.npz", positions=BODY_M, rate_hz=80.0, units="m")
         return folder / "walk.npz"
-    suffix, write, _ = TEXTS[name]
+    suffix, write, _ = WRITTEN[name]
     (folder / f"walk.{suffix}").write_text(write(BODY_M))
     return folder / f"walk.{suffix}"
 
 
-@pytest.mark.parametrize("name", ["arrays", *(name for name in TEXTS if " " not in name)])
+@pytest.mark.parametrize("name", ["arrays", "glb", "keypoints", *WRITTEN])
 def test_motion_readers_keep_their_contract(tmp_path, name):
-    check_motion_reader(name, walk_file(tmp_path, name), **TEXTS[name][2] if name in TEXTS else {})
+    options = {"keypoints": {"units": "m", "subject": "Eva"}, "arrays": {"up_axis": "z"}}
+    check_motion_reader(
+        name, walk_file(tmp_path, name), **WRITTEN[name][2] if name in WRITTEN else options.get(name, {})
+    )
 
 
 @pytest.mark.shared
@@ -145,7 +154,7 @@ def test_the_reader_of_exponential_maps_keeps_its_contract(shared):
 
 
 def test_no_motion_reader_is_left_out():
-    assert {"arrays", "expmap", *FILES, *(name.split()[0] for name in TEXTS)} == set(MOTION_READERS)
+    assert {"arrays", "expmap", "glb", "keypoints", *FILES, *WRITTEN} == set(MOTION_READERS)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import doppelgait.motion.readers.arrays  # noqa: F401  (registers itself)
 from damage import check_damaged_copies
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
-from doppelgait.motion.readers.arrays import SMPL_PARTS
+from doppelgait.motion.readers.skeletons import SKELETONS
 from doppelgait.motion.skeleton import HUMAN_PARTS
 from walking_body import NAMES, walking_body, y_up
 
@@ -90,7 +90,7 @@ def test_gaps(file: Path) -> None:
 def smpl_body(n_joints: int) -> np.ndarray:
     """A column of joints, the head highest, that moves along x."""
     height = {"foot": 0.05, "ankle": 0.1, "knee": 0.5, "hip": 0.9, "head": 1.6, "neck": 1.5}
-    z = [next((h for word, h in height.items() if word in name), 1.1) for name in list(SMPL_PARTS)[:n_joints]]
+    z = [next((h for word, h in height.items() if word in name), 1.1) for name in list(SKELETONS["smpl"][1])[:n_joints]]
     body = np.zeros((30, n_joints, 3))
     body[:, :, 0] = 0.01 * np.arange(30)[:, None]
     body[:, :, 2] = z
@@ -101,10 +101,11 @@ def smpl_body(n_joints: int) -> np.ndarray:
 def test_smpl_joints_only_when_asked(file: Path, n_joints: int) -> None:
     write(file, positions=smpl_body(n_joints), names=None)
     motion = read(file, clean=False, skeleton="smpl")
-    assert motion.markers == list(SMPL_PARTS)[:n_joints]
+    assert motion.markers == list(SKELETONS["smpl"][1])[:n_joints]
     assert motion.positions.part.sel(marker="left_wrist").item() == "left_forearm"
     assert motion.report["up_axis_from"] == "body parts"
-    bare = read(file, clean=False, up_axis="z")
+    with pytest.warns(DoppelgaitWarning, match=f"none of its {n_joints} points.*'smpl'"):
+        bare = read(file, clean=False, up_axis="z")
     assert bare.markers == [f"point_{i + 1}" for i in range(n_joints)]
     assert set(bare.parts) == {""}
 
@@ -112,7 +113,7 @@ def test_smpl_joints_only_when_asked(file: Path, n_joints: int) -> None:
 def test_smpl_joints_are_those_of_the_published_order() -> None:
     # parents of the SMPL tree (Loper et al. 2015): every joint follows the one that carries it
     parents = [-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21]
-    names = list(SMPL_PARTS)
+    names = list(SKELETONS["smpl"][1])
     chains = {
         "left_foot": ["left_foot", "left_ankle", "left_knee", "left_hip", "pelvis"],
         "right_hand": [
@@ -127,17 +128,53 @@ def test_smpl_joints_are_those_of_the_published_order() -> None:
             found.append(names[at])
             at = parents[at]
         assert found == chain
-    assert set(SMPL_PARTS.values()) <= set(HUMAN_PARTS)
+    for counts, parts in SKELETONS.values():
+        assert (max(counts), set(parts.values()) <= set(HUMAN_PARTS)) == (len(parts), True)
 
 
 def test_smpl_is_refused_where_it_cannot_be(file: Path) -> None:
     write(file, positions=smpl_body(24)[:, :23], names=None)
-    with pytest.raises(MotionError, match="holds 23 points; skeleton='smpl' has 22 or 24"):
+    with pytest.raises(
+        MotionError, match=r"holds 23 points, not those of skeleton='smpl'; known are 'smpl' \(22 or 24\)"
+    ):
         read(file, clean=False, skeleton="smpl")
     with pytest.raises(MotionError, match="skeleton='bones' is not allowed"):
         read(file, clean=False, skeleton="bones")
     with pytest.raises(MotionError, match=r"names its points \(names\); leave out skeleton"):
         read(write(file), clean=False, skeleton="smpl")
+
+
+@pytest.mark.parametrize(
+    ("shape", "options", "says"),
+    [
+        ((30, 22, 3), {"rate_hz": 20.0, "skeleton": "smpl"}, ""),
+        ((30, 17, 3), {"rate_hz": 20.0, "skeleton": "h36m"}, ""),
+        ((30, 33, 4), {"rate_hz": 20.0, "skeleton": "mediapipe"}, ""),
+        ((30, 22, 3), {}, "names no frame rate .*rate_hz="),
+        ((30, 17, 3), {"rate_hz": 20.0, "skeleton": "smpl"}, r"known are .*'h36m' \(17\)"),
+        ((30, 263), {"rate_hz": 20.0, "skeleton": "smpl"}, "263 features of a motion model"),
+        ((22, 3), {"rate_hz": 20.0}, r"has the shape \(22, 3\)"),
+    ],
+)
+def test_joints_in_npy_files(tmp_path: Path, shape: tuple[int, ...], options: dict[str, Any], says: str) -> None:
+    """Joints of a column that moves along x, y up, in the order of the model."""
+    path = tmp_path / "w.npy"
+    body = np.zeros(shape)
+    if not says:
+        parts = SKELETONS[options["skeleton"]][1].values()
+        height = {"head": 1.6, "torso": 1.2, "forearm": 1.0, "hand": 0.9, "arm": 1.1, "thigh": 0.5, "shank": 0.1}
+        body[:, :, 1] = [next((h for word, h in height.items() if part.endswith(word)), 0.05) for part in parts][
+            : shape[1]
+        ]
+        body[:, :, 0] = 0.05 * np.arange(30)[:, None]
+    np.save(path, body.astype(np.float32))
+    if says:
+        with pytest.raises(MotionError, match=says):
+            read(path, clean=False, **options)
+        return
+    motion = read(path, clean=False, units="m", **options)
+    np.testing.assert_allclose(motion.position_m[..., 2], body[..., 1], atol=1e-6)
+    assert (motion.markers, motion.rate_hz) == (list(SKELETONS[options["skeleton"]][1])[: shape[1]], 20.0)
 
 
 def test_body_model_parameters_alone_are_refused_with_the_way_out(tmp_path: Path) -> None:

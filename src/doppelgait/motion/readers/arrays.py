@@ -1,4 +1,4 @@
-"""Joint positions in npz (AMASS) and JSON files."""
+"""Joint positions in npy, npz (AMASS) and JSON files."""
 
 from __future__ import annotations
 
@@ -11,21 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.documents import parse_json
-from doppelgait.core.errors import MotionError
-from doppelgait.core.npz import is_npz, load_npz
+from doppelgait.core.errors import MotionError, warn_caller
+from doppelgait.core.npz import NPY_MAGIC, is_npz, load_npy, load_npz
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.readers.points import (
-    LengthUnit,
-    check_amount,
-    check_rate,
-    convert_unit_to_metres,
-    find_unit,
-    make_point_motion,
-    pick_markers,
-)
-from doppelgait.motion.readers.text import MAX_BYTES
-from doppelgait.motion.skeleton import list_points
+from doppelgait.motion.readers.points import check_amount, check_rate
+from doppelgait.motion.readers.skeletons import SKELETONS
+from doppelgait.motion.readers.text import MAX_BYTES, Points, make_timed_motion
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -33,24 +25,23 @@ POSITION_KEYS = ("positions", "joints", "Jtr")
 NAME_KEYS = ("names", "joint_names")
 RATE_KEYS = ("rate_hz", "mocap_framerate", "mocap_frame_rate", "fps")
 UNIT_KEY = "units"
-
-SMPL_PARTS = list_points(
-    "pelvis:torso *_hip:torso spine1:torso *_knee:*_thigh spine2:torso *_ankle:*_shank spine3:torso *_foot:*_foot "
-    "neck:torso *_collar:torso head:head *_shoulder:torso *_elbow:*_upper_arm *_wrist:*_forearm *_hand:*_hand"
-)
-"""The 24 joints of SMPL (Loper et al. 2015) in their order, with parts; SMPL-H and SMPL-X share the first 22."""
-SMPL_COUNTS = (22, 24)
+FEATURES = (251, 263)
+"""Values of a frame in the features of HumanML3D and KIT-ML, which are no positions."""
 
 
 def sniff_arrays(path: Path, head: bytes) -> bool:
-    """Return True if a file looks like npz or motion JSON."""
+    """Return True if a file looks like npy, npz or motion JSON."""
     # an npz file is a zip archive with a .npy file as its first member
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
     keys = (*POSITION_KEYS, *RATE_KEYS)
-    return is_npz(head) or (text[:1] == b"{" and any(f'"{key}"'.encode() in text for key in keys))
+    return (
+        head.startswith(NPY_MAGIC)
+        or is_npz(head)
+        or (text[:1] == b"{" and b'"asset"' not in text and any(f'"{key}"'.encode() in text for key in keys))
+    )
 
 
-@plugin("motion_reader", "arrays", sniff=sniff_arrays, suffixes=(".npz", ".json"))
+@plugin("motion_reader", "arrays", sniff=sniff_arrays, suffixes=(".npy", ".npz", ".json"))
 def read_arrays(
     path: Path,
     *,
@@ -61,12 +52,15 @@ def read_arrays(
     up_axis: str | None = None,
     rate_hz: float | None = None,
 ) -> Motion:
-    """Read joint positions of npz or JSON files, uncleaned."""
+    """Read joint positions of npy, npz or JSON files, uncleaned."""
     with path.open("rb") as file:
-        packed = is_npz(file.read(4096))
-    if packed:
+        head = file.read(4096)
+    packed = is_npz(head)
+    if head.startswith(NPY_MAGIC):
+        content: dict[str, Any] = {POSITION_KEYS[0]: load_npy(path, MotionError)}
+    elif packed:
         wanted = (*POSITION_KEYS, *NAME_KEYS, *RATE_KEYS, UNIT_KEY, *([key] if key else []))
-        content: dict[str, Any] = dict(load_npz(path, wanted, MotionError, lone=False))
+        content = dict(load_npz(path, wanted, MotionError, lone=False))
     else:
         content = _load_json(path)
     # positions (T, P, 3), NaN where not finite
@@ -80,6 +74,10 @@ def read_arrays(
         array = np.asarray(value, dtype=np.float64)
     except (ValueError, TypeError, OverflowError):
         raise MotionError(f"{path}: {_describe_unevenness(name, value)}") from None
+    if skeleton == "mediapipe" and array.ndim == 3 and array.shape[2] == 4:
+        array = array[..., :3]  # the last value of a landmark is its visibility
+    if array.ndim == 2 and array.shape[1] in FEATURES:
+        raise MotionError(f"{path}: holds {array.shape[1]} features of a motion model; read the file of its joints")
     if array.ndim != 3 or array.shape[2] != 3:
         raise MotionError(
             f"{path}: {name!r} has the shape {array.shape}; it must be (frames, points, 3). Reshape it, or name "
@@ -87,22 +85,21 @@ def read_arrays(
         )
     position = np.where(np.isfinite(array), array, np.nan)
     check_amount(path, *position.shape[:2])
-    rate = check_rate(path, rate_hz, said="was given") if rate_hz is not None else _read_rate_hz(path, content)
+    rate = _read_rate_hz(path, content) if rate_hz is None else None
     labels = _find_labels(path, content, position.shape[1], skeleton)
     stated = _convert_to_scalar(content.get(UNIT_KEY, ""))
     if isinstance(stated, bytes):
         stated = stated.decode("latin-1")
     if not units and not isinstance(stated, str):
         raise MotionError(f"{path}: {UNIT_KEY} is {stated!r}; it must be text such as 'm' or 'mm'")
-    unit = find_unit(path, units or stated, position)
-    return make_point_motion(
+    return make_timed_motion(
         path,
-        position,
-        pick_markers(path, labels, subject=subject, known_parts=SMPL_PARTS),
-        file_format="npz" if packed else "json",
-        rate_hz=rate,
-        unit=LengthUnit(unit, convert_unit_to_metres(unit, where=str(path))),
+        Points(labels, position, unit=stated, rate_hz=rate, parts=SKELETONS[skeleton or "smpl"][1]),
+        file_format="npy" if head.startswith(NPY_MAGIC) else "npz" if packed else "json",
+        subject=subject,
+        units=units,
         up_axis=up_axis,
+        rate_hz=rate_hz,
     )
 
 
@@ -192,15 +189,21 @@ def _convert_to_scalar(value: Any) -> Any:
 
 def _find_labels(path: Path, content: Mapping[str, Any], n_points: int, skeleton: str | None) -> list[str]:
     """Return one label per point, from the file or of SMPL."""
-    if skeleton not in (None, "smpl"):
-        raise MotionError(f"{path}: skeleton={skeleton!r} is not allowed; allowed is 'smpl'")
+    allowed = ", ".join(f"{name!r} ({' or '.join(map(str, counts))})" for name, (counts, _) in SKELETONS.items())
+    if skeleton not in (None, *SKELETONS):
+        raise MotionError(f"{path}: skeleton={skeleton!r} is not allowed; allowed are {allowed}, with so many joints")
     key = next((name for name in NAME_KEYS if content.get(name) is not None), "")
     if key and skeleton:
         raise MotionError(f"{path}: names its points ({key}); leave out skeleton={skeleton!r}")
     if skeleton:
-        if n_points not in SMPL_COUNTS:
-            raise MotionError(f"{path}: holds {n_points} points; skeleton='smpl' has 22 or 24")
-        return list(SMPL_PARTS)[:n_points]
+        counts, parts = SKELETONS[skeleton]
+        if n_points not in counts:
+            raise MotionError(
+                f"{path}: holds {n_points} points, not those of skeleton={skeleton!r}; known are {allowed}"
+            )
+        return list(parts)[:n_points]
+    if not key and n_points in (count for counts, _ in SKELETONS.values() for count in counts):
+        warn_caller(f"{path}: names none of its {n_points} points. If they are joints of a model, give it: {allowed}")
     if not key:
         return [""] * n_points
     names = content[key].tolist() if isinstance(content[key], np.ndarray) else content[key]

@@ -270,7 +270,8 @@ def resample(path: Path, position: FloatArray, time_s: FloatArray, rate_hz: floa
 class Points:
     """Points of a file, with what it states about rate and unit. Shapes: position (T, P, 3).
 
-    An empty unit is guessed; None must be given. ``each`` are the units of the single coordinates.
+    An empty unit is guessed; None must be given. ``each`` are the units of the single coordinates, ``rate_from`` is the
+    device whose usual rate is assumed.
     """
 
     labels: Sequence[str]
@@ -278,6 +279,7 @@ class Points:
     unit: str | None = None
     each: Sequence[Sequence[str]] | None = None
     rate_hz: float | str | None = None
+    rate_from: str = ""
     times: Times | None = None
     usual_up: str = "z"
     parts: Mapping[str, str] = field(default_factory=dict)
@@ -346,6 +348,9 @@ def _space_evenly(
         return even, rate
     if rate_hz is not None:
         return position, check_rate(path, rate_hz, said="was given")
+    if points.rate_from:
+        notes.append(f"the format states no frame rate; {points.rate_hz} Hz, that of {points.rate_from}, is assumed")
+        warn_caller(f"{path}: {notes[-1]}. If that is wrong, give the rate: rate_hz=...")
     if times is None:
         return position, check_rate(path, points.rate_hz, said="declares")
     try:

@@ -9,12 +9,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError, warn_caller
+from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, open_hdf5
 from doppelgait.motion.clean import MIN_MARKERS
 from doppelgait.motion.readers.points import check_amount, is_unlabelled
 from doppelgait.motion.readers.table import read_header, split_rows
@@ -44,8 +46,8 @@ def _read_rows(path: Path, n_head: int) -> list[Row]:
     return [(line, [cell.strip() for cell in cells]) for line, cells in split_rows(path, lines, delimiter)]
 
 
-def _arrange(path: Path, columns: Sequence[Column | None], rows: Sequence[Row]) -> tuple[list[str], FloatArray]:
-    """Return names and positions (T, P, 3) of the points that columns hold; each repeated name is another point."""
+def _find_points(columns: Sequence[Column | None]) -> tuple[list[str], list[int]]:
+    """Return the names of the points with x, y and z, and their columns; each repeated name is another point."""
     points: list[tuple[str, dict[str, int]]] = []
     latest: dict[str, dict[str, int]] = {}
     for i, column in enumerate(columns):
@@ -56,9 +58,14 @@ def _arrange(path: Path, columns: Sequence[Column | None], rows: Sequence[Row]) 
             latest[name] = {}
             points.append((name, latest[name]))
         latest[name][axis] = i
-    whole = [(name, [axes[a] for a in "xyz"]) for name, axes in points if {*"xyz"} <= set(axes)]
-    check_amount(path, len(rows), len(whole))
-    used = [i for _, places in whole for i in places]
+    whole = [(name, axes) for name, axes in points if {*"xyz"} <= set(axes)]
+    return [name for name, _ in whole], [axes[a] for _, axes in whole for a in "xyz"]
+
+
+def _arrange(path: Path, columns: Sequence[Column | None], rows: Sequence[Row]) -> tuple[list[str], FloatArray]:
+    """Return names and positions (T, P, 3) of the points that columns hold."""
+    labels, used = _find_points(columns)
+    check_amount(path, len(rows), len(labels))
     check_cost(path, CELL_BYTES * len(rows) * len(used), MotionError)
     n_columns = max(used) + 1
     # points that are not seen at the end of a row may lack their cells; a row that ends within a point is damaged
@@ -69,8 +76,8 @@ def _arrange(path: Path, columns: Sequence[Column | None], rows: Sequence[Row]) 
                 "or, if the file is truncated there, remove it."
             )
     filled = [(line, cells + [""] * (n_columns - len(cells))) for line, cells in rows]
-    titles = [f"{name} {axis}" for name, _ in whole for axis in "xyz"]
-    return [name for name, _ in whole], to_numbers(path, filled, used, titles).reshape(len(rows), -1, 3)
+    titles = [f"{name} {axis}" for name in labels for axis in "xyz"]
+    return labels, to_numbers(path, filled, used, titles).reshape(len(rows), -1, 3)
 
 
 def _note_frames(path: Path, declared: str, n_frames: int) -> list[str]:
@@ -299,18 +306,86 @@ def parse_deeplabcut(path: Path) -> Points:
     at = next((i for i, (_, cells) in enumerate(rows[:5]) if cells[0] == "coords"), -1)
     if at < 0:
         raise MotionError(f"{path}: has no row coords below its rows scorer and bodyparts; export it again")
-    return _arrange_keypoints(path, {cells[0]: cells[1:] for _, cells in rows[: at + 1]}, rows[at + 1 :])
+    columns = _name_keypoints(path, {cells[0]: cells[1:] for _, cells in rows[: at + 1]})
+    return Points(*_arrange(path, [None, *columns], rows[at + 1 :]))
 
 
-def _arrange_keypoints(path: Path, levels: Mapping[str, Sequence[str]], rows: Sequence[Row]) -> Points:
-    """Arrange columns that have levels individuals, bodyparts and coords after the number of the frame."""
-    owners = levels.get("individuals", [""] * len(levels["bodyparts"]))
-    names = [f"{owner}:{name}" if owner else name for owner, name in zip(owners, levels["bodyparts"], strict=False)]
-    columns = [(n, a) if a in ("x", "y", "z") else None for n, a in zip(names, levels["coords"], strict=False)]
+def _name_keypoints(path: Path, levels: Mapping[str, Sequence[str]]) -> list[Column | None]:
+    """Return the columns with the levels individuals, bodyparts and coords."""
+    if not {"bodyparts", "coords"} <= set(levels):
+        raise MotionError(f"{path}: its columns have no levels bodyparts and coords, as those of DeepLabCut")
     if "z" not in levels["coords"]:
         raise MotionError(
             f"{path}: holds image coordinates (x and y in pixels); triangulate the keypoints of two or more calibrated "
             "cameras, and read the file of three-dimensional keypoints"
         )
-    labels, position = _arrange(path, [None, *columns], rows)
-    return Points(labels, position)
+    owners = levels.get("individuals", [""] * len(levels["bodyparts"]))
+    names = [f"{owner}:{name}" if owner else name for owner, name in zip(owners, levels["bodyparts"], strict=False)]
+    return [(n, a) if a in ("x", "y", "z") else None for n, a in zip(names, levels["coords"], strict=False)]
+
+
+def sniff_keypoints(path: Path, head: bytes) -> bool:
+    """Return True if an HDF5 file holds a table of pandas, or positions along the axes of movement."""
+    if not head.startswith(SIGNATURE):
+        return False
+    try:
+        with open_hdf5(path, members=False) as file:
+            names = list(file)
+            pandas = len(names) == 1 and {"table", "block0_values"} & set(file[names[0]])
+            return bool(pandas) or {"position", "space"} <= set(names)
+    except FAULTS:
+        return False
+
+
+@point_format("keypoints", sniff_keypoints, (".h5", ".nc"))
+def parse_keypoints(path: Path) -> Points:
+    """Read three-dimensional keypoints of DeepLabCut (HDF5 of pandas) or of movement (netCDF)."""
+    try:
+        with open_hdf5(path, soft_links=True) as file:
+            return _parse_movement(path, file) if "position" in file else _parse_pandas(path, file[next(iter(file))])
+    except FAULTS as error:
+        if "compound type" in str(error):  # the layout "table", with pickled names of its columns
+            error = ValueError("it is a table of PyTables; write it as CSV: pandas.read_hdf(FILE).to_csv('walk.csv')")
+        raise MotionError(f"{path}: its keypoints cannot be read: {error}") from None
+
+
+def _read_texts(dataset: Any) -> list[str]:
+    return [text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text) for text in dataset[:]]
+
+
+def _parse_pandas(path: Path, group: Any) -> Points:
+    """Parse the values and the levels of the column names of the layout fixed."""
+    levels: dict[str, list[str]] = {}
+    for n in range(sum(name.startswith("block0_items_level") for name in group)):
+        texts, codes = _read_texts(group[f"block0_items_level{n}"]), group[f"block0_items_label{n}"][:]
+        # three levels, or four with individuals; scorer is the first
+        levels[str(n)] = [texts[code] for code in codes]
+    titles = ("individuals", "bodyparts", "coords")[-max(len(levels) - 1, 0) :]
+    labels, used = _find_points(
+        _name_keypoints(path, dict(zip(titles, list(levels.values())[1:], strict=True)) if len(levels) > 2 else {})
+    )
+    values = np.asarray(group["block0_values"][:], dtype=np.float64)
+    return Points(labels, values[:, used].reshape(len(values), -1, 3))
+
+
+def _parse_movement(path: Path, file: Any) -> Points:
+    """Parse positions along time, space, keypoints and individuals, in any order."""
+    axes = {scale[0].name.strip("/").removesuffix("s"): n for n, scale in enumerate(file["position"].dims)}
+    names = {axis: _read_texts(file[file["position"].dims[n][0].name]) for axis, n in axes.items() if axis != "time"}
+    if names.get("space") != ["x", "y", "z"]:
+        raise MotionError(
+            f"{path}: has the axes {', '.join(axes)} with space {', '.join(names.get('space', []))}; three-dimensional "
+            "positions have x, y and z. Triangulate the keypoints of two or more calibrated cameras"
+        )
+    order = ("time", "individual", "keypoint", "space")
+    position = np.asarray(file["position"][:], dtype=np.float64).transpose([axes[axis] for axis in order])
+    labels = [f"{owner}:{name}" for owner in names["individual"] for name in names["keypoint"]]
+    fps, seconds = file.attrs.get("fps"), np.asarray(file["time"][:], dtype=np.float64)
+    is_timed = file.attrs.get("time_unit") in ("seconds", b"seconds") and np.isfinite(seconds).all()
+    digit_s = 1e-9 * max(float(np.abs(seconds).max(initial=0.0)), 1.0)
+    return Points(
+        labels,
+        position.reshape(len(position), -1, 3),
+        rate_hz=None if fps is None else float(np.asarray(fps).ravel()[0]),
+        times=Times(seconds, range(len(seconds)), digit_s, digit_s) if is_timed else None,
+    )
