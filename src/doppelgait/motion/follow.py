@@ -9,9 +9,9 @@ import math
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError, MotionError
+from doppelgait.core.units import FloatArray
 from doppelgait.motion.motion import Motion, MotionFacts, PathFacts, make_motion, require_motion
 from doppelgait.motion.paths import (
     Curve,
@@ -31,8 +31,6 @@ from doppelgait.motion.paths import (
 )
 from doppelgait.motion.retime import STILL_BELOW_M, Spline, fit_centre, fit_spline
 from doppelgait.motion.skeleton import FOOT_PARTS
-
-FloatArray = npt.NDArray[np.float64]
 
 SPEED_BAND = 0.3
 """Largest relative change of a gait's speed. Beyond it, stride length and posture would change."""

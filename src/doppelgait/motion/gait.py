@@ -8,14 +8,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from doppelgait.core.units import FloatArray
 from doppelgait.motion.clean import fill_linear, find_body_centre, find_runs, find_stationary_points
 from doppelgait.motion.motion import Motion, require_motion
 from doppelgait.motion.skeleton import FOOT_PARTS
-
-FloatArray = npt.NDArray[np.float64]
-
 
 PERIOD_S = (0.25, 2.5)
 OVERLAP_S = 0.25

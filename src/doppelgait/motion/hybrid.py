@@ -19,6 +19,7 @@ from pydantic import Field, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import MotionError
+from doppelgait.core.units import FloatArray
 from doppelgait.motion.gait import add_gait_facts, is_quadruped, step_and_gait_frequency_hz
 from doppelgait.motion.loop import Cycle, fit_cycle, weigh_feet
 from doppelgait.motion.motion import Motion, make_motion, require_motion
@@ -26,7 +27,6 @@ from doppelgait.motion.retime import travel_heading_rad, travel_speed_mps
 from doppelgait.motion.rigid import check_hybrid, find_bones, find_rigid_pairs, measure_pair_lengths, restore_lengths
 from doppelgait.motion.skeleton import LEG_SHARE, strip_subject
 
-FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int32]
 
 GRAVITY_MPS2 = 9.81

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from doppelgait._core import native
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.rng import RandomSource, Streams, as_generator
+from doppelgait.core.units import FloatArray
 from doppelgait.motion.gait import add_gait_facts, find_feet, find_steps, is_quadruped
 from doppelgait.motion.models.curves import load_tables
 from doppelgait.motion.models.strides import fit_cubic_spline, sample_autoregressive
@@ -24,9 +25,6 @@ from doppelgait.motion.motion import Motion, make_motion, require_motion
 from doppelgait.motion.retime import Spline, fit_spline, travel_speed_mps
 from doppelgait.motion.rigid import find_rigid_pairs, measure_pair_lengths, restore_lengths
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
-
-FloatArray = npt.NDArray[np.float64]
-
 
 OVERLAP_STRIDES = 0.15
 """Share of a stride over which the end of a cycle fades into its beginning."""

@@ -23,8 +23,7 @@ from doppelgait.core.labels import (
 )
 from doppelgait.core.lazy import xr
 from doppelgait.core.notebook import show_text
-
-FloatArray = npt.NDArray[np.float64]
+from doppelgait.core.units import FloatArray
 
 NAN = float("nan")
 FREQUENCIES = ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz")

@@ -10,9 +10,19 @@ import doppelgait as dg
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import boulic_walk
 from doppelgait.motion.models.curves import walk_duty
-from doppelgait.motion.models.human import human_gait, run_duty_factor, run_height_m, run_step_frequency_hz
+from doppelgait.motion.models.human import (
+    ANKLE,
+    FOOT,
+    HEEL,
+    MIDDLE,
+    STANDING_RAD,
+    TIP,
+    human_gait,
+    run_duty_factor,
+    run_height_m,
+    run_step_frequency_hz,
+)
 from doppelgait.motion.models.human_body import LENGTHS, POINTS, find_segment_lengths, sample_person
-from doppelgait.motion.models.human_feet import ANKLE, FOOT, HEEL, MIDDLE, STANDING_RAD, TIP
 from doppelgait.motion.models.strides import step_series
 from walking_body import BONES
 

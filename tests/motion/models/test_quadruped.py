@@ -7,18 +7,7 @@ from scipy.interpolate import CubicSpline
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import QuadrupedConfig, quadruped_gait
 from doppelgait.motion.models.curves import find_swing_curve
-from doppelgait.motion.models.quadruped import POINTS
-from doppelgait.motion.models.quadruped_gaits import (
-    BUILDS,
-    DUTY_LIMITS,
-    GAITS,
-    duty_factor,
-    fit_gait_to_build,
-    froude_speed_mps,
-    hip_height_m,
-    stride_length_m,
-)
-from doppelgait.motion.models.quadruped_limbs import (
+from doppelgait.motion.models.quadruped import (
     DEEPEST_CROUCH,
     FEMUR,
     FOLDED,
@@ -26,6 +15,7 @@ from doppelgait.motion.models.quadruped_limbs import (
     HUMERUS,
     MANUS,
     METATARSUS,
+    POINTS,
     STRAIGHT,
     TIBIA,
     TRUNK_POINTS,
@@ -35,6 +25,16 @@ from doppelgait.motion.models.quadruped_limbs import (
     make_regular_course,
     move_along_limb,
     place_on_trunk,
+)
+from doppelgait.motion.models.quadruped_gaits import (
+    BUILDS,
+    DUTY_LIMITS,
+    GAITS,
+    duty_factor,
+    fit_gait_to_build,
+    froude_speed_mps,
+    hip_height_m,
+    stride_length_m,
 )
 from doppelgait.motion.models.strides import Columns, make_column
 from doppelgait.motion.skeleton import DOG_PARTS

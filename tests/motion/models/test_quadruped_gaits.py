@@ -8,6 +8,7 @@ import pytest
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import QuadrupedConfig, quadruped_gait
+from doppelgait.motion.models.quadruped import compute_all_points, make_regular_course
 from doppelgait.motion.models.quadruped_gaits import (
     BUILDS,
     GAITS,
@@ -19,7 +20,6 @@ from doppelgait.motion.models.quadruped_gaits import (
     pick_gait,
     stride_length_m,
 )
-from doppelgait.motion.models.quadruped_limbs import compute_all_points, make_regular_course
 from doppelgait.motion.models.strides import Columns, make_column
 
 FEET = ("left_hind", "left_fore", "right_hind", "right_fore")

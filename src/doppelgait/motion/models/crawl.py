@@ -16,9 +16,16 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import FloatArray, sine
 from doppelgait.motion.models.human_body import LENGTHS, POINTS, make_person_motions
-from doppelgait.motion.models.quadruped_limbs import solve_two_links
 from doppelgait.motion.models.registry import model_function
-from doppelgait.motion.models.strides import Columns, Rngs, Values, scale_points, stack_columns, time_even_strides
+from doppelgait.motion.models.strides import (
+    Columns,
+    Rngs,
+    Values,
+    scale_points,
+    solve_two_links,
+    stack_columns,
+    time_even_strides,
+)
 from doppelgait.motion.motion import Motion
 
 TOUCHDOWN = {"right_hand": 0.0, "left_knee": 0.0, "left_hand": 0.5, "right_knee": 0.5}

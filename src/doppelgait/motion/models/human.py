@@ -1,7 +1,9 @@
 """Person who walks or runs like recorded people.
 
 Trunk, ankles and feet follow curves measured on recorded people (:mod:`doppelgait.motion.models.curves`), and
-feet do not slide. A walk has the step length, timing, torsion and arms of Boulic et al. (1990). For the run, there is
+feet do not slide: in stance, the foot rolls on the floor from heel to toe with the pitch of the gait; in swing, the
+difference from the curves fades from one stance to the next, so that the swing keeps its shape. The knee follows from
+hip and ankle. A walk has the step length, timing, torsion and arms of Boulic et al. (1990). For the run, there is
 no published set of equations: its timing is a table of usual values, and the vertical motion follows from mechanics.
 Speeds are those of an adult of 1.75 m. Other people run with dynamic similarity, V ~ sqrt(H), f ~ 1/sqrt(H).
 """
@@ -10,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -17,6 +20,7 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import FloatArray, arcsine, cosine, sine
 from doppelgait.motion.models import boulic
@@ -24,6 +28,7 @@ from doppelgait.motion.models.curves import join_curves, make_measured_curve, wa
 from doppelgait.motion.models.human_body import (
     ADULT_M,
     CHILD_M,
+    POINTS,
     Body,
     Curves,
     Hands,
@@ -35,7 +40,6 @@ from doppelgait.motion.models.human_body import (
     place_legless_points,
     swing_arms,
 )
-from doppelgait.motion.models.human_feet import FOOT, GaitStyle, Hips, place_feet
 from doppelgait.motion.models.registry import model_function
 from doppelgait.motion.models.strides import (
     Columns,
@@ -46,10 +50,242 @@ from doppelgait.motion.models.strides import (
     fit_cubic_spline,
     make_column,
     sample_times_s,
+    solve_two_links,
     step_series,
     time_even_strides,
 )
 from doppelgait.motion.motion import Motion
+
+Advance = Callable[[FloatArray, int], FloatArray]
+"""Function that returns the distance travelled in m at phases in cycles (order 0), or its slope per cycle (order 1)."""
+
+MAX_EXTENSION = 0.99
+"""Maximum extension of a leg relative to its length. The knee flexion is then 16 degrees or more."""
+FOOT = (0.108, 0.0252)
+"""Distance from the ankle to the tip of the toes, and height of the ankle above the tip, as shares
+of the stature (means of recordings). The foot rotates about the tip when it rises."""
+MIDDLE = 0.8
+"""Position of the point ``toe`` between ankle (0) and tip (1). It is midway between ball and tip,
+because the point has the cross section of the whole foot."""
+STANDING_RAD = math.asin(FOOT[1] / FOOT[0])
+"""Slope of the line from ankle to tip with a flat sole."""
+ANKLE = 0.034 / FOOT[0]
+"""Height of the ankle above the sole (median of recordings), relative to the distance from ankle to tip."""
+TIP = ANKLE - FOOT[1] / FOOT[0]
+"""Height of the tip above the sole, relative to the distance from ankle to tip."""
+HEEL = 0.45
+"""Distance from the heel to the point below the ankle, relative to the distance from ankle to tip (assumed)."""
+LEVEL_RAD = math.radians(1.5)
+"""Measured slope of the sole below which it is flat on the floor."""
+SWING_REACH = (0.75, 0.88)
+"""Horizontal distance of a swinging ankle from its hip, relative to the leg's reach: up to the
+first value it is not changed, and it stays below the second."""
+CLEARANCE_M = 0.03
+"""Smoothing height of a swing in which the toe would cross the floor. Its clearance is then half of this or more."""
+OFFSET = {"left": 0.5, "right": 0.0}
+"""Leg phase minus body phase: the right foot lands at 0, the left at 0.5."""
+
+Hips = Mapping[str, FloatArray]
+"""Positions of the hips by side, (3, B, n) in m. B is the number of examples; their values are columns, (B, 1)."""
+
+_GRID = np.arange(400) / 400
+_PRINTS = np.linspace(-0.5, 1.0, 301)
+_NUDGE = 1e-5
+
+
+@dataclass(frozen=True)
+class GaitStyle:
+    """Cycle of a gait: stride, timing, sole and pose."""
+
+    stride_m: FloatArray
+    period_s: FloatArray
+    duty: FloatArray
+    foot: Callable[[FloatArray], FloatArray]
+    pose: Callable[[FloatArray], FloatArray]
+    hips: Callable[[FloatArray], Hips]
+
+
+def place_feet(
+    points_m: FloatArray,
+    phase: FloatArray,
+    advance: Advance,
+    style: GaitStyle,
+    size_m: Sizes,
+    left_ahead_m: Values = 0.0,
+) -> None:
+    """Place figures on feet that do not slide. Shapes: points_m (17, 3, B, n); phase (B, n)."""
+    # segment lengths are kept. A flat sole is at z = 0.
+    cycle, leg = np.floor(phase[:, :1]) + _GRID, _sample_leg_phases(style.duty)
+    in_place = style.hips(np.concatenate([cycle, leg - OFFSET["left"], leg - OFFSET["right"]], axis=1))
+    ends = {"left": slice(_GRID.size, -leg.shape[1]), "right": slice(-leg.shape[1], None)}
+    feet = make_feet(style, {side: in_place[side][..., ends[side]] for side in ends}, size_m, left_ahead_m)
+    reach_m = MAX_EXTENSION * (size_m["thigh"] + size_m["shank"])
+    # Frames and a whole cycle in one call: between the frames' phases, too, the legs must reach the hips.
+    count, every = phase.shape[1], np.concatenate([phase, cycle], axis=1)
+    way_m, rises_m, found = advance(every, 0), [], {}
+    for side, foot in feet.items():
+        hip_m = np.concatenate([points_m[_number(side, "hip")], in_place[side][..., : _GRID.size]], axis=2)
+        hip_m[0, :, count:] += way_m[:, count:]
+        ahead, up, slope = style.foot(every + foot.offset)
+        own = np.stack([ahead + way_m, hip_m[1], up, slope - STANDING_RAD])
+        place, pitch, swings = compute_foot_path(foot, own, every, advance)
+        # a swinging foot beyond the legs' reach, as of very fast runners, is moved closer; a standing one is not
+        away_m = place[:2, swings] - hip_m[:2, swings]
+        far = np.hypot(*away_m) / np.broadcast_to(reach_m, swings.shape)[swings]
+        far = np.maximum(far, 1e-9)
+        near, width = SWING_REACH[0], SWING_REACH[1] - SWING_REACH[0]
+        shortened = np.where(far > near, near + width * np.tanh((far - near) / width), far)
+        place[:2, swings] += away_m * (shortened / far - 1.0)
+        toe_m, pitch = place[..., :count].copy(), pitch[:, :count]
+        toe_m[0] += MIDDLE * size_m["foot"] * cosine(pitch)
+        toe_m[2] += MIDDLE * size_m["foot"] * sine(pitch)
+        found[side] = place[..., :count], toe_m
+        # the hips are raised until a leg is extended
+        leg_m = place - hip_m
+        room = reach_m**2 - leg_m[0] ** 2 - leg_m[1] ** 2
+        if (room.min(axis=1, keepdims=True) <= (0.4 * reach_m) ** 2).any():
+            raise ConfigError(
+                "the steps are too long for the legs; lower speed_mps, walk_ratio, step_length_sd or length_asymmetry"
+            )
+        rises_m.append((leg_m[2] + np.sqrt(room)).min(axis=1))
+    points_m[:, 2] += np.minimum(*rises_m)[:, None]
+    for side, (ankle_m, toe_m) in found.items():
+        hip_m = points_m[_number(side, "hip")]
+        top_m, low_m = (place.transpose(1, 2, 0) for place in (hip_m, ankle_m))
+        knee_m = solve_two_links(top_m, low_m, size_m["thigh"], size_m["shank"], bend=1.0).transpose(2, 0, 1)
+        for joint, place in (("knee", knee_m), ("ankle", ankle_m), ("toe", toe_m)):
+            points_m[_number(side, joint)] = place
+
+
+def _number(side: str, joint: str) -> int:
+    return POINTS.index(f"{side}_{joint}")
+
+
+@dataclass(frozen=True)
+class Foot:
+    """Motion of a foot. Rows: ankle x, y, z in m, slope from ankle to toe in rad, (4, B, 1)."""
+
+    offset: float
+    duty: FloatArray
+    length_m: Values
+    print_m: FloatArray
+    landing: tuple[FloatArray, FloatArray]
+    leaving: tuple[FloatArray, FloatArray]
+
+
+def _sample_leg_phases(duty: FloatArray) -> FloatArray:
+    """Return sample phases of stance, touchdown and lift-off, (B, 106)."""
+    # stance has a hundred steps. Touchdown and lift-off have a neighbour on both sides.
+    around = np.array([0.0, -_NUDGE, _NUDGE])
+    stance = duty * np.arange(100) / 99
+    return np.concatenate([stance, np.broadcast_to(around, (len(duty), 3)), duty + around], axis=1)
+
+
+def make_feet(style: GaitStyle, hips: Hips, size_m: Sizes, left_ahead_m: Values) -> dict[str, Foot]:
+    """Make a gait's feet and place their footprints. Hips are those at _sample_leg_phases."""
+    cycles, reach_m = _sample_leg_phases(style.duty), MAX_EXTENSION * (size_m["thigh"] + size_m["shank"])
+    ahead, up, slope = style.foot(cycles)
+    roll, way_m = _roll_sole(slope, size_m["foot"]), style.stride_m * cycles[:, :100]
+    feet = {}
+    for side, hip in hips.items():
+        error = roll - np.stack([ahead, hip[1], up, slope - STANDING_RAD])
+        ends = [
+            (at[..., :1], (at[..., 2:] - at[..., 1:2]) / (2 * _NUDGE)) for at in (error[..., -6:-3], error[..., -3:])
+        ]
+        beside_m = np.ascontiguousarray(hip[1, :, :100]).mean(axis=1, keepdims=True)
+        room_m2 = reach_m**2 - (beside_m - hip[1, :, :100]) ** 2
+        print_m = np.zeros((4, *beside_m.shape))
+        print_m[0] = _find_best_print(hip[0, :, :100] + way_m, hip[2, :, :100], roll[..., :100], room_m2, reach_m)
+        print_m[0] += left_ahead_m if side == "left" else -left_ahead_m
+        print_m[1] = beside_m
+        feet[side] = Foot(OFFSET[side], style.duty, size_m["foot"], print_m, *ends)
+    return feet
+
+
+def _find_best_print(
+    hip_x: FloatArray, hip_z: FloatArray, roll: FloatArray, room_m2: FloatArray, reach_m: Values
+) -> FloatArray:
+    """Find the footprints with the highest hip, (B, 1)."""
+    # the leg must reach the footprint during the whole stance
+    places = _PRINTS * reach_m
+
+    def highest(at: FloatArray) -> FloatArray:
+        room = room_m2[:, None] - (at[..., None] + roll[0][:, None] - hip_x[:, None]) ** 2
+        heights = np.where(room > 0, roll[2][:, None] + np.sqrt(np.maximum(room, 0.0)) - hip_z[:, None], -np.inf)
+        return np.asarray(heights.min(axis=2))
+
+    coarse = highest(places[:, ::10])
+    near = 10 * coarse.argmax(axis=1)[:, None] + np.arange(-10, 11)
+    if np.isneginf(coarse).all(axis=1).any():
+        near = np.broadcast_to(np.arange(_PRINTS.size), (len(places), _PRINTS.size))
+    near_m = np.take_along_axis(places, np.clip(near, 0, _PRINTS.size - 1), 1)
+    return np.take_along_axis(near_m, highest(near_m).argmax(axis=1)[:, None], 1)
+
+
+def _roll_sole(sole: FloatArray, foot_m: Values) -> FloatArray:
+    """Return ankle and pitch relative to the footprint, (4, ..., n)."""
+    # they follow from the slope of the sole in stance
+    beyond = np.maximum(np.abs(sole) - LEVEL_RAD, 0.0)
+    turned = np.sign(sole) * beyond**2 / (beyond + LEVEL_RAD)  # smooth when the sole becomes level
+    up, slope = np.maximum(turned, 0.0), STANDING_RAD - np.minimum(turned, 0.0)
+    heel_m, height_m = HEEL * foot_m, ANKLE * foot_m
+    return np.stack(
+        [
+            heel_m * (cosine(up) - 1) - height_m * sine(up) + foot_m * (math.cos(STANDING_RAD) - cosine(slope)),
+            np.zeros_like(sole),
+            heel_m * sine(up) + height_m * (cosine(up) - 1) + foot_m * (sine(slope) + TIP),
+            turned - STANDING_RAD,
+        ]
+    )
+
+
+def compute_foot_path(
+    foot: Foot, own: FloatArray, phase: FloatArray, advance: Advance
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+    """Return the path of a foot over the floor. Shapes: own (4, B, n); phase (B, n)."""
+    # in swing, the gait's own path is corrected by a cubic that matches value and slope of the
+    # adjacent stances
+    number = np.floor(phase + foot.offset)
+    cycles, first = phase + foot.offset - number, number.min(axis=1, keepdims=True)
+    # values of each step are computed once; frames select their columns
+    step = (number - first).astype(np.intp)
+    lands = first + np.arange(step.max() + 1) - foot.offset
+    leaves, width = lands + foot.duty, 1 - foot.duty
+    lands_m = advance(lands, 0)
+    step += np.arange(len(step))[:, None] * lands.shape[1]
+
+    def of_steps(rows: FloatArray, way_m: FloatArray | float) -> FloatArray:
+        found = np.repeat(rows, lands.shape[1], axis=2)
+        found[0] += way_m
+        return found
+
+    # cubic Hermite from value and slope at lift-off (share 0) to those at touchdown (share 1),
+    # which move the gait's own path onto the floor in the adjacent stances
+    leaving = of_steps(foot.print_m + foot.leaving[0], lands_m - advance(leaves, 0))
+    landing = of_steps(foot.print_m + foot.landing[0], 0.0)
+    from_slope = width * of_steps(foot.leaving[1], -advance(leaves, 1))
+    to_slope = width * of_steps(foot.landing[1], -advance(lands + 1, 1))
+    risen = landing - leaving
+    cubic = np.stack([leaving, from_slope, 3 * risen - 2 * from_slope - to_slope, from_slope + to_slope - 2 * risen])
+    swings = cycles >= foot.duty
+    stands, length_m = ~swings, np.broadcast_to(foot.length_m, phase.shape)
+    c_0, c_1, c_2, c_3 = cubic.reshape(4, 4, -1).take(step[swings], axis=2)
+    share = ((cycles - foot.duty) / width)[swings]
+    rows = own[:, swings] + (((c_3 * share + c_2) * share + c_1) * share + c_0)
+    sole, tip = rows[3] + STANDING_RAD, length_m[swings] * (sine(rows[3]) - TIP)
+    heel_m = -length_m[swings] * (HEEL * sine(sole) + ANKLE * cosine(sole))
+    # raise a swinging foot smoothly if it would touch the floor, except at the ends of the swing
+    rounding = CLEARANCE_M * 16 * (share * (1 - share)) ** 2
+    for point_m in (heel_m, tip):  # heel and toe of the sole relative to the ankle
+        depth = -rows[2] - point_m
+        rows[2] += (depth + np.sqrt(depth * depth + rounding * rounding)) / 2
+    stance = _roll_sole(own[3, stands] + STANDING_RAD, length_m[stands])
+    stance[0] += (lands_m + foot.print_m[0]).take(step[stands])
+    stance[1:] += np.broadcast_to(foot.print_m[1:], (3, *phase.shape))[:, stands]
+    both = np.empty_like(own)
+    both[:, swings], both[:, stands] = rows, stance
+    return both[:3], both[3], swings
+
 
 G_MPS2 = 9.81
 SLOWEST_RUN_MPS, FASTEST_RUN_MPS = 1.8, 9.0
@@ -99,33 +335,6 @@ def run_height_m(phase: npt.ArrayLike, stride_s: Values, duty: Values) -> FloatA
     stance = G_MPS2 * t * (contact_s - t) / 2 - force * (contact_s / math.pi) ** 2 * sine(math.pi * t / contact_s)
     flight = G_MPS2 * (t - contact_s) * (step_s - t) / 2
     return np.asarray(np.where(half < duty, stance, flight))
-
-
-def run_offset_m(phase: FloatArray, leg_m: Values, stride_s: Values, duty: Values) -> FloatArray:
-    """Return a runner's offset from uniform motion."""
-    # the offset is lateral, over the standing leg (assumed), and vertical
-    sway = -0.012 * leg_m * sine(2 * np.pi * (phase - 0.1))
-    return np.stack([np.zeros_like(phase), sway, run_height_m(phase, stride_s, duty)])
-
-
-def run_pelvis_deg(phase: FloatArray) -> dict[str, FloatArray]:
-    """Return a runner's assumed pelvic torsion and list."""
-    # signs are those of doppelgait.motion.models.boulic.trunk_angles_deg
-    return {"pelvic_torsion": -8.0 * cosine(2 * np.pi * phase), "pelvic_list": -3.0 * sine(2 * np.pi * phase)}
-
-
-def run_thorax_deg(phase: FloatArray, adult_mps: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a runner's upper-body pitch and torsion."""
-    # the lean is 5 to 10 degrees; the torsion is assumed
-    return -np.interp(adult_mps, (2.2, 9.0), (5.0, 10.0)), 12.0 * cosine(2 * np.pi * phase)
-
-
-def run_arms_deg(phase: FloatArray, arm_swing_deg: Values) -> dict[str, FloatArray]:
-    """Return flexion of shoulder and elbow of one side."""
-    # the arrays have the shape of phase; phase 0 is the touchdown of that side. The elbow is at 80
-    # to 100 degrees.
-    back = cosine(2 * np.pi * (phase + 0.13))
-    return {"shoulder": -12.0 - arm_swing_deg * back, "elbow": 90.0 - 10.0 * back}
 
 
 OfPhase = Callable[[FloatArray], FloatArray]
@@ -319,9 +528,7 @@ def _make_boulic_style(parameters: Sequence[HumanConfig], columns: Columns, size
         points += leg_m * boulic.compute_body_offset(phase, q)
         return points
 
-    return GaitStyle(
-        "walk", stride_m, period_s, boulic.compute_support_fraction(q), np.zeros_like, pose, lambda phase: {}
-    )
+    return GaitStyle(stride_m, period_s, boulic.compute_support_fraction(q), np.zeros_like, pose, lambda phase: {})
 
 
 def _walk_timing(
@@ -349,7 +556,7 @@ def _walk_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Siz
         thorax=lambda phase: (-boulic.lean_deg(q), boulic.thorax_torsion_deg(phase, q)),
         arms=_add_arms(columns, lambda phase: boulic.arm_angles_deg(phase, q), WALK_ARMS),
     )
-    return GaitStyle("walk", stride_m, period_s, walk_duty(speed), *motion)
+    return GaitStyle(stride_m, period_s, walk_duty(speed), *motion)
 
 
 def _run_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Sizes) -> GaitStyle:
@@ -361,17 +568,28 @@ def _run_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Size
     duty = make_column([run_duty_factor(*args) for args in own])
     leg_m, stride_m = size_m["thigh"] + size_m["shank"], columns.speed_mps * period_s
 
+    def pelvis(phase: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
+        # assumed torsion and list (signs: boulic.trunk_angles_deg), assumed sway over the standing leg, and height
+        angles = {"pelvic_torsion": -8.0 * cosine(2 * np.pi * phase), "pelvic_list": -3.0 * sine(2 * np.pi * phase)}
+        sway_m = -0.012 * leg_m * sine(2 * np.pi * (phase - 0.1))
+        return angles, np.stack([np.zeros_like(phase), sway_m, run_height_m(phase, period_s, duty)])
+
+    def arms(phase: FloatArray) -> dict[str, FloatArray]:
+        back = cosine(2 * np.pi * (phase + 0.13))  # phase 0 is the touchdown of that side
+        return {"shoulder": -12.0 - swing_deg * back, "elbow": 90.0 - 10.0 * back}
+
     motion = _make_measured_motion(
         columns,
         "run",
         stride_m,
         stride_m * duty / RUN_DUTY,
         size_m,
-        pelvis=lambda phase: (run_pelvis_deg(phase), run_offset_m(phase, leg_m, period_s, duty)),
-        thorax=lambda phase: run_thorax_deg(phase, adult_mps),
-        arms=_add_arms(columns, lambda phase: run_arms_deg(phase, swing_deg)),
+        pelvis=pelvis,
+        # a lean of 5 to 10 degrees; the torsion is assumed
+        thorax=lambda phase: (-np.interp(adult_mps, (2.2, 9.0), (5.0, 10.0)), 12.0 * cosine(2 * np.pi * phase)),
+        arms=_add_arms(columns, arms),
     )
-    return GaitStyle("run", stride_m, period_s, duty, *motion)
+    return GaitStyle(stride_m, period_s, duty, *motion)
 
 
 MakeStyle = Callable[[Sequence[HumanConfig], Columns, Sizes], GaitStyle]

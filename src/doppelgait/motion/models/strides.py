@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 from doppelgait._core import native
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.units import FloatArray
 from doppelgait.motion.motion import Motion, make_motion
 
-FloatArray = npt.NDArray[np.float64]
 Values = FloatArray | float
 """Value of a single example, or column (B, 1) of the values of a batch."""
 Rngs = Sequence[np.random.Generator | None]
@@ -53,6 +53,20 @@ def stack_columns(first: FloatArray, *others: Values) -> FloatArray:
     for row, values in zip(found, (first, *others), strict=True):
         row[...] = values
     return found.transpose(*range(1, found.ndim), 0)
+
+
+def solve_two_links(start: FloatArray, end: FloatArray, first: Values, second: Values, *, bend: float) -> FloatArray:
+    """Return the middle joint of two links. Shapes: start, end (..., 3)."""
+    # the links connect start and end
+    line = end - start
+    x, y, z = line[..., 0], line[..., 1], line[..., 2]
+    level = x * x + z * z
+    square = level + y * y
+    first_2, second_2 = first**2, second**2
+    along = (square + (first_2 - second_2)) / (2 * square)  # share of the line
+    # The bend is in the plane of the limb and the direction of travel, perpendicular to the chain.
+    across = bend * np.sqrt(np.maximum(first_2 - along * along * square, 0.0) / level)
+    return np.asarray(start + stack_columns(x * along - z * across, y * along, z * along + x * across))
 
 
 _STEPS = 60
