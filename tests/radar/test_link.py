@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from doppelgait.radar import Radar, list_derived_quantities
+from doppelgait.radar import Radar
 from doppelgait.radar.impairments import ThermalNoise
 from doppelgait.radar.impairments.noise import noise_power_per_sample_v2
 from doppelgait.radar.link import comparator_noise_v, compute_counter_noise_ratio, make_noise_taps, noise_power_v2
@@ -33,16 +33,6 @@ def test_the_closed_form_is_the_mean_over_all_places_between_two_thresholds(step
     radar = counter_with_noise_of(steps)
     formula = compute_counter_noise_ratio(radar) * comparator_noise_v(radar) ** 2 / N / radar.threshold_step_v**2
     assert formula == pytest.approx(variance, rel=1e-3)
-
-
-def test_bin_noise_of_a_counter_is_that_of_averaging_times_the_ratio():
-    radar = counter_with_noise_of(2.5)
-    averaging = Radar(**SHAPE)
-    change = noise_power_v2(radar) / noise_power_v2(averaging)
-    assert change == pytest.approx(1 / (math.sqrt(math.pi) * 2.5))
-    assert list_derived_quantities(radar)["noise_power_v2"] == noise_power_v2(radar)
-    snr = list_derived_quantities(radar)["snr_1m2_5m_db"] - list_derived_quantities(averaging)["snr_1m2_5m_db"]
-    assert snr == pytest.approx(-10 * math.log10(change))
 
 
 def test_noise_of_a_counter_rises_with_the_root_of_the_noise_figure_wherever_it_is_given():

@@ -7,8 +7,8 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import rng
 from doppelgait.motion import make_motion
 from doppelgait.pipeline import Conditions, simulate
-from doppelgait.radar import Radar, list_preset_names, synthesise
-from doppelgait.radar.link import compute_scatterer_arrays, fold_scatterers, noise_power_v2
+from doppelgait.radar import Radar, synthesise
+from doppelgait.radar.link import fold_scatterers, noise_power_v2
 from doppelgait.scene import Scene, Target
 from doppelgait_conformance.radars import make_table
 
@@ -20,22 +20,6 @@ PULSE_M = C / 2 / 15.1875e6
 
 def same_but(radar, **changes):
     return Radar.model_validate({**radar.model_dump(), **changes})
-
-
-INTEGRATING = [name for name in list_preset_names() if Radar.preset(name).integration_share > 0]
-
-
-@pytest.mark.parametrize("name", INTEGRATING)
-@pytest.mark.parametrize("prf_hz", [None, 200.0])
-def test_a_moving_echo_loses_the_sinc_of_its_turns_in_the_integration(name, prf_hz):
-    radar = Radar.preset(name) if prf_hz is None else Radar.preset(name, prf_hz=prf_hz)
-    speed_mps = np.array([0.0, 0.1, -0.3, 0.7, -1.2, 2.0, 4.5, -6.0])
-    echoes = make_table(np.full(8, 3.0), radial_velocity=speed_mps)
-    _, whole_v = compute_scatterer_arrays(echoes, same_but(radar, integration_share=0.0))
-    _, found_v = compute_scatterer_arrays(echoes, radar)
-    turns = np.pi * 2.0 * speed_mps * radar.carrier_hz / C * radar.integration_share / radar.prf_hz
-    turns[0] = 1e-9
-    assert found_v[:, 0] / whole_v[:, 0] == pytest.approx(np.sin(turns) / turns, abs=1e-9)
 
 
 @pytest.mark.parametrize("speed_mps", [0.4, -1.5, 4.0, 11.0])

@@ -110,15 +110,6 @@ def test_unambiguous_velocity_and_averages_of_the_presets_e06_e18():
         assert set(list_derived_quantities(Radar.preset(name))) >= {"wavelength_m", "snr_1m2_5m_db", "n_range_bins"}
 
 
-def test_received_power_of_a_square_metre_at_5_m_e14():
-    radar = Radar.preset("x4")
-    power = received_power_w(radar, range_m=5.0, rcs_m2=1.0)
-    assert 10 * np.log10(power / 1e-3) == pytest.approx(-80.7, abs=0.05)
-    ten = received_power_w(radar, range_m=50.0, rcs_m2=1.0)
-    assert 10 * np.log10(ten / power) == pytest.approx(-40, abs=1e-9)
-    assert list_derived_quantities(radar)["received_power_1m2_5m_dbm"] == pytest.approx(-80.7, abs=0.05)
-
-
 def test_radar_equation_is_guarded_near_the_antenna_e14():
     radar = Radar.preset("x4")
     near = received_power_w(radar, range_m=[0.0, 0.1, 0.2], rcs_m2=1.0)
@@ -278,15 +269,6 @@ def small_file(tmp_path_factory):
     scene = Scene([Target(motion, label="human", range_m=3.0)], duration_s=0.15)
     write_recording(simulate(scene, Radar.preset("x4", range_start_m=2.5, range_stop_m=3.5)), path)
     return path
-
-
-def test_truncated_files_are_recording_errors(small_file, tmp_path):
-    whole = small_file.read_bytes()
-    path = tmp_path / "cut.h5"
-    for length in np.linspace(1, len(whole) - 1, 60).astype(int):
-        path.write_bytes(whole[:length])
-        with pytest.raises(RecordingError, match=r"cut\.h5"):
-            read_recording(path)
 
 
 @pytest.mark.parametrize(
