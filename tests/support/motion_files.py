@@ -67,7 +67,9 @@ def motive(version: str, unit: str, metres: float, *, kind: str = "Marker", bone
     return write
 
 
-def nexus(separator: str, *, around: bool) -> Text:
+def nexus(separator: str, *, around: bool, old: bool = False) -> Text:
+    """With other blocks around the trajectories, or of version 1: no subframes, no units, the rate with its unit."""
+
     def write(body: np.ndarray) -> str:
         block = [
             ["Trajectories"],
@@ -224,6 +226,7 @@ TEXTS: dict[str, tuple[str, Text, dict[str, Any]]] = {
     "motive bones": ("csv", motive("1.25", "Centimeters", 0.01, bones=True), {}),
     "motive without titles": ("csv", motive("1.2", "Millimeters", 1e-3, kind="Rigid Body"), {}),
     "nexus": ("csv", nexus(",", around=False), {}),
+    "nexus old": ("csv", nexus(",", around=False, old=True), {}),
     "nexus blocks": ("txt", nexus("\t", around=True), {}),
     "qualisys": ("tsv", qualisys(), {}),
     "qualisys frames": ("tsv", qualisys(columns=1, gap=""), {}),

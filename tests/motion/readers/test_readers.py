@@ -4,8 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from checkout import ROOT
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.core.readers import list_options
 from doppelgait.motion import boulic_walk, read
+from doppelgait.motion.readers import MOTION_READERS
 
 
 @pytest.fixture(scope="module")
@@ -162,3 +165,31 @@ def test_a_point_may_be_elsewhere_in_a_tenth_of_the_frames(tmp_path):
     assert read(table_of(tmp_path / "w.csv", 1.0, wide=9), clean=False).n_frames == 101
     with pytest.raises(MotionError, match=r"its points span 1\d\d m"):
         read(table_of(tmp_path / "w.csv", 1.0, wide=12))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("walk.bin", b"Kaydara FBX Binary  \0", r"is an FBX animation.*export it as \.bvh or \.glb"),
+        ("walk.BLEND", b"\x28\xb5\x2f\xfd", "is a Blender scene"),
+        ("walk.gltf", b'{"asset": {"version": "2.0"}, "skins": [{"joints": [1]}]}', r"export it as one \.glb"),
+        ("walk_keypoints.json", b'{"version": 1.3, "people": [{"pose_keypoints_2d": []}]}', "must be triangulated"),
+        ("walk.c3d.gz", b"\x1f\x8b\x08\0", "is an archive.*unpack it"),
+        ("smpl.pkl", b"\x80\x04\x95", "Python pickle"),
+        ("walk.trb", b"\x01\x02\x03", "export the markers as TRC or C3D"),
+        ("walk.xyz", b"\x01\x02\x03", r"known are: .*qualisys \(\.tsv\)"),
+    ],
+)
+def test_a_file_of_another_kind_is_named_with_what_to_export(tmp_path, name, content, says):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(MotionError, match=says):
+        read(tmp_path / name)
+
+
+def test_every_format_is_a_row_of_the_page():
+    page = (ROOT / "docs/motion.md").read_text()
+    for reader in MOTION_READERS.values():
+        suffixes = ", ".join(f"`{suffix}`" for suffix in reader.facts["suffixes"])
+        (row,) = [line for line in page.split("\n") if line.startswith(f"| `{reader.name}` | {suffixes} |")]
+        options = list_options(reader.run)
+        assert all(f"`{name}`" in row or "as `trc`" in row or "the same" in row for name in options), (row, options)

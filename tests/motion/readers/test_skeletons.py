@@ -41,12 +41,13 @@ def test_segments_of_xsens_are_read_without_calibration_poses(tmp_path: Path) ->
         ("<mvnx", '<!DOCTYPE mvnx [<!ENTITY a "aaaa">]><mvnx', "document type"),
         ("</mvnx>", "", "no complete MVNX file"),
         (' label="LFHD"', "", "read"),
+        ("</segments>", '</segments><fingers><segment label="LFHD"/></fingers>', "read"),
         ("<segment id=", "<segment/><segment id=", "export one subject with the position of every segment"),
         ('time="50"', 'time="60"', "time steps by|evenly spaced"),
     ):
         path.write_text(mvnx(BODY_M).replace(old, new, 1))
         if says == "read":
-            assert read(path, clean=False).markers[0] == "point_1"
+            assert read(path, clean=False).markers[0] == "LFHD" if new else "point_1"
             continue
         with pytest.raises(MotionError, match=says):
             read(path, clean=False)

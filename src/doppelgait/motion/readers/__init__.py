@@ -28,8 +28,27 @@ MOTION_READERS: Group[Callable[..., Motion]] = Group(
 )
 """Readers of motion files by name."""
 OTHER_FILES = (
-    OtherFile((".fbx",), "an FBX animation", "export it as .bvh", (b"Kaydara FBX", b"; FBX")),
-    OtherFile((".blend",), "a Blender scene", "export the skeleton as .bvh", (b"BLENDER",)),
+    OtherFile((".fbx",), "an FBX animation", "export it as .bvh or .glb", (b"Kaydara FBX", b"; FBX")),
+    OtherFile((".blend",), "a Blender scene", "export the skeleton as .bvh or .glb", (b"BLENDER",)),
+    OtherFile((".gltf",), "a glTF scene in several files", "export it as one .glb"),
+    OtherFile((".usd", ".usda", ".usdc", ".usdz"), "a USD scene", "export it as .glb", (b"#usda", b"PXR-USDC")),
+    OtherFile((".dae", ".ma", ".mb", ".max", ".c4d", ".bip"), "an animation scene", "export it as .bvh or .glb"),
+    OtherFile((".tak",), "a take of Motive", "export it as CSV or C3D", (b"OptiTrack",)),
+    OtherFile((".qtm",), "a measurement of Qualisys Track Manager", "export its 3D data as TSV or C3D"),
+    OtherFile((".mvn",), "a recording of Xsens MVN", "export it as MVNX with positions"),
+    OtherFile((".mcp", ".vsk", ".xcp", ".x2d", ".x1d", ".vst"), "a project file of Vicon", "export the trial as C3D"),
+    OtherFile((".trb", ".cap", ".htr", ".anb"), "a file of Cortex or EVaRT", "export the markers as TRC or C3D"),
+    OtherFile((".osim",), "a model of OpenSim", "give the marker locations, .trc or .sto"),
+    OtherFile(
+        (".slp",), "a project of SLEAP with image coordinates", "triangulate it, and save the 3-D points as .csv"
+    ),
+    OtherFile((".mat",), "a MATLAB file", "save its positions (frames, points, 3) as .npz, or as a table .csv"),
+    OtherFile(
+        (".json",),
+        "JSON without positions",
+        "image keypoints (OpenPose, COCO) must be triangulated; positions "
+        "are read from the keys positions, names, rate_hz and units",
+    ),
     OtherFile((".h5", ".sigmf-meta", ".dgf"), "a recording of a radar, or of another program", "give a motion file"),
 )
 """Files that are no motions, but that people have."""

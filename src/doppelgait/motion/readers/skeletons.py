@@ -166,11 +166,11 @@ def parse_mvnx(path: Path) -> Points:
                     tag = element.tag.rsplit("}", 1)[-1]
                     if event == "start" and tag == "subject":
                         rates.append(element.get("frameRate", ""))
-                    elif event == "end" and tag == "segment":
-                        labels.append(element.get("label", ""))
+                    elif event == "end" and tag == "segments":  # not those of the fingers
+                        labels += [child.get("label", "") for child in element if child.tag.endswith("segment")]
                     elif event == "end" and tag == "frame":
                         _add_frame(element, frames, times_ms)
-                    if event == "end" and tag in ("frame", "segment"):
+                    if event == "end" and tag in ("frame", "segments"):
                         element.clear()
         parser.close()
     except (ElementTree.ParseError, ValueError) as error:

@@ -145,7 +145,7 @@ NEXUS_BLOCKS = ("trajectories", "devices", "model outputs", "joints", "segments"
 def sniff_nexus(path: Path, head: bytes) -> bool:
     """Return True if the first line names a block of Nexus and the second is a rate."""
     title, rate = [line.strip('",;\t ') for line in list_head_lines(path, head, 2)[:2]]
-    return title.lower() in NEXUS_BLOCKS and is_finite(rate)
+    return title.lower() in NEXUS_BLOCKS and is_finite(re.split("[,;\t]", rate)[0])
 
 
 @point_format("nexus", sniff_nexus, (".csv", ".txt"))
@@ -159,7 +159,7 @@ def parse_nexus(path: Path) -> Points:
         raise MotionError(f"{path}: holds {held}, but no block Trajectories; export the trajectories of the markers")
     block = rows[at : next((i for i in titles if i > at), len(rows))]
     frames = [row for row in block[4:] if is_finite(row[1][0])]
-    if len(block) < 5 or not frames:
+    if not frames:
         raise MotionError(f"{path}: its block Trajectories holds no frames")
     header = read_header(path, block[2:4])
     columns: list[Column | None] = [None] * len(header.titles)
@@ -167,7 +167,8 @@ def parse_nexus(path: Path) -> Points:
         for axis, i in zip("xyz", places, strict=True):
             columns[i] = (label, axis)
     labels, position = _arrange(path, columns, frames)
-    units = block[4][1] + [""] * len(columns)
+    # older versions have no row of units
+    units = ([] if block[4] in frames else block[4][1]) + [""] * len(columns)
     each = [[units[i] for i in places] for places in header.columns]
     rate = block[1][1][0].replace(",", ".")
     # numbers of frames that are skipped show as uneven times
@@ -307,6 +308,7 @@ def parse_deeplabcut(path: Path) -> Points:
     if at < 0:
         raise MotionError(f"{path}: has no row coords below its rows scorer and bodyparts; export it again")
     columns = _name_keypoints(path, {cells[0]: cells[1:] for _, cells in rows[: at + 1]})
+    at += any(not is_finite(cells[0]) and not any(cells[1:]) for _, cells in rows[at + 1 : at + 2])  # name of the index
     return Points(*_arrange(path, [None, *columns], rows[at + 1 :]))
 
 
