@@ -94,16 +94,41 @@ def assert_whole(times_s: np.ndarray, rows: np.ndarray) -> None:
     np.testing.assert_array_equal(rows, ROWS)
 
 
-@pytest.mark.parametrize(("counters", "numbers"), [
-    ([5, 6, 6, 7, 8], [0, 1, 2, 3, 4]), ([5, 6, 7, 0, 1], [0, 1, 2, 3, 4]),
+@pytest.mark.parametrize(("counters", "kept", "text"), [
+    ([5, 6, 6, 7, 8], [5, 6, 7, 8], "1 frames came out of order or twice"),
+    ([5, 7, 6, 8, 9], [5, 6, 7, 8, 9], "2 frames came out of order or twice"),
+    ([105, 106, 107, 0, 1], [105, 106, 107, 0, 1], "1 places, first from 107 to 0: another start of the sender"),
 ])  # fmt: skip
-def test_a_counter_that_does_not_go_on_is_said_and_time_goes_on(tmp_path, counters, numbers):
+def test_a_counter_that_does_not_go_on_is_said_and_time_goes_on(tmp_path, counters, kept, text):
     path = tmp_path / "twice.dgf"
-    path.write_bytes(OPENING + b"".join(encode_frame(counter, 0.0, ROWS[n]) for n, counter in enumerate(counters)))
-    with pytest.warns(DoppelgaitWarning, match="1 places, first from [67] to [06]: frames sent twice"):
+    path.write_bytes(OPENING + b"".join(encode_frame(counter, 0.0, ROWS[counter]) for counter in counters))
+    with pytest.warns(DoppelgaitWarning, match=text):
         back = read_recording(path)
-    assert back.n_pulses == len(counters)
-    np.testing.assert_allclose(back.slow_time_s, np.array(numbers) / PRF_HZ, atol=1e-12)
+    np.testing.assert_array_equal(back.samples.matrix, ROWS[kept])
+    np.testing.assert_allclose(back.slow_time_s, np.arange(len(kept)) / PRF_HZ, atol=1e-12)
+
+
+@pytest.mark.parametrize("true_hz", [400.0, 502.0, 625.0])
+def test_the_rate_of_the_senders_clock_is_taken_where_the_header_is_wrong(tmp_path, true_hz):
+    content = [encode_frame(n, n / true_hz, ROWS[n % N_FRAMES]) for n in range(2000)]
+    (tmp_path / "slow.dgf").write_bytes(OPENING + b"".join(content) + END_RECORD)
+    stream = open_stream(tmp_path / "slow.dgf")
+    expected_hz = PRF_HZ if true_hz == 502.0 else true_hz  # within 0.5 %
+    assert stream.radar.prf_hz == pytest.approx(expected_hz, rel=1e-6)
+    times_s, rows, texts = take(stream)
+    np.testing.assert_allclose(times_s, np.arange(2000) / expected_hz, rtol=1e-6)
+    assert len(rows) == 2000
+    assert [f"the sender's times {true_hz:g} Hz" in text for text in texts] == [True] * (true_hz != 502.0)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert read_recording(tmp_path / "slow.dgf").radar.prf_hz == pytest.approx(expected_hz, rel=1e-6)
+    assert len(caught) == len(texts)
+
+
+def test_a_rate_that_changes_later_is_said(tmp_path):
+    clock_s = np.cumsum(np.where(np.arange(12_000) < 3000, 1 / PRF_HZ, 1.02 / PRF_HZ))
+    _, _, _, texts = play(tmp_path, *(encode_frame(n, time_s, ROWS[0]) for n, time_s in enumerate(clock_s)))
+    assert any("the rate of the frames is 49" in text for text in texts)
 
 
 def test_a_file_of_frames_is_read_and_streamed_as_written(tmp_path):
@@ -314,7 +339,6 @@ def test_datagrams_of_another_radar_are_refused_and_counted():
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as foreign,
     ):
         send_udp(stream, [OPENING, frames(0, 5)], own)
-        assert stream.radar.prf_hz == PRF_HZ
         send_udp(stream, [other, frames(5, 6)], foreign)
         send_udp(stream, [frames(5, 10), END_RECORD], own)
         _, rows, texts = take(stream)
@@ -436,7 +460,7 @@ def test_whole_frames_behind_one_that_was_cut_off_are_kept(tmp_path, length):
     path = tmp_path / "walk.dgf"
     path.write_bytes(wide + b"".join(long[:5]) + long[5][:length] + long[6] + long[7])
     with pytest.warns(DoppelgaitWarning):
-        assert read_recording(path).n_pulses == 7
+        assert read_recording(path).n_pulses == 8  # the lost one is filled in
 
 
 @pytest.mark.parametrize(

@@ -38,10 +38,11 @@ from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
 from doppelgait.core.files import open_atomically
 from doppelgait.core.plugins import plugin
-from doppelgait.radar.measured import adapt_preset, check_number, label_measured
+from doppelgait.radar.measured import RATE_OFF, adapt_preset, check_number, label_measured
 from doppelgait.radar.parameters import MAX_RANGE_BINS, Radar
 from doppelgait.radar.presets import list_preset_names
 from doppelgait.radar.recording import Recording
+from doppelgait.radar.slow_time import MAX_DISORDER, measure_clock_rate_hz
 
 MAGIC = b"DGfr"
 VERSION = 1
@@ -273,6 +274,24 @@ def make_header(
     return Header(radar, range_m)
 
 
+SETTLE_S, CREDIBLE = 2.0, 4.0
+"""Shortest time that shows the rate of a sender, and the ratio to the stated one above which its clock is not in s."""
+
+
+def find_rate_hz(radar: Radar, numbers: npt.NDArray[np.int64], clock_s: npt.NDArray[np.float64]) -> float:
+    """Return the rate that a radar states, or that of the sender's clock where it differs over seconds."""
+    if (
+        radar.burst_pulses is not None
+        or clock_s.size < 2
+        or not np.isfinite(clock_s).all()
+        or np.ptp(clock_s) < SETTLE_S
+    ):
+        return radar.prf_hz
+    clock_hz = measure_clock_rate_hz(clock_s, numbers) or radar.prf_hz
+    off = clock_hz / radar.prf_hz
+    return clock_hz if abs(off - 1.0) > RATE_OFF and 1.0 / CREDIBLE < off < CREDIBLE else radar.prf_hz
+
+
 @plugin("radar_reader", "frames", sniff=sniff_frames, suffixes=(".dgf",))
 def read_frames(path: Path) -> Recording:
     """Read frames that were saved as a file."""
@@ -280,6 +299,7 @@ def read_frames(path: Path) -> Recording:
         raise RecordingError(f"{path}: no such file")
     parser, header, start_s = FrameParser(str(path)), None, 0.0
     counters: list[int] = []
+    clocks_s: list[float] = []
     rows: list[npt.NDArray[np.complex64]] = []
     with path.open("rb") as file:
         chunks = iter(partial(file.read, CHUNK_BYTES), b"")
@@ -287,6 +307,7 @@ def read_frames(path: Path) -> Recording:
             if isinstance(item, Frame):
                 start_s = item.clock_s if not rows else start_s
                 counters.append(item.counter or 0)
+                clocks_s.append(item.clock_s)
                 rows.append(item.row)
             elif header is None:
                 header = item
@@ -296,34 +317,36 @@ def read_frames(path: Path) -> Recording:
         raise RecordingError(f"{path}: holds {'no header' if header is None else f'{len(rows)} frames, 2 are needed'}")
     if parser.malformed:
         warn_caller(f"{path}: {parser.malformed:,} malformed frames are left out, the last is {parser.fault}")
-    numbers = np.array(counters, dtype=np.uint64).astype(np.int64)
-    pulses, values, steps = header.radar.burst_pulses, np.stack(rows), np.diff(numbers)
+    numbers, values, clock_s = np.array(counters, dtype=np.uint64).astype(np.int64), np.stack(rows), np.array(clocks_s)
+    order = np.argsort(numbers, kind="stable")
+    again = np.concatenate([[False], np.diff(numbers[order]) == 0])
+    repeated = bool((values[order][again] == values[order][np.flatnonzero(again) - 1]).all())
+    moved = int((order != np.arange(order.size)).sum() + again.sum())
+    if moved and repeated and np.diff(numbers).min() > -MAX_DISORDER:
+        warn_caller(f"{path}: {moved:,} frames came out of order or twice; they are sorted by the frame counter")
+        numbers, values, clock_s = (array[order[~again]] for array in (numbers, values, clock_s))
+    pulses, steps = header.radar.burst_pulses, np.diff(numbers)
     jumps = (steps < 1) | (steps > LARGEST_GAP)
     if jumps.any():  # as in a stream, but a burst starts again
         first = int(np.argmax(jumps))
         warn_caller(
             f"{path}: the frame counter jumps at {jumps.sum():,} places, first from {numbers[first]:,} to "
-            f"{numbers[first + 1]:,}: frames sent twice, or another start of the sender; time continues there"
+            f"{numbers[first + 1]:,}: another start of the sender; time continues there"
         )
         block = pulses or 1
         steps[jumps] = block - numbers[:-1][jumps] % block + numbers[1:][jumps] % block
         numbers = numbers[0] + np.concatenate([[0], np.cumsum(steps)])
-    lost = steps[steps > 1] - 1
     if pulses is not None:  # bursts keep their times; incomplete bursts are ignored
         burst, counts = np.unique(numbers // pulses, return_counts=True)
         whole = np.isin(numbers // pulses, burst[counts == pulses])
         if not whole.any():
             raise RecordingError(f"{path}: has no complete burst of {pulses} frames")
-        values, numbers = values[whole], numbers[whole]
+        values, numbers, clock_s = values[whole], numbers[whole], clock_s[whole]
         if not whole.all():
             warn_caller(f"{path}: {np.sum(counts < pulses):,} incomplete bursts are ignored")
-    else:
-        numbers = np.arange(len(rows))
-        if lost.size:
-            warn_caller(
-                f"{path}: {lost.sum():,} frames are missing at {lost.size:,} places (frame counter); the {len(rows):,} "
-                "existing frames are treated as consecutive"
-            )
     slow_time_s = header.radar.frame_time_s(numbers)
+    clock_hz = find_rate_hz(header.radar, numbers, clock_s)
+    if clock_hz != header.radar.prf_hz:
+        slow_time_s = numbers / clock_hz
     slow_time_s += (start_s if math.isfinite(start_s) else 0.0) - slow_time_s[0]
     return label_measured(path, values, radar=header.radar, slow_time_s=slow_time_s, range_m=header.range_m)

@@ -37,6 +37,8 @@ RATE_CHANGE = 0.02
 MIN_PIECE_PULSES = 16
 REGULAR_HOLES = 20
 """Smallest number of evenly distributed double steps that show a coarse clock, and not lost pulses."""
+CLOCK_STEP_S = 1e-3
+"""Usual step of a recorder's clock."""
 SHARE_S = 3.0
 """Time over which the largest share of filled pulses is stated."""
 GAIN = 25.0
@@ -113,6 +115,23 @@ def place_pulses(stamps_s: FloatArray, *, where: str, burst_pulses: int | None =
     elif off_s > ROUGH * step_s:
         notes.append(f"its times are up to {1e3 * off_s:.3g} ms from even ones, which are taken: {1.0 / step_s:.6g} Hz")
     return _fill_holes(row, pulse, _keep_even(stamps, times, step_s), cuts, step_s, facts, notes)
+
+
+def measure_clock_rate_hz(clock_s: npt.NDArray[Any], numbers: IntArray) -> float | None:
+    """Measure the rate of numbered pulses by a clock, coarse or late at times; None without a rising clock."""
+    n = min(clock_s.size, numbers.size)
+    times, at = clock_s[:n].astype(float), numbers[:n].astype(float)
+    lag = n // 2
+    slope = float(np.median((times[lag:] - times[:-lag]) / (at[lag:] - at[:-lag]))) if n > 1 else 0.0
+    if not slope > 0.0:
+        return None
+    distance = times - slope * at
+    distance = np.abs(distance - np.median(distance))
+    near = distance <= max(CLOCK_STEP_S, 3.0 * float(np.median(distance)))
+    if np.count_nonzero(near) > 2:
+        fitted = float(np.polyfit(at[near] - at[near].mean(), times[near], 1)[0])
+        slope = fitted if fitted > 0.0 else slope
+    return 1.0 / slope
 
 
 def _keep_even(stamps: FloatArray, times: FloatArray, step_s: float) -> FloatArray:

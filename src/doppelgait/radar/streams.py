@@ -15,8 +15,8 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 from urllib.parse import urlsplit
@@ -25,11 +25,20 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
-from doppelgait.radar.frames import LARGEST_GAP, Frame, FrameParser, Header, make_header
+from doppelgait.radar.frames import (
+    LARGEST_GAP,
+    SETTLE_S,
+    Frame,
+    FrameParser,
+    Header,
+    find_rate_hz,
+    make_header,
+)
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.readers import find_formats, read_recording
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.recordings import read_hdf5_frames
+from doppelgait.radar.slow_time import MAX_DISORDER
 from doppelgait.radar.xethru.convert import CONVERTIBLE, TYPICAL, Records, convert_records, read_xethru_recording
 from doppelgait.radar.xethru.records import META_NAME, find_data_type_by_file, parse_records
 
@@ -42,6 +51,10 @@ MAX_RF_VALUES = 1_000_000
 """Maximum number of values that a record may declare."""
 FAR_S = 1.0
 """Minimum difference, s, of the sender's clock and the frame counter that counts as a jump of the clock."""
+RECENT_S, MAX_RECENT = 10.0, 250
+"""Time over which the rate of arriving frames is compared with that of the radar, and number of frames that are."""
+CREDIBLE_START = 2.0
+"""Ratio to the frames of this time after which a start ends, also if the clock does not advance."""
 EXPECTED = ("carrier_hz", "prf_hz", "bin_spacing_m")
 EXPECTED_TOLERANCE = 5e-3
 """Relative tolerance to an expected radar; drivers use c = 3e8 m/s for ranges and measure their frame rates."""
@@ -53,6 +66,7 @@ class Counts:
 
     received: int = 0
     missing: int = 0
+    repeated: int = 0
     dropped: int = 0
     malformed: int = 0
     jumps: int = 0
@@ -78,6 +92,8 @@ class Stream:
         self.expected = None if expect is None else Header(expect, expect.range_axis_m())
         self._queue_s, self._size = queue_s, 1
         self._header: Header | None = None
+        self._opening: Header | None = None
+        self._first: list[Frame] = []  # until their times show the true rate
         self._clock: _Clock | None = None
         self._queue: deque[tuple[float, npt.NDArray[np.complex64]]] = deque()
         self._changed = threading.Condition()
@@ -157,13 +173,14 @@ class Stream:
         """Report that the sender stopped, unless the consumer closed the stream."""
         if not self.closing.is_set():
             self.pass_message(
-                "killed", f"the sender stopped without an end record after {self.counts.received:,} frames"
+                "killed",
+                f"the sender stopped without an end record after {self.counts.received + len(self._first):,} frames",
             )
 
     def difference(self, header: Header) -> str:
         """Return how a header differs from the expected one."""
-        if self._header is not None:
-            return self._header.difference(header)
+        if self._opening is not None:
+            return self._opening.difference(header)
         return self.expected.difference(header, keys=EXPECTED, tolerance=EXPECTED_TOLERANCE) if self.expected else ""
 
     def receive(self, items: Iterator[Header | Frame], holds: bool) -> None:
@@ -176,18 +193,16 @@ class Stream:
         try:
             for item in items:
                 if isinstance(item, Frame):
-                    self._put(item, holds)
+                    if self._clock is not None:
+                        self._put(item, holds)
+                    elif self._opening is not None:
+                        self._first.append(item)
+                        if _shows_rate(self._first, self._opening.radar):
+                            self._open(self._opening, holds)
                 elif said := self.difference(item):
                     raise RecordingError(f"{self.source}: frames of another radar are refused: {said}")
-                elif self._header is None:
-                    row_bytes = 8 * item.range_m.size
-                    with self._changed:
-                        self._size = max(
-                            2, min(math.ceil(self._queue_s * item.radar.prf_hz), MAX_QUEUE_BYTES // row_bytes)
-                        )
-                        self._clock = _Clock(item.radar)
-                        self._header = item
-                        self._changed.notify_all()
+                else:
+                    self._opening = self._opening or item
                 if self.closing.is_set():
                     break
         except RecordingError as found:
@@ -195,15 +210,44 @@ class Stream:
         except OSError as found:
             error = f"{self.source}: cannot be read: {found.strerror or found}"
         finally:
+            if self._opening is not None and self._clock is None:
+                self._open(self._opening, holds)
             with self._changed:
                 self._error, self._ended = error, True
                 self._changed.notify_all()
+
+    def _open(self, header: Header, holds: bool) -> None:
+        """Set the radar with the rate that the first frames show, and pass them on."""
+        rate_hz, stated_hz = (
+            _measure_stamped_rate_hz(((frame.counter or 0, frame.clock_s) for frame in self._first), header.radar),
+            header.radar.prf_hz,
+        )
+        if rate_hz != stated_hz:
+            self.pass_message("rate", f"the header states prf_hz = {stated_hz:g}, the sender's times {rate_hz:.6g} Hz")
+            header = replace(header, radar=header.radar.model_copy(update={"prf_hz": rate_hz}))
+        with self._changed:
+            row_bytes = 8 * header.range_m.size
+            self._size = max(2, min(math.ceil(self._queue_s * rate_hz), MAX_QUEUE_BYTES // row_bytes))
+            self._clock = _Clock(header.radar)
+            self._header = header
+            self._changed.notify_all()
+        waiting, self._first = self._first, []
+        for frame in waiting:
+            self._put(frame, holds)
 
     def _put(self, frame: Frame, holds: bool) -> None:
         assert self._clock is not None
         if not self._clock.start_with(frame):
             return
+        if self._clock.repeats(frame):
+            self.counts.repeated += 1
+            self.pass_message("repeated", f"frame {frame.counter} came late or twice and is left out (frame counter)")
+            return
         time_s, missing, jump = self._clock.time_s(frame)
+        if rate_hz := self._clock.find_other_rate_hz(frame):
+            self.pass_message(
+                "rate", f"the rate of the frames is {rate_hz:.6g} Hz now; velocities are wrong by as much"
+            )
         if missing:
             self.pass_message("missing", f"{missing:,} frames are missing before frame {frame.counter} (frame counter)")
         if jump:
@@ -226,6 +270,22 @@ class Stream:
             )
 
 
+def _shows_rate(frames: Sequence[Frame], radar: Radar) -> bool:
+    """Return True if the first frames suffice to compare their times with the stated rate."""
+    counter, start = frames[-1].counter, frames[0].counter
+    if counter is None or start is None or radar.burst_pulses is not None or not math.isfinite(frames[-1].clock_s):
+        return True
+    return not 0 <= counter - start < CREDIBLE_START * SETTLE_S * radar.prf_hz or (
+        frames[-1].clock_s - frames[0].clock_s > SETTLE_S
+    )
+
+
+def _measure_stamped_rate_hz(stamps: Iterable[tuple[int, float]], radar: Radar) -> float:
+    """Return the rate of frames by their numbers and the sender's clock, or the stated one."""
+    table = np.array(list(stamps), dtype=np.float64).reshape(-1, 2)
+    return find_rate_hz(radar, table[:, 0].astype(np.int64), table[:, 1])
+
+
 class _Clock:
     """Frame times from counters, checked by the sender's clock."""
 
@@ -233,6 +293,25 @@ class _Clock:
         self._radar = radar
         self._ahead_s = self._time_s = 0.0
         self._last: tuple[int, float] | None = None
+        self._every = max(1, round(RECENT_S * radar.prf_hz / MAX_RECENT))
+        self._recent: deque[tuple[int, float]] = deque(maxlen=max(2, round(RECENT_S * radar.prf_hz / self._every)))
+
+    def repeats(self, frame: Frame) -> bool:
+        """Return True for a frame that was there or is late; a lower counter is another start."""
+        if frame.counter is None or self._last is None:
+            return False
+        return -MAX_DISORDER < frame.counter - self._last[0] <= 0
+
+    def find_other_rate_hz(self, frame: Frame) -> float | None:
+        """Return the rate of the last 10 s if it is not that of the radar; checked now and then."""
+        if frame.counter is None or frame.counter % self._every:
+            return None
+        self._recent.append((frame.counter, frame.clock_s))
+        if len(self._recent) < (self._recent.maxlen or 0):
+            return None
+        rate_hz = _measure_stamped_rate_hz(self._recent, self._radar)
+        self._recent.clear()
+        return None if rate_hz == self._radar.prf_hz else rate_hz
 
     def start_with(self, frame: Frame) -> bool:
         """Return whether frames, or complete bursts, have started."""

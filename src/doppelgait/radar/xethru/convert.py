@@ -14,12 +14,12 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import RecordingError, warn_caller
+from doppelgait.core.errors import RecordingError
 from doppelgait.core.plugins import plugin
-from doppelgait.core.units import slow_time_axis_s
 from doppelgait.radar.measured import adapt_preset, check_number, label_measured
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
+from doppelgait.radar.slow_time import measure_clock_rate_hz
 from doppelgait.radar.xethru.downconvert import FrameFilter, change_filter_noise, compute_chip_gain, down_convert_frames
 from doppelgait.radar.xethru.reader import read_xethru, sniff_xethru
 
@@ -28,33 +28,12 @@ LARGEST_GAP = 1_000_000
 """Maximum gap of the frame counter; after a larger jump it was restarted or is damaged, and is ignored."""
 
 
-def derive_frame_numbers(counters: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[np.int64], int, int]:
-    """Derive frame numbers (n,) from 32-bit counters, and count lost frames."""
+def derive_frame_numbers(counters: npt.NDArray[np.uint32]) -> npt.NDArray[np.int64]:
+    """Derive frame numbers (n,) from 32-bit counters; a restarted counter is not used."""
     steps = np.mod(np.diff(counters.astype(np.int64)), COUNTER_PERIOD)
     if steps.size and (steps.min() < 1 or steps.max() > LARGEST_GAP):
-        return np.arange(counters.size), 0, 0
-    lost = steps - 1
-    return np.concatenate([[0], np.cumsum(steps)]), int(lost.sum()), int(np.count_nonzero(lost))
-
-
-def measured_rate_hz(time_ms: npt.NDArray[np.int64], numbers: npt.NDArray[np.int64]) -> float | None:
-    """Measure the frame rate from integer milliseconds of records, perhaps written in bursts."""
-    n = min(time_ms.size, numbers.size)
-    if n < 2:
-        return None
-    times, at = time_ms[:n].astype(float), numbers[:n].astype(float)
-    lag = n // 2
-    slope = float(np.median((times[lag:] - times[:-lag]) / (at[lag:] - at[:-lag])))
-    if not slope > 0.0:
-        return None
-    distance = times - slope * at
-    distance = np.abs(distance - np.median(distance))
-    near = distance <= max(1.0, 3.0 * float(np.median(distance)))
-    if np.count_nonzero(near) > 2:
-        centred = at[near] - at[near].mean()
-        fitted = float((centred * times[near]).sum() / (centred * centred).sum())
-        slope = fitted if fitted > 0.0 else slope
-    return 1000.0 / slope
+        return np.arange(counters.size)
+    return np.concatenate([[0], np.cumsum(steps)])
 
 
 CONVERTIBLE = (
@@ -209,14 +188,8 @@ def read_xethru_recording(
     if count < 1 or len(records) < 2:
         raise RecordingError(f"{file}: holds {len(records)} frames of {count} bins; a recording has at least 2 by 1")
     source = Records(file, name, records, content.streams[name].time_ms, options)
-    # frame rate from the times of the records; warns of lost frames
-    numbers, n_lost, n_gaps = derive_frame_numbers(source.counters)
-    if n_lost:
-        warn_caller(
-            f"{source.path}: {n_lost:,} frames are lost at {n_gaps:,} places (frame counter); the {len(records):,} "
-            "existing frames are treated as consecutive"
-        )
-    rate_hz = measured_rate_hz(source.time_ms, numbers)
+    numbers = derive_frame_numbers(source.counters)
+    rate_hz = measure_clock_rate_hz(1e-3 * source.time_ms, numbers)
     volts, made, range_m = convert_records(
         source, rate_hz=rate_hz, radar=radar, kind=kind, iq=iq, conjugate=conjugate, filter=filter
     )
@@ -224,7 +197,7 @@ def read_xethru_recording(
         source.path,
         volts,
         radar=made,
-        slow_time_s=slow_time_axis_s(len(volts), made.prf_hz),
+        slow_time_s=numbers / made.prf_hz,
         range_m=range_m,
         notes=source.notes,
     )
