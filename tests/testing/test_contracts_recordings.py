@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
-from scipy.io import savemat
+from scipy.io import savemat, wavfile
 
 from acconeer_file import write_file as write_acconeer
 from beat import write_glasgow
@@ -34,6 +34,14 @@ CHIRPS = {"device": "xwr18xx", "receivers": [0], "n_samples": 64, "sample_rate_h
           "slope_hz_per_s": 20e12, "idle_s": 1e-4, "ramp_s": 5e-5, "loops": 8, "frame_period_s": 0.01}  # fmt: skip
 
 
+PAIRS = np.random.default_rng(2).normal(scale=0.1, size=(200, 2))
+PLAIN = {
+    "wav": ("walk.wav", lambda path: wavfile.write(path, 100, PAIRS)),
+    "raw": ("walk.cfile", lambda path: PAIRS.astype("<f4").tofile(path)),
+    "csv": ("walk.csv", lambda path: np.savetxt(path, PAIRS, delimiter=",", header="i,q", comments="")),
+}
+
+
 def _sample_file(name, folder):
     """A good file of a reader's format, alone in its folder."""
     folder.mkdir()
@@ -53,6 +61,10 @@ def _sample_file(name, folder):
         return folder / "walk.bin"
     if name == "glasgow":
         return write_glasgow(folder / "1P36A01R01.dat", np.ones((20, 64)))
+    if name in PLAIN:
+        path = folder / PLAIN[name][0]
+        PLAIN[name][1](path)
+        return path
     frames = np.random.default_rng(1).normal(size=(20, 256))
     savemat(folder / "walk.mat", {"Data_Matrix": frames, "actual_fps": 25.0, "bin_length": 0.00643, "frame_start": 0.4})
     return folder / "walk.mat"
@@ -60,7 +72,8 @@ def _sample_file(name, folder):
 
 @pytest.mark.parametrize("name", RADAR_READERS)
 def test_every_radar_reader_keeps_its_contract(name, tmp_path):
-    check_radar_reader(name, _sample_file(name, tmp_path / "data"))
+    options = {"carrier_hz": 24e9, **({} if name == "wav" else {"prf_hz": 100.0})} if name in PLAIN else {}
+    check_radar_reader(name, _sample_file(name, tmp_path / "data"), **options)
 
 
 def test_a_file_in_the_current_folder_is_checked(tmp_path, monkeypatch):

@@ -60,14 +60,16 @@ def list_options(run: Callable[..., Any]) -> list[str]:
     return [p.name for p in inspect.signature(run).parameters.values() if p.kind is p.KEYWORD_ONLY]
 
 
-def find_readers(group: Group[T], path: Path, options: Sequence[str] = ()) -> list[str]:
+def find_readers(
+    group: Group[T], path: Path, options: Sequence[str] = (), *, others: Sequence[OtherFile] = (), by_name: bool = True
+) -> list[str]:
     """Return the readers of a file: by its content, otherwise by its name and the options that are given."""
     head, names = read_head(path), []
     for reader in group.values():
         with suppress(OSError):
             if reader.facts["sniff"](path, head):
                 names.append(reader.name)
-    if names or not head:
+    if names or not head or not by_name or any(head.startswith(other.magic) for other in others):
         return names
     named = [r for r in group.values() if path.name.lower().endswith(tuple(r.facts.get("by_name", ())) or "\0")]
     fitting = [r.name for r in named if set(options) <= set(list_options(r.run))]  # type: ignore[arg-type]
@@ -88,11 +90,12 @@ def choose_reader(
     """Choose the reader of a file and check the options that it gets."""
     listed = ", ".join(f"{reader.name} ({', '.join(reader.facts['suffixes'])})" for reader in group.values())
     try:
-        names = find_readers(group, path, list(options)) if format is None else [format]
+        names = find_readers(group, path, list(options), others=(*others, *OTHER_FILES)) if format is None else [format]
         if format is not None and format not in group:
             raise error(f"{path}: format = {format!r} is not known; known are: {listed}")
         if len(names) > 1:
-            raise error(f"{path}: could be {' or '.join(names)}; the reader is ambiguous: name it, format='{names[0]}'")
+            several = [f"{name} (options {', '.join(list_options(group[name].run))})" for name in names]  # type: ignore[arg-type]
+            raise error(f"{path}: could be {' or '.join(several)}; the reader is ambiguous: format='{names[0]}'")
         if not path.exists() and (not names or not path.parent.is_dir()):
             raise error(f"{path}: no such file")
         if not names:
@@ -117,7 +120,7 @@ def _describe_unknown(path: Path, noun: str, others: Sequence[OtherFile], listed
     head = read_head(path)
     if not head:
         return "is empty (0 bytes)"
-    marked = [other for other in others if other.magic and head.startswith(other.magic)]
+    marked = [other for other in others if head.startswith(other.magic)]
     for other in marked or [other for other in others if path.name.lower().endswith(other.suffixes)]:
         remedy = other.remedy if isinstance(other.remedy, str) else other.remedy(path)
         return f"is {other.what}, which has no known {noun} format; {remedy}"

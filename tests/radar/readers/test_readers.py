@@ -76,15 +76,15 @@ def test_two_readers_for_one_file_are_an_error_and_format_settles_it(tmp_path, r
     write_recording(measured(), tmp_path / "a.h5")
     own = RADAR_READERS["doppelgait"]
     register("radar_reader", "other", **own.facts)(own.run)
-    with pytest.raises(RecordingError, match=r"could be doppelgait or other.*format='doppelgait'"):
+    with pytest.raises(RecordingError, match=r"could be doppelgait .*or other.*format='doppelgait'"):
         read_recording(tmp_path / "a.h5")
     assert read_recording(tmp_path / "a.h5", format="other").source == "a.h5"
 
 
 def test_a_wrong_format_or_option_is_refused_with_what_is_allowed(tmp_path):
     write_arrays(measured(), tmp_path / "a.npz")
-    with pytest.raises(RecordingError, match=r"format = 'wav' is not known; known are: .*arrays"):
-        read_recording(tmp_path / "a.npz", format="wav")
+    with pytest.raises(RecordingError, match=r"format = 'wave' is not known; known are: .*arrays"):
+        read_recording(tmp_path / "a.npz", format="wave")
     with pytest.raises(RecordingError, match=r"the arrays reader has no option prf; allowed are radar, prf_hz"):
         read_recording(tmp_path / "a.npz", prf=3)
     with pytest.raises(RecordingError, match=r"a\.npz"):

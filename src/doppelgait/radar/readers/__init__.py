@@ -41,6 +41,7 @@ RADAR_READERS: Group[Reader] = Group(
         "doppelgait.radar.xethru.convert",
         "doppelgait.radar.readers.matlab",
         "doppelgait.radar.readers.arrays",
+        "doppelgait.radar.readers.samples",
         "doppelgait.radar.readers.acconeer",
         "doppelgait.radar.readers.cw_text",
         "doppelgait.radar.readers.sigmf",
@@ -150,10 +151,14 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
         raise RecordingError(f"{file}: cannot be read: {error.strerror or error}") from None
 
 
-def find_formats(path: Path) -> list[str]:
+TABLES = (".txt", ".csv", ".tsv")
+"""Suffixes of files in a folder that are recordings only if their content is one."""
+
+
+def find_formats(path: Path, *, by_name: bool = True) -> list[str]:
     """Return the readers that recognise a file or folder."""
     try:
-        return find_readers(RADAR_READERS, path)
+        return find_readers(RADAR_READERS, path, by_name=by_name)
     except OSError:  # a file that cannot be opened has no format
         return []
 
@@ -169,7 +174,8 @@ def find_recordings(paths: Iterable[Path]) -> Iterator[tuple[Path, bool]]:
     They are in the order of their names, with True for a named path and False for a file found in a
     folder. In folders, files without the suffix of a recording are skipped.
     """
-    suffixes = tuple(s for one in RADAR_READERS.values() for s in one.facts["suffixes"] if s.startswith("."))
+    endings = {s for reader in RADAR_READERS.values() for s in reader.facts["suffixes"] if s.startswith(".")}
+    suffixes = tuple(endings.difference(TABLES))
     seen: set[Path] = set()
 
     def walk(path: Path, named: bool) -> Iterator[tuple[Path, bool]]:
@@ -177,7 +183,8 @@ def find_recordings(paths: Iterable[Path]) -> Iterator[tuple[Path, bool]]:
             for entry in sorted(path.iterdir()):
                 yield from walk(entry, False)
             return
-        if not named and not (find_formats(path) or (path.name.endswith(suffixes) and not path.name.endswith(".txt"))):
+        taken = find_formats(path, by_name=not path.name.endswith(TABLES)) or path.name.endswith(suffixes)
+        if not named and not taken:
             return
         whole = path
         for part, other in (("_IM.txt", "_RE.txt"), (".sigmf-meta", ".sigmf-data")):  # one recording in two files

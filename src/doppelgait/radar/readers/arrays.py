@@ -5,11 +5,12 @@ A TOML file of the same stem and the options state facts about the array, its ax
 
 from __future__ import annotations
 
+import inspect
 import json
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -84,15 +85,17 @@ class ArrayFacts(FrozenModel):
     attributes: dict[str, str | bool | int | float] = Field(default={})
 
 
-def read_facts(path: Path, options: Mapping[str, Any]) -> ArrayFacts:
-    """Read facts about an array from its TOML file; options take precedence."""
+def read_facts(path: Path, options: Mapping[str, Any], stated: Mapping[str, Any] | None = None) -> ArrayFacts:
+    """Read facts about an array from its TOML file; options come before them, and what the file states after."""
     sidecar = path.with_suffix(".toml")
     table: dict[str, Any] = {}
     text = ""
     try:
         if sidecar.is_file():
             table, text = read_toml(sidecar)
-        return validate(ArrayFacts, {**table, **options}, where=str(sidecar if text else path), text=text)
+        return validate(
+            ArrayFacts, {**(stated or {}), **table, **options}, where=str(sidecar if text else path), text=text
+        )
     except ConfigError as error:
         raise RecordingError(str(error)) from None
 
@@ -211,49 +214,58 @@ def sniff_arrays(path: Path, head: bytes) -> bool:
     return head.startswith(NPY_MAGIC) or is_npz(head)
 
 
-@plugin("radar_reader", "arrays", sniff=sniff_arrays, suffixes=(".npz", ".npy"))
-def read_arrays(
-    path: Path,
-    *,
-    radar: str | Path | None = None,
-    prf_hz: float | None = None,
-    carrier_hz: float | None = None,
-    range_start_m: float | None = None,
-    bin_spacing_m: float | None = None,
-    time_first: bool | None = None,
-    conjugate: bool | None = None,
-    scale_v: float | None = None,
-    key: str | None = None,
-) -> Recording:
-    """Read a recording of a complex matrix (pulses, range bins).
-    A one-dimensional array is a continuous-wave recording. A ``.npy`` file holds one array.
-    """
-    options = {
-        "prf_hz": prf_hz,
-        "carrier_hz": carrier_hz,
-        "range_start_m": range_start_m,
-        "bin_spacing_m": bin_spacing_m,
-        "time_first": time_first,
-        "conjugate": conjugate,
-        "scale_v": scale_v,
-        "key": key,
-        "radar": None if radar is None else {"preset": str(radar)},
-    }
-    facts = read_facts(path, {name: value for name, value in options.items() if value is not None})
-    with path.open("rb") as file:
-        is_npy = file.read(len(NPY_MAGIC)) == NPY_MAGIC
-    wanted = (facts.key or MATRIX, *PARTS, *AXES)
-    arrays = {wanted[0]: load_npy(path, RecordingError)} if is_npy else load_npz(path, wanted, RecordingError)
-    values = _pick(path, arrays, facts.key)
+@dataclass(frozen=True)
+class Parsed:
+    """Values of a file, its axes, the facts that it states, and notes."""
+
+    values: npt.NDArray[Any]
+    axes: Arrays = field(default_factory=dict)
+    stated: Mapping[str, Any] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+
+
+def array_reader(name: str, **facts: Any) -> Callable[[Callable[..., Parsed]], Callable[..., Parsed]]:
+    """Register the reader of a format without a radar's facts: options and a TOML file of the same stem state them."""
+
+    def register(parse: Callable[..., Parsed]) -> Callable[..., Parsed]:
+        own = inspect.signature(parse, eval_str=True)
+        first, *further = own.parameters.values()
+        names = [option.name for option in further]
+
+        def read(path: Path, **options: Any) -> Recording:
+            parsed = parse(path, **{name: value for name, value in options.items() if name in names})
+            return label_array(path, parsed, {key: options[key] for key in options if key in ArrayFacts.model_fields})
+
+        shared = [inspect.Parameter(key, KEYWORD, default=None, annotation=OPTIONS[key]) for key in OPTIONS]
+        read.__signature__ = own.replace(parameters=[first, *shared, *further])  # type: ignore[attr-defined]
+        read.__doc__ = parse.__doc__
+        plugin("radar_reader", name, **facts)(read)
+        return parse
+
+    return register
+
+
+def label_array(path: Path, parsed: Parsed, options: Mapping[str, Any]) -> Recording:
+    """Make a recording of an array of any common shape; options come before the TOML file and this before the file."""
+    given = {name: value for name, value in options.items() if value is not None}
+    if "radar" in given:
+        given["radar"] = {"preset": str(given["radar"])}
+    facts = read_facts(path, given, parsed.stated)
+    values, attributes, notes = parsed.values, dict(facts.attributes), list(parsed.notes)
     if values.dtype.kind not in "fiuc":
         raise RecordingError(f"{path}: holds {values.dtype} values; a baseband is numbers")
     if values.dtype.kind != "c":
-        if values.ndim < 2 or values.shape[-1] != 2:
+        if values.ndim == 1 or values.shape[1:] == (1,):
+            attributes["one_output"] = True
+            notes.append("one real output: approaching and receding cannot be told apart")
+            values = _join(values, np.zeros_like(values))
+        elif values.ndim > 1 and values.shape[-1] == 2:
+            values = _join(values[..., 0], values[..., 1])
+        else:
             raise RecordingError(
                 f"{path}: holds real values of shape {values.shape}; a baseband is complex, or real with I and Q along "
-                "a last axis of 2, or two arrays named i and q"
+                "a last axis of 2, or two arrays named i and q, or the one output of a module, shape (pulses,)"
             )
-        values = _join(values[..., 0], values[..., 1])
     if values.ndim not in (1, 2):
         raise RecordingError(f"{path}: has the shape {values.shape}; it must be (pulses, range bins) or (pulses,)")
     if values.ndim == 1:
@@ -264,10 +276,11 @@ def read_arrays(
     values = values.conj() if facts.conjugate else values
     if facts.scale_v is not None and facts.scale_v != 1.0:
         values = facts.scale_v * values
-    slow_time_s, range_m, made, notes = _describe(path, facts, values.shape, arrays, is_forced=prf_hz is not None)
-    notes = notes if facts.notes is None else facts.notes
+    is_forced = given.get("prf_hz") is not None
+    slow_time_s, range_m, made, assumed = _describe(path, facts, values.shape, parsed.axes, is_forced=is_forced)
+    notes = [*notes, *assumed] if facts.notes is None else facts.notes
     recording = label_measured(
-        path, values, radar=made, slow_time_s=slow_time_s, range_m=range_m, notes=notes, attrs=facts.attributes
+        path, values, radar=made, slow_time_s=slow_time_s, range_m=range_m, notes=notes, attrs=attributes
     )
     return replace(
         recording,
@@ -275,6 +288,32 @@ def read_arrays(
         snr_frame_db=NAN if facts.snr_frame_db is None else facts.snr_frame_db,
         seed=facts.seed,
     )
+
+
+KEYWORD = inspect.Parameter.KEYWORD_ONLY
+OPTIONS = {
+    "radar": str | Path | None,
+    "prf_hz": float | None,
+    "carrier_hz": float | None,
+    "range_start_m": float | None,
+    "bin_spacing_m": float | None,
+    "conjugate": bool | None,
+    "scale_v": float | None,
+}
+"""Options of every reader of plain arrays."""
+
+
+@array_reader("arrays", sniff=sniff_arrays, suffixes=(".npz", ".npy"))
+def parse_arrays(path: Path, *, time_first: bool | None = None, key: str | None = None) -> Parsed:
+    """Read a complex matrix (pulses, range bins) of a NumPy file.
+    A one-dimensional array is a continuous-wave recording. A ``.npy`` file holds one array.
+    """
+    facts = read_facts(path, {} if key is None else {"key": key})
+    with path.open("rb") as file:
+        is_npy = file.read(len(NPY_MAGIC)) == NPY_MAGIC
+    wanted = (facts.key or MATRIX, *PARTS, *AXES)
+    arrays = {wanted[0]: load_npy(path, RecordingError)} if is_npy else load_npz(path, wanted, RecordingError)
+    return Parsed(_pick(path, arrays, facts.key), arrays)
 
 
 def _pick(path: Path, arrays: Arrays, key: str | None) -> npt.NDArray[Any]:

@@ -277,7 +277,7 @@ def sniff_dca1000(path: Path, head: bytes) -> bool:
     return b"profileCfg" in content or b"slope_hz_per_s" in content
 
 
-@plugin("radar_reader", "dca1000", sniff=sniff_dca1000, suffixes=(".bin",))
+@plugin("radar_reader", "dca1000", sniff=sniff_dca1000, suffixes=(".bin",), by_name=(".bin",))
 def read_dca1000(
     path: str | Path,
     *,

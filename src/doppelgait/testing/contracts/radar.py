@@ -257,6 +257,7 @@ def check_radar_reader(name: str, path: str | Path, **options: Any) -> None:
     >>> dg.testing.check_radar_reader("doppelgait", "walks/walk.h5")
     """
     from doppelgait.core.errors import RecordingError
+    from doppelgait.core.readers import find_readers
     from doppelgait.radar.readers import RADAR_READERS, read_recording
     from doppelgait.radar.recording import Recording
 
@@ -265,7 +266,7 @@ def check_radar_reader(name: str, path: str | Path, **options: Any) -> None:
     parameters = list(inspect.signature(reader.run).parameters.values())[1:]
     positional = [one.name for one in parameters if one.kind is not inspect.Parameter.KEYWORD_ONLY]
     require(not positional, f"{what}: options {positional} are not keyword-only")
-    takers = [one.name for one in RADAR_READERS.values() if _is_recognised(one, place)]
+    takers = find_readers(RADAR_READERS, place)
     require(takers == [name], f"{what}: {place.name} is recognised by {takers or 'no reader'}")
     with TemporaryDirectory() as folder:
         others = {"empty": b"", "text": b"not a recording\n" * 9, "zeros": bytes(4096)}

@@ -1,0 +1,258 @@
+"""Plain samples of one-bin radars, and of several with options: sound files, interleaved numbers, tables of text.
+
+None of these formats states a carrier, and some no rate: options or a TOML file of the same stem do.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.documents import CELL_BYTES, check_cost
+from doppelgait.core.errors import RecordingError, warn_caller
+from doppelgait.radar.readers.arrays import Parsed, array_reader
+
+AUDIO_HZ = 4000.0
+"""Rate above which a note names ``decimate``: the Doppler shift of a runner at 24 GHz is below 1500 Hz."""
+DATATYPE = re.compile(r"([cr])([isuf])(8|16|32|64)(_le|_be)?")
+SUFFIXES = {
+    **{f".{kind}{bits}": f"c{kind[1:]}{bits}" for kind in ("cs", "ci", "cu", "cf") for bits in (8, 16, 32)},
+    **{".sc8": "cs8", ".sc16": "cs16", ".fc32": "cf32", ".cfile": "cf32", ".c64": "cf32", ".complex": "cf32"},
+}
+"""Data types by the suffixes that GNU Radio, rtl_sdr, inspectrum and others give; those below leave it open."""
+OPEN_SUFFIXES = (".iq", ".bin", ".raw", ".dat")
+HEADER_LINES = 64
+"""Number of lines in which the names of the columns are searched."""
+MIN_PLAIN_HZ = 10.0
+"""Slowest rate of times without a unit: slower ones are taken for ms."""
+UNITS_S = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "millis": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+TIME = {"t", "time", "timestamp", "times", "zeit", "millis", "elapsed", "datetime", "date", "epoch"}
+IN_PHASE = {"i", "re", "real", "inphase", "iraw", "idata"}
+QUADRATURE = {"q", "im", "imag", "imaginary", "quadrature", "quad", "qraw", "qdata"}
+COUNTERS = {"index", "sample", "samples", "n", "no", "nr", "count", "counter", "frame", "unnamed", "id"}
+NO_PHASE = {"magnitude", "mag", "power", "db", "envelope", "phase", "speed", "velocity", "abs"}
+
+
+def scale_integers(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return integers as shares of full scale, unsigned ones about their middle; other numbers unchanged."""
+    if values.dtype.kind not in "iu":
+        return values
+    largest = 2.0 ** (8 * values.dtype.itemsize - 1)
+    return np.asarray(values / largest - (values.dtype.kind == "u"))
+
+
+def sniff_wav(path: Path, head: bytes) -> bool:
+    """Return whether a file is a WAV file."""
+    return head[:4] in (b"RIFF", b"RIFX", b"RF64") and head[8:12] == b"WAVE"
+
+
+@array_reader("wav", sniff=sniff_wav, suffixes=(".wav",))
+def parse_wav(path: Path, *, channel: int | None = None, decimate: int = 1) -> Parsed:
+    """Read a sound file: two channels are I and Q, one is the one output of a module, which has no direction."""
+    from scipy.io import wavfile
+
+    check_cost(path, 8 * path.stat().st_size, RecordingError)
+    try:
+        with warnings.catch_warnings(record=True) as cautions:
+            warnings.simplefilter("always")
+            rate_hz, values = wavfile.read(path)
+    except Exception as error:  # the library raises nearly anything at damaged bytes
+        raise RecordingError(f"{path}: is a damaged or unusual WAV file ({error}); save it again as PCM") from None
+    if any("reached" in str(caution.message).lower() for caution in cautions):
+        warn_caller(f"{path}: ends before the samples that its header states; the file is cut off")
+    n_channels = 1 if values.ndim == 1 else values.shape[1]
+    if channel is not None or n_channels > 2:
+        if channel is None or not 0 <= channel < n_channels:
+            raise RecordingError(f"{path}: holds {n_channels} channels; give channel = 0 to {n_channels - 1}")
+        values = values if values.ndim == 1 else values[:, channel]
+    values = scale_integers(values)
+    if not 1 <= decimate <= max(len(values) // 2, 1):
+        raise RecordingError(f"{path}: decimate = {decimate} is not allowed; it must be 1 to half of the samples")
+    notes = [f"{rate_hz} samples/s, {'I and Q are the two channels' if values.ndim == 2 else 'one channel'}"]
+    if decimate > 1:
+        from scipy.signal import resample_poly
+
+        values = resample_poly(values, 1, decimate, axis=0)
+        notes.append(f"low-pass filtered and decimated by {decimate}")
+    elif rate_hz > AUDIO_HZ:
+        notes.append(f"slow time has the rate of the sound; decimate={int(rate_hz // AUDIO_HZ) + 1} makes it faster")
+    return Parsed(values, {}, {"prf_hz": rate_hz / decimate, "scale_v": 1.0}, notes)
+
+
+def parse_datatype(text: str) -> tuple[bool, np.dtype[Any]] | None:
+    """Return whether samples are complex, and the type of their numbers; None for an unknown name."""
+    match = DATATYPE.fullmatch(text)
+    if match is None or (match[2] == "f") > (int(match[3]) >= 32):
+        return None
+    kind = "i" if match[2] == "s" else match[2]
+    return match[1] == "c", np.dtype((">" if match[4] == "_be" else "<") + f"{kind}{int(match[3]) // 8}")
+
+
+@array_reader(
+    "raw",
+    sniff=lambda path, head: False,
+    suffixes=(*SUFFIXES, *OPEN_SUFFIXES),
+    by_name=(*SUFFIXES, *OPEN_SUFFIXES),
+)
+def parse_raw(path: Path, *, dtype: str | None = None, samples_per_pulse: int = 1) -> Parsed:
+    """Read interleaved I and Q without a header; the suffix or ``dtype`` names the type of the numbers."""
+    name = SUFFIXES.get(path.suffix.lower()) if dtype is None else dtype
+    if name is None:
+        raise RecordingError(
+            f"{path}: holds samples without a header; give dtype (cs16, cu8, cf32, ...; rs16 for one real output), "
+            "prf_hz and carrier_hz. Samples of a DCA1000 need their radar settings: config=FILE"
+        )
+    known_type = parse_datatype(name)
+    if known_type is None:
+        raise RecordingError(
+            f"{path}: dtype = {name!r} is not allowed; it must be c (I and Q) or r (one real output), then i or s "
+            "(signed), u or f, and the bits of a number, as in cs16, cu8, cf32, rs16, ci16_be"
+        )
+    is_complex, number = known_type
+    n_bytes = number.itemsize * (2 if is_complex else 1) * max(samples_per_pulse, 1)
+    n_pulses, rest = divmod(path.stat().st_size, n_bytes)
+    if samples_per_pulse < 1 or n_pulses < 2:
+        raise RecordingError(f"{path}: holds {n_pulses} pulses of {samples_per_pulse} samples {name}; 2 are needed")
+    if rest:
+        warn_caller(f"{path}: its last pulse is not whole and is left out; the file is cut off, or dtype is wrong")
+    check_cost(path, 2 * path.stat().st_size, RecordingError)
+    values = scale_integers(np.fromfile(path, number, count=n_pulses * n_bytes // number.itemsize))
+    shape = (n_pulses, samples_per_pulse)
+    values = values.reshape(*shape, 2) if is_complex else values.reshape(shape)
+    return Parsed(values, {}, {}, [f"samples are taken as {name}; integers are shares of full scale"])
+
+
+def split_name(name: str) -> list[str]:
+    """Return the words of a column's name, without case, brackets and signs."""
+    return re.findall(
+        r"[a-zµ]+", name.lower().replace("μ", "µ").replace("in-phase", "inphase").replace("_phase", "phase")
+    )
+
+
+def find_columns(names: list[str]) -> dict[str, int] | None:
+    """Return the columns of time, I and Q by their names; None if there is not one of I and one of Q."""
+    words = [split_name(name) for name in names]
+    columns: dict[str, int] = {}
+    for key, wanted in (("time", TIME), ("i", IN_PHASE), ("q", QUADRATURE)):
+        matches = [n for n, some in enumerate(words) if wanted & set(some) and n not in columns.values()]
+        if key == "time" and matches:
+            columns[key] = matches[0]
+        elif key != "time":
+            if len(matches) != 1:
+                return None
+            columns[key] = matches[0]
+    return columns
+
+
+def _find_header(text: str) -> tuple[int, str, list[str]] | None:
+    """Return number, delimiter and names of the row above the first row of numbers."""
+    lines = text.splitlines()
+    rows: list[tuple[int, str]] = []
+    for number, line in enumerate(lines[:HEADER_LINES]):
+        stripped = line.strip().strip("#%").strip()
+        if not stripped:
+            continue
+        delimiter = next((mark for mark in (";", "\t", ",", " ") if mark in stripped), ",")
+        cells = [cell.strip().strip('"') for cell in stripped.split(delimiter) if cell.strip() or delimiter != " "]
+        if all(re.match(r"[-+]?[\d.,]", cell) for cell in cells):
+            if not rows:
+                return number - 1, delimiter, []
+            before, header = rows[-1]
+            return before, delimiter, [cell.strip().strip('"') for cell in header.split(delimiter)]
+        rows.append((number, stripped))
+    return None
+
+
+def sniff_csv(path: Path, head: bytes) -> bool:
+    """Return whether a text has columns that are named I and Q, or real and imaginary part."""
+    header = None if b"\0" in head else _find_header(head.decode("utf-8-sig", "replace"))
+    return header is not None and find_columns(header[2]) is not None
+
+
+@array_reader("csv", sniff=sniff_csv, suffixes=(".csv", ".tsv", ".txt"), by_name=(".csv", ".tsv"))
+def parse_csv(path: Path, *, columns: str | None = None) -> Parsed:
+    """Read columns of text by their names: I and Q (or re, im), or one real output, and time in s, ms, us or ns."""
+    import pandas as pd
+
+    check_cost(path, CELL_BYTES * path.stat().st_size / 4, RecordingError)
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    header = _find_header(text)
+    if header is None:
+        raise RecordingError(f"{path}: holds no row of numbers in its first {HEADER_LINES} lines")
+    number, delimiter, names = header
+    names = names if columns is None else [name.strip() for name in columns.split(",")]
+    body = text.splitlines()[number + 1 :]
+    is_comma = delimiter != "," and any("," in line for line in body[:HEADER_LINES])
+    if not names:
+        raise RecordingError(f"{path}: has no names of columns; give them in order, for example columns='time_ms,i,q'")
+    try:
+        table = pd.read_csv(
+            path,
+            sep=r"\s+" if delimiter == " " else delimiter,
+            decimal="," if is_comma else ".",
+            skiprows=number + 1,
+            names=names,
+            index_col=False,
+            encoding="utf-8-sig",
+            encoding_errors="replace",
+            comment="#",
+        )
+    except ValueError as error:
+        raise RecordingError(f"{path}: is no table of {', '.join(names)}: {error}") from None
+    return _pick_columns(path, table, names)
+
+
+def _pick_columns(path: Path, table: Any, names: list[str]) -> Parsed:
+    picked = find_columns(names)
+    words = [split_name(name) for name in names]
+    if picked is None:
+        times = [n for n, some in enumerate(words) if TIME & set(some)]
+        others = [n for n, some in enumerate(words) if n not in times[:1] and not COUNTERS & set(some)]
+        if len(others) != 1 or NO_PHASE & set(words[others[0]]):
+            raise RecordingError(
+                f"{path}: has the columns {', '.join(names)}; it needs one of I and one of Q (or re and im), or one "
+                "real output. Name them in order: columns='time_ms,i,q'"
+            )
+        picked = {"i": others[0], **({"time": times[0]} if times else {})}
+    parts = [_read_numbers(path, table.iloc[:, picked[key]], names[picked[key]]) for key in ("i", "q") if key in picked]
+    values = parts[0] if len(parts) == 1 else np.stack(parts, axis=-1)
+    axes: dict[str, Any] = {}
+    if "time" in picked:
+        axes["slow_time_s"] = _read_times(path, table.iloc[:, picked["time"]], names[picked["time"]])
+    return Parsed(values, axes, {}, [f"columns: {', '.join(names[n] for n in picked.values())}"])
+
+
+def _read_numbers(path: Path, column: Any, name: str) -> npt.NDArray[Any]:
+    if column.dtype.kind in "iuf":
+        return np.asarray(column)
+    try:
+        return np.asarray([complex(str(text).strip().replace("i", "j").replace(" ", "")) for text in column])
+    except ValueError:
+        raise RecordingError(
+            f"{path}: column {name!r} holds cells that are no numbers; correct or remove them"
+        ) from None
+
+
+def _read_times(path: Path, column: Any, name: str) -> npt.NDArray[np.float64]:
+    """Return the stamps in s, by the unit in the column's name or as dates."""
+    if column.dtype.kind not in "iuf":
+        import pandas as pd
+
+        try:
+            dates = pd.to_datetime(column, format="ISO8601")
+        except ValueError:
+            raise RecordingError(f"{path}: column {name!r} holds neither numbers nor ISO dates; correct them") from None
+        return np.asarray((dates - dates.iloc[0]).dt.total_seconds(), dtype=np.float64)
+    stamps = np.asarray(column, dtype=np.float64)
+    unit = next((UNITS_S[word] for word in split_name(name) if word in UNITS_S), None)
+    step = float(np.median(np.diff(stamps))) if stamps.size > 1 else 0.0
+    if unit is None and step * MIN_PLAIN_HZ > 1.0:
+        raise RecordingError(
+            f"{path}: column {name!r} steps by {step:g} and states no unit; name it in columns, as time_s or time_ms"
+        )
+    return stamps * (unit or 1.0)
