@@ -9,10 +9,11 @@ from doppelgait.motion import boulic_walk
 from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import Conditions, analyze, simulate
 from doppelgait.pipeline.rangeless import Motion, find_motion, has_both_directions, transform_motion
+from doppelgait.processing import Analysis
 from doppelgait.processing.bursts import average_bursts
 from doppelgait.processing.detect import Detector
 from doppelgait.processing.track import Tracker
-from doppelgait.radar import Radar
+from doppelgait.radar import Radar, Recording
 from doppelgait.radar.readers.cw_text import read_cw_text
 from doppelgait.scene import Scene, Target
 
@@ -52,6 +53,108 @@ def test_a_walker_is_one_target_with_the_default_gate(make, rel):
     assert found.quality["ground_speed_mps"] is None
     assert found.quality["aspect_deg"] is None
     assert not any(flag.startswith("more_than_one_body") for flag in found.flags)
+
+
+def module(change, *, speed_mps=1.1, range_m=5.0, level=1.0):
+    """Record with a module of 24 GHz a trunk and four limbs that approach at ``speed_mps``, 1.8 steps a second."""
+    time_s, generator = np.arange(8000) / 1000.0, np.random.default_rng(4)
+    way_m = np.cumsum(np.broadcast_to(speed_mps, time_s.shape)) / 1000.0
+    turn = 2 * np.pi * 0.9 * time_s
+    swings = [(1.0, 0.012, 2.0, 0.0), *((0.3, 0.19, 1.0, phase) for phase in (0.0, 0.4, 3.1, 3.5))]
+    echo = sum(
+        level * (6.0 / (12.0 - way_m)) ** 2 * np.exp(4j * np.pi / 0.0125 * (way_m + swing_m * np.sin(n * turn + phase)))
+        for level, swing_m, n, phase in swings
+    )
+    echo = level * echo + 0.03 * (generator.standard_normal((8000, 2)) @ [1, 1j])
+    values = np.asarray(change(echo, 2 * np.pi * time_s), dtype=np.complex64)[:, None]
+    axes = {"slow_time": time_s, "range": np.array([range_m])}
+    radar = Radar.preset("xband-cw", prf_hz=1000, carrier_hz=299792458.0 / 0.0125)
+    return Recording.from_baseband(make_array(BASEBAND, values, axes), radar)
+
+
+def mix(gain, phase_deg, offset=0.0):
+    return lambda y, turn: y.real + 1j * gain * (y * np.exp(1j * np.radians(phase_deg))).imag + offset
+
+
+KINDS = [
+    (mix(1.41, 20), ""),
+    (mix(0.71, -20, 5 - 3j), ""),
+    (lambda y, turn: y.real + 2.0, "no_direction"),
+    (lambda y, turn: y.real * (1 - 0.4j) + 3j, "no_direction"),
+    (lambda y, turn: y.real * (1 + 2j) + 0.03j * np.sin(turn**2), "no_direction"),
+    (lambda y, turn: y + 3 * np.cos(50.07 * turn), "mains_lines_removed:50_hz"),
+    (lambda y, turn: y + 30 * np.cos(59.9 * turn) + 12j * np.sin(59.9 * turn + 1), "mains_lines_removed:60_hz"),
+    (lambda y, turn: y + 2 * np.exp(-149.9j * turn), "mains_lines_removed:150_hz"),
+    (lambda y, turn: y + 4 * np.cos(1200.6 * turn) + np.cos(120.06 * turn), "mains_lines_removed:120_1200_hz"),
+    (lambda y, turn: y.real + 2 * np.cos(100.1 * turn), "mains_lines_removed:100_hz;no_direction"),
+]
+"""What a module makes of the samples of a good one, and the flags of the receiver."""
+
+
+@pytest.mark.parametrize("gate", ["track", (0.0, 10.0)])
+@pytest.mark.parametrize(("change", "flags"), KINDS)
+def test_a_cheap_module_has_the_features_of_a_good_one(change, flags, gate):
+    good, found = (
+        analyze(module(chosen, speed_mps=-1.1), gate=gate, analysis=Analysis(clutter="mean"))[0]
+        for chosen in (lambda y, turn: y, change)
+    )
+    speed_mps = 1.1 if "no_direction" in flags else -1.1  # of one output, the speed without direction
+    assert found.features.torso_velocity_mps == pytest.approx(speed_mps, rel=0.02)
+    assert found.gait_frequency_hz == pytest.approx(1.8, rel=0.02)
+    assert found.features.doppler_bandwidth_hz == pytest.approx(good.features.doppler_bandwidth_hz, rel=0.1)
+    assert found.signature.attrs.get("receiver", "") == flags
+    assert set(filter(None, flags.split(";"))) <= set(found.flags)
+    assert not any(flag.startswith("more_than_one_body") for flag in found.flags)
+
+
+@pytest.mark.parametrize("range_m", [0.0, 5.0])
+@pytest.mark.parametrize("normalisation", ["sum", "r4"])
+def test_a_radar_without_range_has_no_range_weight(range_m, normalisation):
+    with np.errstate(divide="raise", invalid="raise"):
+        (found,) = analyze(module(lambda y, turn: y, range_m=range_m), analysis=Analysis(normalisation=normalisation))
+    (other,) = analyze(module(lambda y, turn: y, range_m=7.0), analysis=Analysis(normalisation=normalisation))
+    assert found.features.as_dict() == pytest.approx(other.features.as_dict(), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("line", "speed_mps", "flags"),
+    [
+        (lambda turn: 0.5 * np.cos(100.1 * turn) + 0.2j * np.cos(200.2 * turn), None, ()),  # a lamp
+        (lambda turn: sum(np.cos(50 * n * turn + n) * (0.3 + 0.1j) / n for n in range(1, 12)), None, ()),  # a supply
+        (lambda turn: (1 + 0.02 * turn) * np.exp(54j * turn), 0.3375, ()),  # bodies that approach at constant speed
+        (lambda turn: (1 + 0.02 * turn) * np.exp(100j * turn), 0.625, ("mains_line_or_body:100_hz",)),
+    ],
+)
+def test_lamps_and_supplies_are_no_targets_and_bodies_at_constant_speed_are(line, speed_mps, flags):
+    found = analyze(module(lambda y, turn: y + line(turn), level=0.0), gate=(0.0, 10.0) if speed_mps else "track")
+    assert len(found) == (speed_mps is not None)
+    for target in found:
+        assert target.features.torso_velocity_mps == pytest.approx(speed_mps, abs=0.01)
+        assert tuple(flag for flag in target.flags if flag.startswith("mains")) == flags
+
+
+@pytest.mark.parametrize("change", [lambda y, turn: y, lambda y, turn: y.real])
+def test_a_segment_ends_where_the_body_rests(change):
+    """A path without range could also be that of a body that passes by, so the segments do not find the rest."""
+    speed_mps = 1.1 * np.interp(np.arange(8000), [2800, 3400, 4400, 5000], [1, 0, 0, 1])
+    (found,) = analyze(module(change, speed_mps=speed_mps))
+    assert found.features.torso_velocity_mps == pytest.approx(1.1, rel=0.1)
+    assert all(segment.quality["stop_s"] < 3.6 or segment.quality["start_s"] > 4.2 for segment in found.segments)
+    assert len(found.segments) == 2
+
+
+def test_hum_in_all_bins_is_removed_and_bodies_in_single_bins_stay():
+    spur = [{"kind": "spur", "frequency_hz": 50.05, "level_db": -60.0}]
+    radar, scene = Radar.preset("x4", prf_hz=640), Scene([walker()], duration_s=4.0)
+    good, found = (
+        analyze(simulate(scene, radar, rng=rng(3), snr_db=15.0, conditions=Conditions(impairments=kinds)))[0]
+        for kinds in ([], spur)
+    )
+    assert found.flags[0] == "mains_lines_removed:50_hz"
+    assert found.features.torso_velocity_mps == pytest.approx(good.features.torso_velocity_mps, rel=0.01)
+    assert found.features.doppler_bandwidth_hz == pytest.approx(good.features.doppler_bandwidth_hz, rel=0.05)
+    assert found.gait_frequency_hz == pytest.approx(good.gait_frequency_hz, rel=0.01)
+    assert "receiver" not in good.signature.attrs
 
 
 def test_two_who_pass_each_other_are_flagged():

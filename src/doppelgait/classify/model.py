@@ -184,6 +184,7 @@ def format_span(low: float, high: float) -> str:
 ABSTAIN_BELOW = 0.8
 BLOCKING = (
     "no_signal",
+    "no_direction",
     "not_tracked",
     "keeps_still:*",
     "no_steady_piece:*",
@@ -196,8 +197,7 @@ BLOCKING = (
     "doppler_band_full:*",
     "*:columns_do_not_overlap",
 )
-"""Flags that prevent a decision, * for anything: no target, no gait in the signature, the echo of another body, no
-body, or too few columns to show a gait."""
+"""Flags that prevent a decision, * for anything: no target, no gait or direction, an echo, no body, too few columns."""
 OUTSIDE = 0.25
 """A feature may lie outside the training range by this share of its span."""
 RARELY = 0.01

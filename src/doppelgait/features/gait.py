@@ -11,6 +11,7 @@ from doppelgait.core.labels import SIGNATURE, Signal, measures_signal
 from doppelgait.core.plugins import plugin
 from doppelgait.features.doppler import (
     LEAST_NOISE_SIGMAS,
+    WIDTH_LEVEL,
     bandwidth_threshold_hz,
     compute_quantile,
     compute_snr_db,
@@ -103,8 +104,12 @@ def extract(observed: Observation, *, bandwidth_threshold: float, cpi_s: float, 
         flags.append("doppler_bandwidth:signal_in_too_few_columns")
     else:
         bandwidth_hz = observed.width_bins * observed.bin_mps / observed.mps_per_hz
-    full_hz = observed.envelope_width_hz
-    if full_hz is not None and full_hz > FULL_BAND_SHARE * float(observed.signature.attrs["prf_hz"]):
+        if observed.is_folded:  # the blur of the window below 0 Hz lies on the side above
+            bandwidth_hz += (
+                single_tone_width_hz(cpi_s=cpi_s, window_steepness=window_steepness, threshold=WIDTH_LEVEL) / 2
+            )
+    full_hz, band_mps = observed.envelope_width_hz, observed.bin_mps * observed.velocity_mps.size
+    if full_hz is not None and full_hz * observed.mps_per_hz > FULL_BAND_SHARE * band_mps:
         flags.append("doppler_band_full:aliasing_is_possible")
     frequency_hz = _check_frequency(gait, observed.signature.attrs, flags)
     rho = LimbTorsoRatio(None, None)

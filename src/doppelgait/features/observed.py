@@ -19,6 +19,7 @@ from doppelgait.core.labels import Signal, sampling_rate_hz
 from doppelgait.core.straight import make_orthonormal_basis
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.features.doppler import (
+    WIDTH_SHARE,
     compute_quantile,
     compute_snr_db,
     envelopes_hz,
@@ -263,6 +264,13 @@ class Observation:
         """True if f_mu is known."""
         return self.extraction.gait_frequency_hz is not None
 
+    @property
+    def is_folded(self) -> bool:
+        """True if the sides of the Doppler axis are one, and the body's band reaches its end at 0 Hz."""
+        low_hz = self.envelopes_hz[0]
+        starts_at_zero = self.velocity_mps[0] == 0.0
+        return bool(starts_at_zero and np.nanmean(low_hz < 2.0 * self.bin_mps / self.mps_per_hz) > WIDTH_SHARE)
+
     @cached_property
     def has_envelope(self) -> bool:
         """True if half of the columns exceed the noise."""
@@ -404,7 +412,8 @@ class Observation:
     @cached_property
     def range_weight(self) -> FloatArray:
         """Factor (range / mean range)^4 that removes the radar equation (E-28), (J,)."""
-        centre_m = self.signature.axis("centre_range")
+        # the equation is one of the far field; a radar without range has the range 0, and every factor is 1
+        centre_m = np.maximum(self.signature.axis("centre_range"), float(self.signature.attrs["wavelength_m"]))
         return np.asarray(((centre_m / (centre_m.sum() / centre_m.size)) ** 2) ** 2)
 
     @cached_property

@@ -14,12 +14,14 @@ import numpy as np
 from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.frames import Frames
+from doppelgait.pipeline.rangeless import correct_receiver
 from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.target import Gated, analyze_targets, compute_gated
 from doppelgait.pipeline.tracking import LOST_SHARE, Tracking, track_targets
 from doppelgait.pipeline.verdicts import is_echo
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.clutter import clean_frames
+from doppelgait.processing.detect import Detector
 from doppelgait.processing.gate import GateChoice
 from doppelgait.radar.readers import read_recording
 from doppelgait.radar.recording import Recording
@@ -155,6 +157,8 @@ def compute_signatures(
 ) -> list[Gated]:
     """Compute the signatures of a recording's targets, in gates of their truth, or in a given gate."""
     frames, times_s, wavelength_m = recording.frames, recording.slow_time_s, recording.radar.wavelength_m
+    if gate != "truth":
+        frames = correct_receiver(frames, Detector(), wavelength_m=wavelength_m)
     if isinstance(gate, tuple):
         gate = Gate.fixed(*gate, time_s=times_s, range_m=recording.range_m)
     gates: list[tuple[Gate, str | None]]  # with target labels

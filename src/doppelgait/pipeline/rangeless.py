@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,8 +13,10 @@ from doppelgait.pipeline.result import Result
 from doppelgait.pipeline.target import analyze_gated
 from doppelgait.processing import Analysis, Gate, noise_floor_v2
 from doppelgait.processing.bursts import make_frame_gate
+from doppelgait.processing.clutter import remove_from_frames
 from doppelgait.processing.detect import Detector
 from doppelgait.processing.detect.maps import compute_maps, noise_factor
+from doppelgait.processing.receiver import MAX_SECOND_SHARE, ONE_OUTPUT, add_flags, remove_mains_lines
 from doppelgait.processing.signature import compute_signature
 from doppelgait.processing.track import Tracker
 from doppelgait.processing.track_segments import SegmentationSettings, TrackSegment, find_track_segments
@@ -62,12 +65,59 @@ def transform_motion(clean: Frames, detector: Detector, *, wavelength_m: float) 
         mu = compute_signature(clean, make_frame_gate(clean), Analysis(), wavelength_m=wavelength_m)
         return Motion(mu.axis("time"), mu.axis("velocity"), mu.values, noise_floor_v2(mu))
     blocks = list(compute_maps(clean, detector, wavelength_m=wavelength_m))
+    velocity_mps = blocks[0].velocity_mps
+    sides = slice(velocity_mps.size // 2 if clean.facts.get(ONE_OUTPUT) else 0, None)
     return Motion(
         np.concatenate([maps.time_s for maps in blocks]),
-        blocks[0].velocity_mps,
-        np.concatenate([maps.power_v2[:, :, 0] for maps in blocks]),
+        velocity_mps[sides],
+        np.concatenate([maps.power_v2[:, sides, 0] for maps in blocks]),
         float(np.mean([maps.floor_v2[0] for maps in blocks])),
     )
+
+
+def correct_receiver(frames: Frames, detector: Detector, *, wavelength_m: float) -> Frames:
+    """Remove lines of the mains; without range and with one output, reduce I and Q to one real series."""
+    frames = remove_mains_lines(frames)
+    if frames.n_bins > 1:
+        return frames
+    frames = frames.find_bursts()
+    angle_rad = find_output(frames, detector, wavelength_m=wavelength_m)
+    if angle_rad is None:
+        return frames
+    series = _project(frames, complex(math.cos(angle_rad), -math.sin(angle_rad)))
+    return add_flags(series, "no_direction", one_output=True)
+
+
+def _project(frames: Frames, weight: complex) -> Frames:
+    """Return the real part of weighted samples."""
+    return frames.map_tiles(lambda values, first: (values * np.complex64(weight)).real.astype(np.complex64))
+
+
+def find_output(frames: Frames, detector: Detector, *, wavelength_m: float) -> float | None:
+    """Return the direction in the plane of I and Q in which all echoes lie, or None."""
+    # a moving body turns in the plane of two outputs, but moves along a line if Q repeats I or is empty
+    clean = remove_from_frames(frames, kind="mean") if frames.slow_time.burst_pulses is None else frames
+    powers, floors_v2 = [], []
+    for weight in (1.0, -1.0j, 1.0 - 1.0j):  # I, Q, and I + Q for the product of both
+        motion = transform_motion(_project(clean, weight), detector, wavelength_m=wavelength_m)
+        powers.append(motion.power_v2.astype(np.float64))
+        floors_v2.append(motion.floor_v2)
+    total_v2, floor_v2 = powers[0] + powers[1], floors_v2[0] + floors_v2[1]
+    echo = (total_v2 > noise_factor(SURE_PFA) * floor_v2) & (np.abs(motion.velocity_mps) >= detector.slow_mps)
+    stated = bool(frames.facts.get(ONE_OUTPUT))
+    if not echo.any() and not stated:
+        return None
+    cells = echo if echo.any() else total_v2 > 0.0
+    # every cell counts alike, so that a strong vibration does not hide a weak body
+    i, q, both = (
+        float(np.mean((power_v2[cells] - noise_v2) / total_v2[cells]))
+        for power_v2, noise_v2 in zip(powers, floors_v2, strict=True)
+    )
+    product = (both - i - q) / 2.0
+    spread = math.hypot(i - q, 2.0 * product)
+    if not stated and i + q - spread > MAX_SECOND_SHARE * (i + q + spread):
+        return None
+    return math.atan2(2.0 * product, i - q) / 2.0
 
 
 def find_motion(motion: Motion, detector: Detector, tracker: Tracker) -> list[tuple[float, float]]:
@@ -118,14 +168,17 @@ def analyze_motion(
     peaks_mps = motion.peaks_mps()
     for start_s, stop_s in times:
         # the integral of the strongest Doppler is a path far from the radar, which is divided like a range track
-        inside = (motion.time_s >= start_s) & (motion.time_s <= stop_s)
-        times_s, velocity_mps = motion.time_s[inside], peaks_mps[inside]
-        way_m = np.concatenate([[0.0], np.cumsum(np.diff(times_s) * (velocity_mps[1:] + velocity_mps[:-1]) / 2.0)])
-        range_m = FAR_M - way_m + max(0.0, float(way_m.max()) - FAR_M / 2.0)
-        segments += find_track_segments(times_s, range_m, settings=settings)
+        inside = np.flatnonzero((motion.time_s >= start_s) & (motion.time_s <= stop_s))
+        continuous = clean.slow_time.burst_pulses is None  # some bursts a second do not show a rest
+        rests = _find_rests(motion.time_s[inside], peaks_mps[inside], settings) if continuous else []
+        for walk in np.split(inside, rests):
+            times_s, velocity_mps = motion.time_s[walk], peaks_mps[walk]
+            way_m = np.concatenate([[0.0], np.cumsum(np.diff(times_s) * (velocity_mps[1:] + velocity_mps[:-1]) / 2.0)])
+            range_m = FAR_M - way_m + max(0.0, float(way_m.max()) - FAR_M / 2.0)
+            segments += find_track_segments(times_s, range_m, settings=settings)
     usable = [segment for segment in segments if segment.usable]
     flags: tuple[str, ...] = ()
-    if any(has_both_directions(motion, *span) for span in times):
+    if not clean.facts.get(ONE_OUTPUT) and any(has_both_directions(motion, *span) for span in times):
         flags = ("more_than_one_body:some_approach_while_others_recede",)
     spans = [(segment.start_s, segment.stop_s) for segment in usable]
     if not usable:
@@ -144,6 +197,15 @@ def analyze_motion(
     return replace(
         longest, quality={**longest.quality, **facts}, gate_limits=gate, segments=tuple(results) if usable else ()
     )
+
+
+def _find_rests(times_s: FloatArray, velocity_mps: FloatArray, settings: SegmentationSettings) -> list[int]:
+    """Return the scans at which a body comes to rest or starts."""
+    # a path without range may be that of a body that stops or of one that passes by: only a rest separates them
+    rests = np.concatenate([[False], np.abs(velocity_mps) < settings.still_mps, [False]])
+    edges = np.flatnonzero(np.diff(rests)).reshape(-1, 2)
+    lasting = times_s[edges[:, 1] - 1] - times_s[edges[:, 0]] >= settings.min_piece_s
+    return [int(n) for n in edges[lasting].ravel() if 0 < n < times_s.size]
 
 
 def _make_whole_gate(clean: Frames, start_s: float, stop_s: float) -> Gate:

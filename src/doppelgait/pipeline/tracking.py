@@ -35,6 +35,7 @@ from doppelgait.processing.detect import Detector
 from doppelgait.processing.detect.maps import compute_maps, noise_factor
 from doppelgait.processing.detect.scans import detect_bodies
 from doppelgait.processing.detections import Scan
+from doppelgait.processing.receiver import RECEIVER
 from doppelgait.processing.track import Track, Tracker, split_tracks, track
 from doppelgait.processing.track_segments import SegmentationSettings, find_track_segments
 from doppelgait.radar import Radar
@@ -92,8 +93,9 @@ def track_targets(frames: Frames, radar: Radar, source: str, analysis: Analysis,
             f"{source}: {unknown.size} of {frames.n_pulses} frames have values that are not finite (first: "
             f"frame {unknown[0]}); remove those frames or fill them"
         )
+    frames = rangeless.correct_receiver(frames, tracking.detector, wavelength_m=wavelength_m)
     if frames.n_bins == 1:
-        return _analyze_without_range(frames.find_bursts(), wavelength_m, analysis, tracking)
+        return _analyze_without_range(frames, wavelength_m, analysis, tracking)
     raw = remove_common_phase(frames)
     clean = clean_frames(raw, analysis)
     prf_hz = raw.slow_time.rate_hz
@@ -179,7 +181,7 @@ def _analyze_without_range(frames: Frames, wavelength_m: float, analysis: Analys
     return TargetList(
         reason=f"{moves} of {motion.time_s.size} scans have Doppler above the noise at {tracking.detector.slow_mps:g} "
         f"m/s or more, too few for a motion of {tracking.tracker.min_duration_s:g} s; "
-        f"{needs or 'no steady breathing for 12 s'}"
+        f"{'; '.join(filter(None, [needs or 'no steady breathing for 12 s', frames.facts.get(RECEIVER)]))}"
     )
 
 

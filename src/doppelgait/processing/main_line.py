@@ -157,8 +157,15 @@ def align(array: Signal, line_hz: FloatArray) -> Signal:
             f"line_hz has shape {np.shape(line_hz)}; it must be ({array.sizes['time']},), one frequency per column"
         )
     moved = np.empty(array.shape)
-    native.shift_columns(array.values, line_hz / bin_width_hz(array), moved)
-    return array.replace(moved)
+    centre_hz = float(array.axis("doppler")[array.sizes["doppler"] // 2])  # 0 Hz, unless the receiver has one output
+    native.shift_columns(array.values, (line_hz - centre_hz) / bin_width_hz(array), moved)
+    aligned = array.replace(moved)
+    if centre_hz:
+        aligned.coords = {
+            name: (dims, values - values[values.size // 2] if dims == ("doppler",) else values, attrs)
+            for name, (dims, values, attrs) in aligned.coords.items()
+        }
+    return aligned
 
 
 @dataclass(frozen=True)

@@ -161,7 +161,7 @@ def normalise(signature: Signal, floor_v2: float, *, mode: Normalisation = "sum"
     elif mode == "max":
         scale = highest
     elif mode == "r4":
-        centre = signature.axis("centre_range")
+        centre = np.maximum(signature.axis("centre_range"), float(signature.attrs.get("wavelength_m", 0.0)))
         scale = ((centre.mean() / centre) ** 2) ** 2 * sums.mean()
     else:
         raise AnalysisError(f"normalisation {mode!r} is not known; allowed are sum, max and r4")

@@ -21,6 +21,7 @@ from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.bursts import make_frame_gate, split_bursts
 from doppelgait.processing.config import Analysis, Transform, find_lossless_hop, plan_transform
 from doppelgait.processing.gate import Gate
+from doppelgait.processing.receiver import describe_receiver
 
 Plane = npt.NDArray[np.float32]
 
@@ -238,7 +239,7 @@ def compute_signature(
     cut = make_gated_transform(gate, frames.slow_time, frames.range_m, analysis, bin_share=frames.bin_share)
     in_bursts = frames.slow_time.burst_pulses is not None
     power = cut.sum_bursts(frames, remove_mean=remove_mean) if in_bursts else cut.sum_power(frames.samples)
-    return cut.make_signature(power, wavelength_m=wavelength_m)
+    return describe_receiver(frames, cut.make_signature(power, wavelength_m=wavelength_m))
 
 
 TILE_PULSES = 1 << 10
