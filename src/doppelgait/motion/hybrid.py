@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Annotated, Any, Self
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -20,8 +19,8 @@ from pydantic import Field, field_validator, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import MotionError
 from doppelgait.core.units import FloatArray
-from doppelgait.motion.gait import add_gait_facts, is_quadruped, step_and_gait_frequency_hz
-from doppelgait.motion.loop import Cycle, fit_cycle, weigh_feet
+from doppelgait.motion.gait import is_quadruped, step_and_gait_frequency_hz
+from doppelgait.motion.loop import Cycle, fit_cycle, require_gait, weigh_feet
 from doppelgait.motion.motion import Motion, make_motion, require_motion
 from doppelgait.motion.retime import travel_heading_rad, travel_speed_mps
 from doppelgait.motion.rigid import check_hybrid, find_bones, find_rigid_pairs, measure_pair_lengths, restore_lengths
@@ -371,23 +370,14 @@ def find_stride_limits(law: SpeedLaw) -> tuple[float, float]:
     return math.exp(-SPREADS * law.spread), math.exp(SPREADS * law.spread)
 
 
-_known: WeakKeyDictionary[Motion, Motion] = WeakKeyDictionary()
-
-
 def _require_gait(motion: Motion) -> Motion:
-    """Return a gap-free motion with gait facts."""
-    if (before := _known.get(require_motion(motion))) is not None:
-        return before
-    if not np.isfinite(motion.position_m).all():
-        raise MotionError(f"{motion.label}: has gaps, so it cannot be retargeted or blended; clean it first")
-    known = add_gait_facts(motion)
+    """Return a motion with gait facts and a whole stride."""
+    known = require_gait(require_motion(motion), "retargeted or blended")
     if not motion.n_frames - 1 >= motion.rate_hz / known.facts.stride_frequency_hz:
         raise MotionError(
             f"{motion.label}: shows no whole stride, so it cannot be retargeted or blended; give a longer part in "
             "which the body walks, or state the stride: motion.with_facts(stride_frequency_hz=...)"
         )
-    if not motion.position_m.flags.writeable:  # many hybrids share a clip, and its cycle is cached
-        _known[motion] = known
     return known
 
 

@@ -50,7 +50,21 @@ class Seam:
     velocity_mps: float
 
 
+_known: WeakKeyDictionary[Motion, Motion] = WeakKeyDictionary()
 _fitted: WeakKeyDictionary[Motion, tuple[Motion, Cycle, Seam]] = WeakKeyDictionary()
+"""Gait facts and cycles of clips that cannot change: many examples of a dataset share a clip."""
+
+
+def require_gait(motion: Motion, change: str) -> Motion:
+    """Return a motion without gaps with its gait facts."""
+    if (before := _known.get(motion)) is not None:
+        return before
+    if not np.isfinite(motion.position_m).all():
+        raise MotionError(f"{motion.label}: has gaps, so it cannot be {change}; clean it first")
+    known = add_gait_facts(motion)
+    if not motion.position_m.flags.writeable:
+        _known[motion] = known
+    return known
 
 
 def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
@@ -60,10 +74,7 @@ def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
     if (before := _fitted.get(motion)) is not None:
         return before
     where = motion.label
-    if not np.isfinite(motion.position_m).all():
-        raise MotionError(f"{where}: has gaps, so it cannot be looped; clean it first")
-    known = add_gait_facts(motion)
-    rate = motion.rate_hz
+    known, rate = require_gait(motion, "looped"), motion.rate_hz
     period = rate / known.facts.stride_frequency_hz
     overlap = OVERLAP_STRIDES * period
     if not math.isfinite(period):
@@ -78,7 +89,7 @@ def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
         )
     seam, usual = _find_best_seam(motion, period, overlap)
     fitted = known, _close_cycle(motion, seam, overlap), usual
-    if not motion.position_m.flags.writeable:  # a clip that many examples of a dataset share
+    if not motion.position_m.flags.writeable:
         _fitted[motion] = fitted
     return fitted
 

@@ -152,32 +152,27 @@ def check_hybrid(
     """Check lengths, feet and joints of a hybrid."""
     # the report is added to the motion. loose holds the positions before the lengths were restored.
     position = made.position_m
+
+    def refuse(why: str) -> None:
+        raise MotionError(f"{made.label}: cannot be made: {why}; change less")
+
     error = np.abs(measure_pair_lengths(position, pairs) - wanted)
     beyond_m = error - np.maximum(LONGER_M, LONGER * wanted)
     worst = np.unravel_index(int(np.argmax(beyond_m)), error.shape)
     if beyond_m[worst] > 0:
         names = " and ".join(made.markers[n] for n in pairs[worst[1]])
-        raise MotionError(
-            f"{made.label}: cannot be made: {names} would be {1e3 * error[worst]:.1f} mm nearer or further than in the "
-            "recording; change less"
-        )
+        refuse(f"{names} would be {1e3 * error[worst]:.1f} mm nearer or further than in the recording")
     jerks = [float(np.abs(np.diff(values, n=2, axis=0)).max()) for values in (position, loose)]
     if jerks[0] > JERKS * jerks[1]:
-        raise MotionError(
-            f"{made.label}: cannot be made: to keep its lengths the body would accelerate {jerks[0] / jerks[1]:.1f} "
-            f"times as much; allowed are {JERKS:g}; change less"
-        )
+        much = f"{jerks[0] / jerks[1]:.1f} times as much; allowed are {JERKS:g}"
+        refuse(f"to keep its lengths the body would accelerate {much}")
     slides, recorded = measure_foot_slide(made), [measure_foot_slide(source) for source in sources]
     before = max(filter(math.isfinite, recorded), default=math.nan)
     if math.isfinite(before) and not math.isfinite(slides):
-        raise MotionError(
-            f"{made.label}: cannot be made: no foot would rest on the ground, as feet do in the recordings; change less"
-        )
+        refuse("no foot would rest on the ground, as feet do in the recordings")
     if slides > before + SLIDES:
-        raise MotionError(
-            f"{made.label}: cannot be made: feet on the ground slide at {slides:.3f} of the speed, {before:.3f} in the "
-            f"recordings; allowed are {SLIDES:g} more; change less"
-        )
+        allowed = f"{before:.3f} in the recordings; allowed are {SLIDES:g} more"
+        refuse(f"feet on the ground slide at {slides:.3f} of the speed, {allowed}")
     free = [n for n, part in enumerate(made.parts) if part in FREE_PARTS]
     joints = _find_joints(pairs, sources[0].position_m)
     joints = joints[~np.isin(joints, free).any(axis=1)]
@@ -186,19 +181,16 @@ def check_hybrid(
         arms = [motion.position_m[:, joints[:, end]] - motion.position_m[:, joints[:, 1]] for end in (0, 2)]
         lengths = np.maximum(np.linalg.norm(arms[0], axis=2) * np.linalg.norm(arms[1], axis=2), 1e-12)
         angles.append(np.degrees(arccosine(np.clip((arms[0] * arms[1]).sum(axis=2) / lengths, -1.0, 1.0))))
+    further = 0.0
     if joints.size:
         low = np.min([angle.min(axis=0) for angle in angles[1:]], axis=0) - angles[0].min(axis=0)
         high = angles[0].max(axis=0) - np.max([angle.max(axis=0) for angle in angles[1:]], axis=0)
         beyond = np.maximum(low, high)
-        if beyond.max() > BENDS_DEG:
-            at = made.markers[joints[int(np.argmax(beyond)), 1]]
-            raise MotionError(
-                f"{made.label}: cannot be made: the joint at {at} would bend {beyond.max():.0f} degrees further than "
-                f"in the recordings; allowed are {BENDS_DEG:g}; change less"
-            )
         further = max(0.0, float(beyond.max()))
-    else:
-        further = 0.0
+        if further > BENDS_DEG:
+            at = made.markers[joints[int(np.argmax(beyond)), 1]]
+            far = f"{further:.0f} degrees further than in the recordings; allowed are {BENDS_DEG:g}"
+            refuse(f"the joint at {at} would bend {far}")
     report = {
         **made.report.get("hybrid", {}),
         **entries,

@@ -269,15 +269,8 @@ def sample_person(
       1.35 +- 0.18 m/s, for seniors 1.15 +- 0.2 m/s, within 0.4 to 2.0 (Bohannon 1997; Bohannon and Andrews 2011).
     - Children (3 to 12 years): Weech's rules, H = 0.77 m + 0.06 m a with 4.5 % (assumed), mass (2 a + 8) kg to 6 years,
       then (7 a - 5)/2 kg, with 12 % (assumed). The speed is that of an adult at the same Froude number.
-    - Gait, measured on the recorded walkers of the model, lognormal within 3 deviations: walk ratio with 16 % (stride
-      frequency at equal dimensionless speed with 8 %), ripple of the trunk with 20 %, swing of the arms with 40 %.
-      Normal: peak of the swing with 0.24 (peak speed of the ankle with 6 %), asymmetry (left - right) of the arms 0.15
-      +- 0.28, of the trunk 0.4 (walkers 0.2, runners 0.5), lean with 3 degrees (assumed).
-    - Steps, measured on 66 steps in 17 clips of walkers without complaints (``studies/step_variation.py``): the
-      standard deviation of their times is lognormal about 0.025 with 30 % (assumed, since people do
-      not differ significantly), that of their lengths about 0.014 with 70 %, at most 0.09. The
-      asymmetry is normal with 0.02 in time and 0.06 in length. The drift of the speed is lognormal
-      about 0.01 with 50 % (assumed, since clips of 2 to 6 s show no significant drift).
+    - Gait and steps: measured on recorded walkers, within 3 deviations; ``people.toml`` next to this
+      module has the laws.
 
     Parameters
     ----------

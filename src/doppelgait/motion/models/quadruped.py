@@ -21,7 +21,6 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
-from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import FloatArray, cosine, exponential, logarithm, sine
 from doppelgait.motion.models.curves import find_swing_curve, join_trunk_curves, segment_elevation_rad
@@ -43,6 +42,7 @@ from doppelgait.motion.models.quadruped_gaits import (
 )
 from doppelgait.motion.models.registry import model_function
 from doppelgait.motion.models.strides import (
+    STRIDE_CORRELATION,
     Columns,
     Curve,
     Landings,
@@ -51,7 +51,7 @@ from doppelgait.motion.models.strides import (
     fit_cubic_spline,
     make_column,
     make_gait_motions,
-    sample_autoregressive,
+    sample_series,
     scale_points,
     solve_two_links,
     stack_columns,
@@ -507,22 +507,12 @@ def _vary_course(
     first = np.floor(2 * phase[:, :1]) - 8
     sizes = (np.ceil(2 * phase[:, -1:]) + 8 - first)[:, 0].astype(int)
     halves = first + np.arange(sizes.max())
-    longer, landings = np.zeros(halves.shape), {foot: phases.copy() for foot, phases in regular.landings.items()}
-    spreads = np.concatenate([columns.step_length_sd, columns.footfall_sd], axis=1).tolist()
-    for row, ((length_sd, landing_sd), rng) in enumerate(zip(spreads, rngs, strict=True)):
-        if rng is None:
-            if length_sd > 0 or landing_sd > 0:
-                raise ConfigError(
-                    f"step_length_sd = {length_sd:g}, footfall_sd = {landing_sd:g} need a random generator "
-                    "(rng=dg.rng(seed)), or set both 0"
-                )
-            continue
-        if length_sd > 0:
-            longer[row, : sizes[row]] = sample_autoregressive(int(sizes[row]), rng)
-        for foot in gait.touchdown[row] if landing_sd > 0 else ():
-            size = int(regular.sizes[row])
-            landings[foot][row, :size] += landing_sd * sample_autoregressive(size, rng)
+    length_sd, sd, feet = columns.step_length_sd, columns.footfall_sd, [*regular.landings]
+    kinds = [("step_length_sd", length_sd, sizes, STRIDE_CORRELATION)]
+    kinds += [("footfall_sd", sd, regular.sizes, STRIDE_CORRELATION)] * len(feet)
+    longer, *late = sample_series(kinds, rngs)
+    landings = {foot: regular.landings[foot] + sd * series for foot, series in zip(feet, late, strict=True)}
     lengths = regular.stride / 2 * (1 + columns.length_asymmetry * np.where(halves % 2, -0.5, 0.5))
-    lengths += regular.stride / 2 * columns.step_length_sd * longer
+    lengths += regular.stride / 2 * length_sd * longer
     way = fit_cubic_spline((first + np.arange(sizes.max() + 1)) / 2, sum_steps(lengths), sizes + 1)
     return replace(regular, landings=landings, advance=way)

@@ -214,18 +214,12 @@ class Dog:
 def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float | None = None) -> Dog:
     """Sample a dog from known distributions.
 
-    Percentages are standard deviations.
-
     - Build: one of the breeds. The height is normal with 8 %, within 2.5 deviations and the limits of dogs.
     - Gait: by :data:`GAIT_SHARES`, among the gaits that exist at the Froude number. The Froude number is log-uniform
       about the gait's usual one (assumed).
-    - Measured on two dogs: stride length with 7 % (half their difference), maximum speeds of hind and fore paws with
-      10 % between clips, forward ripple of the trunk log-normal with 0.4.
-    - Measured between strides: time with 2 to 6 %, landing of a foot with 1 to 3.5 % of a stride, length of half a
-      stride with 2 to 4 % over the root of the Froude number, so that the trunk's speed varies equally in slow and
-      fast gaits. Each sequence of strides has a serial correlation of 0.5 (measured 0.52).
-    - Measured asymmetry: right feet late by 2 % of a stride, half strides unequal by 4 % over the same root.
-    - Neck and tail: assumed.
+    - Length of half a stride and its asymmetry: 2 to 4 % and 4 % over the root of the Froude number, so
+      that the trunk's speed varies equally in slow and fast gaits.
+    - Other parameters: ``quadruped_gaits.toml`` next to this module has the laws.
 
     Parameters
     ----------

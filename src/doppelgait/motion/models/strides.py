@@ -237,6 +237,24 @@ def evaluate_laws(laws: Mapping[str, Mapping[str, float]], deviates: Sequence[fl
     return values
 
 
+Kind = tuple[str, FloatArray, npt.NDArray[np.integer[Any]], float]
+"""Parameter that varies strides or steps: name and values (B, 1); numbers of steps (B,) and their correlation."""
+
+
+def sample_series(kinds: Sequence[Kind], rngs: Rngs) -> list[FloatArray]:
+    """Sample unit series (B, n) of parameters; 0 where the parameter is 0."""
+    made = [np.zeros((sizes.size, sizes.max())) for _, _, sizes, _ in kinds]
+    for row, rng in enumerate(rngs):
+        for (name, spread, sizes, correlation), series in zip(kinds, made, strict=True):
+            if spread[row, 0] > 0:
+                if rng is None:
+                    raise ConfigError(
+                        f"{name} = {spread[row, 0]:g} needs a random generator (rng=dg.rng(seed)), or set it to 0"
+                    )
+                series[row, : sizes[row]] = sample_autoregressive(int(sizes[row]), rng, correlation)
+    return made
+
+
 @dataclass(frozen=True)
 class Timing:
     """Frames of a batch. Shapes: times and phases (B, T), of which each row has its count; a clock with B curves."""
@@ -254,13 +272,8 @@ def time_even_strides(durations_s: Sequence[float], columns: Columns, period_s: 
     variation = getattr(columns, "stride_variation", np.zeros_like(period_s))
     shortest_s = period_s * (1 - LARGEST_DEVIATION * variation)
     sizes = (np.ceil(times_s[:, -1:] / shortest_s) + (2 * _MARGIN + 1)).astype(int)[:, 0]
-    deviation = np.zeros((sizes.size, sizes.max() - 1))
-    for row, size, sd, rng in zip(deviation, sizes.tolist(), variation[:, 0].tolist(), rngs, strict=True):
-        if sd > 0:
-            if rng is None:
-                raise ConfigError(f"stride_variation: {sd!r} needs a random generator (rng=dg.rng(seed)), or set 0")
-            row[: size - 1] = sd * sample_autoregressive(size - 1, rng)
-    lengths_s = period_s * (1 + deviation)
+    (series,) = sample_series([("stride_variation", variation, sizes - 1, STRIDE_CORRELATION)], rngs)
+    lengths_s = period_s * (1 + variation * series)
     before_s = -np.cumsum(lengths_s[:, _MARGIN - 1 :: -1], axis=1)[:, ::-1]
     knots_s = np.concatenate([before_s, sum_steps(lengths_s[:, _MARGIN:])], axis=1)
     strides = np.arange(-_MARGIN, sizes.max() - _MARGIN)
@@ -348,23 +361,12 @@ def step_series(durations_s: FloatArray, columns: Any, stride_s: FloatArray, str
     deviating = [columns.step_time_sd, columns.step_length_sd, columns.pace_sd]
     shortest = 1 - LARGEST_DEVIATION * (deviating[0] + deviating[2] / 2) - np.abs(columns.time_asymmetry) / 2
     sizes = (np.ceil(2 * durations_s / (stride_s * shortest)) + (2 * _STEP_MARGIN + 1)).astype(int)[:, 0]
-    deviations = np.zeros((3, sizes.size, sizes.max() - 1))
-    spreads = np.concatenate(deviating, axis=1)
-    for row, (size, spread, rng) in enumerate(zip(sizes.tolist(), spreads, rngs, strict=True)):
-        if rng is None:
-            if spread.any():
-                raise ConfigError(
-                    "step_time_sd = {:g}, step_length_sd = {:g}, pace_sd = {:g} need a random generator "
-                    "(rng=dg.rng(seed)), or set all 0".format(*spread)
-                )
-            continue
-        for kind, (sd, correlation) in enumerate(zip(spread, (0.0, 0.0, PACE_CORRELATION), strict=True)):
-            if sd > 0:
-                deviations[kind, row, : size - 1] = sd * sample_autoregressive(size - 1, rng, correlation)
+    kinds = zip(("step_time_sd", "step_length_sd", "pace_sd"), deviating, (0.0, 0.0, PACE_CORRELATION), strict=True)
+    series = sample_series([(name, spread, sizes - 1, correlation) for name, spread, correlation in kinds], rngs)
+    time, length, pace = (spread * values for spread, values in zip(deviating, series, strict=True))
     start = columns.start_phase
     numbers = np.floor(2 * start) - _STEP_MARGIN + np.arange(sizes.max())
     left = np.where(numbers[:, 1:] % 2, 0.5, -0.5)
-    time, length, pace = deviations
     pace = pace / 2
     times = sum_steps(stride_s / 2 * (1 + columns.time_asymmetry * left + time - pace))
     distance = sum_steps(stride_m / 2 * (1 + length + pace))
