@@ -130,29 +130,6 @@ def test_radial_velocity_is_the_slope_of_range(seed):
 # --- Echo ---------------------------------------------------------------------------------------------------------
 
 
-@always(seeds, st.floats(1e-3, 1e3))
-def test_scaling_the_rcs_scales_the_power(seed, factor):
-    motion = swarm(seed)
-    powers = []
-    for total in (0.4, 0.4 * factor):
-        scene = scene_at(motion, (5.0, 1.0), 0.0, (0, 0, 1), rcs=RcsSpec(total_m2=total))
-        powers.append(np.abs(simulate(scene, RADAR).baseband.values.astype(complex)) ** 2)
-    assert close(powers[1], factor * powers[0], 1e-6)
-
-
-@always(seeds, st.integers(1, 5), st.integers(1, 5))
-def test_superposition_over_targets(seed, n_first, n_second):
-    rng = np.random.default_rng(seed)
-    ranges = rng.uniform(0.5, 9.5, (30, n_first + n_second))
-    rcs = rng.uniform(0.01, 1, n_first + n_second)
-    whole = synthesise(range_table(ranges, rcs), RADAR).values
-    first = synthesise(range_table(ranges[:, :n_first], rcs[:n_first]), RADAR).values
-    second = synthesise(range_table(ranges[:, n_first:], rcs[n_first:]), RADAR).values
-    # exact to the rounding of complex64: half a unit in the last place for each of the three
-    largest = max(np.abs(part).max() for part in (whole, first, second))
-    assert np.abs(whole - (first.astype(complex) + second)).max() <= 3 * 2.0**-24 * 2**0.5 * largest
-
-
 @always(st.floats(0.5, 40), st.floats(1e-3, 10))
 def test_received_power_falls_with_the_fourth_power_of_range(range_m, rcs_m2):
     near = received_power_w(RADAR, range_m=range_m, rcs_m2=rcs_m2)

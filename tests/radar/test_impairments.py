@@ -163,15 +163,6 @@ def test_samples_of_another_shape_or_type_are_refused():
             only(np.zeros((3, 5), np.complex64), spec)
 
 
-def test_same_seed_same_bytes_other_seed_or_order_other_bytes():
-    samples = random_samples((50, 188))
-    specs = [ThermalNoise(level_db=-3), PhaseNoise(white_rad=1), Adc(bits=3)]
-    one, same = (impaired(samples, specs) for _ in range(2))
-    assert one.tobytes() == same.tobytes()
-    assert one.tobytes() != impaired(samples, specs, seed=8).tobytes()
-    assert one.tobytes() != impaired(samples, specs[::-1]).tobytes()
-
-
 def test_random_numbers_of_one_do_not_depend_on_those_before():
     samples = zeros(50)
     noise = ThermalNoise(level_db=-3)
@@ -179,11 +170,6 @@ def test_random_numbers_of_one_do_not_depend_on_those_before():
     np.testing.assert_array_equal(a, b)
     twice = impaired(samples, [noise, noise])
     assert np.mean(np.abs(twice) ** 2) == pytest.approx(2 * 10**-0.3, rel=0.05)  # independent, so powers add
-
-
-def test_empty_list_changes_nothing():
-    samples = random_samples((2, 188))
-    assert np.shares_memory(impaired(samples, []), samples)
 
 
 def test_jitter_moves_the_pulses_and_not_the_samples():

