@@ -1,6 +1,7 @@
 """Live decisions: the same as of the file, gaps, clocks, and a slow analysis."""
 
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from doppelgait.motion import boulic_walk
 from doppelgait.pipeline import simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar
+from doppelgait.radar.measured import label_measured
 from doppelgait.scene import Scene, Target
 from export_models import ALARM_MODEL as MODEL
 
@@ -75,17 +77,28 @@ def test_a_stream_gives_the_decisions_of_its_file(walk, hop_s):
     }  # fmt: skip
 
 
-def test_missing_and_malformed_frames_are_filled_with_the_one_before(walk):
-    values, lost = walk.baseband.values.copy(), np.r_[500:520, 900, 1200]
-    values[500:520], values[900], values[1200] = values[499], values[899], values[1199]
+@pytest.mark.parametrize("gap", [12, 200], ids=["hole", "pause"])
+def test_missing_and_malformed_frames_are_those_of_a_file_without_them(walk, gap):
+    lost = np.r_[500 : 500 + gap, 900, 1200]
     frames = list(frames_of(walk))
     frames[900] = (frames[900][0], frames[900][1][:-1])
     frames[1200] = (frames[1200][0], np.full(walk.n_range_bins, np.nan))
-    del frames[500:520]
+    del frames[500 : 500 + gap]
     found = stream(frames)
-    same(list(found), of_file(walk.with_baseband(walk.baseband.copy(data=values))))
+    kept = np.delete(np.arange(walk.n_pulses), lost)
+    with pytest.warns(DoppelgaitWarning, match="are missing at|1 pause"):
+        file = label_measured(
+            Path("walk"),
+            walk.samples.matrix[kept],
+            radar=walk.radar,
+            slow_time_s=walk.slow_time_s[kept],
+            range_m=walk.range_m,
+        )
+    for live_decision, decision in zip(list(found), of_file(file), strict=True):
+        assert (live_decision.start_s, live_decision.label) == (decision.start_s, decision.label)
+        assert live_decision.window.probability == pytest.approx(decision.window.probability, abs=0.02)
     counts = found.counts
-    assert (counts.filled, counts.malformed, counts.frames) == (lost.size, 2, walk.n_pulses - 20)
+    assert (counts.filled, counts.malformed, counts.frames) == (lost.size, 2, walk.n_pulses - gap)
 
 
 def test_jitter_and_another_clock_lose_nothing(walk):
@@ -250,7 +263,8 @@ def test_missing_frames_of_bursts_are_filled_in_their_places(bursts):
     list(filled)
     assert filled.counts.filled == len(lost)
     rows = windows[0].recording.samples.matrix
-    np.testing.assert_array_equal(rows[200:230], np.broadcast_to(frames[199][1], (30, 1)))
+    line = frames[199][1] + np.arange(1, 31)[:, None] / 31 * (frames[230][1] - frames[199][1])
+    np.testing.assert_allclose(rows[200:230], line, rtol=0, atol=1e-6)
     np.testing.assert_array_equal(rows[230:500], bursts.samples.matrix[230:500])
 
 

@@ -404,7 +404,7 @@ def test_twenty_thousand_frames_need_no_more_memory_than_a_thousand(tmp_path):
             tracemalloc.stop()
     assert number == 20_000
     assert last_s == 19_999 / PRF_HZ
-    assert peaks[1] < 1.2 * peaks[0] + 1e5
+    assert peaks[1] < 1.2 * peaks[0] + 3e5  # the queue
     assert peaks[1] < 2e6
 
 

@@ -7,8 +7,8 @@ too slow: the source waits (a file), or the newer window replaces the window in 
 counts as skipped (a sensor). At most three windows are therefore in memory for any length of the
 stream, and the age of the newest decision is at most one hop and two analyses.
 
-Frames are placed on even times. A gap is filled with the previous frame, as in recorders of such
-radars; the analysis flags targets with many filled frames.
+Frames are placed on even times. A short gap is filled in between its neighbours, a longer one is a pause, as in files;
+the analysis flags targets with many filled frames.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import queue
 import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +35,7 @@ from doppelgait.pipeline import Result, Tracking
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, Recording
 from doppelgait.radar.recording import make_baseband_facts
+from doppelgait.radar.slow_time import MAX_HOLE_PULSES, MAX_HOLE_S
 
 POLL_S = 0.1
 """Interval, s, at which the other thread is checked."""
@@ -64,6 +66,10 @@ class LiveCounts:
         return asdict(self)
 
 
+RECEIVED, FILLED, ABSENT = 0, 1, 2
+"""Origins of a row: a frame, a short gap, a pause."""
+
+
 class _Ring:
     """Last window of a stream on even times."""
 
@@ -76,6 +82,7 @@ class _Ring:
             self._block_rows, self._block_hz = radar.burst_pulses, 1.0 / radar.burst_period_s
         n_rows = (math.ceil(window_s * self._block_hz) + 1) * self._block_rows
         self._rows = np.zeros((n_rows, range_m.size), dtype=np.complex64)
+        self._origin = np.zeros(n_rows, dtype=np.int8)  # RECEIVED, FILLED or ABSENT
         self._last = self._rows[0].copy()
         self._start_s, self._due_s, self._ahead_s = 0.0, math.nan, 0.0
         self._n_rows, self._n_windows = 0, 0
@@ -113,10 +120,12 @@ class _Ring:
                 self._due_s += (missing + 1) / prf_hz
                 self._due_s += FOLLOWED * (time_s + 1 / prf_hz - self._due_s)
             counts.filled += missing
-            for _ in range(missing):
-                yield from self._push(self._last)
+            is_short = missing <= max(MAX_HOLE_PULSES, MAX_HOLE_S * prf_hz)
+            for number in range(1, missing + 1):
+                share = np.float64(number / (missing + 1))
+                yield from self._push((1 - share) * self._last + share * row, FILLED if is_short else ABSENT)
             self._last = row
-            yield from self._push(row)
+            yield from self._push(row, RECEIVED)
 
     def _count_missing(self, time_s: float) -> int:
         """Count frames missing before a time, negative if late."""
@@ -128,9 +137,10 @@ class _Ring:
         place = min(round((since_s - burst * period_s) * prf_hz), self._block_rows - 1)
         return burst * self._block_rows + place - self._n_rows
 
-    def _push(self, row: npt.NDArray[np.complex64]) -> Iterator[Window]:
+    def _push(self, row: npt.NDArray[Any], came_from: int) -> Iterator[Window]:
         """Add a row and start windows at the positions used for files."""
         self._rows[self._n_rows % self._rows.shape[0]] = row
+        self._origin[self._n_rows % self._rows.shape[0]] = came_from
         self._n_rows += 1
         begin_s = self._n_windows * self.hop_s
         first, stop = (
@@ -142,9 +152,13 @@ class _Ring:
         self._n_windows += 1
         pulses = np.arange(first, self._n_rows)
         times_s = self.radar.frame_time_s(pulses)
-        coords = {"slow_time": times_s - times_s[0], "range": self.range_m}
-        rows = self._rows[pulses % self._rows.shape[0]]
-        baseband = make_array(BASEBAND, rows, coords, make_baseband_facts(self.radar))
+        origin = self._origin[pulses % self._rows.shape[0]]
+        there = np.flatnonzero((origin != ABSENT) | (self._block_rows > 1))  # bursts stay whole
+        there = there if there.size > 1 else np.arange(origin.size)
+        coords = {"slow_time": (times_s - times_s[0])[there], "range": self.range_m}
+        rows = self._rows[pulses[there] % self._rows.shape[0]]
+        facts = make_baseband_facts(self.radar) | {"lost_frame_share": float((origin[there] != RECEIVED).mean())}
+        baseband = make_array(BASEBAND, rows, coords, facts)
         start_s = self._start_s + begin_s
         yield Window(start_s, start_s + self.window_s, Recording.from_baseband(baseband, self.radar, source="live"))
 
@@ -270,8 +284,8 @@ def live(
     frames : iterable of (float, array_like of shape (N,), complex)
         Time in s and range bins in V of every frame, for example of
         :func:`doppelgait.radar.open_stream`. Times may jitter by less than half a frame. For a
-        radar in bursts the first frame must be the start of a burst. A missing frame is replaced by
-        the previous one; after a gap longer than a window, the windows start again.
+        radar in bursts the first frame must be the start of a burst. A missing frame is filled in
+        between its neighbours; after a gap longer than a window, the windows start again.
     model : Model, optional
         By default the included model that fits the radar.
     window_s, hop_s : float, optional
