@@ -11,7 +11,7 @@ import doppelgait.motion.readers.arrays  # noqa: F401  (registers itself)
 from damage import check_damaged_copies
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
-from doppelgait.motion.readers.skeletons import SKELETONS
+from doppelgait.motion.readers.skeletons import read_skeletons
 from doppelgait.motion.skeleton import HUMAN_PARTS
 from walking_body import NAMES, walking_body, y_up
 
@@ -90,7 +90,10 @@ def test_gaps(file: Path) -> None:
 def smpl_body(n_joints: int) -> np.ndarray:
     """A column of joints, the head highest, that moves along x."""
     height = {"foot": 0.05, "ankle": 0.1, "knee": 0.5, "hip": 0.9, "head": 1.6, "neck": 1.5}
-    z = [next((h for word, h in height.items() if word in name), 1.1) for name in list(SKELETONS["smpl"][1])[:n_joints]]
+    z = [
+        next((h for word, h in height.items() if word in name), 1.1)
+        for name in list(read_skeletons()["smpl"][1])[:n_joints]
+    ]
     body = np.zeros((30, n_joints, 3))
     body[:, :, 0] = 0.01 * np.arange(30)[:, None]
     body[:, :, 2] = z
@@ -101,7 +104,7 @@ def smpl_body(n_joints: int) -> np.ndarray:
 def test_smpl_joints_only_when_asked(file: Path, n_joints: int) -> None:
     write(file, positions=smpl_body(n_joints), names=None)
     motion = read(file, clean=False, skeleton="smpl")
-    assert motion.markers == list(SKELETONS["smpl"][1])[:n_joints]
+    assert motion.markers == list(read_skeletons()["smpl"][1])[:n_joints]
     assert motion.positions.part.sel(marker="left_wrist").item() == "left_forearm"
     assert motion.report["up_axis_from"] == "body parts"
     with pytest.warns(DoppelgaitWarning, match=f"none of its {n_joints} points.*'smpl'"):
@@ -113,7 +116,7 @@ def test_smpl_joints_only_when_asked(file: Path, n_joints: int) -> None:
 def test_smpl_joints_are_those_of_the_published_order() -> None:
     # parents of the SMPL tree (Loper et al. 2015): every joint follows the one that carries it
     parents = [-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21]
-    names = list(SKELETONS["smpl"][1])
+    names = list(read_skeletons()["smpl"][1])
     chains = {
         "left_foot": ["left_foot", "left_ankle", "left_knee", "left_hip", "pelvis"],
         "right_hand": [
@@ -128,7 +131,7 @@ def test_smpl_joints_are_those_of_the_published_order() -> None:
             found.append(names[at])
             at = parents[at]
         assert found == chain
-    for counts, parts in SKELETONS.values():
+    for counts, parts in read_skeletons().values():
         assert (max(counts), set(parts.values()) <= set(HUMAN_PARTS)) == (len(parts), True)
 
 
@@ -161,7 +164,7 @@ def test_joints_in_npy_files(tmp_path: Path, shape: tuple[int, ...], options: di
     path = tmp_path / "w.npy"
     body = np.zeros(shape)
     if not says:
-        parts = SKELETONS[options["skeleton"]][1].values()
+        parts = read_skeletons()[options["skeleton"]][1].values()
         height = {"head": 1.6, "torso": 1.2, "forearm": 1.0, "hand": 0.9, "arm": 1.1, "thigh": 0.5, "shank": 0.1}
         body[:, :, 1] = [next((h for word, h in height.items() if part.endswith(word)), 0.05) for part in parts][
             : shape[1]
@@ -174,7 +177,7 @@ def test_joints_in_npy_files(tmp_path: Path, shape: tuple[int, ...], options: di
         return
     motion = read(path, clean=False, units="m", **options)
     np.testing.assert_allclose(motion.position_m[..., 2], body[..., 1], atol=1e-6)
-    assert (motion.markers, motion.rate_hz) == (list(SKELETONS[options["skeleton"]][1])[: shape[1]], 20.0)
+    assert (motion.markers, motion.rate_hz) == (list(read_skeletons()[options["skeleton"]][1])[: shape[1]], 20.0)
 
 
 def test_body_model_parameters_alone_are_refused_with_the_way_out(tmp_path: Path) -> None:

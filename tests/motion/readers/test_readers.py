@@ -192,4 +192,4 @@ def test_every_format_is_a_row_of_the_page():
         suffixes = ", ".join(f"`{suffix}`" for suffix in reader.facts["suffixes"])
         (row,) = [line for line in page.split("\n") if line.startswith(f"| `{reader.name}` | {suffixes} |")]
         options = list_options(reader.run)
-        assert all(f"`{name}`" in row or "as `trc`" in row or "the same" in row for name in options), (row, options)
+        assert all(f"`{name}`" in row or "as `c3d`" in row or "the same" in row for name in options), (row, options)

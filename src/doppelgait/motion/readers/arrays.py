@@ -16,7 +16,7 @@ from doppelgait.core.npz import NPY_MAGIC, is_npz, load_npy, load_npz
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.points import check_amount, check_rate
-from doppelgait.motion.readers.skeletons import SKELETONS
+from doppelgait.motion.readers.skeletons import read_skeletons
 from doppelgait.motion.readers.text import MAX_BYTES, Points, make_timed_motion
 
 FloatArray = npt.NDArray[np.float64]
@@ -94,7 +94,7 @@ def read_arrays(
         raise MotionError(f"{path}: {UNIT_KEY} is {stated!r}; it must be text such as 'm' or 'mm'")
     return make_timed_motion(
         path,
-        Points(labels, position, unit=stated, rate_hz=rate, parts=SKELETONS[skeleton or "smpl"][1]),
+        Points(labels, position, unit=stated, rate_hz=rate, parts=read_skeletons()[skeleton or "smpl"][1]),
         file_format="npy" if head.startswith(NPY_MAGIC) else "npz" if packed else "json",
         subject=subject,
         units=units,
@@ -189,20 +189,21 @@ def _convert_to_scalar(value: Any) -> Any:
 
 def _find_labels(path: Path, content: Mapping[str, Any], n_points: int, skeleton: str | None) -> list[str]:
     """Return one label per point, from the file or of SMPL."""
-    allowed = ", ".join(f"{name!r} ({' or '.join(map(str, counts))})" for name, (counts, _) in SKELETONS.items())
-    if skeleton not in (None, *SKELETONS):
+    models = read_skeletons()
+    allowed = ", ".join(f"{name!r} ({' or '.join(map(str, counts))})" for name, (counts, _) in models.items())
+    if skeleton not in (None, *models):
         raise MotionError(f"{path}: skeleton={skeleton!r} is not allowed; allowed are {allowed}, with so many joints")
     key = next((name for name in NAME_KEYS if content.get(name) is not None), "")
     if key and skeleton:
         raise MotionError(f"{path}: names its points ({key}); leave out skeleton={skeleton!r}")
     if skeleton:
-        counts, parts = SKELETONS[skeleton]
+        counts, parts = models[skeleton]
         if n_points not in counts:
             raise MotionError(
                 f"{path}: holds {n_points} points, not those of skeleton={skeleton!r}; known are {allowed}"
             )
         return list(parts)[:n_points]
-    if not key and n_points in (count for counts, _ in SKELETONS.values() for count in counts):
+    if not key and n_points in (count for counts, _ in models.values() for count in counts):
         warn_caller(f"{path}: names none of its {n_points} points. If they are joints of a model, give it: {allowed}")
     if not key:
         return [""] * n_points

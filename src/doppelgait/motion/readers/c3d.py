@@ -9,23 +9,14 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError, warn_caller
-from doppelgait.core.plugins import plugin
-from doppelgait.motion.motion import Motion
-from doppelgait.motion.readers.points import (
-    LengthUnit,
-    check_rate,
-    convert_unit_to_metres,
-    find_unit,
-    make_point_motion,
-    pick_markers,
-)
+from doppelgait.motion.readers.text import Points, point_format
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -385,45 +376,24 @@ def sniff_c3d(path: Path, head: bytes) -> bool:
     return len(head) >= 2 and head[0] >= 1 and head[1] == MAGIC and b"\0" in head[:512]
 
 
-@plugin("motion_reader", "c3d", sniff=sniff_c3d, suffixes=(".c3d",))
-def read_c3d(
-    path: Path,
-    *,
-    subject: str | None = None,
-    units: str | None = None,
-    up_axis: str | None = None,
-    rate_hz: float | None = None,
-) -> Motion:
-    """Read a C3D file's physical markers, uncleaned."""
+@point_format("c3d", sniff_c3d, (".c3d",))
+def parse_c3d(path: Path) -> Points:
+    """Read the points of a C3D file."""
     content = read_content(path)
-    rate = check_rate(
-        path, content.rate_hz if rate_hz is None else rate_hz, said="declares" if rate_hz is None else "was given"
-    )
-    body = pick_markers(path, content.labels, subject=subject, texts=content.texts)
-    if not body.subject:
-        subjects = [name for name in content.texts.get("SUBJECTS:NAMES", ()) if name]
-        body = replace(body, subject=subjects[0] if len(subjects) == 1 else "")
     # one unit for all points, or one for each
-    declared = [unit for unit in content.units if unit]
-    if units is not None or not declared:
-        name = units if units is not None else find_unit(path, "", content.position[:, body.kept])
-        names = [name] * len(body.kept)
-    elif len(content.units) == len(content.labels) > 1:
-        names = [content.units[i] or declared[0] for i in body.kept]
-    else:
-        names = [declared[0]] * len(body.kept)
-    first = max(dict.fromkeys(names), key=names.count)
-    each = np.array([convert_unit_to_metres(name, where=str(path)) for name in names])[:, np.newaxis]
+    declared = next((unit for unit in content.units if unit), "")
+    has_each = bool(declared) and len(content.units) == len(content.labels) > 1
     # the axis plotted upwards on the screen; its sign is unreliable in practice
     screen = content.texts.get("POINT:Y_SCREEN", ())
-    return make_point_motion(
-        path,
+    subjects = [name for name in content.texts.get("SUBJECTS:NAMES", ()) if name]
+    return Points(
+        content.labels,
         content.position,
-        body,
-        file_format="c3d",
-        rate_hz=rate,
-        unit=LengthUnit(first, convert_unit_to_metres(first, where=str(path)), each=each),
-        up_axis=up_axis,
+        unit=declared,
+        each=[[unit or declared] for unit in content.units] if has_each else None,
+        rate_hz=content.rate_hz,
         declared_up=screen[0].strip("+- ").lower()[:1] if screen else "",
+        subject=subjects[0] if len(subjects) == 1 else "",
+        texts=content.texts,
         notes=content.notes,
     )

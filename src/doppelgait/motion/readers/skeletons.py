@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -15,11 +16,13 @@ from xml.etree import ElementTree
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.config import read_toml
 from doppelgait.core.documents import CELL_BYTES, check_cost, parse_json
 from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.joints import Joints, check_skeleton_cost, forward_kinematics, make_joint_motion
+from doppelgait.motion.readers.points import check_rate
 from doppelgait.motion.readers.text import (
     MAX_BYTES,
     Points,
@@ -34,54 +37,16 @@ from doppelgait.motion.skeleton import list_points
 FloatArray = npt.NDArray[np.float64]
 
 
-def _list_limbs(side: str) -> tuple[str, str]:
-    """Return the joints of one arm and of one leg."""
-    arm = f"{side}_shoulder:torso {side}_elbow:{side}_upper_arm {side}_wrist:{side}_forearm"
-    return arm, f"{side}_hip:torso {side}_knee:{side}_thigh {side}_ankle:{side}_shank"
+MAX_NODES = 5000
 
 
-(_LEFT_ARM, _LEFT_LEG), (_RIGHT_ARM, _RIGHT_LEG) = map(_list_limbs, ("left", "right"))
-SKELETONS: Mapping[str, tuple[tuple[int, ...], Mapping[str, str]]] = {
-    # Loper et al. 2015; SMPL-H and SMPL-X share the first 22 joints
-    "smpl": (
-        (22, 24),
-        list_points(
-            "pelvis:torso *_hip:torso spine1:torso *_knee:*_thigh spine2:torso *_ankle:*_shank spine3:torso "
-            "*_foot:*_foot neck:torso *_collar:torso head:head *_shoulder:torso *_elbow:*_upper_arm *_wrist:*_forearm "
-            "*_hand:*_hand"
-        ),
-    ),
-    # Ionescu et al. 2014: the joints that pose estimators use
-    "h36m": (
-        (17,),
-        list_points(
-            f"pelvis:torso {_RIGHT_LEG} {_LEFT_LEG} spine:torso thorax:torso nose:head head:head {_LEFT_ARM} "
-            + _RIGHT_ARM
-        ),
-    ),
-    "kinect": (
-        (25,),
-        list_points(
-            f"spine_base:torso spine_mid:torso neck:torso head:head {_LEFT_ARM} left_hand:left_hand {_RIGHT_ARM} "
-            f"right_hand:right_hand {_LEFT_LEG} left_foot:left_foot {_RIGHT_LEG} right_foot:right_foot "
-            "spine_shoulder:torso left_hand_tip:left_hand left_thumb:left_hand right_hand_tip:right_hand "
-            "right_thumb:right_hand"
-        ),
-    ),
-    "mediapipe": (
-        (33,),
-        list_points(
-            "nose:head left_eye_inner:head left_eye:head left_eye_outer:head right_eye_inner:head right_eye:head "
-            "right_eye_outer:head *_ear:head mouth_left:head mouth_right:head *_shoulder:torso *_elbow:*_upper_arm "
-            "*_wrist:*_forearm *_pinky:*_hand *_index:*_hand *_thumb:*_hand *_hip:torso *_knee:*_thigh *_ankle:*_shank "
-            "*_heel:*_foot *_foot_index:*_foot"
-        ),
-    ),
-}
-"""Numbers of joints of body models, and their joints in order, with parts. A joint belongs to the part above it, like a
-skin marker on it."""
+@cache
+def read_skeletons() -> dict[str, tuple[tuple[int, ...], dict[str, str]]]:
+    """Return numbers of joints and the joints of body models, in order, with parts (``skeletons.toml``)."""
+    tables = read_toml(Path(__file__).with_name("skeletons.toml"))[0]
+    return {name: (tuple(table["counts"]), list_points(table["joints"])) for name, table in tables.items()}
 
-KINECT_JOINTS = list(SKELETONS["kinect"][1])
+
 KINECT_HZ = 30.0
 
 
@@ -100,7 +65,7 @@ def sniff_kinect(path: Path, head: bytes) -> bool:
 def parse_kinect(path: Path) -> Points:
     """Read the joints of Kinect v2 in a file of NTU RGB+D."""
     # of each frame: number of bodies; of each body: a line of states, number of joints, and a line per joint
-    lines = read_lines(path)
+    lines, parts = read_lines(path), read_skeletons()["kinect"][1]
     check_cost(path, CELL_BYTES * 12 * len(lines), MotionError)
     bodies: dict[str, dict[int, list[list[float]]]] = {}
     at = 1
@@ -111,7 +76,7 @@ def parse_kinect(path: Path) -> Points:
             for _ in range(n_bodies):
                 name, n_joints = lines[at].split()[0], int(lines[at + 1])
                 rows = [line.split() for line in lines[at + 2 : at + 2 + n_joints]]
-                if n_joints != len(KINECT_JOINTS) or len(rows) != n_joints:
+                if n_joints != len(parts) or len(rows) != n_joints:
                     raise ValueError(f"{len(rows)} joints")
                 # the last value of a joint is 0 if it is not tracked
                 bodies.setdefault(name, {})[frame] = [
@@ -121,21 +86,21 @@ def parse_kinect(path: Path) -> Points:
     except (ValueError, IndexError) as error:
         raise MotionError(
             f"{path}: is truncated or damaged near line {at + 1} ({error}); a frame holds bodies of "
-            f"{len(KINECT_JOINTS)} joints with 12 values"
+            f"{len(parts)} joints with 12 values"
         ) from None
     if not bodies:
         raise MotionError(f"{path}: holds {n_frames} frames without a body")
-    check_cost(path, 24.0 * n_frames * len(KINECT_JOINTS) * len(bodies), MotionError)
-    position = np.full((n_frames, len(bodies), len(KINECT_JOINTS), 3), np.nan)
+    check_cost(path, 24.0 * n_frames * len(parts) * len(bodies), MotionError)
+    position = np.full((n_frames, len(bodies), len(parts), 3), np.nan)
     for n, frames in enumerate(bodies.values()):
         position[list(frames), n] = list(frames.values())
     return Points(
-        [f"{body}:{joint}" for body in bodies for joint in KINECT_JOINTS],
+        [f"{body}:{joint}" for body in bodies for joint in parts],
         position.reshape(n_frames, -1, 3),
         unit="m",
         rate_hz=KINECT_HZ,
         usual_up="y",
-        parts=SKELETONS["kinect"][1],
+        parts=parts,
         rate_from="Kinect v2",
     )
 
@@ -224,9 +189,19 @@ def read_glb(
                 f"{path}: holds the animations {', '.join(names) or 'none'}; "
                 + ("name one: key='...'" if names else "export an animation of the skeleton")
             )
-        return _animate(path, scene, binary, animations[names.index(key) if key else 0], units, up_axis, rate_hz)
+        joints, rate = _animate(path, scene, binary, animations[names.index(key) if key else 0], rate_hz)
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, struct.error) as error:
         raise MotionError(f"{path}: is a damaged or unusual glTF file: {type(error).__name__} {error}") from None
+    return make_joint_motion(
+        path,
+        joints,
+        kind="glb",
+        rate_hz=rate,
+        rate_from="file" if rate_hz is None else "option",
+        unit=units or "m",
+        unit_from="option" if units else "format",
+        up_axis=up_axis,
+    )
 
 
 def _split_glb(path: Path) -> tuple[dict[str, Any], bytes]:
@@ -265,125 +240,94 @@ def _read_accessor(scene: Mapping[str, Any], binary: bytes, number: int) -> Floa
     return values if kind.kind == "f" else np.maximum(values / np.iinfo(kind).max, -1.0)
 
 
-def _interpolate(keys_s: FloatArray, values: FloatArray, how: str, times_s: FloatArray, spherical: bool) -> FloatArray:
+def _interpolate(keys_s: FloatArray, values: FloatArray, how: str, times_s: FloatArray, rotates: bool) -> FloatArray:
     """Interpolate the keys of a sampler as glTF 2.0 states (appendix C)."""
-    tangents = values.reshape(len(keys_s), 3, -1) if how == "CUBICSPLINE" else None
-    values = values if tangents is None else tangents[:, 1]
-    k = np.clip(np.searchsorted(keys_s, times_s, side="right") - 1, 0, max(len(keys_s) - 2, 0))
-    after = np.minimum(k + 1, len(keys_s) - 1)
-    step_s = np.maximum(keys_s[after] - keys_s[k], 1e-12)
-    s = np.clip((times_s - keys_s[k]) / step_s, 0.0, 1.0)[:, np.newaxis]
-    first, second = values[k], values[after]
-    if how == "STEP":
-        return np.where(s < 1.0, first, second)
-    if tangents is not None:
-        out, into = tangents[k, 2] * step_s[:, np.newaxis], tangents[after, 0] * step_s[:, np.newaxis]
-        result = (2 * s**3 - 3 * s**2 + 1) * first + (s**3 - 2 * s**2 + s) * out
-        return np.asarray(result + (3 * s**2 - 2 * s**3) * second + (s**3 - s**2) * into)
-    if not spherical:
-        return first + s * (second - first)
-    cosine = (first * second).sum(axis=1, keepdims=True)
-    second, angle = np.where(cosine < 0.0, -second, second), np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
-    sine = np.maximum(np.sin(angle), 1e-9)
-    first_share, share = (np.where(angle < 1e-6, x, np.sin(x * angle) / sine) for x in (1.0 - s, s))
-    return np.asarray(first_share * first + share * second)
+    from scipy.spatial.transform import Rotation, Slerp
+
+    times_s = np.clip(times_s, keys_s[0], keys_s[-1])
+    k = np.searchsorted(keys_s, times_s, side="right") - 1
+    if how == "CUBICSPLINE":
+        into, values, out = np.moveaxis(values.reshape(len(keys_s), 3, -1), 1, 0)
+    if how == "STEP" or len(keys_s) == 1:
+        return values[k]
+    if how == "LINEAR" and rotates:
+        return np.asarray(Slerp(keys_s, Rotation.from_quat(values))(times_s).as_quat())
+    k = np.minimum(k, len(keys_s) - 2)
+    step_s = np.diff(keys_s)[k, np.newaxis]
+    s = (times_s - keys_s[k])[:, np.newaxis] / step_s
+    if how == "LINEAR":
+        return np.asarray(values[k] + s * (values[k + 1] - values[k]))
+    first = (2 * s**3 - 3 * s**2 + 1) * values[k] + (s**3 - 2 * s**2 + s) * step_s * out[k]
+    return np.asarray(first + (3 * s**2 - 2 * s**3) * values[k + 1] + (s**3 - s**2) * step_s * into[k + 1])
 
 
-def _make_rotations(quaternion: FloatArray) -> FloatArray:
-    """Convert quaternions x, y, z, w to matrices. Shapes: (..., 4) to (..., 3, 3)."""
-    x, y, z, w = np.moveaxis(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+def _find_rate(path: Path, keys_s: FloatArray) -> float:
+    """Return the rate of even keys."""
+    try:
+        return find_frame_rate(path, Times(keys_s, range(len(keys_s)), 1e-5, 1e-5))[0]
+    except (MotionError, ZeroDivisionError):
+        raise MotionError(
+            f"{path}: its {len(keys_s)} keys are not evenly spaced in time; give the rate to sample the animation at: "
+            "rate_hz=..."
+        ) from None
+
+
+def _list_ancestors(node: int, parents: Mapping[int, int], n_nodes: int) -> list[int]:
+    """Return a node, its parent, and so on."""
+    chain = [node]
+    while (above := parents.get(chain[-1])) is not None:
+        chain.append(above)
+        if len(chain) > n_nodes:
+            raise ValueError("the nodes form no tree")
+    return chain
 
 
 def _animate(
-    path: Path,
-    scene: Mapping[str, Any],
-    binary: bytes,
-    animation: Mapping[str, Any],
-    units: str | None,
-    up_axis: str | None,
-    rate_hz: float | None,
-) -> Motion:
-    """Sample an animation and compute the positions of the joints of the skin, or of all nodes."""
+    path: Path, scene: Mapping[str, Any], binary: bytes, animation: Mapping[str, Any], rate_hz: float | None
+) -> tuple[Joints, float]:
+    """Sample an animation at a rate: joints of the largest skin, or all nodes."""
+    from scipy.spatial.transform import Rotation
+
     nodes, samplers = scene["nodes"], animation["samplers"]
     keys_s = [_read_accessor(scene, binary, sampler["input"])[:, 0] for sampler in samplers]
+    rate = _find_rate(path, max(keys_s, key=len)) if rate_hz is None else check_rate(path, rate_hz, said="was given")
     start_s, stop_s = min(keys[0] for keys in keys_s), max(keys[-1] for keys in keys_s)
-    rate = rate_hz
-    if rate is None:
-        densest_s = max(keys_s, key=len)
-        try:
-            rate = find_frame_rate(path, Times(densest_s, range(len(densest_s)), 1e-5, 1e-5))[0]
-        except (MotionError, ZeroDivisionError):
-            raise MotionError(
-                f"{path}: its {len(densest_s)} keys are not evenly spaced in time; give the rate to sample the "
-                "animation at: rate_hz=..."
-            ) from None
     n_frames = int((stop_s - start_s) * rate + 1e-3) + 1
     check_skeleton_cost(path, len(nodes), n_frames)
-    times_s = start_s + np.arange(n_frames) / rate
-    parent = {child: n for n, node in enumerate(nodes) for child in node.get("children", ())}
-    order = _sort_nodes(len(nodes), parent)
-    values: dict[tuple[int, str], FloatArray] = {}
+    if len(nodes) > MAX_NODES:
+        raise ValueError(f"it has {len(nodes)} nodes; up to {MAX_NODES} are read")
+    tracks: dict[tuple[int, str], FloatArray] = {}
     for channel in animation["channels"]:
-        sampler, what = samplers[channel["sampler"]], channel["target"]["path"]
-        if what in ("translation", "rotation", "scale") and "node" in channel["target"]:
-            values[channel["target"]["node"], what] = _interpolate(
+        sampler, target = samplers[channel["sampler"]], channel["target"]
+        if target["path"] in ("translation", "rotation", "scale") and "node" in target:
+            tracks[target["node"], target["path"]] = _interpolate(
                 keys_s[channel["sampler"]],
                 _read_accessor(scene, binary, sampler["output"]),
                 sampler.get("interpolation", "LINEAR"),
-                times_s,
-                what == "rotation",
+                start_s + np.arange(n_frames) / rate,
+                target["path"] == "rotation",
             )
+    above = {child: n for n, node in enumerate(nodes) for child in node.get("children", ())}
+    chains = [_list_ancestors(n, above, len(nodes)) for n in range(len(nodes))]
+    order = sorted(range(len(nodes)), key=lambda n: len(chains[n]))  # parents first
+    place = {n: j for j, n in enumerate(order)}
     translation, linear = np.empty((len(nodes), n_frames, 3)), np.empty((len(nodes), n_frames, 3, 3))
     for j, n in enumerate(order):
-        matrix = np.array(nodes[n].get("matrix", np.eye(4)), dtype=np.float64).reshape(4, 4).T
-        translation[j] = values.get((n, "translation"), nodes[n].get("translation", matrix[:3, 3]))
-        linear[j] = matrix[:3, :3]
-        if "matrix" not in nodes[n]:
-            turned = _make_rotations(np.asarray(values.get((n, "rotation"), nodes[n].get("rotation", (0, 0, 0, 1.0)))))
-            scaled = np.asarray(values.get((n, "scale"), nodes[n].get("scale", (1.0, 1.0, 1.0))))
-            linear[j] = turned * scaled[..., np.newaxis, :]
-    place = {n: j for j, n in enumerate(order)}
-    position = forward_kinematics([place.get(parent.get(n, -1), -1) for n in order], translation, linear)
+        if "matrix" in nodes[n]:
+            matrix = np.array(nodes[n]["matrix"], dtype=np.float64).reshape(4, 4).T
+            translation[j], linear[j] = matrix[:3, 3], matrix[:3, :3]
+            continue
+        moved, turned, scaled = (
+            np.asarray(tracks.get((n, what), nodes[n].get(what, rest)), dtype=np.float64)
+            for what, rest in (("translation", (0, 0, 0)), ("rotation", (0, 0, 0, 1)), ("scale", (1, 1, 1)))
+        )
+        translation[j], linear[j] = moved, Rotation.from_quat(turned).as_matrix() * scaled[..., np.newaxis, :]
+    position = forward_kinematics(
+        [place[chain[1]] if (chain := chains[n])[1:] else -1 for n in order], translation, linear
+    )
     bones = set(max((skin["joints"] for skin in scene.get("skins", ())), key=len, default=order))
     kept = [n for n in order if n in bones]
-    parents: list[int] = []
-    for n in kept:
-        above = parent.get(n, -1)
-        while above >= 0 and above not in bones:
-            above = parent.get(above, -1)
-        parents.append(kept.index(above) if above >= 0 else -1 if not parents else 0)
-    return make_joint_motion(
-        path,
-        Joints(
-            tuple(str(nodes[n].get("name", f"node_{n}")) for n in kept),
-            tuple(parents),
-            position[:, [place[n] for n in kept]],
-        ),
-        kind="glb",
-        rate_hz=rate,
-        rate_from="file" if rate_hz is None else "option",
-        unit=units or "m",
-        unit_from="option" if units else "format",
-        up_axis=up_axis,
-    )
-
-
-def _sort_nodes(n_nodes: int, parent: Mapping[int, int]) -> list[int]:
-    """Sort nodes so that parents come first."""
-    children: dict[int, list[int]] = {}
-    for n in range(n_nodes):
-        children.setdefault(parent.get(n, -1), []).append(n)
-    order, waiting = [], [-1]
-    while waiting:
-        below = children.get(waiting.pop(), [])
-        order += below
-        waiting += below
-    if len(order) != n_nodes or len(set(order)) != n_nodes:
-        raise ValueError("the nodes form no tree")
-    return order
+    number = {n: j for j, n in enumerate(kept)}
+    parents = [next((number[a] for a in chains[n][1:] if a in bones), min(j, 1) - 1) for j, n in enumerate(kept)]
+    names = tuple(str(nodes[n].get("name", f"node_{n}")) for n in kept)
+    return Joints(names, tuple(parents), position[:, [place[n] for n in kept]]), rate

@@ -21,10 +21,13 @@ from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.points import check_amount, convert_unit_to_metres, measure_body_extent
 from doppelgait.motion.readers.text import (
+    MAX_DIGITS,
     Points,
     Row,
+    is_other,
     list_head_lines,
     make_timed_motion,
+    note_frames,
     point_format,
     read_lines,
     read_times,
@@ -41,19 +44,6 @@ FIRST = 2
 """Number of cells before the first coordinate: frame number and time."""
 
 
-@dataclass(frozen=True)
-class _Content:
-    """Header values by lower-case key, labels and data rows."""
-
-    header: dict[str, str]
-    labels: list[str]
-    rows: list[Row]
-
-
-LONGEST_NUMBER = 18
-"""Maximum number of digits of a number of frames or markers that is parsed."""
-
-
 def sniff_trc(path: Path, head: bytes) -> bool:
     """Return True if a file begins with PathFileType."""
     return head.removeprefix(b"\xef\xbb\xbf").lstrip()[: len(START)].lower() == START.lower()
@@ -63,36 +53,6 @@ def sniff_trc(path: Path, head: bytes) -> bool:
 def parse_trc(path: Path) -> Points:
     """Read the markers of a TRC file."""
     # blank cells and points at exactly 0, 0, 0 are gaps
-    content = _parse_trc(path)
-    check_amount(path, len(content.rows), len(content.labels))
-    notes, n_frames = [], len(content.rows)
-    declared = content.header.get("numframes", "")
-    if not content.header:
-        notes.append("values of the header do not match its keys; they were not used")
-    if _is_other(declared, n_frames):
-        notes.append(f"declares {declared[:LONGEST_NUMBER]} frames but holds {n_frames}")
-        warn_caller(f"{path}: {notes[-1]}; it may be truncated. The existing frames are read.")
-    points = content.header.get("nummarkers", "")
-    if _is_other(points, len(content.labels)):
-        notes.append(f"declares {points[:LONGEST_NUMBER]} markers but holds {len(content.labels)}")
-    titles = [f"{label or f'point {i + 1}'} {axis}" for i, label in enumerate(content.labels) for axis in "XYZ"]
-    columns = range(FIRST, FIRST + len(titles))
-    position = to_numbers(path, content.rows, columns, titles).reshape(len(content.rows), -1, 3)
-    position[(position == 0.0).all(axis=2)] = np.nan
-    has_times = any(cells[1] for _, cells in content.rows)
-    return Points(
-        [label or f"unlabelled {i + 1}" for i, label in enumerate(content.labels)],
-        position,
-        unit=content.header.get("units", ""),
-        rate_hz=content.header.get("datarate", "").replace(",", "."),
-        times=read_times(path, content.rows, 1, "Time") if has_times else None,
-        usual_up="y",
-        notes=notes,
-    )
-
-
-def _parse_trc(path: Path) -> _Content:
-    """Parse header, labels and rows."""
     texts = read_lines(path)
     check_cost(path, CELL_BYTES * sum(max(text.count("\t"), text.count(" ")) for text in texts), MotionError)
     lines = [[cell.strip() for cell in (text.split("\t") if "\t" in text else text.split())] for text in texts]
@@ -101,36 +61,42 @@ def _parse_trc(path: Path) -> _Content:
         raise MotionError(
             f"{path}: has no line that starts with Frame# and Time and names the markers (TRC: the fourth line)"
         )
-    names = lines[at][FIRST:]
+    header, names = _parse_header(lines[:at]), lines[at][FIRST:]
     axes = trim_cells(lines[at + 1]) if at + 1 < len(lines) else []
     has_axes = bool(axes) and all(cell[:1].lower() in ("", "x", "y", "z") for cell in axes)
-    first_row = at + 1 + has_axes
-    rows = [(i + 1, cells) for i, cells in enumerate(lines) if i >= first_row and any(cells)]
+    rows = [(i + 1, cells) for i, cells in enumerate(lines) if i >= at + 1 + has_axes and any(cells)]
     # with tabs, a name takes three cells; with blanks, one
-    labels = [name for name in names if name] if "" not in names[:3] else names[::3]
-    while labels and not labels[-1]:
-        labels.pop()
+    labels = trim_cells([name for name in names if name] if "" not in names[:3] else names[::3])
     named = max(len(labels), sum(1 for cell in axes if cell) // 3 if has_axes else 0)
     # points of the fullest row: unlabelled points follow those that the header names
-    line, cells = max(rows, key=lambda row: len(trim_cells(row[1])), default=(0, []))
-    extra = len(trim_cells(cells)) - FIRST - 3 * named
-    if extra > 0 and extra % 3:
-        raise MotionError(
-            f"{path}: line {line} has {len(trim_cells(cells))} cells; {FIRST} and three for each of {named} markers "
-            f"are {FIRST + 3 * named}. Correct the line or remove it."
-        )
-    n_points = named + max(extra, 0) // 3
+    lengths = [len(trim_cells(cells)) for _, cells in rows]
+    n_points = max(named, (max(lengths, default=0) - FIRST) // 3)
+    n_cells = FIRST + 3 * n_points
     check_cost(path, CELL_BYTES * len(rows) * 3 * n_points, MotionError)  # a short row is extended to the longest
-    for line, cells in rows:
-        if len(cells) < FIRST + 3 * named:
+    for (line, cells), length in zip(rows, lengths, strict=True):
+        if len(cells) < FIRST + 3 * named or length > n_cells:
             raise MotionError(
-                f"{path}: line {line} has {len(cells)} cells; {FIRST} and three for each of {named} markers are "
-                f"{FIRST + 3 * named}. The file may be truncated. Correct the line or remove it."
+                f"{path}: line {line} has {max(length, len(cells))} cells; {FIRST} and three for each of {named} "
+                f"markers are {FIRST + 3 * named}. The file may be truncated. Correct the line or remove it."
             )
-    return _Content(
-        _parse_header(lines[:at]),
-        labels + [""] * (n_points - len(labels)),
-        [(line, cells + [""] * (FIRST + 3 * n_points - len(cells))) for line, cells in rows],
+    check_amount(path, len(rows), n_points)
+    rows = [(line, cells[:n_cells] + [""] * (n_cells - len(cells))) for line, cells in rows]
+    labels += [""] * (n_points - len(labels))
+    notes = [] if header else ["values of the header do not match its keys; they were not used"]
+    notes += note_frames(path, header.get("numframes", ""), len(rows))
+    if is_other(points := header.get("nummarkers", ""), n_points):
+        notes.append(f"declares {points[:MAX_DIGITS]} markers but holds {n_points}")
+    titles = [f"{label or f'point {i + 1}'} {axis}" for i, label in enumerate(labels) for axis in "XYZ"]
+    position = to_numbers(path, rows, range(FIRST, n_cells), titles).reshape(len(rows), -1, 3)
+    position[(position == 0.0).all(axis=2)] = np.nan
+    return Points(
+        [label or f"unlabelled {i + 1}" for i, label in enumerate(labels)],
+        position,
+        unit=header.get("units", ""),
+        rate_hz=header.get("datarate", "").replace(",", "."),
+        times=read_times(path, rows, 1, "Time") if any(cells[1] for _, cells in rows) else None,
+        usual_up="y",
+        notes=notes,
     )
 
 
@@ -145,11 +111,6 @@ def _parse_header(lines: list[list[str]]) -> dict[str, str]:
         # some writers put two tabs between values
         values = " ".join(values).split()
     return dict(zip(keys, values, strict=True)) if len(values) == len(keys) else {}
-
-
-def _is_other(declared: str, count: int) -> bool:
-    """Return True if a header states another number. Numbers may have thousands of digits."""
-    return declared.isdecimal() and (len(declared) > LONGEST_NUMBER or int(declared) != count)
 
 
 _UNIT = r"mm|cm|dm|m|in|ft|milli\w+|centi\w+|met(?:er|re)s?|inch(?:es)?|feet|foot"
@@ -167,6 +128,10 @@ _FRAME = re.compile(r"(?i)(?:frames?|field|index|samples?|sub ?frame|#)?(?:#|[_ 
 MAX_TITLE = 400
 """Maximum number of characters of a column name."""
 FORM = "time_s, NAME_x_m, NAME_y_m, NAME_z_m, then the next point (m may be mm, cm, in, ft)"
+
+
+Column = tuple[str, str]
+"""Name of a point, and x, y or z."""
 
 
 @dataclass(frozen=True)
@@ -215,28 +180,29 @@ def split_rows(path: Path, lines: Sequence[str], delimiter: str = "") -> list[Ro
     return rows
 
 
+def find_points(columns: Sequence[Column | None]) -> list[tuple[str, dict[str, int]]]:
+    """Return the points that columns name, each with its columns by axis; each repetition is another point."""
+    points: list[tuple[str, dict[str, int]]] = []
+    latest: dict[str, dict[str, int]] = {}
+    for i, column in enumerate(columns):
+        if column is None:
+            continue
+        name, axis = column
+        if axis in latest.get(name, {axis: 0}):
+            latest[name] = {}
+            points.append((name, latest[name]))
+        latest[name][axis] = i
+    return points
+
+
 def read_header(path: Path, rows: Sequence[Row]) -> Header:
     """Interpret the column names of a table."""
     two = not any(_COORDINATE.fullmatch(cell) for cell in rows[0][1]) and _has_axis_row(rows)
     titles = _join_titles(path, rows) if two else trim_cells(rows[0][1])
     spelled = titles if any(_COORDINATE.fullmatch(title) for title in titles) else _split_triples(titles)
-    # names, columns and units of the points; each repetition of a name is another point
-    found: list[tuple[str, list[int], list[str]]] = []
-    latest: dict[str, int] = {}
-    for i, title in enumerate(spelled):
-        match = _COORDINATE.fullmatch(title)
-        if not match:
-            continue
-        name, axis = match[1], "xyz".index(match[2].lower())
-        at = latest.get(name, -1)
-        if at < 0 or found[at][1][axis] >= 0:
-            at = latest[name] = len(found)
-            found.append((name, [-1, -1, -1], ["", "", ""]))
-        found[at][1][axis] = i
-        found[at][2][axis] = (match[3] or match[4] or "").lower()
-    labels = [name for name, _, _ in found]
-    columns = [(c[0], c[1], c[2]) for _, c, _ in found]
-    units = [(u[0], u[1], u[2]) for _, _, u in found]
+    matches = [_COORDINATE.fullmatch(title) for title in spelled]
+    points = find_points([(match[1], match[2].lower()) if match else None for match in matches])
+    labels = [name for name, _ in points]
     if not labels:
         line = rows[0][0]
         for title in titles:
@@ -247,13 +213,15 @@ def read_header(path: Path, rows: Sequence[Row]) -> Header:
                     "unit of length; use mm, cm, dm, m, in or ft"
                 )
         raise MotionError(f"{path}: line {line} names no coordinates of points; name the columns {FORM}")
-    for label, places in zip(labels, columns, strict=True):
-        if -1 in places:
-            have = ", ".join(titles[i] for i in places if i >= 0)
+    for label, axes in points:
+        if lacking := [axis for axis in "xyz" if axis not in axes]:
+            have = ", ".join(titles[i] for i in axes.values())
             raise MotionError(
-                f"{path}: line {rows[0][0]}: point {label!r} has no {'xyz'[places.index(-1)]} column (it has {have}); "
-                "every point needs x, y and z"
+                f"{path}: line {rows[0][0]}: point {label!r} has no {lacking[0]} column (it has {have}); every point "
+                "needs x, y and z"
             )
+    columns = tuple((axes["x"], axes["y"], axes["z"]) for _, axes in points)
+    units = ["" if match is None else (match[3] or match[4] or "").lower() for match in matches]
     used = {i for places in columns for i in places}
     rest = [i for i in range(len(titles)) if i not in used]
     times = [i for i in rest if _TIME.fullmatch(titles[i])]
@@ -264,8 +232,8 @@ def read_header(path: Path, rows: Sequence[Row]) -> Header:
         titles=tuple(titles),
         next_row=1 + two,
         labels=tuple(labels),
-        columns=tuple(columns),
-        units=tuple(units),
+        columns=columns,
+        units=tuple((units[x], units[y], units[z]) for x, y, z in columns),
         time_column=times[0] if times else None,
         time_factor=1e-3 if unit and (unit[1] or "s").lower().startswith("m") else 1.0,
         left_out=tuple(titles[i] for i in rest if i not in times and not _FRAME.fullmatch(titles[i])),
@@ -373,8 +341,6 @@ def read_table(
     columns = [i for places in header.columns for i in places]
     titles = [header.titles[i] for i in columns]
     position = to_numbers(path, frames, columns, titles).reshape(len(frames), -1, 3)
-    if missing is not None and (isinstance(missing, bool) or not isinstance(missing, int | float)):
-        raise MotionError(f"{path}: missing={missing!r} is not a number; give the number that means not seen")
     if missing is None and header.is_accad:
         missing = ACCAD_MISSING
     if missing is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -158,6 +158,24 @@ def to_numbers(path: Path, rows: Sequence[Row], columns: Sequence[int], titles: 
     return values
 
 
+MAX_DIGITS = 18
+"""Maximum number of digits of a number of frames or markers that is parsed."""
+
+
+def note_frames(path: Path, declared: str, n_frames: int) -> list[str]:
+    """Return a note, and warn, if a header declares another number of frames."""
+    if not is_other(declared, n_frames):
+        return []
+    note = f"declares {declared[:MAX_DIGITS]} frames but holds {n_frames}"
+    warn_caller(f"{path}: {note}; it may be truncated. The existing frames are read.")
+    return [note]
+
+
+def is_other(declared: str, count: int) -> bool:
+    """Return True if a header states another number. Numbers may have thousands of digits."""
+    return declared.isdecimal() and (len(declared) > MAX_DIGITS or int(declared) != count)
+
+
 JITTER = 0.01
 """Maximum time error of a frame, in frames. A larger one causes a false velocity."""
 COARSEST = 0.4
@@ -270,8 +288,8 @@ def resample(path: Path, position: FloatArray, time_s: FloatArray, rate_hz: floa
 class Points:
     """Points of a file, with what it states about rate and unit. Shapes: position (T, P, 3).
 
-    An empty unit is guessed; None must be given. ``each`` are the units of the single coordinates, ``rate_from`` is the
-    device whose usual rate is assumed.
+    An empty unit is guessed; None must be given. ``each`` are the units of points or of their coordinates, and
+    ``rate_from`` is the device whose usual rate is assumed.
     """
 
     labels: Sequence[str]
@@ -281,7 +299,10 @@ class Points:
     rate_hz: float | str | None = None
     rate_from: str = ""
     times: Times | None = None
+    declared_up: str = ""
     usual_up: str = "z"
+    subject: str = ""
+    texts: Mapping[str, Sequence[str]] = field(default_factory=dict)
     parts: Mapping[str, str] = field(default_factory=dict)
     notes: Sequence[str] = ()
 
@@ -298,7 +319,6 @@ def make_timed_motion(
     resample_hz: float | None = None,
 ) -> Motion:
     """Make the motion of one body's points over a time axis."""
-    check_amount(path, len(points.position), len(points.labels))
     lacks_rate = rate_hz is None and points.times is None and points.rate_hz is None
     unit = units or points.unit
     if missing := [
@@ -311,23 +331,23 @@ def make_timed_motion(
         )
     notes = list(points.notes)
     position, rate = _space_evenly(path, points, notes, rate_hz, resample_hz)
-    body = pick_markers(path, points.labels, subject=subject, known_parts=points.parts)
+    body = pick_markers(path, points.labels, subject=subject, texts=points.texts, known_parts=points.parts)
     each = None
-    if points.each is not None:
-        each = np.array([[convert_unit_to_metres(name, where=str(path)) for name in point] for point in points.each])
-        flat = [name for point in points.each for name in point]
+    if points.each is not None and units is None:
+        names = [points.each[i] for i in body.kept]
+        each = np.array([[convert_unit_to_metres(name, where=str(path)) for name in point] for point in names])
+        flat = [name for point in names for name in point]
         unit = max(dict.fromkeys(flat), key=flat.count)
-    unit = find_unit(path, unit or "", position)
+    unit = find_unit(path, unit or "", position[:, body.kept])
     return make_point_motion(
         path,
         position,
-        body,
+        body if body.subject else replace(body, subject=points.subject),
         file_format=file_format,
         rate_hz=rate,
-        unit=LengthUnit(
-            unit, convert_unit_to_metres(unit, where=str(path)), each=None if each is None else each[body.kept]
-        ),
+        unit=LengthUnit(unit, convert_unit_to_metres(unit, where=str(path)), each=each),
         up_axis=up_axis,
+        declared_up=points.declared_up,
         usual_up=points.usual_up,
         notes=notes,
     )
@@ -339,12 +359,13 @@ def _space_evenly(
     """Return evenly spaced positions and their rate, of options, times or header."""
     times, position = points.times, points.position
     if resample_hz is not None:
-        if times is None or rate_hz is not None:
-            why = "holds no times to interpolate over" if times is None else "rate_hz says that frames are even"
-            raise MotionError(f"{path}: resample_hz={resample_hz!r} is not possible: {why}; give one of them only")
         rate = check_rate(path, resample_hz, said="resample_hz is")
-        even = resample(path, position, times.time_s, rate)
-        notes.append(f"resampled from {len(position)} frames at their own times to {rate:g} Hz by cubic splines")
+        if rate_hz is not None or times is None:
+            step_s = 1.0 / check_rate(path, points.rate_hz if rate_hz is None else rate_hz, said="the frames have")
+            even = resample(path, position, np.asarray(np.arange(len(position)) * step_s), rate)
+        else:
+            even = resample(path, position, times.time_s, rate)
+        notes.append(f"resampled from {len(position)} frames to {rate:g} Hz by cubic splines over their times")
         return even, rate
     if rate_hz is not None:
         return position, check_rate(path, rate_hz, said="was given")

@@ -15,17 +15,18 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.documents import CELL_BYTES, check_cost
-from doppelgait.core.errors import MotionError, warn_caller
+from doppelgait.core.errors import MotionError
 from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, open_hdf5
 from doppelgait.motion.clean import MIN_MARKERS
 from doppelgait.motion.readers.points import check_amount, is_unlabelled
-from doppelgait.motion.readers.table import read_header, split_rows
+from doppelgait.motion.readers.table import Column, find_points, read_header, split_rows
 from doppelgait.motion.readers.text import (
     Points,
     Row,
     Times,
     is_finite,
     list_head_lines,
+    note_frames,
     point_format,
     read_lines,
     read_times,
@@ -35,9 +36,6 @@ from doppelgait.motion.readers.text import (
 
 FloatArray = npt.NDArray[np.float64]
 
-Column = tuple[str, str]
-"""Name of a point, and x, y or z."""
-
 
 def _read_rows(path: Path, n_head: int) -> list[Row]:
     """Read the rows of a file whose first lines show the delimiter."""
@@ -46,26 +44,21 @@ def _read_rows(path: Path, n_head: int) -> list[Row]:
     return [(line, [cell.strip() for cell in cells]) for line, cells in split_rows(path, lines, delimiter)]
 
 
-def _find_points(columns: Sequence[Column | None]) -> tuple[list[str], list[int]]:
-    """Return the names of the points with x, y and z, and their columns; each repeated name is another point."""
-    points: list[tuple[str, dict[str, int]]] = []
-    latest: dict[str, dict[str, int]] = {}
-    for i, column in enumerate(columns):
-        if column is None:
-            continue
-        name, axis = column
-        if axis in latest.get(name, {axis: 0}):
-            latest[name] = {}
-            points.append((name, latest[name]))
-        latest[name][axis] = i
-    whole = [(name, axes) for name, axes in points if {*"xyz"} <= set(axes)]
+def _find_whole_points(columns: Sequence[Column | None]) -> tuple[list[str], list[int]]:
+    """Return the names of the points with x, y and z, and their columns."""
+    whole = [(name, axes) for name, axes in find_points(columns) if len(axes) == 3]
     return [name for name, _ in whole], [axes[a] for _, axes in whole for a in "xyz"]
 
 
 def _arrange(path: Path, columns: Sequence[Column | None], rows: Sequence[Row]) -> tuple[list[str], FloatArray]:
     """Return names and positions (T, P, 3) of the points that columns hold."""
-    labels, used = _find_points(columns)
-    check_amount(path, len(rows), len(labels))
+    labels, used = _find_whole_points(columns)
+    return labels, _read_columns(path, rows, used, [f"{name} {axis}" for name in labels for axis in "xyz"])
+
+
+def _read_columns(path: Path, rows: Sequence[Row], used: Sequence[int], titles: Sequence[str]) -> FloatArray:
+    """Read three columns per point as positions (T, P, 3)."""
+    check_amount(path, len(rows), len(used) // 3)
     check_cost(path, CELL_BYTES * len(rows) * len(used), MotionError)
     n_columns = max(used) + 1
     # points that are not seen at the end of a row may lack their cells; a row that ends within a point is damaged
@@ -76,17 +69,7 @@ def _arrange(path: Path, columns: Sequence[Column | None], rows: Sequence[Row]) 
                 "or, if the file is truncated there, remove it."
             )
     filled = [(line, cells + [""] * (n_columns - len(cells))) for line, cells in rows]
-    titles = [f"{name} {axis}" for name in labels for axis in "xyz"]
-    return labels, to_numbers(path, filled, used, titles).reshape(len(rows), -1, 3)
-
-
-def _note_frames(path: Path, declared: str, n_frames: int) -> list[str]:
-    """Return a note, and warn, if a header declares another number of frames."""
-    if not declared.isdecimal() or (len(declared) < 10 and int(declared) == n_frames):
-        return []
-    note = f"declares {declared[:10]} frames but holds {n_frames}"
-    warn_caller(f"{path}: {note}; it may be truncated. The existing frames are read.")
-    return [note]
+    return to_numbers(path, filled, used, titles).reshape(len(rows), -1, 3)
 
 
 MOTIVE_KINDS = ("marker", "bone marker", "rigid body marker", "bone", "rigid body")
@@ -133,7 +116,7 @@ def parse_motive(path: Path) -> Points:
         times=read_times(path, rows, 1, title) if title.lower().startswith("time") else None,
         usual_up="y",
         notes=[
-            *_note_frames(path, header.get("total exported frames", ""), len(rows)),
+            *note_frames(path, header.get("total exported frames", ""), len(rows)),
             *([f"points left out: {', '.join(others)}"] if others else []),
         ],
     )
@@ -162,21 +145,17 @@ def parse_nexus(path: Path) -> Points:
     if not frames:
         raise MotionError(f"{path}: its block Trajectories holds no frames")
     header = read_header(path, block[2:4])
-    columns: list[Column | None] = [None] * len(header.titles)
-    for label, places in zip(header.labels, header.columns, strict=True):
-        for axis, i in zip("xyz", places, strict=True):
-            columns[i] = (label, axis)
-    labels, position = _arrange(path, columns, frames)
+    places = [i for point in header.columns for i in point]
+    position = _read_columns(path, frames, places, [header.titles[i] for i in places])
     # older versions have no row of units
-    units = ([] if block[4] in frames else block[4][1]) + [""] * len(columns)
-    each = [[units[i] for i in places] for places in header.columns]
+    units = ([] if block[4] in frames else block[4][1]) + [""] * len(header.titles)
+    each = [[units[i] or "mm" for i in point] for point in header.columns]
     rate = block[1][1][0].replace(",", ".")
     # numbers of frames that are skipped show as uneven times
     step_s = 1.0 / float(rate) if is_finite(rate) and float(rate) > 0.0 else 1.0
     time_s = to_numbers(path, frames, [0], ["Frame"])[:, 0] * step_s
     times = Times(time_s, [line for line, _ in frames], 1e-6 * step_s, 1e-6 * step_s)
-    named = all(unit for point in each for unit in point) and len(labels) == len(each)
-    return Points(labels, position, unit="mm", each=each if named else None, rate_hz=rate, times=times)
+    return Points(header.labels, position, each=each, rate_hz=rate, times=times)
 
 
 def sniff_qualisys(path: Path, head: bytes) -> bool:
@@ -215,7 +194,7 @@ def parse_qualisys(path: Path) -> Points:
         unit="mm",
         rate_hz=value.get("FREQUENCY", "").replace(",", "."),
         times=read_times(path, frames, 1, "Time") if lead == 2 else None,
-        notes=_note_frames(path, value.get("NO_OF_FRAMES", ""), len(frames)),
+        notes=note_frames(path, value.get("NO_OF_FRAMES", ""), len(frames)),
     )
 
 
@@ -363,7 +342,7 @@ def _parse_pandas(path: Path, group: Any) -> Points:
         # three levels, or four with individuals; scorer is the first
         levels[str(n)] = [texts[code] for code in codes]
     titles = ("individuals", "bodyparts", "coords")[-max(len(levels) - 1, 0) :]
-    labels, used = _find_points(
+    labels, used = _find_whole_points(
         _name_keypoints(path, dict(zip(titles, list(levels.values())[1:], strict=True)) if len(levels) > 2 else {})
     )
     values = np.asarray(group["block0_values"][:], dtype=np.float64)
