@@ -9,10 +9,9 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from doppelgait.core.errors import ConfigError, MotionError
 from doppelgait.motion import make_motion
 from doppelgait.motion.follow import follow, steady_speed_mps
-from doppelgait.motion.models import boulic_walk, moving_point, pendulum, quadruped_gait
+from doppelgait.motion.models import boulic_walk, quadruped_gait
 from doppelgait.motion.models.boulic import compute_support_fraction
 from doppelgait.motion.paths import (
     HEADING_WINDOW_M,
@@ -29,7 +28,6 @@ from doppelgait.motion.paths import (
     join,
     lay_out,
     make_arc,
-    make_path,
     smooth_heading_rad,
 )
 from doppelgait.motion.retime import body_centre_m, place
@@ -358,16 +356,6 @@ def test_touchdowns_are_when_their_phase_passes(walk, path):
     assert motion.facts.gait == "walk"
 
 
-def test_no_foot_lands_while_the_body_stands(walk):
-    for at_m in np.linspace(2.0, 3.4, 8):
-        motion = follow(walk, StopAndGoPath(stops=[{"at_m": at_m, "pause_s": 4.0}]))
-        stop_m = stop_of(motion)
-        rest_s = stop_m / SPEED_MPS + math.pi * SPEED_MPS / 4
-        falls = np.sort(np.concatenate([list(f) for f in motion.facts.footfalls.values()]))
-        # setting off from 1 m/s2, the next foot lands well after the pause, the last one when coming to rest
-        assert not np.any((falls > rest_s + 1e-6) & (falls < rest_s + 4.2))
-
-
 # --- Turning around -----------------------------------------------------------------------------------------------
 
 
@@ -401,79 +389,7 @@ def test_a_turn_on_the_spot_stays_on_the_spot(walk):
     assert np.all(np.diff(angle) > -1e-9)
 
 
-# --- What is refused ----------------------------------------------------------------------------------------------
-
-
-def test_a_path_that_is_too_short_or_too_long_for_the_motion(walk):
-    short = ArcPath(radius_m=1.0, turn_deg=90)
-    assert follow(walk, short).time_s[-1] == pytest.approx(math.pi / 2 / SPEED_MPS, abs=1 / 250)
-    with pytest.raises(MotionError, match=r"'arc'.*1\.57 m long and takes 1\.309 s, but 3 s are wanted.*lengthen"):
-        follow(walk, short, duration_s=3.0)
-    with pytest.raises(MotionError, match=r"boulic: lasts 9\.000 s on its path, but 9\.5 s are wanted; shorten"):
-        follow(walk, StraightPath(), duration_s=9.5)
-    with pytest.raises(MotionError, match=r"boulic: travels 10\.80 m, too short for a stop at 11\.00 m"):
-        follow(walk, StopAndGoPath(stops=[{"at_m": 11.0, "pause_s": 1.0}]))
+def test_a_motion_lasts_until_its_path_ends_or_as_long_as_wanted(walk):
+    assert follow(walk, ArcPath(radius_m=1.0, turn_deg=90)).time_s[-1] == pytest.approx(1.309, abs=1 / 250)
     assert follow(walk, StraightPath(), duration_s=2.0).time_s[-1] == pytest.approx(2.0)
-
-
-def test_speeds_outside_the_band_are_refused(walk):
-    for speed_mps in (0.83, 1.57):
-        with pytest.raises(
-            ConfigError, match=r"speed_mps makes .* of a motion at 1\.2 m/s; allowed are 0\.84 to 1\.56"
-        ):
-            follow(walk, StraightPath(speed_mps=speed_mps))
-    with pytest.raises(ConfigError, match=r"side_m = 0.5 on an arc of radius 1 m makes 0\.6 m/s"):
-        follow(walk, ArcPath(radius_m=1.0, turn_deg=90, side_m=0.5))
-
-
-def test_motions_that_cannot_follow_a_path_are_refused(walk):
-    with pytest.raises(MotionError, match="a path needs a motion that travels"):
-        follow(pendulum(duration_s=3.0), StraightPath())
-    curved = follow(walk, ArcPath(radius_m=2.0, turn_deg=120))
-    with pytest.raises(MotionError, match="away from straight and even travel"):
-        follow(curved, StraightPath())
-    gallop = quadruped_gait(gait="gallop", duration_s=4.0)
-    with pytest.raises(MotionError, match=r"cannot stop.*not gallop"):
-        follow(gallop, StopAndGoPath(stops=[{"at_m": 5.0, "pause_s": 1.0}]))
-    with pytest.raises(MotionError, match="cannot stop"):
-        follow(moving_point(duration_s=5.0), StopAndGoPath(stops=[{"at_m": 1.0, "pause_s": 1.0}]))
-
-
-def test_stops_that_are_too_close_are_refused(walk):
-    stops = [{"at_m": 3.0, "pause_s": 1.0}, {"at_m": 3.9, "pause_s": 1.0}]
-    with pytest.raises(ConfigError, match=r"a stop needs 1\.13 m to slow down.*move the stops apart"):
-        follow(walk, StopAndGoPath(stops=stops))
-    follow(walk, StopAndGoPath(stops=[stops[0], {"at_m": 6.5, "pause_s": 1.0}]))
-
-
-@pytest.mark.parametrize(
-    ("table", "says"),
-    [
-        ({}, "kind None is not allowed: known are arc, polyline, stop_and_go, straight, turn_around"),
-        ({"kind": "spiral"}, "'spiral' is not allowed: known are arc"),
-        ({"kind": "arc", "radius_m": 2}, "path kind 'arc': turn_deg: is required"),
-        (
-            {"kind": "arc", "radius_m": 2, "turn_deg": 0},
-            'turn_deg: 0.*must not be 0; for a line take kind = "straight"',
-        ),
-        ({"kind": "arc", "radius_m": 0.1, "turn_deg": 9}, "radius_m: 0.1 is not allowed.*0.3"),
-        ({"kind": "arc", "radius": 2, "turn_deg": 9}, "radius: unknown key; allowed are ahead_m, kind, radius_m"),
-        ({"kind": "polyline", "points_m": [[0, 0]]}, "points_m"),
-        ({"kind": "polyline", "points_m": [[0, 0], [0, 0], [1, 1]]}, "0 and 1 are at the same place"),
-        ({"kind": "polyline", "points_m": [[0, 0], [3, 0], [1, 0.01]]}, "turns back at point 1.*turn_around"),
-        (
-            {"kind": "polyline", "points_m": [[0, 0], [3, 0], [3, 0.6], [0, 0.6]]},
-            r"corners at 1 and 2 take 1 m of the 0\.6 m between them; lower corner_radius_m = 0\.5",
-        ),
-        ({"kind": "stop_and_go", "stops": []}, "stops"),
-        (
-            {"kind": "stop_and_go", "stops": [{"at_m": 2, "pause_s": 1}, {"at_m": 1, "pause_s": 1}]},
-            "at_m must rise from stop to stop, but 1 follows 2",
-        ),
-        ({"kind": "turn_around", "out_m": 2, "radius_m": 1, "turn_s": 2}, "belong to a turn on the spot"),
-        ({"kind": "turn_around", "out_m": 2, "side_m": 1}, "on the spot has no side_m.*radius_m"),
-    ],
-)
-def test_mistakes_in_a_path_table_are_named(table, says):
-    with pytest.raises(ConfigError, match=says):
-        make_path(table)
+    follow(walk, StopAndGoPath(stops=[{"at_m": 3.0, "pause_s": 1.0}, {"at_m": 6.5, "pause_s": 1.0}]))

@@ -11,8 +11,6 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.keys import list_keys
 from doppelgait.motion.models import (
     MOTION_MODELS,
-    BoulicConfig,
-    QuadrupedConfig,
     boulic_walk,
     breathing_person,
     crawling_person,
@@ -26,7 +24,6 @@ from doppelgait.motion.models import (
     robot_vacuum,
     rotor,
 )
-from doppelgait.motion.models.human import HumanConfig
 from doppelgait.motion.models.registry import check_table, generate_all
 
 MODELS = {
@@ -95,11 +92,12 @@ def test_motions_of_a_batch_are_those_made_alone():
         assert alone.position_m.tobytes() == motion.position_m.tobytes(), model
         assert (repr(alone.facts), alone.report) == (repr(motion.facts), motion.report)
         assert alone.time_s.tobytes() == motion.time_s.tobytes()
+        varies = {"stride_variation", "pace_sd"} & model.keys()
+        other = generate(model, duration_s=duration_s, rng=np.random.default_rng(number + 1))
+        assert (other.position_m.tobytes() == motion.position_m.tobytes()) is not bool(varies)
 
 
 def test_models_of_walkers_have_their_parameters_and_assumed_facts():
-    for kind, parameters in (("boulic", BoulicConfig), ("human", HumanConfig), ("quadruped", QuadrupedConfig)):
-        assert MOTION_MODELS[kind].parameters is parameters
     walk, dog, person = boulic_walk(), quadruped_gait(), human_gait().facts
     assert walk.duration_s == dog.duration_s == human_gait().duration_s == 5.0
     assert walk.facts.mass_kg == pytest.approx(23 * 1.75**2)
