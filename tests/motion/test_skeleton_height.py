@@ -13,6 +13,7 @@ from doppelgait.motion.describe import describe_recording
 from doppelgait.motion.models import human_gait, quadruped_gait
 from doppelgait.motion.readers import read
 from doppelgait.motion.retime import scale_to_height, travel_speed_mps
+from doppelgait.motion.skeleton import find_parts, measure_height
 
 LEGS = ("left_hip", "left_knee", "left_ankle", "left_toe", "right_hip", "right_knee", "right_ankle", "right_toe")
 
@@ -136,3 +137,18 @@ def test_headless_recordings(shared: Path, name: str, height_m: float) -> None:
 def test_a_skeleton_has_one_stature_whatever_the_posture(shared: Path) -> None:
     files = sorted((shared / "data" / "mocap" / "human" / "bvh").glob("bandai2_*.bvh"))
     assert [read(path).facts.height_m for path in files] == pytest.approx([1.631] * 14, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("first", "head_m", "height_m"), [("spine1", 1.58, 1.75), ("spine_base", 1.58, 1.75), ("T8", 1.58, 1.58)]
+)
+def test_joints_of_body_models_end_below_the_skull(first: str, head_m: float, height_m: float) -> None:
+    """The hips of a person of 1.75 m are 0.491 of it above the ankles (Drillis and Contini 1966)."""
+    leg_m = 1.75 * (0.245 + 0.246)
+    heights = {"hip": 0.08 + leg_m, "knee": 0.08 + leg_m / 2, "ankle": 0.08}
+    points = {f"{side}_{name}": z for side in ("left", "right") for name, z in heights.items()} | {
+        first: 1.2,
+        "head": head_m,
+    }
+    position = np.zeros((5, len(points), 3)) + np.array([[0.0, 0.0, z] for z in points.values()])
+    assert measure_height(position, list(points), find_parts(points))[0] == pytest.approx(height_m, abs=0.01)

@@ -210,6 +210,8 @@ LEG_SHARE = 0.245 + 0.246
 Winter 2009, figure 4.1)."""
 SKULL_SHARE = 0.93
 """Height of the eyes over stature (Drillis and Contini 1966). A skeleton's head that ends lower lacks the skull."""
+MODEL_JOINTS = {"spine1", "spinebase"}
+"""Joints of SMPL and Kinect, whose other joints have names that markers have, too."""
 PERSON_M = (0.6, 2.4)
 UPRIGHT = 0.75
 """Minimum height of an animal's withers, relative to their 95th percentile, in the frames in which it stands, and
@@ -240,7 +242,8 @@ def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[s
     height_m = leg_m / LEG_SHARE
     if head:
         top_m = float(np.median(z[:, head].max(axis=1)))
-        is_skeleton = name_bones({reduce_word(strip_subject(name)) for name in names})
+        words = {reduce_word(strip_subject(name)) for name in names}
+        is_skeleton = name_bones(words) or bool(words & MODEL_JOINTS)
         if not (is_skeleton and top_m < SKULL_SHARE * height_m < PERSON_M[1] and hip_m > UPRIGHT * leg_m):
             return top_m, ""
         return height_m, (
