@@ -67,60 +67,38 @@ def motive(version: str, unit: str, metres: float, *, kind: str = "Marker", bone
     return write
 
 
+DEVICES = "Devices\n800\n,,Force\nFrame,Sub Frame,Fx\n,,N\n" + "".join(
+    f"{k},{n},1.5\n" for k in range(9) for n in range(10)
+)
+OUTPUTS = "\nModel Outputs\n80\n,,Jim:LKneeAngles\nFrame,Sub Frame,X,Y,Z\n,,deg,deg,deg\n301,0,1.0,2.0,3.0\n"
+
+
 def nexus(separator: str, *, around: bool, old: bool = False) -> Text:
     """With other blocks around the trajectories, or of version 1: no subframes, no units, the rate with its unit."""
 
     def write(body: np.ndarray) -> str:
-        block = [
-            ["Trajectories"],
-            [f"{RATE_HZ:g}"],
-            ["", "", *[c for n in NAMES for c in (f"Jim:{n}", "", "")]],
-            ["Frame", "Sub Frame", *"XYZ" * 16],
-            ["", "", *["mm"] * 48],
-            *[[row[0], 0, *row[1:]] for row in frames(1e3 * body, first=301, time=False)],
-        ]
-        devices = [
-            ["Devices"],
-            ["800"],
-            ["", "", "Force"],
-            ["Frame", "Sub Frame", "Fx"],
-            ["", "", "N"],
-            *[[k // 10, k % 10, 1.5] for k in range(400)],
-            [],
-        ]
-        outputs = [
-            [],
-            ["Model Outputs"],
-            ["80"],
-            ["", "", "Jim:LKneeAngles"],
-            ["Frame", "Sub Frame", *"XYZ"],
-            ["", "", *["deg"] * 3],
-            [301, 0, 1.0, 2.0, 3.0],
-        ]
-        return lines(*(devices if around else []), *block, *(outputs if around else []), separator=separator)
+        head = [["Field #" if old else "Frame,Sub Frame", *"XYZ" * 16], [",", *["mm"] * 48]][: 1 if old else 2]
+        data = [[row[0], *[0] * (not old), *row[1:]] for row in frames(1e3 * body, first=301, time=False)]
+        names = "," * (not old) + "".join(f",Jim:{name},," for name in NAMES)
+        title = f"TRAJECTORIES\n{RATE_HZ:g},Hz\n" if old else f"Trajectories\n{RATE_HZ:g}\n"
+        text = title + names + "\n" + lines(*head, *data, end="\n")
+        return (f"{DEVICES}\n{text}{OUTPUTS}" if around else text).replace(",", separator)
 
     return write
 
 
 def qualisys(*, columns: int = 0, types: bool = False, gap: str = "0.000", kind: str = "3D") -> Text:
     def write(body: np.ndarray) -> str:
-        data = frames(1e3 * body, first=1)
-        data = [[gap if cell != cell else cell for cell in row[2 - columns :]] for row in data]
-        head = [
-            ["NO_OF_FRAMES", len(body)],
-            ["NO_OF_MARKERS", 16],
-            ["FREQUENCY", f"{RATE_HZ:g}"],
-            ["DATA_INCLUDED", kind],
-            ["MARKER_NAMES" if kind == "3D" else "BODY_NAMES", *NAMES],
+        data = [[gap if c != c else c for c in row[2 - columns :]] for row in frames(1e3 * body, first=1)]
+        facts = f"NO_OF_FRAMES={len(body)} NO_OF_MARKERS=16 FREQUENCY={RATE_HZ:g} DATA_INCLUDED={kind}"
+        head = [fact.split("=") for fact in facts.split()] + [
+            ["MARKER_NAMES" if kind == "3D" else "BODY_NAMES", *NAMES]
         ]
         if columns == 2:
             head.append(["Frame", "Time", *[f"{name} {axis}" for name in NAMES for axis in "XYZ"]])
         if types:  # newer versions also end each line with a tab
-            head, data = (
-                [[*row, ""] for row in [*head, ["TRAJECTORY_TYPES", *["Measured"] * 16]]],
-                [[*r, ""] for r in data],
-            )
-        return lines(*head, *data, separator="\t")
+            head.append(["TRAJECTORY_TYPES", *["Measured"] * 16])
+        return lines(*[[*row, *[""] * types] for row in [*head, *data]], separator="\t")
 
     return write
 
@@ -153,13 +131,9 @@ def deeplabcut(*, individuals: bool = False, coords: str = "xyz") -> Text:
             row[:1] + [c for k in range(16) for c in (*row[3 * k + 1 : 3 * k + 4], 0.9)[: len(coords)]]
             for row in frames(100 * body, time=False)
         ]
-        rows = [
-            ["scorer", *["net"] * len(names)],
-            ["individuals", *["Rex"] * len(names)],
-            ["bodyparts", *names],
-            ["coords", *[{"l": "likelihood"}.get(c, c) for _ in NAMES for c in coords]],
-            *data,
-        ]
+        levels = {"scorer": ["net"], "individuals": ["Rex"], "bodyparts": names, "coords": [*coords] * 16}
+        rows = [[level, *(cells * len(names))[: len(names)]] for level, cells in levels.items()]
+        rows = [[cell.replace("l", "likelihood") if cell == "l" else cell for cell in row] for row in rows] + data
         if not individuals:
             del rows[1]
         else:
@@ -288,14 +262,8 @@ def glb(path: Path, *, times_s: np.ndarray = KEYS_S, rotations: str = "f4", **sc
             stored = np.rint(values * 32767).astype("<i2")
         views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": stored.nbytes})
         kind = {"f": 5126, "i": 5122}[stored.dtype.kind]
-        accessors.append(
-            {
-                "bufferView": n,
-                "componentType": kind,
-                "count": len(values),
-                "type": {1: "SCALAR", 3: "VEC3", 4: "VEC4"}[values.shape[1]],
-            }
-        )
+        size = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}[values.shape[1]]
+        accessors.append({"bufferView": n, "componentType": kind, "count": len(values), "type": size})
         binary += stored.tobytes()
     nodes: list[dict[str, Any]] = [{"name": name, "translation": at} for name, (_, at) in BONES.items()]
     for n, (parent, _) in enumerate(BONES.values()):
@@ -303,24 +271,12 @@ def glb(path: Path, *, times_s: np.ndarray = KEYS_S, rotations: str = "f4", **sc
             nodes[parent].setdefault("children", []).append(n)
     nodes[0] |= {"rotation": Rotation.from_euler("x", -90, degrees=True).as_quat().tolist(), "scale": [0.01] * 3}
     nodes[8] = {**nodes[8], "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 2, 0, *nodes[8].pop("translation"), 1]}
+    samplers = [{"input": 0, "output": n + 1, "interpolation": how} for n, (_, _, how) in enumerate(tracks)]
+    channels = [{"sampler": n, "target": {"node": node, "path": what}} for n, (node, what, _) in enumerate(tracks)]
     content = {
-        "asset": {"version": "2.0"},
-        "nodes": nodes,
-        "skins": [{"joints": list(range(1, 10))}],
-        "buffers": [{"byteLength": len(binary)}],
-        "bufferViews": views,
-        "accessors": accessors,
-        "animations": [
-            {
-                "name": "walk",
-                "samplers": [
-                    {"input": 0, "output": n + 1, "interpolation": how} for n, (_, _, how) in enumerate(tracks)
-                ],
-                "channels": [
-                    {"sampler": n, "target": {"node": node, "path": what}} for n, (node, what, _) in enumerate(tracks)
-                ],
-            }
-        ],
+        **{"asset": {"version": "2.0"}, "nodes": nodes, "skins": [{"joints": list(range(1, 10))}]},
+        **{"buffers": [{"byteLength": len(binary)}], "bufferViews": views, "accessors": accessors},
+        "animations": [{"name": "walk", "samplers": samplers, "channels": channels}],
         **scene,
     }
     text = json.dumps(content).encode()

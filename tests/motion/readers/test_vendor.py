@@ -38,8 +38,8 @@ def test_exports_give_the_same_motion(tmp_path: Path, name: str) -> None:
         ("csv", lambda body: nexus(",", around=True)(body).replace("Trajec", "Histor"), {}, "no block Trajectories"),
         (
             "csv",
-            lambda body: "\r\n".join(
-                nexus(",", around=False)(body).split("\r\n")[:20] + nexus(",", around=False)(body).split("\r\n")[21:]
+            lambda body: "\n".join(
+                nexus(",", around=False)(body).split("\n")[:20] + nexus(",", around=False)(body).split("\n")[21:]
             ),
             {},
             "the time steps by",

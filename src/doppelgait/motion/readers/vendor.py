@@ -273,7 +273,7 @@ def parse_opensim(path: Path) -> Points:
 
 def sniff_deeplabcut(path: Path, head: bytes) -> bool:
     """Return True if the first rows are scorer, individuals or bodyparts, and coords."""
-    return [line.split(",")[0] for line in list_head_lines(path, head, 2)[:2]] in (
+    return [re.split("[,;\t]", line)[0] for line in list_head_lines(path, head, 2)[:2]] in (
         ["scorer", "individuals"],
         ["scorer", "bodyparts"],
     )
