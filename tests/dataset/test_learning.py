@@ -3,11 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
-from sklearn.utils.class_weight import compute_class_weight
 
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import SIGNATURE, make_array
-from doppelgait.dataset.learning import balanced_weights, epoch_rows, make_picture, picture_format
+from doppelgait.dataset.learning import epoch_rows, make_picture, picture_format
 from doppelgait.processing.patches import Patch
 
 INDEX = pd.DataFrame({"shard": np.repeat(["a", "b", "c"], 10)})
@@ -80,13 +79,3 @@ def test_the_order_depends_on_seed_and_epoch_alone():
     orders = {(seed, epoch): tuple(epoch_rows(INDEX, seed, epoch, 0, 1)) for seed in (0, 1) for epoch in (0, 1)}
     assert len(set(orders.values())) == 4
     assert orders[1, 1] == tuple(epoch_rows(INDEX.copy(), 1, 1, 0, 1))
-
-
-def test_weights_are_those_of_scikit_learn():
-    labels = np.repeat([0, 1, 3], [5, 1, 14])
-    weights = balanced_weights(np.bincount(labels, minlength=5))
-    expected = compute_class_weight("balanced", classes=np.array([0, 1, 3]), y=labels)
-    np.testing.assert_allclose(weights[[0, 1, 3]], expected, rtol=1e-12)
-    assert weights[[2, 4]].tolist() == [0.0, 0.0]
-    assert weights[labels].mean() == pytest.approx(1.0)
-    assert balanced_weights(np.zeros(2, dtype=np.int64)).tolist() == [0.0, 0.0]

@@ -9,7 +9,6 @@ from doppelgait.core.labels import (
     BASEBAND,
     CADENCE_MAP,
     CADENCE_SPECTRUM,
-    NORMALISED_SIGNATURE,
     SIGNATURE,
     Signal,
     make_array,
@@ -25,11 +24,11 @@ from doppelgait.features.doppler import (
     width_level_v2,
     width_of_bins,
 )
-from doppelgait.features.observed import Observation, compute_square_difference
+from doppelgait.features.observed import Observation
 from doppelgait.motion.models import breathing_person, moving_point
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.processing import Analysis, Gate, detrend
+from doppelgait.processing import Analysis, Gate
 from doppelgait.radar import Radar, Recording, add_noise
 from doppelgait.scene import Scene, Target
 
@@ -42,44 +41,8 @@ def doppler_coords(k, prf_hz=1000.0):
     return {"doppler": doppler_hz, "velocity": ("doppler", doppler_hz * WAVELENGTH_M / 2)}
 
 
-def rows_of(values):
-    coords = {"time": np.arange(values.shape[0]) / RATE_HZ, **doppler_coords(values.shape[1])}
-    return make_array(NORMALISED_SIGNATURE, values, coords)
-
-
 def spectrum_of(cadence_hz, values):
     return make_array(CADENCE_SPECTRUM, values, {"cadence": cadence_hz})
-
-
-def swinging_rows(frequency_hz, seconds, harmonics=(1.0, 0.6), noise=0.0, seed=0):
-    """16 Doppler rows, each periodic with its own phase."""
-    t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
-    rng = np.random.default_rng(seed)
-    values = noise * rng.standard_normal((t.size, 16))
-    for h, amplitude in enumerate(harmonics, start=1):
-        phase = rng.uniform(0, 2 * np.pi, 16)
-        values += amplitude * np.cos(2 * np.pi * h * frequency_hz * t[:, None] + phase)
-    return detrend(rows_of(values), order=min(6, max(1, round(1.2 * seconds))))
-
-
-@pytest.mark.parametrize("lag", [1, 40, 66, 300])
-def test_square_difference_is_that_of_the_equation_e33(lag):
-    rows = swinging_rows(1.9, 4.0, noise=0.5).values
-    top = sum(2 * rows[j] @ rows[j + lag] for j in range(500 - lag))
-    bottom = sum(rows[j] @ rows[j] + rows[j + lag] @ rows[j + lag] for j in range(500 - lag))
-    assert compute_square_difference(rows)[lag] == pytest.approx(top / bottom, rel=1e-9)
-    assert compute_square_difference(rows)[0] == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize(("first", "last"), [(0, 0), (0, 499), (40, 90), (63, 66), (490, 499), (499, 499)])
-def test_square_difference_of_some_lags_is_part_of_all_e33(first, last):
-    rows = swinging_rows(1.9, 4.0, noise=0.5).values
-    transform = np.fft.rfft(rows, 1024, axis=0)
-    products = np.fft.irfft((np.abs(transform) ** 2).sum(axis=1), 1024)[:500]
-    power = (rows**2).sum(axis=1)
-    energy = np.array([power[: 500 - lag].sum() + power[lag:].sum() for lag in range(500)])
-    wanted = (2 * products / energy)[first : last + 1]
-    np.testing.assert_allclose(compute_square_difference(rows, first, last), wanted, atol=1e-12)
 
 
 def walked(speed_mps, seconds, *, snr_db=18.0, seed=0, height_m=1.75, k=None, **place):

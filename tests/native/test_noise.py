@@ -251,20 +251,6 @@ def noise():
     return re + 1j * im.astype(np.float64)
 
 
-def test_power_is_exponential_and_phase_uniform(noise):
-    assert stats.kstest((np.abs(noise) ** 2).ravel() / 2, "expon").pvalue > P_LIMIT
-    turns = np.angle(noise).ravel() / (2 * np.pi)
-    assert stats.kstest(turns, "uniform", args=(-0.5, 1)).pvalue > P_LIMIT
-    cells = np.bincount(np.floor((turns + 0.5) * 360).astype(int) % 360, minlength=360)
-    assert stats.chisquare(cells).pvalue > P_LIMIT
-
-
-def test_power_and_phase_are_independent(noise):
-    power = np.minimum(np.floor(stats.expon.cdf(np.abs(noise) ** 2 / 2) * 16), 15).astype(int).ravel()
-    phase = (np.floor((np.angle(noise) / (2 * np.pi) + 0.5) * 16).astype(int) % 16).ravel()
-    assert stats.chisquare(np.bincount(16 * power + phase, minlength=256)).pvalue > P_LIMIT
-
-
 @pytest.mark.parametrize("what", ["value", "square", "power"])
 def test_white_along_frames_and_bins(noise, what):
     """Correlations at 64 lags in slow time, 32 in range and 64 in both, of the noise, of w^2 and of |w|^2."""

@@ -62,12 +62,6 @@ def width_at(axis, power, share):
     )
 
 
-def coherent(baseband):
-    """The data matrix summed over range before the transform: one range bin."""
-    coords = {"slow_time": baseband.coords["slow_time"].values, "range": [0.0]}
-    return make_array(BASEBAND, baseband.values.sum(axis=1, keepdims=True), coords)
-
-
 def relative_errors(found, wanted):
     return {key: abs(found[key] / wanted[key] - 1) for key in wanted}
 
@@ -89,43 +83,6 @@ def test_mean_power_of_many_scatterers_is_that_of_their_total_rcs_e08():
 # --- The twelve ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("k", [101, 128, 512])
-@pytest.mark.parametrize("decimation", [1, 8])
-def test_01_static_scatterer_peaks_at_its_range_and_at_exactly_zero_doppler(k, decimation):
-    radar = Radar.preset("x4", decimation=decimation, range_start_m=3.0, range_stop_m=6.0)
-    range_m = 4.5678
-    y = synthesise(range_table(np.full((120, 1), range_m)), radar)
-    axis_m = y.coords["range"].values
-    assert abs(axis_m[np.abs(y.values[0]).argmax()] - range_m) <= decimation * 6.42559e-3 / 2
-    mu = wide_signature(y, doppler_bins=k)
-    doppler_hz = mu.coords["doppler"].values
-    column = mu.values[0].astype(float)
-    assert doppler_hz[column.argmax()] == 0.0
-    zero = k // 2
-    reach = min(zero, k - 1 - zero)
-    lower, upper = column[zero - reach : zero][::-1], column[zero + 1 : zero + 1 + reach]
-    np.testing.assert_allclose(lower, upper, rtol=1e-4, atol=1e-9 * column.max())
-
-
-@pytest.mark.parametrize("velocity_mps", [2.0, -2.0])
-def test_02_moving_scatterer_has_the_right_doppler_sign_and_width(velocity_mps):
-    radar = Radar.preset("liland2018", range_start_m=2.0, range_stop_m=8.0)  # tau = 1 ns
-    y = synthesise(range_table(moving(5.0, velocity_mps, 150)), radar)
-    wanted_hz = np.copysign(97.27, velocity_mps)
-    for k in (101, 128, 512):
-        mu = wide_signature(y, doppler_bins=k)
-        peak_hz = mu.coords["doppler"].values[mu.values[0].argmax()]
-        assert abs(peak_hz - wanted_hz) <= PRF_HZ / k / 2
-        assert mu.coords["velocity"].values[mu.values[0].argmax()] == pytest.approx(peak_hz * WAVELENGTH_M / 2)
-    mu = wide_signature(y, doppler_bins=8192)
-    column = mu.values.mean(axis=0).astype(float)
-    assert mu.coords["doppler"].values[column.argmax()] == pytest.approx(wanted_hz, abs=0.1)
-    assert width_at(mu.coords["doppler"].values, column, 0.5) == pytest.approx(14.1, abs=0.05)
-    summed = next(range_doppler(coherent(y), Analysis(doppler_bins=8192), wavelength_m=WAVELENGTH_M))
-    column = summed.values[0, :, 0].astype(float)
-    assert width_at(summed.coords["doppler"].values, column, 0.5) == pytest.approx(13.70, abs=0.01)
-
-
 @pytest.mark.parametrize(
     ("velocity_mps", "sigma_ns", "width_hz"),
     [
@@ -145,45 +102,6 @@ def test_doppler_width_of_a_migrating_scatterer_e27(velocity_mps, sigma_ns, widt
     mu = wide_signature(y, doppler_bins=4096)
     width = width_at(mu.coords["doppler"].values, mu.values.mean(axis=0).astype(float), 0.5)
     assert width == pytest.approx(width_hz, abs=0.01 * width_hz)
-
-
-@pytest.mark.parametrize("apart_hz", [10.0, 30.0])
-def test_03_two_scatterers_in_one_range_bin(apart_hz):
-    radar = Radar.preset("liland2018", range_start_m=2.0, range_stop_m=8.0)
-    t = (np.arange(101)[:, None] - 50) / PRF_HZ
-    power = 0.0
-    for step in range(8):  # all relative phases
-        first = 5.0 - (100 - apart_hz / 2) * WAVELENGTH_M / 2 * t
-        second = 5.0 + step / 16 * WAVELENGTH_M - (100 + apart_hz / 2) * WAVELENGTH_M / 2 * t
-        y = synthesise(range_table(np.hstack([first, second])), radar)
-        power = power + next(range_doppler(coherent(y), Analysis(doppler_bins=4096), wavelength_m=WAVELENGTH_M)).values[
-            0, :, 0
-        ].astype(float)
-    doppler_hz = (np.arange(4096) - 2048) * PRF_HZ / 4096
-    near = np.abs(doppler_hz - 100) <= 30
-    maxima = np.flatnonzero((np.diff(power[near][:-1]) > 0) & (np.diff(power[near][1:]) <= 0))
-    if apart_hz == 10.0:
-        assert len(maxima) == 1
-        assert doppler_hz[near][maxima[0] + 1] == pytest.approx(100, abs=0.3)
-    else:
-        assert len(maxima) == 2
-        assert np.diff(doppler_hz[near][maxima + 1])[0] == pytest.approx(30, abs=0.5)
-        middle = power[np.abs(doppler_hz - 100).argmin()]
-        w = literal.window(101, 0.4)
-        off_15, off_30 = (abs(np.sum(w * np.exp(2j * np.pi * f * np.arange(101) / PRF_HZ))) ** 2 for f in (15, 30))
-        wanted_db = 10 * np.log10((w.sum() ** 2 + off_30) / (2 * off_15))
-        assert wanted_db == pytest.approx(12.6, abs=0.1)  # "about 12 dB"
-        assert 10 * np.log10(power[near].max() / middle) == pytest.approx(wanted_db, abs=0.05)
-
-
-def test_04_scatterer_above_the_unambiguous_velocity_aliases():
-    radar = Radar.preset("x4", prf_hz=300, range_start_m=2.0, range_stop_m=9.0)
-    velocity = 1.5 * 3.084
-    y = synthesise(range_table(moving(6.0, velocity, 60, 300.0), prf_hz=300.0), radar)
-    mu = wide_signature(y, doppler_bins=512)
-    peak_hz = mu.coords["doppler"].values[mu.values.mean(axis=0).argmax()]
-    assert abs(peak_hz - (2 * velocity / WAVELENGTH_M - 300)) <= 300 / 512
-    assert peak_hz < 0
 
 
 def test_05_levels_follow_range_rcs_and_receiver_gain():

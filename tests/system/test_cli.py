@@ -136,14 +136,6 @@ def test_the_recording_has_the_documented_layout(recorded):
         )
 
 
-def test_simulating_twice_gives_the_same_bytes_and_another_seed_other_bytes(recorded):
-    run("simulate", "scene.toml", "-o", "again.h5", cwd=recorded)
-    run("simulate", "scene.toml", "-o", "other.h5", "--seed", "6", cwd=recorded)
-    first = (recorded / "rec.h5").read_bytes()
-    assert (recorded / "again.h5").read_bytes() == first
-    assert (recorded / "other.h5").read_bytes() != first
-
-
 def test_analyze_prints_the_documented_json(recorded):
     done = run("analyze", "rec.h5", "--gate", "truth", "--json", "-o", "res.h5", cwd=recorded)
     document = json.loads(done.stdout)
