@@ -146,7 +146,7 @@ def test_wrong_entries_are_named():
         ({"kind": "dropped_frames", "frames": [-1]}, "counted from 0; -1 is not allowed"),
         ({"kind": "leakage", "level_db": 0, "isolation_db": 3}, "level_db or isolation_db, not both"),
         ({"kind": "static_clutter"}, "exactly one of levels and rcs_per_metre_m2"),
-        ({"kind": "static_clutter", "levels": [[3, -50], [2, -60]]}, "entry to entry, but 2 m follows 3 m"),
+        ({"kind": "static_clutter", "levels": [[3, -50], [2, -60]]}, "entry to entry, but 2 follows 3"),
         ({"kind": "x4_counts", "dac_max": 900}, "dac_max 900 must be larger than dac_min 949"),
     ],
 )

@@ -10,9 +10,10 @@ from scipy.io import savemat, wavfile
 
 from acconeer_file import write_file as write_acconeer
 from beat import write_glasgow
+from damage import outcomes
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.radar import RADAR_READERS, RADAR_WRITERS, Radar, Recording, write_recording
+from doppelgait.radar import RADAR_READERS, RADAR_WRITERS, Radar, Recording, read_recording, write_recording
 from doppelgait.radar.measured import label_measured, make_cw_radar
 from doppelgait.radar.recording import make_baseband_facts
 from doppelgait.testing import check_radar_reader, check_radar_writer
@@ -70,10 +71,26 @@ def _sample_file(name, folder):
     return folder / "walk.mat"
 
 
+def _options(name):
+    return {"carrier_hz": 24e9, **({} if name == "wav" else {"prf_hz": 100.0})} if name in PLAIN else {}
+
+
 @pytest.mark.parametrize("name", RADAR_READERS)
 def test_every_radar_reader_keeps_its_contract(name, tmp_path):
-    options = {"carrier_hz": 24e9, **({} if name == "wav" else {"prf_hz": 100.0})} if name in PLAIN else {}
-    check_radar_reader(name, _sample_file(name, tmp_path / "data"), **options)
+    check_radar_reader(name, _sample_file(name, tmp_path / "data"), **_options(name))
+
+
+@pytest.mark.parametrize("name", RADAR_READERS)
+def test_any_damage_to_a_file_of_a_recording_is_read_or_refused_by_its_folder(name, tmp_path):
+    place, options = _sample_file(name, tmp_path / "data"), _options(name)
+    files = [one for one in sorted((tmp_path / "data").rglob("*")) if one.is_file()]
+    counts = [
+        outcomes(lambda _: read_recording(place, format=name, **options), file, count=150 // len(files), seed=3)
+        for file in files
+    ]
+    n_read, n_refused = (sum(column) for column in zip(*counts, strict=True))
+    assert n_read > 0
+    assert n_refused > 0
 
 
 def test_a_file_in_the_current_folder_is_checked(tmp_path, monkeypatch):

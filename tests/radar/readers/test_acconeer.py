@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from acconeer_file import subsweep, write_file
-from damage import outcomes
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.processing import Analysis, burst_signature
 from doppelgait.radar.readers import find_formats
@@ -173,10 +172,3 @@ def test_what_it_is_not(tmp_path):
         read_acconeer(tmp_path / "none.h5")
     with pytest.raises(RecordingError, match="is damaged or not a recording"):
         read_acconeer(other)
-
-
-def test_damaged_copies(tmp_path):
-    path = write_file(tmp_path / "a.h5")
-    read, refused = outcomes(read_acconeer, path, count=150, seed=2)
-    assert read > 25
-    assert refused > 25

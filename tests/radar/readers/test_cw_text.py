@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from damage import outcomes
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.processing import Analysis, burst_signature
 from doppelgait.radar import read_recording
@@ -145,10 +144,3 @@ def test_options_are_checked(tmp_path, options, message):
 def test_a_missing_recording_is_named(tmp_path):
     with pytest.raises(RecordingError, match=r"no such recording; give NAME_RE\.txt"):
         read_cw_text(tmp_path / "walk")
-
-
-def test_damaged_copies(tmp_path):
-    path = write_pair(tmp_path, *codes(3 * 128))
-    read, refused = outcomes(read_cw_text, path, count=300, seed=1)
-    assert read > 0
-    assert refused > 200

@@ -12,7 +12,6 @@ import xarray as xr
 from scipy.io import loadmat, savemat, whosmat
 from scipy.signal import firwin
 
-from damage import damaged_copies, read_or_refusal
 from doppelgait.core.errors import OutputError, RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import Radar, Recording, TargetTruth, read_recording, write_recording
@@ -488,50 +487,3 @@ def test_a_foreign_toml_file_is_never_overwritten(tmp_path):
     with pytest.raises(OutputError, match="cannot be written"):
         write_arrays(measured(), tmp_path / "no" / "a.npz")
     assert [entry.name for entry in tmp_path.iterdir()] == ["scene.toml"]
-
-
-def make_v73(path):
-    with h5py.File(path, "w", userblock_size=512) as file:
-        for name, value in matlab_content(FRAMES[:, :60], subject=None).items():
-            file[name] = np.atleast_2d(value).T
-    with path.open("r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file")
-
-
-WRITERS = {
-    "npz": lambda path: write_arrays(measured(), path),
-    "mat": lambda path: savemat(path, matlab_content(FRAMES[:, :60])),
-    "v73.mat": make_v73,
-    "h5": lambda path: write_recording(measured(notes=["n"]), path),
-}
-
-
-@pytest.mark.parametrize("ending", WRITERS)
-def test_damaged_files_are_read_or_refused_by_name(tmp_path, ending):
-    path = tmp_path / f"whole.{ending}"
-    WRITERS[ending](path)
-    if (tmp_path / "whole.toml").is_file():
-        (tmp_path / "damaged.toml").write_bytes((tmp_path / "whole.toml").read_bytes())
-    outcomes = [
-        read_or_refusal(read_recording, copy, RecordingError)
-        for copy in damaged_copies(path, start=1, count=80, rng=np.random.default_rng(11))
-    ]
-    read = [recording for recording, _ in outcomes if recording is not None]
-    refusals = [text for recording, text in outcomes if recording is None]
-    assert all(np.isfinite(recording.baseband.values).all() for recording in read)
-    assert all("damaged" in text for text in refusals)
-    assert len(refusals) > 25
-    assert read
-
-
-def test_a_damaged_toml_file_is_refused_by_name(tmp_path):
-    np.savez(tmp_path / "damaged.npz", baseband=VALUES)
-    (tmp_path / "whole.toml").write_text(FACTS + '[radar]\npreset = "x4"\n')
-    refusals = []
-    for copy in damaged_copies(tmp_path / "whole.toml", start=0, count=80, rng=np.random.default_rng(12)):
-        try:
-            read_recording(copy.with_suffix(".npz"))
-        except RecordingError as error:
-            refusals.append(str(error))
-    assert all("damaged" in text for text in refusals)
-    assert len(refusals) > 25

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
-from damage import outcomes
 from doppelgait.core.errors import RecordingError
 from doppelgait.radar import read_recording
 from doppelgait.radar.readers import find_formats, find_recordings
@@ -162,13 +161,3 @@ def test_tables_in_a_folder_are_recordings_by_their_content_only(tmp_path):
     WAYS["a.cs16"](tmp_path / "a.cs16")
     assert [path.name for path, _ in find_recordings([tmp_path])] == ["a.cs16", "a.csv"]
     assert find_formats(tmp_path / "a.csv") == ["csv"]
-
-
-@pytest.mark.parametrize("way", ["a16.wav", "e.csv", "a.cs16"])
-def test_damaged_files_are_read_or_refused(tmp_path, way):
-    WAYS[way](tmp_path / way)
-    options = {"prf_hz": 500.0} if way == "a.cs16" else {}
-    read, refused = outcomes(
-        lambda path: read_recording(path, carrier_hz=CARRIER_HZ, **options), tmp_path / way, count=60, seed=5
-    )
-    assert read + refused == 60

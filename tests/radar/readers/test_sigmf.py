@@ -6,7 +6,6 @@ import json
 import numpy as np
 import pytest
 
-from damage import outcomes
 from doppelgait.core.errors import DoppelgaitWarning, OutputError, RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import Radar
@@ -262,15 +261,3 @@ def test_what_it_is_not(tmp_path):
     (tmp_path / "a.json").write_text("{}")
     (tmp_path / "b.sigmf-data").write_bytes(b"1234")
     assert not any(find_formats(tmp_path / name) for name in ("a.json", "b.sigmf-data", "none", "."))
-
-
-@pytest.mark.parametrize("part", ["meta", "data"])
-def test_damaged_copies(tmp_path, part):
-    write_sigmf(make_recording(rows=30), tmp_path / "walk")
-    path = tmp_path / f"walk.sigmf-{part}"
-    read, refused = outcomes(read_sigmf, path, count=150, seed=3)
-    assert read + refused == 150
-    assert refused > 50
-    if part == "data":
-        again = outcomes(lambda p: read_sigmf(p, ignore_checksum=True), path, count=300, seed=4)
-        assert sum(again) == 300

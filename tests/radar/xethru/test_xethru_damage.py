@@ -3,31 +3,28 @@
 import shutil
 import struct
 import tracemalloc
-import warnings
-from collections.abc import Iterator
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from damage import mutate
-from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning, RecordingError
+from damage import mutate, outcomes, read_or_refusal
+from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.radar.xethru import (
     Splitting,
     TimedRecord,
     make_records,
     read_xethru,
     read_xethru_recording,
-    sniff_xethru,
     write_xethru,
 )
 from doppelgait.radar.xethru.records import META_NAME
 
 START = datetime(2026, 11, 21, 1, 8, 48, tzinfo=UTC)
 HEAD = {"bin_length_m": 0.05144033, "sample_rate_hz": 2.916e9, "carrier_hz": 7.29e9, "range_start_m": 0.4}
-N_MUTATIONS = 800
 
 
 def good(folder: Path, *, splitting: Splitting | None = None) -> Path:
@@ -42,61 +39,25 @@ def good(folder: Path, *, splitting: Splitting | None = None) -> Path:
     )
 
 
-def damaged_files(folder: Path, rng: np.random.Generator, count: int) -> Iterator[Path]:
-    """Each time another file of the folder is damaged; meta files, which can do most harm, more often than the rest."""
-    files = sorted(path for path in folder.rglob("*") if path.is_file())
-    whole = {path: path.read_bytes() for path in files}
-    metas = [path for path in files if path.name == META_NAME]
-    for _ in range(count):
-        among = metas if rng.random() < 0.5 else files
-        path = among[int(rng.integers(len(among)))]
-        path.write_bytes(mutate(whole[path], rng))
-        yield path
-        path.write_bytes(whole[path])
-
-
-def outcome(path: Path, *, convert: bool) -> str:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        warnings.simplefilter("ignore", DoppelgaitWarning)
-        sniff_xethru(path)
-        try:
-            if convert:
-                recording = read_xethru_recording(path, data_type="baseband_iq", prf_hz=100.0)
-                assert np.isfinite(recording.baseband.values).all()
-                assert len(recording.baseband) <= 9
-            else:
-                read_xethru(path)
-        except DoppelgaitError:
-            return "refused"
-        return "read"
-
-
 @pytest.mark.parametrize("splitting", [Splitting(), Splitting(folder_bytes=200)])
-def test_no_damage_raises_anything_else(tmp_path: Path, splitting: Splitting) -> None:
-    folder = good(tmp_path, splitting=splitting)
-    rng = np.random.default_rng(2018)
-    outcomes = [
-        outcome(folder, convert="baseband_iq" in path.name or rng.random() < 0.1)
-        for path in damaged_files(folder, rng, N_MUTATIONS // 2)
-    ]
-    assert min(outcomes.count("read"), outcomes.count("refused")) > N_MUTATIONS // 20
-
-
-@pytest.mark.parametrize(("name", "count_at"), [("datafloat", 8), ("baseband_iq", 4), ("radar_baseband_q15", 4)])
-def test_no_damage_to_a_lone_data_file_raises_anything_else(tmp_path: Path, name: str, count_at: int) -> None:
-    rng = np.random.default_rng(7)
-    sizes = {"datafloat": 12, "baseband_iq": 24, "radar_baseband_q15": 48}
-    widths = {"datafloat": 4, "baseband_iq": 8, "radar_baseband_q15": 4}
-    whole = b""
-    for _ in range(6):
-        head = bytearray(sizes[name])
-        struct.pack_into("<I", head, count_at, 3)
-        whole += bytes(head) + rng.bytes(3 * widths[name])
-    path = tmp_path / f"xethru_{name}_20261121_010848.dat"
-    for _ in range(N_MUTATIONS // 4):
-        path.write_bytes(mutate(whole, rng))
-        assert outcome(path, convert=False) in ("read", "refused")
+def test_any_damage_to_folders_and_lone_files_is_read_or_refused(tmp_path: Path, splitting: Splitting) -> None:
+    folder, rng = good(tmp_path, splitting=splitting), np.random.default_rng(2018)
+    read = partial(read_xethru_recording, data_type="baseband_iq", prf_hz=100.0)
+    refusals = []
+    for file in sorted(path for path in folder.rglob("*") if path.is_file()):
+        whole = file.read_bytes()
+        for _ in range(40):
+            file.write_bytes(mutate(whole, rng))
+            refusals.append(read_or_refusal(read, folder, RecordingError)[1])
+        file.write_bytes(whole)
+    assert all(str(folder) in text for text in refusals if text)
+    assert 0 < refusals.count("") < len(refusals)
+    for number, file in enumerate(folder.rglob("*.dat")):
+        lone = tmp_path / str(number) / file.name
+        lone.parent.mkdir()
+        lone.write_bytes(file.read_bytes()[2:])
+        if file.name != META_NAME and "vital" not in file.name:
+            outcomes(lambda path: read_xethru_recording(path, prf_hz=100.0), lone, count=60, seed=number)
 
 
 def test_a_file_that_ends_early_is_read_up_to_there(tmp_path: Path) -> None:

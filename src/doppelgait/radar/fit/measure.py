@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import BASEBAND, make_array, read_axis
+from doppelgait.core.samples import Samples
 from doppelgait.core.units import FloatArray, db_to_power, power_to_db
 from doppelgait.radar.fit.model import MAX_PHASE_VARIANCE, MIN_BINS, MIN_FRAMES, SensorFit, fit_sensor
 from doppelgait.radar.fit.room import (
@@ -36,6 +36,7 @@ from doppelgait.radar.recording import Recording
 
 ComplexArray = npt.NDArray[np.complex128]
 Mask = npt.NDArray[np.bool_]
+Chosen = npt.NDArray[np.intp]
 
 WINDOW = 64
 """Pulses of a window of a continuous recording; in a recording of bursts, each burst is a window."""
@@ -295,13 +296,10 @@ def _fit_room(recording: Recording, refused: dict[str, str]) -> SensorFit | None
     if recording.n_range_bins < MIN_BINS:
         refused[what] = f"{recording.n_range_bins} range bins; {MIN_BINS} are needed"
         return None
-    burst = recording.facts.get("burst_pulses")
-    if burst:
-        whole = recording.baseband[:: int(burst)]
-        time_s = read_axis(whole, "slow_time")
+    if burst := int(recording.facts.get("burst_pulses", 0)):
+        time_s, first = recording.slow_time_s[::burst], Samples(recording.samples.matrix[::burst])
         radar = recording.radar.model_copy(update={"prf_hz": 1.0 / float(np.median(np.diff(time_s)))})
-        frames = make_array(BASEBAND, whole.values, {"slow_time": time_s, "range": recording.range_m})
-        recording = Recording.from_baseband(frames, radar, source=recording.source)
+        recording = Recording(first, radar, time_s, recording.range_m, source=recording.source)
     if recording.n_pulses < MIN_FRAMES:
         refused[what] = f"{recording.n_pulses} frames; {MIN_FRAMES} are needed"
         return None
@@ -369,7 +367,7 @@ def _measure_bin_levels(cells: FloatArray) -> tuple[float, FloatArray]:
     return float(np.median(by_bin)), by_bin
 
 
-def _estimate_by_jackknife(estimate: Callable[[npt.NDArray[np.intp]], float], count: int, most: int = 16) -> Estimate:
+def _estimate_by_jackknife(estimate: Callable[[Chosen], float], count: int, most: int = 16) -> Estimate:
     """Return an estimate with its jackknife uncertainty, by groups of consecutive windows."""
     groups = np.array_split(np.arange(count), min(most, count))
     left_out = np.array([estimate(np.setdiff1d(np.arange(count), group)) for group in groups])
@@ -480,13 +478,9 @@ def _estimate_image(
         return {}
     ratio = (square / whole)[one_way]
 
-    def estimate(chosen: npt.NDArray[np.intp]) -> tuple[float, float]:
-        return convert_ratio(complex(np.median(ratio[chosen].real), np.median(ratio[chosen].imag)))
-
-    gain = _estimate_by_jackknife(lambda chosen: estimate(chosen)[0], len(ratio))
-    phase = _estimate_by_jackknife(lambda chosen: estimate(chosen)[1], len(ratio))
+    gain, phase = _estimate_channels(lambda chosen: _take_middle(ratio[chosen]), len(ratio))
     # the jackknife of a median is inaccurate: the minimum is the scatter of the windows
-    scatter = 1.4826 * float(np.median(np.abs(ratio - complex(np.median(ratio.real), np.median(ratio.imag)))))
+    scatter = 1.4826 * float(np.median(np.abs(ratio - _take_middle(ratio))))
     least = MEDIAN_SPREAD * scatter / math.sqrt(2.0 * len(ratio))
     if least > 0.2:
         refused["I/Q image"] = "the phase of the motion changed too little to show an image"
@@ -514,26 +508,25 @@ def _estimate_channel_noise(spectrum: ComplexArray, f_hz: FloatArray, upper: Mas
     square = np.sum((spectrum * mirrored)[:, both], axis=(1, 2))
     whole = np.sum(np.abs(spectrum[:, both]) ** 2, axis=(1, 2))
 
-    def ratio(chosen: npt.NDArray[np.intp]) -> complex:
-        # every window has the same weight, because windows of high power may contain part of an echo
-        return complex(np.mean(square[chosen] / whole[chosen]))
+    # every window has the same weight, because windows of high power may contain part of an echo
+    gain, phase = _estimate_channels(lambda chosen: complex(np.mean(square[chosen] / whole[chosen])), len(square))
+    return {"noise_iq_gain_db": gain, "noise_iq_phase_deg": phase}
 
-    return {
-        "noise_iq_gain_db": _estimate_by_jackknife(lambda chosen: convert_ratio(ratio(chosen))[0], len(square)),
-        "noise_iq_phase_deg": _estimate_by_jackknife(lambda chosen: convert_ratio(ratio(chosen))[1], len(square)),
-    }
+
+def _estimate_channels(ratio: Callable[[Chosen], complex], count: int) -> tuple[Estimate, Estimate]:
+    """Return gain (dB) and phase error (deg) of Q from a ratio of moments over windows."""
+    gain = _estimate_by_jackknife(lambda chosen: convert_ratio(ratio(chosen))[0], count)
+    return gain, _estimate_by_jackknife(lambda chosen: convert_ratio(ratio(chosen))[1], count)
+
+
+def _take_middle(values: ComplexArray) -> complex:
+    return complex(np.median(values.real), np.median(values.imag))
 
 
 def _estimate_constant(windows: ComplexArray, step_v: float) -> dict[str, Estimate]:
     """Estimate the constant of a radar with few bins. It is the median of I and the median of Q."""
-
-    def value(chosen: npt.NDArray[np.intp]) -> complex:
-        part = windows[chosen].ravel()
-        return complex(np.median(part.real), np.median(part.imag))
-
-    whole = value(np.arange(len(windows)))
-    count = np.arange(len(windows))
-    others = np.array([value(np.delete(count, k)) for k in count])
-    sd = math.sqrt((count.size - 1) / count.size * float(np.sum(np.abs(others - others.mean()) ** 2)) / 2.0)
+    whole, count = _take_middle(windows.ravel()), len(windows)
+    others = np.array([_take_middle(np.delete(windows, k, axis=0).ravel()) for k in range(count)])
+    sd = math.sqrt((count - 1) / count * float(np.sum(np.abs(others - others.mean()) ** 2)) / 2.0)
     sd = math.hypot(sd, 0.0 if math.isnan(step_v) else step_v / math.sqrt(12.0))
     return {"dc_i_v": Estimate(whole.real, sd), "dc_q_v": Estimate(whole.imag, sd)}

@@ -164,7 +164,7 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
         If the recording is too short, has too few range bins, contains values that are not finite, or only zeros.
     """
     time_s, range_m = recording.slow_time_s, recording.range_m
-    if "burst_pulses" in recording.baseband.attrs:
+    if "burst_pulses" in recording.facts:
         raise AnalysisError(
             f"{recording.source}: is a recording in bursts, and the pauses would count as lost frames; a model is "
             "fitted to continuous recordings only: record without pauses"
@@ -172,7 +172,7 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
     chosen = np.ones(time_s.size, dtype=bool)
     chosen &= time_s >= (-np.inf if start_s is None else start_s)
     chosen &= time_s <= (np.inf if stop_s is None else stop_s)
-    samples = np.asarray(recording.baseband.values[chosen], dtype=np.complex128)
+    samples = np.asarray(recording.samples.matrix[chosen], dtype=np.complex128)
     if samples.shape[0] < MIN_FRAMES or samples.shape[1] < MIN_BINS:
         raise AnalysisError(
             f"{_name(recording)}: {samples.shape[0]} frames of {samples.shape[1]} range bins are too few to fit a "

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError, ConfigError
@@ -18,6 +20,7 @@ from doppelgait.radar.link import echo_amplitude_v
 from doppelgait.radar.parameters import Radar
 
 Times = npt.NDArray[np.float64]
+Level = tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(ge=-400, le=100)]]
 
 
 class Apply(Protocol):
@@ -149,6 +152,14 @@ def shift_pulse_times(
         if shift is not None:
             times_s = shift(times_s, spec, radar, own_rng)
     return times_s if times_s is nominal_s else np.clip(times_s, nominal_s[0], nominal_s[-1])
+
+
+def check_rising(knots: Sequence[tuple[float, float]] | None) -> Any:
+    """Check that the first numbers of knots rise (``ValueError``)."""
+    for (one, _), (other, _) in pairwise(knots or ()):
+        if other <= one:
+            raise ValueError(f"the first numbers must rise from entry to entry, but {other:g} follows {one:g}")
+    return knots
 
 
 def find_volts_per_unit(radar: Radar, *, wanted_by: str) -> float:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +14,8 @@ from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import db_to_amplitude, dbm_to_watt, watt_to_volt
 from doppelgait.radar.impairments.apply import (
+    Level,
+    check_rising,
     check_width,
     convert_level_to_volt,
     find_volts_per_unit,
@@ -28,8 +29,6 @@ CELLS_BEYOND = 3
 SCATTERERS_PER_CELL = 4
 """Scatterers per half-power width; their sum is then a smooth Gaussian process."""
 MAX_SCATTERERS = 200_000
-
-Level = tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(ge=-400, le=100)]]
 
 
 class Leakage(FrozenModel):
@@ -116,13 +115,7 @@ class StaticClutter(FrozenModel):
     in_units: bool = False
     rcs_per_metre_m2: float | None = Field(default=None, ge=0, le=1e6)
 
-    @field_validator("levels")
-    @classmethod
-    def _check_rising(cls, levels: tuple[Level, ...] | None) -> tuple[Level, ...] | None:
-        for (one_m, _), (other_m, _) in pairwise(levels or ()):
-            if other_m <= one_m:
-                raise ValueError(f"ranges must rise from entry to entry, but {other_m:g} m follows {one_m:g} m")
-        return levels
+    _check_rising = field_validator("levels")(check_rising)
 
     @model_validator(mode="after")
     def _check_choice(self) -> StaticClutter:

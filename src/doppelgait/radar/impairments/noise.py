@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
@@ -15,11 +14,17 @@ from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import draw_key
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import db_to_amplitude
-from doppelgait.radar.impairments.apply import check_width, convert_level_to_volt, find_volts_per_unit, sample_range_m
+from doppelgait.radar.impairments.apply import (
+    Level,
+    check_rising,
+    check_width,
+    convert_level_to_volt,
+    find_volts_per_unit,
+    sample_range_m,
+)
 from doppelgait.radar.link import make_noise_taps, sample_noise_v2
 from doppelgait.radar.parameters import Radar
 
-Level = tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(ge=-400, le=100)]]
 Change = tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(ge=-200, le=200)]]
 
 
@@ -141,13 +146,7 @@ class ColouredNoise(FrozenModel):
     range_db: tuple[Change, ...] = Field(default=(), max_length=10_000)
     in_units: bool = False
 
-    @field_validator("levels", "range_db")
-    @classmethod
-    def _check_rising(cls, knots: tuple[Level, ...]) -> tuple[Level, ...]:
-        for (one, _), (other, _) in pairwise(knots):
-            if other <= one:
-                raise ValueError(f"the first numbers must rise from entry to entry, but {other:g} follows {one:g}")
-        return knots
+    _check_rising = field_validator("levels", "range_db")(check_rising)
 
 
 @plugin("impairment", parameters=ColouredNoise)
