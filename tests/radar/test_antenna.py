@@ -126,13 +126,8 @@ def test_an_echo_gets_the_pattern_twice():
     assert (scatterers["path_gain"].values == 0.25).all()  # the table given stays as it was
 
 
-def test_an_isotropic_antenna_leaves_the_table_alone():
-    scatterers = table([0.3], [0.2])
-    assert apply_antenna(scatterers, Antenna(), boresight_azimuth_rad=1.0) is scatterers
+def test_a_pattern_needs_directions_and_an_isotropic_antenna_none():
     np.testing.assert_array_equal(compute_antenna_gain(Antenna(), [0.1, 3.0], 0.2), [1.0, 1.0])
-
-
-def test_a_pattern_needs_directions():
     scene = Scene([Target(boulic_walk(duration_s=1.0))])
     bare = assemble(scene, np.arange(10) / 100, angles=False)
     with pytest.raises(ConfigError, match=r"antenna.kind = 'cosine' needs .* no azimuth and no elevation; .*angles=Tr"):

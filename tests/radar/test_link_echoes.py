@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import rng
 from doppelgait.motion import make_motion
 from doppelgait.pipeline import Conditions, simulate
@@ -43,11 +42,6 @@ def test_noise_of_a_cw_radar_belongs_to_the_same_integration():
     plain = Radar.preset("xband-cw", integration_share=0.0)
     half = Radar.preset("xband-cw", integration_share=0.5)
     assert noise_power_v2(half) == pytest.approx(2 * noise_power_v2(plain))  # 1 / T_i in place of f_p
-
-
-def test_integration_needs_velocities():
-    with pytest.raises(ConfigError, match=r"no radial_velocity, which .* integration_share need"):
-        synthesise(make_table([3.0]).drop_vars("radial_velocity"), X4)
 
 
 def pulse_train(radar, range_m):

@@ -316,9 +316,10 @@ def test_samples_of_another_length_are_refused(name):
         compress(np.zeros((3, 7), dtype=np.complex64), RADARS[name])
 
 
-def test_a_waveform_that_sweeps_needs_velocities():
-    with pytest.raises(ConfigError, match="no radial_velocity"):
-        synthesise(table_of([[4.0]]).drop_vars("radial_velocity"), RADARS["fmcw"])
+def test_sweeps_and_integration_need_velocities():
+    for radar in (RADARS["fmcw"], Radar.preset("x4")):
+        with pytest.raises(ConfigError, match=r"no radial_velocity, which .* integration_share need"):
+            synthesise(table_of([[4.0]]).drop_vars("radial_velocity"), radar)
     synthesise(table_of([[4.0]]).drop_vars("radial_velocity"), RADARS["impulse"])
 
 

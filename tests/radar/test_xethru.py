@@ -4,6 +4,7 @@ import struct
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -202,29 +203,29 @@ def test_open_files_are_called_so(tmp_path: Path) -> None:
     write_xethru(tmp_path, while_writing(), start_time=START, session_id="S")
 
 
-def test_nothing_is_left_of_a_failed_recording(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="time 5 ms; allowed are 9"):
-        write_xethru(tmp_path, some([9, 5]), start_time=START, session_id="S")
+@pytest.mark.parametrize(
+    ("times", "changes", "message"),
+    [
+        *(([0], {"session_id": session_id}, "session_id") for session_id in ("", "a/b", "..", "a\0", "x" * 101)),
+        ([0], {"start_time": datetime(2026, 1, 1)}, "time zone"),
+        ([], {}, "needs one record"),
+        ([9, 5], {}, "time 5 ms; allowed are 9"),
+    ],
+)
+def test_nothing_is_left_of_a_recording_that_cannot_be(
+    tmp_path: Path, times: list[int], changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(RecordingError, match=message):
+        write_xethru(tmp_path, some(times), **{"start_time": START, "session_id": "S", **changes})
     assert list(tmp_path.iterdir()) == []
+
+
+def test_folders_that_exist_or_cannot_be_made_are_refused(tmp_path: Path) -> None:
     write_xethru(tmp_path, some([9]), start_time=START, session_id="S")
-    with pytest.raises(OutputError, match="exists already"):
-        write_xethru(tmp_path, some([9]), start_time=START, session_id="S")
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot be written"):
-        write_xethru(tmp_path / "file", some([9]), start_time=START, session_id="S")
-
-
-@pytest.mark.parametrize("session_id", ["", "a/b", "..", "a\0", "x" * 101])
-def test_session_ids_that_make_no_folder_are_refused(tmp_path: Path, session_id: str) -> None:
-    with pytest.raises(RecordingError, match="session_id"):
-        write_xethru(tmp_path, some([0]), start_time=START, session_id=session_id)
-
-
-def test_a_start_without_zone_and_no_records_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="time zone"):
-        write_xethru(tmp_path, some([0]), start_time=datetime(2026, 1, 1), session_id="S")
-    with pytest.raises(RecordingError, match="needs one record"):
-        write_xethru(tmp_path, [], start_time=START, session_id="S")
+    for folder, message in ((tmp_path, "exists already"), (tmp_path / "file", "cannot be written")):
+        with pytest.raises(OutputError, match=message):
+            write_xethru(folder, some([9]), start_time=START, session_id="S")
 
 
 def test_text_types_are_read_line_by_line(tmp_path: Path) -> None:

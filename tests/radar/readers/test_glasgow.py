@@ -103,4 +103,4 @@ def test_what_is_recognised(tmp_path):
     for text in ("", "1\n2\n3\n4\n", "1\n2\n3\n4\n5\n", "a\n2\n3\n4\n5+2i", "1\n2\n3\n4\nhi", "1 2 3 4 \xff\xfei"):
         other = tmp_path / "other.dat"
         other.write_text(text, encoding="latin-1")
-        assert not find_formats(other)
+        assert "glasgow" not in find_formats(other)
