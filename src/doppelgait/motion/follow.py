@@ -54,7 +54,7 @@ class Gait:
 
     def offsets_m(self, time_s: FloatArray) -> FloatArray:
         """Return the points relative to the travelling origin."""
-        position = self.spline.at(np.ascontiguousarray(time_s))[0].reshape(time_s.size, -1, 3)
+        position = self.spline.points(np.ascontiguousarray(time_s))[0]
         position[..., 0] -= self.speed_mps * time_s[:, None]
         return position
 
@@ -283,7 +283,7 @@ def _stop_phase_s(gait: Gait, at_m: float) -> float:
     step_s = 4 * quarter_s / _SAMPLES_PER_STRIDE
     quarter, support = _SAMPLES_PER_STRIDE // 4, round(SUPPORT_STRIDES * _SAMPLES_PER_STRIDE / 2)
     times_s = wanted_s + step_s * np.arange(-quarter - support, quarter + support + 1)
-    velocity = gait.spline.at(np.clip(times_s, 0.0, gait.lasts_s))[1].reshape(times_s.size, -1, 3)[:, feet]
+    velocity = gait.spline.points(np.clip(times_s, 0.0, gait.lasts_s))[1][:, feet]
     # averaged, since a swinging foot is at rest for a moment at its turning point
     moving = np.convolve(np.sqrt((velocity**2).sum(axis=-1)).sum(axis=1), np.ones(2 * support + 1), mode="valid")
     return max(float(times_s[support + moving.argmin()]), 0.0)

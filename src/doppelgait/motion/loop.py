@@ -106,11 +106,8 @@ def _find_best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam
     weight_s = period / rate / (2 * math.pi)
     # median mismatch of seams after one stride
     frames = np.arange(0.0, motion.position_m.shape[0] - 1 - period, step)
-    before, after = (curve.at(at / rate) for at in (frames, frames + period))
-    stride_moved, stride_change = (
-        b.reshape(frames.size, *motion.position_m.shape[1:]) - a.reshape(frames.size, *motion.position_m.shape[1:])
-        for a, b in zip(before, after, strict=True)
-    )
+    before, after = (curve.points(at / rate) for at in (frames, frames + period))
+    stride_moved, stride_change = (b - a for a, b in zip(before, after, strict=True))
     stride_m, stride_mps = _measure_mismatch(stride_moved, stride_change, min(width, frames.size))
     usual = Seam(0.0, period, 1, float(np.median(stride_m)), float(np.median(stride_mps)))
     best: list[Seam] = []
@@ -126,7 +123,7 @@ def _find_best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam
         if seams:
             cut = min(seams, key=lambda seam: _combine_mismatch(seam, weight_s))
             on_frames = replace(cut, start=cut.start * step, lag=cut.lag * step)
-            best.append(_refine_seam(curve, motion.position_m.shape, rate, on_frames, step, overlap, weight_s))
+            best.append(_refine_seam(curve, motion, on_frames, step, overlap, weight_s))
     # neither pose nor velocity may differ by more than the median between neighbouring strides
     most_m, most_mps = max(usual.position_m, UNSEEN_M), max(usual.velocity_mps, UNSEEN_M / weight_s)
     fitting = [seam for seam in best if seam.position_m <= most_m and seam.velocity_mps <= most_mps]
@@ -155,24 +152,22 @@ def _average_running(values: FloatArray, width: int) -> FloatArray:
     return np.asarray(np.lib.stride_tricks.sliding_window_view(values, width, axis=0).mean(axis=-1))
 
 
-def _refine_seam(
-    curve: Spline, shape: tuple[int, ...], rate_hz: float, seam: Seam, step: int, overlap: float, weight_s: float
-) -> Seam:
+def _refine_seam(curve: Spline, motion: Motion, seam: Seam, step: int, overlap: float, weight_s: float) -> Seam:
     """Refine the length of a cycle to a fraction of a frame."""
     from scipy.optimize import minimize_scalar
 
     frames = seam.start + np.linspace(0.0, overlap, max(3, math.ceil(overlap)))
-    before = [values.reshape(-1, *shape[1:]) for values in curve.at(frames / rate_hz)]
+    before = curve.points(frames / motion.rate_hz)
 
     def at(lag: float) -> Seam:
-        after = [values.reshape(-1, *shape[1:]) for values in curve.at((frames + lag) / rate_hz)]
+        after = curve.points((frames + lag) / motion.rate_hz)
         moved = after[0] - before[0]
         moved[..., :2] -= moved[..., :2].mean(axis=(0, 1))
         change = after[1] - before[1]
         apart = [float(np.sqrt((values**2).sum(axis=2).mean())) for values in (moved, change)]
         return replace(seam, lag=lag, position_m=apart[0], velocity_mps=apart[1])
 
-    latest = shape[0] - 1 - float(frames[-1])
+    latest = motion.n_frames - 1 - float(frames[-1])
     bounds = (seam.lag - step, min(seam.lag + step, latest))
     found = minimize_scalar(
         lambda lag: _combine_mismatch(at(float(lag)), weight_s),
@@ -211,7 +206,7 @@ class Cycle:
         def once(frames: FloatArray) -> FloatArray:
             share, gained = np.moveaxis(travel.at(frames)[0].reshape(frames.size, 2, len(chosen), 1), 1, 0)
             within = np.clip(self.seam.start + frames, 0.0, self.shape[0] - 1.0)
-            value = curve.at(within / self.rate_hz)[0].reshape(frames.size, len(chosen), 3)
+            value = curve.points(within / self.rate_hz)[0]
             return np.asarray(value - astray * share - self.faster * gained)
 
         position = once(into) + self.advance * turns[:, np.newaxis, np.newaxis]
@@ -242,9 +237,8 @@ def _close_cycle(motion: Motion, seam: Seam, overlap: float) -> Cycle:
     rate, curve = motion.rate_hz, fit_spline(motion)
     ends = seam.start + np.linspace(0.0, overlap, max(3, math.ceil(overlap)))
 
-    def clip(frames: FloatArray) -> list[FloatArray]:
-        found = curve.at(np.clip(frames, 0.0, motion.n_frames - 1.0) / rate)
-        return [part.reshape(frames.size, *motion.position_m.shape[1:]) for part in found]
+    def clip(frames: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return curve.points(np.clip(frames, 0.0, motion.n_frames - 1.0) / rate)
 
     later, earlier = clip(ends + seam.lag), clip(ends)
     moved = (later[0] - earlier[0]).mean(axis=0)

@@ -156,10 +156,7 @@ def _interpolate_centre(motion: Motion, at_s: float) -> FloatArray:
 def resample(motion: Motion, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Resample positions and velocities by a cubic spline (E-02)."""
     # the spline interpolates the frames and is C2; velocities are its slope
-    spline = fit_spline(motion)
-    position, velocity = spline.at(check_times(motion, time_s))
-    shape = (position.shape[0], *motion.position_m.shape[1:])
-    return position.reshape(shape), velocity.reshape(shape)
+    return fit_spline(motion).points(check_times(motion, time_s))
 
 
 @dataclass(frozen=True)
@@ -175,6 +172,12 @@ class Spline:
         value, slope = np.empty((2, times_s.size, self.values.shape[1]))
         native.positions_and_velocities(self.values, self.moments, self.step_s, times_s, value, slope)
         return value, slope
+
+    def points(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return positions and velocities of points at times, both (I, P, 3)."""
+        shape = times_s.size, self.values.shape[1] // 3, 3
+        value, slope = self.at(times_s)
+        return value.reshape(shape), slope.reshape(shape)
 
 
 def fit_spline(motion: Motion) -> Spline:

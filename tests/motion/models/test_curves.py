@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from doppelgait.motion.models.curves import (
-    MEASURED_DUTY,
     find_swing_curve,
     find_trunk_curve,
     join_curves,
@@ -38,7 +37,7 @@ def test_an_integral_has_the_slope_of_its_curve_less_the_mean(asymmetry):
     np.testing.assert_allclose(slope, speed(COARSE) - speed(COARSE).mean(), atol=1e-8)
 
 
-@pytest.mark.parametrize("gait", MEASURED_DUTY)
+@pytest.mark.parametrize("gait", DOGS)
 def test_the_surge_integrates_the_measured_speed(gait):
     curve, begins = find_trunk_curve(gait, "surge", GAITS[gait].touchdown)
     speed = (curve(PHASE + 1e-5) - curve(PHASE - 1e-5)) / 2e-5
@@ -47,10 +46,10 @@ def test_the_surge_integrates_the_measured_speed(gait):
     assert begins == pytest.approx(0.0, abs=0.01)
 
 
-@pytest.mark.parametrize("gait", MEASURED_DUTY)
+@pytest.mark.parametrize("gait", DOGS)
 @pytest.mark.parametrize("segment", ["manus", "metatarsus", "scapula"])
 def test_segments_follow_their_tables_and_stretch_with_the_duty_factor(gait, segment):
-    measured = MEASURED_DUTY[gait][segment != "metatarsus"]
+    measured = DOGS[gait]["duty"][segment != "metatarsus"]
     own = np.degrees(segment_elevation_rad(gait, [segment], PHASE, measured))[0, 0]
     np.testing.assert_allclose(own[::100], DOGS[gait][segment], atol=3.5)
     longer = 1.2 * measured

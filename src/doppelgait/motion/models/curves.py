@@ -111,11 +111,6 @@ def _transform(samples: list[float], count: int) -> npt.NDArray[np.complex128]:
     return harmonics
 
 
-MEASURED_DUTY = {"walk": (0.48, 0.575), "pace": (0.48, 0.535), "trot": (0.22, 0.375), "gallop": (0.18, 0.26)}
-"""Share of the stride in which hind and fore paws are at rest in the recordings."""
-MEASURED_LANDING = {"walk": (0.0, 0.12), "pace": (0.0, 0.02), "trot": (0.0, 0.40), "gallop": (-0.085, 0.23)}
-"""Phase at which the hind and the fore pair land, after the left hind foot: that of the left foot,
-or in the gallop the mean of both feet."""
 N_HARMONICS = {"scapula": 6, "manus": 6, "metatarsus": 6, "neck": 2, "tail": 2}
 """Number of harmonics by curve. Curves of the trunk have 4."""
 
@@ -128,7 +123,7 @@ def find_trunk_curve(gait: RecordedGait, name: TrunkCurve, touchdown: Mapping[st
     if gait == "gallop":
         both = sum(cmath.exp(2j * math.pi * touchdown[f"{side}_{end}"]) for side in ("left", "right"))
         landing = cmath.phase(both) / (2 * math.pi)
-    return _make_curve(gait, name), landing - MEASURED_LANDING[gait][end == "fore"]
+    return _make_curve(gait, name), landing - load_tables()["dogs"][gait]["landing"][end == "fore"]
 
 
 TRUNK_CURVES: tuple[TrunkCurve, ...] = ("surge", "hind_heave", "fore_heave", "neck", "tail")
@@ -155,7 +150,9 @@ def segment_elevation_rad(
 ) -> FloatArray:
     """Return the measured elevations of segments of a limb."""
     # stance and swing of the recording are scaled to those of the duty factor
-    of_recording = _stack_gaits(lambda own: np.array([MEASURED_DUTY[own]["metatarsus" not in segments]]), gait)
+    of_recording = _stack_gaits(
+        lambda own: np.array([load_tables()["dogs"][own]["duty"]["metatarsus" not in segments]]), gait
+    )
     own = cycles - np.floor(cycles)
     # a cubic on both sides of lift-off with the same slope at all three knots, so that the speed is continuous
     stance, swing = of_recording / duty, (1 - of_recording) / (1 - duty)

@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import FloatArray, cosine, sine
+from doppelgait.motion.models.human_body import PEOPLE
 from doppelgait.motion.models.registry import ModelFunction, model_function
 from doppelgait.motion.models.strides import sample_times_s, stack_columns
 from doppelgait.motion.motion import Motion, make_motion
@@ -214,21 +215,10 @@ class BreathingConfig(FrozenModel):
     rate_hz: float = Field(250.0, ge=1, le=10_000)
 
 
-_STANDING = {
-    "head": ("head", 0.0, 0.0, 0.93, 0.0),
-    "neck": ("torso", 0.0, 0.0, 0.82, 0.0),
-    "left_chest": ("torso", 0.06, 0.06, 0.73, 1.0),
-    "right_chest": ("torso", 0.06, -0.06, 0.73, 1.0),
-    "abdomen": ("torso", 0.06, 0.0, 0.60, 0.5),
-    "pelvis": ("torso", 0.0, 0.0, 0.53, 0.0),
-}
-"""Part, position as fractions of the stature (x, y, z), and share of the chest's motion by point (assumed)."""
-
-
 @gaitless_model(
     BreathingConfig,
     duration_s=20.0,
-    parts=[row[0] for row in _STANDING.values()],
+    parts=[part for part, *_ in PEOPLE["breathing"].values()],
     report={"mass_kg": "assumed: body mass index 23 kg/m^2", "proportions": "assumed"},
     species="human",
     gait="stand",
@@ -247,7 +237,7 @@ def breathing_person(config: BreathingConfig, times_s: FloatArray) -> Body:
     size_m = config.height_m
     points = {
         name: stack_columns(x * size_m + share * chest_m, y * size_m, z * size_m)
-        for name, (_, x, y, z, share) in _STANDING.items()
+        for name, (_, x, y, z, share) in PEOPLE["breathing"].items()
     }
     return points, {"height_m": size_m, "mass_kg": 23.0 * size_m**2, "gait_frequency_hz": config.breathing_hz}
 

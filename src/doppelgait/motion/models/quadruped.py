@@ -27,6 +27,7 @@ from doppelgait.motion.models.curves import find_swing_curve, join_trunk_curves,
 from doppelgait.motion.models.quadruped_gaits import (
     BUILDS,
     GAITS,
+    TABLES,
     BuildName,
     Gait,
     GaitChoice,
@@ -96,15 +97,7 @@ SCAPULA_X, SCAPULA_Z = 0.07, 1.11
 """Top of the scapula, about which it swings: distance ahead of the girdle, and height."""
 HIP_Y, SCAPULA_Y, TRACK_Y = 0.125, 0.14, 0.12
 """Half widths of hips, tops of the scapulae and paws."""
-TRUNK_POINTS = {
-    "neck_base": (0.62, 1.12),
-    "withers": (0.42, 1.25),
-    "chest": (0.40, 0.68),
-    "back": (-0.05, 1.21),
-    "belly": (-0.10, 0.80),
-    "rump": (-0.56, 1.20),
-    "tail_base": (-0.70, 1.08),
-}
+TRUNK_POINTS: dict[str, list[float]] = TABLES["trunk_points"]
 """Points fixed to the trunk in the median plane: (x, height) when the dog stands."""
 SKULL_DEG = -22.0
 """Elevation of the skull above the horizontal."""

@@ -54,7 +54,7 @@ class Gait:
     stride_power: float = 0.3
 
 
-_TABLES = read_toml(Path(__file__).with_name("quadruped_gaits.toml"))[0]
+TABLES = read_toml(Path(__file__).with_name("quadruped_gaits.toml"))[0]
 
 
 def _make_gait(touchdown: dict[str, float], froude: list[float], **values: Any) -> Gait:
@@ -62,7 +62,7 @@ def _make_gait(touchdown: dict[str, float], froude: list[float], **values: Any) 
     return Gait(touchdown, (froude[0], froude[1], froude[2]), hind=hind, fore=fore, **values)
 
 
-GAITS: dict[str, Gait] = {name: _make_gait(**table) for name, table in _TABLES["gaits"].items()}
+GAITS: dict[str, Gait] = {name: _make_gait(**table) for name, table in TABLES["gaits"].items()}
 """All gaits by name. A new gait needs a table in ``quadruped_gaits.toml`` and its name in :data:`GaitName`."""
 
 GAITS_BY_SPEED: tuple[GaitName, ...] = ("walk", "trot", "gallop")
@@ -117,7 +117,7 @@ class Build:
     source: str = "assumed: height and mass in the middle of the breed standard, standard proportions"
 
 
-BUILDS: dict[str, Build] = {name: Build(**table) for name, table in _TABLES["builds"].items()}
+BUILDS: dict[str, Build] = {name: Build(**table) for name, table in TABLES["builds"].items()}
 """All builds by name. A new build needs a table in ``quadruped_gaits.toml`` and its name in :data:`BuildName`."""
 
 
@@ -271,7 +271,7 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
         "length_asymmetry": max(min(0.04 * uneven * long, 0.4), -0.4),
     }
     deviates = far, ripple, hind, fore, neck, tail, late, wag, sweep, time, landing
-    values = {name: float(value) for name, value in own.items()} | evaluate_laws(_TABLES["laws"], deviates)
+    values = {name: float(value) for name, value in own.items()} | evaluate_laws(TABLES["laws"], deviates)
     return Dog(build, gait, **values)
 
 
