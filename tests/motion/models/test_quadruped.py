@@ -97,37 +97,40 @@ def test_points_and_parts():
     assert len(set(POINTS)) == len(POINTS)
 
 
+def check_rests(motion, foot, duty, share=1.0):
+    """A paw rests on the floor from each footfall for this share of its duty factor, and is in the air before."""
+    path, time_s = paw(motion, foot), motion.time_s
+    for start, following in itertools.pairwise(motion.facts.footfalls[foot]):
+        end = start + share * duty[foot.split("_")[1]] * (following - start)
+        stance = path[(time_s >= start + 1e-9) & (time_s <= end - 1e-9)]
+        assert stance.size
+        np.testing.assert_allclose(stance, np.broadcast_to(stance[:1] * [1, 1, 0], stance.shape), rtol=0, atol=1e-9)
+        assert path[np.searchsorted(time_s, start) - round(0.012 * motion.rate_hz), 2] > 0 or start < 0.02
+
+
 @pytest.mark.parametrize(("name", "froude", "withers_m"), CASES)
-def test_stance_paws_stay_where_they_landed(name, froude, withers_m):
+def test_paws_rest_where_they_land_move_between_and_are_never_under_the_floor(name, froude, withers_m):
     _, _, stride, frequency, duty = settings(name, froude, withers_m)
-    motion = dog(name, froude, withers_m, start_phase=0.37, duration_s=4.0)
-    time_s = motion.time_s
+    motion = dog(name, froude, withers_m, start_phase=0.37, duration_s=4.0, tail_sweep_deg=0)
+    assert motion.position_m[..., 2].min() >= 0
     for foot in FEET:
+        path, end = paw(motion, foot), foot.split("_")[1]
         touchdowns = motion.facts.footfalls[foot]
         assert len(touchdowns) >= 2
-        for start in touchdowns:
-            end = start + duty[foot.split("_")[1]] / frequency
-            stance = paw(motion, foot)[(time_s >= start + 1e-9) & (time_s <= end - 1e-9)]
-            if len(stance):
-                assert np.ptp(stance, axis=0) == pytest.approx([0, 0, 0], abs=1e-9)
-                assert stance[0, 2] == 0.0
-        places = [paw(motion, foot)[np.searchsorted(time_s, t + 0.01), 0] for t in touchdowns if t < 3.9]
+        check_rests(motion, foot, duty)
+        places = [path[np.searchsorted(motion.time_s, t + 0.01), 0] for t in touchdowns if t < 3.9]
         np.testing.assert_allclose(np.diff(places), stride, atol=1e-9)
-
-
-@pytest.mark.parametrize(("name", "froude", "withers_m"), CASES)
-def test_paws_move_only_between_their_stances_and_never_under_the_floor(name, froude, withers_m):
-    _, _, _, frequency, duty = settings(name, froude, withers_m)
-    motion = dog(name, froude, withers_m, tail_sweep_deg=0)
-    height_m = motion.positions.sel(space="z").values
-    assert height_m.min() >= 0
-    for foot in FEET:
-        end = foot.split("_")[1]
-        still = np.linalg.norm(np.diff(paw(motion, foot), axis=0), axis=1) < 1e-9
-        whole = int(3.0 * frequency) / frequency * 250
-        assert still[: int(whole)].mean() == pytest.approx(duty[end], abs=0.05)
+        still = np.linalg.norm(np.diff(path, axis=0), axis=1) < 1e-9
+        assert still[: int(int(4.0 * frequency) / frequency * 250)].mean() == pytest.approx(duty[end], abs=0.05)
         clearance = getattr(GAITS[name], end).clearance * hip_height_m(STANDARD, withers_m)
-        assert paw(motion, foot)[:, 2].max() == pytest.approx(clearance, rel=0.01)
+        assert path[:, 2].max() == pytest.approx(clearance, rel=0.01)
+
+
+@pytest.mark.parametrize("name", GAITS)
+def test_paws_rest_from_exact_footfalls_when_strides_vary(name):
+    motion = quadruped_gait(gait=name, stride_variation=0.05, rng=np.random.default_rng(3), duration_s=8, rate_hz=1000)
+    for foot in FEET:  # lift-off is at the duty factor in phase; in time, a faster stride moves it by less than a tenth
+        check_rests(motion, foot, settings(name, GAITS[name].froude[2], 0.5)[4], share=0.9)
 
 
 @pytest.mark.parametrize("name", GAITS)
@@ -478,17 +481,6 @@ def test_feet_land_in_the_order_and_at_the_phases_of_the_gait(name):
         assert low - 1e-6 <= lag / period <= high + 1e-6, foot
 
 
-@pytest.mark.parametrize("name", GAITS)
-def test_paws_leave_and_touch_the_ground_at_the_stated_times(name):
-    motion = quadruped_gait(gait=name, duration_s=3.0, rate_hz=2000, start_phase=0.3)
-    for foot in FEET:
-        lifted = motion.positions.sel(marker=f"{foot}_paw", space="z").values > 1e-9
-        landings = motion.time_s[1:][lifted[:-1] & ~lifted[1:]]
-        truth = [t for t in motion.facts.footfalls[foot] if t > 1e-3]
-        # The last quarter of a millimetre of the way down is below the threshold: the flight ends with zero slope.
-        np.testing.assert_allclose(landings, truth, atol=0.006)
-
-
 @pytest.mark.parametrize("build", ["standard", "cat", "dachshund"])
 @pytest.mark.parametrize("name", SYMMETRICAL)
 def test_walk_pace_and_trot_are_their_own_mirror_image_half_a_stride_later(name, build):
@@ -630,23 +622,6 @@ def test_stride_times_vary_with_the_given_deviation_and_memory():
     assert np.corrcoef(first, second)[0, 1] == pytest.approx(0.5, abs=4 / np.sqrt(n))
     # L = c h at Fr = 1, whatever the stride times; the trunk's surge, under 0.1 h, is not whole at the end of a run.
     np.testing.assert_allclose(lengths, 2.6 * 0.4, rtol=0.1 / count)
-
-
-@pytest.mark.parametrize("name", GAITS)
-def test_paws_stand_still_in_stance_at_exact_footfalls_when_strides_vary(name):
-    motion = quadruped_gait(gait=name, stride_variation=0.05, rng=np.random.default_rng(3), duration_s=8, rate_hz=1000)
-    time_s, duty = motion.time_s, settings(name, GAITS[name].froude[2], 0.5)[4]
-    for foot in FEET:
-        path, footfalls = motion.positions.sel(marker=f"{foot}_paw").values, np.array(motion.facts.footfalls[foot])
-        speed = np.linalg.norm(np.diff(path, axis=0), axis=1) * 1000
-        for start, following in itertools.pairwise(footfalls):
-            # Lift-off comes at the duty factor in phase; in time a stride that speeds up moves it by under a tenth.
-            end = start + 0.9 * duty[foot.split("_")[1]] * (following - start)
-            stance = (time_s[:-1] >= start) & (time_s[1:] <= end)
-            assert stance.any()
-            assert speed[stance].max() < 1e-6
-            # Ten milliseconds earlier the paw is in the air: the footfall is neither early nor late.
-            assert path[np.searchsorted(time_s, start) - 12, 2] > 0 or start < 0.02
 
 
 def test_without_variation_the_seed_does_not_matter():
