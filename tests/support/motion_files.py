@@ -89,7 +89,7 @@ def nexus(separator: str, *, around: bool, old: bool = False) -> Text:
 
 def qualisys(*, columns: int = 0, types: bool = False, gap: str = "0.000", kind: str = "3D") -> Text:
     def write(body: np.ndarray) -> str:
-        data = [[gap if c != c else c for c in row[2 - columns :]] for row in frames(1e3 * body, first=1)]
+        data = [row[:columns] + [gap if c != c else c for c in row[2:]] for row in frames(1e3 * body, first=1)]
         facts = f"NO_OF_FRAMES={len(body)} NO_OF_MARKERS=16 FREQUENCY={RATE_HZ:g} DATA_INCLUDED={kind}"
         head = [fact.split("=") for fact in facts.split()] + [
             ["MARKER_NAMES" if kind == "3D" else "BODY_NAMES", *NAMES]
@@ -206,6 +206,8 @@ TEXTS: dict[str, tuple[str, Text, dict[str, Any]]] = {
     "qualisys frames": ("tsv", qualisys(columns=1, gap=""), {}),
     "qualisys columns": ("tsv", qualisys(columns=2, gap="NULL"), {}),
     "qualisys types": ("tsv", qualisys(types=True), {}),
+    "qualisys tabs": ("tsv", qualisys(columns=1, types=True, gap="NULL"), {}),
+    "qualisys times": ("tsv", qualisys(columns=2, types=True), {}),
     "visual3d": ("txt", visual3d, {}),
     "opensim": ("sto", opensim("{name}_t{axis}"), {}),
     "opensim bodies": ("sto", opensim("{name}_{axis}"), {}),

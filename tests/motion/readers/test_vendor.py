@@ -73,3 +73,12 @@ def test_fewer_frames_than_a_header_declares_are_noted(tmp_path: Path) -> None:
     path.write_bytes(b"\n".join(motive("1.23", "Meters", 1.0)(BODY_M).encode().split(b"\r\n")[:-5]))
     with pytest.warns(DoppelgaitWarning, match="declares 40 frames but holds 36"):
         assert read(path, clean=False).n_frames == 36
+
+
+def test_a_first_or_last_point_that_is_not_seen_at_first_stays_in_its_place(tmp_path: Path) -> None:
+    body = BODY_M.copy()
+    body[:4, [0, -1]] = np.nan
+    for columns in (0, 1, 2):
+        for gap in ("", "NULL"):
+            (tmp_path / "walk.tsv").write_bytes(qualisys(columns=columns, gap=gap)(body).encode())
+            np.testing.assert_allclose(read(tmp_path / "walk.tsv", clean=False).position_m, body, atol=2e-6)

@@ -17,7 +17,7 @@ from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.points import check_amount, check_rate
 from doppelgait.motion.readers.skeletons import read_skeletons
-from doppelgait.motion.readers.text import MAX_BYTES, Points, make_timed_motion
+from doppelgait.motion.readers.text import Points, check_size, make_timed_motion
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -105,8 +105,7 @@ def read_arrays(
 
 def _load_json(path: Path) -> dict[str, Any]:
     """Read the object of a JSON file."""
-    if path.stat().st_size > MAX_BYTES:
-        raise MotionError(f"{path}: has {path.stat().st_size} bytes; JSON files of up to {MAX_BYTES} bytes are read")
+    check_size(path)
     try:
         content = parse_json(path.read_bytes())
     except json.JSONDecodeError as error:

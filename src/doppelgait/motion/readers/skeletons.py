@@ -24,9 +24,9 @@ from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.joints import Joints, check_skeleton_cost, forward_kinematics, make_joint_motion
 from doppelgait.motion.readers.points import check_rate
 from doppelgait.motion.readers.text import (
-    MAX_BYTES,
     Points,
     Times,
+    check_size,
     find_frame_rate,
     list_head_lines,
     point_format,
@@ -113,8 +113,7 @@ def sniff_mvnx(path: Path, head: bytes) -> bool:
 @point_format("mvnx", sniff_mvnx, (".mvnx",))
 def parse_mvnx(path: Path) -> Points:
     """Read the origins of the segments of an Xsens MVNX file."""
-    if path.stat().st_size > MAX_BYTES:
-        raise MotionError(f"{path}: has {path.stat().st_size} bytes; files of up to {MAX_BYTES} bytes are read")
+    check_size(path)
     labels: list[str] = []
     frames: list[list[float]] = []
     times_ms: list[str] = []
@@ -206,15 +205,15 @@ def read_glb(
 
 def _split_glb(path: Path) -> tuple[dict[str, Any], bytes]:
     """Return the JSON and the binary chunk."""
-    if path.stat().st_size > MAX_BYTES:
-        raise MotionError(f"{path}: has {path.stat().st_size} bytes; files of up to {MAX_BYTES} bytes are read")
+    check_size(path)
     content = path.read_bytes()
     at, chunks = 12, {}
     while at + 8 <= len(content):
         length, kind = struct.unpack_from("<I4s", content, at)
         chunks[kind] = content[at + 8 : at + 8 + length]
         at += 8 + length
-    if "EXT_meshopt_compression" in (scene := parse_json(chunks[b"JSON"].rstrip(b"\0"))).get("extensionsRequired", []):
+    scene = parse_json(chunks[b"JSON"].rstrip(b"\0"))
+    if "EXT_meshopt_compression" in scene.get("extensionsRequired", []):
         raise MotionError(f"{path}: is compressed (EXT_meshopt_compression); export it without compression")
     return scene, chunks.get(b"BIN\0", b"")
 

@@ -87,7 +87,7 @@ Row = tuple[int, list[str]]
 
 MAX_BYTES = 2**30
 HEAD_ROWS = 20
-_BLANK = {"", "na", "n/a", "null", "none", "-"}
+BLANK = {"", "na", "n/a", "null", "none", "-"}
 
 
 def decode(raw: bytes) -> str:
@@ -99,11 +99,16 @@ def decode(raw: bytes) -> str:
         return raw.decode("latin-1")
 
 
-def read_lines(path: Path) -> list[str]:
-    """Read the lines of a text file."""
+def check_size(path: Path) -> None:
+    """Refuse a file that is too large to be read as a whole."""
     size = path.stat().st_size
     if size > MAX_BYTES:
-        raise MotionError(f"{path}: has {size} bytes; tables of up to {MAX_BYTES} bytes are read")
+        raise MotionError(f"{path}: has {size} bytes; files of up to {MAX_BYTES} bytes are read")
+
+
+def read_lines(path: Path) -> list[str]:
+    """Read the lines of a text file."""
+    check_size(path)
     raw = path.read_bytes()
     check_cost(path, CELL_BYTES * (raw.count(b"\n") + raw.count(b"\r")), MotionError)
     return decode(raw).replace("\r\n", "\n").replace("\r", "\n").split("\n")
@@ -148,7 +153,7 @@ def to_numbers(path: Path, rows: Sequence[Row], columns: Sequence[int], titles: 
             for n, (title, cell) in enumerate(zip(titles, wanted, strict=True)):
                 word = cell.strip()
                 try:
-                    values[k, n] = np.nan if word.lower() in _BLANK else float(word)
+                    values[k, n] = np.nan if word.lower() in BLANK else float(word)
                 except ValueError:
                     raise MotionError(
                         f"{path}: line {line}, column {title!r}: {word[:40]!r} is not a number. Correct it, or leave "

@@ -21,6 +21,7 @@ from doppelgait.motion.clean import MIN_MARKERS
 from doppelgait.motion.readers.points import check_amount, is_unlabelled
 from doppelgait.motion.readers.table import Column, find_points, read_header, split_rows
 from doppelgait.motion.readers.text import (
+    BLANK,
     Points,
     Row,
     Times,
@@ -158,6 +159,10 @@ def parse_nexus(path: Path) -> Points:
     return Points(header.labels, position, each=each, rate_hz=rate, times=times)
 
 
+MAX_KEYS = 40
+"""Maximum number of lines of a header of Qualisys."""
+
+
 def sniff_qualisys(path: Path, head: bytes) -> bool:
     """Return True if the first key is the number of frames."""
     return head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"NO_OF_FRAMES\t")
@@ -166,25 +171,29 @@ def sniff_qualisys(path: Path, head: bytes) -> bool:
 @point_format("qualisys", sniff_qualisys, (".tsv",))
 def parse_qualisys(path: Path) -> Points:
     """Read the markers of a Qualisys TSV export."""
-    rows = split_rows(path, read_lines(path), "\t")
-    first = next((i for i, (_, cells) in enumerate(rows) if is_finite(cells[0].replace(",", "."))), len(rows))
-    header = {cells[0].strip(): trim_cells([cell.strip() for cell in cells[1:]]) for _, cells in rows[:first]}
-    value = {key: values[0] if values else "" for key, values in header.items()}
+    rows = [(line, [cell.strip() for cell in cells]) for line, cells in split_rows(path, read_lines(path), "\t")]
+    keys = [cells[0] for _, cells in rows[:MAX_KEYS]]
+    header = {key: trim_cells(cells[1:]) for key, (_, cells) in zip(keys, rows, strict=False)}
+    value = {key: values[0] for key, values in header.items() if values}
     names = header.get("MARKER_NAMES", [])
     if not names:
-        kind = "rigid bodies" if "BODY_NAMES" in header or value.get("DATA_INCLUDED") == "6D" else "no markers"
-        kind = "segments of a skeleton" if "SOLVER" in header else kind
-        raise MotionError(f"{path}: holds {kind}; export the 3D data of the markers to TSV in Qualisys Track Manager")
-    rows_cells = [cells[:-1] if cells[-1].strip() == "" and len(cells) % 3 == 1 else cells for _, cells in rows[first:]]
-    frames = [(line, cells) for (line, _), cells in zip(rows[first:], rows_cells, strict=True)]
+        kind = "rigid bodies" if "BODY_NAMES" in header else "a skeleton" if "SOLVER" in header else "no markers"
+        raise MotionError(f"{path}: holds {kind}; export the 3D data of the markers as TSV")
+    frames = rows[keys.index("MARKER_NAMES") + 1 :]
+    # rows of types and of column names may follow; a point that is not seen may be NULL
+    while frames and any(not is_finite(c.replace(",", ".")) and c.lower() not in BLANK for c in frames[0][1][:2]):
+        frames = frames[1:]
     check_amount(path, len(frames), len(names))
-    n_columns = len(frames[0][1])
-    lead = n_columns - 3 * len(names)
-    if not 0 <= lead <= 2:
-        raise MotionError(
-            f"{path}: line {frames[0][0]} has {n_columns} cells; three for each of {len(names)} MARKER_NAMES, after "
-            f"none, a frame number, or frame number and time, are {3 * len(names)} to {3 * len(names) + 2}"
-        )
+    # frame numbers are integers, coordinates have decimals; lines may end with a tab
+    lead = 1 if frames[0][1][0].isdecimal() else 0
+    lead += lead and max(len(trim_cells(cells)) for _, cells in frames) > 3 * len(names) + 1
+    n_columns = lead + 3 * len(names)
+    for line, cells in frames:
+        if any(cells[n_columns:]):
+            raise MotionError(
+                f"{path}: line {line} has {len(cells)} cells; {lead} and three for each of {len(names)} MARKER_NAMES "
+                f"are {n_columns}. Correct the line"
+            )
     columns = [None] * lead + [(f"{name}\t{n}", axis) for n, name in enumerate(names) for axis in "xyz"]
     labels, position = _arrange(path, columns, frames)
     position[(position == 0.0).all(axis=2)] = np.nan
