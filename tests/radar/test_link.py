@@ -46,12 +46,6 @@ def test_noise_of_a_counter_rises_with_the_root_of_the_noise_figure_wherever_it_
     assert noise_power_v2(half) / noise_power_v2(six) == pytest.approx(0.5)
 
 
-def test_input_noise_is_that_of_half_the_sampling_rate():
-    radar = Radar(**SHAPE, noise_figure_db=0.0, receiver_gain_db=0.0)
-    power_w = 1.380649e-23 * 290 * 23.328e9 / 2
-    assert comparator_noise_v(radar) == pytest.approx(math.sqrt(50 * power_w), rel=1e-4)
-
-
 def test_independent_bins_follow_the_correlation():
     radar = Radar(**SHAPE, noise_correlation=[0.6, 0.2])
     share = radar.waveform.independent_bins(radar)

@@ -255,9 +255,3 @@ def test_more_refusals(tmp_path):
         read_sigmf(tmp_path / "walk.sigmf-meta", prf_hz=3.0)
     with pytest.raises(OutputError):
         write_sigmf(make_recording(), tmp_path / "no" / "walk")
-
-
-def test_what_it_is_not(tmp_path):
-    (tmp_path / "a.json").write_text("{}")
-    (tmp_path / "b.sigmf-data").write_bytes(b"1234")
-    assert not any(find_formats(tmp_path / name) for name in ("a.json", "b.sigmf-data", "none", "."))

@@ -117,16 +117,17 @@ def timed_records(place: Path, meta: Any, start_ms: int) -> list[TimedRecord]:
     return found
 
 
-def files(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+def check_bytes(folder: Path, again: Path) -> None:
+    found, wanted = (
+        {str(path.relative_to(one.parent)): path.read_bytes() for path in one.rglob("*") if path.is_file()}
+        for one in (again, folder)
+    )
+    assert found == wanted
 
 
 @pytest.mark.parametrize("name", GOLDEN)
 def test_golden_files_byte_for_byte(shared: Path, tmp_path: Path, name: str) -> None:
-    folder = golden(shared, name)
-    again = written_again(folder, name, 0, tmp_path)
-    assert again.name == folder.name
-    assert files(again) == files(folder)
+    check_bytes(golden(shared, name), written_again(golden(shared, name), name, 0, tmp_path))
 
 
 def novelda(shared: Path) -> Path:
@@ -139,9 +140,7 @@ def marcus(shared: Path) -> Path:
 
 @pytest.mark.parametrize(("folder", "zone_h"), [(novelda, 2), (marcus, 8)])
 def test_real_files_byte_for_byte(shared: Path, tmp_path: Path, folder: Any, zone_h: int) -> None:
-    again = written_again(folder(shared), "", zone_h, tmp_path)
-    assert again.name == folder(shared).name
-    assert files(again) == files(folder(shared))
+    check_bytes(folder(shared), written_again(folder(shared), "", zone_h, tmp_path))
 
 
 def test_the_vendors_baseband_recording(shared: Path) -> None:
