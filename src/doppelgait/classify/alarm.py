@@ -39,22 +39,14 @@ FloatArray = npt.NDArray[np.float64]
 class EpisodeSection(FrozenModel):
     """A kind of episode.
 
-    Parameters
-    ----------
-    label : str
-        Name of the kind.
-    should_trigger : bool
-        Whether a person is present who should trigger the alarm.
-    animals : int
-        Number of animals in the episode, for triggers per animal-hour.
-    hours_per_day : float
-        Hours per day of such episodes: the weight of their false triggers.
-    duration_s : float
-        Length of one recording.
-    targets : list
-        Targets as in a scene file; values may be distributions.
-    environment : list
-        Effects as in a scene file, applied after those of all scenes; values may be distributions.
+    label: Name of the kind.
+    should_trigger: Whether a person is present who should trigger the alarm.
+    animals: Number of animals in the episode, for triggers per animal-hour.
+    hours_per_day: Hours per day of such episodes: the weight of their false triggers.
+    duration_s: Length of one recording.
+    targets: Targets as in a scene file; values may be distributions.
+    environment: Effects as in a scene file, applied after those of all scenes; values may be
+        distributions.
     """
 
     label: str = Field(min_length=1)
@@ -69,18 +61,11 @@ class EpisodeSection(FrozenModel):
 class Day(FrozenModel):
     """A day of episodes.
 
-    Parameters
-    ----------
-    name : str
-        Name of the day.
-    seed : int
-        Root of all random streams.
-    repeats : int
-        Number of recordings of each kind of episode.
-    scene : dict
-        Keys that all scenes share, as in a scene file.
-    episodes : tuple of EpisodeSection
-        Kinds of episodes of the day.
+    name: Name of the day.
+    seed: Root of all random streams.
+    repeats: Number of recordings of each kind of episode.
+    scene: Keys that all scenes share, as in a scene file.
+    episodes: Kinds of episodes of the day.
     """
 
     name: str

@@ -167,7 +167,8 @@ def expand_docstring(model: type[BaseModel]) -> str | None:
         return model.__doc__
     text = f"{summary}Parameters\n----------\n"
     for key in list_keys(model):  # types, limits and defaults come from the fields
-        facts = ", ".join(filter(None, (key.type, key.unit, key.limits, key.default and f"default {key.default}")))
+        default = f"default {key.default}" if "`" in key.default else key.default
+        facts = ", ".join(filter(None, (key.type, key.unit, key.limits, default)))
         text += f"{key.key} : {facts.replace('`', '')}\n    {texts[key.key].strip()}\n" if key.key in texts else ""
     return text
 

@@ -82,16 +82,11 @@ ORACLE_REFUSED = (
 class FieldSpec(FrozenModel):
     """Array to store in addition to a row's features.
 
-    Parameters
-    ----------
-    name : str
-        Name of the array (:data:`doppelgait.dataset.shard_files.FIELDS`).
-    dtype : {"full", "half"}, optional
-        ``full``: single precision. ``half`` (signature and cadence map): 10 log10 in float16, under
-        a third of the size on disk, with an error of at most 1.5 % of the value (0.0625 dB). The
-        default is ``half`` for a signature, else ``full``.
-    hop : int
-        Keep every ``hop``-th column (or pulse).
+    name: Name of the array (:data:`doppelgait.dataset.shard_files.FIELDS`).
+    dtype: ``full``: single precision. ``half`` (signature and cadence map): 10 log10 in float16,
+        under a third of the size on disk, with an error of at most 1.5 % of the value (0.0625 dB).
+        The default is ``half`` for a signature, else ``full``.
+    hop: Keep every ``hop``-th column (or pulse).
     """
 
     name: Literal["signature", "cadence_map", "ti_frames", "baseband", "truth_range_m", "truth_radial_velocity_mps"]
@@ -128,16 +123,12 @@ class SplitSection(FrozenModel):
 
     A subject and all subjects that share a scene with it are in one split.
 
-    Parameters
-    ----------
-    strategy : {"stratified", "stable"}
-        ``stratified``: the shares are exact for every class. ``stable``: a hash of the subject's name sets its split,
-        so that subjects added later do not move the others; the shares are correct on average.
-    sources : table
-        Leave one source out: ``{ recording = "test" }`` puts every recorded subject into test;
+    strategy: ``stratified``: the shares are exact for every class. ``stable``: a hash of the
+        subject's name sets its split, so that subjects added later do not move the others; the
+        shares are correct on average.
+    sources: Leave one source out: ``{ recording = "test" }`` puts every recorded subject into test;
         ``model`` and ``recording`` are the sources.
-    subjects : table
-        Subjects assigned by name, with ``*`` and ``?``: ``{ test = ["cmu-07", "dog-*"] }``.
+    subjects: Subjects assigned by name, with ``*`` and ``?``: ``{ test = ["cmu-07", "dog-*"] }``.
     """
 
     strategy: Literal["stratified", "stable"] = "stratified"
@@ -150,18 +141,12 @@ class SourceSection(FrozenModel):
 
     The first entry that matches a file applies.
 
-    Parameters
-    ----------
-    files : str
-        Motion files as written in the plan; ``*`` stands for any text, including folders.
-    subject : str, optional
-        Regular expression; its first group in a file's path names the person or animal
+    files: Motion files as written in the plan; ``*`` stands for any text, including folders.
+    subject: Regular expression; its first group in a file's path names the person or animal
         (``"cmu_(\d+)_"``). By default every file is a separate subject.
-    licence : str
-        Name of the licence, from SPDX if it is listed there; empty if unknown. Unknown and
+    licence: Name of the licence, from SPDX if it is listed there; empty if unknown. Unknown and
         non-commercial licences block a release.
-    citation : str
-        Citation that users of the dataset must include.
+    citation: Citation that users of the dataset must include.
     """
 
     files: str = Field(min_length=1)
@@ -184,30 +169,20 @@ class SourceSection(FrozenModel):
 class DatasetSection(FrozenModel):
     """``[dataset]``: size, seed, splits and stored arrays.
 
-    Parameters
-    ----------
-    name : str
-        Name of the dataset; letters, digits and ``. _ -``.
-    seed : int
-        Root of every random stream.
-    examples_per_class : int
-        Number of examples of every class that does not set ``examples``.
-    fractions : table
-        Share of the subjects of every class in train, validation and test; sums to 1.
-    split : SplitSection
-        Assignment of subjects to train, validation and test.
-    shard_size : int
-        Examples in one shard file. The shard is the unit of work, of resuming and of hashing.
-    gate : {"truth", "track"}
-        ``truth``: centred on the true range of the body plus an error that is independent of the
+    name: Name of the dataset; letters, digits and ``. _ -``.
+    seed: Root of every random stream.
+    examples_per_class: Number of examples of every class that does not set ``examples``.
+    fractions: Share of the subjects of every class in train, validation and test; sums to 1.
+    split: Assignment of subjects to train, validation and test.
+    shard_size: Examples in one shard file. The shard is the unit of work, of resuming and of
+        hashing.
+    gate: ``truth``: centred on the true range of the body plus an error that is independent of the
         class. ``track``: found by tracking, as in a measured recording; a target without a track
         has no features and the flag ``not_tracked``.
-    gate_error_sd_m : float
-        Standard deviation of the range error of the truth gate, the same for every class.
-    fields : list
-        Arrays to store in addition to the features: names, or tables (:class:`FieldSpec`).
-    leaks : list
-        Keys that may reveal the class in this plan, to reproduce a published dataset:
+    gate_error_sd_m: Standard deviation of the range error of the truth gate, the same for every
+        class.
+    fields: Arrays to store in addition to the features: names, or tables (:class:`FieldSpec`).
+    leaks: Keys that may reveal the class in this plan, to reproduce a published dataset:
         ``target.KEY`` may differ by class (``[classes.target]``), ``radar.prf_hz`` may be
         ``"auto"``, ``scene.duration_s`` may be left out (every recording then has its full length).
         The card lists them and ``verify`` does not judge them.
@@ -265,21 +240,15 @@ class DatasetSection(FrozenModel):
 class ClassSection(FrozenModel):
     """``[[classes]]``: a label and the motion of its targets.
 
-    Parameters
-    ----------
-    label : str
-        Name of the class; letters, digits, space and ``_ . -``.
-    motion : table or "none"
-        Motion as in a scene file, with distributions:
-        ``{ kind = "boulic", speed_mps = { uniform = [0.6, 2.0] } }``; a ``{ choice = [...] }`` of
-        several such tables mixes sources. ``{ kind = "folder", path = "dogs" }`` takes the straight
-        segments of all motion files of a folder in turn (:mod:`doppelgait.dataset.motions`).
-        ``"none"`` is an empty scene, with or without background; the gate follows a virtual body
-        without echo.
-    examples : int, optional
-        Number of examples of this class; ``dataset.examples_per_class`` by default.
-    target : table
-        Keys that replace those of ``[target]`` in this class; each must be named in ``dataset.leaks``.
+    label: Name of the class; letters, digits, space and ``_ . -``.
+    motion: Motion as in a scene file, with distributions: ``{ kind = "boulic", speed_mps = {
+        uniform = [0.6, 2.0] } }``; a ``{ choice = [...] }`` of several such tables mixes sources.
+        ``{ kind = "folder", path = "dogs" }`` takes the straight segments of all motion files of a
+        folder in turn (:mod:`doppelgait.dataset.motions`). ``"none"`` is an empty scene, with or
+        without background; the gate follows a virtual body without echo.
+    examples: Number of examples of this class; ``dataset.examples_per_class`` by default.
+    target: Keys that replace those of ``[target]`` in this class; each must be named in
+        ``dataset.leaks``.
     """
 
     label: str = Field(min_length=1)
@@ -307,39 +276,29 @@ class PlanConfig(FrozenModel):
     them. Exceptions are the keys in ``dataset.leaks``. All tables but ``dataset`` and ``sources``
     may hold distributions.
 
-    Parameters
-    ----------
-    dataset : DatasetSection
-        Name, size, seed, splits and stored arrays of the dataset.
-    classes : list of ClassSection
-        Labels of the classes and motion of their targets.
-    scene : table
-        Duration, and position and orientation of the radar: keys of a scene file other than ``targets``.
-    target : table
-        Placement and radar cross section: keys of a scene file's ``[[targets]]`` without motion and label.
-    companions : list
-        Further targets of every scene, with label, motion and place: ``[[targets]]`` entries of a scene file. Each is a
-        separate row with its own label and subject, in the split of its scene.
-    background : list
-        Confusers, which scatter but are not targets (a fan, a curtain): ``[[targets]]`` entries of
-        a scene file, with motion.
-    sources : list of SourceSection
-        Subjects, licences and citations of the motion files.
-    environment : list
-        Walls, reflections and screens, as in a scene file. In this and the other lists of targets
-        and impairments, an entry that is sampled as an empty table is left out:
-        ``{ choice = [{ kind = "wall", ... }, {}] }``.
-    impairments : list
-        Receiver errors in the order of their application, as in a scene file.
-    radar : table
-        As in a scene file: ``preset`` and changes, or all parameters. ``prf_hz = "auto"`` is refused, because it
-        reveals the speed to the features, except where ``dataset.leaks`` names ``radar.prf_hz``.
-    noise : table
-        Receiver noise, as in a scene file. Plans with an empty class (``motion = "none"``) allow
+    dataset: Name, size, seed, splits and stored arrays of the dataset.
+    classes: Labels of the classes and motion of their targets.
+    scene: Duration, and position and orientation of the radar: keys of a scene file other than
+        ``targets``.
+    target: Placement and radar cross section: keys of a scene file's ``[[targets]]`` without motion
+        and label.
+    companions: Further targets of every scene, with label, motion and place: ``[[targets]]``
+        entries of a scene file. Each is a separate row with its own label and subject, in the split
+        of its scene.
+    background: Confusers, which scatter but are not targets (a fan, a curtain): ``[[targets]]``
+        entries of a scene file, with motion.
+    sources: Subjects, licences and citations of the motion files.
+    environment: Walls, reflections and screens, as in a scene file. In this and the other lists of
+        targets and impairments, an entry that is sampled as an empty table is left out: ``{ choice
+        = [{ kind = "wall", ... }, {}] }``.
+    impairments: Receiver errors in the order of their application, as in a scene file.
+    radar: As in a scene file: ``preset`` and changes, or all parameters. ``prf_hz = "auto"`` is
+        refused, because it reveals the speed to the features, except where ``dataset.leaks`` names
+        ``radar.prf_hz``.
+    noise: Receiver noise, as in a scene file. Plans with an empty class (``motion = "none"``) allow
         ``thermal`` only, because a wanted SNR needs a target.
-    analysis : table
-        Computation of the signature and the features, as in a scene file. ``method = "liland2018"``
-        is refused, because its gate reveals the class and the truth to the features.
+    analysis: Computation of the signature and the features, as in a scene file. ``method =
+        "liland2018"`` is refused, because its gate reveals the class and the truth to the features.
     """
 
     dataset: DatasetSection
@@ -454,29 +413,21 @@ def parse_gate(value: Any, *, where: str = "") -> GateChoice:
 class ImportConfig(FrozenModel):
     """Configuration of an import of labelled recordings.
 
-    Parameters
-    ----------
-    gate : "track" or (float, float)
-        Default range gate for recordings whose label has none: tracked, or between two ranges in m. A recording without
-        range (a continuous-wave radar) needs two ranges; any two within its frame are valid.
-    window_s : float, optional
-        Length of the windows that recordings are split into. A remainder shorter than a window is left out. By default
-        a recording, or its part from ``start_s`` to ``stop_s``, is one example.
-    hop_s : float, optional
-        Time between the starts of consecutive windows; by default the windows are adjacent.
-    fields : list
-        Arrays to store in addition to the features: ``signature``, ``cadence_map``, ``ti_frames``, ``baseband``.
-    split : "train", "validation", "test" or table
-        Split of all rows, or shares of the subjects of every class. The default is the column
+    gate: Default range gate for recordings whose label has none: tracked, or between two ranges in
+        m. A recording without range (a continuous-wave radar) needs two ranges; any two within its
+        frame are valid.
+    window_s: Length of the windows that recordings are split into. A remainder shorter than a
+        window is left out. By default a recording, or its part from ``start_s`` to ``stop_s``, is
+        one example.
+    hop_s: Time between the starts of consecutive windows; by default the windows are adjacent.
+    fields: Arrays to store in addition to the features: ``signature``, ``cadence_map``,
+        ``ti_frames``, ``baseband``.
+    split: Split of all rows, or shares of the subjects of every class. The default is the column
         ``split`` of the labels, or ``test`` without this column.
-    seed : int
-        Seed of the assignment of subjects to splits, used if ``split`` has shares.
-    shard_size : int
-        Recordings in one shard file.
-    analysis : Analysis
-        Parameters of the signature and the features.
-    tracking : Tracking
-        Parameters of detection and tracking, for ``gate = "track"``.
+    seed: Seed of the assignment of subjects to splits, used if ``split`` has shares.
+    shard_size: Recordings in one shard file.
+    analysis: Parameters of the signature and the features.
+    tracking: Parameters of detection and tracking, for ``gate = "track"``.
     """
 
     gate: Literal["track"] | tuple[float, float] = "track"

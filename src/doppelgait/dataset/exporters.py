@@ -43,10 +43,8 @@ class Csv(FrozenModel):
 class Parquet(FrozenModel):
     """One Parquet file per split.
 
-    Parameters
-    ----------
-    rows_per_group : int
-        Rows in one row group of a file with arrays; the rows of a group are in memory together.
+    rows_per_group: Rows in one row group of a file with arrays; the rows of a group are in memory
+        together.
     """
 
     kind: Literal["parquet"] = "parquet"
@@ -56,10 +54,7 @@ class Parquet(FrozenModel):
 class WebDataset(FrozenModel):
     """Tar files with consecutive, equally named files per example.
 
-    Parameters
-    ----------
-    examples_per_tar : int
-        Examples in one tar file.
+    examples_per_tar: Examples in one tar file.
     """
 
     kind: Literal["webdataset"] = "webdataset"
@@ -69,10 +64,7 @@ class WebDataset(FrozenModel):
 class Zarr(FrozenModel):
     """A Zarr store, version 3 of the format.
 
-    Parameters
-    ----------
-    examples_per_file : int
-        Examples in one file (a Zarr shard); each example is one chunk of the file.
+    examples_per_file: Examples in one file (a Zarr shard); each example is one chunk of the file.
     """
 
     kind: Literal["zarr"] = "zarr"

@@ -60,10 +60,7 @@ def find_subject(motion: Mapping[str, Any], row_id: str, sources: Sequence[Sourc
 class EmptySceneOptions(FrozenModel):
     """Options of motion ``none``.
 
-    Parameters
-    ----------
-    speed_mps : float
-        Speed of the gate over ground.
+    speed_mps: Speed of the gate over ground.
     """
 
     speed_mps: float = Field(ge=0, le=10)
@@ -182,22 +179,14 @@ HybridMode = Literal["none", "retarget", "blend"]
 class FolderMotion(FrozenModel):
     """Folder of motion files as a class's motion.
 
-    Parameters
-    ----------
-    path : str
-        The folder, relative to the folder of the plan.
-    pattern : str
-        Pattern of the file names, for example ``"*.bvh"``; subfolders are included.
-    loop : bool
-        Segments shorter than the scene are repeated over whole strides; else they are left out. A
+    path: The folder, relative to the folder of the plan.
+    pattern: Pattern of the file names, for example ``"*.bvh"``; subfolders are included.
+    loop: Segments shorter than the scene are repeated over whole strides; else they are left out. A
         scene without ``duration_s`` is as long as its segment.
-    min_duration_s : float
-        Shorter segments are left out.
-    hybrid : {"none", "retarget", "blend"}
-        Whether every example changes speed, size and stride of its segment, and also blends it with
-        another one (:mod:`doppelgait.motion.hybrid`).
-    options : table
-        Options of the reader, such as ``units``.
+    min_duration_s: Shorter segments are left out.
+    hybrid: Whether every example changes speed, size and stride of its segment, and also blends it
+        with another one (:mod:`doppelgait.motion.hybrid`).
+    options: Options of the reader, such as ``units``.
     """
 
     path: str = Field(min_length=1)

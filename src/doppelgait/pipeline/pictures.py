@@ -35,31 +35,21 @@ Span = tuple[float, float]
 class PictureSettings(FrozenModel):
     """Axes and colours of a picture of a spectrogram.
 
-    Parameters
-    ----------
-    velocity_mps : (float, float)
-        Radial velocity at the lower and the upper edge, positive when approaching. Set this or ``doppler_hz``.
-    doppler_hz : (float, float)
-        Doppler frequency at the lower and the upper edge, positive when approaching.
-    duration_s : float
-        Time from the left to the right edge.
-    carrier_hz : float
-        Carrier frequency of the radar.
-    cpi_s : float
-        Processing interval of a column of the spectrogram. It has no default, because it determines
-        whether steps can be distinguished.
-    level_db : (float, float)
-        Levels of the first and the last colour of the map.
-    colormap : str
-        Colour map of Matplotlib. Use ``jet`` for MATLAB's ``jet``, and the similar ``viridis`` for ``parula``.
-    crop : (int, int, int, int), optional
-        Left, upper, right and lower edge of the spectrogram in the picture, pixels from the upper left corner.
-    prf_hz : float, optional
-        Pulses per second; by default the picture is assumed to show the whole Doppler span.
-    range_m : (float, float)
-        Nearest and farthest possible range of the target.
-    blank_below_mps : float
-        Rows slower than this are set to zero.
+    velocity_mps: Radial velocity at the lower and the upper edge, positive when approaching. Set
+        this or ``doppler_hz``.
+    doppler_hz: Doppler frequency at the lower and the upper edge, positive when approaching.
+    duration_s: Time from the left to the right edge.
+    carrier_hz: Carrier frequency of the radar.
+    cpi_s: Processing interval of a column of the spectrogram. It has no default, because it
+        determines whether steps can be distinguished.
+    level_db: Levels of the first and the last colour of the map.
+    colormap: Colour map of Matplotlib. Use ``jet`` for MATLAB's ``jet``, and the similar
+        ``viridis`` for ``parula``.
+    crop: Left, upper, right and lower edge of the spectrogram in the picture, pixels from the upper
+        left corner.
+    prf_hz: Pulses per second; by default the picture is assumed to show the whole Doppler span.
+    range_m: Nearest and farthest possible range of the target.
+    blank_below_mps: Rows slower than this are set to zero.
     """
 
     velocity_mps: Span | None = None

@@ -66,16 +66,10 @@ TRACK_SD_QUANTILE = 0.25
 class Tracking(FrozenModel):
     """Parameters of ``gate = "track"``.
 
-    Parameters
-    ----------
-    detector : Detector
-        Clutter, thresholds and clusters of one scan.
-    tracker : Tracker
-        Association of detections with tracks from scan to scan.
-    pieces : SegmentationSettings
-        Division of a track into segments of steady motion.
-    breathing : BreathingSettings
-        Detection of people who keep still, by their breathing.
+    detector: Clutter, thresholds and clusters of one scan.
+    tracker: Association of detections with tracks from scan to scan.
+    pieces: Division of a track into segments of steady motion.
+    breathing: Detection of people who keep still, by their breathing.
     """
 
     detector: Detector = Detector()

@@ -42,25 +42,19 @@ NAN = float("nan")
 class BreathingSettings(FrozenModel):
     """Parameters of breathing detection.
 
-    Parameters
-    ----------
-    low_hz : float
-        Lowest breathing rate, breaths per second. Fewer than three breaths in a window are not detected.
-    high_hz : float
-        Highest breathing rate.
-    window_s : float
-        Length of a processing window; windows overlap by half. A shorter recording is one window.
-    false_alarm : float
-        Maximum probability of a target in a recording of white noise; drifting echoes raise the probability.
-    gap_m : float
-        Range bins with breathing that are closer than this are one person.
-    extent_m : float
-        A weaker detection within this distance of a stronger one, with the same rate or a multiple
-        of it, is the same person.
-    largest_displacement_m : float
-        Largest amplitude of the chest motion; larger motion is not breathing.
-    least_share : float
-        Smallest share of the slow motion at the rate and at twice the rate; irregular motion has a smaller share.
+    low_hz: Lowest breathing rate, breaths per second. Fewer than three breaths in a window are not
+        detected.
+    high_hz: Highest breathing rate.
+    window_s: Length of a processing window; windows overlap by half. A shorter recording is one
+        window.
+    false_alarm: Maximum probability of a target in a recording of white noise; drifting echoes
+        raise the probability.
+    gap_m: Range bins with breathing that are closer than this are one person.
+    extent_m: A weaker detection within this distance of a stronger one, with the same rate or a
+        multiple of it, is the same person.
+    largest_displacement_m: Largest amplitude of the chest motion; larger motion is not breathing.
+    least_share: Smallest share of the slow motion at the rate and at twice the rate; irregular
+        motion has a smaller share.
     """
 
     low_hz: float = Field(default=0.1, gt=0, le=5)

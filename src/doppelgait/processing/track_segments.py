@@ -173,28 +173,22 @@ RANGE_SD_M = 0.065
 class SegmentationSettings(FrozenModel):
     """Parameters of the segmentation of a range track.
 
-    Parameters
-    ----------
-    penalty_factor : float
-        Factor of the cost of a change point: the cost is this times sd^2 ln n, for n ranges in the track.
-    min_piece_s : float
-        Shortest time between change points.
-    drop_s : float
-        Time that is removed on either side of a change point.
-    same_speed_mps : float
-        Neighbouring segments are merged if the radial velocity at their change point changes by less than this.
-    smooth_mps2 : float
-        Standard deviation of a steady walker's acceleration along the range, averaged over 0.1 s and independent
-        between intervals of 0.1 s. Slow changes of speed stay within a segment, sudden changes start a new one.
-    straight_level : float
-        A segment is divided further if the probability that its ranges are straight motion at constant velocity is
-        below this. If it is too short for that, it is not usable for gait. 0 switches this off.
-    min_usable_s : float
-        Shortest segment, without the removed time, that is used for gait.
-    still_mps : float
-        The target stands still in a segment if the radial speed, the mean of both ends and the middle, is below this.
-    longest_gap_s : float
-        Longest gap in the track that a segment may span.
+    penalty_factor: Factor of the cost of a change point: the cost is this times sd^2 ln n, for n
+        ranges in the track.
+    min_piece_s: Shortest time between change points.
+    drop_s: Time that is removed on either side of a change point.
+    same_speed_mps: Neighbouring segments are merged if the radial velocity at their change point
+        changes by less than this.
+    smooth_mps2: Standard deviation of a steady walker's acceleration along the range, averaged over
+        0.1 s and independent between intervals of 0.1 s. Slow changes of speed stay within a
+        segment, sudden changes start a new one.
+    straight_level: A segment is divided further if the probability that its ranges are straight
+        motion at constant velocity is below this. If it is too short for that, it is not usable for
+        gait. 0 switches this off.
+    min_usable_s: Shortest segment, without the removed time, that is used for gait.
+    still_mps: The target stands still in a segment if the radial speed, the mean of both ends and
+        the middle, is below this.
+    longest_gap_s: Longest gap in the track that a segment may span.
     """
 
     penalty_factor: float = Field(default=3.0, gt=0, le=1000)

@@ -109,28 +109,21 @@ class RcsSpec(FrozenModel):
 
     They set the total, its split among points and its change with time.
 
-    Parameters
-    ----------
-    kind : {"auto", "body_parts", "equal", "ellipsoids"}, or that of a plug-in
-        ``auto``: split by body part if the trunk or every point's part is known, otherwise equal.
+    kind: ``auto``: split by body part if the trunk or every point's part is known, otherwise equal.
         ``ellipsoids``: one scatterer per body segment with a direction-dependent cross section
         (:mod:`doppelgait.scene.bodies`); needs points with known joints.
-    total_m2 : float, optional
-        Sum over the scatterers (sigma), m^2; by default 0.01 m^2 per kilogram of body mass. For
-        ellipsoids it is the mean of this sum over the motion's frames and all horizontal
+    total_m2: Sum over the scatterers (sigma), m^2; by default 0.01 m^2 per kilogram of body mass.
+        For ellipsoids it is the mean of this sum over the motion's frames and all horizontal
         directions.
-    total_spread_db : float
-        Standard deviation of a log-normal factor of mean 1 on the total, sampled once per target, 0
-        to 10 dB; 2 dB is usual between people.
-    fluctuation : {"none", "swerling1", "swerling3"}
-        Slow independent fluctuation of every scatterer around its mean (:mod:`doppelgait.scene.rcs`).
-    correlation_s : float
-        Correlation time of the fluctuation, 0.001 to 100 s.
-    merge_closer_than_m : float, optional
-        Merge points that are closer than this distance; a quarter wavelength (1.03 cm at 7.29 GHz)
-        prevents coherent addition.
-    occlusion : bool
-        Let the body's ellipsoids hide scatterers behind them; needs points with known joints.
+    total_spread_db: Standard deviation of a log-normal factor of mean 1 on the total, sampled once
+        per target, 0 to 10 dB; 2 dB is usual between people.
+    fluctuation: Slow independent fluctuation of every scatterer around its mean
+        (:mod:`doppelgait.scene.rcs`).
+    correlation_s: Correlation time of the fluctuation, 0.001 to 100 s.
+    merge_closer_than_m: Merge points that are closer than this distance; a quarter wavelength (1.03
+        cm at 7.29 GHz) prevents coherent addition.
+    occlusion: Let the body's ellipsoids hide scatterers behind them; needs points with known
+        joints.
     """
 
     kind: str = "auto"

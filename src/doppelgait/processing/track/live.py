@@ -21,62 +21,45 @@ class Tracker(FrozenModel):
 
     The defaults suit people and pets at about ten scans per second.
 
-    Parameters
-    ----------
-    acceleration_noise_m2ps3 : float
-        Spectral density q of the white acceleration of a walking body; 0.5 to 1 is usual.
-    range_sd_min_m : float
-        Lower limit of a detection's standard deviation in range, because limbs move between scans.
-    velocity_sd_min_mps : float
-        Lower limit of a detection's standard deviation in velocity, for the same reason.
-    start_velocity_sd_mps : float
-        Lowest standard deviation of a new track's velocity.
-    gate_probability : float
-        Share of a track's own detections inside its gate.
-    detection_probability : float
-        Probability P_D that a moving body is detected in one scan.
-    clutter_per_m_mps : float
-        False detections per scan, metre and m/s.
-    association : {"auto", "gnn", "jpda"}
-        ``gnn``: the best joint assignment (global nearest neighbour). ``jpda``: mean over all joint events, weighted by
-        their probability. ``auto``: ``jpda`` if the gates of several tracks share a detection, otherwise ``gnn``.
-    confirm_hits : int
-        A track is confirmed by this number of detections in ``confirm_scans`` scans.
-    confirm_scans : int
-        Number of scans in which ``confirm_hits`` detections confirm a track.
-    delete_s : float
-        A confirmed track ends after this time without a detection.
-    rest_speed_mps : float
-        A body that was slower than this when last detected may stand still and have no Doppler
-        shift. Its track stays at its range for ``rest_s``, with a growing gate.
-    rest_s : float
-        Longest time for which a track is kept without detections of a resting body.
-    rest_velocity_sd_mps : float
-        Standard deviation of the slow motion of a resting body.
-    rest_time_constant_s : float
-        Time constant with which the velocity of a resting body returns to 0.
-    share_s : float
-        Longest time of a track inside another body's detection while the two bodies pass each other.
-    separation_m : float
-        No track starts nearer than this to another track: two bodies at this distance give one detection.
-    twin_s : float
-        Two tracks of nearly equal range and velocity that share one detection are one body after this time.
-    min_duration_s : float
-        Shortest time from first to last detection; shorter tracks are dropped.
-    still_travel_m : float
-        A track is dropped if its travel in range is less than this and its detections are narrower
-        in velocity than twice ``still_velocity_mps`` (median). Such a track can be the echo that
-        clutter removal leaves at a place where a person stood for half of the recording. A person
-        who only breathes is dropped, too. 0 keeps all tracks.
-    still_velocity_mps : float
-        Half width in velocity below which a detection may be clutter, for ``still_travel_m`` and ``still_speed_mps``.
-    still_speed_mps : float
-        A track is dropped if it is slower than this (median) and, for nine tenths of the time, narrower in velocity
-        than twice ``still_velocity_mps``. Such a track is strong clutter observed with a drifting clock.
-    max_targets : int, optional
-        Maximum number of tracks; those with the most detections are kept. All by default.
-    fastest_mps : float
-        Highest radial velocity that is considered if Doppler is ambiguous.
+    acceleration_noise_m2ps3: Spectral density q of the white acceleration of a walking body; 0.5 to
+        1 is usual.
+    range_sd_min_m: Lower limit of a detection's standard deviation in range, because limbs move
+        between scans.
+    velocity_sd_min_mps: Lower limit of a detection's standard deviation in velocity, for the same
+        reason.
+    start_velocity_sd_mps: Lowest standard deviation of a new track's velocity.
+    gate_probability: Share of a track's own detections inside its gate.
+    detection_probability: Probability P_D that a moving body is detected in one scan.
+    clutter_per_m_mps: False detections per scan, metre and m/s.
+    association: ``gnn``: the best joint assignment (global nearest neighbour). ``jpda``: mean over
+        all joint events, weighted by their probability. ``auto``: ``jpda`` if the gates of several
+        tracks share a detection, otherwise ``gnn``.
+    confirm_hits: A track is confirmed by this number of detections in ``confirm_scans`` scans.
+    confirm_scans: Number of scans in which ``confirm_hits`` detections confirm a track.
+    delete_s: A confirmed track ends after this time without a detection.
+    rest_speed_mps: A body that was slower than this when last detected may stand still and have no
+        Doppler shift. Its track stays at its range for ``rest_s``, with a growing gate.
+    rest_s: Longest time for which a track is kept without detections of a resting body.
+    rest_velocity_sd_mps: Standard deviation of the slow motion of a resting body.
+    rest_time_constant_s: Time constant with which the velocity of a resting body returns to 0.
+    share_s: Longest time of a track inside another body's detection while the two bodies pass each
+        other.
+    separation_m: No track starts nearer than this to another track: two bodies at this distance
+        give one detection.
+    twin_s: Two tracks of nearly equal range and velocity that share one detection are one body
+        after this time.
+    min_duration_s: Shortest time from first to last detection; shorter tracks are dropped.
+    still_travel_m: A track is dropped if its travel in range is less than this and its detections
+        are narrower in velocity than twice ``still_velocity_mps`` (median). Such a track can be the
+        echo that clutter removal leaves at a place where a person stood for half of the recording.
+        A person who only breathes is dropped, too. 0 keeps all tracks.
+    still_velocity_mps: Half width in velocity below which a detection may be clutter, for
+        ``still_travel_m`` and ``still_speed_mps``.
+    still_speed_mps: A track is dropped if it is slower than this (median) and, for nine tenths of
+        the time, narrower in velocity than twice ``still_velocity_mps``. Such a track is strong
+        clutter observed with a drifting clock.
+    max_targets: Maximum number of tracks; those with the most detections are kept. All by default.
+    fastest_mps: Highest radial velocity that is considered if Doppler is ambiguous.
     """
 
     acceleration_noise_m2ps3: float = Field(default=0.75, gt=0, le=100)

@@ -38,18 +38,12 @@ class Leakage(FrozenModel):
 
     An X4 has about 0.06 units at 0 m and a tail of 1.3e-2 units at 0.7 m, which two such tables model.
 
-    Parameters
-    ----------
-    delay_m : float
-        Range at which the direct path appears: half its length.
-    level_db : float, optional
-        Amplitude of the peak in range, dB re 1 V. Set either this or ``isolation_db``.
-    in_units : bool
-        ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
-    isolation_db : float, optional
-        Loss from the transmit power to the receiver's input; 34 dB if no level is set (assumed, as for an X4).
-    phase_deg : float
-        Phase added to that of the direct path.
+    delay_m: Range at which the direct path appears: half its length.
+    level_db: Amplitude of the peak in range, dB re 1 V. Set either this or ``isolation_db``.
+    in_units: ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
+    isolation_db: Loss from the transmit power to the receiver's input; 34 dB if no level is set
+        (assumed, as for an X4).
+    phase_deg: Phase added to that of the direct path.
     """
 
     kind: Literal["leakage"] = "leakage"
@@ -99,15 +93,11 @@ class StaticClutter(FrozenModel):
     (p: range response of one echo with peak 1; d: spacing of the scatterers). An X4 measured -51 dB
     (re one unit) at 0.85 m and -60 to -88 dB at up to 8 m in an empty room.
 
-    Parameters
-    ----------
-    levels : list of (range_m, level_db), optional
-        Root mean square of the samples at rising ranges, dB re 1 V; linear in dB between them, constant outside.
-    in_units : bool
-        Levels are re one unit of the sensor's own files (``radar.volts_per_unit``).
-    rcs_per_metre_m2 : float, optional
-        Mean radar cross section per metre of range, m^2, instead of levels (furniture: 0.03 to
-        0.3); the level follows from the radar equation.
+    levels: Root mean square of the samples at rising ranges, dB re 1 V; linear in dB between them,
+        constant outside.
+    in_units: Levels are re one unit of the sensor's own files (``radar.volts_per_unit``).
+    rcs_per_metre_m2: Mean radar cross section per metre of range, m^2, instead of levels
+        (furniture: 0.03 to 0.3); the level follows from the radar equation.
     """
 
     kind: Literal["static_clutter"] = "static_clutter"

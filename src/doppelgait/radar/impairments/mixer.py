@@ -38,24 +38,17 @@ class PhaseNoise(FrozenModel):
     the phase by the factor :math:`0.61 \lambda / (4 \pi \sigma_R)` for all s (sigma_R: standard deviation of the pulse
     in range; -28 dB for the X4), and is neglected.
 
-    Parameters
-    ----------
-    white_rad : float
-        Standard deviation of the common phase, independent from frame to frame. The default is
-        0.004: 0.003 and 0.005 were measured with two X4 at 25 frames/s in an empty room.
-    jitter_s : float
-        Start jitter of the frames at the receiver after averaging; it is added to ``white_rad`` in power.
-    drift_rad_per_min : float
-        Rate of a linear drift; 0.1 to 1 in size is usual.
-    walk_rad_per_sqrt_min : float
-        Random walk of the common phase: its standard deviation after one minute.
-    density_dbc_per_hz : float, optional
-        Single-sideband phase noise L of the oscillator at ``offset_hz``; none by default. Only
-        offsets up to f_p / 2 have an effect: higher ones average out within a frame.
-    offset_hz : float
-        Offset from the carrier at which the density applies.
-    slope_db_per_decade : float
-        Slope of L against the offset, -40 to 0: -20 white and -30 flickering frequency noise.
+    white_rad: Standard deviation of the common phase, independent from frame to frame. The default
+        is 0.004: 0.003 and 0.005 were measured with two X4 at 25 frames/s in an empty room.
+    jitter_s: Start jitter of the frames at the receiver after averaging; it is added to
+        ``white_rad`` in power.
+    drift_rad_per_min: Rate of a linear drift; 0.1 to 1 in size is usual.
+    walk_rad_per_sqrt_min: Random walk of the common phase: its standard deviation after one minute.
+    density_dbc_per_hz: Single-sideband phase noise L of the oscillator at ``offset_hz``; none by
+        default. Only offsets up to f_p / 2 have an effect: higher ones average out within a frame.
+    offset_hz: Offset from the carrier at which the density applies.
+    slope_db_per_decade: Slope of L against the offset, -40 to 0: -20 white and -30 flickering
+        frequency noise.
     """
 
     kind: Literal["phase_noise"] = "phase_noise"
@@ -149,12 +142,8 @@ class IqImbalance(FrozenModel):
     The second term is an image at the opposite Doppler. The defaults are those of a usual analogue mixer (image at
     -28 dB, assumed); a 24 GHz CW sensor showed about -11 dB, and the X4 mixes digitally (-55 dB or less).
 
-    Parameters
-    ----------
-    gain_db : float
-        Gain g of the quadrature channel over the in-phase channel.
-    phase_deg : float
-        Error phi of the angle between the channels.
+    gain_db: Gain g of the quadrature channel over the in-phase channel.
+    phase_deg: Error phi of the angle between the channels.
     """
 
     kind: Literal["iq_imbalance"] = "iq_imbalance"
@@ -184,16 +173,11 @@ class DcLeak(FrozenModel):
 
     It is the self-mixing product of the oscillator.
 
-    Parameters
-    ----------
-    level_db : float
-        Modulus of the constant, dB re 1 V.
-    in_units : bool
-        ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
-    phase_deg : float, optional
-        Phase of the constant; random by default.
-    walk_per_sqrt_min : float
-        Change after one minute (root mean square of a complex random walk) over the constant.
+    level_db: Modulus of the constant, dB re 1 V.
+    in_units: ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
+    phase_deg: Phase of the constant; random by default.
+    walk_per_sqrt_min: Change after one minute (root mean square of a complex random walk) over the
+        constant.
     """
 
     kind: Literal["dc_leak"] = "dc_leak"

@@ -33,14 +33,9 @@ class ThermalNoise(FrozenModel):
 
     By default it has the noise level of the radar; the correlation over range is the radar's ``noise_correlation``.
 
-    Parameters
-    ----------
-    noise_figure_db : float, optional
-        Noise figure F, instead of that of the radar.
-    level_db : float, optional
-        Root mean square of the complex noise in a range bin, dB re 1 V, instead of F.
-    in_units : bool
-        ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
+    noise_figure_db: Noise figure F, instead of that of the radar.
+    level_db: Root mean square of the complex noise in a range bin, dB re 1 V, instead of F.
+    in_units: ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
     """
 
     kind: Literal["thermal_noise"] = "thermal_noise"
@@ -80,18 +75,11 @@ class Interference(FrozenModel):
     random position is hit: range bins of a pulse radar, or ADC samples of a sweep, where two chirps cross. Complex
     white Gaussian noise is added to these samples. Other pulses do not change.
 
-    Parameters
-    ----------
-    rate_hz : float
-        Mean number of bursts per second.
-    duration_s : float
-        Duration of a burst; a burst shorter than a pulse interval hits one or two pulses.
-    level_db : float
-        Root mean square in a sample hit, dB re 1 V, after the averaging of a frame.
-    in_units : bool
-        ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
-    hit_share : float
-        Share of a pulse's samples that are hit, 0 to 1, at least one sample.
+    rate_hz: Mean number of bursts per second.
+    duration_s: Duration of a burst; a burst shorter than a pulse interval hits one or two pulses.
+    level_db: Root mean square in a sample hit, dB re 1 V, after the averaging of a frame.
+    in_units: ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
+    hit_share: Share of a pulse's samples that are hit, 0 to 1, at least one sample.
     """
 
     kind: Literal["interference"] = "interference"
@@ -131,14 +119,9 @@ class ColouredNoise(FrozenModel):
     :math:`L(|f|)\,G(R)` in a range bin: :math:`S(f, R) = L^2(|f|)\,G^2(R) / f_p`, the flicker noise of a homodyne
     receiver for example. It is independent from sample to sample along range.
 
-    Parameters
-    ----------
-    levels : list of (frequency_hz, level_db)
-        Level L at rising frequencies, dB re 1 V; linear in dB between them, constant outside.
-    range_db : list of (range_m, change_db)
-        Change G of the level at rising ranges, dB; 0 everywhere by default.
-    in_units : bool
-        Levels are re one unit of the sensor's own files (``radar.volts_per_unit``).
+    levels: Level L at rising frequencies, dB re 1 V; linear in dB between them, constant outside.
+    range_db: Change G of the level at rising ranges, dB; 0 everywhere by default.
+    in_units: Levels are re one unit of the sensor's own files (``radar.volts_per_unit``).
     """
 
     kind: Literal["coloured_noise"] = "coloured_noise"
@@ -178,14 +161,10 @@ class Spur(FrozenModel):
 
     It has the same amplitude and phase in all samples of a pulse; the phase at the start is random.
 
-    Parameters
-    ----------
-    frequency_hz : float
-        Doppler frequency of the line. Beyond half the frame rate it aliases; negative is receding.
-    level_db : float
-        Amplitude of the line, dB re 1 V.
-    in_units : bool
-        ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
+    frequency_hz: Doppler frequency of the line. Beyond half the frame rate it aliases; negative is
+        receding.
+    level_db: Amplitude of the line, dB re 1 V.
+    in_units: ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
     """
 
     kind: Literal["spur"] = "spur"

@@ -29,14 +29,9 @@ class Adc(FrozenModel):
     A sine that reaches full scale less the back-off has the signal-to-quantisation-noise ratio
     6.02 bits + 1.76 - back-off, dB.
 
-    Parameters
-    ----------
-    bits : int
-        Bits of the converter, 2 to 24.
-    full_scale_v : float, optional
-        Maximum voltage of I or Q. Set either this or ``backoff_db``.
-    backoff_db : float, optional
-        Distance of the maximum of I or Q in the recording from full scale, as set by a gain
+    bits: Bits of the converter.
+    full_scale_v: Maximum voltage of I or Q. Set either this or ``backoff_db``.
+    backoff_db: Distance of the maximum of I or Q in the recording from full scale, as set by a gain
         control; 12 dB if neither is set. Negative values clip.
     """
 
@@ -97,20 +92,12 @@ class X4Counts(FrozenModel):
 
     and its phase does not change. ``radar.volts_per_unit`` converts volts to units.
 
-    Parameters
-    ----------
-    iterations : int
-        Sweeps of the threshold per frame.
-    pulses_per_step : int
-        Pulses per threshold.
-    dac_min : int
-        Lowest threshold, 0 to 2047.
-    dac_max : int
-        Highest threshold, above ``dac_min``, up to 2047.
-    dac_step : int
-        Step from threshold to threshold: 1, 2, 4 or 8.
-    prf_div : int
-        Divisor from 243 MHz to the pulse rate.
+    iterations: Sweeps of the threshold per frame.
+    pulses_per_step: Pulses per threshold.
+    dac_min: Lowest threshold.
+    dac_max: Highest threshold, above ``dac_min``, up to 2047.
+    dac_step: Step from threshold to threshold: 1, 2, 4 or 8.
+    prf_div: Divisor from 243 MHz to the pulse rate.
     """
 
     kind: Literal["x4_counts"] = "x4_counts"
@@ -183,10 +170,7 @@ class FrameJitter(FrozenModel):
     The jitter changes the times at which the scene is observed
     (:func:`doppelgait.radar.impairments.shift_pulse_times`), not the samples.
 
-    Parameters
-    ----------
-    sd_s : float
-        Standard deviation of a pulse's time, at most a tenth of the pulse interval.
+    sd_s: Standard deviation of a pulse's time, at most a tenth of the pulse interval.
     """
 
     kind: Literal["frame_jitter"] = "frame_jitter"
@@ -216,16 +200,11 @@ class DroppedFrames(FrozenModel):
     The model is a two-state Markov chain (Gilbert 1960): the length of lost runs is geometric with
     the mean ``mean_length``, and the expected share of lost frames is ``probability``.
 
-    Parameters
-    ----------
-    probability : float, optional
-        Share of lost frames, at most mean_length / (1 + mean_length). Set either this or ``frames``.
-    frames : list of int, optional
-        Numbers of the lost frames, counted from 0.
-    mean_length : float
-        Mean number of frames lost in a row, 1 or more.
-    fill : {"repeat", "zero"}
-        Content that the recorder stores instead: the last received frame (at the start, the first
+    probability: Share of lost frames, at most mean_length / (1 + mean_length). Set either this or
+        ``frames``.
+    frames: Numbers of the lost frames, counted from 0.
+    mean_length: Mean number of frames lost in a row, 1 or more.
+    fill: Content that the recorder stores instead: the last received frame (at the start, the first
         received frame), or 0.
     """
 

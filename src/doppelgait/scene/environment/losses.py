@@ -35,23 +35,15 @@ from doppelgait.scene.environment.registry import Setting
 class Wall(FrozenModel):
     """Vertical, flat, infinite wall of a material or with measured loss.
 
-    Parameters
-    ----------
-    material : str or table, optional
-        Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity, conductivity_s_per_m
-        }``; needs ``thickness_m``.
-    thickness_m : float, optional
-        Thickness of the material, above 0, up to 5 m.
-    loss_db : float, optional
-        Measured one-way loss at all angles, 0 to 300 dB, instead of material and thickness.
-    delay_m : float, optional
-        One-way increase of the path length, 0 (default) to 20 m; only with ``loss_db``.
-    range_m : float, optional
-        Distance of the wall from the radar along its normal; by default the wall is in front of all scatterers.
-    normal_azimuth_deg : float, optional
-        Azimuth of the normal, from +x towards +y; by default that of the boresight.
-    polarisation : {"vertical", "horizontal"}
-        Polarisation of the radar's field.
+    material: Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity,
+        conductivity_s_per_m }``; needs ``thickness_m``.
+    thickness_m: Thickness of the material, above 0, up to 5 m.
+    loss_db: Measured one-way loss at all angles, 0 to 300 dB, instead of material and thickness.
+    delay_m: One-way increase of the path length, 0 (default) to 20 m; only with ``loss_db``.
+    range_m: Distance of the wall from the radar along its normal; by default the wall is in front
+        of all scatterers.
+    normal_azimuth_deg: Azimuth of the normal, from +x towards +y; by default that of the boresight.
+    polarisation: Polarisation of the radar's field.
     """
 
     kind: Literal["wall"] = "wall"
@@ -177,12 +169,10 @@ RangeGain = tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(
 class Visibility(FrozenModel):
     """Receiver gain by range.
 
-    Parameters
-    ----------
-    gain_db : list of [range_m, gain_db]
-        One or more pairs of range (m, rising, 0 to 1e6) and two-way power gain at that range (dB, -300 to 300). The
-        gain is interpolated in dB between two pairs and constant beyond the ends. Two neighbouring pairs make a step:
-        ``[[0.4, -200.0], [0.41, 0.0]]`` is a blind zone up to 0.4 m.
+    gain_db: One or more pairs of range (m, rising, 0 to 1e6) and two-way power gain at that range
+        (dB, -300 to 300). The gain is interpolated in dB between two pairs and constant beyond the
+        ends. Two neighbouring pairs make a step: ``[[0.4, -200.0], [0.41, 0.0]]`` is a blind zone
+        up to 0.4 m.
     """
 
     kind: Literal["visibility"] = "visibility"
@@ -225,17 +215,11 @@ Place = tuple[Annotated[float, Field(ge=-1e5, le=1e5)], Annotated[float, Field(g
 class Screen(FrozenModel):
     """Thin vertical screen on the floor, such as furniture.
 
-    Parameters
-    ----------
-    from_m : [x, y]
-        One end on the floor.
-    to_m : [x, y]
-        The other end on the floor, at least 1 cm from the first.
-    height_m : float
-        Height above the floor, above 0, up to 20 m.
-    loss_db : float
-        One-way loss through the screen, 0 to 300 dB; at 7 GHz it is 2 to 3 dB for a wooden board,
-        and metal blocks all power.
+    from_m: One end on the floor.
+    to_m: The other end on the floor, at least 1 cm from the first.
+    height_m: Height above the floor, above 0, up to 20 m.
+    loss_db: One-way loss through the screen, 0 to 300 dB; at 7 GHz it is 2 to 3 dB for a wooden
+        board, and metal blocks all power.
     """
 
     kind: Literal["screen"] = "screen"

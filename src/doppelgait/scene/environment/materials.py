@@ -76,12 +76,8 @@ CONDUCTION_OHM_GHZ_M = 17.98
 class Dielectric(FrozenModel):
     """Material with stated permittivity and conductivity.
 
-    Parameters
-    ----------
-    permittivity : float
-        Real part of the relative permittivity, 1 to 1000.
-    conductivity_s_per_m : float
-        Conductivity, 0 (no loss) to 1e8 S/m.
+    permittivity: Real part of the relative permittivity.
+    conductivity_s_per_m: Conductivity, 0 (no loss) to 1e8 S/m.
     """
 
     permittivity: float = Field(ge=1, le=1000)

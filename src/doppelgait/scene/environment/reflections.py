@@ -163,15 +163,10 @@ def add_images(
 class GroundBounce(FrozenModel):
     """Flat reflecting floor at z = 0.
 
-    Parameters
-    ----------
-    material : str or table
-        Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity, conductivity_s_per_m
-        }``; the thickness is assumed infinite.
-    roughness_m : float
-        Standard deviation of the floor's height, 0 (smooth) to 1 m.
-    polarisation : {"vertical", "horizontal"}
-        Polarisation of the radar's field.
+    material: Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity,
+        conductivity_s_per_m }``; the thickness is assumed infinite.
+    roughness_m: Standard deviation of the floor's height, 0 (smooth) to 1 m.
+    polarisation: Polarisation of the radar's field.
     """
 
     kind: Literal["ground_bounce"] = "ground_bounce"
@@ -251,23 +246,15 @@ class WallGhost(FrozenModel):
 
     Its position is either ``side_m``, or ``position_m`` and ``normal_azimuth_deg``.
 
-    Parameters
-    ----------
-    material : str or table
-        Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity, conductivity_s_per_m }``.
-    thickness_m : float
-        Thickness of the wall, above 0, up to 5 m.
-    side_m : float, optional
-        Distance from the radar of a wall parallel to the boresight. Set either this, or
+    material: Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity,
+        conductivity_s_per_m }``.
+    thickness_m: Thickness of the wall, above 0, up to 5 m.
+    side_m: Distance from the radar of a wall parallel to the boresight. Set either this, or
         ``position_m`` and ``normal_azimuth_deg``.
-    side : {"left", "right"}
-        Side of the wall at ``side_m``, looking along the boresight.
-    position_m : (float, float), optional
-        Ground position of any point of the wall.
-    normal_azimuth_deg : float, optional
-        Azimuth of either normal of the wall at ``position_m``, from +x towards +y.
-    polarisation : {"vertical", "horizontal"}
-        Polarisation of the radar's field.
+    side: Side of the wall at ``side_m``, looking along the boresight.
+    position_m: Ground position of any point of the wall.
+    normal_azimuth_deg: Azimuth of either normal of the wall at ``position_m``, from +x towards +y.
+    polarisation: Polarisation of the radar's field.
     """
 
     kind: Literal["wall_ghost"] = "wall_ghost"
