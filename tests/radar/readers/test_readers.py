@@ -4,6 +4,7 @@ import io
 import warnings
 import zipfile
 from dataclasses import replace
+from functools import partial
 
 import h5py
 import numpy as np
@@ -204,14 +205,10 @@ def test_rate_axes_radar_and_notes_of_a_matlab_recording(moving_target):
 
 
 def test_version_7_3_reads_as_version_5(moving_target, tmp_path):
-    content = matlab_content(rf_frames(moving_target[1]), subject=None)
-    path = tmp_path / "v73.mat"
-    with h5py.File(path, "w", userblock_size=512) as file:
-        for name, value in content.items():
-            file[name] = np.atleast_2d(value).T  # MATLAB stores columns first
-    with path.open("r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Thu Jan  1 00:00:00 2026 HDF5 schema 1.00 .")
-    xr.testing.assert_identical(read_recording(path).baseband, read_recording(moving_target[0]).baseband)
+    write_v73(tmp_path / "v73.mat", matlab_content(rf_frames(moving_target[1]), subject=None))
+    xr.testing.assert_identical(
+        read_recording(tmp_path / "v73.mat").baseband, read_recording(moving_target[0]).baseband
+    )
 
 
 @pytest.mark.parametrize("packed", [False, True])
@@ -234,6 +231,64 @@ def test_matrices_of_every_number_class_read_as_scipy_reads_them(tmp_path, dtype
         assert again.dtype == wanted[name].dtype
 
 
+TURN = np.exp(2j * np.pi * 0.1 * np.arange(60))
+
+
+def write_v73(path, content):
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in content.items():
+            stored = np.atleast_2d(value).T  # MATLAB stores columns first
+            if stored.dtype.kind == "c":
+                stored = np.ascontiguousarray(stored).view([("real", "f8"), ("imag", "f8")])
+            file[name] = stored
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Thu Jan  1 00:00:00 2026 HDF5 schema 1.00 .")
+
+
+@pytest.mark.parametrize("write", [savemat, partial(savemat, format="4"), write_v73], ids=["5", "4", "7.3"])
+@pytest.mark.parametrize(
+    ("content", "options", "prf_hz", "n_bins"),
+    [
+        ({"data": TURN, "Fs": 200.0, "fc": 24e9}, {}, 200.0, 1),
+        ({"data": TURN[:, None], "sampleRate": 200.0, "fc": 24e9, "other": np.ones(3)}, {}, 200.0, 1),
+        ({"I": TURN.real, "Q": TURN.imag, "fs": 200.0}, {"carrier_hz": 24e9}, 200.0, 1),
+        ({"x": TURN, "y": 2 * TURN, "fs": 200.0, "fc": 24e9}, {"matrix": "x"}, 200.0, 1),
+        ({"x": TURN, "t": 5.0 + np.arange(60) / 80.0, "fs": 200.0, "fc": 24e9}, {}, 80.0, 1),
+        ({"x": TURN, "fs": 200.0, "prf": 100.0, "fc": 24e9}, {"prf_hz": 50.0}, 50.0, 1),
+        ({"m": np.outer(TURN, [1, 2, 3]), "fs": 2e6, "prf": 90.0, "fc": 24e9, "range": [1.0, 1.5, 2.0]}, {}, 90.0, 3),
+        (
+            {"m": np.outer([1, 2, 3], TURN), "prf": 90.0, "fc": 24e9},
+            {"time_first": False, "range_start_m": 1.0, "bin_spacing_m": 0.5},
+            90.0,
+            3,
+        ),
+    ],
+)
+def test_complex_samples_of_a_matlab_file(tmp_path, write, content, options, prf_hz, n_bins):
+    write(tmp_path / "a.mat", content)
+    recording = read_recording(tmp_path / "a.mat", **options)
+    assert recording.samples.shape == (60, n_bins)
+    assert recording.radar.prf_hz == pytest.approx(prf_hz)
+    assert recording.radar.carrier_hz == 24e9
+    np.testing.assert_allclose(recording.range_m, 1.0 + 0.5 * np.arange(n_bins) if n_bins > 1 else [0.0])
+    np.testing.assert_allclose(recording.samples.matrix, np.outer(TURN, np.arange(n_bins) + 1), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("content", "options", "said"),
+    [
+        ({"x": TURN, "y": TURN, "fs": 200.0}, {}, r"not one complex variable; it holds .*give matrix='x'"),
+        ({"x": TURN, "fs": 200.0, "prf": 100.0, "fc": 24e9}, {}, "prf_hz is stated nowhere"),
+        ({"m": np.outer(TURN, [1, 2]), "fs": 2e6, "fc": 24e9}, {}, "prf_hz, range_start_m, bin_spacing_m are stated"),
+        ({"x": TURN, "fs": 200.0, "fc": 24.125}, {}, "carrier_hz: 24.125 is not allowed"),
+    ],
+)
+def test_facts_of_a_matlab_file_are_taken_only_where_there_is_one(tmp_path, content, options, said):
+    savemat(tmp_path / "a.mat", content)
+    with pytest.raises(RecordingError, match=said):
+        read_recording(tmp_path / "a.mat", **options)
+
+
 def test_one_of_several_matrices_is_picked_by_name(tmp_path):
     frames = rf_frames([1.5, 1.5])
     content = matlab_content(frames, Data_Matrix=None, Data_Matrix_1=frames, Data_Matrix_2=2 * frames)
@@ -252,7 +307,7 @@ FRAMES = rf_frames([1.5, 1.5])
 @pytest.mark.parametrize(
     ("changes", "options", "said"),
     [
-        ({"Data_Matrix": None, "other": 1.0}, {}, r"has no Data_Matrix; it holds .*other"),
+        ({"Data_Matrix": None, "other": 1.0}, {}, r"has no Data_Matrix.*; it holds .*other"),
         ({"actual_fps": None}, {}, r"has no actual_fps; give it: prf_hz=\.\.\."),
         ({"actual_fps": 0.0}, {}, r"actual_fps = 0\.0 is not allowed; it must be a number above 1e-06"),
         ({"actual_fps": [1.0, 2.0]}, {}, r"actual_fps has 2 values"),
@@ -260,7 +315,7 @@ FRAMES = rf_frames([1.5, 1.5])
         ({"range_axis": None, "frame_start": None}, {}, r"or frame_start; give it: range_start_m=\.\.\."),
         ({"range_axis": np.arange(7.0)}, {}, r"range_axis has 7 values that are not the ranges of 400 bins"),
         ({"range_axis": 2 * BIN_M * np.arange(400.0)}, {}, r"are not the ranges of 400 bins, 0\.00643004 m apart"),
-        ({"Data_Matrix": FRAMES + 0j}, {}, r"Data_Matrix holds complex128 values.*'arrays'"),
+        ({"Data_Matrix": FRAMES + 0j}, {}, r"carrier_hz.* stated nowhere"),
         ({"Data_Matrix": np.zeros((2, 20)), "range_axis": None}, {}, r"rf\.mat: RF frames of 20 samples"),
         ({"Data_Matrix": FRAMES[:1]}, {}, r"holds 1 pulses of 400 range bins"),
         ({"Data_Matrix": np.where(np.arange(400) == 7, np.nan, FRAMES)}, {}, r"2 of 800 values are NaN.*bin 7"),

@@ -1,4 +1,4 @@
-"""XeThru X4 RF frames of MATLAB files, down-converted.
+"""MATLAB files: X4 RF frames, down-converted, and complex samples.
 
 Some damaged files of versions 5 to 7 crash SciPy's reader (segmentation fault). This module therefore reads numeric
 matrices itself and checks all lengths. The layout is described in "MAT-File Format", The MathWorks, level 5.
@@ -10,7 +10,7 @@ import math
 import re
 import struct
 import zlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -24,6 +24,7 @@ from doppelgait.core.own_hdf5 import open_hdf5
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import slow_time_axis_s
 from doppelgait.radar.measured import adapt_preset, check_finite, check_number, check_shape, label_measured
+from doppelgait.radar.readers.arrays import Parsed, label_array
 from doppelgait.radar.recording import Recording
 
 HEADER_BYTES = 128
@@ -167,40 +168,89 @@ def sniff_matlab(path: Path, head: bytes) -> bool:
 def list_matrices(path: Path) -> list[dict[str, Any]]:
     """List a file's frame matrices as reader options; none of a damaged file."""
     try:
-        return [{"matrix": name} for name in _find_frame_matrices(_read_shapes(path))]
+        return [{"matrix": name} for name in _find_frame_matrices(_list_kinds(path))]
     except Exception:  # the libraries raise nearly anything at damaged bytes
         return []
 
 
-def _read_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+def _list_kinds(path: Path) -> dict[str, tuple[tuple[int, ...], bool | None]]:
+    """Return shape of every variable, and whether it is complex; None for text, cells and the like."""
     with path.open("rb") as file:
-        is_hdf5 = file.read(len(HEADERS[1])) == HEADERS[1]
-    if not is_hdf5:
-        return {name: one.shape for name, one in list_variables(path, max_bytes=8 * MAX_VALUES).items()}
-    import h5py  # version 7.3 is HDF5 with the axes of every matrix reversed
+        head = file.read(len(HEADERS[1]))
+    if head == HEADERS[1]:
+        import h5py  # version 7.3 is HDF5 with the axes of every matrix reversed
 
-    with open_hdf5(path, soft_links=True) as hdf5:
-        return {name: hdf5[name].shape[::-1] for name in hdf5 if isinstance(hdf5[name], h5py.Dataset)}
+        with open_hdf5(path, soft_links=True) as hdf5:
+            sets = {name: hdf5[name] for name in hdf5 if isinstance(hdf5[name], h5py.Dataset)}
+            return {name: (one.shape[::-1], _is_complex(one)) for name, one in sets.items()}
+    if head in HEADERS:
+        listed = list_variables(path, max_bytes=8 * MAX_VALUES)
+        return {name: (one.shape, one.is_complex if one.kind in CLASSES else None) for name, one in listed.items()}
+    return {name: (values.shape, np.iscomplexobj(values)) for name, values in _load_version_4(path).items()}
+
+
+def _is_complex(dataset: Any) -> bool | None:
+    if (
+        dataset.attrs.get("MATLAB_class", b"double") in (b"char", b"cell", b"struct")
+        or dataset.dtype.kind not in "fiucV"
+    ):
+        return None
+    return dataset.dtype.names is not None or bool(dataset.dtype.kind == "c")
+
+
+def _load_version_4(path: Path) -> dict[str, npt.NDArray[Any]]:
+    from scipy.io import loadmat
+
+    check_cost(path, 8 * path.stat().st_size, RecordingError)
+    return {name: values for name, values in loadmat(path).items() if not name.startswith("__")}
+
+
+def _load_variables(path: Path, names: Collection[str]) -> dict[str, npt.NDArray[Any]]:
+    """Load variables by name; missing ones are left out."""
+    with path.open("rb") as file:
+        head = file.read(len(HEADERS[1]))
+    if head == HEADERS[1]:
+        with open_hdf5(path, soft_links=True) as hdf5:
+            stored = {name: hdf5[name][()].T for name in names if name in hdf5}
+        return {
+            name: values if values.dtype.names is None else values["real"] + 1j * values["imag"]
+            for name, values in stored.items()
+        }
+    if head not in HEADERS:
+        return {name: values for name, values in _load_version_4(path).items() if name in names}
+    loaded = [one for one in list_variables(path, max_bytes=8 * MAX_VALUES).values() if one.name in names]
+    check_cost(path, sum(8 * math.prod(one.shape) + one.n_bytes for one in loaded), RecordingError)
+    return {one.name: load_variable(one) for one in loaded}
 
 
 def _find_frame_matrices(shapes: Mapping[str, Any]) -> list[str]:
     return [name for name in shapes if re.fullmatch(rf"{MATRIX}(_\d+)?", name)]
 
 
-@plugin("radar_reader", "matlab-rf", sniff=sniff_matlab, suffixes=(".mat",), parts=list_matrices)
+@plugin("radar_reader", "matlab-rf", sniff=sniff_matlab, suffixes=(".mat",), by_name=(".mat",), parts=list_matrices)
 def read_matlab(
     path: Path,
     *,
     matrix: str | None = None,
-    carrier_hz: float = CARRIER_HZ,
-    radar: str | Path = "x4",
+    carrier_hz: float | None = None,
+    radar: str | Path | None = None,
     prf_hz: float | None = None,
     range_start_m: float | None = None,
     bin_spacing_m: float | None = None,
     filter: Literal["hamming", "chip"] = "hamming",
+    time_first: bool = True,
+    conjugate: bool | None = None,
+    scale_v: float | None = None,
 ) -> Recording:
-    """Read X4 RF frames of a MATLAB file. Versions 5, 7 and 7.3 are read (E-17)."""
+    """Read X4 RF frames (E-17), or complex samples, of a MATLAB file of version 4, 5, 7 or 7.3."""
     content = _load(path, matrix)
+    if isinstance(content, Parsed):
+        options = {"carrier_hz": carrier_hz, "radar": radar, "prf_hz": prf_hz, "range_start_m": range_start_m}
+        options |= {"bin_spacing_m": bin_spacing_m, "time_first": time_first, "conjugate": conjugate}
+        return label_array(path, content, {**options, "scale_v": scale_v})
+    if unused := [name for name, value in (("conjugate", conjugate), ("scale_v", scale_v)) if value is not None]:
+        raise RecordingError(f"{path}: holds RF frames, which have no {', '.join(unused)}; leave it out")
+    carrier_hz, radar = CARRIER_HZ if carrier_hz is None else carrier_hz, radar or "x4"
     frames = content[MATRIX]
     rate_hz = _find_fact(path, content, "actual_fps", prf_hz, "prf_hz")
     spacing_m = _find_fact(path, content, "bin_length", bin_spacing_m, "bin_spacing_m")
@@ -240,29 +290,20 @@ def read_matlab(
     )
 
 
-def _load(path: Path, matrix: str | None) -> dict[str, Any]:
-    """Load the frames (``MATRIX``), their name and the facts; missing facts are omitted."""
-    if matrix is not None and not isinstance(matrix, str):
-        raise RecordingError(f"{path}: matrix = {matrix!r} is not allowed; it must be the name of a matrix")
-    with path.open("rb") as file:
-        is_hdf5 = file.read(len(HEADERS[1])) == HEADERS[1]
+def _load(path: Path, matrix: str | None) -> dict[str, Any] | Parsed:
+    """Load the frames (``MATRIX``), their name and the facts, or samples at baseband."""
     try:
-        content: dict[str, Any]
-        if is_hdf5:
-            shapes = _read_shapes(path)
-            _check_facts(path, shapes)
-            with open_hdf5(path, soft_links=True) as hdf5:
-                name = _pick(path, shapes, matrix)
-                facts = {fact: hdf5[fact][()].T for fact in FACTS if fact in shapes}
-                content = {MATRIX: hdf5[name][()].T, "name": name, **facts}
-        else:
-            variables = list_variables(path, max_bytes=8 * MAX_VALUES)
-            _check_facts(path, {name: one.shape for name, one in variables.items()})
-            name = _pick(path, {name: one.shape for name, one in variables.items()}, matrix)
-            loaded = [one for one in variables.values() if one.name in (name, *FACTS)]
-            check_cost(path, sum(8 * math.prod(one.shape) + one.n_bytes for one in loaded), RecordingError)
-            facts = {fact: load_variable(variables[fact]) for fact in FACTS if fact in variables}
-            content = {MATRIX: load_variable(variables[name]), "name": name, **facts}
+        kinds = _list_kinds(path)
+        name = _pick(path, kinds, matrix)
+        is_frames = name in _find_frame_matrices(kinds) or (matrix is not None and min(kinds[name][0]) > 1)
+        if kinds[name][1] or not is_frames:
+            return _parse_baseband(path, kinds, name)
+        for fact in (fact for fact in FACTS if fact in kinds):  # short, before they are loaded
+            size, most = math.prod(kinds[fact][0]), MAX_BINS if fact in AXES else 1
+            if not 1 <= size <= most:
+                raise RecordingError(f"{path}: {fact} has {size:,} values; allowed are 1 to {most:,}")
+        facts = _load_variables(path, (name, *FACTS))
+        content: dict[str, Any] = {MATRIX: facts.pop(name), "name": name, **facts}
     except RecordingError:
         raise
     except Exception as error:  # the libraries raise nearly anything at damaged bytes
@@ -272,7 +313,7 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
     if frames.ndim != 2 or frames.dtype.kind not in "fiu":
         raise RecordingError(
             f"{path}: {content['name']} holds {frames.dtype} values of shape {frames.shape}; RF frames are a matrix of "
-            "real numbers (frames, bins). For complex baseband save it as .npz and see the reader 'arrays'."
+            "real numbers (frames, bins), samples at baseband are complex"
         )
     for fact in (fact for fact in FACTS if fact in content and content[fact].dtype.kind not in "fiub"):
         raise RecordingError(f"{path}: {fact} holds {content[fact].dtype} values; it must hold real numbers")
@@ -284,25 +325,59 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
     return content
 
 
-def _check_facts(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> None:
-    """Check that facts are numbers and axes are short. This is done before they are loaded."""
-    for fact in (name for name in FACTS if name in shapes):
-        size, most = math.prod(shapes[fact]), MAX_BINS if fact in AXES else 1
-        if not 1 <= size <= most:
-            raise RecordingError(f"{path}: {fact} has {size:,} values; allowed are 1 to {most:,}")
+RATES = ("prf", "prf_hz", "frame_rate", "framerate", "fps", "actual_fps")
+SAMPLE_RATES = (*RATES, "fs", "fs_hz", "sample_rate", "samplerate", "sampling_rate", "rate_hz")
+CARRIERS = ("fc", "fc_hz", "f_c", "carrier", "carrier_hz", "carrier_frequency", "center_frequency", "centre_frequency")
+TIMES = ("t", "time", "time_s", "times", "slow_time", "slow_time_s")
+RANGES = ("range", "ranges", "range_m", "range_axis", "range_vector", "r")
 
 
-def _pick(path: Path, shapes: dict[str, Any], wanted: str | None) -> str:
-    found = _find_frame_matrices(shapes)
-    if wanted is not None and wanted not in shapes:
-        raise RecordingError(f"{path}: has no matrix {wanted!r}; it holds {', '.join(shapes) or 'nothing'}")
-    if wanted is None and len(found) != 1:
-        held = (
-            f"holds {' and '.join(found)}" if found else f"has no {MATRIX}; it holds {', '.join(shapes) or 'nothing'}"
-        )
-        raise RecordingError(f"{path}: {held}; give matrix='{(found or ['NAME'])[0]}' for the RF frames")
-    name = wanted if wanted is not None else found[0]
-    if (size := int(np.prod(shapes[name], dtype=object))) > MAX_VALUES:
+def _parse_baseband(path: Path, kinds: Mapping[str, tuple[tuple[int, ...], bool | None]], name: str) -> Parsed:
+    """Load complex samples, or I and Q, or one real output, and facts of the usual names where there is one."""
+    pair = [one for one in kinds if one.lower() == "q"] if name.lower() == "i" else []
+    facts = [one for one in kinds if one.lower() in (*SAMPLE_RATES, *CARRIERS, *TIMES, *RANGES) and one != name]
+    loaded = _load_variables(path, (name, *pair, *facts))
+    values = [np.squeeze(loaded[one]) for one in (name, *pair)]
+    joined = values[0] if not pair else np.stack(values, axis=-1)
+    is_vector = values[0].ndim == 1
+    axes: dict[str, Any] = {}
+    stated: dict[str, Any] = {}
+    groups = {"prf_hz": SAMPLE_RATES if is_vector else RATES, "carrier_hz": CARRIERS}
+    for key, names in groups.items():
+        numbers = {
+            float(loaded[one].real.ravel()[0]) for one in facts if one.lower() in names and loaded[one].size == 1
+        }
+        stated |= {key: numbers.pop()} if len(numbers) == 1 else {}
+    for along, key, axis_names in ((0, "slow_time_s", TIMES), (1, "range_m", RANGES)):
+        sizes = values[0].shape[along : along + 1]
+        matches = [one for one in facts if one.lower() in axis_names and sizes == (loaded[one].size,) and sizes != (1,)]
+        axes |= {key: loaded[matches[0]].ravel()} if len(matches) == 1 else {}
+    if "slow_time_s" in axes:
+        stated.pop("prf_hz", None)
+    used = ", ".join([name, *pair, *(f"{key} = {value:g}" for key, value in stated.items()), *axes])
+    return Parsed(joined, axes, stated, [f"variables: {used}"])
+
+
+def _pick(path: Path, kinds: Mapping[str, tuple[tuple[int, ...], bool | None]], wanted: str | None) -> str:
+    """Return the name of the samples: RF frames, the only complex variable, I of I and Q, or the only vector."""
+    if wanted is not None and wanted not in kinds:
+        raise RecordingError(f"{path}: has no matrix {wanted!r}; it holds {', '.join(kinds) or 'nothing'}")
+    frames = _find_frame_matrices(kinds)
+    large = {
+        name: is_complex
+        for name, (shape, is_complex) in kinds.items()
+        if is_complex is not None and math.prod(shape) > 1
+    }
+    in_phase = [name for name in large if name.lower() == "i" and {"q", "Q"} & set(large)]
+    facts = (*SAMPLE_RATES, *CARRIERS, *TIMES, *RANGES)
+    vectors = [n for n in large if min(kinds[n][0], default=1) == 1 and n.lower() not in facts and n not in FACTS]
+    candidates = frames or [name for name in large if large[name]] or in_phase or vectors
+    if wanted is None and len(candidates) != 1:
+        held = f"holds {' and '.join(frames)}" if frames else f"has no {MATRIX} and not one complex variable"
+        listed = "" if frames else f"; it holds {', '.join(kinds) or 'nothing'}"
+        raise RecordingError(f"{path}: {held}{listed}; give matrix='{(candidates or ['NAME'])[0]}' for the samples")
+    name = candidates[0] if wanted is None else wanted
+    if (size := math.prod(kinds[name][0])) > MAX_VALUES:
         raise RecordingError(f"{path}: {name} has {size:,} values; up to {MAX_VALUES:,} are read. Save a part of it.")
     return name
 
