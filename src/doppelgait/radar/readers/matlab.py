@@ -190,10 +190,8 @@ def _list_kinds(path: Path) -> dict[str, tuple[tuple[int, ...], bool | None]]:
 
 
 def _is_complex(dataset: Any) -> bool | None:
-    if (
-        dataset.attrs.get("MATLAB_class", b"double") in (b"char", b"cell", b"struct")
-        or dataset.dtype.kind not in "fiucV"
-    ):
+    # text is stored as uint16, and only an attribute, which may be damaged, tells it from numbers
+    if dataset.dtype.kind not in "fiucV" or dataset.dtype == "u2":
         return None
     return dataset.dtype.names is not None or bool(dataset.dtype.kind == "c")
 
