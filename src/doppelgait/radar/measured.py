@@ -69,7 +69,7 @@ def label_measured(
     burst_pulses = facts.get("burst_pulses", radar.burst_pulses)
     placed = place_pulses(slow_time_s, where=str(path), burst_pulses=burst_pulses)
     off = placed.rate_hz / radar.prf_hz - 1.0
-    messages = list(placed.notes)
+    messages = [*placed.notes, *describe_zeros(values, placed.rate_hz)]
     if abs(off) > RATE_OFF:
         check_unit_of_times(path, placed.rate_hz, radar.prf_hz)
         messages.append(
@@ -85,6 +85,28 @@ def label_measured(
         BASEBAND, placed.fill(np.asarray(values, dtype=np.complex64)), coords, {**facts, **placed.facts}
     )
     return Recording.from_baseband(baseband, radar, source=path.name, notes=[*notes, *messages])
+
+
+MIN_ZEROS, ZERO_SHARE = 8, 0.01
+"""Shortest run of pulses of zeros that is counted, and share of them above which it is stated."""
+
+
+def describe_zeros(values: npt.NDArray[Any], rate_hz: float) -> list[str]:
+    """Return a warning about stretches of exact zeros: lost packets, or a file that was made before it was filled."""
+    is_zero = np.concatenate([[False], ~values.any(axis=1), [False]])
+    edges = np.flatnonzero(np.diff(is_zero)).reshape(-1, 2)
+    edges = edges[edges[:, 1] - edges[:, 0] >= MIN_ZEROS]
+    lengths = edges[:, 1] - edges[:, 0]
+    share = lengths.sum() / len(values)
+    if share < ZERO_SHARE:
+        return []
+    first, stop = edges[lengths.argmax()]
+    where = "the last " if stop == len(values) else "the first " if first == 0 else ""
+    more = "" if lengths.size == 1 else f"; {lengths.size} stretches are 0, {100 * share:.2g} % together"
+    return [
+        f"{where}{100 * lengths.max() / len(values):.2g} % of the pulses are exactly 0 (from pulse {first}, "
+        f"{first / rate_hz:.4g} s){more}: samples are lost, or the recording ended early"
+    ]
 
 
 def check_unit_of_times(path: Path, rate_hz: float, stated_hz: float) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 import doppelgait as dg
 from beat import approaching, beat
-from doppelgait.core.errors import AnalysisError, RecordingError
+from doppelgait.core.errors import AnalysisError, DoppelgaitWarning, RecordingError
 from doppelgait.radar import read_recording
 from doppelgait.radar.readers import find_formats
 from doppelgait.radar.readers.dca1000 import read_config, read_dca1000
@@ -185,7 +185,7 @@ def test_transmitters_in_turn_and_pauses(tmp_path):
         ({"ramp_s": 30e-6}, r"ramp_s \(line 10\): 3e-05 is shorter than adc_start_s and 64 samples"),
         ({"frame_period_s": 1e-3}, r"frame_period_s \(line 14\): 0.001 is shorter than 16 loops of 1 chirps, 0.0016 s"),
         ({"slope": 3}, "slope"),
-        ({"frames": 3}, "2 frames; by walk.toml it has 3"),
+        ({"frames": 1}, "2 frames; by walk.toml it has 1"),
         ({"loops": 15}, r"which is 2 frames and 1,024 bytes more; by walk.toml a frame has 15 loops"),
     ],
 )
@@ -198,12 +198,71 @@ def test_settings_that_are_wrong(tmp_path, change, message):
     assert str(tmp_path) in str(caught.value)
 
 
+STUDIO = {
+    "mmWaveDevices": [{
+        "rfConfig": {
+            "rlChanCfg_t": {"rxChannelEn": "0x3", "txChannelEn": "0x1"},
+            "rlAdcOutCfg_t": {"fmt": {"b2AdcBits": 2, "b2AdcOutFmt": 1}},
+            "rlProfiles": [{"rlProfileCfg_t": {
+                "profileId": n, "startFreqConst_GHz": 77.0, "idleTimeConst_usec": 50.0, "adcStartTimeConst_usec": 5.0,
+                "rampEndTime_usec": 50.0, "freqSlopeConst_MHz_usec": 20.0 + n, "numAdcSamples": 64,
+                "digOutSampleRate": 2000.0}} for n in range(2)],
+            "rlChirps": [{"rlChirpCfg_t": {"chirpStartIdx": 0, "chirpEndIdx": 0, "profileId": 0}}],
+            "rlFrameCfg_t": {"chirpStartIdx": 0, "chirpEndIdx": 0, "numLoops": 16, "numFrames": 0,
+                             "framePeriodicity_msec": 1.6},
+        },
+        "rawDataCaptureConfig": {"rlDevDataFmtCfg_t": {"iqSwapSel": 1}},
+    }]
+}  # fmt: skip
+
+
+def test_the_settings_of_mmwave_studio_are_those_of_the_toml_file(tmp_path):
+    table = TABLE | {"q_first": True, "device": "xwr2243"}
+    wanted = read_recording(write(tmp_path, point(64, 1e4), table))
+    (tmp_path / "walk.toml").unlink()
+    (tmp_path / "other.mmwave.json").write_text(json.dumps(STUDIO))
+    again = read_recording(tmp_path / "walk.bin", device="xwr2243")
+    assert again.baseband.identical(wanted.baseband)
+    (tmp_path / "other.setup.json").write_text('{"mmWaveDevice": "awr2243"}')
+    assert read_recording(tmp_path / "walk.bin").radar == wanted.radar
+    for damage in (("rlProfileCfg_t", "x"), ("mmWaveDevices", 'mmWaveDevices": [], "x'), ("numLoops", "loops")):
+        (tmp_path / "other.mmwave.json").write_text(json.dumps(STUDIO).replace(*damage))
+        with pytest.raises(RecordingError, match=r"other\.mmwave\.json: "):
+            read_recording(tmp_path / "walk.bin", config="other.mmwave.json")
+
+
+@pytest.mark.parametrize(
+    ("lost", "frames", "zeros", "said"),
+    [
+        ((), 0, 0, None),
+        ((20_000,), 0, 0, r"chirps break inside in \d+ of \d+ frames, noticed first in frame 4"),
+        ((70_000, 90_000), 0, 0, r"chirps break inside"),
+        ((), 40, 0, "holds 32 of the 40 frames of walk.toml"),
+        ((), 0, 256, "the last 50 % of the pulses are exactly 0 .from pulse 256"),
+    ],
+)
+def test_lost_samples_are_noticed(tmp_path, lost, frames, zeros, said):
+    samples = point(512, 1e4)
+    samples[512 - zeros :] = 0
+    path = write(tmp_path, samples, TABLE | {"frames": frames})
+    numbers = np.fromfile(path, "<i2")
+    for at in lost:
+        numbers = np.delete(numbers, slice(at, at + 728))  # a packet of the board
+    numbers[: len(numbers) // 4096 * 4096].tofile(path)
+    if said is None:
+        read_recording(path)
+        return
+    with pytest.warns(DoppelgaitWarning, match=said):
+        read_recording(path)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ("frameCfg 0 0 16 0 1.6 1 0\n", "", "lacks the command frameCfg"),
         ("adcbufCfg -1 0 0 1 1", "adcbufCfg 0 1 1", "adcbufCfg has 3 numbers; 5 are read, or 4"),
         ("adcbufCfg -1 0 0 1 1", "adcbufCfg -1 0 0 0 1", "receivers that alternate are not allowed for xwr18xx"),
+        ("frameCfg", "chirpComnCfg 15 0 0 128 4 30 0\nframeCfg", "settings of xWRL parts"),
         ("adcCfg 2 1", "adcCfg 2 7", "adcCfg: output format 7"),
         ("adcCfg 2 1", "adcCfg 2", "line 6, adcCfg: has 1 numbers; it must have 2"),
         ("channelCfg 3 1 0", "channelCfg 3 one 0", "line 5, channelCfg: holds a word that is no number"),

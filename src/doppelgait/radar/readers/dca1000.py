@@ -20,13 +20,13 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, read_toml, validate
 from doppelgait.core.documents import parse_json
-from doppelgait.core.errors import ConfigError, RecordingError
+from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.radar.measured import label_sweeps
 from doppelgait.radar.recording import Recording
 
 MAX_CONFIG_BYTES = 1 << 20
-DEVICES = ("xwr12xx", "xwr14xx", "xwr16xx", "xwr18xx", "xwr64xx", "xwr68xx")
+DEVICES = ("xwr12xx", "xwr14xx", "xwr16xx", "xwr18xx", "xwr2243", "xwr64xx", "xwr68xx")
 FOUR_LANES = ("xwr12xx", "xwr14xx")
 """Devices with one lane per receiver; the others send all receivers over two lanes."""
 OUTPUTS = ("real", "complex1x", "complex2x")
@@ -70,7 +70,7 @@ class ChirpConfig(FrozenModel):
         Time from the start of one frame to the start of the next.
     """
 
-    device: Literal["xwr12xx", "xwr14xx", "xwr16xx", "xwr18xx", "xwr64xx", "xwr68xx"]
+    device: Literal["xwr12xx", "xwr14xx", "xwr16xx", "xwr18xx", "xwr2243", "xwr64xx", "xwr68xx"]
     output: Literal["real", "complex1x", "complex2x"] = "complex1x"
     q_first: bool = False
     receivers: tuple[int, ...] = Field(default=(0, 1, 2, 3), min_length=1, max_length=4)
@@ -116,12 +116,15 @@ class ChirpConfig(FrozenModel):
 
 
 def find_config(path: Path) -> Path | None:
-    """Return settings next to a sample file: .toml, .json, .cfg of its stem, or the only .cfg."""
-    for suffix in (".toml", ".json", ".cfg"):
+    """Return settings next to a sample file: .toml, .json, .cfg of its stem, or the only ones of TI's programs."""
+    for suffix in (".toml", ".json", ".cfg", STUDIO):
         if (own := path.with_suffix(suffix)).is_file():
             return own
-    only = sorted(path.parent.glob("*.cfg")) if path.parent.is_dir() else []
-    return only[0] if len(only) == 1 and only[0].is_file() else None
+    for pattern in (f"*{STUDIO}", "*.cfg"):
+        only = sorted(path.parent.glob(pattern)) if path.parent.is_dir() else []
+        if len(only) == 1 and only[0].is_file():
+            return only[0]
+    return None
 
 
 def read_config(path: Path, *, device: str | None = None) -> ChirpConfig:
@@ -139,6 +142,8 @@ def read_config(path: Path, *, device: str | None = None) -> ChirpConfig:
             table = parse_json(path.read_text(encoding="utf-8"))
             if not isinstance(table, dict):
                 raise RecordingError(f"{path}: holds no JSON object with the keys of the radar settings")
+            if "mmWaveDevices" in table:
+                table = _parse_studio(path, table)
         else:
             table = _parse_commands(path, path.read_text(encoding="utf-8", errors="replace"))
         if device is not None:
@@ -152,6 +157,88 @@ def read_config(path: Path, *, device: str | None = None) -> ChirpConfig:
         raise RecordingError(str(error)) from None
     except ValueError as error:
         raise RecordingError(f"{path}: is no JSON: {error}") from None
+
+
+STUDIO = ".mmwave.json"
+"""Suffix of the settings that mmWave Studio saves, with the names of TI's mmWaveLink interface."""
+
+
+def _parse_studio(path: Path, document: Mapping[str, Any]) -> dict[str, Any]:
+    """Translate the JSON of mmWave Studio to the keys of :class:`ChirpConfig`."""
+    try:
+        (device,) = document["mmWaveDevices"]
+        rf, data = device["rfConfig"], device.get("rawDataCaptureConfig", {}).get("rlDevDataFmtCfg_t", {})
+        frame, channels = rf["rlFrameCfg_t"], rf["rlChanCfg_t"]
+        profiles = [one["rlProfileCfg_t"] for one in rf["rlProfiles"]]
+        chirps = [one["rlChirpCfg_t"] for one in rf["rlChirps"]]
+        commands: Commands = {
+            "profileCfg": [(n, [float(one[key]) if key else 0.0 for key in PROFILE]) for n, one in enumerate(profiles)],
+            "chirpCfg": [(n, [float(one.get(key, 0)) for key in CHIRP]) for n, one in enumerate(chirps)],
+        }
+        first, last = int(frame["chirpStartIdx"]), int(frame["chirpEndIdx"])
+        profile = _find_profile(path, commands, first, last)
+        mask = int(str(channels["rxChannelEn"]), 0)
+        table = _make_table(
+            profile,
+            first,
+            last,
+            int(rf["rlAdcOutCfg_t"]["fmt"]["b2AdcOutFmt"]),
+            mask,
+            [frame["numLoops"], frame["numFrames"], frame["framePeriodicity_msec"]],
+        )
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise RecordingError(f"{path}: lacks settings of mmWave Studio, or has several devices: {error!r}") from None
+    setup = path.with_name(path.name.removesuffix(STUDIO) + ".setup.json")
+    text = setup.read_text(encoding="utf-8", errors="replace")[:MAX_CONFIG_BYTES] if setup.is_file() else ""
+    named = re.search(r"[xai]wr_?(\d{4})", text, re.IGNORECASE)
+    if named is not None:
+        table["device"] = next((one for one in DEVICES if one in (f"xwr{named[1]}", f"xwr{named[1][:2]}xx")), "")
+    return {**table, "q_first": data.get("iqSwapSel", 0) == 1}
+
+
+PROFILE = (
+    "profileId",
+    "startFreqConst_GHz",
+    "idleTimeConst_usec",
+    "adcStartTimeConst_usec",
+    "rampEndTime_usec",
+    "",
+    "",
+    "freqSlopeConst_MHz_usec",
+    "",
+    "numAdcSamples",
+    "digOutSampleRate",
+)
+CHIRP = (
+    "chirpStartIdx",
+    "chirpEndIdx",
+    "profileId",
+    "startFreqVar_MHz",
+    "freqSlopeVar_KHz_usec",
+    "idleTimeVar_usec",
+    "adcStartTimeVar_usec",
+)
+"""Names of the JSON in the order of the values of profileCfg and chirpCfg."""
+
+
+def _make_table(
+    profile: list[float], first: int, last: int, output: int, mask: int, frame: list[float]
+) -> dict[str, Any]:
+    return {
+        "output": OUTPUTS[output],
+        "receivers": [bit for bit in range(4) if mask >> bit & 1],
+        "n_samples": profile[9],
+        "sample_rate_hz": profile[10] * 1e3,
+        "start_hz": profile[1] * 1e9,
+        "slope_hz_per_s": profile[7] * 1e12,
+        "idle_s": profile[2] * 1e-6,
+        "adc_start_s": profile[3] * 1e-6,
+        "ramp_s": profile[4] * 1e-6,
+        "chirps_per_loop": last - first + 1,
+        "loops": frame[0],
+        "frames": frame[1],
+        "frame_period_s": frame[2] * 1e-3,
+    }
 
 
 Commands = dict[str, list[tuple[int, list[float]]]]
@@ -206,6 +293,11 @@ def _find_profile(path: Path, commands: Commands, first: int, last: int) -> list
 
 def _parse_commands(path: Path, text: str) -> dict[str, Any]:
     """Translate TI's commands to the keys of :class:`ChirpConfig`."""
+    if re.search(r"^\s*chirpComnCfg\b", text, re.MULTILINE):
+        raise RecordingError(
+            f"{path}: settings of xWRL parts (chirpComnCfg, chirpTimingCfg) are not read: their port may reorder the "
+            "bits of samples. Write the settings as .toml with the keys of this reader and device = 'xwr64xx'"
+        )
     commands: Commands = {}
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split("%")[0].split()
@@ -240,20 +332,8 @@ def _parse_commands(path: Path, text: str) -> dict[str, Any]:
     device = platform[1].lower() if platform else ""
     return {
         **({"device": device} if device else {}),
-        "output": OUTPUTS[int(adc[1])],
         "q_first": _is_swapped(path, commands.get("adcbufCfg", [(0, [])])[0][1], device),
-        "receivers": [bit for bit in range(4) if mask >> bit & 1],
-        "n_samples": profile[9],
-        "sample_rate_hz": profile[10] * 1e3,
-        "start_hz": profile[1] * 1e9,
-        "slope_hz_per_s": profile[7] * 1e12,
-        "idle_s": profile[2] * 1e-6,
-        "adc_start_s": profile[3] * 1e-6,
-        "ramp_s": profile[4] * 1e-6,
-        "chirps_per_loop": last - first + 1,
-        "loops": frame[2],
-        "frames": frame[3],
-        "frame_period_s": frame[4] * 1e-3,
+        **_make_table(profile, first, last, int(adc[1]), mask, frame[2:5]),
     }
 
 
@@ -274,7 +354,7 @@ def sniff_dca1000(path: Path, head: bytes) -> bool:
     if config is None or config.stat().st_size > MAX_CONFIG_BYTES:
         return False
     content = config.read_bytes()
-    return b"profileCfg" in content or b"slope_hz_per_s" in content
+    return any(word in content for word in (b"profileCfg", b"slope_hz_per_s", b"rlProfileCfg_t", b"chirpComnCfg"))
 
 
 @plugin("radar_reader", "dca1000", sniff=sniff_dca1000, suffixes=(".bin",), by_name=(".bin",))
@@ -316,6 +396,7 @@ def read_dca1000(
     chosen = receivers if rx == "sum" else [receivers[0] if rx is None else int(rx)]
     n_frames = _count_frames(file, settings, chirps)
     samples = _read_samples(file, chirps, n_frames, chosen, chirp)
+    warn_of_jumps(file, samples, chirps.loops)
     pause_s = chirps.frame_period_s - chirps.loops * chirps.loop_s
     paused = chirps.loops > 1 and n_frames > 1 and pause_s > PAUSE * chirps.loop_s
     even_s = chirps.frame_period_s / chirps.loops
@@ -326,7 +407,7 @@ def read_dca1000(
         f"{'sum of receivers' if rx == 'sum' else 'receiver'} {', '.join(map(str, chosen))}; chirp {chirp} of "
         f"{chirps.chirps_per_loop}; {n_frames} frames of {chirps.loops}",
         f"levels: one step of the converter is taken as {VOLTS_PER_CODE:.4g} V",
-        "packets that the board lost are not detected: the file does not mark them",
+        "packets that the board lost are noticed only where complex samples of strong echoes break inside a chirp",
     ]
     return label_sweeps(
         file,
@@ -347,6 +428,45 @@ def read_dca1000(
     )
 
 
+JUMP_ROWS, JUMP_ORDER, JUMP_RATIO = 64, 4, 6.0
+"""Least number of chirps whose prediction errors are averaged, order of the prediction, and ratio that shows a jump."""
+
+
+def warn_of_jumps(file: Path, samples: npt.NDArray[Any], loops: int) -> None:
+    """Warn if chirps break inside: a lost packet shifts all samples that follow."""
+    # Within a chirp a sample follows from those before (linear prediction of a few beats); across the border of two
+    # chirps it does not. A border that wanders into the rows raises the error at its place above that of the first
+    # frames.
+    n_frames = -(-JUMP_ROWS // loops)
+    rows, width = n_frames * loops, samples.shape[1]
+    order = min(JUMP_ORDER, width // 4)
+    if not np.iscomplexobj(samples):  # the prediction of real beats is too rough for it: 7 of 60 were false alarms
+        return
+    profiles = []
+    for first in range(0, len(samples) - rows + 1, rows):
+        block = samples[first : first + rows].astype(np.complex128)
+        past = np.stack([block[:, order - 1 - k : width - 1 - k].ravel() for k in range(order)])
+        now = block[:, order:].ravel()
+        gram = past.conj() @ past.T
+        weights = np.linalg.lstsq(gram + 1e-9 * np.trace(gram) * np.eye(order), past.conj() @ now, rcond=None)[0]
+        error = (np.abs(now - weights @ past) ** 2).reshape(rows, -1).mean(axis=0)
+        profiles.append(error / max(float(np.median(error)), 1e-30))
+    if len(profiles) < 2:
+        return
+    ratios = np.array(profiles) / np.maximum(profiles[0], 1.0)
+    largest = ratios.max(axis=1)
+    # a border touches as many errors as the order; the beat of two strong echoes is wider
+    narrow = (ratios > largest[:, np.newaxis] / 2.0).sum(axis=1) <= 2 * order
+    marked, at = (largest > JUMP_RATIO) & narrow, ratios.argmax(axis=1)
+    stays = marked[1:] & marked[:-1] & (np.abs(np.diff(at)) <= order)  # the border stays until the next loss
+    jumps = np.flatnonzero(np.append(stays, False) | np.append(False, stays))
+    if jumps.size:
+        warn_caller(
+            f"{file}: chirps break inside in {jumps.size * n_frames} of {len(profiles) * n_frames} frames, noticed first in "
+            f"frame {jumps[0] * n_frames}: packets are lost, and times and ranges after that are wrong; record again"
+        )
+
+
 def _count_channels(chirps: ChirpConfig) -> int:
     """Count the receivers in the file, including disabled ones."""
     return 4 if chirps.device in FOUR_LANES else len(chirps.receivers)
@@ -362,13 +482,19 @@ def _count_frames(file: Path, settings: Path, chirps: ChirpConfig) -> int:
         f"{chirps.loops} loops of {chirps.chirps_per_loop} chirps, {_count_channels(chirps)} receivers and "
         f"{chirps.n_samples} {'real' if parts == 1 else 'complex'} samples, {frame_bytes:,} bytes"
     )
-    if rest or not count:
+    shortened = 0 < count < chirps.frames
+    if (rest and not shortened) or not count:
         raise RecordingError(
             f"{file}: has {size:,} bytes, which is {count} frames and {rest:,} bytes more; by {settings.name} a frame "
             f"has {frame}. The settings are of another recording, or the file is truncated: shorten it to "
             f"{count * frame_bytes:,} bytes"
         )
-    if chirps.frames and count != chirps.frames:
+    if chirps.frames and count < chirps.frames:
+        warn_caller(
+            f"{file}: holds {count} of the {chirps.frames} frames of {settings.name}: it was stopped early, or packets "
+            "are lost"
+        )
+    elif chirps.frames and count != chirps.frames:
         raise RecordingError(
             f"{file}: has {size:,} bytes, {count} frames; by {settings.name} it has {chirps.frames}, each of {frame}. "
             "Set the number of frames to 0 to read all frames of the file"
@@ -383,7 +509,9 @@ def _read_samples(
 ) -> npt.NDArray[np.complex64] | npt.NDArray[np.float32]:
     """Return the sorted samples of a file, shape (pulses, samples), V."""
     is_real, size, four = chirps.output == "real", chirps.n_samples, chirps.device in FOUR_LANES
-    numbers = np.memmap(file, dtype="<i2", mode="r").reshape(n_frames * chirps.loops, chirps.chirps_per_loop, -1)
+    parts = (1 if is_real else 2) * _count_channels(chirps) * size
+    shape = (n_frames * chirps.loops, chirps.chirps_per_loop, parts)
+    numbers = np.memmap(file, dtype="<i2", mode="r", shape=shape)
     out: npt.NDArray[Any] = np.zeros((numbers.shape[0], size), np.float32 if is_real else np.complex64)
     step = max(1, BLOCK // numbers.shape[2])
     for begin in range(0, len(out), step):
