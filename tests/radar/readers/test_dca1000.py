@@ -235,7 +235,7 @@ def test_the_settings_of_mmwave_studio_are_those_of_the_toml_file(tmp_path):
     ("lost", "frames", "zeros", "said"),
     [
         ((), 0, 0, None),
-        ((20_000,), 0, 0, r"chirps break inside in \d+ of \d+ frames, noticed first in frame 4"),
+        ((20_000,), 0, 0, r"chirps break inside in \d+ of \d+ frames, first seen in frame 4"),
         ((70_000, 90_000), 0, 0, r"chirps break inside"),
         ((), 40, 0, "holds 32 of the 40 frames of walk.toml"),
         ((), 0, 256, "the last 50 % of the pulses are exactly 0 .from pulse 256"),

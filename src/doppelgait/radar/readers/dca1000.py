@@ -462,8 +462,8 @@ def warn_of_jumps(file: Path, samples: npt.NDArray[Any], loops: int) -> None:
     jumps = np.flatnonzero(np.append(stays, False) | np.append(False, stays))
     if jumps.size:
         warn_caller(
-            f"{file}: chirps break inside in {jumps.size * n_frames} of {len(profiles) * n_frames} frames, noticed first in "
-            f"frame {jumps[0] * n_frames}: packets are lost, and times and ranges after that are wrong; record again"
+            f"{file}: chirps break inside in {jumps.size * n_frames} of {len(profiles) * n_frames} frames, first seen "
+            f"in frame {jumps[0] * n_frames}: packets are lost, and times and ranges after that are wrong; record again"
         )
 
 
