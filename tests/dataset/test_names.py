@@ -3,10 +3,8 @@
 import pytest
 
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
-from doppelgait.dataset.importing import ImportConfig
 from doppelgait.dataset.labels import find_recordings, list_recording_files
 from doppelgait.dataset.names import label_entries, read_names, relabel
-from doppelgait.dataset.splits import plan_entries
 
 
 def touch(folder, *names):
@@ -96,22 +94,6 @@ def test_labels_of_a_file_or_of_names(tmp_path):
     for labels, names in ((table, "glasgow"), (None, None)):
         with pytest.raises(ConfigError, match="set --labels, or set --names"):
             label_entries(tmp_path, labels, names, [], gate="track")
-
-
-def test_a_person_is_in_one_split_only(tmp_path):
-    # 12 people, each with all six activities in three repetitions
-    touch(tmp_path, *(f"{a}P{p:02d}A0{a}R0{r}.dat" for a in range(1, 7) for p in range(1, 13) for r in range(1, 4)))
-    planned = plan_entries(
-        read_names(tmp_path, "glasgow"), ImportConfig(split={"train": 0.5, "validation": 0.2, "test": 0.3}), "names"
-    )
-    assert len(planned) == 216
-    splits_of = {}
-    for one in planned:
-        assert one.subject == f"person/{one.entry.recording[2:4]}"
-        splits_of.setdefault(one.entry.recording[2:4], set()).add(one.split)
-    assert all(len(splits) == 1 for splits in splits_of.values())
-    assert sorted(map(len, splits_of.values())) == [1] * 12
-    assert {one.split for one in planned} == {"train", "validation", "test"}
 
 
 def test_settings_are_no_recordings(tmp_path):

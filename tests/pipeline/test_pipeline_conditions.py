@@ -8,7 +8,6 @@ import pytest
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning, RecordingError
 from doppelgait.core.rng import rng
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.finish import compute_dataset_id
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.motion import boulic_walk, fan
 from doppelgait.pipeline import analyze, parse_run, run_simulation, simulate
@@ -189,16 +188,6 @@ def test_wrong_plans_are_refused(changes, message):
         examples_of(PlanConfig.model_validate({**PLAN, **changes}))
 
 
-def test_a_preset_file_is_part_of_the_datasets_identity(tmp_path):
-    (tmp_path / "calibrated.toml").write_text(PRESET)
-    plan = PlanConfig.model_validate({**PLAN, "radar": {"preset": {"choice": ["calibrated.toml", "x4"]}}})
-    first = compute_dataset_id(plan, tmp_path)
-    kinds = {example.run.radar.prf_hz for example in examples_of(plan, folder=tmp_path)}
-    assert kinds == {500.0, 1000.0}
-    (tmp_path / "calibrated.toml").write_text(PRESET.replace("-20", "-21"))
-    assert compute_dataset_id(plan, tmp_path) != first
-
-
 @pytest.mark.parametrize(("noise", "kind"), [("thermal", "level"), ("none", "level"), ("thermal", "figure")])
 def test_the_recorded_noise_is_that_of_the_list(noise, kind):
     own = {"kind": "thermal_noise", **({"level_db": -60.0} if kind == "level" else {"noise_figure_db": 16.0})}
@@ -232,14 +221,6 @@ def test_a_target_that_walks_through_a_wall_is_told():
     wall = {"kind": "wall", "material": "concrete", "thickness_m": 0.2, "range_m": 5.0}
     with pytest.warns(DoppelgaitWarning, match=r"wall at 5.0 m: a scatterer crosses the wall"):
         run(environment=[wall])
-
-
-def test_a_fixed_gate_is_cut_to_the_frame_and_refused_beside_it():
-    made = run_simulation(parse_run(SCENE))
-    (whole,), (wider,) = analyze(made, gate=(0.0, 9.6)), analyze(made, gate=(-3.0, 30.0))
-    assert wider.features.torso_velocity_mps == pytest.approx(whole.features.torso_velocity_mps, abs=1e-3)
-    with pytest.raises(AnalysisError, match=r"outside the recorded frame, -0.03 to 9.64 m"):
-        analyze(made, gate=(12.0, 14.0))
 
 
 @pytest.fixture(scope="module")

@@ -1,28 +1,16 @@
-"""The twelve closed-form tests of docs/theory.md, and a lone scatterer against the radar equation."""
+"""Closed-form tests of docs/theory.md from scene to feature, by their numbers there."""
 
 import numpy as np
 import pytest
 
 import literal
-from doppelgait.core.labels import BASEBAND, SIGNATURE, make_array
+from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import Streams
-from doppelgait.features import estimate_gait_frequency, harmonic_ratio, limb_torso_ratio
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.retime import resample, scale_to_height
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.processing import (
-    Analysis,
-    Gate,
-    cadence_map,
-    cadence_spectrum,
-    detrend,
-    detrend_order,
-    normalise,
-    observation_s,
-    range_doppler,
-    signature,
-)
+from doppelgait.processing import Analysis, Gate, range_doppler, signature
 from doppelgait.radar import Radar, Recording, add_noise, noise_power_v2, received_power_w, synthesise, synthesise_rf
 from doppelgait.scene import Scene, Target
 from echo_table import range_table
@@ -66,9 +54,6 @@ def relative_errors(found, wanted):
     return {key: abs(found[key] / wanted[key] - 1) for key in wanted}
 
 
-# --- A lone scatterer ---------------------------------------------------------------------------------------------
-
-
 def test_mean_power_of_many_scatterers_is_that_of_their_total_rcs_e08():
     radar = Radar.preset("x4", pulse_sigma_s=1e-9)
     rng = np.random.default_rng(0)
@@ -78,9 +63,6 @@ def test_mean_power_of_many_scatterers_is_that_of_their_total_rcs_e08():
     power_w = np.abs(y) ** 2 / 100 / 10
     assert power_w.mean() == pytest.approx(received_power_w(radar, range_m=at_m, rcs_m2=0.8), rel=0.03)
     assert power_w.std() / power_w.mean() == pytest.approx(1.0, abs=0.04)  # Swerling 1
-
-
-# --- The twelve ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -157,67 +139,6 @@ def test_07_rf_path_equals_the_direct_baseband_model(preset):
     assert 20 * np.log10(error) < -80
 
 
-def two_row_signature(harmonics=(), frequency_hz=1.9, seconds=4.0, rate_hz=100.0):
-    """mu with 1 + cos in one row and 1 - cos in another; harmonics as amplitudes of h = 2, 3."""
-    t = 0.05 + np.arange(round(seconds * rate_hz)) / rate_hz
-    wave = np.cos(2 * np.pi * frequency_hz * t)
-    for h, amplitude in enumerate(harmonics, start=2):
-        wave = wave + amplitude * np.cos(2 * np.pi * h * frequency_hz * t)
-    values = np.zeros((t.size, 16))
-    values[:, 9], values[:, 12] = 1 + wave, 1 - wave
-    doppler_hz = (np.arange(16) - 8) * PRF_HZ / 16
-    coords = {
-        "time": t,
-        "doppler": doppler_hz,
-        "velocity": ("doppler", doppler_hz * WAVELENGTH_M / 2),
-        "centre_range": ("time", np.full(t.size, 5.0)),
-    }
-    return make_array(SIGNATURE, values, coords, {"n_gate_bins": 1})
-
-
-def cadence_of(mu):
-    normalised = normalise(mu, 0.0)
-    rows = detrend(normalised, order=detrend_order(observation_s(mu)))
-    step_doppler = cadence_map(rows)
-    return normalised, rows, step_doppler, cadence_spectrum(step_doppler)
-
-
-def test_08_synthetic_signature_gives_its_frequency_and_ratio():
-    mu = two_row_signature()
-    normalised, rows, step_doppler, _spectrum = cadence_of(mu)
-    assert detrend_order(observation_s(mu)) == 5
-    # a record of 4 s is tapered (E-30): the side lobes of a Hann taper are below -31 dB, of a rectangle -13 dB
-    cadence_hz = step_doppler.coords["cadence"].values
-    row = step_doppler.values[:, 9]
-    assert row[cadence_hz > 2.6].max() < 10 ** (-31 / 20) * row.max()
-    assert cadence_map(rows, tapered=False).values[cadence_hz > 2.6, 9].max() > 2 * 10 ** (-31 / 20) * row.max()
-    gait = estimate_gait_frequency(normalised, mu, 0.0, velocity_mps=1.0)
-    assert gait.frequency_hz == pytest.approx(1.9, rel=0.01)
-    assert gait.periodicity > 0.95
-    assert gait.n_periods == pytest.approx(7.6, rel=0.01)
-    occupied = mu.values.mean(axis=0) > 0
-    ratio = limb_torso_ratio(step_doppler, normalised.values.mean(axis=0), gait.frequency_hz, occupied)
-    assert ratio.amplitude_ratio == pytest.approx(1.0, abs=0.02)
-    # energy form: sqrt(4 * 2 rows * 0.25^2 / (2 rows * 0.5^2)) = 1
-    assert ratio.ratio == pytest.approx(1.0, abs=0.02)
-
-
-def test_08b_harmonics_are_found_at_two_and_three_times_the_frequency():
-    mu = two_row_signature(harmonics=(0.4, 0.3))
-    normalised, _, _, spectrum = cadence_of(mu)
-    frequency_hz = estimate_gait_frequency(normalised, mu, 0.0, velocity_mps=1.0).frequency_hz
-    assert frequency_hz == pytest.approx(1.9, rel=0.01)
-    assert harmonic_ratio(spectrum, frequency_hz, 2) == pytest.approx(2, rel=0.01)
-    assert harmonic_ratio(spectrum, frequency_hz, 3) == pytest.approx(3, rel=0.01)
-
-
-def test_08c_modulation_common_to_all_rows_is_removed_by_the_column_sum():
-    mu = two_row_signature()
-    common = mu.copy(data=(1.5 + np.cos(2 * np.pi * 1.9 * mu.coords["time"].values))[:, None] + 0 * mu.values)
-    _, _, step_doppler, _ = cadence_of(common)
-    assert step_doppler.values.max() < 1e-12
-
-
 @pytest.fixture(scope="module")
 def walker():
     return boulic_walk(speed_mps=1.3, height_m=1.8, duration_s=4.0)
@@ -279,24 +200,6 @@ def test_10_height_factor_two_thirds_in_the_three_modes(mode, speed, frequency, 
     assert scaled.facts.gait_frequency_hz == pytest.approx(2.0 * frequency)
     assert scaled.facts.stride_frequency_hz == pytest.approx(frequency)
     assert scaled.facts.height_m == 1.2
-
-
-@pytest.mark.parametrize("snr_db", [np.inf, 30.0])
-def test_11_the_same_trajectory_backwards_in_time(walker, snr_db):
-    radar = Radar.preset("x4")
-    backwards = walker.with_positions(walker.position_m[::-1])
-
-    def analysed(motion, aspect_deg, seed):
-        scene = Scene([Target(motion, aspect_deg=aspect_deg)])
-        return analyze(simulate(scene, radar, rng=Streams(seed), snr_db=snr_db), gate="truth")[0]
-
-    forth, back = analysed(walker, 0.0, 1), analysed(backwards, 180.0, 2)
-    assert forth.features.torso_velocity_mps > 1.0
-    assert back.features.torso_velocity_mps == pytest.approx(-forth.features.torso_velocity_mps, rel=0.01)
-    assert back.gait_frequency_hz == pytest.approx(forth.gait_frequency_hz, rel=0.03)
-    for name in ("doppler_bandwidth_hz", "step_length_m", "limb_torso_ratio"):
-        assert getattr(back.features, name) == pytest.approx(getattr(forth.features, name), rel=0.03), name
-    assert back.features.step_length_m > 0  # E-36
 
 
 class Untouchable:

@@ -9,11 +9,6 @@ C_MPS = 299_792_458.0
 Z0_OHM = 50.0
 
 
-def received_power_w(*, pt_w, gt, gr, wavelength_m, rcs_m2, range_m):
-    """E-14."""
-    return pt_w * gt * gr * wavelength_m**2 * rcs_m2 / ((4 * np.pi) ** 3 * range_m**4)
-
-
 def pulse(time_s, sigma_s):
     """E-11."""
     return np.exp(-(time_s**2) / (2 * sigma_s**2))
@@ -120,12 +115,3 @@ def cadence_map(rows, weights, n_fft, n_kept):
         for k in range(rows.shape[1]):
             d[q, k] = abs(np.sum(weights * rows[:, k] * np.exp(-2j * np.pi * q * j / n_fft))) / np.sum(weights)
     return d
-
-
-def square_difference(rows, lag):
-    """E-33 step 2: n(tau) at one lag in columns."""
-    top = bottom = 0.0
-    for j in range(rows.shape[0] - lag):
-        top += 2 * np.sum(rows[j] * rows[j + lag])
-        bottom += np.sum(rows[j] ** 2 + rows[j + lag] ** 2)
-    return top / bottom
