@@ -22,8 +22,7 @@ from doppelgait.classify.model import Calibration, Model, blocked_rows, conditio
 from doppelgait.classify.scores import balanced_accuracy, bin_reliability, expected_calibration_error
 from doppelgait.core.errors import DatasetError
 
-COUNTS = (0, 1, 2, 5, 10, 20)
-"""Numbers of recordings per class in the curve of :func:`score_adaptation`."""
+COUNTS = (0, 1, 2, 5, 10, 20)  # numbers of recordings per class in the curve of score_adaptation
 REPEATS = 50
 SLOPE_SD, SHIFT_SD = 0.5, 2.0
 """Assumed prior standard deviations of the logarithm of the slope and of the shift: a slope is within a factor of 1.6,

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from doppelgait.classify.decide import read_training_analysis
@@ -27,13 +26,13 @@ from doppelgait.classify.timeline import TrackDecision, Tracks, analyze_window, 
 from doppelgait.core.config import FrozenModel, read_toml, validate
 from doppelgait.core.draws import resolve
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.core.units import FloatArray
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.run import Run, parse_run
 
 BUILT_IN = Path(__file__).with_name("home-alarm-day.toml")
 THRESHOLDS = (0.5, 0.8, 0.9, 0.95, 0.99)
 """Alarm thresholds that are scored in addition to that of the model."""
-FloatArray = npt.NDArray[np.float64]
 
 
 class EpisodeSection(FrozenModel):

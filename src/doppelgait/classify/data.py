@@ -37,8 +37,7 @@ ENVELOPE_WIDTH = "extended_doppler_bandwidth_envelope_mps"
 """Models use Doppler bandwidths as radial velocities, independent of the carrier."""
 
 
-ALARM_CLASS = "human"
-"""Class of the alarm by default."""
+ALARM_CLASS = "human"  # class of the alarm by default
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from doppelgait.classify.scores import auc, weight_groups
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.core.units import power_to_db
+from doppelgait.core.units import FloatArray, power_to_db
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.resolve import resolve_example
 from doppelgait.pipeline import parse_run, run_simulation
@@ -26,15 +26,12 @@ from doppelgait.radar.fit.measure import compute_windowed_power
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 
-FloatArray = npt.NDArray[np.float64]
 Statistics = dict[str, float]
 
 WINDOW = 32
 """Number of pulses in a window of a continuous recording; in a burst recording each burst is a window."""
-BANDS = 8
-"""Number of Doppler bands of a window, from the minimum to the maximum frequency."""
-MOST_WINDOWS = 60
-"""Maximum number of windows of a recording, evenly spread."""
+BANDS = 8  # number of Doppler bands of a window, from the minimum to the maximum frequency
+MOST_WINDOWS = 60  # maximum number of windows of a recording, evenly spread
 FOLDS = 5
 FEW = 4
 """Number of recordings of a kind below which parts of recordings are held out instead of whole recordings."""

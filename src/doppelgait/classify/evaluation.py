@@ -52,8 +52,7 @@ from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.open import Dataset
 
-UNLABELLED = "unlabelled"
-"""Label of the user's recordings with unknown content."""
+UNLABELLED = "unlabelled"  # label of the user's recordings with unknown content
 
 
 def make_document(

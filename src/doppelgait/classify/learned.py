@@ -261,5 +261,4 @@ class Novelty:
 
 
 Learned = Constant | Linear | Kernel | Trees | Network | Ensemble
-Columns = Linear | Kernel | Novelty
-"""Models of standardised columns."""
+Columns = Linear | Kernel | Novelty  # models of standardised columns

@@ -37,15 +37,13 @@ from doppelgait.radar import Radar, Recording
 from doppelgait.radar.recording import make_baseband_facts
 from doppelgait.radar.slow_time import MAX_HOLE_PULSES, MAX_HOLE_S
 
-POLL_S = 0.1
-"""Interval, s, at which the other thread is checked."""
+POLL_S = 0.1  # interval, s, at which the other thread is checked
 LATE_S = 1.0
 """Maximum delay, s, of a frame that counts as out of order; at a larger delay the source's clock has jumped."""
 FOLLOWED = 0.05
 """Gain of the time tracking: fraction of a frame's time deviation that corrects the next expected time. The clocks of
 radar and receiver differ by 1e-4, and jitter is less than half a frame."""
-MANY = 0.2
-"""Share of frames of the first window with the wrong rate at which a warning is issued."""
+MANY = 0.2  # share of frames of the first window with the wrong rate at which a warning is issued
 
 
 @dataclass
@@ -66,8 +64,7 @@ class LiveCounts:
         return asdict(self)
 
 
-RECEIVED, FILLED, ABSENT = 0, 1, 2
-"""Origins of a row: a frame, a short gap, a pause."""
+RECEIVED, FILLED, ABSENT = 0, 1, 2  # origins of a row: a frame, a short gap, a pause
 
 
 class _Ring:

@@ -30,8 +30,7 @@ from doppelgait.core.notebook import show_html, show_text
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.dataset.learning import balanced_weights
 
-LEAST_ROWS = 5
-"""Minimum number of rows of every class for a calibration."""
+LEAST_ROWS = 5  # minimum number of rows of every class for a calibration
 STEEPEST = 20.0
 
 
@@ -198,10 +197,8 @@ BLOCKING = (
     "*:columns_do_not_overlap",
 )
 """Flags that prevent a decision, * for anything: no target, no gait or direction, an echo, no body, too few columns."""
-OUTSIDE = 0.25
-"""A feature may lie outside the training range by this share of its span."""
-RARELY = 0.01
-"""Share of unknown training values below which a feature must be known."""
+OUTSIDE = 0.25  # a feature may lie outside the training range by this share of its span
+RARELY = 0.01  # share of unknown training values below which a feature must be known
 
 
 class Facts(FrozenModel):

@@ -35,15 +35,11 @@ MODEL = FileKind("doppelgait-model", 3, "a model of doppelgait", DatasetError)
 """Versions of the format. 2: linear models have floors of logarithms; support vector machines exist. 3: ensembles
 exist."""
 SUFFIX = ".npz"
-MAX_BYTES = 256_000_000
-"""Maximum size of all arrays together; models of doppelgait are far smaller."""
+MAX_BYTES = 256_000_000  # maximum size of all arrays together; models of doppelgait are far smaller
 MOST_MEMBERS = 64
-SHOWN = 300
-"""Maximum number of characters of a reason in an error."""
-LARGEST = 1e30
-"""Maximum absolute value of the numbers of a model, except thresholds of trees."""
-LARGEST_SCORE = 1e37
-"""Maximum absolute value of the numbers of a network, in single precision."""
+SHOWN = 300  # maximum number of characters of a reason in an error
+LARGEST = 1e30  # maximum absolute value of the numbers of a model, except thresholds of trees
+LARGEST_SCORE = 1e37  # maximum absolute value of the numbers of a network, in single precision
 KINDS: dict[str, type[Any]] = {"constant": Constant, "linear": Linear, "kernel": Kernel, "trees": Trees}
 FEATURES = {SPEED, WIDTH, ENVELOPE_WIDTH, "gait_frequency_hz", *FEATURE_UNITS} - {VELOCITY, BANDWIDTH}
 """Features of an analysis, in addition to the registered extended features."""

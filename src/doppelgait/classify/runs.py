@@ -32,8 +32,7 @@ from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.dataset.splits import list_names, parse_source
 
-SHUFFLES = 5
-"""Shuffles of a feature for its importance."""
+SHUFFLES = 5  # shuffles of a feature for its importance
 LEAST_PROBABILITY = 1e-12
 
 

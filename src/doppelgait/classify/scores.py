@@ -22,8 +22,7 @@ Bools = npt.NDArray[np.bool_]
 
 LEVEL = 0.95
 REPLICATES = 2000
-FEW_GROUPS = 20
-"""Number of targets in a class below which the interval is exact."""
+FEW_GROUPS = 20  # number of targets in a class below which the interval is exact
 CALIBRATION_BINS = 15
 
 
@@ -170,8 +169,7 @@ def expected_calibration_error(bins: list[dict[str, float]]) -> float:
 
 
 DETECTED_SHARE = 0.95
-MOST_POINTS = 200
-"""Maximum number of stored points of a ROC curve."""
+MOST_POINTS = 200  # maximum number of stored points of a ROC curve
 MOST_BINS = 12
 NOT_ALL = "not all classes are tested"
 """Entry instead of an interval if only recalls exist, but no balanced accuracy."""

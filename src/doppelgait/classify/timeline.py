@@ -29,32 +29,28 @@ from pathlib import Path as FilePath
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.classify.decide import Decision, TargetInputs, choose_model, decide, read_training_analysis
 from doppelgait.classify.model import Model
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.units import FloatArray
 from doppelgait.dataset.recorded import TOLERANCE, cut
 from doppelgait.pipeline import Result, Tracking, analyze
 from doppelgait.processing import Analysis
 from doppelgait.radar import Recording, read_recording
 
-FloatArray = npt.NDArray[np.float64]
-
 CHANGE_PER_S = 0.02
 """Rate at which the class of a track changes. For two classes, evidence has a tenth of its weight after one minute."""
 LINK_M, LINK_GROWS_MPS = 0.6, 0.4
 """Maximum distance at which a target continues a path, and its growth with the time without a detection."""
-LINK_MPS = 1.5
-"""Largest jump of the radial speed across a gap."""
+LINK_MPS = 1.5  # largest jump of the radial speed across a gap
 COAST_S, LOST_S = 2.0, 6.0
 """Time for which a path is extrapolated (as long as two bodies share a detection), and time after which it is lost."""
 LEAST_COMMON_S, STEP_S = 0.3, 0.1
 WINDOW_OBSERVATIONS = 1.5
 """Default window length as a multiple of the shortest training observation, because a track does not fill its
 window."""
-UNCALIBRATED = 10
-"""Assumed number of calibration rows of uncalibrated probabilities."""
+UNCALIBRATED = 10  # assumed number of calibration rows of uncalibrated probabilities
 TIMES = (
     "start_s",
     "stop_s",

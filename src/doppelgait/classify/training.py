@@ -57,8 +57,7 @@ BUILT_IN = (
 )
 MEMBERS = ("extended-logistic", "extended-boosting", "signature-network")
 """Models that the ensemble averages: straight boundaries, boxes, and pictures."""
-DEFAULT = ("six-logistic", *MEMBERS, "ensemble")
-"""Models that are trained where none is named."""
+DEFAULT = ("six-logistic", *MEMBERS, "ensemble")  # models that are trained where none is named
 BASELINES = ("chance", "nuisance", "speed")
 """Reported with every score: the most frequent class, the nuisance parameters alone, and the speed alone."""
 
@@ -92,8 +91,7 @@ of 6 x 7 pairs, 0.03 to 3 and 0.3 to 1000, when four datasets of models were cro
 SVM_MOST_ROWS = 20_000
 """Measured: training takes 3 s with 10 000 rows of two classes and 20 s with 20 000, on one busy core."""
 
-LEVELS = 500
-"""Maximum number of stored quantiles of the held-out distances."""
+LEVELS = 500  # maximum number of stored quantiles of the held-out distances
 SHRINKAGE = 0.05
 """Share of the identity in the covariance of the standardised columns, assumed: a column without spread in training
 counts as one with a fifth of the usual spread."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from tomllib import TOMLDecodeError
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeVar, get_args
@@ -53,8 +53,7 @@ class FrozenModel(BaseModel, metaclass=_Checked):
     Unknown keys, NaN, infinity and text in place of a number are refused.
     """
 
-    POSITIONAL: ClassVar[tuple[str, ...]] = ()
-    """Fields that Python code may pass by position."""
+    POSITIONAL: ClassVar[tuple[str, ...]] = ()  # fields that Python code may pass by position
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
@@ -82,18 +81,10 @@ class FrozenModel(BaseModel, metaclass=_Checked):
         except ValidationError as error:
             raise _make_error(f"{cls.__name__}: ", _find_faults(error, cls, None)) from None
 
-    def __setattr__(self, name: str, value: Any) -> None:
-        self._refuse_change(name, lambda: super(FrozenModel, self).__setattr__(name, value))
+    def __setattr__(self, name: str, value: Any = None) -> None:
+        raise ConfigError(f"{type(self).__name__}.{name}: is frozen; make a changed copy with .replace({name}=...)")
 
-    def __delattr__(self, name: str) -> None:
-        self._refuse_change(name, lambda: super(FrozenModel, self).__delattr__(name))
-
-    def _refuse_change(self, name: str, change: Callable[[], None]) -> None:
-        try:
-            change()
-        except ValidationError:
-            kind = type(self).__name__
-            raise ConfigError(f"{kind}.{name}: is frozen; make a changed copy with .replace({name}=...)") from None
+    __delattr__ = __setattr__
 
     @field_validator("*", mode="before")
     @classmethod
@@ -136,8 +127,7 @@ class Fault(NamedTuple):
     """One fault of a table."""
 
     location: tuple[str | int, ...]
-    value: str
-    """The refused value; empty if the message does not need it."""
+    value: str  # the refused value; empty if the message does not need it
     message: str
 
 
@@ -227,7 +217,7 @@ def reword_fault(message: str) -> str:
     return message
 
 
-_NAMED_KEY = re.compile(r"(\w+(?:\.\w+)*): ")
+_NAMED_KEY = re.compile(r"(\w+(?:\.\w+)*): ")  # pattern of a key at the start of a message
 """Pattern of a key at the start of a message."""
 
 

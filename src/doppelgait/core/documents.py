@@ -29,8 +29,7 @@ CELL_BYTES = 72
 """Bytes that a number of a text file takes as a Python string in a list and as a double."""
 MAX_DEPTH = 64
 """Maximum nesting depth of lists and tables. Files of doppelgait have 10 levels at most."""
-MAX_DIGITS = 40
-"""Maximum number of digits of an integer. Seeds have up to 128 bits."""
+MAX_DIGITS = 40  # maximum number of digits of an integer. Seeds have up to 128 bits.
 _LONG_KEY = re.compile(rf"""(?<![\w"'.-])(?:[\w"'-]+\s*\.\s*){{{MAX_DEPTH}}}""")
 """Pattern of a long dotted TOML key. The parsing time grows with the cube of its number of parts."""
 _HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
@@ -87,18 +86,12 @@ def _check_depth(value: Any, *, integers: bool = False) -> None:
     """Refuse deep nesting and, optionally, long integers."""
     level = [value]
     for _ in range(MAX_DEPTH + 1):
-        inside = [one for one in level if type(one) in (dict, list)]
-        if integers and any(type(one) is int and abs(one) >= 10**MAX_DIGITS for one in level):
+        if integers and any(type(item) is int and abs(item) >= 10**MAX_DIGITS for item in level):
             raise ValueError(_TOO_LONG)
+        inside = [item for item in level if type(item) in (dict, list)]
         if not inside:
             return
-        kinds = None if integers else (dict, list)  # in JSON, only these nest
-        level = [
-            item
-            for one in inside
-            for item in (one.values() if type(one) is dict else one)
-            if kinds is None or type(item) in kinds
-        ]
+        level = [item for outer in inside for item in (outer.values() if type(outer) is dict else outer)]
     raise ValueError(_TOO_DEEP)
 
 

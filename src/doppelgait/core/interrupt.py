@@ -16,21 +16,16 @@ from contextlib import contextmanager
 from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-GRACE_SECONDS = 8.0
-"""Time that a command has to stop in order before it is terminated."""
+GRACE_SECONDS = 8.0  # time that a command has to stop in order before it is terminated
 
 
 class _StopRequest:
     """Flags of the signals to stop and of their handling."""
 
-    requested = False
-    """True if a signal has arrived in the current block of :func:`stop_in_order`."""
-    active = False
-    """True inside a block of :func:`stop_in_order`."""
-    came = False
-    """True if a signal has arrived at any time."""
-    watched = False
-    """True if :func:`restore_signals` has installed its handlers in this process."""
+    requested = False  # true if a signal has arrived in the current block of stop_in_order
+    active = False  # true inside a block of stop_in_order
+    came = False  # true if a signal has arrived at any time
+    watched = False  # true if restore_signals has installed its handlers in this process
 
 
 _mark = _StopRequest()

@@ -59,7 +59,7 @@ LIMITS = {
     "pattern": "matches `{}`",
 }
 """Text of Pydantic's constraints."""
-PARAMETER = re.compile(r"^([A-Za-z_][\w, ]*?)(?: : .*)?$")
+PARAMETER = re.compile(r"^([A-Za-z_][\w, ]*?)(?: : .*)?$((?:\n[ \t].*)*)", re.MULTILINE)
 
 
 class Key(NamedTuple):
@@ -103,13 +103,11 @@ def _kind(kind: Any) -> str:
         if origin is list or members[-1:] == [Ellipsis]:
             return f"list of {_kind(members[0])}"
         return f"{len(members)} × {_kind(members[0])}"
-    if origin is dict:
-        return "table"
     if hasattr(kind, "__metadata__"):
         return _kind(get_args(kind)[0])
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         return "table" if kind.__name__ == "FrozenModel" else f"table {kind.__name__}"
-    return KINDS.get(kind, getattr(kind, "__name__", str(kind)))
+    return KINDS.get(origin or kind, getattr(kind, "__name__", str(kind)))
 
 
 def _default(field: FieldInfo) -> str:
@@ -137,14 +135,9 @@ def _value(value: Any) -> str:
 
 
 def _limits(field: FieldInfo) -> str:
-    """Format the bounds of a number or list."""
-    found = []
-    for rule in field.metadata:
-        for name, words in LIMITS.items():
-            value = getattr(rule, name, None)
-            if value is not None:
-                found.append(words.format(f"{value:g}" if isinstance(value, float) else value))
-    return ", ".join(found)
+    rules = ((text, getattr(rule, name, None)) for rule in field.metadata for name, text in LIMITS.items())
+    limits = ((text, f"{value:g}" if isinstance(value, float) else value) for text, value in rules)
+    return ", ".join(text.format(value) for text, value in limits if value is not None)
 
 
 def parameter_words(model: type[BaseModel]) -> dict[str, str]:
@@ -176,15 +169,6 @@ def expand_docstring(model: type[BaseModel]) -> str | None:
 def _sections(docstring: str) -> Iterator[tuple[str, str]]:
     """Yield names and descriptions of a numpydoc section "Parameters"."""
     after = re.split(r"^Parameters\n-+\n", docstring, maxsplit=1, flags=re.MULTILINE)
-    if len(after) < 2:
-        return
-    names: list[str] = []
-    words: list[str] = []
-    section = re.split(r"^\w[\w ]*\n-+$", after[1], maxsplit=1, flags=re.MULTILINE)[0]
-    for line in [*section.split("\n"), ""]:
-        if line.startswith((" ", "\t")):
-            words.append(line.strip())
-            continue
-        yield from ((name, " ".join(words)) for name in names)
-        head = PARAMETER.match(line)
-        names, words = ([name.strip() for name in head.group(1).split(",")], []) if head else ([], [])
+    section = re.split(r"^\w[\w ]*\n-+$", after[-1], maxsplit=1, flags=re.MULTILINE)[0] if len(after) > 1 else ""
+    for names, text in PARAMETER.findall(section):
+        yield from ((name.strip(), " ".join(map(str.strip, text.strip().splitlines()))) for name in names.split(","))

@@ -354,7 +354,8 @@ def replace_array_values(array: xr.DataArray, values: Any) -> xr.DataArray:
     if values.shape != array.shape:
         raise ValueError(f"values of shape {values.shape} do not fit coordinates of shape {array.shape}")
     variable = label_values(array.dims, values, array.attrs)
-    coords = {name: _copy_coordinate(coordinate) for name, coordinate in array.coords.variables.items()}
+    # an index never changes, so that only other coordinates are copied
+    coords = {name: v.copy(deep=not isinstance(v, xr.IndexVariable)) for name, v in array.coords.variables.items()}
     return xr.DataArray(variable, coords, name=array.name, indexes=array.xindexes, fastpath=True)
 
 
@@ -373,14 +374,6 @@ def _list_indexes(coords: Mapping[Any, xr.Variable]) -> dict[Any, Any]:
     from xarray.indexes import PandasIndex
 
     return {name: PandasIndex(v._data.array, name) for name, v in coords.items() if isinstance(v, xr.IndexVariable)}
-
-
-def _copy_coordinate(coordinate: xr.Variable) -> xr.Variable:
-    """Copy a coordinate, so that the original stays unchanged; an index is immutable."""
-    if isinstance(coordinate, xr.IndexVariable):
-        dims, attrs = coordinate.dims, dict(coordinate.attrs)
-        return xr.IndexVariable(dims, coordinate._data, attrs, fastpath=True)  # type: ignore[no-untyped-call]
-    return label_values(coordinate.dims, np.array(coordinate.values), dict(coordinate.attrs))
 
 
 def label_axis(name: str, coordinate: Any) -> xr.Variable:

@@ -14,8 +14,7 @@ from typing import Any
 from doppelgait.core.plugins import DRAWING, Group
 
 DRAWINGS: Group[Any] = Group(DRAWING, ("doppelgait.viz.objects",), listed=False)
-PICTURE_IN = (5.2, 3.2)
-"""Width and height of the picture."""
+PICTURE_IN = (5.2, 3.2)  # width and height of the picture
 
 
 def plot(name: str, value: Any, *, ax: Any = None, **settings: Any) -> Any:

@@ -18,23 +18,12 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.documents import check_cost
+from doppelgait.core.own_hdf5 import DAMAGE
 
 NPY_MAGIC = b"\x93NUMPY"
 NUMBER_BYTES = 8
 """Minimum bytes counted per number, because readers convert smaller types to doubles or complex numbers."""
-_FAULTS = (
-    ValueError,
-    EOFError,
-    KeyError,
-    TypeError,
-    MemoryError,
-    OverflowError,
-    SyntaxError,
-    RuntimeError,
-    tokenize.TokenError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
+_FAULTS = (*DAMAGE, EOFError, SyntaxError, tokenize.TokenError, zipfile.BadZipFile, zlib.error)
 """Exceptions that NumPy and zipfile raise for damaged bytes."""
 
 Array = npt.NDArray[Any]
@@ -50,9 +39,7 @@ def load_npy(path: Path, error: Callable[[str], Exception]) -> Array:
     """Load the array of a ``.npy`` file. It raises the same errors as :func:`load_npz`."""
     try:
         with path.open("rb") as stream:
-            shape, fortran_order, dtype = _read_header(path, "the array", stream, error)
-            check_cost(path, math.prod(shape) * max(dtype.itemsize, NUMBER_BYTES), error)
-            return _read_values("the array", stream, path.stat().st_size, shape, fortran_order, dtype)
+            return _read_array(path, "the array", stream, path.stat().st_size, error)[0]
     except _FAULTS as fault:
         raise _describe_damage(path, fault, error) from None
 
@@ -70,20 +57,18 @@ def load_npz(
             found: dict[str, Array | None] = dict.fromkeys(members)
             n_bytes = 0
             for name in chosen:
-                with archive.open(members[name]) as stream:
-                    shape, fortran_order, dtype = _read_header(path, members[name].filename, stream, error)
-                    n_bytes += math.prod(shape) * max(dtype.itemsize, NUMBER_BYTES)
-                    check_cost(path, n_bytes, error)
-                    size = members[name].file_size
-                    found[name] = _read_values(members[name].filename, stream, size, shape, fortran_order, dtype)
+                member = members[name]
+                with archive.open(member) as stream:
+                    found[name], n_bytes = _read_array(path, member.filename, stream, member.file_size, error, n_bytes)
             return found
     except _FAULTS as fault:
         raise _describe_damage(path, fault, error) from None
 
 
-def _read_header(
-    path: Path, name: str, stream: IO[bytes], error: Callable[[str], Exception]
-) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+def _read_array(
+    path: Path, name: str, stream: IO[bytes], size: int, error: Callable[[str], Exception], cost_bytes: int = 0
+) -> tuple[Array, int]:
+    """Read an array; also return its memory and that of the arrays before it, ``cost_bytes``."""
     version = np.lib.format.read_magic(stream)
     if version not in ((1, 0), (2, 0)):
         raise ValueError(f"version {version[0]}.{version[1]} of the npy format")
@@ -93,12 +78,8 @@ def _read_header(
         raise error(f"{path}: {name} holds Python objects, which are never unpickled; save numbers")
     if min(shape, default=0) < 0:
         raise ValueError(f"{name} has the shape {shape}")
-    return shape, fortran_order, dtype
-
-
-def _read_values(
-    name: str, stream: IO[bytes], size: int, shape: tuple[int, ...], fortran_order: bool, dtype: np.dtype[Any]
-) -> Array:
+    cost_bytes += math.prod(shape) * max(dtype.itemsize, NUMBER_BYTES)
+    check_cost(path, cost_bytes, error)
     n_bytes = math.prod(shape) * dtype.itemsize
     if n_bytes > size:
         raise ValueError(f"{name} should hold {n_bytes} bytes, but the file has {size}")
@@ -109,7 +90,7 @@ def _read_values(
         raise ValueError(f"{name} holds more bytes than its header states")
     if dtype.kind == "U" and (np.frombuffer(content, dtype.byteorder + "u4") > sys.maxunicode).any():
         raise ValueError(f"{name} holds codes that are not characters")
-    return np.frombuffer(content, dtype).reshape(shape, order="F" if fortran_order else "C")
+    return np.frombuffer(content, dtype).reshape(shape, order="F" if fortran_order else "C"), cost_bytes
 
 
 def _describe_damage(path: Path, fault: BaseException, error: Callable[[str], Exception]) -> Exception:

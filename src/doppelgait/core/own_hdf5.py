@@ -20,24 +20,20 @@ from typing import Any, BinaryIO
 
 from doppelgait.core.documents import describe_excess_memory, limit_bytes
 
-SIGNATURE = b"\x89HDF\r\n\x1a\n"
-"""First bytes of an HDF5 file."""
+SIGNATURE = b"\x89HDF\r\n\x1a\n"  # first bytes of an HDF5 file
 USER_BLOCKS = (0, 512, 1024, 2048)
 """Allowed positions of the signature. MATLAB writes it at byte 512."""
 HEAP = b"GCOL\x01"
 """Signature and version of a heap of texts. The library ignores the three bytes after it."""
 HEAP_BYTES, OBJECT_BYTES = 16, 16
 """Bytes before the objects of a heap, and before the content of an object with the 8-byte lengths that h5py writes."""
-TEXT_BYTES = 4096
-"""Length assumed for each text of a long list, such as ids."""
+TEXT_BYTES = 4096  # length assumed for each text of a long list, such as ids
 CHUNK_BYTES = 6000
 """Memory that the library allocates for each chunk (measured). For small chunks it exceeds that of the values."""
-MAX_OBJECTS = 4_000_000
-"""Maximum number of objects in heaps that are followed."""
+MAX_OBJECTS = 4_000_000  # maximum number of objects in heaps that are followed
 FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}
 """Supported filters by number. A dataset may use each of them once."""
-INFLATES = 1040
-"""Maximum number of bytes that one byte of a deflate stream can decompress to."""
+INFLATES = 1040  # maximum number of bytes that one byte of a deflate stream can decompress to
 FLOATS = ("IEEE_F16LE", "IEEE_F32LE", "IEEE_F64LE", "IEEE_F16BE", "IEEE_F32BE", "IEEE_F64BE")
 """Names of the supported floating-point types."""
 TEXT_MARK = b"\x10\x00\x00\x00"
@@ -50,13 +46,11 @@ TEXT = re.compile(
     re.DOTALL,
 )
 """Pattern of a text attribute, from its size to the length that it declares."""
-TEXT_AFTER = 32
-"""Maximum number of bytes of a match after the mark."""
-READ_SIZE = 1 << 20
-"""Bytes read at once."""
+TEXT_AFTER = 32  # maximum number of bytes of a match after the mark
+READ_SIZE = 1 << 20  # bytes read at once
 
-FAULTS = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError, MemoryError)
-"""Exceptions that h5py raises for damaged bytes."""
+DAMAGE = (RuntimeError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError, MemoryError)
+FAULTS = (OSError, *DAMAGE)  # exceptions that h5py raises for damaged bytes
 
 
 def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = False, **options: Any) -> Any:

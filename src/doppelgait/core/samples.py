@@ -31,8 +31,7 @@ ROWS = 32
 
 LARGEST_SPARE_BYTES = 1 << 25
 """Maximum size of memory that a thread keeps for its next samples or table. Larger memory is released at once."""
-MAX_SPARE_BYTES = 1 << 26
-"""Maximum size of all memory that a thread keeps."""
+MAX_SPARE_BYTES = 1 << 26  # maximum size of all memory that a thread keeps
 Spare = list[tuple[int, npt.NDArray[np.uint8]]]
 _of_thread = threading.local()
 
@@ -62,8 +61,7 @@ def _return_memory(spare: Spare, size: int, memory: npt.NDArray[np.uint8]) -> No
         spare.append((size, memory))
 
 
-WHITE: Factor = np.ones(1, dtype=np.float32)
-"""Factor of white noise."""
+WHITE: Factor = np.ones(1, dtype=np.float32)  # factor of white noise
 
 
 class Noise(NamedTuple):
@@ -123,6 +121,12 @@ class Samples:
         made._stored = None
         return made
 
+    def _share(self) -> Samples:
+        """Return the same values in memory that the result does not own."""
+        shared = self._make(self.shape, self._matrix, self._planes, self._noise, False)
+        shared._stored = self._stored
+        return shared
+
     @classmethod
     def stored(cls, shape: tuple[int, int], rows: Rows) -> Samples:
         """Wrap samples that ``rows(first, stop)`` reads or computes on every access."""
@@ -165,7 +169,7 @@ class Samples:
         """Complex64 array, one row per pulse."""
         if self._stored is not None:
             return self._stored(0, self.shape[0])
-        noisy = self._add_noise()
+        noisy = self._share().add_pending_noise()
         if noisy._matrix is not None:
             return noisy._matrix
         assert noisy._planes is not None
@@ -180,7 +184,7 @@ class Samples:
     @property
     def planes(self) -> Planes:
         """Real and imaginary planes, float32, one row per sample."""
-        noisy = self if self._stored is not None else self._add_noise()
+        noisy = self if self._stored is not None else self._share().add_pending_noise()
         return noisy._planes if noisy._planes is not None else _split(noisy.matrix, slice(0, self.shape[1]))
 
     def read(self, spans: Spans, margin: int = 0) -> tuple[Planes, int]:
@@ -242,19 +246,14 @@ class Samples:
             self._noise = None
         return noisy
 
-    def _add_noise(self) -> Samples:
-        """Add pending noise in memory that the result owns."""
-        return self._make(self.shape, self._matrix, self._planes, self._noise, False).add_pending_noise()
+    def copy(self) -> Samples:
+        """Copy the samples."""
+        return self._share()._make_writable() if self._stored is None else self.add_pending_noise()
 
     def _make_writable(self, keep: bool = True) -> Samples:
         """Return samples that may be changed: these, a copy if ``keep``, or undefined ones."""
-        return self if self._owned else self._allocate(keep)
-
-    def copy(self) -> Samples:
-        """Copy the samples."""
-        return self._allocate(keep=True) if self._stored is None else self.add_pending_noise()
-
-    def _allocate(self, keep: bool) -> Samples:
+        if self._owned:
+            return self
         matrix = None if self._matrix is None else np.empty_like(self._matrix)
         planes = None if self._planes is None else borrow_planes(self._planes.shape)
         if keep and matrix is not None:
@@ -272,9 +271,7 @@ class Samples:
     def freeze(self) -> Samples:
         """Return the same values; a later change of either object is made in a copy."""
         self._owned = False
-        frozen = self._make(self.shape, self._matrix, self._planes, self._noise, False)
-        frozen._stored = self._stored
-        return frozen
+        return self._share()
 
     def quantise(self, step: float, lowest: float, highest: float, limit: float = math.inf) -> tuple[Samples, int]:
         """Round both parts to converter steps; also count the values above ``limit``."""
@@ -306,33 +303,31 @@ class Samples:
             return self._planes.reshape(-1, self._planes.shape[2]), self.shape[0]
         return self.matrix.view(np.float32), 2 * self.shape[1]
 
+    def _parts(self) -> tuple[Planes, Planes]:
+        """Return views of the in-phase and the quadrature parts, one row per sample."""
+        if self._planes is not None:
+            return self._planes[0], self._planes[1]
+        return self.matrix.real.T, self.matrix.imag.T
+
     def repeat(self, pulses: npt.NDArray[np.int64], sources: npt.NDArray[np.int64]) -> Samples:
         """Replace some pulses by copies of other pulses."""
         changed = self.add_pending_noise()._make_writable()
-        if changed._matrix is not None:
-            changed._matrix[pulses] = changed._matrix[sources]
-        elif changed._planes is not None:
-            changed._planes[:, :, pulses] = changed._planes[:, :, sources]
+        for values in changed._parts():
+            values[:, pulses] = values[:, sources]
         return changed
 
     def add_at(self, pulses: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], values: npt.ArrayLike) -> Samples:
         """Add values to samples, broadcast; every sample may occur only once."""
         changed, added = self.add_pending_noise()._make_writable(), np.asarray(values)
-        if changed._matrix is not None:
-            changed._matrix[pulses, columns] += added
-        elif changed._planes is not None:
-            changed._planes[0][columns, pulses] += added.real
-            changed._planes[1][columns, pulses] += added.imag
+        for values_of_part, added_to_part in zip(changed._parts(), (added.real, added.imag), strict=True):
+            values_of_part[columns, pulses] += added_to_part
         return changed
 
     def apply_imbalance(self, gain: float, phase_rad: float) -> Samples:
         """Make Re y + j gain Im(y e^(j phase)): gain and phase imbalance of the quadrature part."""
         changed = self.add_pending_noise()._make_writable()
         by_im, by_re = np.float32(gain * math.cos(phase_rad)), np.float32(gain * math.sin(phase_rad))
-        if changed._planes is not None:
-            re, im = changed._planes
-        else:
-            re, im = changed.matrix.real, changed.matrix.imag
+        re, im = changed._parts()
         im *= by_im
         for begin in range(0, re.shape[0], ROWS):
             im[begin : begin + ROWS] += by_re * re[begin : begin + ROWS]

@@ -47,8 +47,7 @@ def mark_workers() -> Iterator[None]:
 
 
 _limiting = threading.Lock()
-_limits: list[Any] = []
-"""The active limit, followed by one entry for each user."""
+_limits: list[Any] = []  # the active limit, followed by one entry for each user
 
 
 @contextmanager

@@ -11,18 +11,15 @@ import numpy.typing as npt
 
 from doppelgait._core import native
 from doppelgait.core.labels import SIGNATURE, Signal, measures_signal
-
-FloatArray = npt.NDArray[np.float64]
+from doppelgait.core.units import FloatArray
 
 POWER_QUANTILES = (0.01, 0.99)
 DETECTION_SIGMAS = 4.0
 WIDTH_LEVEL = 0.03
 """Level of the bandwidth as a share (-15 dB) of the body's power.
 Feet in full swing are above this level; the noise for a person at 5 m is below it."""
-WIDTH_SHARE = 0.05
-"""Share of the time for which a Doppler shift of the body must exceed the level."""
-LEAST_NOISE_SIGMAS = 1.0
-"""Lowest level of the bandwidth, in standard deviations of a noise cell."""
+WIDTH_SHARE = 0.05  # share of the time for which a Doppler shift of the body must exceed the level
+LEAST_NOISE_SIGMAS = 1.0  # lowest level of the bandwidth, in standard deviations of a noise cell
 
 
 def envelopes_hz(signature: Signal, floor_v2: float) -> tuple[FloatArray, FloatArray]:

@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import Group, Plugin
-
-FloatArray = npt.NDArray[np.float64]
+from doppelgait.core.units import FloatArray
 
 NEEDS = ("gait_frequency", "direction", "envelope", "line")
 """Requirements that a feature can have of an :class:`doppelgait.features.observed.Observation`."""

@@ -32,18 +32,15 @@ GRID_HZ: FloatArray = np.array([0.5 * 2.0 ** (step / 48.0) for step in range(193
 """Frequency grid: 0.5 to 8 Hz in steps of 1.45 %."""
 LOG_GRID: FloatArray = logarithm(GRID_HZ)
 SQUARE_LOG_GRID: FloatArray = LOG_GRID**2
-NEAR_STEPS = 3
-"""Number of grid steps (4.4 %) within which two frequencies are the same."""
+NEAR_STEPS = 3  # number of grid steps (4.4 %) within which two frequencies are the same
 NEAR = np.ones(2 * NEAR_STEPS + 1)
 LEAST_PERIODS = 1.1
-WHITENING = 0.7
-"""Coefficient of the first-order whitening filter at 40 columns per second."""
+WHITENING = 0.7  # coefficient of the first-order whitening filter at 40 columns per second
 WEAK_ROW = 1e-3
 """Power of a row relative to the strongest one below which it has no equal weight.
 Without noise such a row contains only rounding errors."""
 PADDING = 8
-SLOWEST_MPS = 0.25
-"""Lowest torso velocity from which the step length is estimated for the prior."""
+SLOWEST_MPS = 0.25  # lowest torso velocity from which the step length is estimated for the prior
 WEIGHTS: FloatArray = np.array(
     [
         [0, 0, 0, 10.5, 0, 12.5, 3.76, 0.0837, 0],
@@ -64,12 +61,10 @@ N_HARMONICS = 6
 HIGHEST_HARMONIC_HZ = 14.0
 LOWEST_HZ = 0.5
 SALIENT_HZ = 20.0
-SEARCH = 0.06
-"""Relative half width of the search for the exact frequency."""
+SEARCH = 0.06  # relative half width of the search for the exact frequency
 FINE_STEPS = 97
 NINE = np.arange(9.0)
-TOP = 6
-"""Number of steps on each side of the maximum for the fit of a parabola."""
+TOP = 6  # number of steps on each side of the maximum for the fit of a parabola
 WIDTH_DROP = 0.02
 
 

@@ -30,13 +30,11 @@ CAUCHY_TUNING = 2.385
 LEAST_SCALE_M = 1e-6
 OUTLIER_SD = 3.0
 
-RANGE_SD_M = 0.02
-"""Default error of a range: sway of the body relative to its path."""
+RANGE_SD_M = 0.02  # default error of a range: sway of the body relative to its path
 ACCELERATION_SD_MPS2, SPEED_SD_SHARE, ASPECT_SD_DEG = 0.01, 0.005, 0.7
 """Standard deviations of a steady walker's mean acceleration, speed and direction from constant velocity.
 They were chosen on simulated people, dogs and cats with other seeds than those of the tables."""
-STRAIGHT_LEVEL = 1e-3
-"""Probability of straight motion below which the path is not straight."""
+STRAIGHT_LEVEL = 1e-3  # probability of straight motion below which the path is not straight
 GREATEST_SPEED_SD_SHARE, GREATEST_ASPECT_SD_DEG = 0.1, 15.0
 """Largest standard deviations with which speed and aspect are reported."""
 GRID_SPEEDS, GRID_SD = 128, 5.0

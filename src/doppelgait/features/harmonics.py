@@ -10,13 +10,11 @@ import numpy.typing as npt
 
 from doppelgait._core import native
 from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, Signal, measures_signal
+from doppelgait.core.units import FloatArray
 from doppelgait.features.doppler import compute_quantile
 
-FloatArray = npt.NDArray[np.float64]
-
 SEARCH = 0.15
-MIN_SNR = 4.0
-"""Smallest ratio (6 dB) of a harmonic to the local median of the power spectrum."""
+MIN_SNR = 4.0  # smallest ratio (6 dB) of a harmonic to the local median of the power spectrum
 NEAR_SHARE, NEAR_HZ = 0.06, 0.25
 
 

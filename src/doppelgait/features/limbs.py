@@ -15,14 +15,12 @@ import numpy.typing as npt
 from doppelgait._core import native
 from doppelgait.core.labels import Signal, sampling_rate_hz
 from doppelgait.core.straight import make_orthonormal_basis
+from doppelgait.core.units import FloatArray
 from doppelgait.features.doppler import compute_quantile
-
-FloatArray = npt.NDArray[np.float64]
 
 TORSO_BAND_HZ = 40.0
 """Half width of the band around the main line in which the torso line is the centroid of the cells."""
-TORSO_SMOOTHING_S = 0.06
-"""Standard deviation of the Gaussian that smooths the torso line."""
+TORSO_SMOOTHING_S = 0.06  # standard deviation of the Gaussian that smooths the torso line
 TORSO_WIDTH_HZ = 30.0
 """Half width of the torso's band around the torso line; a single line has 14 Hz (E-35), swinging hips more."""
 COLUMN_RATE_HZ = 40.0

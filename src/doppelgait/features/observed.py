@@ -17,7 +17,7 @@ import numpy.typing as npt
 from doppelgait._core import native
 from doppelgait.core.labels import Signal, sampling_rate_hz
 from doppelgait.core.straight import make_orthonormal_basis
-from doppelgait.core.units import doppler_to_velocity_mps
+from doppelgait.core.units import FloatArray, doppler_to_velocity_mps
 from doppelgait.features.doppler import (
     WIDTH_SHARE,
     compute_quantile,
@@ -27,7 +27,7 @@ from doppelgait.features.doppler import (
     width_level_v2,
     width_of_bins,
 )
-from doppelgait.features.feature_set import Extraction, FloatArray, GaitFeatures
+from doppelgait.features.feature_set import Extraction, GaitFeatures
 from doppelgait.features.gait_frequency import GaitFrequency, estimate_gait_frequencies, measure_target_rhythms
 
 MIN_SNR_DB = 0.0
@@ -44,8 +44,7 @@ NEAR_REACH_MPS = 1.6
 CADENCE_HZ = (0.5, 20.0)
 MIN_PERIODS_OF_HALVES = 2.0
 """Fewest periods at which a component at f_mu / 2 can be distinguished from the removed polynomial."""
-SMOOTHED_OVER_S = 0.04
-"""Standard deviation of the Gaussian that smooths the torso line (E-33)."""
+SMOOTHED_OVER_S = 0.04  # standard deviation of the Gaussian that smooths the torso line (E-33)
 
 REASONS = {
     "signal": "no_signal",
@@ -56,8 +55,7 @@ REASONS = {
 }
 """Reason why a feature is None, by the requirement that is not met."""
 
-ORDERS = np.arange(1, 5)
-"""Multiples of f_mu / 2 that are the components of the torso's swing."""
+ORDERS = np.arange(1, 5)  # multiples of f_mu / 2 that are the components of the torso's swing
 
 
 class Envelopes(NamedTuple):

@@ -19,8 +19,7 @@ from doppelgait.core.units import decimal_logarithm, logarithm
 
 NUMBERS = ("lower_velocity_mps", "upper_velocity_mps", "power_v2", "spectral_entropy")
 """Columns of :func:`measure_columns`."""
-LOWER, UPPER = 0.125, 0.875
-"""Shares of the power of a frame below the two velocities."""
+LOWER, UPPER = 0.125, 0.875  # shares of the power of a frame below the two velocities
 
 
 @measures_signal(SIGNATURE)

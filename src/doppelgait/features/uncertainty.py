@@ -21,13 +21,13 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait._core import native
+from doppelgait.core.units import FloatArray
 from doppelgait.features.doppler import compute_quantile, width_of_bins
-from doppelgait.features.feature_set import Extraction, FloatArray
+from doppelgait.features.feature_set import Extraction
 from doppelgait.features.observed import Observation
 
 CAUCHY_TUNING = 2.385
-VELOCITY_BLOCK_S = 0.5
-"""Block length for targets without a gait frequency."""
+VELOCITY_BLOCK_S = 0.5  # block length for targets without a gait frequency
 VELOCITY_LEAST_MPS, VELOCITY_RIPPLE_SHARE = 0.006, 0.05
 FREQUENCY_FACTOR, FREQUENCY_LEAST_SHARE = 0.55, 0.0015
 """Factor from scatter to error, and smallest relative error; alternating uneven steps are no error of the mean."""
@@ -35,8 +35,7 @@ RATIO_FACTOR, RATIO_END_SHARE = 0.5, 0.05
 """Factor from scatter to error of rho, and effect of an incomplete period at the ends, relative to its share."""
 HARMONIC_FACTOR = 1.45
 MIN_BLOCKS = 3
-GROUPS = 8
-"""Number of groups of periods in the jackknife estimate for the bandwidth."""
+GROUPS = 8  # number of groups of periods in the jackknife estimate for the bandwidth
 HARMONICS = np.arange(1.0, 4.0)
 
 UNCERTAIN_SHARE = {

@@ -16,9 +16,9 @@ from doppelgait import processing
 from doppelgait.core.frames import Frames
 from doppelgait.core.labels import SIGNATURE, Signal
 from doppelgait.core.lazy import xr
+from doppelgait.core.units import FloatArray
 from doppelgait.features import Extraction, Observation, liland2018
 from doppelgait.features.extended import measure_extended
-from doppelgait.features.feature_set import FloatArray
 from doppelgait.features.ground_motion import GroundMotion, estimate_ground_motion
 from doppelgait.features.observed import share_extended, share_set_f
 from doppelgait.features.uncertainty import estimate_uncertainties, flag_uncertain_features

@@ -21,8 +21,7 @@ from doppelgait.processing import Analysis
 from doppelgait.processing.config import plan_transform
 from doppelgait.processing.patches import Levels, Patch, cut_pictures
 
-SAME = 1.01
-"""Maximum ratio of the limits of a condition that counts as one number."""
+SAME = 1.01  # maximum ratio of the limits of a condition that counts as one number
 
 
 @dataclass(frozen=True)

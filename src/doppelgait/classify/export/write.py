@@ -24,8 +24,7 @@ from doppelgait.core.files import check_out, complete_folder
 from doppelgait.processing.patches import Levels, Patch, levels_of
 
 FORMS = ("c", "numpy", "onnx")
-SCALE_EXAMPLES = 100
-"""Number of signatures that set the scales of integers."""
+SCALE_EXAMPLES = 100  # number of signatures that set the scales of integers
 Complex = npt.NDArray[np.complex64]
 
 SPEED_MPS, STRIDE_HZ, SWING, LIMBS = (0.4, 3.0), (0.6, 2.5), (0.3, 1.5), 4
