@@ -313,21 +313,18 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
     nearer, further = one.facts, other.facts
     step_hz, gait_hz = step_and_gait_frequency_hz(nearer.gait, 1.0 / period_s)
     licences = (nearer.licence, further.licence)
-    facts = {
-        "source": _join_marks(nearer.source, further.source),
-        "kind": nearer.kind,
-        "subject": _join_marks(nearer.subject, further.subject),
-        "licence": _join_marks(*licences, " AND ") if all(licences) else "",
-        "species": nearer.species,
-        "gait": nearer.gait,
-        "height_m": (1.0 - share) * nearer.height_m + share * (ratio * further.height_m),
-        "mass_kg": nearer.mass_kg,
-        "stride_frequency_hz": 1.0 / period_s,
-        "step_frequency_hz": step_hz,
-        "gait_frequency_hz": gait_hz,
-        "stride_from": nearer.stride_from,
-        "file_time_s": nearer.file_time_s,
-    }
+    facts = replace(
+        nearer,
+        source=_join_marks(nearer.source, further.source),
+        subject=_join_marks(nearer.subject, further.subject),
+        licence=_join_marks(*licences, " AND ") if all(licences) else "",
+        height_m=(1.0 - share) * nearer.height_m + share * (ratio * further.height_m),
+        stride_frequency_hz=1.0 / period_s,
+        step_frequency_hz=step_hz,
+        gait_frequency_hz=gait_hz,
+        footfalls={},
+        path=None,
+    )
     made = make_motion(mixed, rate_hz=one.rate_hz, markers=markers, parts=parts, facts=facts)
     restored = restore_lengths(mixed, pairs, wanted, weigh_feet(made), ridge=RIDGE, steps=STEPS)
     turned = _turn(restored, math.atan2(cycle.advance[1], cycle.advance[0]))
