@@ -26,42 +26,33 @@ MIN_CPI_PULSES = 5
 class Analysis(FrozenModel):
     """Analysis parameters; the defaults are those of datasets.
 
-    Parameters
-    ----------
-    method : {"standard", "liland2018"}
-        ``liland2018`` uses the choices of the report: zero padding at the ends, columns divided by
-        their maximum, the cadence spectrum's highest peak, gate span by class, sharp gate edges and
-        the Doppler gate from the truth. Parameters that contradict these choices are rejected. By
-        default ``hop`` is then 1 and ``doppler_bins`` M.
-    clutter : {"auto", "none", "mean", "median", "exponential", "mti"}
-        Removal of static clutter before the analysis (:func:`doppelgait.processing.remove_clutter`). ``auto`` is
-        ``median`` for tracking, which needs clutter removal, and ``none`` for any other gate.
-    clutter_time_s : float
-        Time constant of ``exponential``.
-    cpi_s : float
-        Coherent processing interval T_d.
-    window_steepness : float
-        sigma_w of the Gaussian window (E-23; labels of this form are the equations of docs/theory.md).
-    doppler_bins : int, optional
-        Transform length K; by default the smallest 2^a, 3 2^a or 5 2^a that is at least M.
-    hop : int, optional
-        Pulses from column to column of the signature; by default floor(T_d f_p / 12), which is lossless. A hop that
-        divides the default changes no feature (:func:`doppelgait.processing.decimate`).
-    gate_span_m : float
-        Range extent of the gate, the same for every class (E-26).
-    gate_edges : {"fractional", "sharp"}
-        Weight of a range bin at the edge of the gate: the share of its cell inside the gate (``fractional``), or 1 or
-        0 as in the report (``sharp``). Sharp edges jump from bin to bin and cause steps in the signature.
-    gate_doppler_hz : (float, float), optional
-        Doppler band of the gate; none by default.
-    normalisation : {"sum", "max", "r4"}
-        Columns are divided by their sum or maximum over Doppler, or multiplied by range^4 (E-28).
-    bandwidth_threshold : float
-        t_mu of the threshold form of the micro-Doppler bandwidth (E-35).
-    extended : bool
-        Compute the extended features and the standard deviations; not available with ``liland2018``.
-    parts : bool
-        Separate the body into torso, legs and other limbs (:mod:`doppelgait.processing.parts`,
+    method: ``liland2018`` uses the choices of the report: zero padding at the ends, columns divided
+        by their maximum, the cadence spectrum's highest peak, gate span by class, sharp gate edges
+        and the Doppler gate from the truth. Parameters that contradict these choices are rejected.
+        By default ``hop`` is then 1 and ``doppler_bins`` M.
+    clutter: Removal of static clutter before the analysis
+        (:func:`doppelgait.processing.remove_clutter`). ``auto`` is ``median`` for tracking, which
+        needs clutter removal, and ``none`` for any other gate.
+    clutter_time_s: Time constant of ``exponential``.
+    cpi_s: Coherent processing interval T_d.
+    window_steepness: sigma_w of the Gaussian window (E-23; labels of this form are the equations of
+        docs/theory.md).
+    doppler_bins: Transform length K; by default the smallest 2^a, 3 2^a or 5 2^a that is at least
+        M.
+    hop: Pulses from column to column of the signature; by default floor(T_d f_p / 12), which is
+        lossless. A hop that divides the default changes no feature
+        (:func:`doppelgait.processing.decimate`).
+    gate_span_m: Range extent of the gate, the same for every class (E-26).
+    gate_edges: Weight of a range bin at the edge of the gate: the share of its cell inside the gate
+        (``fractional``), or 1 or 0 as in the report (``sharp``). Sharp edges jump from bin to bin
+        and cause steps in the signature.
+    gate_doppler_hz: Doppler band of the gate; none by default.
+    normalisation: Columns are divided by their sum or maximum over Doppler, or multiplied by
+        range^4 (E-28).
+    bandwidth_threshold: t_mu of the threshold form of the micro-Doppler bandwidth (E-35).
+    extended: Compute the extended features and the standard deviations; not available with
+        ``liland2018``.
+    parts: Separate the body into torso, legs and other limbs (:mod:`doppelgait.processing.parts`,
         E-40). In a fixed gate this takes several times as long as the rest of the analysis.
 
     Examples

@@ -24,20 +24,13 @@ QUIET_SHARE = 1.0 / 3.0
 class Patch(FrozenModel):
     """Format of the input image of a neural network.
 
-    Parameters
-    ----------
-    velocity_mps : float
-        The rows cover radial velocities from minus to plus this value. 6.4 m/s includes the feet of
-        a running person and most of those of a galloping dog.
-    n_velocity : int
-        Number of rows; 64 rows of 0.2 m/s match the resolution of T_d = 0.1 s at 7.29 GHz.
-    column_s : float
-        Time from column to column; 1/32 s represents cadences up to 16 Hz.
-    n_time : int
-        Number of columns.
-    range_db : float
-        Dynamic range that is mapped to 0 to 1. It starts at the noise floor, or at the peak minus
-        this value if that is higher.
+    velocity_mps: The rows cover radial velocities from minus to plus this value. 6.4 m/s includes
+        the feet of a running person and most of those of a galloping dog.
+    n_velocity: Number of rows; 64 rows of 0.2 m/s match the resolution of T_d = 0.1 s at 7.29 GHz.
+    column_s: Time from column to column; 1/32 s represents cadences up to 16 Hz.
+    n_time: Number of columns.
+    range_db: Dynamic range that is mapped to 0 to 1. It starts at the noise floor, or at the peak
+        minus this value if that is higher.
 
     Examples
     --------

@@ -33,26 +33,20 @@ class Antenna(FrozenModel):
     elevation :math:`\epsilon` out of that plane, as of a point at :math:`(\cos\epsilon \cos\phi, \cos\epsilon
     \sin\phi, \sin\epsilon)` with the boresight along the first axis.
 
-    Parameters
-    ----------
-    kind : {"isotropic", "cosine", "table"}
-        ``isotropic``: the same in all directions. ``cosine``: a main lobe with set widths.
+    kind: ``isotropic``: the same in all directions. ``cosine``: a main lobe with set widths.
         ``table``: two measured cuts.
-    hpbw_azimuth_deg : float
-        ``cosine``: full half-power beam width in azimuth, 1 to 179 degrees. About 65 degrees in both planes suits a
-        small patch antenna like those of X4 modules (assumed: no data sheet at hand).
-    hpbw_elevation_deg : float
-        ``cosine``: full half-power beam width in elevation, 1 to 179 degrees.
-    floor_db : float
-        ``cosine``: one-way level of the side and back lobes, -100 to 0 dB. This level is the
+    hpbw_azimuth_deg: ``cosine``: full half-power beam width in azimuth, 1 to 179 degrees. About 65
+        degrees in both planes suits a small patch antenna like those of X4 modules (assumed: no
+        data sheet at hand).
+    hpbw_elevation_deg: ``cosine``: full half-power beam width in elevation, 1 to 179 degrees.
+    floor_db: ``cosine``: one-way level of the side and back lobes, -100 to 0 dB. This level is the
         minimum of the pattern. The default of -20 dB is assumed.
-    angle_deg : list of float
-        ``table``: angles of the two cuts, rising, -180 to 180 degrees. Gains are interpolated in dB
-        between them, and behind the antenna from the last angle to the first.
-    azimuth_db : list of float
-        ``table``: one-way gain of the horizontal cut at these angles, relative to the peak: -300 to 0 dB.
-    elevation_db : list of float
-        ``table``: one-way gain of the vertical cut at these angles, relative to the peak: -300 to 0 dB.
+    angle_deg: ``table``: angles of the two cuts, rising, -180 to 180 degrees. Gains are
+        interpolated in dB between them, and behind the antenna from the last angle to the first.
+    azimuth_db: ``table``: one-way gain of the horizontal cut at these angles, relative to the peak:
+        -300 to 0 dB.
+    elevation_db: ``table``: one-way gain of the vertical cut at these angles, relative to the peak:
+        -300 to 0 dB.
 
     Notes
     -----
