@@ -6,8 +6,10 @@ Samples are in NAME.sigmf-data, their description in NAME.sigmf-meta (JSON).
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import math
+import tarfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -17,7 +19,7 @@ import numpy.typing as npt
 
 from doppelgait import __version__
 from doppelgait.core.config import validate
-from doppelgait.core.documents import parse_json
+from doppelgait.core.documents import check_cost, parse_json
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
 from doppelgait.core.files import open_atomically
 from doppelgait.core.plugins import plugin, read_head
@@ -28,6 +30,7 @@ from doppelgait.radar.recording import Recording
 
 META = ".sigmf-meta"
 DATA = ".sigmf-data"
+ARCHIVE = ".sigmf"
 MAX_META_BYTES = 2**28
 DATATYPES = {
     "f32": "f4",
@@ -54,6 +57,8 @@ class Metadata:
     number: np.dtype[Any]
     n_channels: int
     sample_rate_hz: float | None
+    is_real: bool
+    packed: bytes | None = None
 
     @property
     def own(self) -> dict[str, Any] | None:
@@ -80,13 +85,35 @@ def find_sigmf_pair(path: Path) -> tuple[Path, Path]:
     return path.with_name(stem + META), path.with_name(stem + DATA)
 
 
+def read_archive(path: Path) -> tuple[bytes, str, bytes]:
+    """Return metadata, name of the samples and samples of an archive: only regular members are read."""
+    try:
+        with tarfile.open(path, "r:") as archive:
+            members = [member for member in archive.getmembers() if member.isfile()]
+            metas = [member for member in members if member.name.endswith(META)]
+            if len(metas) != 1:
+                listed = ", ".join(member.name for member in metas[:20]) or "none"
+                raise RecordingError(f"{path}: holds the recordings {listed}; unpack it and give one .sigmf-meta")
+            name = metas[0].name.removesuffix(META) + DATA
+            pair = [metas[0], *(member for member in members if member.name == name)]
+            check_cost(path, 2 * sum(member.size for member in pair), RecordingError)
+            contents = [(archive.extractfile(member) or io.BytesIO()).read() for member in pair]
+    except (tarfile.TarError, OSError, EOFError, ValueError) as error:
+        raise RecordingError(f"{path}: is damaged or no SigMF archive: {error}") from None
+    if len(contents) < 2:
+        raise RecordingError(f"{path}: holds no {name}, the samples of {metas[0].name}")
+    return contents[0], name, contents[1]
+
+
 def read_metadata(path: Path) -> Metadata:
-    """Read the metadata of a recording, from either file."""
+    """Read the metadata of a recording, from either file or from an archive."""
+    if path.name.endswith(ARCHIVE):
+        text, name, samples = read_archive(path)
+        try:
+            return replace(_parse_metadata(path, path / name, parse_json(text)), packed=samples)
+        except (ValueError, LookupError, TypeError) as error:
+            raise RecordingError(f"{path}: is damaged or no SigMF metadata: {error}") from None
     meta_path, data_path = find_sigmf_pair(path)
-    if path.name.endswith(".sigmf"):
-        raise RecordingError(
-            f"{path}: SigMF archives are not read; unpack it (it is a tar file) and pass the .sigmf-meta"
-        )
     if not meta_path.is_file():
         raise RecordingError(f"{meta_path}: no such file; a SigMF recording is a pair NAME{META} and NAME{DATA}")
     if meta_path.stat().st_size > MAX_META_BYTES:
@@ -118,8 +145,6 @@ def _parse_metadata(meta_path: Path, data_path: Path, content: Any) -> Metadata:
                 f"{meta_path}: core:dataset is {name!r}; it must be the name of a file in the same folder"
             )
         data_path = meta_path.with_name(name)
-    if common.get("core:trailing_bytes") or any(one.get("core:header_bytes") for one in captures):
-        raise RecordingError(f"{meta_path}: its samples stand among other bytes (core:header_bytes), which is not read")
     channels = common.get("core:num_channels", 1)
     if isinstance(channels, bool) or not isinstance(channels, int) or not 1 <= channels <= 10_000:
         raise ValueError(f"core:num_channels is {channels!r}, must be 1 or more")
@@ -129,29 +154,29 @@ def _parse_metadata(meta_path: Path, data_path: Path, content: Any) -> Metadata:
     datatype = str(common["core:datatype"])
     kind, body = datatype[:1], datatype[1:]
     base, _, order = body.partition("_")
-    if kind == "r" and base in DATATYPES:
-        raise RecordingError(
-            f"{meta_path}: core:datatype is {datatype!r}, real samples: they cannot separate approaching and receding. "
-            "Give complex samples (I and Q)"
-        )
-    if kind != "c" or base not in DATATYPES or order not in ("", "le", "be"):
+    if kind not in ("c", "r") or base not in DATATYPES or order not in ("", "le", "be"):
         raise ValueError(f"core:datatype is {datatype!r}, which is not a SigMF type")
     number = np.dtype((">" if order == "be" else "<") + DATATYPES[base])
-    return Metadata(data_path, common, captures, annotations, number, channels, None if rate is None else float(rate))
+    rate_hz = None if rate is None else float(rate)
+    return Metadata(data_path, common, captures, annotations, number, channels, rate_hz, kind == "r")
 
 
 def read_samples(
-    path: Path, meta: Metadata, *, channel: int | None, ignore_checksum: bool
+    path: Path, meta: Metadata, *, channel: int | None, channels: str | None, ignore_checksum: bool
 ) -> npt.NDArray[np.complex64]:
     """Read the complex samples of one channel, shape (samples,). They are in units of the file."""
-    chosen = 0 if channel is None and meta.n_channels == 1 else channel
-    if isinstance(chosen, bool) or not isinstance(chosen, int) or not 0 <= chosen < meta.n_channels:
+    is_pair = channels is not None
+    if is_pair and not (meta.is_real and meta.n_channels == 2 and channel is None):
+        raise RecordingError(f"{path}: channels = 'iq' is for two real channels, without channel; leave it out")
+    chosen = 0 if channel is None and (meta.n_channels == 1 or is_pair) else channel
+    if chosen is None or not 0 <= chosen < meta.n_channels:
         said = f"holds {meta.n_channels} channels" if channel is None else f"channel = {channel!r} is not allowed"
-        raise RecordingError(f"{path}: {said}; give channel = 0 to {meta.n_channels - 1}")
-    if not meta.data_path.is_file():
+        pair = "; or channels='iq' if they are I and Q" if meta.is_real and meta.n_channels == 2 else ""
+        raise RecordingError(f"{path}: {said}; give channel = 0 to {meta.n_channels - 1}{pair}")
+    if meta.packed is None and not meta.data_path.is_file():
         raise RecordingError(f"{meta.data_path}: no such file; it holds the samples of {path.name}")
     try:
-        content = meta.data_path.read_bytes()
+        content = meta.data_path.read_bytes() if meta.packed is None else meta.packed
     except OSError as error:
         raise RecordingError(f"{meta.data_path}: cannot be read: {error.strerror or error}") from None
     stored = meta.common.get("core:sha512")
@@ -160,7 +185,9 @@ def read_samples(
             f"{meta.data_path}: its samples do not have the checksum that {path.name} states (core:sha512): the file "
             "was truncated or changed. Set ignore_checksum=True to read it anyway"
         )
-    frame_bytes = 2 * meta.number.itemsize * meta.n_channels
+    n_parts = 1 if meta.is_real else 2
+    frame_bytes = n_parts * meta.number.itemsize * meta.n_channels
+    content = _strip_headers(path, meta, content, frame_bytes)
     if len(content) < 2 * frame_bytes:
         raise RecordingError(f"{meta.data_path}: holds {len(content)} bytes, less than two samples of {frame_bytes}")
     if len(content) % frame_bytes:
@@ -170,12 +197,63 @@ def read_samples(
         content, dtype=meta.number, count=len(content) // frame_bytes * frame_bytes // meta.number.itemsize
     )
     # I and Q as complex numbers; unsigned ones have their zero in the middle
-    pairs = values.reshape(-1, meta.n_channels, 2)[:, chosen]
+    frames = values.reshape(-1, meta.n_channels, n_parts)
+    pairs = frames[:, :, 0] if is_pair else frames[:, chosen]
     zero = 2.0 ** (8 * pairs.dtype.itemsize - 1) if pairs.dtype.kind == "u" else 0.0
-    out = np.empty(pairs.shape[0], dtype=np.complex64)
+    out = np.zeros(pairs.shape[0], dtype=np.complex64)
     with np.errstate(over="ignore", invalid="ignore"):  # beyond single precision: found and refused afterwards
-        out.real, out.imag = (pairs[:, part] - zero if zero else pairs[:, part] for part in (0, 1))
+        out.real = pairs[:, 0] - zero if zero else pairs[:, 0]
+        if pairs.shape[1] == 2:
+            out.imag = pairs[:, 1] - zero if zero else pairs[:, 1]
     return out
+
+
+def _strip_headers(path: Path, meta: Metadata, content: bytes, frame_bytes: int) -> bytes:
+    """Remove the bytes of other formats before each capture and at the end."""
+    try:
+        headers = [int(capture.get("core:header_bytes", 0)) for capture in meta.captures]
+        trailing = int(meta.common.get("core:trailing_bytes", 0))
+        if not any(headers) and not trailing:
+            return content
+        firsts = [int(capture["core:sample_start"]) for capture in meta.captures]
+        if min(*headers, trailing) < 0 or sorted(firsts) != firsts or firsts[:1] != [0]:
+            raise ValueError("captures must begin at sample 0 and rise, bytes must be 0 or more")
+    except (TypeError, ValueError, LookupError) as error:
+        raise RecordingError(f"{path}: its core:header_bytes or core:trailing_bytes are damaged: {error}") from None
+    content, parts, at = content[: len(content) - trailing], [], 0
+    for header, first, following in zip(headers, firsts, [*firsts[1:], len(content)], strict=True):
+        at += header
+        parts.append(content[at : at + (following - first) * frame_bytes])
+        at += len(parts[-1])
+    return b"".join(parts)
+
+
+def _find_capture_times(path: Path, meta: Metadata, n_pulses: int, n_bins: int, prf_hz: float) -> FloatArray:
+    """Return the times of the pulses: a capture begins where its index or its date says."""
+    times_s = np.arange(n_pulses) / prf_hz
+    captures = meta.captures
+    try:
+        firsts = np.array([int(capture["core:sample_start"]) for capture in captures])
+        if all("core:global_index" in capture for capture in captures) and meta.sample_rate_hz:
+            stated_s = np.array([int(capture["core:global_index"]) for capture in captures]) / meta.sample_rate_hz
+            step_s = 0.0
+        else:
+            texts = [str(capture["core:datetime"]) for capture in captures]
+            dates = np.array([text.strip().removesuffix("Z").removesuffix("+00:00") for text in texts], "M8[ns]")
+            stated_s = (dates - dates[0]) / np.timedelta64(1, "s")
+            digits = min(len(text.removesuffix("Z").partition(".")[2]) for text in texts)
+            step_s = 10.0**-digits  # a date without a fraction is true to a second
+    except (KeyError, IndexError, ValueError, TypeError, OverflowError):
+        return times_s
+    rows = -(-firsts // n_bins)
+    late_s = stated_s - stated_s[0] - rows / prf_hz
+    for row, before_s, after_s in zip(rows[1:], late_s[:-1], late_s[1:], strict=True):
+        if after_s - before_s < -max(step_s, 1.0 / prf_hz):
+            warn_caller(f"{path}: the times of its captures go back; samples are taken as without gaps")
+            return np.arange(n_pulses) / prf_hz
+        if after_s - before_s > step_s and row < n_pulses:
+            times_s[row:] += after_s - before_s
+    return times_s
 
 
 MAX_ROWS = 100_000_000
@@ -184,13 +262,15 @@ MAX_ROWS = 100_000_000
 def sniff_sigmf(path: Path, head: bytes) -> bool:
     """Return whether a path is one of a SigMF pair, by the start of its metadata."""
     meta = find_sigmf_pair(path)[0]
+    if head and path.name.endswith(ARCHIVE):
+        return META.encode() in head or head[257:262] == b"ustar"
     if not head or not meta.is_file():
         return False
     head = head if meta == path else read_head(meta)
     return head.lstrip()[:1] == b"{" and (b'"core:' in head or meta.name.endswith(META))
 
 
-@plugin("radar_reader", "sigmf", sniff=sniff_sigmf, suffixes=(".sigmf-meta", ".sigmf-data"))
+@plugin("radar_reader", "sigmf", sniff=sniff_sigmf, suffixes=(".sigmf-meta", ".sigmf-data", ".sigmf"))
 def read_sigmf(
     path: str | Path,
     *,
@@ -201,15 +281,16 @@ def read_sigmf(
     bin_spacing_m: float | None = None,
     scale_v: float | None = None,
     channel: int | None = None,
+    channels: Literal["iq"] | None = None,
     conjugate: bool = False,
     ignore_checksum: bool = False,
 ) -> Recording:
-    """Read a SigMF recording with complex samples.
-    The file may be written by :func:`write_sigmf` or by other software.
+    """Read a SigMF recording, a pair of files or an archive.
+    Two real channels can be I and Q (``channels="iq"``); a single one is the one output of a module.
     """
     file = Path(path)
     meta = read_metadata(file)
-    samples = read_samples(file, meta, channel=channel, ignore_checksum=ignore_checksum)
+    samples = read_samples(file, meta, channel=channel, channels=channels, ignore_checksum=ignore_checksum)
     scale = check_number(file, "scale_v", meta.scale_v if scale_v is None else scale_v, above=0, most=1e30)
     with np.errstate(over="ignore", invalid="ignore"):  # NaN and infinity raise an error with their position
         samples = (samples.conj() if conjugate else samples) * np.float32(scale)
@@ -252,8 +333,9 @@ def read_sigmf(
     notes.append(f"levels: one unit of the samples is taken as {scale:.4g} V")
     rows = samples[: shape[0] * shape[1]].reshape(shape)
     radar, range_m = _make_foreign_radar(file, meta, carrier, rate_hz, shape[1], range_start_m, bin_spacing_m, notes)
-    slow_time_s = np.arange(shape[0]) / rate_hz
-    return label_measured(file, rows, radar=radar, slow_time_s=slow_time_s, range_m=range_m, notes=notes)
+    slow_time_s = _find_capture_times(file, meta, shape[0], shape[1], rate_hz)
+    attrs = {"one_output": True} if meta.is_real and channels is None else {}
+    return label_measured(file, rows, radar=radar, slow_time_s=slow_time_s, range_m=range_m, notes=notes, attrs=attrs)
 
 
 def _read_own(
