@@ -179,6 +179,36 @@ def remove_spikes(position: FloatArray, *, rate_hz: float) -> int:
     return int(spiky.sum())
 
 
+HELD_M, HELD_RATIO, LANDS, DIGITS = 0.005, 1.5, 0.7, 3.0
+"""A held sample ends in a step of more than 5 mm that exceeds the next one by this factor: a foot that starts to move
+speeds up. At an end of the recording, it follows steps that do not shrink by this factor: a landing foot slows down."""
+
+
+def remove_held_samples(position: FloatArray) -> int:
+    """Replace repeated samples that end in a jump by gaps, in place. Shapes: position (T, P, 3)."""
+    # programs write the last position of a lost marker again, or every frame of a slow camera twice
+    step = np.full((len(position) + 1, position.shape[1]), np.nan)
+    moves = np.abs(np.diff(position, axis=0))
+    step[1:-1] = np.linalg.norm(moves, axis=2)
+    count = 0
+    for p in np.flatnonzero((step == 0.0).any(axis=0)):
+        # a step of rounded positions is no jump
+        least_m = max(HELD_M, DIGITS * float(moves[:, p][moves[:, p] > 0].min(initial=math.inf)))
+        for first, stop in find_runs(step[:, p] == 0.0):  # samples first to stop - 1 equal the one before
+            before, after = step[first - 1, p], step[stop, p]
+            beyond = [step[k, p] if 0 < k < len(position) else math.nan for k in (first - 2, stop + 1)]
+            if stop == len(position) or first == 1:
+                near, next_m = (before, beyond[0]) if stop == len(position) else (after, beyond[1])
+                held = stop - first > 1 and near > least_m and near > LANDS * next_m
+            else:
+                held = after > max(least_m, HELD_RATIO * np.nan_to_num(beyond[1])) and before > 0
+            if held:
+                a, b = (first - 1, stop - 1) if first == 1 else (first, stop)
+                position[a:b, p] = np.nan
+                count += b - a
+    return count
+
+
 def fill_linear(position: FloatArray) -> FloatArray:
     """Fill every gap by linear interpolation. Shapes: position (T, P, 3)."""
     # at the ends, the nearest value is repeated. Points that are never seen stay NaN.
@@ -213,6 +243,64 @@ def fill_gaps(position: FloatArray, *, gap_limit: int) -> tuple[FloatArray, dict
         "samples_filled": sum(lengths),
         "longest_gap_filled": max(lengths, default=0),
     }
+
+
+FEWEST_NEIGHBOURS, MOST_NEIGHBOURS, MOST_BONES = 2, 6, 3
+FILL_RIDGE, FILL_STEPS = 0.02, 10
+
+
+def fill_from_segment(position: FloatArray, *, gap_limit: int) -> tuple[FloatArray, int]:
+    """Fill longer gaps (T, P, 3) from points at constant distances."""
+    # markers of one rigid segment keep their distances, and so does a marker on a joint to both its segments. Three
+    # points fix a position; with two, the positions before and after the gap are also needed
+    from scipy.interpolate import CubicSpline
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import dijkstra
+
+    from doppelgait.motion.rigid import RIGID_M, find_bones, restore_lengths
+
+    seen, filled, count = np.isfinite(position).all(axis=2), position.copy(), 0
+    apart: FloatArray | None = None
+    for p in range(position.shape[1]):
+        gaps = [(a, b) for a, b in find_runs(~seen[:, p]) if b - a > gap_limit and a > 0 and b < len(position)]
+        if not gaps:
+            continue
+        if apart is None:  # number of bones between two points: limbs swing together at constant distances, too
+            ends = find_bones(position).T
+            bones = coo_matrix((np.ones(ends.shape[1]), ends), shape=(seen.shape[1],) * 2)
+            apart = dijkstra(bones, directed=False, unweighted=True)
+        distance = np.linalg.norm(position - position[:, [p]], axis=2)
+        together = np.isfinite(distance).sum(axis=0)
+        mean_m = np.nansum(distance, axis=0) / np.maximum(together, 1)
+        sway_m = np.sqrt(np.nansum((distance - mean_m) ** 2, axis=0) / np.maximum(together, 1))
+        sway_m[(together < max(gap_limit, MIN_MARKERS)) | (apart[p] > MOST_BONES) | (apart[p] == 0)] = math.inf
+        for a, b in gaps:
+            near = [
+                int(q)
+                for q in np.argsort(sway_m, kind="stable")
+                if sway_m[q] < RIGID_M and seen[a - 1 : b + 1, q].all()
+            ]
+            near = near[:MOST_NEIGHBOURS]
+            if len(near) < FEWEST_NEIGHBOURS:
+                continue
+            share = np.linspace(0.0, 1.0, b - a + 2)[:, np.newaxis]
+            around = position[a - 1 : b + 1, near]
+            middle = position[:, near].mean(axis=1)
+            both = np.flatnonzero(seen[:, [p, *near]].all(axis=1))
+            start = middle[a - 1 : b + 1] + CubicSpline(both, (position[:, p] - middle)[both])(np.arange(a - 1, b + 1))
+            bars = np.array([[0, n + 1] for n in range(len(near))], dtype=np.int32)
+            made = restore_lengths(
+                np.concatenate([start[:, np.newaxis], around], axis=1),
+                bars,
+                mean_m[near],
+                np.array([1.0] + [1e9] * len(near)),
+                ridge=FILL_RIDGE,
+                steps=FILL_STEPS,
+            )[:, 0]
+            rest = position[[a - 1, b], p] - made[[0, -1]]
+            filled[a:b, p] = (made + (1.0 - share) * rest[0] + share * rest[1])[1:-1]
+            count += b - a
+    return filled, count
 
 
 def find_runs(mask: BoolArray) -> list[tuple[int, int]]:
@@ -310,7 +398,8 @@ def clean_motion(
             "right unit (units=...), or repair the file"
         )
     names, parts = motion.markers, motion.parts
-    # both change the positions in place
+    # all change the positions in place
+    held = remove_held_samples(position)
     swaps = repair_swaps(position, names, rate_hz=rate)
     spikes = remove_spikes(position, rate_hz=rate)
     jumps = find_jumps(position, names, rate_hz=rate)
@@ -323,6 +412,7 @@ def clean_motion(
     dropped = find_useless_points(position, names, parts) | unmoved
     kept = np.array([i for i in range(len(names)) if i not in dropped], dtype=int)
     filled, fill_facts = fill_gaps(position[:, kept], gap_limit=round(gap_limit_s * rate))
+    filled, n_from_segment = fill_from_segment(filled, gap_limit=round(gap_limit_s * rate))
     first, stop, complete = _find_best_segment(np.asarray(np.isfinite(filled).all(axis=2)), [names[i] for i in kept])
     dropped |= {int(i): f"not seen throughout (gaps up to {gap_limit_s:g} s are filled)" for i in kept[~complete]}
     kept, filled = kept[complete], filled[first:stop, complete]
@@ -360,6 +450,8 @@ def clean_motion(
     report = {
         **motion.report,
         **fill_facts,
+        "samples_held": held,
+        "samples_from_segment": n_from_segment,
         "swaps_repaired": swaps,
         "spikes_removed": spikes,
         "jumps": [jump for jump in jumps if jump["point"] in kept_names],
