@@ -7,7 +7,7 @@ from doppelgait.core.errors import MotionError
 from doppelgait.motion.clean import clean_motion
 from doppelgait.motion.models import human_gait
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.treadmill import belt_velocity_mps, move_over_ground
+from doppelgait.motion.ground import belt_velocity_mps, move_over_ground
 
 SPEED_MPS = 1.3
 

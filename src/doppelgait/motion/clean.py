@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError, warn_caller
+from doppelgait.motion.ground import belt_velocity_mps, format_belt_note, level_floor, measure_floor
 from doppelgait.motion.motion import Motion, make_motion
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS, DOG_PARTS, FOOT_PARTS, HUMAN_PARTS, measure_height
-from doppelgait.motion.treadmill import belt_velocity_mps, format_belt_note
 
 IntArray = npt.NDArray[np.int_]
 FloatArray = npt.NDArray[np.float64]
@@ -259,7 +259,8 @@ def fill_from_segment(position: FloatArray, *, gap_limit: int) -> tuple[FloatArr
 
     from doppelgait.motion.rigid import RIGID_M, find_bones, restore_lengths
 
-    seen, filled, count = np.isfinite(position).all(axis=2), position.copy(), 0
+    seen: BoolArray = np.asarray(np.isfinite(position).all(axis=2))
+    filled, count = position.copy(), 0
     apart: FloatArray | None = None
     for p in range(position.shape[1]):
         gaps = [(a, b) for a, b in find_runs(~seen[:, p]) if b - a > gap_limit and a > 0 and b < len(position)]
@@ -342,6 +343,35 @@ def filter_lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | N
     longer = np.concatenate([before, flat, _continue(flat[-recent:], n_edge, memory)])
     smooth = sosfiltfilt(sections, longer, axis=0, padlen=min(memory, len(longer) - 1))
     return np.asarray(smooth[n_edge : n_edge + len(flat)], dtype=np.float64).reshape(position.shape)
+
+
+NOISE_MPS = 0.1
+"""Largest error of a point's velocity from noise, rms per coordinate. More widens the trunk's line in a signature."""
+NOISE_FROM_HZ = 10.0
+
+
+def measure_noise(position: FloatArray, *, rate_hz: float) -> float:
+    """Measure the white noise of positions, m per coordinate. Shapes: position (T, P, 3)."""
+    from scipy.signal import detrend, periodogram
+
+    # a body moves little above 10 Hz; the spectrum of noise is flat there. The median ignores points that differ
+    frequency, power = periodogram(detrend(position, axis=0), rate_hz, window="hann", axis=0)
+    band = (frequency >= max(rate_hz / 4, min(NOISE_FROM_HZ, 0.4 * rate_hz))) & (frequency < 0.49 * rate_hz)
+    return math.sqrt(float(np.median(power[band].mean(axis=0))) * rate_hz / 2) if band.sum() > 2 else 0.0
+
+
+def velocity_error_mps(noise_m: float, bandwidth_hz: float, *, rate_hz: float) -> float:
+    """Return the velocity error of white noise up to a frequency, rms per coordinate."""
+    # noise of the density noise^2 / (rate / 2), times (2 pi f)^2, integrated from 0 to the bandwidth
+    return 2 * math.pi * noise_m * math.sqrt(2 * bandwidth_hz**3 / (3 * rate_hz))
+
+
+def choose_cutoff_hz(noise_m: float, *, rate_hz: float, cutoff_hz: float | None) -> float | None:
+    """Return the cut-off of the low-pass, lower for noisy positions."""
+    usual_hz = cutoff_hz if can_lowpass(rate_hz, cutoff_hz) else None
+    if cutoff_hz is None or velocity_error_mps(noise_m, usual_hz or rate_hz / 2, rate_hz=rate_hz) <= NOISE_MPS:
+        return usual_hz
+    return math.cbrt(1.5 * rate_hz * (NOISE_MPS / (2 * math.pi * noise_m)) ** 2)
 
 
 def _continue(recent: FloatArray, n_frames: int, memory: int) -> FloatArray:
@@ -427,8 +457,13 @@ def clean_motion(
     dropped_names = {reason: list(points) for reason, points in motion.report.get("dropped", {}).items()}
     for i in sorted(dropped):
         dropped_names.setdefault(dropped[i], []).append(names[i])
-    smooth = filter_lowpass(filled, rate_hz=rate, cutoff_hz=lowpass_hz) if can_lowpass(rate, lowpass_hz) else filled
+    noise_m = measure_noise(filled, rate_hz=rate)
+    cutoff_hz = choose_cutoff_hz(noise_m, rate_hz=rate, cutoff_hz=lowpass_hz)
+    smooth = filter_lowpass(filled, rate_hz=rate, cutoff_hz=cutoff_hz)
     kept_names, kept_parts = [names[i] for i in kept], [parts[i] for i in kept]
+    ground = measure_floor(smooth, kept_names, kept_parts, rate_hz=rate) if floor else None
+    if ground is not None and ground.is_tilted_frame:
+        smooth = level_floor(smooth, ground)
     floor_m = find_floor_height(smooth, kept_parts) if floor else 0.0
     smooth = smooth - np.array([0.0, 0.0, floor_m])
     facts, size_note = motion.facts, ""
@@ -440,7 +475,8 @@ def clean_motion(
                 cleaned = clean_motion(whole, gap_limit_s=gap_limit_s, lowpass_hz=lowpass_hz, floor=floor)
                 height_m, size_note = measure_height(cleaned.position_m, cleaned.markers, cleaned.parts)
         if not math.isfinite(height_m):
-            height_m, size_note = measure_height(smooth, kept_names, kept_parts)
+            raised = smooth if ground is None else ground.remove_slope(smooth, kept_parts)
+            height_m, size_note = measure_height(raised, kept_names, kept_parts)
         facts = replace(facts, height_m=height_m)
     belt = belt_velocity_mps(smooth, kept_parts, rate_hz=rate)
     sides = _check_sides(smooth, kept_parts, rate_hz=rate, belt_mps=belt)
@@ -462,7 +498,9 @@ def clean_motion(
         "unknown_parts": [name for name, part in zip(kept_names, kept_parts, strict=True) if not part],
         "kept_from_s": first / rate,
         "kept_to_s": (stop - 1) / rate,
-        "lowpass_hz": lowpass_hz if can_lowpass(rate, lowpass_hz) else None,
+        "lowpass_hz": cutoff_hz,
+        "noise_m": noise_m,
+        **({} if ground is None else {"floor_tilt_deg": ground.tilt_deg, "floor_levelled": ground.is_tilted_frame}),
         "floor_shift_m": -floor_m,
     }
     facts = replace(facts, file_time_s=facts.file_time_s + first / rate)

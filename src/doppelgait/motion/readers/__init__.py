@@ -89,7 +89,7 @@ def read(
         Factor on the variation of the strides in the loop, 0 (exact repetition) to 2.
     treadmill : bool
         The recording was made on a treadmill: move the body over the ground at the measured belt
-        speed (:func:`~doppelgait.motion.treadmill.move_over_ground`). Needs ``clean``.
+        speed (:func:`~doppelgait.motion.ground.move_over_ground`). Needs ``clean``.
     format : str, optional
         Name of the reader, for a file that none or several recognise.
     **options
@@ -200,9 +200,9 @@ def take_part(
     The gait of a segment is measured. The arguments are those of :func:`read`.
     """
     from doppelgait.motion.gait import add_gait_facts
+    from doppelgait.motion.ground import move_over_ground
     from doppelgait.motion.loop import loop
     from doppelgait.motion.segments import crop, find_segments
-    from doppelgait.motion.treadmill import move_over_ground
 
     if treadmill:
         motion = move_over_ground(motion)
