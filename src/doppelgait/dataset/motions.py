@@ -13,7 +13,14 @@ from typing import Any, Literal
 from pydantic import Field
 
 from doppelgait.core.config import FrozenModel, validate
-from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, DoppelgaitWarning, warn_caller
+from doppelgait.core.errors import (
+    ConfigError,
+    DatasetError,
+    DoppelgaitError,
+    DoppelgaitWarning,
+    MotionError,
+    warn_caller,
+)
 from doppelgait.dataset.config import PlanConfig, Progress, SourceSection, shorten
 from doppelgait.motion.motion import Motion
 
@@ -294,6 +301,8 @@ def _read_file_segments(
         # ignore the warnings of cleaning; the build repeats them for every row
         warnings.simplefilter("ignore", DoppelgaitWarning)
         motion = read(file, **spec.options)
+        for fault in motion.report["implausible"]:
+            raise MotionError(fault)
         tables = []
         for number, segment in enumerate(find_segments(motion), start=1):
             table = {"kind": "file", "path": name, "segment": number, **spec.options}

@@ -500,7 +500,11 @@ def clean_motion(
         "kept_to_s": (stop - 1) / rate,
         "lowpass_hz": cutoff_hz,
         "noise_m": noise_m,
-        **({} if ground is None else {"floor_tilt_deg": ground.tilt_deg, "floor_levelled": ground.is_tilted_frame}),
+        **(
+            {}
+            if ground is None
+            else {"floor_tilt_deg": ground.tilt_deg, "floor": ground.kind, "floor_range_m": ground.range_m}
+        ),
         "floor_shift_m": -floor_m,
     }
     facts = replace(facts, file_time_s=facts.file_time_s + first / rate)

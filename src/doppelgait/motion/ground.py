@@ -102,15 +102,25 @@ class Floor:
     @property
     def is_tilted_frame(self) -> bool:
         """Return True if the recording, not the ground, is tilted."""
-        return self.tilt_deg >= MIN_TILT_DEG and self.follows_body and self.is_certain
+        return self.kind == "tilted axes"
 
     def remove_slope(self, position: FloatArray, parts: Sequence[str]) -> FloatArray:
         """Return positions over the ground under the body if it rises."""
         feet = [i for i, part in enumerate(parts) if part in FOOT_PARTS]
         if self.tilt_deg < MIN_TILT_DEG or self.is_tilted_frame or self.range_m < RISES_M:
             return position
-        lowest_m = position[:, feet, 2].min(axis=1)
-        return position - np.stack([0 * lowest_m, 0 * lowest_m, lowest_m], axis=1)[:, np.newaxis]
+        raised = position.copy()
+        raised[..., 2] -= position[:, feet, 2].min(axis=1)[:, np.newaxis]
+        return raised
+
+    @property
+    def kind(self) -> str:
+        """Return what the floor is, for reports."""
+        if not self.tilt_deg >= MIN_TILT_DEG:
+            return "uneven" if math.isnan(self.tilt_deg) and self.range_m >= RISES_M else "level"
+        if self.is_certain:
+            return "tilted axes" if self.follows_body else "slope"
+        return "unclear"
 
 
 def measure_floor(position: FloatArray, names: Sequence[str], parts: Sequence[str], *, rate_hz: float) -> Floor | None:

@@ -199,13 +199,13 @@ def take_part(
 
     The gait of a segment is measured. The arguments are those of :func:`read`.
     """
+    from doppelgait.motion.describe import check_motion
     from doppelgait.motion.gait import add_gait_facts
     from doppelgait.motion.ground import move_over_ground
     from doppelgait.motion.loop import loop
     from doppelgait.motion.segments import crop, find_segments
 
-    if treadmill:
-        motion = move_over_ground(motion)
+    motion = check_motion(move_over_ground(motion) if treadmill else motion)
     if segment is not None:
         found = find_segments(motion)
         if not found:
