@@ -34,11 +34,11 @@ from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.rng import Streams
 from doppelgait.dataset.hybrids import add_hybrids
 from doppelgait.motion.gait import add_gait_facts
-from doppelgait.motion.hybrid import Hybrid, make_hybrid
+from doppelgait.motion.hybrid import Hybrid, make_hybrid, measure_foot_slide
 from doppelgait.motion.loop import loop
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers import read
-from doppelgait.motion.rigid import RIGID_M, find_rigid_pairs, measure_foot_slide, measure_pair_lengths
+from doppelgait.motion.rigid import RIGID_M, find_rigid_pairs, measure_pair_lengths
 
 FloatArray = npt.NDArray[np.float64]
 SPREAD_FEATURES = (*FEATURES, "speed_mps")

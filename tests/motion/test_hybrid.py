@@ -17,11 +17,12 @@ from doppelgait.motion.hybrid import (
     find_speed_limits,
     find_stride_limits,
     make_hybrid,
+    measure_foot_slide,
 )
 from doppelgait.motion.loop import fit_cycle, loop
 from doppelgait.motion.models import boulic_walk, human_gait
 from doppelgait.motion.retime import travel_speed_mps
-from doppelgait.motion.rigid import find_rigid_pairs, measure_foot_slide, restore_lengths
+from doppelgait.motion.rigid import find_rigid_pairs, restore_lengths
 
 
 def _walk(**options: Any) -> Motion:

@@ -8,9 +8,8 @@ import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion import Motion, blend, loop, read, retarget
-from doppelgait.motion.hybrid import compute_dimensionless_speed, find_speed_limits
+from doppelgait.motion.hybrid import compute_dimensionless_speed, find_speed_limits, measure_foot_slide
 from doppelgait.motion.retime import travel_speed_mps
-from doppelgait.motion.rigid import measure_foot_slide
 from recorded import read_quietly
 
 pytestmark = pytest.mark.shared

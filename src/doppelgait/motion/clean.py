@@ -245,6 +245,8 @@ def fill_gaps(position: FloatArray, *, gap_limit: int) -> tuple[FloatArray, dict
     }
 
 
+MIN_KEPT = 0.5
+"""Share of the samples below which frames and points are chosen anew after filling from segments."""
 FEWEST_NEIGHBOURS, MOST_NEIGHBOURS, MOST_BONES = 2, 6, 3
 FILL_RIDGE, FILL_STEPS = 0.02, 10
 
@@ -442,8 +444,13 @@ def clean_motion(
     dropped = find_useless_points(position, names, parts) | unmoved
     kept = np.array([i for i in range(len(names)) if i not in dropped], dtype=int)
     filled, fill_facts = fill_gaps(position[:, kept], gap_limit=round(gap_limit_s * rate))
+    kept_names = [names[i] for i in kept]
+    first, stop, complete = _find_best_segment(np.asarray(np.isfinite(filled).all(axis=2)), kept_names)
+    few = (stop - first) * complete.sum() < MIN_KEPT * filled[..., 0].size
     filled, n_from_segment = fill_from_segment(filled, gap_limit=round(gap_limit_s * rate))
-    first, stop, complete = _find_best_segment(np.asarray(np.isfinite(filled).all(axis=2)), [names[i] for i in kept])
+    if n_from_segment and few:
+        first, stop, complete = _find_best_segment(np.asarray(np.isfinite(filled).all(axis=2)), kept_names)
+    complete |= np.asarray(np.isfinite(filled[first:stop]).all(axis=(0, 2))) & (stop > first)
     dropped |= {int(i): f"not seen throughout (gaps up to {gap_limit_s:g} s are filled)" for i in kept[~complete]}
     kept, filled = kept[complete], filled[first:stop, complete]
     duration_s = (stop - first) / rate
@@ -500,11 +507,7 @@ def clean_motion(
         "kept_to_s": (stop - 1) / rate,
         "lowpass_hz": cutoff_hz,
         "noise_m": noise_m,
-        **(
-            {}
-            if ground is None
-            else {"floor_tilt_deg": ground.tilt_deg, "floor": ground.kind, "floor_range_m": ground.range_m}
-        ),
+        **({} if ground is None else ground.describe()),
         "floor_shift_m": -floor_m,
     }
     facts = replace(facts, file_time_s=facts.file_time_s + first / rate)

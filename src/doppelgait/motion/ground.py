@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -113,6 +114,11 @@ class Floor:
         raised[..., 2] -= position[:, feet, 2].min(axis=1)[:, np.newaxis]
         return raised
 
+    def describe(self) -> dict[str, Any]:
+        """Return entries for the report of a motion."""
+        tilt_deg = self.tilt_deg if math.isfinite(self.tilt_deg) else None
+        return {"floor": self.kind, "floor_tilt_deg": tilt_deg, "floor_range_m": self.range_m}
+
     @property
     def kind(self) -> str:
         """Return what the floor is, for reports."""
@@ -144,10 +150,11 @@ def measure_floor(position: FloatArray, names: Sequence[str], parts: Sequence[st
     spread_m = spread / math.sqrt(len(rest))
     if spread_m[0] < SPREAD_M[0]:
         return None
-    slopes = [along * float((rest[:, :2] @ along) @ rest[:, 2] / ((rest[:, :2] @ along) ** 2).sum()) for along in axes]
+    lever = np.maximum(spread**2, 1e-12)
+    slopes = [along * float((rest[:, :2] @ along) @ rest[:, 2]) / lever[k] for k, along in enumerate(axes)]
     range_m = float(np.ptp(np.percentile(rest[:, 2], (5, 95))))
-    # on a slope a person is upright; in a tilted frame, the body is at right angles to the floor
-    upper = [i for i, part in enumerate(parts) if part in ("head", "torso")]
+    # on a slope a person is upright; in a tilted frame, the body is at right angles to the floor. Animals show neither
+    upper = [i for i, part in enumerate(parts) if part in ("head", "torso") and "trunk" not in parts]
     lower = dict.fromkeys(part for part in parts if part.endswith(("_shank", "_foot")))
     legs = [[i for i, part in enumerate(parts) if part == leg] for leg in lower]
     under = np.mean([position[:, points].mean(axis=(0, 1)) for points in legs or [feet]], axis=0)
@@ -169,7 +176,7 @@ def _measure_lean_deg(body: FloatArray, slope: FloatArray) -> float:
 
 
 def _find_normal(slope: FloatArray) -> FloatArray:
-    return np.asarray([-slope[0], -slope[1], 1.0]) / math.sqrt(1.0 + float(slope @ slope))
+    return np.asarray(np.array([-slope[0], -slope[1], 1.0]) / math.sqrt(1.0 + float(slope @ slope)))
 
 
 def level_floor(position: FloatArray, floor: Floor) -> FloatArray:

@@ -199,7 +199,7 @@ def take_part(
 
     The gait of a segment is measured. The arguments are those of :func:`read`.
     """
-    from doppelgait.motion.describe import check_motion
+    from doppelgait.motion.checks import check_motion
     from doppelgait.motion.gait import add_gait_facts
     from doppelgait.motion.ground import move_over_ground
     from doppelgait.motion.loop import loop
