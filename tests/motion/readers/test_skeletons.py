@@ -26,6 +26,9 @@ def test_kinect_joints_are_read_at_its_usual_rate(tmp_path: Path) -> None:
     np.testing.assert_allclose(motion.position_m[:, KINECT], truth, atol=1e-6)
     assert (motion.report["up_axis"], motion.facts.subject) == ("y", "7")
     check_damaged_copies(path, start=300, n_frames=range(41), count=60, rate_hz=RATE_HZ)
+    path.write_text(kinect(BODY_M).replace(" 2\n", "\n\n", 1))
+    with pytest.raises(MotionError, match="truncated or damaged near line"):
+        read(path, clean=False, rate_hz=RATE_HZ)
     path.write_text(kinect(BODY_M).replace("\n7 ", "\n9 ", 3))
     with pytest.raises(MotionError, match=r"several subjects: .*9 \(25 points\).*subject="):
         read(path, clean=False, rate_hz=RATE_HZ)
@@ -44,6 +47,7 @@ def test_segments_of_xsens_are_read_without_calibration_poses(tmp_path: Path) ->
         ("</segments>", '</segments><fingers><segment label="LFHD"/></fingers>', "read"),
         ("<segment id=", "<segment/><segment id=", "export one subject with the position of every segment"),
         ('time="50"', 'time="60"', "time steps by|evenly spaced"),
+        ('time="50"', 'time="5o"', "no complete MVNX file"),
     ):
         path.write_text(mvnx(BODY_M).replace(old, new, 1))
         if says == "read":

@@ -76,7 +76,7 @@ def parse_kinect(path: Path) -> Points:
             for _ in range(n_bodies):
                 name, n_joints = lines[at].split()[0], int(lines[at + 1])
                 rows = [line.split() for line in lines[at + 2 : at + 2 + n_joints]]
-                if n_joints != len(parts) or len(rows) != n_joints:
+                if n_joints != len(parts) or [len(row) for row in rows] != [12] * n_joints:
                     raise ValueError(f"{len(rows)} joints")
                 # the last value of a joint is 0 if it is not tracked
                 bodies.setdefault(name, {})[frame] = [
@@ -116,7 +116,7 @@ def parse_mvnx(path: Path) -> Points:
     check_size(path)
     labels: list[str] = []
     frames: list[list[float]] = []
-    times_ms: list[str] = []
+    times_ms: list[float] = []
     rates: list[str] = []
     parser: Any = ElementTree.XMLPullParser(["start", "end"])
     try:
@@ -144,7 +144,7 @@ def parse_mvnx(path: Path) -> Points:
             f"{path}: holds {len(rates)} subjects, {len(labels)} segments and {len(frames)} frames with positions; "
             "export one subject with the position of every segment"
         )
-    time_s = np.array([float(word or "nan") for word in times_ms]) / 1e3
+    time_s = np.array(times_ms) / 1e3
     is_timed = bool(np.isfinite(time_s).all())
     return Points(
         labels,
@@ -155,12 +155,12 @@ def parse_mvnx(path: Path) -> Points:
     )
 
 
-def _add_frame(element: ElementTree.Element, frames: list[list[float]], times_ms: list[str]) -> None:
+def _add_frame(element: ElementTree.Element, frames: list[list[float]], times_ms: list[float]) -> None:
     """Add the positions and the time of a frame that is no calibration pose."""
     position = next((child for child in element if child.tag.rsplit("}", 1)[-1] == "position"), None)
     if element.get("type", "normal") == "normal" and position is not None:
         frames.append(list(map(float, (position.text or "").split())))
-        times_ms.append(element.get("time", ""))
+        times_ms.append(float(element.get("time") or "nan"))
 
 
 def sniff_glb(path: Path, head: bytes) -> bool:

@@ -135,7 +135,8 @@ def trim_cells(cells: Sequence[str]) -> list[str]:
 def has_decimal_comma(rows: Sequence[Row]) -> bool:
     """Return True if numbers of the first rows have decimal commas, and none a point."""
     cells = [cell for _, row in rows[:HEAD_ROWS] for cell in row]
-    return any(is_finite(cell.replace(",", ".")) for cell in cells if "," in cell) and not any("." in c for c in cells)
+    has_comma = any(is_finite(cell.replace(",", ".")) for cell in cells if "," in cell)
+    return has_comma and not any(is_finite(cell) for cell in cells if "." in cell)
 
 
 def to_numbers(path: Path, rows: Sequence[Row], columns: Sequence[int], titles: Sequence[str]) -> FloatArray:
@@ -202,8 +203,9 @@ class Times:
 
 def read_times(path: Path, rows: Sequence[Row], column: int, title: str, *, factor: float = 1.0) -> Times:
     """Read a column of times."""
-    time_s = to_numbers(path, rows, [column], [title])[:, 0] * factor
-    printed = [cells[column].strip().replace(",", ".").partition(".")[2] for _, cells in rows]
+    rows = [(line, cells[column : column + 1] or [""]) for line, cells in rows]
+    time_s = to_numbers(path, rows, [0], [title])[:, 0] * factor
+    printed = [cell.strip().replace(",", ".").partition(".")[2] for _, (cell,) in rows]
     decimals = [digits for digits in printed if "e" not in digits.lower()] or ["0" * 14 + "1"]
     # large numbers printed to nine significant digits have fewer decimals
     least_s = 1e-8 * float(np.abs(np.nan_to_num(time_s)).max())
