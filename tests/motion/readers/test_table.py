@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 import doppelgait.motion.readers.table
-from damage import check_damaged_copies
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
 from walking_body import NAMES, walking_body
@@ -349,8 +348,3 @@ def test_other_text_is_not_taken(tmp_path: Path, text: str) -> None:
     path = tmp_path / "other.txt"
     path.write_text(text)
     assert not doppelgait.motion.readers.table.sniff_table(path, path.read_bytes()[:4096])
-
-
-def test_any_cut_and_any_changed_byte_is_read_or_refused(tmp_path: Path) -> None:
-    whole = write_table(tmp_path / "w.csv", BODY_M[:6], titles("{name}_{axis}_m"))
-    check_damaged_copies(whole, start=40, n_frames=range(7))

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import doppelgait.motion.readers.table  # noqa: F401  (registers itself)
-from damage import check_damaged_copies
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
 from walking_body import NAMES, walking_body, y_up
@@ -220,11 +219,6 @@ def test_one_marker_is_no_body(tmp_path: Path) -> None:
 def test_impossible_rates_are_refused(tmp_path: Path, rate_hz: Any) -> None:
     with pytest.raises(MotionError, match=r"must be (1 to 10000|a number)"):
         read(write_trc(tmp_path / "walk.trc", y_up(BODY_M) * 1e3), clean=False, rate_hz=rate_hz)
-
-
-def test_any_cut_and_any_changed_byte_is_read_or_refused(tmp_path: Path) -> None:
-    whole = write_trc(tmp_path / "walk.trc", y_up(BODY_M[:6]) * 1e3)
-    check_damaged_copies(whole, start=20, n_frames=range(7))
 
 
 def test_a_number_of_thousands_of_digits_in_the_header_is_no_traceback(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """Skeletons: joint orders of body models, and files of Kinect, Xsens and animation programs.
 
-Kinect v2 (NTU RGB+D) and Xsens MVNX files hold positions. A glTF file (GLB) holds a hierarchy with keys of translation,
-rotation and scale.
+Kinect v2 (NTU RGB+D) and Xsens MVNX files hold positions. A glTF file (GLB) holds a hierarchy with
+keys of translation, rotation and scale.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ MAX_NODES = 5000
 
 @cache
 def read_skeletons() -> dict[str, tuple[tuple[int, ...], dict[str, str]]]:
-    """Return numbers of joints and the joints of body models, in order, with parts (``skeletons.toml``)."""
+    """Return the numbers of joints of body models, and the joints in order with parts."""
     tables = read_toml(Path(__file__).with_name("skeletons.toml"))[0]
     return {name: (tuple(table["counts"]), list_points(table["joints"])) for name, table in tables.items()}
 
@@ -64,7 +64,7 @@ def sniff_kinect(path: Path, head: bytes) -> bool:
 @point_format("kinect", sniff_kinect, (".skeleton",))
 def parse_kinect(path: Path) -> Points:
     """Read the joints of Kinect v2 in a file of NTU RGB+D."""
-    # of each frame: number of bodies; of each body: a line of states, number of joints, and a line per joint
+    # of a frame: number of bodies; of each: a line of states, number of joints, a line per joint
     lines, parts = read_lines(path), read_skeletons()["kinect"][1]
     check_cost(path, CELL_BYTES * 12 * len(lines), MotionError)
     bodies: dict[str, dict[int, list[list[float]]]] = {}
@@ -122,9 +122,9 @@ def parse_mvnx(path: Path) -> Points:
     try:
         with path.open("rb") as file:
             while block := file.read(2**16):
-                # entities can grow without limit, and no motion needs any; they are declared before the root
+                # entities can grow without limit; they are declared before the root
                 if not rates and b"<!DOCTYPE" in block.upper():
-                    raise MotionError(f"{path}: declares a document type; export it again without one")
+                    raise MotionError(f"{path}: declares a document type, which is not read")
                 parser.feed(block)
                 for event, element in parser.read_events():
                     tag = element.tag.rsplit("}", 1)[-1]
@@ -190,7 +190,7 @@ def read_glb(
             )
         joints, rate = _animate(path, scene, binary, animations[names.index(key) if key else 0], rate_hz)
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, struct.error) as error:
-        raise MotionError(f"{path}: is a damaged or unusual glTF file: {type(error).__name__} {error}") from None
+        raise MotionError(f"{path}: is a damaged or unusual glTF file: {error!r}") from None
     return make_joint_motion(
         path,
         joints,
@@ -214,7 +214,7 @@ def _split_glb(path: Path) -> tuple[dict[str, Any], bytes]:
         at += 8 + length
     scene = parse_json(chunks[b"JSON"].rstrip(b"\0"))
     if "EXT_meshopt_compression" in scene.get("extensionsRequired", []):
-        raise MotionError(f"{path}: is compressed (EXT_meshopt_compression); export it without compression")
+        raise MotionError(f"{path}: is compressed (meshopt); export it without compression")
     return scene, chunks.get(b"BIN\0", b"")
 
 
@@ -266,8 +266,7 @@ def _find_rate(path: Path, keys_s: FloatArray) -> float:
         return find_frame_rate(path, Times(keys_s, range(len(keys_s)), 1e-5, 1e-5))[0]
     except (MotionError, ZeroDivisionError):
         raise MotionError(
-            f"{path}: its {len(keys_s)} keys are not evenly spaced in time; give the rate to sample the animation at: "
-            "rate_hz=..."
+            f"{path}: its {len(keys_s)} keys are not evenly spaced in time; give the rate to sample at: rate_hz=..."
         ) from None
 
 

@@ -1,7 +1,7 @@
 """Exports of motion-capture and pose-estimation programs: text tables with a header, and HDF5.
 
-Motive, Nexus, Qualisys Track Manager, Visual3D and OpenSim write positions of markers, DeepLabCut and movement those of
-keypoints. Each parser returns the points with what the header states about rate and unit.
+Motive, Nexus, Qualisys, Visual3D and OpenSim write positions of markers, DeepLabCut and movement
+those of keypoints. Each parser returns the points with what the header states about rate and unit.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def _read_columns(path: Path, rows: Sequence[Row], used: Sequence[int], titles: 
     check_amount(path, len(rows), len(used) // 3)
     check_cost(path, CELL_BYTES * len(rows) * len(used), MotionError)
     n_columns = max(used) + 1
-    # points that are not seen at the end of a row may lack their cells; a row that ends within a point is damaged
+    # unseen points at the end of a row may lack their cells; a row that ends within a point is damaged
     for line, cells in rows:
         if len(cells) < n_columns and (n_columns - len(cells)) % 3:
             raise MotionError(
@@ -74,7 +74,7 @@ def _read_columns(path: Path, rows: Sequence[Row], used: Sequence[int], titles: 
 
 
 MOTIVE_KINDS = ("marker", "bone marker", "rigid body marker", "bone", "rigid body")
-"""Kinds of points of Motive, the best first: measured markers before those that a solved body predicts."""
+"""Kinds of points of Motive, the best first: measured markers before those of a solved body."""
 
 
 def sniff_motive(path: Path, head: bytes) -> bool:
@@ -89,7 +89,7 @@ def parse_motive(path: Path) -> Points:
     header = {key.lower(): value for key, value in zip(rows[0][1][::2], rows[0][1][1::2], strict=False)}
     at = next((i for i, (_, cells) in enumerate(rows[:12]) if cells[0].lower() == "frame"), -1)
     if at < 4:
-        raise MotionError(f"{path}: has no rows of types, names, properties and axes above Frame; export it with them")
+        raise MotionError(f"{path}: has no header of types, names and axes above Frame")
     # older versions write no titles in front of the rows of types and names
     titled = {[*cells, ""][1].lower(): cells for _, cells in rows[at - 1 : 0 : -1]}
     types, names = (titled.get(key, rows[n][1]) for key, n in (("type", 1), ("name", 2)))
@@ -102,10 +102,10 @@ def parse_motive(path: Path) -> Points:
     kinds = [kind for kind in (*MOTIVE_KINDS, *counts) if counts.get(kind, 0) >= MIN_MARKERS]
     if not kinds:
         listed = ", ".join(f"{count} of type {kind}" for kind, count in counts.items()) or "none"
-        raise MotionError(f"{path}: a body needs {MIN_MARKERS} named points with positions or more; it has {listed}")
+        raise MotionError(f"{path}: a body needs {MIN_MARKERS} named points or more; it has {listed}")
     space = header.get("coordinate space", "global")
     if space.lower() not in ("global", "world") and "marker" not in kinds[0]:
-        raise MotionError(f"{path}: states Coordinate Space {space!r}; export the {kinds[0]} positions as Global")
+        raise MotionError(f"{path}: its {kinds[0]} positions are {space!r}; export them as Global")
     rows, title = rows[at + 1 :], rows[at][1][1]
     labels, position = _arrange(path, columns[kinds[0]], rows)
     others = [f"{counts[kind]} of type {kind}" for kind in counts if kind != kinds[0]]
@@ -140,7 +140,7 @@ def parse_nexus(path: Path) -> Points:
     at = next((i for i in titles if rows[i][1][0].lower() == "trajectories"), -1)
     if at < 0:
         held = ", ".join(rows[i][1][0] for i in titles)
-        raise MotionError(f"{path}: holds {held}, but no block Trajectories; export the trajectories of the markers")
+        raise MotionError(f"{path}: holds {held}, but no block Trajectories; export it")
     block = rows[at : next((i for i in titles if i > at), len(rows))]
     frames = [row for row in block[4:] if is_finite(row[1][0])]
     if not frames:
@@ -221,7 +221,7 @@ def parse_visual3d(path: Path) -> Points:
     rows = split_rows(path, read_lines(path), "\t")
     files, names, kinds, _, axes = ([cell.strip() for cell in cells] for _, cells in rows[:5])
     if len(held := dict.fromkeys(filter(None, files))) > 1:
-        raise MotionError(f"{path}: holds {len(held)} recordings ({', '.join(held)}); export each to its own file")
+        raise MotionError(f"{path}: holds {len(held)} recordings ({', '.join(held)}); export one")
     columns: list[Column | None] = [
         (name, axis.lower()) if kind in VISUAL3D_POINTS and axis in ("X", "Y", "Z") else None
         for name, kind, axis in zip(names, kinds, axes, strict=False)
@@ -294,7 +294,7 @@ def parse_deeplabcut(path: Path) -> Points:
     rows = _read_rows(path, 1)
     at = next((i for i, (_, cells) in enumerate(rows[:5]) if cells[0] == "coords"), -1)
     if at < 0:
-        raise MotionError(f"{path}: has no row coords below its rows scorer and bodyparts; export it again")
+        raise MotionError(f"{path}: has no row coords below scorer and bodyparts")
     columns = _name_keypoints(path, {cells[0]: cells[1:] for _, cells in rows[: at + 1]})
     at += any(not is_finite(cells[0]) and not any(cells[1:]) for _, cells in rows[at + 1 : at + 2])  # name of the index
     return Points(*_arrange(path, [None, *columns], rows[at + 1 :]))
@@ -303,7 +303,7 @@ def parse_deeplabcut(path: Path) -> Points:
 def _name_keypoints(path: Path, levels: Mapping[str, Sequence[str]]) -> list[Column | None]:
     """Return the columns with the levels individuals, bodyparts and coords."""
     if not {"bodyparts", "coords"} <= set(levels):
-        raise MotionError(f"{path}: its columns have no levels bodyparts and coords, as those of DeepLabCut")
+        raise MotionError(f"{path}: its columns have no levels bodyparts and coords")
     if "z" not in levels["coords"]:
         raise MotionError(
             f"{path}: holds image coordinates (x and y in pixels); triangulate the keypoints of two or more calibrated "
@@ -315,7 +315,7 @@ def _name_keypoints(path: Path, levels: Mapping[str, Sequence[str]]) -> list[Col
 
 
 def sniff_keypoints(path: Path, head: bytes) -> bool:
-    """Return True if an HDF5 file holds a table of pandas, or positions along the axes of movement."""
+    """Return True if HDF5 holds a table of pandas, or positions of movement."""
     if not head.startswith(SIGNATURE):
         return False
     try:
