@@ -9,38 +9,21 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from doppelgait.motion import make_motion
+from doppelgait.motion import make_motion, paths
 from doppelgait.motion.follow import follow, steady_speed_mps
 from doppelgait.motion.models import boulic_walk, quadruped_gait
 from doppelgait.motion.models.boulic import compute_support_fraction
-from doppelgait.motion.paths import (
-    HEADING_WINDOW_M,
-    ArcPath,
-    CurveElement,
-    Pace,
-    PolylinePath,
-    Stop,
-    StopAndGoPath,
-    StraightPath,
-    TurnAroundPath,
-    distance_m,
-    find_points,
-    join,
-    lay_out,
-    make_arc,
-    smooth_heading_rad,
-)
 from doppelgait.motion.retime import body_centre_m, place
 
 SPEED_MPS = 1.2
 PATHS = [
-    StraightPath(),
-    ArcPath(radius_m=1.5, turn_deg=200),
-    ArcPath(radius_m=2.0, turn_deg=-150, side_m=0.4, ahead_m=0.3),
-    PolylinePath(points_m=[(0, 0), (2, 0), (3, 2), (1, 3)], corner_radius_m=0.4),
-    StopAndGoPath(stops=[{"at_m": 1.5, "pause_s": 2.0}, {"at_m": 4.0, "pause_s": 0.4}]),
-    TurnAroundPath(out_m=2.0),
-    TurnAroundPath(out_m=2.0, radius_m=0.8),
+    paths.StraightPath(),
+    paths.ArcPath(radius_m=1.5, turn_deg=200),
+    paths.ArcPath(radius_m=2.0, turn_deg=-150, side_m=0.4, ahead_m=0.3),
+    paths.PolylinePath(points_m=[(0, 0), (2, 0), (3, 2), (1, 3)], corner_radius_m=0.4),
+    paths.StopAndGoPath(stops=[{"at_m": 1.5, "pause_s": 2.0}, {"at_m": 4.0, "pause_s": 0.4}]),
+    paths.TurnAroundPath(out_m=2.0),
+    paths.TurnAroundPath(out_m=2.0, radius_m=0.8),
 ]
 NAMES = [f"{path.kind}-{number}" for number, path in enumerate(PATHS)]
 
@@ -81,8 +64,8 @@ def steady_point(speed_mps, duration_s, rate_hz=250.0, **facts):
 
 
 def test_a_curve_is_the_integral_of_its_curvature():
-    curve = join(
-        [CurveElement(1.0), make_arc(0.7, 1.2), CurveElement(0.5), make_arc(2.0, -0.9)],
+    curve = paths.join(
+        [paths.CurveElement(1.0), paths.make_arc(0.7, 1.2), paths.CurveElement(0.5), paths.make_arc(2.0, -0.9)],
         start_m=(3.0, -2.0),
         heading_rad=0.4,
     )
@@ -95,19 +78,19 @@ def test_a_curve_is_the_integral_of_its_curvature():
             quad(lambda u, f=f: f(heading(u)), 0, s, points=[1.0, 1.84, 2.34], epsabs=1e-12)[0]
             for f in (np.cos, np.sin)
         )
-        np.testing.assert_allclose(find_points(curve, np.array([s]))[0], [3 + x, y - 2], atol=1e-9)
-        half = HEADING_WINDOW_M / 2
+        np.testing.assert_allclose(paths.find_points(curve, np.array([s]))[0], [3 + x, y - 2], atol=1e-9)
+        half = paths.HEADING_WINDOW_M / 2
         inside = [p for p in (1.0, 1.84, 2.34) if s - half < p < s + half] or None
-        mean = quad(heading, s - half, s + half, points=inside, epsabs=1e-12)[0] / HEADING_WINDOW_M
-        assert smooth_heading_rad(curve, np.array([s]))[0] == pytest.approx(mean, abs=1e-9)
+        mean = quad(heading, s - half, s + half, points=inside, epsabs=1e-12)[0] / paths.HEADING_WINDOW_M
+        assert paths.smooth_heading_rad(curve, np.array([s]))[0] == pytest.approx(mean, abs=1e-9)
 
 
 def test_the_pace_keeps_its_acceleration_and_stands_where_it_should():
     top_mps2, v = 0.8, 1.3
     ramp_s = math.pi * v / (2 * top_mps2)
-    pace = Pace(v, ramp_s, (Stop(3.0, 2.0), Stop(9.0, 0.5)))
+    pace = paths.Pace(v, ramp_s, (paths.Stop(3.0, 2.0), paths.Stop(9.0, 0.5)))
     t = np.arange(0, 20, 1e-3)
-    s = distance_m(pace, t)
+    s = paths.distance_m(pace, t)
     speed, acceleration = np.gradient(s, t), np.gradient(np.gradient(s, t), t)
     assert speed.min() > -1e-9
     assert speed.max() == pytest.approx(v, abs=1e-9)
@@ -124,7 +107,7 @@ def test_the_pace_keeps_its_acceleration_and_stands_where_it_should():
 
 def test_a_straight_path_gives_back_the_motion(walk, trot):
     for motion in (walk, trot):
-        followed = follow(motion, StraightPath())
+        followed = follow(motion, paths.StraightPath())
         assert followed.positions.shape == motion.positions.shape
         shift = followed.position_m - motion.position_m
         assert np.ptp(shift, axis=(0, 1)).max() < 1e-9
@@ -163,13 +146,13 @@ def test_blocks_of_frames_give_the_bytes_of_the_whole(walk, path, monkeypatch):
 
 def test_a_mirrored_walk_on_the_mirrored_path_is_the_mirror_image(walk):
     mirrored = walk.with_positions(walk.position_m * [1, -1, 1])
-    left = follow(walk, ArcPath(radius_m=2, turn_deg=120, side_m=0.3))
-    right = follow(mirrored, ArcPath(radius_m=2, turn_deg=-120, side_m=-0.3))
+    left = follow(walk, paths.ArcPath(radius_m=2, turn_deg=120, side_m=0.3))
+    right = follow(mirrored, paths.ArcPath(radius_m=2, turn_deg=-120, side_m=-0.3))
     np.testing.assert_allclose(right.position_m, left.position_m * [1, -1, 1], atol=1e-9)
 
 
 def test_another_speed_keeps_the_stride_length(walk):
-    fast = follow(walk, StraightPath(speed_mps=1.25 * SPEED_MPS))
+    fast = follow(walk, paths.StraightPath(speed_mps=1.25 * SPEED_MPS))
     assert steady_speed_mps(fast) == pytest.approx(1.25 * SPEED_MPS, rel=1e-9)
     for key in ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz"):
         assert getattr(fast.facts, key) == pytest.approx(1.25 * getattr(walk.facts, key), rel=1e-9)
@@ -183,8 +166,8 @@ def test_another_speed_keeps_the_stride_length(walk):
 @pytest.mark.parametrize("turn_deg", [300, -300])
 def test_on_an_arc_the_body_stays_on_the_circle_beyond_its_own_sway(walk, turn_deg):
     radius_m, side = 2.0, math.copysign(1, turn_deg)
-    straight = body_centre_m(follow(walk, StraightPath()))
-    followed = follow(walk, ArcPath(radius_m=radius_m, turn_deg=turn_deg))
+    straight = body_centre_m(follow(walk, paths.StraightPath()))
+    followed = follow(walk, paths.ArcPath(radius_m=radius_m, turn_deg=turn_deg))
     t = followed.time_s
     frames = t.size
     ahead = straight[:frames, 0] - SPEED_MPS * t
@@ -204,7 +187,7 @@ def test_on_an_arc_the_body_stays_on_the_circle_beyond_its_own_sway(walk, turn_d
 
 def test_radial_velocity_on_a_circle_is_the_closed_form():
     v, radius_m, radar = 1.5, 2.0, np.array([5.0, 1.0, 0.0])
-    motion = follow(steady_point(v, 10.0), ArcPath(radius_m=radius_m, turn_deg=360))
+    motion = follow(steady_point(v, 10.0), paths.ArcPath(radius_m=radius_m, turn_deg=360))
     t = motion.time_s
     sight = motion.position_m[:, 0] - radar
     range_m = np.sqrt((sight**2).sum(axis=1))
@@ -221,8 +204,8 @@ def test_radial_velocity_on_a_circle_is_the_closed_form():
 
 @pytest.mark.parametrize("radius_m", [1.0, 3.0])
 def test_a_stance_paw_slides_on_an_arc_as_curvature_says(trot, radius_m):
-    followed = follow(trot, ArcPath(radius_m=radius_m, turn_deg=120))
-    straight = follow(trot, StraightPath())
+    followed = follow(trot, paths.ArcPath(radius_m=radius_m, turn_deg=120))
+    straight = follow(trot, paths.StraightPath())
     v = steady_speed_mps(trot)
     paws = [n for n, part in enumerate(trot.positions.coords["part"].values) if part.endswith("paw")]
     frames = followed.n_frames
@@ -238,8 +221,8 @@ def test_a_stance_paw_slides_on_an_arc_as_curvature_says(trot, radius_m):
 
 
 def test_the_companion_on_the_outside_goes_further_in_the_same_time(walk):
-    inner = follow(walk, ArcPath(radius_m=2.0, turn_deg=180, side_m=0.5))
-    outer = follow(walk, ArcPath(radius_m=2.0, turn_deg=180, side_m=-0.5))
+    inner = follow(walk, paths.ArcPath(radius_m=2.0, turn_deg=180, side_m=0.5))
+    outer = follow(walk, paths.ArcPath(radius_m=2.0, turn_deg=180, side_m=-0.5))
     assert inner.n_frames == outer.n_frames
     for motion, radius_m in ((inner, 1.5), (outer, 2.5)):
         centre = body_centre_m(motion) - [0, 2.0, 0]
@@ -255,7 +238,7 @@ def test_the_companion_on_the_outside_goes_further_in_the_same_time(walk):
 
 def test_a_polyline_passes_its_points_and_rounds_its_corners():
     v, r = 1.0, 0.5
-    path = PolylinePath(points_m=[(1, 1), (4, 1), (4, 5)], corner_radius_m=r)
+    path = paths.PolylinePath(points_m=[(1, 1), (4, 1), (4, 5)], corner_radius_m=r)
     motion = follow(steady_point(v, 10.0), path)
     body = motion.position_m[:, 0, :2]
     np.testing.assert_allclose(body[0], [1, 1], atol=1e-9)
@@ -284,7 +267,7 @@ def test_positions_and_velocities_are_continuous(walk, path):
 
 
 def test_at_a_stop_everything_is_still(walk):
-    path = StopAndGoPath(stops=[{"at_m": 4.0, "pause_s": 3.0}])
+    path = paths.StopAndGoPath(stops=[{"at_m": 4.0, "pause_s": 3.0}])
     motion = follow(walk, path)
     stop_m = stop_of(motion)
     stride_m = SPEED_MPS / walk.facts.stride_frequency_hz
@@ -305,7 +288,7 @@ def test_at_a_stop_everything_is_still(walk):
     assert pose[feet, 2].max() < 0.08  # on or near the floor
     # phase follows distance: away from the stop the walk is the source's at another time
     after = motion.position_m[-1]
-    source = follow(walk, StraightPath()).position_m
+    source = follow(walk, paths.StraightPath()).position_m
     reached = motion.report["path"]["length_m"] / SPEED_MPS * 250
     low, part = int(reached), reached - int(reached)
     np.testing.assert_allclose(after, (1 - part) * source[low] + part * source[low + 1], atol=1e-4)
@@ -316,13 +299,13 @@ def test_a_stop_is_in_double_support(walk):
     duty = compute_support_fraction(SPEED_MPS / (0.491 * 1.75))
     right = np.array(walk.facts.footfalls["right_foot"])
     for at_m in np.linspace(2.0, 3.4, 7):
-        stop_m = stop_of(follow(walk, StopAndGoPath(stops=[{"at_m": at_m, "pause_s": 0.2}])))
+        stop_m = stop_of(follow(walk, paths.StopAndGoPath(stops=[{"at_m": at_m, "pause_s": 0.2}])))
         phase = (stop_m / SPEED_MPS - right[0]) * walk.facts.stride_frequency_hz % 0.5
         assert 0 <= phase < duty - 0.5
 
 
 def test_a_trotting_dog_stops_on_its_paws(trot):
-    motion = follow(trot, StopAndGoPath(stops=[{"at_m": 4.0, "pause_s": 2.0}]))
+    motion = follow(trot, paths.StopAndGoPath(stops=[{"at_m": 4.0, "pause_s": 2.0}]))
     rest_s = stop_of(motion) / steady_speed_mps(trot) + math.pi * steady_speed_mps(trot) / 4
     t = motion.time_s
     standing = (t > rest_s + 0.61) & (t < rest_s + 1.39)
@@ -339,16 +322,18 @@ def test_touchdowns_are_when_their_phase_passes(walk, path):
     motion = follow(walk, path)
     report = motion.report["path"]
     if path.side_m == 0:
-        layout = lay_out(path)
-        stops = tuple(Stop(at, s.pause_s) for at, s in zip(report["stops_m"], layout.stops, strict=True))
-        pace = Pace(SPEED_MPS, math.pi * SPEED_MPS / (2 * layout.acceleration_mps2), stops)
+        layout = paths.lay_out(path)
+        stops = tuple(paths.Stop(at, s.pause_s) for at, s in zip(report["stops_m"], layout.stops, strict=True))
+        pace = paths.Pace(SPEED_MPS, math.pi * SPEED_MPS / (2 * layout.acceleration_mps2), stops)
         end_s = float(motion.time_s[-1])
         for foot, times in motion.facts.footfalls.items():
             source = walk.facts.footfalls[foot]
             assert len(times) >= 3
             for when, phase_s in zip(times, source, strict=False):
                 if 1e-9 < phase_s * SPEED_MPS < report["length_m"] - 1e-3:
-                    root = brentq(lambda t, p=phase_s: distance_m(pace, np.array([t]))[0] / SPEED_MPS - p, 0, end_s)
+                    root = brentq(
+                        lambda t, p=phase_s: paths.distance_m(pace, np.array([t]))[0] / SPEED_MPS - p, 0, end_s
+                    )
                     assert when == pytest.approx(root, abs=1e-6)
     moving_s = float(motion.time_s[-1]) - report["pause_s"]
     strides = report["length_m"] / SPEED_MPS * walk.facts.stride_frequency_hz
@@ -375,7 +360,7 @@ def test_turning_around_turns_the_sign_of_the_doppler_shift(walk, path):
 
 
 def test_a_turn_on_the_spot_stays_on_the_spot(walk):
-    motion = follow(walk, TurnAroundPath(out_m=3.0, turn_s=2.0))
+    motion = follow(walk, paths.TurnAroundPath(out_m=3.0, turn_s=2.0))
     stop_m = stop_of(motion)
     assert motion.report["path"]["pause_s"] == pytest.approx(3.2)
     rest_s = stop_m / SPEED_MPS + math.pi * SPEED_MPS / 4
@@ -390,6 +375,6 @@ def test_a_turn_on_the_spot_stays_on_the_spot(walk):
 
 
 def test_a_motion_lasts_until_its_path_ends_or_as_long_as_wanted(walk):
-    assert follow(walk, ArcPath(radius_m=1.0, turn_deg=90)).time_s[-1] == pytest.approx(1.309, abs=1 / 250)
-    assert follow(walk, StraightPath(), duration_s=2.0).time_s[-1] == pytest.approx(2.0)
-    follow(walk, StopAndGoPath(stops=[{"at_m": 3.0, "pause_s": 1.0}, {"at_m": 6.5, "pause_s": 1.0}]))
+    assert follow(walk, paths.ArcPath(radius_m=1.0, turn_deg=90)).time_s[-1] == pytest.approx(1.309, abs=1 / 250)
+    assert follow(walk, paths.StraightPath(), duration_s=2.0).time_s[-1] == pytest.approx(2.0)
+    follow(walk, paths.StopAndGoPath(stops=[{"at_m": 3.0, "pause_s": 1.0}, {"at_m": 6.5, "pause_s": 1.0}]))

@@ -5,18 +5,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models import boulic_walk, compute_boulic_points
-from doppelgait.motion.models.boulic import (
-    LEG_LENGTH,
-    LENGTHS,
-    compute_body_offset,
-    compute_support_fraction,
-    cycle_duration_s,
-    find_joint_knots,
-    limb_angles_deg,
-    pelvic_list_deg,
-    trunk_angles_deg,
-)
+from doppelgait.motion.models import boulic, boulic_walk, compute_boulic_points
 from doppelgait.motion.models.human_body import POINTS
 from doppelgait.motion.skeleton import HUMAN_PARTS
 from walking_body import BONES
@@ -28,12 +17,12 @@ INDEX = {name: n for n, name in enumerate(POINTS)}
 
 def velocity(q, height_m, phase, name, **options):
     """Exact forward speed of a point, m/s: central difference of the closed form over two millionths of a cycle."""
-    leg_m, step = LEG_LENGTH * height_m, 1e-6
+    leg_m, step = boulic.LEG_LENGTH * height_m, 1e-6
     ahead, behind = (
         compute_boulic_points(phase + d, q, height_m, offset_scale_m=leg_m, **options)[:, INDEX[name], 0]
         for d in (step, -step)
     )
-    return q * leg_m + (ahead - behind) / (2 * step * cycle_duration_s(q))
+    return q * leg_m + (ahead - behind) / (2 * step * boulic.cycle_duration_s(q))
 
 
 def test_point_names_and_parts():
@@ -48,10 +37,10 @@ def test_point_names_and_parts():
 
 @pytest.mark.parametrize(("q", "height_m"), [(0.3, 1.2), (1.0, 1.8), (1.7, 1.65), (2.9, 1.9)])
 def test_timing_identities(q, height_m):
-    leg_m, cycle_s = LEG_LENGTH * height_m, cycle_duration_s(q)
+    leg_m, cycle_s = boulic.LEG_LENGTH * height_m, boulic.cycle_duration_s(q)
     speed_mps = q * leg_m
     assert speed_mps * cycle_s == pytest.approx(1.346 * np.sqrt(q) * leg_m)
-    assert compute_support_fraction(q) * cycle_s == pytest.approx(0.752 * cycle_s - 0.143)
+    assert boulic.compute_support_fraction(q) * cycle_s == pytest.approx(0.752 * cycle_s - 0.143)
     walk = boulic_walk(speed_mps=speed_mps, height_m=height_m, duration_s=7)
     facts = walk.facts
     assert facts.stride_frequency_hz == pytest.approx(0.743 * np.sqrt(speed_mps / leg_m), rel=1e-4)
@@ -68,7 +57,7 @@ def test_timing_identities(q, height_m):
 )  # fmt: skip
 def test_peak_speed_of_ankle_and_toe_over_body_speed(q, ankle, toe):
     # The row below q = 0.5 is for the published signs of the body offsets; above, they are the default ones.
-    phase, mean = np.arange(20_000) / 20_000, q * LEG_LENGTH * 1.8
+    phase, mean = np.arange(20_000) / 20_000, q * boulic.LEG_LENGTH * 1.8
     for name, expected in (("right_ankle", ankle), ("right_toe", toe)):
         peak = velocity(q, 1.8, phase, name, offset_signs="published").max() / mean
         assert peak == pytest.approx(expected, abs=0.0051)
@@ -90,53 +79,57 @@ def test_segments_keep_their_lengths(q):
     points = compute_boulic_points(PHASE, q, 1.8, offset_scale_m=1.0)
     for a, b, bone in BONES:
         length_m = np.linalg.norm(points[:, INDEX[a]] - points[:, INDEX[b]], axis=1)
-        np.testing.assert_allclose(length_m, 1.8 * LENGTHS[bone], rtol=0, atol=1e-12, err_msg=f"{a} {b}")
+        np.testing.assert_allclose(length_m, 1.8 * boulic.LENGTHS[bone], rtol=0, atol=1e-12, err_msg=f"{a} {b}")
 
 
 @pytest.mark.parametrize("q", SPEEDS)
 def test_curves_close_over_the_cycle(q):
     ends = np.array([-1e-9, 1e-9])
-    for name, curve in {**trunk_angles_deg(ends, q), **limb_angles_deg(ends, q)}.items():
+    for name, curve in {**boulic.trunk_angles_deg(ends, q), **boulic.limb_angles_deg(ends, q)}.items():
         assert abs(curve[0] - curve[1]) < 1e-5, name
     np.testing.assert_allclose(
         compute_boulic_points(PHASE + 7, q, 1.8, offset_scale_m=1),
         compute_boulic_points(PHASE, q, 1.8, offset_scale_m=1),
         atol=1e-11,
     )
-    np.testing.assert_allclose(pelvic_list_deg(np.array([0, 0.5, 0.15, 0.65]), q) / 1.66 / q, [0, 0, -2, 2], atol=1e-12)
+    np.testing.assert_allclose(
+        boulic.pelvic_list_deg(np.array([0, 0.5, 0.15, 0.65]), q) / 1.66 / q, [0, 0, -2, 2], atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("q", [0.5, 1.3])
 def test_regimes_meet(q):
     below, above = q * (1 - 1e-9), q * (1 + 1e-9)
-    for joint, knots in find_joint_knots(below).items():
+    for joint, knots in boulic.find_joint_knots(below).items():
         values = {round(p, 6) % 1: v for p, v in knots}
-        for p, v in find_joint_knots(above)[joint]:
+        for p, v in boulic.find_joint_knots(above)[joint]:
             assert values[round(p, 6) % 1] == pytest.approx(v, abs=1e-6), (joint, p)
-    for name, curve in limb_angles_deg(PHASE, below).items():
+    for name, curve in boulic.limb_angles_deg(PHASE, below).items():
         # At 1.3 the one hip knot at 0.9 splits in two, which tilts the curve there: the model's own small step.
         step_deg = 0.7 if (name, q) == ("hip", 1.3) else 1e-6
-        np.testing.assert_allclose(limb_angles_deg(PHASE, above)[name], curve, atol=step_deg, err_msg=name)
-    for name, curve in trunk_angles_deg(PHASE, below).items():
-        np.testing.assert_allclose(trunk_angles_deg(PHASE, above)[name], curve, atol=1e-6, err_msg=name)
+        np.testing.assert_allclose(boulic.limb_angles_deg(PHASE, above)[name], curve, atol=step_deg, err_msg=name)
+    for name, curve in boulic.trunk_angles_deg(PHASE, below).items():
+        np.testing.assert_allclose(boulic.trunk_angles_deg(PHASE, above)[name], curve, atol=1e-6, err_msg=name)
     for signs in ("continuous", "pendulum"):
         np.testing.assert_allclose(
-            compute_body_offset(PHASE, below, signs=signs), compute_body_offset(PHASE, above, signs=signs), atol=1e-6
+            boulic.compute_body_offset(PHASE, below, signs=signs),
+            boulic.compute_body_offset(PHASE, above, signs=signs),
+            atol=1e-6,
         )
 
 
 def test_published_offsets_change_sign_at_one_half_and_the_default_leans_over_the_standing_leg():
-    below, above = (compute_body_offset(PHASE, q, signs="published")[1] for q in (0.4999, 0.5001))
+    below, above = (boulic.compute_body_offset(PHASE, q, signs="published")[1] for q in (0.4999, 0.5001))
     assert np.corrcoef(below, above)[0, 1] < -0.99
     for q in SPEEDS:
         # The right leg stands around p = 0.3: the body is then to the right, y < 0.
-        assert compute_body_offset(np.array([0.35]), q)[1, 0] < 0
+        assert boulic.compute_body_offset(np.array([0.35]), q)[1, 0] < 0
 
 
 def test_the_knee_never_overshoots_its_control_points():
     for q in SPEEDS:
-        values = [v for _, v in find_joint_knots(q)["knee"]]
-        knee = limb_angles_deg(PHASE, q)["knee"]
+        values = [v for _, v in boulic.find_joint_knots(q)["knee"]]
+        knee = boulic.limb_angles_deg(PHASE, q)["knee"]
         assert knee.min() >= min(values) - 1e-12
         assert knee.max() <= max(values) + 1e-12
 
@@ -144,7 +137,7 @@ def test_the_knee_never_overshoots_its_control_points():
 def test_it_travels_at_its_speed_along_x_over_the_floor():
     for speed_mps, height_m in ((0.5, 1.2), (1.4, 1.75), (2.4, 1.9)):
         walk = boulic_walk(speed_mps=speed_mps, height_m=height_m, duration_s=6, start_phase=0.3)
-        cycle = round(250 * cycle_duration_s(speed_mps / (LEG_LENGTH * height_m)))
+        cycle = round(250 * boulic.cycle_duration_s(speed_mps / (boulic.LEG_LENGTH * height_m)))
         assert walk.position_m[0, 0, :2] == pytest.approx([0, 0], abs=0.03)
         seconds = float(walk.time_s[-1])
         trend = np.polyfit(walk.time_s, walk.positions.sel(marker="base", space="x"), 1)[0]
@@ -156,7 +149,7 @@ def test_it_travels_at_its_speed_along_x_over_the_floor():
 
 
 def test_the_consistent_form_differs_from_the_published_program_in_advance_and_offsets():
-    q, leg_m = 1.0, LEG_LENGTH * 1.8
+    q, leg_m = 1.0, boulic.LEG_LENGTH * 1.8
     for form, speed_mps in (("consistent", q * leg_m), ("pendulum", q * leg_m), ("chen2011", q)):
         walk = boulic_walk(speed_mps=q * leg_m, height_m=1.8, form=form, duration_s=1.346, rate_hz=1000 / 1.346)
         base = walk.positions.sel(marker="base").values
@@ -166,7 +159,7 @@ def test_the_consistent_form_differs_from_the_published_program_in_advance_and_o
 
 def test_footfalls_are_where_the_phase_says():
     walk = boulic_walk(speed_mps=1.3, height_m=1.8, duration_s=6, start_phase=0.2)
-    cycle_s = cycle_duration_s(1.3 / (LEG_LENGTH * 1.8))
+    cycle_s = boulic.cycle_duration_s(1.3 / (boulic.LEG_LENGTH * 1.8))
     for foot, offset in (("right_foot", 0.0), ("left_foot", 0.5)):
         times = np.array(walk.facts.footfalls[foot])
         np.testing.assert_allclose((0.2 + times / cycle_s - offset) % 1.0 % (1 - 1e-9), 0, atol=1e-9)
@@ -178,7 +171,7 @@ def test_footfalls_are_where_the_phase_says():
 @pytest.mark.parametrize("q", SPEEDS)
 @pytest.mark.parametrize("height_m", [1.2, 1.75])
 def test_default_rate_is_fast_enough_for_the_feet(q, height_m):
-    speed_mps, cycle_s = q * LEG_LENGTH * height_m, cycle_duration_s(q)
+    speed_mps, cycle_s = q * boulic.LEG_LENGTH * height_m, boulic.cycle_duration_s(q)
     walk = boulic_walk(speed_mps=speed_mps, height_m=height_m, duration_s=3 * cycle_s)
     time_s = np.linspace(0.5, 2.5, 4_000) * cycle_s
     for name in ("right_ankle", "right_toe", "left_hand"):
@@ -207,5 +200,5 @@ def test_points_refuse_a_relative_speed_outside_the_model(q):
 
 def test_the_whole_range_of_speeds_is_walkable():
     for q in (0.01, *np.linspace(0.1, 3.0, 59)):
-        walk = boulic_walk(speed_mps=q * LEG_LENGTH * 1.75, height_m=1.75, duration_s=1, rate_hz=50)
+        walk = boulic_walk(speed_mps=q * boulic.LEG_LENGTH * 1.75, height_m=1.75, duration_s=1, rate_hz=50)
         assert np.isfinite(walk.position_m).all()

@@ -7,20 +7,8 @@ import pytest
 from scipy.integrate import solve_bvp
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models import boulic_walk
+from doppelgait.motion.models import boulic_walk, human, human_gait
 from doppelgait.motion.models.curves import walk_duty
-from doppelgait.motion.models.human import (
-    ANKLE,
-    FOOT,
-    HEEL,
-    MIDDLE,
-    STANDING_RAD,
-    TIP,
-    human_gait,
-    run_duty_factor,
-    run_height_m,
-    run_step_frequency_hz,
-)
 from doppelgait.motion.models.human_body import (
     LENGTHS,
     POINTS,
@@ -45,7 +33,7 @@ def gait(speed_mps, duration_s=4.0, **options):
 def duty(motion, speed_mps):
     """Share of a stride on the ground, from the laws of the two gaits."""
     if motion.facts.gait == "run":
-        return run_duty_factor(speed_mps)
+        return human.run_duty_factor(speed_mps)
     return walk_duty(speed_mps / np.sqrt(9.81 * 0.491 * 1.75))
 
 
@@ -56,11 +44,11 @@ def points(motion, *names):
 def foot_points(motion, side):
     """Heel, ankle and tip of a foot, (n, 3) each, and the pitch of its sole; heel and tip on its sole."""
     ankle, toe = np.moveaxis(points(motion, f"{side}_ankle", f"{side}_toe"), 1, 0)
-    pitch = np.arctan2(toe[:, 2] - ankle[:, 2], toe[:, 0] - ankle[:, 0]) + STANDING_RAD
-    foot_m = FOOT[0] * motion.facts.height_m
-    x = -HEEL * foot_m * np.cos(pitch) + ANKLE * foot_m * np.sin(pitch)
-    z = -HEEL * foot_m * np.sin(pitch) - ANKLE * foot_m * np.cos(pitch)
-    tip = ankle + (toe - ankle) / MIDDLE - [0, 0, TIP * foot_m]
+    pitch = np.arctan2(toe[:, 2] - ankle[:, 2], toe[:, 0] - ankle[:, 0]) + human.STANDING_RAD
+    foot_m = human.FOOT[0] * motion.facts.height_m
+    x = -human.HEEL * foot_m * np.cos(pitch) + human.ANKLE * foot_m * np.sin(pitch)
+    z = -human.HEEL * foot_m * np.sin(pitch) - human.ANKLE * foot_m * np.cos(pitch)
+    tip = ankle + (toe - ankle) / human.MIDDLE - [0, 0, human.TIP * foot_m]
     return ankle + np.stack([x, 0 * x, z], axis=1), ankle, tip, pitch
 
 
@@ -93,7 +81,7 @@ def test_with_all_options_off_it_is_the_boulic_walk_bit_for_bit(speed_mps, heigh
 def check_lengths(motion):
     for a, b, bone in BONES:
         length_m = np.linalg.norm(np.diff(points(motion, a, b), axis=1), axis=2)
-        share = MIDDLE * FOOT[0] if bone == "foot" else LENGTHS[bone]
+        share = human.MIDDLE * human.FOOT[0] if bone == "foot" else LENGTHS[bone]
         np.testing.assert_allclose(length_m, 1.75 * share, rtol=0, atol=1e-9, err_msg=f"{a} {b}")
 
 
@@ -171,7 +159,7 @@ def test_the_height_of_a_run_solves_its_equation_of_motion():
     t = np.unique(np.append(np.linspace(0, step_s, 2001), contact_s))
     ends = lambda a, b: np.array([a[0], b[0]])  # noqa: E731
     solved = solve_bvp(force, ends, t, np.zeros((2, t.size)), tol=1e-8)
-    expected = run_height_m(t[:-1] / stride_s, stride_s, share)
+    expected = human.run_height_m(t[:-1] / stride_s, stride_s, share)
     np.testing.assert_allclose(expected, solved.sol(t[:-1])[0], atol=2e-6)
     assert solved.sol(0)[1] == pytest.approx(float(solved.sol(step_s)[1]), abs=1e-5), "the next step goes on from there"
 
@@ -373,8 +361,8 @@ def test_a_childs_proportions_add_up_and_become_an_adults():
 
 
 def test_running_frequency_scales_with_stature():
-    child = run_step_frequency_hz(3.0 * np.sqrt(1.2 / 1.75), 1.2)
-    assert child == pytest.approx(run_step_frequency_hz(3.0) * np.sqrt(1.75 / 1.2))
+    child = human.run_step_frequency_hz(3.0 * np.sqrt(1.2 / 1.75), 1.2)
+    assert child == pytest.approx(human.run_step_frequency_hz(3.0) * np.sqrt(1.75 / 1.2))
 
 
 def test_a_figure_without_legs_is_the_whole_figure_but_for_them():

@@ -9,26 +9,8 @@ from scipy.interpolate import CubicSpline
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import QuadrupedConfig, quadruped_gait
+from doppelgait.motion.models import quadruped as limbs
 from doppelgait.motion.models.curves import find_swing_curve
-from doppelgait.motion.models.quadruped import (
-    DEEPEST_CROUCH,
-    FEMUR,
-    FOLDED,
-    FOREARM,
-    HUMERUS,
-    MANUS,
-    METATARSUS,
-    POINTS,
-    STRAIGHT,
-    TIBIA,
-    TRUNK_POINTS,
-    compute_all_points,
-    compute_paw_path,
-    compute_trunk_motion,
-    make_regular_course,
-    move_along_limb,
-    place_on_trunk,
-)
 from doppelgait.motion.models.quadruped_gaits import (
     BUILDS,
     DUTY_LIMITS,
@@ -75,8 +57,8 @@ def closed_form(name, froude, phase=PHASE, build=STANDARD):
     gait, _, stride, _, duty = settings(name, froude, build.withers_m, build)
     stride /= hip_height_m(build, build.withers_m)
     gait, build, phase = Columns([gait]), Columns([build]), phase[None]
-    course = make_regular_course(phase, gait, make_column([stride]))
-    points = compute_all_points(
+    course = limbs.make_regular_course(phase, gait, make_column([stride]))
+    points = limbs.compute_all_points(
         phase, gait, build, course, duty, SimpleNamespace(neck_deg=42.0, tail_deg=-35.0), 0 * phase
     )
     return {name: place[0] for name, place in points.items()}, stride
@@ -94,7 +76,7 @@ def test_points_and_parts():
     motion = quadruped_gait(duration_s=0.1)
     assert 20 <= len(motion.markers) <= 28
     assert set(motion.parts) == set(DOG_PARTS)
-    assert len(set(POINTS)) == len(POINTS)
+    assert len(set(limbs.POINTS)) == len(limbs.POINTS)
 
 
 def check_rests(motion, foot, duty, share=1.0):
@@ -141,11 +123,11 @@ def test_a_swing_starts_and_ends_without_speed(name):
         for duty, peak in ((0.15, 1.0), (0.3, 0.8), (0.55, 1.2)):
             swing = find_swing_curve(GAITS[name].curves, end, peak)
             near = np.array([duty, 1.0])[:, None] + [-1e-4, 1e-4]
-            advance, height = compute_paw_path(near, girdle, duty, swing)
+            advance, height = limbs.compute_paw_path(near, girdle, duty, swing)
             assert np.abs(np.diff(advance, axis=1)).max() < 1e-6
             assert np.abs(np.diff(height, axis=1)).max() < 1e-6
             fine = np.linspace(0, 2, 40_001)
-            speed = np.gradient(compute_paw_path(fine, girdle, duty, swing)[0], fine)
+            speed = np.gradient(limbs.compute_paw_path(fine, girdle, duty, swing)[0], fine)
             highest[peak] = speed.max() * (1 - duty)
             assert speed.min() >= -1e-9
             assert np.abs(np.diff(speed)).max() < 0.02, "no jump of speed"
@@ -186,8 +168,8 @@ def included_deg(points, a, b, c):
 
 
 LINKS = [
-    ("hip", "knee", FEMUR), ("knee", "hock", TIBIA), ("hock", "hind_paw", METATARSUS),
-    ("shoulder", "elbow", HUMERUS), ("elbow", "carpus", FOREARM), ("carpus", "fore_paw", MANUS),
+    ("hip", "knee", limbs.FEMUR), ("knee", "hock", limbs.TIBIA), ("hock", "hind_paw", limbs.METATARSUS),
+    ("shoulder", "elbow", limbs.HUMERUS), ("elbow", "carpus", limbs.FOREARM), ("carpus", "fore_paw", limbs.MANUS),
 ]  # fmt: skip
 
 
@@ -230,29 +212,31 @@ def test_the_trunk_moves_more_or_less(name):
 @pytest.mark.parametrize("name", GAITS)
 def test_a_limb_that_cannot_reach_lowers_the_trunk_and_never_stretches(name, build):
     build = BUILDS[build]
-    lengths = build.limbs * np.repeat([HUMERUS + FOREARM, FEMUR + TIBIA], 2)
+    lengths = build.limbs * np.repeat([limbs.HUMERUS + limbs.FOREARM, limbs.FEMUR + limbs.TIBIA], 2)
     for froude in froudes(name, 12):
         gait, *_ = settings(name, froude, build.withers_m, build)
         phase = PHASE[::4]
         points, stride = closed_form(name, froude, phase, build=build)
         batch = phase[None], stride * phase[None], Columns([gait]), Columns([build]), stride
-        standing, _, _ = compute_trunk_motion(*batch)
-        (lowered,) = place_on_trunk(build.trunk * TRUNK_POINTS["rump"][0], 0.0, TRUNK_POINTS["rump"][1], standing)
+        standing, _, _ = limbs.compute_trunk_motion(*batch)
+        (lowered,) = limbs.place_on_trunk(
+            build.trunk * limbs.TRUNK_POINTS["rump"][0], 0.0, limbs.TRUNK_POINTS["rump"][1], standing
+        )
         lowered -= points["rump"]
         np.testing.assert_allclose(lowered, [[0.0, 0.0, lowered[0, 2]]] * phase.size, atol=1e-12)
-        assert -1e-12 <= lowered[0, 2] <= DEEPEST_CROUCH + 1e-12
+        assert -1e-12 <= lowered[0, 2] <= limbs.DEEPEST_CROUCH + 1e-12
         spans = [np.linalg.norm(points[f"{s}_shoulder"] - points[f"{s}_carpus"], axis=1).max() for s in SIDES]
         spans += [np.linalg.norm(points[f"{s}_hip"] - points[f"{s}_hock"], axis=1).max() for s in SIDES]
-        assert (np.array(spans) / lengths).max() <= STRAIGHT[1]
+        assert (np.array(spans) / lengths).max() <= limbs.STRAIGHT[1]
 
 
 def test_a_joint_at_the_trunk_gives_only_where_a_limb_would_not_reach_or_fold_up():
     top = np.array([[0.0, 0.0, 0.9], [0.3, 0.0, 1.1], [0.0, 0.0, 0.2]])
     bottom, before = np.zeros((3, 3)), top.copy()
-    move_along_limb(top, bottom, 1.0)
+    limbs.move_along_limb(top, bottom, 1.0)
     np.testing.assert_array_equal(top[0], before[0])
-    assert STRAIGHT[0] < np.linalg.norm(top[1]) < STRAIGHT[1]
-    assert FOLDED[1] < np.linalg.norm(top[2]) < FOLDED[0]
+    assert limbs.STRAIGHT[0] < np.linalg.norm(top[1]) < limbs.STRAIGHT[1]
+    assert limbs.FOLDED[1] < np.linalg.norm(top[2]) < limbs.FOLDED[0]
     np.testing.assert_allclose(np.cross(top, before), 0.0, atol=1e-15)
 
 
@@ -368,7 +352,7 @@ def test_no_point_is_below_the_floor(build, name):
 def test_a_tail_that_would_touch_the_floor_hangs_above_it_without_a_jerk():
     for tail_deg in (-30, -60):
         motion = quadruped_gait(build="dachshund", gait="canter", tail_deg=tail_deg, rate_hz=2000, tail_sweep_deg=0)
-        tail_m = motion.position_m[:, POINTS.index("tail_tip"), 2]
+        tail_m = motion.position_m[:, limbs.POINTS.index("tail_tip"), 2]
         speed_mps = np.diff(tail_m) * 2000
         assert np.abs(np.diff(speed_mps)).max() < 0.02 * np.ptp(speed_mps)
         assert tail_m.min() > 0
