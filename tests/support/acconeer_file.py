@@ -47,3 +47,17 @@ def write_file(
         for name, flags in marked.items():
             node[f"result/{name}"] = flags
     return path
+
+
+def write_a111(path, mode="iq", *, data=None, config=None, session=None):
+    """A record of the older sensor: data (frames, sensors, points), or (frames, sensors, sweeps, points) if sparse."""
+    time_s = np.arange(200) / 100.0
+    turn = np.exp(2j * np.pi * 12.0 * time_s)[:, None, None] * np.array([0.1, 0.5, 0.2])
+    if data is None:
+        data = turn if mode == "iq" else np.round(2**15 + 1000 * turn.real[:, :, None]).astype(np.uint16)
+    with h5py.File(path, "w") as file:
+        file["mode"], file["data"], file["data_info"] = mode, data, "[]"
+        file["sensor_config_dump"] = json.dumps({"profile": "PROFILE_2", "update_rate": 100.0, **(config or {})})
+        facts = {"range_start_m": 0.3, "range_length_m": 0.12, "step_length_m": 0.06, **(session or {})}
+        file["session_info"] = json.dumps({key: value for key, value in facts.items() if value is not None})
+    return path

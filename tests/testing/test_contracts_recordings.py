@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat, wavfile
 
+from acconeer_file import write_a111
 from acconeer_file import write_file as write_acconeer
 from beat import write_glasgow
 from damage import outcomes
@@ -50,6 +51,8 @@ def _sample_file(name, folder):
         options = {key: value for key, value in WRITERS[name].items() if key != "rtol"}
         path = folder / f"walk{RADAR_WRITERS[name].facts['suffix']}"
         return RADAR_WRITERS[name].run(_recording(), path, **options) or path
+    if name == "acconeer-a111":
+        return write_a111(folder / "walk.h5")
     if name == "acconeer":
         return write_acconeer(folder / "walk.h5")
     if name == "cw-text":

@@ -4,10 +4,10 @@ import h5py
 import numpy as np
 import pytest
 
-from acconeer_file import subsweep, write_file
+from acconeer_file import subsweep, write_a111, write_file
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.processing import Analysis, burst_signature
-from doppelgait.radar.readers import find_formats
+from doppelgait.radar.readers import find_formats, read_recording
 from doppelgait.radar.readers.acconeer import read_acconeer
 
 C = 299_792_458.0
@@ -172,3 +172,49 @@ def test_what_it_is_not(tmp_path):
         read_acconeer(tmp_path / "none.h5")
     with pytest.raises(RecordingError, match="is damaged or not a recording"):
         read_acconeer(other)
+
+
+@pytest.mark.parametrize(
+    ("mode", "session", "n_pulses", "prf_hz"),
+    [
+        ("iq", {}, 200, 100.0),
+        ("iq", {"step_length_m": None}, 200, 100.0),
+        ("sparse", {}, 200, 100.0),
+        ("sparse", {"sweep_rate": 800.0}, 200, 100.0),
+    ],
+)
+def test_the_older_sensor_is_read(tmp_path, mode, session, n_pulses, prf_hz):
+    path = write_a111(tmp_path / "a.h5", mode, session=session)
+    assert find_formats(path) == ["acconeer-a111"]
+    recording = read_recording(path)
+    assert recording.samples.shape == (n_pulses, 3)
+    assert recording.radar.prf_hz == pytest.approx(prf_hz)
+    np.testing.assert_allclose(recording.range_m, [0.3, 0.36, 0.42])
+    assert recording.facts.get("one_output", False) is (mode == "sparse")
+    spectrum = np.abs(np.fft.fft(recording.samples.matrix[:, 1]))
+    assert spectrum.argmax() in ((200 - 24,) if mode == "iq" else (24, 200 - 24))  # conjugated
+
+
+def test_sweeps_of_the_older_sensor_are_bursts(tmp_path):
+    data = np.random.default_rng(1).integers(30_000, 35_000, (10, 2, 16, 4)).astype(np.uint16)
+    path = write_a111(tmp_path / "a.h5", "sparse", data=data, session={"sweep_rate": 4000.0})
+    recording = read_recording(path, sensor=1)
+    assert recording.facts["burst_pulses"] == 16
+    np.testing.assert_allclose(np.diff(recording.slow_time_s)[[0, 15]], [1 / 4000.0, 0.01 - 15 / 4000.0])
+    np.testing.assert_allclose(recording.samples.matrix.real, (data[:, 1].reshape(-1, 4) - 2.0**15) / 2**15, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("changes", "options", "said"),
+    [
+        ({"mode": "envelope"}, {}, "is of the service 'envelope', which has no phase; record IQ or sparse"),
+        ({"mode": "power_bins"}, {}, "is of the service 'power_bins'"),
+        ({"config": {"update_rate": None}}, {}, "states no update_rate.*give frame_rate_hz"),
+        ({"data": np.ones((9, 1))}, {}, r"data of the service iq have the shape \(9, 1\)"),
+        ({}, {"sensor": 1}, "sensor = 1 is not allowed; it must be 0 to 0"),
+        ({"session": {"range_start_m": None}}, {}, "is damaged or not a recording of an A111"),
+    ],
+)
+def test_what_the_older_sensor_does_not_give_is_named(tmp_path, changes, options, said):
+    with pytest.raises(RecordingError, match=said):
+        read_recording(write_a111(tmp_path / "a.h5", **changes), **options)

@@ -364,3 +364,96 @@ def _list_notes(part: Entry, chosen: Subsweep, number: int, *, scale_v: float, c
     if part.n_delayed:
         notes.append(f"the sensor reports {part.n_delayed} of {part.values.shape[0]} frames as late")
     return notes
+
+
+SPARSE_ZERO = 2**15
+"""Value of the sparse service without an echo."""
+
+
+def sniff_a111(path: Path, head: bytes) -> bool:
+    """Return whether a file is a record of the A111 sensor, the layout without a generation."""
+    if not head or not is_hdf5(path):
+        return False
+    try:
+        with open_hdf5(path, members=False) as file:
+            return "generation" not in file and all(name in file for name in ("mode", "session_info", "data"))
+    except FAULTS:
+        return False
+
+
+@plugin("radar_reader", "acconeer-a111", sniff=sniff_a111, suffixes=(".h5",))
+def read_a111(
+    path: Path,
+    *,
+    sensor: int = 0,
+    frame_rate_hz: float | None = None,
+    sweep_rate_hz: float | None = None,
+    conjugate: bool = True,
+    full_scale_v: float = 1.0,
+) -> Recording:
+    """Read the IQ or the sparse service of an A111 sensor; the sparse one is real and has no direction."""
+    scale_v = check_number(path, "full_scale_v", full_scale_v, above=0, most=1e6) / INT16_CODES
+    try:
+        with open_hdf5(path) as file:
+            mode = _read_text(file["mode"]).lower()
+            if mode not in ("iq", "sparse"):
+                raise RecordingError(f"{path}: is of the service {mode!r}, which has no phase; record IQ or sparse")
+            session = parse_json(_read_text(file["session_info"]))
+            config = parse_json(_read_text(file["sensor_config_dump"])) if "sensor_config_dump" in file else {}
+            shape, n_dims = file["data"].shape, 3 if mode == "iq" else 4
+            if len(shape) != n_dims or min(shape) < 1 or math.prod(shape) > MAX_VALUES:
+                raise ValueError(f"data of the service {mode} have the shape {shape}")
+            if not 0 <= sensor < shape[1]:
+                raise RecordingError(f"{path}: sensor = {sensor} is not allowed; it must be 0 to {shape[1] - 1}")
+            check_cost(path, 16 * math.prod(shape), RecordingError)
+            data = file["data"][:, sensor]
+        start_m = float(session.get("range_start_m", session.get("actual_range_start_m")))
+        step_m = _parse_optional(session, "step_length_m", 1.0)
+        step_m = step_m or float(session["range_length_m"]) / (shape[-1] - 1)
+        rate_hz = frame_rate_hz or _parse_optional(config, "update_rate", 1e6)
+        sweep_hz = sweep_rate_hz or _parse_optional(session, "sweep_rate", 1e6)
+    except FAULTS as error:
+        raise RecordingError(f"{path}: is damaged or not a recording of an A111 sensor: {error}") from None
+    if rate_hz is None:
+        raise RecordingError(
+            f"{path}: states no update_rate, so that the time of its frames is unknown; give frame_rate_hz"
+        )
+    n_sweeps = 1 if mode == "iq" else shape[2]
+    if n_sweeps > 1 and (sweep_hz is None or n_sweeps / sweep_hz > 1.0 / rate_hz * (1 + 1e-9)):
+        raise RecordingError(
+            f"{path}: {n_sweeps} sweeps at {sweep_hz} Hz do not fit into a frame of {1 / rate_hz:.4g} s; give the true "
+            "sweep_rate_hz or frame_rate_hz"
+        )
+    prf_hz = rate_hz if n_sweeps == 1 or sweep_hz is None else sweep_hz
+    values = data.reshape(-1, shape[-1]) if mode == "iq" else data.reshape(-1, shape[-1]) - float(SPARSE_ZERO)
+    profile = next((n for n in ENVELOPE_FWHM_M if str(config.get("profile", "")).endswith(str(n))), 2)
+    radar = make_radar(
+        path,
+        name=f"Acconeer A111, {mode} service, profile {profile}",
+        carrier_hz=CARRIER_HZ,
+        prf_hz=prf_hz,
+        sample_rate_hz=SPEED_OF_LIGHT_MPS / (2 * step_m),
+        range_start_m=max(start_m, 0.0),
+        range_stop_m=max(start_m, 0.0) + step_m * shape[-1],
+        pulse_sigma_s=ENVELOPE_FWHM_M[profile] / (SPEED_OF_LIGHT_MPS * math.sqrt(2 * math.log(2))),
+        volts_per_unit=scale_v,
+    )
+    times_s = (np.arange(shape[0])[:, None] / rate_hz + np.arange(n_sweeps) / prf_hz).ravel()
+    is_burst = n_sweeps > 1 and n_sweeps / prf_hz < (1.0 - 1e-3) / rate_hz
+    notes = [
+        f"{shape[0]} frames at {rate_hz:g} Hz; carrier {CARRIER_HZ / 1e9:g} GHz; profile {profile} as of an A121",
+        f"levels: one count is taken as {scale_v:.4g} V" if mode == "sparse" else f"levels: 1 is {full_scale_v:g} V",
+    ]
+    scaled = values * (scale_v if mode == "sparse" else full_scale_v)
+    return label_measured(
+        path,
+        scaled.conj() if conjugate else scaled,
+        radar=radar,
+        slow_time_s=times_s,
+        range_m=start_m + step_m * np.arange(shape[-1]),
+        notes=notes,
+        attrs={
+            **({"one_output": True} if mode == "sparse" else {}),
+            **({"burst_pulses": n_sweeps} if is_burst else {}),
+        },
+    )
