@@ -11,7 +11,7 @@ from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.hybrids import add_hybrids
-from doppelgait.dataset.motions import list_motion_files, list_recording_paths
+from doppelgait.dataset.motions import expand_folders, list_motion_files, list_recording_paths
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.dataset.shard import BuildContext, build_planned
 from doppelgait.dataset.splits import list_names
@@ -32,11 +32,14 @@ def takes(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hybrids")
     (folder / "takes").mkdir()
     for name, speed_mps in WALKS.items():
-        motion = walk(speed_mps)
-        header = ",".join(["time_s", *(f"{m}_{a}_m" for m in motion.markers for a in "xyz")])
-        table = np.column_stack([motion.time_s, motion.position_m.reshape(motion.n_frames, -1)])
-        np.savetxt(folder / "takes" / f"{name}_1.csv", table, delimiter=",", header=header, comments="")
+        write_take(folder / "takes" / f"{name}_1.csv", walk(speed_mps))
     return folder
+
+
+def write_take(path, motion, *, slower=1.0):
+    header = ",".join(["time_s", *(f"{m}_{a}_m" for m in motion.markers for a in "xyz")])
+    table = np.column_stack([slower * motion.time_s, motion.position_m.reshape(motion.n_frames, -1)])
+    np.savetxt(path, table, delimiter=",", header=header, comments="")
 
 
 def plan(mode="blend", **changes):
@@ -175,3 +178,14 @@ def test_clips_of_other_points_and_gaits_are_no_partners():
 def test_wrong_hybrids_are_named(takes, motion, says):
     with pytest.raises(ConfigError, match=says):
         plan_dataset(plan(classes=[{"label": "human", "motion": motion}]), folder=takes)
+
+
+def test_a_take_that_no_body_can_do_is_left_out_with_its_reason(tmp_path):
+    (tmp_path / "takes").mkdir()
+    write_take(tmp_path / "takes" / "ann_1.csv", walk(1.2))
+    write_take(tmp_path / "takes" / "ben_1.csv", walk(1.2), slower=0.2)
+    with pytest.warns(
+        DoppelgaitWarning, match=r"1 of 2 files are left out: takes/ben_1\.csv: strides of .* 300 Hz is prob"
+    ):
+        motions = expand_folders(plan("none"), tmp_path).classes[0].motion["cycle"]
+    assert {table["path"] for table in motions} == {"takes/ann_1.csv"}

@@ -123,7 +123,8 @@ def _check_stride(motion: Motion) -> str:
     speed_mps = travel["net_displacement_m"] / part.duration_s
     if travel["net_displacement_m"] < 2 * hip_m:
         return ""
-    for tried in TRIED_FACTORS:
+    # at a rate that is wrong by a factor of several, no steps are measured; segments have the speeds of gaits
+    for tried in TRIED_FACTORS if part is motion else (1.0,):
         changed = make_motion(
             part.position_m, rate_hz=tried * part.rate_hz, markers=part.markers, parts=part.parts, facts=part.facts
         )
