@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -52,12 +52,12 @@ SMOOTHED_KNOTS = 17
 """Length of the cubic smoothing of a line's amplitude, 2 s: the notch is about 1 Hz wide on each side."""
 
 
-@dataclass(frozen=True)
-class MainsLine:
-    """Line at a multiple of the mains frequency: stated multiple, and frequency with aliasing."""
+class MainsLine(NamedTuple):
+    """Line at a multiple of the mains frequency, its frequency with aliasing, and whether both sides show it."""
 
     nominal_hz: float
     frequency_hz: float
+    has_image: bool
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def remove_mains_lines(frames: Frames) -> Frames:
 
 
 def _select_certain(series: ComplexArray, lines: list[MainsLine], rate_hz: float) -> list[MainsLine]:
-    """Select the lines that no body makes: of steady amplitude, or on both sides of a receiver with two outputs."""
+    """Select the lines that no body makes: of steady amplitude, or alike on both sides of two outputs."""
     rest = np.diff(fit_waves([series], lines, rate_hz).subtract(series, 0)[:, 0]) if lines else series[:, 0]
     # along the axes of I and Q the variances are p + q and p - q: with one output, everything is on both sides
     p, q = float(np.mean(np.abs(rest) ** 2)), float(np.abs(np.mean(rest**2)))
@@ -119,10 +119,12 @@ def _select_certain(series: ComplexArray, lines: list[MainsLine], rate_hz: float
     certain = []
     for line in lines:
         level = np.abs(_demodulate([series], _mirror(line.frequency_hz, rate_hz), rate_hz)[:, :, 0])
-        total, power = np.hypot(level[:, 0], level[:, -1]), (level**2).mean(axis=0)
-        ends = [float(np.mean(part)) for part in np.array_split(total, 3)[::2]]
-        on_both_sides = power.min() > MIRRORED * power.max()
-        if max(ends) < STEADY * min(ends) or (on_both_sides and two_outputs):
+        power = (level**2).mean(axis=0)
+        # the image of a body is as unsteady as the body, which may hide the line on the other side
+        shown = level[:, power.argmin()] if line.has_image else np.hypot(level[:, 0], level[:, -1])
+        ends = [float(np.mean(part)) for part in np.array_split(shown, 3)[::2]]
+        alike = power.min() > MIRRORED * power.max()
+        if max(ends) < STEADY * min(ends) or (alike and two_outputs):
             certain.append(line)
     return certain
 
@@ -130,7 +132,7 @@ def _select_certain(series: ComplexArray, lines: list[MainsLine], rate_hz: float
 def _mirror(frequency_hz: float, rate_hz: float) -> FloatArray:
     """Return a frequency and its mirror image, once if both are in one notch."""
     apart_hz = rate_hz - 2.0 * abs(frequency_hz)
-    return np.array([frequency_hz] if apart_hz < 2.0 * NEAR_ZERO_HZ else [frequency_hz, -frequency_hz])
+    return np.array([frequency_hz] if apart_hz < NEAR_ZERO_HZ else [frequency_hz, -frequency_hz])
 
 
 def find_mains_lines(series: ComplexArray, rate_hz: float, measured_hz: dict[float, float]) -> list[MainsLine]:
@@ -147,16 +149,15 @@ def find_mains_lines(series: ComplexArray, rate_hz: float, measured_hz: dict[flo
                 if mains_hz not in measured_hz:
                     break
                 centre_hz, reach_hz = measured_hz[mains_hz] * multiple, width_hz / 2.0
-            contrast, frequency_hz = max(
-                _measure_contrast(values, cell_hz, width_hz, centre_hz, reach_hz) for values in spectra
-            )
+            both, weaker = (_measure_contrast(values, cell_hz, width_hz, centre_hz, reach_hz) for values in spectra)
+            contrast, frequency_hz = max(both, weaker)
             alias_hz = (frequency_hz + rate_hz / 2.0) % rate_hz - rate_hz / 2.0
-            near = any(abs(abs(alias_hz) - abs(line.frequency_hz)) < width_hz for line in lines)
-            if contrast < CONTRAST or abs(alias_hz) < NEAR_ZERO_HZ or near:
+            if contrast < CONTRAST or abs(alias_hz) < NEAR_ZERO_HZ:
                 continue
-            lines.append(MainsLine(nominal_hz, alias_hz))
             if contrast > best and nominal_hz <= FIRST_LINES_HZ:
                 best, measured_hz[mains_hz] = contrast, frequency_hz / multiple
+            if all(abs(abs(alias_hz) - abs(line.frequency_hz)) >= width_hz for line in lines):
+                lines.append(MainsLine(nominal_hz, alias_hz, weaker[0] >= CONTRAST))
     return lines
 
 
