@@ -9,16 +9,17 @@ from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import rng
 from doppelgait.motion import breathing_person
 from doppelgait.pipeline import simulate
-from doppelgait.processing.breath_signal import (
+from doppelgait.processing.breathing import (
+    BreathingSettings,
     compute_breath_spectrum,
     compute_displacement,
     compute_line_ratio,
     compute_median_over_mean,
     compute_threshold,
+    find_breathing,
     fit_circle,
     remove_common_gain,
 )
-from doppelgait.processing.breathing import BreathingSettings, find_breathing
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 

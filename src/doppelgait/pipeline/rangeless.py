@@ -16,7 +16,13 @@ from doppelgait.processing.bursts import make_frame_gate
 from doppelgait.processing.clutter import remove_from_frames
 from doppelgait.processing.detect import Detector
 from doppelgait.processing.detect.maps import compute_maps, noise_factor
-from doppelgait.processing.receiver import MAX_SECOND_SHARE, ONE_OUTPUT, add_flags, remove_mains_lines
+from doppelgait.processing.receiver import (
+    MAX_SECOND_SHARE,
+    NO_DIRECTION,
+    add_flags,
+    read_flags,
+    remove_mains_lines,
+)
 from doppelgait.processing.signature import compute_signature
 from doppelgait.processing.track import Tracker
 from doppelgait.processing.track_segments import SegmentationSettings, TrackSegment, find_track_segments
@@ -66,7 +72,7 @@ def transform_motion(clean: Frames, detector: Detector, *, wavelength_m: float) 
         return Motion(mu.axis("time"), mu.axis("velocity"), mu.values, noise_floor_v2(mu))
     blocks = list(compute_maps(clean, detector, wavelength_m=wavelength_m))
     velocity_mps = blocks[0].velocity_mps
-    sides = slice(velocity_mps.size // 2 if clean.facts.get(ONE_OUTPUT) else 0, None)
+    sides = slice(velocity_mps.size // 2 if NO_DIRECTION in read_flags(clean.facts) else 0, None)
     return Motion(
         np.concatenate([maps.time_s for maps in blocks]),
         velocity_mps[sides],
@@ -85,7 +91,7 @@ def correct_receiver(frames: Frames, detector: Detector, *, wavelength_m: float)
     if angle_rad is None:
         return frames
     series = _project(frames, complex(math.cos(angle_rad), -math.sin(angle_rad)))
-    return add_flags(series, "no_direction", one_output=True)
+    return add_flags(series, NO_DIRECTION)
 
 
 def _project(frames: Frames, weight: complex) -> Frames:
@@ -104,7 +110,7 @@ def find_output(frames: Frames, detector: Detector, *, wavelength_m: float) -> f
         floors_v2.append(motion.floor_v2)
     total_v2, floor_v2 = powers[0] + powers[1], floors_v2[0] + floors_v2[1]
     echo = (total_v2 > noise_factor(SURE_PFA) * floor_v2) & (np.abs(motion.velocity_mps) >= detector.slow_mps)
-    stated = bool(frames.facts.get(ONE_OUTPUT))
+    stated = bool(frames.facts.get("one_output"))
     if not echo.any() and not stated:
         return None
     cells = echo if echo.any() else total_v2 > 0.0
@@ -178,7 +184,7 @@ def analyze_motion(
             segments += find_track_segments(times_s, range_m, settings=settings)
     usable = [segment for segment in segments if segment.usable]
     flags: tuple[str, ...] = ()
-    if not clean.facts.get(ONE_OUTPUT) and any(has_both_directions(motion, *span) for span in times):
+    if NO_DIRECTION not in read_flags(clean.facts) and any(has_both_directions(motion, *span) for span in times):
         flags = ("more_than_one_body:some_approach_while_others_recede",)
     spans = [(segment.start_s, segment.stop_s) for segment in usable]
     if not usable:

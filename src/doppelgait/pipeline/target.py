@@ -27,7 +27,7 @@ from doppelgait.processing import Analysis, Gate, main_line
 from doppelgait.processing.cadence import CadenceParts
 from doppelgait.processing.normalise import compute_median
 from doppelgait.processing.parts import PARTS, locate_parts
-from doppelgait.processing.receiver import RECEIVER
+from doppelgait.processing.receiver import read_flags
 from doppelgait.processing.signature import compute_signature
 
 SIDEWAYS_COSINE = 0.6
@@ -217,8 +217,7 @@ def _measure_ground_motion(
         step_m = motion.ground_speed_mps / frequency_hz
         if motion.ground_speed_sd_mps is not None and frequency_sd_hz is not None:
             step_sd_m = math.hypot(motion.ground_speed_sd_mps, step_m * frequency_sd_hz) / frequency_hz
-    receiver = filter(None, mu.attrs.get(RECEIVER, "").split(";"))
-    flags = [*receiver, *extraction.flags, *flag_uncertain_features(extraction, deviations)]
+    flags = [*read_flags(mu.attrs), *extraction.flags, *flag_uncertain_features(extraction, deviations)]
     if motion.reason in NAMED_REASONS:
         flags.append(f"ground_speed,aspect:{motion.reason}")
     sideways = motion.aspect_deg is not None and abs(math.cos(math.radians(motion.aspect_deg))) < SIDEWAYS_COSINE

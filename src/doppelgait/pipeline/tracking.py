@@ -35,7 +35,7 @@ from doppelgait.processing.detect import Detector
 from doppelgait.processing.detect.maps import compute_maps, noise_factor
 from doppelgait.processing.detect.scans import detect_bodies
 from doppelgait.processing.detections import Scan
-from doppelgait.processing.receiver import RECEIVER
+from doppelgait.processing.receiver import read_flags
 from doppelgait.processing.track import Track, Tracker, split_tracks, track
 from doppelgait.processing.track_segments import SegmentationSettings, find_track_segments
 from doppelgait.radar import Radar
@@ -175,7 +175,7 @@ def _analyze_without_range(frames: Frames, wavelength_m: float, analysis: Analys
     return TargetList(
         reason=f"{moves} of {motion.time_s.size} scans have Doppler above the noise at {tracking.detector.slow_mps:g} "
         f"m/s or more, too few for a motion of {tracking.tracker.min_duration_s:g} s; "
-        f"{'; '.join(filter(None, [needs or 'no steady breathing for 12 s', frames.facts.get(RECEIVER)]))}"
+        f"{'; '.join([needs or 'no steady breathing for 12 s', *read_flags(frames.facts)])}"
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -12,20 +12,20 @@ import numpy.typing as npt
 from doppelgait.core.frames import PAUSE, Frames
 from doppelgait.core.labels import Coord, Signal
 from doppelgait.core.units import FloatArray
+from doppelgait.processing.clutter import sum_pulses
 
-Values = npt.NDArray[np.complex64]
 ComplexArray = npt.NDArray[np.complex128]
 
 RECEIVER = "receiver"
 """Fact of frames and attribute of signatures: flags of the receiver, separated by ``;``."""
-ONE_OUTPUT = "one_output"
-"""Fact of frames: True if I and Q are one real series. The sign of Doppler is then unknown."""
+NO_DIRECTION = "no_direction"
+"""Flag of frames in which I and Q were one real series. The sign of Doppler is unknown."""
 MAX_SECOND_SHARE = 0.05
 """Largest ratio of the echoes' powers along the axes of I and Q for one output; 3 dB and 20 degrees of imbalance of
 two outputs leave 0.37, 13 dB or 65 degrees 0.05."""
 MAINS_HZ = (50.0, 60.0)
 TOLERANCE = 0.002
-"""Largest relative deviation of the mains frequency; grids keep it within half of this."""
+"""Largest relative deviation of the mains frequency; large grids stay within it nearly all the time."""
 FIRST_LINES_HZ = 260.0
 """Multiples up to this frequency prove the mains; their tolerance is at most 0.5 Hz, so few bodies are candidates."""
 MAX_MULTIPLE = 20
@@ -39,7 +39,7 @@ AROUND_HZ = 7.0
 AROUND_QUANTILE = 0.93
 """Quantile that is the level of the surroundings: one other line there is below it, the two of a gait are not."""
 CONTRAST = 30.0
-"""Smallest ratio of a line to its surroundings. Noise has it in 1 of 1e20 cells, the lines of a gait never."""
+"""Smallest ratio of a line to its surroundings: noise does not reach it, and the lines of a gait have each other."""
 MIRRORED = 0.1
 """Smallest power ratio of both sides of a line that no body makes: images of real receivers are 11 dB down or more."""
 STEADY = 1.25
@@ -78,13 +78,13 @@ class Waves:
 
 def remove_mains_lines(frames: Frames) -> Frames:
     """Remove the lines of the mains, and note them in the facts of the frames."""
-    # a burst is too short to separate a line from a body
+    # a burst is too short to separate a line from a body, and a slow radar has no room for its surroundings
     steps_s, rate_hz = np.diff(frames.slow_time.time_s), frames.slow_time.rate_hz
-    if frames.slow_time.duration_s < MIN_SEGMENT_S or steps_s.max() > PAUSE * steps_s.mean():
+    slow = frames.slow_time.duration_s < MIN_SEGMENT_S or rate_hz < 4.0 * AROUND_HZ
+    if slow or steps_s.max() > PAUSE * steps_s.mean():
         return frames
     # hum has one phase in every bin: the sum over the bins shows it best
     series = np.concatenate([values.sum(axis=1, dtype=np.complex128) for _, values in frames.read_tiles()])[:, None]
-    mean = sum(values.sum(axis=0, dtype=np.complex128) for _, values in frames.read_tiles()) / frames.n_pulses
     series -= series.mean()
     removed: list[MainsLine] = []
     doubtful: list[MainsLine] = []
@@ -99,7 +99,7 @@ def remove_mains_lines(frames: Frames) -> Frames:
         waves = fit_waves([series], certain, rate_hz)
         series = waves.subtract(series, 0)
         if frames.n_bins > 1:
-            tiles = frames.read_tiles(_count_block(rate_hz))
+            mean, tiles = sum_pulses(frames) / frames.n_pulses, frames.read_tiles(_count_block(rate_hz))
             waves = fit_waves((values - mean for _, values in tiles), certain, rate_hz)
         frames = frames.map_tiles(waves.subtract)
     flags = [
@@ -238,17 +238,22 @@ def fit_waves(tiles: Iterable[npt.NDArray[Any]], lines: Sequence[MainsLine], rat
     return Waves(wave_hz, rate_hz, CubicSpline(_count_block(rate_hz) * np.arange(1, len(total) + 1), total), share)
 
 
-def add_flags(frames: Frames, *flags: str, **facts: Any) -> Frames:
-    """Add flags of the receiver, and facts."""
-    before = filter(None, [frames.facts.get(RECEIVER)])
-    return replace(frames, facts={**frames.facts, RECEIVER: ";".join([*before, *flags]), **facts})
+def add_flags(frames: Frames, *flags: str) -> Frames:
+    """Add flags of the receiver to the facts."""
+    return replace(frames, facts={**frames.facts, RECEIVER: ";".join([*read_flags(frames.facts), *flags])})
+
+
+def read_flags(facts: Mapping[Any, Any]) -> list[str]:
+    """Read the flags of the receiver from the facts of frames or from the attributes of a signature."""
+    return list(filter(None, facts.get(RECEIVER, "").split(";")))
 
 
 def describe_receiver(frames: Frames, signature: Signal) -> Signal:
     """Add the receiver's flags to a signature; with one output, its sides become one of positive Doppler."""
-    if RECEIVER in frames.facts:
-        signature.attrs[RECEIVER] = frames.facts[RECEIVER]
-    if not frames.facts.get(ONE_OUTPUT):
+    flags = read_flags(frames.facts)
+    if flags:
+        signature.attrs[RECEIVER] = ";".join(flags)
+    if NO_DIRECTION not in flags:
         return signature
     first = signature.sizes["doppler"] // 2  # 0 Hz
     coords: dict[str, Coord] = {
