@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import hilbert
 
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import rng
@@ -59,8 +60,8 @@ def module(change, *, speed_mps=1.1, range_m=5.0, level=1.0):
     """Record with a module of 24 GHz a trunk and four limbs that approach at ``speed_mps``, 1.8 steps a second."""
     time_s, generator = np.arange(8000) / 1000.0, np.random.default_rng(4)
     way_m = np.cumsum(np.broadcast_to(speed_mps, time_s.shape)) / 1000.0
-    turn = 2 * np.pi * 0.9 * time_s
-    swings = [(1.0, 0.012, 2.0, 0.0), *((0.3, 0.19, 1.0, phase) for phase in (0.0, 0.4, 3.1, 3.5))]
+    turn, size = 2 * np.pi * 0.9 * time_s, np.abs(np.mean(speed_mps)) / 1.1
+    swings = [(1.0, 0.012 * size, 2.0, 0.0), *((0.3, 0.19 * size, 1.0, phase) for phase in (0.0, 0.4, 3.1, 3.5))]
     echo = sum(
         level * (6.0 / (12.0 - way_m)) ** 2 * np.exp(4j * np.pi / 0.0125 * (way_m + swing_m * np.sin(n * turn + phase)))
         for level, swing_m, n, phase in swings
@@ -86,7 +87,10 @@ KINDS = [
     (lambda y, turn: y + 30 * np.cos(59.9 * turn) + 12j * np.sin(59.9 * turn + 1), "mains_lines_removed:60_hz"),
     (lambda y, turn: y + 2 * np.exp(-149.9j * turn), "mains_lines_removed:150_hz"),
     (lambda y, turn: y + 4 * np.cos(1200.6 * turn) + np.cos(120.06 * turn), "mains_lines_removed:120_1200_hz"),
-    (lambda y, turn: y.real + 2 * np.cos(100.1 * turn), "mains_lines_removed:100_hz;no_direction"),
+    (
+        lambda y, turn: y.real + 2 * np.cos(50.02 * turn) + (1 + 0.05 * turn) * np.cos(100.04 * turn),
+        "mains_lines_removed:50_100_hz;no_direction",
+    ),
 ]
 """What a module makes of the samples of a good one, and the flags of the receiver."""
 
@@ -107,6 +111,24 @@ def test_a_cheap_module_has_the_features_of_a_good_one(change, flags, gate):
     assert not any(flag.startswith("more_than_one_body") for flag in found.flags)
 
 
+@pytest.mark.parametrize("speed_mps", [0.3, np.linspace(0.8, 1.5, 8000)])
+def test_one_side_has_bandwidth_and_power_of_both(speed_mps):
+    """The second body's line drifts: its signature is aligned."""
+    both, one = (module(change, speed_mps=speed_mps) for change in (lambda y, turn: y, lambda y, turn: y.real))
+    (good,), (found,) = analyze(both, gate=(0.0, 10.0)), analyze(one, gate=(0.0, 10.0))
+    assert found.features.doppler_bandwidth_hz == pytest.approx(good.features.doppler_bandwidth_hz, rel=0.05)
+    assert float(found.signature.sum()) == pytest.approx(float(good.signature.sum()) / 2, rel=0.1)
+
+
+def test_one_output_can_be_stated():
+    """An analytic signal has a Q that does not repeat I."""
+    frames = module(lambda y, turn: hilbert(y.real), speed_mps=-1.1)
+    stated = frames.with_baseband(frames.baseband.assign_attrs(one_output=True))
+    speeds_mps = [analyze(recording)[0].features.torso_velocity_mps for recording in (stated, frames)]
+    assert speeds_mps == pytest.approx([1.1, 1.1], rel=0.02)
+    assert ["no_direction" in analyze(recording)[0].flags for recording in (stated, frames)] == [True, False]
+
+
 @pytest.mark.parametrize("range_m", [0.0, 5.0])
 @pytest.mark.parametrize("normalisation", ["sum", "r4"])
 def test_a_radar_without_range_has_no_range_weight(range_m, normalisation):
@@ -117,16 +139,17 @@ def test_a_radar_without_range_has_no_range_weight(range_m, normalisation):
 
 
 @pytest.mark.parametrize(
-    ("line", "speed_mps", "flags"),
+    ("change", "speed_mps", "flags"),
     [
-        (lambda turn: 0.5 * np.cos(100.1 * turn) + 0.2j * np.cos(200.2 * turn), None, ()),  # a lamp
-        (lambda turn: sum(np.cos(50 * n * turn + n) * (0.3 + 0.1j) / n for n in range(1, 12)), None, ()),  # a supply
-        (lambda turn: (1 + 0.02 * turn) * np.exp(54j * turn), 0.3375, ()),  # bodies that approach at constant speed
-        (lambda turn: (1 + 0.02 * turn) * np.exp(100j * turn), 0.625, ("mains_line_or_body:100_hz",)),
+        (lambda y, turn: y + 0.5 * np.cos(100.1 * turn) + 0.2j * np.cos(200.2 * turn), None, ()),  # a lamp
+        (lambda y, turn: y + sum(np.cos(50 * n * turn + n) * (0.3 + 0.1j) / n for n in range(1, 12)), None, ()),
+        (lambda y, turn: y + (1 + 0.02 * turn) * np.exp(54j * turn), 0.3375, ()),  # bodies that approach
+        (lambda y, turn: y + (1 + 0.02 * turn) * np.exp(100j * turn), 0.625, ("mains_line_or_body:100_hz",)),
+        (lambda y, turn: y.real + (1 + 0.02 * turn) * np.cos(100 * turn), 0.625, ("mains_line_or_body:100_hz",)),
     ],
 )
-def test_lamps_and_supplies_are_no_targets_and_bodies_at_constant_speed_are(line, speed_mps, flags):
-    found = analyze(module(lambda y, turn: y + line(turn), level=0.0), gate=(0.0, 10.0) if speed_mps else "track")
+def test_lamps_and_supplies_are_no_targets_and_bodies_at_constant_speed_are(change, speed_mps, flags):
+    found = analyze(module(change, level=0.0), gate=(0.0, 10.0) if speed_mps else "track")
     assert len(found) == (speed_mps is not None)
     for target in found:
         assert target.features.torso_velocity_mps == pytest.approx(speed_mps, abs=0.01)

@@ -92,6 +92,9 @@ def remove_mains_lines(frames: Frames) -> Frames:
     for _ in range(MAX_ROUNDS):  # strong lines hide weak ones
         lines = find_mains_lines(series[:, 0], rate_hz, mains_hz)
         certain = _select_certain(series, lines, rate_hz)
+        # further multiples of a mains frequency that is proven: with aliasing they beat with others
+        proven = [hz for hz in MAINS_HZ for line in (*removed, *certain) if line.nominal_hz % hz == 0.0]
+        certain = [line for line in lines if line in certain or any(line.nominal_hz % hz == 0.0 for hz in proven)]
         doubtful = [line for line in lines if line not in certain]
         if not certain:
             break
