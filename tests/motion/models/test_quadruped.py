@@ -339,16 +339,6 @@ EXTREMES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", GAITS)
-@pytest.mark.parametrize("build", BUILDS)
-def test_no_point_is_below_the_floor(build, name):
-    for froude in GAITS[name].froude:
-        for changes in ({}, {"tail_deg": -80, "neck_deg": -40, "trunk_ripple": 2.0, "hind_swing_peak": 1.2}):
-            motion = quadruped_gait(gait=name, build=build, froude=froude, duration_s=1.5, rate_hz=100, **changes)
-            lowest_m = dict(zip(motion.markers, motion.position_m[:, :, 2].min(axis=0), strict=True))
-            assert {point: height_m for point, height_m in lowest_m.items() if height_m < -1e-12} == {}
-
-
 def test_a_tail_that_would_touch_the_floor_hangs_above_it_without_a_jerk():
     for tail_deg in (-30, -60):
         motion = quadruped_gait(build="dachshund", gait="canter", tail_deg=tail_deg, rate_hz=2000, tail_sweep_deg=0)
@@ -367,12 +357,14 @@ def test_every_build_has_every_gait_at_every_speed_and_setting(build, name):
             {},
             EXTREMES,
             {"fore_swing_peak": 0.8, "hind_swing_peak": 0.8, "footfall_sd": 0.03, "stride_ratio": 0.8},
+            {"tail_deg": -80, "neck_deg": -40, "trunk_ripple": 2.0, "hind_swing_peak": 1.2},
         ):
             motion = quadruped_gait(
                 gait=name, build=build, froude=froude, duration_s=1.6, rate_hz=200, rng=np.random.default_rng(number),
                 **changes,
             )  # fmt: skip
             places = dict(zip(motion.markers, np.moveaxis(motion.position_m, 1, 0), strict=True))
+            assert {point: path[:, 2].min() for point, path in places.items() if path[:, 2].min() < -1e-12} == {}
             hip_m = hip_height_m(BUILDS[build], motion.facts.height_m)
             for side in SIDES:
                 for a, b, length in LINKS:
@@ -386,7 +378,6 @@ def test_every_build_has_every_gait_at_every_speed_and_setting(build, name):
                     lands = int(np.ceil(start_s * 200 + 1e-6))
                     rest = 0.6 * DUTY_LIMITS[0] / motion.facts.stride_frequency_hz
                     assert (speed_mps[lands : int((start_s + rest) * 200)] < 1e-6).all()
-                assert places[f"{foot}_paw"][:, 2].min() >= 0
 
 
 def test_uneven_strides_need_a_generator_and_keep_the_mean_speed():
@@ -466,15 +457,15 @@ def test_feet_land_in_the_order_and_at_the_phases_of_the_gait(name):
 
 
 @pytest.mark.parametrize("build", ["standard", "cat", "dachshund"])
-@pytest.mark.parametrize("name", SYMMETRICAL)
-def test_walk_pace_and_trot_are_their_own_mirror_image_half_a_stride_later(name, build):
-    other = {"left": "right", "right": "left"}
+@pytest.mark.parametrize("name", [*SYMMETRICAL, "bound"])
+def test_walk_pace_and_trot_are_their_mirror_image_half_a_stride_later_and_the_bound_at_once(name, build):
+    other, shift = {"left": "right", "right": "left"}, 0.0 if name == "bound" else 0.5
     for froude in GAITS[name].froude:
         now, stride = closed_form(name, froude, build=build)
-        later, _ = closed_form(name, froude, PHASE + 0.5, build=build)
+        later, _ = closed_form(name, froude, PHASE + shift, build=build)
         for point, path in now.items():
             side, _, rest = point.partition("_")
-            mirrored = later[f"{other[side]}_{rest}" if side in other else point] * [1, -1, 1] - [stride / 2, 0, 0]
+            mirrored = later[f"{other[side]}_{rest}" if side in other else point] * [1, -1, 1] - [shift * stride, 0, 0]
             np.testing.assert_allclose(path, mirrored, atol=1e-12, err_msg=point)
 
 
@@ -486,12 +477,6 @@ def test_the_other_gaits_repeat_once_a_stride_and_not_twice(name):
     for point, path in now.items():
         np.testing.assert_allclose(path, later[point] - [stride, 0, 0], atol=1e-12)
     assert np.abs(now["rump"][:, 2] - half["rump"][:, 2]).max() > 0.1
-
-
-def test_the_bound_is_the_same_left_and_right():
-    points, _ = closed_form("bound", 2.5)
-    for point in [point for point in points if point.startswith("left")]:
-        np.testing.assert_allclose(points[point], points[point.replace("left", "right")] * [1, -1, 1], atol=1e-12)
 
 
 def supports(name, froude):
