@@ -133,7 +133,7 @@ class SensorFit:
 
     @property
     def is_busy(self) -> bool:
-        """True if targets fill more than a third of the ranges: the median over bins is then not the noise."""
+        """True with targets in a third of the ranges: the median over bins is not the noise."""
         busy_m = sum(m.stop_m - m.start_m for m in self.moving)
         return bool(busy_m > BUSY_SHARE * (self.range_m[-1] - self.range_m[0]))
 

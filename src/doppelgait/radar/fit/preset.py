@@ -130,7 +130,7 @@ def format_calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
 def _format_preset(
     lines: Sequence[str], values: Mapping[str, Any], comments: Mapping[str, str], default: str, tables: Sequence[Table]
 ) -> str:
-    """Return the text of a radar, of its nested tables and of its impairments, which are checked."""
+    """Return the text of a radar and of its impairments, which are checked."""
     from doppelgait.core.draws import replace_by_middle
     from doppelgait.radar.impairments import make_impairment
 
@@ -328,7 +328,7 @@ def _format_comment(pooled: PooledQuantity, unit: str) -> str:
 def _make_table(
     kind: str, pooled: Mapping[str, PooledQuantity], middles: Mapping[str, float | None], *, lowest: float | None = None
 ) -> Table:
-    """Return an impairment with the named quantities around their middles, by default their means."""
+    """Return an impairment of quantities around their middles, by default means."""
     table: dict[str, Any] = {"kind": kind}
     comments = {}
     for name, middle in middles.items():

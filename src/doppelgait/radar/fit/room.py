@@ -318,7 +318,7 @@ def estimate_bin_correlation(steps: ComplexArray) -> ComplexArray:
 
 
 def correlate_bins(unit: ComplexArray, lags: int) -> ComplexArray:
-    """Return the correlation of unit noise (..., N) at lags of 0 to ``lags`` bins: medians over the bins."""
+    """Return the correlation of unit noise (..., N) over bins: medians over the bins."""
     rho = np.ones(lags + 1, dtype=complex)
     for lag in range(1, lags + 1):
         products = np.mean(unit[..., lag:] * unit[..., :-lag].conj(), axis=tuple(range(unit.ndim - 1)))

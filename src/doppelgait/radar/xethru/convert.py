@@ -274,7 +274,7 @@ def _read_constant(source: Records, name: str) -> float:
 
 
 def _decode(source: Records, iq: str) -> npt.NDArray[np.complex64]:
-    """Return the baseband (record, bin) of records, in their unit; :func:`encode` is the inverse."""
+    """Return the baseband (record, bin) of records, in their unit."""
     records, name = source.records, source.name
     with np.errstate(over="ignore", invalid="ignore"):  # damaged values raise an error later, with their position
         if name == "baseband_ap":
@@ -298,7 +298,7 @@ def _decode(source: Records, iq: str) -> npt.NDArray[np.complex64]:
 
 
 def encode(name: str, values: npt.NDArray[np.complex64]) -> dict[str, Any]:
-    """Return the fields of records of a type from baseband (record, bin), in their unit."""
+    """Return the fields of records with a baseband (record, bin): the inverse of :func:`_decode`."""
     if name == "datafloat":
         return {"values": np.concatenate([values.real, values.imag], axis=1)}
     if name == "baseband_ap":

@@ -331,7 +331,8 @@ def _join(path: Path, contents: Sequence[tuple[XethruStream, bytes]], metas: tup
             headers.setdefault(stream.data_type.name, header)
     if not any(map(len, chain.from_iterable(streams.values()))):
         raise RecordingError(f"{path}: holds no whole record")
-    return XethruRecording(path, {name: _concatenate(parts) for name, parts in streams.items()}, headers, metas)
+    joined = {name: _concatenate(parts) for name, parts in streams.items()}
+    return XethruRecording(path, joined, headers, metas)
 
 
 def _concatenate(parts: Sequence[XethruStream]) -> XethruStream:

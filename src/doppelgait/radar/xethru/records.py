@@ -30,7 +30,8 @@ RECORD, FILE_CLOSED, TRAILER = 1, 2, 3
 @lru_cache
 def _make_dtype(layout: str) -> np.dtype[np.void]:
     """Return the structured type of fields written as ``name:code``; all are little endian."""
-    return np.dtype([(name, f"<{code}") for name, code in (field.split(":") for field in layout.split())])
+    fields = (field.split(":") for field in layout.split())
+    return np.dtype([(name, f"<{code}") for name, code in fields])
 
 
 HEAD = _make_dtype(
@@ -204,7 +205,7 @@ _STEPS = "level_start_db:f4 level_step_db:f4"
 
 @dataclass(frozen=True)
 class DataType:
-    """One data type of a XeThru recording: layouts of a record's header, and of the values that repeat."""
+    """One data type: layouts of a record's header and of the values that repeat."""
 
     name: str
     bit: int
@@ -288,7 +289,8 @@ def record_dtype(kind: DataType, *, count: int) -> np.dtype[np.void]:
     """Return the structured type of a record. Each of its arrays has ``count`` values."""
     if not kind.header_layout:
         raise RecordingError(f"records of the XeThru data type {kind.name} have no known layout; read its bytes")
-    return np.dtype([*kind.header.descr, *((name, kind.payload[name], (count,)) for name in kind.payload.names or ())])
+    arrays = [(name, kind.payload[name], (count,)) for name in kind.payload.names or ()]
+    return np.dtype([*kind.header.descr, *arrays])
 
 
 def record_bytes(kind: DataType, *, count: int) -> int:
