@@ -524,9 +524,8 @@ class Radar(FrozenModel):
     @property
     def receiver_bandwidth_hz(self) -> float:
         """Noise bandwidth B_n of a receiver sample, as stated or that of the waveform."""
-        return (
-            self.noise_bandwidth_hz if self.noise_bandwidth_hz is not None else self.waveform.noise_bandwidth_hz(self)
-        )
+        stated_hz = self.noise_bandwidth_hz
+        return self.waveform.noise_bandwidth_hz(self) if stated_hz is None else stated_hz
 
 
 def check_correlation(noise_correlation: tuple[float, ...]) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -65,12 +65,15 @@ ONE_WAY = 0.5
 """Minimum difference of approaching and receding power in such a window, relative to their sum (5 dB)."""
 
 
+L = TypeVar("L")
+
+
 @dataclass(frozen=True)
-class Line:
-    """Doppler line shared by all ranges and most windows."""
+class Line(Generic[L]):
+    """Doppler line shared by all ranges and most windows, or by recordings."""
 
     frequency_hz: float
-    level_db: Estimate
+    level_db: L
     half_width_hz: float
 
 
@@ -120,7 +123,7 @@ class SensorMeasurement:
     correlation: ComplexArray
     correlation_sd: float
     clutter: ClutterProfile | None
-    lines: tuple[Line, ...]
+    lines: tuple[Line[Estimate], ...]
     n_faulty: int = 0
     n_frames: int = 0
     run_length: float = 1.0
@@ -410,7 +413,7 @@ def _measure_over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArr
     return size_hz, level, sd
 
 
-def _find_lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> tuple[Line, ...]:
+def _find_lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> tuple[Line[Estimate], ...]:
     """Find lines in Doppler: cells over their neighbours in most windows and bins."""
     n_pulses, n_bins = rest.shape
     if not recording.facts.get("burst_pulses"):

@@ -10,17 +10,20 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError
-from doppelgait.radar.fit.measure import SLOW_CELLS, SensorMeasurement, measure_recording
+from doppelgait.radar.fit.measure import SLOW_CELLS, Line, SensorMeasurement, measure_recording
 from doppelgait.radar.fit.model import find_noise_figure, is_plausible, rescale_radar
 from doppelgait.radar.fit.room import DB_PER_NEPER, MEDIAN_SPREAD, Estimate
 from doppelgait.radar.link import echo_amplitude_v, find_noise_slope
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
+
+T = TypeVar("T")
 
 MIN_FOR_SPREAD = 3
 """Minimum number of recordings for a spread."""
@@ -181,15 +184,6 @@ SHAPE_DB = 1.0
 
 
 @dataclass(frozen=True)
-class PooledLine:
-    """Doppler line that at least half of the recordings share."""
-
-    frequency_hz: float
-    level_db: PooledQuantity
-    half_width_hz: float
-
-
-@dataclass(frozen=True)
 class SensorKind:
     """Distributions of the sensors of one kind.
 
@@ -215,7 +209,8 @@ class SensorKind:
         Noise level relative to the mean over all ranges; empty if it is flat.
     correlation : tuple of float
         Noise correlation at lags of 1, 2, ... bins.
-    lines : tuple of PooledLine
+    lines : tuple of Line
+        Doppler lines that at least half of the recordings share, with pooled levels.
     run_length : float
         Mean number of frames lost in a row.
     bits : int
@@ -236,7 +231,7 @@ class SensorKind:
     doppler_step_hz: float
     range_db: tuple[tuple[float, float], ...]
     correlation: tuple[float, ...]
-    lines: tuple[PooledLine, ...]
+    lines: tuple[Line[PooledQuantity], ...]
     run_length: float
     bits: int
     full_scale_v: float
@@ -296,18 +291,11 @@ def fit_kind(
         left_out.append(
             f"{len(same) - len(spaced)} recordings have other range bins: not used for clutter, correlation and shape"
         )
-    estimates: dict[str, list[Estimate]] = {}
-    reasons: dict[str, list[str]] = {}
-    for one in same:
-        for name, estimate in one.estimates.items():
-            estimates.setdefault(name, []).append(estimate)
-        for name, reason in one.refused.items():
-            reasons.setdefault(name, []).append(reason)
-    pooled = {name: pool(values) for name, values in estimates.items()}
+    pooled = {name: pool(values) for name, values in _collect([m.estimates for m in same]).items()}
     base = fit_gain(base, same, pooled, people_at_m, radar_is_known=radar is not None)
     refused = {
         name: f"{max(texts, key=texts.count)} (in {len(texts)} of {len(same)} recordings)"
-        for name, texts in reasons.items()
+        for name, texts in _collect([m.refused for m in same]).items()
     }
     if people_at_m is None and "direct_path_db" not in pooled:
         refused["receiver gain"] = "no level of a known echo; give the range of the people to set it"
@@ -344,6 +332,12 @@ def fit_kind(
     )
 
 
+def _collect(tables: Sequence[Mapping[str, T]]) -> dict[str, list[T]]:
+    """Return the values of every key in any of the tables."""
+    names = dict.fromkeys(name for table in tables for name in table)
+    return {name: [table[name] for table in tables if name in table] for name in names}
+
+
 def _set_axes(radar: Radar, recording: Recording) -> Radar:
     """Return a radar with a recording's rate and range axis."""
     start_m = max(float(recording.range_m[0]), 0.0) if recording.n_range_bins > 1 else radar.range_start_m
@@ -378,7 +372,8 @@ def _pool_clutter(spaced: Sequence[SensorMeasurement]) -> tuple[tuple[float, Poo
     for knot in knots.tolist():
         at_knot = [c for _, c in profiles if c.range_m[0] - 0.1 <= knot <= c.range_m[-1] + 0.1]
         sds = [float(np.interp(knot, c.range_m, c.sd_db)) for c in at_knot]
-        found.append((knot, pool(Estimate(float(c.at(knot)), sd) for c, sd in zip(at_knot, sds, strict=True))))
+        levels = [float(np.interp(knot, c.range_m, c.level_db)) for c in at_knot]
+        found.append((knot, pool(map(Estimate, levels, sds))))
     return tuple(found)
 
 
@@ -463,9 +458,9 @@ def _pool_correlation(spaced: Sequence[SensorMeasurement]) -> tuple[float, ...]:
     return tuple(found)
 
 
-def _pool_lines(same: Sequence[SensorMeasurement]) -> tuple[PooledLine, ...]:
+def _pool_lines(same: Sequence[SensorMeasurement]) -> tuple[Line[PooledQuantity], ...]:
     """Return lines that at least half of the recordings share, and at least two."""
-    found: list[PooledLine] = []
+    found: list[Line[PooledQuantity]] = []
     for one in same:
         for line in one.lines:
             if any(abs(line.frequency_hz - other.frequency_hz) <= 2 * line.half_width_hz for other in found):
@@ -477,7 +472,7 @@ def _pool_lines(same: Sequence[SensorMeasurement]) -> tuple[PooledLine, ...]:
             ]
             if len(matches) >= max(2, len(same) / 2):
                 middle = float(np.median([k.frequency_hz for k in matches]))
-                found.append(PooledLine(middle, pool(k.level_db for k in matches), line.half_width_hz))
+                found.append(Line(middle, pool(k.level_db for k in matches), line.half_width_hz))
     return tuple(found)
 
 

@@ -352,15 +352,11 @@ KNOT_EXPONENT = 1.5
 
 @dataclass(frozen=True)
 class ClutterProfile:
-    """Mean clutter level, linear in dB between knots (M,)."""
+    """Mean clutter level, linear in dB between knots (M,) and constant beyond them."""
 
     range_m: FloatArray
     level_db: FloatArray
     sd_db: FloatArray
-
-    def at(self, range_m: npt.ArrayLike) -> FloatArray:
-        """Return the level at a range, dB re 1 V. It is constant beyond the ends."""
-        return np.asarray(np.interp(np.asarray(range_m, dtype=float), self.range_m, self.level_db))
 
 
 def fit_clutter_profile(

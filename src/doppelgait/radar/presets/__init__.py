@@ -102,8 +102,7 @@ def read_preset(name: str | Path) -> dict[str, Any]:
     if str(name) not in list_preset_names():
         raise ConfigError(
             f"unknown radar preset {str(name)!r}; known are: {', '.join(list_preset_names())}; or give the path of a "
-            f"file "
-            "that ends in .toml"
+            "file that ends in .toml"
         )
     return _parse_built_in(str(name))
 
