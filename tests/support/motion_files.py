@@ -302,5 +302,7 @@ def write_movement(path: Path, *, axes: tuple[str, ...], space: str = "xyz", **a
             file[axis] = np.arange(sizes[key]) / RATE_HZ if axis == "time" else labels[key]
             file[axis].make_scale(axis)
             file["position"].dims[n].attach_scale(file[axis])
+            file[axis].attrs["_Netcdf4Dimid"] = np.int32(n)
+        file["position"].attrs["_Netcdf4Coordinates"] = np.arange(4, dtype=np.int32)
         file.attrs.update(attributes)
     return path

@@ -15,6 +15,7 @@ import struct
 import zlib
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -140,20 +141,36 @@ def _check_members(file: Any, path: Path, soft_links: bool) -> None:
     _check_limit(n_bytes, path)
 
 
+def get_attribute(member: Any, name: str) -> Any:
+    """Return an attribute of a supported type, None without one; files of other programs have others next to it."""
+    import h5py
+
+    if name not in member.attrs:
+        return None
+    _check_attribute(h5py.h5a.open(member.id, name.encode()), str(member.name))
+    return member.attrs[name]
+
+
 def _check_attributes(member: Any, name: str) -> None:
     """Refuse attributes of unsupported types before they are read."""
     import h5py
 
     for number in range(h5py.h5a.get_num_attrs(member.id)):
-        attribute = h5py.h5a.open(member.id, index=number)
-        kind = attribute.get_type()
-        fault = _type_fault(kind)
-        n_dims = attribute.get_space().get_simple_extent_ndims()
-        if kind.get_class() == h5py.h5t.STRING and kind.is_variable_str() and (n_dims or kind.committed()):
-            fault = "is a list of texts, or of a named type"  # TEXT matches only single texts of a plain type
-        if fault:
-            text = attribute.name.decode(errors="replace")
-            raise ValueError(f"the attribute {text[:80]!r} of {name[:80]!r} {fault}")
+        _check_attribute(h5py.h5a.open(member.id, index=number), name)
+
+
+def _check_attribute(attribute: Any, name: str) -> None:
+    """Refuse an attribute of an unsupported type."""
+    import h5py
+
+    kind = attribute.get_type()
+    fault = _type_fault(kind)
+    n_dims = attribute.get_space().get_simple_extent_ndims()
+    if kind.get_class() == h5py.h5t.STRING and kind.is_variable_str() and (n_dims or kind.committed()):
+        fault = "is a list of texts, or of a named type"  # TEXT matches only single texts of a plain type
+    if fault:
+        text = attribute.name.decode(errors="replace")
+        raise ValueError(f"the attribute {text[:80]!r} of {name[:80]!r} {fault}")
 
 
 def _type_fault(kind: Any, *, references: bool = False) -> str:
@@ -164,6 +181,15 @@ def _type_fault(kind: Any, *, references: bool = False) -> str:
     if class_ == h5t.ENUM:  # truth values
         kind = kind.get_super()
         class_, size = kind.get_class(), kind.get_size()
+    if references and class_ == h5t.ARRAY:
+        return _type_fault(kind.get_super())
+    if references and class_ == h5t.COMPOUND:  # rows of a table: plain numbers and arrays of them, without gaps
+        members = [kind.get_member_type(n) for n in range(kind.get_nmembers())]
+        ends = [0, *accumulate(member.get_size() for member in members)]
+        if [kind.get_member_offset(n) for n in range(len(members))] != ends[:-1] or ends[-1] != size:
+            return "is of a compound type with gaps"
+        faults = [_type_fault(member, references=member.get_class() == h5t.ARRAY) for member in members]
+        return next(filter(None, faults), "")
     if class_ == h5t.COMPOUND:  # complex numbers: two adjacent real numbers
         if kind.get_nmembers() != 2 or [kind.get_member_offset(n) for n in (0, 1)] != [0, size // 2] or size % 2:
             return "is of a compound type other than complex numbers"

@@ -1,5 +1,7 @@
 """Kinect, Xsens and glTF files that these tests write themselves."""
 
+import itertools
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -105,19 +107,26 @@ def test_uneven_keys_need_a_rate_and_damaged_files_are_refused(tmp_path: Path) -
     check_damaged_copies(path, start=12, n_frames=range(3, 5000), count=100, rate_hz=50.0)
 
 
-def write_pandas(path: Path, *, coords: str = "xyz", layout: str = "fixed") -> Path:
-    """The layout that pandas writes with format="fixed", or the names of its layout "table"."""
+def write_pandas(path: Path, *, coords: str = "xyz", layout: str = "fixed", names: Any = None) -> Path:
+    """The layouts that pandas writes with format="fixed" and with "table" (with PyTables)."""
+    levels = [["net"], ["Eva", "Jim"], NAMES, list(coords)]
+    values = np.stack([BODY_M, BODY_M + 1.0], axis=1)[..., : len(coords)].reshape(len(BODY_M), -1)
     with h5py.File(path, "w") as file:
         group = file.create_group("df_with_missing")
-        if layout == "table":
-            group["table"] = np.zeros(3, dtype=[("index", "i8"), ("values_block_0", "f8", (3,))])
+        if layout != "fixed":
+            kind = np.dtype([("index", "i8"), ("values_block_0", "f8", (values.shape[1],))])
+            gaps = {"names": kind.names, "formats": ["i8", kind[1]], "offsets": [0, 16], "itemsize": kind.itemsize + 8}
+            rows = np.zeros(len(values), gaps if layout == "gaps" else kind)
+            rows["values_block_0"] = values
+            group["table"] = rows
+            names = list(itertools.product(*levels)) if names is None else names
+            group["table"].attrs["values_block_0_kind"] = np.bytes_(pickle.dumps(names, 0))
             return path
-        levels = [[b"net"], [b"Eva", b"Jim"], [n.encode() for n in NAMES], [c.encode() for c in coords]]
         codes = np.indices([len(level) for level in levels]).reshape(4, -1)
         for n, (level, code) in enumerate(zip(levels, codes, strict=True)):
-            group[f"block0_items_level{n}"], group[f"block0_items_label{n}"] = level, code.astype("i1")
-        values = np.stack([BODY_M, BODY_M + 1.0], axis=1)[..., : len(coords)]
-        group["block0_values"] = values.reshape(len(BODY_M), -1)
+            group[f"block0_items_level{n}"] = [text.encode() for text in level]
+            group[f"block0_items_label{n}"] = code.astype("i1")
+        group["block0_values"] = values
     return path
 
 
@@ -131,7 +140,9 @@ def write_pandas(path: Path, *, coords: str = "xyz", layout: str = "fixed") -> P
         (write_pandas, {"rate_hz": RATE_HZ}, ""),
         (write_pandas, {}, "states no frame rate; give the frame rate: rate_hz="),
         (lambda p: write_pandas(p, coords="xy"), {}, "triangulate"),
-        (lambda p: write_pandas(p, layout="table"), {}, "write it as CSV"),
+        (lambda p: write_pandas(p, layout="table"), {"rate_hz": RATE_HZ}, ""),
+        (lambda p: write_pandas(p, layout="gaps"), {"rate_hz": RATE_HZ}, "compound type with gaps"),
+        (lambda p: write_pandas(p, layout="table", names=[Path]), {"rate_hz": RATE_HZ}, "hold GLOBAL, not only texts"),
     ],
 )
 def test_keypoints_of_hdf5_files(tmp_path: Path, write: Any, options: dict[str, Any], says: str) -> None:

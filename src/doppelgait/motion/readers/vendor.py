@@ -6,6 +6,7 @@ those of keypoints. Each parser returns the points with what the header states a
 
 from __future__ import annotations
 
+import pickletools
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,7 +17,7 @@ import numpy.typing as npt
 
 from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError
-from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, open_hdf5
+from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, get_attribute, open_hdf5
 from doppelgait.motion.clean import MIN_MARKERS
 from doppelgait.motion.readers.points import check_amount, is_unlabelled
 from doppelgait.motion.readers.table import Column, find_points, read_header, split_rows
@@ -318,11 +319,15 @@ def sniff_keypoints(path: Path, head: bytes) -> bool:
     """Return True if HDF5 holds a table of pandas, or positions of movement."""
     if not head.startswith(SIGNATURE):
         return False
+    from h5py import Group, HardLink
+
     try:
         with open_hdf5(path, members=False) as file:
             names = list(file)
-            pandas = len(names) == 1 and {"table", "block0_values"} & set(file[names[0]])
-            return bool(pandas) or {"position", "space"} <= set(names)
+            if {"position", "space"} <= set(names):
+                return True
+            own = len(names) == 1 and isinstance(file.get(names[0], getlink=True), HardLink)
+            return own and isinstance(file[names[0]], Group) and bool({"table", "block0_values"} & set(file[names[0]]))
     except FAULTS:
         return False
 
@@ -334,8 +339,6 @@ def parse_keypoints(path: Path) -> Points:
         with open_hdf5(path, soft_links=True) as file:
             return _parse_movement(path, file) if "position" in file else _parse_pandas(path, file[next(iter(file))])
     except FAULTS as error:
-        if "compound type" in str(error):  # the layout "table", with pickled names of its columns
-            error = ValueError("it is a table of PyTables; write it as CSV: pandas.read_hdf(FILE).to_csv('walk.csv')")
         raise MotionError(f"{path}: its keypoints cannot be read: {error}") from None
 
 
@@ -344,34 +347,63 @@ def _read_texts(dataset: Any) -> list[str]:
 
 
 def _parse_pandas(path: Path, group: Any) -> Points:
-    """Parse the values and the levels of the column names of the layout fixed."""
-    levels: dict[str, list[str]] = {}
-    for n in range(sum(name.startswith("block0_items_level") for name in group)):
-        texts, codes = _read_texts(group[f"block0_items_level{n}"]), group[f"block0_items_label{n}"][:]
-        # three levels, or four with individuals; scorer is the first
-        levels[str(n)] = [texts[code] for code in codes]
-    titles = ("individuals", "bodyparts", "coords")[-max(len(levels) - 1, 0) :]
-    labels, used = _find_whole_points(
-        _name_keypoints(path, dict(zip(titles, list(levels.values())[1:], strict=True)) if len(levels) > 2 else {})
-    )
-    values = np.asarray(group["block0_values"][:], dtype=np.float64)
+    """Parse the values and the names of the columns, of the layouts table and fixed."""
+    if "table" in group:
+        if "values_block_1" in group["table"].dtype.names:
+            raise ValueError("it holds columns of several types; write it as .csv")
+        names = _parse_tuples(bytes(get_attribute(group["table"], "values_block_0_kind")))
+        values = np.asarray(group["table"].fields("values_block_0")[:], dtype=np.float64)
+    else:
+        levels = [name for name in sorted(group) if name.startswith("block0_items_level")]
+        codes = [group[name.replace("level", "label")][:] for name in levels]
+        texts = [_read_texts(group[name]) for name in levels]
+        names = [[text[n] for text, n in zip(texts, row, strict=True)] for row in zip(*codes, strict=True)]
+        values = np.asarray(group["block0_values"][:], dtype=np.float64)
+    # three levels, or four with individuals; scorer is the first
+    titles = ("individuals", "bodyparts", "coords")[-max(len(names[0]) - 1, 0) :] if names else ()
+    columns = list(zip(*names, strict=True))[1:]
+    labels, used = _find_whole_points(_name_keypoints(path, dict(zip(titles, columns, strict=True))))
     return Points(labels, values[:, used].reshape(len(values), -1, 3))
+
+
+def _parse_tuples(data: bytes) -> list[list[str]]:
+    """Return the tuples of texts of a pickled list, which is parsed and never unpickled."""
+    found: list[list[str]] = []
+    open_texts: list[str] = []
+    memo: dict[Any, str] = {}
+    for code, value, _ in pickletools.genops(data):
+        if code.name == "MARK":
+            open_texts = []
+        elif code.name == "UNICODE":
+            open_texts.append(str(value))
+        elif code.name == "PUT" and open_texts:
+            memo[value] = open_texts[-1]
+        elif code.name == "GET":
+            open_texts.append(memo[value])
+        elif code.name == "TUPLE":
+            found.append(open_texts)
+        elif code.name not in ("LIST", "PUT", "APPEND", "STOP"):
+            raise ValueError(f"the names of its columns hold {code.name}, not only texts")
+    return found
 
 
 def _parse_movement(path: Path, file: Any) -> Points:
     """Parse positions along time, space, keypoints and individuals, in any order."""
-    axes = {scale[0].name.strip("/").removesuffix("s"): n for n, scale in enumerate(file["position"].dims)}
-    names = {axis: _read_texts(file[file["position"].dims[n][0].name]) for axis, n in axes.items() if axis != "time"}
+    scale_names = ("time", "space", "keypoint", "keypoints", "individual", "individuals")
+    scales = {int(get_attribute(file[name], "_Netcdf4Dimid")): name for name in scale_names if name in file}
+    order = [scales[int(n)] for n in get_attribute(file["position"], "_Netcdf4Coordinates")]
+    axes = {name.removesuffix("s"): n for n, name in enumerate(order)}
+    names = {axis: _read_texts(file[order[n]]) for axis, n in axes.items() if axis != "time"}
     if names.get("space") != ["x", "y", "z"]:
         raise MotionError(
             f"{path}: has the axes {', '.join(axes)} with space {', '.join(names.get('space', []))}; three-dimensional "
             "positions have x, y and z. Triangulate the keypoints of two or more calibrated cameras"
         )
-    order = ("time", "individual", "keypoint", "space")
-    position = np.asarray(file["position"][:], dtype=np.float64).transpose([axes[axis] for axis in order])
+    wanted = [axes[axis] for axis in ("time", "individual", "keypoint", "space")]
+    position = np.asarray(file["position"][:], dtype=np.float64).transpose(wanted)
     labels = [f"{owner}:{name}" for owner in names["individual"] for name in names["keypoint"]]
-    fps, seconds = file.attrs.get("fps"), np.asarray(file["time"][:], dtype=np.float64)
-    is_timed = file.attrs.get("time_unit") in ("seconds", b"seconds") and np.isfinite(seconds).all()
+    fps, seconds = get_attribute(file, "fps"), np.asarray(file["time"][:], dtype=np.float64)
+    is_timed = get_attribute(file, "time_unit") in ("seconds", b"seconds") and np.isfinite(seconds).all()
     digit_s = 1e-9 * max(float(np.abs(seconds).max(initial=0.0)), 1.0)
     return Points(
         labels,
