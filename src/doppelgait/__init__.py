@@ -17,6 +17,7 @@ _LAZY = {
     "Target": "doppelgait.scene",
     "Radar": "doppelgait.radar",
     "Recording": "doppelgait.radar",
+    "concat": "doppelgait.radar",
     "simulate": "doppelgait.pipeline",
     "analyze": "doppelgait.pipeline",
     "Analysis": "doppelgait.processing",

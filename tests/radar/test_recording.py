@@ -1,5 +1,7 @@
 """Parts of a recording, and what no recording can be."""
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.rng import rng
 from doppelgait.motion import generate
 from doppelgait.pipeline import simulate
-from doppelgait.radar import Radar, Recording, read_recording, write_recording
+from doppelgait.radar import Radar, Recording, concat, read_recording, write_recording
 from doppelgait.scene import Scene, Target
 
 
@@ -134,3 +136,72 @@ def test_a_file_of_what_no_radar_can_have_is_refused_with_its_key(tmp_path, walk
 )
 def test_what_some_radar_can_have_is_read(tmp_path, walk, change):
     assert read_recording(rewritten(tmp_path / "a.h5", walk, change)).n_pulses == 100
+
+
+IQ = np.exp(2j * np.pi * 0.15 * np.arange(300)).astype(np.complex64)
+
+
+@pytest.mark.parametrize(
+    ("values", "options", "shape", "prf_hz"),
+    [
+        (IQ, {"prf_hz": 500.0, "carrier_hz": 24e9}, (300, 1), 500.0),
+        (np.stack([IQ.real, IQ.imag], axis=-1), {"prf_hz": 500.0, "carrier_hz": 24e9}, (300, 1), 500.0),
+        (IQ[:, None] * [1, 2], {"radar": "x4", "prf_hz": 500.0}, (300, 2), 500.0),
+        (IQ[:, None] * [1, 2], {"radar": Radar.preset("x4"), "range_m": [1.0, 1.2]}, (300, 2), 1000.0),
+        (IQ, {"carrier_hz": 24e9, "slow_time_s": 9.0 + np.arange(300) / 80.0}, (300, 1), 80.0),
+        (IQ.real, {"prf_hz": 500.0, "carrier_hz": 24e9}, (300, 1), 500.0),
+    ],
+)
+def test_a_recording_of_a_plain_array(values, options, shape, prf_hz):
+    recording = Recording.from_array(values, **options)
+    assert recording.samples.shape == shape
+    assert recording.radar.prf_hz == pytest.approx(prf_hz)
+    real = values.ndim == 1 and values.dtype.kind == "f"
+    np.testing.assert_allclose(recording.samples.matrix[:, 0], IQ.real if real else IQ, atol=1e-6)
+    assert recording.facts.get("one_output", False) is real
+
+
+@pytest.mark.parametrize(
+    ("values", "options", "said"),
+    [
+        (IQ, {"prf_hz": 500.0}, r"array: carrier_hz is stated nowhere; give them as options"),
+        (IQ.reshape(3, 10, 10), {"prf_hz": 500.0, "carrier_hz": 24e9}, r"has the shape \(3, 10, 10\)"),
+        (IQ, {"prf": 500.0, "carrier_hz": 24e9}, "prf: unknown key; allowed are .*prf_hz"),
+    ],
+)
+def test_what_a_plain_array_lacks_is_named(values, options, said):
+    with pytest.raises(RecordingError, match=said):
+        Recording.from_array(values, **options)
+
+
+def test_recordings_are_joined_with_the_pause_between_them():
+    first = Recording.from_array(IQ, prf_hz=500.0, carrier_hz=24e9)
+    late = Recording.from_array(IQ, slow_time_s=2.0 + np.arange(300) / 500.0, carrier_hz=24e9)
+    late = replace(late, radar=first.radar)
+    joined = concat([first, late])
+    np.testing.assert_allclose(joined.slow_time_s, [*first.slow_time_s, *late.slow_time_s])
+    np.testing.assert_array_equal(joined.samples.matrix[300:, 0], IQ)
+    np.testing.assert_allclose(np.diff(concat([late, first], gap_s=0.5).slow_time_s)[299], 0.5 + 1 / 500.0)
+    np.testing.assert_allclose(np.diff(concat([first, first], gap_s=0).slow_time_s), 1 / 500.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "said"),
+    [
+        ({}, {}, "begins at 0 s, but the one before ends at 0.598 s; give gap_s"),
+        ({}, {"gap_s": -1.0}, "gap_s = -1.0 is not allowed"),
+        ({"range_m": np.array([3.0])}, {"gap_s": 0.0}, "has other ranges"),
+        ({"radar": Radar.preset("xband-cw")}, {"gap_s": 0.0}, "is of another radar"),
+    ],
+)
+def test_what_cannot_be_joined_is_named(change, options, said):
+    first = Recording.from_array(IQ, prf_hz=500.0, carrier_hz=24e9)
+    with pytest.raises(RecordingError, match=said):
+        concat([first, replace(first, **change)], **options)
+
+
+def test_other_samples_do_not_keep_the_truth_of_more_pulses(walk):
+    half = walk.baseband.isel(slow_time=slice(0, 100))
+    with pytest.raises(RecordingError, match=r"have 100 pulses, but the truth has 1500.*truth=\(\)"):
+        walk.with_baseband(half)
+    assert walk.with_baseband(half, truth=()).n_pulses == 100

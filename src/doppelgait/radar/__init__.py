@@ -15,7 +15,7 @@ from doppelgait.radar.presets import list_preset_names, read_full_preset
 from doppelgait.radar.readers import RADAR_READERS, RADAR_WRITERS, read_recording
 from doppelgait.radar.readers.arrays import write_arrays
 from doppelgait.radar.readers.sigmf import write_sigmf
-from doppelgait.radar.recording import Recording, TargetTruth
+from doppelgait.radar.recording import Recording, TargetTruth, concat
 from doppelgait.radar.recordings import write_recording
 from doppelgait.radar.rf import synthesise_rf
 from doppelgait.radar.simulate import add_noise, compress, lowest_prf_hz, synthesise, synthesise_samples
@@ -34,6 +34,7 @@ __all__ = [
     "add_noise",
     "compress",
     "compute_scatterer_arrays",
+    "concat",
     "echo_amplitude_v",
     "list_derived_quantities",
     "list_preset_names",

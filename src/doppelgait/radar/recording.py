@@ -15,6 +15,7 @@ from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.core.labels import AnyTable, ScattererTable, labels_on_demand, read_axis
 from doppelgait.core.lazy import read_tiles, xr
 from doppelgait.core.notebook import plot, show_html, show_text
+from doppelgait.core.plugins import Group
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar.parameters import Radar
@@ -25,6 +26,8 @@ else:
     from functools import cached_property
 
 NAN = float("nan")
+_ARRAYS: Group[Any] = Group("radar_reader", ("doppelgait.radar.readers.arrays",), listed=False)
+"""Reader of arrays, which imports this module."""
 
 
 @labels_on_demand("scatterers", "body")
@@ -187,9 +190,55 @@ class Recording:
         further = {name: value for name, value in frames.facts.items() if name != "radar"}
         return cls(frames.samples, radar, frames.slow_time.time_s, frames.range_m, facts=further, **facts)
 
+    @classmethod
+    def from_array(
+        cls,
+        iq: npt.ArrayLike,
+        *,
+        slow_time_s: npt.ArrayLike | None = None,
+        range_m: npt.ArrayLike | None = None,
+        **options: Any,
+    ) -> Recording:
+        """Make a recording of plain samples, as the reader of NumPy files makes it.
+
+        Parameters
+        ----------
+        iq : array_like
+            Complex, of shape (pulses, range bins), or (pulses,) for a continuous wave. Real with I and Q along a last
+            axis of 2, or real of shape (pulses,): the one output of a module, which has no direction.
+        slow_time_s, range_m : array_like, optional
+            Times of the pulses, as they were stamped, and ranges of the bins.
+        **options
+            ``prf_hz``, ``carrier_hz``, ``range_start_m``, ``bin_spacing_m``, ``conjugate``, ``scale_v``, ``time_first``
+            and ``radar``, a :class:`Radar` or the name of a preset.
+
+        Raises
+        ------
+        RecordingError
+            If a fact is missing or not allowed, or the array has no such shape.
+
+        Examples
+        --------
+        >>> import doppelgait as dg
+        >>> import numpy as np
+        >>> iq = np.exp(2j * np.pi * 80 * np.arange(1000) / 500)
+        >>> dg.Recording.from_array(iq, prf_hz=500, carrier_hz=24e9).n_pulses
+        1000
+        """
+        axes = {"slow_time_s": slow_time_s, "range_m": range_m}
+        arrays = {name: None if axis is None else np.asarray(axis) for name, axis in axes.items()}
+        recording: Recording = _ARRAYS["arrays"].facts["make"](np.asarray(iq), arrays, options)
+        check_plausible(recording, "array")
+        return recording
+
     def with_baseband(self, baseband: xr.DataArray, **changes: Any) -> Recording:
-        """Return the recording with other samples and further changes."""
+        """Return the recording with other samples and further changes, such as ``truth=()`` for other pulses."""
         frames = Frames.of(baseband)
+        if self.truth and "truth" not in changes and frames.n_pulses != self.n_pulses:
+            raise RecordingError(
+                f"{self.source or 'recording'}: the new samples have {frames.n_pulses} pulses, but the truth has "
+                f"{self.n_pulses}; take a part with between(), or drop the truth: with_baseband(..., truth=())"
+            )
         further = {name: value for name, value in frames.facts.items() if name != "radar"}
         return self.with_frames(frames, **{"facts": further, **changes})
 
@@ -329,6 +378,68 @@ class Recording:
         """Independent noise values per range bin; below 1 if a window correlates bins."""
         share = self.facts.get("independent_bin_share")
         return self.radar.waveform.independent_bins(self.radar) if share is None else float(share)
+
+
+def concat(recordings: Sequence[Recording], *, gap_s: float | None = None) -> Recording:
+    """Join recordings of one radar, one after the other in time.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        They have the same radar and the same ranges.
+    gap_s : float, optional
+        Pause between the last pulse of one and the first pulse of the next, in addition to the interval of the pulses.
+        By default the times of the recordings say it: each must begin after the end of the one before.
+
+    Returns
+    -------
+    Recording
+        The samples of all. The truth, the seed and the SNR are dropped, as they describe one simulation.
+
+    Raises
+    ------
+    RecordingError
+        If there are none, radars or ranges differ, or the times do not follow one another and ``gap_s`` is missing.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> import numpy as np
+    >>> part = dg.Recording.from_array(np.ones(100, complex), prf_hz=100, carrier_hz=24e9)
+    >>> dg.radar.concat([part, part], gap_s=2.0).observation_s
+    4.0
+    """
+    if not recordings:
+        raise RecordingError("concat: there are no recordings; give one or more")
+    if gap_s is not None and not (np.isfinite(gap_s) and gap_s >= 0):
+        raise RecordingError(f"concat: gap_s = {gap_s!r} is not allowed; it must be 0 s or more")
+    first, times = recordings[0], [recordings[0].slow_time_s]
+    for number, one in enumerate(recordings[1:], start=1):
+        where = f"concat: recording {number} ({one.source or 'without a name'})"
+        if one.radar != first.radar or one.facts.get("burst_pulses") != first.facts.get("burst_pulses"):
+            raise RecordingError(f"{where} is of another radar than the first; join recordings of one radar")
+        if not np.array_equal(one.range_m, first.range_m):
+            raise RecordingError(f"{where} has other ranges than the first; join recordings of the same ranges")
+        epochs = [float(each.facts.get("epoch_s", 0.0)) for each in (first, one)]
+        start_s, end_s = float(one.slow_time_s[0]), float(times[-1][-1])
+        shift_s = epochs[1] - epochs[0] if gap_s is None else end_s + gap_s + 1.0 / one.radar.prf_hz - start_s
+        if start_s + shift_s <= end_s:
+            raise RecordingError(
+                f"{where} begins at {start_s + shift_s:.4g} s, but the one before ends at {end_s:.4g} s; give gap_s"
+            )
+        times.append(one.slow_time_s + shift_s)
+    powers = {one.noise_power_v2 for one in recordings}
+    return replace(
+        first,
+        samples=Samples(np.concatenate([one.samples.matrix for one in recordings])),
+        slow_time_s=np.concatenate(times),
+        truth=(),
+        noise_power_v2=powers.pop() if len(powers) == 1 else NAN,
+        snr_frame_db=NAN,
+        seed=None,
+        source=" + ".join(dict.fromkeys(one.source for one in recordings if one.source)),
+        notes=list(dict.fromkeys(note for one in recordings for note in one.notes)),
+    )
 
 
 PULSES_OFF = 0.05

@@ -87,7 +87,7 @@ class ArrayFacts(FrozenModel):
 
 def read_facts(path: Path, options: Mapping[str, Any], stated: Mapping[str, Any] | None = None) -> ArrayFacts:
     """Read facts about an array from its TOML file; options come before them, and what the file states after."""
-    sidecar = path.with_suffix(".toml")
+    sidecar = path.with_suffix(".toml") if path != IN_MEMORY else Path()
     table: dict[str, Any] = {}
     text = ""
     try:
@@ -137,8 +137,9 @@ def _describe(
     needed = ("prf_hz", "carrier_hz", "range_start_m", "bin_spacing_m")
     if missing := [name for name in needed if name not in known]:
         raise RecordingError(
-            f"{path}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} stated nowhere; write them into "
-            f"{path.with_suffix('.toml').name} in its folder or give them as options (radar='PRESET' has all four)"
+            f"{path}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} stated nowhere; "
+            + ("" if path == IN_MEMORY else f"write them into {path.with_suffix('.toml').name} in its folder or ")
+            + "give them as options (radar='PRESET' has all four)"
         )
     ranges = np.asarray(known["range_start_m"] + known["bin_spacing_m"] * np.arange(n_bins), dtype=np.float64)
     # notes on values that neither the array nor its TOML file nor the options state
@@ -248,8 +249,10 @@ def array_reader(name: str, **facts: Any) -> Callable[[Callable[..., Parsed]], C
 def label_array(path: Path, parsed: Parsed, options: Mapping[str, Any]) -> Recording:
     """Make a recording of an array of any common shape; options come before the TOML file and this before the file."""
     given = {name: value for name, value in options.items() if value is not None}
-    if "radar" in given:
-        given["radar"] = {"preset": str(given["radar"])}
+    if isinstance(radar := given.get("radar"), Radar):
+        given["radar"] = radar.model_dump()
+    elif radar is not None:
+        given["radar"] = {"preset": str(radar)}
     facts = read_facts(path, given, parsed.stated)
     values, attributes, notes = parsed.values, dict(facts.attributes), list(parsed.notes)
     if values.dtype.kind not in "fiuc":
@@ -303,7 +306,16 @@ OPTIONS = {
 """Options of every reader of plain arrays."""
 
 
-@array_reader("arrays", sniff=sniff_arrays, suffixes=(".npz", ".npy"))
+IN_MEMORY = Path("array")
+"""Name of an array that is in no file."""
+
+
+def make_recording(values: npt.NDArray[Any], axes: Arrays, options: Mapping[str, Any]) -> Recording:
+    """Make a recording of an array in memory, with the rules of files."""
+    return label_array(IN_MEMORY, Parsed(values, axes), options)
+
+
+@array_reader("arrays", sniff=sniff_arrays, suffixes=(".npz", ".npy"), make=make_recording)
 def parse_arrays(path: Path, *, time_first: bool | None = None, key: str | None = None) -> Parsed:
     """Read a complex matrix (pulses, range bins) of a NumPy file.
     A one-dimensional array is a continuous-wave recording. A ``.npy`` file holds one array.
