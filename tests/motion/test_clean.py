@@ -136,22 +136,6 @@ def test_lowpass_keeps_the_velocity_up_to_the_ends(rate_hz: float, phase: float)
     assert error.max() < 2e-2
 
 
-def test_lowpass_has_half_power_at_the_cutoff_and_no_delay() -> None:
-    time = np.arange(1200) / RATE_HZ
-    for frequency, gain in ((3.0, 1.0), (12.0, np.sqrt(0.5)), (40.0, 0.0)):
-        tone = np.cos(2 * np.pi * frequency * time)
-        smooth = filter_lowpass(np.repeat(tone[:, None, None], 3, axis=2), rate_hz=RATE_HZ, cutoff_hz=12.0)[:, 0, 0]
-        np.testing.assert_allclose(smooth[200:-200], gain * tone[200:-200], atol=2e-3)
-
-
-def test_lowpass_is_left_out_at_low_rates() -> None:
-    truth = walk(n_frames=100, rate_hz=30.0)
-    clean = clean_motion(motion_of(truth, rate_hz=30.0), floor=False)
-    assert report_of(clean)["lowpass_hz"] is None
-    np.testing.assert_array_equal(clean.position_m, truth)
-    assert report_of(clean_motion(motion_of(walk())))["lowpass_hz"] == 12.0
-
-
 @pytest.mark.parametrize("offset_m", [-0.8, 0.0, 0.5])
 def test_floor_is_zero_and_stature_is_measured_from_it(offset_m: float) -> None:
     clean = clean_motion(motion_of(walk() + offset_m * UP))

@@ -132,6 +132,8 @@ def test_aliasing_and_lost_targets_are_warned_of_with_their_numbers():
     )
     with pytest.warns(DoppelgaitWarning, match=r"aliasing: .*5\.00 m/s.*prf_hz = 300.*3\.08 m/s.*550 or more"):
         simulate(Scene([Target(fast)], duration_s=1.0), Radar.preset("x4", prf_hz=300))
+    # a recording that jumps needs a correction, not a higher rate; warnings are errors here
+    simulate(Scene([Target(fast.with_report(has_jumps=True))], duration_s=1.0), Radar.preset("x4", prf_hz=300))
     with pytest.warns(DoppelgaitWarning, match=r"folding: .* 22\.50 m away.* 9\.87 m; .* appears at 2\.76 m"):
         simulate(Scene([Target(fast, range_m=20.0)], duration_s=1.0), Radar.preset("x4"))
 

@@ -68,7 +68,7 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
         radar = choose_lowest_prf(placed, run.radar, cpi_s=run.analysis.cpi_s) if run.auto_prf else run.radar
         slow_time_s = pulse_times_s(placed.observation_s, radar)
         table, tracks = observe_scene(placed, radar, slow_time_s, run.conditions, angles=False, streams=run.streams)
-        warn_of_limits(table, radar)
+        warn_of_limits(table, radar, has_jumps=any(t.motion.report.get("has_jumps") for t in placed.targets))
     found = {str(w.message).partition(":")[0] for w in caught if issubclass(w.category, DoppelgaitWarning)}
     analysis = run.analysis.resolved("truth")
     rows = []

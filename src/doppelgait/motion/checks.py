@@ -73,6 +73,7 @@ def check_motion(motion: Motion) -> Motion:
     return motion.with_report(
         notes=[*notes, *(text for text in messages.values() if text not in notes)],
         implausible=[text for check, text in messages.items() if check.refuses],
+        has_jumps=any(check.name == "jumps" for check in messages),
     )
 
 

@@ -149,7 +149,7 @@ def simulate(
     placed = as_placed(scene, rng)
     slow_time_s = pulse_times_s(placed.observation_s, radar)
     scatterers, tracks = observe_scene(placed, radar, slow_time_s, conditions, angles=angles, streams=rng)
-    warn_of_limits(scatterers, radar)
+    warn_of_limits(scatterers, radar, has_jumps=any(t.motion.report.get("has_jumps") for t in placed.targets))
     # without impairments the samples before the range transform are not needed: compute the bins directly
     echoes = Echoes(scatterers, radar, compressed=not conditions.impairments)
     samples: Samples | None = None

@@ -234,7 +234,7 @@ def lowest_prf_hz(scatterers: AnyTable, radar: Radar, cpi_s: float) -> float:
     return float(np.ceil(2.0 * (doppler_hz + 3.0 / cpi_s)))
 
 
-def warn_of_limits(scatterers: AnyTable, radar: Radar) -> None:
+def warn_of_limits(scatterers: AnyTable, radar: Radar, *, has_jumps: bool = False) -> None:
     """Warn of scatterers that the radar cannot show. The warnings state the values (E-06, E-15)."""
     if radar.n_range_bins > 1 and radar.bin_spacing_m > 2.0 * radar.range_resolution_m:
         warn_caller(
@@ -248,7 +248,7 @@ def warn_of_limits(scatterers: AnyTable, radar: Radar) -> None:
     fastest_mps = 0.0
     for _, speeds in read_tiles(table["radial_velocity"]):
         fastest_mps = max(fastest_mps, float(speeds.max()), -float(speeds.min()))
-    if fastest_mps >= radar.unambiguous_velocity_mps:
+    if fastest_mps >= radar.unambiguous_velocity_mps and not has_jumps:  # a jump is no speed for a higher rate
         needed = 2.0 * float(velocity_to_doppler_hz(fastest_mps, radar.wavelength_m)) + 60.0
         warn_caller(
             f"aliasing: a scatterer reaches {fastest_mps:.2f} m/s, but prf_hz = {radar.prf_hz:g} is unambiguous only "
