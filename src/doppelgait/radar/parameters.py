@@ -219,87 +219,64 @@ def _serialise_waveform(waveform: Waveform, info: SerializationInfo) -> Any:
 class Radar(FrozenModel):
     """Coherent radar (the report's Table 5.1, and more).
 
-    Parameters
-    ----------
-    name : str
-        Name shown to the user; it has no effect.
-    waveform : Waveform or str or mapping
-        ``impulse`` (Gaussian pulse), ``rectangular``, ``lfm`` (chirped pulse with a matched
+    name: Name shown to the user; it has no effect.
+    waveform: ``impulse`` (Gaussian pulse), ``rectangular``, ``lfm`` (chirped pulse with a matched
         filter), ``fmcw`` (de-chirped), ``stepped`` (stepped frequency), ``cw``, or the waveform of
         an installed package; their parameters are listed in :mod:`doppelgait.radar.waveforms`. The
         name is short for ``{ kind = "NAME" }``; further keys are parameters of the waveform.
-    carrier_hz : float
-        Centre frequency f_c of the transmitted signal.
-    prf_hz : float
-        Frame rate f_p: slow-time samples per second. A frame of a swept-threshold chip contains many pulses.
-    burst_pulses : int, optional
-        Number of frames in a burst, at the rate prf_hz, for sensors that measure in bursts. None:
-        frames without pauses. Impairments that vary over slow time do not change during the pauses.
-    burst_period_s : float, optional
-        Time from the start of one burst to the start of the next.
-    sample_rate_hz : float
-        Sampling rate f_s of the receiver: along fast time, along the sweep (fmcw) or steps per second (stepped). A
-        cw radar has one sample per frame; the rate then has no effect and is prf_hz by default.
-    decimation : int
-        Decimation factor D of the baseband samples (impulse, rectangular, lfm).
-    range_start_m : float
-        Lower limit r_min of the frame.
-    range_stop_m : float
-        Upper limit r_max of the frame.
-    bandwidth_hz : float
-        Two-sided bandwidth B. Gaussian pulse: bandwidth at ``bandwidth_level_db`` below the peak.
-        lfm, fmcw and stepped: bandwidth swept in sweep_s.
-    bandwidth_level_db : {3, 10}
-        Level below the peak at which the bandwidth of a Gaussian pulse is measured.
-    pulse_sigma_s : float
-        impulse: standard deviation tau of the pulse's amplitude envelope, instead of the bandwidth.
-    sweep_s : float
-        Duration of the pulse (rectangular, lfm), of the sampled part of a chirp (fmcw), or of all steps (stepped).
-        fmcw and stepped have round(sweep_s * sample_rate_hz) samples or steps per frame.
-    range_window : {"none", "hann", "hamming", "blackman"}
-        Window before the transform to range (fmcw, stepped).
-    volts_per_unit : float, optional
-        Volts at the receiver output per unit of the numbers in the sensor's own files.
-    tx_power_dbm : float
-        Peak power P_t of the transmitted envelope.
-    tx_gain_dbi : float
-        Peak gain G_t of the transmit antenna.
-    rx_gain_dbi : float
-        Peak gain G_r of the receive antenna.
-    antenna : Antenna
-        Pattern of the antennas relative to the peak (:mod:`doppelgait.radar.antenna`); the same in
-        all directions by default.
-    receiver_gain_db : float
-        Receiver gain G_rx, which multiplies signal and noise.
-    noise_figure_db : float
-        Noise figure F of the receiver.
-    noise_bandwidth_hz : float, optional
-        Noise bandwidth B_n of a receiver sample; by default the pulse's 10 dB bandwidth (impulse),
-        1 / sweep_s (rectangular, lfm), sample_rate_hz (fmcw, stepped) or prf_hz (cw).
-    noise_correlation : tuple of float
-        Noise correlation rho_1, rho_2, ... (E-18c) at lags of 1, 2, ... bins, caused by the
-        receiver's filter, for waveforms with samples that are the range bins. Empty: white. At most
-        16 values; the spectrum must not be negative: 1 + 2 sum rho_l cos(l w) >= 0 for every w.
-    pulse_rate_hz : float
-        Pulses (sweeps) per second; a frame averages pulse_rate / (prf * sweep_levels) pulses, times
-        integration_share if that is not 0.
-    sweep_levels : int
-        Number of levels of the threshold sweep; 1 without one.
-    threshold_step_v : float, optional
-        Spacing d of the thresholds of an impulse radar with a threshold sweep, V at the receiver output. The receiver
-        then counts comparisons, with the noise of a counter (E-18b); otherwise it averages samples.
-    integration_share : float
-        Share of the frame time over which the samples of one frame are summed, 0 to 1: the
-        amplitude of a moving echo is multiplied by sinc(f_d T_i), T_i = integration_share / prf_hz
-        (E-13b), and pulses outside this time are not averaged. 0 if the integration time of a frame
-        is negligible, and for waveforms that model the motion within a frame (fmcw, stepped).
-    fold_echoes : bool
-        For pulsed radars: echoes from beyond c / (2 pulse rate) appear in the frame of a later pulse (E-10b). False for
-        a hypothetical radar that assigns every echo to its pulse. Sweeps always fold.
-    transmit_phase_rad : float
-        Phase theta of the transmitted pulse.
-    hypothetical : bool
-        True for parameters of no real device.
+    carrier_hz: Centre frequency f_c of the transmitted signal.
+    prf_hz: Frame rate f_p: slow-time samples per second. A frame of a swept-threshold chip contains
+        many pulses.
+    burst_pulses: Number of frames in a burst, at the rate prf_hz, for sensors that measure in
+        bursts. None: frames without pauses. Impairments that vary over slow time do not change
+        during the pauses.
+    burst_period_s: Time from the start of one burst to the start of the next.
+    sample_rate_hz: Sampling rate f_s of the receiver: along fast time, along the sweep (fmcw) or
+        steps per second (stepped). A cw radar has one sample per frame; the rate then has no effect
+        and is prf_hz by default.
+    decimation: Decimation factor D of the baseband samples (impulse, rectangular, lfm).
+    range_start_m: Lower limit r_min of the frame.
+    range_stop_m: Upper limit r_max of the frame.
+    bandwidth_hz: Two-sided bandwidth B. Gaussian pulse: bandwidth at ``bandwidth_level_db`` below
+        the peak. lfm, fmcw and stepped: bandwidth swept in sweep_s.
+    bandwidth_level_db: Level below the peak at which the bandwidth of a Gaussian pulse is measured.
+    pulse_sigma_s: impulse: standard deviation tau of the pulse's amplitude envelope, instead of the
+        bandwidth.
+    sweep_s: Duration of the pulse (rectangular, lfm), of the sampled part of a chirp (fmcw), or of
+        all steps (stepped). fmcw and stepped have round(sweep_s * sample_rate_hz) samples or steps
+        per frame.
+    range_window: Window before the transform to range (fmcw, stepped).
+    volts_per_unit: Volts at the receiver output per unit of the numbers in the sensor's own files.
+    tx_power_dbm: Peak power P_t of the transmitted envelope.
+    tx_gain_dbi: Peak gain G_t of the transmit antenna.
+    rx_gain_dbi: Peak gain G_r of the receive antenna.
+    antenna: Pattern of the antennas relative to the peak (:mod:`doppelgait.radar.antenna`); the
+        same in all directions by default.
+    receiver_gain_db: Receiver gain G_rx, which multiplies signal and noise.
+    noise_figure_db: Noise figure F of the receiver.
+    noise_bandwidth_hz: Noise bandwidth B_n of a receiver sample; by default the pulse's 10 dB
+        bandwidth (impulse), 1 / sweep_s (rectangular, lfm), sample_rate_hz (fmcw, stepped) or
+        prf_hz (cw).
+    noise_correlation: Noise correlation rho_1, rho_2, ... (E-18c) at lags of 1, 2, ... bins, caused
+        by the receiver's filter, for waveforms with samples that are the range bins. Empty: white.
+        At most 16 values; the spectrum must not be negative: 1 + 2 sum rho_l cos(l w) >= 0 for
+        every w.
+    pulse_rate_hz: Pulses (sweeps) per second; a frame averages pulse_rate / (prf * sweep_levels)
+        pulses, times integration_share if that is not 0.
+    sweep_levels: Number of levels of the threshold sweep; 1 without one.
+    threshold_step_v: Spacing d of the thresholds of an impulse radar with a threshold sweep, V at
+        the receiver output. The receiver then counts comparisons, with the noise of a counter
+        (E-18b); otherwise it averages samples.
+    integration_share: Share of the frame time over which the samples of one frame are summed, 0 to
+        1: the amplitude of a moving echo is multiplied by sinc(f_d T_i), T_i = integration_share /
+        prf_hz (E-13b), and pulses outside this time are not averaged. 0 if the integration time of
+        a frame is negligible, and for waveforms that model the motion within a frame (fmcw,
+        stepped).
+    fold_echoes: For pulsed radars: echoes from beyond c / (2 pulse rate) appear in the frame of a
+        later pulse (E-10b). False for a hypothetical radar that assigns every echo to its pulse.
+        Sweeps always fold.
+    transmit_phase_rad: Phase theta of the transmitted pulse.
+    hypothetical: True for parameters of no real device.
 
     Examples
     --------

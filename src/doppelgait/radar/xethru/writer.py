@@ -68,13 +68,11 @@ class TimedRecord:
 class Splitting(FrozenModel):
     """Limits at which a new data file or a new folder starts.
 
-    Parameters
-    ----------
-    file_bytes, folder_bytes : int, optional
-        Maximum size of a data file, and of all data files of a folder: they are closed after the
-        record that reaches it.
-    file_ms, folder_ms : int, optional
-        Maximum duration: they are closed before the first record at this time after they were opened.
+    file_bytes: Maximum size of a data file: it is closed after the record that reaches it.
+    file_ms: Maximum duration of a data file: it is closed before the first record at this time
+        after it was opened.
+    folder_bytes: Maximum size of all data files of a folder, as ``file_bytes``.
+    folder_ms: Maximum duration of a folder, as ``file_ms``.
     """
 
     file_bytes: int | None = Field(default=None, ge=1)
