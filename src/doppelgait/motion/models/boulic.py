@@ -236,8 +236,8 @@ class BoulicConfig(FrozenModel):
 def boulic_walk(parameters: Sequence[BoulicConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
     """Generate a walking person (Boulic et al. 1990; Chen 2011).
 
-    The person moves along +x from x = 0; the lowest foot point of the cycle is at z = 0. The points are
-    those of ``human_body.POINTS``.
+    The person moves along +x from x = 0; the lowest foot point of the cycle is at z = 0. The points
+    are those of ``human_body.POINTS``.
 
     >>> import doppelgait as dg
     >>> motion = dg.motion.boulic_walk(speed_mps=1.2, duration_s=2.0)

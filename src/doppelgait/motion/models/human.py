@@ -461,8 +461,8 @@ def human_gait(parameters: Sequence[HumanConfig], durations_s: Sequence[float], 
     Trunk, ankles and feet follow the mean of recorded people. A run has a flight phase (:func:`run_height_m`). With
     ``foot_lock=False`` and otherwise default values, a walk is exactly that of Boulic et al. 1990.
 
-    The person moves along +x from x = 0 over z = 0. The points are the 17 of the Boulic walk. Steps that are too
-    long for the legs raise a ConfigError.
+    The person moves along +x from x = 0 over z = 0. The points are the 17 of the Boulic walk. Steps
+    that are too long for the legs raise a ConfigError.
 
     >>> import doppelgait as dg
     >>> motion = dg.motion.human_gait(speed_mps=1.2, duration_s=2.0)

@@ -130,9 +130,9 @@ class PendulumConfig(FrozenModel):
 def pendulum(config: PendulumConfig, times_s: FloatArray) -> Body:
     """Generate a point that swings in x under a pivot.
 
-    The pivot is above x = 0. The angle of the point ``"bob"`` from the vertical is a sin(2 pi f t), positive
-    forward. The frequency is a parameter and does not follow from gravity. The maximum speed is 2 pi f a l, at
-    the lowest point.
+    The pivot is above x = 0. The angle of the point ``"bob"`` from the vertical is a sin(2 pi f t),
+    positive forward. The frequency is a parameter and does not follow from gravity. The maximum
+    speed is 2 pi f a l, at the lowest point.
 
     >>> import doppelgait as dg
     >>> motion = dg.motion.pendulum(duration_s=2.0)
@@ -273,11 +273,11 @@ class VacuumConfig(FrozenModel):
 def robot_vacuum(config: VacuumConfig, times_s: FloatArray) -> Body:
     """Generate a flat round robot vacuum.
 
-    The robot starts at the origin along +x and turns at a constant rate w, so that its centre is on a straight
-    line or on a circle of radius V/w. Its rim rotates with it. A side brush is optional: three arms rotate about
-    a point of the rim, ahead and to the right. The speed of a tip relative to that point is 2 pi (f + w/2 pi) r,
-    where f are the turns per second relative to the robot. The points are ``"centre"``, ``"rim_1"``, ... and
-    ``"brush_1"``, ...
+    The robot starts at the origin along +x and turns at a constant rate w, so that its centre is on
+    a straight line or on a circle of radius V/w. Its rim rotates with it. A side brush is optional:
+    three arms rotate about a point of the rim, ahead and to the right. The speed of a tip relative
+    to that point is 2 pi (f + w/2 pi) r, where f are the turns per second relative to the robot.
+    The points are ``"centre"``, ``"rim_1"``, ... and ``"brush_1"``, ...
 
     >>> import doppelgait as dg
     >>> motion = dg.motion.robot_vacuum(duration_s=2.0)
@@ -343,8 +343,8 @@ class CurtainConfig(FrozenModel):
 def curtain(config: CurtainConfig, times_s: FloatArray) -> Body:
     """Generate a curtain that sways in front of a window.
 
-    Points move along x by a (d/D) sin(2 pi f t - phi y/W), under a rail along y. They are ``"cloth_1_1"``
-    (column, row), ...
+    Points move along x by a (d/D) sin(2 pi f t - phi y/W), under a rail along y. They are
+    ``"cloth_1_1"`` (column, row), ...
 
     >>> import doppelgait as dg
     >>> motion = dg.motion.curtain(duration_s=2.0)
@@ -392,9 +392,9 @@ class FanConfig(FrozenModel):
 def fan(config: FanConfig, times_s: FloatArray) -> Body:
     """Generate a fan that blows along +x.
 
-    It is a rotor in the plane (y, z) with a stand at rest: ``"hub"``, ``"blade_1"``, ..., ``"stand"`` (half way
-    up) and ``"foot"``. The tips move at 2 pi rotation_hz radius_m, 19 m/s by default, which few radars' frame
-    rates can show.
+    It is a rotor in the plane (y, z) with a stand at rest: ``"hub"``, ``"blade_1"``, ...,
+    ``"stand"`` (half way up) and ``"foot"``. The tips move at 2 pi rotation_hz radius_m, 19 m/s by
+    default, which few radars' frame rates can show.
 
     >>> import doppelgait as dg
     >>> motion = dg.motion.fan(duration_s=2.0)

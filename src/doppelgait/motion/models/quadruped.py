@@ -443,8 +443,8 @@ def quadruped_gait(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[
     t_swing = 0.35 s (h/0.46 m)^0.5. Trunk, neck, tail, swinging paws and the segments of the limbs follow the mean
     curves of one recorded dog (:mod:`doppelgait.motion.models.curves`).
 
-    The animal moves along +x from about x = 0, with its paws on z = 0 in stance. The points are those of
-    :data:`POINTS`.
+    The animal moves along +x from about x = 0, with its paws on z = 0 in stance. The points are
+    those of :data:`POINTS`.
 
     >>> import doppelgait as dg
     >>> motion = dg.motion.quadruped_gait(duration_s=2.0)
