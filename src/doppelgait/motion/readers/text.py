@@ -128,8 +128,10 @@ def list_head_lines(path: Path, head: bytes, n_lines: int) -> list[str]:
 
 def trim_cells(cells: Sequence[str]) -> list[str]:
     """Return the cells without blank cells at the end."""
-    last = max((i for i, cell in enumerate(cells) if cell), default=-1)
-    return list(cells[: last + 1])
+    n = len(cells)
+    while n and not cells[n - 1]:
+        n -= 1
+    return list(cells[:n])
 
 
 def has_decimal_comma(rows: Sequence[Row]) -> bool:
