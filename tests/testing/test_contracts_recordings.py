@@ -36,6 +36,9 @@ CHIRPS = {"device": "xwr18xx", "receivers": [0], "n_samples": 64, "sample_rate_h
           "slope_hz_per_s": 20e12, "idle_s": 1e-4, "ramp_s": 5e-5, "loops": 8, "frame_period_s": 0.01}  # fmt: skip
 
 
+INFINEON = {"device_config": {"fmcw_single_shape": {
+    "start_frequency_Hz": 60e9, "end_frequency_Hz": 61e9, "num_chirps_per_frame": 4, "num_samples_per_chirp": 64,
+    "chirp_repetition_time_s": 5e-4, "frame_repetition_time_s": 2e-3, "sample_rate_Hz": 2e6}}}  # fmt: skip
 PAIRS = np.random.default_rng(2).normal(scale=0.1, size=(200, 2))
 PLAIN = {
     "wav": ("walk.wav", lambda path: wavfile.write(path, 100, PAIRS)),
@@ -51,6 +54,10 @@ def _sample_file(name, folder):
         options = {key: value for key, value in WRITERS[name].items() if key != "rtol"}
         path = folder / f"walk{RADAR_WRITERS[name].facts['suffix']}"
         return RADAR_WRITERS[name].run(_recording(), path, **options) or path
+    if name == "infineon":
+        (folder / "config.json").write_text(json.dumps(INFINEON))
+        np.save(folder / "radar.npy", np.random.default_rng(1).uniform(size=(20, 3, 4, 64)).astype(np.float32))
+        return folder / "radar.npy"
     if name == "acconeer-a111":
         return write_a111(folder / "walk.h5")
     if name == "acconeer":

@@ -42,6 +42,7 @@ RADAR_READERS: Group[Reader] = Group(
         "doppelgait.radar.readers.matlab",
         "doppelgait.radar.readers.arrays",
         "doppelgait.radar.readers.samples",
+        "doppelgait.radar.readers.infineon",
         "doppelgait.radar.readers.acconeer",
         "doppelgait.radar.readers.cw_text",
         "doppelgait.radar.readers.sigmf",

@@ -27,6 +27,7 @@ from doppelgait.core.units import SPEED_OF_LIGHT_MPS, FloatArray, slow_time_axis
 from doppelgait.radar.measured import RATE_OFF, check_shape, label_measured
 from doppelgait.radar.parameters import GAUSSIAN_WIDTH, PULSE_SIGMA_S, Radar
 from doppelgait.radar.presets import change_preset
+from doppelgait.radar.readers.infineon import find_infineon_config
 from doppelgait.radar.recording import NAN, Recording, list_further_facts
 from doppelgait.radar.slow_time import place_pulses
 
@@ -212,7 +213,7 @@ Arrays = Mapping[str, npt.NDArray[Any] | None]
 
 def sniff_arrays(path: Path, head: bytes) -> bool:
     """Return whether a file is ``.npy`` or npz."""
-    return head.startswith(NPY_MAGIC) or is_npz(head)
+    return is_npz(head) or (head.startswith(NPY_MAGIC) and find_infineon_config(path, head) is None)
 
 
 @dataclass(frozen=True)
