@@ -36,7 +36,6 @@ LONGEST = (
     "system/dataset/test_executors.py",
     "system/dataset/test_scenes.py",
     "system/test_packaging.py",
-    "system/thirdparty/test_thirdparty.py",
     "system/test_interrupt.py",
     "system/dataset/test_crash.py",
     "browser/test_try_page.py",

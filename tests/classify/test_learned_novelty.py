@@ -8,7 +8,6 @@ from doppelgait.classify.learned import Constant, LabelledRows
 from doppelgait.classify.model import Facts, Model, calibrate
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.classify.training import LEVELS, SHRINKAGE, learn_novelty, standardise_columns, train_logistic
-from doppelgait.core.errors import DatasetError
 
 NAMES = ("gait_frequency_hz", "step_length_m", "limb_torso_ratio")
 
@@ -74,17 +73,11 @@ def model():
     return Model(facts, learned, calibration, np.full(3, -9.0), np.full(3, 9.0), np.zeros(3), novelty)
 
 
-def test_a_file_keeps_it_and_a_damaged_one_is_refused(model, tmp_path):
+def test_a_file_keeps_it(model, tmp_path):
     values = rows(30, 5).values
     found = load_model(save_model(model, tmp_path / "model.npz"))
     assert np.array_equal(found.rank(values), model.rank(values))
     assert np.allclose(found.probability(values), model.probability(values))
-    with np.load(tmp_path / "model.npz") as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    for name, broken in (("whitening", np.eye(2)), ("held", np.array([2.0, 1.0])), ("centre", np.zeros((0, 4)))):
-        np.savez(tmp_path / "broken.npz", **arrays | {f"novelty.{name}": broken})
-        with pytest.raises(DatasetError, match=r"broken\.npz: is not a model of doppelgait, or is damaged"):
-            load_model(tmp_path / "broken.npz")
 
 
 def test_a_file_without_it_keeps_nothing_away(model, tmp_path):

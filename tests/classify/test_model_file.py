@@ -46,7 +46,7 @@ def test_arrays_that_do_not_fit_are_one_error(tmp_path, ending, change):
     with np.load(SHIPPED) as archive:
         name = next(name for name in archive.files if name.endswith(ending))
         path = changed(tmp_path / "m.npz", **{name: change(archive[name])})
-    with pytest.raises(DatasetError, match=r"m\.npz") as refused:
+    with pytest.raises(DatasetError, match=r"m\.npz: is not a model of doppelgait, or is damaged") as refused:
         load_model(path)
     assert len(str(refused.value)) <= 2000
 

@@ -694,8 +694,8 @@ class Ripple(FrozenModel):
 
 
 def foreign(monkeypatch, group, name, run=None, *, version="1", parameters=None, **facts):
-    """Register a plug-in as if it came with another package."""
-    item = plugins.Plugin(group, name, run, parameters, version, "otherpackage", facts)
+    """Register a plug-in as if it came with another package, one that is installed."""
+    item = plugins.Plugin(group, name, run, parameters, version, "numpy", facts)
     monkeypatch.setitem(plugins._REGISTERED, group, {**plugins._REGISTERED.get(group, {}), name: item})
 
 
@@ -709,7 +709,7 @@ def test_plugins_of_other_packages_are_part_of_the_identity_where_they_are_used(
     (found,) = plan_plugins(used, tmp_path)
     assert found["parameters"] == {"kind": "'ripple'", "depth": "0.5"}
     assert {key: found[key] for key in ("group", "name", "version", "package", "release")} == {
-        "group": "impairment", "name": "ripple", "version": "1", "package": "otherpackage", "release": ""
+        "group": "impairment", "name": "ripple", "version": "1", "package": "numpy", "release": np.__version__
     }  # fmt: skip
     assert plan_header(used, first, tmp_path).describe({}, complete=False)["plugins"] == [found]
     assert "plugins" not in plan_header(plan(), plain, tmp_path).describe({}, complete=False)

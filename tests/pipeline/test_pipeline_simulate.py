@@ -112,16 +112,6 @@ def test_a_cropped_signature_is_thinned_from_the_same_columns():
         assert found[hop].main_line_hz.size == found[hop].signature.sizes["time"]
 
 
-def test_a_record_too_short_for_the_features_is_too_short_at_every_hop():
-    from doppelgait.core.errors import AnalysisError
-
-    short = Scene([Target(WALK, label="human")], duration_s=0.15)
-    for hop in (1, 8):
-        with pytest.raises(AnalysisError, match="at least 8 are needed"):
-            example(short, Analysis(hop=hop))
-    assert len(example(short, Analysis(method="liland2018"))) == 1
-
-
 def test_a_body_that_is_never_in_the_frame_has_no_snr():
     radar = Radar.preset("x4-long", range_start_m=50.0, range_stop_m=55.0)
     with pytest.warns(match="outside the frame"):
@@ -143,19 +133,6 @@ def test_a_radar_by_name_is_that_of_the_command(tmp_path, monkeypatch):
     plain = simulate(placed, own, rng=rng(7), conditions=Conditions(), angles=False)
     assert plain.baseband.values.tobytes() != expected.baseband.values.tobytes()
     assert simulate(SCENES["one"], "x4", angles=False).radar == X4
-
-
-@pytest.mark.parametrize(
-    ("radar", "message"),
-    [
-        ("x5", r"^radar\.preset x5: unknown radar preset 'x5'; known are: .*x4-long.*or give the path of a file"),
-        ("none.toml", r"^radar\.preset none\.toml: none\.toml: cannot be read: No such file"),
-        (7, r'^radar: int is not allowed; name a preset \("x4"\), or make one'),
-    ],
-)
-def test_a_wrong_radar_is_one_error(radar, message):
-    with pytest.raises(ConfigError, match=message):
-        simulate(SCENES["one"], radar)
 
 
 def test_a_recording_by_path_is_read(tmp_path):

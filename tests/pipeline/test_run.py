@@ -77,19 +77,6 @@ def test_a_parameter_of_an_effect_can_be_changed_alone(path):
     assert run.environment[0].gain_db == ((0.0, -6.0),)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ("targets.0.rcs.gain=3", r"targets\.0\.rcs\.gain"),
-        ("targets.0.rcs.kind=nothing", r"targets\.0\.rcs.*first_point"),
-        ("environment.0.kind=nothing", r"environment\.0.*fog"),
-    ],
-)
-def test_what_a_kind_does_not_have_is_named(path, change, message):
-    with pytest.raises(ConfigError, match=message):
-        Run.from_toml(path, overrides=[change])
-
-
 def test_the_radar_of_a_run_is_a_name_or_a_file(tmp_path):
     scene = dg.Scene(duration_s=0.5)
     assert Run(scene=scene, radar="x4-255fps").radar == dg.Radar.preset("x4-255fps")

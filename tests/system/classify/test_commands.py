@@ -13,7 +13,7 @@ from doppelgait.classify import load_model, network, save_model
 from doppelgait.classify.evaluation import evaluate
 from doppelgait.classify.learned import LabelledRows
 from doppelgait.classify.report import make_figures
-from doppelgait.core.errors import ConfigError, DatasetError, RecordingError
+from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.pipeline import parse_run, run_simulation
 from doppelgait.radar import read_recording, write_recording
 from doppelgait.radar.frames import write_frames
@@ -112,21 +112,14 @@ def test_features_of_windows_are_rows(own):
         text_of(*arguments, "-o", own / "r.h5")
 
 
-def test_mistakes_are_one_clear_error(own, folder, tmp_path, monkeypatch):
+def test_mistakes_are_one_clear_error(own, folder, tmp_path):
     for name, says in (("m.pkl", r"must end in \.npz"), ("no/m.npz", "does not exist"), ("r/m.npz", "the report")):
         with pytest.raises(ConfigError, match=rf"^--save .*{says}"):
             text_of("evaluate", folder, "-o", tmp_path / "r", "--save", tmp_path / name)
     with pytest.raises(ConfigError, match=r"the folder .* does not exist"):
         text_of("evaluate", folder, "-o", tmp_path / "a" / "b")
-    with pytest.raises(DatasetError, match="no finished dataset"):
-        text_of("evaluate", own, "-o", tmp_path / "r")
     with pytest.raises(DatasetError, match="not a model of doppelgait"):
         text_of("classify", own / "walk.h5", "--model", own / "walk.h5")
-    with pytest.raises(RecordingError):
-        text_of("classify", own / "none.h5", "--model", own / "m.npz")
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(RecordingError):
-        text_of("classify", ".", "--model", own / "m.npz")
     assert not list(tmp_path.iterdir())
 
 

@@ -22,7 +22,6 @@ from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import rng
 from doppelgait.dataset import open_dataset, recorded, shard
 from doppelgait.dataset.card import list_blocked_recordings
-from doppelgait.dataset.config import parse_gate
 from doppelgait.dataset.importing import ImportConfig, import_dataset, read_labels
 from doppelgait.dataset.labels import find_recordings, hash_recording, list_recording_files
 from doppelgait.dataset.recorded import cut, find_labelled_result
@@ -209,12 +208,6 @@ def test_a_pattern_names_many_and_a_pair_once(tmp_path):
     assert hash_recording(tmp_path, "a_RE.txt") == before
     (tmp_path / "a_IM.txt").write_text("2")
     assert hash_recording(tmp_path, "a_RE.txt") != before
-
-
-@pytest.mark.parametrize("value", ["1:2:3", "a:b", "", 3, None, (1,), "2:1", "-1:1", "0:inf", "nan:1"])
-def test_what_is_no_gate(value):
-    with pytest.raises(ConfigError, match="must be"):
-        parse_gate(value)
 
 
 @pytest.mark.parametrize(
