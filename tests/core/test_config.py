@@ -12,8 +12,8 @@ from doppelgait.core.config import (
     FrozenModel,
     apply_overrides,
     check_choice,
-    find_key_line,
     format_canonical_json,
+    format_line_note,
     read_toml,
     validate,
 )
@@ -341,13 +341,13 @@ def test_missing_broken_and_binary_files_are_named(tmp_path, read):
     ],
 )
 def test_line_of_a_key(keys, line):
-    assert find_key_line(SCENE, keys) == line_in(SCENE, line)
+    assert format_line_note(SCENE, keys) == f" (line {line_in(SCENE, line)})"
 
 
 def test_line_of_a_key_that_is_not_there():
-    assert find_key_line(SCENE, ["radar", "colour"]) is None
-    assert find_key_line("", ["seed"]) is None
-    assert find_key_line('# seed = 1\nseed = 2  # seed = "x"\n', ["seed"]) == 2
+    assert format_line_note(SCENE, ["radar", "colour"]) == ""
+    assert format_line_note("", ["seed"]) == ""
+    assert format_line_note('# seed = 1\nseed = 2  # seed = "x"\n', ["seed"]) == " (line 2)"
 
 
 # --- Models -------------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import doppelgait as dg
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.frames import Frames
 from doppelgait.core.labels import BASEBAND, make_array, replace_array_values
-from doppelgait.core.lazy import LONG_PULSES, lazy_rows, read_pulses
+from doppelgait.core.lazy import LONG_PULSES, LateRows, lazy_rows, read_pulses
 from doppelgait.processing.clutter import remove_static_clutter
 from doppelgait.processing.common_phase import remove_common_phase
 from doppelgait.radar.recordings import read_recording
@@ -24,7 +24,8 @@ def basebands(count):
     values = (values + 5.0) * np.exp(1j * np.linspace(0, 3, count))[:, None]
     coords = {"slow_time": np.arange(count) / PRF_HZ, "range": 0.1 * np.arange(N_BINS)}
     here = make_array(BASEBAND, values.astype(np.complex64), coords)
-    return here, replace_array_values(here, lazy_rows(here.shape, lambda first, stop: here.values[first:stop]))
+    rows = LateRows(here.shape, lambda first, stop: here.values[first:stop], np.complex64)
+    return here, replace_array_values(here, lazy_rows(rows))
 
 
 def test_every_slice_is_that_of_the_values():

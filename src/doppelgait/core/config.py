@@ -26,9 +26,7 @@ if TYPE_CHECKING:
 else:
 
     class _Checked(type(BaseModel)):
-        """Metaclass that makes models raise :class:`ConfigError`.
-        Main fields may be passed by position.
-        """
+        """Metaclass: models raise :class:`ConfigError`, and main fields may be passed by position."""
 
         def __call__(cls, *values: Any, **data: Any) -> Any:
             if len(values) > len(cls.POSITIONAL):
@@ -199,7 +197,6 @@ _WORDS = (
     (r"^must be a valid (dictionary|dict|mapping)\b.*", "must be a table"),
     (r"^must be a valid (tuple|list|set|sequence).*", "must be a list"),
     (r"^must be a valid boolean.*", "must be true or false"),
-    (r"^must be a valid integer, got a number with a fractional part", "must be an integer"),
     (r"^must be a valid integer.*", "must be an integer"),
     (r"^must be a valid string", "must be text"),
     (r"^must be a valid ", "must be a "),
@@ -218,7 +215,6 @@ def reword_fault(message: str) -> str:
 
 
 _NAMED_KEY = re.compile(r"(\w+(?:\.\w+)*): ")  # pattern of a key at the start of a message
-"""Pattern of a key at the start of a message."""
 
 
 def _describe(fault: Any, location: tuple[str | int, ...], model: type[BaseModel]) -> Fault:
@@ -240,40 +236,27 @@ def _describe(fault: Any, location: tuple[str | int, ...], model: type[BaseModel
 
 
 def _list_fields_at(model: type[BaseModel], location: Sequence[Any]) -> list[str]:
-    current: Any = model
-    for part in location:
-        if isinstance(part, int):
-            continue
-        info = getattr(current, "model_fields", {}).get(part)
-        inner = _find_model(info.annotation) if info is not None else None
-        if inner is None:
-            return []
-        current = inner
-    return list(current.model_fields)
+    current: type[BaseModel] | None = model
+    for name in location:
+        if current is not None and not isinstance(name, int):
+            info = current.model_fields.get(name)
+            current = None if info is None else _find_model(info.annotation)
+    return [] if current is None else list(current.model_fields)
 
 
 def _find_model(annotation: Any) -> type[BaseModel] | None:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    for argument in getattr(annotation, "__args__", ()):
-        found = _find_model(argument)
-        if found is not None:
-            return found
-    return None
+    inner = map(_find_model, getattr(annotation, "__args__", ()))
+    return next(filter(None, inner), None)
 
 
 def format_line_note(text: str, location: Sequence[str | int]) -> str:
-    """Format a key's line as `` (line 7)``, or return ``""``."""
-    line = find_key_line(text, location)
-    return f" (line {line})" if line else ""
-
-
-def find_key_line(text: str, location: Sequence[str | int]) -> int | None:
-    """Find the line of a dotted TOML key, from 1; a number selects a ``[[table]]``."""
+    """Format the line of a dotted TOML key as `` (line 7)``, or return ``""``; a number selects a ``[[table]]``."""
     rows = [row.split("#")[0] for row in text.splitlines()]
     names = [str(part) for part in location if isinstance(part, str)]
     if not rows or not names:
-        return None
+        return ""
     start = 0
     for depth in range(1, len(names)):
         header = re.compile(r"^\s*\[{1,2}\s*" + r"\s*\.\s*".join(map(re.escape, names[:depth])) + r"\s*\]{1,2}")
@@ -285,7 +268,7 @@ def find_key_line(text: str, location: Sequence[str | int]) -> int | None:
     key = re.escape(names[-1])
     wanted = re.compile(rf"(^|[{{,])\s*\"?{key}\"?\s*=|^\s*+\[++(?=[^\]]*+\])[^\]]*\b{key}\b")
     order = [*range(start, len(rows)), *range(start)]
-    return next((number + 1 for number in order if wanted.search(rows[number])), None)
+    return next((f" (line {number + 1})" for number in order if wanted.search(rows[number])), "")
 
 
 def read_toml(path: str | Path) -> tuple[dict[str, Any], str]:
@@ -367,12 +350,8 @@ def _convert_to_plain(value: Any) -> Any:
     if isinstance(value, BaseModel):
         return as_table(value)
     if isinstance(value, Mapping):
-        return {str(key): _convert_to_plain(one) for key, one in value.items() if one is not None}
-    if isinstance(value, str | bool | int | float):
-        return next(kind(value) for kind in (str, bool, int, float) if isinstance(value, kind))
-    if isinstance(value, Path):
-        return str(value)
-    return [_convert_to_plain(one) for one in (value.tolist() if hasattr(value, "tolist") else value)]
+        return {str(key): _convert_to_plain(inner) for key, inner in value.items() if inner is not None}
+    return [_convert_to_plain(inner) for inner in value] if isinstance(value, list | tuple) else convert_to_json(value)
 
 
 def write_toml(table: Mapping[str, Any]) -> str:

@@ -276,7 +276,6 @@ def labels_on_demand(*names: str) -> Callable[[Kind], Kind]:
 
 P = ParamSpec("P")
 R = TypeVar("R")
-R_co = TypeVar("R_co", covariant=True)
 AnySignal = TypeVar("AnySignal", "xr.DataArray", Signal)
 SomeTable = TypeVar("SomeTable", "xr.Dataset", ScattererTable)
 
@@ -286,13 +285,6 @@ class Step(Protocol[P]):
 
     def __call__(self, array: AnySignal, *args: P.args, **kwargs: P.kwargs) -> AnySignal:
         """Return the new array."""
-
-
-class Measure(Protocol[P, R_co]):
-    """Function from an array, labelled or not, to a measured value."""
-
-    def __call__(self, array: xr.DataArray | Signal, *args: P.args, **kwargs: P.kwargs) -> R_co:
-        """Return the measured value."""
 
 
 class TableStep(Protocol[P]):
@@ -312,7 +304,9 @@ def maps_signal(*schemas: Schema) -> Callable[[Callable[Concatenate[Signal, P], 
     return partial(_take_labels, lambda array: Signal.of(array, *schemas))
 
 
-def measures_signal(*schemas: Schema) -> Callable[[Callable[Concatenate[Signal, P], R]], Measure[P, R]]:
+def measures_signal(
+    *schemas: Schema,
+) -> Callable[[Callable[Concatenate[Signal, P], R]], Callable[Concatenate[xr.DataArray | Signal, P], R]]:
     """Let a function that measures a signal take labelled arrays."""
     return partial(_take_labels, lambda array: Signal.of(array, *schemas))
 
@@ -363,7 +357,7 @@ def label_values(
     dims: Any, values: npt.ArrayLike | LazilyIndexedArray | LateRows, attrs: Mapping[str, Any] | None = None
 ) -> xr.Variable:
     """Make a variable of numbers or text without xarray's test for Dask, an import of 0.3 s."""
-    values = lazy_rows(values.shape, values.rows, values.dtype) if isinstance(values, LateRows) else values
+    values = lazy_rows(values) if isinstance(values, LateRows) else values
     from xarray.core.indexing import LazilyIndexedArray
 
     known = values if isinstance(values, LazilyIndexedArray) else np.asarray(values)

@@ -91,13 +91,11 @@ def _make_source(late: LateRows) -> Any:
     return _define_source()(late)
 
 
-def lazy_rows(
-    shape: tuple[int, ...], rows: Callable[[int, int], npt.NDArray[Any]], dtype: Any = np.complex64
-) -> LazilyIndexedArray:
-    """Make values for a labelled array from a row function."""
+def lazy_rows(late: LateRows) -> LazilyIndexedArray:
+    """Make values for a labelled array from rows on demand."""
     from xarray.core.indexing import LazilyIndexedArray
 
-    return LazilyIndexedArray(_make_source(LateRows(shape, rows, dtype)))
+    return LazilyIndexedArray(_make_source(late))
 
 
 def read_pulses(array: Any, first: int, stop: int) -> Any:

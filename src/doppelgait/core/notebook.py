@@ -24,14 +24,12 @@ def plot(name: str, value: Any, *, ax: Any = None, **settings: Any) -> Any:
 
 def show_text(title: str, facts: Mapping[str, str]) -> str:
     """Format an object as one to five lines of text; three dots replace further facts."""
-    words = [f"{name} {value}" for name, value in facts.items() if value]
-    lines, line = [], ""
-    for word in words:
-        if line and len(line) + len(word) > 88:
-            lines.append(line)
-            line = ""
-        line += (", " if line else "") + word
-    shown = [title, *lines, *([line] if line else [])]
+    lines = [""]
+    for word in (f"{name} {value}" for name, value in facts.items() if value):
+        if lines[-1] and len(lines[-1]) + len(word) > 88:
+            lines.append("")
+        lines[-1] += (", " if lines[-1] else "") + word
+    shown = [title, *filter(None, lines)]
     return "\n  ".join(shown if len(shown) <= 5 else [*shown[:4], f"{shown[4]}, ..."])
 
 

@@ -68,13 +68,7 @@ class Plugin(Generic[T]):
         """Name, version and package release of a plug-in, for the identity of a dataset."""
         releases = packages_distributions().get(self.package, [])
         release = version(releases[0]) if releases else ""
-        return {
-            "group": self.group,
-            "name": self.name,
-            "version": self.version,
-            "package": self.package,
-            "release": release,
-        }
+        return {name: getattr(self, name) for name in ("group", "name", "version", "package")} | {"release": release}
 
 
 _REGISTERED: dict[str, dict[str, Plugin[Any]]] = {}

@@ -114,25 +114,27 @@ class Samples:
 
     @classmethod
     def _make(
-        cls, shape: tuple[int, int], matrix: Matrix | None, planes: Planes | None, noise: Noise | None, owned: bool
+        cls,
+        shape: tuple[int, int],
+        matrix: Matrix | None = None,
+        planes: Planes | None = None,
+        noise: Noise | None = None,
+        owned: bool = False,
+        stored: Rows | None = None,
     ) -> Samples:
         made = cls.__new__(cls)
         made.shape, made._matrix, made._planes, made._noise, made._owned = shape, matrix, planes, noise, owned
-        made._stored = None
+        made._stored = stored
         return made
 
     def _share(self) -> Samples:
         """Return the same values in memory that the result does not own."""
-        shared = self._make(self.shape, self._matrix, self._planes, self._noise, False)
-        shared._stored = self._stored
-        return shared
+        return self._make(self.shape, self._matrix, self._planes, self._noise, stored=self._stored)
 
     @classmethod
     def stored(cls, shape: tuple[int, int], rows: Rows) -> Samples:
         """Wrap samples that ``rows(first, stop)`` reads or computes on every access."""
-        made = cls._make(shape, None, None, None, False)
-        made._stored = rows
-        return made
+        return cls._make(shape, stored=rows)
 
     @property
     def in_memory(self) -> bool:

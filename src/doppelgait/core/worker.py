@@ -34,16 +34,14 @@ every example spends a tenth of its time on new pages. Other systems ignore them
 @contextmanager
 def mark_workers() -> Iterator[None]:
     """Mark processes started in this context as workers by the environment."""
-    before = {name: os.environ.get(name) for name in WORKER_ENVIRONMENT}
+    before = {name: os.environ[name] for name in WORKER_ENVIRONMENT if name in os.environ}
     os.environ.update(WORKER_ENVIRONMENT)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        for name in WORKER_ENVIRONMENT:
+            os.environ.pop(name, None)
+        os.environ.update(before)
 
 
 _limiting = threading.Lock()

@@ -16,7 +16,7 @@ from doppelgait import processing
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.core.labels import read_axis, replace_array_values
-from doppelgait.core.lazy import lazy_rows, take_every_row
+from doppelgait.core.lazy import LateRows, lazy_rows, take_every_row
 from doppelgait.core.units import power_to_db
 from doppelgait.pipeline import Result
 from doppelgait.pipeline.target import ALIGNED
@@ -99,7 +99,7 @@ def _make_power(clean: Frames) -> xr.DataArray:
         values = clean.read(first, stop)
         return np.asarray(values.real**2 + values.imag**2)
 
-    return clean.label().copy(data=lazy_rows(clean.shape, rows, np.float32))
+    return clean.label().copy(data=lazy_rows(LateRows(clean.shape, rows, np.float32)))
 
 
 def _list_facts(recording: Recording) -> Iterator[tuple[str, str]]:
