@@ -15,6 +15,7 @@ from doppelgait.dataset.motions import expand_folders, list_motion_files, list_r
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.dataset.shard import BuildContext, build_planned
 from doppelgait.dataset.splits import list_names
+from doppelgait.dataset.verify.plan_checks import warn_of_recordings
 from doppelgait.motion.gait import add_gait_facts
 from doppelgait.motion.models import human_gait, quadruped_gait
 from doppelgait.scene.placement import build_motion
@@ -189,3 +190,11 @@ def test_a_take_that_no_body_can_do_is_left_out_with_its_reason(tmp_path):
     ):
         motions = expand_folders(plan("none"), tmp_path).classes[0].motion["cycle"]
     assert {table["path"] for table in motions} == {"takes/ann_1.csv"}
+    (tmp_path / "takes" / "ann_1.csv").unlink()
+    recording = {"kind": "file", "path": "takes/ben_1.csv"}
+    single = plan(
+        classes=[{"label": "human", "motion": recording}],
+        dataset={"name": "x", "examples_per_class": 1, "fractions": {"train": 1.0}},
+    )
+    with pytest.warns(DoppelgaitWarning, match=r"ben_1\.csv: strides of"):
+        warn_of_recordings([plan_dataset(single, folder=tmp_path).example(0)], folder=tmp_path)

@@ -80,6 +80,7 @@ def plan_command(
         refuse_leaks,
         warn_of_default_rcs,
         warn_of_equal_bodies,
+        warn_of_recordings,
         warn_of_unused_snr,
     )
 
@@ -92,6 +93,7 @@ def plan_command(
     refuse_leaks(examples, np.random.default_rng(0), leaks=leaks)
     warn_of_default_rcs(examples, np.random.default_rng(0), folder=folder, leaks=leaks)
     warn_of_equal_bodies(examples)
+    warn_of_recordings(examples, folder=folder)
     warn_of_unused_snr(loaded.noise)
     with report_progress("checking ranges and speeds", quiet=as_json) as on_progress:
         feasibility = assess(

@@ -174,13 +174,14 @@ def build_dataset(
     chosen = None if part is None else Part.parse(part)
     if not 0 <= max_failed_share <= 1:
         raise ConfigError(f"max_failed_share = {max_failed_share}: is not allowed; must be from 0 to 1")
-    from doppelgait.dataset.verify.plan_checks import warn_of_default_rcs, warn_of_leaks
+    from doppelgait.dataset.verify.plan_checks import warn_of_default_rcs, warn_of_leaks, warn_of_recordings
 
     target, source = Path(directory).absolute(), (folder or Path.cwd()).absolute()
     plan = plan_dataset(config, folder=source)
     examples = list(sample_examples(plan, CHECKED_EXAMPLES))
     if not (target / "dataset.json").is_file():
         leaks = plan.config.dataset.leaks
+        warn_of_recordings(examples, folder=source)
         warn_of_leaks(examples, np.random.default_rng(0), leaks=leaks)
         warn_of_default_rcs(examples, np.random.default_rng(0), folder=source, leaks=leaks)
     shards = tuple(plan.shards())

@@ -226,7 +226,7 @@ def test_hybrids_are_the_same_bytes_with_any_number_of_workers(walks):
     [
         ({"path": "runs"}, r"classes\.0\.motion\.path: 'runs' is not allowed: there is no such folder"),
         ({"patern": "*"}, r"patern: unknown key; allowed are .*pattern"),
-        ({"pattern": "*.txt"}, r"has no straight segment of gait .* in 1 files: .*not a supported motion format"),
+        ({"pattern": "*.txt"}, r"has no straight segment of gait .* in 1 files: .*no known motion format"),
         ({"min_duration_s": 50}, r"has no straight segment of gait"),
         ({"scene": {}}, r"scene\.duration_s: null is not allowed with a folder"),
     ],

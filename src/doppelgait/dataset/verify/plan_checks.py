@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +91,24 @@ def warn_of_default_rcs(
     guess = guess_classes(table, rng, only_leaks=True)
     if guess.leaks:
         warn_caller(f"{describe_guess('classes', guess, table)}; {RCS_FIX}")
+
+
+MOST_READ = 20
+"""Number of motion files that are read for their warnings."""
+OF_A_CLIP = ("kind", "path", "hybrid", "segment", "loop_to_s", "loop_variation")
+"""Keys of a motion without effect on what is read of its file."""
+
+
+def warn_of_recordings(examples: Sequence[ExampleSpec], *, folder: Path) -> None:
+    """Read the first motion files of a plan for their warnings."""
+    from doppelgait.motion.readers import read
+
+    motions = [target.motion for example in examples for target in example.run.scene.targets]
+    files = {m["path"]: m for m in reversed(motions) if isinstance(m, Mapping) and m.get("kind") == "file"}
+    for path, motion in sorted(files.items())[:MOST_READ]:
+        options = {name: value for name, value in motion.items() if name not in OF_A_CLIP}
+        with suppress(DoppelgaitError):  # the build leaves the example out, and reports the reason
+            read(folder / path, **options)
 
 
 def warn_of_equal_bodies(examples: Sequence[ExampleSpec]) -> None:
