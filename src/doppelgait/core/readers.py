@@ -87,7 +87,7 @@ def choose_reader(
     format: str | None = None,
     further: Sequence[str] = (),
 ) -> Plugin[T]:
-    """Choose the reader of a file and check the options that it gets."""
+    """Choose the reader of a file and check its options."""
     listed = ", ".join(f"{reader.name} ({', '.join(reader.facts['suffixes'])})" for reader in group.values())
     try:
         names = find_readers(group, path, list(options), others=(*others, *OTHER_FILES)) if format is None else [format]

@@ -209,7 +209,7 @@ def read_samples(
 
 
 def _strip_headers(path: Path, meta: Metadata, content: bytes, frame_bytes: int) -> bytes:
-    """Remove the bytes of other formats before each capture and at the end."""
+    """Remove foreign bytes before each capture and at the end."""
     try:
         headers = [int(capture.get("core:header_bytes", 0)) for capture in meta.captures]
         trailing = int(meta.common.get("core:trailing_bytes", 0))
