@@ -29,6 +29,8 @@ TOLERANCE = 0.002
 FIRST_LINES_HZ = 260.0
 """Multiples up to this frequency prove the mains; their tolerance is at most 0.5 Hz, so few bodies are candidates."""
 MAX_MULTIPLE = 20
+FIRST_MULTIPLES = 2
+"""Multiples of which one is a line of every mains: of the voltage, and of the power of a lamp."""
 SEGMENT_S, MIN_SEGMENT_S = 4.0, 2.0
 MIN_SEGMENTS, MAX_SEGMENTS = 4, 60
 """Fewest segments for a median over them, and the most that are used of a long recording."""
@@ -92,6 +94,8 @@ def remove_mains_lines(frames: Frames) -> Frames:
     for _ in range(MAX_ROUNDS):  # strong lines hide weak ones
         lines = find_mains_lines(series[:, 0], rate_hz, mains_hz)
         certain = _select_certain(series, lines, rate_hz)
+        if frames.n_bins > 1:  # a body may keep its amplitude for some seconds; the mains has a first line
+            certain = [line for line in certain if line.has_image or line.nominal_hz <= FIRST_MULTIPLES * max(MAINS_HZ)]
         # further multiples of a mains frequency that is proven: with aliasing they beat with others
         proven = [hz for hz in MAINS_HZ for line in (*removed, *certain) if line.nominal_hz % hz == 0.0]
         certain = [line for line in lines if line in certain or any(line.nominal_hz % hz == 0.0 for hz in proven)]
