@@ -100,7 +100,7 @@ def half(recording: Recording, second: bool) -> Recording:
     burst = int(recording.facts.get("burst_pulses", 1))
     middle = recording.n_pulses // burst // 2 * burst
     part = recording.baseband[middle:] if second else recording.baseband[:middle]
-    return recording.with_baseband(part)
+    return recording.with_baseband(part, truth=())
 
 
 def judge_all(data: Path) -> dict[str, dict[str, Comparison]]:

@@ -125,18 +125,18 @@ def test_statistics_of_a_repeating_and_clipping_sensor() -> None:
 @pytest.mark.parametrize("pulses", [1, 3, 31])
 def test_a_recording_of_a_few_pulses_is_refused(pulses: int) -> None:
     room = sensors(0, 1)[0]
-    short = room.with_baseband(room.baseband[:pulses, :1])
+    short = room.with_baseband(room.baseband[:pulses, :1], truth=())
     for use in (measure_windows, plot_recording):
         with pytest.raises(AnalysisError, match=f"{pulses} pulses are too few to compare: 32 are needed"):
             use(short)
-    assert len(measure_windows(room.with_baseband(room.baseband[:32]))) == 4
+    assert len(measure_windows(room.with_baseband(room.baseband[:32], truth=()))) == 4
 
 
 def test_the_command_leaves_out_what_is_too_short_and_tells_models_of_one_name_apart(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (long, *_) = sensors(0, 1)
-    for name, recording in {"long": long, "short": long.with_baseband(long.baseband[:3])}.items():
+    for name, recording in {"long": long, "short": long.with_baseband(long.baseband[:3], truth=())}.items():
         write_recording(recording, tmp_path / f"{name}.h5")
     models = [str(tmp_path / folder / "my.toml") for folder in ("old", "new")]
     for model in models:

@@ -35,7 +35,7 @@ def walker(start_m=7.0, heading_deg=180.0):
 
 def in_bursts(recording, *, pulses=100, period=200):
     kept = (np.arange(recording.n_pulses) % period) < pulses
-    return recording.with_baseband(recording.baseband.isel(slow_time=kept).assign_attrs(burst_pulses=pulses))
+    return recording.with_baseband(recording.baseband.isel(slow_time=kept).assign_attrs(burst_pulses=pulses), truth=())
 
 
 def lines(*ways, scans=40):
@@ -190,7 +190,7 @@ def test_who_turns_back_has_a_segment_for_each_way():
     values = np.concatenate([there.baseband.values, back.baseband.values])
     times_s = np.arange(values.shape[0]) / RADAR.prf_hz
     axes = {"slow_time": times_s, "range": there.range_m}
-    both = there.with_baseband(make_array(BASEBAND, values, axes, there.baseband.attrs))
+    both = there.with_baseband(make_array(BASEBAND, values, axes, there.baseband.attrs), truth=())
     (found,) = analyze(both)
     assert [round(segment.features.torso_velocity_mps, 1) for segment in found.segments] == [1.2, -1.2]
     assert not any(flag.startswith("more_than_one_body") for flag in found.flags)
