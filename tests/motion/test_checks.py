@@ -69,10 +69,19 @@ def on_belt(motion: Motion, speed_mps: float = 1.2) -> np.ndarray:
     return motion.position_m - speed_mps * motion.time_s[:, np.newaxis, np.newaxis] * [1.0, 0.0, 0.0]
 
 
+def record_legs(size: float) -> Motion:
+    joints = {"hip": "HJC", "knee": "KNE", "ankle": "ANK", "toe": "TOE"}
+    points = {f"{side}_{joint}": side[0].upper() + name for side in ("left", "right") for joint, name in joints.items()}
+    chosen = [WALK.markers.index(point) for point in points]
+    parts = [WALK.parts[n] for n in chosen]
+    return record(WALK).with_points(size * WALK.position_m[:, chosen], list(points.values()), parts)
+
+
 SWINGS = [f"left_{joint}" for joint in ("knee", "ankle", "toe")]
 FAULTS = {
     "cm read as mm": (lambda: record(WALK, 0.1 * WALK.position_m), r"a person of 0\.18 m.*units='cm'", True),
     "giant": (lambda: record(WALK, 2.54 * WALK.position_m), r"a person of 4\.4 m.*unit wrong", True),
+    "legs in cm": (lambda: record_legs(0.1), r"a person of 0\.18 m.*units='cm'", True),
     "dog of 3 m": (lambda: record(DOG, 7.0 * DOG.position_m), r"an animal of 3\.\d m", True),
     "4 times too slow": (lambda: record(WALK, rate=0.25), r"15 Hz is probably 4\.\d times higher, about 6\d Hz", True),
     "5 times too fast": (lambda: record(RUN, rate=5.0), r"300 Hz is probably 5\.\d times lower, about 5\d Hz", True),
@@ -93,6 +102,7 @@ RIGHT = {
     "dog": lambda: record(DOG),
     "child": lambda: record(human_gait(speed_mps=0.7, height_m=0.9, duration_s=4.0, rate_hz=RATE_HZ)),
     "old and slow": lambda: record(human_gait(speed_mps=0.5, duration_s=6.0, rate_hz=RATE_HZ)),
+    "legs": lambda: record_legs(1.0),
     "crawls": lambda: record(crawling_person(duration_s=5.0, rate_hz=RATE_HZ)),
     "slope": lambda: record(WALK, climb(WALK, 8.0)),
     "down": lambda: record(WALK, climb(WALK, -10.0)),

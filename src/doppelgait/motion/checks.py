@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -77,8 +78,15 @@ def check_motion(motion: Motion) -> Motion:
     )
 
 
+HUMAN_PELVIS = re.compile("(left|right|l|r)?(asi|asis|psi|psis|ias|ips|sacr|sacral|hjc)")
+"""Names that a set of legs has only if they are a person's."""
+
+
 def _find_species(motion: Motion) -> str:
-    return "animal" if is_quadruped(motion) else guess_species(motion.markers)
+    if is_quadruped(motion):
+        return "animal"
+    words = [word for name in motion.markers for word in list_spellings(strip_subject(name))]
+    return "human" if any(map(HUMAN_PELVIS.fullmatch, words)) else guess_species(motion.markers)
 
 
 def _find_hip_height_m(motion: Motion) -> float:
