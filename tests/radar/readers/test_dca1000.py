@@ -237,15 +237,18 @@ def test_the_settings_of_mmwave_studio_are_those_of_the_toml_file(tmp_path):
         ((), 0, 0, None),
         ((20_000,), 0, 0, r"chirps break inside in \d+ of \d+ frames, first seen in frame 4"),
         ((70_000, 90_000), 0, 0, r"chirps break inside"),
+        ((), 0, -64, r"a part of \d of 512 chirps is exactly 0, first of chirp 300"),
         ((), 40, 0, "holds 32 of the 40 frames of walk.toml"),
         ((), 0, 256, "the last 50 % of the pulses are exactly 0 .from pulse 256"),
     ],
 )
 def test_lost_samples_are_noticed(tmp_path, lost, frames, zeros, said):
     samples = point(512, 1e4)
-    samples[512 - zeros :] = 0
+    samples[512 - max(zeros, 0) :] = 0
     path = write(tmp_path, samples, TABLE | {"frames": frames})
     numbers = np.fromfile(path, "<i2")
+    if zeros < 0:
+        numbers[300 * 256 + 40 : 300 * 256 + 768] = 0  # a packet that is filled
     for at in lost:
         numbers = np.delete(numbers, slice(at, at + 728))  # a packet of the board
     numbers[: len(numbers) // 4096 * 4096].tofile(path)

@@ -55,6 +55,7 @@ WAYS = {
     "c.csv": lambda p: write_table(p, "t_ms\tre\tim", delimiter="\t", comma=True, time=1e3 * TIME_S),
     "d.txt": lambda p: write_table(p, "timestamp_us real imag", delimiter=" ", time=1e6 * TIME_S),
     "e.csv": lambda p: write_table(p, "Time (s),I [V],Q [V]", time=1.7e9 + TIME_S, before="# logger 1\n# room 3\n\n"),
+    "g.csv": lambda p: write_table(p, "Seconds  ADC_I   ADC_Q", delimiter="  ", time=TIME_S),
     "f.csv": lambda p: write_table(p, "sample,in-phase,quadrature", time=np.arange(1000)),
 }
 
@@ -63,7 +64,7 @@ WAYS = {
 def test_the_same_samples_are_the_same_recording(tmp_path, way):
     name, _, dtype = way.partition(" ")
     WAYS[way](tmp_path / name)
-    stamped = name in ("a.csv", "c.csv", "d.txt", "e.csv")
+    stamped = name in ("a.csv", "c.csv", "d.txt", "e.csv", "g.csv")
     options = {} if stamped or name.endswith((".wav", ".sound")) else {"prf_hz": RATE_HZ}
     recording = read_recording(tmp_path / name, carrier_hz=CARRIER_HZ, **options, **({"dtype": dtype} if dtype else {}))
     assert recording.samples.shape == (1000, 1)

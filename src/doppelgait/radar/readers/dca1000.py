@@ -396,6 +396,7 @@ def read_dca1000(
     chosen = receivers if rx == "sum" else [receivers[0] if rx is None else int(rx)]
     n_frames = _count_frames(file, settings, chirps)
     samples = _read_samples(file, chirps, n_frames, chosen, chirp)
+    warn_of_zeros(file, samples)
     warn_of_jumps(file, samples, chirps.loops)
     pause_s = chirps.frame_period_s - chirps.loops * chirps.loop_s
     paused = chirps.loops > 1 and n_frames > 1 and pause_s > PAUSE * chirps.loop_s
@@ -430,6 +431,22 @@ def read_dca1000(
 
 JUMP_ROWS, JUMP_ORDER, JUMP_RATIO = 64, 4, 6.0
 """Least number of chirps whose prediction errors are averaged, order of the prediction, and ratio that shows a jump."""
+
+
+ZERO_RUN = 32
+"""Number of successive samples of 0 that show a packet that was filled with zeros."""
+
+
+def warn_of_zeros(file: Path, samples: npt.NDArray[Any]) -> None:
+    """Warn of chirps of which a part is exactly 0, as some programs fill lost packets."""
+    counts = np.cumsum(np.pad(samples == 0, ((0, 0), (1, 0))), axis=1, dtype=np.int32)
+    runs = (counts[:, ZERO_RUN:] - counts[:, :-ZERO_RUN] == ZERO_RUN).any(axis=1)
+    partly = np.flatnonzero(runs & (counts[:, -1] < samples.shape[1]))
+    if partly.size:
+        warn_caller(
+            f"{file}: a part of {partly.size} of {len(samples)} chirps is exactly 0, first of chirp {partly[0]}: "
+            "packets are lost and filled with zeros; features of these times are wrong"
+        )
 
 
 def warn_of_jumps(file: Path, samples: npt.NDArray[Any], loops: int) -> None:

@@ -21,7 +21,8 @@ AUDIO_HZ = 4000.0
 """Rate above which a note names ``decimate``: the Doppler shift of a runner at 24 GHz is below 1500 Hz."""
 DATATYPE = re.compile(r"([cr])([isuf])(8|16|32|64)(_le|_be)?")
 SUFFIXES = {
-    **{f".{kind}{bits}": f"c{kind[1:]}{bits}" for kind in ("cs", "ci", "cu", "cf") for bits in (8, 16, 32)},
+    **{f".{kind}{bits}": f"{kind}{bits}" for kind in ("cs", "ci", "cu") for bits in (8, 16)},
+    **{".cf32": "cf32", ".cf64": "cf64"},
     **{".sc8": "cs8", ".sc16": "cs16", ".fc32": "cf32", ".cfile": "cf32", ".c64": "cf32", ".complex": "cf32"},
 }
 """Data types by the suffixes that GNU Radio, rtl_sdr, inspectrum and others give; those below leave it open."""
@@ -31,7 +32,22 @@ HEADER_LINES = 64
 MIN_PLAIN_HZ = 10.0
 """Slowest rate of times without a unit: slower ones are taken for ms."""
 UNITS_S = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "millis": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
-TIME = {"t", "time", "timestamp", "times", "zeit", "millis", "elapsed", "datetime", "date", "epoch"}
+TIME = {
+    "t",
+    "seconds",
+    "sec",
+    "ms",
+    "us",
+    "time",
+    "timestamp",
+    "times",
+    "zeit",
+    "millis",
+    "elapsed",
+    "datetime",
+    "date",
+    "epoch",
+}
 IN_PHASE = {"i", "re", "real", "inphase", "iraw", "idata"}
 QUADRATURE = {"q", "im", "imag", "imaginary", "quadrature", "quad", "qraw", "qdata"}
 COUNTERS = {"index", "sample", "samples", "n", "no", "nr", "count", "counter", "frame", "unnamed", "id"}
@@ -163,7 +179,11 @@ def _find_header(text: str) -> tuple[int, str, list[str]] | None:
             if not rows:
                 return number - 1, delimiter, []
             before, header = rows[-1]
-            return before, delimiter, [cell.strip().strip('"') for cell in header.split(delimiter)]
+            return (
+                before,
+                delimiter,
+                [cell.strip().strip('"') for cell in header.split(delimiter) if cell.strip() or delimiter != " "],
+            )
         rows.append((number, stripped))
     return None
 
