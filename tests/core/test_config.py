@@ -109,7 +109,8 @@ FAULTS = [
     ("prf_hz = 900", "prf = 900", "radar", "prf = 900", "", "prf_hz"),
     ("prf_hz = 900", "prf_hz = -900", "prf_hz", "prf_hz =", "-900", "greater than or equal to 0.001"),
     ("prf_hz = 900", "prf_hz = 2e9", "prf_hz", "", "2000000000.0", "less than or equal to 1000000"),
-    ("prf_hz = 900", 'prf_hz = "fast"', "prf_hz", "", "'fast'", "number"),
+    ("prf_hz = 900", 'prf_hz = "900"', "prf_hz", "", "'900'", "number"),
+    ("prf_hz = 900", "prf_hz = true", "prf_hz", "", "", "number"),
     ("prf_hz = 900", "bandwidth_hz = 1e9\npulse_sigma_s = 1e-9", "", "", "", "exactly one of bandwidth_hz and"),
     ("prf_hz = 900", "range_stop_m = 0", "range_stop_m", "", "0", "greater than 0"),
     ('preset = "x4"', 'preset = "x5"', "preset", "preset =", "'x5'", "x4-long"),
@@ -147,11 +148,6 @@ def test_noise_has_one_level(scene_file):
         dg.Conditions(noise=3)
     assert dg.Noise is Noise
     assert Noise(kind="none", snr_db=3).kind == "none"  # --set noise.kind=none turns off the noise of a file
-
-
-@pytest.mark.parametrize("value", ['"900"', "true"])
-def test_numbers_are_strict(scene_file, value):
-    assert "prf_hz" in fault(scene_file("prf_hz = 900", f"prf_hz = {value}"))
 
 
 def test_a_motion_needs_a_kind_that_exists(scene_file):

@@ -9,6 +9,10 @@ from typing import Any
 
 import numpy as np
 
+import acconeer_file
+import motion_files
+from walking_body import walking_body
+
 
 @dataclass(frozen=True)
 class Target:
@@ -76,14 +80,7 @@ def table_seeds(folder: Path) -> None:
 
 
 def trc_seeds(folder: Path) -> None:
-    values = 1000 * body()[:, :, [0, 2, 1]]
-    rows = ["\t".join([str(t + 1), f"{t / 50:.3f}", *(f"{v:.3f}" for v in f.ravel())]) for t, f in enumerate(values)]
-    head = [
-        "PathFileType\t4\t(X/Y/Z)\ta.trc", "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate",
-        f"50\t50\t{FRAMES}\t{len(NAMES)}\tmm\t50", "Frame#\tTime\t" + "\t\t\t".join(NAMES),
-        "\t\t" + "\t".join(f"{axis}{n + 1}" for n in range(len(NAMES)) for axis in "XYZ"),
-    ]  # fmt: skip
-    _text(folder / "0" / "a.trc", "\n".join([*head, "", *rows]) + "\n")
+    _text(folder / "0" / "a.trc", motion_files.trc(walking_body(n_frames=FRAMES)))
 
 
 def bvh_seeds(folder: Path) -> None:
@@ -305,35 +302,15 @@ def matlab_seeds(folder: Path) -> None:
 def acconeer_seeds(folder: Path) -> None:
     import h5py
 
-    sub = {
-        "start_point": 200,
-        "num_points": 6,
-        "step_length": 24,
-        "profile": "PROFILE_3",
-        "hwaas": 8,
-        "receiver_gain": 16,
-    }
-    settings = {
-        "sweep_rate": None,
-        "frame_rate": 20.0,
-        "continuous_sweep_mode": False,
-        "sweeps_per_frame": 4,
-        "subsweeps": [sub],
-    }
-    pairs = np.zeros((9, 4, 6), dtype=[("real", "<i2"), ("imag", "<i2")])
-    pairs["real"] = np.random.default_rng(0).integers(-300, 300, (9, 4, 6))
+    pairs = np.random.default_rng(0).integers(-300, 300, (2, 9, 4, 6))
     (folder / "0").mkdir(parents=True)
-    with h5py.File(folder / "0" / "a.h5", "w") as file:
-        file["generation"] = "a121"
-        file["server_info"] = json.dumps({"ticks_per_second": 1_000_000})
-        file["sessions/session_0/session_config"] = json.dumps({"groups": [{"1": settings}]})
+    path = acconeer_file.write_file(folder / "0" / "a.h5", pairs[0] + 1j * pairs[1], data_saturated=np.zeros(9, bool))
+    with h5py.File(path, "r+") as file:
         file["session"] = h5py.SoftLink("/sessions/session_0")
-        node = file.create_group("sessions/session_0/group_0/entry_0")
-        node["sensor_id"] = 1
-        node["metadata"] = json.dumps({"base_step_length_m": 0.0025, "max_sweep_rate": 2000.0})
-        node.create_dataset("result/frame", data=pairs, compression="gzip", maxshape=(None, 4, 6))
-        node["result/tick"] = 7_000_000 + 50_000 * np.arange(9)
-        node["result/data_saturated"] = np.zeros(9, bool)
+        result = file["sessions/session_0/group_0/entry_0/result"]
+        stored = result["frame"][:]
+        del result["frame"]
+        result.create_dataset("frame", data=stored, compression="gzip", maxshape=(None, 4, 6))
 
 
 def sigmf_seeds(folder: Path) -> None:

@@ -3,15 +3,11 @@
 import numpy as np
 import pytest
 
-import literal
-from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import Streams
-from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
-from doppelgait.motion.retime import resample, scale_to_height
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.processing import Analysis, Gate, range_doppler, signature
-from doppelgait.radar import Radar, Recording, add_noise, noise_power_v2, received_power_w, synthesise, synthesise_rf
+from doppelgait.processing import Analysis, Gate, signature
+from doppelgait.radar import Radar, Recording, synthesise
 from doppelgait.scene import Scene, Target
 from echo_table import range_table
 
@@ -54,17 +50,6 @@ def relative_errors(found, wanted):
     return {key: abs(found[key] / wanted[key] - 1) for key in wanted}
 
 
-def test_mean_power_of_many_scatterers_is_that_of_their_total_rcs_e08():
-    radar = Radar.preset("x4", pulse_sigma_s=1e-9)
-    rng = np.random.default_rng(0)
-    at_m = radar.range_axis_m()[100]
-    range_m = at_m + rng.uniform(-0.25, 0.25, (20_000, 25)) * WAVELENGTH_M  # every phase alike
-    y = synthesise(range_table(range_m, 0.8 / 25), radar).values[:, 100].astype(np.complex128)
-    power_w = np.abs(y) ** 2 / 100 / 10
-    assert power_w.mean() == pytest.approx(received_power_w(radar, range_m=at_m, rcs_m2=0.8), rel=0.03)
-    assert power_w.std() / power_w.mean() == pytest.approx(1.0, abs=0.04)  # Swerling 1
-
-
 @pytest.mark.parametrize(
     ("velocity_mps", "sigma_ns", "width_hz"),
     [
@@ -84,59 +69,6 @@ def test_doppler_width_of_a_migrating_scatterer_e27(velocity_mps, sigma_ns, widt
     mu = wide_signature(y, doppler_bins=4096)
     width = width_at(mu.coords["doppler"].values, mu.values.mean(axis=0).astype(float), 0.5)
     assert width == pytest.approx(width_hz, abs=0.01 * width_hz)
-
-
-def test_05_levels_follow_range_rcs_and_receiver_gain():
-    radar = Radar.preset("x4")
-    axis_m = radar.range_axis_m()
-
-    def peak_db(range_bin, rcs_m2=0.5, receiver=radar):
-        y = synthesise(range_table([[axis_m[range_bin]]], rcs_m2), receiver).values
-        return 20 * np.log10(np.abs(y).max())
-
-    assert peak_db(180) - peak_db(90) == pytest.approx(-12.0412, abs=1e-4)
-    assert peak_db(90, 1.0) - peak_db(90) == pytest.approx(3.0103, abs=1e-4)
-    louder = Radar.preset("x4", receiver_gain_db=20.0)
-    assert peak_db(90, receiver=louder) - peak_db(90) == pytest.approx(10, abs=1e-4)
-    # a counter's noise rises with the root of the input noise, that of a receiver that averages in proportion
-    assert 10 * np.log10(noise_power_v2(louder) / noise_power_v2(radar)) == pytest.approx(5, abs=1e-9)
-    quiet, loud = (Radar.preset("liland2018", receiver_gain_db=gain_db) for gain_db in (10.0, 20.0))
-    assert 10 * np.log10(noise_power_v2(loud) / noise_power_v2(quiet)) == pytest.approx(10, abs=1e-9)
-
-
-def noise_recording(n_pulses, n_bins, power, seed):
-    empty = make_array(
-        BASEBAND,
-        np.zeros((n_pulses, n_bins), dtype=np.complex64),
-        {"slow_time": np.arange(n_pulses) / PRF_HZ, "range": 0.05 * np.arange(n_bins)},
-    )
-    return add_noise(empty, noise_power_v2=power, rng=np.random.default_rng(seed))
-
-
-def test_06_noise_has_the_level_of_theory_in_every_cell():
-    power = 2.5e-9
-    y = noise_recording(6000, 40, power, 8)
-    analysis = Analysis(doppler_bins=128, hop=8)
-    w2 = (literal.window(101, 0.4) ** 2).sum()
-    total, count = 0.0, 0
-    for block in range_doppler(y, analysis, wavelength_m=WAVELENGTH_M):
-        assert block.attrs["window_energy"] == pytest.approx(w2, rel=1e-12)
-        total += float(block.values.sum(dtype=float))
-        count += block.size
-    assert total / count / w2 == pytest.approx(power, rel=0.01)
-    mu = wide_signature(y, doppler_bins=128, hop=8)
-    assert mu.attrs["n_gate_bins"] == 40
-    assert float(mu.values.mean(dtype=float)) == pytest.approx(40 * power * w2, rel=0.01)
-
-
-@pytest.mark.parametrize("preset", ["x4", "liland2018"])
-def test_07_rf_path_equals_the_direct_baseband_model(preset):
-    radar = Radar.preset(preset, range_start_m=2.0, range_stop_m=5.0)
-    rng = np.random.default_rng(4)
-    table = range_table(rng.uniform(2.5, 4.5, (6, 5)), rng.uniform(0.1, 1, (6, 5)))
-    direct = synthesise(table, radar).values
-    error = np.abs(direct - synthesise_rf(table, radar).values).max() / np.abs(direct).max()
-    assert 20 * np.log10(error) < -80
 
 
 @pytest.fixture(scope="module")
@@ -166,40 +98,6 @@ def test_09_transform_length_hop_and_decimation_do_not_change_the_features(walke
     full_rate = simulate(scene, Radar.preset("x4", decimation=1, **frame))
     errors = relative_errors(main_features(full_rate), main_features(plain))
     assert max(errors.values()) < 0.02, errors
-
-
-def marker_motion(t):
-    """One marker: walks 1.2 m/s, swings 0.3 m at 2 Hz, heights to 1.5 m."""
-    swing = 0.3 * np.sin(2 * np.pi * 2.0 * t)
-    body = np.stack([1.2 * t, 0 * t, 1.0 + 0 * t], axis=-1)
-    limb = np.stack([1.2 * t + swing, 0.1 + 0 * t, 0.5 + 0.2 * np.sin(2 * np.pi * 2.0 * t)], axis=-1)
-    return np.stack([body, limb], axis=1)
-
-
-@pytest.mark.parametrize(
-    ("mode", "speed", "frequency", "length"),
-    [("uniform", 2 / 3, 1.0, 2 / 3), ("froude", np.sqrt(2 / 3), np.sqrt(3 / 2), 2 / 3), ("z_only", 1.0, 1.0, 1.0)],
-)
-def test_10_height_factor_two_thirds_in_the_three_modes(mode, speed, frequency, length):
-    facts = {"height_m": 1.8, "mass_kg": 80.0, "gait_frequency_hz": 2.0, "stride_frequency_hz": 1.0}
-    t = np.arange(0, 4, 1 / 200)
-    motion = make_motion(
-        marker_motion(t), rate_hz=200, markers=["hip", "hand"], parts=["torso", "left_hand"], facts=facts
-    )
-    scaled = scale_to_height(motion, height_m=1.2, mode=mode)
-    times = np.arange(0, 3.2, 1e-3)
-    position, velocity = resample(scaled, times)
-    assert velocity[:, 0, 0].mean() == pytest.approx(1.2 * speed, rel=1e-6)
-    swing = velocity[:, 1, 0] - velocity[:, 0, 0]
-    amplitude = {"uniform": 0.2, "froude": 0.2, "z_only": 0.3}[mode]
-    swing_wanted = amplitude * 4 * np.pi * frequency * np.cos(4 * np.pi * frequency * times)
-    assert np.abs(swing - swing_wanted)[50:-50].max() < 1e-3 * swing_wanted.max()
-    step_m = velocity[:, 0, 0].mean() / (2.0 * frequency)
-    assert step_m == pytest.approx(0.6 * length, rel=1e-6)
-    assert position[:, 0, 2] == pytest.approx(2 / 3)  # heights always scale
-    assert scaled.facts.gait_frequency_hz == pytest.approx(2.0 * frequency)
-    assert scaled.facts.stride_frequency_hz == pytest.approx(frequency)
-    assert scaled.facts.height_m == 1.2
 
 
 class Untouchable:

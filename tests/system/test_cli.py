@@ -233,12 +233,6 @@ def test_mistakes_get_one_clear_error_and_exit_status_2(recorded, arguments, say
     assert re.search(says, message)
 
 
-def test_a_wrong_key_is_named_with_its_line(tmp_path):
-    (tmp_path / "s.toml").write_text(SCENE.replace("snr_db = 20", "snr_bd = 20"))
-    done = run("simulate", "s.toml", "-o", "x.h5", cwd=tmp_path, code=2)
-    assert "s.toml: noise.snr_bd (line 10): unknown key" in done.stderr
-
-
 def test_debug_shows_the_traceback():
     done = processes.run([*processes.COMMAND, "--debug", "radar", "show", "x9"], capture_output=True, text=True)
     assert "Traceback" in done.stderr
