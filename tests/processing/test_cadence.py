@@ -56,18 +56,6 @@ def test_detrending_removes_polynomials_and_nothing_else_e31():
     np.testing.assert_allclose(detrend(rows_of(random), order=0).values, random - random.mean(axis=0), atol=1e-12)
 
 
-def test_map_is_the_amplitude_of_a_wave_at_its_frequency_e30():
-    # 20 whole periods: a wave of amplitude A has |D| = A / 2 at its frequency
-    rows = rows_of(wave(10.0, 2.0, amplitude=0.8))
-    found = cadence_map(rows)
-    cadence_hz = found.coords["cadence"].values
-    peak = found.values[:, 0].argmax()
-    assert cadence_hz[peak] == pytest.approx(10.0, abs=1 / 16)
-    assert found.values[peak, 0] == pytest.approx(0.4, rel=1e-3)
-    assert found.values[peak, 1] == pytest.approx(0.2, rel=1e-3)
-    assert not found.values[:, 2].any()
-
-
 def test_a_taper_does_not_change_the_amplitude_of_a_wave_e30():
     rows = rows_of(wave(10.0, 5.0, amplitude=0.8))
     assert cadence_map(rows, tapered=True).values.max() == pytest.approx(0.4, rel=2e-3)
@@ -113,12 +101,6 @@ def test_four_seconds_are_four_seconds_at_every_column_rate_and_start():
             rows = rows.assign_coords(time=start_s + np.arange(n) / rate_hz)
             found, wanted = cadence_map(rows), cadence_map(rows, tapered=True)
             np.testing.assert_array_equal(found.values, wanted.values, err_msg=f"{rate_hz} Hz from {start_s} s")
-
-
-def test_power_sum_and_amplitude_sum_e32():
-    found = cadence_map(rows_of(wave(7.0, 2.0)))
-    np.testing.assert_allclose(cadence_spectrum(found).values, (found.values**2).sum(axis=1))
-    np.testing.assert_allclose(cadence_spectrum(found, power=False).values, found.values.sum(axis=1))
 
 
 @pytest.mark.parametrize(("n_columns", "n_rows"), [(300, 8), (613, 7), (1500, 9)])

@@ -109,14 +109,6 @@ def test_positive_aspect_turns_the_walk_counter_clockwise():
     np.testing.assert_allclose(placed.position_m[-1, 0, :2] - placed.position_m[0, 0, :2], [0, -2], atol=1e-12)
 
 
-def test_start_position_and_heading():
-    motion = points([lambda t: (t, 0 * t, 1 + 0 * t)])
-    scene = Scene([Target(motion, start_position_m=(3.0, -1.0), heading_deg=90.0)])
-    placed = place(scene).targets[0].motion
-    np.testing.assert_allclose(placed.position_m[0, 0], [3, -1, 1], atol=1e-12)
-    np.testing.assert_allclose(placed.position_m[-1, 0], [3, 1, 1], atol=1e-12)
-
-
 def test_a_target_follows_its_path_from_its_start():
     motion = points([lambda t: (t, 0 * t, 1 + 0 * t)])
     arc = {"kind": "arc", "radius_m": 1.0, "turn_deg": 90}
