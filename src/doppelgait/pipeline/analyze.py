@@ -94,7 +94,7 @@ def analyze(
     pieces = recording.split_at_pauses()
     if len(pieces) > 1:
         parts = [_analyze_piece(piece, gate, analysis, tracking, gate_error_m) for piece in pieces]
-        return join_pieces(parts)
+        return join_pieces(parts, has_range=recording.n_range_bins > 1)
     settings = (analysis or Analysis()).resolved(gate)
     if gate == "track":
         frames, radar, source = recording.frames, recording.radar, recording.source
@@ -115,13 +115,13 @@ def _analyze_piece(piece: Recording, gate: Gate | GateChoice, *settings: Any) ->
         return TargetList(reason=f"from {start_s:.4g} to {stop_s:.4g} s: {error}")
 
 
-def join_pieces(pieces: Sequence[TargetList]) -> TargetList:
+def join_pieces(pieces: Sequence[TargetList], *, has_range: bool) -> TargetList:
     """Join the results of one body before and after a pause; the values are those of the longest part."""
     bodies: list[list[Result]] = []
     for piece in pieces:
         free = list(bodies)
         for result in piece:
-            fits = [body for body in free if _continues(body[-1], result)]
+            fits = [body for body in free if _continues(body[-1], result, has_range=has_range)]
             if len(fits) == 1:
                 free.remove(fits[0])
                 fits[0].append(result)
@@ -136,11 +136,11 @@ def join_pieces(pieces: Sequence[TargetList]) -> TargetList:
     return TargetList(joined, reason="; ".join(dict.fromkeys(piece.reason for piece in pieces if piece.reason)))
 
 
-def _continues(before: Result, after: Result) -> bool:
+def _continues(before: Result, after: Result, *, has_range: bool) -> bool:
     """Return True if a target after a pause may be the one before it."""
     if before.label != after.label or before.gate_source != after.gate_source:
         return False
-    if before.gate_source != "track":
+    if before.gate_source != "track" or not has_range:
         return True
     pause_s = float(after.gate.time_s[0] - before.gate.time_s[-1])
     ends_m = [float(one.gate.centre_at(one.gate.time_s)[n]) for one, n in ((before, -1), (after, 0))]
