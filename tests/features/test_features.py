@@ -203,16 +203,16 @@ def test_noise_passes_the_envelopes_threshold_as_seldom_with_few_bins_as_with_ma
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_envelopes_are_those_of_the_cumulative_power_e35(dtype):
-    values = np.random.default_rng(3).exponential(1.0, (200, 64)).astype(dtype)
+    values = np.random.default_rng(3).exponential(1.0, (200, 63)).astype(dtype)
     values[7], values[8, :-1], values[9, 1:] = 0.0, 0.0, 0.0
-    coords = {"time": np.arange(200) / RATE_HZ, **doppler_coords(64)}
+    coords = {"time": np.arange(200) / RATE_HZ, **doppler_coords(63)}
     found = envelopes_hz(Signal.of(make_array(SIGNATURE, values, coords, {"n_gate_bins": 16}), SIGNATURE), 0.3)
     threshold = 0.3 * stats.gamma.isf(stats.norm.sf(4.0), 16) / 16
     power = np.where(values > threshold, values.astype(float) - 0.3, 0.0)
     share = power.cumsum(axis=1) / np.maximum(power.sum(axis=1, keepdims=True), 1e-300)
     for limits, quantile in zip(found, (0.01, 0.99), strict=True):
-        edge = [np.interp(quantile, [0.0, *row], np.arange(65)) if row[-1] else np.nan for row in share]
-        np.testing.assert_allclose(limits, coords["doppler"][0] + (np.array(edge) - 0.5) * 1000 / 64, 0, 1e-9)
+        edge = [np.interp(quantile, [0.0, *row], np.arange(64)) if row[-1] else np.nan for row in share]
+        np.testing.assert_allclose(limits, coords["doppler"][0] + (np.array(edge) - 0.5) * 1000 / 63, 0, 1e-9)
 
 
 def test_bandwidth_is_between_the_95th_and_5th_percentiles_over_time_e35():

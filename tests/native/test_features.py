@@ -62,17 +62,8 @@ def test_robust_fit_is_iteratively_reweighted_least_squares():
     np.testing.assert_allclose(found, solution, rtol=1e-10)
 
 
-@pytest.mark.parametrize("n_bins", [7, 16, 33])
-def test_columns_without_their_floor_and_their_sums_e28(n_bins):
-    values = random(41, n_bins).astype(np.float32)
-    values[3] = -1.0
-    found, (sums, highest), means = np.empty((41, n_bins)), np.empty((2, 41)), np.empty(n_bins)
-    native.sum_excess(values, 0.3, sums, highest)
-    wanted = np.maximum(values.astype(float) - 0.3, 0.0)
-    np.testing.assert_allclose(sums, wanted.sum(axis=1), rtol=1e-13)
-    np.testing.assert_array_equal(highest, wanted.max(axis=1))
-    native.scale_excess(values, 0.3, np.arange(41.0), found)
-    np.testing.assert_allclose(found, wanted * np.arange(41.0)[:, None], rtol=1e-15)
+def test_means_of_rows_are_those_of_numpy():
+    values, means = random(41, 33).astype(np.float32), np.empty(33)
     native.row_means(values, means)
     np.testing.assert_allclose(means, values.astype(float).mean(axis=0), rtol=1e-12)
 
@@ -87,20 +78,6 @@ def test_peaks_of_parabolas_in_the_logarithm_are_exact_also_at_the_ends():
     np.testing.assert_allclose(place[[0, 2, 3]], centre[[0, 2, 3]], rtol=1e-12)
     assert abs(place[1] - values[1].argmax()) <= 0.5
     np.testing.assert_array_equal(place[4:], [0.5, 18.5])
-
-
-@pytest.mark.parametrize(("size", "step"), [(50, 2), (50, 3), (5, 4)])
-def test_rows_are_smeared_onto_a_coarser_grid_and_projected_e30(size, step):
-    rows, weights, taps = random(size, 6), random(size, seed=1), random(5 * step - 1, seed=2)
-    found = np.empty((-(-size // step) + 5, 6))
-    native.smear(rows, weights, taps, step, found)
-    for c in range(found.shape[0]):
-        inside = [j for j in range(step * c - taps.size, step * c) if 0 <= j < size]
-        wanted = sum((taps[j - step * c + taps.size] * weights[j] * rows[j] for j in inside), np.zeros(6))
-        np.testing.assert_allclose(found[c], wanted, atol=1e-13)
-    parts, basis = np.empty((3, 6)), random(size, 3, seed=3)
-    native.project(rows, basis, parts)
-    np.testing.assert_allclose(parts, basis.T @ rows, atol=1e-12)
 
 
 @pytest.mark.parametrize("bent", [1.0, -1.0])
@@ -146,23 +123,6 @@ def test_speeds_across_are_averaged_over_their_density_e34b():
         wanted = integrate(value) / total
         assert mean == pytest.approx(wanted, rel=1e-3)
         assert variance == pytest.approx(integrate(lambda v: (value(v) - wanted) ** 2) / total, rel=2e-2)  # noqa: B023
-
-
-def test_power_quantiles_are_those_of_the_cumulative_power_e35():
-    values = random(60, 41) ** 2
-    low, high = np.empty((2, 60))
-    native.power_quantiles(values, 0.8, 0.2, 0.01, 0.99, low, high)
-    power = np.where(values > 0.8, values - 0.2, 0.0)
-    edges = np.arange(42) - 0.5
-    for share, found in ((0.01, low), (0.99, high)):
-        for j in range(60):
-            total = np.concatenate([[0.0], np.cumsum(power[j])])
-            k = int(np.flatnonzero(total[1:] >= share * total[-1])[0])
-            wanted = edges[k] + (share * total[-1] - total[k]) / power[j, k]
-            assert found[j] == pytest.approx(wanted, abs=1e-9)
-    native.power_quantiles(values, 1e9, 0.2, 0.01, 0.99, low, high)
-    assert np.isnan(low).all()
-    assert np.isnan(high).all()
 
 
 @pytest.mark.parametrize(("first", "count"), [(0, 30), (4, 7), (29, 1), (0, 1), (10, 5)])
@@ -239,26 +199,6 @@ def test_a_trend_is_the_least_squares_polynomial_e31():
     native.remove_trend(found, basis)
     wanted = values - np.polynomial.polynomial.polyval(t, np.polynomial.polynomial.polyfit(t, values, 3)).T
     np.testing.assert_allclose(found, wanted, atol=1e-13)
-
-
-@pytest.mark.parametrize("n_rows", [7, 8])
-def test_rows_are_weighed_and_their_pairs_make_the_powers_of_each_e33(n_rows):
-    values, stops = random(30, n_rows) * np.arange(1, n_rows + 1), np.array([3, n_rows])
-    pairs, weight, until = np.full((64, 4), np.nan + 0j), np.empty(n_rows), np.empty((4, 31))
-    native.weigh_rows(values, stops, 0.7, 1e-3, pairs.view(float), weight, until)
-    white = values - 0.7 * np.concatenate([np.zeros((1, n_rows)), values[:-1]])
-    energy, sets = (white**2).sum(axis=0), [slice(0, 3), slice(3, n_rows)]
-    wanted = np.concatenate([1.0 / (energy[some] + 1e-3 * energy[some].max()) for some in sets])
-    np.testing.assert_allclose(weight, wanted, rtol=1e-12)
-    powers = np.empty((4, 33), dtype=complex)
-    native.powers_of_pairs(np.fft.fft(pairs, axis=0).view(float), stops, weight, 0.7, powers)
-    lines = np.abs(np.fft.rfft(values, 64, axis=0)) ** 2
-    response = np.abs(1.0 - 0.7 * np.exp(-2j * np.pi * np.arange(33) / 64)) ** 2
-    for s, some in enumerate(sets):
-        np.testing.assert_allclose(until[2 * s, 1:], np.cumsum((values[:, some] ** 2).sum(axis=1)), rtol=1e-12)
-        np.testing.assert_allclose(until[2 * s + 1, 1:], np.cumsum(white[:, some] ** 2 @ weight[some]), rtol=1e-12)
-        np.testing.assert_allclose(powers[2 * s], lines[:, some].sum(axis=1), rtol=1e-11)
-        np.testing.assert_allclose(powers[2 * s + 1], response * (lines[:, some] @ weight[some]), rtol=1e-11)
 
 
 def test_harmonics_of_periods_are_fourier_sums_without_the_mean():
@@ -354,25 +294,6 @@ def test_counts_above_a_level_e35():
     native.count_above(values, level, np.array([3, 10, 19]), counts)
     above = values >= level[:, None]
     np.testing.assert_array_equal(counts, [above[3:10].sum(axis=0), above[10:19].sum(axis=0)])
-
-
-@pytest.mark.parametrize(("n_columns", "first"), [(9, 0), (12, 2)])
-def test_rows_lie_on_circles_and_fine_lines_are_sums_of_taps_e30(n_columns, first):
-    rows, weights, circle = random(n_columns, 7), random(n_columns, seed=1), np.full((4, 30), np.nan)
-    native.lay_circular(rows, weights, first, circle)
-    centre = n_columns // 2
-    wanted = np.zeros((4, 30))
-    for row in range(4):
-        for j in range(n_columns):
-            wanted[row, (j - centre) % 30] = weights[j] * rows[j, first + row]
-    np.testing.assert_allclose(circle, wanted, rtol=1e-15)
-    lines, taps, found = np.fft.rfft(circle), random(3, 6, seed=2), np.zeros((50, 7))
-    native.fine_magnitudes(lines, taps, first, found)
-    for q in range(50):
-        numbers = q // 3 + np.arange(6) - 2
-        near = [np.where(n < 0, lines[:, abs(n)].conj(), lines[:, n]) if n < 16 else np.zeros(4) for n in numbers]
-        np.testing.assert_allclose(found[q, first : first + 4], np.abs(taps[q % 3] @ near), rtol=1e-11, atol=1e-13)
-    assert not np.delete(found, range(first, first + 4), axis=1).any()
 
 
 def test_variance_of_rows_is_that_of_their_cells():
