@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation
 
 from doppelgait._core import native
 
@@ -71,11 +70,3 @@ def test_angles_of_all_directions(n_points):
     native.angles_of_sight(origin, origin, 1.0, np.arange(4.0), np.zeros(3), azimuth_rad, elevation_rad, 1.0)
     assert not azimuth_rad.any()
     assert not elevation_rad.any()
-
-
-def test_points_turn_about_an_upright_axis_and_move():
-    rng = np.random.default_rng(4)
-    points, moved, angle = rng.normal(size=(37, 3)), np.empty((37, 3)), 0.7
-    native.turn_and_move(points, np.cos(angle), np.sin(angle), 1.0, -2.0, 0.5, 3.0, moved)
-    turned = Rotation.from_euler("z", angle).apply(points - np.array([1.0, -2.0, 0.0])) + np.array([0.5, 3.0, 0.0])
-    assert moved == pytest.approx(turned, abs=1e-13)

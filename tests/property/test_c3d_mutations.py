@@ -37,12 +37,6 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return path.read_bytes()
 
 
-def test_the_file_itself_is_read(good: bytes, tmp_path: Path) -> None:
-    path = tmp_path / "good.c3d"
-    path.write_bytes(good)
-    assert read(path).positions.shape == (80, 6, 3)
-
-
 def test_no_mutation_crashes_or_hangs(good: bytes, tmp_path: Path) -> None:
     """Damage to header and parameters, or to the header alone, and to any byte."""
     path, rng, motions = tmp_path / "bad.c3d", np.random.default_rng(2018), []

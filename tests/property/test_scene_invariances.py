@@ -116,12 +116,3 @@ def test_another_unit_of_length_scales_areas_by_its_square_and_hides_the_same(mo
         for m, body, k in ((motion, one, 1.0), (other, two, unit))
     ]
     np.testing.assert_allclose(gains[1], gains[0], atol=1e-9)
-
-
-@both
-@every_way
-def test_the_total_scales_every_row(motion, spec):
-    place = ((4.0, 1.0), 200.0, (0.0, 0.0, 1.2))
-    one, two = (table(motion, spec.model_copy(update={"total_m2": total}), *place) for total in (0.3, 0.9))
-    np.testing.assert_allclose(two["rcs"].values, 3 * one["rcs"].values, rtol=1e-12)
-    np.testing.assert_array_equal(two["path_gain"].values, one["path_gain"].values)
