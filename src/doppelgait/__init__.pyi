@@ -30,6 +30,7 @@ from doppelgait.processing.config import Analysis as Analysis
 from doppelgait.processing.gate import Gate as Gate
 from doppelgait.radar.parameters import Radar as Radar
 from doppelgait.radar.recording import Recording as Recording
+from doppelgait.radar.recording import concat as concat
 from doppelgait.scene.scene import Scene as Scene
 from doppelgait.scene.scene import Target as Target
 from doppelgait.viewer.server import view as view

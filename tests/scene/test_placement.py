@@ -180,5 +180,5 @@ def test_a_refused_target_of_many_scenes_is_named():
     scenes[1] = scenes[1].replace(
         targets=(scenes[1].targets[0], Target({"kind": "human", "pace_sd": 0.02}, range_m=4.0))
     )
-    with pytest.raises(ConfigError, match=r"targets\.1\.motion: .*pace_sd = 0\.02 need a random generator"):
+    with pytest.raises(ConfigError, match=r"targets\.1\.motion: .*pace_sd = 0\.02 needs a random generator"):
         next(place_all(scenes, [None, None]))
