@@ -16,7 +16,6 @@ import pytest
 
 import doppelgait.cli.app as cli_app
 import processes
-from checkout import ROOT
 from doppelgait.cli.app import main
 from doppelgait.dataset import plan_names
 
@@ -253,10 +252,6 @@ def test_dataset_build_prints_a_report_and_resumes(tmp_path):
     assert "0 built" in again.stdout
     assert "torso_velocity_mps [m/s]" in again.stdout
     assert len(pd.read_parquet(tmp_path / "d" / "index.parquet")) == 8
-
-
-def test_the_example_scene_of_the_repository_runs(tmp_path):
-    run("simulate", ROOT / "examples" / "walk.toml", "-o", "walk.h5", cwd=tmp_path)
 
 
 def test_an_empty_room_needs_no_target(tmp_path):
