@@ -11,25 +11,22 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal, Self
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field, StrictInt, model_validator
 
+from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.documents import CELL_BYTES, check_cost, parse_json
-from doppelgait.core.errors import MotionError
-from doppelgait.core.plugins import plugin
-from doppelgait.motion.motion import Motion
+from doppelgait.core.errors import ConfigError, MotionError
 from doppelgait.motion.readers.joints import (
-    REST_POSE_NOTE,
-    Joints,
     check_skeleton_cost,
     forward_kinematics,
-    has_rest_pose,
     make_euler_rotations,
-    make_joint_motion,
     make_vector_rotations,
 )
-from doppelgait.motion.readers.text import is_finite, parse_rows, read_text
+from doppelgait.motion.readers.text import Points, is_finite, parse_rows, point_format, read_text
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -216,7 +213,6 @@ def find_asf(path: Path, named: str) -> Path:
 
 
 CMU_RATE_HZ = 120.0
-_KEYWORD = re.compile(rb"(?im)^[ \t]*:(fully-specified|degrees|radians)\b")
 _NAMED = "#!oml:asf"
 
 
@@ -229,24 +225,14 @@ class AmcContent:
     named: str
 
 
-def sniff_amc(path: Path, head: bytes) -> bool:
-    """Return True if a file starts like an AMC motion."""
-    # such a file has a line :FULLY-SPECIFIED, :DEGREES or :RADIANS, and no skeleton
-    return _KEYWORD.search(head) is not None and b":bonedata" not in head.lower()
-
-
-@plugin("motion_reader", "amc", sniff=sniff_amc, suffixes=(".amc",))
-def read_amc(
-    path: Path,
-    *,
-    skeleton: str | Path | None = None,
-    units: str | None = None,
-    up_axis: str | None = None,
-    rate_hz: float | None = None,
-) -> Motion:
-    """Read root and bone ends of an AMC motion."""
-    # the motion is not cleaned. A point has the name of the bone that ends there: ltibia is the
-    # left ankle.
+@point_format(
+    "amc",
+    rb"(?ims)(?!.*:bonedata)(?:.*^)?[ \t]*:(fully-specified|degrees|radians)\b",
+    (".amc",),
+    skeleton=True,
+)
+def parse_amc(path: Path, *, skeleton: str | Path | None = None, rate_hz: float | None = None) -> Points:
+    """Read the root and the ends of the bones of an AMC motion; ltibia is the left ankle."""
     text = read_text(path)
     start = re.search(r"(?m)^[ \t]*\d+[ \t]*$", text)
     if start is None:
@@ -261,22 +247,18 @@ def read_amc(
     notes = (
         [] if rate_hz is not None else [f"the format states no frame rate; {CMU_RATE_HZ:g} Hz, that of CMU, is assumed"]
     )
-    return make_joint_motion(
-        path,
-        Joints(
-            tuple(bone.name for bone in body.bones),
-            tuple(bone.parent for bone in body.bones),
-            _compute_positions(path, body, content),
-        ),
-        kind="amc",
-        rate_hz=CMU_RATE_HZ if rate_hz is None else rate_hz,
-        rate_from="assumed" if rate_hz is None else "option",
-        unit=body.metres_per_unit if units is None else units,
-        unit_from="skeleton" if units is None else "option",
-        up_axis=up_axis,
+    return Points(
+        [bone.name for bone in body.bones],
+        _compute_positions(path, body, content),
+        unit=body.metres_per_unit,
+        unit_from="skeleton",
+        rate_hz=CMU_RATE_HZ,
+        rate_from="assumed",
+        declared_up="y",
         subject=asf.stem,
         report={"skeleton": asf.name},
         notes=notes,
+        parents=[bone.parent for bone in body.bones],
     )
 
 
@@ -368,16 +350,24 @@ COLUMNS = (99, 117)
 SKELETON = "skeleton.json"
 
 
-@dataclass(frozen=True)
-class ExpmapSkeleton:
-    """Skeleton that defines the meaning of a file's numbers. Shapes: offsets (J, 3)."""
+class ExpmapSkeleton(FrozenModel):
+    """Skeleton in JSON that defines the meaning of a file's numbers; a joint comes after its parent."""
 
-    joint_names: tuple[str, ...]
-    parents: tuple[int, ...]
-    offsets: FloatArray
-    metres_per_unit: float | None
-    frame_rate_hz: float | None
-    up_axis: str
+    joint_names: list[str] = Field(min_length=1)
+    parents: list[StrictInt]
+    offsets: list[tuple[float, float, float]]
+    metres_per_unit: float | None = Field(None, gt=0.0)
+    frame_rate_hz: float | None = Field(None, gt=0.0)
+    up_axis: Literal["x", "y", "z"] = "y"
+
+    @model_validator(mode="after")
+    def _check_joints(self) -> Self:
+        n = len(self.joint_names)
+        if len(self.parents) != n or any(not min(j, 1) - 1 <= p < j for j, p in enumerate(self.parents)):
+            raise ValueError(f"parents must hold {n} indices, -1 for the first joint and a smaller index for any other")
+        if len(self.offsets) != n:
+            raise ValueError(f"offsets must hold three numbers for each of the {n} joints")
+        return self
 
 
 def sniff_expmap(path: Path, head: bytes) -> bool:
@@ -389,17 +379,9 @@ def sniff_expmap(path: Path, head: bytes) -> bool:
         return False
 
 
-@plugin("motion_reader", "expmap", sniff=sniff_expmap, suffixes=(".txt",))
-def read_expmap(
-    path: Path,
-    *,
-    skeleton: str | Path | None = None,
-    units: str | None = None,
-    up_axis: str | None = None,
-    rate_hz: float | None = None,
-) -> Motion:
-    """Read the joints of an exponential-map recording, not cleaned."""
-    # a rest pose before the recording is left out
+@point_format("expmap", sniff_expmap, (".txt",), skeleton=True)
+def parse_expmap(path: Path, *, skeleton: str | Path | None = None) -> Points:
+    """Read the joints of an exponential-map recording."""
     file = path.with_name(SKELETON) if skeleton is None else Path(skeleton)
     if not file.is_file():
         raise MotionError(
@@ -419,25 +401,19 @@ def read_expmap(
     check_skeleton_cost(path, n_joints, len(values))
     # compute the positions (T, J, 3) of all joints
     vectors = values[:, 3:].reshape(len(values), n_joints, 3).swapaxes(0, 1)
-    translation = np.repeat(body.offsets[:, np.newaxis], len(values), axis=1)
+    translation = np.repeat(np.array(body.offsets)[:, np.newaxis], len(values), axis=1)
     translation[0] = values[:, :3]
-    position = forward_kinematics(body.parents, translation, make_vector_rotations(-vectors))
-    rest_pose = has_rest_pose(values[:, 3:6], position)
-    rate = body.frame_rate_hz if rate_hz is None else rate_hz
-    if rate is None:
-        raise MotionError(f"{file}: states no frame_rate_hz; give the rate: rate_hz=...")
-    return make_joint_motion(
-        path,
-        Joints(body.joint_names, body.parents, position[1:] if rest_pose else position),
-        kind="expmap",
-        rate_hz=rate,
-        rate_from="skeleton" if rate_hz is None else "option",
-        unit=body.metres_per_unit if units is None else units,
-        unit_from="skeleton" if units is None else "option",
-        up_axis=up_axis,
-        declared_axis=body.up_axis,
+    return Points(
+        body.joint_names,
+        forward_kinematics(body.parents, translation, make_vector_rotations(-vectors)),
+        unit=body.metres_per_unit,
+        unit_from="skeleton",
+        rate_hz=body.frame_rate_hz,
+        rate_from="skeleton",
+        declared_up=body.up_axis,
         report={"skeleton": file.name},
-        notes=[REST_POSE_NOTE] if rest_pose else [],
+        parents=body.parents,
+        root_turns=values[:, 3:6],
     )
 
 
@@ -445,38 +421,8 @@ def _read_expmap_skeleton(path: Path) -> ExpmapSkeleton:
     """Read and check a skeleton in JSON."""
     try:
         content = parse_json(read_text(path))
-    except (OSError, ValueError) as error:
+        if not isinstance(content, dict):
+            raise ValueError("it is no object with joint_names, parents and offsets")
+        return validate(ExpmapSkeleton, {key: content[key] for key in ExpmapSkeleton.model_fields if key in content})
+    except (ConfigError, OSError, ValueError) as error:
         raise MotionError(f"{path}: the skeleton cannot be read: {error}") from None
-    if not isinstance(content, dict):
-        raise MotionError(f"{path}: the skeleton must be an object with joint_names, parents and offsets")
-    names = content.get("joint_names")
-    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
-        raise MotionError(f"{path}: joint_names must be a list of names")
-    parents = content.get("parents")
-    if not (
-        isinstance(parents, list)
-        and len(parents) == len(names)
-        and all(type(parent) is int for parent in parents)
-        and parents[0] == -1
-        and all(0 <= parent < j for j, parent in enumerate(parents) if j)
-    ):
-        raise MotionError(
-            f"{path}: parents must hold {len(names)} indices, -1 for the first joint and a smaller index for any other"
-        )
-    try:
-        offsets = np.array(content.get("offsets"), dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        offsets = np.empty(0)
-    if offsets.shape != (len(names), 3) or not np.isfinite(offsets).all():
-        raise MotionError(f"{path}: offsets must hold three numbers for each of the {len(names)} joints")
-    up_axis = content.get("up_axis", "y")
-    if up_axis not in ("x", "y", "z"):
-        raise MotionError(f"{path}: up_axis is {up_axis!r}; allowed are 'x', 'y' and 'z'")
-    positive: list[float | None] = []
-    for key in ("metres_per_unit", "frame_rate_hz"):
-        value = content.get(key)
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if value is not None and not (number and 0.0 < value < float("inf")):
-            raise MotionError(f"{path}: {key} is {value!r}; it must be a number above 0")
-        positive.append(None if value is None else float(value))
-    return ExpmapSkeleton(tuple(names), tuple(parents), offsets, positive[0], positive[1], up_axis)

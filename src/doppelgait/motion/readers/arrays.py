@@ -13,11 +13,9 @@ import numpy.typing as npt
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.npz import NPY_MAGIC, is_npz, load_npy, load_npz
-from doppelgait.core.plugins import plugin
-from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.points import check_amount, check_rate
 from doppelgait.motion.readers.skeletons import read_skeletons
-from doppelgait.motion.readers.text import Points, check_size, make_timed_motion
+from doppelgait.motion.readers.text import Points, check_size, point_format
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -41,18 +39,16 @@ def sniff_arrays(path: Path, head: bytes) -> bool:
     )
 
 
-@plugin("motion_reader", "arrays", sniff=sniff_arrays, suffixes=(".npy", ".npz", ".json"))
-def read_arrays(
+@point_format("arrays", sniff_arrays, (".npy", ".npz", ".json"))
+def parse_arrays(
     path: Path,
     *,
     key: str | None = None,
     skeleton: str | None = None,
-    subject: str | None = None,
     units: str | None = None,
-    up_axis: str | None = None,
     rate_hz: float | None = None,
-) -> Motion:
-    """Read joint positions of npy, npz or JSON files, uncleaned."""
+) -> Points:
+    """Read the positions of npy, npz or JSON files."""
     with path.open("rb") as file:
         head = file.read(4096)
     packed = is_npz(head)
@@ -92,15 +88,9 @@ def read_arrays(
         stated = stated.decode("latin-1")
     if not units and not isinstance(stated, str):
         raise MotionError(f"{path}: {UNIT_KEY} is {stated!r}; it must be text such as 'm' or 'mm'")
-    return make_timed_motion(
-        path,
-        Points(labels, position, unit=stated, rate_hz=rate, parts=read_skeletons()[skeleton or "smpl"][1]),
-        file_format="npy" if head.startswith(NPY_MAGIC) else "npz" if packed else "json",
-        subject=subject,
-        units=units,
-        up_axis=up_axis,
-        rate_hz=rate_hz,
-    )
+    kind = "npy" if head.startswith(NPY_MAGIC) else "npz" if packed else "json"
+    parts = read_skeletons()[skeleton or "smpl"][1]
+    return Points(labels, position, unit=units or stated, rate_hz=rate, parts=parts, report={"format": kind})
 
 
 def _load_json(path: Path) -> dict[str, Any]:

@@ -13,18 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError
-from doppelgait.core.plugins import plugin
-from doppelgait.motion.motion import Motion
-from doppelgait.motion.readers.joints import (
-    REST_POSE_NOTE,
-    Joints,
-    check_skeleton_cost,
-    forward_kinematics,
-    has_rest_pose,
-    make_euler_rotations,
-    make_joint_motion,
-)
-from doppelgait.motion.readers.text import parse_rows, read_text
+from doppelgait.motion.readers.joints import check_skeleton_cost, forward_kinematics, make_euler_rotations
+from doppelgait.motion.readers.text import Points, parse_rows, point_format, read_text
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -155,38 +145,26 @@ def _parse_motion_head(path: Path, text: str, at: int) -> tuple[int, float, int]
         raise MotionError(f"{path}: Frames {found[0]!r} and Frame Time {found[1]!r} must be numbers") from None
 
 
-def sniff_bvh(path: Path, head: bytes) -> bool:
-    """Return True if a file begins with HIERARCHY."""
-    return head.removeprefix(b"\xef\xbb\xbf").lstrip()[:9].upper() == b"HIERARCHY"
-
-
-@plugin("motion_reader", "bvh", sniff=sniff_bvh, suffixes=(".bvh",))
-def read_bvh(
-    path: Path, *, units: str | None = None, up_axis: str | None = None, rate_hz: float | None = None
-) -> Motion:
-    """Read the body's joints of a BVH file, uncleaned."""
-    # rotations are applied in the order of their channels
+@point_format("bvh", rb"(?i)HIERARCHY", (".bvh",), skeleton=True)
+def parse_bvh(path: Path, *, rate_hz: float | None = None) -> Points:
+    """Read the joints of a BVH file."""
     content = read_bvh_content(path)
-    if rate_hz is None and not 0.0 < content.frame_time_s < float("inf"):
+    step_s = content.frame_time_s
+    if rate_hz is None and not 0.0 < step_s < float("inf"):
         raise MotionError(
-            f"{path}: declares a Frame Time of {content.frame_time_s:g} s; it must be above 0. "
-            "Give the true rate: rate_hz=..."
+            f"{path}: declares a Frame Time of {step_s:g} s; it must be above 0. Give the true rate: rate_hz=..."
         )
     names, parents = zip(*((node.name, node.parent) for node in content.nodes), strict=True)
     check_skeleton_cost(path, len(names), len(content.values))
-    position = compute_bvh_positions(content)
     turns = [n for n, channel in enumerate(content.nodes[0].channels) if channel[0] == "r"]
-    rest_pose = has_rest_pose(content.values[:, turns], position)
-    return make_joint_motion(
-        path,
-        Joints(names, parents, position[1:] if rest_pose else position),
-        kind="bvh",
-        rate_hz=1.0 / content.frame_time_s if rate_hz is None else rate_hz,
-        rate_from="file" if rate_hz is None else "option",
-        unit=units,
-        unit_from="option",
-        up_axis=up_axis,
-        notes=[REST_POSE_NOTE] if rest_pose else [],
+    return Points(
+        names,
+        compute_bvh_positions(content),
+        rate_hz=1.0 / step_s if rate_hz is None else rate_hz,
+        rate_from="file",
+        declared_up="y",
+        parents=parents,
+        root_turns=content.values[:, turns],
     )
 
 

@@ -7,39 +7,25 @@ Vectors are columns: a child's frame is ``G_child = G_parent @ R_child`` and its
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.documents import check_cost
 from doppelgait.core.errors import MotionError, warn_caller
-from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.points import (
     BodyPoints,
     LengthUnit,
     check_amount,
     check_labels,
-    check_rate,
     convert_unit_to_metres,
     make_names_unique,
-    make_point_motion,
 )
 from doppelgait.motion.skeleton import find_parts, guess_species
 
 FloatArray = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Joints:
-    """Nodes of one hierarchy: names, parents and positions. Shapes: position (T, J, 3)."""
-
-    names: tuple[str, ...]
-    parents: tuple[int, ...]
-    position: FloatArray
 
 
 def make_axis_rotations(axis: str, angle_rad: FloatArray) -> FloatArray:
@@ -130,89 +116,57 @@ _ROOT = re.compile(r"(?i)^(joint[_ ]?)?(root|reference|world|scene|armature)$")
 _BONE = re.compile(r"^b_")
 
 
-def make_joint_motion(
-    path: Path,
-    joints: Joints,
-    *,
-    kind: str,
-    rate_hz: float,
-    rate_from: str,
-    unit: str | float | None,
-    unit_from: str,
-    up_axis: str | None,
-    declared_axis: str = "y",
-    subject: str = "",
-    report: Mapping[str, Any] | None = None,
-    notes: Sequence[str] = (),
-) -> Motion:
-    """Make the motion of the body's joints, uncleaned."""
-    check_rate(path, rate_hz, said="was given" if rate_from == "option" else "declares")
-    check_amount(path, len(joints.position))
-    if not np.isfinite(joints.position).all():
+def pick_joints(
+    path: Path, names: Sequence[str], parents: Sequence[int], position: FloatArray, subject: str = ""
+) -> BodyPoints:
+    """Select the joints that are points of the body. Shapes: position (T, J, 3)."""
+    check_labels(path, names)
+    check_amount(path, len(position))
+    if not np.isfinite(position).all():
         raise MotionError(f"{path}: holds offsets or positions that are too large to be those of a body")
-    body = pick_joints(path, joints, subject)
-    return make_point_motion(
-        path,
-        joints.position,
-        body,
-        file_format=kind,
-        rate_hz=float(rate_hz),
-        unit=_find_unit(path, joints, body.kept, unit, unit_from),
-        up_axis=up_axis,
-        declared_up=declared_axis,
-        rate_from=rate_from,
-        report=report,
-        notes=notes,
-    )
-
-
-def pick_joints(path: Path, joints: Joints, subject: str = "") -> BodyPoints:
-    """Select the joints that are points of the body."""
-    check_labels(path, joints.names)
     # reasons to leave out a node
-    size = measure_skeleton(joints.parents, _measure_bone_lengths(joints))
-    reasons = {j: "rig helper (by its name)" for j, name in enumerate(joints.names) if _HELPER.search(name)}
-    bones = [j for j, name in enumerate(joints.names) if _BONE.match(name)]
+    size = measure_skeleton(parents, _measure_bone_lengths(parents, position))
+    reasons = {j: "rig helper (by its name)" for j, name in enumerate(names) if _HELPER.search(name)}
+    bones = [j for j, name in enumerate(names) if _BONE.match(name)]
     # the bones of the body have names b_... in 3ds Max rigs; other nodes control them or are attached to them
-    if 2 * len(bones) > len(joints.names):
-        others = set(range(len(joints.names))) - set(bones)
+    if 2 * len(bones) > len(names):
+        others = set(range(len(names))) - set(bones)
         reasons |= {j: "rig helper (not one of the b_ bones)" for j in sorted(others - set(reasons))}
     # the root, if it is not a joint of the body: one child at a distance, and it never moves or has such a name
-    children = [j for j, parent in enumerate(joints.parents) if parent == 0 and j not in reasons]
-    if len(children) == 1 and len(joints.names) >= 3 and 0 not in reasons:
-        root, child = joints.position[:, 0], joints.position[:, children[0]]
+    children = [j for j, parent in enumerate(parents) if parent == 0 and j not in reasons]
+    if len(children) == 1 and len(names) >= 3 and 0 not in reasons:
+        root, child = position[:, 0], position[:, children[0]]
         if np.linalg.norm(child - root, axis=1).max() >= SAME_PLACE * size:
             still = np.linalg.norm(np.ptp(root, axis=0)) < STILL * size
-            if _ROOT.match(joints.names[0]):
+            if _ROOT.match(names[0]):
                 reasons[0] = "root node, no joint of the body (by its name)"
             elif still and np.linalg.norm(np.ptp(child, axis=0)) >= STILL * size:
                 reasons[0] = "root node, no joint of the body (it never moves)"
     # nodes that coincide with an earlier one in every frame
-    rest = [j for j in range(len(joints.names)) if j not in reasons]
+    rest = [j for j in range(len(names)) if j not in reasons]
     for n, j in enumerate(rest):
-        near = np.linalg.norm(joints.position[0, rest[:n]] - joints.position[0, j], axis=1) <= SAME_PLACE * size
+        near = np.linalg.norm(position[0, rest[:n]] - position[0, j], axis=1) <= SAME_PLACE * size
         for i in (i for i, close in zip(rest, near, strict=False) if close and i not in reasons):
-            if np.linalg.norm(joints.position[:, i] - joints.position[:, j], axis=1).max() <= SAME_PLACE * size:
-                reasons[j] = f"same place as {joints.names[i]}"
+            if np.linalg.norm(position[:, i] - position[:, j], axis=1).max() <= SAME_PLACE * size:
+                reasons[j] = f"same place as {names[i]}"
                 break
-    kept = [j for j in range(len(joints.names)) if j not in reasons]
+    kept = [j for j in range(len(names)) if j not in reasons]
     if not kept:
         raise MotionError(f"{path}: holds no joints of a body: {', '.join(sorted(set(reasons.values())))}")
-    names = make_names_unique([joints.names[j].strip() or f"point_{j + 1}" for j in kept])
-    species = guess_species(joints.names)
-    if species == "dog" and not any(re.search(r"(?i)(^|[^a-z])dog([^a-z]|$)", name) for name in joints.names):
+    points = make_names_unique([names[j].strip() or f"point_{j + 1}" for j in kept])
+    species = guess_species(names)
+    if species == "dog" and not any(re.search(r"(?i)(^|[^a-z])dog([^a-z]|$)", name) for name in names):
         species = ""  # joint names of an animal fit several species; those of a person are unambiguous
     return BodyPoints(
-        joints.names, kept, names, find_parts(names), reasons, subject=subject, species=species, is_skeleton=True
+        names, kept, points, find_parts(points), reasons, subject=subject, species=species, is_skeleton=True
     )
 
 
-def _measure_bone_lengths(joints: Joints) -> FloatArray:
-    """Return each node's median distance from its parent."""
-    # the distance is in the unit of the file; it is 0 for the root
-    parents = np.array([max(parent, 0) for parent in joints.parents])
-    lengths = np.median(np.linalg.norm(joints.position - joints.position[:, parents], axis=2), axis=0)
-    return np.where(np.array(joints.parents) < 0, 0.0, lengths)
+def _measure_bone_lengths(parents: Sequence[int], position: FloatArray) -> FloatArray:
+    """Return each node's median distance from its parent, in the unit of the file; 0 for the root."""
+    above = np.array([max(parent, 0) for parent in parents])
+    lengths = np.median(np.linalg.norm(position - position[:, above], axis=2), axis=0)
+    return np.where(np.array(parents) < 0, 0.0, lengths)
 
 
 def measure_skeleton(parents: Sequence[int], lengths: FloatArray) -> float:
@@ -230,19 +184,30 @@ def measure_skeleton(parents: Sequence[int], lengths: FloatArray) -> float:
     return size
 
 
-def _find_unit(path: Path, joints: Joints, kept: Sequence[int], unit: str | float | None, unit_from: str) -> LengthUnit:
-    """Return the stated length unit, or guess it."""
-    # the tree of the kept nodes; if all ancestors were dropped, the first kept node is the parent
+def connect_kept(parents: Sequence[int], kept: Sequence[int]) -> list[int]:
+    """Return the parents of the kept nodes: the next kept ancestor or, if there is none, the first node."""
     number = {j: n for n, j in enumerate(kept)}
-    parents: list[int] = []
+    above: list[int] = []
     for n, j in enumerate(kept):
-        parent = joints.parents[j]
+        parent = parents[j]
         while parent >= 0 and parent not in number:
-            parent = joints.parents[parent]
-        parents.append(number[parent] if parent >= 0 else min(n, 1) - 1)
-    tree = Joints(tuple(joints.names[j] for j in kept), tuple(parents), joints.position[:, list(kept)])
-    size = measure_skeleton(parents, _measure_bone_lengths(tree))
-    species = guess_species(joints.names)
+            parent = parents[parent]
+        above.append(number[parent] if parent >= 0 else min(n, 1) - 1)
+    return above
+
+
+def find_skeleton_unit(
+    path: Path,
+    body: BodyPoints,
+    parents: Sequence[int],
+    position: FloatArray,
+    unit: str | float | None,
+    unit_from: str,
+) -> LengthUnit:
+    """Return the stated length unit, or guess it. Shapes: position (T, J, 3)."""
+    above = connect_kept(parents, body.kept)
+    size = measure_skeleton(above, _measure_bone_lengths(above, position[:, body.kept]))
+    species = guess_species(body.labels)
     (low, high), typical = SIZES_M[species]
     if unit is not None:
         if isinstance(unit, str):

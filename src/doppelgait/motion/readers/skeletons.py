@@ -19,9 +19,7 @@ import numpy.typing as npt
 from doppelgait.core.config import read_toml
 from doppelgait.core.documents import CELL_BYTES, check_cost, parse_json
 from doppelgait.core.errors import MotionError
-from doppelgait.core.plugins import plugin
-from doppelgait.motion.motion import Motion
-from doppelgait.motion.readers.joints import Joints, check_skeleton_cost, forward_kinematics, make_joint_motion
+from doppelgait.motion.readers.joints import check_skeleton_cost, connect_kept, forward_kinematics
 from doppelgait.motion.readers.points import check_rate
 from doppelgait.motion.readers.text import (
     Points,
@@ -101,16 +99,11 @@ def parse_kinect(path: Path) -> Points:
         rate_hz=KINECT_HZ,
         usual_up="y",
         parts=parts,
-        rate_from="Kinect v2",
+        device="Kinect v2",
     )
 
 
-def sniff_mvnx(path: Path, head: bytes) -> bool:
-    """Return True if an XML file has the root mvnx."""
-    return head.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"<" and b"<mvnx" in head
-
-
-@point_format("mvnx", sniff_mvnx, (".mvnx",))
+@point_format("mvnx", rb"(?s)(?=<).*<mvnx", (".mvnx",))
 def parse_mvnx(path: Path) -> Points:
     """Read the origins of the segments of an Xsens MVNX file."""
     check_size(path)
@@ -163,21 +156,9 @@ def _add_frame(element: ElementTree.Element, frames: list[list[float]], times_ms
         times_ms.append(float(element.get("time") or "nan"))
 
 
-def sniff_glb(path: Path, head: bytes) -> bool:
-    """Return True if a file is a binary glTF container."""
-    return head[:4] == b"glTF"
-
-
-@plugin("motion_reader", "glb", sniff=sniff_glb, suffixes=(".glb",))
-def read_glb(
-    path: Path,
-    *,
-    key: str | None = None,
-    units: str | None = None,
-    up_axis: str | None = None,
-    rate_hz: float | None = None,
-) -> Motion:
-    """Read the joints of an animation in a binary glTF file, uncleaned."""
+@point_format("glb", rb"glTF", (".glb",), skeleton=True)
+def parse_glb(path: Path, *, key: str | None = None, rate_hz: float | None = None) -> Points:
+    """Read the joints of an animation in a binary glTF file."""
     # key is the name of the animation, rate_hz the rate to sample it at
     try:
         scene, binary = _split_glb(path)
@@ -188,19 +169,9 @@ def read_glb(
                 f"{path}: holds the animations {', '.join(names) or 'none'}; "
                 + ("name one: key='...'" if names else "export an animation of the skeleton")
             )
-        joints, rate = _animate(path, scene, binary, animations[names.index(key) if key else 0], rate_hz)
+        return _animate(path, scene, binary, animations[names.index(key) if key else 0], rate_hz)
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, struct.error) as error:
         raise MotionError(f"{path}: is a damaged or unusual glTF file: {error!r}") from None
-    return make_joint_motion(
-        path,
-        joints,
-        kind="glb",
-        rate_hz=rate,
-        rate_from="file" if rate_hz is None else "option",
-        unit=units or "m",
-        unit_from="option" if units else "format",
-        up_axis=up_axis,
-    )
 
 
 def _split_glb(path: Path) -> tuple[dict[str, Any], bytes]:
@@ -282,7 +253,7 @@ def _list_ancestors(node: int, parents: Mapping[int, int], n_nodes: int) -> list
 
 def _animate(
     path: Path, scene: Mapping[str, Any], binary: bytes, animation: Mapping[str, Any], rate_hz: float | None
-) -> tuple[Joints, float]:
+) -> Points:
     """Sample an animation at a rate: joints of the largest skin, or all nodes."""
     from scipy.spatial.transform import Rotation
 
@@ -320,12 +291,17 @@ def _animate(
             for what, rest in (("translation", (0, 0, 0)), ("rotation", (0, 0, 0, 1)), ("scale", (1, 1, 1)))
         )
         translation[j], linear[j] = moved, Rotation.from_quat(turned).as_matrix() * scaled[..., np.newaxis, :]
-    position = forward_kinematics(
-        [place[chain[1]] if (chain := chains[n])[1:] else -1 for n in order], translation, linear
-    )
+    parents = [place[above[n]] if n in above else -1 for n in order]
+    position = forward_kinematics(parents, translation, linear)
     bones = set(max((skin["joints"] for skin in scene.get("skins", ())), key=len, default=order))
-    kept = [n for n in order if n in bones]
-    number = {n: j for j, n in enumerate(kept)}
-    parents = [next((number[a] for a in chains[n][1:] if a in bones), min(j, 1) - 1) for j, n in enumerate(kept)]
-    names = tuple(str(nodes[n].get("name", f"node_{n}")) for n in kept)
-    return Joints(names, tuple(parents), position[:, [place[n] for n in kept]]), rate
+    kept = [j for j, n in enumerate(order) if n in bones]
+    return Points(
+        [str(nodes[order[j]].get("name", f"node_{order[j]}")) for j in kept],
+        position[:, kept],
+        unit="m",
+        unit_from="format",
+        rate_hz=rate,
+        rate_from="file",
+        declared_up="y",
+        parents=connect_kept(parents, kept),
+    )

@@ -17,8 +17,6 @@ import numpy.typing as npt
 
 from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError, warn_caller
-from doppelgait.core.plugins import plugin
-from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.points import check_amount, convert_unit_to_metres, measure_body_extent
 from doppelgait.motion.readers.text import (
     MAX_DIGITS,
@@ -26,7 +24,6 @@ from doppelgait.motion.readers.text import (
     Row,
     is_other,
     list_head_lines,
-    make_timed_motion,
     note_frames,
     point_format,
     read_lines,
@@ -306,18 +303,11 @@ def sniff_table(path: Path, head: bytes) -> bool:
     return bool(one) or _has_axis_row(rows) or _split_triples(rows[0][1]) != rows[0][1]
 
 
-@plugin("motion_reader", "table", sniff=sniff_table, suffixes=(".csv", ".tsv", ".txt"))
-def read_table(
-    path: Path,
-    *,
-    subject: str | None = None,
-    units: str | None = None,
-    up_axis: str | None = None,
-    rate_hz: float | None = None,
-    resample_hz: float | None = None,
-    missing: float | None = None,
-) -> Motion:
-    """Read the points of a delimited table, not cleaned."""
+@point_format("table", sniff_table, (".csv", ".tsv", ".txt"))
+def parse_table(
+    path: Path, *, units: str | None = None, rate_hz: float | None = None, missing: float | None = None
+) -> Points:
+    """Read the points of a delimited table."""
     # the column of times is time_s, time_ms or Time; without a unit, times are in s
     rows = split_rows(path, read_lines(path))
     if not rows:
@@ -358,15 +348,7 @@ def read_table(
     if header.time_column is not None and rate_hz is None:
         title = header.titles[header.time_column]
         times = read_times(path, frames, header.time_column, title, factor=header.time_factor)
-    return make_timed_motion(
-        path,
-        Points(header.labels, position, each=names, times=times, notes=notes),
-        file_format="table",
-        subject=subject,
-        up_axis=up_axis,
-        rate_hz=rate_hz,
-        resample_hz=resample_hz,
-    )
+    return Points(header.labels, position, each=names, times=times, notes=notes)
 
 
 def _find_coordinate_units(path: Path, header: Header, units: str | None, notes: list[str]) -> list[list[str]]:

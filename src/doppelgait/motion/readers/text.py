@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +17,7 @@ from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
+from doppelgait.motion.readers.joints import REST_POSE_NOTE, find_skeleton_unit, has_rest_pose, pick_joints
 from doppelgait.motion.readers.points import (
     MAX_RATE_HZ,
     MIN_FRAMES,
@@ -297,30 +301,35 @@ def resample(path: Path, position: FloatArray, time_s: FloatArray, rate_hz: floa
 class Points:
     """Points of a file, with what it states about rate and unit. Shapes: position (T, P, 3).
 
-    An empty unit is guessed; None must be given. ``each`` are the units of points or of their coordinates, and
-    ``rate_from`` is the device whose usual rate is assumed.
+    An empty unit is guessed; None must be given, except of a skeleton, which has ``parents``. ``each`` are the units
+    of points or of their coordinates, and ``device`` is the one whose usual rate is assumed.
     """
 
     labels: Sequence[str]
     position: FloatArray
-    unit: str | None = None
+    unit: str | float | None = None
+    unit_from: str = ""
     each: Sequence[Sequence[str]] | None = None
     rate_hz: float | str | None = None
     rate_from: str = ""
+    device: str = ""
     times: Times | None = None
     declared_up: str = ""
     usual_up: str = "z"
     subject: str = ""
     texts: Mapping[str, Sequence[str]] = field(default_factory=dict)
     parts: Mapping[str, str] = field(default_factory=dict)
+    report: Mapping[str, str] = field(default_factory=dict)
     notes: Sequence[str] = ()
+    parents: Sequence[int] | None = None
+    root_turns: FloatArray | None = None
 
 
 def make_timed_motion(
     path: Path,
     points: Points,
-    *,
     file_format: str,
+    *,
     subject: str | None = None,
     units: str | None = None,
     up_axis: str | None = None,
@@ -329,35 +338,51 @@ def make_timed_motion(
 ) -> Motion:
     """Make the motion of one body's points over a time axis."""
     lacks_rate = rate_hz is None and points.times is None and points.rate_hz is None
-    unit = units or points.unit
+    stated = units or points.unit
     if missing := [
         *(["frame rate: rate_hz=..."] if lacks_rate else []),
-        *(["length unit: units='mm', 'cm' or 'm'"] if unit is None and points.each is None else []),
+        *(
+            ["length unit: units='mm', 'cm' or 'm'"]
+            if stated is None and points.each is None and points.parents is None
+            else []
+        ),
     ]:
         raise MotionError(
             f"{path}: states no {' and no '.join(name.split(':')[0] for name in missing)}; give the "
             f"{', and the '.join(missing)}"
         )
-    notes = list(points.notes)
+    notes, rate_from = list(points.notes), ""
+    if points.root_turns is not None and has_rest_pose(points.root_turns, points.position):
+        points = replace(points, position=points.position[1:])
+        notes.append(REST_POSE_NOTE)
     position, rate = _space_evenly(path, points, notes, rate_hz, resample_hz)
-    body = pick_markers(path, points.labels, subject=subject, texts=points.texts, known_parts=points.parts)
-    each = None
-    if points.each is not None and units is None:
-        names = [points.each[i] for i in body.kept]
-        each = np.array([[convert_unit_to_metres(name, where=str(path)) for name in point] for point in names])
-        flat = [name for point in names for name in point]
-        unit = max(dict.fromkeys(flat), key=flat.count)
-    unit = find_unit(path, unit or "", position[:, body.kept])
+    if points.parents is not None:
+        body = pick_joints(path, points.labels, points.parents, position)
+        unit_from = "option" if units else points.unit_from
+        unit = find_skeleton_unit(path, body, points.parents, position, stated, unit_from)
+        rate_from = points.rate_from if rate_hz is None else "option"
+    else:
+        body = pick_markers(path, points.labels, subject=subject, texts=points.texts, known_parts=points.parts)
+        each = None
+        if points.each is not None and units is None:
+            names = [points.each[i] for i in body.kept]
+            each = np.array([[convert_unit_to_metres(name, where=str(path)) for name in point] for point in names])
+            flat = [name for point in names for name in point]
+            stated = max(dict.fromkeys(flat), key=flat.count)
+        name = find_unit(path, str(stated or ""), position[:, body.kept])
+        unit = LengthUnit(name, convert_unit_to_metres(name, where=str(path)), each=each)
     return make_point_motion(
         path,
         position,
         body if body.subject else replace(body, subject=points.subject),
         file_format=file_format,
         rate_hz=rate,
-        unit=LengthUnit(unit, convert_unit_to_metres(unit, where=str(path)), each=each),
+        unit=unit,
         up_axis=up_axis,
         declared_up=points.declared_up,
         usual_up=points.usual_up,
+        rate_from=rate_from,
+        report=points.report,
         notes=notes,
     )
 
@@ -378,8 +403,8 @@ def _space_evenly(
         return even, rate
     if rate_hz is not None:
         return position, check_rate(path, rate_hz, said="was given")
-    if points.rate_from:
-        notes.append(f"the format states no frame rate; {points.rate_hz} Hz, that of {points.rate_from}, is assumed")
+    if points.device:
+        notes.append(f"the format states no frame rate; {points.rate_hz} Hz, that of {points.device}, is assumed")
         warn_caller(f"{path}: {notes[-1]}. If that is wrong, give the rate: rate_hz=...")
     if times is None:
         return position, check_rate(path, points.rate_hz, said="declares")
@@ -399,33 +424,36 @@ def _space_evenly(
 
 
 def point_format(
-    name: str, sniff: Callable[[Path, bytes], bool], suffixes: Sequence[str]
-) -> Callable[[Callable[[Path], Points]], Callable[[Path], Points]]:
-    """Register a parser of points as a motion reader with the usual options."""
+    name: str, opening: bytes | Callable[[Path, bytes], bool], suffixes: Sequence[str], *, skeleton: bool = False
+) -> Callable[[Callable[..., Points]], Callable[..., Points]]:
+    """Register a parser of points as a motion reader; its files begin with a pattern, or are told by a function."""
+    # the parser gets the options that it names, the last step those of every format; units belong to one of both
+    no_options = {"subject", "resample_hz"} if skeleton else set()
 
-    def register(parse: Callable[[Path], Points]) -> Callable[[Path], Points]:
-        @plugin("motion_reader", name, sniff=sniff, suffixes=tuple(suffixes))
-        def read(
-            path: Path,
-            *,
-            subject: str | None = None,
-            units: str | None = None,
-            up_axis: str | None = None,
-            rate_hz: float | None = None,
-            resample_hz: float | None = None,
-        ) -> Motion:
-            return make_timed_motion(
-                path,
-                parse(path),
-                file_format=name,
-                subject=subject,
-                units=units,
-                up_axis=up_axis,
-                rate_hz=rate_hz,
-                resample_hz=resample_hz,
-            )
+    def sniff(path: Path, head: bytes) -> bool:
+        return re.match(opening, head.removeprefix(b"\xef\xbb\xbf").lstrip()) is not None  # type: ignore[arg-type]
 
+    def register(parse: Callable[..., Points]) -> Callable[..., Points]:
+        own, last = (
+            {p.name: p for p in inspect.signature(run, eval_str=True).parameters.values() if p.kind is p.KEYWORD_ONLY}
+            for run in (parse, make_timed_motion)
+        )
+        last = {option: p for option, p in last.items() if option not in no_options}
+        steps = {**{option: p for option, p in own.items() if option not in last}, **last}
+
+        def read(path: Path, **options: Any) -> Motion:
+            points = parse(path, **{option: options[option] for option in own if option in options})
+            left = {option: value for option, value in options.items() if option in last}
+            if "units" in own:
+                left.pop("units", None)
+            return make_timed_motion(path, points, name, **left)
+
+        taken = inspect.Parameter("path", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=Path)
         read.__doc__ = parse.__doc__
+        read.__signature__ = inspect.Signature([taken, *steps.values()])  # type: ignore[attr-defined]
+        plugin("motion_reader", name, sniff=sniff if isinstance(opening, bytes) else opening, suffixes=tuple(suffixes))(
+            read
+        )
         return parse
 
     return register
