@@ -9,12 +9,13 @@ sniffer takes the file. ``parts(path)`` lists the options of each recording in a
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from numbers import Integral, Real
 from pathlib import Path
 from types import UnionType
-from typing import Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.core.plugins import Group, Plugin, read_head
@@ -136,17 +137,37 @@ def check_options(
     except NameError:  # of another package, which names types that it imports for type checkers only
         return
     for name, value in options.items():
-        kind = parameters[name].annotation if name in parameters else Any
-        members = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-        if any(_is_of_type(value, member) for member in members):
-            continue
-        words = [text for member, text in WORDS.items() if member in members]
-        words += [repr(choice) for member in members if get_origin(member) is Literal for choice in get_args(member)]
-        raise error(f"{path}: {name} = {repr(value)[:80]} is not allowed; it must be {' or '.join(words) or kind}")
+        check_value(path, name, value, parameters[name].annotation if name in parameters else Any, error=error)
+
+
+class Limits(NamedTuple):
+    """Limits of a finite number, ``Annotated[float, Limits(0, 1e6)]``: above the first, at most the second."""
+
+    above: float = -math.inf
+    most: float = math.inf
+
+    def __str__(self) -> str:
+        texts = [f"above {self.above:g}"] if self.above > -math.inf else []
+        texts += [f"at most {self.most:g}"] if self.most < math.inf else []
+        return " " + " and ".join(texts) if texts else ""
+
+
+def check_value(path: Path, name: str, value: Any, kind: Any, *, error: type[DoppelgaitError]) -> None:
+    """Check that a value has an annotated type and is within its limits."""
+    members = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    if any(_is_of_type(value, member) for member in members):
+        return
+    limits = {base: str(limit) for base, limit in (get_args(m) for m in members if get_origin(m) is Annotated)}
+    words = [f"{text}{limits.get(base, '')}" for base, text in WORDS.items() if base in (*members, *limits)]
+    words += [repr(choice) for member in members if get_origin(member) is Literal for choice in get_args(member)]
+    raise error(f"{path}: {name} = {repr(value)[:80]} is not allowed; it must be {' or '.join(words) or kind}")
 
 
 def _is_of_type(value: Any, kind: Any) -> bool:
     """Return whether a value has a type; of types that are not understood, every value has."""
+    if get_origin(kind) is Annotated:
+        base, limits = get_args(kind)
+        return _is_of_type(value, base) and math.isfinite(value) and limits.above < value <= limits.most
     if kind in (int, float):
         return isinstance(value, Integral if kind is int else Real) and not isinstance(value, bool)
     if get_origin(kind) is Literal:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +12,8 @@ import numpy.typing as npt
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+from doppelgait.core.readers import Limits, check_value
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS, FloatArray
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording, make_baseband_facts
 from doppelgait.radar.slow_time import place_pulses
@@ -26,17 +26,58 @@ CHECK_ROWS = 4096
 """Number of rows per block in the search for NaN."""
 
 
-def check_number(path: Path, name: str, value: Any, *, above: float = -math.inf, most: float = math.inf) -> float:
-    """Return a finite number above ``above`` and at most ``most``."""
-    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    if number and math.isfinite(value) and above < value <= most:
-        return float(value)
-    limits = [f"above {above:g}"] if above > -math.inf else []
-    limits += [f"at most {most:g}"] if most < math.inf else []
-    raise RecordingError(
-        f"{path}: {name} = {repr(value)[:80]} is not allowed; it must be a number"
-        + (f" {' and '.join(limits)}" if limits else "")
-    )
+POSITIVE = Limits(0.0, 1e6)
+Positive = Annotated[float, POSITIVE]
+"""Type of an option: a rate in Hz, a duration in s or a level in V."""
+
+
+def check_number(path: Path, name: str, value: Any, **limits: float) -> float:
+    """Return a finite number within :class:`Limits`."""
+    check_value(path, name, value, Annotated[float, Limits(**limits)], error=RecordingError)
+    return float(value)
+
+
+def choose_number(path: Path, name: str, value: int | None, count: int, further: str = "") -> int:
+    """Return the number, from 0, of one of several channels, antennas, ...; that of a single one needs no option."""
+    if value is None and count == 1:
+        return 0
+    if value is None or not 0 <= value < count:
+        fault = f"holds {count} {name}s" if value is None else f"{name} = {value!r} is not allowed"
+        raise RecordingError(f"{path}: {fault}; give {name} = 0 to {count - 1}{further}")
+    return value
+
+
+def read_limited(path: Path, max_bytes: int) -> bytes:
+    """Read a whole file of limited size."""
+    if (size := path.stat().st_size) > max_bytes:
+        raise RecordingError(f"{path}: has {size:,} bytes, at most {max_bytes:,} are read")
+    return path.read_bytes()
+
+
+def split_rows(path: Path, values: npt.NDArray[Any], size: int, noun: str, *, least: int = 2) -> npt.NDArray[Any]:
+    """Return samples as rows of a size; a last row that is not whole is left out with a warning."""
+    count, rest = divmod(len(values), size)
+    if count < least:
+        raise RecordingError(
+            f"{path}: holds {len(values)} samples, less than {least} {noun}s of {size}; the file is cut off"
+        )
+    if rest:
+        warn_caller(f"{path}: the last {noun} has {rest} of {size} samples and is left out; the file is cut off")
+    return values[: count * size].reshape(count, size, *values.shape[1:])
+
+
+PAUSE = 0.01
+"""Minimum pause between frames, in pulses, for which frames count as bursts."""
+
+
+def place_frames(
+    n_frames: int, n_pulses: int, frame_s: float, rate_hz: float
+) -> tuple[FloatArray, float, dict[str, int]]:
+    """Return the times of the pulses of even frames, their rate, and ``burst_pulses`` if the frames have pauses."""
+    is_paused = n_pulses > 1 and frame_s * rate_hz - n_pulses > PAUSE
+    rate_hz = rate_hz if is_paused else n_pulses / frame_s
+    times_s = frame_s * np.arange(n_frames)[:, None] + np.arange(n_pulses) / rate_hz
+    return times_s.ravel(), rate_hz, {"burst_pulses": n_pulses} if is_paused and n_frames > 1 else {}
 
 
 def adapt_preset(path: Path, preset: str | Path, *, n_range_bins: int, range_start_m: float, **facts: Any) -> Radar:

@@ -130,7 +130,7 @@ def test_numbers_of_several_range_bins(tmp_path):
         ("a.bin", lambda p: p.write_bytes(b"x" * 80), {}, "could be dca1000 .*config.* or raw .*dtype"),
         ("a.bin", lambda p: p.write_bytes(b"x" * 80), {"prf_hz": 1.0}, "give dtype"),
         ("a.raw", lambda p: p.write_bytes(bytes(80)), {"dtype": "c16"}, "dtype = 'c16' is not allowed"),
-        ("a.cs16", lambda p: p.write_bytes(bytes(4)), {}, "holds 1 pulses of 1 samples"),
+        ("a.cs16", lambda p: p.write_bytes(bytes(4)), {}, "holds 1 samples, less than 2 pulses of 1"),
         ("a.wav", lambda p: wavfile.write(p, 500, PAIRS[:, [0, 1, 0]]), {}, "holds 3 channels; give channel = 0 to 2"),
         ("a.wav", lambda p: p.write_bytes(b"RIFF\1\0\0\0WAVE"), {}, "damaged or unusual WAV"),
         ("a.csv", lambda p: save(p, "t,a,b\n0,1,2\n1,2,3\n"), {}, r"has the columns t, a, b.*columns='time_ms,i,q'"),

@@ -12,7 +12,7 @@ from doppelgait.core.errors import DoppelgaitWarning, OutputError, RecordingErro
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import Radar, read_recording
 from doppelgait.radar.readers import find_formats
-from doppelgait.radar.readers.sigmf import read_sigmf, write_sigmf
+from doppelgait.radar.readers.sigmf import write_sigmf
 from doppelgait.radar.recording import Recording, TargetTruth
 
 RADAR = Radar(
@@ -54,7 +54,7 @@ def test_round_trip(tmp_path, name):
     for ending in ("sigmf-meta", "sigmf-data"):
         path = tmp_path / f"walk.{ending}"
         assert find_formats(path) == ["sigmf"]
-        again = read_sigmf(path)
+        again = read_recording(path)
         assert np.array_equal(again.baseband.values, recording.baseband.values)
         assert np.array_equal(again.baseband.range.values, recording.baseband.range.values)
         np.testing.assert_allclose(again.baseband.slow_time.values, recording.baseband.slow_time.values, atol=1e-12)
@@ -107,7 +107,7 @@ def test_the_sigmf_package_writes_what_is_read(tmp_path):
     )
     theirs.add_capture(0, metadata={"core:frequency": 10.525e9})
     theirs.tofile(str(tmp_path / "x.sigmf-meta"))
-    recording = read_sigmf(tmp_path / "x.sigmf-meta")
+    recording = read_recording(tmp_path / "x.sigmf-meta")
     assert np.array_equal(recording.baseband.values[:, 0], values)
     assert (recording.radar.carrier_hz, recording.radar.prf_hz) == (10.525e9, 3000.0)
 
@@ -119,7 +119,7 @@ def test_sixteen_bit(tmp_path):
     largest = max(np.abs(flat.real).max(), np.abs(flat.imag).max())
     assert (tmp_path / "walk.sigmf-data").stat().st_size == 4 * flat.size
     np.testing.assert_allclose(
-        read_sigmf(tmp_path / "walk.sigmf-meta").baseband.values.ravel(), flat, atol=largest / 32767
+        read_recording(tmp_path / "walk.sigmf-meta").baseband.values.ravel(), flat, atol=largest / 32767
     )
     with pytest.raises(RecordingError, match="datatype = 'cf64'"):
         write_sigmf(recording, tmp_path / "walk", datatype="cf64")
@@ -132,7 +132,7 @@ def test_pauses_are_captures(tmp_path):
     meta = json.loads((tmp_path / "walk.sigmf-meta").read_text())
     n = recording.n_range_bins
     assert [c["core:sample_start"] for c in meta["captures"]] == [0, 10 * n, 20 * n, 30 * n]
-    again = read_sigmf(tmp_path / "walk.sigmf-meta")
+    again = read_recording(tmp_path / "walk.sigmf-meta")
     np.testing.assert_allclose(again.baseband.slow_time.values, times, atol=1e-12)
     assert again.baseband.attrs["burst_pulses"] == 10
 
@@ -145,7 +145,7 @@ def test_labels_are_kept_and_the_truth_is_not(tmp_path):
     meta = json.loads((tmp_path / "walk.sigmf-meta").read_text())
     assert [one["core:label"] for one in meta["annotations"]] == ["human", "dog"]
     assert meta["annotations"][0]["core:sample_count"] == recording.baseband.size
-    again = read_sigmf(tmp_path / "walk.sigmf-meta")
+    again = read_recording(tmp_path / "walk.sigmf-meta")
     assert again.truth == ()
     assert "annotated: human, dog" in again.notes
     assert any("truth" in note for note in again.notes)
@@ -160,7 +160,7 @@ def test_labels_are_kept_and_the_truth_is_not(tmp_path):
 )  # fmt: skip
 def test_foreign_samples(tmp_path, datatype, dtype, unit):
     pairs = np.random.default_rng(1).integers(-100, 100, (30, 2)).astype(dtype)
-    recording = read_sigmf(foreign(tmp_path, pairs, datatype=datatype))
+    recording = read_recording(foreign(tmp_path, pairs, datatype=datatype))
     np.testing.assert_allclose(recording.baseband.values[:, 0], (pairs[:, 0] + 1j * pairs[:, 1]) * unit, rtol=1e-6)
     np.testing.assert_allclose(recording.baseband.slow_time.values, np.arange(30) / 1000.0)
     assert recording.radar.waveform.kind == "cw"
@@ -170,7 +170,7 @@ def test_foreign_samples(tmp_path, datatype, dtype, unit):
 
 def test_unsigned_samples_have_their_zero_in_the_middle(tmp_path):
     pairs = np.array([[0, 255], [128, 128]], dtype="u1")
-    values = read_sigmf(foreign(tmp_path, pairs, datatype="cu8")).baseband.values[:, 0]
+    values = read_recording(foreign(tmp_path, pairs, datatype="cu8")).baseband.values[:, 0]
     np.testing.assert_allclose(values, [-1 + 127j / 128, 0])
 
 
@@ -178,11 +178,11 @@ def test_options_of_foreign_files(tmp_path):
     pairs = np.arange(60, dtype="<f4").reshape(30, 2)
     path = foreign(tmp_path, pairs, rate_hz=None)
     flat = pairs[:, 0] + 1j * pairs[:, 1]
-    with pytest.raises(RecordingError, match="no core:sample_rate; give prf_hz"):
-        read_sigmf(path)
-    with pytest.raises(RecordingError, match="no range axis; give bin_spacing_m"):
-        read_sigmf(path, samples_per_pulse=5, prf_hz=200.0)
-    recording = read_sigmf(
+    with pytest.raises(RecordingError, match="prf_hz is stated nowhere: no core:sample_rate"):
+        read_recording(path)
+    with pytest.raises(RecordingError, match="bin_spacing_m is stated nowhere: SigMF states no range axis"):
+        read_recording(path, samples_per_pulse=5, prf_hz=200.0)
+    recording = read_recording(
         path, samples_per_pulse=5, prf_hz=200.0, bin_spacing_m=0.1, range_start_m=2.0, carrier_hz=7e9, conjugate=True,
         scale_v=0.5,
     )  # fmt: skip
@@ -192,17 +192,17 @@ def test_options_of_foreign_files(tmp_path):
     assert recording.radar.range_resolution_m == pytest.approx(0.1)
     assert (recording.radar.carrier_hz, recording.radar.prf_hz) == (7e9, 200.0)
     rated = foreign(tmp_path, pairs, rate_hz=1000.0)
-    assert read_sigmf(rated, samples_per_pulse=5, bin_spacing_m=0.1).radar.prf_hz == 200.0
-    with pytest.warns(DoppelgaitWarning, match="not whole pulses of 7; the last 2 are left out"):
-        assert read_sigmf(rated, samples_per_pulse=7, bin_spacing_m=0.1).baseband.shape == (4, 7)
+    assert read_recording(rated, samples_per_pulse=5, bin_spacing_m=0.1).radar.prf_hz == 200.0
+    with pytest.warns(DoppelgaitWarning, match="the last pulse has 2 of 7 samples and is left out"):
+        assert read_recording(rated, samples_per_pulse=7, bin_spacing_m=0.1).baseband.shape == (4, 7)
 
 
 def test_channels(tmp_path):
     pairs = np.arange(24, dtype="<f4")  # two channels: I Q I Q
     path = foreign(tmp_path, pairs, **{"core:num_channels": 2})
     with pytest.raises(RecordingError, match="holds 2 channels; give channel = 0 to 1"):
-        read_sigmf(path)
-    np.testing.assert_allclose(read_sigmf(path, channel=1).baseband.values[:2, 0], [2 + 3j, 6 + 7j])
+        read_recording(path)
+    np.testing.assert_allclose(read_recording(path, channel=1).baseband.values[:2, 0], [2 + 3j, 6 + 7j])
 
 
 def test_a_checksum_guards_the_samples(tmp_path):
@@ -210,9 +210,9 @@ def test_a_checksum_guards_the_samples(tmp_path):
     data = tmp_path / "walk.sigmf-data"
     data.write_bytes(data.read_bytes()[:-20])
     with pytest.raises(RecordingError, match="core:sha512"):
-        read_sigmf(data)
+        read_recording(data)
     with pytest.warns(DoppelgaitWarning) as told:
-        recording = read_sigmf(data, ignore_checksum=True)
+        recording = read_recording(data, ignore_checksum=True)
     assert recording.n_pulses == 39
     assert "not whole" in str(told[0].message)
 
@@ -241,7 +241,7 @@ def test_a_gap_between_captures_is_a_gap_in_time(tmp_path, second, gap_s):
     first = {"core:sample_start": 0, "core:datetime": "2026-03-01T00:00:00.0Z", "core:global_index": 1200}
     path = captures(foreign(tmp_path, TURN), first, {"core:sample_start": 300, **second})
     with pytest.warns(DoppelgaitWarning, match="1 pause") if gap_s else nullcontext():
-        recording = read_sigmf(path)
+        recording = read_recording(path)
     wanted_s = np.arange(400) / 1000.0 + gap_s * (np.arange(400) >= 300)
     np.testing.assert_allclose(recording.slow_time_s, wanted_s, atol=1e-4)
 
@@ -250,16 +250,16 @@ def test_a_gap_between_captures_is_a_gap_in_time(tmp_path, second, gap_s):
 def test_two_real_channels_are_i_and_q_on_request_and_one_has_no_direction(tmp_path, order):
     pairs = np.round(np.stack([TURN.real, TURN.imag], axis=-1) * 2**14).astype({"le": "<i2", "be": ">i2"}[order])
     path = foreign(tmp_path, pairs, datatype=f"ri16_{order}", **{"core:num_channels": 2})
-    both = read_sigmf(path, channels="iq")
+    both = read_recording(path, channels="iq")
     np.testing.assert_allclose(both.samples.matrix[:, 0], TURN / 2, atol=1e-4)
-    single = read_sigmf(path, channel=0)
+    single = read_recording(path, channel=0)
     np.testing.assert_allclose(single.samples.matrix[:, 0], TURN.real / 2, atol=1e-4)
     assert single.facts["one_output"] is True
     assert "one_output" not in both.facts
 
 
 def test_an_archive_is_read_and_only_its_two_files(tmp_path):
-    wanted = read_sigmf(foreign(tmp_path, TURN))
+    wanted = read_recording(foreign(tmp_path, TURN))
     with tarfile.open(tmp_path / "a.sigmf", "w") as archive:
         archive.add(tmp_path / "other.sigmf-data", "walk/other.sigmf-data")
         archive.add(tmp_path / "other.sigmf-meta", "walk/other.sigmf-meta")
@@ -282,7 +282,7 @@ def test_bytes_of_other_formats_around_the_samples_are_left_out(tmp_path):
     noise = np.frombuffer(b"head" + content[:1600] + b"middle12" + content[1600:] + b"end", np.uint8)
     path = foreign(tmp_path, noise, **{"core:trailing_bytes": 3})
     heads = ({"core:sample_start": 0, "core:header_bytes": 4}, {"core:sample_start": 200, "core:header_bytes": 8})
-    assert np.array_equal(read_sigmf(captures(path, *heads)).samples.matrix[:, 0], TURN)
+    assert np.array_equal(read_recording(captures(path, *heads)).samples.matrix[:, 0], TURN)
 
 
 @pytest.mark.parametrize(
@@ -293,7 +293,7 @@ def test_bytes_of_other_formats_around_the_samples_are_left_out(tmp_path):
         ({"core:version": "0.0.2"}, "is SigMF 0.0.2; only 1.x"),
         ({"rate_hz": 20e6}, "samples within pulses. Give samples_per_pulse"),
         ({"rate_hz": -1}, "core:sample_rate is -1"),
-        ({"frequency": None}, "has no carrier; give carrier_hz"),
+        ({"frequency": None}, "carrier_hz is stated nowhere"),
         ({"core:num_channels": 0}, "core:num_channels is 0"),
         ({"core:dataset": "../x.bin"}, "must be the name of a file in the same folder"),
         ({"core:trailing_bytes": -4}, "core:trailing_bytes are damaged"),
@@ -302,24 +302,24 @@ def test_bytes_of_other_formats_around_the_samples_are_left_out(tmp_path):
 def test_what_cannot_be_read_is_named(tmp_path, changes, message):
     path = foreign(tmp_path, np.ones(20, dtype="<f4"), **changes)
     with pytest.raises(RecordingError, match=message):
-        read_sigmf(path)
+        read_recording(path)
 
 
 def test_more_refusals(tmp_path):
     path = foreign(tmp_path, np.array([1, np.nan] * 10, dtype="<f4"))
     with pytest.raises(RecordingError, match="NaN"):
-        read_sigmf(path)
+        read_recording(path)
     (tmp_path / "other.sigmf-data").unlink()
     with pytest.raises(RecordingError, match=r"holds the samples of other\.sigmf-meta"):
-        read_sigmf(path)
+        read_recording(path)
     for text, message in (("[1]", "damaged or no SigMF"), ("{", "damaged or no SigMF"), ("[" * 100_000, "damaged")):
         path.write_text(text)
         with pytest.raises(RecordingError, match=message):
-            read_sigmf(path)
+            read_recording(path, format="sigmf")
     with pytest.raises(RecordingError, match="no such file; a SigMF recording is a pair"):
-        read_sigmf(tmp_path / "none.sigmf-data")
+        read_recording(tmp_path / "none.sigmf-data", format="sigmf")
     write_sigmf(make_recording(), tmp_path / "walk")
     with pytest.raises(RecordingError, match="states its own axes; leave out prf_hz"):
-        read_sigmf(tmp_path / "walk.sigmf-meta", prf_hz=3.0)
+        read_recording(tmp_path / "walk.sigmf-meta", prf_hz=3.0)
     with pytest.raises(OutputError):
         write_sigmf(make_recording(), tmp_path / "no" / "walk")

@@ -23,8 +23,7 @@ from doppelgait.dataset import open_dataset
 from doppelgait.dataset.export import EXPORTERS, PLACES, export_dataset, make_file_name, refuse_unreleasable
 from doppelgait.dataset.exporters import Zarr
 from doppelgait.dataset.open import Dataset
-from doppelgait.radar import Radar
-from doppelgait.radar.readers.sigmf import read_sigmf
+from doppelgait.radar import Radar, read_recording
 from doppelgait.testing import check_exporter
 
 INSTALLED = [form for form in EXPORTERS if form != "zarr"]
@@ -205,7 +204,7 @@ def test_sigmf_by_our_reader(dataset, tmp_path):
     export_dataset(dataset["test"], tmp_path / "out", form="sigmf")
     assert len(list((tmp_path / "out").rglob("*.sigmf-meta"))) == 6
     for example in dataset["test"]:
-        found = read_sigmf(tmp_path / "out" / "test" / f"{example.id}.sigmf-meta")
+        found = read_recording(tmp_path / "out" / "test" / f"{example.id}.sigmf-meta")
         assert np.array_equal(found.baseband.values, example.baseband.values)
         np.testing.assert_allclose(found.baseband.slow_time.values, example.baseband.slow_time.values, atol=1e-12)
         assert np.array_equal(found.baseband.range.values, example.baseband.range.values)

@@ -102,7 +102,7 @@ def read_facts(path: Path, options: Mapping[str, Any], stated: Mapping[str, Any]
 
 
 def _describe(
-    path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mapping[str, Any], *, is_forced: bool
+    path: Path, facts: ArrayFacts, shape: tuple[int, ...], parsed: Parsed, *, is_forced: bool
 ) -> tuple[FloatArray, FloatArray, Radar, list[str]]:
     """Return slow time, ranges, radar and notes: facts come before axes in the file, these before the radar."""
     n_pulses, n_bins = shape
@@ -115,6 +115,7 @@ def _describe(
             stated = validate(Radar, table, where="radar")
         except ConfigError as error:
             raise RecordingError(f"{path}: {error}") from None
+    axes = parsed.axes
     slow_time_s = _read_axis(path, axes, "slow_time_s", n_pulses)
     stamps_hz = None if slow_time_s is None else place_pulses(slow_time_s, where=str(path)).rate_hz
     if is_forced and stamps_hz is not None and facts.prf_hz is not None:
@@ -137,8 +138,9 @@ def _describe(
         known = {"range_start_m": 0.0, "bin_spacing_m": CW_RANGE_STOP_M, **known}
     needed = ("prf_hz", "carrier_hz", "range_start_m", "bin_spacing_m")
     if missing := [name for name in needed if name not in known]:
+        reasons = "".join(f": {parsed.hints[name]}" for name in missing if name in parsed.hints)
         raise RecordingError(
-            f"{path}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} stated nowhere; "
+            f"{path}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} stated nowhere{reasons}; "
             + ("" if path == IN_MEMORY else f"write them into {path.with_suffix('.toml').name} in its folder or ")
             + "give them as options (radar='PRESET' has all four)"
         )
@@ -218,28 +220,37 @@ def sniff_arrays(path: Path, head: bytes) -> bool:
 
 @dataclass(frozen=True)
 class Parsed:
-    """Values of a file, its axes, the facts that it states, and notes."""
+    """Values of a file, its axes, the facts that it states, notes, and reasons why a fact is not stated.
+    ``is_timed``: the axis of times has the rate of the options.
+    """
 
     values: npt.NDArray[Any]
     axes: Arrays = field(default_factory=dict)
     stated: Mapping[str, Any] = field(default_factory=dict)
     notes: Sequence[str] = ()
+    hints: Mapping[str, str] = field(default_factory=dict)
+    is_timed: bool = False
 
 
-def array_reader(name: str, **facts: Any) -> Callable[[Callable[..., Parsed]], Callable[..., Parsed]]:
-    """Register the reader of a format without a radar's facts: options and a TOML file of the same stem state them."""
+def array_reader(name: str, **facts: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Register the reader of a format without a radar's facts: options and a TOML file of the same stem state them.
+    ``parse`` gets the options that it names, all with ``**options``; it may also return a finished recording.
+    """
 
-    def register(parse: Callable[..., Parsed]) -> Callable[..., Parsed]:
+    def register(parse: Callable[..., Parsed | Recording]) -> Callable[..., Parsed | Recording]:
         own = inspect.signature(parse, eval_str=True)
-        first, *further = own.parameters.values()
-        names = [option.name for option in further]
+        first, *declared = own.parameters.values()
+        further = {option.name: option for option in declared if option.kind is KEYWORD}
+        names = {*further, *(OPTIONS if len(further) < len(declared) else ())}
 
         def read(path: Path, **options: Any) -> Recording:
             parsed = parse(path, **{name: value for name, value in options.items() if name in names})
+            if isinstance(parsed, Recording):
+                return parsed
             return label_array(path, parsed, {key: options[key] for key in options if key in ArrayFacts.model_fields})
 
-        shared = [inspect.Parameter(key, KEYWORD, default=None, annotation=OPTIONS[key]) for key in OPTIONS]
-        read.__signature__ = own.replace(parameters=[first, *shared, *further])  # type: ignore[attr-defined]
+        shared = {key: inspect.Parameter(key, KEYWORD, default=None, annotation=OPTIONS[key]) for key in OPTIONS}
+        read.__signature__ = own.replace(parameters=[first, *(shared | further).values()])  # type: ignore[attr-defined]
         read.__doc__ = parse.__doc__
         plugin("radar_reader", name, **facts)(read)
         return parse
@@ -259,12 +270,13 @@ def label_array(path: Path, parsed: Parsed, options: Mapping[str, Any]) -> Recor
     if values.dtype.kind not in "fiuc":
         raise RecordingError(f"{path}: holds {values.dtype} values; a baseband is numbers")
     if values.dtype.kind != "c":
-        if values.ndim == 1 or values.shape[1:] == (1,):
+        if values.ndim == 1 or values.shape[-1] == 1:
             attributes["one_output"] = True
             notes.append("one real output: approaching and receding cannot be told apart")
-            values = _join(values, np.zeros_like(values))
+            values = values if values.ndim == 1 else values[..., 0]
+            values = join_parts(values, np.zeros_like(values))
         elif values.ndim > 1 and values.shape[-1] == 2:
-            values = _join(values[..., 0], values[..., 1])
+            values = join_parts(values[..., 0], values[..., 1])
         else:
             raise RecordingError(
                 f"{path}: holds real values of shape {values.shape}; a baseband is complex, or real with I and Q along "
@@ -280,8 +292,8 @@ def label_array(path: Path, parsed: Parsed, options: Mapping[str, Any]) -> Recor
     values = values.conj() if facts.conjugate else values
     if facts.scale_v is not None and facts.scale_v != 1.0:
         values = facts.scale_v * values
-    is_forced = given.get("prf_hz") is not None
-    slow_time_s, range_m, made, assumed = _describe(path, facts, values.shape, parsed.axes, is_forced=is_forced)
+    is_forced = "prf_hz" in given and not parsed.is_timed
+    slow_time_s, range_m, made, assumed = _describe(path, facts, values.shape, parsed, is_forced=is_forced)
     notes = [*notes, *assumed] if facts.notes is None else facts.notes
     recording = label_measured(
         path, values, radar=made, slow_time_s=slow_time_s, range_m=range_m, notes=notes, attrs=attributes
@@ -347,10 +359,10 @@ def _pick(path: Path, arrays: Arrays, key: str | None) -> npt.NDArray[Any]:
             f"{path}: i is {i.dtype} of shape {i.shape} and q {q.dtype} of shape {q.shape}; both must be real and of "
             "one shape"
         )
-    return _join(i, q)
+    return join_parts(i, q)
 
 
-def _join(i: npt.NDArray[Any], q: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def join_parts(i: npt.NDArray[Any], q: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Join I and Q to complex values; 32-bit integers stay exact."""
     joined = np.empty(i.shape, np.result_type(i.dtype, np.complex64))
     joined.real, joined.imag = i, q

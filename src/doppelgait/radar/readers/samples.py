@@ -8,13 +8,15 @@ from __future__ import annotations
 import re
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import RecordingError, warn_caller
+from doppelgait.core.readers import Limits
+from doppelgait.radar.measured import choose_number, split_rows
 from doppelgait.radar.readers.arrays import Parsed, array_reader
 
 AUDIO_HZ = 4000.0
@@ -32,22 +34,24 @@ HEADER_LINES = 64
 MIN_PLAIN_HZ = 10.0
 """Slowest rate of times without a unit: slower ones are taken for ms."""
 UNITS_S = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "millis": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
-TIME = {
-    "t",
-    "seconds",
-    "sec",
-    "ms",
-    "us",
-    "time",
-    "timestamp",
-    "times",
-    "zeit",
-    "millis",
-    "elapsed",
-    "datetime",
-    "date",
-    "epoch",
-}
+TIME = set(
+    [
+        "t",
+        "seconds",
+        "sec",
+        "ms",
+        "us",
+        "time",
+        "timestamp",
+        "times",
+        "zeit",
+        "millis",
+        "elapsed",
+        "datetime",
+        "date",
+        "epoch",
+    ]
+)
 IN_PHASE = {"i", "re", "real", "inphase", "iraw", "idata"}
 QUADRATURE = {"q", "im", "imag", "imaginary", "quadrature", "quad", "qraw", "qdata"}
 COUNTERS = {"index", "sample", "samples", "n", "no", "nr", "count", "counter", "frame", "unnamed", "id"}
@@ -81,11 +85,9 @@ def parse_wav(path: Path, *, channel: int | None = None, decimate: int = 1) -> P
         raise RecordingError(f"{path}: is a damaged or unusual WAV file ({error}); save it again as PCM") from None
     if any("reached" in str(caution.message).lower() for caution in cautions):
         warn_caller(f"{path}: ends before the samples that its header states; the file is cut off")
-    n_channels = 1 if values.ndim == 1 else values.shape[1]
-    if channel is not None or n_channels > 2:
-        if channel is None or not 0 <= channel < n_channels:
-            raise RecordingError(f"{path}: holds {n_channels} channels; give channel = 0 to {n_channels - 1}")
-        values = values if values.ndim == 1 else values[:, channel]
+    channels = values.reshape(len(values), -1)
+    if channel is not None or channels.shape[1] > 2:
+        values = channels[:, choose_number(path, "channel", channel, channels.shape[1])]
     values = scale_integers(values)
     if not 1 <= decimate <= max(len(values) // 2, 1):
         raise RecordingError(f"{path}: decimate = {decimate} is not allowed; it must be 1 to half of the samples")
@@ -109,13 +111,25 @@ def parse_datatype(text: str) -> tuple[bool, np.dtype[Any]] | None:
     return match[1] == "c", np.dtype((">" if match[4] == "_be" else "<") + f"{kind}{int(match[3]) // 8}")
 
 
+PulseSamples = Annotated[int, Limits(0)]
+"""Type of the option of readers of samples in one row."""
+
+
+def decode_samples(path: Path, content: bytes, number: np.dtype[Any], *, n_parts: int) -> npt.NDArray[Any]:
+    """Return the numbers of interleaved samples, shape (samples, parts)."""
+    n_samples, rest = divmod(len(content), n_parts * number.itemsize)
+    if rest:
+        warn_caller(f"{path}: its last sample is not whole and is left out; the file is cut off, or its type is wrong")
+    return np.frombuffer(content, number, count=n_samples * n_parts).reshape(n_samples, n_parts)
+
+
 @array_reader(
     "raw",
     sniff=lambda path, head: False,
     suffixes=(*SUFFIXES, *OPEN_SUFFIXES),
     by_name=(*SUFFIXES, *OPEN_SUFFIXES),
 )
-def parse_raw(path: Path, *, dtype: str | None = None, samples_per_pulse: int = 1) -> Parsed:
+def parse_raw(path: Path, *, dtype: str | None = None, samples_per_pulse: PulseSamples = 1) -> Parsed:
     """Read interleaved I and Q without a header; the suffix or ``dtype`` names the type of the numbers."""
     name = SUFFIXES.get(path.suffix.lower()) if dtype is None else dtype
     if name is None:
@@ -130,16 +144,9 @@ def parse_raw(path: Path, *, dtype: str | None = None, samples_per_pulse: int = 
             "(signed), u or f, and the bits of a number, as in cs16, cu8, cf32, rs16, ci16_be"
         )
     is_complex, number = known_type
-    n_bytes = number.itemsize * (2 if is_complex else 1) * max(samples_per_pulse, 1)
-    n_pulses, rest = divmod(path.stat().st_size, n_bytes)
-    if samples_per_pulse < 1 or n_pulses < 2:
-        raise RecordingError(f"{path}: holds {n_pulses} pulses of {samples_per_pulse} samples {name}; 2 are needed")
-    if rest:
-        warn_caller(f"{path}: its last pulse is not whole and is left out; the file is cut off, or dtype is wrong")
     check_cost(path, 2 * path.stat().st_size, RecordingError)
-    values = scale_integers(np.fromfile(path, number, count=n_pulses * n_bytes // number.itemsize))
-    shape = (n_pulses, samples_per_pulse)
-    values = values.reshape(*shape, 2) if is_complex else values.reshape(shape)
+    numbers = decode_samples(path, path.read_bytes(), number, n_parts=1 + is_complex)
+    values = split_rows(path, scale_integers(numbers), samples_per_pulse, "pulse")
     return Parsed(values, {}, {}, [f"samples are taken as {name}; integers are shares of full scale"])
 
 
@@ -174,18 +181,18 @@ def _find_header(text: str) -> tuple[int, str, list[str]] | None:
         if not stripped:
             continue
         delimiter = next((mark for mark in (";", "\t", ",", " ") if mark in stripped), ",")
-        cells = [cell.strip().strip('"') for cell in stripped.split(delimiter) if cell.strip() or delimiter != " "]
+        cells = _split_cells(stripped, delimiter)
         if all(re.match(r"[-+]?[\d.,]", cell) for cell in cells):
             if not rows:
                 return number - 1, delimiter, []
             before, header = rows[-1]
-            return (
-                before,
-                delimiter,
-                [cell.strip().strip('"') for cell in header.split(delimiter) if cell.strip() or delimiter != " "],
-            )
+            return before, delimiter, _split_cells(header, delimiter)
         rows.append((number, stripped))
     return None
+
+
+def _split_cells(line: str, delimiter: str) -> list[str]:
+    return [cell.strip().strip('"') for cell in line.split(delimiter) if cell.strip() or delimiter != " "]
 
 
 def sniff_csv(path: Path, head: bytes) -> bool:

@@ -18,32 +18,22 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait import __version__
-from doppelgait.core.config import validate
 from doppelgait.core.documents import check_cost, parse_json
-from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
+from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.files import open_atomically
 from doppelgait.core.plugins import plugin, read_head
-from doppelgait.core.units import SPEED_OF_LIGHT_MPS, FloatArray
-from doppelgait.radar.measured import CW_FRAME_M, check_number, label_measured, make_cw_radar, make_radar
-from doppelgait.radar.parameters import Radar
+from doppelgait.core.units import FloatArray
+from doppelgait.radar.measured import choose_number, read_limited, split_rows
+from doppelgait.radar.readers.arrays import Parsed, array_reader
+from doppelgait.radar.readers.samples import PulseSamples, decode_samples, parse_datatype
 from doppelgait.radar.recording import Recording
 
 META = ".sigmf-meta"
 DATA = ".sigmf-data"
 ARCHIVE = ".sigmf"
 MAX_META_BYTES = 2**28
-DATATYPES = {
-    "f32": "f4",
-    "f64": "f8",
-    "i32": "i4",
-    "i16": "i2",
-    "i8": "i1",
-    "u32": "u4",
-    "u16": "u2",
-    "u8": "u1",
-}
-"""NumPy types by SigMF number type."""
 MAX_NOTE_LABELS = 20
+MAX_PRF_HZ = 1e6
 
 
 @dataclass(frozen=True)
@@ -57,26 +47,8 @@ class Metadata:
     number: np.dtype[Any]
     n_channels: int
     sample_rate_hz: float | None
-    is_real: bool
+    is_complex: bool
     packed: bytes | None = None
-
-    @property
-    def own(self) -> dict[str, Any] | None:
-        """Keys of doppelgait; None in a file of other software."""
-        found = {key: value for key, value in self.common.items() if key.startswith("doppelgait:")}
-        return found if "doppelgait:radar" in found else None
-
-    @property
-    def scale_v(self) -> Any:
-        """Volts of one unit: as stated, otherwise 1 V is the largest integer, or 1."""
-        largest = float(2 ** (8 * self.number.itemsize - 1)) if self.number.kind in "iu" else 1.0
-        return self.common.get("doppelgait:scale_v", 1.0 / largest)
-
-    def notes(self) -> list[str]:
-        """Return the labels of the annotations as a note."""
-        labels = [str(one["core:label"])[:80] for one in self.annotations if "core:label" in one]
-        shown = list(dict.fromkeys(labels))[:MAX_NOTE_LABELS]
-        return [f"annotated: {', '.join(shown)}"] if shown else []
 
 
 def find_sigmf_pair(path: Path) -> tuple[Path, Path]:
@@ -107,23 +79,17 @@ def read_archive(path: Path) -> tuple[bytes, str, bytes]:
 
 def read_metadata(path: Path) -> Metadata:
     """Read the metadata of a recording, from either file or from an archive."""
-    if path.name.endswith(ARCHIVE):
-        text, name, samples = read_archive(path)
-        try:
-            return replace(_parse_metadata(path, path / name, parse_json(text)), packed=samples)
-        except (ValueError, LookupError, TypeError) as error:
-            raise RecordingError(f"{path}: is damaged or no SigMF metadata: {error}") from None
     meta_path, data_path = find_sigmf_pair(path)
-    if not meta_path.is_file():
+    packed = None
+    if path.name.endswith(ARCHIVE):
+        text, name, packed = read_archive(path)
+        meta_path, data_path = path, path / name
+    elif meta_path.is_file():
+        text = read_limited(meta_path, MAX_META_BYTES)
+    else:
         raise RecordingError(f"{meta_path}: no such file; a SigMF recording is a pair NAME{META} and NAME{DATA}")
-    if meta_path.stat().st_size > MAX_META_BYTES:
-        raise RecordingError(
-            f"{meta_path}: has {meta_path.stat().st_size:,} bytes, at most {MAX_META_BYTES:,} are read"
-        )
     try:
-        return _parse_metadata(meta_path, data_path, parse_json(meta_path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise RecordingError(f"{meta_path}: cannot be read: {error.strerror or error}") from None
+        return replace(_parse_metadata(meta_path, data_path, parse_json(text)), packed=packed)
     except (ValueError, LookupError, TypeError) as error:
         raise RecordingError(f"{meta_path}: is damaged or no SigMF metadata: {error}") from None
 
@@ -152,60 +118,37 @@ def _parse_metadata(meta_path: Path, data_path: Path, content: Any) -> Metadata:
     if rate is not None and (isinstance(rate, bool) or not 0 < float(rate) < math.inf):
         raise ValueError(f"core:sample_rate is {rate!r}, must be above 0")
     datatype = str(common["core:datatype"])
-    kind, body = datatype[:1], datatype[1:]
-    base, _, order = body.partition("_")
-    if kind not in ("c", "r") or base not in DATATYPES or order not in ("", "le", "be"):
+    if (parsed := parse_datatype(datatype)) is None:
         raise ValueError(f"core:datatype is {datatype!r}, which is not a SigMF type")
-    number = np.dtype((">" if order == "be" else "<") + DATATYPES[base])
-    rate_hz = None if rate is None else float(rate)
-    return Metadata(data_path, common, captures, annotations, number, channels, rate_hz, kind == "r")
+    is_complex, number = parsed
+    return Metadata(
+        data_path, common, captures, annotations, number, channels, None if rate is None else float(rate), is_complex
+    )
 
 
 def read_samples(
     path: Path, meta: Metadata, *, channel: int | None, channels: str | None, ignore_checksum: bool
-) -> npt.NDArray[np.complex64]:
-    """Read the complex samples of one channel, shape (samples,). They are in units of the file."""
-    is_pair = channels is not None
-    if is_pair and not (meta.is_real and meta.n_channels == 2 and channel is None):
+) -> npt.NDArray[Any]:
+    """Read the numbers of one channel, or of I and Q, shape (samples, parts). Unsigned ones have their zero moved."""
+    is_pair, can_pair = channels is not None, not meta.is_complex and meta.n_channels == 2
+    if is_pair and not (can_pair and channel is None):
         raise RecordingError(f"{path}: channels = 'iq' is for two real channels, without channel; leave it out")
-    chosen = 0 if channel is None and (meta.n_channels == 1 or is_pair) else channel
-    if chosen is None or not 0 <= chosen < meta.n_channels:
-        said = f"holds {meta.n_channels} channels" if channel is None else f"channel = {channel!r} is not allowed"
-        pair = "; or channels='iq' if they are I and Q" if meta.is_real and meta.n_channels == 2 else ""
-        raise RecordingError(f"{path}: {said}; give channel = 0 to {meta.n_channels - 1}{pair}")
+    further = "; or channels='iq' if they are I and Q" if can_pair else ""
+    chosen = 0 if is_pair else choose_number(path, "channel", channel, meta.n_channels, further)
     if meta.packed is None and not meta.data_path.is_file():
         raise RecordingError(f"{meta.data_path}: no such file; it holds the samples of {path.name}")
-    try:
-        content = meta.data_path.read_bytes() if meta.packed is None else meta.packed
-    except OSError as error:
-        raise RecordingError(f"{meta.data_path}: cannot be read: {error.strerror or error}") from None
+    content = meta.data_path.read_bytes() if meta.packed is None else meta.packed
     stored = meta.common.get("core:sha512")
     if stored and not ignore_checksum and hashlib.sha512(content).hexdigest() != str(stored).lower():
         raise RecordingError(
             f"{meta.data_path}: its samples do not have the checksum that {path.name} states (core:sha512): the file "
             "was truncated or changed. Set ignore_checksum=True to read it anyway"
         )
-    n_parts = 1 if meta.is_real else 2
-    frame_bytes = n_parts * meta.number.itemsize * meta.n_channels
-    content = _strip_headers(path, meta, content, frame_bytes)
-    if len(content) < 2 * frame_bytes:
-        raise RecordingError(f"{meta.data_path}: holds {len(content)} bytes, less than two samples of {frame_bytes}")
-    if len(content) % frame_bytes:
-        text = f"{meta.data_path}: its last sample is not whole and is left out; the file is cut off"
-        warn_caller(text)
-    values = np.frombuffer(
-        content, dtype=meta.number, count=len(content) // frame_bytes * frame_bytes // meta.number.itemsize
-    )
-    # I and Q as complex numbers; unsigned ones have their zero in the middle
-    frames = values.reshape(-1, meta.n_channels, n_parts)
-    pairs = frames[:, :, 0] if is_pair else frames[:, chosen]
-    zero = 2.0 ** (8 * pairs.dtype.itemsize - 1) if pairs.dtype.kind == "u" else 0.0
-    out = np.zeros(pairs.shape[0], dtype=np.complex64)
-    with np.errstate(over="ignore", invalid="ignore"):  # beyond single precision: found and refused afterwards
-        out.real = pairs[:, 0] - zero if zero else pairs[:, 0]
-        if pairs.shape[1] == 2:
-            out.imag = pairs[:, 1] - zero if zero else pairs[:, 1]
-    return out
+    n_parts = 1 + meta.is_complex
+    content = _strip_headers(path, meta, content, n_parts * meta.number.itemsize * meta.n_channels)
+    numbers = decode_samples(meta.data_path, content, meta.number, n_parts=n_parts * meta.n_channels)
+    values = numbers if is_pair else numbers[:, chosen * n_parts : (chosen + 1) * n_parts]
+    return values - 2.0 ** (8 * meta.number.itemsize - 1) if meta.number.kind == "u" else values
 
 
 def _strip_headers(path: Path, meta: Metadata, content: bytes, frame_bytes: int) -> bytes:
@@ -228,9 +171,8 @@ def _strip_headers(path: Path, meta: Metadata, content: bytes, frame_bytes: int)
     return b"".join(parts)
 
 
-def _find_capture_times(path: Path, meta: Metadata, n_pulses: int, n_bins: int, prf_hz: float) -> FloatArray:
-    """Return the times of the pulses: a capture begins where its index or its date says."""
-    times_s = np.arange(n_pulses) / prf_hz
+def _find_capture_times(path: Path, meta: Metadata, n_pulses: int, n_bins: int, prf_hz: float) -> FloatArray | None:
+    """Return the times of the pulses if there are gaps: a capture begins where its index or its date says."""
     captures = meta.captures
     try:
         firsts = np.array([int(capture["core:sample_start"]) for capture in captures])
@@ -244,19 +186,17 @@ def _find_capture_times(path: Path, meta: Metadata, n_pulses: int, n_bins: int, 
             digits = min(len(text.removesuffix("Z").partition(".")[2]) for text in texts)
             step_s = 10.0**-digits  # a date without a fraction is true to a second
     except (KeyError, IndexError, ValueError, TypeError, OverflowError):
-        return times_s
+        return None
     rows = -(-firsts // n_bins)
     late_s = stated_s - stated_s[0] - rows / prf_hz
-    for row, before_s, after_s in zip(rows[1:], late_s[:-1], late_s[1:], strict=True):
-        if after_s - before_s < -max(step_s, 1.0 / prf_hz):
-            warn_caller(f"{path}: the times of its captures go back; samples are taken as without gaps")
-            return np.arange(n_pulses) / prf_hz
-        if after_s - before_s > step_s and row < n_pulses:
-            times_s[row:] += after_s - before_s
-    return times_s
-
-
-MAX_ROWS = 100_000_000
+    steps_s = np.diff(late_s)
+    if (steps_s < -max(step_s, 1.0 / prf_hz)).any():
+        warn_caller(f"{path}: the times of its captures go back; samples are taken as without gaps")
+    elif (steps_s > step_s).any():
+        late_s = np.concatenate([[0.0], np.cumsum(np.where(steps_s > step_s, steps_s, 0.0))])
+        row = np.arange(n_pulses)
+        return np.asarray(row / prf_hz + late_s[np.searchsorted(rows, row, side="right") - 1], dtype=np.float64)
+    return None
 
 
 def sniff_sigmf(path: Path, head: bytes) -> bool:
@@ -270,176 +210,88 @@ def sniff_sigmf(path: Path, head: bytes) -> bool:
     return head.lstrip()[:1] == b"{" and (b'"core:' in head or meta.name.endswith(META))
 
 
-@plugin("radar_reader", "sigmf", sniff=sniff_sigmf, suffixes=(".sigmf-meta", ".sigmf-data", ".sigmf"))
-def read_sigmf(
-    path: str | Path,
+@array_reader("sigmf", sniff=sniff_sigmf, suffixes=(META, DATA, ARCHIVE))
+def parse_sigmf(
+    path: Path,
     *,
-    carrier_hz: float | None = None,
-    samples_per_pulse: int | None = None,
+    samples_per_pulse: PulseSamples | None = None,
     prf_hz: float | None = None,
-    range_start_m: float | None = None,
-    bin_spacing_m: float | None = None,
-    scale_v: float | None = None,
     channel: int | None = None,
     channels: Literal["iq"] | None = None,
-    conjugate: bool = False,
     ignore_checksum: bool = False,
-) -> Recording:
+) -> Parsed:
     """Read a SigMF recording, a pair of files or an archive.
     Two real channels can be I and Q (``channels="iq"``); a single one is the one output of a module.
     """
-    file = Path(path)
-    meta = read_metadata(file)
-    samples = read_samples(file, meta, channel=channel, channels=channels, ignore_checksum=ignore_checksum)
-    scale = check_number(file, "scale_v", meta.scale_v if scale_v is None else scale_v, above=0, most=1e30)
-    with np.errstate(over="ignore", invalid="ignore"):  # NaN and infinity raise an error with their position
-        samples = (samples.conj() if conjugate else samples) * np.float32(scale)
-    notes = [*meta.notes(), *(["the samples are conjugated"] if conjugate else [])]
-    if meta.own is not None:
-        options = {"samples_per_pulse": samples_per_pulse, "prf_hz": prf_hz, "range_start_m": range_start_m}
-        refused = [name for name, value in {**options, "bin_spacing_m": bin_spacing_m}.items() if value is not None]
-        if refused:
-            raise RecordingError(f"{file}: states its own axes; leave out {', '.join(refused)}")
-        return _read_own(file, meta, samples, carrier_hz, notes)
-    if carrier_hz is None:
-        found = sorted({float(c["core:frequency"]) for c in meta.captures if _is_number(c.get("core:frequency"))})
-        if len(found) != 1:
-            said = f"has several carriers ({', '.join(f'{one:g}' for one in found)} Hz)" if found else "has no carrier"
-            raise RecordingError(f"{file}: {said}; give carrier_hz")
-        carrier_hz = found[0]
-    carrier = check_number(file, "carrier_hz", carrier_hz, above=0)
-    n_samples = samples.size
-    n_bins = 1 if samples_per_pulse is None else samples_per_pulse
-    if isinstance(n_bins, bool) or not isinstance(n_bins, int) or not 1 <= n_bins <= max(n_samples // 2, 1):
-        raise RecordingError(
-            f"{file}: samples_per_pulse = {n_bins!r} is not allowed; it must be 1 to {max(n_samples // 2, 1)}, half of "
-            "the samples there are"
+    meta = read_metadata(path)
+    samples = read_samples(path, meta, channel=channel, channels=channels, ignore_checksum=ignore_checksum)
+    labels = dict.fromkeys(str(note["core:label"])[:80] for note in meta.annotations if "core:label" in note)
+    notes = [f"annotated: {', '.join([*labels][:MAX_NOTE_LABELS])}"] if labels else []
+    # volts of one unit: as stated, otherwise 1 V is the largest integer, or 1
+    largest = 2.0 ** (8 * meta.number.itemsize - 1) if meta.number.kind in "iu" else 1.0
+    stated = {"scale_v": meta.common.get("doppelgait:scale_v", 1.0 / largest)}
+    if "doppelgait:radar" in meta.common:
+        options = {"samples_per_pulse": samples_per_pulse, "prf_hz": prf_hz}
+        if refused := [name for name, value in options.items() if value is not None]:
+            raise RecordingError(f"{path}: states its own axes; leave out {', '.join(refused)}")
+        return _parse_own(path, meta, samples, stated, notes)
+    values = split_rows(path, samples, samples_per_pulse or 1, "pulse")
+    hints = {"bin_spacing_m": "SigMF states no range axis"}
+    carriers_hz = sorted({float(c["core:frequency"]) for c in meta.captures if _is_number(c.get("core:frequency"))})
+    if len(carriers_hz) == 1:
+        stated["carrier_hz"] = carriers_hz[0]
+    elif carriers_hz:
+        hints["carrier_hz"] = f"it has several carriers ({', '.join(f'{carrier:g}' for carrier in carriers_hz)} Hz)"
+    rate_hz = prf_hz or (meta.sample_rate_hz or 0.0) / (samples_per_pulse or 1)
+    if not rate_hz:
+        hints["prf_hz"] = "no core:sample_rate"
+    elif rate_hz > MAX_PRF_HZ and prf_hz is None:
+        hints["prf_hz"] = (
+            f"its {rate_hz:g} samples/s are more than a slow-time rate can be (1 MHz): these are samples within pulses"
+            ". Give samples_per_pulse and bin_spacing_m, or decimate it first"
         )
-    if n_samples % n_bins:
-        warn_caller(
-            f"{file}: {n_samples} samples are not whole pulses of {n_bins}; the last {n_samples % n_bins} are left out"
-        )
-    shape = n_samples // n_bins, n_bins
-    if prf_hz is None:
-        if meta.sample_rate_hz is None:
-            raise RecordingError(f"{file}: states no core:sample_rate; give prf_hz")
-        prf_hz = meta.sample_rate_hz / n_bins
-        if prf_hz > 1e6:
-            raise RecordingError(
-                f"{file}: its {prf_hz:g} samples/s are more than a slow-time rate can be (1 MHz): these are samples "
-                "within pulses. Give samples_per_pulse and bin_spacing_m, or decimate it first"
-            )
-    rate_hz = check_number(file, "prf_hz", prf_hz, above=0)
-    notes.append(f"levels: one unit of the samples is taken as {scale:.4g} V")
-    rows = samples[: shape[0] * shape[1]].reshape(shape)
-    radar, range_m = _make_foreign_radar(file, meta, carrier, rate_hz, shape[1], range_start_m, bin_spacing_m, notes)
-    slow_time_s = _find_capture_times(file, meta, shape[0], shape[1], rate_hz)
-    attrs = {"one_output": True} if meta.is_real and channels is None else {}
-    return label_measured(file, rows, radar=radar, slow_time_s=slow_time_s, range_m=range_m, notes=notes, attrs=attrs)
+    else:
+        stated["prf_hz"] = rate_hz
+    if samples_per_pulse is not None:
+        stated["range_start_m"] = 0.0
+    notes.append(f"levels: one unit of the samples is {stated['scale_v']:.4g} V where no scale_v is given")
+    notes += [f"hardware: {str(meta.common['core:hw'])[:200]}"] if "core:hw" in meta.common else []
+    times_s = _find_capture_times(path, meta, len(values), samples_per_pulse or 1, rate_hz) if rate_hz > 0 else None
+    axes = {} if times_s is None else {"slow_time_s": times_s}
+    return Parsed(values, axes, stated, notes, hints, is_timed=times_s is not None)
 
 
-def _read_own(
-    path: Path, meta: Metadata, samples: npt.NDArray[np.complex64], carrier_hz: float | None, notes: list[str]
-) -> Recording:
-    """Read a recording with the axes of doppelgait's keys."""
-    own = meta.own or {}
+def _parse_own(
+    path: Path, meta: Metadata, samples: npt.NDArray[Any], stated: dict[str, Any], notes: list[str]
+) -> Parsed:
+    """Return the content of a recording with doppelgait's keys, of which the others are those of a TOML file."""
+    own = {key.removeprefix("doppelgait:"): value for key, value in meta.common.items() if "doppelgait:" in key}
     try:
-        range_m = np.asarray(own["doppelgait:range_m"], dtype=np.float64)
-        if range_m.ndim != 1 or not range_m.size:
-            raise ValueError("doppelgait:range_m must be a list of one range or more")
-        rows = samples.size // max(range_m.size, 1)
-        # times of the rows: each capture starts at ``doppelgait:time_s``, and its rows have the
-        # rate ``doppelgait:prf_hz``
-        n_bins = range_m.size
-        if not 0 < rows <= MAX_ROWS:
-            raise ValueError(f"there are {rows} pulses of {n_bins} range bins")
-        prf_hz = float(own["doppelgait:prf_hz"])
+        range_m = np.asarray(own["range_m"], dtype=np.float64)
+        values = split_rows(path, samples, range_m.size, "pulse", least=1)
+        # each capture starts at ``doppelgait:time_s``, and its rows have the rate ``doppelgait:prf_hz``
+        prf_hz, row = float(own["prf_hz"]), np.arange(len(values))
         firsts = [int(capture["core:sample_start"]) for capture in meta.captures]
         starts_s = np.array([float(capture["doppelgait:time_s"]) for capture in meta.captures])
-        if not firsts or firsts[0] != 0 or any(first % n_bins for first in firsts) or not prf_hz > 0:
+        first_rows = np.array(firsts) // range_m.size
+        is_whole = not firsts[0] and not any(first % range_m.size for first in firsts)
+        if not is_whole or not prf_hz > 0 or (np.diff(first_rows) <= 0).any():
             raise ValueError("captures must begin at whole pulses, the first at 0, and prf_hz be above 0")
-        first_rows = np.array(firsts) // n_bins
-        if (np.diff(first_rows) <= 0).any():
-            raise ValueError("captures must follow one another")
-        row = np.arange(rows)
         segment = np.searchsorted(first_rows, row, side="right") - 1
-        slow_time_s = np.asarray(starts_s[segment] + (row - first_rows[segment]) / prf_hz, dtype=np.float64)
-        radar = validate(Radar, dict(own["doppelgait:radar"]), where="doppelgait:radar")
-        attrs = {"burst_pulses": int(own["doppelgait:burst_pulses"])} if "doppelgait:burst_pulses" in own else {}
-    except (LookupError, ValueError, TypeError, OverflowError, ConfigError) as error:
+        slow_time_s = starts_s[segment] + (row - first_rows[segment]) / prf_hz
+    except (LookupError, ValueError, TypeError, OverflowError, ZeroDivisionError) as error:
         raise RecordingError(f"{path}: its doppelgait keys are damaged: {error}") from None
-    if not np.isfinite(range_m).all() or (np.diff(range_m) <= 0).any():
-        raise RecordingError(f"{path}: doppelgait:range_m must be rising numbers")
-    if not np.isfinite(slow_time_s).all() or (np.diff(slow_time_s) <= 0).any():
-        raise RecordingError(
-            f"{path}: times of its pulses do not rise; doppelgait:time_s or doppelgait:prf_hz is wrong"
-        )
-    if samples.size % range_m.size:
-        warn_caller(f"{path}: its last pulse is not whole and is left out; the file is cut off")
-    if carrier_hz is not None:
-        radar = make_radar(path, **{**radar.model_dump(), "carrier_hz": carrier_hz})
-    values = samples[: rows * range_m.size].reshape(rows, range_m.size)
-    stored = meta.common.get("doppelgait:notes")
-    own_notes = [note for note in stored if isinstance(note, str)] if isinstance(stored, list) else []
-    if any("doppelgait:target" in one for one in meta.annotations):
+    own_notes = [*own.get("notes", ()), *notes]
+    if any("doppelgait:target" in note for note in meta.annotations):
         own_notes.append("simulated; SigMF holds the labels of its targets, the further truth about them is not stored")
-    recording = label_measured(
-        path,
-        values,
-        radar=radar,
-        slow_time_s=slow_time_s,
-        range_m=range_m,
-        notes=[*own_notes, *notes],
-        attrs=attrs,
-    )
-    # noise power, signal-to-noise ratio and seed, if they are stored and valid
-    levels = {name: own.get(f"doppelgait:{name}") for name in ("noise_power_v2", "snr_frame_db")}
-    facts: dict[str, Any] = {
-        name: float(value) for name, value in levels.items() if _is_number(value) and value is not None
-    }
-    seed = own.get("doppelgait:seed")
-    return replace(
-        recording, **({**facts, "seed": seed} if isinstance(seed, int) and not isinstance(seed, bool) else facts)
-    )
+    stated |= {key: own[key] for key in ("radar", "noise_power_v2", "snr_frame_db", "seed") if key in own}
+    stated |= {"notes": own_notes, "conjugate": False}
+    stated |= {"attributes": {"burst_pulses": own["burst_pulses"]}} if "burst_pulses" in own else {}
+    return Parsed(values, {"slow_time_s": slow_time_s, "range_m": range_m}, stated)
 
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _make_foreign_radar(
-    path: Path,
-    meta: Metadata,
-    carrier_hz: float,
-    prf_hz: float,
-    n_bins: int,
-    range_start_m: float | None,
-    bin_spacing_m: float | None,
-    notes: list[str],
-) -> tuple[Radar, FloatArray]:
-    """Return radar and range axis of a foreign file; assumptions are added to ``notes``."""
-    name = str(meta.common.get("core:hw", "SigMF recording"))[:200]
-    if n_bins == 1:
-        radar = make_cw_radar(path, name=name, carrier_hz=carrier_hz, prf_hz=prf_hz)
-        start_m, stop_m = CW_FRAME_M
-        notes.append(f"taken as continuous wave: the one range bin stands for {start_m:g} to {stop_m:g} m")
-        return radar, np.array([(start_m + stop_m) / 2])
-    if bin_spacing_m is None:
-        raise RecordingError(f"{path}: SigMF states no range axis; give bin_spacing_m (and range_start_m if not 0)")
-    spacing_m = check_number(path, "bin_spacing_m", bin_spacing_m, above=0, most=1e4)
-    start_m = check_number(path, "range_start_m", range_start_m or 0.0, above=-1e-9, most=1e6)
-    notes.append("the pulse is not stated: its range resolution is taken as one range bin")
-    radar = make_radar(
-        path,
-        name=name,
-        carrier_hz=carrier_hz,
-        prf_hz=prf_hz,
-        sample_rate_hz=SPEED_OF_LIGHT_MPS / (2 * spacing_m),
-        range_start_m=max(start_m, 0.0),
-        range_stop_m=max(start_m, 0.0) + n_bins * spacing_m,
-        pulse_sigma_s=spacing_m / (SPEED_OF_LIGHT_MPS * math.sqrt(math.log(2))),
-    )
-    return radar, np.asarray(start_m + spacing_m * np.arange(n_bins), dtype=np.float64)
 
 
 SPECIFICATION = "1.2.0"
