@@ -84,6 +84,8 @@ class Stream:
     source : str
         Name of the source; for a socket it includes the chosen port.
     counts : Counts
+    waiting : list of Frame
+        First frames, until their times show the sender's rate.
     """
 
     def __init__(self, source: str, *, expect: Radar | None, timeout_s: float, queue_s: float) -> None:
@@ -93,7 +95,7 @@ class Stream:
         self._queue_s, self._size = queue_s, 1
         self._header: Header | None = None
         self._opening: Header | None = None
-        self._first: list[Frame] = []  # until their times show the true rate
+        self.waiting: list[Frame] = []  # until their times show the true rate
         self._clock: _Clock | None = None
         self._queue: deque[tuple[float, npt.NDArray[np.complex64]]] = deque()
         self._changed = threading.Condition()
@@ -174,7 +176,7 @@ class Stream:
         if not self.closing.is_set():
             self.pass_message(
                 "killed",
-                f"the sender stopped without an end record after {self.counts.received + len(self._first):,} frames",
+                f"the sender stopped without an end record after {self.counts.received + len(self.waiting):,} frames",
             )
 
     def difference(self, header: Header) -> str:
@@ -196,8 +198,8 @@ class Stream:
                     if self._clock is not None:
                         self._put(item, holds)
                     elif self._opening is not None:
-                        self._first.append(item)
-                        if _shows_rate(self._first, self._opening.radar):
+                        self.waiting.append(item)
+                        if _shows_rate(self.waiting, self._opening.radar):
                             self._open(self._opening, holds)
                 elif said := self.difference(item):
                     raise RecordingError(f"{self.source}: frames of another radar are refused: {said}")
@@ -219,7 +221,7 @@ class Stream:
     def _open(self, header: Header, holds: bool) -> None:
         """Set the radar with the rate that the first frames show, and pass them on."""
         rate_hz, stated_hz = (
-            _measure_stamped_rate_hz(((frame.counter or 0, frame.clock_s) for frame in self._first), header.radar),
+            _measure_stamped_rate_hz(((frame.counter or 0, frame.clock_s) for frame in self.waiting), header.radar),
             header.radar.prf_hz,
         )
         if rate_hz != stated_hz:
@@ -231,7 +233,7 @@ class Stream:
             self._clock = _Clock(header.radar)
             self._header = header
             self._changed.notify_all()
-        waiting, self._first = self._first, []
+        waiting, self.waiting = self.waiting, []
         for frame in waiting:
             self._put(frame, holds)
 

@@ -56,7 +56,7 @@ def test_one_command_scores_simulations_on_a_glasgow_folder(glasgow, tmp_path, f
     command = ["dataset", "import", glasgow, "--names", "glasgow", "-o", tmp_path / "all", "--json"]
     report = json.loads(run(*command, code=1).stdout)
     assert report["counts"] == {"walking": 2}
-    assert "no known recording format" in report["failures"][0]["reason"]
+    assert "holds samples without a header" in report["failures"][0]["reason"]
     for wrong in (["--names", "glasgow"], ["--test", str(glasgow), "--label", "walking=human"]):
         with pytest.raises(ConfigError, match="need --test FOLDER and --names"):
             run("evaluate", str(folder), "-o", str(tmp_path / "q"), *wrong)
