@@ -34,7 +34,7 @@ from sensor_units import POPULATION, fit_units, own_score, population_scores, su
 from doppelgait.classify.domain import Comparison, compare_recordings, simulate_like
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.radar import Radar, Recording
-from doppelgait.radar.fit import fit_kind, format_kind_preset
+from doppelgait.radar.fit import fit_sensor, format_preset
 from doppelgait.radar.readers import read_recording, read_several
 
 SEEDS = 16
@@ -88,7 +88,7 @@ def judged(
     found = {}
     with tempfile.TemporaryDirectory() as models:
         model = Path(models) / "fitted.toml"
-        model.write_text(format_kind_preset(fit_kind(train, radar=radar, people_at_m=people_at_m)), encoding="utf-8")
+        model.write_text(format_preset(fit_sensor(train, radar=radar, people_at_m=people_at_m)), encoding="utf-8")
         for words, preset in (("before", shipped), ("after", str(model))):
             made = simulate_like(list(test) * copies, preset, plan=scene, folder=folder, seed=7)
             found[words] = compare_recordings(test, made)

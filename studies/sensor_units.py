@@ -16,7 +16,7 @@ import numpy.typing as npt
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.pipeline import parse_run, run_simulation
 from doppelgait.radar import Radar, Recording
-from doppelgait.radar.fit import Estimate, PooledQuantity, SensorKind, SensorMeasurement, fit_kind
+from doppelgait.radar.fit import Estimate, PooledQuantity, SensorKind, SensorMeasurement, fit_sensor
 
 UNITS = 12
 SECONDS, PRF_HZ = 4.0, 500.0
@@ -76,7 +76,7 @@ def fit_units(seed: int, count: int = UNITS) -> tuple[list[Unit], SensorKind]:
         Recording.from_baseband(unit.recording.baseband, sheet, source=f"unit {number}")
         for number, unit in enumerate(units)
     ]
-    return units, fit_kind(recordings)
+    return units, fit_sensor(recordings)
 
 
 def own_score(one: SensorMeasurement, name: str, truth: float) -> float:

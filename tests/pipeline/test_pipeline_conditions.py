@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning, RecordingError
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingError
 from doppelgait.core.rng import rng
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.plan import plan_dataset
@@ -13,7 +13,6 @@ from doppelgait.motion import boulic_walk, fan
 from doppelgait.pipeline import analyze, parse_run, run_simulation, simulate
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.radar import Radar, read_recording, write_arrays
-from doppelgait.radar.fit import fit_sensor
 from doppelgait.radar.xethru import write_xethru_recording
 from doppelgait.scene import Scene, Target
 
@@ -253,13 +252,6 @@ def test_only_impulse_radars_are_written_as_xethru(tmp_path):
     made = run_simulation(parse_run({**SCENE, "duration_s": 0.1, "radar": {"preset": "ti-77"}}))
     with pytest.raises(RecordingError, match=r"'fmcw': write .h5"):
         write_xethru_recording(made, tmp_path, start_time=datetime(2020, 1, 1, tzinfo=UTC), session_id="s")
-
-
-def test_bursts_are_no_lost_frames():
-    made = run_simulation(parse_run({**SCENE, "targets": [], "noise": {"kind": "thermal"}, "duration_s": 0.2}))
-    in_bursts = made.with_baseband(made.baseband.assign_attrs(burst_pulses=16))
-    with pytest.raises(AnalysisError, match="is a recording in bursts"):
-        fit_sensor(in_bursts)
 
 
 def test_switches_of_readers_are_true_or_false(tmp_path):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from doppelgait.radar import Recording
-from doppelgait.radar.fit import SensorFit, fit_sensor
+from doppelgait.radar.fit import SensorKind, fit_sensor, measure_recording
+from doppelgait.radar.fit.model import Room
 from doppelgait.radar.readers import read_recording
 
 pytestmark = pytest.mark.shared
@@ -28,60 +29,72 @@ def empty(request: pytest.FixtureRequest, folder: Path) -> Recording:
 
 
 @pytest.fixture(scope="module")
-def fit(empty: Recording) -> SensorFit:
+def kind(empty: Recording) -> SensorKind:
     return fit_sensor(empty)
 
 
-def unit_db(fit: SensorFit) -> float:
-    assert fit.level_of_unit_db is not None
-    return fit.level_of_unit_db
+@pytest.fixture(scope="module")
+def room(kind: SensorKind) -> Room:
+    assert kind.recordings[0].room is not None
+    return kind.recordings[0].room
 
 
-def test_noise_is_that_measured_by_hand(fit: SensorFit) -> None:
+def measure_unit_db(empty: Recording) -> float:
+    return float(20.0 * np.log10(empty.radar.volts_per_unit))
+
+
+def test_noise_is_that_measured_by_hand(empty: Recording, kind: SensorKind, room: Room) -> None:
     """-105 dB re one unit after a 27-tap low-pass; white, so flat in range."""
-    assert fit.noise_level_db.value - unit_db(fit) - HOST_DB == pytest.approx(-105.0, abs=0.6)
-    assert fit.noise_level_db.sd < 0.1
-    assert fit.noise.flat
-    assert fit.noise_figure_db.value == pytest.approx(6.0, abs=0.6)  # by the choice of threshold_step_v
+    noise = kind.pooled["noise_level_db"].mean
+    assert noise.value - measure_unit_db(empty) - HOST_DB == pytest.approx(-105.0, abs=0.6)
+    assert noise.sd < 0.1
+    assert room.noise.flat
+    assert kind.radar.noise_figure_db == pytest.approx(6.0, abs=0.6)  # by the choice of threshold_step_v
 
 
-def test_clutter_falls_from_the_direct_path_into_the_room(fit: SensorFit) -> None:
+def test_clutter_falls_from_the_direct_path_into_the_room(empty: Recording, room: Room) -> None:
     """-51 dB near 0.85 m, -60 to -88 dB by 8 m, in units; single bins scatter by more than the profile."""
-    levels = fit.clutter.level_db - unit_db(fit) - HOST_DB
-    single = 20 * np.log10(np.abs(fit.echo_v)) - unit_db(fit) - HOST_DB
-    near = single[np.argmin(np.abs(fit.range_m - 0.85))]
+    unit_db = measure_unit_db(empty)
+    levels = room.clutter.level_db - unit_db - HOST_DB
+    single = 20 * np.log10(np.abs(room.echo_v)) - unit_db - HOST_DB
+    near = single[np.argmin(np.abs(empty.range_m - 0.85))]
     assert near == pytest.approx(-51.0, abs=4.0)
-    far = fit.clutter.range_m > 5.0
+    far = room.clutter.range_m > 5.0
     assert np.all((levels[far] > -80.0) & (levels[far] < -52.0))
-    assert np.mean(single[fit.range_m > 2.0] < -60.0) > 0.75
+    assert np.mean(single[empty.range_m > 2.0] < -60.0) > 0.75
     assert levels[0] - levels[far].max() > 5.0
 
 
-def test_phase_is_common_to_all_ranges_and_drifts_slowly(empty: Recording, fit: SensorFit) -> None:
+def test_phase_is_common_to_all_ranges_and_drifts_slowly(empty: Recording, room: Room) -> None:
     """The phase steps of the direct path and those of the room beyond 1.5 m, each on its own, are the same steps."""
-    assert fit.phase is not None
-    assert 0.002 < fit.phase.white.value < 0.007
-    assert abs(fit.phase.drift_per_s.value * 60) < 1.0
+    assert room.phase is not None
+    assert 0.002 < room.phase.white.value < 0.007
+    assert abs(room.phase.drift_per_s.value * 60) < 1.0
     values = empty.baseband.values.astype(complex)
     steps = []
-    for part in (fit.range_m < 1.1, fit.range_m > 1.5):
+    for part in (empty.range_m < 1.1, empty.range_m > 1.5):
         alone = values[:, part] @ values[:, part].mean(axis=0).conj()
         steps.append(np.diff(np.unwrap(np.angle(alone))))
     assert np.corrcoef(steps)[0, 1] > 0.85
     # white jitter s gives steps of s sqrt(2); the walk adds its own
-    assert fit.phase.white.value * np.sqrt(2) == pytest.approx(np.std(steps[0]), rel=0.3)
+    assert room.phase.white.value * np.sqrt(2) == pytest.approx(np.std(steps[0]), rel=0.3)
 
 
 def test_restless_places_of_the_room_are_named(folder: Path) -> None:
     """Slow-time variance 7 to 12 dB over the noise far back in the room: 7.4 and 7.7 m, and 7.05 m."""
-    first, second = (fit_sensor(read_recording(folder / EMPTY, matrix=f"Data_Matrix_{n}")) for n in (1, 2))
-    assert {round(m.start_m) for m in first.moving} == {3, 7, 8}
-    (only,) = second.moving
+    both = [measure_recording(read_recording(folder / EMPTY, matrix=f"Data_Matrix_{n}")) for n in (1, 2)]
+    first, second = (m.room.moving for m in both if m.room is not None)
+    assert {round(m.start_m) for m in first} == {3, 7, 8}
+    (only,) = second
     assert only.start_m == pytest.approx(7.05, abs=0.1)
-    assert not any("cannot be trusted" in flag for flag in (*first.flags, *second.flags))
+    assert not any("cannot be trusted" in m.notes["motion"] for m in both)
 
 
 def test_a_room_with_a_person_is_not_called_empty(folder: Path) -> None:
-    fit = fit_sensor(read_recording(folder / BREATHING))
-    assert any(m.start_m < 1.73 < m.stop_m for m in fit.moving)
-    assert any("cannot be trusted" in flag for flag in fit.flags)
+    measured = measure_recording(read_recording(folder / BREATHING))
+    assert measured.room is not None
+    assert any(m.start_m < 1.73 < m.stop_m for m in measured.room.moving)
+    assert "cannot be trusted" in measured.notes["motion"]
+    assert "more than a third" in measured.refused["phase noise"]
+    # from the windows: frame differences contain the person and give -93 dB
+    assert measured.estimates["noise_level_db"].value == pytest.approx(-117.7, abs=1.0)

@@ -28,14 +28,12 @@ from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning
 def fit(
     recordings: Annotated[
         list[Path],
-        typer.Argument(help="One recording of an empty room, or several recordings or folders with any content."),
+        typer.Argument(help="Recordings or folders: an empty room, or several recordings with any content."),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Calibrated preset to write, .toml.")],
     preset: Annotated[
         str | None,
-        typer.Option(
-            "--preset", help="Preset for values that the files do not store; for one file the same as --option radar=."
-        ),
+        typer.Option("--preset", help="Preset for values that the files do not store."),
     ] = None,
     options: Annotated[
         list[str] | None,
@@ -45,80 +43,96 @@ def fit(
     stop: Annotated[float | None, typer.Option("--stop", help="End of the used part of the recording, s.")] = None,
     people_at: Annotated[
         float | None,
-        typer.Option("--people-at", help="Median range of the people in several recordings, m: sets the gain."),
+        typer.Option("--people-at", help="Median range of the people in the recordings, m: sets the gain."),
     ] = None,
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder to write a figure into.")] = None,
     figure_format: FigureOption = FigureFormat.png,
     as_json: AsJson = False,
 ) -> None:
     """Fit the noise and faults of a sensor to recordings.
-    One recording of an empty room gives a calibrated preset of one sensor.
+    One recording gives the preset of one sensor, several recordings give distributions.
     """
     from doppelgait.core.files import open_atomically
-    from doppelgait.radar.fit import estimate_rows, fit_sensor, format_calibrated_preset, sensor_as_dict
-    from doppelgait.radar.readers import is_folder_of_recordings, read_recording
+    from doppelgait.radar import Radar
+    from doppelgait.radar.fit import describe_sensor, fit_sensor, format_preset
+    from doppelgait.radar.readers import read_several
 
     check_output(output, ".toml")
-    if len(recordings) > 1 or is_folder_of_recordings(recordings[0]):
+    radar = None if preset is None else Radar.preset(preset)
+    with explain_reader_options():
+        read, unread = read_several(
+            recordings, **({} if preset is None else {"radar": preset}), **_parse_options(options)
+        )
+    if len(read) > 1:
         for name, value in {"--start": start, "--stop": stop, "--figures": figures}.items():
             if value is not None:
                 raise typer.BadParameter(f"{name} is allowed with one recording only; leave it out")
-        _fit_kind(recordings, output, preset, _parse_options(options), people_at, as_json)
-        return
-    if people_at is not None:
-        raise typer.BadParameter("--people-at is allowed with several recordings only; leave it out")
-    empty = recordings[0]
-    with explain_reader_options():
-        recording = read_recording(
-            empty, **{**({} if preset is None else {"radar": preset}), **_parse_options(options)}
-        )
-    found = fit_sensor(recording, start_s=start, stop_s=stop)
+    if start is not None or stop is not None:
+        first_s, last_s = read[0].slow_time_s[[0, -1]].tolist()
+        read = [read[0].between(first_s if start is None else start, last_s + 1.0 if stop is None else stop)]
+    kind = fit_sensor(read, radar=radar, people_at_m=people_at)
     with open_atomically(output) as partial:
-        partial.write_text(format_calibrated_preset(found), encoding="utf-8")
+        partial.write_text(format_preset(kind), encoding="utf-8")
     if figures is not None:
-        import numpy as np
-
-        from doppelgait import viz
-        from doppelgait.core.units import power_to_db
-        from doppelgait.viz.ranges import plot_sensor_fit
-
-        make_folder(figures)
-        figure = plot_sensor_fit(
-            range_m=found.range_m,
-            static_db=power_to_db(np.abs(found.echo_v) ** 2),
-            noise_db=power_to_db(found.noise.by_bin_v2),
-            knots_m=found.clutter.range_m,
-            knots_db=found.clutter.level_db,
-            time_s=found.time_s,
-            phase_rad=np.unwrap(np.angle(found.factor)),
-            gain_db=power_to_db(np.abs(found.factor) ** 2),
-            title=f"Sensor model fitted from {found.source or 'a recording'}",
-        )
-        print_message(f"figure: {viz.save_figure(figure, figures / f'twin-fit.{figure_format}')}")
+        _plot_room(kind.recordings[0], figures, figure_format)
+    values = describe_sensor(kind)
+    values["left_out"] = [*unread, *values["left_out"]]
     if as_json:
-        print_json({**sensor_as_dict(found), "twin": str(output)})
+        print_json({**values, "preset": str(output)})
         return
-    print_message(
-        f"{found.source or 'recording'}: {found.n_used} of {found.n_frames} frames used, {found.duration_s:.1f} s"
+    used = [
+        {"recording": row["recording"], "used for": ", ".join(row["used_for"]) or "nothing"}
+        for row in values["recordings"]
+    ]
+    print_tables([used[:20], [_format_quantity(row, len(used) > 1) for row in values["quantities"]]])
+    if len(used) > 20:
+        print_message(f"and {len(used) - 20} more recordings")
+    for name, why in values["notes"].items():
+        print_message(f"note: {name}: {why}")
+    for name, why in values["refused"].items():
+        print_message(f"refused: {name}: {why}")
+    for why in values["left_out"]:
+        print_message(f"left out: {why}")
+    print_message(f'preset: {output}; use it as radar.preset = "{output}" in a scene, or in a plan')
+
+
+def _format_quantity(row: dict[str, Any], with_spread: bool) -> dict[str, str]:
+    """Return a quantity as a row to print."""
+    cells = {"quantity": row["quantity"], "value": f"{row['value']:.5g}", "+-": f"{row['sd']:.2g}", "unit": row["unit"]}
+    if "value_re_unit_db" in row:
+        cells["dB re 1 unit"] = format_number(row["value_re_unit_db"], 1)
+    if with_spread:
+        spread_is_known = row["spread"] is not None
+        cells["spread"] = f"{row['spread']:.2g}" if spread_is_known else "-"
+        cells["95 %"] = f"{row['low']:.2g} to {row['high']:.2g}" if spread_is_known else "-"
+        cells["from"] = str(row["recordings"])
+    return cells
+
+
+def _plot_room(measured: Any, folder: Path, figure_format: FigureFormat) -> None:
+    """Write the figure of an empty room."""
+    import numpy as np
+
+    from doppelgait import viz
+    from doppelgait.core.units import power_to_db
+    from doppelgait.viz.ranges import plot_sensor_fit
+
+    room = measured.room
+    if room is None:
+        raise AnalysisError(f"--figures shows clutter and phase noise: {measured.refused['clutter and phase noise']}")
+    make_folder(folder)
+    figure = plot_sensor_fit(
+        range_m=measured.recording.range_m,
+        static_db=power_to_db(np.abs(room.echo_v) ** 2),
+        noise_db=power_to_db(room.noise.by_bin_v2),
+        knots_m=room.clutter.range_m,
+        knots_db=room.clutter.level_db,
+        time_s=room.time_s,
+        phase_rad=np.unwrap(np.angle(room.factor)),
+        gain_db=power_to_db(np.abs(room.factor) ** 2),
+        title=f"Sensor model fitted from {measured.recording.source or 'a recording'}",
     )
-    estimates = [
-        {"estimate": name, "value": f"{e.value:.5g}", "+-": f"{e.sd:.2g}", "unit": unit}
-        for name, e, unit in estimate_rows(found)
-    ]
-    unit_db = found.level_of_unit_db
-    clutter = [
-        {
-            "clutter at": f"{r:.2f} m",
-            "dB re 1 V": format_number(level, 1),
-            "+- dB": format_number(sd, 1),
-            **({} if unit_db is None else {"dB re 1 unit": format_number(level - unit_db, 1)}),
-        }
-        for r, level, sd in zip(found.clutter.range_m, found.clutter.level_db, found.clutter.sd_db, strict=True)
-    ]
-    print_tables([estimates, clutter])
-    for flag in found.flags:
-        print_message(f"note: {flag}")
-    print_message(f'calibrated preset: {output}; use it as radar.preset = "{output}" in a scene')
+    print_message(f"figure: {viz.save_figure(figure, folder / f'twin-fit.{figure_format}')}")
 
 
 def _parse_options(options: list[str] | None) -> dict[str, Any]:
@@ -128,43 +142,6 @@ def _parse_options(options: list[str] | None) -> dict[str, Any]:
         if "=" not in option.lstrip("="):
             raise ConfigError(f"--option {option}: must be KEY=VALUE, for example matrix=Data_Matrix_1")
     return apply_overrides({}, options or [])
-
-
-def _fit_kind(
-    paths: list[Path],
-    output: Path,
-    preset: str | None,
-    options: dict[str, Any],
-    people_at_m: float | None,
-    as_json: bool,
-) -> None:
-    from doppelgait.core.files import open_atomically
-    from doppelgait.radar import Radar
-    from doppelgait.radar.fit import fit_kind, format_kind_preset, kind_rows
-    from doppelgait.radar.readers import read_several
-
-    radar = None if preset is None else Radar.preset(preset)
-    with explain_reader_options():
-        found, unread = read_several(paths, **({} if preset is None else {"radar": preset}), **options)
-    kind = fit_kind(found, radar=radar, people_at_m=people_at_m)
-    with open_atomically(output) as partial:
-        partial.write_text(format_kind_preset(kind), encoding="utf-8")
-    rows = kind_rows(kind)
-    used = [{"recording": m.recording.source, "used for": ", ".join(m.uses) or "nothing"} for m in kind.recordings]
-    left_out = [*unread, *kind.left_out]
-    if as_json:
-        print_json({"quantities": rows, "recordings": used, "refused": kind.refused, "left_out": left_out})
-        return
-    print_table(used[:20])
-    if len(used) > 20:
-        print(f"and {len(used) - 20} more")
-    print()
-    print_table(rows)
-    for name, why in kind.refused.items():
-        print_message(f"refused: {name}: {why}")
-    for why in left_out:
-        print_message(f"left out: {why}")
-    print_message(f'preset with distributions: {output}; use it as radar = {{ preset = "{output}" }} in a plan')
 
 
 app = typer.Typer(

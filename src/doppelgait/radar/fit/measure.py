@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -18,13 +18,20 @@ import numpy.typing as npt
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import FloatArray, db_to_power, power_to_db
-from doppelgait.radar.fit.model import MAX_PHASE_VARIANCE, MIN_BINS, MIN_FRAMES, SensorFit, fit_sensor
+from doppelgait.radar.fit.model import (
+    FACTS,
+    MAX_PHASE_VARIANCE,
+    MIN_BINS,
+    MIN_FRAMES,
+    Room,
+    fit_room,
+    list_notes,
+    list_room_estimates,
+)
 from doppelgait.radar.fit.room import (
     DB_PER_NEPER,
     MAX_LEVERAGE,
     MEDIAN_SPREAD,
-    NEAR_M,
-    ClutterProfile,
     Estimate,
     compute_factor_variance,
     compute_leverage,
@@ -44,8 +51,6 @@ MIN_WINDOWS = 4
 MIN_PULSES = 8
 QUANTILE = 0.25
 """Share of windows that are assumed to have no motion at a range and Doppler."""
-AT_QUANTILE = -math.log(1.0 - QUANTILE)
-"""Ratio of this quantile of the noise power to its mean."""
 WHITE_RATIO = 1.5
 """Minimum ratio of upper to lower power quartile, relative to noise (4.82), of cells that contain more than noise."""
 QUARTILE_RATIO = math.log(4.0) / math.log(4.0 / 3.0)
@@ -85,9 +90,11 @@ class SensorMeasurement:
     ----------
     recording : Recording
     estimates : dict
-        Scalars by name, each with its uncertainty; the unit is in the name.
-    refused : dict
-        Reasons, by the names of the quantities that the recording does not show.
+        Scalars by the names of ``FACTS``, each with its uncertainty.
+    refused, notes : dict
+        Reasons, by the names of the quantities that the recording does not show, and warnings by their subject.
+    room : Room or None
+        Static echoes with their phase, noise, interference and faulty frames; None for few bins or frames.
     doppler_hz, doppler_db : ndarray, shape (F,)
         Noise density over the absolute Doppler frequency, as the level of white noise, dB re 1 V;
         NaN where there was motion in too many windows.
@@ -97,24 +104,20 @@ class SensorMeasurement:
     correlation : ndarray, shape (L,)
         Noise correlation at a lag of l bins; empty if refused.
     correlation_sd : float
-    clutter : ClutterProfile or None
     lines : tuple of Line
-    n_faulty, n_frames : int
-        Number of dropped or lost frames, and of all frames; both 0 if refused.
-    run_length : float
     full_scale_v, step_v : float
         Full scale and step of the converter; NaN if they are not visible in the samples.
     clipped : float
         Share of the samples at full scale.
     echo_db : float
         Level of moving echoes, dB re 1 V: the median over the windows of the strongest bin; NaN without motion.
-    uses : tuple of str
-        Quantities for which the recording was used.
     """
 
     recording: Recording
     estimates: dict[str, Estimate]
     refused: dict[str, str]
+    notes: dict[str, str]
+    room: Room | None
     doppler_hz: FloatArray
     doppler_db: FloatArray
     doppler_sd_db: FloatArray
@@ -122,16 +125,24 @@ class SensorMeasurement:
     range_sd_db: FloatArray
     correlation: ComplexArray
     correlation_sd: float
-    clutter: ClutterProfile | None
     lines: tuple[Line[Estimate], ...]
-    n_faulty: int = 0
-    n_frames: int = 0
-    run_length: float = 1.0
     full_scale_v: float = math.nan
     step_v: float = math.nan
     clipped: float = 0.0
     echo_db: float = math.nan
-    uses: tuple[str, ...] = field(default=())
+
+    @property
+    def uses(self) -> tuple[str, ...]:
+        """Quantities for which the recording was used."""
+        shown = {
+            "noise": "noise_level_db" in self.estimates,
+            "clutter": self.room is not None,
+            "phase noise": "white_rad" in self.estimates,
+            "frame drops": "frame drops" not in self.refused,
+            "I/Q image, from what moved": "iq_gain_db" in self.estimates,
+            "something moved: those ranges left out": self.room is not None and bool(self.room.moving),
+        }
+        return tuple(name for name, is_used in shown.items() if is_used)
 
 
 def measure_recording(recording: Recording) -> SensorMeasurement:
@@ -145,7 +156,7 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
     Raises
     ------
     AnalysisError
-        If the recording is shorter, or all zero.
+        If the recording is shorter, all zero, or has values that are not finite.
     """
     samples = np.asarray(recording.samples.matrix, dtype=np.complex128)
     n_pulses, n_bins = samples.shape
@@ -157,6 +168,8 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
             f"{recording.source}: {n_pulses} pulses{f' in bursts of {window}' if burst else ''} are too few to measure "
             f"the sensor, or all are zero: at least {MIN_WINDOWS} windows of {MIN_PULSES} pulses are needed"
         )
+    if not np.isfinite(samples).all():
+        raise AnalysisError(f"{recording.source}: has values that are not finite; use a part without them")
     step_v, full_scale_v, at_limit = find_converter(samples)
     estimates: dict[str, Estimate] = {}
     refused: dict[str, str] = {}
@@ -210,33 +223,30 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
         refused["I/Q image"] = "the noise is not known"
     if n_bins < MIN_BINS:
         estimates |= _estimate_constant(_split_windows(samples, window).reshape(len(windows), -1), step_v)
-    faults = (0, 0, 1.0)
     if room is not None:
-        estimates |= _list_room_estimates(room, refused)
+        estimates |= list_room_estimates(room, recording, refused)
         if "iq_gain_db" in estimates:  # an image changes the phase rate, depending on the phase of the static echo
             gain = 10.0 ** (estimates["iq_gain_db"].value / 20.0)
             turn = gain * np.exp(1j * np.radians(estimates["iq_phase_deg"].value))
             share = math.sqrt(2.0) * float(abs((1.0 - turn.conjugate()) / (1.0 + turn)))
             for name in {"white_rad", "walk_rad_per_sqrt_min"} & set(estimates):
-                one = estimates[name]
-                estimates[name] = Estimate(one.value, math.hypot(one.sd, share * one.value))
-        faulty = int(room.faults.dropped.sum()) + room.faults.lost
-        if not burst:
-            faults = (faulty, room.n_frames + room.faults.lost, max(room.faults.mean_length, 1.0))
+                phase = estimates[name]
+                estimates[name] = Estimate(phase.value, math.hypot(phase.sd, share * phase.value))
+        # frame differences use all of the Doppler band and every frame: a quarter of the error of the windows, without
+        # bias up to the motion of a third of the ranges; in bursts they use one pulse of each only
+        if not (burst or room.is_busy or at_limit.any(axis=1).mean() > 0.5):
+            refused.pop("noise", None)
+            refused.pop("noise correlation", None)
+            estimates["noise_level_db"] = room.noise.power_v2.to_db(10.0)
+            correlation, correlation_sd = room.noise.correlation, room.noise.correlation_sd
     if burst or room is None:
         refused["frame drops"] = "comes in bursts" if burst else "single frames cannot be distinguished"
-    has_moving = room is not None and bool(room.moving)
-    uses = [
-        *(["noise"] if "noise_level_db" in estimates else []),
-        *(["clutter"] if room is not None else []),
-        *(["phase noise"] if "white_rad" in estimates else []),
-        *(["frame drops"] if faults[1] else []),
-        *(["I/Q image, from what moved"] if "iq_gain_db" in estimates else []),
-    ]
     return SensorMeasurement(
         recording=recording,
-        estimates=estimates,
+        estimates={name: estimates[name] for name in FACTS if name in estimates},
         refused=refused,
+        notes=list_notes(room, recording),
+        room=room,
         doppler_hz=doppler[0],
         doppler_db=doppler[1],
         doppler_sd_db=doppler[2],
@@ -244,16 +254,11 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
         range_sd_db=range_sd_db,
         correlation=correlation,
         correlation_sd=correlation_sd,
-        clutter=None if room is None else room.clutter,
         lines=lines,
-        n_faulty=faults[0],
-        n_frames=faults[1],
-        run_length=faults[2],
         full_scale_v=full_scale_v,
         step_v=step_v,
         clipped=float(at_limit.mean()),
         echo_db=echo_db,
-        uses=(*uses, *(["something moved: those ranges left out"] if has_moving else [])),
     )
 
 
@@ -293,7 +298,7 @@ def find_converter(samples: ComplexArray) -> tuple[float, float, Mask]:
     return step_v, full_v, np.asarray((np.abs(samples.real) >= limit) | (np.abs(samples.imag) >= limit))
 
 
-def _fit_room(recording: Recording, refused: dict[str, str]) -> SensorFit | None:
+def _fit_room(recording: Recording, refused: dict[str, str]) -> Room | None:
     """Fit static echoes, phase and faults of continuous frames, or of the first of every burst."""
     what = "clutter and phase noise"
     if recording.n_range_bins < MIN_BINS:
@@ -307,36 +312,10 @@ def _fit_room(recording: Recording, refused: dict[str, str]) -> SensorFit | None
         refused[what] = f"{recording.n_pulses} frames; {MIN_FRAMES} are needed"
         return None
     try:
-        return fit_sensor(recording)
+        return fit_room(recording)
     except AnalysisError as error:
         refused[what] = str(error).removeprefix(f"{recording.source}: ")
         return None
-
-
-def _list_room_estimates(room: SensorFit, refused: dict[str, str]) -> dict[str, Estimate]:
-    found: dict[str, Estimate] = {}
-    if room.phase is None:
-        refused["phase noise"] = "static echoes are too weak to show it"
-    elif room.is_busy:
-        refused["phase noise"] = "something moved in more than a third of the ranges"
-    else:
-        found |= room.phase.per_minute()
-    constant = room.leakage.constant_v
-    if constant.value > 3.0 * constant.sd:
-        found["dc_level_db"] = constant.to_db(20.0)
-    else:
-        refused["constant (direct current)"] = "not distinguished from static echoes"
-    direct = room.leakage.level_db
-    beyond = room.range_m > 2.0 * NEAR_M
-    if math.isfinite(direct.value) and room.range_m[0] < NEAR_M / 2.0 and beyond.sum() >= MIN_BINS:
-        room_db = float(power_to_db(np.mean(np.abs(room.echo_v[(room.range_m > NEAR_M)]) ** 2)))
-        # a static echo of that level at random phase under the direct path
-        blur_db = 2.0 * DB_PER_NEPER * math.sqrt(float(db_to_power(room_db - direct.value)) / 2.0)
-        if blur_db < 2.0:
-            found["direct_path_db"] = Estimate(direct.value, math.hypot(direct.sd, blur_db))
-    if "direct_path_db" not in found:
-        refused["gain"] = "no direct path well over the clutter in the frame"
-    return found
 
 
 def _remove_common_phase(samples: ComplexArray, bad: Mask) -> tuple[ComplexArray, FloatArray]:
@@ -364,9 +343,20 @@ def _find_quiet_windows(power: FloatArray, upper: Mask) -> Mask:
     return np.asarray(np.median(ratio, axis=1) < limit)
 
 
+def compute_quantile_ratio(count: int) -> float:
+    """Return the median ratio of that quantile of ``count`` noise powers to their mean; 9 % above that of many for 18.
+    Powers are exponential, and the share below an order statistic is beta distributed.
+    """
+    from scipy.stats import beta
+
+    order = QUANTILE * (count - 1)
+    return -math.log1p(-float(beta.median(order + 1.0, count - order)))
+
+
 def _measure_bin_levels(cells: FloatArray) -> tuple[float, FloatArray]:
     """Return the noise power, overall and of every bin, from low quantiles of quiet cells."""
-    by_bin = np.quantile(cells.reshape(-1, cells.shape[2]), QUANTILE, axis=0) / AT_QUANTILE
+    by_bin = np.quantile(cells.reshape(-1, cells.shape[2]), QUANTILE, axis=0)
+    by_bin = by_bin / compute_quantile_ratio(cells.shape[0] * cells.shape[1])
     return float(np.median(by_bin)), by_bin
 
 
@@ -408,7 +398,7 @@ def _measure_over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArr
             calm &= apart < 4.0 * 2.0 * math.sqrt(2.0 / len(power))
         if calm.mean() < 0.5 or (power.shape[2] < MIN_BINS and not calm.all()):
             continue
-        level[place] = power_to_db(np.median(low[calm]) / AT_QUANTILE)
+        level[place] = power_to_db(np.median(low[calm]) / compute_quantile_ratio(len(cells)))
         sd[place] = 2.0 * DB_PER_NEPER * math.sqrt(1.0 / (len(cells) * calm.sum()))
     return size_hz, level, sd
 
@@ -425,7 +415,7 @@ def _find_lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int
     part = _split_windows(rest, window)[good]
     f_hz, power, _ = compute_windowed_power(part, recording.radar.prf_hz)
     low = np.quantile(power.reshape(-1, window, n_bins).transpose(1, 0, 2).reshape(window, -1), QUANTILE, axis=1)
-    low /= AT_QUANTILE
+    low /= compute_quantile_ratio(len(power) * n_bins)
     around = np.concatenate([np.arange(-6, -1), np.arange(2, 7)])
     floor = np.median(low[(np.arange(window)[:, None] + around) % window], axis=1)
     # the chip's filter correlates bins, and a target makes neighbours unequal: only a third of the cells counts

@@ -1,4 +1,4 @@
-"""Pool the measurements of several recordings of one sensor kind.
+"""Fit a sensor to its recordings: a recording is measured, and the measurements are pooled.
 
 Every quantity has a mean and a spread between recordings: the variation that the uncertainties of
 single values do not explain. Gain and noise figure are fitted to the pooled levels.
@@ -16,10 +16,11 @@ import numpy as np
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError
+from doppelgait.core.units import db_to_amplitude, power_to_db
 from doppelgait.radar.fit.measure import SLOW_CELLS, Line, SensorMeasurement, measure_recording
-from doppelgait.radar.fit.model import find_noise_figure, is_plausible, rescale_radar
+from doppelgait.radar.fit.model import FACTS
 from doppelgait.radar.fit.room import DB_PER_NEPER, MEDIAN_SPREAD, Estimate
-from doppelgait.radar.link import echo_amplitude_v, find_noise_slope
+from doppelgait.radar.link import echo_amplitude_v, find_noise_slope, noise_power_v2
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 
@@ -109,11 +110,30 @@ PERSON_M2 = 0.8
 """Radar cross section of a person, from which the gain follows by the level of the echoes."""
 
 
+PLAUSIBLE_NOISE_FIGURE_DB = (0.0, 30.0)
+
+
+def find_noise_figure(radar: Radar, level_db: Estimate) -> Estimate:
+    """Return the noise figure for a measured level (E-18, E-18b)."""
+    slope = find_noise_slope(radar)
+    excess_db = level_db.value - float(power_to_db(noise_power_v2(radar)))
+    return Estimate(radar.noise_figure_db + excess_db / slope, level_db.sd / slope)
+
+
+def rescale_radar(radar: Radar, scale_db: float) -> Radar:
+    """Scale a radar's echoes, noise and counter step together, so that the SNR does not change."""
+    changes = {"receiver_gain_db": radar.receiver_gain_db + scale_db}
+    if radar.threshold_step_v is not None:
+        changes["threshold_step_v"] = radar.threshold_step_v * float(db_to_amplitude(scale_db))
+    return radar.model_copy(update=changes)
+
+
 def fit_gain(
     radar: Radar,
     same: Sequence[SensorMeasurement],
     pooled: dict[str, PooledQuantity],
     people_at_m: float | None,
+    notes: dict[str, str],
     *,
     radar_is_known: bool,
 ) -> Radar:
@@ -150,8 +170,12 @@ def fit_gain(
         return pool(found)
 
     figure = figures()
-    if people_at_m is None and not is_plausible(figure.mean.value):
-        # such a noise figure is impossible: the scale of the file to volts is unknown, so that the gain is changed
+    lowest_db, highest_db = PLAUSIBLE_NOISE_FIGURE_DB
+    if people_at_m is None and not lowest_db <= figure.mean.value <= highest_db:
+        notes["noise figure"] = (
+            f"{figure.mean.value:.1f} dB would be needed: the preset changes the receiver gain instead, that is the "
+            "scale of the file against volts"
+        )
         plausible_db = max(radar.noise_figure_db, MATTERS * (figure.spread if figure.spread_is_known else 0.0))
         gain_db = (figure.mean.value - plausible_db) * find_noise_slope(radar)
         figure = figures()
@@ -185,18 +209,18 @@ SHAPE_DB = 1.0
 
 @dataclass(frozen=True)
 class SensorKind:
-    """Distributions of the sensors of one kind.
+    """Sensor of one recording, or distributions of the sensors of one kind.
 
     Parameters
     ----------
     radar : Radar
-        Radar of the longest recording, or the radar that was passed to the fit.
-    recordings : tuple of Measured
+        Radar of the longest recording, or the radar that was passed to the fit, with fitted noise and gain.
+    recordings : tuple of SensorMeasurement
         Measurements of each recording.
     pooled : dict
-        Scalars by name.
-    refused : dict
-        Reasons, by the names of the quantities that no recording shows.
+        Scalars by the names of ``FACTS``.
+    refused, notes : dict
+        Reasons, by the names of the quantities that recordings do not show, and warnings by their subject.
     left_out : tuple of str
         Recordings that were not used, with the reasons.
     clutter : tuple of (range_m, Pooled)
@@ -207,8 +231,8 @@ class SensorKind:
         Spacing of the frequencies.
     range_db : tuple of (range_m, change_db)
         Noise level relative to the mean over all ranges; empty if it is flat.
-    correlation : tuple of float
-        Noise correlation at lags of 1, 2, ... bins.
+    correlation : tuple of float or None
+        Noise correlation at lags of 1, 2, ... bins, empty for white noise; None if it was not measured.
     lines : tuple of Line
         Doppler lines that at least half of the recordings share, with pooled levels.
     run_length : float
@@ -225,12 +249,13 @@ class SensorKind:
     recordings: tuple[SensorMeasurement, ...]
     pooled: dict[str, PooledQuantity]
     refused: dict[str, str]
+    notes: dict[str, str]
     left_out: tuple[str, ...]
     clutter: tuple[tuple[float, PooledQuantity], ...]
     doppler: tuple[tuple[float, Estimate], ...]
     doppler_step_hz: float
     range_db: tuple[tuple[float, float], ...]
-    correlation: tuple[float, ...]
+    correlation: tuple[float, ...] | None
     lines: tuple[Line[PooledQuantity], ...]
     run_length: float
     bits: int
@@ -247,14 +272,14 @@ def _find_difference(radar: Radar, other: Radar) -> str:
     return ""
 
 
-def fit_kind(
-    recordings: Iterable[Recording], *, radar: Radar | None = None, people_at_m: float | None = None
+def fit_sensor(
+    recordings: Recording | Iterable[Recording], *, radar: Radar | None = None, people_at_m: float | None = None
 ) -> SensorKind:
-    """Fit distributions to recordings of sensors of one kind.
+    """Fit a sensor to a recording, or distributions to recordings of sensors of one kind.
 
     Parameters
     ----------
-    recordings : iterable of Recording
+    recordings : Recording or iterable of Recording
         Unlabelled recordings of empty rooms or daily life, with one carrier and frame rate; others are not used.
     radar : Radar, optional
         Source of the parameters that no recording states: power, antenna gains, pulse. By default
@@ -266,11 +291,11 @@ def fit_kind(
     Raises
     ------
     AnalysisError
-        If no recording can be used.
+        If no recording can be used, or none shows any quantity.
     """
     measured: list[SensorMeasurement] = []
     left_out: list[str] = []
-    for number, recording in enumerate(recordings):
+    for number, recording in enumerate([recordings] if isinstance(recordings, Recording) else recordings):
         try:
             measured.append(measure_recording(recording))
         except AnalysisError as error:
@@ -278,7 +303,7 @@ def fit_kind(
     if not measured:
         raise AnalysisError("no recording can be used; " + "; ".join(left_out))
     longest = max(measured, key=lambda one: one.recording.samples.matrix.size).recording
-    base = longest.radar if radar is None else _set_axes(radar, longest)
+    base = _set_axes(longest.radar if radar is None else radar, longest)
     same = []
     for one in measured:
         difference = _find_difference(one.recording.radar, longest.radar)
@@ -292,16 +317,17 @@ def fit_kind(
             f"{len(same) - len(spaced)} recordings have other range bins: not used for clutter, correlation and shape"
         )
     pooled = {name: pool(values) for name, values in _collect([m.estimates for m in same]).items()}
-    base = fit_gain(base, same, pooled, people_at_m, radar_is_known=radar is not None)
-    refused = {
-        name: f"{max(texts, key=texts.count)} (in {len(texts)} of {len(same)} recordings)"
-        for name, texts in _collect([m.refused for m in same]).items()
-    }
+    refused, notes = _count_reasons([m.refused for m in same]), _count_reasons([m.notes for m in same])
+    if not pooled:
+        reasons = "; ".join(f"{name}: {why}" for name, why in refused.items())
+        raise AnalysisError(f"{longest.source or 'recording'}: shows no quantity of the sensor; {reasons}")
+    base = fit_gain(base, same, pooled, people_at_m, notes, radar_is_known=radar is not None)
     if people_at_m is None and "direct_path_db" not in pooled:
         refused["receiver gain"] = "no level of a known echo; give the range of the people to set it"
     share, length = _pool_drops(same)
     if share is not None:
         pooled["drop_probability"] = share
+    pooled = {name: pooled[name] for name in FACTS if name in pooled}
     step_v = min((m.step_v for m in same if math.isfinite(m.step_v)), default=math.nan)
     limits = [m.full_scale_v for m in same if math.isfinite(m.full_scale_v)]
     full_v = float(np.median(limits)) if limits else math.nan
@@ -318,6 +344,7 @@ def fit_kind(
         recordings=tuple(same),
         pooled=pooled,
         refused=refused,
+        notes=notes,
         left_out=tuple(left_out),
         clutter=_pool_clutter(spaced),
         doppler=doppler,
@@ -338,6 +365,15 @@ def _collect(tables: Sequence[Mapping[str, T]]) -> dict[str, list[T]]:
     return {name: [table[name] for table in tables if name in table] for name in names}
 
 
+def _count_reasons(tables: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """Return the most frequent text of every key, with the number of recordings."""
+    return {
+        name: max(texts, key=texts.count)
+        + (f" (in {len(texts)} of {len(tables)} recordings)" if len(tables) > 1 else "")
+        for name, texts in _collect(tables).items()
+    }
+
+
 def _set_axes(radar: Radar, recording: Recording) -> Radar:
     """Return a radar with a recording's rate and range axis."""
     start_m = max(float(recording.range_m[0]), 0.0) if recording.n_range_bins > 1 else radar.range_start_m
@@ -349,22 +385,23 @@ def _set_axes(radar: Radar, recording: Recording) -> Radar:
 
 
 def _pool_drops(same: Sequence[SensorMeasurement]) -> tuple[PooledQuantity | None, float]:
-    counted = [m for m in same if m.n_frames]
+    counted = [m.room.faults for m in same if m.room is not None and "frame drops" not in m.refused]
     if not counted:
         return None, 1.0
-    faulty, frames = sum(m.n_faulty for m in counted), sum(m.n_frames for m in counted)
-    runs = sum(m.n_faulty / m.run_length for m in counted)
-    length = faulty / runs if runs else 1.0
-    share = (faulty + 0.5) / (frames + 1.0)
+    frames = [faults.dropped.size + faults.lost for faults in counted]
+    dropped, runs = (sum(values) for values in zip(*((int(f.dropped.sum()), f.runs) for f in counted), strict=True))
+    length = dropped / runs if runs else 1.0
+    share = (sum(f.faulty for f in counted) + 0.5) / (sum(frames) + 1.0)
     # runs of mean length L scatter 2 L - 1 times as much as single frames; the share is common to
     # all recordings, because that of a recording without dropped frames is not known exactly
     each = share * (1.0 - share) * (2.0 * length - 1.0)
-    return pool(Estimate(m.n_faulty / m.n_frames, math.sqrt(each / m.n_frames)) for m in counted), length
+    shares = (Estimate(f.faulty / n, math.sqrt(each / n)) for f, n in zip(counted, frames, strict=True))
+    return pool(shares), length
 
 
 def _pool_clutter(spaced: Sequence[SensorMeasurement]) -> tuple[tuple[float, PooledQuantity], ...]:
     """Pool the clutter at the knots of the longest frame."""
-    profiles = [(m.recording.range_m.size, m.clutter) for m in spaced if m.clutter is not None]
+    profiles = [(m.recording.range_m.size, m.room.clutter) for m in spaced if m.room is not None]
     if not profiles:
         return ()
     knots = max(profiles, key=lambda pair: pair[0])[1].range_m
@@ -445,17 +482,17 @@ def _pool_over_range(spaced: Sequence[SensorMeasurement]) -> tuple[tuple[float, 
     return tuple(found) if bent else ()
 
 
-def _pool_correlation(spaced: Sequence[SensorMeasurement]) -> tuple[float, ...]:
+def _pool_correlation(spaced: Sequence[SensorMeasurement]) -> tuple[float, ...] | None:
     usable = [m for m in spaced if m.correlation.size]
     if not usable:
-        return ()
-    found: list[float] = []
+        return None
+    values: list[float] = []
     for lag in range(1, min(m.correlation.size for m in usable)):
-        rho = pool(Estimate(float(m.correlation[lag].real), m.correlation_sd) for m in usable)
-        if abs(rho.mean.value) < max(3.0 * rho.mean.sd, 0.02):
+        rho = pool(Estimate(float(m.correlation[lag].real), m.correlation_sd) for m in usable).mean
+        if abs(rho.value) <= MATTERS * rho.sd:
             break
-        found.append(rho.mean.value)
-    return tuple(found)
+        values.append(rho.value)
+    return tuple(values)
 
 
 def _pool_lines(same: Sequence[SensorMeasurement]) -> tuple[Line[PooledQuantity], ...]:

@@ -1,20 +1,20 @@
-"""Write fitted sensor models as presets: of one sensor, or of a kind of sensors with distributions.
+"""Write a fitted sensor: as plain values, and as a preset of the radar and of the impairments that were fitted with it.
 
-Radar parameters come first, then the impairments that were fitted with them.
+Names, units and keys are those of the table of facts.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
-from doppelgait.core.config import validate
+from doppelgait.core.draws import replace_by_middle
 from doppelgait.radar.fit.measure import SLOW_CELLS
-from doppelgait.radar.fit.model import SensorFit, choose_noise_change
+from doppelgait.radar.fit.model import FACTS, VOLT_DB, Fact
 from doppelgait.radar.fit.pool import (
     MATTERS,
     SHAPE_DB,
@@ -24,187 +24,125 @@ from doppelgait.radar.fit.pool import (
     is_noise_separate,
 )
 from doppelgait.radar.fit.room import DB_PER_NEPER, Estimate
-from doppelgait.radar.parameters import Radar, find_possible_correlation
+from doppelgait.radar.impairments import make_impairment
+from doppelgait.radar.parameters import find_possible_correlation
 
 Table = tuple[dict[str, Any], dict[str, str]]
 """Impairment and the comments of its keys."""
 
-
-UNITS = {
-    "noise_level_db": "dB re 1 V",
-    "noise_figure_db": "dB",
-    "gain_db": "dB",
-    "direct_path_db": "dB re 1 V",
-    "white_rad": "rad",
-    "walk_rad_per_sqrt_min": "rad/sqrt(min)",
-    "drift_rad_per_min": "rad/min",
-    "iq_gain_db": "dB",
-    "iq_phase_deg": "deg",
-    "noise_iq_gain_db": "dB",
-    "noise_iq_phase_deg": "deg",
-    "dc_level_db": "dB re 1 V",
-    "dc_i_v": "V",
-    "dc_q_v": "V",
-    "drop_probability": "of all frames",
-}
-"""Unit of each fitted quantity by its name, which is a group and the key of an impairment."""
-GROUPS = re.compile("^(noise|iq|dc|drop)_")
-DIGITS = {"level_db": 2, "phase_deg": 3}
-"""Digits behind the point, by key; 4 for others."""
 MAX_KNOTS = 16
 
 
-def calibrate_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
-    """Return the radar with fitted noise and measured axes.
+def describe_sensor(kind: SensorKind) -> dict[str, Any]:
+    """Return the plain values of a fitted sensor, as JSON has them: None is a value that is not known.
 
-    Frame rate and range axis are those of the recording.
-
-    The noise figure is changed if the result is plausible (0 to 30 dB), otherwise the receiver gain.
-
-    Parameters
-    ----------
-    fit : SensorFit
-    radar : Radar, optional
-        Source of the other parameters; by default the radar of the recording.
+    Returns
+    -------
+    dict
+        ``quantities`` has one row for every quantity, with its name, mean, standard deviation, spread between
+        recordings and unit; levels are also re one unit of the files if the radar states its volts. ``recordings``
+        lists the use of every recording. ``refused``, ``notes`` and ``left_out`` have the reasons.
     """
-    base = fit.radar if radar is None else radar
-    start_m = max(float(fit.range_m[0]), 0.0)
-    changes: dict[str, Any] = {
-        "name": f"{base.name}, calibrated",
-        "prf_hz": fit.radar.prf_hz,
-        "range_start_m": start_m,
-        "range_stop_m": start_m + (fit.range_m.size - 0.5) * base.bin_spacing_m,
+    rows = [(name, FACTS[name].label, FACTS[name].unit, pooled) for name, pooled in kind.pooled.items()]
+    rows += [(f"clutter_at_{r:.2f}_m", f"clutter at {r:.2f} m", VOLT_DB, level) for r, level in kind.clutter]
+    rows += [
+        (f"line_at_{line.frequency_hz:.4g}_hz", _name_line(kind, number), VOLT_DB, line.level_db)
+        for number, line in enumerate(kind.lines)
+    ]
+    volts = kind.radar.volts_per_unit
+    quantities = []
+    for name, label, unit, p in rows:
+        values = {"value": p.mean.value, "sd": p.mean.sd, "spread": p.spread, "low": p.low, "high": p.high}
+        if unit == VOLT_DB and volts is not None:
+            values["value_re_unit_db"] = p.mean.value - 20.0 * math.log10(volts)
+        known = {key: value if math.isfinite(value) else None for key, value in values.items()}
+        quantities.append({"name": name, "quantity": label, **known, "unit": unit, "recordings": p.count})
+    recordings: list[dict[str, Any]] = []
+    for m in kind.recordings:
+        recordings.append({"recording": m.recording.source, "used_for": m.uses, "frames": m.recording.n_pulses})
+        if m.room is not None:
+            recordings[-1] |= {
+                "frames_used": m.room.n_used,
+                "interference_frames": m.room.bursts.frames.nonzero()[0].tolist(),
+                "movers": [dataclasses.asdict(interval) for interval in m.room.moving],
+            }
+    return {
+        "radar": kind.radar.model_dump(mode="json"),
+        "quantities": quantities,
+        "recordings": recordings,
+        "refused": kind.refused,
+        "notes": kind.notes,
+        "left_out": list(kind.left_out),
     }
-    if base.waveform.samples_are_bins and "noise_correlation" in base.waveform.takes:
-        correlation = [float(rho.real) for rho in fit.noise.correlation[1:]]
-        while correlation and correlation[-1] == 0.0:  # not significant
-            correlation.pop()
-        changes["noise_correlation"] = find_possible_correlation(correlation)
-    where = f"the radar fitted to {fit.source or 'a recording'}; its values should be in V"
-    return validate(Radar, {**base.model_dump(), **changes, **choose_noise_change(fit, base)}, where=where)
 
 
-def format_calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
-    """Return the text of a calibrated preset.
+def _name_line(kind: SensorKind, number: int) -> str:
+    line = kind.lines[number]
+    mains = find_mains_harmonic(line.frequency_hz, kind.radar.prf_hz, max(line.half_width_hz, 0.5))
+    return f"line at {line.frequency_hz:+.4g} Hz" + (f" ({mains}?)" if mains else "")
 
-    ``Radar.preset("FILE.toml")`` loads it; its ``[[impairments]]`` are for a scene.
 
-    Every value has a comment with its source.
+def format_preset(kind: SensorKind) -> str:
+    """Return the text of a preset of a sensor, with distributions if there are several recordings.
 
-    Parameters
-    ----------
-    fit : SensorFit
-    radar : Radar, optional
-        Source of the parameters that a recording does not state; by default the radar of the recording.
+    ``Radar.preset("FILE.toml")`` loads it; its ``[[impairments]]`` are for a scene. A plan draws each distribution once
+    per example. Every value has a comment with its source; quantities that the recordings do not show are listed at the
+    top.
 
     Raises
     ------
     ConfigError
         If the fitted values do not make a radar or an impairment.
     """
-    from doppelgait.radar.link import find_noise_slope
-
-    base = fit.radar if radar is None else radar
-    values = calibrate_radar(fit, radar).model_dump(mode="json", exclude_none=True)
+    names = ", ".join(m.recording.source or "a recording" for m in kind.recordings[:5])
+    more = len(kind.recordings) - 5
+    separate, pooled = is_noise_separate(kind.pooled), kind.pooled
     lines = [
-        f"# {clean_comment(f'Sensor model fitted from {_format_origin(fit)}.')}",
-        "# A number after +- is one standard deviation. Levels are dB re 1 V at the receiver output.",
-        "# Receiver noise is in the radar's own parameters: do not add thermal_noise.",
+        f"# {clean_comment(f'Sensor fitted to {names}')}{f' and {more} more' if more > 0 else ''}.",
+        "# A number after +- is one standard deviation. A distribution is the spread between recordings without",
+        "# the measurement error; a plan draws from it for every example, otherwise its centre is used.",
+        "# Levels are dB re 1 V at the receiver output.",
+        "# Receiver noise arises behind the mixer: the thermal_noise below replaces the noise of the radar."
+        if separate
+        else "# Receiver noise is in the radar: do not add thermal_noise.",
+        *(f"# Note: {clean_comment(note)}." for note in kind.notes.values()),
+        *(f"# Refused: {clean_comment(name)}: {clean_comment(why)}." for name, why in kind.refused.items()),
+        *(f"# Left out: {clean_comment(why)}." for why in kind.left_out),
     ]
-    if fit.gain is not None and _is_significant(fit.gain.white):
-        lines.append(f"# Not modelled: gain jitter of {fit.gain.white.value:.2g} dB from frame to frame.")
-    lines += [f"# Note: {clean_comment(flag)}." for flag in fit.flags]
-    comments = dict.fromkeys(("prf_hz", "range_start_m", "range_stop_m"), f"axis of {fit.source or 'the recording'}")
-    comments["noise_correlation"] = f"fitted from {_format_origin(fit)}: between bins 1, 2, ... apart"
-    level_sd = fit.noise_level_db.sd
-    if "noise_figure_db" in choose_noise_change(fit, base):
-        noise = _format_fitted(fit, level_sd / find_noise_slope(base), "dB")
-        comments["noise_figure_db"] = f"{noise}; gives the measured noise per bin and frame"
-    else:
-        noise = _format_fitted(fit, level_sd, "dB")
-        comments["receiver_gain_db"] = f"{noise}; gives the measured noise: no noise figure of a receiver does"
-        comments["threshold_step_v"] = "scaled with the gain, so that the SNR is that of the preset"
-    return _format_preset(lines, values, comments, f"as {base.name}", list(_iterate_impairments(fit)))
-
-
-def _format_preset(
-    lines: Sequence[str], values: Mapping[str, Any], comments: Mapping[str, str], default: str, tables: Sequence[Table]
-) -> str:
-    """Return the text of a radar and of its impairments, which are checked."""
-    from doppelgait.core.draws import replace_by_middle
-    from doppelgait.radar.impairments import make_impairment
-
+    jitter = pooled.get("gain_white_db")
+    if jitter is not None and _is_significant(jitter.mean):
+        lines.append(f"# Not modelled: gain jitter of {jitter.mean.value:.2g} dB from frame to frame.")
+    values = kind.radar.model_dump(mode="json", exclude_none=True)
+    values["name"] = f"{kind.radar.name}, fitted"
+    comments = dict.fromkeys(("prf_hz", "range_start_m", "range_stop_m"), "axis of the recordings")
+    if (figure := pooled.get("noise_figure_db")) is not None:
+        # a normal draw would fall below 0
+        below_0 = figure.spread_is_known and figure.mean.value < MATTERS * figure.spread
+        fact = dataclasses.replace(FACTS["noise_figure_db"], lowest=0.0 if below_0 else None)
+        values["noise_figure_db"] = _draw(figure, kind.radar.noise_figure_db, fact)
+        use = "not used: thermal_noise below" if separate else "gives the measured noise per bin and frame"
+        comments["noise_figure_db"] = f"{_format_comment(figure, 'dB')}; {use}"
+        if "noise figure" in kind.notes and not separate:
+            comments["noise_figure_db"] = "as without the fit: the gain changes instead"
+            comments["receiver_gain_db"] = f"{_format_comment(figure, 'dB')}; gives the measured noise"
+            comments["threshold_step_v"] = "scaled with the gain, so that the SNR is that of the preset"
+    if (gain := pooled.get("gain_db")) is not None:
+        values["receiver_gain_db"] = _draw(gain, kind.radar.receiver_gain_db, FACTS["gain_db"])
+        comments["receiver_gain_db"] = _format_comment(gain, "dB") + "; the spread is that of the direct path"
+    if kind.correlation is not None and "noise_correlation" in kind.radar.waveform.takes:
+        values["noise_correlation"] = list(find_possible_correlation(kind.correlation))
+        comments["noise_correlation"] = "fitted: between bins 1, 2, ... apart"
+    tables = list(_iterate_impairments(kind))
     for table, _ in tables:
         make_impairment(replace_by_middle(table))
     nested = sorted(name for name, value in values.items() if isinstance(value, dict) and name not in comments)
-    lines = [*lines, ""]
-    lines += [format_setting(k, v, comments.get(k, default)) for k, v in values.items() if k not in nested]
+    default = f"as {kind.radar.name}"
+    lines += ["", *(format_setting(k, v, comments.get(k, default)) for k, v in values.items() if k not in nested)]
     for name in nested:
         lines += ["", f"[{name}]", *(format_setting(k, v, default) for k, v in values[name].items())]
     for table, why in tables:
         lines += ["", "[[impairments]]", *(format_setting(k, v, why.get(k, "")) for k, v in table.items())]
     return "\n".join(lines) + "\n"
-
-
-def _format_origin(fit: SensorFit) -> str:
-    return f"{fit.source or 'a recording'}, {fit.n_used} of {fit.n_frames} frames, {fit.duration_s:.1f} s"
-
-
-def _format_fitted(fit: SensorFit, sd: float, unit: str) -> str:
-    return f"fitted from {_format_origin(fit)}, +-{sd:.2g} {unit}"
-
-
-def _iterate_impairments(fit: SensorFit) -> Iterator[Table]:
-    """Yield impairment tables with comments: echoes, their phase, then faults of the recorder."""
-    knots = [[round(r, 4), round(level, 2)] for r, level in zip(fit.clutter.range_m, fit.clutter.level_db, strict=True)]
-    why = _format_fitted(fit, float(fit.clutter.sd_db.max()), "dB a knot") + "; holds the direct path too"
-    yield {"kind": "static_clutter", "levels": knots}, {"levels": why}
-    constant = fit.leakage.constant_v
-    if _is_significant(constant):
-        level = constant.to_db(20.0)
-        yield {"kind": "dc_leak", "level_db": round(level.value, 2)}, {"level_db": _format_fitted(fit, level.sd, "dB")}
-    if fit.phase is not None:
-        table: dict[str, Any] = {"kind": "phase_noise"}
-        comments, minutely = {}, fit.phase.per_minute()
-        for name in ("white_rad", "drift_rad_per_min", "walk_rad_per_sqrt_min"):
-            estimate = minutely[name]
-            table[name] = _round_digits(estimate.value) if _is_significant(estimate) else 0.0
-            comments[name] = _format_fitted(fit, estimate.sd, UNITS[name])
-            if not _is_significant(estimate):
-                comments[name] += f"; {estimate.value:.2g} is not distinguished from 0"
-        yield table, comments
-    if fit.bursts.frames.any():
-        bursts = fit.bursts
-        runs = float(bursts.frames.sum()) / bursts.mean_length
-        table = {
-            "kind": "interference",
-            "rate_hz": _round_digits(runs / fit.duration_s),
-            "duration_s": _round_digits(max(bursts.mean_length - 1.0, 1e-3) / fit.radar.prf_hz),
-            "level_db": round(bursts.level_db, 1),
-            "hit_share": _round_digits(bursts.share),
-        }
-        comments = {
-            "rate_hz": _format_fitted(fit, math.sqrt(runs) / fit.duration_s, "Hz"),
-            "duration_s": f"fitted: {bursts.mean_length:.2g} frames in a row, less one for a burst across two frames",
-            "level_db": "fitted: rms of the cells found; those below the threshold are not counted",
-            "hit_share": "fitted: share of the bins found in a frame hit",
-        }
-        yield table, comments
-    if fit.faults.probability.value > 0:
-        repeated = int(fit.faults.dropped.sum()) - fit.faults.blank
-        length = max(fit.faults.mean_length, 1.0)
-        table = {
-            "kind": "dropped_frames",
-            "probability": _round_digits(min(fit.faults.probability.value, length / (1.0 + length))),
-            "mean_length": _round_digits(length),
-            "fill": "zero" if fit.faults.blank > repeated else "repeat",
-        }
-        comments = {
-            "probability": _format_fitted(fit, fit.faults.probability.sd, UNITS["drop_probability"]),
-            "mean_length": "fitted: mean length of the runs",
-            "fill": f"fitted: {repeated} frames repeated, {fit.faults.blank} zero",
-        }
-        yield table, comments
 
 
 def _is_significant(estimate: Estimate) -> bool:
@@ -235,89 +173,20 @@ def _format_toml(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-def kind_rows(kind: SensorKind) -> list[dict[str, str]]:
-    """Return pooled quantities as rows to print."""
-    named = {**kind.pooled, **{f"clutter at {range_m:.2f} m": level for range_m, level in kind.clutter}}
-    named |= {_name_line(kind, n): line.level_db for n, line in enumerate(kind.lines)}
-    return [
-        {
-            "quantity": name,
-            "mean": f"{p.mean.value:.4g}",
-            "+-": f"{p.mean.sd:.2g}",
-            "spread": "-" if math.isnan(p.spread) else f"{p.spread:.2g}",
-            "95 %": "-" if math.isnan(p.spread) else f"{p.low:.2g} to {p.high:.2g}",
-            "unit": UNITS.get(name, "dB re 1 V"),
-            "from": str(p.count),
-        }
-        for name, p in named.items()
-    ]
-
-
-def _name_line(kind: SensorKind, number: int) -> str:
-    line = kind.lines[number]
-    mains = find_mains_harmonic(line.frequency_hz, kind.radar.prf_hz, max(line.half_width_hz, 0.5))
-    return f"line at {line.frequency_hz:+.4g} Hz" + (f" ({mains}?)" if mains else "")
-
-
-def format_kind_preset(kind: SensorKind) -> str:
-    """Return the text of a preset with distributions.
-
-    A plan draws each distribution once per example.
-
-    Every value has a comment with its source; quantities that the recordings do not show are listed at the top.
-
-    Raises
-    ------
-    ConfigError
-        If the fitted values do not make a radar or an impairment.
-    """
-    names = ", ".join(m.recording.source or "a recording" for m in kind.recordings[:5])
-    more = len(kind.recordings) - 5
-    separate, pooled = is_noise_separate(kind.pooled), kind.pooled
-    lines = [
-        f"# {clean_comment(f'Sensors of a kind, fitted from {len(kind.recordings)} recordings')}: "
-        f"{clean_comment(names)}{f' and {more} more' if more > 0 else ''}.",
-        "# A number after +- is one standard deviation. A distribution is the spread between recordings without",
-        "# the measurement error; a plan draws from it for every example, otherwise its centre is used.",
-        "# Levels are dB re 1 V at the receiver output.",
-        "# Receiver noise arises behind the mixer: the thermal_noise below replaces the noise of the radar."
-        if separate
-        else "# Receiver noise is in the radar: do not add thermal_noise.",
-        *(f"# Refused: {clean_comment(name)}: {clean_comment(why)}." for name, why in kind.refused.items()),
-        *(f"# Left out: {clean_comment(why)}." for why in kind.left_out),
-    ]
-    values = kind.radar.model_dump(mode="json", exclude_none=True)
-    values["name"] = f"{kind.radar.name}, fitted"
-    comments: dict[str, str] = {}
-    if (figure := pooled.get("noise_figure_db")) is not None:
-        below_0 = (
-            figure.spread_is_known and figure.mean.value < MATTERS * figure.spread
-        )  # a normal draw would fall there
-        values["noise_figure_db"] = _draw(figure, kind.radar.noise_figure_db, lowest=0.0 if below_0 else None)
-        use = "not used: thermal_noise below" if separate else "gives the measured noise"
-        comments["noise_figure_db"] = f"{_format_comment(figure, 'dB')}; {use}"
-    if (gain := pooled.get("gain_db")) is not None:
-        values["receiver_gain_db"] = _draw(gain, kind.radar.receiver_gain_db)
-        comments["receiver_gain_db"] = _format_comment(gain, "dB") + "; the spread is that of the direct path"
-    if kind.correlation and "noise_correlation" in kind.radar.waveform.takes:
-        values["noise_correlation"] = list(find_possible_correlation(kind.correlation))
-        comments["noise_correlation"] = "fitted: between bins 1, 2, ... apart"
-    tables = list(_iterate_kind_impairments(kind))
-    return _format_preset(lines, values, comments, f"as {kind.radar.name}", tables)
-
-
-def _draw(pooled: PooledQuantity, middle: float, *, digits: int = 4, lowest: float | None = None) -> Any:
-    """Return a number, or its distribution: normal, or uniform if it has a ``lowest`` value."""
-    value = round(middle, digits) if lowest is None else _round_digits(middle)
+def _draw(pooled: PooledQuantity, middle: float, fact: Fact) -> Any:
+    """Return a number, or its distribution: normal, or uniform if it has a lowest value."""
+    value = _round_digits(middle) if fact.digits is None else round(middle, fact.digits)
     if not pooled.spread_is_known:
         return value
-    if lowest is None:
+    if fact.lowest is None:
         return {"normal": [value, float(f"{pooled.spread:.3g}")]}
     half = math.sqrt(3.0) * pooled.spread
-    return {"uniform": [_round_digits(max(middle - half, lowest)), _round_digits(middle + half)]}
+    return {"uniform": [_round_digits(max(middle - half, fact.lowest)), _round_digits(middle + half)]}
 
 
 def _format_comment(pooled: PooledQuantity, unit: str) -> str:
+    if pooled.count == 1:
+        return f"fitted, +-{pooled.mean.sd:.2g} {unit}"
     text = f"fitted from {pooled.count} recordings, mean +-{pooled.mean.sd:.2g} {unit}"
     if math.isnan(pooled.spread):
         return f"{text}; too few for a spread"
@@ -325,36 +194,37 @@ def _format_comment(pooled: PooledQuantity, unit: str) -> str:
     return f"{text}; {spread} {pooled.low:.2g} to {pooled.high:.2g}"
 
 
-def _make_table(
-    kind: str, pooled: Mapping[str, PooledQuantity], middles: Mapping[str, float | None], *, lowest: float | None = None
-) -> Table:
-    """Return an impairment of quantities around their middles, by default means."""
-    table: dict[str, Any] = {"kind": kind}
+def _make_table(kind: SensorKind, impairment: str, middles: Mapping[str, float] | None = None) -> Table:
+    """Return an impairment of the facts that set its keys, around their means or other middles."""
+    table: dict[str, Any] = {"kind": impairment}
     comments = {}
-    for name, middle in middles.items():
-        key, quantity = GROUPS.sub("", name), pooled[name]
-        middle = quantity.mean.value if middle is None else middle
-        table[key] = _draw(quantity, middle, digits=DIGITS.get(key, 4), lowest=lowest)
-        comments[key] = _format_comment(quantity, UNITS[name].removesuffix(" re 1 V"))
+    for name, fact in FACTS.items():
+        if fact.impairment != impairment or name not in kind.pooled:
+            continue
+        pooled = kind.pooled[name]
+        middle = (middles or {}).get(name, pooled.mean.value)
+        comments[fact.key] = _format_comment(pooled, fact.unit.removesuffix(" re 1 V"))
+        if fact.significant and not pooled.spread_is_known and not _is_significant(pooled.mean):
+            comments[fact.key] += f"; {middle:.2g} is not distinguished from 0"
+            middle = 0.0
+        table[fact.key] = _draw(pooled, middle if fact.lowest is None else max(middle, fact.lowest), fact)
     return table, comments
 
 
-def _iterate_kind_impairments(kind: SensorKind) -> Iterator[Table]:
-    """Yield impairments in order, with comments."""
+def _iterate_impairments(kind: SensorKind) -> Iterator[Table]:
+    """Yield impairments in order, with comments: echoes, their phase, mixer and noise, then faults of the recorder."""
     pooled = kind.pooled
     apart = is_noise_separate(pooled)
     if not apart:
         yield from _iterate_noise(kind)
     if kind.clutter:
-        levels = [[round(r, 3), _draw(level, level.mean.value, digits=2)] for r, level in kind.clutter]
-        worst = max(level.mean.sd for _, level in kind.clutter)
-        text = f"fitted from up to {max(level.count for _, level in kind.clutter)} recordings, +-{worst:.2g} dB a knot"
-        yield {"kind": "static_clutter", "levels": levels}, {"levels": text + "; holds the direct path too"}
+        knot = Fact("", "dB", digits=2)
+        levels = [[round(r, 4), _draw(level, level.mean.value, knot)] for r, level in kind.clutter]
+        worst = max((level for _, level in kind.clutter), key=lambda level: level.mean.sd)
+        why = _format_comment(worst, "dB a knot") + "; holds the direct path too"
+        yield {"kind": "static_clutter", "levels": levels}, {"levels": why}
     if "white_rad" in pooled:
-        names = ("white_rad", "walk_rad_per_sqrt_min")
-        yield _make_table(
-            "phase_noise", pooled, {name: max(pooled[name].mean.value, 0.0) for name in names}, lowest=0.0
-        )
+        yield _make_table(kind, "phase_noise")
     image = ("iq_gain_db", "iq_phase_deg")
     if apart:
         # echoes pass both, the noise behind the mixer passes the second only: I is unchanged, and
@@ -367,26 +237,34 @@ def _iterate_kind_impairments(kind: SensorKind) -> Iterator[Table]:
         mixed = (g * math.sin(phi) - own_g * math.sin(own_phi)) / (own_g * math.cos(own_phi))
         joint = (20.0 * math.log10(math.hypot(kept, mixed)), math.degrees(math.atan2(mixed, kept)))
         gain, phase = (pooled[name].mean.value for name in image)
-        why = f"; with the next one {gain:.2f} dB and {phase:.1f} deg"
-        table, comments = _make_table("iq_imbalance", pooled, dict(zip(image, joint, strict=True)))
-        yield table, {**comments, "gain_db": comments["gain_db"] + why}
+        table, comments = _make_table(kind, "iq_imbalance", dict(zip(image, joint, strict=True)))
+        comments["gain_db"] += f"; with the next one {gain:.2f} dB and {phase:.1f} deg"
+        yield table, comments
         level_db = pooled["noise_level_db"].mean.value - DB_PER_NEPER * math.log((1.0 + own_g**2) / 2.0)
-        table, comments = _make_table("thermal_noise", pooled, {"noise_level_db": level_db})
-        yield table, {"level_db": comments["level_db"] + "; replaces the radar's own: it arises behind the mixer"}
+        table, comments = _make_table(kind, "thermal_noise", {"noise_level_db": level_db})
+        comments["level_db"] += "; replaces the radar's own: it arises behind the mixer"
+        yield table, comments
         yield from _iterate_noise(kind)
         second = {"gain_db": round(20.0 * math.log10(own_g), 3), "phase_deg": round(math.degrees(own_phi), 2)}
         why = _format_comment(pooled["noise_iq_gain_db"], "dB") + "; of the noise"
         yield {"kind": "iq_imbalance", **second}, {"gain_db": why}
     elif "iq_gain_db" in pooled and any(pooled[n].spread_is_known or _is_significant(pooled[n].mean) for n in image):
-        yield _make_table("iq_imbalance", pooled, dict.fromkeys(image))
+        yield _make_table(kind, "iq_imbalance")
     if (constant := _find_constant(kind)) is not None:
         yield constant
-    share = pooled.get("drop_probability")
-    if share is not None and share.mean.value > 0.0:
-        most = 0.9 * kind.run_length / (1.0 + kind.run_length)
-        middles = {"drop_probability": min(share.mean.value, most)}
-        table, comments = _make_table("dropped_frames", pooled, middles, lowest=0.0)
-        yield {**table, "mean_length": round(max(kind.run_length, 1.0), 3)}, comments
+    half = len(kind.recordings) / 2
+    if "burst_level_db" in pooled and pooled["burst_level_db"].count >= half:
+        yield _make_table(kind, "interference")
+    if "drop_probability" in pooled and pooled["drop_probability"].mean.value > 0.0:
+        length = kind.run_length
+        largest = math.nextafter(length / (1.0 + length), 0.0)
+        middles = {"drop_probability": min(pooled["drop_probability"].mean.value, largest)}
+        table, comments = _make_table(kind, "dropped_frames", middles)
+        faults = [m.room.faults for m in kind.recordings if m.room is not None]
+        blank, repeated = sum(f.blank for f in faults), sum(int(f.dropped.sum()) - f.blank for f in faults)
+        table |= {"mean_length": _round_digits(length), "fill": "zero" if blank > repeated else "repeat"}
+        comments |= {"mean_length": "fitted: mean length of the runs"}
+        yield table, comments | {"fill": f"fitted: {repeated} frames repeated, {blank} zero"}
     if kind.bits:
         why = "reached" if math.isfinite(kind.full_scale_v) and kind.clipped else "never reached: assumed"
         table = {"kind": "adc", "bits": kind.bits, "full_scale_v": float(f"{kind.full_scale_v:.6g}")}
@@ -408,7 +286,7 @@ def _iterate_noise(kind: SensorKind) -> Iterator[Table]:
         shape = {"levels": [[0.0, round(noise_db, 2)]], "range_db": _subtract_level(kind.range_db, 0.0, lowest_db)}
         yield table | shape, {"range_db": "fitted: noise over its lowest level, by range"}
     for number, line in enumerate(kind.lines):
-        level = _draw(line.level_db, line.level_db.mean.value, digits=2)
+        level = _draw(line.level_db, line.level_db.mean.value, FACTS["noise_level_db"])
         table = {"kind": "spur", "frequency_hz": round(line.frequency_hz, 3), "level_db": level}
         yield table, {"frequency_hz": _name_line(kind, number), "level_db": _format_comment(line.level_db, "dB")}
 
@@ -443,7 +321,7 @@ def _find_constant(kind: SensorKind) -> Table | None:
     """Return the constant of all bins, if significant."""
     found, half = kind.pooled, len(kind.recordings) / 2
     if "dc_level_db" in found and found["dc_level_db"].count > half:
-        return _make_table("dc_leak", found, {"dc_level_db": None})
+        return _make_table(kind, "dc_leak")
     if "dc_i_v" not in found or found["dc_i_v"].count < half:
         return None
     in_phase, quadrature = found["dc_i_v"], found["dc_q_v"]

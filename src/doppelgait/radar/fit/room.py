@@ -133,14 +133,6 @@ class SeriesFit:
     walk_per_root_s: Estimate
     white: Estimate
 
-    def per_minute(self) -> dict[str, Estimate]:
-        """Return the parameters of phase noise, for a series in rad."""
-        return {
-            "white_rad": self.white,
-            "walk_rad_per_sqrt_min": self.walk_per_root_s.scale(math.sqrt(60.0)),
-            "drift_rad_per_min": self.drift_per_s.scale(60.0),
-        }
-
 
 def fit_series(values: FloatArray, *, time_s: FloatArray, measurement_variance: float = 0.0) -> SeriesFit:
     """Fit drift, random walk and white jitter to a series.
@@ -199,26 +191,25 @@ BUSY_SHARE = 0.03
 
 @dataclass(frozen=True)
 class FrameFaults:
-    """Faulty frames of a recording. Shapes: dropped (I,)."""
+    """Faulty frames of a recording: dropped (I,), of them blank, in runs; and lost ones."""
 
     dropped: Mask
     blank: int
+    runs: int
     lost: int
-    probability: Estimate
-    mean_length: float
+
+    @property
+    def faulty(self) -> int:
+        """Number of faulty frames."""
+        return int(self.dropped.sum()) + self.lost
 
 
 def find_frame_faults(samples_v: ComplexArray, *, slow_time_s: FloatArray) -> FrameFaults:
     """Find dropped frames (zero or an exact repetition) and lost ones (gaps of time)."""
     blank, repeated = mark_dropped(samples_v)
-    dropped = blank | repeated
     steps = np.diff(slow_time_s)
     lost = int(np.sum(np.maximum(np.round(steps / np.median(steps)) - 1, 0)))
-    length = _measure_run_length(dropped)
-    total, faulty = len(samples_v) + lost, int(dropped.sum()) + lost
-    share = (faulty + 1) / (total + 2)
-    sd = math.sqrt(share * (1 - share) / total * max(length, 1.0))
-    return FrameFaults(dropped, int(blank.sum()), lost, Estimate(faulty / total, sd), length)
+    return FrameFaults(blank | repeated, int(blank.sum()), count_runs(blank | repeated), lost)
 
 
 def mark_dropped(samples_v: ComplexArray) -> tuple[Mask, Mask]:
@@ -227,19 +218,18 @@ def mark_dropped(samples_v: ComplexArray) -> tuple[Mask, Mask]:
     return np.asarray(~samples_v.any(axis=1)), repeated
 
 
-def _measure_run_length(flags: Mask) -> float:
-    """Return the mean length of the runs of flags, 0 without any."""
-    runs = int(np.sum(flags & ~np.concatenate([[False], flags[:-1]])))
-    return float(flags.sum() / runs) if runs else 0.0
+def count_runs(flags: Mask) -> int:
+    """Count the runs of flags."""
+    return int(np.sum(flags & ~np.concatenate([[False], flags[:-1]])))
 
 
 @dataclass(frozen=True)
 class Bursts:
-    """Interference in an otherwise good recording. Shapes: frames (I,)."""
+    """Interference in an otherwise good recording; frames (I,) come in runs."""
 
     frames: Mask
     level_db: float
-    mean_length: float
+    runs: int
     share: float
 
 
@@ -249,7 +239,7 @@ def find_bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> 
 
     nothing = np.zeros(len(rest_v), dtype=bool)
     if not noise_power_v2 > 0 or not quiet.any():
-        return Bursts(nothing, math.nan, 0.0, 0.0)
+        return Bursts(nothing, math.nan, 0, 0.0)
     rest = rest_v[:, quiet]
     middle = [median_filter(x, size=(MEDIAN_FRAMES, 1), mode="nearest") for x in (rest.real, rest.imag)]
     power = np.abs(rest - middle[0] - 1j * middle[1]) ** 2
@@ -259,9 +249,9 @@ def find_bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> 
     hit &= hit.mean(axis=0) <= BUSY_SHARE
     frames: Mask = np.asarray(hit.any(axis=1))
     if not frames.any():
-        return Bursts(nothing, math.nan, 0.0, 0.0)
+        return Bursts(nothing, math.nan, 0, 0.0)
     level = float(10.0 * np.log10(np.mean(power[hit])))
-    return Bursts(frames, level, _measure_run_length(frames), float(hit[frames].mean()))
+    return Bursts(frames, level, count_runs(frames), float(hit[frames].mean()))
 
 
 LAGS = 8
@@ -276,13 +266,14 @@ FLAT_DB = 1.0
 
 @dataclass(frozen=True)
 class NoiseFloor:
-    """Noise of an empty room. Shapes: by_bin_v2 (N,); correlation (L,)."""
+    """Noise of an empty room. Shapes: by_bin_v2 (N,); correlation (L,), which is 0 where it is not significant."""
 
     power_v2: Estimate
     by_bin_v2: FloatArray
     slope_db_per_m: Estimate
     flat: bool
     correlation: ComplexArray
+    correlation_sd: float
     independent_bins: float
 
 
@@ -304,7 +295,8 @@ def estimate_noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFlo
     least = float(np.sqrt(1.5 / len(steps))) * middle
     power = Estimate(middle, MEDIAN_SPREAD * max(spread, least) / float(np.sqrt(independent)))
     slope, flat = _fit_slope(by_bin, range_m, independent)
-    return NoiseFloor(power, by_bin, slope, flat, correlation, independent)
+    correlation_sd = MEDIAN_SPREAD * math.sqrt(1.5 / steps.size / 2.0 * (1.0 + 2.0 * float(np.sum(weights))))
+    return NoiseFloor(power, by_bin, slope, flat, correlation, correlation_sd, independent)
 
 
 def estimate_bin_correlation(steps: ComplexArray) -> ComplexArray:
