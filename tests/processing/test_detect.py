@@ -13,8 +13,9 @@ from doppelgait.core.samples import Samples
 from doppelgait.processing import Analysis, plan_transform
 from doppelgait.processing.detect import Detector, estimate_noise_map, find_scans, noise_factor
 from doppelgait.processing.detect.cluster import find_clusters, measure_shapes, merge_groups
-from doppelgait.processing.detect.maps import compute_cell_power, compute_maps, estimate_residue_map
+from doppelgait.processing.detect.maps import compute_maps, estimate_residue_map
 from doppelgait.processing.detect.scans import NO_RANGE_SD_M, find_cells
+from doppelgait.processing.signature import compute_cell_power
 from doppelgait.radar import Radar, link
 from doppelgait.radar.simulate import label_baseband
 
@@ -87,12 +88,12 @@ def test_maps_are_the_equation():
     values = noise(260, 5, n_bins=3) + 2.0
     transform = plan_transform(Analysis(cpi_s=0.02, hop=37), n_pulses=260, prf_hz=PRF_HZ)
     scans = np.arange(transform.n_columns)
-    found = compute_cell_power(Frames.of(baseband(values, range_m=RANGE_M[:3])), transform, scans)
-    n_doppler, window = transform.n_doppler_bins, transform.window
+    n_doppler, window = transform.n_doppler_bins, transform.window / np.sqrt((transform.window**2).sum())
+    found = compute_cell_power(Frames.of(baseband(values, range_m=RANGE_M[:3])), transform, window, scans)
     assert found.shape == (len(scans), n_doppler, 3)
     for j, k in itertools.product(scans, range(n_doppler)):
         turn = np.exp(-2j * np.pi * (k - n_doppler // 2) * np.arange(window.size) / n_doppler)
-        literal = abs((window * turn) @ values[37 * j : 37 * j + window.size]) ** 2 / (window**2).sum()
+        literal = abs((window * turn) @ values[37 * j : 37 * j + window.size]) ** 2
         np.testing.assert_allclose(found[j, k], literal, rtol=1e-3, atol=1e-4)
 
 

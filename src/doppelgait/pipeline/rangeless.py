@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.frames import Frames
+from doppelgait.core.units import FloatArray
 from doppelgait.pipeline.result import Result
 from doppelgait.pipeline.target import analyze_gated
 from doppelgait.processing import Analysis, Gate, noise_floor_v2
@@ -26,8 +27,6 @@ from doppelgait.processing.receiver import (
 from doppelgait.processing.signature import compute_signature
 from doppelgait.processing.track import Tracker
 from doppelgait.processing.track_segments import SegmentationSettings, TrackSegment, find_track_segments
-
-FloatArray = npt.NDArray[np.float64]
 
 FAR_M = 100.0
 """Start range of a path that is integrated from velocity; at this range straight motion has constant velocity."""

@@ -18,7 +18,7 @@ from doppelgait.core.files import check_target
 from doppelgait.core.labels import ScattererTable
 from doppelgait.core.rng import Streams, draw_key
 from doppelgait.core.samples import Factor, Matrix, Samples
-from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
+from doppelgait.core.units import FloatArray, duration_to_pulses, slow_time_axis_s
 from doppelgait.motion.motion import FREQUENCIES
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.pipeline.radar_table import read_radar
@@ -42,8 +42,6 @@ from doppelgait.scene import LineOfSight, PlacedScene, PlacedTarget, Scene, asse
 from doppelgait.scene.environment import Setting, apply_environment, needs_angles
 from doppelgait.scene.observe import make_scatterers, place_points_at, tabulate, tabulate_later
 from doppelgait.scene.placement import as_placed
-
-FloatArray = npt.NDArray[np.float64]
 
 SCENE_REMEDY = (
     "make one with doppelgait.Scene(targets=[...]), or simulate a scene file with "

@@ -12,10 +12,8 @@ from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import SIGNATURE, make_array, read_axis
 from doppelgait.core.lazy import xr
-from doppelgait.core.units import db_to_power, doppler_to_velocity_mps, velocity_to_doppler_hz
+from doppelgait.core.units import FloatArray, db_to_power, doppler_to_velocity_mps, velocity_to_doppler_hz
 from doppelgait.processing import Gate
-
-FloatArray = npt.NDArray[np.float64]
 
 SAME_SPACING = 0.01
 """Largest relative disagreement of columns, rows and hop; the two durations in a figure often differ by more."""

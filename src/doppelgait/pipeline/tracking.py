@@ -13,6 +13,7 @@ import numpy.typing as npt
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError, warn_caller
 from doppelgait.core.frames import Frames
+from doppelgait.core.units import FloatArray
 from doppelgait.features import GaitFeatures
 from doppelgait.features.ground_motion import classify_visibility, estimate_ground_motion
 from doppelgait.pipeline import rangeless
@@ -39,8 +40,6 @@ from doppelgait.processing.receiver import read_flags
 from doppelgait.processing.track import Track, Tracker, split_tracks, track
 from doppelgait.processing.track_segments import SegmentationSettings, find_track_segments
 from doppelgait.radar import Radar
-
-FloatArray = npt.NDArray[np.float64]
 
 MIN_BREATHING_S, MIN_BREATHING_HZ = 10.0, 3.0
 NEAR_M = 1.0

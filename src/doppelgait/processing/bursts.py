@@ -17,10 +17,9 @@ from doppelgait.core.errors import AnalysisError, warn_caller
 from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.core.lazy import xr
 from doppelgait.core.samples import Samples
+from doppelgait.core.units import FloatArray
 from doppelgait.processing.config import MIN_CPI_PULSES, Analysis, Transform, find_fast_length, gaussian_window
 from doppelgait.processing.gate import Gate
-
-FloatArray = npt.NDArray[np.float64]
 
 UNEVEN = 0.1
 """Largest relative deviation of a burst period from the usual period that causes no warning."""

@@ -14,12 +14,12 @@ from doppelgait.core.frames import Frames
 from doppelgait.core.labels import SHARE_REMOVED, make_array, replace_array_values
 from doppelgait.core.lazy import xr
 from doppelgait.core.samples import ROWS, Planes, Samples, borrow_planes
+from doppelgait.core.units import FloatArray
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
 
 ClutterKind = Literal["auto", "none", "mean", "median", "exponential", "mti"]
 Values = npt.NDArray[np.complex64]
-FloatArray = npt.NDArray[np.float64]
 
 CLUTTER_TIME_S = 2.0
 MTI_CUTOFF_HZ = 3.0

@@ -13,10 +13,10 @@ import numpy.typing as npt
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.frames import SLACK_S, Frames
 from doppelgait.core.lazy import xr
+from doppelgait.core.units import FloatArray
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.track.live import Track
 
-FloatArray = npt.NDArray[np.float64]
 GateName = Literal["track", "truth"]
 GateChoice = GateName | tuple[float, float]
 """Gates that a user may choose: detected targets, the simulation's truth, or two ranges in m."""

@@ -12,9 +12,8 @@ import numpy.typing as npt
 from doppelgait._core import native
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Signal, maps_signal, measures_signal
+from doppelgait.core.units import FloatArray
 from doppelgait.processing.normalise import compute_median
-
-FloatArray = npt.NDArray[np.float64]
 
 ITERATIONS = 6
 CAUCHY_TUNING = 2.385

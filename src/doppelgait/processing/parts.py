@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,15 +20,13 @@ import numpy.typing as npt
 from doppelgait.core.frames import Frames
 from doppelgait.core.labels import PART_POWER, Coord, Signal, check_signal, read_axis
 from doppelgait.core.lazy import xr
-from doppelgait.core.units import doppler_to_velocity_mps
+from doppelgait.core.units import FloatArray, doppler_to_velocity_mps
 from doppelgait.processing.cadence import observation_s
-from doppelgait.processing.config import Analysis
+from doppelgait.processing.config import Analysis, Transform
 from doppelgait.processing.gate import Gate
 from doppelgait.processing.main_line import choose_line_order, main_line_hz
 from doppelgait.processing.normalise import noise_floor_v2
-from doppelgait.processing.signature import RangeDoppler, compute_range_doppler, plan_for
-
-FloatArray = npt.NDArray[np.float64]
+from doppelgait.processing.signature import compute_cell_power, plan_columns
 
 PARTS = ("torso", "legs", "limbs")
 """Names along ``part``; ``limbs`` are arms and the parts of legs that move like arms."""
@@ -61,8 +60,7 @@ class PartMask:
     columns: npt.NDArray[np.int64]
     torso_mps: FloatArray
     torso_range_m: FloatArray
-    speed_mps: float
-    direction: float
+    middle_mps: float
     width_mps: float
     length_m: float
     beyond_mps: float
@@ -72,31 +70,28 @@ class PartMask:
 
     def power_v2(self, frames: Frames, analysis: Analysis, *, wavelength_m: float) -> Signal:
         """Compute the power of every part, noise floor subtracted."""
-        found: list[npt.NDArray[np.float32]] = []
-        times: list[FloatArray] = []
-        for maps, bins, at, share in _iterate_gated_maps(frames, analysis, self.columns, self.low, self.high):
-            velocity_mps = np.asarray(doppler_to_velocity_mps(maps.doppler_hz, wavelength_m))
+        transform, times_s, doppler_hz = plan_columns(frames.slow_time, analysis)
+        velocity_mps = np.asarray(doppler_to_velocity_mps(doppler_hz, wavelength_m))
+        powers_v2 = []
+        for cells, bins, at in _iterate_cells(frames, transform, self.columns, self.low, self.high, self.floor_v2):
             ahead = velocity_mps[None, :] - self.torso_mps[at, None]
             off_m = (frames.range_m[None, bins] - self.torso_range_m[at, None]) / self.length_m
             inside = (ahead / self.width_mps)[:, :, None] ** 2 + off_m[:, None, :] ** 2 < 1.0
-            cells = (maps.power_v2 - np.float32(self.floor_v2)) * share[:, None, :]
             torso, all_v2 = (cells * inside).sum(axis=2), cells.sum(axis=2)
-            swing = ahead * self.direction
-            limb = (swing > SLOWEST * self.speed_mps - self.beyond_mps) & (
-                swing < FASTEST * self.speed_mps + self.beyond_mps
-            )
-            leg = limb & ((swing > LEGS_AHEAD * self.speed_mps) | (swing < -LEGS_BEHIND * self.speed_mps))
+            swing, speed_mps = ahead * np.sign(self.middle_mps), abs(self.middle_mps)
+            slowest_mps, fastest_mps = SLOWEST * speed_mps - self.beyond_mps, FASTEST * speed_mps + self.beyond_mps
+            limb = (swing > slowest_mps) & (swing < fastest_mps)
+            leg = limb & ((swing > LEGS_AHEAD * speed_mps) | (swing < -LEGS_BEHIND * speed_mps))
             rest = np.where(limb, all_v2 - torso, 0.0)
-            found.append(np.stack([torso, rest * leg, rest * ~leg]).astype(np.float32))
-            times.append(maps.time_s)
+            powers_v2.append(np.stack([torso, rest * leg, rest * ~leg]).astype(np.float32))
         coords: dict[str, Coord] = {
             "part": (("part",), np.arange(len(PARTS), dtype=np.float64), {}),
-            "time": (("time",), np.concatenate(times), {}),
-            "doppler": (("doppler",), maps.doppler_hz, {}),
+            "time": (("time",), times_s[self.columns], {}),
+            "doppler": (("doppler",), doppler_hz, {}),
             "velocity": (("doppler",), velocity_mps, {}),
         }
-        attrs = {"units": PART_POWER.units, "parts": " ".join(PARTS), "torso_mps": float(np.median(self.torso_mps))}
-        return Signal(PART_POWER, np.concatenate(found, axis=1), coords, attrs)
+        attrs = {"units": PART_POWER.units, "parts": " ".join(PARTS), "torso_mps": self.middle_mps}
+        return Signal(PART_POWER, np.concatenate(powers_v2, axis=1), coords, attrs)
 
 
 def locate_parts(frames: Frames, signature: Signal, gate: Gate, analysis: Analysis) -> tuple[PartMask | None, str]:
@@ -114,19 +109,16 @@ def locate_parts(frames: Frames, signature: Signal, gate: Gate, analysis: Analys
     if speed_mps < LEAST_SPEED_CELLS * cell_mps:
         return None, f"torso_slower_than_{LEAST_SPEED_CELLS:g}_doppler_cells"
     width_mps = SWAY_SHARE * speed_mps + SWAY_CELLS * cell_mps
-    slow_time = frames.slow_time
-    times_s = signature.axis("time")
-    starts_s = slow_time.start_s + plan_for(slow_time, analysis).compute_centre_pulses() / slow_time.rate_hz
-    columns = int(np.abs(starts_s - times_s[0]).argmin()) + np.arange(times_s.size)
-    range_m = frames.range_m
+    transform, centres_s, doppler_hz = plan_columns(frames.slow_time, analysis)
+    times_s, range_m = signature.axis("time"), frames.range_m
+    columns = int(np.abs(centres_s - times_s[0]).argmin()) + np.arange(times_s.size)
     low, high = gate.edges(range_m, times_s, sharp=analysis.sharp_edges)
     floor_v2 = nu_v2 / float(high[0] - low[0])
     # power at the torso's velocity, by range
     profile = np.zeros((times_s.size, range_m.size))
-    for maps, bins, at, share in _iterate_gated_maps(frames, analysis, columns, low, high):
-        velocity_mps = np.asarray(doppler_to_velocity_mps(maps.doppler_hz, wavelength_m))
+    velocity_mps = np.asarray(doppler_to_velocity_mps(doppler_hz, wavelength_m))
+    for cells, bins, at in _iterate_cells(frames, transform, columns, low, high, floor_v2):
         near = np.abs(velocity_mps[None, :] - torso_mps[at, None]) < width_mps
-        cells = (maps.power_v2 - np.float32(floor_v2)) * share[:, None, :]
         profile[at, bins] = np.einsum("jkn,jk->jn", cells, near)
     np.maximum(profile, 0.0, out=profile)
     weight = profile.sum(axis=1)
@@ -153,36 +145,28 @@ def locate_parts(frames: Frames, signature: Signal, gate: Gate, analysis: Analys
         summed = np.cumsum(ridge[order])
         extent_m = float(np.interp(0.5, summed / summed[-1], distance_m[order]))
         length_m = LENGTH_M + LENGTH_EXTENTS * extent_m
-    mask = PartMask(
-        columns,
-        torso_mps,
-        torso_range_m,
-        speed_mps,
-        float(np.sign(middle_mps)),
-        width_mps,
-        length_m,
-        cell_mps,
-        floor_v2,
-        low,
-        high,
-    )
-    return mask, ""
+    shape = (middle_mps, width_mps, length_m, cell_mps)
+    return PartMask(columns, torso_mps, torso_range_m, *shape, floor_v2, low, high), ""
 
 
-def _iterate_gated_maps(
-    frames: Frames, analysis: Analysis, columns: npt.NDArray[np.int64], low: FloatArray, high: FloatArray
-) -> Iterator[tuple[RangeDoppler, slice, slice, FloatArray]]:
-    """Yield blocks of range-Doppler maps, with their bins, columns and shares."""
-    # a share (J of the block, bins) is the part of a bin inside the gate
+def _iterate_cells(
+    frames: Frames,
+    transform: Transform,
+    columns: npt.NDArray[np.int64],
+    low: FloatArray,
+    high: FloatArray,
+    floor_v2: float,
+) -> Iterator[tuple[npt.NDArray[Any], slice, slice]]:
+    """Yield power above the floor, weighted by the share of a bin in the gate; with bins and columns."""
     for start in range(0, columns.size, BLOCK):
         at = slice(start, min(start + BLOCK, columns.size))
         first = max(int(np.floor(low[at].min() + 0.5)), 0)
         bins = slice(first, min(int(np.ceil(high[at].max() + 0.5)), frames.n_bins))
         numbers = np.arange(bins.start, bins.stop)
-        maps = next(compute_range_doppler(frames.take_bins(bins), analysis, columns=columns[at], block=BLOCK))
+        power_v2 = compute_cell_power(frames.take_bins(bins), transform, transform.window, columns[at])
         upper = np.minimum(numbers[None, :] + 0.5, high[at, None])
         share = np.clip(upper - np.maximum(numbers[None, :] - 0.5, low[at, None]), 0.0, 1.0)
-        yield maps, bins, at, share
+        yield (power_v2 - np.float32(floor_v2)) * share[:, None, :], bins, at
 
 
 def measure_parts(power: xr.DataArray) -> xr.Dataset:

@@ -17,7 +17,7 @@ from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.core.labels import RANGE_DOPPLER, SIGNATURE, AnySignal, Coord, Signal, make_array, maps_signal
 from doppelgait.core.lazy import xr
 from doppelgait.core.samples import Samples
-from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
+from doppelgait.core.units import FloatArray, doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.bursts import make_frame_gate, split_bursts
 from doppelgait.processing.config import Analysis, Transform, find_lossless_hop, plan_transform
 from doppelgait.processing.gate import Gate
@@ -29,6 +29,13 @@ Plane = npt.NDArray[np.float32]
 def plan_for(slow_time: SlowTime, analysis: Analysis) -> Transform:
     """Plan a recording's transform."""
     return plan_transform(analysis, n_pulses=slow_time.size, prf_hz=slow_time.rate_hz)
+
+
+def plan_columns(slow_time: SlowTime, analysis: Analysis) -> tuple[Transform, FloatArray, FloatArray]:
+    """Plan a recording's transform; also return the times and the Doppler axis of its columns."""
+    transform, prf_hz = plan_for(slow_time, analysis), slow_time.rate_hz
+    times_s = slow_time.start_s + transform.compute_centre_pulses() / prf_hz
+    return transform, times_s, doppler_axis_hz(transform.n_doppler_bins, prf_hz)
 
 
 def range_doppler(
@@ -72,56 +79,52 @@ def range_doppler(
     6.8
     """
     frames = Frames.of(baseband)
-    wanted = None if columns is None else np.asarray(columns)
-    for maps in compute_range_doppler(frames, analysis, columns=wanted, block=block):
-        coords = {
-            "time": maps.time_s,
-            "doppler": maps.doppler_hz,
-            "velocity": ("doppler", doppler_to_velocity_mps(maps.doppler_hz, wavelength_m)),
-            "range": frames.range_m,
-        }
-        yield make_array(RANGE_DOPPLER, maps.power_v2, coords, {"window_energy": maps.window_energy})
-
-
-@dataclass(frozen=True)
-class RangeDoppler:
-    """Range-Doppler maps of some columns, power_v2 (J, K, N)."""
-
-    time_s: npt.NDArray[np.float64]
-    doppler_hz: npt.NDArray[np.float64]
-    power_v2: npt.NDArray[np.float32]
-    window_energy: float
-
-
-def compute_range_doppler(
-    frames: Frames, analysis: Analysis, *, columns: npt.NDArray[np.int64] | None = None, block: int = 64
-) -> Iterator[RangeDoppler]:
-    """Compute range-Doppler maps in blocks of columns (E-24)."""
-    from scipy import fft
-
-    transform, prf_hz = plan_for(frames.slow_time, analysis), frames.slow_time.rate_hz
-    wanted = np.arange(transform.n_columns) if columns is None else columns
+    transform, times_s, doppler_hz = plan_columns(frames.slow_time, analysis)
+    wanted = np.arange(transform.n_columns) if columns is None else np.asarray(columns)
     if wanted.size and not 0 <= wanted.min() <= wanted.max() < transform.n_columns:
         raise AnalysisError(
             f"columns must be from 0 to {transform.n_columns - 1}; these reach from {wanted.min()} to {wanted.max()}"
         )
-    window = transform.window.astype(np.float32)
-    pad = transform.half_window if analysis.zero_padded else 0
-    centres_s = frames.slow_time.start_s + transform.compute_centre_pulses() / prf_hz
     for start in range(0, wanted.size, block):
-        part = wanted[start : start + block]
-        intervals = np.zeros((part.size, window.size, frames.n_bins), dtype=np.complex64)  # zero outside the recording
-        for interval, first in zip(intervals, (part * transform.hop - pad).tolist(), strict=True):
-            low, high = max(first, 0), min(first + window.size, frames.n_pulses)
-            interval[low - first : high - first] = frames.read(low, high)
-        intervals *= window[None, :, None]
-        spectrum = fft.fftshift(fft.fft(intervals, transform.n_doppler_bins, axis=1), axes=1)
-        yield RangeDoppler(
-            centres_s[part],
-            doppler_axis_hz(transform.n_doppler_bins, prf_hz),
-            (spectrum.real**2 + spectrum.imag**2).astype(np.float32),
-            float((transform.window**2).sum()),
-        )
+        chosen = wanted[start : start + block]
+        coords = {
+            "time": times_s[chosen],
+            "doppler": doppler_hz,
+            "velocity": ("doppler", doppler_to_velocity_mps(doppler_hz, wavelength_m)),
+            "range": frames.range_m,
+        }
+        power_v2 = compute_cell_power(frames, transform, transform.window, chosen)
+        yield make_array(RANGE_DOPPLER, power_v2, coords, {"window_energy": float((transform.window**2).sum())})
+
+
+TOGETHER = 64
+"""Number of columns that are transformed together, to keep the complex spectra small."""
+
+
+def compute_cell_power(
+    frames: Frames, transform: Transform, window: FloatArray, columns: npt.NDArray[np.int64]
+) -> npt.NDArray[np.float32]:
+    """Compute the power of every range-Doppler cell, (J, K, N); it is zero outside the recording (E-24)."""
+    from scipy import fft
+
+    n_doppler, weight = transform.n_doppler_bins, window.astype(np.float32)[:, None]
+    power = np.empty((columns.size, n_doppler, frames.n_bins), dtype=np.float32)
+    for start in range(0, columns.size, TOGETHER):
+        pulses = transform.first_pulse + transform.hop * columns[start : start + TOGETHER]
+        intervals = np.zeros((pulses.size, n_doppler, frames.n_bins), dtype=np.complex64)
+        for interval, pulse in zip(intervals, pulses.tolist(), strict=True):
+            low, high = max(pulse, 0), min(pulse + window.size, frames.n_pulses)
+            inside = slice(low - pulse, high - pulse)
+            np.multiply(frames.read(low, high), weight[inside], out=interval[inside])
+        spectrum = fft.fft(intervals, axis=1, overwrite_x=True)
+        middle, out = n_doppler // 2, power[start : start + pulses.size]
+        for cells, values in (
+            (out[:, middle:], spectrum[:, : n_doppler - middle]),
+            (out[:, :middle], spectrum[:, n_doppler - middle :]),
+        ):
+            np.multiply(values.real, values.real, out=cells)
+            cells += values.imag**2
+    return power
 
 
 def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelength_m: float) -> xr.DataArray:
@@ -413,8 +416,8 @@ def make_gated_transform(
     if slow_time.burst_pulses is not None:
         transform, prf_hz, time_s, hop = split_bursts(slow_time, analysis)
     else:
-        transform, prf_hz = plan_for(slow_time, analysis), slow_time.rate_hz
-        time_s, hop = slow_time.start_s + transform.compute_centre_pulses() / prf_hz, transform.hop
+        (transform, time_s, _), prf_hz = plan_columns(slow_time, analysis), slow_time.rate_hz
+        hop = transform.hop
     low, high = gate.edges(range_m, time_s, sharp=analysis.sharp_edges)
     return GatedTransform(gate, transform, prf_hz, slow_time.size, range_m, time_s, low, high, hop, bin_share)
 

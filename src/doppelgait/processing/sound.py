@@ -91,7 +91,6 @@ def _mirror(values: Values, count: int) -> Values:
 
 Channels = Literal["iq", "sides"]
 Values = npt.NDArray[np.complex64]
-FloatArray = npt.NDArray[np.float64]
 
 AUDIO_RATES_HZ = (8000, 16000, 24000, 48000)
 """Rates of a sound file; the lowest rate that covers the Doppler band is used."""

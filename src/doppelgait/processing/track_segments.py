@@ -13,8 +13,7 @@ from pydantic import Field
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.straight import LINE, PARABOLA, compute_straight_probability
-
-FloatArray = npt.NDArray[np.float64]
+from doppelgait.core.units import FloatArray
 
 TYPICAL_SPEED_MPS = 3.0
 """Standard deviation of a segment's unknown radial velocity and ground speed; it is a weak prior."""

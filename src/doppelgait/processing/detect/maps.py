@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.frames import Frames
-from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
-from doppelgait.processing.config import Analysis, Transform
+from doppelgait.core.units import FloatArray, doppler_to_velocity_mps
+from doppelgait.processing.config import Analysis
 from doppelgait.processing.detect.config import Detector
-from doppelgait.processing.signature import plan_for
+from doppelgait.processing.signature import compute_cell_power, plan_columns
 
 FIRST_QUANTILE = 0.3
 CUT_AT = 4.0
@@ -82,12 +82,8 @@ def estimate_residue_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray
     return np.asarray(quantile / -math.log1p(-RESIDUE_QUANTILE), dtype=np.float64)
 
 
-FloatArray = npt.NDArray[np.float64]
-
 BLOCK_SCANS = 600
 """Number of scans with a common noise map: one minute at 10 Hz."""
-TRANSFORM_SCANS = 64
-"""Number of scans that are transformed together, to keep the complex spectra small."""
 
 
 @dataclass(frozen=True)
@@ -115,15 +111,13 @@ class Maps:
 
 def compute_maps(frames: Frames, settings: Detector, *, wavelength_m: float) -> Iterator[Maps]:
     """Compute maps in blocks of about a minute. Each block has its own noise map."""
-    prf_hz = frames.slow_time.rate_hz
-    hop = max(1, round(settings.hop_s * prf_hz))
+    hop = max(1, round(settings.hop_s * frames.slow_time.rate_hz))
     analysis = Analysis(cpi_s=settings.cpi_s, hop=hop, window_steepness=settings.window_steepness)
-    transform = plan_for(frames.slow_time, analysis)
-    doppler_hz = doppler_axis_hz(transform.n_doppler_bins, prf_hz)
-    times_s = frames.slow_time.start_s + transform.compute_centre_pulses() / prf_hz
+    transform, times_s, doppler_hz = plan_columns(frames.slow_time, analysis)
+    window = transform.window / np.sqrt((transform.window**2).sum())  # so that the mean of white noise is its variance
     n_blocks = math.ceil(transform.n_columns / BLOCK_SCANS)
     for scans in np.array_split(np.arange(transform.n_columns), n_blocks):
-        power = compute_cell_power(frames, transform, scans)
+        power = compute_cell_power(frames, transform, window, scans)
         yield Maps(
             time_s=times_s[scans],
             doppler_hz=doppler_hz,
@@ -133,32 +127,3 @@ def compute_maps(frames: Frames, settings: Detector, *, wavelength_m: float) -> 
             floor_v2=estimate_noise_map(power),
         )
         del power  # before the next block is computed
-
-
-def compute_cell_power(frames: Frames, transform: Transform, scans: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
-    """Compute the power of every range-Doppler cell (E-24)."""
-    # divided by sum(w^2), so that the mean of white noise is its variance
-    from scipy import fft
-
-    window = (transform.window / np.sqrt((transform.window**2).sum())).astype(np.float32)[:, None]
-    n_doppler, size = transform.n_doppler_bins, window.shape[0]
-    n_bins = frames.n_bins
-    power = np.empty((scans.size, n_doppler, n_bins), dtype=np.float32)
-    first_half = n_doppler - n_doppler // 2
-    for start in range(0, scans.size, TRANSFORM_SCANS):
-        part = scans[start : start + TRANSFORM_SCANS]
-        intervals = np.zeros((part.size, n_doppler, n_bins), dtype=np.complex64)
-        pulses = transform.first_pulse + transform.hop * part
-        values = frames.read(pulses[0], pulses[-1] + size)
-        for row, pulse in enumerate(pulses - pulses[0]):
-            np.multiply(values[pulse : pulse + size], window, out=intervals[row, :size])
-        spectrum = fft.fft(intervals, axis=1, overwrite_x=True)
-        out = power[start : start + part.size]
-        _square_values(spectrum[:, :first_half], out[:, n_doppler // 2 :])
-        _square_values(spectrum[:, first_half:], out[:, : n_doppler // 2])
-    return power
-
-
-def _square_values(values: npt.NDArray[np.complex64], out: npt.NDArray[np.float32]) -> None:
-    np.multiply(values.real, values.real, out=out)
-    out += values.imag**2

@@ -25,7 +25,6 @@ from doppelgait.processing.detect.config import Detector
 from doppelgait.processing.detect.maps import Maps, compute_maps, estimate_residue_map, noise_factor
 from doppelgait.processing.detections import Detection, Scan
 
-FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 RANGE_SD_M, RANGE_SPREAD_SHARE = 0.045, 0.3

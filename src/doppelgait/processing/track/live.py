@@ -10,6 +10,7 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
+from doppelgait.core.units import FloatArray
 from doppelgait.processing.detections import Detection
 from doppelgait.processing.track.kalman import Gaussian, Model, smooth
 
@@ -96,8 +97,6 @@ class Tracker(FrozenModel):
             )
         return self
 
-
-FloatArray = npt.NDArray[np.float64]
 
 BOX_MEMORY = 0.9
 """Forgetting factor of the extent per detection."""
