@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from doppelgait.processing import Analysis, burst_signature
-from doppelgait.radar.readers import find_formats
-from doppelgait.radar.readers.acconeer import read_acconeer
+from doppelgait.radar.readers import find_formats, read_recording
 
 pytestmark = pytest.mark.shared
 
@@ -30,7 +29,7 @@ def folder(shared):
 def test_all_are_read(folder, name, options, shape, first_point, step, prf_hz, burst_pulses):
     path = folder / f"{name}.h5"
     assert find_formats(path) == ["acconeer"]
-    recording = read_acconeer(path, **options)
+    recording = read_recording(path, **options)
     baseband = recording.baseband
     assert baseband.shape == shape
     np.testing.assert_allclose(baseband.range.values, BASE_STEP_M * (first_point + step * np.arange(shape[1])))
@@ -39,14 +38,14 @@ def test_all_are_read(folder, name, options, shape, first_point, step, prf_hz, b
 
 
 def test_frames_keep_the_recorders_time(folder):
-    times = read_acconeer(folder / "breathing-sitting.h5").baseband.slow_time.values
+    times = read_recording(folder / "breathing-sitting.h5").baseband.slow_time.values
     np.testing.assert_allclose(np.diff(times[::16]), 0.0499980, atol=1e-6)
-    times = read_acconeer(folder / "presence-default.h5", subsweep=0).baseband.slow_time.values
+    times = read_recording(folder / "presence-default.h5", subsweep=0).baseband.slow_time.values
     np.testing.assert_allclose(np.diff(times[::16]), 0.0833288, atol=1e-6)
 
 
 def test_the_corner_reflector_is_as_wide_as_profile_1(folder):
-    recording = read_acconeer(folder / "corner-reflector.h5", subsweep=0)
+    recording = read_recording(folder / "corner-reflector.h5", subsweep=0)
     ranges_m = recording.baseband.range.values
     level = np.abs(recording.baseband.values).mean(axis=0)
     near = (ranges_m > 0.12) & (ranges_m < 0.32)
@@ -60,7 +59,7 @@ def test_the_corner_reflector_is_as_wide_as_profile_1(folder):
 
 
 def test_signature_of_frames(folder):
-    recording = read_acconeer(folder / "breathing-sitting.h5")
+    recording = read_recording(folder / "breathing-sitting.h5")
     mu = burst_signature(
         recording.baseband, None, Analysis(), wavelength_m=recording.radar.wavelength_m, remove_mean=False
     )

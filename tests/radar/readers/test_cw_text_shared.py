@@ -8,8 +8,7 @@ import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.processing import Analysis, burst_signature
-from doppelgait.radar.readers import find_formats
-from doppelgait.radar.readers.cw_text import read_cw_text
+from doppelgait.radar.readers import find_formats, read_recording
 
 pytestmark = pytest.mark.shared
 
@@ -30,7 +29,7 @@ def folder(shared):
 def signature_of(path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)  # clipping near the radar, in nearly all of them
-        recording = read_cw_text(path)
+        recording = read_recording(path)
     return burst_signature(recording.baseband, None, Analysis(), wavelength_m=recording.radar.wavelength_m)
 
 
@@ -66,7 +65,7 @@ def test_all_recordings_are_read(folder):
         assert find_formats(path) == ["cw-text"]
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always", DoppelgaitWarning)
-            recording = read_cw_text(path)
+            recording = read_recording(path)
         clipped += any("clipped" in str(one.message) for one in told)
         assert not any("burst" in str(one.message) for one in told)  # all hold whole bursts
         assert recording.n_pulses in (1280, 1920, 2560, 2944, 3840, 4224, 4480)

@@ -7,7 +7,6 @@ from beat import approaching, beat, write_glasgow
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.radar import read_recording
 from doppelgait.radar.readers import find_formats
-from doppelgait.radar.readers.glasgow import read_glasgow
 
 SWEEP = {"carrier_hz": 5.8e9, "bandwidth_hz": 400e6, "sweep_s": 1e-3, "n_samples": 128}
 SPACING_M = 299_792_458 / (2 * 400e6)
@@ -36,7 +35,7 @@ def test_a_point_is_where_and_as_fast_as_it_is(tmp_path):
 def test_amplitude_and_phase_at_the_middle_of_a_bin(tmp_path):
     range_m = 16 * SPACING_M
     samples = beat(np.full((4, 1), range_m), np.zeros((4, 1)), **SWEEP)
-    recording = read_glasgow(write_glasgow(tmp_path / "a.dat", samples, step=1000.0))
+    recording = read_recording(write_glasgow(tmp_path / "a.dat", samples, step=1000.0))
     value = recording.baseband.values[0, 16]
     # an echo of 1000 codes keeps its amplitude; the phase is -4 pi R / lambda, but for the video phase of 0.02 rad
     assert abs(value) == pytest.approx(1000 / 4096, rel=1e-3)
@@ -47,13 +46,13 @@ def test_amplitude_and_phase_at_the_middle_of_a_bin(tmp_path):
 
 def test_options(tmp_path):
     path = write_glasgow(tmp_path / "a.dat", beat(*approaching(8, 1000, 6, 1), **SWEEP))
-    plain, mirrored = read_glasgow(path), read_recording(path, conjugate=False, range_stop_m=10)
+    plain, mirrored = read_recording(path), read_recording(path, conjugate=False, range_stop_m=10)
     assert mirrored.n_range_bins == np.ceil(10 / SPACING_M)
     assert not np.allclose(np.abs(mirrored.baseband.values), np.abs(plain.baseband.values[:, : mirrored.n_range_bins]))
     assert any("4096" in note or "0.0002441 V" in note for note in plain.notes)
     for wrong in (0, -1, 25.0, "far", True):
         with pytest.raises(RecordingError, match="range_stop_m"):
-            read_glasgow(path, range_stop_m=wrong)
+            read_recording(path, range_stop_m=wrong)
 
 
 @pytest.mark.parametrize(
@@ -79,10 +78,10 @@ def test_a_wrong_line_is_named(tmp_path, line, text, message):
     lines[line - 1] = text
     path.write_text("\n".join(lines))
     if message is None:
-        assert read_glasgow(path).n_pulses == 4
+        assert read_recording(path).n_pulses == 4
         return
     with pytest.raises(RecordingError, match=message) as caught:
-        read_glasgow(path)
+        read_recording(path, format="glasgow")
     assert str(path) in str(caught.value)
 
 
@@ -91,10 +90,10 @@ def test_a_sweep_that_is_cut_off(tmp_path):
     lines = path.read_text().splitlines()
     path.write_text("\n".join(lines[:-28]))
     with pytest.warns(DoppelgaitWarning, match="100 of 128"):
-        assert read_glasgow(path).n_pulses == 4
+        assert read_recording(path).n_pulses == 4
     path.write_text("\n".join(lines[: 4 + 200]))
-    with pytest.raises(RecordingError, match="200 samples, less than two sweeps of 128"):
-        read_glasgow(path)
+    with pytest.raises(RecordingError, match="200 samples, less than 2 sweeps of 128"):
+        read_recording(path)
 
 
 def test_what_is_recognised(tmp_path):

@@ -79,7 +79,7 @@ def test_antennas_and_bursts(tmp_path):
         ({key: value for key, value in NEW.items() if key != "sample_rate_Hz"}, {}, "lacks sample_rate_hz"),
         ([NEW, {**NEW, "end_frequency_Hz": 62e9}], {}, "has several values of end_frequency_hz"),
         ({**NEW, "chirp_repetition_time_s": 5e-3}, {}, "do not fit into a frame of 0.004 s"),
-        (NEW, {"antenna": 2}, "antenna = 2 is not allowed; it must be 0 to 1 or sum"),
+        (NEW, {"antenna": 2}, "antenna = 2 is not allowed; give antenna = 0 to 1 or 'sum'"),
     ],
 )
 def test_what_does_not_fit_is_named(tmp_path, config, options, said):

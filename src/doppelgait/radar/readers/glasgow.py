@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from doppelgait.core.documents import CELL_BYTES, check_cost
-from doppelgait.core.errors import RecordingError, warn_caller
+from doppelgait.core.errors import RecordingError
 from doppelgait.core.plugins import plugin
-from doppelgait.radar.measured import label_sweeps
+from doppelgait.radar.measured import label_sweeps, read_limited, split_rows
 from doppelgait.radar.recording import Recording
 
 HEAD_BYTES = 512
@@ -40,36 +40,25 @@ def sniff_glasgow(path: Path, head: bytes) -> bool:
 
 
 @plugin("radar_reader", "glasgow", sniff=sniff_glasgow, suffixes=(".dat",))
-def read_glasgow(path: str | Path, *, conjugate: bool = True, range_stop_m: float | None = None) -> Recording:
+def read_glasgow(path: Path, *, conjugate: bool = True, range_stop_m: float | None = None) -> Recording:
     """Read an Ancortek text file, such as ``1P36A01R01.dat``.
     Every sweep is transformed to a row of range bins with a Hann window.
     """
-    file = Path(path)
-    if not file.is_file():
-        raise RecordingError(f"{file}: no such file")
-    if file.stat().st_size > MAX_BYTES:
-        raise RecordingError(f"{file}: has {file.stat().st_size:,} bytes, at most {MAX_BYTES:,} are read")
-    content = file.read_bytes()
-    check_cost(file, CELL_BYTES * sum(map(content.count, (b"\n", b" ", b"\t", b"\r"))), RecordingError)
+    content = read_limited(path, MAX_BYTES)
+    check_cost(path, CELL_BYTES * sum(map(content.count, (b"\n", b" ", b"\t", b"\r"))), RecordingError)
     words = content.decode("ascii", "replace").replace("i", "j").split()
-    carrier_hz, sweep_ms, samples_per_sweep, bandwidth_hz = _read_head(file, words)
+    carrier_hz, sweep_ms, samples_per_sweep, bandwidth_hz = _read_head(path, words)
     if not bandwidth_hz:
-        raise RecordingError(f"{file}: bandwidth 0 Hz is a continuous wave; only frequency sweeps are read")
+        raise RecordingError(f"{path}: bandwidth 0 Hz is a continuous wave; only frequency sweeps are read")
     n_samples = int(samples_per_sweep)
     try:
         values = np.fromiter(map(complex, words[4:]), np.complex128, max(len(words) - 4, 0))
     except ValueError:
-        raise RecordingError(_find_fault(file)) from None
-    count, rest = divmod(values.size, n_samples)
-    if count < 2:
-        raise RecordingError(
-            f"{file}: holds {values.size} samples, less than two sweeps of {n_samples}; the file is cut off"
-        )
-    if rest:
-        warn_caller(f"{file}: the last sweep has {rest} of {n_samples} samples and is left out")
+        raise RecordingError(_find_fault(path)) from None
+    samples = split_rows(path, values, n_samples, "sweep") * VOLTS_PER_CODE
     return label_sweeps(
-        file,
-        values[: count * n_samples].reshape(count, n_samples) * VOLTS_PER_CODE,
+        path,
+        samples,
         name="Ancortek FMCW radar",
         carrier_hz=carrier_hz,
         bandwidth_hz=bandwidth_hz,
@@ -79,7 +68,7 @@ def read_glasgow(path: str | Path, *, conjugate: bool = True, range_stop_m: floa
         sweep_s=sweep_ms / 1e3,
         sample_rate_hz=n_samples / (sweep_ms / 1e3),
         volts_per_unit=VOLTS_PER_CODE,
-        slow_time_s=np.arange(count) / (1e3 / sweep_ms),
+        slow_time_s=np.arange(len(samples)) / (1e3 / sweep_ms),
         conjugate=conjugate,
         notes=[
             "sweeps are assumed to rise, without pauses; the centre frequency is assumed to be that of the band",

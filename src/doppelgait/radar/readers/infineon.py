@@ -17,7 +17,7 @@ from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.npz import NPY_MAGIC, load_npy
 from doppelgait.core.plugins import plugin
-from doppelgait.radar.measured import check_number, label_sweeps
+from doppelgait.radar.measured import check_number, choose_number, label_sweeps, place_frames
 from doppelgait.radar.recording import Recording
 
 MAX_CONFIG_BYTES = 1 << 20
@@ -102,18 +102,17 @@ def read_infineon(
             f"{path}: holds {data.dtype} values of shape {data.shape}; by {config.name} it is (frames, antennas, "
             f"{n_chirps} chirps, {n_samples} samples), real"
         )
-    if antenna != "sum" and not 0 <= antenna < data.shape[1]:
-        raise RecordingError(f"{path}: antenna = {antenna} is not allowed; it must be 0 to {data.shape[1] - 1} or sum")
-    chosen = data.sum(axis=1, dtype=np.float64) if antenna == "sum" else data[:, antenna].astype(np.float64)
+    if antenna == "sum":
+        chosen = data.sum(axis=1, dtype=np.float64)
+    else:
+        chosen = data[:, choose_number(path, "antenna", antenna, data.shape[1], " or 'sum'")].astype(np.float64)
     samples = chosen.reshape(-1, n_samples) / (1 if data.dtype.kind == "f" else ADC_CODES)
     chirp_s, frame_s = settings["chirp_s"], settings["frame_s"]
     if n_chirps * chirp_s > frame_s * (1 + 1e-9):
         raise RecordingError(
             f"{config}: {n_chirps} chirps every {chirp_s:g} s do not fit into a frame of {frame_s:g} s"
         )
-    is_burst = n_chirps > 1 and n_chirps * chirp_s < frame_s * (1 - 1e-3)
-    pulse_s = chirp_s if is_burst else frame_s / n_chirps
-    times_s = (frame_s * np.arange(len(data))[:, None] + pulse_s * np.arange(n_chirps)).ravel()
+    times_s, rate_hz, attrs = place_frames(len(data), n_chirps, frame_s, 1.0 / chirp_s)
     bandwidth_hz = check_number(config, "bandwidth", settings["stop_hz"] - settings["start_hz"], above=0)
     return label_sweeps(
         path,
@@ -123,7 +122,7 @@ def read_infineon(
         bandwidth_hz=bandwidth_hz,
         n_ranges=n_samples // 2,
         range_stop_m=range_stop_m,
-        prf_hz=1.0 / pulse_s,
+        prf_hz=rate_hz,
         sweep_s=n_samples / settings["sample_rate_hz"],
         sample_rate_hz=settings["sample_rate_hz"],
         slow_time_s=times_s,
@@ -132,5 +131,5 @@ def read_infineon(
             f"antenna {antenna} of {data.shape[1]}; {len(data)} frames of {n_chirps} chirps; settings of {config.name}",
             "the mean of every chirp is removed; levels are shares of the converter's full scale",
         ],
-        attrs={"burst_pulses": n_chirps} if is_burst else {},
+        attrs=attrs,
     )
