@@ -216,8 +216,8 @@ def read_acconeer(
     samples = part.values[:, :, first : first + chosen.num_points].reshape(slow_time_s.size, -1) * scale_v
     points = chosen.start_point + chosen.step_length * np.arange(chosen.num_points)
     notes += [
-        f"carrier {CARRIER_HZ / 1e9:g} GHz and an echo {chosen.fwhm_m:g} m wide (profile {chosen.profile[-1]}) are the vendor's "
-        "constants; the pulse is taken as Gaussian",
+        f"carrier {CARRIER_HZ / 1e9:g} GHz and an echo {chosen.fwhm_m:g} m wide (profile {chosen.profile[-1]}) are "
+        "the vendor's constants; the pulse is taken as Gaussian",
         "ranges are the sensor's own, without its offset of some centimetres",
         f"levels: one count is taken as {scale_v:.4g} V; gain {chosen.receiver_gain}, {chosen.hwaas} averages of the "
         "sensor are not undone",

@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -22,11 +22,12 @@ from doppelgait.core.config import FrozenModel, read_toml, validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
 from doppelgait.core.plugins import plugin
-from doppelgait.radar.measured import label_sweeps
+from doppelgait.radar.measured import choose_number, label_sweeps, place_frames, read_limited
 from doppelgait.radar.recording import Recording
 
 MAX_CONFIG_BYTES = 1 << 20
-DEVICES = ("xwr12xx", "xwr14xx", "xwr16xx", "xwr18xx", "xwr2243", "xwr64xx", "xwr68xx")
+Device = Literal["xwr12xx", "xwr14xx", "xwr16xx", "xwr18xx", "xwr2243", "xwr64xx", "xwr68xx"]
+DEVICES = get_args(Device)
 FOUR_LANES = ("xwr12xx", "xwr14xx")
 """Devices with one lane per receiver; the others send all receivers over two lanes."""
 OUTPUTS = ("real", "complex1x", "complex2x")
@@ -70,7 +71,7 @@ class ChirpConfig(FrozenModel):
         Time from the start of one frame to the start of the next.
     """
 
-    device: Literal["xwr12xx", "xwr14xx", "xwr16xx", "xwr18xx", "xwr2243", "xwr64xx", "xwr68xx"]
+    device: Device
     output: Literal["real", "complex1x", "complex2x"] = "complex1x"
     q_first: bool = False
     receivers: tuple[int, ...] = Field(default=(0, 1, 2, 3), min_length=1, max_length=4)
@@ -129,30 +130,27 @@ def find_config(path: Path) -> Path | None:
 
 def read_config(path: Path, *, device: str | None = None) -> ChirpConfig:
     """Read the settings of a file of samples."""
-    text, where = "", f"{path}: radar settings"
+    if not path.is_file():
+        raise RecordingError(f"{path}: no such file of radar settings")
+    text = read_limited(path, MAX_CONFIG_BYTES).decode("utf-8", "replace")
     try:
-        if not path.is_file():
-            raise RecordingError(f"{path}: no such file of radar settings")
-        if path.stat().st_size > MAX_CONFIG_BYTES:
-            raise RecordingError(f"{path}: has {path.stat().st_size:,} bytes; radar settings have at most 1 MiB")
-        table: Mapping[str, Any]
+        table: Any = {}
         if path.suffix.lower() == ".toml":
             table, text = read_toml(path)
-        elif path.suffix.lower() == ".json":
-            table = parse_json(path.read_text(encoding="utf-8"))
+        elif path.suffix.lower() != ".json":
+            table, text = _parse_commands(path, text), ""
+        else:
+            table, text = parse_json(text), ""
             if not isinstance(table, dict):
                 raise RecordingError(f"{path}: holds no JSON object with the keys of the radar settings")
             if "mmWaveDevices" in table:
                 table = _parse_studio(path, table)
-        else:
-            table = _parse_commands(path, path.read_text(encoding="utf-8", errors="replace"))
-        if device is not None:
-            table = {**table, "device": device}
+        table = table if device is None else {**table, "device": device}
         if "device" not in table:
             raise RecordingError(
                 f"{path}: does not state the device; give the option device, one of {', '.join(DEVICES)}"
             )
-        return validate(ChirpConfig, table, where=where, text=text)
+        return validate(ChirpConfig, table, where=f"{path}: radar settings", text=text)
     except ConfigError as error:
         raise RecordingError(str(error)) from None
     except ValueError as error:
@@ -161,6 +159,38 @@ def read_config(path: Path, *, device: str | None = None) -> ChirpConfig:
 
 STUDIO = ".mmwave.json"
 """Suffix of the settings that mmWave Studio saves, with the names of TI's mmWaveLink interface."""
+FIELDS = {
+    "channelCfg": "rxChannelEn - -",
+    "adcCfg": "- b2AdcOutFmt",
+    "profileCfg": "profileId startFreqConst_GHz idleTimeConst_usec adcStartTimeConst_usec rampEndTime_usec - - "
+    "freqSlopeConst_MHz_usec - numAdcSamples digOutSampleRate - - -",
+    "chirpCfg": "chirpStartIdx chirpEndIdx profileId startFreqVar_MHz freqSlopeVar_KHz_usec idleTimeVar_usec "
+    "adcStartTimeVar_usec -",
+    "frameCfg": "chirpStartIdx chirpEndIdx numLoops numFrames framePeriodicity_msec - -",
+}
+"""Numbers of the commands in TI's text, by the names of mmWave Studio's JSON; "-" is not needed."""
+SETTINGS = {
+    "n_samples": ("numAdcSamples", 1),
+    "sample_rate_hz": ("digOutSampleRate", 1e3),
+    "start_hz": ("startFreqConst_GHz", 1e9),
+    "slope_hz_per_s": ("freqSlopeConst_MHz_usec", 1e12),
+    "idle_s": ("idleTimeConst_usec", 1e-6),
+    "adc_start_s": ("adcStartTimeConst_usec", 1e-6),
+    "ramp_s": ("rampEndTime_usec", 1e-6),
+    "loops": ("numLoops", 1),
+    "frames": ("numFrames", 1),
+    "frame_period_s": ("framePeriodicity_msec", 1e-3),
+}
+"""TI's name and factor of the keys of :class:`ChirpConfig`."""
+CHANGES = {
+    "startFreqVar_MHz": "start frequency",
+    "freqSlopeVar_KHz_usec": "slope",
+    "idleTimeVar_usec": "idle time",
+    "adcStartTimeVar_usec": "start of sampling",
+}
+"""Values of a chirpCfg that change a chirp relative to its profile."""
+Commands = dict[str, list[tuple[int, Mapping[str, float]]]]
+"""Line number and values by name of each command."""
 
 
 def _parse_studio(path: Path, document: Mapping[str, Any]) -> dict[str, Any]:
@@ -168,24 +198,19 @@ def _parse_studio(path: Path, document: Mapping[str, Any]) -> dict[str, Any]:
     try:
         (device,) = document["mmWaveDevices"]
         rf, data = device["rfConfig"], device.get("rawDataCaptureConfig", {}).get("rlDevDataFmtCfg_t", {})
-        frame, channels = rf["rlFrameCfg_t"], rf["rlChanCfg_t"]
-        profiles = [one["rlProfileCfg_t"] for one in rf["rlProfiles"]]
-        chirps = [one["rlChirpCfg_t"] for one in rf["rlChirps"]]
-        commands: Commands = {
-            "profileCfg": [(n, [float(one[key]) if key else 0.0 for key in PROFILE]) for n, one in enumerate(profiles)],
-            "chirpCfg": [(n, [float(one.get(key, 0)) for key in CHIRP]) for n, one in enumerate(chirps)],
+        rows = {
+            "channelCfg": [{"rxChannelEn": int(str(rf["rlChanCfg_t"]["rxChannelEn"]), 0)}],
+            "adcCfg": [rf["rlAdcOutCfg_t"]["fmt"]],
+            "profileCfg": [row["rlProfileCfg_t"] for row in rf["rlProfiles"]],
+            "chirpCfg": [dict.fromkeys(FIELDS["chirpCfg"].split(), 0) | row["rlChirpCfg_t"] for row in rf["rlChirps"]],
+            "frameCfg": [rf["rlFrameCfg_t"]],
         }
-        first, last = int(frame["chirpStartIdx"]), int(frame["chirpEndIdx"])
-        profile = _find_profile(path, commands, first, last)
-        mask = int(str(channels["rxChannelEn"]), 0)
-        table = _make_table(
-            profile,
-            first,
-            last,
-            int(rf["rlAdcOutCfg_t"]["fmt"]["b2AdcOutFmt"]),
-            mask,
-            [frame["numLoops"], frame["numFrames"], frame["framePeriodicity_msec"]],
-        )
+        keys = {name: fields.replace("-", "").split() for name, fields in FIELDS.items()}
+        commands: Commands = {
+            name: [(number, {key: float(row[key]) for key in keys[name]}) for number, row in enumerate(cells)]
+            for name, cells in rows.items()
+        }
+        table = _translate(path, commands)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise RecordingError(f"{path}: lacks settings of mmWave Studio, or has several devices: {error!r}") from None
     setup = path.with_name(path.name.removesuffix(STUDIO) + ".setup.json")
@@ -196,63 +221,40 @@ def _parse_studio(path: Path, document: Mapping[str, Any]) -> dict[str, Any]:
     return {**table, "q_first": data.get("iqSwapSel", 0) == 1}
 
 
-PROFILE = (
-    "profileId",
-    "startFreqConst_GHz",
-    "idleTimeConst_usec",
-    "adcStartTimeConst_usec",
-    "rampEndTime_usec",
-    "",
-    "",
-    "freqSlopeConst_MHz_usec",
-    "",
-    "numAdcSamples",
-    "digOutSampleRate",
-)
-CHIRP = (
-    "chirpStartIdx",
-    "chirpEndIdx",
-    "profileId",
-    "startFreqVar_MHz",
-    "freqSlopeVar_KHz_usec",
-    "idleTimeVar_usec",
-    "adcStartTimeVar_usec",
-)
-"""Names of the JSON in the order of the values of profileCfg and chirpCfg."""
-
-
-def _make_table(
-    profile: list[float], first: int, last: int, output: int, mask: int, frame: list[float]
-) -> dict[str, Any]:
-    return {
-        "output": OUTPUTS[output],
-        "receivers": [bit for bit in range(4) if mask >> bit & 1],
-        "n_samples": profile[9],
-        "sample_rate_hz": profile[10] * 1e3,
-        "start_hz": profile[1] * 1e9,
-        "slope_hz_per_s": profile[7] * 1e12,
-        "idle_s": profile[2] * 1e-6,
-        "adc_start_s": profile[3] * 1e-6,
-        "ramp_s": profile[4] * 1e-6,
-        "chirps_per_loop": last - first + 1,
-        "loops": frame[0],
-        "frames": frame[1],
-        "frame_period_s": frame[2] * 1e-3,
-    }
-
-
-Commands = dict[str, list[tuple[int, list[float]]]]
-"""Type of the commands of a file: lists of line number and values, by name."""
-
-NUMBER_OF_VALUES = {"channelCfg": 3, "adcCfg": 2, "profileCfg": 14, "chirpCfg": 8, "frameCfg": 7}
-CHANGES = {3: "start frequency", 4: "slope", 5: "idle time", 6: "start of sampling"}
-"""Positions of the values in a chirpCfg that change a chirp relative to its profile."""
+def _parse_commands(path: Path, text: str) -> dict[str, Any]:
+    """Translate TI's commands to the keys of :class:`ChirpConfig`."""
+    if re.search(r"^\s*chirpComnCfg\b", text, re.MULTILINE):
+        raise RecordingError(
+            f"{path}: settings of xWRL parts (chirpComnCfg, chirpTimingCfg) are not read: their port may reorder the "
+            "bits of samples. Write the settings as .toml with the keys of this reader and device = 'xwr64xx'"
+        )
+    commands: Commands = {}
+    platform = re.search(r"platform\s*+:?+\s*+(xwr\d\dxx)", text, re.IGNORECASE)
+    facts: dict[str, Any] = {"device": platform[1].lower()} if platform else {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        name, *words = line.split("%")[0].split() or [""]
+        if name not in (*FIELDS, "adcbufCfg"):
+            continue
+        try:
+            values = [float(word) for word in words]
+        except ValueError:
+            raise RecordingError(f"{path}: line {number}, {name}: holds a word that is no number") from None
+        fields = FIELDS[name].split() if name in FIELDS else ["-"] * len(values)
+        if len(values) != len(fields) or not all(abs(value) < 1e12 for value in values):
+            raise RecordingError(
+                f"{path}: line {number}, {name}: has {len(values)} numbers; it must have {len(fields)}, below 1e12"
+            )
+        if name in FIELDS:
+            commands.setdefault(name, []).append((number, dict(zip(fields, values, strict=True))))
+        elif "q_first" not in facts:
+            facts["q_first"] = _is_swapped(path, values, facts.get("device", ""))
+    if missing := [name for name in FIELDS if name not in commands]:
+        raise RecordingError(f"{path}: lacks the command {', '.join(missing)}")
+    return facts | _translate(path, commands)
 
 
 def _is_swapped(path: Path, numbers: list[float], device: str) -> bool:
     """Return whether Q comes before I by adcbufCfg; newer lines begin with a subframe."""
-    if not numbers:
-        return False
     if len(numbers) not in (4, 5):
         raise RecordingError(f"{path}: adcbufCfg has {len(numbers)} numbers; 5 are read, or 4 without the subframe")
     _, swap, interleave, _ = numbers[-4:]
@@ -264,82 +266,48 @@ def _is_swapped(path: Path, numbers: list[float], device: str) -> bool:
     return swap == 1
 
 
-def _find_profile(path: Path, commands: Commands, first: int, last: int) -> list[float]:
-    """Return the common profile of the chirps of a frame."""
-    if not 0 <= first <= last <= 511:
-        raise RecordingError(f"{path}: frameCfg: chirps {first} to {last} are not allowed; they are 0 to 511, rising")
-    chirps: dict[int, tuple[int, list[float]]] = {}
-    for number, values in commands["chirpCfg"]:
-        if not 0 <= values[0] <= values[1] <= 511:
-            raise RecordingError(f"{path}: line {number}, chirpCfg: chirps must be 0 to 511, rising")
-        chirps |= dict.fromkeys(range(int(values[0]), int(values[1]) + 1), (number, values))
+def _translate(path: Path, commands: Commands) -> dict[str, Any]:
+    """Return the settings that commands state, of the common profile of the chirps of a frame."""
+    for name in ("frameCfg", "channelCfg", "adcCfg"):
+        if len(commands[name]) > 1:
+            lines = ", ".join(str(number) for number, _ in commands[name])
+            raise RecordingError(f"{path}: has {name} in lines {lines}; one is read")
+    frame, output = commands["frameCfg"][0][1], commands["adcCfg"][0][1]["b2AdcOutFmt"]
+    if output not in (0, 1, 2):
+        raise RecordingError(f"{path}: adcCfg: output format {output:g} is not allowed; 0 (real), 1 or 2 (complex)")
+    chirps: dict[int, tuple[int, Mapping[str, float]]] = {}
+    for number, values in (*commands["chirpCfg"], (-1, frame)):
+        first, last = int(values["chirpStartIdx"]), int(values["chirpEndIdx"])
+        if not 0 <= first <= last <= 511:
+            where = "frameCfg" if values is frame else f"line {number}, chirpCfg"
+            raise RecordingError(f"{path}: {where}: chirps must be 0 to 511, rising; {first} to {last} are not allowed")
+        if values is not frame:
+            chirps |= dict.fromkeys(range(first, last + 1), (number, values))
     used = [chirps[number] for number in range(first, last + 1) if number in chirps]
-    profiles = {int(values[2]) for _, values in used}
+    profiles = {int(values["profileId"]) for _, values in used}
     if len(used) != last - first + 1 or len(profiles) != 1:
         raise RecordingError(
             f"{path}: frameCfg: takes chirps {first} to {last}, of which each needs a chirpCfg and all the same profile"
         )
     for number, values in used:
-        if changed := [name for place, name in CHANGES.items() if values[place]]:
+        if changed := [text for key, text in CHANGES.items() if values[key]]:
             raise RecordingError(
                 f"{path}: line {number}, chirpCfg: changes {', '.join(changed)} of the profile; only equal "
                 "chirps are read"
             )
-    found = [values for _, values in commands["profileCfg"] if int(values[0]) in profiles]
-    if len(found) != 1:
-        raise RecordingError(f"{path}: has {len(found)} profileCfg of number {profiles.pop()}; one is needed")
-    return found[0]
-
-
-def _parse_commands(path: Path, text: str) -> dict[str, Any]:
-    """Translate TI's commands to the keys of :class:`ChirpConfig`."""
-    if re.search(r"^\s*chirpComnCfg\b", text, re.MULTILINE):
-        raise RecordingError(
-            f"{path}: settings of xWRL parts (chirpComnCfg, chirpTimingCfg) are not read: their port may reorder the "
-            "bits of samples. Write the settings as .toml with the keys of this reader and device = 'xwr64xx'"
-        )
-    commands: Commands = {}
-    for number, line in enumerate(text.splitlines(), start=1):
-        words = line.split("%")[0].split()
-        if not words or words[0] not in (*NUMBER_OF_VALUES, "adcbufCfg"):
-            continue
-        try:
-            values = [float(word) for word in words[1:]]
-        except ValueError:
-            raise RecordingError(f"{path}: line {number}, {words[0]}: holds a word that is no number") from None
-        count = NUMBER_OF_VALUES.get(words[0], len(values))
-        if len(values) != count or not all(abs(value) < 1e12 for value in values):
-            raise RecordingError(
-                f"{path}: line {number}, {words[0]}: has {len(values)} numbers; it must have {count}, below 1e12"
-            )
-        commands.setdefault(words[0], []).append((number, values))
-    if missing := [name for name in NUMBER_OF_VALUES if name not in commands]:
-        raise RecordingError(f"{path}: lacks the command {', '.join(missing)}")
-
-    def only(name: str) -> list[float]:
-        if len(commands[name]) > 1:
-            lines = ", ".join(str(number) for number, _ in commands[name])
-            raise RecordingError(f"{path}: has {name} in lines {lines}; one is read")
-        return commands[name][0][1]
-
-    frame, channel, adc = only("frameCfg"), only("channelCfg"), only("adcCfg")
-    first, last = int(frame[0]), int(frame[1])
-    profile = _find_profile(path, commands, first, last)
-    if adc[1] not in (0, 1, 2):
-        raise RecordingError(f"{path}: adcCfg: output format {adc[1]:g} is not allowed; 0 (real), 1 or 2 (complex)")
-    mask = int(channel[0])
-    platform = re.search(r"platform\s*+:?+\s*+(xwr\d\dxx)", text, re.IGNORECASE)
-    device = platform[1].lower() if platform else ""
+    matches = [values for _, values in commands["profileCfg"] if int(values["profileId"]) in profiles]
+    if len(matches) != 1:
+        raise RecordingError(f"{path}: has {len(matches)} profileCfg of number {profiles.pop()}; one is needed")
+    stated, mask = {**matches[0], **frame}, int(commands["channelCfg"][0][1]["rxChannelEn"])
     return {
-        **({"device": device} if device else {}),
-        "q_first": _is_swapped(path, commands.get("adcbufCfg", [(0, [])])[0][1], device),
-        **_make_table(profile, first, last, int(adc[1]), mask, frame[2:5]),
+        **{key: stated[name] * factor for key, (name, factor) in SETTINGS.items()},
+        "output": OUTPUTS[int(output)],
+        "receivers": [bit for bit in range(4) if mask >> bit & 1],
+        "chirps_per_loop": last - first + 1,
     }
 
 
 VOLTS_PER_CODE = 1.0 / 2**15
-PAUSE = 0.01
-"""Minimum pause between frames, in loops, for which frames count as bursts."""
 MAX_VALUES = 500_000_000
 """Maximum number of samples of one receiver."""
 BLOCK = 1 << 24
@@ -359,11 +327,11 @@ def sniff_dca1000(path: Path, head: bytes) -> bool:
 
 @plugin("radar_reader", "dca1000", sniff=sniff_dca1000, suffixes=(".bin",), by_name=(".bin",))
 def read_dca1000(
-    path: str | Path,
+    path: Path,
     *,
     config: str | None = None,
-    device: str | None = None,
-    rx: int | str | None = None,
+    device: Device | None = None,
+    rx: int | Literal["sum"] | None = None,
     chirp: int = 0,
     conjugate: bool = True,
     range_stop_m: float | None = None,
@@ -371,39 +339,26 @@ def read_dca1000(
     """Read the samples of one receiver, or of their sum.
     Every chirp becomes a row of range bins by a windowed (Hann) transform.
     """
-    file = Path(path)
-    if not file.is_file():
-        raise RecordingError(f"{file}: no such file")
-    settings = find_config(file) if config is None else Path(str(config))
+    settings = find_config(path) if config is None else Path(config)
     if settings is None:
         raise RecordingError(
-            f"{file}: has no radar settings next to it; give config=FILE, or put them into {file.stem}.toml, .json or "
+            f"{path}: has no radar settings next to it; give config=FILE, or put them into {path.stem}.toml, .json or "
             ".cfg in its folder"
         )
     if not settings.is_file():
-        settings = file.parent / settings
-    if device is not None and device not in DEVICES:
-        raise RecordingError(f"{file}: device = {device!r} is not allowed; it must be one of {', '.join(DEVICES)}")
+        settings = path.parent / settings
     chirps = read_config(settings, device=device)
     receivers = list(chirps.receivers)
-    if rx not in (None, "sum") and (isinstance(rx, bool) or rx not in receivers):
-        said = ", ".join(map(str, receivers))
-        raise RecordingError(f"{file}: rx = {rx!r} is not allowed; on are {said}, and sum is all of them")
-    if isinstance(chirp, bool) or not isinstance(chirp, int) or not 0 <= chirp < chirps.chirps_per_loop:
-        raise RecordingError(
-            f"{file}: chirp = {chirp!r} is not allowed; a loop has {chirps.chirps_per_loop}, counted from 0"
-        )
+    if rx not in (None, "sum", *receivers):
+        listed = ", ".join(map(str, receivers))
+        raise RecordingError(f"{path}: rx = {rx!r} is not allowed; on are {listed}, and sum is all of them")
+    choose_number(path, "chirp", chirp, chirps.chirps_per_loop, " of a loop")
     chosen = receivers if rx == "sum" else [receivers[0] if rx is None else int(rx)]
-    n_frames = _count_frames(file, settings, chirps)
-    samples = _read_samples(file, chirps, n_frames, chosen, chirp)
-    warn_of_zeros(file, samples)
-    warn_of_jumps(file, samples, chirps.loops)
-    pause_s = chirps.frame_period_s - chirps.loops * chirps.loop_s
-    paused = chirps.loops > 1 and n_frames > 1 and pause_s > PAUSE * chirps.loop_s
-    even_s = chirps.frame_period_s / chirps.loops
-    pulse_s = chirps.loop_s if paused or (n_frames == 1 and chirps.loops > 1) else even_s
-    starts_s = chirps.frame_period_s * np.arange(n_frames)
-    times_s = (starts_s[:, None] + pulse_s * np.arange(chirps.loops)).ravel()
+    n_frames = _count_frames(path, settings, chirps)
+    samples = _read_samples(path, chirps, n_frames, chosen, chirp)
+    warn_of_zeros(path, samples)
+    warn_of_jumps(path, samples, chirps.loops)
+    times_s, rate_hz, attrs = place_frames(n_frames, chirps.loops, chirps.frame_period_s, 1.0 / chirps.loop_s)
     notes = [
         f"{'sum of receivers' if rx == 'sum' else 'receiver'} {', '.join(map(str, chosen))}; chirp {chirp} of "
         f"{chirps.chirps_per_loop}; {n_frames} frames of {chirps.loops}",
@@ -411,21 +366,21 @@ def read_dca1000(
         "packets that the board lost are noticed only where complex samples of strong echoes break inside a chirp",
     ]
     return label_sweeps(
-        file,
+        path,
         samples,
         name=f"TI {chirps.device} by DCA1000",
         carrier_hz=chirps.start_hz + chirps.slope_hz_per_s * (chirps.adc_start_s + chirps.sweep_s / 2.0),
         bandwidth_hz=chirps.slope_hz_per_s * chirps.sweep_s,
         n_ranges=chirps.n_samples if chirps.output == "complex1x" else chirps.n_samples // 2,
         range_stop_m=range_stop_m,
-        prf_hz=1.0 / pulse_s,
+        prf_hz=rate_hz,
         sweep_s=chirps.sweep_s,
         sample_rate_hz=chirps.sample_rate_hz,
         volts_per_unit=VOLTS_PER_CODE,
         slow_time_s=times_s,
         conjugate=conjugate,
         notes=notes,
-        attrs={"burst_pulses": chirps.loops} if paused else {},
+        attrs=attrs,
     )
 
 
@@ -525,27 +480,22 @@ def _read_samples(
     file: Path, chirps: ChirpConfig, n_frames: int, chosen: list[int], chirp: int
 ) -> npt.NDArray[np.complex64] | npt.NDArray[np.float32]:
     """Return the sorted samples of a file, shape (pulses, samples), V."""
-    is_real, size, four = chirps.output == "real", chirps.n_samples, chirps.device in FOUR_LANES
-    parts = (1 if is_real else 2) * _count_channels(chirps) * size
-    shape = (n_frames * chirps.loops, chirps.chirps_per_loop, parts)
+    size, n_parts, four = chirps.n_samples, 1 if chirps.output == "real" else 2, chirps.device in FOUR_LANES
+    shape = (n_frames * chirps.loops, chirps.chirps_per_loop, n_parts * _count_channels(chirps) * size)
     numbers = np.memmap(file, dtype="<i2", mode="r", shape=shape)
-    out: npt.NDArray[Any] = np.zeros((numbers.shape[0], size), np.float32 if is_real else np.complex64)
-    step = max(1, BLOCK // numbers.shape[2])
+    out: npt.NDArray[Any] = np.zeros((len(numbers), size), np.float32 if n_parts == 1 else np.complex64)
+    step = max(1, BLOCK // shape[2])
     for begin in range(0, len(out), step):
         block = numbers[begin : begin + step, chirp].astype(np.float32)
         rows = len(block)
         for receiver in chosen:
-            place = receiver if four else chirps.receivers.index(receiver)
-            if is_real:
-                part = block.reshape(rows, size, 4)[:, :, place] if four else block.reshape(rows, -1, size)[:, place]
-                out[begin : begin + rows] += part
-                continue
             if four:
-                pairs = np.moveaxis(block.reshape(rows, size, 2, 4)[..., place], 2, 0)
-            else:
-                pairs = np.moveaxis(block.reshape(rows, -1, size // 2, 2, 2)[:, place], 2, 0).reshape(2, rows, size)
-            first, second = pairs
-            out.real[begin : begin + rows] += second if chirps.q_first else first
-            out.imag[begin : begin + rows] += first if chirps.q_first else second
+                parts = block.reshape(rows, size, n_parts, 4)[..., receiver]
+            else:  # two samples at a time
+                pairs = block.reshape(rows, -1, size // 2, n_parts, 2)[:, chirps.receivers.index(receiver)]
+                parts = pairs.swapaxes(2, 3).reshape(rows, size, n_parts)
+            out.real[begin : begin + rows] += parts[..., n_parts - 1 if chirps.q_first else 0]
+            if n_parts == 2:
+                out.imag[begin : begin + rows] += parts[..., 0 if chirps.q_first else 1]
     out *= VOLTS_PER_CODE
     return out
