@@ -221,13 +221,13 @@ def test_what_is_wrong_is_named(file: Path, content: dict[str, Any], message: st
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('{"rate_hz": 10,\n "positions": [[1, 2}', "line 2, column"),
+        ('{"rate_hz": 10,\n "positions": [[1, 2}', "line 2 column"),
         ('{"rate_hz": 10, "positions": [[[0,0,0]],[[0,0,0]],[[0,0,0],[1,1,1]]]}', r"positions\[2\] holds 2 points"),
         (
             '{"rate_hz": 10, "positions": [[[0,0,0]],[[0,0]],[[0,0,0]]]}',
             r"positions\[1\]\[0\] is not a list of x, y and z",
         ),
-        ('{"rate_hz": 10, "positions": [[[0,0,"1.5"]]]}', r"positions\[0\]\[0\] holds '1.5'; write a number"),
+        ('{"rate_hz": 10, "positions": [[[0,0,"1.5"]]]}', r"positions\[0, 0, 2\] holds '1.5'; write a number"),
         ('{"rate_hz": 10, "positions": {"a": 1}}', "'positions' is not an array of numbers"),
         ('{"rate_hz": 10, "positions": null}', "'positions' has the shape"),
         ('{"positions": ' + "[" * 100_000, "not JSON"),

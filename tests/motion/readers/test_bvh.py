@@ -10,12 +10,7 @@ from scipy.spatial.transform import Rotation
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
 from doppelgait.motion.readers.bvh import BvhContent, Node, compute_bvh_positions, read_bvh_content
-from doppelgait.motion.readers.joints import (
-    make_axis_rotations,
-    make_euler_rotations,
-    make_vector_rotations,
-    measure_skeleton,
-)
+from doppelgait.motion.readers.joints import measure_skeleton
 
 ROTATIONS = "CHANNELS 3 Zrotation Xrotation Yrotation"
 ALL = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation"
@@ -119,19 +114,6 @@ def test_positions_agree_with_a_matrix_walk(seed: int) -> None:
     values = draw.uniform(-180, 180, (5, sum(len(node.channels) for node in nodes)))
     content = BvhContent(tuple(nodes), 0.01, values)
     np.testing.assert_allclose(compute_bvh_positions(content), literal(content), atol=1e-9)
-
-
-def test_rotations_agree_with_scipy() -> None:
-    draw = np.random.default_rng(1)
-    angles = draw.uniform(-4, 4, (20, 3))
-    for axes in ("zyx", "xyz", "yzx", "zxz"):
-        expected = Rotation.from_euler(axes.upper(), angles).as_matrix()
-        np.testing.assert_allclose(make_euler_rotations(axes, angles), expected, atol=1e-12)
-    for vectors in (angles, angles * 1e-9, np.zeros((2, 3))):
-        np.testing.assert_allclose(
-            make_vector_rotations(vectors), Rotation.from_rotvec(vectors).as_matrix(), atol=1e-12
-        )
-    np.testing.assert_allclose(make_axis_rotations("z", np.array(np.pi / 2)) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
 
 
 def test_a_person_is_read(walk: Path) -> None:

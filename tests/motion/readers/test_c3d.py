@@ -429,10 +429,10 @@ def test_analog_words_that_only_the_header_counts(tmp_path: Path) -> None:
 def with_description(path: Path, description: bytes) -> Path:
     """Give POINT:LABELS these bytes as length byte and text of its description."""
     layout, content = read_layout(path), path.read_bytes()
-    span = layout.records["POINT", "LABELS"].span
+    record = layout.records["POINT", "LABELS"]
     old = content[layout.section_at : layout.data_at]
-    step = struct.pack("<H", span.end - span.step + len(description))
-    section = old[: span.step] + step + old[span.step + 2 : span.end] + description + old[span.next :]
+    step = struct.pack("<H", record.end - record.step_at + len(description))
+    section = old[: record.step_at] + step + old[record.step_at + 2 : record.end] + description + old[record.next_at :]
     section = section.ljust(-(-len(section) // 512) * 512, b"\0")
     header = bytearray(content[: layout.section_at])
     header[16:18] = struct.pack("<H", 1 + (len(header) + len(section)) // 512)
@@ -451,7 +451,7 @@ def test_descriptions_do_not_matter(walk_mm: Path, description: bytes) -> None:
 def test_analog_offsets_stored_as_floats(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", walker() * 1000)
     record = read_layout(path).records["ANALOG", "OFFSET"]
-    patch(path, 512 + record.span.step + 2, bytes([4]))
+    patch(path, 512 + record.step_at + 2, bytes([4]))
     np.testing.assert_allclose(read(path, clean=False).position_m, walker(), atol=1e-5)
 
 

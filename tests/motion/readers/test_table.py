@@ -107,7 +107,7 @@ def test_accad_text_is_in_mm_and_marks_gaps(tmp_path: Path) -> None:
     motion = read(accad(tmp_path / "run.txt", body), clean=False)
     np.testing.assert_allclose(motion.position_m, body * 1e-3, atol=0.06e-3)
     assert motion.rate_hz == 120.0
-    with pytest.raises(MotionError, match=r"would span 0.00167 m if it is in mm.*give the true unit"):
+    with pytest.raises(MotionError, match=r"its points span 0.00167 m; .*Is the unit wrong"):
         read(accad(tmp_path / "metres.txt", body * 1e-3), clean=False)
 
 

@@ -183,7 +183,7 @@ def jump(lines: list[str]) -> None:
 
 
 FAULTS: dict[str, tuple[Callable[[list[str]], Any], str]] = {
-    "ragged row": (ragged, "line 11 has 49 cells; 2 and three for each of 16 markers are 50"),
+    "ragged row": (ragged, "line 11 has 49 cells; its header names 50 columns"),
     "long row": (one_too_many, "line 11 has 51 cells"),
     "text": (change(12, 3, "12,5"), "line 13, column 'LFHD Y': '12,5' is not a number"),
     "no time": (change(12, 1, ""), "line 13 has no time.*rate_hz="),

@@ -34,7 +34,12 @@ def test_exports_give_the_same_motion(tmp_path: Path, name: str) -> None:
         ("csv", deeplabcut(individuals=True), {"units": "m", "rate_hz": 9.0, "subject": "Eva"}, r"no subject 'Eva'"),
         ("csv", anipose, {}, r"no column of times .*rate_hz=.*units="),
         ("tsv", qualisys(kind="6D"), {}, "holds rigid bodies; export the 3D data of the markers"),
-        ("tsv", lambda body: qualisys()(body).replace("LFHD\t", ""), {}, "three for each of 15 MARKER_NAMES"),
+        (
+            "tsv",
+            lambda body: qualisys()(body).replace("LFHD\t", ""),
+            {},
+            r"line \d+ has 48 cells; its header names 45 columns",
+        ),
         ("csv", lambda body: nexus(",", around=True)(body).replace("Trajec", "Histor"), {}, "no block Trajectories"),
         (
             "csv",

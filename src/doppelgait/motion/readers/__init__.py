@@ -7,6 +7,7 @@ all.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import Any, Literal
 
 from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import Group
-from doppelgait.core.readers import OtherFile, check_reader, choose_reader
+from doppelgait.core.readers import OtherFile, check_options, check_reader, choose_reader
 from doppelgait.motion.motion import Motion
 
 __all__ = ["MOTION_READERS", "check_types", "cut_part", "read", "take_part"]
@@ -120,7 +121,8 @@ def read(
     (17, 250.0, 3.0)
     """
     file = Path(path)
-    further = ("clean", "start_s", "stop_s", "segment", "loop_to_s", "loop_variation", "treadmill")
+    kept: dict[str, Any] = {"segment": segment, "loop_to_s": loop_to_s, "loop_variation": loop_variation}
+    own = {"clean": clean, "start_s": start_s, "stop_s": stop_s, **kept, "treadmill": treadmill}
     reader = choose_reader(
         MOTION_READERS,
         file,
@@ -129,20 +131,9 @@ def read(
         error=MotionError,
         others=OTHER_FILES,
         format=format,
-        further=further,
+        further=tuple(own),
     )
-    check_types(
-        file,
-        {
-            "clean": clean,
-            "start_s": start_s,
-            "stop_s": stop_s,
-            "loop_to_s": loop_to_s,
-            "loop_variation": loop_variation,
-            "treadmill": treadmill,
-            **options,
-        },
-    )
+    check_types(file, own)
     try:
         whole = reader.run(file, **options)
     except OSError as error:
@@ -156,14 +147,7 @@ def read(
         return motion
     from doppelgait.motion.clean import clean_motion
 
-    return take_part(
-        file,
-        clean_motion(motion, whole=None if motion is whole else whole),
-        segment=segment,
-        loop_to_s=loop_to_s,
-        loop_variation=loop_variation,
-        treadmill=treadmill,
-    )
+    return take_part(file, clean_motion(motion, whole=None if motion is whole else whole), treadmill=treadmill, **kept)
 
 
 def cut_part(path: Path, motion: Motion, start_s: float | None, stop_s: float | None) -> Motion:
@@ -223,24 +207,15 @@ def take_part(
 
 
 LONGEST_S = 3600.0
-NUMBERS = {
-    "start_s": "a number of seconds",
-    "stop_s": "a number of seconds",
-    "loop_to_s": f"above 0 and up to {LONGEST_S:g} s",
-    "loop_variation": "0 to 2",
-}
-"""Options of :func:`read` that are numbers, and what is allowed."""
 
 
 def check_types(path: Path, options: dict[str, Any]) -> None:
-    """Raise an error for an option of :func:`read` of the wrong type."""
-    for name, value in options.items():
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if name in ("clean", "treadmill") and not isinstance(value, bool):
-            raise MotionError(f"{path}: {name} = {value!r} is not allowed; it must be true or false")
-        if value is None:
-            continue
-        too_long = name == "loop_to_s" and number and not 0.0 < value <= LONGEST_S
-        too_varied = name == "loop_variation" and number and not 0.0 <= value <= 2.0
-        if name in NUMBERS and (not number or too_long or too_varied):
-            raise MotionError(f"{path}: {name} = {value!r} is not allowed; it must be {NUMBERS[name]}")
+    """Raise an error for an option of :func:`read` that is not allowed."""
+    check_options(path, read, options, error=MotionError)
+    for name, low, high, allowed in (
+        ("loop_to_s", math.nextafter(0.0, 1.0), LONGEST_S, f"above 0 and up to {LONGEST_S:g} s"),
+        ("loop_variation", 0.0, 2.0, "0 to 2"),
+    ):
+        value = options.get(name)
+        if value is not None and not low <= value <= high:
+            raise MotionError(f"{path}: {name} = {value!r} is not allowed; it must be {allowed}")

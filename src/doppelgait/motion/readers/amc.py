@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, StrictInt, model_validator
 
 from doppelgait.core.config import FrozenModel, validate
@@ -24,12 +23,9 @@ from doppelgait.motion.readers.joints import (
     check_skeleton_cost,
     forward_kinematics,
     make_euler_rotations,
-    make_vector_rotations,
 )
+from doppelgait.motion.readers.points import FloatArray
 from doppelgait.motion.readers.text import Points, is_finite, parse_rows, point_format, read_text
-
-FloatArray = npt.NDArray[np.float64]
-
 
 Section = list[tuple[int, list[str]]]
 """Statements: line number and words."""
@@ -96,20 +92,15 @@ def read_asf(path: Path) -> Skeleton:
     bones = {"root": root} | _parse_bones(path, sections["bonedata"], degrees)
     parents = _parse_parents(path, sections["hierarchy"], bones)
     # sort the bones so that parents come before children
-    placed = {"root": 0}
-    ordered = [bones["root"]]
-    waiting = [name for name in bones if name != "root"]
-    found = True
-    while waiting and found:
-        found = False
+    ordered, waiting = {"root": bones["root"]}, [name for name in bones if name != "root"]
+    while waiting:
         for name in waiting:
-            if parents.get(name) in placed:
-                placed[name], found = len(ordered), True
-                ordered.append(replace(bones[name], parent=placed[parents[name]]))
-        waiting = [name for name in waiting if name not in placed]
-    if waiting:
-        raise MotionError(f"{path}: the bones {', '.join(waiting[:5])} are not connected to the root")
-    return Skeleton(tuple(ordered), origin, INCH_M / length, degrees)
+            if parents.get(name) in ordered:
+                ordered[name] = replace(bones[name], parent=[*ordered].index(parents[name]))
+        if len(left := [name for name in waiting if name not in ordered]) == len(waiting):
+            raise MotionError(f"{path}: the bones {', '.join(left[:5])} are not connected to the root")
+        waiting = left
+    return Skeleton(tuple(ordered.values()), origin, INCH_M / length, degrees)
 
 
 def _parse_numbers(path: Path, line: int, words: Sequence[str], *, count: int) -> list[float]:
@@ -146,7 +137,6 @@ def _parse_freedoms(path: Path, line: int, words: Sequence[str], allowed: str) -
 
 
 def _parse_bones(path: Path, section: Section, degrees: bool) -> dict[str, Bone]:
-    """Parse all bones by name, without their parents."""
     bones: dict[str, Bone] = {}
     entry: dict[str, tuple[int, list[str]]] | None = None
     for line, words in section:
@@ -182,7 +172,6 @@ def _parse_bones(path: Path, section: Section, degrees: bool) -> dict[str, Bone]
 
 
 def _parse_parents(path: Path, section: Section, bones: Mapping[str, Bone]) -> dict[str, str]:
-    """Parse the parent of each bone from the hierarchy."""
     parents: dict[str, str] = {}
     for line, words in section:
         if words[0].lower() in ("begin", "end"):
@@ -216,15 +205,6 @@ CMU_RATE_HZ = 120.0
 _NAMED = "#!oml:asf"
 
 
-@dataclass(frozen=True)
-class AmcContent:
-    """An AMC file as written."""
-
-    values: dict[str, FloatArray]
-    degrees: bool | None
-    named: str
-
-
 @point_format(
     "amc",
     rb"(?ims)(?!.*:bonedata)(?:.*^)?[ \t]*:(fully-specified|degrees|radians)\b",
@@ -241,15 +221,15 @@ def parse_amc(path: Path, *, skeleton: str | Path | None = None, rate_hz: float 
     degrees = False if ":radians" in head else True if ":degrees" in head else None
     comments = [line for line in text[: start.start()].split("\n") if line.lower().startswith(_NAMED)]
     named = comments[0][len(_NAMED) :].replace("\\", "/").rsplit("/", 1)[-1].strip() if comments else ""
-    content = AmcContent(_parse_frames(path, text, start.start()), degrees, named)
-    asf = Path(skeleton) if skeleton is not None else find_asf(path, content.named)
+    values = _parse_frames(path, text, start.start())
+    asf = Path(skeleton) if skeleton is not None else find_asf(path, named)
     body = read_asf(asf)
     notes = (
         [] if rate_hz is not None else [f"the format states no frame rate; {CMU_RATE_HZ:g} Hz, that of CMU, is assumed"]
     )
     return Points(
         [bone.name for bone in body.bones],
-        _compute_positions(path, body, content),
+        _compute_positions(path, body, values, body.degrees if degrees is None else degrees),
         unit=body.metres_per_unit,
         unit_from="skeleton",
         rate_hz=CMU_RATE_HZ,
@@ -311,24 +291,22 @@ def _find_frame_fault(path: Path, text: str, at: int, first: Sequence[Sequence[s
     return f"{path}: ends inside frame {frame}, after {n} of {len(first)} bones; it is truncated"
 
 
-def _compute_positions(path: Path, skeleton: Skeleton, content: AmcContent) -> FloatArray:
-    """Compute the positions of root and bone ends."""
-    # positions are in the unit and the axes of the skeleton
-    degrees = skeleton.degrees if content.degrees is None else content.degrees
+def _compute_positions(path: Path, skeleton: Skeleton, content: Mapping[str, FloatArray], degrees: bool) -> FloatArray:
+    """Compute the positions of root and bone ends, in the unit and the axes of the skeleton."""
     freedoms = {bone.name: bone.freedoms for bone in skeleton.bones}
-    for name, values in content.values.items():
+    for name, values in content.items():
         if name not in freedoms or values.shape[1] != len(freedoms[name]):
             has = f"has {len(freedoms[name])} degree(s) of freedom" if name in freedoms else "is not a bone"
             raise MotionError(
                 f"{path}: gives {name!r} {values.shape[1]} value(s), but it {has} of its skeleton. Give the skeleton "
                 "that belongs to the motion: skeleton='FILE.asf'"
             )
-    n_frames = len(next(iter(content.values.values())))
+    n_frames = len(next(iter(content.values())))
     check_skeleton_cost(path, len(skeleton.bones), n_frames)
     rotation = np.empty((len(skeleton.bones), n_frames, 3, 3))
     translation = np.empty((len(skeleton.bones), n_frames, 3))
     for j, bone in enumerate(skeleton.bones):
-        values = content.values.get(bone.name, np.zeros((n_frames, len(bone.freedoms))))
+        values = content.get(bone.name, np.zeros((n_frames, len(bone.freedoms))))
         angles, moved = np.zeros((2, n_frames, 3))
         for n, axis in enumerate(bone.order[::-1]):
             if f"r{axis}" in bone.freedoms:
@@ -382,6 +360,8 @@ def sniff_expmap(path: Path, head: bytes) -> bool:
 @point_format("expmap", sniff_expmap, (".txt",), skeleton=True)
 def parse_expmap(path: Path, *, skeleton: str | Path | None = None) -> Points:
     """Read the joints of an exponential-map recording."""
+    from scipy.spatial.transform import Rotation
+
     file = path.with_name(SKELETON) if skeleton is None else Path(skeleton)
     if not file.is_file():
         raise MotionError(
@@ -399,13 +379,13 @@ def parse_expmap(path: Path, *, skeleton: str | Path | None = None) -> Points:
         )
     values = parse_rows(path, text, 0, n_columns=columns, separator=",")
     check_skeleton_cost(path, n_joints, len(values))
-    # compute the positions (T, J, 3) of all joints
     vectors = values[:, 3:].reshape(len(values), n_joints, 3).swapaxes(0, 1)
+    rotation = Rotation.from_rotvec(-vectors.reshape(-1, 3)).as_matrix().reshape(*vectors.shape, 3)
     translation = np.repeat(np.array(body.offsets)[:, np.newaxis], len(values), axis=1)
     translation[0] = values[:, :3]
     return Points(
         body.joint_names,
-        forward_kinematics(body.parents, translation, make_vector_rotations(-vectors)),
+        forward_kinematics(body.parents, translation, rotation),
         unit=body.metres_per_unit,
         unit_from="skeleton",
         rate_hz=body.frame_rate_hz,
@@ -418,7 +398,6 @@ def parse_expmap(path: Path, *, skeleton: str | Path | None = None) -> Points:
 
 
 def _read_expmap_skeleton(path: Path) -> ExpmapSkeleton:
-    """Read and check a skeleton in JSON."""
     try:
         content = parse_json(read_text(path))
         if not isinstance(content, dict):

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.npz import NPY_MAGIC, is_npz, load_npy, load_npz
+from doppelgait.core.plugins import read_head
 from doppelgait.motion.readers.points import check_amount, check_rate
 from doppelgait.motion.readers.skeletons import read_skeletons
 from doppelgait.motion.readers.text import Points, check_size, point_format
-
-FloatArray = npt.NDArray[np.float64]
 
 POSITION_KEYS = ("positions", "joints", "Jtr")
 NAME_KEYS = ("names", "joint_names")
@@ -49,8 +46,7 @@ def parse_arrays(
     rate_hz: float | None = None,
 ) -> Points:
     """Read the positions of npy, npz or JSON files."""
-    with path.open("rb") as file:
-        head = file.read(4096)
+    head = read_head(path)
     packed = is_npz(head)
     if head.startswith(NPY_MAGIC):
         content: dict[str, Any] = {POSITION_KEYS[0]: load_npy(path, MotionError)}
@@ -66,7 +62,12 @@ def parse_arrays(
         raise MotionError(f"{path}: {name!r} holds {value.dtype} values; positions are real numbers")
     try:
         if isinstance(value, list):
-            _refuse_text(path, name, value)
+            entries = np.array(value, dtype=object)
+            for k in (k for k, number in enumerate(entries.flat) if isinstance(number, str | bool)):
+                raise MotionError(
+                    f"{path}: {name}{list(map(int, np.unravel_index(k, entries.shape)))} holds {entries.flat[k]!r}; "
+                    "write a number, or null where a point was not seen"
+                )
         array = np.asarray(value, dtype=np.float64)
     except (ValueError, TypeError, OverflowError):
         raise MotionError(f"{path}: {_describe_unevenness(name, value)}") from None
@@ -94,15 +95,10 @@ def parse_arrays(
 
 
 def _load_json(path: Path) -> dict[str, Any]:
-    """Read the object of a JSON file."""
     check_size(path)
     try:
         content = parse_json(path.read_bytes())
-    except json.JSONDecodeError as error:
-        raise MotionError(f"{path}: line {error.lineno}, column {error.colno}: is not JSON ({error.msg})") from None
-    except UnicodeDecodeError as error:
-        raise MotionError(f"{path}: is not JSON of a motion ({type(error).__name__}); it must be UTF-8 text") from None
-    except ValueError as error:
+    except ValueError as error:  # a fault of syntax has line and column, one of UTF-8 the byte
         raise MotionError(f"{path}: is not JSON of a motion: {error}") from None
     if not isinstance(content, dict):
         raise MotionError(f"{path}: is not a JSON object with the keys rate_hz, names, positions and units")
@@ -110,7 +106,6 @@ def _load_json(path: Path) -> dict[str, Any]:
 
 
 def _find_position_key(path: Path, content: Mapping[str, Any], key: str | None) -> str:
-    """Return the key of the positions, chosen or known."""
     held = ", ".join(content) or "nothing"
     if key is not None:
         if key not in content:
@@ -132,17 +127,6 @@ def _find_position_key(path: Path, content: Mapping[str, Any], key: str | None) 
     raise MotionError(
         f"{path}: has no array of positions ({', '.join(POSITION_KEYS)}); it holds {held}. Name it: key='...'"
     )
-
-
-def _refuse_text(path: Path, name: str, frames: Sequence[Any]) -> None:
-    """Refuse text, even if it looks like a number."""
-    for t, frame in enumerate(frames):
-        for p, point in enumerate(frame if isinstance(frame, list) else []):
-            for number in point if isinstance(point, list) else []:
-                if isinstance(number, str | bool):
-                    raise MotionError(
-                        f"{path}: {name}[{t}][{p}] holds {number!r}; write a number, or null where a point was not seen"
-                    )
 
 
 def _describe_unevenness(name: str, frames: Any) -> str:

@@ -10,13 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError
 from doppelgait.motion.readers.joints import check_skeleton_cost, forward_kinematics, make_euler_rotations
+from doppelgait.motion.readers.points import FloatArray
 from doppelgait.motion.readers.text import Points, parse_rows, point_format, read_text
-
-FloatArray = npt.NDArray[np.float64]
 
 _CHANNEL = re.compile(r"(?i)^([xyz])(position|rotation)$")
 _FRAMES = re.compile(r"(?i)^frames\s*+:?+\s*+(\S+)$")
@@ -54,7 +52,10 @@ def read_bvh_content(path: Path) -> BvhContent:
     for number, line in enumerate(text[: split.start()].split("\n"), start=1):
         for statement in re.split(r"([{}])", line):
             if words := statement.split():
-                _run_statement(path, number, words, nodes, open_nodes)
+                try:
+                    _run_statement(words, nodes, open_nodes)
+                except ValueError as error:
+                    raise MotionError(f"{path}, line {number}: {error}") from None
     if not nodes:
         raise MotionError(f"{path}: its hierarchy holds no ROOT")
     if open_nodes:
@@ -67,66 +68,65 @@ def read_bvh_content(path: Path) -> BvhContent:
     return BvhContent(tuple(nodes), frame_time_s, values)
 
 
-def _run_statement(path: Path, number: int, words: list[str], nodes: list[Node], open_nodes: list[int]) -> None:
+def _run_statement(words: list[str], nodes: list[Node], open_nodes: list[int]) -> None:
     """Execute one statement of the hierarchy."""
     # statements declare, open, describe and close nodes
     word = words[0].upper()
     if word in ("ROOT", "JOINT", "END"):
         if word == "ROOT" and nodes:
-            raise MotionError(
-                f"{path}, line {number}: a second ROOT, {' '.join(words[1:])!r}; a file may hold only one body. "
+            raise ValueError(
+                f"a second ROOT, {' '.join(words[1:])!r}; a file may hold only one body. "
                 "Save each body to its own file."
             )
         if word != "ROOT" and not open_nodes:
-            raise MotionError(f"{path}, line {number}: {' '.join(words)!r} outside a ROOT")
+            raise ValueError(f"{' '.join(words)!r} outside a ROOT")
         if len(nodes) >= MAX_NODES:
-            raise MotionError(f"{path}, line {number}: more than {MAX_NODES} joints")
+            raise ValueError(f"more than {MAX_NODES} joints")
         parent = open_nodes[-1] if open_nodes else -1
         name = f"{nodes[parent].name}_End" if word == "END" else " ".join(words[1:])
         nodes.append(Node(name or f"joint_{len(nodes) + 1}", parent))
     elif word == "{":
         if not nodes or len(nodes) - 1 in open_nodes:
-            raise MotionError(f"{path}, line {number}: '{{' without a joint before it")
+            raise ValueError("'{' without a joint before it")
         open_nodes.append(len(nodes) - 1)
     elif word == "}":
         if not open_nodes:
-            raise MotionError(f"{path}, line {number}: '}}' closes nothing")
+            raise ValueError("'}' closes nothing")
         open_nodes.pop()
     elif word in ("OFFSET", "CHANNELS"):
         if not open_nodes or open_nodes[-1] != len(nodes) - 1:
-            raise MotionError(f"{path}, line {number}: {word} outside a joint")
+            raise ValueError(f"{word} outside a joint")
         if word == "OFFSET":
             try:
                 x, y, z = (float(value) for value in words[1:])
             except ValueError:
                 x = y = z = float("nan")
             if not np.isfinite([x, y, z]).all():
-                raise MotionError(f"{path}, line {number}: OFFSET needs three numbers, but has {' '.join(words[1:])!r}")
+                raise ValueError(f"OFFSET needs three numbers, but has {' '.join(words[1:])!r}")
             nodes[-1].offset = x, y, z
         else:
-            nodes[-1].channels = _parse_channels(path, number, words[1:])
+            nodes[-1].channels = _parse_channels(words[1:])
     elif word != "HIERARCHY":
-        raise MotionError(
-            f"{path}, line {number}: {' '.join(words)[:60]!r} is not a statement of a BVH hierarchy; allowed are ROOT, "
+        raise ValueError(
+            f"{' '.join(words)[:60]!r} is not a statement of a BVH hierarchy; allowed are ROOT, "
             "JOINT, End Site, OFFSET, CHANNELS and braces"
         )
 
 
-def _parse_channels(path: Path, number: int, words: list[str]) -> list[str]:
+def _parse_channels(words: list[str]) -> list[str]:
     """Parse the channel names: ``"px"`` for Xposition, ``"rx"`` for Xrotation."""
     found = [_CHANNEL.match(word) for word in words[1:]]
     names = [match[2][0].lower() + match[1].lower() for match in found if match]
     places = [name for name in names if name[0] == "p"]  # only rotations may repeat an axis
     if not words or words[0] != str(len(names)) or None in found or len(set(places)) < len(places):
-        raise MotionError(
-            f"{path}, line {number}: CHANNELS {' '.join(words)!r} is invalid; it needs the number of channels and as "
+        raise ValueError(
+            f"CHANNELS {' '.join(words)!r} is invalid; it needs the number of channels and as "
             "many names of Xposition, Yposition, Zposition, Xrotation, Yrotation and Zrotation"
         )
     return names
 
 
 def _parse_motion_head(path: Path, text: str, at: int) -> tuple[int, float, int]:
-    """Parse frame count, frame time (s) and start of values."""
     found: list[str] = []
     for pattern, wanted in ((_FRAMES, "Frames: N"), (_FRAME_TIME, "Frame Time: SECONDS")):
         while at < len(text) and text[at].isspace():

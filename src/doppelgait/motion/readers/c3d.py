@@ -13,13 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError, warn_caller
-from doppelgait.motion.readers.text import Points, point_format
-
-FloatArray = npt.NDArray[np.float64]
-
+from doppelgait.motion.readers.points import FloatArray
+from doppelgait.motion.readers.text import Points, decode, point_format
 
 BLOCK = 512
 MAGIC = 0x50
@@ -42,28 +39,16 @@ NUMBERS = tuple(
 
 
 @dataclass(frozen=True)
-class Span:
-    """Byte positions of a record: start, pointer, ends."""
-
-    start: int
-    step: int
-    end: int
-    next: int
-
-
-@dataclass(frozen=True)
 class Record:
-    """Values and positions of a parameter. Kinds: -1 (text), 1 and 2 (integer), 4 (float)."""
+    """Values of a parameter, and the bytes of its pointer and ends. Kinds: -1 (text), 1 and 2 (integer), 4 (float)."""
 
     kind: int
     shape: tuple[int, ...]
     raw: bytes
     processor: int
-    span: Span
-
-    def count(self) -> int:
-        """Return the number of values; texts of equal length are rows."""
-        return math.prod(self.shape[1:] if self.kind == -1 else self.shape)
+    step_at: int
+    end: int
+    next_at: int
 
     def number(self) -> float | None:
         """Return the first value, or None without a number."""
@@ -77,14 +62,8 @@ class Record:
         """Return the texts without padding; numbers have none."""
         if self.kind != -1:
             return ()
-        length = self.shape[0]
-        found = []
-        for row in (self.raw[n * length : (n + 1) * length] for n in range(self.count())):
-            try:
-                found.append(row.decode("utf-8").strip(" \0"))
-            except UnicodeDecodeError:
-                found.append(row.decode("latin-1").strip(" \0"))
-        return tuple(found)
+        length, n_texts = self.shape[0], math.prod(self.shape[1:])
+        return tuple(decode(self.raw[n * length : (n + 1) * length]).strip(" \0") for n in range(n_texts))
 
 
 @dataclass(frozen=True)
@@ -102,17 +81,11 @@ class Layout:
     header_analog: int
     header_rate_hz: float
     records: dict[tuple[str, str], Record]
-    spans: tuple[Span, ...]
 
     def number(self, group: str, name: str) -> float | None:
         """Return the number in a parameter, or None without one."""
         record = self.records.get((group, name))
         return record.number() if record else None
-
-    def count(self, group: str, name: str) -> int:
-        """Return a parameter's number of values, 0 if it is absent."""
-        record = self.records.get((group, name))
-        return record.count() if record else 0
 
     def _count_per_frame(self, group: str) -> float:
         """Return a group's samples per point frame."""
@@ -181,7 +154,6 @@ def read_layout(path: Path) -> Layout:
             )
         file.seek(section_at)
         section = file.read(data_at - section_at)
-    records, spans = _walk_records(path, section, section_at, processor[0])
     layout = Layout(
         size=size,
         section_at=section_at,
@@ -193,8 +165,7 @@ def read_layout(path: Path) -> Layout:
         header_frames=last - first + 1,
         header_analog=analog,
         header_rate_hz=decode_float32(header[20:24], processor[0]),
-        records=records,
-        spans=spans,
+        records=_walk_records(path, section, section_at, processor[0]),
     )
     for name in NUMBERS:
         value = layout.number(*name)
@@ -211,34 +182,32 @@ def read_layout(path: Path) -> Layout:
     return layout
 
 
-def _walk_records(
-    path: Path, section: bytes, section_at: int, processor: int
-) -> tuple[dict[tuple[str, str], Record], tuple[Span, ...]]:
-    """Return all parameters by (group, name) and all records."""
+def _walk_records(path: Path, section: bytes, section_at: int, processor: int) -> dict[tuple[str, str], Record]:
     # names are in upper case. A record that does not fit raises an error.
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Record]] = []
-    spans: list[Span] = []
     at = 4
     # "no parameters at all" is declared by a section of zero blocks
     while section[2] and at < len(section) and section[at]:
         try:
-            spans.append(_read_record(section, at, processor, groups, found))
+            number, text, record = _read_record(section, at, processor)
         except (ValueError, IndexError, struct.error) as error:
             fault = str(error) if type(error) is ValueError else "runs beyond the end of the section"
             raise MotionError(
                 f"{path}: has a damaged parameter section: the record at byte {section_at + at} {fault}. {RESAVE}."
             ) from None
-        at = spans[-1].next
-        if section[spans[-1].step : spans[-1].step + 2] == b"\0\0":
+        if number < 0:
+            groups[-number] = text
+        else:
+            found.append((number, text, record))
+        at = record.next_at
+        if section[record.step_at : record.step_at + 2] == b"\0\0":
             break
-    return {(groups.get(number, ""), name): record for number, name, record in found}, tuple(spans)
+    return {(groups.get(number, ""), name): record for number, name, record in found}
 
 
-def _read_record(
-    section: bytes, at: int, processor: int, groups: dict[int, str], found: list[tuple[int, str, Record]]
-) -> Span:
-    """Read one group or parameter."""
+def _read_record(section: bytes, at: int, processor: int) -> tuple[int, str, Record]:
+    """Read one parameter, or a group, whose number is negative."""
     length, number = struct.unpack_from("bb", section, at)
     step_at = at + 2 + abs(length)
     name = section[at + 2 : step_at]
@@ -263,12 +232,7 @@ def _read_record(
             break
     else:
         raise ValueError(f"({text}) is longer or shorter than it states")
-    span = Span(at, step_at, end, next_at)
-    if number < 0:
-        groups[-number] = text
-    else:
-        found.append((number, text, Record(kind, shape, section[start:end], processor, span)))
-    return span
+    return number, text, Record(kind, shape, section[start:end], processor, step_at, end, next_at)
 
 
 @dataclass(frozen=True)

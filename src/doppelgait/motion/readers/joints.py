@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core.documents import check_cost
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.motion.readers.points import (
     BodyPoints,
+    FloatArray,
     LengthUnit,
     check_amount,
     check_labels,
@@ -25,44 +25,16 @@ from doppelgait.motion.readers.points import (
 )
 from doppelgait.motion.skeleton import find_parts, guess_species
 
-FloatArray = npt.NDArray[np.float64]
-
-
-def make_axis_rotations(axis: str, angle_rad: FloatArray) -> FloatArray:
-    """Return right-handed rotations by angles about one coordinate axis."""
-    # Shapes: angle_rad (...); returns (..., 3, 3)
-    k = "xyz".index(axis)
-    i, j = (k + 1) % 3, (k + 2) % 3
-    rotation = np.zeros((*np.shape(angle_rad), 3, 3))
-    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
-    rotation[..., k, k] = 1.0
-    rotation[..., i, i] = rotation[..., j, j] = cosine
-    rotation[..., i, j], rotation[..., j, i] = -sine, sine
-    return rotation
-
 
 def make_euler_rotations(axes: str, angles_rad: FloatArray) -> FloatArray:
-    """Multiply axis rotations, ``R_axes[0] @ R_axes[1] @ ...``."""
-    # the last axis rotates a vector first. Shapes: angles_rad (..., len(axes); returns (..., 3, 3)
-    if not axes:
-        return np.broadcast_to(np.eye(3), (*angles_rad.shape[:-1], 3, 3))
-    rotation = make_axis_rotations(axes[0], angles_rad[..., 0])
-    for n, axis in enumerate(axes[1:], start=1):
-        rotation = rotation @ make_axis_rotations(axis, angles_rad[..., n])
-    return rotation
+    """Multiply axis rotations, ``R_axes[0] @ R_axes[1] @ ...``. Shapes: angles_rad (..., n); returns (..., 3, 3)."""
+    from scipy.spatial.transform import Rotation
 
-
-def make_vector_rotations(vector_rad: FloatArray) -> FloatArray:
-    """Convert rotation vectors (exponential maps) to rotation matrices."""
-    # R = I + sin(a) K + (1 - cos(a)) K K (Rodrigues); shapes: vector_rad (..., 3), matrices (..., 3, 3)
-    angle = np.linalg.norm(vector_rad, axis=-1)
-    # sin(a)/a and (1 - cos(a))/a^2 without a division by zero
-    first = np.sinc(angle / np.pi)
-    second = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
-    x, y, z = np.moveaxis(vector_rad, -1, 0)
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
-    return np.asarray(np.eye(3) + first[..., None, None] * cross + second[..., None, None] * (cross @ cross))
+    turned = Rotation.identity(angles_rad[..., 0].size) if axes else Rotation.identity()
+    for n, axis in enumerate(axes):  # the last axis rotates a vector first
+        turned = turned * Rotation.from_euler(axis, angles_rad[..., n].reshape(-1, 1))
+    matrices = turned.as_matrix()
+    return matrices.reshape(*angles_rad.shape[:-1], 3, 3) if axes else matrices
 
 
 def forward_kinematics(parents: Sequence[int], translation: FloatArray, rotation: FloatArray) -> FloatArray:

@@ -14,13 +14,12 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core.config import read_toml
 from doppelgait.core.documents import CELL_BYTES, check_cost, parse_json
 from doppelgait.core.errors import MotionError
 from doppelgait.motion.readers.joints import check_skeleton_cost, connect_kept, forward_kinematics
-from doppelgait.motion.readers.points import check_rate
+from doppelgait.motion.readers.points import FloatArray, check_rate
 from doppelgait.motion.readers.text import (
     Points,
     Times,
@@ -31,9 +30,6 @@ from doppelgait.motion.readers.text import (
     read_lines,
 )
 from doppelgait.motion.skeleton import list_points
-
-FloatArray = npt.NDArray[np.float64]
-
 
 MAX_NODES = 5000
 
@@ -125,8 +121,10 @@ def parse_mvnx(path: Path) -> Points:
                         rates.append(element.get("frameRate", ""))
                     elif event == "end" and tag == "segments":  # not those of the fingers
                         labels += [child.get("label", "") for child in element if child.tag.endswith("segment")]
-                    elif event == "end" and tag == "frame":
-                        _add_frame(element, frames, times_ms)
+                    elif event == "end" and tag == "frame" and element.get("type", "normal") == "normal":
+                        for child in (child for child in element if child.tag.rsplit("}", 1)[-1] == "position"):
+                            frames.append(list(map(float, (child.text or "").split())))
+                            times_ms.append(float(element.get("time") or "nan"))
                     if event == "end" and tag in ("frame", "segments"):
                         element.clear()
         parser.close()
@@ -148,14 +146,6 @@ def parse_mvnx(path: Path) -> Points:
     )
 
 
-def _add_frame(element: ElementTree.Element, frames: list[list[float]], times_ms: list[float]) -> None:
-    """Add the positions and the time of a frame that is no calibration pose."""
-    position = next((child for child in element if child.tag.rsplit("}", 1)[-1] == "position"), None)
-    if element.get("type", "normal") == "normal" and position is not None:
-        frames.append(list(map(float, (position.text or "").split())))
-        times_ms.append(float(element.get("time") or "nan"))
-
-
 @point_format("glb", rb"glTF", (".glb",), skeleton=True)
 def parse_glb(path: Path, *, key: str | None = None, rate_hz: float | None = None) -> Points:
     """Read the joints of an animation in a binary glTF file."""
@@ -175,7 +165,6 @@ def parse_glb(path: Path, *, key: str | None = None, rate_hz: float | None = Non
 
 
 def _split_glb(path: Path) -> tuple[dict[str, Any], bytes]:
-    """Return the JSON and the binary chunk."""
     check_size(path)
     content = path.read_bytes()
     at, chunks = 12, {}
@@ -231,26 +220,6 @@ def _interpolate(keys_s: FloatArray, values: FloatArray, how: str, times_s: Floa
     return np.asarray(first + (3 * s**2 - 2 * s**3) * values[k + 1] + (s**3 - s**2) * step_s * into[k + 1])
 
 
-def _find_rate(path: Path, keys_s: FloatArray) -> float:
-    """Return the rate of even keys."""
-    try:
-        return find_frame_rate(path, Times(keys_s, range(len(keys_s)), 1e-5, 1e-5))[0]
-    except (MotionError, ZeroDivisionError):
-        raise MotionError(
-            f"{path}: its {len(keys_s)} keys are not evenly spaced in time; give the rate to sample at: rate_hz=..."
-        ) from None
-
-
-def _list_ancestors(node: int, parents: Mapping[int, int], n_nodes: int) -> list[int]:
-    """Return a node, its parent, and so on."""
-    chain = [node]
-    while (above := parents.get(chain[-1])) is not None:
-        chain.append(above)
-        if len(chain) > n_nodes:
-            raise ValueError("the nodes form no tree")
-    return chain
-
-
 def _animate(
     path: Path, scene: Mapping[str, Any], binary: bytes, animation: Mapping[str, Any], rate_hz: float | None
 ) -> Points:
@@ -259,7 +228,17 @@ def _animate(
 
     nodes, samplers = scene["nodes"], animation["samplers"]
     keys_s = [_read_accessor(scene, binary, sampler["input"])[:, 0] for sampler in samplers]
-    rate = _find_rate(path, max(keys_s, key=len)) if rate_hz is None else check_rate(path, rate_hz, said="was given")
+    if rate_hz is None:
+        longest_s = max(keys_s, key=len)
+        try:
+            rate = find_frame_rate(path, Times(longest_s, range(len(longest_s)), 1e-5, 1e-5))[0]
+        except (MotionError, ZeroDivisionError):
+            raise MotionError(
+                f"{path}: its {len(longest_s)} keys are not evenly spaced in time; give the rate to sample at: "
+                "rate_hz=..."
+            ) from None
+    else:
+        rate = check_rate(path, rate_hz, said="was given")
     start_s, stop_s = min(keys[0] for keys in keys_s), max(keys[-1] for keys in keys_s)
     n_frames = int((stop_s - start_s) * rate + 1e-3) + 1
     check_skeleton_cost(path, len(nodes), n_frames)
@@ -277,8 +256,13 @@ def _animate(
                 target["path"] == "rotation",
             )
     above = {child: n for n, node in enumerate(nodes) for child in node.get("children", ())}
-    chains = [_list_ancestors(n, above, len(nodes)) for n in range(len(nodes))]
-    order = sorted(range(len(nodes)), key=lambda n: len(chains[n]))  # parents first
+    order: list[int] = []
+    level = [n for n in range(len(nodes)) if n not in above]
+    while level and len(order) < len(nodes):  # parents first
+        order += level
+        level = sorted(child for n in level for child in nodes[n].get("children", ()))
+    if level or len(order) != len(nodes):
+        raise ValueError("the nodes form no tree")
     place = {n: j for j, n in enumerate(order)}
     translation, linear = np.empty((len(nodes), n_frames, 3)), np.empty((len(nodes), n_frames, 3, 3))
     for j, n in enumerate(order):

@@ -13,11 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError, warn_caller
-from doppelgait.motion.readers.points import check_amount, convert_unit_to_metres, measure_body_extent
+from doppelgait.motion.readers.points import FloatArray, check_amount, convert_unit_to_metres
 from doppelgait.motion.readers.text import (
     MAX_DIGITS,
     Points,
@@ -28,67 +27,46 @@ from doppelgait.motion.readers.text import (
     point_format,
     read_lines,
     read_times,
+    starts_with,
     to_numbers,
     trim_cells,
 )
 
-FloatArray = npt.NDArray[np.float64]
-
-
-START = b"PathFileType"
+TRC = rb"(?i)PathFileType"
 HEADER_LINES = 12
 FIRST = 2
 """Number of cells before the first coordinate: frame number and time."""
 
 
-def sniff_trc(path: Path, head: bytes) -> bool:
-    """Return True if a file begins with PathFileType."""
-    return head.removeprefix(b"\xef\xbb\xbf").lstrip()[: len(START)].lower() == START.lower()
-
-
-@point_format("trc", sniff_trc, (".trc",))
+@point_format("trc", TRC, (".trc",))
 def parse_trc(path: Path) -> Points:
     """Read the markers of a TRC file."""
     # blank cells and points at exactly 0, 0, 0 are gaps
-    texts = read_lines(path)
-    check_cost(path, CELL_BYTES * sum(max(text.count("\t"), text.count(" ")) for text in texts), MotionError)
-    lines = [[cell.strip() for cell in (text.split("\t") if "\t" in text else text.split())] for text in texts]
-    at = next((i for i, cells in enumerate(lines[:HEADER_LINES]) if cells and cells[0].lower().startswith("frame")), -1)
+    rows = read_rows(path, delimiter=" ")
+    at = next((i for i, (_, cells) in enumerate(rows[:HEADER_LINES]) if cells[0].lower().startswith("frame")), -1)
     if at < 1:
         raise MotionError(
             f"{path}: has no line that starts with Frame# and Time and names the markers (TRC: the fourth line)"
         )
-    header, names = _parse_header(lines[:at]), lines[at][FIRST:]
-    axes = trim_cells(lines[at + 1]) if at + 1 < len(lines) else []
+    header, names = _parse_header([cells for _, cells in rows[:at]]), rows[at][1][FIRST:]
+    axes = trim_cells(rows[at + 1][1]) if at + 1 < len(rows) else []
     has_axes = bool(axes) and all(cell[:1].lower() in ("", "x", "y", "z") for cell in axes)
-    rows = [(i + 1, cells) for i, cells in enumerate(lines) if i >= at + 1 + has_axes and any(cells)]
+    rows = rows[at + 1 + has_axes :]
     # with tabs, a name takes three cells; with blanks, one
     labels = trim_cells([name for name in names if name] if "" not in names[:3] else names[::3])
     named = max(len(labels), sum(1 for cell in axes if cell) // 3 if has_axes else 0)
     # points of the fullest row: unlabelled points follow those that the header names
-    lengths = [len(trim_cells(cells)) for _, cells in rows]
-    n_points = max(named, (max(lengths, default=0) - FIRST) // 3)
+    n_points = max(named, (max((len(trim_cells(cells)) for _, cells in rows), default=0) - FIRST) // 3)
     n_cells = FIRST + 3 * n_points
-    check_cost(path, CELL_BYTES * len(rows) * 3 * n_points, MotionError)  # a short row is extended to the longest
-    for (line, cells), length in zip(rows, lengths, strict=True):
-        if len(cells) < FIRST + 3 * named or length > n_cells:
-            raise MotionError(
-                f"{path}: line {line} has {max(length, len(cells))} cells; {FIRST} and three for each of {named} "
-                f"markers are {FIRST + 3 * named}. The file may be truncated. Correct the line or remove it."
-            )
-    check_amount(path, len(rows), n_points)
-    rows = [(line, cells[:n_cells] + [""] * (n_cells - len(cells))) for line, cells in rows]
     labels += [""] * (n_points - len(labels))
     notes = [] if header else ["values of the header do not match its keys; they were not used"]
     notes += note_frames(path, header.get("numframes", ""), len(rows))
     if is_other(points := header.get("nummarkers", ""), n_points):
         notes.append(f"declares {points[:MAX_DIGITS]} markers but holds {n_points}")
     titles = [f"{label or f'point {i + 1}'} {axis}" for i, label in enumerate(labels) for axis in "XYZ"]
-    position = to_numbers(path, rows, range(FIRST, n_cells), titles).reshape(len(rows), -1, 3)
-    position[(position == 0.0).all(axis=2)] = np.nan
     return Points(
         [label or f"unlabelled {i + 1}" for i, label in enumerate(labels)],
-        position,
+        read_columns(path, rows, range(FIRST, n_cells), titles, least=FIRST + 3 * named, most=n_cells, missing=0.0),
         unit=header.get("units", ""),
         rate_hz=header.get("datarate", "").replace(",", "."),
         times=read_times(path, rows, 1, "Time") if any(cells[1] for _, cells in rows) else None,
@@ -138,8 +116,8 @@ class Header:
     titles: tuple[str, ...]
     next_row: int
     labels: tuple[str, ...]
-    columns: tuple[tuple[int, int, int], ...]
-    units: tuple[tuple[str, str, str], ...]
+    columns: tuple[int, ...]  # three of each point
+    units: tuple[str, ...]  # of each of these columns
     time_column: int | None
     time_factor: float
     left_out: tuple[str, ...]
@@ -148,7 +126,7 @@ class Header:
     def is_accad(self) -> bool:
         """True if the column names are those of ACCAD: ``Field``, ``Time``, ``NAME:X``."""
         first = [title.lower() for title in self.titles[:2]]
-        return first == ["field", "time"] and all(":" in self.titles[c[0]] for c in self.columns)
+        return first == ["field", "time"] and all(":" in self.titles[i] for i in self.columns)
 
 
 def _list_content_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
@@ -157,24 +135,66 @@ def _list_content_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
 
 
 def split_rows(path: Path, lines: Sequence[str], delimiter: str = "") -> list[Row]:
-    """Split the content lines into numbered rows of cells."""
+    """Split the content lines into numbered rows of cells; the delimiter " " is a tab or, without one, blanks."""
     # the delimiter is the most frequent of tab, ; and , in the first line
     numbered = _list_content_lines(lines)
     if not numbered:
         return []
     delimiter = delimiter or max("\t;,", key=numbered[0][1].count)
-    check_cost(path, CELL_BYTES * sum(line.count(delimiter) for _, line in numbered), MotionError)
+    blanks = "\t " if delimiter == " " else delimiter
+    check_cost(path, CELL_BYTES * sum(max(map(line.count, blanks)) for _, line in numbered), MotionError)
     rows: list[Row] = []
     for number, line in numbered:
         try:
-            quoted = '"' in line
-            cells = next(csv.reader([line], delimiter=delimiter, strict=True)) if quoted else line.split(delimiter)
+            if delimiter == " ":
+                cells = line.split("\t" if "\t" in line else None)
+            elif '"' in line:
+                cells = next(csv.reader([line], delimiter=delimiter, strict=True))
+            else:
+                cells = line.split(delimiter)
         except csv.Error as error:
             raise MotionError(f"{path}: line {number}: a quoted cell is damaged ({error}). Correct it.") from None
         # blanks matter only in names, and stripping millions of numbers takes longer than reading
         # them patterns are fast on short names only
         rows.append((number, [" ".join(cell[:MAX_TITLE].split()) for cell in cells] if len(rows) < 2 else cells))
     return rows
+
+
+def read_rows(path: Path, n_head: int = 1, delimiter: str = "") -> list[Row]:
+    """Read the rows of a file whose first lines show the delimiter."""
+    lines = read_lines(path)
+    delimiter = delimiter or max("\t;,", key="".join(lines[:n_head]).count)
+    return [(line, [cell.strip() for cell in cells]) for line, cells in split_rows(path, lines, delimiter)]
+
+
+def read_columns(
+    path: Path,
+    rows: Sequence[Row],
+    columns: Sequence[int],
+    titles: Sequence[str],
+    *,
+    least: int | None = None,
+    most: int | None = None,
+    missing: float | None = None,
+) -> FloatArray:
+    """Read three columns per point as positions (T, P, 3), from rows of so many cells."""
+    check_amount(path, len(rows), len(columns) // 3)
+    check_cost(path, CELL_BYTES * len(rows) * len(columns), MotionError)  # a short row is extended to the longest
+    n_cells = max(columns) + 1
+    filled: list[Row] = []
+    for line, cells in rows:
+        lacking = max(n_cells - len(cells), 0)
+        # unseen points at the end of a row may lack their cells; a row that ends within a point is damaged
+        if (lacking % 3 if least is None else len(cells) < least) or (most and any(map(str.strip, cells[most:]))):
+            raise MotionError(
+                f"{path}: line {line} has {len(cells)} cells; its header names {least or n_cells} columns. Correct the "
+                "line or, if the file is truncated there, remove it."
+            )
+        filled.append((line, cells + [""] * lacking if lacking else cells))
+    position = to_numbers(path, filled, columns, titles).reshape(len(rows), -1, 3)
+    if missing is not None:
+        position[(position == missing).all(axis=2)] = np.nan
+    return position
 
 
 def find_points(columns: Sequence[Column | None]) -> list[tuple[str, dict[str, int]]]:
@@ -217,10 +237,9 @@ def read_header(path: Path, rows: Sequence[Row]) -> Header:
                 f"{path}: line {rows[0][0]}: point {label!r} has no {lacking[0]} column (it has {have}); every point "
                 "needs x, y and z"
             )
-    columns = tuple((axes["x"], axes["y"], axes["z"]) for _, axes in points)
+    columns = tuple(axes[axis] for _, axes in points for axis in "xyz")
     units = ["" if match is None else (match[3] or match[4] or "").lower() for match in matches]
-    used = {i for places in columns for i in places}
-    rest = [i for i in range(len(titles)) if i not in used]
+    rest = sorted(set(range(len(titles))) - set(columns))
     times = [i for i in rest if _TIME.fullmatch(titles[i])]
     if len(times) > 1:
         raise MotionError(f"{path}: has {len(times)} columns of times: {', '.join(titles[i] for i in times)}; keep one")
@@ -230,7 +249,7 @@ def read_header(path: Path, rows: Sequence[Row]) -> Header:
         next_row=1 + two,
         labels=tuple(labels),
         columns=columns,
-        units=tuple((units[x], units[y], units[z]) for x, y, z in columns),
+        units=tuple(units[i] for i in columns),
         time_column=times[0] if times else None,
         time_factor=1e-3 if unit and (unit[1] or "s").lower().startswith("m") else 1.0,
         left_out=tuple(titles[i] for i in rest if i not in times and not _FRAME.fullmatch(titles[i])),
@@ -260,7 +279,6 @@ def _split_triples(titles: Sequence[str]) -> list[str]:
 
 
 def _has_axis_row(rows: Sequence[Row]) -> bool:
-    """Return True if the second row is X, Y, Z, ..."""
     return len(rows) > 1 and sum(bool(_AXIS.fullmatch(cell)) for cell in rows[1][1]) >= 3
 
 
@@ -284,12 +302,11 @@ def _join_titles(path: Path, rows: Sequence[Row]) -> list[str]:
 
 ACCAD_UNIT = "mm"
 ACCAD_MISSING = -9999.99
-BODY_M = (0.1, 10.0)
 
 
 def sniff_table(path: Path, head: bytes) -> bool:
     """Return True if the column names are coordinates of points."""
-    if b"\0" in head or sniff_trc(path, head) or head.lstrip()[:1] in (b"{", b"["):
+    if b"\0" in head or starts_with(head, TRC) or head.lstrip()[:1] in (b"{", b"["):
         return False
     lines = list_head_lines(path, head, 3)
     try:
@@ -314,57 +331,30 @@ def parse_table(
         raise MotionError(f"{path}: holds no rows")
     header = read_header(path, rows)
     frames = rows[header.next_row :]
-    check_amount(path, len(frames), len(header.labels))
-    n_columns = len(header.titles)
-    for line, cells in frames:
-        if len(cells) < n_columns or any(cell.strip() for cell in cells[n_columns:]):
-            raise MotionError(
-                f"{path}: line {line} has {len(cells)} cells; its header names {n_columns} columns. Correct the line "
-                "or, if the file is truncated there, remove it."
-            )
     if header.time_column is None and rate_hz is None:
-        lacks_unit = units is None and any("" in point for point in header.units)
+        lacks_unit = units is None and "" in header.units
         raise MotionError(
             f"{path}: has no column of times (time_s, time_ms or Time); give the frame rate: rate_hz=..., or add one"
             + (". It names no length unit either: units='mm', 'cm' or 'm'" if lacks_unit else "")
         )
-    columns = [i for places in header.columns for i in places]
-    titles = [header.titles[i] for i in columns]
-    position = to_numbers(path, frames, columns, titles).reshape(len(frames), -1, 3)
+    titles, n_columns = [header.titles[i] for i in header.columns], len(header.titles)
     if missing is None and header.is_accad:
         missing = ACCAD_MISSING
-    if missing is not None:
-        position[(position == float(missing)).all(axis=2)] = np.nan
+    position = read_columns(path, frames, header.columns, titles, least=n_columns, most=n_columns, missing=missing)
     notes = [f"columns left out: {', '.join(header.left_out)}"] if header.left_out else []
-    names = _find_coordinate_units(path, header, units, notes)
-    if header.is_accad and units is None:
-        size = float(np.nan_to_num(measure_body_extent(position * 1e-3)).max())
-        if not BODY_M[0] < size < BODY_M[1]:
-            raise MotionError(
-                f"{path}: its points would span {size:.3g} m if it is in mm, as ACCAD files are; give the true unit: "
-                "units='cm' or 'm'"
-            )
+    default = units or (ACCAD_UNIT if header.is_accad else "")
+    if "" in header.units and not default:
+        raise MotionError(
+            f"{path}: column {titles[header.units.index('')]!r} names no length unit; give it: units='mm', 'cm' or "
+            "'m', or name the columns NAME_x_mm, NAME_y_mm, NAME_z_mm"
+        )
+    stated = sorted({*header.units} - {""})
+    if units and len({convert_unit_to_metres(name, where=str(path)) for name in (units, *stated)}) > 1:
+        notes.append(f"the column names give {', '.join(stated)}; units={units} was not used for these")
+        warn_caller(f"{path}: {notes[-1]}")
+    each = np.array([name or default for name in header.units]).reshape(-1, 3).tolist()
     times = None
     if header.time_column is not None and rate_hz is None:
         title = header.titles[header.time_column]
         times = read_times(path, frames, header.time_column, title, factor=header.time_factor)
-    return Points(header.labels, position, each=names, times=times, notes=notes)
-
-
-def _find_coordinate_units(path: Path, header: Header, units: str | None, notes: list[str]) -> list[list[str]]:
-    """Return the unit of each coordinate, named or default."""
-    stated = {name for point in header.units for name in point if name}
-    default = units or (ACCAD_UNIT if header.is_accad else "")
-    bare = [i for i, point in enumerate(header.units) if "" in point]
-    if bare and not default:
-        place = header.columns[bare[0]][header.units[bare[0]].index("")]
-        raise MotionError(
-            f"{path}: column {header.titles[place]!r} names no length unit; give it: units='mm', 'cm' or 'm', or name "
-            "the columns NAME_x_mm, NAME_y_mm, NAME_z_mm"
-        )
-    if units is not None and stated:
-        wanted_m = convert_unit_to_metres(units, where=str(path))
-        if any(convert_unit_to_metres(name, where=str(path)) != wanted_m for name in stated):
-            notes.append(f"the column names give {', '.join(sorted(stated))}; units={units} was not used for these")
-            warn_caller(f"{path}: {notes[-1]}")
-    return [[name or default for name in point] for point in header.units]
+    return Points(header.labels, position, each=each, times=times, notes=notes)

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError, warn_caller
@@ -22,6 +21,7 @@ from doppelgait.motion.readers.points import (
     MAX_RATE_HZ,
     MIN_FRAMES,
     MIN_RATE_HZ,
+    FloatArray,
     LengthUnit,
     check_amount,
     check_rate,
@@ -30,8 +30,6 @@ from doppelgait.motion.readers.points import (
     make_point_motion,
     pick_markers,
 )
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def read_text(path: Path) -> str:
@@ -50,19 +48,13 @@ def parse_rows(
             values = np.fromstring(separator.join(lines), sep=separator)
         except (DeprecationWarning, ValueError):
             values = np.empty(0)
-    whole = values.size % n_columns == 0 if n_rows is None else values.size == n_rows * n_columns
+    whole = values.size == (values.size // n_columns if n_rows is None else n_rows) * n_columns
     if separator != " ":
         whole = whole and all(line.count(separator) == n_columns - 1 for line in lines)
-    if not whole or not values.size or not np.isfinite(values).all():
-        raise MotionError(_find_row_fault(path, text, at, n_columns, n_rows, separator))
-    return values.reshape(-1, n_columns)
-
-
-def _find_row_fault(path: Path, text: str, at: int, n_columns: int, n_rows: int | None, separator: str) -> str:
-    """Describe the first unreadable row of a table."""
-    first_line = text.count("\n", 0, at) + 1
+    if whole and values.size and np.isfinite(values).all():
+        return values.reshape(-1, n_columns)
     row = 0
-    for number, line in enumerate(text[at:].split("\n"), start=first_line):
+    for number, line in enumerate(text[at:].split("\n"), start=text.count("\n", 0, at) + 1):
         words = line.split(None if separator == " " else separator)
         if not line.strip():
             continue
@@ -70,12 +62,16 @@ def _find_row_fault(path: Path, text: str, at: int, n_columns: int, n_rows: int 
         where = f"{path}, line {number}: frame {row}"
         bad = next((word for word in words if not is_finite(word)), None)
         if bad is not None:
-            return f"{where} holds {bad[:30]!r}, which is not a finite number"
+            raise MotionError(f"{where} holds {bad[:30]!r}, which is not a finite number")
         if len(words) != n_columns:
-            return f"{where} holds {len(words)} values, but {n_columns} are needed; the file is truncated or damaged"
+            raise MotionError(
+                f"{where} holds {len(words)} values, but {n_columns} are needed; the file is truncated or damaged"
+            )
     if n_rows is None or row == 0:
-        return f"{path}: holds no frames"
-    return f"{path}: declares {n_rows} frames but holds {row}; it is truncated, or its number of frames is wrong"
+        raise MotionError(f"{path}: holds no frames")
+    raise MotionError(
+        f"{path}: declares {n_rows} frames but holds {row}; it is truncated, or its number of frames is wrong"
+    )
 
 
 def is_finite(word: str) -> bool:
@@ -423,15 +419,17 @@ def _space_evenly(
     return position[:n], rate
 
 
+def starts_with(head: bytes, pattern: bytes) -> bool:
+    """Return True if a pattern matches the first bytes without byte-order mark and blanks."""
+    return re.match(pattern, head.removeprefix(b"\xef\xbb\xbf").lstrip()) is not None
+
+
 def point_format(
     name: str, opening: bytes | Callable[[Path, bytes], bool], suffixes: Sequence[str], *, skeleton: bool = False
 ) -> Callable[[Callable[..., Points]], Callable[..., Points]]:
     """Register a parser of points as a motion reader; its files begin with a pattern, or are told by a function."""
     # the parser gets the options that it names, the last step those of every format; units belong to one of both
     no_options = {"subject", "resample_hz"} if skeleton else set()
-
-    def sniff(path: Path, head: bytes) -> bool:
-        return re.match(opening, head.removeprefix(b"\xef\xbb\xbf").lstrip()) is not None  # type: ignore[arg-type]
 
     def register(parse: Callable[..., Points]) -> Callable[..., Points]:
         own, last = (
@@ -451,9 +449,8 @@ def point_format(
         taken = inspect.Parameter("path", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=Path)
         read.__doc__ = parse.__doc__
         read.__signature__ = inspect.Signature([taken, *steps.values()])  # type: ignore[attr-defined]
-        plugin("motion_reader", name, sniff=sniff if isinstance(opening, bytes) else opening, suffixes=tuple(suffixes))(
-            read
-        )
+        sniff = (lambda _, head: starts_with(head, opening)) if isinstance(opening, bytes) else opening
+        plugin("motion_reader", name, sniff=sniff, suffixes=tuple(suffixes))(read)
         return parse
 
     return register

@@ -13,14 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError
 from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, get_attribute, open_hdf5
 from doppelgait.motion.clean import MIN_MARKERS
-from doppelgait.motion.readers.points import check_amount, is_unlabelled
-from doppelgait.motion.readers.table import Column, find_points, read_header, split_rows
+from doppelgait.motion.readers.points import FloatArray, check_amount, is_unlabelled
+from doppelgait.motion.readers.table import Column, find_points, read_columns, read_header, read_rows, split_rows
 from doppelgait.motion.readers.text import (
     BLANK,
     Points,
@@ -36,15 +34,6 @@ from doppelgait.motion.readers.text import (
     trim_cells,
 )
 
-FloatArray = npt.NDArray[np.float64]
-
-
-def _read_rows(path: Path, n_head: int) -> list[Row]:
-    """Read the rows of a file whose first lines show the delimiter."""
-    lines = read_lines(path)
-    delimiter = max("\t;,", key="".join(lines[:n_head]).count)
-    return [(line, [cell.strip() for cell in cells]) for line, cells in split_rows(path, lines, delimiter)]
-
 
 def _find_whole_points(columns: Sequence[Column | None]) -> tuple[list[str], list[int]]:
     """Return the names of the points with x, y and z, and their columns."""
@@ -52,41 +41,23 @@ def _find_whole_points(columns: Sequence[Column | None]) -> tuple[list[str], lis
     return [name for name, _ in whole], [axes[a] for _, axes in whole for a in "xyz"]
 
 
-def _arrange(path: Path, columns: Sequence[Column | None], rows: Sequence[Row]) -> tuple[list[str], FloatArray]:
+def _arrange(
+    path: Path, columns: Sequence[Column | None], rows: Sequence[Row], **limits: Any
+) -> tuple[list[str], FloatArray]:
     """Return names and positions (T, P, 3) of the points that columns hold."""
     labels, used = _find_whole_points(columns)
-    return labels, _read_columns(path, rows, used, [f"{name} {axis}" for name in labels for axis in "xyz"])
-
-
-def _read_columns(path: Path, rows: Sequence[Row], used: Sequence[int], titles: Sequence[str]) -> FloatArray:
-    """Read three columns per point as positions (T, P, 3)."""
-    check_amount(path, len(rows), len(used) // 3)
-    check_cost(path, CELL_BYTES * len(rows) * len(used), MotionError)
-    n_columns = max(used) + 1
-    # unseen points at the end of a row may lack their cells; a row that ends within a point is damaged
-    for line, cells in rows:
-        if len(cells) < n_columns and (n_columns - len(cells)) % 3:
-            raise MotionError(
-                f"{path}: line {line} has {len(cells)} cells; its header names {n_columns} columns. Correct the line "
-                "or, if the file is truncated there, remove it."
-            )
-    filled = [(line, cells + [""] * (n_columns - len(cells))) for line, cells in rows]
-    return to_numbers(path, filled, used, titles).reshape(len(rows), -1, 3)
+    titles = [f"{name} {axis}" for name in labels for axis in "xyz"]
+    return labels, read_columns(path, rows, used, titles, **limits)
 
 
 MOTIVE_KINDS = ("marker", "bone marker", "rigid body marker", "bone", "rigid body")
 """Kinds of points of Motive, the best first: measured markers before those of a solved body."""
 
 
-def sniff_motive(path: Path, head: bytes) -> bool:
-    """Return True if the first cell is Format Version."""
-    return re.match(rb'(?i)(\xef\xbb\xbf)?\s*"?format version"?[,;\t]', head) is not None
-
-
-@point_format("motive", sniff_motive, (".csv",))
+@point_format("motive", rb'(?i)"?format version"?[,;\t]', (".csv",))
 def parse_motive(path: Path) -> Points:
     """Read the markers, bones or rigid bodies of a Motive CSV export."""
-    rows = _read_rows(path, 1)
+    rows = read_rows(path)
     header = {key.lower(): value for key, value in zip(rows[0][1][::2], rows[0][1][1::2], strict=False)}
     at = next((i for i, (_, cells) in enumerate(rows[:12]) if cells[0].lower() == "frame"), -1)
     if at < 4:
@@ -136,7 +107,7 @@ def sniff_nexus(path: Path, head: bytes) -> bool:
 @point_format("nexus", sniff_nexus, (".csv", ".txt"))
 def parse_nexus(path: Path) -> Points:
     """Read the block Trajectories of a Nexus export."""
-    rows = _read_rows(path, 5)
+    rows = read_rows(path, 5)
     titles = [i for i, (_, cells) in enumerate(rows) if cells[0].lower() in NEXUS_BLOCKS and not any(cells[1:])]
     at = next((i for i in titles if rows[i][1][0].lower() == "trajectories"), -1)
     if at < 0:
@@ -147,11 +118,10 @@ def parse_nexus(path: Path) -> Points:
     if not frames:
         raise MotionError(f"{path}: its block Trajectories holds no frames")
     header = read_header(path, block[2:4])
-    places = [i for point in header.columns for i in point]
-    position = _read_columns(path, frames, places, [header.titles[i] for i in places])
+    position = read_columns(path, frames, header.columns, [header.titles[i] for i in header.columns])
     # older versions have no row of units
     units = ([] if block[4] in frames else block[4][1]) + [""] * len(header.titles)
-    each = [[units[i] or "mm" for i in point] for point in header.columns]
+    each = np.array([units[i] or "mm" for i in header.columns]).reshape(-1, 3).tolist()
     rate = block[1][1][0].replace(",", ".")
     # numbers of frames that are skipped show as uneven times
     step_s = 1.0 / float(rate) if is_finite(rate) and float(rate) > 0.0 else 1.0
@@ -164,15 +134,10 @@ MAX_KEYS = 40
 """Maximum number of lines of a header of Qualisys."""
 
 
-def sniff_qualisys(path: Path, head: bytes) -> bool:
-    """Return True if the first key is the number of frames."""
-    return head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"NO_OF_FRAMES\t")
-
-
-@point_format("qualisys", sniff_qualisys, (".tsv",))
+@point_format("qualisys", rb"NO_OF_FRAMES\t", (".tsv",))
 def parse_qualisys(path: Path) -> Points:
     """Read the markers of a Qualisys TSV export."""
-    rows = [(line, [cell.strip() for cell in cells]) for line, cells in split_rows(path, read_lines(path), "\t")]
+    rows = read_rows(path, delimiter="\t")
     keys = [cells[0] for _, cells in rows[:MAX_KEYS]]
     header = {key: trim_cells(cells[1:]) for key, (_, cells) in zip(keys, rows, strict=False)}
     value = {key: values[0] for key, values in header.items() if values}
@@ -188,16 +153,8 @@ def parse_qualisys(path: Path) -> Points:
     # frame numbers are integers, coordinates have decimals; lines may end with a tab
     lead = 1 if frames[0][1][0].isdecimal() else 0
     lead += lead and max(len(trim_cells(cells)) for _, cells in frames) > 3 * len(names) + 1
-    n_columns = lead + 3 * len(names)
-    for line, cells in frames:
-        if any(cells[n_columns:]):
-            raise MotionError(
-                f"{path}: line {line} has {len(cells)} cells; {lead} and three for each of {len(names)} MARKER_NAMES "
-                f"are {n_columns}. Correct the line"
-            )
     columns = [None] * lead + [(f"{name}\t{n}", axis) for n, name in enumerate(names) for axis in "xyz"]
-    labels, position = _arrange(path, columns, frames)
-    position[(position == 0.0).all(axis=2)] = np.nan
+    labels, position = _arrange(path, columns, frames, most=len(columns), missing=0.0)
     return Points(
         [label.rsplit("\t", 1)[0] for label in labels],
         position,
@@ -219,8 +176,8 @@ def sniff_visual3d(path: Path, head: bytes) -> bool:
 @point_format("visual3d", sniff_visual3d, (".txt",))
 def parse_visual3d(path: Path) -> Points:
     """Read the targets and landmarks of a Visual3D text export."""
-    rows = split_rows(path, read_lines(path), "\t")
-    files, names, kinds, _, axes = ([cell.strip() for cell in cells] for _, cells in rows[:5])
+    rows = read_rows(path, delimiter="\t")
+    files, names, kinds, _, axes = (cells for _, cells in rows[:5])
     if len(held := dict.fromkeys(filter(None, files))) > 1:
         raise MotionError(f"{path}: holds {len(held)} recordings ({', '.join(held)}); export one")
     columns: list[Column | None] = [
@@ -241,24 +198,15 @@ _OPENSIM_AXIS = re.compile(r"(?i)(.+?)_[tp]?([xyz])")
 _NO_POSITION = re.compile(r"(?i)veloc|accel|force|moment|error")
 
 
-def sniff_opensim(path: Path, head: bytes) -> bool:
-    """Return True if a line is endheader."""
-    return re.search(rb"(?im)^endheader[ \t\r]*$", head) is not None
-
-
-@point_format("opensim", sniff_opensim, (".sto", ".mot"))
+@point_format("opensim", rb"(?ims)(.*^)?endheader[ \t\r]*$", (".sto", ".mot"))
 def parse_opensim(path: Path) -> Points:
     """Read marker locations or body positions of an OpenSim storage file."""
     lines = read_lines(path)
     end = next(i for i, line in enumerate(lines) if line.strip().lower() == "endheader")
     header = dict(line.split("=", 1) for line in lines[:end] if "=" in line)
     kind, is_vector = header.get("DataType", "double").strip(), header.get("DataType", "").strip() == "Vec3"
-    check_cost(path, CELL_BYTES * sum(map(len, lines[end:])) // 4, MotionError)
-    rows = [
-        (n, (line.replace(",", "\t") if is_vector else line).split("\t" if "\t" in line else None))
-        for n, line in enumerate(lines[end + 1 :], start=end + 2)
-        if line.strip()
-    ]
+    values = [line.replace(",", "\t") for line in lines[end + 1 :]] if is_vector else lines[end + 1 :]
+    rows = split_rows(path, [""] * (end + 1) + values, " ")
     titles = [cell.strip() for cell in rows[0][1]] if rows else []
     names = [re.sub(r"\|\w*?(?=_[123]$|$)", "", title.rsplit("/", 1)[-1]) for title in titles]
     columns: list[Column | None] = [None]
@@ -292,7 +240,7 @@ def sniff_deeplabcut(path: Path, head: bytes) -> bool:
 @point_format("deeplabcut", sniff_deeplabcut, (".csv",))
 def parse_deeplabcut(path: Path) -> Points:
     """Read the keypoints of a three-dimensional DeepLabCut table."""
-    rows = _read_rows(path, 1)
+    rows = read_rows(path)
     at = next((i for i, (_, cells) in enumerate(rows[:5]) if cells[0] == "coords"), -1)
     if at < 0:
         raise MotionError(f"{path}: has no row coords below scorer and bodyparts")
