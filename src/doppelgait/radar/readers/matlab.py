@@ -10,10 +10,11 @@ import math
 import re
 import struct
 import zlib
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,10 +22,9 @@ import numpy.typing as npt
 from doppelgait.core.documents import check_cost
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.own_hdf5 import open_hdf5
-from doppelgait.core.plugins import plugin
 from doppelgait.core.units import slow_time_axis_s
 from doppelgait.radar.measured import adapt_preset, check_finite, check_number, check_shape, label_measured
-from doppelgait.radar.readers.arrays import Parsed, label_array
+from doppelgait.radar.readers.arrays import Parsed, array_reader
 from doppelgait.radar.recording import Recording
 
 HEADER_BYTES = 128
@@ -165,16 +165,25 @@ def sniff_matlab(path: Path, head: bytes) -> bool:
     return head.startswith(HEADERS)
 
 
+class Held(NamedTuple):
+    """Variable of a file: its shape, whether it is complex (None for text, cells and the like), and how to load it."""
+
+    shape: tuple[int, ...]
+    is_complex: bool | None
+    load: Callable[[], npt.NDArray[Any]]
+    packed_bytes: int = 0
+
+
 def list_matrices(path: Path) -> list[dict[str, Any]]:
     """List a file's frame matrices as reader options; none of a damaged file."""
     try:
-        return [{"matrix": name} for name in _find_frame_matrices(_list_kinds(path))]
+        return [{"matrix": name} for name in _find_frame_matrices(_list_held(path))]
     except Exception:  # the libraries raise nearly anything at damaged bytes
         return []
 
 
-def _list_kinds(path: Path) -> dict[str, tuple[tuple[int, ...], bool | None]]:
-    """Return shape of every variable, and whether it is complex; None for text, cells and the like."""
+def _list_held(path: Path) -> dict[str, Held]:
+    """List the variables of a file of any version by name."""
     with path.open("rb") as file:
         head = file.read(len(HEADERS[1]))
     if head == HEADERS[1]:
@@ -182,11 +191,23 @@ def _list_kinds(path: Path) -> dict[str, tuple[tuple[int, ...], bool | None]]:
 
         with open_hdf5(path, soft_links=True) as hdf5:
             sets = {name: hdf5[name] for name in hdf5 if isinstance(hdf5[name], h5py.Dataset)}
-            return {name: (one.shape[::-1], _is_complex(one)) for name, one in sets.items()}
+            return {
+                name: Held(one.shape[::-1], _is_complex(one), partial(_load_dataset, path, name))
+                for name, one in sets.items()
+            }
     if head in HEADERS:
         listed = list_variables(path, max_bytes=8 * MAX_VALUES)
-        return {name: (one.shape, one.is_complex if one.kind in CLASSES else None) for name, one in listed.items()}
-    return {name: (values.shape, np.iscomplexobj(values)) for name, values in _load_version_4(path).items()}
+        return {
+            name: Held(
+                one.shape, one.is_complex if one.kind in CLASSES else None, partial(load_variable, one), one.n_bytes
+            )
+            for name, one in listed.items()
+        }
+    from scipy.io import loadmat
+
+    check_cost(path, 8 * path.stat().st_size, RecordingError)
+    stored = {name: values for name, values in loadmat(path).items() if not name.startswith("__")}
+    return {name: Held(one.shape, np.iscomplexobj(one), partial(np.asarray, one)) for name, one in stored.items()}
 
 
 def _is_complex(dataset: Any) -> bool | None:
@@ -196,64 +217,54 @@ def _is_complex(dataset: Any) -> bool | None:
     return dataset.dtype.names is not None or bool(dataset.dtype.kind == "c")
 
 
-def _load_version_4(path: Path) -> dict[str, npt.NDArray[Any]]:
-    from scipy.io import loadmat
+def _load_dataset(path: Path, name: str) -> npt.NDArray[Any]:
+    with open_hdf5(path, soft_links=True) as hdf5:
+        values = np.asarray(hdf5[name][()]).T
+    return values if values.dtype.names is None else np.asarray(values["real"] + 1j * values["imag"])
 
-    check_cost(path, 8 * path.stat().st_size, RecordingError)
-    return {name: values for name, values in loadmat(path).items() if not name.startswith("__")}
 
-
-def _load_variables(path: Path, names: Collection[str]) -> dict[str, npt.NDArray[Any]]:
+def _load(path: Path, held: Mapping[str, Held], names: Iterable[str]) -> dict[str, npt.NDArray[Any]]:
     """Load variables by name; missing ones are left out."""
-    with path.open("rb") as file:
-        head = file.read(len(HEADERS[1]))
-    if head == HEADERS[1]:
-        with open_hdf5(path, soft_links=True) as hdf5:
-            stored = {name: hdf5[name][()].T for name in names if name in hdf5}
-        return {
-            name: values if values.dtype.names is None else values["real"] + 1j * values["imag"]
-            for name, values in stored.items()
-        }
-    if head not in HEADERS:
-        return {name: values for name, values in _load_version_4(path).items() if name in names}
-    loaded = [one for one in list_variables(path, max_bytes=8 * MAX_VALUES).values() if one.name in names]
-    check_cost(path, sum(8 * math.prod(one.shape) + one.n_bytes for one in loaded), RecordingError)
-    return {one.name: load_variable(one) for one in loaded}
+    loaded = {name: held[name] for name in names if name in held}
+    packed = [one for one in loaded.values() if one.packed_bytes]
+    check_cost(path, sum(8 * math.prod(one.shape) + one.packed_bytes for one in packed), RecordingError)
+    return {name: one.load() for name, one in loaded.items()}
 
 
 def _find_frame_matrices(shapes: Mapping[str, Any]) -> list[str]:
     return [name for name in shapes if re.fullmatch(rf"{MATRIX}(_\d+)?", name)]
 
 
-@plugin("radar_reader", "matlab-rf", sniff=sniff_matlab, suffixes=(".mat",), by_name=(".mat",), parts=list_matrices)
-def read_matlab(
+@array_reader("matlab-rf", sniff=sniff_matlab, suffixes=(".mat",), by_name=(".mat",), parts=list_matrices)
+def parse_matlab(
     path: Path,
     *,
     matrix: str | None = None,
-    carrier_hz: float | None = None,
-    radar: str | Path | None = None,
-    prf_hz: float | None = None,
-    range_start_m: float | None = None,
-    bin_spacing_m: float | None = None,
     filter: Literal["hamming", "chip"] = "hamming",
     time_first: bool = True,
-    conjugate: bool | None = None,
-    scale_v: float | None = None,
-) -> Recording:
+    **options: Any,
+) -> Parsed | Recording:
     """Read X4 RF frames (E-17), or complex samples, of a MATLAB file of version 4, 5, 7 or 7.3."""
-    content = _load(path, matrix)
+    content = _read_content(path, matrix)
     if isinstance(content, Parsed):
-        options = {"carrier_hz": carrier_hz, "radar": radar, "prf_hz": prf_hz, "range_start_m": range_start_m}
-        options |= {"bin_spacing_m": bin_spacing_m, "time_first": time_first, "conjugate": conjugate}
-        return label_array(path, content, {**options, "scale_v": scale_v})
-    if unused := [name for name, value in (("conjugate", conjugate), ("scale_v", scale_v)) if value is not None]:
+        return content
+    given = {name: value for name, value in options.items() if value is not None}
+    if unused := [name for name in ("conjugate", "scale_v") if name in given]:
         raise RecordingError(f"{path}: holds RF frames, which have no {', '.join(unused)}; leave it out")
-    carrier_hz, radar = CARRIER_HZ if carrier_hz is None else carrier_hz, radar or "x4"
-    frames = content[MATRIX]
-    rate_hz = _find_fact(path, content, "actual_fps", prf_hz, "prf_hz")
-    spacing_m = _find_fact(path, content, "bin_length", bin_spacing_m, "bin_spacing_m")
-    start_m = _start_m(path, content, frames.shape[1], spacing_m, range_start_m)
-    check_number(path, "carrier_hz", carrier_hz, above=0.0)
+    carrier_hz = check_number(path, "carrier_hz", given.get("carrier_hz", CARRIER_HZ), above=0.0)
+    radar, frames = given.get("radar", "x4"), content[MATRIX]
+    rate_hz, spacing_m = (_read_fact(path, content, name, given.get(name)) for name in ("prf_hz", "bin_spacing_m"))
+    start_m = given.get("range_start_m")
+    for key in (name for name in AXES if name in content and start_m is None):
+        axis_m = np.asarray(content[key], dtype=np.float64).ravel()
+        wanted = axis_m[:1] + spacing_m * np.arange(frames.shape[1])
+        if axis_m.size != wanted.size or not np.allclose(axis_m, wanted, rtol=0.0, atol=0.5 * spacing_m):
+            raise RecordingError(
+                f"{path}: {key} has {axis_m.size} values that are not the ranges of {wanted.size} bins, "
+                f"{spacing_m:g} m apart; give range_start_m=... and bin_spacing_m=..."
+            )
+        start_m = float(axis_m[0])
+    start_m = _read_fact(path, content, "range_start_m", start_m)
     from doppelgait.radar.xethru.downconvert import change_filter_noise, compute_chip_gain, down_convert_frames
 
     sample_rate_hz = DRIVER_LIGHT_SPEED_MPS / (2.0 * spacing_m)
@@ -288,20 +299,36 @@ def read_matlab(
     )
 
 
-def _load(path: Path, matrix: str | None) -> dict[str, Any] | Parsed:
+OPTIONS = {"prf_hz": ("actual_fps",), "bin_spacing_m": ("bin_length",), "range_start_m": (*AXES, "frame_start")}
+"""Names of the facts of RF frames that an option replaces."""
+
+
+def _read_fact(path: Path, content: Mapping[str, Any], option: str, value: float | None) -> float:
+    """Return a number from an option, otherwise the file."""
+    above = -1e3 if option == "range_start_m" else SMALLEST
+    if value is not None:
+        return check_number(path, option, value, above=above, most=1e6)
+    for key in (name for name in OPTIONS[option] if name in content):
+        stored = content[key]
+        number = stored.ravel()[0].item() if stored.size == 1 else stored.tolist()
+        return check_number(path, key, number, above=above, most=1e6)
+    raise RecordingError(f"{path}: has no {' or '.join(OPTIONS[option])}; give it: {option}=...")
+
+
+def _read_content(path: Path, matrix: str | None) -> dict[str, Any] | Parsed:
     """Load the frames (``MATRIX``), their name and the facts, or samples at baseband."""
     try:
-        kinds = _list_kinds(path)
-        name = _pick(path, kinds, matrix)
-        is_frames = name in _find_frame_matrices(kinds) or (matrix is not None and min(kinds[name][0]) > 1)
-        if kinds[name][1] or not is_frames:
-            return _parse_baseband(path, kinds, name)
-        for fact in (fact for fact in FACTS if fact in kinds):  # short, before they are loaded
-            size, most = math.prod(kinds[fact][0]), MAX_BINS if fact in AXES else 1
+        held = _list_held(path)
+        name = _pick(path, held, matrix)
+        is_frames = name in _find_frame_matrices(held) or (matrix is not None and min(held[name].shape) > 1)
+        if held[name].is_complex or not is_frames:
+            return _parse_baseband(path, held, name)
+        for fact in (fact for fact in FACTS if fact in held):  # short, before they are loaded
+            size, most = math.prod(held[fact].shape), MAX_BINS if fact in AXES else 1
             if not 1 <= size <= most:
                 raise RecordingError(f"{path}: {fact} has {size:,} values; allowed are 1 to {most:,}")
-        facts = _load_variables(path, (name, *FACTS))
-        content: dict[str, Any] = {MATRIX: facts.pop(name), "name": name, **facts}
+        content: dict[str, Any] = _load(path, held, (name, *FACTS))
+        content |= {MATRIX: content.pop(name), "name": name}
     except RecordingError:
         raise
     except Exception as error:  # the libraries raise nearly anything at damaged bytes
@@ -328,13 +355,14 @@ SAMPLE_RATES = (*RATES, "fs", "fs_hz", "sample_rate", "samplerate", "sampling_ra
 CARRIERS = ("fc", "fc_hz", "f_c", "carrier", "carrier_hz", "carrier_frequency", "center_frequency", "centre_frequency")
 TIMES = ("t", "time", "time_s", "times", "slow_time", "slow_time_s")
 RANGES = ("range", "ranges", "range_m", "range_axis", "range_vector", "r")
+BASEBAND_FACTS = (*SAMPLE_RATES, *CARRIERS, *TIMES, *RANGES)
 
 
-def _parse_baseband(path: Path, kinds: Mapping[str, tuple[tuple[int, ...], bool | None]], name: str) -> Parsed:
+def _parse_baseband(path: Path, held: Mapping[str, Held], name: str) -> Parsed:
     """Load complex samples, or I and Q, or one real output, and facts of the usual names where there is one."""
-    pair = [one for one in kinds if one.lower() == "q"] if name.lower() == "i" else []
-    facts = [one for one in kinds if one.lower() in (*SAMPLE_RATES, *CARRIERS, *TIMES, *RANGES) and one != name]
-    loaded = _load_variables(path, (name, *pair, *facts))
+    pair = [one for one in held if one.lower() == "q"] if name.lower() == "i" else []
+    facts = [one for one in held if one.lower() in BASEBAND_FACTS and one != name]
+    loaded = _load(path, held, (name, *pair, *facts))
     values = [np.squeeze(loaded[one]) for one in (name, *pair)]
     joined = values[0] if not pair else np.stack(values, axis=-1)
     is_vector = values[0].ndim == 1
@@ -356,56 +384,21 @@ def _parse_baseband(path: Path, kinds: Mapping[str, tuple[tuple[int, ...], bool 
     return Parsed(joined, axes, stated, [f"variables: {used}"])
 
 
-def _pick(path: Path, kinds: Mapping[str, tuple[tuple[int, ...], bool | None]], wanted: str | None) -> str:
+def _pick(path: Path, held: Mapping[str, Held], wanted: str | None) -> str:
     """Return the name of the samples: RF frames, the only complex variable, I of I and Q, or the only vector."""
-    if wanted is not None and wanted not in kinds:
-        raise RecordingError(f"{path}: has no matrix {wanted!r}; it holds {', '.join(kinds) or 'nothing'}")
-    frames = _find_frame_matrices(kinds)
-    large = {
-        name: is_complex
-        for name, (shape, is_complex) in kinds.items()
-        if is_complex is not None and math.prod(shape) > 1
-    }
+    if wanted is not None and wanted not in held:
+        raise RecordingError(f"{path}: has no matrix {wanted!r}; it holds {', '.join(held) or 'nothing'}")
+    frames = _find_frame_matrices(held)
+    large = {name: one for name, one in held.items() if one.is_complex is not None and math.prod(one.shape) > 1}
     in_phase = [name for name in large if name.lower() == "i" and {"q", "Q"} & set(large)]
-    facts = (*SAMPLE_RATES, *CARRIERS, *TIMES, *RANGES)
-    vectors = [n for n in large if min(kinds[n][0], default=1) == 1 and n.lower() not in facts and n not in FACTS]
-    candidates = frames or [name for name in large if large[name]] or in_phase or vectors
+    others = [name for name in large if name.lower() not in BASEBAND_FACTS and name not in FACTS]
+    vectors = [name for name in others if min(held[name].shape, default=1) == 1]
+    candidates = frames or [name for name in large if large[name].is_complex] or in_phase or vectors
     if wanted is None and len(candidates) != 1:
-        held = f"holds {' and '.join(frames)}" if frames else f"has no {MATRIX} and not one complex variable"
-        listed = "" if frames else f"; it holds {', '.join(kinds) or 'nothing'}"
-        raise RecordingError(f"{path}: {held}{listed}; give matrix='{(candidates or ['NAME'])[0]}' for the samples")
+        fault = f"holds {' and '.join(frames)}" if frames else f"has no {MATRIX} and not one complex variable"
+        listed = "" if frames else f"; it holds {', '.join(held) or 'nothing'}"
+        raise RecordingError(f"{path}: {fault}{listed}; give matrix='{(candidates or ['NAME'])[0]}' for the samples")
     name = candidates[0] if wanted is None else wanted
-    if (size := math.prod(kinds[name][0])) > MAX_VALUES:
+    if (size := math.prod(held[name].shape)) > MAX_VALUES:
         raise RecordingError(f"{path}: {name} has {size:,} values; up to {MAX_VALUES:,} are read. Save a part of it.")
     return name
-
-
-def _find_fact(path: Path, content: dict[str, Any], key: str, value: float | None, option: str) -> float:
-    """Return a positive number from an option or the file."""
-    if value is not None:
-        return check_number(path, option, value, above=SMALLEST, most=1e6)
-    if key not in content:
-        raise RecordingError(f"{path}: has no {key}; give it: {option}=...")
-    return check_number(path, key, _convert_to_scalar(content[key]), above=SMALLEST, most=1e6)
-
-
-def _convert_to_scalar(value: npt.NDArray[Any]) -> Any:
-    return value.ravel()[0].item() if value.size == 1 else value.tolist()
-
-
-def _start_m(path: Path, content: dict[str, Any], n_bins: int, spacing_m: float, value: float | None) -> float:
-    """Return the range of the first RF bin: the option, the axis or the frame's start."""
-    if value is not None:
-        return check_number(path, "range_start_m", value, above=-1e3, most=1e6)
-    for key in (name for name in AXES if name in content):
-        axis_m = np.asarray(content[key], dtype=np.float64).ravel()
-        wanted = axis_m[:1] + spacing_m * np.arange(n_bins)
-        if axis_m.size != n_bins or not np.allclose(axis_m, wanted, rtol=0.0, atol=0.5 * spacing_m):
-            raise RecordingError(
-                f"{path}: {key} has {axis_m.size} values that are not the ranges of {n_bins} bins, {spacing_m:g} m "
-                "apart; give range_start_m=... and bin_spacing_m=..."
-            )
-        return check_number(path, f"{key}[0]", float(axis_m[0]), above=-1e3, most=1e6)
-    if "frame_start" not in content:
-        raise RecordingError(f"{path}: has no {', '.join(AXES)} or frame_start; give it: range_start_m=...")
-    return check_number(path, "frame_start", _convert_to_scalar(content["frame_start"]), above=-1e3, most=1e6)
