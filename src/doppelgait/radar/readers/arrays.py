@@ -6,7 +6,6 @@ A TOML file of the same stem and the options state facts about the array, its ax
 from __future__ import annotations
 
 import inspect
-import json
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from doppelgait.core.config import FrozenModel, read_toml, validate
+from doppelgait.core.config import FrozenModel, read_toml, validate, write_toml
 from doppelgait.core.errors import ConfigError, OutputError, RecordingError, warn_caller
 from doppelgait.core.files import open_atomically
 from doppelgait.core.npz import NPY_MAGIC, is_npz, load_npy, load_npz
@@ -136,8 +135,7 @@ def _describe(
     known = known | {name: value for name in names if (value := getattr(facts, name)) is not None}
     if n_bins == 1:
         known = {"range_start_m": 0.0, "bin_spacing_m": CW_RANGE_STOP_M, **known}
-    needed = ("prf_hz", "carrier_hz", "range_start_m", "bin_spacing_m")
-    if missing := [name for name in needed if name not in known]:
+    if missing := [name for name in names if name not in known]:
         reasons = "".join(f": {parsed.hints[name]}" for name in missing if name in parsed.hints)
         raise RecordingError(
             f"{path}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} stated nowhere{reasons}; "
@@ -309,10 +307,7 @@ def label_array(path: Path, parsed: Parsed, options: Mapping[str, Any]) -> Recor
 KEYWORD = inspect.Parameter.KEYWORD_ONLY
 OPTIONS = {
     "radar": str | Path | None,
-    "prf_hz": float | None,
-    "carrier_hz": float | None,
-    "range_start_m": float | None,
-    "bin_spacing_m": float | None,
+    **dict.fromkeys(("prf_hz", "carrier_hz", "range_start_m", "bin_spacing_m"), float | None),
     "conjugate": bool | None,
     "scale_v": float | None,
 }
@@ -421,39 +416,17 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
                 f"{sidecar}: exists and is not a description of arrays; choose another name than {target.name}"
             )
     with open_atomically(sidecar) as partial_facts, open_atomically(target) as partial:
-        facts: dict[str, Any] = {
+        facts = {
             "scale_v": 1.0,
             "conjugate": False,
-            "notes": list(recording.notes),
+            "notes": [*recording.notes],
             "noise_power_v2": recording.noise_power_v2,
             "snr_frame_db": recording.snr_frame_db,
             "seed": recording.seed,
         }
-        known = {name: value for name, value in facts.items() if value is not None and value == value}  # not NaN
-        radar = recording.radar.model_dump(exclude_none=True)
-        lines = [FIRST_LINE, *_format_lines(known), "", "[radar]", *_format_lines(radar)]
-        if attributes := list_further_facts(recording):
-            lines += ["", "[attributes]", *_format_lines(attributes)]
-        partial_facts.write_text(("\n".join(lines) + "\n"), encoding="utf-8")
+        table = {name: value for name, value in facts.items() if value is not None and value == value}  # not NaN
+        table |= {"radar": recording.radar.model_dump(exclude_none=True), "attributes": list_further_facts(recording)}
+        partial_facts.write_text(f"{FIRST_LINE}\n{write_toml(table)}", encoding="utf-8")
         with partial.open("wb") as file:
             baseband = recording.baseband.values.astype("<c8")
             np.savez(file, baseband=baseband, slow_time_s=recording.slow_time_s, range_m=recording.range_m)
-
-
-def _format_lines(table: Mapping[str, Any]) -> list[str]:
-    return [f"{_quote_text(key)} = {_format_value(value)}" for key, value in table.items()]
-
-
-def _format_value(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(_format_lines(value)) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_format_value(item) for item in value) + "]"
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(float(value))
-    return _quote_text(value) if isinstance(value, str) else json.dumps(value)
-
-
-def _quote_text(text: str) -> str:
-    """Quote a text in TOML. TOML has the escapes of JSON, except for one character."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

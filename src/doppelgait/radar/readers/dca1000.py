@@ -454,22 +454,17 @@ def _count_frames(file: Path, settings: Path, chirps: ChirpConfig) -> int:
         f"{chirps.loops} loops of {chirps.chirps_per_loop} chirps, {_count_channels(chirps)} receivers and "
         f"{chirps.n_samples} {'real' if parts == 1 else 'complex'} samples, {frame_bytes:,} bytes"
     )
-    shortened = 0 < count < chirps.frames
-    if (rest and not shortened) or not count:
+    if not count or (rest and count >= chirps.frames) or 0 < chirps.frames < count:
         raise RecordingError(
-            f"{file}: has {size:,} bytes, which is {count} frames and {rest:,} bytes more; by {settings.name} a frame "
-            f"has {frame}. The settings are of another recording, or the file is truncated: shorten it to "
-            f"{count * frame_bytes:,} bytes"
+            f"{file}: has {size:,} bytes, which is {count} frames and {rest:,} bytes more; by {settings.name} it has "
+            f"{chirps.frames or 'any number of'} frames, each of {frame}. The settings are of another recording, or "
+            f"the file is truncated: shorten it to {count * frame_bytes:,} bytes, and set the number of frames to 0 to "
+            "read all frames of the file"
         )
-    if chirps.frames and count < chirps.frames:
+    if count < chirps.frames:
         warn_caller(
             f"{file}: holds {count} of the {chirps.frames} frames of {settings.name}: it was stopped early, or packets "
             "are lost"
-        )
-    elif chirps.frames and count != chirps.frames:
-        raise RecordingError(
-            f"{file}: has {size:,} bytes, {count} frames; by {settings.name} it has {chirps.frames}, each of {frame}. "
-            "Set the number of frames to 0 to read all frames of the file"
         )
     if count * chirps.loops * chirps.n_samples > MAX_VALUES:
         raise RecordingError(f"{file}: has {count} frames; at most {MAX_VALUES:,} samples of a receiver are read")

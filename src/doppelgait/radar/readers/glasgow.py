@@ -16,13 +16,18 @@ import numpy as np
 from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.plugins import plugin
+from doppelgait.core.readers import Limits
 from doppelgait.radar.measured import label_sweeps, read_limited, split_rows
 from doppelgait.radar.recording import Recording
 
 HEAD_BYTES = 512
-HEAD_LINES = ("centre frequency in Hz", "sweep time in ms", "samples per sweep", "bandwidth in Hz")
-LIMITS = ((1e6, 1e12), (1e-3, 1e4), (2, 65_536), (0, 1e11))
-"""Exclusive minimum and inclusive maximum of each number in the head."""
+HEAD = {
+    "centre frequency in Hz": Limits(1e6, 1e12),
+    "sweep time in ms": Limits(1e-3, 1e4),
+    "samples per sweep": Limits(2, 65_536),
+    "bandwidth in Hz": Limits(0, 1e11),
+}
+"""Numbers of the head, one a line."""
 MAX_BYTES = 2**29
 VOLTS_PER_CODE = 1.0 / 4096
 """Volts per converter step; the middle code 2048 indicates 12 bits, and a full scale of 1 V is assumed."""
@@ -54,7 +59,7 @@ def read_glasgow(path: Path, *, conjugate: bool = True, range_stop_m: float | No
     try:
         values = np.fromiter(map(complex, words[4:]), np.complex128, max(len(words) - 4, 0))
     except ValueError:
-        raise RecordingError(_find_fault(path)) from None
+        raise RecordingError(_find_fault(path, content)) from None
     samples = split_rows(path, values, n_samples, "sweep") * VOLTS_PER_CODE
     return label_sweeps(
         path,
@@ -79,34 +84,29 @@ def read_glasgow(path: Path, *, conjugate: bool = True, range_stop_m: float | No
 
 def _read_head(file: Path, words: list[str]) -> list[float]:
     numbers = []
-    for number, (name, (above, most)) in enumerate(zip(HEAD_LINES, LIMITS, strict=True)):
+    for number, (name, limits) in enumerate(HEAD.items()):
         word = words[number] if number < len(words) else ""
         try:
             value = float(word)
         except ValueError:
             value = float("nan")
-        least = value >= above if above == 0 else value > above
-        if not (least and value <= most) or (number == 2 and value % 1):
+        is_whole = name != "samples per sweep" or value % 1 == 0
+        # a bandwidth of 0 is that of a continuous wave
+        if not (limits.above < value <= limits.most or value == limits.above == 0) or not is_whole:
             raise RecordingError(
-                f"{file}: line {number + 1} holds {word[:20]!r}; it must be the {name}, above {above:g} and at most "
-                f"{most:g}" + (", a whole number" if number == 2 else "")
+                f"{file}: line {number + 1} holds {word[:20]!r}; it must be the {name},{limits}"
+                + ("" if is_whole else ", a whole number")
             )
         numbers.append(value)
     return numbers
 
 
-def _find_fault(file: Path) -> str:
-    """Describe the first line that is not a complex number."""
-    place = 0
-    with file.open(encoding="ascii", errors="replace") as lines:
-        for number, line in enumerate(lines, start=1):
-            for word in line.split():
-                place += 1
-                try:
-                    complex(word.replace("i", "j"))
-                except ValueError:
-                    if place > len(HEAD_LINES):
-                        return (
-                            f"{file}: line {number} holds {word[:20]!r}; it must be a complex number such as 2048+1998i"
-                        )
+def _find_fault(file: Path, content: bytes) -> str:
+    """Describe the first word after the head that is not a complex number."""
+    lines = enumerate(content.decode("ascii", "replace").splitlines(), start=1)
+    for number, word in [(number, word) for number, line in lines for word in line.split()][len(HEAD) :]:
+        try:
+            complex(word.replace("i", "j"))
+        except ValueError:
+            return f"{file}: line {number} holds {word[:20]!r}; it must be a complex number such as 2048+1998i"
     return f"{file}: holds a line that is no complex number"
