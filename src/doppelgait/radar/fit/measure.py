@@ -35,9 +35,11 @@ from doppelgait.radar.fit.room import (
     Estimate,
     compute_factor_variance,
     compute_leverage,
-    correlate_bins,
+    estimate_bin_correlation,
     fit_static_part,
     mark_dropped,
+    measure_scatter,
+    take_middle,
 )
 from doppelgait.radar.recording import Recording
 
@@ -232,8 +234,8 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
             for name in {"white_rad", "walk_rad_per_sqrt_min"} & set(estimates):
                 phase = estimates[name]
                 estimates[name] = Estimate(phase.value, math.hypot(phase.sd, share * phase.value))
-        # frame differences use all of the Doppler band and every frame: a quarter of the error of the windows, without
-        # bias up to the motion of a third of the ranges; in bursts they use one pulse of each only
+        # frame differences use all of the Doppler band, at the ranges where nothing moves: they have a quarter of the
+        # windows' error; in bursts they use one pulse of each only
         if not (burst or room.is_busy or at_limit.any(axis=1).mean() > 0.5):
             refused.pop("noise", None)
             refused.pop("noise correlation", None)
@@ -344,8 +346,8 @@ def _find_quiet_windows(power: FloatArray, upper: Mask) -> Mask:
 
 
 def compute_quantile_ratio(count: int) -> float:
-    """Return the median ratio of that quantile of ``count`` noise powers to their mean; 9 % above that of many for 18.
-    Powers are exponential, and the share below an order statistic is beta distributed.
+    """Return the median ratio of this quantile of noise powers to their mean.
+    The share of exponential powers below an order statistic is beta distributed: 9 % more for 18 powers than for many.
     """
     from scipy.stats import beta
 
@@ -369,15 +371,12 @@ def _estimate_by_jackknife(estimate: Callable[[Chosen], float], count: int, most
     return Estimate(float(estimate(np.arange(count))), sd)
 
 
-def _measure_correlation(spectrum: ComplexArray, lags: int = 8) -> tuple[ComplexArray, float]:
-    """Return the correlation at a lag of l bins, and its uncertainty: a median over the bins."""
+def _measure_correlation(spectrum: ComplexArray) -> tuple[ComplexArray, float]:
+    """Return the correlation over bins of spectra (window, cell, bin), and its uncertainty."""
     size = np.abs(spectrum)
     # a cell far above the others contains an echo
     cells = np.where(size > 4.0 * np.median(size, axis=(0, 1)), 0.0, spectrum)
-    unit = cells / np.sqrt(np.mean(np.abs(cells) ** 2, axis=(0, 1)))
-    rho = correlate_bins(unit, min(lags, spectrum.shape[2] // 2))
-    sd = MEDIAN_SPREAD * math.sqrt(HANN_SHARE / unit.size / 2.0 * (1.0 + 2.0 * float(np.sum(np.abs(rho[1:]) ** 2))))
-    return rho, sd
+    return estimate_bin_correlation(cells.reshape(-1, cells.shape[2]), HANN_SHARE)
 
 
 def _measure_over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -471,10 +470,9 @@ def _estimate_image(
         return {}
     ratio = (square / whole)[one_way]
 
-    gain, phase = _estimate_channels(lambda chosen: _take_middle(ratio[chosen]), len(ratio))
+    gain, phase = _estimate_channels(lambda chosen: take_middle(ratio[chosen]), len(ratio))
     # the jackknife of a median is inaccurate: the minimum is the scatter of the windows
-    scatter = 1.4826 * float(np.median(np.abs(ratio - _take_middle(ratio))))
-    least = MEDIAN_SPREAD * scatter / math.sqrt(2.0 * len(ratio))
+    least = MEDIAN_SPREAD * measure_scatter(ratio) / math.sqrt(2.0 * len(ratio))
     if least > 0.2:
         refused["I/Q image"] = "the phase of the motion changed too little to show an image"
         return {}
@@ -507,19 +505,18 @@ def _estimate_channel_noise(spectrum: ComplexArray, f_hz: FloatArray, upper: Mas
 
 
 def _estimate_channels(ratio: Callable[[Chosen], complex], count: int) -> tuple[Estimate, Estimate]:
-    """Return gain (dB) and phase error (deg) of Q from a ratio of moments over windows."""
-    gain = _estimate_by_jackknife(lambda chosen: convert_ratio(ratio(chosen))[0], count)
-    return gain, _estimate_by_jackknife(lambda chosen: convert_ratio(ratio(chosen))[1], count)
+    """Return gain (dB) and phase error (deg) of Q from a ratio of moments."""
+    return _estimate_both(lambda chosen: complex(*convert_ratio(ratio(chosen))), count)
 
 
-def _take_middle(values: ComplexArray) -> complex:
-    return complex(np.median(values.real), np.median(values.imag))
+def _estimate_both(pair: Callable[[Chosen], complex], count: int) -> tuple[Estimate, Estimate]:
+    """Return real and imaginary part of an estimate over windows."""
+    first = _estimate_by_jackknife(lambda chosen: pair(chosen).real, count)
+    return first, _estimate_by_jackknife(lambda chosen: pair(chosen).imag, count)
 
 
 def _estimate_constant(windows: ComplexArray, step_v: float) -> dict[str, Estimate]:
     """Estimate the constant of a radar with few bins. It is the median of I and the median of Q."""
-    whole, count = _take_middle(windows.ravel()), len(windows)
-    others = np.array([_take_middle(np.delete(windows, k, axis=0).ravel()) for k in range(count)])
-    sd = math.sqrt((count - 1) / count * float(np.sum(np.abs(others - others.mean()) ** 2)) / 2.0)
-    sd = math.hypot(sd, 0.0 if math.isnan(step_v) else step_v / math.sqrt(12.0))
-    return {"dc_i_v": Estimate(whole.real, sd), "dc_q_v": Estimate(whole.imag, sd)}
+    in_phase, quadrature = _estimate_both(lambda chosen: take_middle(windows[chosen].ravel()), len(windows))
+    sd = math.hypot(math.hypot(in_phase.sd, quadrature.sd) / math.sqrt(2.0), np.nan_to_num(step_v) / math.sqrt(12.0))
+    return {"dc_i_v": Estimate(in_phase.value, sd), "dc_q_v": Estimate(quadrature.value, sd)}

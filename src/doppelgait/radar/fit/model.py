@@ -23,6 +23,7 @@ from doppelgait.radar.fit.room import (
     SeriesFit,
     StaticPart,
     compute_factor_variance,
+    count_runs,
     estimate_leakage,
     estimate_noise_floor,
     find_bursts,
@@ -55,17 +56,15 @@ SHORT_S = 10.0
 
 @dataclass(frozen=True)
 class Fact:
-    """Scalar of a sensor: a row of prints, of JSON and of the pooled quantities, and a key of an impairment.
-
-    Values that a room shows have the path of their estimate in ``take``, and a ``scale`` to their unit. Of the other
-    fields, ``digits`` are decimals (4 significant digits by default), ``lowest`` is the least value of a distribution,
-    and ``significant`` values are written as 0 if they are not distinguished from 0.
+    """Scalar of a sensor: a row of prints and JSON, pooled, and perhaps written.
+    ``sets`` is an impairment and its key, ``take`` the path of the estimate in a room, with a ``scale`` to its unit;
+    ``digits`` are decimals (4 significant ones by default), ``lowest`` the least value of a distribution. Those to
+    be ``significant`` are written as 0 if they are not distinguished from it.
     """
 
     label: str
     unit: str
-    impairment: str = ""
-    key: str = ""
+    sets: str = ""
     take: str = ""
     scale: float = 1.0
     digits: int | None = None
@@ -74,44 +73,34 @@ class Fact:
 
 
 VOLT_DB = "dB re 1 V"
+WHITE, WALK, DRIFT = (f"phase_noise.{name}" for name in ("white_rad", "walk_rad_per_sqrt_min", "drift_rad_per_min"))
+ROOT_MIN = math.sqrt(60.0)
 FACTS = {
-    "noise_level_db": Fact("noise level", VOLT_DB, "thermal_noise", "level_db", digits=2),
-    "noise_slope_db_per_m": Fact("noise slope over range", "dB/m", take="noise.slope_db_per_m"),
+    "noise_level_db": Fact("noise level", VOLT_DB, "thermal_noise.level_db", digits=2),
     "noise_figure_db": Fact("equivalent noise figure", "dB", digits=4),
     "gain_db": Fact("gain re mean, from the direct path", "dB", digits=4),
     "near_echo_db": Fact("strongest echo within 1 m", VOLT_DB, take="leakage.level_db"),
     "direct_path_db": Fact("direct path", VOLT_DB),
-    "dc_level_db": Fact("constant over range", VOLT_DB, "dc_leak", "level_db", digits=2),
+    "dc_level_db": Fact("constant over range", VOLT_DB, "dc_leak.level_db", digits=2),
     "dc_i_v": Fact("constant of I", "V"),
     "dc_q_v": Fact("constant of Q", "V"),
-    "white_rad": Fact(
-        "phase jitter, white", "rad", "phase_noise", "white_rad", "phase.white", lowest=0.0, significant=True
-    ),
+    "white_rad": Fact("phase jitter, white", "rad", WHITE, "phase.white", lowest=0.0, significant=True),
     "clock_jitter_ps": Fact("as clock jitter", "ps"),
-    "drift_rad_per_min": Fact(
-        "phase drift", "rad/min", "phase_noise", "drift_rad_per_min", "phase.drift_per_s", 60.0, significant=True
-    ),
+    "drift_rad_per_min": Fact("phase drift", "rad/min", DRIFT, "phase.drift_per_s", 60.0, significant=True),
     "walk_rad_per_sqrt_min": Fact(
-        "phase random walk",
-        "rad/sqrt(min)",
-        "phase_noise",
-        "walk_rad_per_sqrt_min",
-        "phase.walk_per_root_s",
-        math.sqrt(60.0),
-        lowest=0.0,
-        significant=True,
+        "phase random walk", "rad/sqrt(min)", WALK, "phase.walk_per_root_s", ROOT_MIN, lowest=0.0, significant=True
     ),
     "gain_drift_db_per_min": Fact("gain drift", "dB/min", take="gain.drift_per_s", scale=60.0),
     "gain_white_db": Fact("gain jitter, white", "dB", take="gain.white"),
-    "iq_gain_db": Fact("gain of Q", "dB", "iq_imbalance", "gain_db", digits=4),
-    "iq_phase_deg": Fact("phase error of Q", "deg", "iq_imbalance", "phase_deg", digits=3),
+    "iq_gain_db": Fact("gain of Q", "dB", "iq_imbalance.gain_db", digits=4),
+    "iq_phase_deg": Fact("phase error of Q", "deg", "iq_imbalance.phase_deg", digits=3),
     "noise_iq_gain_db": Fact("gain of Q for noise", "dB"),
     "noise_iq_phase_deg": Fact("phase error of Q for noise", "deg"),
-    "burst_rate_hz": Fact("interference, bursts", "1/s", "interference", "rate_hz", lowest=0.0),
-    "burst_duration_s": Fact("interference, duration", "s", "interference", "duration_s", lowest=0.0),
-    "burst_level_db": Fact("interference, level", VOLT_DB, "interference", "level_db", digits=1),
-    "burst_share": Fact("interference, share of bins", "", "interference", "hit_share", lowest=0.0),
-    "drop_probability": Fact("dropped frames", "of all frames", "dropped_frames", "probability", lowest=0.0),
+    "burst_rate_hz": Fact("interference, bursts", "1/s", "interference.rate_hz", lowest=0.0),
+    "burst_duration_s": Fact("interference, duration", "s", "interference.duration_s", lowest=0.0),
+    "burst_level_db": Fact("interference, level", VOLT_DB, "interference.level_db", digits=1),
+    "burst_share": Fact("interference, share of bins", "of all bins", "interference.hit_share", lowest=0.0),
+    "drop_probability": Fact("dropped frames", "of all frames", "dropped_frames.probability", lowest=0.0),
 }
 
 
@@ -126,10 +115,10 @@ class MovingInterval:
 
 @dataclass(frozen=True)
 class Room:
-    """Static echoes, noise, phase and faults of the frames of a room. Shapes: echo_v (N,); time_s, factor (n_used,)."""
+    """Static echoes, noise, phase and faults of a room.
+    Shapes: echo_v (N,); time_s and factor of the frames that are used (I,).
+    """
 
-    n_frames: int
-    n_used: int
     noise: NoiseFloor
     echo_v: ComplexArray
     clutter: ClutterProfile
@@ -145,8 +134,7 @@ class Room:
 
 
 def fit_room(recording: Recording) -> Room:
-    """Fit static echoes, noise, phase drift and faults to frames of a room.
-
+    """Fit static echoes, noise, phase and faults to a room.
     The model is y[i, n] = z_i c_n + w[i, n]: static echoes c times one complex factor z per frame (its angle is the
     phase of the frame, its modulus the gain) plus white Gaussian noise (E-18), which may be correlated between
     neighbouring bins. Targets, interference and dropped frames are detected first and excluded.
@@ -177,8 +165,6 @@ def fit_room(recording: Recording) -> Room:
         static.echo_v, range_m=range_m, noise_power_v2=left_v2, resolution_m=recording.radar.range_resolution_m
     )
     return Room(
-        n_frames=len(samples),
-        n_used=used.size,
         noise=noise,
         echo_v=static.echo_v,
         clutter=clutter,
@@ -201,26 +187,27 @@ def _separate(
     quiet = np.ones(range_m.size, dtype=bool)
     kept = np.ones(len(samples), dtype=bool)
     for _ in range(2):
-        static, noise = _fit_static_and_noise(samples[kept], range_m, quiet)
+        static, noise = _fit_static_and_noise(samples[kept], quiet)
         quiet = _remove_targets(static.rest_v, noise, range_m)[0]
         energy = float(np.sum(np.abs(static.reference_v) ** 2))
         factor = samples @ static.reference_v.conj() / energy if energy > 0 else np.ones(len(samples), dtype=complex)
         everything = samples - factor[:, None] * static.echo_v
         hit = find_bursts(everything, noise_power_v2=noise.power_v2.value, quiet=quiet)
         kept = ~hit.frames if int((~hit.frames).sum()) >= MIN_FRAMES else kept
-    static, noise = _fit_static_and_noise(samples[kept], range_m, quiet)
+    static, noise = _fit_static_and_noise(samples[kept], quiet)
     if not np.array_equal(kept, ~hit.frames):  # too few frames would remain: all are used
         hit = replace(hit, frames=~kept)
     return hit, noise, static, _remove_targets(static.rest_v, noise, range_m)[1]
 
 
-def _fit_static_and_noise(samples: ComplexArray, range_m: FloatArray, quiet: Mask) -> tuple[StaticPart, NoiseFloor]:
-    static = fit_static_part(samples, bins=quiet if quiet.sum() >= MIN_BINS else None)
-    noise = estimate_noise_floor(static, range_m=range_m)
+def _fit_static_and_noise(samples: ComplexArray, quiet: Mask) -> tuple[StaticPart, NoiseFloor]:
+    quiet = quiet if quiet.sum() >= MIN_BINS else np.ones_like(quiet)
+    static = fit_static_part(samples, bins=quiet)
+    noise = estimate_noise_floor(static, quiet)
     variance = compute_factor_variance(static, noise.correlation, noise_power_v2=noise.power_v2.value)
     if variance > MAX_PHASE_VARIANCE:
         static = split_still_part(samples)
-        noise = estimate_noise_floor(static, range_m=range_m)
+        noise = estimate_noise_floor(static, quiet)
     return static, noise
 
 
@@ -228,16 +215,17 @@ def _remove_targets(
     rest: ComplexArray, noise: NoiseFloor, range_m: FloatArray
 ) -> tuple[Mask, tuple[MovingInterval, ...]]:
     """Return bins without targets, and the targets by range."""
+    from scipy.ndimage import find_objects, label
+
     excess = np.mean(np.abs(rest) ** 2, axis=0) / max(noise.power_v2.value, np.finfo(float).tiny)
     busy = excess > float(db_to_power(MOVING_DB))
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], busy.astype(int), [0]])))
     moving = []
-    for first, stop in zip(edges[::2], edges[1::2], strict=True):
-        if stop - first >= MOVING_BINS:
-            largest_db = float(power_to_db(excess[first:stop].max()))
-            moving.append(MovingInterval(float(range_m[first]), float(range_m[stop - 1]), largest_db))
+    for (run,) in find_objects(label(busy)[0]):
+        if run.stop - run.start >= MOVING_BINS:
+            largest_db = float(power_to_db(excess[run].max()))
+            moving.append(MovingInterval(float(range_m[run.start]), float(range_m[run.stop - 1]), largest_db))
         else:
-            busy[first:stop] = False
+            busy[run] = False
     return ~busy, tuple(moving)
 
 
@@ -272,7 +260,8 @@ def list_room_estimates(room: Room, recording: Recording, refused: dict[str, str
             values["direct_path_db"] = Estimate(direct.value, math.hypot(direct.sd, blur_db))
     if "direct_path_db" not in values:
         refused["gain"] = "no direct path well over the clutter in the frame"
-    hit, runs, whole_s = room.bursts, room.bursts.runs, float(np.ptp(recording.slow_time_s))
+    hit, whole_s = room.bursts, float(np.ptp(recording.slow_time_s))
+    runs = count_runs(hit.frames)
     if not room.is_busy:
         values["burst_rate_hz"] = Estimate(runs / whole_s, math.sqrt(max(runs, 1)) / whole_s)
     if not room.is_busy and runs:
@@ -297,6 +286,4 @@ def list_notes(room: Room | None, recording: Recording) -> dict[str, str]:
         notes["motion"] = f"the room was not empty: slow-time variance over the noise at {where}; left out"
         if room.is_busy:
             notes["motion"] += "; in more than a third of the ranges, so that clutter and constant cannot be trusted"
-    if room is not None and not room.noise.flat:
-        notes["noise"] = f"the noise is not flat in range: {room.noise.slope_db_per_m.value:+.2f} dB/m"
     return notes

@@ -19,7 +19,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.units import db_to_amplitude, power_to_db
 from doppelgait.radar.fit.measure import SLOW_CELLS, Line, SensorMeasurement, measure_recording
 from doppelgait.radar.fit.model import FACTS
-from doppelgait.radar.fit.room import DB_PER_NEPER, MEDIAN_SPREAD, Estimate
+from doppelgait.radar.fit.room import DB_PER_NEPER, MEDIAN_SPREAD, Estimate, measure_scatter
 from doppelgait.radar.link import echo_amplitude_v, find_noise_slope, noise_power_v2
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
@@ -86,11 +86,6 @@ def pool(estimates: Iterable[Estimate]) -> PooledQuantity:
         mean = float(np.sum(weights * values) / np.sum(weights))
         return mean, float(np.sum(weights * (values - mean) ** 2)), float(np.sum(weights))
 
-    if count < MIN_FOR_SPREAD:
-        mean, scatter, weight = weighted(0.0)
-        inflation = max(scatter / max(count - 1, 1), 1.0)
-        return PooledQuantity(Estimate(mean, math.sqrt(inflation / weight)), math.nan, math.nan, math.nan, count)
-
     def variance_at(target: float) -> float:
         if weighted(0.0)[1] <= target:
             return 0.0
@@ -99,11 +94,13 @@ def pool(estimates: Iterable[Estimate]) -> PooledQuantity:
             most *= 10.0
         return float(brentq(lambda between: weighted(between)[1] - target, 0.0, most, xtol=most * 1e-12))
 
-    between = variance_at(count - 1.0)
-    mean, scatter, weight = weighted(between)
-    low, high = (variance_at(float(chi2.ppf(share, count - 1))) for share in ((1 + LEVEL) / 2, (1 - LEVEL) / 2))
-    sd = math.sqrt(max(scatter / (count - 1), 1.0) / weight)
-    return PooledQuantity(Estimate(mean, sd), math.sqrt(between), math.sqrt(low), math.sqrt(high), count)
+    spread = low = high = math.nan
+    if count >= MIN_FOR_SPREAD:
+        targets = [count - 1.0, *(float(chi2.ppf((1.0 + side * LEVEL) / 2.0, count - 1)) for side in (1, -1))]
+        spread, low, high = (math.sqrt(variance_at(target)) for target in targets)
+    mean, scatter, weight = weighted(np.nan_to_num(spread) ** 2)
+    sd = math.sqrt(max(scatter / max(count - 1, 1), 1.0) / weight)
+    return PooledQuantity(Estimate(mean, sd), spread, low, high, count)
 
 
 PERSON_M2 = 0.8
@@ -113,15 +110,8 @@ PERSON_M2 = 0.8
 PLAUSIBLE_NOISE_FIGURE_DB = (0.0, 30.0)
 
 
-def find_noise_figure(radar: Radar, level_db: Estimate) -> Estimate:
-    """Return the noise figure for a measured level (E-18, E-18b)."""
-    slope = find_noise_slope(radar)
-    excess_db = level_db.value - float(power_to_db(noise_power_v2(radar)))
-    return Estimate(radar.noise_figure_db + excess_db / slope, level_db.sd / slope)
-
-
 def rescale_radar(radar: Radar, scale_db: float) -> Radar:
-    """Scale a radar's echoes, noise and counter step together, so that the SNR does not change."""
+    """Scale echoes, noise and counter step together: the SNR stays."""
     changes = {"receiver_gain_db": radar.receiver_gain_db + scale_db}
     if radar.threshold_step_v is not None:
         changes["threshold_step_v"] = radar.threshold_step_v * float(db_to_amplitude(scale_db))
@@ -152,7 +142,7 @@ def fit_gain(
         gain_db = float(np.median(echoes)) - 20.0 * math.log10(expected_v)
 
     def figures() -> PooledQuantity:
-        found = []
+        values = []
         for one in same:
             if "noise_level_db" not in one.estimates:
                 continue
@@ -165,9 +155,11 @@ def fit_gain(
                 own_sd = one.estimates["direct_path_db"].sd
             own = rescale_radar(own, gain_db)  # units differ in gain, but not in the step of a counter
             own = own.model_copy(update={"receiver_gain_db": own.receiver_gain_db + own_db})
-            figure = find_noise_figure(own, Estimate(level.value - added_db, level.sd))
-            found.append(Estimate(figure.value, math.hypot(figure.sd, own_sd)))
-        return pool(found)
+            slope = find_noise_slope(own)  # E-18, E-18b
+            excess_db = level.value - added_db - float(power_to_db(noise_power_v2(own)))
+            figure_sd = math.hypot(level.sd / slope, own_sd)
+            values.append(Estimate(own.noise_figure_db + excess_db / slope, figure_sd))
+        return pool(values)
 
     figure = figures()
     lowest_db, highest_db = PLAUSIBLE_NOISE_FIGURE_DB
@@ -275,7 +267,7 @@ def _find_difference(radar: Radar, other: Radar) -> str:
 def fit_sensor(
     recordings: Recording | Iterable[Recording], *, radar: Radar | None = None, people_at_m: float | None = None
 ) -> SensorKind:
-    """Fit a sensor to a recording, or distributions to recordings of sensors of one kind.
+    """Fit a sensor to one recording, or a sensor kind to several.
 
     Parameters
     ----------
@@ -366,7 +358,7 @@ def _collect(tables: Sequence[Mapping[str, T]]) -> dict[str, list[T]]:
 
 
 def _count_reasons(tables: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """Return the most frequent text of every key, with the number of recordings."""
+    """Return the commonest text of every key, with its recordings."""
     return {
         name: max(texts, key=texts.count)
         + (f" (in {len(texts)} of {len(tables)} recordings)" if len(tables) > 1 else "")
@@ -435,7 +427,7 @@ def _pool_doppler(
         sd = np.array([m.doppler_sd_db[place] for m in on_axis])
         calm = np.isfinite(level)
         # noise is the same in all recordings except for the spread of the floor; motion is not
-        spread = 1.4826 * float(np.median(np.abs(level[calm] - np.median(level[calm])))) if calm.any() else math.inf
+        spread = measure_scatter(level[calm]) if calm.any() else math.inf
         expected = math.hypot(float(np.median(sd[calm])), between_db) if calm.any() else 0.0
         if calm.mean() < 0.5 or (calm.sum() >= 4 and spread > 1.5 * expected + 0.5):
             missing.append(frequency)

@@ -34,14 +34,14 @@ MAX_KNOTS = 16
 
 
 def describe_sensor(kind: SensorKind) -> dict[str, Any]:
-    """Return the plain values of a fitted sensor, as JSON has them: None is a value that is not known.
+    """Return a fitted sensor as plain values for JSON.
 
     Returns
     -------
     dict
         ``quantities`` has one row for every quantity, with its name, mean, standard deviation, spread between
         recordings and unit; levels are also re one unit of the files if the radar states its volts. ``recordings``
-        lists the use of every recording. ``refused``, ``notes`` and ``left_out`` have the reasons.
+        lists the use of every recording. ``refused``, ``notes`` and ``left_out`` have the reasons. Unknown is None.
     """
     rows = [(name, FACTS[name].label, FACTS[name].unit, pooled) for name, pooled in kind.pooled.items()]
     rows += [(f"clutter_at_{r:.2f}_m", f"clutter at {r:.2f} m", VOLT_DB, level) for r, level in kind.clutter]
@@ -62,7 +62,7 @@ def describe_sensor(kind: SensorKind) -> dict[str, Any]:
         recordings.append({"recording": m.recording.source, "used_for": m.uses, "frames": m.recording.n_pulses})
         if m.room is not None:
             recordings[-1] |= {
-                "frames_used": m.room.n_used,
+                "frames_used": m.room.time_s.size,
                 "interference_frames": m.room.bursts.frames.nonzero()[0].tolist(),
                 "movers": [dataclasses.asdict(interval) for interval in m.room.moving],
             }
@@ -83,11 +83,10 @@ def _name_line(kind: SensorKind, number: int) -> str:
 
 
 def format_preset(kind: SensorKind) -> str:
-    """Return the text of a preset of a sensor, with distributions if there are several recordings.
+    """Return the text of a preset of a fitted sensor.
 
     ``Radar.preset("FILE.toml")`` loads it; its ``[[impairments]]`` are for a scene. A plan draws each distribution once
-    per example. Every value has a comment with its source; quantities that the recordings do not show are listed at the
-    top.
+    per example. Every value has a comment with its source; quantities that the recordings do not show are on top.
 
     Raises
     ------
@@ -195,24 +194,25 @@ def _format_comment(pooled: PooledQuantity, unit: str) -> str:
 
 
 def _make_table(kind: SensorKind, impairment: str, middles: Mapping[str, float] | None = None) -> Table:
-    """Return an impairment of the facts that set its keys, around their means or other middles."""
+    """Return an impairment of its facts, around means or other middles."""
     table: dict[str, Any] = {"kind": impairment}
     comments = {}
     for name, fact in FACTS.items():
-        if fact.impairment != impairment or name not in kind.pooled:
+        sets, _, key = fact.sets.partition(".")
+        if sets != impairment or name not in kind.pooled:
             continue
         pooled = kind.pooled[name]
         middle = (middles or {}).get(name, pooled.mean.value)
-        comments[fact.key] = _format_comment(pooled, fact.unit.removesuffix(" re 1 V"))
+        comments[key] = _format_comment(pooled, fact.unit.removesuffix(" re 1 V"))
         if fact.significant and not pooled.spread_is_known and not _is_significant(pooled.mean):
-            comments[fact.key] += f"; {middle:.2g} is not distinguished from 0"
+            comments[key] += f"; {middle:.2g} is not distinguished from 0"
             middle = 0.0
-        table[fact.key] = _draw(pooled, middle if fact.lowest is None else max(middle, fact.lowest), fact)
+        table[key] = _draw(pooled, middle if fact.lowest is None else max(middle, fact.lowest), fact)
     return table, comments
 
 
 def _iterate_impairments(kind: SensorKind) -> Iterator[Table]:
-    """Yield impairments in order, with comments: echoes, their phase, mixer and noise, then faults of the recorder."""
+    """Yield impairments in the order of the signal, with comments."""
     pooled = kind.pooled
     apart = is_noise_separate(pooled)
     if not apart:

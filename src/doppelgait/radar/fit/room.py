@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -91,10 +92,11 @@ def _compute_energy(values_v: ComplexArray) -> float:
 
 def multiply_correlation(values_v: ComplexArray, correlation: ComplexArray) -> ComplexArray:
     """Multiply the Toeplitz matrix of the noise correlation rho_l by a vector."""
-    both = np.concatenate([correlation[:0:-1].conj(), correlation])
-    summed = np.convolve(values_v, both, mode="full")
-    first = len(correlation) - 1
-    return np.asarray(summed[first : first + values_v.size])
+    from scipy.linalg import matmul_toeplitz
+
+    column = np.zeros(values_v.size, dtype=complex)
+    column[: correlation.size] = correlation[: values_v.size]
+    return np.asarray(matmul_toeplitz(column, values_v))
 
 
 def compute_leverage(static: StaticPart, correlation: ComplexArray) -> FloatArray:
@@ -220,16 +222,17 @@ def mark_dropped(samples_v: ComplexArray) -> tuple[Mask, Mask]:
 
 def count_runs(flags: Mask) -> int:
     """Count the runs of flags."""
-    return int(np.sum(flags & ~np.concatenate([[False], flags[:-1]])))
+    from scipy.ndimage import label
+
+    return int(label(flags)[1])
 
 
 @dataclass(frozen=True)
 class Bursts:
-    """Interference in an otherwise good recording; frames (I,) come in runs."""
+    """Interference in an otherwise good recording. Shapes: frames (I,)."""
 
     frames: Mask
     level_db: float
-    runs: int
     share: float
 
 
@@ -239,7 +242,7 @@ def find_bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> 
 
     nothing = np.zeros(len(rest_v), dtype=bool)
     if not noise_power_v2 > 0 or not quiet.any():
-        return Bursts(nothing, math.nan, 0, 0.0)
+        return Bursts(nothing, math.nan, 0.0)
     rest = rest_v[:, quiet]
     middle = [median_filter(x, size=(MEDIAN_FRAMES, 1), mode="nearest") for x in (rest.real, rest.imag)]
     power = np.abs(rest - middle[0] - 1j * middle[1]) ** 2
@@ -249,9 +252,19 @@ def find_bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> 
     hit &= hit.mean(axis=0) <= BUSY_SHARE
     frames: Mask = np.asarray(hit.any(axis=1))
     if not frames.any():
-        return Bursts(nothing, math.nan, 0, 0.0)
+        return Bursts(nothing, math.nan, 0.0)
     level = float(10.0 * np.log10(np.mean(power[hit])))
-    return Bursts(frames, level, count_runs(frames), float(hit[frames].mean()))
+    return Bursts(frames, level, float(hit[frames].mean()))
+
+
+def measure_scatter(values: npt.NDArray[Any]) -> float:
+    """Return the standard deviation from the median absolute deviation."""
+    return 1.4826 * float(np.median(np.abs(values - take_middle(values))))
+
+
+def take_middle(values: npt.NDArray[Any]) -> complex:
+    """Return the median, of real and imaginary part alone."""
+    return complex(np.median(values.real), np.median(values.imag))
 
 
 LAGS = 8
@@ -260,8 +273,6 @@ MAX_LEVERAGE = 0.5
 """Maximum share of a bin's noise in the common factor; bins above it are not used."""
 MEDIAN_SPREAD = 1.2533
 """Ratio of the standard deviations of a median and a mean of Gaussian values, sqrt(pi / 2)."""
-FLAT_DB = 1.0
-"""Maximum change of a flat noise floor over the frame, dB."""
 
 
 @dataclass(frozen=True)
@@ -270,69 +281,44 @@ class NoiseFloor:
 
     power_v2: Estimate
     by_bin_v2: FloatArray
-    slope_db_per_m: Estimate
-    flat: bool
     correlation: ComplexArray
     correlation_sd: float
     independent_bins: float
 
 
-def estimate_noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFloor:
+def estimate_noise_floor(static: StaticPart, quiet: Mask) -> NoiseFloor:
     """Estimate the mean square of the noise, from differences of the residual by frame."""
     from scipy.stats import gamma
 
     steps = np.diff(static.rest_v, axis=0)
-    correlation = estimate_bin_correlation(steps)
+    correlation, correlation_sd = estimate_bin_correlation(steps, 1.5)
     taken = compute_leverage(static, correlation)
     by_bin = np.mean(np.abs(steps) ** 2, axis=0) / 2.0 / np.maximum(1.0 - taken, 1.0 - MAX_LEVERAGE)
-    by_bin = np.where(taken > MAX_LEVERAGE, np.nan, by_bin)
+    by_bin = np.where((taken > MAX_LEVERAGE) | ~quiet, np.nan, by_bin)
     used = by_bin[np.isfinite(by_bin)]
     weights = np.abs(correlation[1:]) ** 2
     independent = max(used.size / (1.0 + 2.0 * float(np.sum(weights))), 1.0)
     degrees = len(steps) / 1.5  # differences of neighbouring frames share one: relative variance 1.5 / n
     middle = float(np.median(used)) / float(gamma.median(degrees) / degrees)
-    spread = 1.4826 * float(np.median(np.abs(used - np.median(used))))
+    spread = measure_scatter(used)
     least = float(np.sqrt(1.5 / len(steps))) * middle
     power = Estimate(middle, MEDIAN_SPREAD * max(spread, least) / float(np.sqrt(independent)))
-    slope, flat = _fit_slope(by_bin, range_m, independent)
-    correlation_sd = MEDIAN_SPREAD * math.sqrt(1.5 / steps.size / 2.0 * (1.0 + 2.0 * float(np.sum(weights))))
-    return NoiseFloor(power, by_bin, slope, flat, correlation, correlation_sd, independent)
+    return NoiseFloor(power, by_bin, correlation, correlation_sd, independent)
 
 
-def estimate_bin_correlation(steps: ComplexArray) -> ComplexArray:
-    """Estimate the noise correlation rho_l at a lag of l bins; insignificant values are 0."""
-    size = np.sqrt(np.maximum(np.mean(np.abs(steps) ** 2, axis=0), 1e-300))
-    rho = correlate_bins(steps / size, min(LAGS, steps.shape[1] - 1))
-    chance = 4.0 / np.sqrt(steps.size)
-    first = next((lag for lag in range(1, rho.size) if abs(rho[lag]) < chance), rho.size)
-    rho[first:] = 0.0
-    return rho
-
-
-def correlate_bins(unit: ComplexArray, lags: int) -> ComplexArray:
-    """Return the correlation of unit noise (..., N) over bins: medians over the bins."""
-    rho = np.ones(lags + 1, dtype=complex)
-    for lag in range(1, lags + 1):
-        products = np.mean(unit[..., lag:] * unit[..., :-lag].conj(), axis=tuple(range(unit.ndim - 1)))
-        rho[lag] = np.median(products.real) + 1j * np.median(products.imag)
-    return rho
-
-
-def _fit_slope(by_bin: FloatArray, range_m: FloatArray, independent: float) -> tuple[Estimate, bool]:
-    """Fit the level's slope in dB over range: Theil-Sen, with the median absolute deviation."""
-    from scipy.stats import theilslopes
-
-    used = np.isfinite(by_bin) & (by_bin > 0)
-    if used.sum() < 3:
-        return Estimate(0.0, float("inf")), True
-    level = DB_PER_NEPER * np.log(by_bin[used])
-    distance = range_m[used]
-    slope, offset = theilslopes(level, distance)[:2]
-    rest = level - slope * distance - offset
-    spread = 1.4826 * float(np.median(np.abs(rest - np.median(rest))))
-    sd = spread / (float(np.std(distance)) * np.sqrt(independent))
-    span = float(distance[-1] - distance[0])
-    return Estimate(float(slope), float(sd)), bool(abs(slope) * span <= max(FLAT_DB, 3.0 * sd * span))
+def estimate_bin_correlation(rows: ComplexArray, per_row: float) -> tuple[ComplexArray, float]:
+    """Estimate the noise correlation at a lag of l bins, and its uncertainty.
+    It is a median over the bins, and 0 from the first insignificant lag; ``per_row`` is the number of rows (I, N) per
+    independent one.
+    """
+    unit = rows / np.sqrt(np.maximum(np.mean(np.abs(rows) ** 2, axis=0), 1e-300))
+    rho = np.ones(min(LAGS, rows.shape[1] - 1) + 1, dtype=complex)
+    for lag in range(1, rho.size):
+        rho[lag] = take_middle(np.mean(unit[:, lag:] * unit[:, :-lag].conj(), axis=0))
+    chance = 4.0 * math.sqrt(per_row / 1.5 / rows.size)
+    rho[next((lag for lag in range(1, rho.size) if abs(rho[lag]) < chance), rho.size) :] = 0.0
+    spread = 1.0 + 2.0 * float(np.sum(np.abs(rho[1:]) ** 2))
+    return rho, MEDIAN_SPREAD * math.sqrt(per_row / rows.size / 2.0 * spread)
 
 
 MAX_KNOTS = 20
@@ -402,10 +388,7 @@ def estimate_leakage(
         if power > 0:
             level = Estimate(DB_PER_NEPER * math.log(power), 2.0 * DB_PER_NEPER * math.sqrt(noise_power_v2 / 2 / power))
     far = echo_v[~near] if (~near).sum() >= 4 else echo_v
-    weights = 1.0 / (
-        np.abs(far - np.median(far.real) - 1j * np.median(far.imag)) ** 2
-        + (float(np.median(np.abs(far) ** 2)) + np.finfo(float).tiny)
-    )
+    weights = 1.0 / (np.abs(far - take_middle(far)) ** 2 + (float(np.median(np.abs(far) ** 2)) + np.finfo(float).tiny))
     constant = np.sum(weights * far) / np.sum(weights)
     scatter = float(np.sqrt(np.sum(weights**2 * np.abs(far - constant) ** 2) * per_cell) / np.sum(weights))
     return Leakage(place, level, Estimate(float(abs(constant)), scatter))
