@@ -28,6 +28,12 @@ def late_s():
     return np.maximum.accumulate(stamps)
 
 
+def bloated(peak_s):
+    """Deliveries that become late and catch up again."""
+    late = peak_s * np.exp(-0.5 * ((EVEN_S - 3.0) / 0.25) ** 2)
+    return np.maximum.accumulate(EVEN_S + late)
+
+
 def floored(stamps_s, tick_s):
     return np.floor(stamps_s / tick_s) * tick_s
 
@@ -42,6 +48,11 @@ def jittered(stamps_s, steps):
         pytest.param(EVEN_S, RATE_HZ, N, 1, id="even"),
         pytest.param(np.delete(EVEN_S, [497, 998, 1501]), RATE_HZ, N, 1, id="three lost"),
         pytest.param(np.delete(EVEN_S, LOST), RATE_HZ, N, 1, id="ten per cent lost"),
+        pytest.param(np.delete(EVEN_S, RNG.choice(N - 2, N // 2, False) + 1), RATE_HZ, N, 1, id="half lost"),
+        pytest.param(np.delete(EVEN_S, np.s_[2 : N - 1 : 3]), RATE_HZ, N, 1, id="every third lost"),
+        pytest.param(np.round(np.delete(EVEN_S, np.s_[20 : N - 1 : 50]), 3), RATE_HZ, N, 1, id="every 50th, ms"),
+        pytest.param(bloated(0.1), RATE_HZ, N, 1, id="late for a second"),
+        pytest.param(bloated(0.3) + 2e-4 * RNG.random(N), RATE_HZ, N, 1, id="late for a second, jitter"),
         pytest.param(np.delete(np.arange(500) / 17.06, [100, 101, 300]), 17.06, 500, 1, id="slow radar, three lost"),
         pytest.param(floored(EVEN_S + 1.65e9, TICK_S), RATE_HZ, N, 1, id="clock of a PC since 1970"),
         pytest.param(floored(np.arange(600) / 60.0, TICK_S), 60.0, 600, 1, id="clock of a PC, slow radar"),
@@ -90,6 +101,9 @@ def test_pulses_out_of_order_are_sorted_and_lost_ones_are_on_the_line_between_ne
 def test_all_equal_or_endless_times_are_refused():
     for stamps_s in (np.zeros(5), np.array([0.0, 1.0, np.nan]), EVEN_S[::-1]):
         with pytest.raises(RecordingError, match="leave them out and give prf_hz"):
+            place_pulses(stamps_s, where="test")
+    for stamps_s, text in ((1e3 * (1.7e9 + EVEN_S), "in ms since 1970"), (2e3 * EVEN_S, "too slow to show motion")):
+        with pytest.raises(RecordingError, match=text):
             place_pulses(stamps_s, where="test")
 
 

@@ -108,7 +108,8 @@ def prove_bursts(time_s: FloatArray) -> tuple[int, npt.NDArray[np.bool_]] | None
     regular = np.abs(periods_s - period_s) <= PERIOD_OFF * period_s
     if length < 2 or lengths.size < MIN_BURSTS or min(alike[:-1].mean(), regular.mean()) < WHOLE_SHARE:
         return None
-    if length * usual_s > min((1.0 - RARE_SHARE) * period_s, LONGEST_BURST_S):
+    is_lost = period_s < (length + PAUSE) * usual_s  # one pulse after each
+    if is_lost or length * usual_s > min((1.0 - RARE_SHARE) * period_s, LONGEST_BURST_S):
         return None
     return length, np.repeat(alike, lengths)
 

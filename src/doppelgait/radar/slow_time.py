@@ -22,29 +22,37 @@ IntArray = npt.NDArray[np.int64]
 
 EVEN = 1e-3
 """Largest deviation of even stamps from a straight line, in steps."""
-ON_RASTER, RASTER_SHARE = 0.2, 0.95
+ON_RASTER, RASTER_SHARE = 0.25, 0.95
 """Largest deviation of a step from a multiple of the usual one, and the share of such steps of a precise clock."""
 ROUGH = 0.5
 """Deviation of the stamps from even times, in steps, above which it is stated."""
-USUAL_STEPS = 101
-"""Number of steps whose median is the usual step at a pulse."""
+USUAL_STEPS, USUAL_SHARE, LAG = 101, 30, 8
+"""Steps about a pulse whose lower third (in %) is the usual step, also with every second pulse lost; of jittering
+stamps, the median of the mean of some steps."""
 MAX_DISORDER = 64
 """Largest number of pulses by which one comes too late; more are those of a clock that was set back."""
 MAX_HOLE_S, MAX_HOLE_PULSES = 0.1, 3
 """Longest hole that is filled: part of a scan, or a few pulses of a slow radar."""
-RATE_CHANGE = 0.02
-"""Smallest relative difference of the rates of two pieces."""
-MIN_PIECE_PULSES = 16
+RATE_CHANGE, MIN_RATE_S, MIN_PIECE_PULSES = 0.02, 1.0, 16
+"""Smallest relative difference of the rates of two pieces, their shortest time, and the fewest pulses of a piece."""
+SAME_RATE = 0.05
+"""Largest relative deviation of the rate of a short piece that is one raster with the others."""
+NONE_LOST = 5e-4
+"""Largest difference of time and number of pulses, relative to them, without lost pulses."""
 REGULAR_HOLES = 20
-"""Smallest number of evenly distributed double steps that show a coarse clock, and not lost pulses."""
+"""Smallest number of evenly distributed double steps of a coarse clock."""
+TICKS_S, TICK_OFF = (1e-3, 10e-3, 15.6e-3, 1 / 64, 16e-3), 0.003
+"""Ticks of the clocks of operating systems: steps of one and two ticks are a coarse clock, others are lost pulses."""
 CLOCK_STEP_S = 1e-3
 """Usual step of a recorder's clock."""
 SHARE_S = 3.0
 """Time over which the largest share of filled pulses is stated."""
 GAIN = 25.0
 """Smallest gain in squared error, in variances of the stamps, that divides a piece: 5 standard deviations."""
-EPOCH_S = 1e8
-"""Times above it count from an epoch, not from the start of the recording."""
+SLOWEST_S = 2.0
+"""Longest time from pulse to pulse of a radar that shows motion; above it, times are in another unit."""
+EPOCH_S, LATEST_S = 1e8, 1e11
+"""Times from the first on count from an epoch, not from the start of the recording; above the second they are no s."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +80,9 @@ class Placed:
         return filled
 
 
-def place_pulses(stamps_s: FloatArray, *, where: str, burst_pulses: int | None = None) -> Placed:
+def place_pulses(
+    stamps_s: FloatArray, *, where: str, burst_pulses: int | None = None, stated_hz: float | None = None
+) -> Placed:
     """Place measured pulses on even times by their stamps; ``burst_pulses`` declares bursts."""
     stamps = np.asarray(stamps_s, dtype=np.float64)
     if not np.isfinite(stamps).all() or np.ptp(stamps) == 0.0 or (np.diff(stamps) < 0).mean() > 0.5:
@@ -81,23 +91,23 @@ def place_pulses(stamps_s: FloatArray, *, where: str, burst_pulses: int | None =
             "them, or leave them out and give prf_hz"
         )
     facts: dict[str, Any] = {}
+    if abs(stamps[0]) > LATEST_S:
+        unit = "ms" if abs(stamps[0]) < 1e3 * LATEST_S else "us" if abs(stamps[0]) < 1e6 * LATEST_S else "ns"
+        raise RecordingError(f"{where}: its times begin at {stamps[0]:.6g}: they are in {unit} since 1970; give s")
     if abs(stamps[0]) > EPOCH_S:
         facts["epoch_s"] = float(stamps[0])
         stamps = stamps - stamps[0]
     row = np.arange(stamps.size)
-    if burst_pulses is not None or _is_even(stamps):
+    if burst_pulses is not None or (_is_even(stamps) and stamps[1] - stamps[0] <= SLOWEST_S):
         return Placed(row, stamps, measure_rate_hz(stamps, burst_pulses), facts)
     row, stamps, notes = _order(stamps)
-    pulse, cuts, twice = _locate(stamps)
+    pulse, cuts, twice = _locate(stamps, stated_hz)
     if twice.any():
         row, stamps, pulse = row[~twice], stamps[~twice], pulse[~twice]
+        cuts = cuts - np.searchsorted(np.flatnonzero(twice), cuts)
         notes.append(f"{int(twice.sum())} pulses have the stamp of the one before and are left out")
-    pieces = list(_pair(cuts, stamps.size))
-    lines = [np.polyfit(pulse[first:stop] - pulse[first], stamps[first:stop], 1) for first, stop in pieces]
-    times = np.concatenate(
-        [line[1] + line[0] * (pulse[a:b] - pulse[a]) for line, (a, b) in zip(lines, pieces, strict=True)]
-    )
-    step_s = float(lines[max(range(len(pieces)), key=lambda n: pieces[n][1] - pieces[n][0])][0])
+    cuts, steps_s, times = _fit_lines(pulse, stamps, cuts)
+    step_s = steps_s[int(np.argmax(np.diff([0, *cuts, stamps.size])))]
     bursts = None if cuts.size else prove_bursts(times)
     if bursts is not None:
         facts["burst_pulses"], whole = bursts
@@ -108,13 +118,44 @@ def place_pulses(stamps_s: FloatArray, *, where: str, burst_pulses: int | None =
         begin_s = (stamps[whole].reshape(-1, bursts[0]) - inside_s).mean(axis=1, keepdims=True)
         times = _keep_even(stamps[whole], (begin_s + inside_s).ravel(), step_s)
         return Placed(row[whole], times, 1.0 / step_s, facts, tuple(notes))
+    if step_s > SLOWEST_S:
+        raise RecordingError(
+            f"{where}: its times say {1.0 / step_s:.3g} pulses a second, too slow to show motion; they must be in s"
+        )
     off_s = float(np.abs(times - stamps).max())
     if cuts.size:
-        rates = ", ".join(f"{1.0 / line[0]:.4g}" for line in lines)
+        rates = ", ".join(f"{1.0 / one:.4g}" for one in steps_s)
         notes.append(f"the rate of the pulses changes: {rates} Hz; the parts are analysed on their own")
     elif off_s > ROUGH * step_s:
         notes.append(f"its times are up to {1e3 * off_s:.3g} ms from even ones, which are taken: {1.0 / step_s:.6g} Hz")
     return _fill_holes(row, pulse, _keep_even(stamps, times, step_s), cuts, step_s, facts, notes)
+
+
+def _fit_lines(pulse: IntArray, stamps: FloatArray, cuts: IntArray) -> tuple[IntArray, list[float], FloatArray]:
+    """Fit a straight line to every piece; neighbours of nearly one rate, and short ones, are one piece."""
+
+    def fit(first: int, stop: int) -> float:
+        return 1.0 / (measure_clock_rate_hz(stamps[first:stop], pulse[first:stop]) or 1e300)
+
+    kept = [int(cut) for cut in cuts]
+    while kept:
+        pieces = list(_pair(np.array(kept), stamps.size))
+        steps_s = [fit(*piece) for piece in pieces]
+        changes = [abs(after / before - 1.0) for before, after in pairwise(steps_s)]
+        shortest = [min(stamps[b - 1] - stamps[a] for a, b in pair) for pair in pairwise(pieces)]
+        weakest = min(range(len(kept)), key=lambda n: changes[n] if shortest[n] >= MIN_RATE_S else 0.0)
+        if shortest[weakest] >= MIN_RATE_S and changes[weakest] > RATE_CHANGE:
+            break
+        del kept[weakest]
+    steps_s, times = [], np.empty(stamps.size)
+    for first, stop in _pair(np.array(kept, dtype=np.int64), stamps.size):
+        step_s = fit(first, stop)
+        line = step_s * pulse[first:stop]
+        times[first:stop] = line + np.median(stamps[first:stop] - line)
+        if first:  # a late first delivery must not overlap the piece before
+            times[first:stop] += max(times[first - 1] + step_s - times[first], 0.0)
+        steps_s.append(step_s)
+    return np.array(kept, dtype=np.int64), steps_s, times
 
 
 def measure_clock_rate_hz(clock_s: npt.NDArray[Any], numbers: IntArray) -> float | None:
@@ -181,30 +222,41 @@ def _order(stamps: FloatArray) -> tuple[IntArray, FloatArray, list[str]]:
     return row, np.concatenate([[0.0], np.cumsum(steps)]) + stamps[0], [said] if said else []
 
 
-def _is_precise(steps: FloatArray) -> bool:
+def _is_precise(steps: FloatArray, usual: FloatArray | None = None) -> bool:
     """Return True if nearly all steps are multiples of the usual step about them."""
-    ratio = steps / np.maximum(_find_usual(steps), 1e-300)
+    usual = _find_usual(steps) if usual is None else usual
+    if (np.abs(np.diff(usual)) > RATE_CHANGE * usual[:-1]).sum() > max(2, (1.0 - RASTER_SHARE) * steps.size):
+        return False  # every second pulse is lost, or another
+    ratio = steps / np.maximum(usual, 1e-300)
     return bool((np.abs(ratio - np.round(ratio)) < ON_RASTER).mean() >= RASTER_SHARE and (ratio > 0.5).mean() > 0.5)
 
 
-def _find_usual(steps: FloatArray) -> FloatArray:
-    """Return the median of the steps about each."""
-    from scipy.ndimage import median_filter
+def _find_usual(steps: FloatArray, *, share: int = 50, lag: int = 1) -> FloatArray:
+    """Return the usual step about each: a quantile (%) of single steps or of the means of some."""
+    from scipy.ndimage import percentile_filter, uniform_filter1d
 
-    return np.asarray(median_filter(steps, min(USUAL_STEPS, steps.size), mode="mirror"))
+    means = uniform_filter1d(steps, lag, mode="mirror") if lag > 1 else steps
+    return np.asarray(percentile_filter(means, share, min(USUAL_STEPS, steps.size), mode="mirror"))
 
 
-def _locate(stamps: FloatArray) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_]]:
+def _locate(stamps: FloatArray, stated_hz: float | None) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_]]:
     """Return the number of every pulse, holes counted, where the rate changes, and pulses that came twice."""
     from scipy.ndimage import median_filter
 
     index, none, never = np.arange(stamps.size), np.empty(0, dtype=np.int64), np.zeros(stamps.size, dtype=bool)
     steps = np.diff(stamps)
-    if not _is_precise(steps):
+    tries = ((50, 1), (USUAL_SHARE, 1), (50, LAG))
+    usual = next((one for q, lag in tries if _is_precise(steps, one := _find_usual(steps, share=q, lag=lag))), None)
+    if usual is None:
         return *_locate_roughly(stamps), never
-    usual = _find_usual(steps)
+    step_s = float(np.median(usual))
+    if abs((stamps[-1] - stamps[0]) / step_s - steps.size) <= max(1.0, NONE_LOST * steps.size):
+        return index, none, never  # deliveries were late for some time, and none was lost
+    usual = np.maximum(usual, step_s / 2)
     off = np.ptp(stamps - np.polyval(np.polyfit(index, stamps, 1), index))
-    if (steps > PAUSE * usual).sum() >= REGULAR_HOLES and off <= 2.2 * float(np.median(usual)):
+    is_tick = min(abs(step_s / tick_s - 1.0) for tick_s in TICKS_S) < TICK_OFF
+    is_stated = stated_hz is not None and abs(step_s * stated_hz - 1.0) < RATE_CHANGE
+    if is_tick and not is_stated and (steps > PAUSE * usual).sum() >= REGULAR_HOLES and off <= 2.2 * step_s:
         return index, none, never
     # a pulse that came late or early is ahead or behind for a short time only: holes and repeated pulses stay
     ahead = np.concatenate([[0], np.cumsum(np.round(steps / usual).astype(np.int64) - 1)])
@@ -221,16 +273,24 @@ def _locate(stamps: FloatArray) -> tuple[IntArray, IntArray, npt.NDArray[np.bool
 def _locate_roughly(stamps: FloatArray) -> tuple[IntArray, IntArray]:
     """Divide imprecise stamps by straight lines: lines of one slope are one raster with a hole between."""
     index = np.arange(stamps.size)
-    cuts = sorted(_divide(stamps, 0, stamps.size))
-    number, changes = index.copy(), []
-    pieces = list(_pair(np.array(cuts, dtype=np.int64), stamps.size))
+    pieces = list(_pair(np.array(sorted(_divide(stamps, 0, stamps.size)), dtype=np.int64), stamps.size))
     lines = [np.polyfit(index[a:b], stamps[a:b], 1) for a, b in pieces]
-    for cut, before, after in zip(cuts, lines[:-1], lines[1:], strict=True):
-        if abs(after[0] / before[0] - 1.0) > RATE_CHANGE:
-            changes.append(cut)
+    step_s = float(lines[max(range(len(pieces)), key=lambda n: pieces[n][1] - pieces[n][0])][0])
+    # a piece that is short and of another slope is a delivery that is late for some time
+    steady = [
+        n
+        for n, (a, b) in enumerate(pieces)
+        if abs(lines[n][0] / step_s - 1.0) < SAME_RATE or stamps[b - 1] - stamps[a] >= MIN_RATE_S
+    ]
+    number, changes = index.copy(), []
+    for one, other in pairwise(steady):
+        before, after, first, stop = lines[one], lines[other], pieces[one][1], pieces[other][0]
+        if abs(after[0] / before[0] - 1.0) > RATE_CHANGE and other == one + 1:
+            changes.append(stop)
             continue
-        missing = round(float(np.polyval(after, cut - 0.5) - np.polyval(before, cut - 0.5)) / float(before[0]))
-        number[cut:] += max(missing, 0)
+        missing = round(float(np.polyval(after, stop - 0.5) - np.polyval(before, stop - 0.5)) / step_s)
+        hole = first + int(np.argmax(np.diff(stamps[first - 1 : stop + 1]))) if stop > first else stop
+        number[hole:] += max(missing, 0)
     return number, np.array(changes, dtype=np.int64)
 
 
