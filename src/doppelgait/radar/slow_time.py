@@ -250,7 +250,8 @@ def _locate(stamps: FloatArray, stated_hz: float | None) -> tuple[IntArray, IntA
     if usual is None:
         return *_locate_roughly(stamps), never
     step_s = float(np.median(usual))
-    if abs((stamps[-1] - stamps[0]) / step_s - steps.size) <= max(1.0, NONE_LOST * steps.size):
+    caught_up = (steps < step_s / 2).any()
+    if caught_up and abs((stamps[-1] - stamps[0]) / step_s - steps.size) <= max(1.0, NONE_LOST * steps.size):
         return index, none, never  # deliveries were late for some time, and none was lost
     usual = np.maximum(usual, step_s / 2)
     off = np.ptp(stamps - np.polyval(np.polyfit(index, stamps, 1), index))
