@@ -82,18 +82,15 @@ def test_what_it_is_not(tmp_path):
     assert not find_formats(tmp_path)
 
 
-def test_clipping_is_told(tmp_path):
-    re, im = codes(256)
+def test_clipping_and_a_last_burst_that_is_not_whole_are_noted(tmp_path):
+    re, im = codes(300)
     re[:10], im[5:20] = 4095, 0  # samples 0 to 19
-    file = write_pair(tmp_path, re, im)
-    with pytest.warns(DoppelgaitWarning, match="7.8 % of the samples are clipped") as caught:
-        read_recording(file)
-    assert [one.filename for one in caught] == [__file__]
-
-
-def test_a_last_burst_that_is_not_whole_is_left_out(tmp_path):
-    with pytest.warns(DoppelgaitWarning, match="the last burst has 44 of 128"):
-        recording = read_recording(write_pair(tmp_path, *codes(300)))
+    with (
+        pytest.warns(DoppelgaitWarning, match="the last burst has 44 of 128"),
+        pytest.warns(DoppelgaitWarning, match="6.7 % of the samples are clipped") as caught,
+    ):
+        recording = read_recording(write_pair(tmp_path, re, im))
+    assert {one.filename for one in caught} == {__file__}
     assert recording.n_pulses == 256
 
 
@@ -129,14 +126,10 @@ def test_damage_is_named(tmp_path, re, im, message):
         ({"sample_rate_hz": 0}, "sample_rate_hz = 0"),
         ({"carrier_hz": 5.0}, "carrier_hz"),
         ({"full_scale_v": float("nan")}, "full_scale_v = nan"),
+        ({}, r"no such recording; give NAME_RE\.txt"),
     ],
 )
 def test_options_are_checked(tmp_path, options, message):
-    path = write_pair(tmp_path, *codes(256))
+    path = write_pair(tmp_path, *codes(256)) if options else tmp_path / "none"
     with pytest.raises(RecordingError, match=message):
-        read_recording(path, **options)
-
-
-def test_a_missing_recording_is_named(tmp_path):
-    with pytest.raises(RecordingError, match=r"no such recording; give NAME_RE\.txt"):
-        read_recording(tmp_path / "walk", format="cw-text")
+        read_recording(path, format="cw-text", **options)
