@@ -301,22 +301,15 @@ def find_converter(samples: ComplexArray) -> tuple[float, float, Mask]:
 
 
 def _fit_room(recording: Recording, refused: dict[str, str]) -> Room | None:
-    """Fit static echoes, phase and faults of continuous frames, or of the first of every burst."""
-    what = "clutter and phase noise"
-    if recording.n_range_bins < MIN_BINS:
-        refused[what] = f"{recording.n_range_bins} range bins; {MIN_BINS} are needed"
-        return None
+    """Fit the room of continuous frames, or of the first of every burst."""
     if burst := int(recording.facts.get("burst_pulses", 0)):
         time_s, first = recording.slow_time_s[::burst], Samples(recording.samples.matrix[::burst])
         radar = recording.radar.model_copy(update={"prf_hz": 1.0 / float(np.median(np.diff(time_s)))})
         recording = Recording(first, radar, time_s, recording.range_m, source=recording.source)
-    if recording.n_pulses < MIN_FRAMES:
-        refused[what] = f"{recording.n_pulses} frames; {MIN_FRAMES} are needed"
-        return None
     try:
         return fit_room(recording)
     except AnalysisError as error:
-        refused[what] = str(error).removeprefix(f"{recording.source}: ")
+        refused["clutter and phase noise"] = str(error)
         return None
 
 

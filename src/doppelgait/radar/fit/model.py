@@ -141,6 +141,10 @@ def fit_room(recording: Recording) -> Room:
     """
     time_s, range_m = (np.asarray(x, dtype=np.float64) for x in (recording.slow_time_s, recording.range_m))
     samples = np.asarray(recording.samples.matrix, dtype=np.complex128)
+    if range_m.size < MIN_BINS:
+        raise AnalysisError(f"{range_m.size} range bins; {MIN_BINS} are needed")
+    if time_s.size < MIN_FRAMES:
+        raise AnalysisError(f"{time_s.size} frames; {MIN_FRAMES} are needed")
     faults = find_frame_faults(samples, slow_time_s=time_s)
     good = ~faults.dropped
     if int(good.sum()) < MIN_FRAMES:
@@ -260,13 +264,11 @@ def list_room_estimates(room: Room, recording: Recording, refused: dict[str, str
             values["direct_path_db"] = Estimate(direct.value, math.hypot(direct.sd, blur_db))
     if "direct_path_db" not in values:
         refused["gain"] = "no direct path well over the clutter in the frame"
-    hit, whole_s = room.bursts, float(np.ptp(recording.slow_time_s))
-    runs = count_runs(hit.frames)
-    if not room.is_busy:
+    hit, runs, whole_s = room.bursts, count_runs(room.bursts.frames), float(np.ptp(recording.slow_time_s))
+    if not room.is_busy and "burst_pulses" not in recording.facts:
         values["burst_rate_hz"] = Estimate(runs / whole_s, math.sqrt(max(runs, 1)) / whole_s)
-    if not room.is_busy and runs:
-        length = hit.frames.sum() / runs
-        rate_hz = recording.radar.prf_hz
+    if "burst_rate_hz" in values and runs:
+        length, rate_hz = hit.frames.sum() / runs, recording.radar.prf_hz
         # a burst across two frames hits both
         values["burst_duration_s"] = Estimate(max(length - 1.0, 1e-3) / rate_hz, length / math.sqrt(runs) / rate_hz)
         values["burst_level_db"] = Estimate(hit.level_db, DB_PER_NEPER / math.sqrt(runs))

@@ -19,7 +19,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.units import db_to_amplitude, power_to_db
 from doppelgait.radar.fit.measure import SLOW_CELLS, Line, SensorMeasurement, measure_recording
 from doppelgait.radar.fit.model import FACTS
-from doppelgait.radar.fit.room import DB_PER_NEPER, MEDIAN_SPREAD, Estimate, measure_scatter
+from doppelgait.radar.fit.room import DB_PER_NEPER, MEDIAN_SPREAD, Estimate
 from doppelgait.radar.link import echo_amplitude_v, find_noise_slope, noise_power_v2
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
@@ -410,45 +410,37 @@ def _pool_doppler(
     same: Sequence[SensorMeasurement], refused: dict[str, str]
 ) -> tuple[tuple[tuple[float, Estimate], ...], float]:
     """Return noise over the floor by Doppler, and cell width, with the fastest one's windows."""
+    from scipy.ndimage import binary_dilation
+
     usable = [m for m in same if "noise_level_db" in m.estimates]
     if not usable:
         return (), math.nan
-    axis_of = max(usable, key=lambda m: m.recording.radar.prf_hz).doppler_hz
+    axis_hz = max(usable, key=lambda m: m.recording.radar.prf_hz).doppler_hz
+    step_hz = float(axis_hz[1])
     on_axis = [
-        m for m in usable if m.doppler_hz.shape == axis_of.shape and np.allclose(m.doppler_hz, axis_of, rtol=SAME)
+        m for m in usable if m.doppler_hz.shape == axis_hz.shape and np.allclose(m.doppler_hz, axis_hz, rtol=SAME)
     ]
-    white = pool(m.estimates["noise_level_db"] for m in usable)
-    between_db = 0.0 if math.isnan(white.spread) else white.spread
-    found, missing = [], []
-    for place, frequency in enumerate(axis_of.tolist()):
-        if place < 2:  # subtraction of the window's mean reduces these
-            continue
-        level = np.array([m.doppler_db[place] - m.estimates["noise_level_db"].value for m in on_axis])
-        sd = np.array([m.doppler_sd_db[place] for m in on_axis])
-        calm = np.isfinite(level)
-        # noise is the same in all recordings except for the spread of the floor; motion is not
-        spread = measure_scatter(level[calm]) if calm.any() else math.inf
-        expected = math.hypot(float(np.median(sd[calm])), between_db) if calm.any() else 0.0
-        if calm.mean() < 0.5 or (calm.sum() >= 4 and spread > 1.5 * expected + 0.5):
-            missing.append(frequency)
-            continue
-        middle_sd = (
-            MEDIAN_SPREAD * max(spread if calm.sum() >= 4 else 0.0, float(np.median(sd[calm]))) / math.sqrt(calm.sum())
-        )
-        found.append((frequency, Estimate(float(np.median(level[calm])), middle_sd)))
+    between_db = np.nan_to_num(pool(m.estimates["noise_level_db"] for m in usable).spread)
+    level = np.array([m.doppler_db - m.estimates["noise_level_db"].value for m in on_axis])
+    count = np.isfinite(level).sum(axis=0)
+    sd = np.where(np.isfinite(level), [m.doppler_sd_db for m in on_axis], np.nan)
+    level, sd = (np.where(count > 0, x, 0.0) for x in (level, sd))
+    middle, sd = (np.nanmedian(x, axis=0) for x in (level, sd))
+    # noise is the same in all recordings except for the spread of the floor; motion is not
+    scatter = 1.4826 * np.nanmedian(np.abs(level - middle), axis=0) * (count >= 4)
+    missing = (count < len(on_axis) / 2) | (scatter > 1.5 * np.hypot(sd, between_db) + 0.5)
+    missing[:2] = False  # subtraction of the window's mean reduces these
     # the window smears motion into neighbouring cells
-    step_hz = float(axis_of[1])
-    found = [
-        (f, e)
-        for f, e in found
-        if f > (SLOW_CELLS + 0.5) * step_hz and all(abs(f - other) > 2.5 * step_hz for other in missing)
-    ]
-    if missing:
+    shown = ~binary_dilation(missing, iterations=2) & (axis_hz > (SLOW_CELLS + 0.5) * step_hz)
+    sd = MEDIAN_SPREAD * np.maximum(scatter, sd) / np.sqrt(np.maximum(count, 1))
+    if missing.any():
+        first_hz, last_hz = axis_hz[missing][[0, -1]]
         refused["noise over Doppler"] = (
-            f"something moved at {missing[0]:.3g} to {missing[-1]:.3g} Hz in too many windows; no more than the white "
+            f"something moved at {first_hz:.3g} to {last_hz:.3g} Hz in too many windows; no more than the white "
             "floor is assumed there"
         )
-    return tuple(found), step_hz
+    columns = (x[shown].tolist() for x in (axis_hz, middle, sd))
+    return tuple((f, Estimate(value, error)) for f, value, error in zip(*columns, strict=True)), step_hz
 
 
 def _pool_over_range(spaced: Sequence[SensorMeasurement]) -> tuple[tuple[float, float], ...]:
