@@ -26,12 +26,6 @@ class Noise(FrozenModel):
     ------
     ConfigError
         If a parameter is not allowed, or ``snr_db`` is set with ``thermal``.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> dg.Noise(kind="snr", snr_db=10.0).snr_db
-    10.0
     """
 
     kind: Literal["thermal", "snr", "none"] = "thermal"
@@ -71,7 +65,7 @@ class Conditions(FrozenModel):
     Examples
     --------
     >>> import doppelgait as dg
-    >>> conditions = dg.Conditions(noise={"kind": "snr", "snr_db": 10.0})
+    >>> conditions = dg.Conditions(noise=dg.Noise(kind="snr", snr_db=10.0))
     >>> conditions.noise.snr_db
     10.0
     """

@@ -299,19 +299,10 @@ class Result:
         return self._get_array("torso_velocity_mps")  # type: ignore[no-any-return]
 
     def to_json(self, *, arrays: bool = True) -> dict[str, Any]:
-        """Convert to plain values for ``json.dumps``.
+        """Convert to plain values for ``json.dumps``; :meth:`from_json` returns an equal result.
 
-        :meth:`from_json` returns an equal result.
-
-        Parameters
-        ----------
-        arrays : bool
-            If True, the arrays, the gate's limits and the analysis settings are included. If False,
-            the document is that of a target of ``doppelgait analyze --json``.
-
-        Notes
-        -----
-        Numbers that are not finite become NaN and Infinity in the file, as in Python's ``json``.
+        With ``arrays``, the arrays, the gate's limits and the analysis settings are included; without, the document is
+        that of a target of ``doppelgait analyze --json``. Numbers that are not finite stay NaN and Infinity.
         """
         plain = {
             "label": self.label,
@@ -340,13 +331,7 @@ class Result:
 
     @classmethod
     def from_json(cls, plain: Mapping[str, Any]) -> Result:
-        """Make a result from :meth:`to_json` with arrays.
-
-        Raises
-        ------
-        AnalysisError
-            If a part is missing, as in the document of ``doppelgait analyze --json``.
-        """
+        """Make a result from :meth:`to_json` with arrays, or raise an AnalysisError if a part is missing."""
         needed = ("analysis", "label", "gate", "features", *NUMBERS, *GROUPS, "flags", "arrays", "gate_limits")
         _check_keys(plain, needed, "document", "make it with Result.to_json(), with arrays")
         gate = plain["gate_limits"]
@@ -383,24 +368,10 @@ class Result:
         arrays: Mapping[str, Any] | None = None,
         gate_limits: Gate | None = None,
     ) -> Result:
-        """Make a result from the columns of :meth:`to_row`.
+        """Make a result from the columns of :meth:`to_row`, and from what is stored with the row.
 
-        Other columns are ignored. In the index of a dataset the column ``flags`` is named ``quality_flags``.
-
-        Parameters
-        ----------
-        row : mapping
-        analysis : Analysis
-            Settings with which the row was computed.
-        label : str, optional
-        arrays : mapping, optional
-            Arrays that are stored with the row.
-        gate_limits : Gate, optional
-
-        Raises
-        ------
-        AnalysisError
-            If a column is missing.
+        Other columns are ignored; a missing one is an AnalysisError. In the index of a dataset the column ``flags`` is
+        named ``quality_flags``. ``analysis`` are the settings with which the row was computed.
         """
         if "quality_flags" in row:
             row = {"flags" if key == "quality_flags" else key: value for key, value in row.items()}

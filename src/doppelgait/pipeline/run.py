@@ -51,14 +51,6 @@ class Run(FrozenModel):
         Seed of all random streams.
     example : int
         Number of the example in a dataset; it selects the random streams of the example.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> run = dg.Run(scene=scene, radar=dg.Radar.preset("x4"), seed=1)
-    >>> run.example, run.noise.kind, run.analysis.cpi_s
-    (0, 'thermal', 0.1)
     """
 
     scene: Scene
@@ -93,12 +85,7 @@ class Run(FrozenModel):
     def from_toml(cls, path: str | Path, *, overrides: Sequence[str] = ()) -> Run:
         """Read a scene file and apply ``KEY=VALUE`` overrides.
 
-        Relative paths of motion files start from its folder.
-
-        Raises
-        ------
-        ConfigError
-            With the dotted key, its line, its value and the allowed values.
+        Relative paths of motion files start from its folder. Errors name the dotted key and its line.
         """
         table, text = read_toml(path)
         folder = Path(path).parent
@@ -106,13 +93,7 @@ class Run(FrozenModel):
         return run.model_copy(update={"scene": resolve_file_paths(run.scene, folder.resolve())})
 
     def to_toml(self) -> str:
-        """Convert the run to the text of a scene file for :meth:`from_toml`.
-
-        Raises
-        ------
-        ConfigError
-            If a motion exists only in memory.
-        """
+        """Convert the run to the text of a scene file for :meth:`from_toml`."""
         self.scene.to_toml()  # rejects motions that exist only in memory
         table = as_table(self)
         scene, auto_prf = table.pop("scene"), table.pop("auto_prf", False)

@@ -15,6 +15,7 @@ from doppelgait.core.frames import Frames
 from doppelgait.core.labels import sampling_rate_hz
 from doppelgait.core.units import FloatArray, arctangent, logarithm
 from doppelgait.processing.common_phase import average_blocks
+from doppelgait.processing.normalise import compute_median_over_mean
 
 ComplexArray = npt.NDArray[np.complex128]
 
@@ -39,6 +40,8 @@ class BreathSpectrum:
     window_pulses: int
     fft_length: int
     rate_hz: float
+    low_hz: float
+    high_hz: float
 
     @property
     def window_s(self) -> float:
@@ -52,12 +55,10 @@ class BreathSpectrum:
         )
 
 
-def compute_breath_spectrum(
-    series: ComplexArray, rate_hz: float, *, window_s: float, high_hz: float = math.inf
-) -> BreathSpectrum:
-    """Compute spectra of half-overlapping, detrended and tapered windows of (I, N), for rates up to ``high_hz``."""
+def compute_breath_spectrum(series: ComplexArray, rate_hz: float, options: BreathingSettings) -> BreathSpectrum:
+    """Compute spectra of half-overlapping, detrended and tapered windows of (I, N), for the rates of the options."""
     total = series.shape[0]
-    length = round(window_s * rate_hz)
+    length = round(options.window_s * rate_hz)
     count = 1 if total < 1.5 * length else 1 + round((total - length) / (length / 2.0))
     length = min(length, total) if count > 1 else total
     starts = np.round(np.linspace(0, total - length, count)).astype(np.int64)
@@ -66,7 +67,7 @@ def compute_breath_spectrum(
     taper = np.hanning(length + 2)[1:-1, None]
     place = np.linspace(-1.0, 1.0, length)[:, None]
     # beyond the sides of the highest line and the background, no frequency is used
-    sides_hz = max(high_hz + (SIDE_CELLS[1] + 1.0) * rate_hz / length, BACKGROUND_HZ[1])
+    sides_hz = max(options.high_hz + (SIDE_CELLS[1] + 1.0) * rate_hz / length, BACKGROUND_HZ[1])
     n_used = int(np.searchsorted(frequency_hz, sides_hz, side="right"))
     plain = np.empty((starts.size, n_used, series.shape[1]))
     level, background = np.empty((starts.size, 1, series.shape[1])), _select_background(frequency_hz)
@@ -81,40 +82,41 @@ def compute_breath_spectrum(
         floor[:] = np.maximum(np.median(both[: frequency_hz.size][background], axis=0), 1e-300 + 1e-12 * largest)
     middle = np.stack([np.median(plain[:, :, n], axis=0) for n in range(plain.shape[2])], axis=1)
     plain /= level
-    return BreathSpectrum(frequency_hz[:n_used], plain, middle, starts, length, fft_length, rate_hz)
+    band_hz = options.low_hz, options.high_hz
+    return BreathSpectrum(frequency_hz[:n_used], plain, middle, starts, length, fft_length, rate_hz, *band_hz)
 
 
-def compute_line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: float) -> FloatArray:
+def compute_line_ratio(spectrum: BreathSpectrum) -> FloatArray:
     """Compare mean power with the level around each frequency."""
     # the level is the highest of three medians: over the wide band, and on each side of the line
     mean = spectrum.power.mean(axis=0)
     near, far = (round(cells * PADDING) for cells in SIDE_CELLS)
     least = round(LEAST_LOWER_CELL * PADDING)
     f = spectrum.frequency_hz
-    first = max(low_hz, BREATHS_IN_WINDOW / spectrum.window_s)
+    first = max(spectrum.low_hz, BREATHS_IN_WINDOW / spectrum.window_s)
     ratio = np.zeros_like(mean)
     wide = np.median(mean[_select_background(f)], axis=0)
-    for k in np.flatnonzero((f >= first - 1e-9) & (f <= high_hz + 1e-9)):
+    for k in np.flatnonzero((f >= first - 1e-9) & (f <= spectrum.high_hz + 1e-9)):
         lower = np.median(mean[max(least, k - far) : k - near + 1], axis=0)
         upper = np.median(mean[k + near : k + far + 1], axis=0)
         ratio[k] = mean[k] / np.maximum(np.maximum(lower, upper), np.maximum(wide, 1e-300))
     return np.asarray(ratio * compute_median_over_mean(2 * spectrum.starts.size))
 
 
-def compute_threshold(spectrum: BreathSpectrum, false_alarm: float, *, low_hz: float, high_hz: float) -> float:
+def compute_threshold(spectrum: BreathSpectrum, false_alarm: float) -> float:
     """Compute the threshold ratio, which white noise exceeds with a probability in any bin."""
     from scipy.stats import f as f_distribution
 
     windows = spectrum.starts.size
-    cells = 1.5 * max(high_hz - low_hz, 1.0 / spectrum.window_s) * spectrum.window_s * spectrum.power.shape[2]
+    cells = (
+        1.5
+        * max(spectrum.high_hz - spectrum.low_hz, 1.0 / spectrum.window_s)
+        * spectrum.window_s
+        * spectrum.power.shape[2]
+    )
     single = -math.expm1(math.log1p(-false_alarm) / cells)
     background = _select_background(spectrum.frequency_hz).sum() / (1.5 * PADDING)
     return float(f_distribution.isf(single, 4 * windows, 2 * windows * background))
-
-
-def compute_median_over_mean(count: int) -> float:
-    """Compute the median over the mean of ``count`` summed exponential variables."""
-    return float((1.0 - 1.0 / (9.0 * count)) ** 3)
 
 
 def _select_background(frequency_hz: FloatArray) -> npt.NDArray[np.bool_]:
@@ -330,10 +332,8 @@ def _find_in(
     values: ComplexArray, times: FloatArray, range_m: FloatArray, wavelength_m: float, options: BreathingSettings
 ) -> list[_Candidate]:
     series = remove_common_gain(values, range_m)
-    window_s, high_hz = options.window_s, options.high_hz
-    spectrum = compute_breath_spectrum(series, sampling_rate_hz(times), window_s=window_s, high_hz=high_hz)
-    ratio = compute_line_ratio(spectrum, low_hz=options.low_hz, high_hz=options.high_hz)
-    limit = compute_threshold(spectrum, options.false_alarm, low_hz=options.low_hz, high_hz=options.high_hz)
+    spectrum = compute_breath_spectrum(series, sampling_rate_hz(times), options)
+    ratio, limit = compute_line_ratio(spectrum), compute_threshold(spectrum, options.false_alarm)
     look = _SlowSeries(series, times, range_m, spectrum, ratio, limit, wavelength_m, options)
     bins = np.flatnonzero(ratio.max(axis=0) > limit)  # bins with a breath
     groups = np.split(bins, np.flatnonzero(np.diff(range_m[bins]) > options.gap_m) + 1) if bins.size else []
@@ -362,16 +362,9 @@ def _measure_cluster(look: _SlowSeries, bins: npt.NDArray[np.int64]) -> _Candida
     best = int(np.argmax(powers))
     chosen, line_hz = int(bins[best]), float(frequency_hz[line])
     # windows with the line within 1.5 cells of the rate, at least the strongest one
-    single = np.stack(
-        [
-            compute_line_ratio(spectrum.only(number, chosen), low_hz=settings.low_hz, high_hz=settings.high_hz)[:, 0]
-            for number in range(spectrum.starts.size)
-        ]
-    )
-    strongest = single[:, near].max(axis=1)
-    limit = compute_threshold(
-        spectrum.only(0, chosen), WINDOW_FALSE_ALARM, low_hz=settings.low_hz, high_hz=settings.high_hz
-    )
+    single = [spectrum.only(number, chosen) for number in range(spectrum.starts.size)]
+    strongest = np.array([compute_line_ratio(window)[near, 0].max() for window in single])
+    limit = compute_threshold(single[0], WINDOW_FALSE_ALARM)
     breathes = (strongest > limit) | (strongest == strongest.max())
     rows = []
     for start in spectrum.starts[breathes]:

@@ -18,7 +18,7 @@ from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.core.lazy import xr
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import FloatArray
-from doppelgait.processing.config import MIN_CPI_PULSES, Analysis, Transform, find_fast_length, gaussian_window
+from doppelgait.processing.config import MIN_CPI_PULSES, Analysis, Transform, choose_doppler_bins, gaussian_window
 from doppelgait.processing.gate import Gate
 
 UNEVEN = 0.1
@@ -102,9 +102,6 @@ def split_bursts(slow_time: SlowTime, analysis: Analysis) -> tuple[Transform, fl
             f"{uneven} of {periods_s.size} periods between bursts differ from the usual {period_s:.4g} s: bursts are "
             "missing or late, and cadence frequencies are inaccurate there"
         )
-    wanted = analysis.doppler_bins or (pulses if analysis.method == "liland2018" else find_fast_length(pulses))
-    if wanted < pulses:
-        raise AnalysisError(f"doppler_bins is {wanted}, but a burst has {pulses} pulses: K >= M")
     window = gaussian_window(pulses, analysis.window_steepness)
-    transform = Transform(window, wanted, pulses, 0, count)
+    transform = Transform(window, choose_doppler_bins(analysis, pulses, "a burst"), pulses, 0, count)
     return transform, prf_hz, middle_s, max(1, round(period_s * prf_hz))

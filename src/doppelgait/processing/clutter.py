@@ -30,19 +30,12 @@ MEDIAN_BLOCK_S = 0.1
 
 
 def remove_clutter(baseband: xr.DataArray, analysis: Analysis) -> xr.DataArray:
-    """Remove static clutter by ``analysis.clutter``.
-
-    See :func:`remove_static_clutter`.
+    """Remove static clutter by ``analysis.clutter``, as :func:`remove_static_clutter`.
 
     Parameters
     ----------
     baseband : DataArray (slow_time, range)
     analysis : Analysis
-
-    Returns
-    -------
-    DataArray (slow_time, range)
-        The same object for ``clutter = "none"`` and ``"auto"``, as for a fixed gate.
     """
     return remove_static_clutter(baseband, kind=analysis.clutter, time_s=analysis.clutter_time_s)
 
@@ -154,13 +147,12 @@ def remove_from_frames(
         clean = _make_filter(frames, chosen, kind, time_s=time_s, cutoff_hz=cutoff_hz)
     if whole:
         return frames.with_samples(_make_samples(clean(whole[0], None)[0], chosen, frames.shape))
-    states = [None]  # before each tile
-    if kind not in ("mean", "median"):
+    states, size = [None], frames.count_tile_pulses(block)  # states before each tile
+    if kind in ("mean", "median"):  # no tile needs the state before it
+        size = min(size, 4096)
+    else:
         for planes in tiles():
             states.append(clean(planes, states[-1])[1])
-    size = frames.count_tile_pulses(block)
-    if len(states) == 1:  # no tile needs the state before it
-        size = min(size, 4096)
     last: dict[int, Values] = {}
 
     def rows(first: int, stop: int) -> Values:

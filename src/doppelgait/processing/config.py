@@ -54,12 +54,6 @@ class Analysis(FrozenModel):
         ``liland2018``.
     parts: Separate the body into torso, legs and other limbs (:mod:`doppelgait.processing.parts`,
         E-40). In a fixed gate this takes several times as long as the rest of the analysis.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> dg.Analysis(cpi_s=0.2, clutter="mean").cpi_s
-    0.2
     """
 
     method: Method = "standard"
@@ -148,10 +142,17 @@ def find_lossless_hop(cpi_pulses: int) -> int:
     return max(1, cpi_pulses // 12)
 
 
-def plan_transform(analysis: Analysis, *, n_pulses: int, prf_hz: float) -> Transform:
-    """Plan window, transform length, hop and columns.
+def choose_doppler_bins(analysis: Analysis, pulses: int, noun: str) -> int:
+    """Return the transform length K of an interval or burst of M pulses, K >= M."""
+    default = pulses if analysis.method == "liland2018" else find_fast_length(pulses)
+    wanted = analysis.doppler_bins or default
+    if wanted < pulses:
+        raise AnalysisError(f"doppler_bins is {wanted}, but {noun} has {pulses} pulses: K >= M")
+    return wanted
 
-    The recording has ``n_pulses`` at ``prf_hz``.
+
+def plan_transform(analysis: Analysis, *, n_pulses: int, prf_hz: float) -> Transform:
+    """Plan window, transform length, hop and columns of ``n_pulses`` at ``prf_hz``.
 
     Raises
     ------
@@ -177,11 +178,8 @@ def plan_transform(analysis: Analysis, *, n_pulses: int, prf_hz: float) -> Trans
             f"the recording has {n_pulses} pulses, less than one processing interval of {cpi_pulses} (cpi_s = "
             f"{analysis.cpi_s} at {prf_hz:g} Hz); record longer or lower cpi_s"
         )
-    literal = analysis.method == "liland2018"
-    n_doppler = analysis.doppler_bins or (cpi_pulses if literal else find_fast_length(cpi_pulses))
-    if n_doppler < cpi_pulses:
-        raise AnalysisError(f"doppler_bins is {n_doppler}, but a processing interval has {cpi_pulses} pulses: K >= M")
-    hop = analysis.hop or (1 if literal else find_lossless_hop(cpi_pulses))
+    n_doppler = choose_doppler_bins(analysis, cpi_pulses, "a processing interval")
+    hop = analysis.hop or (1 if analysis.method == "liland2018" else find_lossless_hop(cpi_pulses))
     half = (cpi_pulses - 1) // 2
     valid = n_pulses if analysis.zero_padded else n_pulses - 2 * half
     return Transform(

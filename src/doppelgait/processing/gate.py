@@ -63,12 +63,6 @@ class Gate:
     ------
     AnalysisError
         If times and ranges do not match, or a range is not finite.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> dg.Gate.fixed(1.0, 2.5, time_s=[0.0, 5.0]).span_m
-    1.5
     """
 
     time_s: FloatArray
@@ -120,23 +114,10 @@ class Gate:
         range_m: npt.ArrayLike | None = None,
         source: str = "given",
     ) -> Self:
-        """Make a gate between two fixed ranges.
+        """Make a gate between two fixed ranges, from the first to the last of the times.
 
-        The gate lasts from the first to the last of the times.
-
-        Parameters
-        ----------
-        low_m, high_m : float
-        time_s : array_like
-        range_m : array_like, optional
-            Range axis of the recording: the gate is limited to its cells. A recording without range
-            (one cell) is inside any gate.
-        source : str
-
-        Raises
-        ------
-        AnalysisError
-            If the limits are not two rising numbers, or lie outside the recorded frame.
+        With the range axis ``range_m`` of the recording, the gate is limited to its cells; limits outside the recorded
+        frame raise an AnalysisError. A recording without range (one cell) is inside any gate.
         """
         if not -np.inf < low_m < high_m < np.inf:
             raise AnalysisError(f"gate {low_m:g} to {high_m:g} m: use two rising ranges in m, for example 1.2 to 2.8")
@@ -159,24 +140,10 @@ class Gate:
         cpi_s: float = 0.1,
         doppler_hz: tuple[float, float] | None = None,
     ) -> Self:
-        """Make the gate of a track over its pulses.
+        """Make the gate of a track over the pulses in its time, two or more.
 
-        Parameters
-        ----------
-        track : Track
-        time_s : array_like, shape (I,)
-            Pulse times of the recording. Times from half a processing interval before the first detection to half an
-            interval after the last are kept, because a scan uses the pulses within this distance of its time.
-        span_m : float
-            Range extent, the same for every body.
-        cpi_s : float
-            Processing interval of the scans.
-        doppler_hz : (float, float), optional
-
-        Raises
-        ------
-        AnalysisError
-            If fewer than two pulses lie in the time of the track.
+        Of the pulse times ``time_s``, those from half a processing interval ``cpi_s`` of the scans before the first
+        detection to half an interval after the last are kept: a scan uses the pulses within this distance of its time.
         """
         times_s = np.asarray(time_s, dtype=float)
         first_s, last_s = track.first_s - cpi_s / 2 - SLACK_S, track.last_s + cpi_s / 2 + SLACK_S
@@ -201,19 +168,10 @@ class Gate:
         wavelength_m: float | None = None,
         error_m: float = 0.0,
     ) -> Self:
-        """Make the gate around a body's true range.
+        """Make the gate around a body's true range, with a constant error like that of a tracker.
 
-        Parameters
-        ----------
-        truth : TargetTruth
-        time_s : array_like, shape (I,)
-            Pulse times.
-        analysis : Analysis
-            Span and Doppler band. The report's method uses the span by class and the true Doppler band instead.
-        wavelength_m : float, optional
-            Only for the report's method.
-        error_m : float
-            Constant range error, to simulate that of a tracker.
+        Span and Doppler band are those of the analysis. The report's method uses the span by class and the true Doppler
+        band instead, and needs ``wavelength_m``.
         """
         span_m, band_hz = analysis.gate_span_m, analysis.gate_doppler_hz
         if analysis.method == "liland2018":
@@ -228,24 +186,9 @@ class Gate:
     def parse(
         value: Any, *, names: Sequence[GateName] = ("track", "truth"), lowest_m: float = -math.inf, where: str = ""
     ) -> GateChoice:
-        """Parse a gate: a name, ``"1.2:2.8"`` or two ranges.
+        """Parse a gate: an allowed name, ``"1.2:2.8"`` or two ranges in m.
 
-        The names are ``"track"`` and ``"truth"``; ranges are in m.
-
-        Parameters
-        ----------
-        value : str or pair of numbers
-        names : sequence of str
-            Names that are allowed here.
-        lowest_m : float
-            Lowest range that is allowed.
-        where : str
-            Key or option for the message. If empty, the message names only the allowed values.
-
-        Raises
-        ------
-        ConfigError
-            If the value is none of these.
+        The message of a ConfigError names the key or option ``where``, or only the allowed values if that is empty.
         """
         said = f"{where}: {value!r} is not allowed; it " if where else ""
         for name in names:
@@ -352,29 +295,14 @@ class Gate:
     ) -> tuple[npt.NDArray[np.int64], int]:
         """Compute first range bins and number of bins (E-27).
 
-        The number is constant.
-
-        Returns
-        -------
-        first_bin : ndarray of int64
-            ``ceil((R_L - r_min) / dR)``; may lie outside the frame.
-        n_bins : int
-            ``floor(g / dR) + 1``.
+        The first is ``ceil((R_L - r_min) / dR)``, which may lie outside the frame. The number is ``floor(g / dR) + 1``.
         """
         low = self.centre_at(time_s) - self.span_m / 2
         first = np.ceil((low - first_bin_m) / bin_spacing_m - 1e-9).astype(np.int64)
         return first, int(np.floor(self.span_m / bin_spacing_m + 1e-9)) + 1
 
     def touched_bins(self, low: FloatArray, high: FloatArray, range_m: FloatArray) -> slice:
-        """Return the range bins that the edges touch at any time.
-
-        The edges are those of :meth:`edges`.
-
-        Raises
-        ------
-        AnalysisError
-            If the gate lies outside the recorded frame all the time.
-        """
+        """Return the range bins that the edges of :meth:`edges` touch at any time, one or more."""
         if (high <= -0.5).all() or (low >= range_m.size - 0.5).all():
             raise _make_frame_error(float(self.low_m.min()), float(self.high_m.max()), range_m)
         return slice(max(math.floor(low.min()), 0), min(math.ceil(high.max()) + 1, range_m.size))

@@ -40,17 +40,6 @@ def noise_floor_v2(signature: Signal) -> float:
     -------
     float
         nu = s^2 sum(w^2) N_g in V^2; practically 0 for a noise-free simulation.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> floor_v2 = dg.processing.noise_floor_v2(result.signature)
-    >>> round(10.0 * np.log10(float(result.signature.max()) / floor_v2))  # peak over the floor, dB
-    69
     """
     values = np.ascontiguousarray(signature.values)
     row_power = np.empty(values.shape[1])
@@ -59,7 +48,7 @@ def noise_floor_v2(signature: Signal) -> float:
     if not open_rows.size:
         return 0.0
     n_gate = max(1.0, float(signature.attrs["n_gate_bins"]))  # below one bin it is one variable
-    to_mean = math.log(2.0) if n_gate == 1.0 else (1.0 - 1.0 / (9.0 * n_gate)) ** 3
+    to_mean = math.log(2.0) if n_gate == 1.0 else compute_median_over_mean(n_gate)
     ordered = open_rows[np.argsort(row_power[open_rows], kind="stable")]
     quiet = ordered[: max(3, int(QUIET_SHARE * ordered.size))]
     floor = compute_median(copy_rows(values, quiet)) / to_mean
@@ -101,6 +90,11 @@ def count_independent_bins(signature: Signal, floor_v2: float) -> float:
         return stated
     mean_v2 = float(row_power @ quiet) / n_quiet
     return max(1.0, mean_v2**2 / float(native.variance_of_rows(values, quiet, COUNTED_EVERY)))
+
+
+def compute_median_over_mean(count: float) -> float:
+    """Compute the median over the mean of ``count`` summed exponential variables."""
+    return float((1.0 - 1.0 / (9.0 * count)) ** 3)
 
 
 def compute_median(cells: npt.NDArray[np.floating[Any]]) -> float:

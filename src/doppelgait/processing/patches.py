@@ -31,13 +31,6 @@ class Patch(FrozenModel):
     n_time: Number of columns.
     range_db: Dynamic range that is mapped to 0 to 1. It starts at the noise floor, or at the peak
         minus this value if that is higher.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> patch = dg.classify.Patch()
-    >>> patch.n_velocity, patch.n_time
-    (64, 64)
     """
 
     velocity_mps: float = Field(default=6.4, gt=0, le=100)

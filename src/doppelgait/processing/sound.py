@@ -117,7 +117,8 @@ FULL_SCALE = 32767
 def compute_doppler_signal(frames: Frames, gate: Gate, analysis: Analysis | None = None) -> Values:
     """Compute the complex Doppler signal of a gated target."""
     # the bins of an echo differ by a phase ramp, which is the same for all echoes (E-17, E-18)
-    _check_steady(frames)
+    if reason := explain_silence(frames):
+        raise AnalysisError(reason)
     if gate.source == "track":
         frames = remove_common_phase(frames)
     time_s, range_m, settings = frames.slow_time.time_s, frames.range_m, analysis or Analysis()
@@ -152,12 +153,6 @@ def explain_silence(frames: Frames) -> str | None:
     return None
 
 
-def _check_steady(frames: Frames) -> None:
-    reason = explain_silence(frames)
-    if reason is not None:
-        raise AnalysisError(reason)
-
-
 def make_doppler_sound(
     frames: Frames,
     gate: Gate,
@@ -170,7 +165,8 @@ def make_doppler_sound(
     from scipy.fft import next_fast_len
     from scipy.signal import firwin, hilbert, resample_poly
 
-    _check_steady(frames)  # before the rate: the mean rate of bursts means nothing
+    if reason := explain_silence(frames):  # before the rate: the mean rate of bursts means nothing
+        raise AnalysisError(reason)
     prf_hz = frames.slow_time.rate_hz
     factor, rate_hz = plan_sound(prf_hz, pitch)
     signal = compute_doppler_signal(frames, gate, analysis)
