@@ -19,10 +19,8 @@ from doppelgait.core.lazy import LateRows, read_pulses, xr
 from doppelgait.core.samples import Matrix, Planes, Samples
 from doppelgait.core.units import FloatArray
 
-SLACK_S = 1e-9
-"""Tolerance for the rounding of pulse times."""
-PAUSE = 1.5
-"""Ratio of a slow-time step to the usual step above which the step is a pause."""
+SLACK_S = 1e-9  # tolerance for the rounding of pulse times
+PAUSE = 1.5  # ratio of a slow-time step to the usual step above which the step is a pause
 MIN_BURSTS, WHOLE_SHARE, PERIOD_OFF, RARE_SHARE, LONGEST_BURST_S = 3, 0.8, 0.1, 0.05, 0.5
 """Proof of bursts: their number, the share of those alike, the deviation of their period, the pause in it, their time.
 A longer run would show motion by itself."""

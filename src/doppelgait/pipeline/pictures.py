@@ -23,8 +23,7 @@ MAX_PIXELS = 50_000_000
 COLOURS = 256
 FAR = 0.25
 """Distance from the colour map (red, green and blue from 0 to 1) above which a pixel is not one of its colours."""
-MOST_FAR = 0.2
-"""Share of such pixels above which a picture is rejected."""
+MOST_FAR = 0.2  # share of such pixels above which a picture is rejected
 
 SAME_COLOUR, SAME_LEVEL = 4.0 / 255, 8
 """Distance below which colours are the same in a picture, and largest difference of their levels in steps."""

@@ -1,7 +1,4 @@
-"""Result of a target: memory, JSON, table row.
-
-A result is one value that carries its analysis settings.
-"""
+"""Result of a target with its analysis settings: memory, JSON, table row."""
 
 from __future__ import annotations
 
@@ -20,7 +17,6 @@ from doppelgait.core.labels import (
     CADENCE_MAP,
     CADENCE_SPECTRUM,
     NORMALISED_SIGNATURE,
-    PART_POWER,
     SIGNATURE,
     STEP_LENGTHS,
     Schema,
@@ -38,8 +34,6 @@ LABELLED_ARRAYS: dict[str, Schema] = {
     "cadence_map": CADENCE_MAP,
     "cadence_spectrum": CADENCE_SPECTRUM,
 }
-OPTIONAL_ARRAYS: dict[str, Schema] = {"part_power": PART_POWER}
-"""Labelled arrays that a result has only on request; properties of the result give access to their contents."""
 PLAIN_AXES = {
     "time_s": "axes/signature/time",
     "doppler_hz": "axes/signature/doppler",
@@ -182,26 +176,17 @@ class Result:
         }
 
     def plot(self, *, ax: Any = None, **settings: Any) -> Any:
-        """Plot the signature with its main line.
-
-        The axes are those of a new figure by default; settings are those of :func:`doppelgait.viz.signature`.
-        """
+        """Plot the signature with its main line, with the settings of :func:`doppelgait.viz.signature`."""
         return plot("result", self, ax=ax, **settings)
 
     @property
     def doubtful(self) -> tuple[str, ...]:
-        """Names of values that a flag marks as of low confidence.
-
-        They are the gait frequency and the values derived from it; they are shown with a question mark.
-        """
+        """Names of values of low confidence, by a flag: the gait frequency and what is derived from it."""
         return FROM_GAIT_FREQUENCY if "low_confidence" in self.flags else ()
 
     @property
     def shown_features(self) -> dict[str, float | None]:
-        """Features for display.
-
-        If the step length on the ground is known, it is listed before the radial step length.
-        """
+        """Features for display; a known step length on the ground is before the radial one."""
         shown: dict[str, float | None] = {}
         for name, value in self.features.as_dict().items():
             if name == "step_length_m" and self.quality.get("ground_step_length_m") is not None:
@@ -211,10 +196,7 @@ class Result:
 
     @property
     def verdict(self) -> str | None:
-        """Kind of target: body, reflection, folded or thing.
-
-        It is None without tracking. The evidence is in ``quality``, and every verdict except body has a flag.
-        """
+        """Kind of target: body, or with evidence in ``quality`` and a flag reflection, folded or thing."""
         verdict = self.quality.get("verdict")
         return None if verdict is None else str(verdict)
 
@@ -242,26 +224,17 @@ class Result:
 
     @property
     def ti_frames(self) -> xr.DataArray:
-        """Four features per column, as in the classifier of TI's xWRL6432.
-
-        They are :func:`doppelgait.features.measure_columns` of the signature above its noise floor.
-        """
+        """Four features per column as in the classifier of TI's xWRL6432, above the noise floor."""
         return measure_columns(self.signature, noise_floor_v2=float(self.quality.get("noise_floor_v2") or 0.0))
 
     @property
     def normalised_signature(self) -> xr.DataArray:
-        """Normalised signature (time, doppler) from which features are computed.
-
-        It has every n-th column of the signature if the hop is finer than the lossless hop.
-        """
+        """Normalised signature (time, doppler) for the features, decimated to the lossless hop."""
         return self._get_array("normalised_signature")  # type: ignore[no-any-return]
 
     @property
     def cadence_map(self) -> xr.DataArray:
-        """Cadence-velocity diagram (cadence, doppler).
-
-        If the attribute ``aligned`` is True, Doppler is relative to the main line.
-        """
+        """Cadence-velocity diagram (cadence, doppler), relative to the main line if ``aligned`` is True."""
         return self._get_array("cadence_map")  # type: ignore[no-any-return]
 
     @property
@@ -281,21 +254,17 @@ class Result:
 
     @property
     def parts(self) -> xr.Dataset | None:
-        """Torso, legs and limbs over time (E-40), or None.
+        """Torso, legs and limbs over time with ``Analysis(parts=True)`` (E-40); a flag states why there are none.
 
-        The parts require ``Analysis(parts=True)``; if there are none, a flag ``parts:...`` states
-        the reason. The variables are power (part, time, doppler), label (time, doppler), energy
-        share (part), and centroid and spread of the radial velocity (part, time).
+        The variables are power (part, time, doppler), label (time, doppler), energy share (part), and
+        centroid and spread of the radial velocity (part, time).
         """
         power = self.arrays.get("part_power")
         return None if power is None else measure_parts(power)
 
     @property
     def torso_velocity_mps(self) -> npt.NDArray[np.float64]:
-        """Torso radial velocity at the signature's columns, (J,).
-
-        It requires an analysis with ``extended``.
-        """
+        """Torso radial velocity at the signature's columns, (J,), of an ``extended`` analysis."""
         return self._get_array("torso_velocity_mps")  # type: ignore[no-any-return]
 
     def to_json(self, *, arrays: bool = True) -> dict[str, Any]:
@@ -345,10 +314,7 @@ class Result:
         return make_result(plain, arrays, limits, segments)
 
     def to_row(self) -> dict[str, Any]:
-        """Convert numbers and flags to table columns.
-
-        The label and the analysis are not included; a dataset has other columns for them.
-        """
+        """Convert numbers and flags to table columns, without label and analysis."""
         row = {
             "gate": self.gate_source,
             **{f"feature_{name}": value for name, value in self.features.as_dict().items()},

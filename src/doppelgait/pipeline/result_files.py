@@ -16,14 +16,13 @@ from doppelgait.core.config import convert_to_json, format_canonical_json, valid
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.files import FileKind, create_hdf5, open_own_hdf5
-from doppelgait.core.labels import check_signal
+from doppelgait.core.labels import PART_POWER, check_signal
 from doppelgait.core.own_hdf5 import read_stated_format
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.result import (
     GROUPS,
     LABELLED_ARRAYS,
     NUMBERS,
-    OPTIONAL_ARRAYS,
     PLAIN_AXES,
     Result,
     TargetList,
@@ -200,7 +199,7 @@ def _read_result(group: Any) -> Result:
         value = group.attrs[name]
         return None if isinstance(value, h5py.Empty) else value.item()
 
-    schemas = {**LABELLED_ARRAYS, **OPTIONAL_ARRAYS}
+    schemas = {**LABELLED_ARRAYS, "part_power": PART_POWER}  # parts are measured on request
     arrays: dict[str, Any] = {}
     for name in parse_json(group.attrs["arrays"]):
         members = _read_values(group[name])

@@ -28,11 +28,9 @@ from doppelgait.scene.scatterers import Scatterers
 
 Through = Callable[[ScattererTable], ScattererTable]
 
-GAIN_STEP_S = 0.0125
-"""Longest time between two computations of the gains."""
+GAIN_STEP_S = 0.0125  # longest time between two computations of the gains
 MIN_LOOKS = 5
-MAX_TURN_RAD = 0.018
-"""Largest change of a scatterer's direction between two computations."""
+MAX_TURN_RAD = 0.018  # largest change of a scatterer's direction between two computations
 MAX_CHANGE = 0.25
 """Largest change of an amplitude between two computations, relative to its maximum; a larger change is a jump."""
 

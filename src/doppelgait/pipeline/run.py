@@ -41,11 +41,8 @@ class Run(FrozenModel):
         A string is the name of a preset or the ``.toml`` file of a radar.
     auto_prf : bool
         Use the lowest frame rate without aliasing (``prf_hz = "auto"``); only for reproducing the report.
-    noise : Noise
-    environment : list
-        Effects such as walls and ground reflections (:mod:`doppelgait.scene.environment`), in order.
-    impairments : list
-        Impairments of the receiver (:mod:`doppelgait.radar.impairments`), in the order of application.
+    noise, environment, impairments
+        As for :class:`doppelgait.Conditions`.
     analysis : Analysis
     seed : int
         Seed of all random streams.

@@ -47,8 +47,7 @@ SCENE_REMEDY = (
     "make one with doppelgait.Scene(targets=[...]), or simulate a scene file with "
     "doppelgait.pipeline.run_simulation(doppelgait.Run.from_toml(PATH))"
 )
-MAX_SAMPLES = 2e9
-"""Largest data matrix: 16 GB of complex64."""
+MAX_SAMPLES = 2e9  # largest data matrix: 16 GB of complex64
 BODY_RATE_HZ = 60.0
 """Highest rate of the body positions that the truth stores for plots; a screen shows no more."""
 DIRECTIONS = ("azimuth", "elevation")

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +22,13 @@ from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.target import analyze_gated
 from doppelgait.pipeline.verdicts import is_echo, judge
 from doppelgait.processing import Analysis, Gate
-from doppelgait.processing.breathing import BreathingSettings, BreathingTarget, find_breathing
+from doppelgait.processing.breathing import (
+    LEAST_RATE_HZ,
+    SHORTEST_S,
+    BreathingSettings,
+    BreathingTarget,
+    find_breathing,
+)
 from doppelgait.processing.bursts import average_bursts
 from doppelgait.processing.clutter import (
     clean_frames,
@@ -41,9 +48,7 @@ from doppelgait.processing.track import Track, Tracker, split_tracks, track
 from doppelgait.processing.track_segments import SegmentationSettings, find_track_segments
 from doppelgait.radar import Radar
 
-MIN_BREATHING_S, MIN_BREATHING_HZ = 10.0, 3.0
-NEAR_M = 1.0
-"""Distance between a breath and a track below which both are of the same body."""
+NEAR_M = 1.0  # distance between a breath and a track below which both are of the same body
 LOST_SHARE = 0.02
 """Share of lost and filled frames above which the bandwidth is flagged; 1 % of single frames widens it by 3 %."""
 CLUTTER_SHARE = 0.2
@@ -56,8 +61,7 @@ LONGEST_REST_S = 10.0
 STILL_SPEED_MPS, MIN_REST_S = 0.1, 2.0
 REST_SPEED_MPS, START_SPEED_MPS = 0.6, 1.0
 """Highest speeds before and after a rest; a body that starts has moved for some time when it is first detected."""
-EDGE_M = 0.5
-"""Distance from an end of the range frame below which a lost body has left the frame."""
+EDGE_M = 0.5  # distance from an end of the range frame below which a lost body has left the frame
 TRACK_SD_QUANTILE = 0.25
 """Quantile of the range errors that is the error of a track; scans in another body's detection have larger errors."""
 
@@ -113,8 +117,8 @@ def track_targets(frames: Frames, radar: Radar, source: str, analysis: Analysis,
         nothing_moves = _explain_missing_track(raw, scans, wavelength_m, tracking)
         return TargetList(reason=f"{nothing_moves}; {breath_needs or 'no range bin shows steady breathing for 12 s'}")
     tracks = _link(tracks, persons, raw.range_m)
-    total = sum_pulses(raw)
-    analyze = partial(_analyze_track, raw, clean, total, wavelength_m, persons, analysis, tracking)
+    seen = _Seen(raw, clean, sum_pulses(raw), wavelength_m, persons, analysis, tracking)
+    analyze = partial(_analyze_track, seen)
     moving = [_flag_lost_frames(analyze(found), frames) for found in tracks]
     still = [
         _analyze_breathing(clean, wavelength_m, person, analysis)
@@ -181,10 +185,10 @@ def _analyze_without_range(frames: Frames, wavelength_m: float, analysis: Analys
 def _describe_missing_breath(raw: Frames) -> str:
     """Return why breathing cannot be detected, or an empty text."""
     slow_time = raw.slow_time
-    if slow_time.duration_s < MIN_BREATHING_S:
-        return f"{slow_time.duration_s:.1f} s are too short to detect breathing, which needs {MIN_BREATHING_S:g} s"
-    if slow_time.rate_hz < MIN_BREATHING_HZ:
-        return f"{slow_time.rate_hz:.3g} frames/s are too few to detect breathing, which needs {MIN_BREATHING_HZ:g}"
+    if slow_time.duration_s < SHORTEST_S:
+        return f"{slow_time.duration_s:.1f} s are too short to detect breathing, which needs {SHORTEST_S:g} s"
+    if slow_time.rate_hz < LEAST_RATE_HZ:
+        return f"{slow_time.rate_hz:.3g} frames/s are too few to detect breathing, which needs {LEAST_RATE_HZ:g}"
     return ""
 
 
@@ -281,18 +285,20 @@ def _summarise_breath(person: BreathingTarget) -> dict[str, float]:
     }
 
 
-def _analyze_track(
-    raw: Frames,
-    clean: Frames,
-    total: npt.NDArray[np.complex128],
-    wavelength_m: float,
-    persons: Sequence[BreathingTarget],
-    analysis: Analysis,
-    tracking: Tracking,
-    found: Track,
-    *,
-    taken: npt.NDArray[np.bool_] | None = None,
-) -> Result:
+class _Seen(NamedTuple):
+    """What all tracks of a recording are analysed with; ``total`` is the sum of its raw pulses."""
+
+    raw: Frames
+    clean: Frames
+    total: npt.NDArray[np.complex128]
+    wavelength_m: float
+    persons: Sequence[BreathingTarget]
+    analysis: Analysis
+    tracking: Tracking
+
+
+def _analyze_track(seen: _Seen, found: Track, *, taken: npt.NDArray[np.bool_] | None = None) -> Result:
+    raw, clean, total, _, persons, analysis, tracking = seen
     gate = Gate.from_track(
         found,
         span_m=analysis.gate_span_m,
@@ -314,7 +320,7 @@ def _analyze_track(
         usable = [part for part in cut if part.stop_s - part.start_s >= tracking.pieces.min_usable_s] or usable
     cleaned = analysis.clutter not in ("none", "auto")
     measured = measure_removed(raw, clean, gate, total=total) if cleaned else None
-    analyze_segment = partial(_analyze_segment, clean, measured, wavelength_m, found, analysis)
+    analyze_segment = partial(_analyze_segment, seen, found, measured)
     results = [analyze_segment(gate.during(segment.start_s, segment.stop_s)) for segment in usable]
     facts = {
         "track_start_s": found.first_s,
@@ -334,14 +340,8 @@ def _analyze_track(
     return replace(longest, quality={**longest.quality, **facts}, gate_limits=gate, segments=tuple(results))
 
 
-def _analyze_segment(
-    clean: Frames,
-    measured: tuple[FloatArray, FloatArray] | None,
-    wavelength_m: float,
-    found: Track,
-    analysis: Analysis,
-    gate: Gate,
-) -> Result:
+def _analyze_segment(seen: _Seen, found: Track, measured: tuple[FloatArray, FloatArray] | None, gate: Gate) -> Result:
+    clean, wavelength_m, analysis = seen.clean, seen.wavelength_m, seen.analysis
     result = analyze_gated(gate.crop(clean), wavelength_m, gate, analysis)
     start_s, stop_s = gate.start_s, gate.stop_s
     flags = list(result.flags)

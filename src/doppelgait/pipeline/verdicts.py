@@ -5,8 +5,9 @@ Every other verdict needs positive evidence; without it a target is a body.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import permutations
 from typing import Any
 
 import numpy as np
@@ -21,12 +22,10 @@ from doppelgait.processing.gate import frame_limits_m
 from doppelgait.processing.signature import compute_signature
 from doppelgait.radar import Radar
 
-STEP_S = 0.05
-"""Time step of tracks and Doppler for verdicts."""
+STEP_S = 0.05  # time step of tracks and Doppler for verdicts
 STRIP_M = 0.5
 """Range extent of the strip around a track in which its Doppler is measured; it is smaller than a body's gate."""
-SIGNIFICANT = 4.0
-"""Ratio to the noise floor above which a cell of a strip is used."""
+SIGNIFICANT = 4.0  # ratio to the noise floor above which a cell of a strip is used
 STEPS_AT_ONCE = 4096
 """Number of steps that are averaged together; all columns of an hour would need a gigabyte."""
 FOLD_GAP_S, FOLD_EDGE_M, FOLD_RANGE_M, FOLD_SPEED, FOLD_LEVEL_DB = 1.0, 1.0, 0.4, 0.2, 8.0
@@ -35,15 +34,13 @@ They are the longest pause between body and echo, the largest distance from the 
 at that time, and the largest differences in range, speed and level."""
 SLOWEST_MPS, FASTEST_MPS, FASTEST_GROUND_MPS = 0.08, 0.45, 0.5
 LEAST_THING_S, LEAST_THING_WAY_M = 2.0, 0.4
-SIDE_MPS = 0.3
-"""Difference from the body's Doppler velocity above which power is from moving parts."""
+SIDE_MPS = 0.3  # difference from the body's Doppler velocity above which power is from moving parts
 BACKWARD, LEAST_BALANCE = (0.36, 0.6), 0.7
 """Limits of the share of power in backward motion, and smallest balance of both directions, for turning parts.
 Legs hardly move backward over the ground: the share is below 7 % for all crawlers, slow walkers and
 dogs of the development scenes. The brushes of a vacuum cleaner move equally in both directions: 38
 to 56 %, with a balance of 74 to 97 %."""
-CLEAR_M = 1.2
-"""Distance of other tracks above which a strip contains only its own target."""
+CLEAR_M = 1.2  # distance of other tracks above which a strip contains only its own target
 LEAST_MIRROR_S, LEAST_EXCESS_M, LEAST_CHANGE_M = 0.7, 0.3, 0.3
 MIRROR_ERROR_M, MIRROR_DRIFT_PER_S = 0.03, 0.2
 GHOST_LEVEL_DB, IN_STEP_LEVEL_DB = -11.0, 1.0
@@ -88,7 +85,7 @@ class Verdict:
 
     kind: str = "body"
     flag: str | None = None
-    evidence: tuple[tuple[str, float], ...] = ()
+    evidence: Mapping[str, float] = field(default_factory=dict)
 
 
 def judge(results: Sequence[Result], clean: Frames, analysis: Analysis, radar: Radar) -> list[Result]:
@@ -105,20 +102,19 @@ def judge(results: Sequence[Result], clean: Frames, analysis: Analysis, radar: R
     for n in seen:
         others = [seen[other] for other in seen if other != n]
         verdicts[n] = judge_thing(seen[n], others) or verdicts[n]
-    for n in seen:
-        for other in seen:
-            if n == other or verdicts[n].kind != "body" or verdicts[other].kind != "body":
-                continue
-            found = None
-            if folding_m is not None:
-                found = judge_fold(seen[n], seen[other], other, folding_m=folding_m, frame_stop_m=radar.range_stop_m)
-            found = found or judge_reflection(seen[n], seen[other], other, _get_rhythms(results[n], results[other]))
-            verdicts[n] = found or verdicts[n]
+    for n, other in permutations(seen, 2):
+        if verdicts[n].kind != "body" or verdicts[other].kind != "body":
+            continue
+        found = None
+        if folding_m is not None:
+            found = judge_fold(seen[n], seen[other], other, folding_m=folding_m, frame_stop_m=radar.range_stop_m)
+        found = found or judge_reflection(seen[n], seen[other], other, _get_rhythms(results[n], results[other]))
+        verdicts[n] = found or verdicts[n]
     return [_mark_result(result, verdicts[n]) for n, result in enumerate(results)]
 
 
 def _mark_result(result: Result, verdict: Verdict) -> Result:
-    quality: dict[str, Any] = {**result.quality, "verdict": verdict.kind, **dict(verdict.evidence)}
+    quality: dict[str, Any] = {**result.quality, "verdict": verdict.kind, **verdict.evidence}
     flags = result.flags if verdict.flag is None else (*result.flags, verdict.flag)
     segments = tuple(_mark_result(segment, verdict) for segment in result.segments)
     return replace(result, quality=quality, flags=flags, segments=segments)
@@ -188,11 +184,8 @@ def judge_thing(one: TrackStrip, others: Sequence[TrackStrip]) -> Verdict | None
     backward, balance = back / (back + ahead), min(above, below) / max(above, below)
     if not BACKWARD[0] <= backward <= BACKWARD[1] or balance < LEAST_BALANCE:
         return None
-    return Verdict(
-        "thing",
-        "not_a_moving_body:turning_parts_without_gait",
-        (("thing_backward_share", backward), ("thing_balance", balance)),
-    )
+    evidence = {"thing_backward_share": backward, "thing_balance": balance}
+    return Verdict("thing", "not_a_moving_body:turning_parts_without_gait", evidence)
 
 
 def judge_fold(
@@ -221,7 +214,7 @@ def judge_fold(
     level_db = float(np.median(true.level_db[own_edge]) - np.median(body.level_db[edge]))
     if abs(error_m) > FOLD_RANGE_M or abs(level_db) > FOLD_LEVEL_DB:
         return None
-    return Verdict("folded", f"folded_echo_of:{number}", (("fold_error_m", error_m), ("fold_level_db", level_db)))
+    return Verdict("folded", f"folded_echo_of:{number}", {"fold_error_m": error_m, "fold_level_db": level_db})
 
 
 def judge_reflection(
@@ -258,12 +251,12 @@ def judge_reflection(
     if not found:
         return None
     error_m, mean_m2 = min(found)
-    evidence = (
-        ("mirror_error_m", error_m),
-        ("mirror_product_m2", mean_m2),
-        ("mirror_level_db", level_db),
-        ("mirror_rhythm_correlation", in_step),
-    )
+    evidence = {
+        "mirror_error_m": error_m,
+        "mirror_product_m2": mean_m2,
+        "mirror_level_db": level_db,
+        "mirror_rhythm_correlation": in_step,
+    }
     return Verdict("reflection", f"reflection_of:{number}", evidence)
 
 

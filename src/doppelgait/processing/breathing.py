@@ -189,8 +189,7 @@ def remove_common_gain(values: ComplexArray, range_m: FloatArray) -> ComplexArra
     return corrected
 
 
-WORKING_RATE_HZ = 10.0
-"""Pulses are averaged down to about this rate."""
+WORKING_RATE_HZ = 10.0  # pulses are averaged down to about this rate
 LEAST_RATE_HZ = 3.0
 SHORTEST_S = 10.0
 COHERENT = 0.8

@@ -1,8 +1,7 @@
 """Signature of pulse bursts with pauses.
 
-Two kinds of sensor record in bursts: sensors that sleep between frames, and microcontrollers that
-alternate between sampling and sending. A processing interval must not cross a pause, so every burst
-becomes one column.
+Sensors that sleep between frames record in bursts, and microcontrollers that alternate between sampling and sending. A
+processing interval must not cross a pause, so every burst becomes one column.
 """
 
 from __future__ import annotations
@@ -47,11 +46,7 @@ def find_burst_pulses(slow_time_s: npt.ArrayLike) -> int | None:
 
 
 def get_burst_pulses(baseband: xr.DataArray) -> int | None:
-    """Return the number of pulses per burst of a recording.
-
-    The number is the attribute ``burst_pulses`` if it is set, and is otherwise derived from the
-    pulse times. It is None for a recording without bursts.
-    """
+    """Return the pulses per burst: the attribute ``burst_pulses``, or from the pulse times; None without bursts."""
     return Frames.of(baseband).slow_time.find_bursts().burst_pulses
 
 

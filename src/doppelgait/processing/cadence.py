@@ -28,8 +28,7 @@ from doppelgait.processing.normalise import copy_rows
 WIDTH = 18
 """Length of the interpolation kernel in grid steps; with the sampling rates used here the error is 1e-13."""
 LOWEST_OVERSAMPLING = 2.0
-GROUP = 64
-"""Rows that are processed together, so that all buffers stay in the second-level cache."""
+GROUP = 64  # rows that are processed together, so that all buffers stay in the second-level cache
 
 SPARE_PAIRS = 4
 """Unused values between columns: if these are a power of two apart, a transform over them takes twice the time."""
@@ -159,8 +158,7 @@ def _transform_kernel(count: int, centre: int, length: int, shape_factor: float)
     return found
 
 
-MAX_CADENCE_HZ = 20.0
-"""Highest cadence that is kept; no gait has content above it."""
+MAX_CADENCE_HZ = 20.0  # highest cadence that is kept; no gait has content above it
 TAPER_FROM_S = 4.0
 PADDING = 8
 """Zero-padding factor of the cadence transform.
@@ -169,18 +167,12 @@ Without padding, a bin of 1 / T_o is coarser than 10 % for fewer than five perio
 
 @measures_signal(SIGNATURE, NORMALISED_SIGNATURE)
 def observation_s(signature: Signal) -> float:
-    """Compute the observed time T_o of a signature.
-
-    T_o is the number of columns times their spacing.
-    """
+    """Compute the observed time T_o, the number of columns times their spacing."""
     return signature.sizes["time"] / sampling_rate_hz(signature.axis("time"))
 
 
 def detrend_order(seconds: float) -> int:
-    """Compute the order of the detrending polynomial (E-31).
-
-    The order is round(1.2 T_o), limited to 1 to 6.
-    """
+    """Compute the order of the detrending polynomial, round(1.2 T_o) from 1 to 6 (E-31)."""
     return min(max(round(1.2 * seconds), 1), 6)
 
 
@@ -304,10 +296,7 @@ def _make_grid(
 
 @measures_signal(NORMALISED_SIGNATURE)
 def mean_doppler_spectrum(normalised: Signal) -> npt.NDArray[np.float64]:
-    """Average every Doppler row over time (E-30).
-
-    D_1, the constant column of the cadence-velocity diagram, shape (K,).
-    """
+    """Average every Doppler row over time: D_1 of the cadence-velocity diagram, shape (K,) (E-30)."""
     return np.asarray(normalised.values.mean(axis=0))
 
 

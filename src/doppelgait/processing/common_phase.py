@@ -23,8 +23,7 @@ LEAST_WEIGHT = 1e3
 """Smallest power of the static echoes over their fluctuation for a reference; the phase error is then 0.02 rad."""
 MARGIN = 10.0
 """Smallest ratio of a reference's weight to that of a static echo; the phase error then adds 1/20 of its noise."""
-BLOCK_S = 0.1
-"""Time in which the phase of a clock hardly changes."""
+BLOCK_S = 0.1  # time in which the phase of a clock hardly changes
 LEAST_VARIANCE = 1e-14
 """Variance of |y| over its power that rounding errors cause in a constant echo."""
 TINY = float(np.finfo(np.float32).tiny)

@@ -19,8 +19,7 @@ Normalisation = Literal["sum", "max", "r4"]
 
 LILAND2018_OWN = {"gate_span_m": None, "gate_edges": "sharp", "gate_doppler_hz": None, "normalisation": "max"}
 """Parameters that method ``liland2018`` fixes, each with the only value that may be set."""
-MIN_CPI_PULSES = 5
-"""Fewest pulses of a processing interval from which Doppler can be measured."""
+MIN_CPI_PULSES = 5  # fewest pulses of a processing interval from which Doppler can be measured
 
 
 class Analysis(FrozenModel):

@@ -16,8 +16,7 @@ from doppelgait.core.units import FloatArray
 from doppelgait.processing.normalise import compute_median
 
 ITERATIONS = 6
-CAUCHY_TUNING = 2.385
-"""Tuning constant of the Cauchy weights: 95 % efficiency on Gaussian errors."""
+CAUCHY_TUNING = 2.385  # tuning constant of the Cauchy weights: 95 % efficiency on Gaussian errors
 AGREEING_SHARE, DIFFERING_SHARE = 0.05, 0.1
 """Difference of main line and track, as a share of the track's velocity: agreement below, doubtful values above."""
 LEAST_APART_MPS = 0.03
@@ -102,10 +101,7 @@ def bin_width_hz(signature: Signal) -> float:
 
 
 def choose_line_order(observation_s: float) -> int:
-    """Choose the order of a line that does not follow steps (E-29).
-
-    The order is 1 below 1.3 s, 2 below 2.5 s, and 3 otherwise.
-    """
+    """Choose the order of a line that does not follow steps: 1, 2 from 1.3 s, 3 from 2.5 s (E-29)."""
     return 1 if observation_s < 1.3 else 2 if observation_s < 2.5 else 3
 
 

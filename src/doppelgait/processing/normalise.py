@@ -109,10 +109,7 @@ def compute_median(cells: npt.NDArray[np.floating[Any]]) -> float:
 
 @measures_signal(SIGNATURE)
 def count_independent_columns(signature: Signal) -> float:
-    """Count the practically independent columns, J_eff (E-38).
-
-    J_eff is T_o / 60 ms, at least 1.
-    """
+    """Count the practically independent columns, J_eff = T_o / 60 ms, at least 1 (E-38)."""
     times = signature.axis("time")
     return max(1.0, float(times[-1] - times[0]) / INDEPENDENT_AFTER_S)
 

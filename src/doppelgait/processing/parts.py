@@ -49,8 +49,7 @@ LEAST_SNR_DB = 5.0
 """Smallest ratio of a column's strongest cell to the noise floor (median over time); at 0 dB shares err by 0.2."""
 LEAST_BINS = 5
 RIDGE_STEP_M = 0.05
-BLOCK = 32
-"""Number of columns for which maps are computed together."""
+BLOCK = 32  # number of columns for which maps are computed together
 
 
 @dataclass(frozen=True)

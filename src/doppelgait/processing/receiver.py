@@ -47,8 +47,7 @@ MIRRORED = 0.1
 STEADY = 1.25
 """Largest change of a line's amplitude; a body at constant speed comes nearer, and its amplitude rises with 1/R^2."""
 MAX_ROUNDS = 4
-NEAR_ZERO_HZ = 1.0
-"""Lines that alias to less are left to the removal of static clutter."""
+NEAR_ZERO_HZ = 1.0  # lines that alias to less are left to the removal of static clutter
 KNOTS_PER_S = 8.0
 SMOOTHED_KNOTS = 17
 """Length of the cubic smoothing of a line's amplitude, 2 s: the notch is about 1 Hz wide on each side."""

@@ -97,8 +97,7 @@ def range_doppler(
         yield make_array(RANGE_DOPPLER, power_v2, coords, {"window_energy": float((transform.window**2).sum())})
 
 
-TOGETHER = 64
-"""Number of columns that are transformed together, to keep the complex spectra small."""
+TOGETHER = 64  # number of columns that are transformed together, to keep the complex spectra small
 
 
 def compute_cell_power(
@@ -245,8 +244,7 @@ def compute_signature(
     return describe_receiver(frames, cut.make_signature(power, wavelength_m=wavelength_m))
 
 
-TILE_PULSES = 1 << 10
-"""Number of pulses in a tile of a long recording."""
+TILE_PULSES = 1 << 10  # number of pulses in a tile of a long recording
 LANES = 16
 """Number of columns that the kernel transforms together; tiles of whole groups give the same bytes as one pass."""
 
@@ -447,8 +445,7 @@ def decimate(signature: Signal) -> Signal:
     return kept.replace(np.ascontiguousarray(kept.values), attrs={"hop": signature.attrs["hop"] * every})
 
 
-MIN_SHARE = 0.5
-"""Smallest part of a column's gate inside the frame; columns with less are removed."""
+MIN_SHARE = 0.5  # smallest part of a column's gate inside the frame; columns with less are removed
 MIN_COLUMNS = 8
 
 

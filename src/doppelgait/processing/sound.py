@@ -98,19 +98,15 @@ USUAL_PITCH = 4.0
 """Default pitch factor. A walker's torso (60 Hz at 7.29 GHz and 1.2 m/s) is then at 240 Hz.
 Small loudspeakers reproduce frequencies above about 200 Hz."""
 PITCH_LIMITS = (0.1, 5000.0)
-HEADROOM_DB = 1.0
-"""Level of the loudest sample below full scale."""
+HEADROOM_DB = 1.0  # level of the loudest sample below full scale
 FADE_S = 0.005
 """Duration of the fade at both ends of the sound, and at the beginning and end of a track."""
 WINDOW_S, WINDOW_PULSES = 0.1, 16
 """Frame length of the pitch shift: the time, or the number of pulses if that takes longer."""
 BLOCK_PULSES = 1 << 15
-READ_PULSES = 1 << 12
-"""Number of pulses that are read at once, for all range bins."""
-MOST_STEPS = 500
-"""Largest denominator of a rate conversion; the error is at most 4 us per second."""
-HALF_FILTER = 32
-"""Half length of the filter of a rate conversion, in samples of the lower rate."""
+READ_PULSES = 1 << 12  # number of pulses that are read at once, for all range bins
+MOST_STEPS = 500  # largest denominator of a rate conversion; the error is at most 4 us per second
+HALF_FILTER = 32  # half length of the filter of a rate conversion, in samples of the lower rate
 FULL_SCALE = 32767
 
 

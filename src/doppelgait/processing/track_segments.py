@@ -25,12 +25,10 @@ ENVELOPE_POINTS = 25
 REFERENCE_STEP_S = 0.1
 HOPELESS = 1e3
 """Cost above the lowest one plus a change point at which a start is dropped: one range with an error of 30 sd."""
-GIVE_UP_EVERY = 64
-"""Number of samples between two searches for starts that can be dropped."""
+GIVE_UP_EVERY = 64  # number of samples between two searches for starts that can be dropped
 LONGEST_S = 60.0
 """Age at which a start is dropped, so that the search is linear in time; neighbours of one speed are merged later."""
-MOST_PLACES = 512
-"""Number of samples up to which every one is tried as the place of a split."""
+MOST_PLACES = 512  # number of samples up to which every one is tried as the place of a split
 
 
 def find_best_knots(

@@ -15,8 +15,7 @@ from doppelgait.core.errors import AnalysisError
 Power = npt.NDArray[np.floating[Any]]
 Mask = npt.NDArray[np.bool_]
 
-MIN_TRAINING = 4
-"""Fewest training cells from which a level is estimated."""
+MIN_TRAINING = 4  # fewest training cells from which a level is estimated
 
 
 def ca_factor(n_training: int, pfa: float, *, n_summed: int = 1) -> float:

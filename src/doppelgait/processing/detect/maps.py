@@ -17,12 +17,10 @@ from doppelgait.processing.detect.config import Detector
 from doppelgait.processing.signature import compute_cell_power, plan_columns
 
 FIRST_QUANTILE = 0.3
-CUT_AT = 4.0
-"""Cells above this many floors are left out of the second estimate."""
+CUT_AT = 4.0  # cells above this many floors are left out of the second estimate
 ROUNDS = 3
 RESIDUE_QUANTILE = 0.25
-MIN_SCANS = 10
-"""Fewest scans from which the level of a cell over time is estimated."""
+MIN_SCANS = 10  # fewest scans from which the level of a cell over time is estimated
 
 
 def noise_factor(pfa: float, *, n_summed: int = 1) -> float:
@@ -82,8 +80,7 @@ def estimate_residue_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray
     return np.asarray(quantile / -math.log1p(-RESIDUE_QUANTILE), dtype=np.float64)
 
 
-BLOCK_SCANS = 600
-"""Number of scans with a common noise map: one minute at 10 Hz."""
+BLOCK_SCANS = 600  # number of scans with a common noise map: one minute at 10 Hz
 
 
 @dataclass(frozen=True)

@@ -98,8 +98,7 @@ class Tracker(FrozenModel):
         return self
 
 
-BOX_MEMORY = 0.9
-"""Forgetting factor of the extent per detection."""
+BOX_MEMORY = 0.9  # forgetting factor of the extent per detection
 NIS_EXPECTED = 2.0
 """Mean of the normalised innovation squared for a consistent filter with two measured values."""
 
@@ -215,18 +214,12 @@ class Track:
 
     @property
     def detected_share(self) -> float:
-        """Share of scans with an own detection.
-
-        Scans inside another body's detection are not counted.
-        """
+        """Share of scans with an own detection, without those inside another body's detection."""
         return float(self.measured.sum() / np.count_nonzero(~self.shared | self.measured))
 
     @property
     def confidence(self) -> float:
-        """Confidence from 0 to 1.
-
-        It is ``detected_share``, multiplied by 2 / ``mean_nis`` if the detections scatter more than expected.
-        """
+        """Confidence: ``detected_share``, times 2 / ``mean_nis`` if the detections scatter more than expected."""
         surprise = self.mean_nis / NIS_EXPECTED if np.isfinite(self.mean_nis) else 1.0
         return self.detected_share / max(1.0, surprise)
 

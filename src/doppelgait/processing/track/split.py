@@ -34,8 +34,7 @@ DOUBT_S, DOUBT_SHARE = 1.0, 0.2
 """Shortest continuous time of a second echo for ``several``, and its smallest share of the usable scans.
 In a usable scan the track is fast and no other track is near."""
 RUN_SHARE = 0.9
-READ_SCANS = 64
-"""Number of scans for which pulses are read together."""
+READ_SCANS = 64  # number of scans for which pulses are read together
 SAME_M, SAME_S = 0.4, 0.5
 """Differences in range and time below which a second peak belongs to another track."""
 
