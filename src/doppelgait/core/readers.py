@@ -153,7 +153,7 @@ class Limits(NamedTuple):
 
 
 def check_value(path: Path, name: str, value: Any, kind: Any, *, error: type[DoppelgaitError]) -> None:
-    """Check that a value has an annotated type and is within its limits."""
+    """Check the annotated type of a value, and its limits."""
     members = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     if any(_is_of_type(value, member) for member in members):
         return

@@ -137,7 +137,7 @@ def join_pieces(pieces: Sequence[TargetList], *, has_range: bool) -> TargetList:
 
 
 def _continues(before: Result, after: Result, *, has_range: bool) -> bool:
-    """Return True if a target after a pause may be the one before it."""
+    """Return True if targets before and after a pause may be one."""
     if before.label != after.label or before.gate_source != after.gate_source:
         return False
     if before.gate_source != "track" or not has_range:

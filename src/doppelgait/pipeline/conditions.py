@@ -55,7 +55,7 @@ class Conditions(FrozenModel):
     environment : sequence of models or tables
         Effects such as walls and ground reflections (:mod:`doppelgait.scene.environment`), reflections first.
     impairments : sequence of models or tables
-        Impairments of the receiver (:mod:`doppelgait.radar.impairments`), in the order of application.
+        Impairments of the receiver (:mod:`doppelgait.radar.impairments`), in their order.
 
     Raises
     ------

@@ -99,7 +99,7 @@ def _project(frames: Frames, weight: complex) -> Frames:
 
 
 def find_output(frames: Frames, detector: Detector, *, wavelength_m: float) -> float | None:
-    """Return the direction in the plane of I and Q in which all echoes lie, or None."""
+    """Return the direction of all echoes in the plane of I and Q, or None."""
     # a moving body turns in the plane of two outputs, but moves along a line if Q repeats I or is empty
     clean = remove_from_frames(frames, kind="mean") if frames.slow_time.burst_pulses is None else frames
     powers, floors_v2 = [], []

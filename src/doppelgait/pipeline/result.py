@@ -112,7 +112,7 @@ class Result:
     extended : mapping
         Further features by name, None where undetermined.
     standard_deviation : mapping
-        Standard deviations of the features of the set F and of the gait frequency, None where unknown.
+        Standard deviations of the set F and of the gait frequency, None where unknown.
     arrays : mapping
         Arrays by name, which :attr:`signature`, :attr:`cadence_map` and the other properties
         return. A result from a table row may have none.
@@ -254,10 +254,10 @@ class Result:
 
     @property
     def parts(self) -> xr.Dataset | None:
-        """Torso, legs and limbs over time with ``Analysis(parts=True)`` (E-40); a flag states why there are none.
+        """Torso, legs and limbs with ``Analysis(parts=True)`` (E-40); a flag states why there are none.
 
-        The variables are power (part, time, doppler), label (time, doppler), energy share (part), and
-        centroid and spread of the radial velocity (part, time).
+        The variables are power (part, time, doppler), label (time, doppler), energy share (part),
+        and centroid and spread of the radial velocity (part, time).
         """
         power = self.arrays.get("part_power")
         return None if power is None else measure_parts(power)
@@ -270,8 +270,8 @@ class Result:
     def to_json(self, *, arrays: bool = True) -> dict[str, Any]:
         """Convert to plain values for ``json.dumps``; :meth:`from_json` returns an equal result.
 
-        With ``arrays``, the arrays, the gate's limits and the analysis settings are included; without, the document is
-        that of a target of ``doppelgait analyze --json``. Numbers that are not finite stay NaN and Infinity.
+        ``arrays`` adds arrays, gate limits and analysis settings to the document of a target of
+        ``doppelgait analyze --json``. Numbers that are not finite stay NaN and Infinity.
         """
         plain = {
             "label": self.label,
@@ -300,7 +300,7 @@ class Result:
 
     @classmethod
     def from_json(cls, plain: Mapping[str, Any]) -> Result:
-        """Make a result from :meth:`to_json` with arrays, or raise an AnalysisError if a part is missing."""
+        """Make a result from :meth:`to_json` with arrays; an AnalysisError if a part is missing."""
         needed = ("analysis", "label", "gate", "features", *NUMBERS, *GROUPS, "flags", "arrays", "gate_limits")
         _check_keys(plain, needed, "document", "make it with Result.to_json(), with arrays")
         gate = plain["gate_limits"]
@@ -336,8 +336,8 @@ class Result:
     ) -> Result:
         """Make a result from the columns of :meth:`to_row`, and from what is stored with the row.
 
-        Other columns are ignored; a missing one is an AnalysisError. In the index of a dataset the column ``flags`` is
-        named ``quality_flags``. ``analysis`` are the settings with which the row was computed.
+        Other columns are ignored; a missing one is an AnalysisError. ``analysis`` are the settings of
+        the row. In the index of a dataset the column ``flags`` is named ``quality_flags``.
         """
         if "quality_flags" in row:
             row = {"flags" if key == "quality_flags" else key: value for key, value in row.items()}

@@ -82,7 +82,7 @@ class Run(FrozenModel):
     def from_toml(cls, path: str | Path, *, overrides: Sequence[str] = ()) -> Run:
         """Read a scene file and apply ``KEY=VALUE`` overrides.
 
-        Relative paths of motion files start from its folder. Errors name the dotted key and its line.
+        Relative paths of motion files start from its folder. Errors name the key and its line.
         """
         table, text = read_toml(path)
         folder = Path(path).parent

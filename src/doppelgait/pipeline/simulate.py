@@ -84,7 +84,7 @@ def simulate(
         SNR_frame to set instead of ``conditions.noise``: time mean of the strongest bin's power over the noise power,
         in dB; ``inf`` for no noise. The power is that of the targets, without ghosts, background bodies and clutter.
     angles : bool
-        Add the aspect angle of every scatterer and the bodies for plots to the truth; False is faster.
+        Add the aspect angles of scatterers and the bodies for plots to the truth; False is faster.
     path : str or Path, optional
         File for the recording (HDF5). More than 32,768 pulses are then synthesised tile by tile into the file, so that
         memory hardly grows with the duration. Impairments and environment effects need the whole recording in memory.

@@ -286,7 +286,7 @@ def _summarise_breath(person: BreathingTarget) -> dict[str, float]:
 
 
 class _Seen(NamedTuple):
-    """What all tracks of a recording are analysed with; ``total`` is the sum of its raw pulses."""
+    """Values that the analyses of all tracks share; ``total`` is the sum of the raw pulses."""
 
     raw: Frames
     clean: Frames

@@ -1,7 +1,7 @@
 """Signature of pulse bursts with pauses.
 
-Sensors that sleep between frames record in bursts, and microcontrollers that alternate between sampling and sending. A
-processing interval must not cross a pause, so every burst becomes one column.
+Sensors that sleep between frames record in bursts, as do microcontrollers that sample and send in
+turn. A processing interval must not cross a pause, so every burst becomes one column.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def find_burst_pulses(slow_time_s: npt.ArrayLike) -> int | None:
 
 
 def get_burst_pulses(baseband: xr.DataArray) -> int | None:
-    """Return the pulses per burst: the attribute ``burst_pulses``, or from the pulse times; None without bursts."""
+    """Return the pulses per burst, as stated or from the pulse times; None without bursts."""
     return Frames.of(baseband).slow_time.find_bursts().burst_pulses
 
 

@@ -296,7 +296,7 @@ def _make_grid(
 
 @measures_signal(NORMALISED_SIGNATURE)
 def mean_doppler_spectrum(normalised: Signal) -> npt.NDArray[np.float64]:
-    """Average every Doppler row over time: D_1 of the cadence-velocity diagram, shape (K,) (E-30)."""
+    """Average every Doppler row over time: D_1, shape (K,) (E-30)."""
     return np.asarray(normalised.values.mean(axis=0))
 
 

@@ -18,7 +18,7 @@ ComplexArray = npt.NDArray[np.complex128]
 
 ZONE_M = 0.75
 ZONE_BINS = 5
-"""Zones of range nearer than this to a zone are no reference for it: they may show the same body."""
+"""Zones of range nearer than this are no reference for a zone: they may show the same body."""
 LEAST_WEIGHT = 1e3
 """Smallest power of the static echoes over their fluctuation for a reference; the phase error is then 0.02 rad."""
 MARGIN = 10.0
@@ -42,7 +42,7 @@ def remove_common_phase(frames: Frames) -> Frames:
     far = (np.abs(np.subtract.outer(np.arange(zone[-1] + 1), np.arange(zone[-1] + 1))) > 1).astype(np.float32)
     power, variance = _compute_moments(lambda: (np.abs(values) for _, values in tiles()), count)
     weight = 1.0 / np.maximum(variance, LEAST_VARIANCE * power + TINY)
-    # mean of each bin over the blocks, after the far bins have aligned each block with the one before
+    # mean of each bin over the blocks, after the far bins have aligned each with the one before
     blocks = average_blocks(frames, block)
     steps = (blocks[1:] * blocks[:-1].conj() * weight) @ (member @ far)[:, zone]
     phase_rad = np.cumsum(arctangent(steps.imag, steps.real), axis=0)

@@ -142,7 +142,7 @@ def find_lossless_hop(cpi_pulses: int) -> int:
 
 
 def choose_doppler_bins(analysis: Analysis, pulses: int, noun: str) -> int:
-    """Return the transform length K of an interval or burst of M pulses, K >= M."""
+    """Return the transform length K of M pulses, K >= M."""
     default = pulses if analysis.method == "liland2018" else find_fast_length(pulses)
     wanted = analysis.doppler_bins or default
     if wanted < pulses:

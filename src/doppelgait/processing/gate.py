@@ -116,8 +116,8 @@ class Gate:
     ) -> Self:
         """Make a gate between two fixed ranges, from the first to the last of the times.
 
-        With the range axis ``range_m`` of the recording, the gate is limited to its cells; limits outside the recorded
-        frame raise an AnalysisError. A recording without range (one cell) is inside any gate.
+        With the range axis ``range_m`` of the recording, the gate is limited to its cells, and limits
+        outside it are an AnalysisError. A recording without range (one cell) is inside any gate.
         """
         if not -np.inf < low_m < high_m < np.inf:
             raise AnalysisError(f"gate {low_m:g} to {high_m:g} m: use two rising ranges in m, for example 1.2 to 2.8")
@@ -142,8 +142,8 @@ class Gate:
     ) -> Self:
         """Make the gate of a track over the pulses in its time, two or more.
 
-        Of the pulse times ``time_s``, those from half a processing interval ``cpi_s`` of the scans before the first
-        detection to half an interval after the last are kept: a scan uses the pulses within this distance of its time.
+        Pulse times from half a processing interval ``cpi_s`` before the first detection to half of
+        one after the last are kept, because a scan uses the pulses within this distance of its time.
         """
         times_s = np.asarray(time_s, dtype=float)
         first_s, last_s = track.first_s - cpi_s / 2 - SLACK_S, track.last_s + cpi_s / 2 + SLACK_S
@@ -170,8 +170,8 @@ class Gate:
     ) -> Self:
         """Make the gate around a body's true range, with a constant error like that of a tracker.
 
-        Span and Doppler band are those of the analysis. The report's method uses the span by class and the true Doppler
-        band instead, and needs ``wavelength_m``.
+        Span and Doppler band are those of the analysis. The report's method uses the span by class
+        and the true Doppler band instead, and needs ``wavelength_m``.
         """
         span_m, band_hz = analysis.gate_span_m, analysis.gate_doppler_hz
         if analysis.method == "liland2018":
@@ -188,7 +188,7 @@ class Gate:
     ) -> GateChoice:
         """Parse a gate: an allowed name, ``"1.2:2.8"`` or two ranges in m.
 
-        The message of a ConfigError names the key or option ``where``, or only the allowed values if that is empty.
+        A ConfigError names the key or option ``where``, or only the allowed values without it.
         """
         said = f"{where}: {value!r} is not allowed; it " if where else ""
         for name in names:
@@ -277,7 +277,7 @@ class Gate:
         """Compute lower and upper edges in range bins.
 
         The cell of a bin extends half a bin to either side. Sharp edges are placed between bins, so that every cell is
-        entirely inside or outside (:meth:`whole_bins`). A recording without range (one bin) is inside.
+        entirely inside or outside (:meth:`whole_bins`). A recording with one bin is inside.
         """
         if range_m.size == 1:
             low = np.full(np.shape(time_s), -0.5)
@@ -295,14 +295,14 @@ class Gate:
     ) -> tuple[npt.NDArray[np.int64], int]:
         """Compute first range bins and number of bins (E-27).
 
-        The first is ``ceil((R_L - r_min) / dR)``, which may lie outside the frame. The number is ``floor(g / dR) + 1``.
+        These are ``ceil((R_L - r_min) / dR)``, also outside the frame, and ``floor(g / dR) + 1``.
         """
         low = self.centre_at(time_s) - self.span_m / 2
         first = np.ceil((low - first_bin_m) / bin_spacing_m - 1e-9).astype(np.int64)
         return first, int(np.floor(self.span_m / bin_spacing_m + 1e-9)) + 1
 
     def touched_bins(self, low: FloatArray, high: FloatArray, range_m: FloatArray) -> slice:
-        """Return the range bins that the edges of :meth:`edges` touch at any time, one or more."""
+        """Return the range bins that the edges touch at any time, one or more."""
         if (high <= -0.5).all() or (low >= range_m.size - 0.5).all():
             raise _make_frame_error(float(self.low_m.min()), float(self.high_m.max()), range_m)
         return slice(max(math.floor(low.min()), 0), min(math.ceil(high.max()) + 1, range_m.size))

@@ -28,7 +28,7 @@ NEAR_TRACK_MPS = 0.4
 BODY_SHARE = 0.1
 RIDGE_REACH_MPS, RIDGE_COST, RIDGE_SMOOTH_S = 0.8, 2.0, 0.04
 ALIGN_ABOVE_HZ = 10.0
-"""Drift of the straight main line over the observation above which a signature is aligned (E-29)."""
+"""Drift of the straight main line above which a signature is aligned (E-29)."""
 
 
 def find_column_peaks(signature: Signal) -> tuple[npt.NDArray[Any], FloatArray]:
@@ -101,7 +101,7 @@ def bin_width_hz(signature: Signal) -> float:
 
 
 def choose_line_order(observation_s: float) -> int:
-    """Choose the order of a line that does not follow steps: 1, 2 from 1.3 s, 3 from 2.5 s (E-29)."""
+    """Choose a line's order, below that of steps: 1, 2 from 1.3 s, 3 from 2.5 s (E-29)."""
     return 1 if observation_s < 1.3 else 2 if observation_s < 2.5 else 3
 
 

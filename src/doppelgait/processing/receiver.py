@@ -1,4 +1,4 @@
-"""What receivers add and lack: lines of the mains (hum, lamps, supplies), and a second output."""
+"""Receivers: lines of the mains (hum, lamps, supplies), and a missing second output."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SEGMENT_S, MIN_SEGMENT_S = 4.0, 2.0
 MIN_SEGMENTS, MAX_SEGMENTS = 4, 60
 """Fewest segments for a median over them, and the most that are used of a long recording."""
 CELLS = 2.5
-"""Half width of a line in the spectrum of a segment with its Hann window, in cells of 1 / segment."""
+"""Half width of a line in the spectrum of a segment with Hann window, in cells of 1 / segment."""
 AROUND_HZ = 7.0
 """Reach of the surroundings of a line; a gait has its own lines 1 to 5 Hz beside any line of a body."""
 AROUND_QUANTILE = 0.93
@@ -250,7 +250,7 @@ def add_flags(frames: Frames, *flags: str) -> Frames:
 
 
 def read_flags(facts: Mapping[Any, Any]) -> list[str]:
-    """Read the flags of the receiver from the facts of frames or from the attributes of a signature."""
+    """Read the receiver's flags from facts of frames or attributes of a signature."""
     return list(filter(None, facts.get(RECEIVER, "").split(";")))
 
 

@@ -16,7 +16,7 @@ from doppelgait.core.straight import LINE, PARABOLA, compute_straight_probabilit
 from doppelgait.core.units import FloatArray
 
 TYPICAL_SPEED_MPS = 3.0
-"""Standard deviation of a segment's unknown radial velocity and ground speed; it is a weak prior."""
+"""Standard deviation of a segment's unknown radial velocity and ground speed: a weak prior."""
 UNKNOWN_SD = 1e3
 """Prior standard deviation of the squared range at a change point, in units of its measurement error."""
 ENVELOPE_SPAN_SD = 6.0

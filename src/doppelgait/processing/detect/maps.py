@@ -61,7 +61,7 @@ def estimate_noise_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[n
     ndarray, shape (N,)
         In the unit of ``power_v2``.
     """
-    cells = power_v2[:, ::2].reshape(-1, power_v2.shape[2])  # neighbours in Doppler add little (E-23)
+    cells = power_v2[:, ::2].reshape(-1, power_v2.shape[2])  # neighbours add little (E-23)
     place = int(FIRST_QUANTILE * cells.shape[0])
     floor = np.partition(cells, place, axis=0)[place].astype(np.float64) / -math.log1p(-FIRST_QUANTILE)
     share = 1.0 - CUT_AT * math.exp(-CUT_AT) / -math.expm1(-CUT_AT)

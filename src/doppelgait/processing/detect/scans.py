@@ -29,7 +29,7 @@ Mask = npt.NDArray[np.bool_]
 
 RANGE_SD_M, RANGE_SPREAD_SHARE = 0.045, 0.3
 VELOCITY_SD_MPS, VELOCITY_SPREAD_SHARE = 0.05, 0.25
-"""Error of a centre: a constant, and a share of the spread of its power (limbs move between scans)."""
+"""Error of a centre: a constant, and a share of its power's spread (limbs move between scans)."""
 NO_RANGE_SD_M = 1000.0
 """Standard deviation of the range of a radar without range resolution; such a range carries no information."""
 

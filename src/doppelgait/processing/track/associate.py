@@ -95,7 +95,7 @@ def compute_joint_probabilities(gain: FloatArray, miss: float) -> FloatArray:
     # Fortmann, Bar-Shalom and Scheffe 1983: in an event no detection has two tracks
     tracks, detections = gain.shape
     finite = gain[np.isfinite(gain)]
-    top = max(float(finite.max()), miss) if finite.size else miss  # scale factor that avoids overflow
+    top = max(float(finite.max()), miss) if finite.size else miss  # avoids overflow
     factors = np.hstack([exponential(gain - top), np.full((tracks, 1), math.exp(miss - top))])
     table = np.zeros((tracks, detections + 1))
 

@@ -100,7 +100,7 @@ def track(
         for one in live:
             hits = sum(step.outcome == MEASURED for step in one.steps[-options.confirm_scans :])
             siblings = [other for other in live if other is not one and other.family == one.family]
-            # another unfolded velocity of the same first detection that is confirmed or has more hits
+            # another unfolded velocity of the same detection that is confirmed or has more hits
             rival = any(other.confirmed_at_s is not None or other.hits > one.hits for other in siblings)
             if one.confirmed_at_s is None and hits >= options.confirm_hits and not rival:
                 one.confirmed_at_s = scan.time_s
