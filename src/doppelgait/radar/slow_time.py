@@ -37,6 +37,8 @@ RATE_CHANGE, MIN_RATE_S, MIN_PIECE_PULSES = 0.02, 1.0, 16
 """Smallest relative difference of the rates of two pieces, their shortest time, and the fewest pulses of a piece."""
 SAME_RATE = 0.05
 """Largest relative deviation of the rate of a short piece that is one raster with the others."""
+MIN_BLOCKS, REGULAR = 3, 0.02
+"""Smallest number of holes, and the spread of the pulses between them, that may be those of stamped blocks."""
 NONE_LOST = 5e-4
 """Largest difference of time and number of pulses, relative to them, without lost pulses."""
 REGULAR_HOLES = 20
@@ -323,6 +325,16 @@ def _divide(stamps: FloatArray, first: int, stop: int) -> list[int]:
     return [*_divide(stamps, first, cut), cut, *_divide(stamps, cut, stop)]
 
 
+def _suggest_rate(lost: IntArray, times: FloatArray) -> str:
+    """Return the rate without holes where these are alike and regular, as where each block of a file has a stamp."""
+    at = np.flatnonzero(lost)
+    if at.size < MIN_BLOCKS or np.ptp(lost[at]) > 1 or np.ptp(np.diff(at)) > REGULAR * np.median(np.diff(at)):
+        return ""
+    first, last = at[0] + 1, at[-1] + 1
+    rate_hz = (last - first) / (times[last] - times[first])
+    return f"; alike and regular as they are, the true rate may be {rate_hz:.5g} Hz without them (prf_hz=...)"
+
+
 def _fill_holes(
     row: IntArray,
     pulse: IntArray,
@@ -352,7 +364,7 @@ def _fill_holes(
         facts["lost_frame_share"] = float(((filled[1:] - filled[first]) / span).max())
         notes.append(
             f"{before.size} of {every_row.size} pulses are missing at {int((lost > 0).sum())} places and filled in "
-            "between their neighbours"
+            f"between their neighbours{_suggest_rate(lost, times)}"
         )
     pauses = missing[~short]
     if pauses.size:
