@@ -325,10 +325,10 @@ def _divide(stamps: FloatArray, first: int, stop: int) -> list[int]:
     return [*_divide(stamps, first, cut), cut, *_divide(stamps, cut, stop)]
 
 
-def _suggest_rate(lost: IntArray, times: FloatArray) -> str:
+def _suggest_rate(missing: IntArray, times: FloatArray) -> str:
     """Return the rate without holes where these are alike and regular, as where each block of a file has a stamp."""
-    at = np.flatnonzero(lost)
-    if at.size < MIN_BLOCKS or np.ptp(lost[at]) > 1 or np.ptp(np.diff(at)) > REGULAR * np.median(np.diff(at)):
+    at = np.flatnonzero(missing)
+    if at.size < MIN_BLOCKS or np.ptp(missing[at]) > 1 or np.ptp(np.diff(at)) > REGULAR * np.median(np.diff(at)):
         return ""
     first, last = at[0] + 1, at[-1] + 1
     rate_hz = (last - first) / (times[last] - times[first])
@@ -364,7 +364,7 @@ def _fill_holes(
         facts["lost_frame_share"] = float(((filled[1:] - filled[first]) / span).max())
         notes.append(
             f"{before.size} of {every_row.size} pulses are missing at {int((lost > 0).sum())} places and filled in "
-            f"between their neighbours{_suggest_rate(lost, times)}"
+            f"between their neighbours{_suggest_rate(missing, times)}"
         )
     pauses = missing[~short]
     if pauses.size:
