@@ -166,20 +166,24 @@ def label_sweeps(
     bandwidth_hz: float,
     n_ranges: int,
     range_stop_m: float | None,
-    slow_time_s: npt.NDArray[np.float64],
+    frames: tuple[int, int, float, float],
+    sweep_s: float,
     conjugate: bool,
     notes: Sequence[str],
-    attrs: Mapping[str, Any] | None = None,
     **facts: Any,
 ) -> Recording:
-    """Make a recording of the beat samples (I, S) of frequency sweeps, and its radar of further facts."""
+    """Make a recording of the beat samples (I, S) of frequency sweeps, and its radar of further facts.
+    ``frames`` are those of :func:`place_frames`.
+    """
+    slow_time_s, rate_hz, attrs = place_frames(*frames)
     farthest_m = n_ranges * (SPEED_OF_LIGHT_MPS / (2.0 * bandwidth_hz))
     stop_m = farthest_m if range_stop_m is None else check_number(path, "range_stop_m", range_stop_m, above=0)
     if stop_m > farthest_m * (1 + 1e-9):
         raise RecordingError(f"{path}: range_stop_m = {stop_m:g} is not allowed; the ranges end at {farthest_m:.4g} m")
-    radar = make_radar(path, waveform="fmcw", bandwidth_hz=bandwidth_hz, range_stop_m=stop_m, **facts)
+    facts |= {"waveform": "fmcw", "bandwidth_hz": bandwidth_hz, "range_stop_m": stop_m, "prf_hz": rate_hz}
+    radar = make_radar(path, sweep_s=sweep_s, sample_rate_hz=samples.shape[1] / sweep_s, **facts)
     window = "without a window" if radar.range_window == "none" else f"with a {radar.range_window.title()} window"
-    said = [
+    notes = [
         f"range bins are the transform of a sweep's samples {window}; static echoes are not removed",
         f"the samples are {'' if conjugate else 'not '}conjugated, so that an approaching target has positive Doppler",
         *notes,
@@ -189,7 +193,7 @@ def label_sweeps(
     beat = samples.conj() if conjugate else samples
     bins = radar.waveform.compress(beat if np.iscomplexobj(samples) else 2.0 * samples, radar)
     return label_measured(
-        path, bins, radar=radar, slow_time_s=slow_time_s, range_m=radar.range_axis_m(), notes=said, attrs=attrs
+        path, bins, radar=radar, slow_time_s=slow_time_s, range_m=radar.range_axis_m(), notes=notes, attrs=attrs
     )
 
 

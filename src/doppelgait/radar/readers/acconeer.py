@@ -95,29 +95,26 @@ def open_entry(path: Path, file: Any, *, session: int, group: int, entry: int) -
     sensors = parse_json(_read_text(base["session_config"]))["groups"][group]
     if sensor_id not in sensors:
         raise ValueError(f"the configuration of group {group} does not name sensor {sensor_id}")
-    texts = {"max_sweep_rate": (node, "metadata"), "base_step_length_m": (node, "metadata")}
-    texts |= {"ticks_per_second": (file, "server_info")}
-    further = {
-        key: parse_json(_read_text(holder[name])).get(key) for key, (holder, name) in texts.items() if name in holder
-    }
+    metadata = parse_json(_read_text(node["metadata"])) if "metadata" in node else {}
+    server = parse_json(_read_text(file["server_info"])) if "server_info" in file else {}
+    further = {key: metadata.get(key) for key in ("max_sweep_rate", "base_step_length_m")}
+    further["ticks_per_second"] = server.get("ticks_per_second")
     settings = validate(Settings, {**sensors[sensor_id], **further})
     result, dataset = node["result"], node["result/frame"]
     shape, n_points = tuple(dataset.shape), sum(subsweep.num_points for subsweep in settings.subsweeps)
-    if len(shape) != 3 or shape[0] < 1 or shape[1:] != (settings.sweeps_per_frame, n_points):
+    wanted, n_values = (settings.sweeps_per_frame, n_points), math.prod(shape)
+    if len(shape) != 3 or shape[0] < 1 or shape[1:] != wanted or dataset.dtype.names != ("real", "imag"):
         raise ValueError(
-            f"frames have shape {shape}, its configuration says (frames, {settings.sweeps_per_frame}, {n_points})"
+            f"frames are {dataset.dtype} of shape {shape}, its configuration says pairs of real and imag of shape "
+            f"(frames, {wanted[0]}, {wanted[1]})"
         )
-    if math.prod(shape) > MAX_VALUES:
-        raise ValueError(f"frames hold {math.prod(shape):,} values, at most {MAX_VALUES:,} are read")
-    if dataset.dtype.names != ("real", "imag"):
-        raise ValueError(f"frames are {dataset.dtype}, must be pairs of real and imag")
+    if n_values > MAX_VALUES:
+        raise ValueError(f"frames hold {n_values:,} values, at most {MAX_VALUES:,} are read")
     check_cost(path, 8 * math.prod(shape), RecordingError)
     pairs = dataset[()]
-    marked = [int(np.count_nonzero(result[name][()])) if name in result else 0 for name in FLAGS]
+    flags = ("data_saturated", "frame_delayed")
+    marked = [int(np.count_nonzero(result[name][()])) if name in result else 0 for name in flags]
     return Entry(join_parts(pairs["real"], pairs["imag"]), _read_ticks(result, shape[0]), settings, *marked)
-
-
-FLAGS = ("data_saturated", "frame_delayed")
 
 
 def _open_numbered(path: Path, node: Any, kind: str, number: int) -> Any:

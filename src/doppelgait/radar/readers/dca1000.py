@@ -22,7 +22,7 @@ from doppelgait.core.config import FrozenModel, read_toml, validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
 from doppelgait.core.plugins import plugin
-from doppelgait.radar.measured import choose_number, label_sweeps, place_frames, read_limited
+from doppelgait.radar.measured import choose_number, label_sweeps, read_limited
 from doppelgait.radar.recording import Recording
 
 MAX_CONFIG_BYTES = 1 << 20
@@ -358,7 +358,6 @@ def read_dca1000(
     samples = _read_samples(path, chirps, n_frames, chosen, chirp)
     warn_of_zeros(path, samples)
     warn_of_jumps(path, samples, chirps.loops)
-    times_s, rate_hz, attrs = place_frames(n_frames, chirps.loops, chirps.frame_period_s, 1.0 / chirps.loop_s)
     notes = [
         f"{'sum of receivers' if rx == 'sum' else 'receiver'} {', '.join(map(str, chosen))}; chirp {chirp} of "
         f"{chirps.chirps_per_loop}; {n_frames} frames of {chirps.loops}",
@@ -373,14 +372,11 @@ def read_dca1000(
         bandwidth_hz=chirps.slope_hz_per_s * chirps.sweep_s,
         n_ranges=chirps.n_samples if chirps.output == "complex1x" else chirps.n_samples // 2,
         range_stop_m=range_stop_m,
-        prf_hz=rate_hz,
+        frames=(n_frames, chirps.loops, chirps.frame_period_s, 1.0 / chirps.loop_s),
         sweep_s=chirps.sweep_s,
-        sample_rate_hz=chirps.sample_rate_hz,
         volts_per_unit=VOLTS_PER_CODE,
-        slow_time_s=times_s,
         conjugate=conjugate,
         notes=notes,
-        attrs=attrs,
     )
 
 

@@ -69,11 +69,9 @@ def read_glasgow(path: Path, *, conjugate: bool = True, range_stop_m: float | No
         bandwidth_hz=bandwidth_hz,
         n_ranges=n_samples // 2,
         range_stop_m=range_stop_m,
-        prf_hz=1e3 / sweep_ms,
+        frames=(len(samples), 1, sweep_ms / 1e3, 1e3 / sweep_ms),
         sweep_s=sweep_ms / 1e3,
-        sample_rate_hz=n_samples / (sweep_ms / 1e3),
         volts_per_unit=VOLTS_PER_CODE,
-        slow_time_s=np.arange(len(samples)) / (1e3 / sweep_ms),
         conjugate=conjugate,
         notes=[
             "sweeps are assumed to rise, without pauses; the centre frequency is assumed to be that of the band",

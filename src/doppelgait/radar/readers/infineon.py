@@ -17,7 +17,7 @@ from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.npz import NPY_MAGIC, load_npy
 from doppelgait.core.plugins import plugin
-from doppelgait.radar.measured import check_number, choose_number, label_sweeps, place_frames
+from doppelgait.radar.measured import check_number, choose_number, label_sweeps
 from doppelgait.radar.recording import Recording
 
 MAX_CONFIG_BYTES = 1 << 20
@@ -112,7 +112,6 @@ def read_infineon(
         raise RecordingError(
             f"{config}: {n_chirps} chirps every {chirp_s:g} s do not fit into a frame of {frame_s:g} s"
         )
-    times_s, rate_hz, attrs = place_frames(len(data), n_chirps, frame_s, 1.0 / chirp_s)
     bandwidth_hz = check_number(config, "bandwidth", settings["stop_hz"] - settings["start_hz"], above=0)
     return label_sweeps(
         path,
@@ -122,14 +121,11 @@ def read_infineon(
         bandwidth_hz=bandwidth_hz,
         n_ranges=n_samples // 2,
         range_stop_m=range_stop_m,
-        prf_hz=rate_hz,
+        frames=(len(data), n_chirps, frame_s, 1.0 / chirp_s),
         sweep_s=n_samples / settings["sample_rate_hz"],
-        sample_rate_hz=settings["sample_rate_hz"],
-        slow_time_s=times_s,
         conjugate=conjugate,
         notes=[
             f"antenna {antenna} of {data.shape[1]}; {len(data)} frames of {n_chirps} chirps; settings of {config.name}",
             "the mean of every chirp is removed; levels are shares of the converter's full scale",
         ],
-        attrs=attrs,
     )

@@ -174,20 +174,16 @@ def find_columns(names: list[str]) -> dict[str, int] | None:
 
 def _find_header(text: str) -> tuple[int, str, list[str]] | None:
     """Return number, delimiter and names of the row above the first row of numbers."""
-    lines = text.splitlines()
-    rows: list[tuple[int, str]] = []
-    for number, line in enumerate(lines[:HEADER_LINES]):
+    before, header = None, ""
+    for number, line in enumerate(text.splitlines()[:HEADER_LINES]):
         stripped = line.strip().strip("#%").strip()
         if not stripped:
             continue
         delimiter = next((mark for mark in (";", "\t", ",", " ") if mark in stripped), ",")
-        cells = _split_cells(stripped, delimiter)
-        if all(re.match(r"[-+]?[\d.,]", cell) for cell in cells):
-            if not rows:
-                return number - 1, delimiter, []
-            before, header = rows[-1]
-            return before, delimiter, _split_cells(header, delimiter)
-        rows.append((number, stripped))
+        if all(re.match(r"[-+]?[\d.,]", cell) for cell in _split_cells(stripped, delimiter)):
+            above = number - 1 if before is None else before
+            return above, delimiter, _split_cells(header, delimiter) if header else []
+        before, header = number, stripped
     return None
 
 
