@@ -174,6 +174,8 @@ def _strip_headers(path: Path, meta: Metadata, content: bytes, frame_bytes: int)
 def _find_capture_times(path: Path, meta: Metadata, n_pulses: int, n_bins: int, prf_hz: float) -> FloatArray | None:
     """Return the times of the pulses if there are gaps: a capture begins where its index or its date says."""
     captures = meta.captures
+    if len(captures) < 2:
+        return None
     try:
         firsts = np.array([int(capture["core:sample_start"]) for capture in captures])
         if all("core:global_index" in capture for capture in captures) and meta.sample_rate_hz:
@@ -190,12 +192,12 @@ def _find_capture_times(path: Path, meta: Metadata, n_pulses: int, n_bins: int, 
     rows = -(-firsts // n_bins)
     late_s = stated_s - stated_s[0] - rows / prf_hz
     steps_s = np.diff(late_s)
-    if (steps_s < -max(step_s, 1.0 / prf_hz)).any():
+    if (steps_s < -max(step_s, 1.0 / prf_hz)).any() or (np.diff(rows) < 0).any():
         warn_caller(f"{path}: the times of its captures go back; samples are taken as without gaps")
     elif (steps_s > step_s).any():
         late_s = np.concatenate([[0.0], np.cumsum(np.where(steps_s > step_s, steps_s, 0.0))])
         row = np.arange(n_pulses)
-        return np.asarray(row / prf_hz + late_s[np.searchsorted(rows, row, side="right") - 1], dtype=np.float64)
+        return np.asarray(row / prf_hz + late_s[np.searchsorted(rows[1:], row, side="right")], dtype=np.float64)
     return None
 
 
@@ -254,9 +256,11 @@ def parse_sigmf(
         stated["prf_hz"] = rate_hz
     if samples_per_pulse is not None:
         stated["range_start_m"] = 0.0
-    notes.append(f"levels: one unit of the samples is {stated['scale_v']:.4g} V where no scale_v is given")
+    notes.append(f"levels: one unit of the samples is {stated['scale_v']!s:.10} V where no scale_v is given")
     notes += [f"hardware: {str(meta.common['core:hw'])[:200]}"] if "core:hw" in meta.common else []
-    times_s = _find_capture_times(path, meta, len(values), samples_per_pulse or 1, rate_hz) if rate_hz > 0 else None
+    times_s = None
+    if "prf_hz" in stated and 0.0 < rate_hz <= MAX_PRF_HZ:
+        times_s = _find_capture_times(path, meta, len(values), samples_per_pulse or 1, rate_hz)
     axes = {} if times_s is None else {"slow_time_s": times_s}
     return Parsed(values, axes, stated, notes, hints, is_timed=times_s is not None)
 
@@ -270,7 +274,7 @@ def _parse_own(
         range_m = np.asarray(own["range_m"], dtype=np.float64)
         values = split_rows(path, samples, range_m.size, "pulse", least=1)
         # each capture starts at ``doppelgait:time_s``, and its rows have the rate ``doppelgait:prf_hz``
-        prf_hz, row = float(own["prf_hz"]), np.arange(len(values))
+        prf_hz, row, own_notes = float(own["prf_hz"]), np.arange(len(values)), [*own.get("notes", ()), *notes]
         firsts = [int(capture["core:sample_start"]) for capture in meta.captures]
         starts_s = np.array([float(capture["doppelgait:time_s"]) for capture in meta.captures])
         first_rows = np.array(firsts) // range_m.size
@@ -279,14 +283,15 @@ def _parse_own(
             raise ValueError("captures must begin at whole pulses, the first at 0, and prf_hz be above 0")
         segment = np.searchsorted(first_rows, row, side="right") - 1
         slow_time_s = starts_s[segment] + (row - first_rows[segment]) / prf_hz
+        if not np.isfinite(slow_time_s).all() or (np.diff(slow_time_s) <= 0).any():
+            raise ValueError("times of its pulses do not rise; doppelgait:time_s or doppelgait:prf_hz is wrong")
+        attributes = {"burst_pulses": int(own["burst_pulses"])} if "burst_pulses" in own else {}
     except (LookupError, ValueError, TypeError, OverflowError, ZeroDivisionError) as error:
         raise RecordingError(f"{path}: its doppelgait keys are damaged: {error}") from None
-    own_notes = [*own.get("notes", ()), *notes]
     if any("doppelgait:target" in note for note in meta.annotations):
         own_notes.append("simulated; SigMF holds the labels of its targets, the further truth about them is not stored")
     stated |= {key: own[key] for key in ("radar", "noise_power_v2", "snr_frame_db", "seed") if key in own}
-    stated |= {"notes": own_notes, "conjugate": False}
-    stated |= {"attributes": {"burst_pulses": own["burst_pulses"]}} if "burst_pulses" in own else {}
+    stated |= {"notes": own_notes, "conjugate": False, "attributes": attributes}
     return Parsed(values, {"slow_time_s": slow_time_s, "range_m": range_m}, stated)
 
 
