@@ -108,7 +108,7 @@ class Floor:
     def remove_slope(self, position: FloatArray, parts: Sequence[str]) -> FloatArray:
         """Return positions over the ground under the body if it rises."""
         feet = [i for i, part in enumerate(parts) if part in FOOT_PARTS]
-        if self.tilt_deg < MIN_TILT_DEG or self.is_tilted_frame or self.range_m < RISES_M:
+        if self.is_tilted_frame or self.range_m < RISES_M:
             return position
         raised = position.copy()
         raised[..., 2] -= position[:, feet, 2].min(axis=1)[:, np.newaxis]
