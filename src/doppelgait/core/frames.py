@@ -16,7 +16,7 @@ import numpy.typing as npt
 from doppelgait.core import lazy
 from doppelgait.core.labels import BASEBAND, check_signal, make_array, read_axis, sampling_rate_hz
 from doppelgait.core.lazy import LateRows, read_pulses, xr
-from doppelgait.core.samples import Matrix, Planes, Samples
+from doppelgait.core.samples import Matrix, Samples
 from doppelgait.core.units import FloatArray
 
 SLACK_S = 1e-9  # tolerance for the rounding of pulse times
@@ -183,12 +183,6 @@ class Frames:
         size = self.count_tile_pulses(multiple)
         for first in range(0, self.n_pulses, size):
             yield first, self.read(first, min(first + size, self.n_pulses))
-
-    def read_planes(self, bins: slice, multiple: int = 1) -> Iterator[Planes]:
-        """Yield the planes of some bins, tile by tile."""
-        size = self.count_tile_pulses(multiple)
-        for first in range(0, self.n_pulses, size):
-            yield self.samples.read_tile(slice(first, min(first + size, self.n_pulses)), bins)
 
     def count_tile_pulses(self, multiple: int = 1) -> int:
         """Return the number of pulses of a tile, a multiple of ``multiple`` or the whole recording."""

@@ -17,23 +17,33 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from itertools import accumulate
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from doppelgait.core.documents import describe_excess_memory, limit_bytes
 
+if TYPE_CHECKING:
+    import h5py as h5py
+else:
+
+    class _H5py:
+        """Import h5py when a name of it is used."""
+
+        def __getattr__(self, name: str) -> Any:
+            import h5py
+
+            return getattr(h5py, name)
+
+    h5py = _H5py()
+
 SIGNATURE = b"\x89HDF\r\n\x1a\n"  # first bytes of an HDF5 file
-USER_BLOCKS = (0, 512, 1024, 2048)
-"""Allowed positions of the signature. MATLAB writes it at byte 512."""
-HEAP = b"GCOL\x01"
-"""Signature and version of a heap of texts. The library ignores the three bytes after it."""
+USER_BLOCKS = (0, 512, 1024, 2048)  # allowed positions of the signature; MATLAB writes it at byte 512
+HEAP = b"GCOL\x01"  # signature and version of a heap of texts; the library ignores three more bytes
 HEAP_BYTES, OBJECT_BYTES = 16, 16
 """Bytes before the objects of a heap, and before the content of an object with the 8-byte lengths that h5py writes."""
 TEXT_BYTES = 4096  # length assumed for each text of a long list, such as ids
-CHUNK_BYTES = 6000
-"""Memory that the library allocates for each chunk (measured). For small chunks it exceeds that of the values."""
+CHUNK_BYTES = 6000  # memory that the library allocates for each chunk (measured), however small
 MAX_OBJECTS = 4_000_000  # maximum number of objects in heaps that are followed
-FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}
-"""Supported filters by number. A dataset may use each of them once."""
+FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}  # supported filters; a dataset uses each once
 INFLATES = 1040  # maximum number of bytes that one byte of a deflate stream can decompress to
 FLOATS = ("IEEE_F16LE", "IEEE_F32LE", "IEEE_F64LE", "IEEE_F16BE", "IEEE_F32BE", "IEEE_F64BE")
 """Names of the supported floating-point types."""
@@ -56,8 +66,6 @@ FAULTS = (OSError, *DAMAGE)  # exceptions that h5py raises for damaged bytes
 
 def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = False, **options: Any) -> Any:
     """Open an HDF5 file of unknown origin for reading."""
-    import h5py
-
     place = Path(path)
     facts = place.stat()
     if fault := _find_file_fault(place, (facts.st_ino, facts.st_size, facts.st_mtime_ns)):
@@ -92,8 +100,6 @@ def read_stated_format(path: str | Path) -> str | None:
 
 def get_own_member(group: Any, name: str) -> Any:
     """Return a direct member (dataset or group) of an HDF5 group."""
-    import h5py
-
     key = name.encode()
     if "/" in name:  # every component of a path could be a link
         raise ValueError(f"{name!r} is not allowed as a name")
@@ -117,8 +123,6 @@ def _check_limit(n_bytes: int, path: Path) -> None:
 
 def _check_members(file: Any, path: Path, soft_links: bool) -> None:
     """Check links and sizes of all members without reading values."""
-    import h5py
-
     found: list[tuple[str, int]] = []
     file.id.links.visit(lambda name, link: found.append((name.decode(errors="replace"), link.type)), info=True)
     stored_bytes = path.stat().st_size
@@ -143,8 +147,6 @@ def _check_members(file: Any, path: Path, soft_links: bool) -> None:
 
 def get_attribute(member: Any, name: str) -> Any:
     """Return an attribute of a supported type, None without one; files of other programs have others next to it."""
-    import h5py
-
     if name not in member.attrs:
         return None
     _check_attribute(h5py.h5a.open(member.id, name.encode()), str(member.name))
@@ -153,16 +155,12 @@ def get_attribute(member: Any, name: str) -> Any:
 
 def _check_attributes(member: Any, name: str) -> None:
     """Refuse attributes of unsupported types before they are read."""
-    import h5py
-
     for number in range(h5py.h5a.get_num_attrs(member.id)):
         _check_attribute(h5py.h5a.open(member.id, index=number), name)
 
 
 def _check_attribute(attribute: Any, name: str) -> None:
     """Refuse an attribute of an unsupported type."""
-    import h5py
-
     kind = attribute.get_type()
     fault = _type_fault(kind)
     n_dims = attribute.get_space().get_simple_extent_ndims()
@@ -175,14 +173,9 @@ def _check_attribute(attribute: Any, name: str) -> None:
 
 def _type_fault(kind: Any, *, references: bool = False) -> str:
     """Return why values of a type must not be read, or "": the library converts without a check."""
-    from h5py import h5t
-
-    class_, size = kind.get_class(), kind.get_size()
-    if class_ == h5t.ENUM:  # truth values
-        kind = kind.get_super()
-        class_, size = kind.get_class(), kind.get_size()
-    if references and class_ == h5t.ARRAY:
-        return _type_fault(kind.get_super())
+    h5t, class_, size = h5py.h5t, kind.get_class(), kind.get_size()
+    if class_ == h5t.ENUM or (references and class_ == h5t.ARRAY):  # truth values, and arrays in a table
+        return _type_fault(kind.get_super(), references=references and class_ == h5t.ENUM)
     if references and class_ == h5t.COMPOUND:  # rows of a table: plain numbers and arrays of them, without gaps
         members = [kind.get_member_type(n) for n in range(kind.get_nmembers())]
         ends = [0, *accumulate(member.get_size() for member in members)]
@@ -209,8 +202,6 @@ def _type_fault(kind: Any, *, references: bool = False) -> str:
 
 def _value_bytes(found: Any, name: str, text_bytes: int, *, references: bool = False) -> int:
     """Return the size of a dataset's values, 0 for groups; a text counts ``text_bytes``."""
-    import h5py
-
     if not isinstance(found, h5py.Dataset):
         return 0
     if found.external or found.is_virtual:
@@ -241,8 +232,6 @@ def _value_bytes(found: Any, name: str, text_bytes: int, *, references: bool = F
 
 def _check_lengths(dataset: Any, name: str, count: int) -> None:
     """Refuse texts with a declared length beyond the file's size, which the library allocates."""
-    import h5py
-
     if dataset.id.get_create_plist().get_layout() != h5py.h5d.CONTIGUOUS:
         raise ValueError(f"the texts of {name[:80]!r} are stored in chunks, which is not supported")
     start, path = dataset.id.get_offset(), Path(os.fsdecode(dataset.file.filename))

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from doppelgait.core.config import format_line_note, validate
 from doppelgait.core.draws import CYCLE, DISTRIBUTIONS, resolve
@@ -19,8 +18,7 @@ AUTO_PRF_START_HZ = 1000.0
 FITTED_KEYS = ("environment", "impairments")
 
 
-@dataclass(frozen=True)
-class RadarFile:
+class RadarFile(NamedTuple):
     """Name and table of a radar file that was read before."""
 
     file: str

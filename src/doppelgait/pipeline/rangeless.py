@@ -43,9 +43,7 @@ IMAGE_QUANTILE, IMAGE_MARGIN = 0.3, 3.0
 
 @dataclass(frozen=True)
 class Motion:
-    """Doppler spectra of a rangeless recording, per scan.
-    Shapes: time_s (J,); velocity_mps (K,); power_v2 (J, K).
-    """
+    """Doppler spectra per scan. Shapes: time_s (J,); velocity_mps (K,); power_v2 (J, K)."""
 
     time_s: FloatArray
     velocity_mps: FloatArray
@@ -102,13 +100,11 @@ def find_output(frames: Frames, detector: Detector, *, wavelength_m: float) -> f
     """Return the direction of all echoes in the plane of I and Q, or None."""
     # a moving body turns in the plane of two outputs, but moves along a line if Q repeats I or is empty
     clean = remove_from_frames(frames, kind="mean") if frames.slow_time.burst_pulses is None else frames
-    powers, floors_v2 = [], []
-    for weight in (1.0, -1.0j, 1.0 - 1.0j):  # I, Q, and I + Q for the product of both
-        motion = transform_motion(_project(clean, weight), detector, wavelength_m=wavelength_m)
-        powers.append(motion.power_v2.astype(np.float64))
-        floors_v2.append(motion.floor_v2)
+    weights = (1.0, -1.0j, 1.0 - 1.0j)  # I, Q, and I + Q for the product of both
+    motions = [transform_motion(_project(clean, w), detector, wavelength_m=wavelength_m) for w in weights]
+    powers, floors_v2 = [motion.power_v2.astype(np.float64) for motion in motions], [m.floor_v2 for m in motions]
     total_v2, floor_v2 = powers[0] + powers[1], floors_v2[0] + floors_v2[1]
-    echo = (total_v2 > noise_factor(SURE_PFA) * floor_v2) & (np.abs(motion.velocity_mps) >= detector.slow_mps)
+    echo = (total_v2 > noise_factor(SURE_PFA) * floor_v2) & (np.abs(motions[0].velocity_mps) >= detector.slow_mps)
     stated = bool(frames.facts.get("one_output"))
     if not echo.any() and not stated:
         return None

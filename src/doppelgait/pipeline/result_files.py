@@ -17,7 +17,7 @@ from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.files import FileKind, create_hdf5, open_own_hdf5
 from doppelgait.core.labels import PART_POWER, check_signal
-from doppelgait.core.own_hdf5 import read_stated_format
+from doppelgait.core.own_hdf5 import h5py, read_stated_format
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.result import (
     GROUPS,
@@ -54,10 +54,9 @@ class Results:
 
 
 def describe_results(recording: Recording, results: Sequence[Result]) -> dict[str, Any]:
-    """Build the document that ``doppelgait analyze --json`` prints.
+    """Build the document that ``doppelgait analyze --json`` prints, with None for what is not finite.
 
-    Values that are not finite become None. An empty list of targets has a ``reason``. ``n_bodies``
-    excludes targets with the verdict reflection, folded or thing.
+    An empty list of targets has a ``reason``. ``n_bodies`` excludes reflections, folded echoes and things.
     """
     facts = {
         "file": recording.source,
@@ -114,8 +113,6 @@ def write_results(path: str | Path, recording: Recording, results: Sequence[Resu
 
 
 def _write_result(group: Any, result: Result, written: dict[Any, Any]) -> None:
-    import h5py
-
     plain = result.to_json(arrays=False)
     for name, value in {**plain["features"], **{name: plain[name] for name in NUMBERS}}.items():
         group.attrs[name] = h5py.Empty("f8") if value is None else value
@@ -193,8 +190,6 @@ def read_results(path: str | Path) -> Results:
 
 
 def _read_result(group: Any) -> Result:
-    import h5py
-
     def number(name: str) -> float | int | None:
         value = group.attrs[name]
         return None if isinstance(value, h5py.Empty) else value.item()

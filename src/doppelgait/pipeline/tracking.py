@@ -22,13 +22,7 @@ from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.target import analyze_gated
 from doppelgait.pipeline.verdicts import is_echo, judge
 from doppelgait.processing import Analysis, Gate
-from doppelgait.processing.breathing import (
-    LEAST_RATE_HZ,
-    SHORTEST_S,
-    BreathingSettings,
-    BreathingTarget,
-    find_breathing,
-)
+from doppelgait.processing.breathing import BreathingSettings, BreathingTarget, explain_no_breathing, find_breathing
 from doppelgait.processing.bursts import average_bursts
 from doppelgait.processing.clutter import (
     clean_frames,
@@ -110,7 +104,7 @@ def track_targets(frames: Frames, radar: Radar, source: str, analysis: Analysis,
         tracks = track(scans, tracking.tracker, velocity_span_mps=wavelength_m * prf_hz / 2)
         tracks = split_tracks(tracks, clean, wavelength_m=wavelength_m, cpi_s=tracking.detector.cpi_s)
     persons: list[BreathingTarget] = []
-    breath_needs = _describe_missing_breath(raw)
+    breath_needs = explain_no_breathing(raw.slow_time)
     if not breath_needs:
         persons = find_breathing(frames, wavelength_m=wavelength_m, settings=tracking.breathing)
     if not tracks and not persons:
@@ -170,7 +164,7 @@ def _analyze_without_range(frames: Frames, wavelength_m: float, analysis: Analys
         found = rangeless.analyze_motion(clean, motion, times, analysis, tracking.pieces, wavelength_m=wavelength_m)
         return TargetList([found])
     slow = average_bursts(frames)
-    needs = _describe_missing_breath(slow)
+    needs = explain_no_breathing(slow.slow_time)
     persons = [] if needs else find_breathing(slow, wavelength_m=wavelength_m, settings=tracking.breathing)
     if persons:
         return TargetList([_analyze_breathing(clean, wavelength_m, persons[0], analysis)])
@@ -180,16 +174,6 @@ def _analyze_without_range(frames: Frames, wavelength_m: float, analysis: Analys
         f"m/s or more, too few for a motion of {tracking.tracker.min_duration_s:g} s; "
         f"{'; '.join([needs or 'no steady breathing for 12 s', *read_flags(frames.facts)])}"
     )
-
-
-def _describe_missing_breath(raw: Frames) -> str:
-    """Return why breathing cannot be detected, or an empty text."""
-    slow_time = raw.slow_time
-    if slow_time.duration_s < SHORTEST_S:
-        return f"{slow_time.duration_s:.1f} s are too short to detect breathing, which needs {SHORTEST_S:g} s"
-    if slow_time.rate_hz < LEAST_RATE_HZ:
-        return f"{slow_time.rate_hz:.3g} frames/s are too few to detect breathing, which needs {LEAST_RATE_HZ:g}"
-    return ""
 
 
 def _explain_missing_track(raw: Frames, scans: Sequence[Scan] | None, wavelength_m: float, tracking: Tracking) -> str:
@@ -277,12 +261,8 @@ def _describe_breath(found: Track, persons: Sequence[BreathingTarget]) -> dict[s
 
 
 def _summarise_breath(person: BreathingTarget) -> dict[str, float]:
-    return {
-        "breathing_rate_hz": person.rate_hz,
-        "breathing_displacement_m": person.displacement_m,
-        "breathing_snr_db": person.snr_db,
-        "breathing_confidence": person.confidence,
-    }
+    names = ("rate_hz", "displacement_m", "snr_db", "confidence")
+    return {f"breathing_{name}": getattr(person, name) for name in names}
 
 
 class _Seen(NamedTuple):

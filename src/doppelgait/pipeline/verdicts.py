@@ -29,9 +29,8 @@ SIGNIFICANT = 4.0  # ratio to the noise floor above which a cell of a strip is u
 STEPS_AT_ONCE = 4096
 """Number of steps that are averaged together; all columns of an hour would need a gigabyte."""
 FOLD_GAP_S, FOLD_EDGE_M, FOLD_RANGE_M, FOLD_SPEED, FOLD_LEVEL_DB = 1.0, 1.0, 0.4, 0.2, 8.0
-"""Limits for a folded echo.
-They are the longest pause between body and echo, the largest distance from the edges of the frame
-at that time, and the largest differences in range, speed and level."""
+"""Limits for a folded echo: longest pause between body and echo, largest distance from the edges of
+the frame at that time, and largest differences in range, speed and level."""
 SLOWEST_MPS, FASTEST_MPS, FASTEST_GROUND_MPS = 0.08, 0.45, 0.5
 LEAST_THING_S, LEAST_THING_WAY_M = 2.0, 0.4
 SIDE_MPS = 0.3  # difference from the body's Doppler velocity above which power is from moving parts

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.frames import Frames
+from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.core.labels import sampling_rate_hz
 from doppelgait.core.units import FloatArray, arctangent, logarithm
 from doppelgait.processing.common_phase import average_blocks
@@ -269,6 +269,15 @@ class _SlowSeries:
     limit: float
     wavelength_m: float
     settings: BreathingSettings
+
+
+def explain_no_breathing(slow_time: SlowTime) -> str:
+    """Return why breathing cannot be detected, or an empty text."""
+    if slow_time.duration_s < SHORTEST_S:
+        return f"{slow_time.duration_s:.1f} s are too short to detect breathing, which needs {SHORTEST_S:g} s"
+    if slow_time.rate_hz < LEAST_RATE_HZ:
+        return f"{slow_time.rate_hz:.3g} frames/s are too few to detect breathing, which needs {LEAST_RATE_HZ:g}"
+    return ""
 
 
 def find_breathing(

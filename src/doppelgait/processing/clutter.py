@@ -126,10 +126,12 @@ def remove_from_frames(
         return frames
     chosen = slice(0, frames.n_bins) if bins is None else bins
     block = min(max(round(MEDIAN_BLOCK_S * frames.slow_time.rate_hz), 1), frames.n_pulses)
-    whole = list(frames.read_planes(chosen, block)) if frames.is_short else []  # read once
+    size = frames.count_tile_pulses(block)
+    tile_pulses = [slice(n, min(n + size, frames.n_pulses)) for n in range(0, frames.n_pulses, size)]
+    whole = [frames.samples.read_tile(tile_pulses[0], chosen)] if frames.is_short else []  # read once
 
     def tiles() -> Iterator[Planes]:
-        yield from whole or frames.read_planes(chosen, block)
+        yield from whole or (frames.samples.read_tile(pulses, chosen) for pulses in tile_pulses)
 
     if kind in ("mean", "median"):
         if kind == "mean":
@@ -137,7 +139,7 @@ def remove_from_frames(
         else:
             means = np.empty((2, chosen.stop - chosen.start, frames.n_pulses // block))
             for number, planes in enumerate(tiles()):
-                n_blocks, first = planes.shape[-1] // block, number * (frames.count_tile_pulses(block) // block)
+                n_blocks, first = planes.shape[-1] // block, number * (size // block)
                 blocks = planes[..., : n_blocks * block].reshape(*planes.shape[:2], n_blocks, block)
                 means[..., first : first + n_blocks] = blocks.mean(axis=-1, dtype=np.float64)
             level = np.median(means, axis=-1, keepdims=True, overwrite_input=True)
@@ -147,7 +149,7 @@ def remove_from_frames(
         clean = _make_filter(frames, chosen, kind, time_s=time_s, cutoff_hz=cutoff_hz)
     if whole:
         return frames.with_samples(_make_samples(clean(whole[0], None)[0], chosen, frames.shape))
-    states, size = [None], frames.count_tile_pulses(block)  # states before each tile
+    states = [None]  # before each tile
     if kind in ("mean", "median"):  # no tile needs the state before it
         size = min(size, 4096)
     else:
