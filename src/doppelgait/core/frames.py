@@ -166,7 +166,7 @@ class Frames:
 
     @property
     def bin_share(self) -> float:
-        """Independent noise values per range bin; below 1 if a window over the sweep correlates bins."""
+        """Independent noise values per range bin; below 1 if a window correlates bins."""
         return float(self.facts.get("independent_bin_share", 1.0))
 
     @cached_property
@@ -185,7 +185,7 @@ class Frames:
             yield first, self.read(first, min(first + size, self.n_pulses))
 
     def count_tile_pulses(self, multiple: int = 1) -> int:
-        """Return the number of pulses of a tile, a multiple of ``multiple`` or the whole recording."""
+        """Return the pulses of a tile, a multiple of ``multiple`` or the whole recording."""
         return self.n_pulses if self.is_short else max(lazy.LONG_PULSES // multiple, 1) * multiple
 
     @property
@@ -198,7 +198,7 @@ class Frames:
         return replace(self, slow_time=self.slow_time.find_bursts())
 
     def settle(self) -> Self:
-        """Return the frames as a matrix, once and for all; frames in a file are returned unchanged."""
+        """Return the frames as a matrix, once and for all; those in a file unchanged."""
         return self.with_samples(Samples(self.matrix)) if self.samples.in_memory else self
 
     def with_samples(self, samples: Samples) -> Self:

@@ -36,7 +36,7 @@ else:
     h5py = _H5py()
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"  # first bytes of an HDF5 file
-USER_BLOCKS = (0, 512, 1024, 2048)  # allowed positions of the signature; MATLAB writes it at byte 512
+USER_BLOCKS = (0, 512, 1024, 2048)  # allowed positions of the signature; MATLAB's is byte 512
 HEAP = b"GCOL\x01"  # signature and version of a heap of texts; the library ignores three more bytes
 HEAP_BYTES, OBJECT_BYTES = 16, 16
 """Bytes before the objects of a heap, and before the content of an object with the 8-byte lengths that h5py writes."""
@@ -48,7 +48,7 @@ INFLATES = 1040  # maximum number of bytes that one byte of a deflate stream can
 FLOATS = ("IEEE_F16LE", "IEEE_F32LE", "IEEE_F64LE", "IEEE_F16BE", "IEEE_F32BE", "IEEE_F64BE")
 """Names of the supported floating-point types."""
 TEXT_MARK = b"\x10\x00\x00\x00"
-"""Size of the reference to a text of variable length: length, address of the heap and number of the object."""
+"""Size of the reference to a text: length, address of the heap and number of the object."""
 TEXT = re.compile(
     rb"\x10\x00\x00\x00"
     rb"(?:[\x10\x20\x30].{3}\x01\x00\x00\x00.{4}(?:\x00{4})?|[\x13\x23\x33].{3}\x01\x00\x00\x00)"  # of characters
@@ -165,7 +165,7 @@ def _check_attribute(attribute: Any, name: str) -> None:
     fault = _type_fault(kind)
     n_dims = attribute.get_space().get_simple_extent_ndims()
     if kind.get_class() == h5py.h5t.STRING and kind.is_variable_str() and (n_dims or kind.committed()):
-        fault = "is a list of texts, or of a named type"  # TEXT matches only single texts of a plain type
+        fault = "is a list of texts, or of a named type"  # TEXT matches single texts of a plain type
     if fault:
         text = attribute.name.decode(errors="replace")
         raise ValueError(f"the attribute {text[:80]!r} of {name[:80]!r} {fault}")
@@ -174,9 +174,9 @@ def _check_attribute(attribute: Any, name: str) -> None:
 def _type_fault(kind: Any, *, references: bool = False) -> str:
     """Return why values of a type must not be read, or "": the library converts without a check."""
     h5t, class_, size = h5py.h5t, kind.get_class(), kind.get_size()
-    if class_ == h5t.ENUM or (references and class_ == h5t.ARRAY):  # truth values, and arrays in a table
+    if class_ == h5t.ENUM or (references and class_ == h5t.ARRAY):  # truth values, arrays in a table
         return _type_fault(kind.get_super(), references=references and class_ == h5t.ENUM)
-    if references and class_ == h5t.COMPOUND:  # rows of a table: plain numbers and arrays of them, without gaps
+    if references and class_ == h5t.COMPOUND:  # rows of a table: numbers, without gaps
         members = [kind.get_member_type(n) for n in range(kind.get_nmembers())]
         ends = [0, *accumulate(member.get_size() for member in members)]
         if [kind.get_member_offset(n) for n in range(len(members))] != ends[:-1] or ends[-1] != size:
@@ -211,7 +211,7 @@ def _value_bytes(found: Any, name: str, text_bytes: int, *, references: bool = F
         raise ValueError(f"{name[:80]!r} {fault}")
     each: int = kind.get_size()
     count: int = found.id.get_space().get_simple_extent_npoints()
-    if kind.get_class() == h5py.h5t.STRING and kind.is_variable_str():  # several values may share one text
+    if kind.get_class() == h5py.h5t.STRING and kind.is_variable_str():  # values may share a text
         each += text_bytes
         _check_lengths(found, name, count)
     if properties.get_layout() != h5py.h5d.CHUNKED:

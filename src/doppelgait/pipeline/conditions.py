@@ -18,7 +18,7 @@ class Noise(FrozenModel):
     ----------
     kind : {"thermal", "snr", "none"}
         ``thermal``: from the radar's noise figure and bandwidth (equation E-18 of docs/theory.md), unless the list
-        of impairments has an entry ``thermal_noise``. ``snr``: the level at which the SNR is ``snr_db``.
+        of impairments has an entry ``thermal_noise``. ``snr``: the level for ``snr_db``.
     snr_db : float
         SNR_frame to set: time mean of the strongest bin's power over the noise power; not with ``thermal``.
 

@@ -31,9 +31,9 @@ from doppelgait.processing.track_segments import SegmentationSettings, TrackSegm
 FAR_M = 100.0
 """Start range of a path that is integrated from velocity; at this range straight motion has constant velocity."""
 SMOOTHED_S = 0.5
-"""Time of the median filter for Doppler peaks; a limb is stronger than the torso for a shorter time."""
+"""Time of the median filter for Doppler peaks; a limb is the strongest for a shorter time."""
 OPPOSITE_MPS = 0.5
-"""Lowest speed of a torso; the limbs of a person who walks in the opposite direction do not stay above it."""
+"""Lowest speed of a torso; limbs of a person who walks the other way do not stay above it."""
 OPPOSITE_S, OPPOSITE_SHARE, OPPOSITE_LEVEL = 1.0, 0.8, 0.1
 """Time, its smallest share with power on both sides, and smallest power ratio of the weaker to the stronger side."""
 SURE_PFA = 1e-6
@@ -98,7 +98,7 @@ def _project(frames: Frames, weight: complex) -> Frames:
 
 def find_output(frames: Frames, detector: Detector, *, wavelength_m: float) -> float | None:
     """Return the direction of all echoes in the plane of I and Q, or None."""
-    # a moving body turns in the plane of two outputs, but moves along a line if Q repeats I or is empty
+    # a moving body turns in the plane of two outputs, but along a line if Q repeats I or is empty
     clean = remove_from_frames(frames, kind="mean") if frames.slow_time.burst_pulses is None else frames
     weights = (1.0, -1.0j, 1.0 - 1.0j)  # I, Q, and I + Q for the product of both
     motions = [transform_motion(_project(clean, w), detector, wavelength_m=wavelength_m) for w in weights]
@@ -168,7 +168,7 @@ def analyze_motion(
     segments: list[TrackSegment] = []
     peaks_mps = motion.peaks_mps()
     for start_s, stop_s in times:
-        # the integral of the strongest Doppler is a path far from the radar, which is divided like a range track
+        # the integral of the strongest Doppler is a path far from the radar, divided like a track
         inside = np.flatnonzero((motion.time_s >= start_s) & (motion.time_s <= stop_s))
         continuous = clean.slow_time.burst_pulses is None  # some bursts a second do not show a rest
         rests = _find_rests(motion.time_s[inside], peaks_mps[inside], settings) if continuous else []
@@ -202,7 +202,7 @@ def analyze_motion(
 
 def _find_rests(times_s: FloatArray, velocity_mps: FloatArray, settings: SegmentationSettings) -> list[int]:
     """Return the scans at which a body comes to rest or starts."""
-    # a path without range may be that of a body that stops or of one that passes by: only a rest separates them
+    # without range, a body that stops may be one that passes by: only a rest separates them
     rests = np.concatenate([[False], np.abs(velocity_mps) < settings.still_mps, [False]])
     edges = np.flatnonzero(np.diff(rests)).reshape(-1, 2)
     lasting = times_s[edges[:, 1] - 1] - times_s[edges[:, 0]] >= settings.min_piece_s

@@ -176,12 +176,12 @@ class Result:
         }
 
     def plot(self, *, ax: Any = None, **settings: Any) -> Any:
-        """Plot the signature with its main line, with the settings of :func:`doppelgait.viz.signature`."""
+        """Plot the signature with its main line; settings as for :func:`doppelgait.viz.signature`."""
         return plot("result", self, ax=ax, **settings)
 
     @property
     def doubtful(self) -> tuple[str, ...]:
-        """Names of values of low confidence, by a flag: the gait frequency and what is derived from it."""
+        """Names of values of low confidence: the gait frequency and what is derived from it."""
         return FROM_GAIT_FREQUENCY if "low_confidence" in self.flags else ()
 
     @property
@@ -196,7 +196,7 @@ class Result:
 
     @property
     def verdict(self) -> str | None:
-        """Kind of target: body, or with evidence in ``quality`` and a flag reflection, folded or thing."""
+        """Kind of target: body, or with evidence and a flag reflection, folded or thing."""
         verdict = self.quality.get("verdict")
         return None if verdict is None else str(verdict)
 
@@ -234,7 +234,7 @@ class Result:
 
     @property
     def cadence_map(self) -> xr.DataArray:
-        """Cadence-velocity diagram (cadence, doppler), relative to the main line if ``aligned`` is True."""
+        """Cadence-velocity diagram (cadence, doppler), relative to the main line if ``aligned``."""
         return self._get_array("cadence_map")  # type: ignore[no-any-return]
 
     @property
@@ -254,7 +254,7 @@ class Result:
 
     @property
     def parts(self) -> xr.Dataset | None:
-        """Torso, legs and limbs with ``Analysis(parts=True)`` (E-40); a flag states why there are none.
+        """Torso, legs and limbs with ``Analysis(parts=True)`` (E-40); a flag if there are none.
 
         The variables are power (part, time, doppler), label (time, doppler), energy share (part),
         and centroid and spread of the radial velocity (part, time).
@@ -336,8 +336,8 @@ class Result:
     ) -> Result:
         """Make a result from the columns of :meth:`to_row`, and from what is stored with the row.
 
-        Other columns are ignored; a missing one is an AnalysisError. ``analysis`` are the settings of
-        the row. In the index of a dataset the column ``flags`` is named ``quality_flags``.
+        Other columns are ignored; a missing one is an AnalysisError. ``analysis`` has the settings
+        of the row. In the index of a dataset the column ``flags`` is named ``quality_flags``.
         """
         if "quality_flags" in row:
             row = {"flags" if key == "quality_flags" else key: value for key, value in row.items()}

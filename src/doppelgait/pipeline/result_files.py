@@ -54,9 +54,9 @@ class Results:
 
 
 def describe_results(recording: Recording, results: Sequence[Result]) -> dict[str, Any]:
-    """Build the document that ``doppelgait analyze --json`` prints, with None for what is not finite.
+    """Build the document that ``doppelgait analyze --json`` prints, with None if not finite.
 
-    An empty list of targets has a ``reason``. ``n_bodies`` excludes reflections, folded echoes and things.
+    An empty list of targets has a ``reason``. ``n_bodies`` excludes echoes and things.
     """
     facts = {
         "file": recording.source,
@@ -131,7 +131,7 @@ def _write_result(group: Any, result: Result, written: dict[Any, Any]) -> None:
         folder = group.create_group(f"axes/{name}", track_order=True) if members else None
         for key, axis in axes.items():
             _write_values(folder, key, axis.pop("values"), axis, written)
-    for name, axis in PLAIN_AXES.items():  # for readers without this package, under names with their units
+    for name, axis in PLAIN_AXES.items():  # for other readers, under names with their units
         if axis in group:
             group[name] = group[axis]
     if result.gate_limits is not None:

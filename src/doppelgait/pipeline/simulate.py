@@ -147,7 +147,7 @@ def simulate(
     slow_time_s = pulse_times_s(placed.observation_s, radar)
     scatterers, tracks = observe_scene(placed, radar, slow_time_s, conditions, angles=angles, streams=rng)
     warn_of_limits(scatterers, radar, has_jumps=any(t.motion.report.get("has_jumps") for t in placed.targets))
-    # without impairments the samples before the range transform are not needed: compute the bins directly
+    # only impairments need the samples before the range transform
     echoes = Echoes(scatterers, radar, compressed=not conditions.impairments)
     samples: Samples | None = None
     if target is not None and not conditions.impairments and not echoes.is_short:
@@ -256,7 +256,7 @@ class Echoes:
         return Samples.join(tiles(), (self.n_pulses, width)), _average_v2(levels)
 
     def add_noise(self, samples: Samples, noise: NoiseLevel | None, first_pulse: int = 0) -> Samples:
-        """Add the receiver noise of the pulses from ``first_pulse``; it is that of the receiver's samples."""
+        """Add the noise of the receiver's samples to the pulses from ``first_pulse``."""
         if noise is None:
             return samples
         if self.radar.waveform.samples_are_bins or not self.compressed:
@@ -368,7 +368,7 @@ def build_target_truth(
         start_s = float(placed.motion.time_s[0])
         found = []
         for touchdowns_s in (np.asarray(times_s) for times_s in facts.footfalls.values() if len(times_s) > 1):
-            # strides of one foot from its first to its last touchdown in the observation, or those just outside
+            # strides of one foot between touchdowns in the observation, or those just outside
             first, stop = np.searchsorted(touchdowns_s, [start_s - 1e-9, start_s + observation_s + 1e-9])
             while stop - first < 2:
                 first, stop = max(first - 1, 0), min(stop + 1, touchdowns_s.size)

@@ -33,12 +33,12 @@ from doppelgait.processing.signature import compute_signature
 SIDEWAYS_COSINE = 0.6
 """|cos psi| below which lateral sway, with the period of the stride, can be stronger than the steps (E-33)."""
 ALIGNED = "aligned"
-"""Attribute of a cadence map: True if its Doppler is relative to the main line (E-29) and not to 0 Hz."""
+"""Attribute of a cadence map: True if its Doppler is relative to the main line (E-29)."""
 NAMED_REASONS = ("path_is_not_straight", "too_uncertain")
 """Reasons for a missing ground speed that become flags."""
 GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
 MAX_TOGETHER = 8
-"""Targets that are measured together: more of them leave the cache of the processor and gain nothing."""
+"""Targets that are measured together: more leave the cache of the processor and gain nothing."""
 
 
 class Gated(NamedTuple):
@@ -131,7 +131,7 @@ def _make_result(target: Target, observed: Observation | None, deviations: dict[
     further: dict[str, Any] = {}
     over_time: dict[str, Any] = {}
     if observed is None:
-        # method of the report: columns over their maximum, mean removed, plain transform, sum over Doppler
+        # the report: columns over their maximum, mean removed, plain transform, sum over Doppler
         normalised = processing.normalise(shown, 0.0, mode="max")
         rows = processing.detrend(normalised, order=0)
         cadence_map = processing.cadence_map(rows, padded=False, tapered=False)

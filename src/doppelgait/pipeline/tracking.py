@@ -49,7 +49,7 @@ CLUTTER_SHARE = 0.2
 """Share of a gate's power removed with the clutter above which the torso may be removed, too."""
 STILL_SPAN_M = 0.6
 SAME_PLACE_M = 0.6
-"""Distance between the end of a track and the start of a later one below which both may be of one body."""
+"""Distance from the end of a track to the start of a later one that may be of the same body."""
 LONGEST_REST_S = 10.0
 """Longest rest of a body between two tracks, unless a person breathes there in between."""
 STILL_SPEED_MPS, MIN_REST_S = 0.1, 2.0

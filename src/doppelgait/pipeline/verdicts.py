@@ -47,7 +47,7 @@ GHOST_LEVEL_DB, IN_STEP_LEVEL_DB = -11.0, 1.0
 The two-way path by a brick wall loses 12 dB or more; small dogs are up to 10 dB weaker than people.
 """
 RHYTHM_TOLERANCE, SURE, IN_STEP = 0.12, 0.5, 0.75
-"""Relative difference and confidence of two different rhythms, and smallest correlation of a common rhythm."""
+"""Relative difference and confidence of two rhythms, smallest correlation of a common one."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def judge_thing(one: TrackStrip, others: Sequence[TrackStrip]) -> Verdict | None
     if np.percentile(np.abs(one.approach_mps), 95) > FASTEST_MPS:
         return None
     squared = np.polynomial.Polynomial.fit(one.time_s, one.range_m**2, 2).convert().coef
-    if len(squared) > 2 and squared[2] > FASTEST_GROUND_MPS**2:  # R^2 of a straight path is quadratic in time
+    if len(squared) > 2 and squared[2] > FASTEST_GROUND_MPS**2:  # R^2 of a straight path is quadratic
         return None
     travels = np.abs(own.approach_mps) > SLOWEST_MPS
     if travels.sum() * STEP_S < LEAST_THING_S / 2:

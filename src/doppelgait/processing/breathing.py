@@ -21,7 +21,7 @@ ComplexArray = npt.NDArray[np.complex128]
 
 PADDING = 4
 BACKGROUND_HZ = (0.1, 2.0)
-"""Band over which the median gives the level of a window; it is much wider than the line of a breath."""
+"""Band over which the median gives the level of a window, much wider than a breath's line."""
 SIDE_CELLS = (2.0, 6.0)
 """Distances from a line between which its two sides lie, in cells of 1 / window."""
 LEAST_LOWER_CELL = 0.75
@@ -193,7 +193,7 @@ WORKING_RATE_HZ = 10.0  # pulses are averaged down to about this rate
 LEAST_RATE_HZ = 3.0
 SHORTEST_S = 10.0
 COHERENT = 0.8
-"""Correlation of motion above which two places show the same breath: a multipath echo, or a shadowed echo."""
+"""Correlation of motion above which two places show one breath: multipath, or a shadow."""
 WINDOW_FALSE_ALARM = 1e-3
 SHORT_WINDOWS_S = (15.0, 12.0)
 """Lengths of the single windows that detect people who keep still for a part of the time only."""
@@ -302,7 +302,7 @@ def find_breathing(
         raise AnalysisError("the baseband has values that are not finite; remove those pulses or fill them")
     times = pulse_times[: count * size].reshape(count, size).mean(axis=1)
     people = [one.target for one in _find_in(values, times, range_m, wavelength_m, options)]
-    # people who move for a part of the time: single windows, which share the probability of a false alarm
+    # people who move for a time: single windows, which share the probability of a false alarm
     spans = [
         (start_s, start_s + window_s)
         for window_s in SHORT_WINDOWS_S

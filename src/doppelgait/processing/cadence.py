@@ -26,7 +26,7 @@ from doppelgait.core.units import FloatArray, exponential, modified_bessel
 from doppelgait.processing.normalise import copy_rows
 
 WIDTH = 18
-"""Length of the interpolation kernel in grid steps; with the sampling rates used here the error is 1e-13."""
+"""Length of the interpolation kernel in grid steps; at the rates used here the error is 1e-13."""
 LOWEST_OVERSAMPLING = 2.0
 GROUP = 64  # rows that are processed together, so that all buffers stay in the second-level cache
 

@@ -57,7 +57,7 @@ def remove_common_phase(frames: Frames) -> Frames:
     turns = np.empty((count, zones.size), dtype=np.complex64)
     for first, values in tiles():
         turns[first : first + values.shape[0]] = (values @ pointing @ far)[:, zones]
-    for column, number in enumerate(zones):  # the rotation that corrects a zone, from the frames around each
+    for column, number in enumerate(zones):  # the rotation that corrects a zone
         pointer, pulses = turns[:, column], math.ceil(wanted[served & (zone == number)].max())
         if pulses > 1:
             place = np.arange(count)

@@ -116,7 +116,7 @@ class Gate:
     ) -> Self:
         """Make a gate between two fixed ranges, from the first to the last of the times.
 
-        With the range axis ``range_m`` of the recording, the gate is limited to its cells, and limits
+        With the range axis ``range_m`` of the recording, the gate is limited to its cells; limits
         outside it are an AnalysisError. A recording without range (one cell) is inside any gate.
         """
         if not -np.inf < low_m < high_m < np.inf:
@@ -143,7 +143,7 @@ class Gate:
         """Make the gate of a track over the pulses in its time, two or more.
 
         Pulse times from half a processing interval ``cpi_s`` before the first detection to half of
-        one after the last are kept, because a scan uses the pulses within this distance of its time.
+        one after the last are kept: a scan uses the pulses within this distance of its time.
         """
         times_s = np.asarray(time_s, dtype=float)
         first_s, last_s = track.first_s - cpi_s / 2 - SLACK_S, track.last_s + cpi_s / 2 + SLACK_S

@@ -21,7 +21,7 @@ AGREEING_SHARE, DIFFERING_SHARE = 0.05, 0.1
 """Difference of main line and track, as a share of the track's velocity: agreement below, doubtful values above."""
 LEAST_APART_MPS = 0.03
 TRACK_ERROR_M = 0.15
-"""Error of the path length of a track; it reduces the weight of the track's velocity over a short time."""
+"""Error of a track's path length; it reduces the weight of its velocity over a short time."""
 UNFOLDED_SHARE = 0.8
 """Share of half the pulse rate above which a torso line may be folded and cannot be compared with a track."""
 NEAR_TRACK_MPS = 0.4

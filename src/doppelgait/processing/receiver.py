@@ -25,7 +25,7 @@ MAX_SECOND_SHARE = 0.05
 two outputs leave 0.37, 13 dB or 65 degrees 0.05."""
 MAINS_HZ = (50.0, 60.0)
 TOLERANCE = 0.002
-"""Largest relative deviation of the mains frequency; large grids stay within it nearly all the time."""
+"""Largest relative deviation of the mains frequency; large grids stay within it."""
 FIRST_LINES_HZ = 260.0
 """Multiples up to this frequency prove the mains; their tolerance is at most 0.5 Hz, so few bodies are candidates."""
 MAX_MULTIPLE = 20
@@ -37,7 +37,7 @@ MIN_SEGMENTS, MAX_SEGMENTS = 4, 60
 CELLS = 2.5
 """Half width of a line in the spectrum of a segment with Hann window, in cells of 1 / segment."""
 AROUND_HZ = 7.0
-"""Reach of the surroundings of a line; a gait has its own lines 1 to 5 Hz beside any line of a body."""
+"""Reach of the surroundings of a line; a gait has lines 1 to 5 Hz beside that of a body."""
 AROUND_QUANTILE = 0.93
 """Quantile that is the level of the surroundings: one other line there is below it, the two of a gait are not."""
 CONTRAST = 30.0
@@ -50,7 +50,7 @@ MAX_ROUNDS = 4
 NEAR_ZERO_HZ = 1.0  # lines that alias to less are left to the removal of static clutter
 KNOTS_PER_S = 8.0
 SMOOTHED_KNOTS = 17
-"""Length of the cubic smoothing of a line's amplitude, 2 s: the notch is about 1 Hz wide on each side."""
+"""Length of the cubic smoothing of an amplitude, 2 s: the notch is 1 Hz wide on each side."""
 
 
 class MainsLine(NamedTuple):
@@ -79,7 +79,7 @@ class Waves:
 
 def remove_mains_lines(frames: Frames) -> Frames:
     """Remove the lines of the mains, and note them in the facts of the frames."""
-    # a burst is too short to separate a line from a body, and a slow radar has no room for its surroundings
+    # a burst is too short to separate lines from bodies, a slow radar has no surroundings
     steps_s, rate_hz = np.diff(frames.slow_time.time_s), frames.slow_time.rate_hz
     slow = frames.slow_time.duration_s < MIN_SEGMENT_S or rate_hz < 4.0 * AROUND_HZ
     if slow or steps_s.max() > PAUSE * steps_s.mean():
@@ -117,7 +117,7 @@ def remove_mains_lines(frames: Frames) -> Frames:
 
 
 def _select_certain(series: ComplexArray, lines: list[MainsLine], rate_hz: float) -> list[MainsLine]:
-    """Select the lines that no body makes: of steady amplitude, or alike on both sides of two outputs."""
+    """Select the lines that no body makes: steady, or alike on both sides of two outputs."""
     rest = np.diff(fit_waves([series], lines, rate_hz).subtract(series, 0)[:, 0]) if lines else series[:, 0]
     # along the axes of I and Q the variances are p + q and p - q: with one output, everything is on both sides
     p, q = float(np.mean(np.abs(rest) ** 2)), float(np.abs(np.mean(rest**2)))

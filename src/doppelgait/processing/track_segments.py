@@ -18,10 +18,10 @@ from doppelgait.core.units import FloatArray
 TYPICAL_SPEED_MPS = 3.0
 """Standard deviation of a segment's unknown radial velocity and ground speed: a weak prior."""
 UNKNOWN_SD = 1e3
-"""Prior standard deviation of the squared range at a change point, in units of its measurement error."""
+"""Prior standard deviation of the squared range at a change point, in measurement errors."""
 ENVELOPE_SPAN_SD = 6.0
 ENVELOPE_POINTS = 25
-"""Number of values at a change point, around the range measured there, at which histories are compared."""
+"""Number of values around the measured range at which histories are compared."""
 REFERENCE_STEP_S = 0.1
 HOPELESS = 1e3
 """Cost above the lowest one plus a change point at which a start is dropped: one range with an error of 30 sd."""
@@ -58,7 +58,7 @@ def find_best_knots(
 
 
 class _Histories:
-    """Parabolas a (x - b)^2 + c per change point, of the histories with a start that was not dropped."""
+    """Parabolas a (x - b)^2 + c per change point, of the histories that were not dropped."""
 
     def __init__(self, value: float, noise: float) -> None:
         self.abc = np.array([[noise**-2], [value], [0.0]])

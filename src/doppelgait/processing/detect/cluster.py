@@ -13,7 +13,7 @@ IntArray = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 LIMB_SHARE = 0.3
-"""Largest power of a limb that is separated from its torso in Doppler, as a share of the torso's power."""
+"""Largest power of a limb that is separate from its torso in Doppler, as a share of that."""
 IN_PLANE = np.zeros((3, 3, 3), dtype=bool)
 IN_PLANE[1] = True
 """Cells are connected within a scan, also diagonally, and never between scans."""

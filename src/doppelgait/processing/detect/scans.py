@@ -96,7 +96,7 @@ def detect_bodies(frames: Frames, chosen: Detector, *, wavelength_m: float, in_p
             join_bins=_round_to_odd(chosen.join_range_m / maps.bin_spacing_m),
             join_doppler_bins=_round_to_odd(chosen.join_doppler_hz / float(maps.doppler_hz[1] - maps.doppler_hz[0])),
         )
-        # neighbouring bins that share noise exceed a threshold together, so that their summed power is higher
+        # neighbouring bins that share noise exceed a threshold together: their sum is higher
         cells = keep_bodies(cells, peak, maps.power_v2, maps.floor_v2, min_snr=chosen.min_snr / frames.bin_share)
         # clusters of one body are merged, and bodies with too few cells are removed
         shape = measure_shapes(cells, maps.power_v2, maps.floor_v2, box_quantile=chosen.box_quantile)

@@ -85,7 +85,7 @@ def find_best_assignment(gain: FloatArray, miss: float) -> list[int]:
     forbidden = np.full((tracks, tracks), -np.inf)
     np.fill_diagonal(forbidden, miss)
     padded = np.hstack([gain, forbidden])
-    # scipy rejects a matrix in which -inf excludes every complete assignment; the misses always allow one
+    # scipy rejects a matrix in which -inf excludes every assignment; the misses allow one
     _, columns = linear_sum_assignment(padded, maximize=True)
     return [int(c) if c < detections else -1 for c in columns]
 

@@ -27,7 +27,7 @@ SMOOTHED_SCANS = 9
 APART_M = 0.6
 """Distance of torso echoes above which they are two bodies; chest and rump of dogs and crawlers have 0.45 m."""
 WEAKEST_DB, VALLEY_DB, DEEP_DB = 16.0, 6.0, 10.0
-"""Largest level of the first peak over the second; depths of the valley for ``several`` and for a split."""
+"""Largest level of the first peak over the second; valleys for ``several`` and for a split."""
 FLOOR_FROM_M, FLOOR_QUANTILE, FLOOR_FACTOR = 1.0, 0.3, 2.0
 SPLIT_S, SPLIT_SHARE = 2.0, 0.75
 DOUBT_S, DOUBT_SHARE = 1.0, 0.2
