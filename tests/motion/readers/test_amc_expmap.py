@@ -122,6 +122,7 @@ def test_a_skeleton_that_is_no_json_is_named(tmp_path: Path) -> None:
         (lambda words: [*words, "1", "2"], "line 5: frame 5 holds 119 values"),
         (lambda words: ["x", *words[1:]], "line 5: frame 5 holds 'x'"),
         (lambda words: ["nan", *words[1:]], "line 5: frame 5 holds 'nan'"),
+        (lambda words: [*words[:-2], "\n".join(words[-2:])], "line 5: frame 5 holds 116 values"),
         (lambda words: [*words[:3], "", *words[4:]], "line 5: frame 5 holds '', which is not a finite number"),
     ],
 )
@@ -134,26 +135,9 @@ def test_damaged_frames_are_named_by_line(tmp_path: Path, row: Any, pattern: str
         read(path)
 
 
-def test_values_that_moved_to_another_line_are_refused(tmp_path: Path) -> None:
-    path = write(tmp_path, frames())
-    lines = path.read_text().split("\n")
-    words = lines[4].split(",")
-    lines[4], lines[5] = ",".join(words[:-1]), words[-1] + "," + lines[5]
-    path.write_text("\n".join(lines))
-    with pytest.raises(MotionError, match="line 5: frame 5 holds 116 values"):
-        read(path)
-
-
 def test_another_skeleton_is_refused(tmp_path: Path) -> None:
     body = skeleton()
     small = {**body, **{key: body[key][:32] for key in ("joint_names", "parents", "offsets")}}
     with pytest.raises(MotionError, match=r"has 117 columns, its skeleton .* of 32 joints needs 99"):
         read(write(tmp_path, frames(), small))
     assert read(write(tmp_path, frames()[:, :99], small), clean=False).positions.sizes["marker"] == 32
-
-
-def test_other_tables_are_not_taken(tmp_path: Path) -> None:
-    path = tmp_path / "table.csv"
-    path.write_text("\n".join(",".join(["1.5"] * 60) for _ in range(30)))
-    with pytest.raises(MotionError, match="no known motion format"):
-        read(path)

@@ -13,7 +13,7 @@ from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
 from doppelgait.motion.readers.skeletons import read_skeletons
 from doppelgait.motion.skeleton import HUMAN_PARTS
-from walking_body import NAMES, walking_body, y_up
+from walking_body import NAMES, walking_body
 
 BODY_M = walking_body()
 
@@ -44,18 +44,6 @@ def test_units_give_the_same_motion(file: Path, unit: str, metres: float) -> Non
     assert (report["format"], report["length_unit"], report["up_axis"]) == (file.suffix[1:], unit, "z")
     other = read(write(file, positions=BODY_M / metres, units=None), clean=False, units=unit)
     np.testing.assert_allclose(other.position_m, BODY_M, atol=1e-12)
-
-
-def test_axes_are_found(file: Path) -> None:
-    motion = read(write(file, positions=y_up(BODY_M)), clean=False)
-    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-12)
-    assert motion.report["up_axis"] == "y"
-
-
-def test_no_unit_is_guessed_aloud(file: Path) -> None:
-    with pytest.warns(DoppelgaitWarning, match=r"names no length unit.*so m is assumed"):
-        motion = read(write(file, units=None), clean=False)
-    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-12)
 
 
 @pytest.mark.parametrize("position_key", ["positions", "joints", "Jtr"])

@@ -124,32 +124,23 @@ def test_refused_with_a_reason(shared: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", EDGE)
-def test_edge_case_has_its_counts(shared: Path, name: str) -> None:
-    motion = _read(shared, name, clean=False)
+def test_edge_case_is_read_and_clean_or_says_why_not(shared: Path, name: str) -> None:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DoppelgaitWarning)
+        motion = read(_path(shared, name), clean=False)
+    texts = [str(entry.message) for entry in caught]
+    assert len(texts) == (name in WARNED)
+    assert all(WARNED[name] in text for text in texts)
     report, (points, frames, rate, up_axis) = motion.report, EDGE[name]
     assert (report["points_in_file"], motion.n_frames) == (points, frames)
     assert motion.rate_hz == pytest.approx(rate, rel=1e-5)
     assert up_axis in (None, report["up_axis"])
     assert len(motion.markers) + sum(map(len, report["dropped"].values())) == points
-
-
-@pytest.mark.parametrize("name", EDGE)
-def test_edge_case_warns_only_when_it_must(shared: Path, name: str) -> None:
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DoppelgaitWarning)
-        read(_path(shared, name), clean=False)
-    texts = [str(entry.message) for entry in caught]
-    assert len(texts) == (name in WARNED)
-    assert all(WARNED[name] in text for text in texts)
-
-
-@pytest.mark.parametrize("name", EDGE)
-def test_edge_case_is_clean_or_says_why_not(shared: Path, name: str) -> None:
     if name in NO_MOTION:
         with pytest.raises(MotionError, match=NO_MOTION[name]):
-            _read(shared, name)
-        return
-    assert np.isfinite(_read(shared, name).position_m).all()
+            clean_motion(motion)
+    else:
+        assert np.isfinite(clean_motion(motion).position_m).all()
 
 
 @pytest.mark.parametrize("name", sorted({*REFUSED, *EDGE, *RECORDINGS}))
@@ -167,7 +158,7 @@ def test_every_file_is_described_or_refused(shared: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", RECORDINGS)
-def test_recording_has_the_counts_of_its_manifest(shared: Path, name: str) -> None:
+def test_recording_has_the_counts_and_the_size_of_its_manifest(shared: Path, name: str) -> None:
     row, facts = _rows(shared)[name], describe_motion(_read(shared, name, clean=False))
     assert facts["points_in_file"] == int(row["points_in_file"])
     assert facts["points_measured"] == int(row["points_measured"]) - (name == PLUG_IN_GAIT)
@@ -186,23 +177,22 @@ def test_recording_has_the_counts_of_its_manifest(shared: Path, name: str) -> No
         assert facts["up_axis_from"] == "body parts"
     if name != "neurokin_rat_runway15.c3d":  # another limit there
         assert facts["stationary_points"] == int(row["stationary_points"])
-
-
-@pytest.mark.parametrize("name", sorted(set(RECORDINGS) - {PLUG_IN_GAIT}))
-def test_recording_has_the_size_of_its_manifest(shared: Path, name: str) -> None:
-    row, facts = _rows(shared)[name], describe_motion(_read(shared, name, clean=False))
-    assert facts["height_m"] == pytest.approx(float(row["height_m"]), abs=3e-3 if name in TABLES else 2e-3)
-    assert facts["lowest_point_m"] == pytest.approx(float(row["lowest_point_m"]), abs=3e-3)
+    if name != PLUG_IN_GAIT:
+        assert facts["height_m"] == pytest.approx(float(row["height_m"]), abs=3e-3 if name in TABLES else 2e-3)
+        assert facts["lowest_point_m"] == pytest.approx(float(row["lowest_point_m"]), abs=3e-3)
 
 
 ENTER_AND_LEAVE = ("c3dorg_walk_13markers.c3d", "ezc3d_bts_walk_yup.c3d", "opensim_walking2.c3d")
 """Their manifest's mean speed (0.69 to 1.17 m/s) is over gaps filled while the body was not in view."""
 
 
-@pytest.mark.parametrize("name", [name for name, kind in RECORDINGS.items() if kind != "stands"])
+@pytest.mark.parametrize("name", RECORDINGS)
 def test_speed_agrees_with_the_manifest(shared: Path, name: str) -> None:
     row, motion = _rows(shared)[name], _read(shared, name, clean=False)
     facts = describe_motion(motion)
+    if RECORDINGS[name] == "stands":
+        assert abs(facts["mean_speed_mps"]) < 0.05
+        return
     if name in ENTER_AND_LEAVE:
         assert facts["mean_speed_mps"] == pytest.approx(float(row["seg_speed_mps"]), rel=0.05)
     else:
@@ -214,11 +204,6 @@ def test_speed_agrees_with_the_manifest(shared: Path, name: str) -> None:
         path = smooth_path(motion.position_m, rate_hz=rate)
         speed = float(np.linalg.norm(path[last] - path[first])) * rate / (last - first)
         assert speed == pytest.approx(float(row["seg_speed_mps"]), rel=0.02)
-
-
-@pytest.mark.parametrize("name", [name for name, kind in MOCAP.items() if kind == "stands"])
-def test_who_stays_in_place_has_no_speed(shared: Path, name: str) -> None:
-    assert abs(describe_motion(_read(shared, name, clean=False))["mean_speed_mps"]) < 0.05
 
 
 NO_STRIDE = {"cmu_16_07.c3d", "cmu_16_08.c3d", "cmu_77_02.c3d", "ktk_optitrack_walk_legs.c3d"}
@@ -295,37 +280,23 @@ def test_coordinates_are_those_of_ezc3d_to_the_last_bit(shared: Path, name: str)
     np.testing.assert_array_equal(ours, theirs)
 
 
-def test_formats_of_one_walk_agree(shared: Path) -> None:
-    reference = _read(shared, "pc_real.c3d", clean=False)
-    for name in ("dec_real.c3d", "sgi_real.c3d", "dec_int.c3d", "pc_int.c3d", "sgi_int.c3d"):
-        other = _read(shared, name, clean=False)
-        assert other.markers == reference.markers
-        step_m = 0.29e-3 if name.endswith("int.c3d") else 1e-9
-        both = np.isfinite(other.position_m) & np.isfinite(reference.position_m)
-        assert both.sum() >= 3 * 2970
-        assert np.abs(other.position_m - reference.position_m)[both].max() <= step_m
-
-
-def test_block_layouts_of_one_walk_agree(shared: Path) -> None:
-    reference = _read(shared, "eb015_pi.c3d", clean=False)
-    for letter in "abcd":
-        np.testing.assert_array_equal(
-            _read(shared, f"eb015_test{letter}.c3d", clean=False).position_m, reference.position_m
-        )
-
-
-def test_integer_version_of_the_coda_walk(shared: Path) -> None:
-    floats, integers = (
-        _read(shared, name, clean=False).position_m for name in ("btk_coda_walk.c3d", "coda_integer.c3d")
-    )
-    both = np.isfinite(floats) & np.isfinite(integers)
-    assert both.mean() > 0.99
-    assert np.abs(floats - integers)[both].max() < 0.06e-3
-
-
-def test_a_lying_rate_can_be_overridden(shared: Path) -> None:
-    motion = _read(shared, "wrong_rate.c3d", rate_hz=200.0)
-    assert motion.rate_hz == 200.0
+@pytest.mark.parametrize(
+    ("reference", "others", "step_m"),
+    [
+        ("pc_real", "dec_real sgi_real", 1e-9),
+        ("pc_real", "dec_int pc_int sgi_int", 0.29e-3),
+        ("eb015_pi", "eb015_testa eb015_testb eb015_testc eb015_testd", 0.0),
+        ("btk_coda_walk", "coda_integer", 0.06e-3),
+    ],
+)
+def test_formats_of_one_walk_agree(shared: Path, reference: str, others: str, step_m: float) -> None:
+    first = _read(shared, f"{reference}.c3d", clean=False)
+    for name in others.split():
+        other = _read(shared, f"{name}.c3d", clean=False)
+        assert other.markers == first.markers
+        both = np.isfinite(other.position_m) & np.isfinite(first.position_m)
+        assert both.sum() > 0.99 * np.isfinite(first.position_m).sum()
+        assert np.abs(other.position_m - first.position_m)[both].max() <= step_m
 
 
 def test_markers_of_the_recordings_with_model_outputs(shared: Path) -> None:
@@ -335,13 +306,6 @@ def test_markers_of_the_recordings_with_model_outputs(shared: Path) -> None:
     pig = _read(shared, PLUG_IN_GAIT, clean=False)
     assert {"LFHD", "RTOE", "STRN"} <= set(pig.markers)
     assert not {"CentreOfMass", "CentreOfMassFloor", "HEDO", "LHipAngles"} & set(pig.markers)
-
-
-def test_ghost_of_a_brisk_walk(shared: Path) -> None:
-    motion = _read(shared, "cmu_07_12.c3d")
-    assert motion.report["dropped"] == {"ghost of marker RWRB": ["liu:RWRB-1"]}
-    assert len(motion.markers) == 41
-
-
-def test_standing_person_keeps_all_markers(shared: Path) -> None:
-    assert _read(shared, "cmu_77_02.c3d").positions.sizes["marker"] == 41
+    brisk, standing = (_read(shared, name) for name in ("cmu_07_12.c3d", "cmu_77_02.c3d"))
+    assert brisk.report["dropped"] == {"ghost of marker RWRB": ["liu:RWRB-1"]}
+    assert (len(brisk.markers), len(standing.markers)) == (41, 41)

@@ -38,15 +38,6 @@ def write_table(
     return path
 
 
-def edited(path: Path, line: int, old: str, new: str) -> Path:
-    """Change one line, counted from 1."""
-    lines = path.read_text().split("\n")
-    assert old in lines[line - 1]
-    lines[line - 1] = lines[line - 1].replace(old, new, 1)
-    path.write_text("\n".join(lines))
-    return path
-
-
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("unit", METRES)
@@ -80,15 +71,16 @@ def test_each_column_has_its_own_unit(tmp_path: Path) -> None:
     np.testing.assert_allclose(read(path, clean=False).position_m, BODY_M, atol=1e-8)
 
 
-def test_two_rows_of_names(tmp_path: Path) -> None:
-    names = "Frame,Time," + ",".join(f"Jim:{name},," for name in NAMES)
+@pytest.mark.parametrize("long", ["", "long" * 80])  # a header may be longer than the head that sniffers get
+def test_two_rows_of_names(tmp_path: Path, long: str) -> None:
+    names = [long + name for name in NAMES]
+    first = "Frame,Time," + ",".join(f"Jim:{name},," for name in names)
     axes = ",," + ",".join("X,Y,Z" for _ in NAMES)
     rows = [f"{k + 1},{k / 100:.2f}," + ",".join(f"{v:.6f}" for v in frame.ravel()) for k, frame in enumerate(BODY_M)]
-    (tmp_path / "w.csv").write_text("\n".join([names, axes, *rows]) + "\n")
-    motion = read(tmp_path / "w.csv", clean=False, units="m")
+    (tmp_path / "w.csv").write_text("\n".join([first, axes, *rows]) + "\n")
+    motion = read(tmp_path / "w.csv", clean=False, units="m", up_axis="z")
     np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-6)
-    assert (motion.markers, motion.facts.subject) == (NAMES, "Jim")
-    assert motion.report["notes"] == []
+    assert (motion.markers, motion.facts.subject, motion.report["notes"]) == (names, "Jim", [])
 
 
 def accad(path: Path, position_mm: np.ndarray) -> Path:
@@ -200,37 +192,10 @@ def test_milliseconds_frames_and_other_columns(tmp_path: Path) -> None:
     assert motion.markers == NAMES
 
 
-def test_no_time_needs_the_rate(tmp_path: Path) -> None:
-    path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m"), time=None)
-    with pytest.raises(MotionError, match=r"has no column of times.*rate_hz="):
-        read(path, clean=False)
-    assert read(path, clean=False, rate_hz=200.0).rate_hz == 200.0
-
-
-def test_names_that_repeat_are_numbered(tmp_path: Path) -> None:
-    names = [*NAMES[:-1], NAMES[0]]
-    head = titles("{name}_{axis}_m", names=names)
-    path = tmp_path / "w.csv"
-    rows = [",".join(f"{v:.9g}" for v in frame.ravel()) for frame in BODY_M]
-    path.write_text("\n".join([",".join(head), *rows]))
-    motion = read(path, clean=False, rate_hz=100.0)
-    assert motion.markers == [*NAMES[:-1], "LFHD_2"]
-    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-8)
-
-
 def test_names_with_underscores_and_axis_letters(tmp_path: Path) -> None:
     names = ["left_x", "my_y_z", "T8_2", *NAMES[3:]]
     motion = read(write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m", names=names)), clean=False)
     assert motion.markers == names
-
-
-def test_header_longer_than_the_head_of_the_file(tmp_path: Path) -> None:
-    names = [f"{'long' * 80}{i}" for i in range(len(NAMES))]
-    first = "Time," + ",".join(f"{name},," for name in names)
-    second = "," + ",".join("X,Y,Z" for _ in names)
-    rows = [f"{k / 100}," + ",".join(f"{v:.6f}" for v in frame.ravel()) for k, frame in enumerate(BODY_M)]
-    (tmp_path / "w.csv").write_text("\n".join([first, second, *rows]))
-    assert list(read(tmp_path / "w.csv", clean=False, units="m").positions.marker.values) == names
 
 
 @pytest.mark.parametrize(
@@ -242,39 +207,21 @@ def test_header_longer_than_the_head_of_the_file(tmp_path: Path) -> None:
         (5, "0.03,", "0.02,", "line 5: the time does not increase"),
         (5, "0.03,", "0.035,", "line [56]: the time steps by 0.0[01]5 s, but most frames are 0.01 s apart"),
         (5, "0.03,", '"0.03,', "line 5: a quoted cell is damaged"),
+        (5, "0.03,", "0.03;", "line 5 has 48 cells; its header names 49 columns"),
+        (5, "0.03,", "0.03,1.0,", "line 5 has 50 cells"),
         (1, "LFHD_y_m", "LFHD_q_m", "line 1: point 'LFHD' has no y column"),
         (1, "time_s", "time_ms", "its times step by 1e-05 s"),
     ],
 )
 def test_a_damaged_cell_has_one_clear_error(tmp_path: Path, line: int, old: str, new: str, message: str) -> None:
-    path = edited(write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m")), line, old, new)
+    path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m"))
+    lines = path.read_text().split("\n")
+    assert old in lines[line - 1]
+    lines[line - 1] = lines[line - 1].replace(old, new, 1)
+    path.write_text("\n".join(lines))
     with pytest.raises(MotionError, match=message) as error:
         read(path, clean=False)
     assert "w.csv" in str(error.value)
-
-
-def test_ragged_row(tmp_path: Path) -> None:
-    path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m"))
-    lines = path.read_text().split("\n")
-    lines[6] = lines[6].rsplit(",", 1)[0]
-    lines[8] += ",1.0"
-    path.write_text("\n".join(lines))
-    with pytest.raises(MotionError, match=r"w\.csv: line 7 has 48 cells; its header names 49 columns"):
-        read(path, clean=False)
-    lines[6] += ",1.0"
-    path.write_text("\n".join(lines))
-    with pytest.raises(MotionError, match="line 9 has 50 cells"):
-        read(path, clean=False)
-
-
-def test_a_dropped_frame_is_named_by_its_line(tmp_path: Path) -> None:
-    path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m"))
-    lines = path.read_text().split("\n")
-    del lines[20]
-    path.write_text("\n".join(lines))
-    with pytest.raises(MotionError, match=r"line 21: the time steps by 0.02 s, but most frames are 0.01 s apart"):
-        read(path, clean=False)
-    assert read(path, clean=False, rate_hz=100.0).positions.sizes["time"] == len(BODY_M) - 1
 
 
 def test_wrong_units_words(tmp_path: Path) -> None:
@@ -282,18 +229,6 @@ def test_wrong_units_words(tmp_path: Path) -> None:
     with pytest.raises(
         MotionError, match="column 'LFHD_x_furlong' names the unit 'furlong', not a known unit of length"
     ):
-        read(path, clean=False)
-    path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}"))
-    with pytest.raises(MotionError, match="'furlong' is not a known unit of length; set units to"):
-        read(path, clean=False, units="furlong")
-
-
-def test_one_point_and_two_frames_are_no_motion(tmp_path: Path) -> None:
-    path = write_table(tmp_path / "w.csv", BODY_M[:, :1], titles("{name}_{axis}_m", names=["LTOE"]))
-    with pytest.raises(MotionError, match=r"holds 1 point\(s\); a body needs 3"):
-        read(path, clean=False)
-    path = write_table(tmp_path / "w.csv", BODY_M[:2], titles("{name}_{axis}_m"))
-    with pytest.raises(MotionError, match=r"holds 2 frame\(s\)"):
         read(path, clean=False)
 
 
@@ -308,9 +243,7 @@ def test_triples_without_a_mark_between_name_and_axis(tmp_path: Path, form: str)
 @pytest.mark.parametrize("form", ["{Axis}{number}", "{Axis}"])
 def test_triples_without_names_are_numbered(tmp_path: Path, form: str) -> None:
     head = [form.format(number=n + 1, Axis=a) for n in range(len(NAMES)) for a in "XYZ"]
-    path = tmp_path / "w.csv"
-    rows = [",".join([f"{i / 100}", *(f"{v:.9g}" for v in frame.ravel())]) for i, frame in enumerate(BODY_M)]
-    path.write_text("\n".join([",".join(["Time", *head]), *rows]))
+    path = write_table(tmp_path / "w.csv", BODY_M, head, time="Time")
     motion = read(path, clean=False, units="m", up_axis="z")
     np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-8)
     assert motion.markers == [f"point_{n + 1}" for n in range(len(NAMES))]
