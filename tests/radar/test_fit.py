@@ -209,8 +209,8 @@ def test_clutter_profile_is_the_mean_level_of_many_rooms() -> None:
     deviations = []
     for seed in range(12):
         profile = measure(room(seed, frames=64)[0])[1].clutter
-        assert profile.range_m.size <= 20
-        deviations.append((profile.level_db - mean_level_db(profile.range_m)) / profile.sd_db)
+        assert profile.axis.size <= 20
+        deviations.append((profile.level_db - mean_level_db(profile.axis)) / profile.sd_db)
     z = np.array(deviations)
     assert abs(z.mean()) < 0.35  # a mean of dB values would lie 2.5 dB = one sd low
     assert np.abs(z).max() < 4.0
@@ -223,10 +223,10 @@ def test_clutter_profile_maximises_the_exponential_likelihood() -> None:
     power = np.abs(echo) ** 2
 
     def cost(level_db: np.ndarray) -> float:
-        mean = 10 ** (np.interp(RANGE_M, found.range_m, level_db) / 10)
+        mean = 10 ** (np.interp(RANGE_M, found.axis, level_db) / 10)
         return float(np.sum(np.log(mean) + power / mean))
 
-    for knot in range(found.range_m.size):
+    for knot in range(found.axis.size):
         for step in (-0.05, 0.05):
             other = found.level_db.copy()
             other[knot] += step
@@ -606,18 +606,33 @@ def test_a_trembling_wall_has_no_image() -> None:
     assert "one direction" in found.refused["I/Q image"]
 
 
-def test_a_line_is_found_in_all_bins_and_a_target_is_none() -> None:
-    rng = np.random.default_rng(2)
+def hum(seed: int, level_db: float = -100.0) -> Recording:
+    """Noise of -100 dB with a line at 100 Hz, and a target."""
+    rng = np.random.default_rng(seed)
     n, bins = 6400, X4.n_range_bins
     samples = 1e-5 * normal(rng, n, bins)
-    samples += 1e-5 * np.exp(2j * np.pi * 100.0 * np.arange(n) / RATE_HZ)[:, None]
+    samples += 10 ** (level_db / 20) * np.exp(2j * np.pi * 100.0 * np.arange(n) / RATE_HZ)[:, None]
     samples[:, 8:14] += echo_of(rng, n, -60.0, 55.0)[:, None]
-    (line,) = measure_recording(sensor_recording(samples, X4)).lines
+    return sensor_recording(samples, X4)
+
+
+def test_a_line_is_found_in_all_bins_and_a_target_is_none() -> None:
+    (line,) = measure_recording(hum(2)).lines
     assert line.frequency_hz == pytest.approx(100.0, abs=line.half_width_hz)
     assert line.level_db.value == pytest.approx(-100.0, abs=1.0)
     assert find_mains_harmonic(line.frequency_hz, RATE_HZ, 1.0) == "2 x 50 Hz"
     assert find_mains_harmonic(-100.0, 1000.0, 1.0) == "2 x 50 Hz"  # a real line has both signs
     assert find_mains_harmonic(37.0, 1000.0, 1.0) == ""
+
+
+def test_lines_of_half_the_recordings_are_spurs() -> None:
+    """A line of one recording may be a body at a steady speed."""
+    quiet, first, second = hum(3, -200.0), hum(4), hum(5, -97.0)
+    spur = read_kinds(fit_sensor([quiet, first, second]))["spur"]
+    assert spur["frequency_hz"] == pytest.approx(100.0, abs=0.5)
+    assert -100.0 < spur["level_db"] < -97.0
+    for others in ([quiet], [], [quiet, hum(6, -200.0)]):
+        assert "spur" not in read_kinds(fit_sensor([*others, first]))
 
 
 @pytest.mark.release

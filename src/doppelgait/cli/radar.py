@@ -125,7 +125,7 @@ def _plot_room(measured: Any, folder: Path, figure_format: FigureFormat) -> None
         range_m=measured.recording.range_m,
         static_db=power_to_db(np.abs(room.echo_v) ** 2),
         noise_db=power_to_db(room.noise.by_bin_v2),
-        knots_m=room.clutter.range_m,
+        knots_m=room.clutter.axis,
         knots_db=room.clutter.level_db,
         time_s=room.time_s,
         phase_rad=np.unwrap(np.angle(room.factor)),

@@ -33,6 +33,7 @@ from doppelgait.radar.fit.room import (
     MAX_LEVERAGE,
     MEDIAN_SPREAD,
     Estimate,
+    Profile,
     compute_factor_variance,
     compute_leverage,
     estimate_bin_correlation,
@@ -97,12 +98,11 @@ class SensorMeasurement:
         Reasons, by the names of the quantities that the recording does not show, and warnings by their subject.
     room : Room or None
         Static echoes with their phase, noise, interference and faulty frames; None for few bins or frames.
-    doppler_hz, doppler_db : ndarray, shape (F,)
+    over_doppler : Profile
         Noise density over the absolute Doppler frequency, as the level of white noise, dB re 1 V;
         NaN where there was motion in too many windows.
-    doppler_sd_db : ndarray, shape (F,)
-    range_db, range_sd_db : ndarray, shape (N,)
-        Noise per bin relative to the mean over all bins, dB; empty for fewer than eight bins.
+    over_range : Profile or None
+        Noise per bin relative to the mean over all bins, dB; None for fewer than eight bins.
     correlation : ndarray, shape (L,)
         Noise correlation at a lag of l bins; empty if refused.
     correlation_sd : float
@@ -120,11 +120,8 @@ class SensorMeasurement:
     refused: dict[str, str]
     notes: dict[str, str]
     room: Room | None
-    doppler_hz: FloatArray
-    doppler_db: FloatArray
-    doppler_sd_db: FloatArray
-    range_db: FloatArray
-    range_sd_db: FloatArray
+    over_doppler: Profile
+    over_range: Profile | None
     correlation: ComplexArray
     correlation_sd: float
     lines: tuple[Line[Estimate], ...]
@@ -189,7 +186,7 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
     upper = np.abs(f_hz) >= recording.radar.prf_hz / 4.0
     quiet = _find_quiet_windows(power, upper)
     level_v2 = math.nan
-    range_db = range_sd_db = np.empty(0)
+    over_range = None
     correlation, correlation_sd = np.empty(0, dtype=complex), math.nan
     if quiet.sum() < MIN_WINDOWS:
         refused.setdefault("noise", "in the upper half of the Doppler band something moved nearly all of the time")
@@ -202,13 +199,13 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
         estimates["noise_level_db"] = noise
         estimates |= _estimate_channel_noise(spectrum[quiet], f_hz, upper)
         if n_bins >= MIN_BINS:
-            range_db = power_to_db(_measure_bin_levels(calm)[1]) - noise.value
-            range_db[taken > MAX_LEVERAGE] = np.nan  # the common phase was estimated from these bins
-            range_sd_db = np.full(n_bins, DB_PER_NEPER * math.sqrt(HANN_SHARE / (calm.shape[0] * calm.shape[1])) * 1.5)
+            change_db = power_to_db(_measure_bin_levels(calm)[1]) - noise.value
+            change_db[taken > MAX_LEVERAGE] = np.nan  # the common phase was estimated from these bins
+            sd_db = DB_PER_NEPER * math.sqrt(HANN_SHARE / (calm.shape[0] * calm.shape[1])) * 1.5
+            over_range = Profile(recording.range_m, change_db, np.full(n_bins, sd_db))
             correlation, correlation_sd = _measure_correlation(spectrum[quiet][:, upper])
         else:
             refused["noise over range"] = refused["noise correlation"] = f"{n_bins} range bins; {MIN_BINS} are needed"
-    doppler = _measure_over_doppler(f_hz, power)
     lines = _find_lines(rest, bad, recording, window)
     echo_db = math.nan
     fast = np.abs(f_hz) > SLOW_CELLS * recording.radar.prf_hz / window
@@ -249,11 +246,8 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
         refused=refused,
         notes=list_notes(room, recording),
         room=room,
-        doppler_hz=doppler[0],
-        doppler_db=doppler[1],
-        doppler_sd_db=doppler[2],
-        range_db=range_db,
-        range_sd_db=range_sd_db,
+        over_doppler=_measure_over_doppler(f_hz, power),
+        over_range=over_range,
         correlation=correlation,
         correlation_sd=correlation_sd,
         lines=lines,
@@ -372,7 +366,7 @@ def _measure_correlation(spectrum: ComplexArray) -> tuple[ComplexArray, float]:
     return estimate_bin_correlation(cells.reshape(-1, cells.shape[2]), HANN_SHARE)
 
 
-def _measure_over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _measure_over_doppler(f_hz: FloatArray, power: FloatArray) -> Profile:
     """Return the noise level over the absolute frequency. It is NaN where there was motion."""
     size_hz = np.unique(np.abs(f_hz))
     level, sd = np.full(size_hz.size, np.nan), np.full(size_hz.size, np.nan)
@@ -392,7 +386,7 @@ def _measure_over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArr
             continue
         level[place] = power_to_db(np.median(low[calm]) / compute_quantile_ratio(len(cells)))
         sd[place] = 2.0 * DB_PER_NEPER * math.sqrt(1.0 / (len(cells) * calm.sum()))
-    return size_hz, level, sd
+    return Profile(size_hz, level, sd)
 
 
 def _find_lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> tuple[Line[Estimate], ...]:

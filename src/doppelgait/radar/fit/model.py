@@ -15,11 +15,11 @@ from doppelgait.radar.fit.room import (
     DB_PER_NEPER,
     NEAR_M,
     Bursts,
-    ClutterProfile,
     Estimate,
     FrameFaults,
     Leakage,
     NoiseFloor,
+    Profile,
     SeriesFit,
     StaticPart,
     compute_factor_variance,
@@ -121,7 +121,7 @@ class Room:
 
     noise: NoiseFloor
     echo_v: ComplexArray
-    clutter: ClutterProfile
+    clutter: Profile
     leakage: Leakage
     time_s: FloatArray
     factor: ComplexArray

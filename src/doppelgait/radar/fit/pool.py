@@ -396,12 +396,12 @@ def _pool_clutter(spaced: Sequence[SensorMeasurement]) -> tuple[tuple[float, Poo
     profiles = [(m.recording.range_m.size, m.room.clutter) for m in spaced if m.room is not None]
     if not profiles:
         return ()
-    knots = max(profiles, key=lambda pair: pair[0])[1].range_m
+    knots = max(profiles, key=lambda pair: pair[0])[1].axis
     found = []
     for knot in knots.tolist():
-        at_knot = [c for _, c in profiles if c.range_m[0] - 0.1 <= knot <= c.range_m[-1] + 0.1]
-        sds = [float(np.interp(knot, c.range_m, c.sd_db)) for c in at_knot]
-        levels = [float(np.interp(knot, c.range_m, c.level_db)) for c in at_knot]
+        at_knot = [c for _, c in profiles if c.axis[0] - 0.1 <= knot <= c.axis[-1] + 0.1]
+        sds = [float(np.interp(knot, c.axis, c.sd_db)) for c in at_knot]
+        levels = [float(np.interp(knot, c.axis, c.level_db)) for c in at_knot]
         found.append((knot, pool(map(Estimate, levels, sds))))
     return tuple(found)
 
@@ -415,15 +415,14 @@ def _pool_doppler(
     usable = [m for m in same if "noise_level_db" in m.estimates]
     if not usable:
         return (), math.nan
-    axis_hz = max(usable, key=lambda m: m.recording.radar.prf_hz).doppler_hz
+    axis_hz = max(usable, key=lambda m: m.recording.radar.prf_hz).over_doppler.axis
     step_hz = float(axis_hz[1])
-    on_axis = [
-        m for m in usable if m.doppler_hz.shape == axis_hz.shape and np.allclose(m.doppler_hz, axis_hz, rtol=SAME)
-    ]
+    on_axis = [m for m in usable if m.over_doppler.axis.shape == axis_hz.shape]
+    on_axis = [m for m in on_axis if np.allclose(m.over_doppler.axis, axis_hz, rtol=SAME)]
     between_db = np.nan_to_num(pool(m.estimates["noise_level_db"] for m in usable).spread)
-    level = np.array([m.doppler_db - m.estimates["noise_level_db"].value for m in on_axis])
+    level = np.array([m.over_doppler.level_db - m.estimates["noise_level_db"].value for m in on_axis])
     count = np.isfinite(level).sum(axis=0)
-    sd = np.where(np.isfinite(level), [m.doppler_sd_db for m in on_axis], np.nan)
+    sd = np.where(np.isfinite(level), [m.over_doppler.sd_db for m in on_axis], np.nan)
     level, sd = (np.where(count > 0, x, 0.0) for x in (level, sd))
     middle, sd = (np.nanmedian(x, axis=0) for x in (level, sd))
     # noise is the same in all recordings except for the spread of the floor; motion is not
@@ -445,19 +444,19 @@ def _pool_doppler(
 
 def _pool_over_range(spaced: Sequence[SensorMeasurement]) -> tuple[tuple[float, float], ...]:
     """Return the noise over range, or nothing if it is flat. Bins are averaged in groups."""
-    usable = [m for m in spaced if m.range_db.size]
-    if not usable:
+    profiles = [m.over_range for m in spaced if m.over_range is not None]
+    if not profiles:
         return ()
-    longest = max(usable, key=lambda m: m.range_db.size)
-    edges = np.linspace(longest.recording.range_m[0], longest.recording.range_m[-1], 9)
+    range_m = max((profile.axis for profile in profiles), key=len)
+    edges = np.linspace(range_m[0], range_m[-1], 9)
     found, bent = [], False
     for low, high in pairwise(edges):
         values = []
-        for one in usable:
-            inside = (one.recording.range_m >= low) & (one.recording.range_m <= high) & np.isfinite(one.range_db)
+        for profile in profiles:
+            inside = (profile.axis >= low) & (profile.axis <= high) & np.isfinite(profile.level_db)
             if inside.sum() >= 3:
-                sd = MEDIAN_SPREAD * float(np.median(one.range_sd_db[inside])) / math.sqrt(inside.sum() / 2.0)
-                values.append(Estimate(float(np.median(one.range_db[inside])), sd))
+                sd = MEDIAN_SPREAD * float(np.median(profile.sd_db[inside])) / math.sqrt(inside.sum() / 2.0)
+                values.append(Estimate(float(np.median(profile.level_db[inside])), sd))
         if not values:
             continue
         level = pool(values).mean
@@ -481,20 +480,21 @@ def _pool_correlation(spaced: Sequence[SensorMeasurement]) -> tuple[float, ...] 
 
 def _pool_lines(same: Sequence[SensorMeasurement]) -> tuple[Line[PooledQuantity], ...]:
     """Return lines that at least half of the recordings share, and at least two."""
-    found: list[Line[PooledQuantity]] = []
-    for one in same:
-        for line in one.lines:
-            if any(abs(line.frequency_hz - other.frequency_hz) <= 2 * line.half_width_hz for other in found):
-                continue
-            matches = [
-                min(near, key=lambda other, line=line: abs(other.frequency_hz - line.frequency_hz))  # type: ignore[misc]
-                for m in same
-                if (near := [k for k in m.lines if abs(k.frequency_hz - line.frequency_hz) <= 2 * line.half_width_hz])
-            ]
-            if len(matches) >= max(2, len(same) / 2):
-                middle = float(np.median([k.frequency_hz for k in matches]))
-                found.append(Line(middle, pool(k.level_db for k in matches), line.half_width_hz))
-    return tuple(found)
+    groups: list[list[Line[Estimate]]] = []
+    for line in sorted((line for m in same for line in m.lines), key=lambda line: line.frequency_hz):
+        if groups and line.frequency_hz - groups[-1][0].frequency_hz <= 2 * line.half_width_hz:
+            groups[-1].append(line)
+        else:
+            groups.append([line])
+    return tuple(
+        Line(
+            float(np.median([line.frequency_hz for line in group])),
+            pool(line.level_db for line in group),
+            group[0].half_width_hz,
+        )
+        for group in groups
+        if len(group) >= max(2, len(same) / 2)
+    )
 
 
 MAINS_HZ = (50.0, 60.0)

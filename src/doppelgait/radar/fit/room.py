@@ -329,18 +329,20 @@ KNOT_EXPONENT = 1.5
 
 
 @dataclass(frozen=True)
-class ClutterProfile:
-    """Mean clutter level, linear in dB between knots (M,) and constant beyond them."""
+class Profile:
+    """Level at rising ranges or Doppler frequencies (M,), with its uncertainty."""
 
-    range_m: FloatArray
+    axis: FloatArray
     level_db: FloatArray
     sd_db: FloatArray
 
 
 def fit_clutter_profile(
     echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float, resolution_m: float
-) -> ClutterProfile:
-    """Fit the most likely clutter profile to static echoes (N,), complex Gaussian cells."""
+) -> Profile:
+    """Fit the likeliest clutter to static echoes (N,), complex Gaussian cells.
+    It is linear in dB between knots and constant beyond them.
+    """
     spacing = float(np.mean(np.diff(range_m)))
     sigma = resolution_m / (2.0 * math.sqrt(math.log(2.0)))
     per_cell = max(1.0, sigma * math.sqrt(2.0 * math.pi) / spacing)
@@ -359,7 +361,7 @@ def fit_clutter_profile(
         if np.max(np.abs(step)) < 1e-9:
             break
     sd = DB_PER_NEPER * np.sqrt(np.diag(inverse) * per_cell)
-    return ClutterProfile(knots, DB_PER_NEPER * logs, sd)
+    return Profile(knots, DB_PER_NEPER * logs, sd)
 
 
 @dataclass(frozen=True)
