@@ -42,10 +42,14 @@ MIN_FRAMES = 32
 MIN_BINS = 8
 MOVING_DB = 4.0
 """Minimum slow-time variance over the noise floor, dB, of a bin with a target; static rooms stay within 1.5 dB."""
+BODY_M = 0.5
+"""Distance from a moving interval in which cells far above the noise may be parts of the body."""
 MOVING_BINS = 3
 """Minimum number of neighbouring bins with this variance."""
 BUSY_SHARE = 1.0 / 3.0
 """Share of the ranges with targets from which the median over bins is not the noise."""
+MAX_DRIFT_RAD_PER_S = 1000.0 / 60.0
+"""Limit of the impairment: what turns faster is the phase of a body."""
 MAX_PHASE_VARIANCE = 0.05
 """Maximum phase variance, rad^2 per frame; above it the static echoes are too weak for a common phase."""
 
@@ -58,7 +62,7 @@ SHORT_S = 10.0
 class Fact:
     """Scalar of a sensor: a row of prints and JSON, pooled, and perhaps written.
     ``sets`` is an impairment and its key, ``take`` the path of the estimate in a room, with a ``scale`` to its unit;
-    ``digits`` are decimals (4 significant ones by default), ``lowest`` the least value of a distribution. Those to
+    ``digits`` are decimals (4 significant ones by default), ``lowest`` and ``highest`` limit a distribution. Those to
     be ``significant`` are written as 0 if they are not distinguished from it.
     """
 
@@ -69,6 +73,7 @@ class Fact:
     scale: float = 1.0
     digits: int | None = None
     lowest: float | None = None
+    highest: float = math.inf
     significant: bool = False
 
 
@@ -97,9 +102,11 @@ FACTS = {
     "noise_iq_gain_db": Fact("gain of Q for noise", "dB"),
     "noise_iq_phase_deg": Fact("phase error of Q for noise", "deg"),
     "burst_rate_hz": Fact("interference, bursts", "1/s", "interference.rate_hz", lowest=0.0),
-    "burst_duration_s": Fact("interference, duration", "s", "interference.duration_s", lowest=0.0),
+    "burst_duration_s": Fact("interference, duration", "s", "interference.duration_s", lowest=1e-6),
     "burst_level_db": Fact("interference, level", VOLT_DB, "interference.level_db", digits=1),
-    "burst_share": Fact("interference, share of bins", "of all bins", "interference.hit_share", lowest=0.0),
+    "burst_share": Fact(
+        "interference, share of bins", "of all bins", "interference.hit_share", lowest=0.0, highest=1.0
+    ),
     "drop_probability": Fact("dropped frames", "of all frames", "dropped_frames.probability", lowest=0.0),
 }
 
@@ -164,6 +171,8 @@ def fit_room(recording: Recording) -> Room:
         db = 2.0 * DB_PER_NEPER
         gain_db = db * np.log(np.abs(static.factor))
         gain = fit_series(gain_db, time_s=time_s[used], measurement_variance=db**2 * variance)
+        if abs(phase.drift_per_s.value) > MAX_DRIFT_RAD_PER_S:
+            phase = gain = None
     left_v2 = noise.power_v2.value / used.size
     clutter = fit_clutter_profile(
         static.echo_v, range_m=range_m, noise_power_v2=left_v2, resolution_m=recording.radar.range_resolution_m
@@ -188,15 +197,21 @@ def _separate(
     samples: ComplexArray, range_m: FloatArray
 ) -> tuple[Bursts, NoiseFloor, StaticPart, tuple[MovingInterval, ...]]:
     """Separate interference, noise, static part and targets; each hides the others at first."""
-    quiet = np.ones(range_m.size, dtype=bool)
+    from scipy.ndimage import binary_dilation
+
+    quiet = away = np.ones(range_m.size, dtype=bool)
     kept = np.ones(len(samples), dtype=bool)
-    for _ in range(2):
+    # limbs and multipath of a body stand out for some frames, too
+    margin = max(round(BODY_M / float(np.median(np.diff(range_m)))), 1)
+    for number in range(3):
         static, noise = _fit_static_and_noise(samples[kept], quiet)
-        quiet = _remove_targets(static.rest_v, noise, range_m)[0]
+        if number:  # interference would be motion in the first pass
+            quiet = _remove_targets(static.rest_v, noise, range_m)[0]
+            away = ~binary_dilation(~quiet, iterations=margin)
         energy = float(np.sum(np.abs(static.reference_v) ** 2))
         factor = samples @ static.reference_v.conj() / energy if energy > 0 else np.ones(len(samples), dtype=complex)
         everything = samples - factor[:, None] * static.echo_v
-        hit = find_bursts(everything, noise_power_v2=noise.power_v2.value, quiet=quiet)
+        hit = find_bursts(everything, noise_power_v2=noise.power_v2.value, quiet=away)
         kept = ~hit.frames if int((~hit.frames).sum()) >= MIN_FRAMES else kept
     static, noise = _fit_static_and_noise(samples[kept], quiet)
     if not np.array_equal(kept, ~hit.frames):  # too few frames would remain: all are used
@@ -248,7 +263,7 @@ def list_room_estimates(room: Room, recording: Recording, refused: dict[str, str
         refused["phase noise"] = (
             "something moved in more than a third of the ranges"
             if room.is_busy
-            else "static echoes are too weak to show phase and gain of a frame"
+            else "static echoes are too weak to show phase and gain of a frame, or weaker than something that moves"
         )
     constant = room.leakage.constant_v
     if constant.value > 3.0 * constant.sd:

@@ -180,7 +180,9 @@ def _draw(pooled: PooledQuantity, middle: float, fact: Fact) -> Any:
     if fact.lowest is None:
         return {"normal": [value, float(f"{pooled.spread:.3g}")]}
     half = math.sqrt(3.0) * pooled.spread
-    return {"uniform": [_round_digits(max(middle - half, fact.lowest)), _round_digits(middle + half)]}
+    return {
+        "uniform": [_round_digits(max(middle - half, fact.lowest)), _round_digits(min(middle + half, fact.highest))]
+    }
 
 
 def _format_comment(pooled: PooledQuantity, unit: str) -> str:
