@@ -1,5 +1,7 @@
 """Readers of files: which reader takes a file, and what is answered about a file that none takes."""
 
+from typing import Annotated
+
 import h5py
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ import pytest
 import doppelgait as dg
 from doppelgait.core.errors import ConfigError, MotionError, RecordingError
 from doppelgait.core.plugins import Group
-from doppelgait.core.readers import check_options, find_readers
+from doppelgait.core.readers import Limits, check_options, find_readers
 
 
 @pytest.mark.parametrize(
@@ -73,7 +75,14 @@ def test_a_sniffer_of_the_former_protocol_is_refused_when_it_registers(register)
         register("radar_reader", "old", sniff=lambda path: True, suffixes=(".old",))(lambda path: None)
 
 
-def read_any(path, *, number: float = 1.0, count: int | None = None, name: "str | None" = None, free=None):
+Text = str | None
+Share = Annotated[float, Limits(0, 9)]
+Rate = Annotated[float, Limits(0)]
+
+
+def read_any(
+    path, *, number: float = 1, count: int | None = 1, name: "Text" = "", free=1, some: Share = 1, rate: Rate = 1
+):
     """Read nothing."""
 
 
@@ -85,6 +94,10 @@ def read_any(path, *, number: float = 1.0, count: int | None = None, name: "str 
         ({"number": True}, "number = True is not allowed; it must be a number"),
         ({"count": 2.5}, "count = 2.5 is not allowed; it must be a whole number"),
         ({"name": 3}, "name = 3 is not allowed; it must be a text"),
+        ({"some": 9}, None),
+        ({"some": 9.1}, "some = 9.1 is not allowed; it must be a number above 0 and at most 9"),
+        ({"some": 0}, "some = 0 is not allowed"),
+        ({"rate": np.inf}, "rate = inf is not allowed; it must be a number above 0"),
     ],
 )
 def test_options_have_the_types_of_the_readers_signature(tmp_path, options, said):

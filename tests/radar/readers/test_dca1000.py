@@ -274,6 +274,7 @@ def test_ti_text_that_is_wrong(tmp_path, old, new, message):
         ({"ramp_s": 30e-6}, r"ramp_s \(line 10\): 3e-05 is shorter than adc_start_s and 64 samples"),
         ({"frame_period_s": 1e-3}, r"frame_period_s \(line 14\): 0.001 is shorter than 16 loops of 1 chirps, 0.0016 s"),
         ({"slope": 3}, "slope"),
+        ({"slope": "x" * 2**20}, r"walk\.toml: has .* bytes, at most 1,048,576 are read"),
         ({"frames": 1}, "2 frames and 0 bytes more; by walk.toml it has 1"),
         (
             {"loops": 15},
@@ -285,7 +286,7 @@ def test_ti_text_that_is_wrong(tmp_path, old, new, message):
         ({"config": "none.toml"}, "no such file of radar settings"),
         ({"range_stop_m": 99}, "the ranges end at 14.99"),
         (slice(-6), "shorten it to 8,192 bytes"),
-        (slice(0), "is empty"),
+        (slice(0), "which is 0 frames"),
         (slice(100), "100 bytes"),
     ],
 )
@@ -299,5 +300,5 @@ def test_settings_options_and_sizes_that_are_wrong(tmp_path, change, message):
         table = {key: value for key, value in (TABLE | change).items() if value is not None}
         (tmp_path / "walk.toml").write_text(toml(table))
     with pytest.raises(RecordingError, match=message) as caught:
-        read_recording(path, **options)
+        read_recording(path, format="dca1000", **options)
     assert str(tmp_path) in str(caught.value)

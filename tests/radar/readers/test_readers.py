@@ -262,6 +262,13 @@ def test_complex_samples_of_a_matlab_file(tmp_path, write, content, options, prf
     np.testing.assert_allclose(recording.samples.matrix, np.outer(TURN, np.arange(n_bins) + 1), atol=1e-5)
 
 
+def test_a_packed_matrix_that_takes_too_much_memory_is_refused(tmp_path, monkeypatch):
+    savemat(tmp_path / "rf.mat", matlab_content(np.zeros((900, 400))), do_compression=True)
+    monkeypatch.setenv("DOPPELGAIT_READ_LIMIT_MB", "1")
+    with pytest.raises(RecordingError, match=r"rf\.mat: its values would take 6 MB of memory"):
+        read_recording(tmp_path / "rf.mat")
+
+
 def test_one_of_several_matrices_is_picked_by_name(tmp_path):
     frames = rf_frames([1.5, 1.5])
     content = matlab_content(frames, Data_Matrix=None, Data_Matrix_1=frames, Data_Matrix_2=2 * frames)

@@ -167,6 +167,7 @@ def test_foreign_samples(tmp_path, datatype, dtype, unit, channel):
     assert recording.radar.waveform.kind == "cw"
     assert recording.radar.carrier_hz == 24e9
     assert "annotated: walk" in recording.notes
+    assert any(f"one unit of the samples is {unit} V" in note for note in recording.notes)
 
 
 def test_options_of_foreign_files(tmp_path):

@@ -161,9 +161,8 @@ def _describe(
 
 
 def _read_axis(path: Path, axes: Mapping[str, Any], name: str, size: int) -> FloatArray | None:
-    if axes.get(name) is None:
+    if (values := axes.get(name)) is None:
         return None
-    values = axes[name]
     if values.shape != (size,) or values.dtype.kind not in "fiu" or not np.isfinite(values).all():
         raise RecordingError(
             f"{path}: {name} is {values.dtype} of shape {values.shape}; it must be {size} real numbers"

@@ -152,38 +152,34 @@ def parse_raw(path: Path, *, dtype: str | None = None, samples_per_pulse: PulseS
 
 def split_name(name: str) -> list[str]:
     """Return the words of a column's name, without case, brackets and signs."""
-    return re.findall(
-        r"[a-zµ]+", name.lower().replace("μ", "µ").replace("in-phase", "inphase").replace("_phase", "phase")
-    )
+    plain = name.lower().replace("μ", "µ").replace("in-phase", "inphase").replace("_phase", "phase")
+    return re.findall(r"[a-zµ]+", plain)
 
 
 def find_columns(names: list[str]) -> dict[str, int] | None:
     """Return the columns of time, I and Q by their names; None if there is not one of I and one of Q."""
-    words = [split_name(name) for name in names]
-    columns: dict[str, int] = {}
-    for key, wanted in (("time", TIME), ("i", IN_PHASE), ("q", QUADRATURE)):
-        matches = [n for n, some in enumerate(words) if wanted & set(some) and n not in columns.values()]
-        if key == "time" and matches:
-            columns[key] = matches[0]
-        elif key != "time":
-            if len(matches) != 1:
-                return None
-            columns[key] = matches[0]
+    words = [set(split_name(name)) for name in names]
+    times = [n for n, some in enumerate(words) if TIME & some]
+    columns = {"time": times[0]} if times else {}
+    for key, wanted in (("i", IN_PHASE), ("q", QUADRATURE)):
+        matches = [n for n, some in enumerate(words) if wanted & some and n not in columns.values()]
+        if len(matches) != 1:
+            return None
+        columns[key] = matches[0]
     return columns
 
 
 def _find_header(text: str) -> tuple[int, str, list[str]] | None:
-    """Return number, delimiter and names of the row above the first row of numbers."""
-    before, header = None, ""
+    """Return the number of the first row of numbers, its delimiter and the names in the row above it."""
+    header = ""
     for number, line in enumerate(text.splitlines()[:HEADER_LINES]):
         stripped = line.strip().strip("#%").strip()
         if not stripped:
             continue
         delimiter = next((mark for mark in (";", "\t", ",", " ") if mark in stripped), ",")
         if all(re.match(r"[-+]?[\d.,]", cell) for cell in _split_cells(stripped, delimiter)):
-            above = number - 1 if before is None else before
-            return above, delimiter, _split_cells(header, delimiter) if header else []
-        before, header = number, stripped
+            return number, delimiter, _split_cells(header, delimiter) if header else []
+        header = stripped
     return None
 
 
@@ -209,7 +205,7 @@ def parse_csv(path: Path, *, columns: str | None = None) -> Parsed:
         raise RecordingError(f"{path}: holds no row of numbers in its first {HEADER_LINES} lines")
     number, delimiter, names = header
     names = names if columns is None else [name.strip() for name in columns.split(",")]
-    body = text.splitlines()[number + 1 :]
+    body = text.splitlines()[number:]
     is_comma = delimiter != "," and any("," in line for line in body[:HEADER_LINES])
     if not names:
         raise RecordingError(f"{path}: has no names of columns; give them in order, for example columns='time_ms,i,q'")
@@ -218,7 +214,7 @@ def parse_csv(path: Path, *, columns: str | None = None) -> Parsed:
             path,
             sep=r"\s+" if delimiter == " " else delimiter,
             decimal="," if is_comma else ".",
-            skiprows=number + 1,
+            skiprows=number,
             names=names,
             index_col=False,
             encoding="utf-8-sig",

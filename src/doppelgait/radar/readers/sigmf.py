@@ -256,7 +256,7 @@ def parse_sigmf(
         stated["prf_hz"] = rate_hz
     if samples_per_pulse is not None:
         stated["range_start_m"] = 0.0
-    notes.append(f"levels: one unit of the samples is {stated['scale_v']!s:.10} V where no scale_v is given")
+    notes.append(f"levels: one unit of the samples is {stated['scale_v']!s} V where no scale_v is given")
     notes += [f"hardware: {str(meta.common['core:hw'])[:200]}"] if "core:hw" in meta.common else []
     times_s = None
     if "prf_hz" in stated and 0.0 < rate_hz <= MAX_PRF_HZ:
