@@ -53,7 +53,9 @@ class Motion:
     def moves(self, detector: Detector) -> npt.NDArray[np.bool_]:
         """Return True for scans above the noise."""
         fast = np.abs(self.velocity_mps) >= detector.slow_mps
-        return np.asarray(self.power_v2[:, fast].max(axis=1) > noise_factor(detector.peak_pfa) * self.floor_v2)
+        return np.asarray(
+            self.power_v2[:, fast].max(axis=1, initial=0.0) > noise_factor(detector.peak_pfa) * self.floor_v2
+        )
 
     def peaks_mps(self) -> FloatArray:
         """Return the velocity of every scan's strongest cell, smoothed."""

@@ -274,22 +274,33 @@ def make_header(
     return Header(radar, range_m)
 
 
-SETTLE_S, CREDIBLE = 2.0, 4.0
-"""Shortest time that shows the rate of a sender, and the ratio to the stated one above which its clock is not in s."""
+SETTLE_S, CREDIBLE, AGREE = 2.0, 100.0, 0.01
+"""Shortest time that shows the rate of a sender, the ratio to the stated one above which its clock is not in s, and the
+agreement of both halves without which the clock was set, or stands for blocks of frames."""
 
 
-def find_rate_hz(radar: Radar, numbers: npt.NDArray[np.int64], clock_s: npt.NDArray[np.float64]) -> float:
-    """Return the rate that a radar states, or that of the sender's clock where it differs over seconds."""
-    if (
-        radar.burst_pulses is not None
-        or clock_s.size < 2
-        or not np.isfinite(clock_s).all()
-        or np.ptp(clock_s) < SETTLE_S
-    ):
-        return radar.prf_hz
-    clock_hz = measure_clock_rate_hz(clock_s, numbers) or radar.prf_hz
-    off = clock_hz / radar.prf_hz
-    return clock_hz if abs(off - 1.0) > RATE_OFF and 1.0 / CREDIBLE < off < CREDIBLE else radar.prf_hz
+def find_rate_hz(radar: Radar, numbers: npt.NDArray[np.int64], clock_s: npt.NDArray[np.float64]) -> tuple[float, str]:
+    """Return the rate that a radar states, or that of the sender's clock where it differs over seconds, and doubts."""
+    stated_hz = radar.prf_hz
+    if radar.burst_pulses is not None or clock_s.size < 8 or not np.isfinite(clock_s).all():
+        return stated_hz, ""
+    if np.ptp(clock_s) < SETTLE_S or (np.diff(numbers) < 1).any():
+        return stated_hz, ""
+    half = clock_s.size // 2
+    parts = [slice(None), slice(None, half), slice(half, None)]
+    rates_hz = [measure_clock_rate_hz(clock_s[part], numbers[part]) or 0.0 for part in parts]
+    off = rates_hz[0] / stated_hz
+    if abs(off - 1.0) <= RATE_OFF and max(abs(one / stated_hz - 1.0) for one in rates_hz[1:]) <= AGREE:
+        return stated_hz, ""
+    if max(abs(one / max(rates_hz[0], 1e-9) - 1.0) for one in rates_hz[1:]) > AGREE:
+        shown = " and ".join(f"{one:.4g}" for one in rates_hz[1:])
+        return stated_hz, f"the sender's times are uneven ({shown} Hz in both halves): prf_hz = {stated_hz:g} is used"
+    if not 1.0 / CREDIBLE < off < CREDIBLE:
+        return (
+            stated_hz,
+            f"the sender's times say {rates_hz[0]:.4g} Hz and are not in s: prf_hz = {stated_hz:g} is used",
+        )
+    return rates_hz[0], ""
 
 
 @plugin("radar_reader", "frames", sniff=sniff_frames, suffixes=(".dgf",))
@@ -345,7 +356,9 @@ def read_frames(path: Path) -> Recording:
         if not whole.all():
             warn_caller(f"{path}: {np.sum(counts < pulses):,} incomplete bursts are ignored")
     slow_time_s = header.radar.frame_time_s(numbers)
-    clock_hz = find_rate_hz(header.radar, numbers, clock_s)
+    clock_hz, doubt = find_rate_hz(header.radar, numbers, clock_s)
+    if doubt:
+        warn_caller(f"{path}: {doubt}")
     if clock_hz != header.radar.prf_hz:
         slow_time_s = numbers / clock_hz
     slow_time_s += (start_s if math.isfinite(start_s) else 0.0) - slow_time_s[0]

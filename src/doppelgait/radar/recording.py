@@ -429,8 +429,10 @@ def concat(recordings: Sequence[Recording], *, gap_s: float | None = None) -> Re
             )
         times.append(one.slow_time_s + shift_s)
     powers = {one.noise_power_v2 for one in recordings}
+    shares = [float(one.facts.get("lost_frame_share", 0.0)) for one in recordings]
     return replace(
         first,
+        facts={**first.facts, **({"lost_frame_share": max(shares)} if any(shares) else {})},
         samples=Samples(np.concatenate([one.samples.matrix for one in recordings])),
         slow_time_s=np.concatenate(times),
         truth=(),

@@ -220,10 +220,10 @@ class Stream:
 
     def _open(self, header: Header, holds: bool) -> None:
         """Set the radar with the rate that the first frames show, and pass them on."""
-        rate_hz, stated_hz = (
-            _measure_stamped_rate_hz(((frame.counter or 0, frame.clock_s) for frame in self.waiting), header.radar),
-            header.radar.prf_hz,
-        )
+        stamps = ((frame.counter or 0, frame.clock_s) for frame in self.waiting)
+        (rate_hz, doubt), stated_hz = _measure_stamped_rate_hz(stamps, header.radar), header.radar.prf_hz
+        if doubt:
+            self.pass_message("clock", doubt)
         if rate_hz != stated_hz:
             self.pass_message("rate", f"the header states prf_hz = {stated_hz:g}, the sender's times {rate_hz:.6g} Hz")
             header = replace(header, radar=header.radar.model_copy(update={"prf_hz": rate_hz}))
@@ -247,9 +247,7 @@ class Stream:
             return
         time_s, missing, jump = self._clock.time_s(frame)
         if rate_hz := self._clock.find_other_rate_hz(frame):
-            self.pass_message(
-                "rate", f"the rate of the frames is {rate_hz:.6g} Hz now; velocities are wrong by as much"
-            )
+            self.pass_message("later rate", f"the rate is {rate_hz:.6g} Hz now; velocities are wrong by as much")
         if missing:
             self.pass_message("missing", f"{missing:,} frames are missing before frame {frame.counter} (frame counter)")
         if jump:
@@ -282,8 +280,8 @@ def _shows_rate(frames: Sequence[Frame], radar: Radar) -> bool:
     )
 
 
-def _measure_stamped_rate_hz(stamps: Iterable[tuple[int, float]], radar: Radar) -> float:
-    """Return the rate of frames by their numbers and the sender's clock, or the stated one."""
+def _measure_stamped_rate_hz(stamps: Iterable[tuple[int, float]], radar: Radar) -> tuple[float, str]:
+    """Return the rate of frames by their numbers and the sender's clock, or the stated one, and doubts."""
     table = np.array(list(stamps), dtype=np.float64).reshape(-1, 2)
     return find_rate_hz(radar, table[:, 0].astype(np.int64), table[:, 1])
 
@@ -311,7 +309,7 @@ class _Clock:
         self._recent.append((frame.counter, frame.clock_s))
         if len(self._recent) < (self._recent.maxlen or 0):
             return None
-        rate_hz = _measure_stamped_rate_hz(self._recent, self._radar)
+        rate_hz, _ = _measure_stamped_rate_hz(self._recent, self._radar)
         self._recent.clear()
         return None if rate_hz == self._radar.prf_hz else rate_hz
 

@@ -85,6 +85,8 @@ def parse_wav(path: Path, *, channel: int | None = None, decimate: int = 1) -> P
         raise RecordingError(f"{path}: is a damaged or unusual WAV file ({error}); save it again as PCM") from None
     if any("reached" in str(caution.message).lower() for caution in cautions):
         warn_caller(f"{path}: ends before the samples that its header states; the file is cut off")
+    if not values.size:
+        raise RecordingError(f"{path}: has a header and no samples; the file is cut off")
     channels = values.reshape(len(values), -1)
     if channel is not None or channels.shape[1] > 2:
         values = channels[:, choose_number(path, "channel", channel, channels.shape[1])]
