@@ -84,8 +84,7 @@ def read_asf(path: Path) -> Skeleton:
     stated = {words[0].lower(): (line, words[1:]) for line, words in sections["root"]}
     axis_line, axis_words = stated.get("axis", (0, ["XYZ"]))
     order = "".join(axis_words).lower()
-    _check_order(path, axis_line, order)
-    axes = _turn(order, _parse_numbers(path, *stated.get("orientation", (0, ["0"] * 3)), count=3), degrees)
+    axes = _turn(path, axis_line, order, stated.get("orientation", (0, ["0"] * 3))[1], degrees)
     origin = np.array(_parse_numbers(path, *stated.get("position", (0, ["0"] * 3)), count=3))
     values = stated.get("order", (0, ["TX", "TY", "TZ", "RX", "RY", "RZ"]))
     root = Bone("root", -1, np.zeros(3), axes, order, _parse_freedoms(path, *values, "rx ry rz tx ty tz"))
@@ -113,18 +112,16 @@ def _parse_numbers(path: Path, line: int, words: Sequence[str], *, count: int) -
     return values
 
 
-def _check_order(path: Path, line: int, order: str) -> None:
+def _turn(path: Path, line: int, order: str, words: Sequence[str], degrees: bool) -> FloatArray:
+    """Return the rotation by x, y and z; the rotation of the first letter of the order is applied first."""
     if sorted(order) != ["x", "y", "z"]:
         raise MotionError(
             f"{path}, line {line}: the axis order {order.upper()!r} is not one of x, y and z in any order"
         )
-
-
-def _turn(order: str, angles: Sequence[float], degrees: bool) -> FloatArray:
-    """Return the rotation by x, then y, then z."""
-    # the rotation of the first letter is applied first
-    radians = np.radians(angles) if degrees else np.asarray(angles)
-    return make_euler_rotations(order[::-1], radians[["xyz".index(axis) for axis in order[::-1]]])
+    angles = np.array(_parse_numbers(path, line, words, count=3))
+    return make_euler_rotations(
+        order[::-1], (np.radians(angles) if degrees else angles)[["xyz".index(axis) for axis in order[::-1]]]
+    )
 
 
 def _parse_freedoms(path: Path, line: int, words: Sequence[str], allowed: str) -> tuple[str, ...]:
@@ -156,8 +153,7 @@ def _parse_bones(path: Path, section: Section, degrees: bool) -> dict[str, Bone]
             )
             axis_line, axis_words = entry.get("axis", (bone_line, ["0", "0", "0", "XYZ"]))
             order = axis_words[3].lower() if len(axis_words) == 4 else "xyz"
-            _check_order(path, axis_line, order)
-            axes = _turn(order, _parse_numbers(path, axis_line, axis_words[:3], count=3), degrees)
+            axes = _turn(path, axis_line, order, axis_words[:3], degrees)
             freedoms = _parse_freedoms(path, *entry.get("dof", (bone_line, [])), "rx ry rz")
             bone = Bone(" ".join(entry["name"][1]), -1, vector, axes, order, freedoms)
             if bone.name in bones or bone.name == "root" or len(bones) >= MAX_BONES:

@@ -47,10 +47,10 @@ def parse_arrays(
 ) -> Points:
     """Read the positions of npy, npz or JSON files."""
     head = read_head(path)
-    packed = is_npz(head)
-    if head.startswith(NPY_MAGIC):
+    kind = "npy" if head.startswith(NPY_MAGIC) else "npz" if is_npz(head) else "json"
+    if kind == "npy":
         content: dict[str, Any] = {POSITION_KEYS[0]: load_npy(path, MotionError)}
-    elif packed:
+    elif kind == "npz":
         wanted = (*POSITION_KEYS, *NAME_KEYS, *RATE_KEYS, UNIT_KEY, *([key] if key else []))
         content = dict(load_npz(path, wanted, MotionError, lone=False))
     else:
@@ -89,7 +89,6 @@ def parse_arrays(
         stated = stated.decode("latin-1")
     if not units and not isinstance(stated, str):
         raise MotionError(f"{path}: {UNIT_KEY} is {stated!r}; it must be text such as 'm' or 'mm'")
-    kind = "npy" if head.startswith(NPY_MAGIC) else "npz" if packed else "json"
     parts = read_skeletons()[skeleton or "smpl"][1]
     return Points(labels, position, unit=units or stated, rate_hz=rate, parts=parts, report={"format": kind})
 
@@ -142,17 +141,18 @@ def _describe_unevenness(name: str, frames: Any) -> str:
 
 
 def _read_rate_hz(path: Path, content: Mapping[str, Any]) -> float:
-    found = {name: content[name] for name in RATE_KEYS if content.get(name) is not None}
-    if not found:
+    rates = {
+        name: check_rate(path, _convert_to_scalar(content[name]), said=f"{name} declares")
+        for name in RATE_KEYS
+        if content.get(name) is not None
+    }
+    if not rates:
         raise MotionError(
             f"{path}: names no frame rate ({', '.join(RATE_KEYS)}); give it: rate_hz=... (frames per second)"
         )
-    rates = {
-        name: check_rate(path, _convert_to_scalar(value), said=f"{name} declares") for name, value in found.items()
-    }
     if len(set(rates.values())) > 1:
-        said = " and ".join(f"{name}={rate:g}" for name, rate in rates.items())
-        raise MotionError(f"{path}: states {said}; give the true one: rate_hz=...")
+        stated = " and ".join(f"{name}={rate:g}" for name, rate in rates.items())
+        raise MotionError(f"{path}: states {stated}; give the true one: rate_hz=...")
     return next(iter(rates.values()))
 
 

@@ -177,16 +177,10 @@ def compute_bvh_positions(content: BvhContent) -> FloatArray:
     first = np.cumsum([0, *(len(node.channels) for node in content.nodes)])
     for j, node in enumerate(content.nodes):
         translation[j] = node.offset
+        values = content.values[:, first[j] : first[j + 1]]
         for n, channel in enumerate(node.channels):
             if channel[0] == "p":
-                translation[j, :, "xyz".index(channel[1])] = content.values[:, first[j] + n]
-    by_order: dict[str, list[int]] = {}  # "zyx" for example, "" without rotations
-    for j, node in enumerate(content.nodes):
-        by_order.setdefault("".join(channel[1] for channel in node.channels if channel[0] == "r"), []).append(j)
-    for order, members in by_order.items():
-        columns = [
-            [first[j] + n for n, channel in enumerate(content.nodes[j].channels) if channel[0] == "r"] for j in members
-        ]
-        angles = np.radians(content.values[:, np.array(columns, dtype=np.intp)])
-        rotation[members] = make_euler_rotations(order, angles).swapaxes(0, 1)
+                translation[j, :, "xyz".index(channel[1])] = values[:, n]
+        turns = [n for n, channel in enumerate(node.channels) if channel[0] == "r"]
+        rotation[j] = make_euler_rotations("".join(node.channels[n][1] for n in turns), np.radians(values[:, turns]))
     return forward_kinematics([node.parent for node in content.nodes], translation, rotation)

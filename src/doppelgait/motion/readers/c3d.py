@@ -103,16 +103,9 @@ class Layout:
             self._count_per_frame("ROTATION") if ratio is None else ratio
         )
 
-    def count_fitting_frames(self, points: int, analog: int) -> float:
-        """Return the number of frames that fit."""
-        stride = (4 * points + analog) * (4 if self.is_float else 2)
-        return (self.size - self.data_at) / stride if stride else math.inf
-
-    def is_tight(self, frames: int, points: int, analog: int) -> bool:
-        """Return True if a number of frames fills the data section."""
-        # padding of the last block is allowed
-        stride = (4 * points + analog) * (4 if self.is_float else 2)
-        return 0 <= self.size - self.data_at - frames * stride <= BLOCK
+    def count_bytes(self, points: int, analog: int) -> int:
+        """Return the bytes of a frame."""
+        return (4 * points + analog) * (4 if self.is_float else 2)
 
 
 def decode_float32(raw: bytes, processor: int) -> float:
@@ -131,26 +124,26 @@ def read_layout(path: Path) -> Layout:
     with path.open("rb") as file:
         header = file.read(BLOCK)
         if len(header) < BLOCK or header[0] < 2 or header[1] != MAGIC:
-            raise MotionError(
-                f"{path}: is not a complete C3D file: it must start with a header of {BLOCK} bytes, and the second "
-                f"byte must be 0x50. {RESAVE}."
+            raise ValueError(
+                f"is not a complete C3D file: it must start with a header of {BLOCK} bytes, and the second "
+                f"byte must be 0x50"
             )
         section_at = (header[0] - 1) * BLOCK
         file.seek(section_at)
         processor = file.read(4)[3:4]
         if not processor or processor[0] not in (INTEL, DEC, SGI):
             found = processor[0] if processor else "nothing"
-            raise MotionError(
-                f"{path}: is truncated or damaged: the byte that names the processor is {found} (allowed: {INTEL} "
-                f"Intel, {DEC} DEC, {SGI} SGI; {size} bytes). {RESAVE}."
+            raise ValueError(
+                f"is truncated or damaged: the byte that names the processor is {found} (allowed: {INTEL} "
+                f"Intel, {DEC} DEC, {SGI} SGI; {size} bytes)"
             )
         order = ">" if processor[0] == SGI else "<"
         points, analog, first, last, _, scale, data_block, _ = struct.unpack_from(f"{order}HHHHH4sHH", header, 2)
         data_at = (data_block - 1) * BLOCK
         if not 0 < section_at < data_at <= size:
-            raise MotionError(
-                f"{path}: is truncated or damaged: its header puts the parameters at byte {section_at} and the data "
-                f"at byte {data_at}, but the file has {size} bytes. {RESAVE}."
+            raise ValueError(
+                f"is truncated or damaged: its header puts the parameters at byte {section_at} and the data "
+                f"at byte {data_at}, but the file has {size} bytes"
             )
         file.seek(section_at)
         section = file.read(data_at - section_at)
@@ -165,24 +158,22 @@ def read_layout(path: Path) -> Layout:
         header_frames=last - first + 1,
         header_analog=analog,
         header_rate_hz=decode_float32(header[20:24], processor[0]),
-        records=_walk_records(path, section, section_at, processor[0]),
+        records=_walk_records(section, section_at, processor[0]),
     )
     for name in NUMBERS:
         value = layout.number(*name)
         if name in layout.records and (value is None or not abs(value) < 1e6 or (name[1] == "RATE" and value < 0)):
-            raise MotionError(
-                f"{path}: has a damaged parameter section: {':'.join(name)} is {value}, not a usable number. {RESAVE}."
-            )
+            raise ValueError(f"has a damaged parameter section: {':'.join(name)} is {value}, not a usable number")
     extra = layout.count_declared_analog() + 17 * layout.count_declared_rotations()
     if not 0 <= extra * 2 <= max(layout.size - layout.data_at, 0):
-        raise MotionError(
-            f"{path}: is truncated or damaged: its parameters declare {extra:.0f} analog and rotation values per "
-            f"frame, which is more than the file holds. {RESAVE}."
+        raise ValueError(
+            f"is truncated or damaged: its parameters declare {extra:.0f} analog and rotation values per "
+            f"frame, which is more than the file holds"
         )
     return layout
 
 
-def _walk_records(path: Path, section: bytes, section_at: int, processor: int) -> dict[tuple[str, str], Record]:
+def _walk_records(section: bytes, section_at: int, processor: int) -> dict[tuple[str, str], Record]:
     # names are in upper case. A record that does not fit raises an error.
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Record]] = []
@@ -193,9 +184,7 @@ def _walk_records(path: Path, section: bytes, section_at: int, processor: int) -
             number, text, record = _read_record(section, at, processor)
         except (ValueError, IndexError, struct.error) as error:
             fault = str(error) if type(error) is ValueError else "runs beyond the end of the section"
-            raise MotionError(
-                f"{path}: has a damaged parameter section: the record at byte {section_at + at} {fault}. {RESAVE}."
-            ) from None
+            raise ValueError(f"has a damaged parameter section: the record at byte {section_at + at} {fault}") from None
         if number < 0:
             groups[-number] = text
         else:
@@ -249,7 +238,13 @@ class C3dContent:
 
 def read_content(path: Path) -> C3dContent:
     """Read the points of a C3D file."""
-    layout = read_layout(path)
+    try:
+        return _read_points(path, read_layout(path))
+    except (ValueError, MemoryError) as error:
+        raise MotionError(f"{path}: {error or 'does not fit into memory; is it damaged?'}. {RESAVE}.") from None
+
+
+def _read_points(path: Path, layout: Layout) -> C3dContent:
     # refuse a file without points, or with two different numbers of points
     declared = layout.number("POINT", "USED")
     points_n_points = layout.header_points if declared is None else int(declared) % 65536
@@ -260,14 +255,9 @@ def read_content(path: Path) -> C3dContent:
             "Export marker positions from the program that recorded it."
         )
     if points_n_points != layout.header_points:
-        raise MotionError(
-            f"{path}: its header declares {layout.header_points} points, its parameters {points_n_points}. {RESAVE}."
-        )
-    analog, n_frames = _resolve_layout(path, layout)
-    try:
-        position = _decode_points(path, layout, analog, n_frames)
-    except MemoryError:
-        raise MotionError(f"{path}: does not fit into memory; is it damaged? {RESAVE}.") from None
+        raise ValueError(f"its header declares {layout.header_points} points, its parameters {points_n_points}")
+    analog, n_frames = _resolve_layout(layout)
+    position = _decode_points(path, layout, analog, n_frames)
     notes: tuple[str, ...] = ()
     if n_frames > MAX_HEADER_FRAMES:
         # without the empty frames at the end that fill the last block
@@ -287,22 +277,23 @@ def read_content(path: Path) -> C3dContent:
     return C3dContent(position, tuple(labels), float(rate), texts.get("POINT:UNITS", ()), texts, notes)
 
 
-def _resolve_layout(path: Path, layout: Layout) -> tuple[int, int]:
+def _resolve_layout(layout: Layout) -> tuple[int, int]:
     """Find analog words per frame and number of frames. Together they fill the data section."""
     frames, points = layout.header_frames, layout.header_points
     if frames < 1:
-        raise MotionError(f"{path}: its header declares {frames} frames. {RESAVE}.")
+        raise ValueError(f"its header declares {frames} frames")
     candidates = list(dict.fromkeys((int(layout.count_declared_analog()), layout.header_analog)))
-    tight = [words for words in candidates if layout.is_tight(frames, points, words)]
+    n_bytes = layout.size - layout.data_at
+    tight = [w for w in candidates if 0 <= n_bytes - frames * layout.count_bytes(points, w) <= BLOCK]
     if len(tight) == 1:
         return tight[0], frames
-    held = math.floor(layout.count_fitting_frames(points, candidates[0]))
+    held = n_bytes // layout.count_bytes(points, candidates[0])
     if len(candidates) == 1 and held >= 1:
         # the header counts only to 65535; beyond that, the size of the file is used
         return candidates[0], held if frames >= MAX_HEADER_FRAMES else min(frames, held)
-    raise MotionError(
-        f"{path}: header and parameters declare {layout.header_analog} and {candidates[0]} analog values per frame; "
-        f"{frames} frames of {points} points fit the file with neither. {RESAVE}."
+    raise ValueError(
+        f"header and parameters declare {layout.header_analog} and {candidates[0]} analog values per frame; "
+        f"{frames} frames of {points} points fit the file with neither"
     )
 
 
@@ -314,9 +305,9 @@ def _decode_points(path: Path, layout: Layout, analog: int, n_frames: int) -> Fl
         stored = np.dtype(f"{order}i2")
         scale = abs(layout.number("POINT", "SCALE") or layout.header_scale)
         if not math.isclose(scale, abs(layout.header_scale), rel_tol=1e-3):
-            raise MotionError(
-                f"{path}: stores integers that its header scales by {abs(layout.header_scale):.6g}, its parameters by "
-                f"{scale:.6g}. {RESAVE}."
+            raise ValueError(
+                f"stores integers that its header scales by {abs(layout.header_scale):.6g}, its parameters by "
+                f"{scale:.6g}"
             )
     else:
         stored = np.dtype(f"{order}u4" if layout.processor == DEC else f"{order}f4")
