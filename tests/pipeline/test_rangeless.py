@@ -81,7 +81,7 @@ KINDS = [
     (mix(1.41, 20), ""),
     (mix(0.71, -20, 5 - 3j), ""),
     (lambda y, turn: y.real + 2.0, "no_direction"),
-    (lambda y, turn: y.real * (1 - 0.4j) + 3j, "no_direction"),
+    (lambda y, turn: y.real * (1 - 1j) + 3j, "no_direction"),
     (lambda y, turn: y.real * (1 + 2j) + 0.03j * np.sin(turn**2), "no_direction"),
     (lambda y, turn: y + 3 * np.cos(50.07 * turn), "mains_lines_removed:50_hz"),
     (lambda y, turn: y + 30 * np.cos(59.9 * turn) + 12j * np.sin(59.9 * turn + 1), "mains_lines_removed:60_hz"),

@@ -15,7 +15,7 @@ from doppelgait.pipeline import analyze, describe_results, simulate, tracking
 from doppelgait.pipeline.analyze import flag_overlaps
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.pipeline.result import Result
-from doppelgait.pipeline.tracking import _link
+from doppelgait.pipeline.tracking import _link, _summarise_breath
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.breathing import BreathingTarget
 from doppelgait.processing.clutter import remove_static_clutter
@@ -222,6 +222,12 @@ def test_who_rests_and_goes_on_from_there_is_one(late, persons, n_bodies):
 def test_two_who_could_go_on_are_not_linked_nor_who_leaves_the_frame():
     assert len(_link([COMES, GOES, track_of(51, 55, (3.9, 1), (0.5, 1.2))], [BREATH], FRAME_M)) == 3
     assert len(_link([COMES, GOES], [BREATH], np.linspace(3.7, 9.4, 100))) == 2
+
+
+def test_a_breath_is_stated_by_four_numbers():
+    names = ("rate_hz", "displacement_m", "snr_db", "confidence")
+    facts = dict(zip((f"breathing_{name}" for name in names), (0.25, 0.004, 20.0, 0.9), strict=True))
+    assert _summarise_breath(BREATH) == facts
 
 
 @pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")

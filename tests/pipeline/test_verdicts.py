@@ -1,6 +1,7 @@
 """Verdicts against mirror images and folded ranges that are computed here, and against simulated rooms."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,8 +10,9 @@ from doppelgait.cli.analyze import print_features
 from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk
 from doppelgait.motion.models import crawling_person, robot_vacuum
-from doppelgait.pipeline import Result, analyze, describe_results, simulate
-from doppelgait.pipeline.verdicts import TrackStrip, correlate_rhythms, judge_fold, judge_reflection, judge_thing
+from doppelgait.pipeline import Result, analyze, describe_results, simulate, verdicts
+from doppelgait.pipeline.verdicts import TrackStrip, correlate_rhythms, judge, judge_fold, judge_reflection, judge_thing
+from doppelgait.processing import Analysis, Gate
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 
@@ -57,6 +59,21 @@ def test_a_mirror_image_is_a_reflection(path):
     assert evidence["mirror_level_db"] == pytest.approx(-12.0, abs=0.3)
     assert evidence["mirror_product_m2"] == pytest.approx(2.0 * (2.0 - Y_M.mean()), rel=0.05)  # radar and body to wall
     assert evidence["mirror_error_m"] < 0.01
+
+
+@pytest.mark.parametrize("ranges_m", [(DIRECT_M, IMAGE_M), (IMAGE_M, DIRECT_M)], ids=["first", "second"])
+def test_a_verdict_marks_its_target_and_not_the_body(ranges_m, monkeypatch):
+    def observe(gate, *settings):
+        return seen(gate.centre_m, level_db=BODY_DB - 12 * np.array_equal(gate.centre_m, IMAGE_M))
+
+    monkeypatch.setattr(verdicts, "observe_strip", observe)
+    gates = [Gate.around(TIME_S, range_m, span_m=1.6, source="track") for range_m in ranges_m]
+    results = [Result(Analysis(), gate_limits=gate, quality={"track_start_s": 0.0}) for gate in gates]
+    marked = judge(results, SimpleNamespace(range_m=np.linspace(0.4, 9.4, 180)), Analysis(), X4)
+    body, ghost = marked if ranges_m[0] is DIRECT_M else marked[::-1]
+    assert (body.verdict, body.flags, ghost.verdict) == ("body", (), "reflection")
+    assert ghost.flags == (f"reflection_of:{marked.index(body)}",)
+    assert ghost.quality["mirror_error_m"] < 0.01
 
 
 def test_a_strong_reflection_needs_the_same_rhythm():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.frames import Frames
+from doppelgait.core.frames import Frames, SlowTime
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import rng
 from doppelgait.motion import breathing_person
@@ -16,6 +16,7 @@ from doppelgait.processing.breathing import (
     compute_line_ratio,
     compute_median_over_mean,
     compute_threshold,
+    explain_no_breathing,
     find_breathing,
     fit_circle,
     remove_common_gain,
@@ -59,12 +60,23 @@ def test_one_person_before_a_room(seconds, rate_hz):
     times = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
     source = np.random.default_rng(1)
     body = echo(times, range_m=1.75, amplitude_v=30, rate_hz=rate_hz, swing_m=0.003)
-    (person,) = find(room(source) + body + noise(source, times.size))
+    values = room(source) + body + noise(source, times.size)
+    (person,) = find(values)
+    assert not find(values, low_hz=0.69)
     assert person.rate_hz == pytest.approx(rate_hz, rel=0.01)
     assert person.range_m == pytest.approx(1.75, abs=0.03)
     assert person.displacement_m == pytest.approx(0.003, rel=0.05)
     assert person.confidence > 0.9
     assert (person.start_s, person.stop_s) == pytest.approx((0, times[-1]), abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "rate_hz", "reason"), [(9, 10, "9.0 s are too short"), (20, 2, "2 frames/s are too few"), (20, 5, "")]
+)
+def test_why_there_is_no_breathing(seconds, rate_hz, reason):
+    stated = explain_no_breathing(SlowTime(np.arange(seconds * rate_hz + 1) / rate_hz))
+    assert stated.startswith(reason)
+    assert bool(stated) == bool(reason)
 
 
 def test_a_large_swing_is_one_breath_at_its_rate_and_not_its_double():
