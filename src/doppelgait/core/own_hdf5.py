@@ -176,20 +176,17 @@ def _type_fault(kind: Any, *, references: bool = False) -> str:
     h5t, class_, size = h5py.h5t, kind.get_class(), kind.get_size()
     if class_ == h5t.ENUM or (references and class_ == h5t.ARRAY):  # truth values, arrays in a table
         return _type_fault(kind.get_super(), references=references and class_ == h5t.ENUM)
-    if references and class_ == h5t.COMPOUND:  # rows of a table: numbers, without gaps
+    if class_ == h5t.COMPOUND:
         members = [kind.get_member_type(n) for n in range(kind.get_nmembers())]
         ends = [0, *accumulate(member.get_size() for member in members)]
-        if [kind.get_member_offset(n) for n in range(len(members))] != ends[:-1] or ends[-1] != size:
-            return "is of a compound type with gaps"
-        faults = [_type_fault(member, references=member.get_class() == h5t.ARRAY) for member in members]
-        return next(filter(None, faults), "")
-    if class_ == h5t.COMPOUND:  # complex numbers: two adjacent real numbers
-        if kind.get_nmembers() != 2 or [kind.get_member_offset(n) for n in (0, 1)] != [0, size // 2] or size % 2:
+        has_gaps = [kind.get_member_offset(n) for n in range(len(members))] != ends[:-1] or ends[-1] != size
+        if references:  # rows of a table: numbers
+            faults = [_type_fault(member, references=member.get_class() == h5t.ARRAY) for member in members]
+            return "is of a compound type with gaps" if has_gaps else next(filter(None, faults), "")
+        alike = len(members) == 2 and members[0].equal(members[1])  # complex numbers: two real numbers
+        if has_gaps or not alike or members[0].get_class() not in (h5t.INTEGER, h5t.FLOAT):
             return "is of a compound type other than complex numbers"
-        first, second = kind.get_member_type(0), kind.get_member_type(1)
-        if not first.equal(second) or 2 * first.get_size() != size or first.get_class() not in (h5t.INTEGER, h5t.FLOAT):
-            return "is of a compound type other than complex numbers"
-        return _type_fault(first)
+        return _type_fault(members[0])
     if class_ == h5t.INTEGER:
         plain = size in (1, 2, 4, 8) and kind.get_precision() == 8 * size and kind.get_offset() == 0
         return "" if plain else f"holds integers of {size} bytes with {kind.get_precision()} bits"
@@ -241,8 +238,7 @@ def _check_lengths(dataset: Any, name: str, count: int) -> None:
         size = file.seek(0, os.SEEK_END)
         file.seek(start)
         stored = file.read(min(16 * count, size))
-    for at in range(0, len(stored) - 15, 16):
-        length = int.from_bytes(stored[at : at + 4], "little")
+    for (length,) in struct.iter_unpack("<I12x", stored[: len(stored) // 16 * 16]):
         if length > size:
             raise ValueError(f"{name[:80]!r} holds a text of {length:,} bytes, but the file has {size:,}")
 
