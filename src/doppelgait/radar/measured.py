@@ -108,6 +108,7 @@ def label_measured(
     check_finite(path, values)
     facts = {**make_baseband_facts(radar), **(attrs or {})}
     burst_pulses = facts.get("burst_pulses", radar.burst_pulses)
+    check_value(path, "burst_pulses", burst_pulses, Annotated[int, POSITIVE] | None, error=RecordingError)
     placed = place_pulses(slow_time_s, where=str(path), burst_pulses=burst_pulses, stated_hz=radar.prf_hz)
     off = placed.rate_hz / radar.prf_hz - 1.0
     messages = [*placed.notes, *describe_zeros(values, placed.rate_hz)]

@@ -428,6 +428,10 @@ def test_axes_in_the_file_are_taken_as_they_are(tmp_path):
         ('[radar]\npreset = "x5"\n', r"unknown radar preset 'x5'"),
         ('[radar]\npreset = "x4"\ncarrier = 3\n', r"radar: carrier: unknown key"),
         ("scale_v = 0\n", r"scale_v"),
+        (
+            FACTS + "[attributes]\nburst_pulses = 'x'\n",
+            "burst_pulses = 'x' is not allowed; it must be a whole number above 0",
+        ),
     ],
 )
 def test_faults_of_the_toml_file_are_named_with_their_line(tmp_path, text, said):

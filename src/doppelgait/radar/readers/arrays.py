@@ -363,6 +363,13 @@ def join_parts(i: npt.NDArray[Any], q: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return joined
 
 
+def list_facts(recording: Recording) -> dict[str, Any]:
+    """Return the facts of a recording that a file of its values states, without those that are not known."""
+    facts: dict[str, Any] = {"notes": [*recording.notes], "seed": recording.seed}
+    facts |= {"noise_power_v2": recording.noise_power_v2, "snr_frame_db": recording.snr_frame_db}
+    return {name: value for name, value in facts.items() if value is not None and value == value}  # not NaN
+
+
 FIRST_LINE = "# Radar recording, written by doppelgait: what the arrays beside it are."
 
 
@@ -415,15 +422,7 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
                 f"{sidecar}: exists and is not a description of arrays; choose another name than {target.name}"
             )
     with open_atomically(sidecar) as partial_facts, open_atomically(target) as partial:
-        facts = {
-            "scale_v": 1.0,
-            "conjugate": False,
-            "notes": [*recording.notes],
-            "noise_power_v2": recording.noise_power_v2,
-            "snr_frame_db": recording.snr_frame_db,
-            "seed": recording.seed,
-        }
-        table = {name: value for name, value in facts.items() if value is not None and value == value}  # not NaN
+        table = {"scale_v": 1.0, "conjugate": False, **list_facts(recording)}
         table |= {"radar": recording.radar.model_dump(exclude_none=True), "attributes": list_further_facts(recording)}
         partial_facts.write_text(f"{FIRST_LINE}\n{write_toml(table)}", encoding="utf-8")
         with partial.open("wb") as file:

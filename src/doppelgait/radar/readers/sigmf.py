@@ -24,7 +24,7 @@ from doppelgait.core.files import open_atomically
 from doppelgait.core.plugins import plugin, read_head
 from doppelgait.core.units import FloatArray
 from doppelgait.radar.measured import choose_number, read_limited, split_rows
-from doppelgait.radar.readers.arrays import Parsed, array_reader
+from doppelgait.radar.readers.arrays import Parsed, array_reader, list_facts
 from doppelgait.radar.readers.samples import PulseSamples, decode_samples, parse_datatype
 from doppelgait.radar.recording import Recording
 
@@ -304,6 +304,8 @@ EXTENSION = {"name": "doppelgait", "version": "1.0.0", "optional": True}
 UNEVEN = 1e-6
 """Minimum relative deviation of a slow-time step that starts a new capture."""
 INT16_MAX = 32767
+UNSTATED = (math.inf, -math.inf)
+"""Values that JSON has no numbers for."""
 
 
 @plugin("radar_writer", "sigmf", suffix=".sigmf-meta")
@@ -369,11 +371,8 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
         "doppelgait:radar": recording.radar.model_dump(mode="json"),
         "doppelgait:scale_v": scale_v,
         "doppelgait:source": recording.source,
-        "doppelgait:notes": list(recording.notes),
     }
-    facts = {"noise_power_v2": recording.noise_power_v2, "snr_frame_db": recording.snr_frame_db}
-    common |= {f"doppelgait:{name}": value for name, value in facts.items() if math.isfinite(value)}
-    common |= {"doppelgait:seed": recording.seed} if recording.seed is not None else {}
+    common |= {f"doppelgait:{name}": value for name, value in list_facts(recording).items() if value not in UNSTATED}
     burst_pulses = recording.baseband.attrs.get("burst_pulses")
     common |= {"doppelgait:burst_pulses": int(burst_pulses)} if burst_pulses is not None else {}
     captures = [
@@ -409,14 +408,9 @@ def _find_even_segments(
     slow_time_s: npt.NDArray[np.float64], radar_prf_hz: float
 ) -> tuple[npt.NDArray[np.int64], float]:
     """Return the first pulses of evenly spaced segments, and the rate of the longest one."""
-    if slow_time_s.size < 2:
-        return np.zeros(1, dtype=np.int64), radar_prf_hz
     steps_s = np.diff(slow_time_s)
-    usual_s = float(np.median(steps_s))
+    usual_s = float(np.median(steps_s)) if steps_s.size else 1.0 / radar_prf_hz
     firsts = np.concatenate(([0], np.flatnonzero(np.abs(steps_s - usual_s) > UNEVEN * usual_s) + 1))
     lengths = np.diff([*firsts, slow_time_s.size])
-    longest = int(lengths.argmax())
-    if lengths[longest] < 2:
-        return firsts, 1.0 / usual_s
-    first, last = firsts[longest], firsts[longest] + lengths[longest] - 1
-    return firsts, float((last - first) / (slow_time_s[last] - slow_time_s[first]))
+    first, n_steps = firsts[lengths.argmax()], lengths.max() - 1
+    return firsts, float(n_steps / (slow_time_s[first + n_steps] - slow_time_s[first])) if n_steps else 1.0 / usual_s
