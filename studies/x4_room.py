@@ -43,8 +43,8 @@ from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.conditions import Conditions, Noise
 from doppelgait.radar import Radar, Recording
-from doppelgait.radar.fit import SensorMeasurement, fit_sensor, format_preset, measure_recording
-from doppelgait.radar.fit.model import Room
+from doppelgait.radar.fit import fit_sensor, format_preset
+from doppelgait.radar.fit.model import Room, fit_room
 from doppelgait.radar.fit.room import fit_series
 from doppelgait.radar.impairments import apply_impairments, make_impairment
 from doppelgait.radar.link import comparator_noise_v, noise_power_v2
@@ -82,7 +82,7 @@ MARGIN = 64
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 Row = tuple[str, str, str, str, str]
-Rooms = dict[str, tuple[Recording, SensorMeasurement]]
+Rooms = dict[str, tuple[Recording, Room]]
 
 
 @dataclass(frozen=True)
@@ -159,15 +159,9 @@ def unit_db(radar: Radar, filter: Filter = "hamming") -> float:
     return db((radar.volts_per_unit or 1.0) * compute_chip_gain(radar.carrier_hz, radar.sample_rate_hz, filter))
 
 
-def room_of(fit: SensorMeasurement) -> Room:
-    """Return the static echoes and their phase."""
-    assert fit.room is not None
-    return fit.room
-
-
-def level_of_bins(fit: SensorMeasurement) -> FloatArray:
+def level_of_bins(recording: Recording, fit: Room) -> FloatArray:
     """Return the static echo of every bin, dB re one unit."""
-    return np.asarray(20.0 * np.log10(np.abs(room_of(fit).echo_v)) - unit_db(fit.recording.radar))
+    return np.asarray(20.0 * np.log10(np.abs(fit.echo_v)) - unit_db(recording.radar))
 
 
 def counted_room(frames: FloatArray, noise: RfNoise, like: Recording, filter: Filter, *, bin_m: float) -> Recording:
@@ -190,20 +184,19 @@ def drawn_room(model: Path, *, frames: int, seed: int) -> Recording:
     return Recording.from_baseband(baseband, radar, source=model.name)
 
 
-def whole_jitter_rad(fit: SensorMeasurement) -> float:
+def whole_jitter_rad(fit: Room) -> float:
     """Return the white jitter of the common phase, thermal noise included."""
-    return fit_series(np.unwrap(np.angle(room_of(fit).factor)), time_s=room_of(fit).time_s).white.value
+    return fit_series(np.unwrap(np.angle(fit.factor)), time_s=fit.time_s).white.value
 
 
-def common_share(recording: Recording, fit: SensorMeasurement) -> float:
+def common_share(recording: Recording, fit: Room) -> float:
     """Correlate the phase steps of near and far echoes. 1 for a clock that all share, 0 for thermal noise."""
-    range_m, room = recording.range_m, room_of(fit)
-    still = np.ones(range_m.size, dtype=bool)
-    for body in room.moving:
-        still &= (range_m < body.start_m) | (range_m > body.stop_m)
+    still = np.ones(recording.range_m.size, dtype=bool)
+    for body in fit.moving:
+        still &= (recording.range_m < body.start_m) | (recording.range_m > body.stop_m)
     steps = []
-    for chosen in (still & (range_m <= NEAR_M), still & (range_m > NEAR_M)):
-        sums = recording.baseband.values[:, chosen].astype(complex) @ room.echo_v[chosen].conj()
+    for chosen in (still & (recording.range_m <= NEAR_M), still & (recording.range_m > NEAR_M)):
+        sums = recording.baseband.values[:, chosen].astype(complex) @ fit.echo_v[chosen].conj()
         steps.append(np.diff(np.unwrap(np.angle(sums))))
     return float(np.corrcoef(steps[0], steps[1])[0, 1])
 
@@ -277,15 +270,15 @@ def room_rows(recordings: Path, out: Path) -> tuple[list[Row], float]:
         real, counted = {}, {}
         for matrix in MATRICES:
             recording = read_recording(recordings / EMPTY, matrix=matrix, filter=filter)
-            real[matrix] = recording, measure_recording(recording)
+            real[matrix] = recording, fit_room(recording)
             room = counted_room(frames[matrix], noises[matrix], recording, filter, bin_m=bin_m)
-            counted[matrix] = room, measure_recording(room)
+            counted[matrix] = room, fit_room(room)
         own = unit_db(recording.radar, filter)
         fits, others = ([found[matrix][1] for matrix in MATRICES] for found in (real, counted))
-        levels_db, others_db = ([f.estimates["noise_level_db"].value - own for f in group] for group in (fits, others))
+        levels_db, others_db = ([f.noise.power_v2.to_db(10.0).value - own for f in group] for group in (fits, others))
         row(f"noise of a bin, {name}", levels_db, others_db, "counters", digits=1, unit="dB")
         for lag in (1, 2, 3):
-            rho, other = ([float(f.correlation[lag].real) for f in group] for group in (fits, others))
+            rho, other = ([float(f.noise.correlation[lag].real) for f in group] for group in (fits, others))
             row(f"its correlation {lag} bin{'s' * (lag > 1)} apart, {name}", rho, other, "counters", digits=2, unit="")
             if filter == "chip":
                 stated = (*preset.noise_correlation, 0.0, 0.0, 0.0)[lag - 1]
@@ -300,13 +293,13 @@ def room_rows(recordings: Path, out: Path) -> tuple[list[Row], float]:
 
 def model_rows(real: Rooms, counted: Rooms, out: Path) -> list[Row]:
     """Compare echoes and phase with rooms drawn from the sensor models."""
-    rooms_of: list[list[tuple[Recording, SensorMeasurement]]] = []
+    rooms_of: list[list[tuple[Recording, Room]]] = []
     for number, (recording, _) in enumerate(real.values(), start=1):
         model = out / f"x4-sensor-{number}.toml"
         model.write_text(format_preset(fit_sensor(recording)), encoding="utf-8")
         seeds = np.random.SeedSequence([SEED, number]).generate_state(N_ROOMS)
         rooms = [drawn_room(model, frames=recording.n_pulses, seed=int(seed)) for seed in seeds]
-        rooms_of.append([(room, measure_recording(room)) for room in rooms])
+        rooms_of.append([(room, fit_room(room)) for room in rooms])
     fits = [fit for _, fit in real.values()]
     rows: list[Row] = []
 
@@ -318,13 +311,12 @@ def model_rows(real: Rooms, counted: Rooms, out: Path) -> list[Row]:
 
     for start_m, stop_m in ((0.75, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 6.0), (6.0, 8.0)):
 
-        def median_db(fit: SensorMeasurement, start_m: float = start_m, stop_m: float = stop_m) -> float:
-            range_m = fit.recording.range_m
-            inside = (range_m >= start_m) & (range_m < stop_m)
-            return float(np.median(level_of_bins(fit)[inside]))
+        def median_db(found: tuple[Recording, Room], start_m: float = start_m, stop_m: float = stop_m) -> float:
+            inside = (found[0].range_m >= start_m) & (found[0].range_m < stop_m)
+            return float(np.median(level_of_bins(*found)[inside]))
 
-        others = [[median_db(fit) for _, fit in rooms] for rooms in rooms_of]
-        row(f"static echo, median of {start_m:g} to {stop_m:g} m", [median_db(f) for f in fits], others, 1, "dB")
+        own, *others = ([median_db(found) for found in rooms] for rooms in (real.values(), *rooms_of))
+        row(f"static echo, median of {start_m:g} to {stop_m:g} m", own, others, 1, "dB")
     jitter = [1e3 * whole_jitter_rad(fit) for fit in fits]
     thermal = [1e3 * whole_jitter_rad(fit) for _, fit in counted.values()]
     rows.append(
@@ -338,9 +330,9 @@ def model_rows(real: Rooms, counted: Rooms, out: Path) -> list[Row]:
          pair([common_share(*found) for found in counted.values()], 2), "counters: thermal noise alone", "")
     )  # fmt: skip
     row("the same", shares, [[common_share(*found) for found in rooms] for rooms in rooms_of], 2, "")
-    name = "walk_rad_per_sqrt_min"
-    walk = [fit.estimates[name].value for fit in fits]
-    others = [[fit.estimates[name].value for _, fit in rooms] for rooms in rooms_of]
+    root_minute = 60.0**0.5
+    walk = [fit.phase.walk_per_root_s.value * root_minute for fit in fits if fit.phase]
+    others = [[fit.phase.walk_per_root_s.value * root_minute for _, fit in rooms if fit.phase] for rooms in rooms_of]
     row("phase walk", walk, others, 3, "rad/√min")
     return rows
 
