@@ -160,7 +160,6 @@ def _check_attributes(member: Any, name: str) -> None:
 
 
 def _check_attribute(attribute: Any, name: str) -> None:
-    """Refuse an attribute of an unsupported type."""
     kind = attribute.get_type()
     fault = _type_fault(kind)
     n_dims = attribute.get_space().get_simple_extent_ndims()
@@ -175,7 +174,7 @@ def _type_fault(kind: Any, *, references: bool = False) -> str:
     """Return why values of a type must not be read, or "": the library converts without a check."""
     h5t, class_, size = h5py.h5t, kind.get_class(), kind.get_size()
     if class_ == h5t.ENUM or (references and class_ == h5t.ARRAY):  # truth values, arrays in a table
-        return _type_fault(kind.get_super(), references=references and class_ == h5t.ENUM)
+        return _type_fault(kind.get_super())
     if class_ == h5t.COMPOUND:
         members = [kind.get_member_type(n) for n in range(kind.get_nmembers())]
         ends = [0, *accumulate(member.get_size() for member in members)]

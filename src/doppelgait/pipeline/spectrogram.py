@@ -131,7 +131,6 @@ def make_level_gate(signature: xr.DataArray) -> Gate:
 
 
 def _check_uniform(values: npt.ArrayLike, name: str, least: int) -> FloatArray:
-    """Check that an axis is ascending and evenly spaced; return it."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or array.size < least:
         raise AnalysisError(f"{name} has shape {array.shape}; a spectrogram needs one axis of {least} values or more")

@@ -328,8 +328,7 @@ def find_breathing(
 
 
 def _is_same(person: BreathingTarget, other: BreathingTarget, extent_m: float) -> bool:
-    """Return True if two breaths are of one person."""
-    # the other range: a multipath echo has the same rate at the same time
+    # of one person; at another range, a multipath echo has the same rate at the same time
     if abs(person.range_m - other.range_m) <= extent_m:
         return True
     at_once = person.start_s < other.stop_s and other.start_s < person.stop_s

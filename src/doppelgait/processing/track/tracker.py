@@ -224,7 +224,6 @@ def _update_in_box(step: Step, d: Detection, options: Tracker, span_mps: float |
 
 
 def _is_in_box(d: Detection, predicted: Gaussian, span_mps: float | None) -> bool:
-    """Return True if a detection's box contains a predicted state."""
     if not d.range_low_m - BOX_MARGIN_M <= predicted.range_m <= d.range_high_m + BOX_MARGIN_M:
         return False
     middle, half = (d.velocity_low_mps + d.velocity_high_mps) / 2, (d.velocity_high_mps - d.velocity_low_mps) / 2
