@@ -151,10 +151,7 @@ def read(
 
 
 def cut_part(path: Path, motion: Motion, start_s: float | None, stop_s: float | None) -> Motion:
-    """Return the part of a recording from start to stop.
-
-    ``start_s`` and ``stop_s`` are those of :func:`read`. Without both, the whole recording is returned.
-    """
+    """Return the part of a recording from start to stop."""
     if start_s is None and stop_s is None:
         return motion
     rate = motion.rate_hz
@@ -179,10 +176,7 @@ def take_part(
     loop_variation: float = 1.0,
     treadmill: bool = False,
 ) -> Motion:
-    """Return a segment of a cleaned motion, looped if requested.
-
-    The gait of a segment is measured. The arguments are those of :func:`read`.
-    """
+    """Return a segment of a cleaned motion, looped if requested."""
     from doppelgait.motion.checks import check_motion
     from doppelgait.motion.gait import add_gait_facts
     from doppelgait.motion.ground import move_over_ground

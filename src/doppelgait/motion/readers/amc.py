@@ -1,8 +1,4 @@
-"""Joint angles with a skeleton in another file: ASF/AMC and exponential maps.
-
-Points of an AMC motion (Acclaim format, CMU database) are the root and the far ends of the bones. The CMU and Human3.6M
-motions of motion-prediction studies are exponential maps in a text file; their points are the joints.
-"""
+"""Joint angles with a skeleton in another file: ASF/AMC (Acclaim), and exponential maps of prediction studies."""
 
 from __future__ import annotations
 
@@ -27,8 +23,7 @@ from doppelgait.motion.readers.joints import (
 from doppelgait.motion.readers.points import FloatArray
 from doppelgait.motion.readers.text import Points, is_finite, parse_rows, point_format, read_text
 
-Section = list[tuple[int, list[str]]]
-"""Statements: line number and words."""
+Section = list[tuple[int, list[str]]]  # statements: line number and words
 
 INCH_M = 0.0254
 MAX_BONES = 1000
@@ -113,7 +108,7 @@ def _parse_numbers(path: Path, line: int, words: Sequence[str], *, count: int) -
 
 
 def _turn(path: Path, line: int, order: str, words: Sequence[str], degrees: bool) -> FloatArray:
-    """Return the rotation by x, y and z; the rotation of the first letter of the order is applied first."""
+    """Return the rotation by three angles, the first letter applied first."""
     if sorted(order) != ["x", "y", "z"]:
         raise MotionError(
             f"{path}, line {line}: the axis order {order.upper()!r} is not one of x, y and z in any order"

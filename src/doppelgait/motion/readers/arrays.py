@@ -20,8 +20,7 @@ POSITION_KEYS = ("positions", "joints", "Jtr")
 NAME_KEYS = ("names", "joint_names")
 RATE_KEYS = ("rate_hz", "mocap_framerate", "mocap_frame_rate", "fps")
 UNIT_KEY = "units"
-FEATURES = (251, 263)
-"""Values of a frame in the features of HumanML3D and KIT-ML, which are no positions."""
+FEATURES = (251, 263)  # values of a frame in the features of HumanML3D and KIT-ML, which are no positions
 
 
 def sniff_arrays(path: Path, head: bytes) -> bool:

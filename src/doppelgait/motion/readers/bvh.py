@@ -1,7 +1,4 @@
-"""BVH files (joint hierarchies of animation programs).
-
-Points are the joints and the ends of their chains.
-"""
+"""BVH files (joint hierarchies of animation programs): joints and the ends of their chains."""
 
 from __future__ import annotations
 

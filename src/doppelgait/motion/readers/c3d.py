@@ -24,8 +24,7 @@ INTEL, DEC, SGI = 84, 85, 86
 """Byte that identifies the processor: little-endian IEEE, little-endian VAX floats, big-endian IEEE."""
 MAX_SIZE = 2**31
 MAX_HEADER_FRAMES = 65535
-LARGEST = 1e9
-"""Maximum coordinate of a position, in any unit."""
+LARGEST = 1e9  # maximum coordinate of a position, in any unit
 TYPE_SIZES = {0: 0, -1: 1, 1: 1, 2: 2, 4: 4}
 RESAVE = "Open it in the program that recorded it, or in a C3D editor, and export it again"
 

@@ -74,13 +74,10 @@ REST_POSE_NOTE = "frame 0 is a rest pose put in front of the recording; left out
 
 CMU_METRES = 0.0254 / 0.45
 """Length unit of the CMU skeletons: their ASF files state ``length 0.45``, so that one unit is 1/0.45 inch."""
-SAME_PLACE = 1e-4
-"""Maximum distance of two nodes that are one point, relative to the skeleton's size."""
-STILL = 1e-3
-"""Minimum movement of a root that moves, relative to the skeleton's size."""
+SAME_PLACE = 1e-4  # maximum distance of two nodes that are one point, relative to the skeleton's size
+STILL = 1e-3  # minimum movement of a root that moves, relative to the skeleton's size
 METRIC = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-INCHES = {"in": 0.0254, "cmu": CMU_METRES}
-"""Units that only skeletons of people have."""
+INCHES = {"in": 0.0254, "cmu": CMU_METRES}  # units that only skeletons of people have
 SIZES_M = {"human": ((1.2, 3.0), 2.1), "dog": ((0.4, 3.2), 1.4), "": ((0.4, 3.2), 2.0)}
 """Usual and typical size of a skeleton: its longest chain of bones, from hand to toe or from nose to hind paw."""
 _HELPER = re.compile(r"(?i)(nub|footsteps?|helper|dummy|effector|locator)(_end)?$")
@@ -157,7 +154,7 @@ def measure_skeleton(parents: Sequence[int], lengths: FloatArray) -> float:
 
 
 def connect_kept(parents: Sequence[int], kept: Sequence[int]) -> list[int]:
-    """Return the parents of the kept nodes: the next kept ancestor or, if there is none, the first node."""
+    """Return the next kept ancestor of each kept node, or the first."""
     number = {j: n for n, j in enumerate(kept)}
     above: list[int] = []
     for n, j in enumerate(kept):

@@ -1,8 +1,4 @@
-"""Skeletons: joint orders of body models, and files of Kinect, Xsens and animation programs.
-
-Kinect v2 (NTU RGB+D) and Xsens MVNX files hold positions. A glTF file (GLB) holds a hierarchy with
-keys of translation, rotation and scale.
-"""
+"""Skeletons: joint orders of body models, and files of Kinect, Xsens and animation programs (glTF)."""
 
 from __future__ import annotations
 

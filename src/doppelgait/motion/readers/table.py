@@ -1,8 +1,4 @@
-"""Tables of markers: TRC files, and csv, tsv or ACCAD text.
-
-A TRC file starts with five header lines. The first row of other tables holds names, and each
-further row the coordinates of one frame.
-"""
+"""Tables of markers: TRC files with five header lines, and csv, tsv or ACCAD text with a row of names."""
 
 from __future__ import annotations
 
@@ -34,8 +30,7 @@ from doppelgait.motion.readers.text import (
 
 TRC = rb"(?i)PathFileType"
 HEADER_LINES = 12
-FIRST = 2
-"""Number of cells before the first coordinate: frame number and time."""
+FIRST = 2  # number of cells before the first coordinate: frame number and time
 
 
 @point_format("trc", TRC, (".trc",))
@@ -100,13 +95,11 @@ names also end in x."""
 _AXIS = re.compile(rf"(?i)([xyz])\d*(?:\s*[\[(]?({_UNIT})[\])]?)?")
 _TIME = re.compile(r"(?i)(?:time|t|timestamp)(?:[_ ]?[\[(]?\s*(s|sec|seconds?|ms|msec|milliseconds?)\s*[\])]?)?")
 _FRAME = re.compile(r"(?i)(?:frames?|field|index|samples?|sub ?frame|#)?(?:#|[_ ]?(?:no|number|nr)\.?)?")
-MAX_TITLE = 400
-"""Maximum number of characters of a column name."""
+MAX_TITLE = 400  # maximum number of characters of a column name
 FORM = "time_s, NAME_x_m, NAME_y_m, NAME_z_m, then the next point (m may be mm, cm, in, ft)"
 
 
-Column = tuple[str, str]
-"""Name of a point, and x, y or z."""
+Column = tuple[str, str]  # name of a point, and x, y or z
 
 
 @dataclass(frozen=True)
@@ -135,8 +128,8 @@ def _list_content_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
 
 
 def split_rows(path: Path, lines: Sequence[str], delimiter: str = "") -> list[Row]:
-    """Split the content lines into numbered rows of cells; the delimiter " " is a tab or, without one, blanks."""
-    # the delimiter is the most frequent of tab, ; and , in the first line
+    """Split the content lines into numbered rows of cells."""
+    # " " is a tab or, in a line without one, blanks; the default is the most frequent of tab, ; and , in the first
     numbered = _list_content_lines(lines)
     if not numbered:
         return []
@@ -154,8 +147,7 @@ def split_rows(path: Path, lines: Sequence[str], delimiter: str = "") -> list[Ro
                 cells = line.split(delimiter)
         except csv.Error as error:
             raise MotionError(f"{path}: line {number}: a quoted cell is damaged ({error}). Correct it.") from None
-        # blanks matter only in names, and stripping millions of numbers takes longer than reading
-        # them patterns are fast on short names only
+        # blanks matter only in names, and patterns are fast on short ones; stripping all takes longer than reading
         rows.append((number, [" ".join(cell[:MAX_TITLE].split()) for cell in cells] if len(rows) < 2 else cells))
     return rows
 
@@ -177,7 +169,7 @@ def read_columns(
     most: int | None = None,
     missing: float | None = None,
 ) -> FloatArray:
-    """Read three columns per point as positions (T, P, 3), from rows of so many cells."""
+    """Read three columns per point as positions (T, P, 3)."""
     check_amount(path, len(rows), len(columns) // 3)
     check_cost(path, CELL_BYTES * len(rows) * len(columns), MotionError)  # a short row is extended to the longest
     n_cells = max(columns) + 1

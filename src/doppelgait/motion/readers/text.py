@@ -82,8 +82,7 @@ def is_finite(word: str) -> bool:
         return False
 
 
-Row = tuple[int, list[str]]
-"""Line number, from 1, and cells of the line."""
+Row = tuple[int, list[str]]  # line number, from 1, and cells of the line
 
 MAX_BYTES = 2**30
 HEAD_ROWS = 20
@@ -166,8 +165,7 @@ def to_numbers(path: Path, rows: Sequence[Row], columns: Sequence[int], titles: 
     return values
 
 
-MAX_DIGITS = 18
-"""Maximum number of digits of a number of frames or markers that is parsed."""
+MAX_DIGITS = 18  # maximum number of digits of a number of frames or markers that is parsed
 
 
 def note_frames(path: Path, declared: str, n_frames: int) -> list[str]:
@@ -420,15 +418,16 @@ def _space_evenly(
 
 
 def starts_with(head: bytes, pattern: bytes) -> bool:
-    """Return True if a pattern matches the first bytes without byte-order mark and blanks."""
+    """Match the first bytes without byte-order mark and blanks."""
     return re.match(pattern, head.removeprefix(b"\xef\xbb\xbf").lstrip()) is not None
 
 
 def point_format(
     name: str, opening: bytes | Callable[[Path, bytes], bool], suffixes: Sequence[str], *, skeleton: bool = False
 ) -> Callable[[Callable[..., Points]], Callable[..., Points]]:
-    """Register a parser of points as a motion reader; its files begin with a pattern, or are told by a function."""
-    # the parser gets the options that it names, the last step those of every format; units belong to one of both
+    """Register a parser of points as a motion reader."""
+    # opening: a pattern of the first bytes, or a sniffer. The parser gets the options that it names, the last step
+    # those of every format; units belong to one of both
     no_options = {"subject", "resample_hz"} if skeleton else set()
 
     def register(parse: Callable[..., Points]) -> Callable[..., Points]:

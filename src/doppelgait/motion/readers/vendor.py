@@ -1,8 +1,4 @@
-"""Exports of motion-capture and pose-estimation programs: text tables with a header, and HDF5.
-
-Motive, Nexus, Qualisys, Visual3D and OpenSim write positions of markers, DeepLabCut and movement
-those of keypoints. Each parser returns the points with what the header states about rate and unit.
-"""
+"""Exports of motion-capture and pose-estimation programs: text tables with a header, and HDF5."""
 
 from __future__ import annotations
 
@@ -130,8 +126,7 @@ def parse_nexus(path: Path) -> Points:
     return Points(header.labels, position, each=each, rate_hz=rate, times=times)
 
 
-MAX_KEYS = 40
-"""Maximum number of lines of a header of Qualisys."""
+MAX_KEYS = 40  # maximum number of lines of a header of Qualisys
 
 
 @point_format("qualisys", rb"NO_OF_FRAMES\t", (".tsv",))
