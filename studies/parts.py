@@ -245,7 +245,7 @@ def draw_picture(path: Path) -> None:
         level_db = 10 * np.log10(mu.values / mu.values.max(axis=1, keepdims=True) + 1e-9)
         true_v2 = np.stack([body.view(echo).values for echo in body.echoes])
         shown = level_db > -30
-        middle, reach = float(np.median(mask.torso_mps)), 2.6 * mask.speed_mps
+        middle, reach = float(np.median(mask.torso_mps)), 2.6 * abs(mask.middle_mps)
         labels = (np.where(shown, found["label"].values, np.nan), np.where(shown, true_v2.argmax(axis=0), np.nan))
         image = axes[0].pcolormesh(time_s, speed_mps, level_db.T, vmin=-40, vmax=0, cmap="Greys", rasterized=True)
         for panel, label in zip(axes[1:], labels, strict=True):
