@@ -99,7 +99,7 @@ def _project(frames: Frames, weight: complex) -> Frames:
 
 
 def find_output(frames: Frames, detector: Detector, *, wavelength_m: float) -> float | None:
-    """Return the direction of all echoes in the plane of I and Q, or None."""
+    """Return the direction of all echoes in I and Q, or None."""
     # a moving body turns in the plane of two outputs, but along a line if Q repeats I or is empty
     clean = remove_from_frames(frames, kind="mean") if frames.slow_time.burst_pulses is None else frames
     weights = (1.0, -1.0j, 1.0 - 1.0j)  # I, Q, and I + Q for the product of both

@@ -156,7 +156,7 @@ def _iterate_cells(
     high: FloatArray,
     floor_v2: float,
 ) -> Iterator[tuple[npt.NDArray[Any], slice, slice]]:
-    """Yield power above the floor times the share of a bin in the gate, with bins and columns."""
+    """Yield the gated power above the floor, with bins and columns."""
     for start in range(0, columns.size, BLOCK):
         at = slice(start, min(start + BLOCK, columns.size))
         first = max(int(np.floor(low[at].min() + 0.5)), 0)

@@ -250,7 +250,7 @@ def add_flags(frames: Frames, *flags: str) -> Frames:
 
 
 def read_flags(facts: Mapping[Any, Any]) -> list[str]:
-    """Read the receiver's flags from facts of frames or attributes of a signature."""
+    """Read the receiver's flags from facts of frames or of a signature."""
     return list(filter(None, facts.get(RECEIVER, "").split(";")))
 
 
