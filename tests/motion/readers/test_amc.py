@@ -182,6 +182,7 @@ def test_a_given_skeleton_is_used(walk: Path, tmp_path: Path) -> None:
     ("old", "new", "pattern"),
     [
         ("\n3\n", "\nltibia 1\n3\n", "line {line}: 'ltibia 1' in frame 2, where frame 1 has the next frame"),
+        ("\n3\n", "\n3\n3\n", "frame 3 ends after 0 of 8 bones"),
         ("ltibia", "tibia", "gives 'tibia' 1 value.*it is not a bone of its skeleton.*skeleton="),
         ("\n3\nroot", "\n3\nrout", "line {line}: 'rout .*' in frame 3, where frame 1 has root with 6 value"),
         ("\n3\nroot", "\n3\nroot nan", "line {line}: 'root nan .*' in frame 3, where"),
@@ -210,6 +211,9 @@ def test_every_cut_ends_in_an_error_or_a_shorter_motion(walk: Path) -> None:
         walk.write_bytes(content[:end])
         with pytest.raises(MotionError):
             read(walk)
+    walk.write_bytes(content[: content.rindex(b"head")])
+    with pytest.raises(MotionError, match="ends inside frame 40, after 7 of 8 bones; it is truncated"):
+        read(walk)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
 from doppelgait.motion.readers.bvh import BvhContent, Node, compute_bvh_positions
-from doppelgait.motion.readers.joints import measure_skeleton
+from doppelgait.motion.readers.joints import connect_kept, measure_skeleton
 
 ROTATIONS = "CHANNELS 3 Zrotation Xrotation Yrotation"
 ALL = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation"
@@ -309,3 +309,4 @@ def test_skeleton_size_is_the_longest_chain() -> None:
     #      0 -1- 1 -2- 2      and      0 -4- 3 -1- 4,  0 -3- 5
     parents, lengths = [-1, 0, 1, 0, 3, 0], np.array([0.0, 1, 2, 4, 1, 3])
     assert measure_skeleton(parents, lengths) == 8.0
+    assert connect_kept(parents, [1, 2, 4, 5]) == [-1, 0, 0, 0]

@@ -79,7 +79,8 @@ def read_asf(path: Path) -> Skeleton:
     stated = {words[0].lower(): (line, words[1:]) for line, words in sections["root"]}
     axis_line, axis_words = stated.get("axis", (0, ["XYZ"]))
     order = "".join(axis_words).lower()
-    axes = _turn(path, axis_line, order, stated.get("orientation", (0, ["0"] * 3))[1], degrees)
+    at, turned = stated.get("orientation", (axis_line, ["0"] * 3))
+    axes = _turn(path, at, order, turned, degrees)
     origin = np.array(_parse_numbers(path, *stated.get("position", (0, ["0"] * 3)), count=3))
     values = stated.get("order", (0, ["TX", "TY", "TZ", "RX", "RY", "RZ"]))
     root = Bone("root", -1, np.zeros(3), axes, order, _parse_freedoms(path, *values, "rx ry rz tx ty tz"))
