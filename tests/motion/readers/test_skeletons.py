@@ -82,6 +82,7 @@ def test_animations_are_interpolated_as_gltf_states(tmp_path: Path, rate_hz: flo
     truth = np.array([pose(t) for t in motion.time_s])[:, order][..., [2, 0, 1]]
     np.testing.assert_allclose(motion.position_m, truth, atol=2e-4 if rotations == "i2" else 2e-6)
     assert (motion.rate_hz, motion.n_frames, len(order)) == (rate_hz or 4.0, 101 if rate_hz else 9, 9)
+    assert motion.markers[:5] == ["Hips", "Spine", "LeftUpLeg", "RightUpLeg", "Head"]  # by depth, then as in the file
 
 
 @pytest.mark.parametrize(

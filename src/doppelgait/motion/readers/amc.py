@@ -235,52 +235,44 @@ def parse_amc(path: Path, *, skeleton: str | Path | None = None, rate_hz: float 
 
 
 def _parse_frames(path: Path, text: str, at: int) -> dict[str, FloatArray]:
-    """Parse the values of every bone."""
-    # all frames have the same words in the same positions, so that they form one table
-    second = re.compile(r"(?m)^[ \t]*\d+[ \t]*$").search(text, text.index("\n", at) if "\n" in text[at:] else len(text))
-    lines = [line.split() for line in text[at : second.start() if second else len(text)].split("\n")[1:]]
-    lines = [words for words in lines if words]
-    names = [words[0] for words in lines]
-    lengths = [len(words) for words in lines]
+    """Parse the values of every bone; all frames have the bones of the first."""
     check_cost(path, CELL_BYTES * (text.count(" ") + text.count("\t")), MotionError)
-    words, size = text[at:].split(), 1 + sum(lengths)
-    values = np.full((1, 1), np.nan)
-    if names and len(set(names)) == len(names) and not len(words) % size:
-        places = np.cumsum([1, *lengths])[:-1].tolist()
-        if all(word == name for place, name in zip(places, names, strict=True) for word in words[place::size]):
-            for place in places:  # only numbers remain
-                words[place::size] = ["0"] * (len(words) // size)
-            with suppress(ValueError):
-                table = np.fromiter(map(float, words), np.float64, len(words)).reshape(-1, size)
-                values = np.delete(table, places, axis=1)
-    if not np.isfinite(values).all():
-        raise MotionError(_find_frame_fault(path, text, at, lines))
-    columns = np.cumsum([1, *(length - 1 for length in lengths)])
-    return {name: values[:, columns[n] : columns[n + 1]] for n, name in enumerate(names)}
-
-
-def _find_frame_fault(path: Path, text: str, at: int, first: Sequence[Sequence[str]]) -> str:
-    """Describe the first line that differs from the first frame."""
-    if not first:
-        return f"{path}: its first frame holds no bones"
-    n = len(first)
-    frame = "?"
+    first: list[list[str]] = []
+    statements: list[tuple[int, list[str]]] = []
+    n, n_frames, frame = 0, 0, ""
     for number, line in enumerate(text[at:].split("\n"), start=text.count("\n", 0, at) + 1):
         words = line.split()
-        if not words:
-            continue
         if len(words) == 1 and words[0].isdigit():
             if n < len(first):
-                return f"{path}, line {number}: frame {frame} ends after {n} of {len(first)} bones"
-            n, frame = 0, words[0]
+                raise MotionError(f"{path}, line {number}: frame {frame} ends after {n} of {len(first)} bones")
+            n, n_frames, frame = 0, n_frames + 1, words[0]
             continue
+        if not words:
+            continue
+        if n_frames == 1:
+            first.append(words)
         if n >= len(first) or words[0] != first[n][0] or len(words) != len(first[n]):
             wanted = f"{first[n][0]} with {len(first[n]) - 1} value(s)" if n < len(first) else "the next frame"
-            return f"{path}, line {number}: {line.strip()[:60]!r} in frame {frame}, where frame 1 has {wanted}"
-        if words[0] in {row[0] for row in first[:n]} or not all(map(is_finite, words[1:])):
-            return f"{path}, line {number}: {line.strip()[:60]!r} repeats a bone or does not hold finite numbers"
+            raise MotionError(
+                f"{path}, line {number}: {line.strip()[:60]!r} in frame {frame}, where frame 1 has {wanted}"
+            )
+        statements.append((number, words))
         n += 1
-    return f"{path}: ends inside frame {frame}, after {n} of {len(first)} bones; it is truncated"
+    if not first:
+        raise MotionError(f"{path}: its first frame holds no bones")
+    if n < len(first):
+        raise MotionError(f"{path}: ends inside frame {frame}, after {n} of {len(first)} bones; it is truncated")
+    values, names = np.full((1, 1), np.nan), [words[0] for words in first]
+    with suppress(ValueError):
+        values = np.array([float(word) for _, words in statements for word in words[1:]]).reshape(n_frames, -1)
+    if len(set(names)) < len(names) or not np.isfinite(values).all():
+        for k, (number, words) in enumerate(statements):
+            if words[0] in names[: k if k < n else 0] or not all(map(is_finite, words[1:])):
+                raise MotionError(
+                    f"{path}, line {number}: {' '.join(words)[:60]!r} repeats a bone or does not hold finite numbers"
+                )
+    columns = np.cumsum([0, *(len(words) - 1 for words in first)])
+    return {name: values[:, columns[k] : columns[k + 1]] for k, name in enumerate(names)}
 
 
 def _compute_positions(path: Path, skeleton: Skeleton, content: Mapping[str, FloatArray], degrees: bool) -> FloatArray:

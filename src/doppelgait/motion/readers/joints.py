@@ -28,13 +28,18 @@ from doppelgait.motion.skeleton import find_parts, guess_species
 
 def make_euler_rotations(axes: str, angles_rad: FloatArray) -> FloatArray:
     """Multiply axis rotations, ``R_axes[0] @ R_axes[1] @ ...``. Shapes: angles_rad (..., n); returns (..., 3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    turned = Rotation.identity(angles_rad[..., 0].size) if axes else Rotation.identity()
-    for n, axis in enumerate(axes):  # the last axis rotates a vector first
-        turned = turned * Rotation.from_euler(axis, angles_rad[..., n].reshape(-1, 1))
-    matrices = turned.as_matrix()
-    return matrices.reshape(*angles_rad.shape[:-1], 3, 3) if axes else matrices
+    # the last axis rotates a vector first; SciPy takes twice the time
+    rotation = np.broadcast_to(np.eye(3), (*angles_rad.shape[:-1], 3, 3))
+    for n, axis in enumerate(axes):
+        turn = np.zeros(rotation.shape)
+        k = "xyz".index(axis)
+        i, j = (k + 1) % 3, (k + 2) % 3
+        turn[..., k, k] = 1.0
+        turn[..., i, i] = turn[..., j, j] = np.cos(angles_rad[..., n])
+        turn[..., j, i] = np.sin(angles_rad[..., n])
+        turn[..., i, j] = -turn[..., j, i]
+        rotation = rotation @ turn if n else turn
+    return rotation
 
 
 def forward_kinematics(parents: Sequence[int], translation: FloatArray, rotation: FloatArray) -> FloatArray:
