@@ -178,7 +178,7 @@ def measure_clock_rate_hz(clock_s: npt.NDArray[Any], numbers: IntArray) -> float
 
 
 def _keep_even(stamps: FloatArray, times: FloatArray, step_s: float) -> FloatArray:
-    """Return the stamps themselves where they are the fitted times up to rounding."""
+    """Return the stamps where they are the fitted times up to rounding."""
     return stamps if np.abs(times - stamps).max() <= EVEN * step_s else times
 
 
@@ -225,7 +225,7 @@ def _order(stamps: FloatArray) -> tuple[IntArray, FloatArray, list[str]]:
 
 
 def _is_precise(steps: FloatArray, usual: FloatArray | None = None) -> bool:
-    """Return True if nearly all steps are multiples of the usual step about them."""
+    """Return True if nearly all steps are multiples of the usual step."""
     usual = _find_usual(steps) if usual is None else usual
     if (np.abs(np.diff(usual)) > RATE_CHANGE * usual[:-1]).sum() > max(2, (1.0 - RASTER_SHARE) * steps.size):
         return False  # every second pulse is lost, or another

@@ -271,7 +271,7 @@ class Stream:
 
 
 def _shows_rate(frames: Sequence[Frame], radar: Radar) -> bool:
-    """Return True if the first frames suffice to compare their times with the stated rate."""
+    """Return True if the first frames suffice to check the stated rate."""
     counter, start = frames[-1].counter, frames[0].counter
     if counter is None or start is None or radar.burst_pulses is not None or not math.isfinite(frames[-1].clock_s):
         return True
@@ -303,7 +303,7 @@ class _Clock:
         return -MAX_DISORDER < frame.counter - self._last[0] <= 0
 
     def find_other_rate_hz(self, frame: Frame) -> float | None:
-        """Return the rate of the last 10 s if it is not that of the radar; checked now and then."""
+        """Return the rate of the last 10 s if the radar's differs; checked now and then."""
         if frame.counter is None or frame.counter % self._every:
             return None
         self._recent.append((frame.counter, frame.clock_s))

@@ -32,6 +32,7 @@ INTERNAL = {
     "RowSpec", "ExampleSpec", "EmptySceneOptions", "Run",  # what configurations are resolved to
     "Facts", "Patch", "Training",  # inside a model file
     "Splitting",  # an argument of a Python function
+    "A111Settings", "Settings", "Subsweep", "ExpmapSkeleton",  # inside records of other programs
 }  # fmt: skip
 """Models whose keys no user writes into a file."""
 

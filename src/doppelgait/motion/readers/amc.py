@@ -204,7 +204,7 @@ _NAMED = "#!oml:asf"
     skeleton=True,
 )
 def parse_amc(path: Path, *, skeleton: str | Path | None = None, rate_hz: float | None = None) -> Points:
-    """Read the root and the ends of the bones of an AMC motion; ltibia is the left ankle."""
+    """Read the root and the bones' ends of an AMC motion; ltibia is the left ankle."""
     text = read_text(path)
     start = re.search(r"(?m)^[ \t]*\d+[ \t]*$", text)
     if start is None:

@@ -107,7 +107,7 @@ RESTS, RESTING_SHARE, MOVES_M, TRAVELS, MIN_BODY = 0.15, 0.1, 0.03, 0.3, 6
 
 
 def _find_resting_lift(position: FloatArray) -> FloatArray:
-    """Return the vector from points at rest to the middle of a travelling body, or NaN."""
+    """Return the vector from resting points to a travelling body's middle, or NaN."""
     # feet, paws, knees and hands that bear weight are at rest, whatever their names; on a treadmill, the trunk is
     unknown = np.full(3, np.nan)
     step_m = _compute_median(np.linalg.norm(np.diff(position, axis=0), axis=2), axis=1)
@@ -377,7 +377,7 @@ def _find_moving_clusters(position_m: FloatArray) -> dict[str, dict[int, str]]:
 
 
 def _are_apart(position_m: FloatArray, groups: Mapping[str, Mapping[int, str]]) -> bool:
-    """Return True if points of different groups are not those of one body."""
+    """Return True if points of different groups are of several bodies."""
     for a, b in combinations(groups.values(), 2):
         # points with equal names are compared, else the middles of all points
         ends = {name: i for i, name in b.items()}

@@ -99,7 +99,7 @@ def decode(raw: bytes) -> str:
 
 
 def check_size(path: Path) -> None:
-    """Refuse a file that is too large to be read as a whole."""
+    """Refuse a file that is too large to be read whole."""
     size = path.stat().st_size
     if size > MAX_BYTES:
         raise MotionError(f"{path}: has {size} bytes; files of up to {MAX_BYTES} bytes are read")

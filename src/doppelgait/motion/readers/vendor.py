@@ -95,7 +95,7 @@ NEXUS_BLOCKS = ("trajectories", "devices", "model outputs", "joints", "segments"
 
 
 def sniff_nexus(path: Path, head: bytes) -> bool:
-    """Return True if the first line names a block of Nexus and the second is a rate."""
+    """Return True if a block of Nexus and a rate are first."""
     title, rate = [line.strip('",;\t ') for line in list_head_lines(path, head, 2)[:2]]
     return title.lower() in NEXUS_BLOCKS and is_finite(re.split("[,;\t]", rate)[0])
 

@@ -333,7 +333,7 @@ def _find_quiet_windows(power: FloatArray, upper: Mask) -> Mask:
 
 
 def compute_quantile_ratio(count: int) -> float:
-    """Return the median ratio of this quantile of noise powers to their mean.
+    """Return the median ratio of noise powers' quantile to their mean.
     The share of exponential powers below an order statistic is beta distributed: 9 % more for 18 powers than for many.
     """
     from scipy.stats import beta

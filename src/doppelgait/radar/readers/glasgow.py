@@ -100,7 +100,7 @@ def _read_head(file: Path, words: list[str]) -> list[float]:
 
 
 def _find_fault(file: Path, content: bytes) -> str:
-    """Describe the first word after the head that is not a complex number."""
+    """Describe the first word after the head that is no complex number."""
     lines = enumerate(content.decode("ascii", "replace").splitlines(), start=1)
     for number, word in [(number, word) for number, line in lines for word in line.split()][len(HEAD) :]:
         try:

@@ -26,25 +26,13 @@ if TYPE_CHECKING:
 
 
 def check_waveform(kind: str, radar: Radar) -> None:
-    """Check that a waveform fulfils its contract.
+    """Check the contract of a waveform, :class:`doppelgait.radar.Waveform`.
 
-    The contract is that of :class:`doppelgait.radar.Waveform`.
+    ``radar`` has this waveform, and two or more wavelengths in its frame, in which an echo fits.
+    An ``AssertionError`` names the broken rule: registration, round trip through JSON, shapes and
+    types, superposition, phases, amplitude and phase of an echo in the middle of a bin, half-power
+    width, noise gain.
 
-    Parameters
-    ----------
-    kind : str
-        Its name in the group of waveforms.
-    radar : Radar
-        A radar of this waveform with two or more wavelengths in its frame, in which an echo fits.
-
-    Raises
-    ------
-    AssertionError
-        If a rule is broken: registration, round trip through JSON, shapes and types, superposition,
-        phases, amplitude and phase of an echo in the middle of a bin, half-power width, noise gain.
-
-    Examples
-    --------
     >>> import doppelgait as dg
     >>> dg.testing.check_waveform("fmcw", dg.Radar.preset("ti-77"))
     """
@@ -165,30 +153,13 @@ def _check_point_echo(name: str, radar: Radar) -> None:
 
 
 def check_impairment(parameters: FrozenModel, radar: Radar, *, n_pulses: int = 64, seed: int = 0) -> None:
-    """Check that an impairment fulfils its contract.
+    """Check the contract of an impairment, :class:`doppelgait.radar.impairments.Apply`.
 
-    The contract is that of :class:`doppelgait.radar.impairments.Apply`.
+    ``radar`` supports the impairment; ``seed`` is that of its samples and random numbers. An
+    ``AssertionError`` names the broken rule: registration, round trip through JSON, shape, finite
+    values, the same result for the same random numbers and in both layouts of the samples, an
+    input that stays unchanged unless its memory is released, pulse times that rise.
 
-    Parameters
-    ----------
-    parameters : FrozenModel
-        Parameters of the impairment.
-    radar : Radar
-        A radar that supports the impairment.
-    n_pulses : int
-        Number of pulses for the test.
-    seed : int
-        Seed of the samples and of the random numbers of the impairment.
-
-    Raises
-    ------
-    AssertionError
-        If a rule is broken: registration, round trip through JSON, shape, finite values, the same
-        result for the same random numbers and in both layouts of the samples, an input that stays
-        unchanged unless its memory is released, pulse times that rise.
-
-    Examples
-    --------
     >>> import doppelgait as dg
     >>> from doppelgait.radar.impairments import DcLeak
     >>> dg.testing.check_impairment(DcLeak(), dg.Radar.preset("x4"))
@@ -228,31 +199,18 @@ def check_impairment(parameters: FrozenModel, radar: Radar, *, n_pulses: int = 6
 
 
 def check_radar_reader(name: str, path: str | Path, **options: Any) -> None:
-    """Check that a reader of radar recordings fulfils its contract.
+    """Check that a reader of radar recordings keeps its contract.
 
-    Parameters
-    ----------
-    name : str
-        Its name in the group of readers.
-    path : path-like
-        A valid file, or folder, of the format, alone in its parent folder, because the check makes
-        damaged copies of that folder.
-    **options
-        Options that reading it needs.
+    ``path`` is a valid file or folder, alone in its parent folder: the check makes damaged copies
+    of that folder. An ``AssertionError`` names the broken rule: registration, recognition of this
+    and of no other file, keyword-only options, axes and values, the same result each time, a
+    ``RecordingError`` at every damaged or missing file.
 
-    Raises
-    ------
-    AssertionError
-        If a rule is broken: registration, recognition of this and of no other file, keyword-only options, axes and
-        values, the same result each time, a ``RecordingError`` at every damaged or missing file.
-
-    Examples
-    --------
     >>> import doppelgait as dg
     >>> from pathlib import Path
     >>> Path("walks").mkdir()
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=1.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> scene = dg.Scene([dg.Target("boulic")], duration_s=1.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4"))
     >>> dg.radar.write_recording(recording, "walks/walk.h5")
     >>> dg.testing.check_radar_reader("doppelgait", "walks/walk.h5")
     """
@@ -323,30 +281,16 @@ def _is_recognised(reader: Any, path: Path) -> bool:
 
 
 def check_radar_writer(name: str, recording: Recording, *, rtol: float = 1e-6, **options: Any) -> None:
-    """Check that a writer of radar recordings fulfils its contract.
+    """Check that a writer of radar recordings keeps its contract.
 
-    Parameters
-    ----------
-    name : str
-        Its name in the group of writers.
-    recording : Recording
-        Recording that the format can store, with its seed, notes and further facts.
-    rtol : float
-        Largest difference of the baseband when it is read again, of its largest value.
-    **options
-        Options that writing needs.
+    ``recording`` is one that the format can store, with its seed, notes and further facts. Read
+    again, its baseband differs by at most ``rtol`` of its largest value. An ``AssertionError``
+    names the broken rule: registration, one ending, a recording that is read back, the same bytes
+    each time, an ``OutputError`` and no file where it cannot write.
 
-    Raises
-    ------
-    AssertionError
-        If a rule is broken: registration, one ending, a recording that is read back, the same bytes
-        each time, an ``OutputError`` and no file where it cannot write.
-
-    Examples
-    --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> scene = dg.Scene([dg.Target("boulic")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4"))
     >>> dg.testing.check_radar_writer("sigmf", recording)
     """
     from doppelgait.core.errors import OutputError

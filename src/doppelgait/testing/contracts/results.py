@@ -19,24 +19,12 @@ if TYPE_CHECKING:
 
 
 def check_feature(name: str) -> None:
-    """Check that a feature fulfils its contract.
+    """Check the contract of a feature, :data:`doppelgait.features.FEATURES`.
 
-    The contract is that of :data:`doppelgait.features.FEATURES`.
+    An ``AssertionError`` names the broken rule: registration, a plain number or None, the same
+    value for the same signature, a signature that is left alone, no dependence on the level of the
+    signal, no value without a signal.
 
-    Parameters
-    ----------
-    name : str
-        Its name in the group of features.
-
-    Raises
-    ------
-    AssertionError
-        If a rule is broken: registration, a plain number or None, the same value for
-        the same signature, a signature that is left alone, no dependence on the level of the
-        signal, no value without a signal.
-
-    Examples
-    --------
     >>> import doppelgait as dg
     >>> dg.testing.check_feature("limb_share")
     """
@@ -96,26 +84,13 @@ def _make_walking_signature() -> xr.DataArray:
 
 
 def check_classifier(name: str, *, seed: int = 0) -> None:
-    """Check that a classifier fulfils its contract.
+    """Check the contract of a classifier, :class:`doppelgait.classify.training.Trainer`.
 
-    The contract is that of :class:`doppelgait.classify.training.Trainer`.
+    It is trained on artificial rows from ``seed``. An ``AssertionError`` names the broken rule:
+    registration, a result in one of the forms that a model file keeps, probabilities of two and of
+    three classes, unknown values, no held-out rows, the same model for the same seed, inputs left
+    alone, classes that are easily separated.
 
-    Parameters
-    ----------
-    name : str
-        Its name in the group of classifiers.
-    seed : int
-        Seed of the artificial rows.
-
-    Raises
-    ------
-    AssertionError
-        If a rule is broken: registration, a result in one of the forms that a model file keeps,
-        probabilities of two and of three classes, unknown values, no held-out rows, the same model
-        for the same seed, inputs left alone, classes that are easily separated.
-
-    Examples
-    --------
     >>> import doppelgait as dg
     >>> dg.testing.check_classifier("six-logistic")
     """
@@ -183,40 +158,21 @@ def _classifier_rows(features: str, n_classes: int, count: int, seed: int) -> An
 
 
 def check_exporter(kind: str, dataset: Dataset) -> None:
-    """Check that an exporter fulfils its contract.
+    """Check the contract of an exporter, :data:`doppelgait.dataset.export.EXPORTERS`.
 
-    The contract is that of :data:`doppelgait.dataset.export.EXPORTERS`.
+    ``dataset`` has rows and keeps the fields that the exporter needs. An ``AssertionError`` names
+    the broken rule: registration, parameters with defaults, the number of rows that are done,
+    files that do not depend on when they are written, nothing outside of the folder.
 
-    Parameters
-    ----------
-    kind : str
-        Its name in the group of exporters.
-    dataset : Dataset
-        A dataset with rows that keeps the fields that the exporter needs.
-
-    Raises
-    ------
-    AssertionError
-        If a rule is broken: registration, parameters with defaults, the number of rows that are
-        done, files that do not depend on when they are written, nothing outside of the folder.
-
-    Examples
-    --------
     >>> import doppelgait as dg
     >>> from doppelgait.dataset import PlanConfig
-    >>> plan = PlanConfig.model_validate(
-    ...     {
-    ...         "dataset": {"name": "tiny", "examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}},
-    ...         "scene": {"duration_s": 1.0},
-    ...         "target": {"range_m": 3.0},
-    ...         "classes": [
-    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}}
-    ...         ],
-    ...     }
-    ... )
+    >>> walk = {"label": "human", "motion": {"kind": "boulic"}}
+    >>> table = {"name": "tiny", "examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}}
+    >>> scene, target = {"duration_s": 1.0}, {"range_m": 3.0}
+    >>> parts = {"dataset": table, "scene": scene, "target": target, "classes": [walk]}
+    >>> plan = PlanConfig.model_validate(parts)
     >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
-    >>> dataset = dg.open_dataset("tiny")
-    >>> dg.testing.check_exporter("csv", dataset)
+    >>> dg.testing.check_exporter("csv", dg.open_dataset("tiny"))
     """
     from doppelgait.core.files import hash_file
     from doppelgait.dataset.export import EXPORTERS, export_dataset

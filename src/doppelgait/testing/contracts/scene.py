@@ -24,24 +24,11 @@ if TYPE_CHECKING:
 def check_motion_model(model: FrozenModel | str, *, duration_s: float = 2.0, seed: int = 0) -> None:
     """Check that a motion model keeps its contract.
 
-    Parameters
-    ----------
-    model : parameter model or str
-        Parameters, or the kind alone for its default ones.
-    duration_s : float
-        Time to cover.
-    seed : int
-        Seed of its random numbers.
+    ``model`` is its parameters, or its kind for the default ones; the motion lasts ``duration_s``.
+    An ``AssertionError`` names the broken rule: parameters with defaults that come back from JSON,
+    frames over the whole time, finite positions under unique names, facts of its kind, the same
+    motion for the same seed, alone and in a batch with longer motions.
 
-    Raises
-    ------
-    AssertionError
-        If a rule is broken: parameters with defaults that come back from JSON, frames over the
-        whole time, finite positions under unique names, facts of its kind, the same motion for the
-        same seed, alone and in a batch with longer motions.
-
-    Examples
-    --------
     >>> import doppelgait as dg
     >>> dg.testing.check_motion_model("boulic")
     """
@@ -73,29 +60,16 @@ def check_motion_model(model: FrozenModel | str, *, duration_s: float = 2.0, see
 def check_motion_reader(name: str, path: str | Path, **options: Any) -> None:
     """Check that a motion reader keeps its contract.
 
-    Parameters
-    ----------
-    name : str
-        Its name in the group.
-    path : path-like
-        A file of its format of which it alone takes the content.
-    **options
-        Options of the reader.
+    ``path`` is a file of its format, of which it alone takes the content; ``options`` are those of
+    the reader. An ``AssertionError`` names the broken rule: a sniffer that goes by content and
+    takes nothing else, keyword-only options, the same motion each time, named markers, facts of
+    the file, a ``MotionError`` for a damaged file or an unknown option.
 
-    Raises
-    ------
-    AssertionError
-        If a rule is broken: a sniffer that goes by content and takes nothing else, keyword-only options, the same
-        motion each time, named markers, facts of the file, a ``MotionError`` for a damaged file or an unknown option.
-
-    Examples
-    --------
     >>> import doppelgait as dg
     >>> import numpy as np
     >>> from pathlib import Path
     >>> Path("motions").mkdir()
-    >>> walk = dg.motion.boulic_walk(duration_s=1.0)
-    >>> file = "motions/walk.npz"
+    >>> walk, file = dg.motion.boulic_walk(duration_s=1.0), "motions/walk.npz"
     >>> np.savez(file, positions=walk.position_m, names=walk.markers, rate_hz=walk.rate_hz, units="m")
     >>> dg.testing.check_motion_reader("arrays", file)
     """
@@ -147,19 +121,11 @@ def check_motion_reader(name: str, path: str | Path, **options: Any) -> None:
 def check_path(path: FrozenModel) -> None:
     """Check that a kind of path keeps its contract.
 
-    Parameters
-    ----------
-    path : Path
-        Parameters of a path that a walk of 1.2 m/s follows for 8 s or less.
+    ``path`` is one that a walk of 1.2 m/s follows for 8 s or less. An ``AssertionError`` names the
+    broken rule: a model derived from :class:`doppelgait.motion.paths.Path` that comes back from
+    JSON, elements of positive length with at most the last one endless, stops in order, a walk on
+    it.
 
-    Raises
-    ------
-    AssertionError
-        If a rule is broken: a model derived from :class:`doppelgait.motion.paths.Path` that comes back from JSON,
-        elements of positive length with at most the last one endless, stops in order, a walk that follows it.
-
-    Examples
-    --------
     >>> import doppelgait as dg
     >>> dg.testing.check_path(dg.motion.make_path({"kind": "arc", "radius_m": 2.0, "turn_deg": 90.0}))
     """
@@ -219,23 +185,12 @@ def _check_same_motion(name: str, one: Any, other: Any, when: str = "the second 
 
 
 def check_rcs(parameters: Any) -> None:
-    """Check that a radar cross section keeps its contract.
+    """Check the contract of a radar cross section, :class:`doppelgait.scene.scatterers.RcsKind`.
 
-    The contract is that of :class:`doppelgait.scene.scatterers.RcsKind`.
+    ``parameters``, for example ``{"kind": "bright_head", "share": 0.9}``, are tried on a walking
+    person. An ``AssertionError`` names the broken rule: registration, round trip through TOML,
+    shapes, values, the same numbers again, no change to the motion, a total that scales.
 
-    Parameters
-    ----------
-    parameters : RcsSpec, table or str
-        For example ``{"kind": "bright_head", "share": 0.9}``; its points are those of a walking person.
-
-    Raises
-    ------
-    AssertionError
-        If a rule is broken: registration, round trip through TOML, shapes, values, the same numbers
-        again, no change to the motion, a total that scales.
-
-    Examples
-    --------
     >>> import doppelgait as dg
     >>> dg.testing.check_rcs("ellipsoids")
     """
@@ -275,23 +230,12 @@ def check_rcs(parameters: Any) -> None:
 
 
 def check_environment(parameters: Any) -> None:
-    """Check that an environment effect keeps its contract.
+    """Check the contract of an environment effect, :class:`doppelgait.scene.environment.Apply`.
 
-    The contract is that of :class:`doppelgait.scene.environment.Apply`.
+    The effect acts on a person who walks to the radar at the origin. An ``AssertionError`` names
+    the broken rule: registration, round trip through JSON, no change to the table, originals
+    first, added rows of no target, the same numbers again, finite values, an empty table.
 
-    Parameters
-    ----------
-    parameters : parameter model, table or str
-        For example ``{"kind": "wall", "loss_db": 3.0}``; it acts on a person who walks to the radar at the origin.
-
-    Raises
-    ------
-    AssertionError
-        If a rule is broken: registration, round trip through JSON, no change to the table, originals first, added rows
-        of no target, the same numbers again, finite values, an empty table.
-
-    Examples
-    --------
     >>> import doppelgait as dg
     >>> dg.testing.check_environment({"kind": "wall", "loss_db": 3.0})
     """
