@@ -49,8 +49,7 @@ from doppelgait.radar.fit.room import fit_series
 from doppelgait.radar.impairments import apply_impairments, make_impairment
 from doppelgait.radar.link import comparator_noise_v, noise_power_v2
 from doppelgait.radar.readers import read_recording
-from doppelgait.radar.rf import sample_rf_frames
-from doppelgait.radar.simulate import label_baseband
+from doppelgait.radar.simulate import label_baseband, sample_rf_frames
 from doppelgait.radar.xethru.downconvert import compute_chip_gain, down_convert_frames
 from doppelgait.scene import Scene, Target, assemble, place
 

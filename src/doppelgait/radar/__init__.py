@@ -17,8 +17,14 @@ from doppelgait.radar.readers.arrays import write_arrays
 from doppelgait.radar.readers.sigmf import write_sigmf
 from doppelgait.radar.recording import Recording, TargetTruth, concat
 from doppelgait.radar.recordings import write_recording
-from doppelgait.radar.rf import synthesise_rf
-from doppelgait.radar.simulate import add_noise, compress, lowest_prf_hz, synthesise, synthesise_samples
+from doppelgait.radar.simulate import (
+    add_noise,
+    compress,
+    lowest_prf_hz,
+    synthesise,
+    synthesise_rf,
+    synthesise_samples,
+)
 from doppelgait.radar.streams import Stream, open_stream
 
 __all__ = [

@@ -37,9 +37,7 @@ RANGE_M = 5.0
 
 
 def received_power_w(radar: Radar, *, range_m: npt.ArrayLike, rcs_m2: npt.ArrayLike) -> Any:
-    """Return an echo's peak power at the antenna (E-14).
-
-    It follows from the radar equation.
+    """Return an echo's peak power at the antenna by the radar equation (E-14).
 
     Parameters
     ----------
@@ -54,17 +52,14 @@ def received_power_w(radar: Radar, *, range_m: npt.ArrayLike, rcs_m2: npt.ArrayL
     ndarray
         P_t G_t G_r lambda^2 sigma / ((4 pi)^3 R^4), W.
 
-    See Also
-    --------
-    echo_amplitude_v : amplitude of the same echo.
-
     Examples
     --------
     >>> import doppelgait as dg
     >>> radar = dg.Radar.preset("x4")
     >>> near, far = dg.radar.received_power_w(radar, range_m=[1.0, 2.0], rcs_m2=1.0)
-    >>> round(float(near / far), 2)
-    16.0
+    >>> near_v, far_v = dg.radar.echo_amplitude_v(radar, range_m=[1.0, 2.0], rcs_m2=1.0)
+    >>> round(float(near / far), 2), round(float(near_v / far_v), 2)
+    (16.0, 4.0)
     """
     distance = np.maximum(np.asarray(range_m, dtype=float), MIN_RANGE_M)
     gain = db_to_power(radar.tx_gain_dbi + radar.rx_gain_dbi)
@@ -78,21 +73,8 @@ def echo_amplitude_v(
 ) -> Any:
     """Return the echo amplitude at the receiver output, V (E-14).
 
-    It is a = sqrt(2 Z0 P_r) 10^(G_rx/20) into 50 ohm.
-
-    ``path_gain`` is an additional two-way power ratio (walls, antenna pattern).
-
-    See Also
-    --------
-    received_power_w : power of the same echo.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> radar = dg.Radar.preset("x4")
-    >>> near, far = dg.radar.echo_amplitude_v(radar, range_m=[1.0, 2.0], rcs_m2=1.0)
-    >>> round(float(near / far), 2)
-    4.0
+    It is a = sqrt(2 Z0 P_r) 10^(G_rx/20) into 50 ohm, with P_r of :func:`received_power_w` (see its
+    example); ``path_gain`` is an additional two-way power ratio (walls, antenna pattern).
     """
     one_metre_w = received_power_w(radar, range_m=1.0, rcs_m2=np.asarray(rcs_m2) * np.asarray(path_gain))
     square = np.maximum(np.asarray(range_m, dtype=float), MIN_RANGE_M)
@@ -128,13 +110,7 @@ def sample_noise_v2(radar: Radar) -> float:
 
 
 def noise_power_v2(radar: Radar) -> float:
-    """Return the mean square noise of one range bin, V^2.
-
-    It is the noise of a receiver sample after compression (E-18).
-
-    See Also
-    --------
-    add_noise : add noise of this power.
+    """Return the mean square noise of one range bin, V^2, after compression (E-18).
 
     Examples
     --------
@@ -184,11 +160,16 @@ def compute_scatterer_arrays(scatterers: AnyTable, radar: Radar) -> tuple[Any, A
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
     >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
     >>> range_m, amplitude_v = dg.radar.compute_scatterer_arrays(table, dg.Radar.preset("x4"))
     >>> range_m.mean(axis=1).round(2)  # mean range at the three times
     array([6.8 , 6.73, 6.63])
+    >>> round(float(dg.radar.radial_velocity_mps(table).mean()), 1)  # approaching, m/s
+    0.9
+    >>> delayed = table.assign(path_phase=-0.1 * table["range"] / table["range"])
+    >>> dg.radar.path_phase_rad(delayed)[0, :3]
+    array([-0.1, -0.1, -0.1])
     """
     range_m, amplitude_v, _ = compute_echoes(scatterers, radar)
     return np.ascontiguousarray(range_m), amplitude_v
@@ -248,37 +229,14 @@ def fold_scatterers(scatterers: ScattererTable, radar: Radar) -> ScattererTable:
 
 
 def path_phase_rad(scatterers: AnyTable) -> FloatArray | None:
-    """Return the extra phase of every echo, (slow_time, scatterer), C-contiguous.
-
-    It is None if the table has none.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
-    >>> delayed = table.assign(path_phase=-0.1 * table["range"] / table["range"])
-    >>> dg.radar.path_phase_rad(delayed)[0, :3]
-    array([-0.1, -0.1, -0.1])
-    """
+    """Return the extra phase of every echo, (slow_time, scatterer), C-contiguous, or None."""
     if "path_phase" not in scatterers:
         return None
     return np.ascontiguousarray(ScattererTable.of(scatterers)["path_phase"], dtype=np.float64)
 
 
 def radial_velocity_mps(scatterers: AnyTable) -> FloatArray:
-    """Return the radial velocity of scatterers, (slow_time, scatterer).
-
-    Waveforms with a sweep and radars with integration need it.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
-    >>> round(float(dg.radar.radial_velocity_mps(table).mean()), 1)  # approaching, m/s
-    0.9
-    """
+    """Return the radial velocity of scatterers, m/s, (slow_time, scatterer)."""
     if "radial_velocity" not in scatterers:
         raise ConfigError(
             "the scatterer table has no radial_velocity, which waveforms with a sweep and radars with an "
@@ -288,9 +246,7 @@ def radial_velocity_mps(scatterers: AnyTable) -> FloatArray:
 
 
 def list_derived_quantities(radar: Radar) -> dict[str, float]:
-    """Return derived quantities of a radar by name.
-
-    The unit is at the end of each name.
+    """Return derived quantities of a radar by name, which ends in the unit.
 
     Quantities that do not apply to the waveform are omitted. Power and SNR are those of 1 m^2 at
     5 m in a single frame, in the middle of its bin (E-14, E-18).

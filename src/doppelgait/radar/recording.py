@@ -132,14 +132,10 @@ class Recording:
     radar_azimuth_deg, radar_tilt_deg : float
         Direction of the antenna: from +x towards +y, and up from the horizontal.
 
-    See Also
-    --------
-    Recording.from_baseband : a recording from a labelled complex array.
-
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> recording.n_pulses, recording.radar.prf_hz, recording.radar.n_range_bins
     (1920, 640.0, 188)
@@ -171,12 +167,10 @@ class Recording:
     def from_baseband(cls, baseband: xr.DataArray, radar: Radar, **facts: Any) -> Recording:
         """Make a recording from a labelled complex array.
 
-        The array has the dimensions (slow_time, range), in V, for example from a measurement.
-
         Parameters
         ----------
         baseband : DataArray (slow_time, range)
-            Array; its attributes except the units are kept as ``facts``.
+            Complex array, V; its attributes except the units are kept as ``facts``.
         radar : Radar
         **facts
             Further parameters of :class:`Recording`.

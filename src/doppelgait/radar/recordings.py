@@ -67,14 +67,10 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     OutputError
         If the file cannot be written (no folder, no permission, disk full); an existing file then does not change.
 
-    See Also
-    --------
-    read_recording : read the file again.
-
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> dg.radar.write_recording(recording, "walk.h5")
     >>> dg.radar.read_recording("walk.h5").n_pulses

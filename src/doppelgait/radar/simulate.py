@@ -1,4 +1,7 @@
-"""Synthesise receiver samples and baseband of scatterers, with noise."""
+"""Synthesise receiver samples and baseband of scatterers, with noise.
+
+The full-rate RF samples and their digital down-conversion (E-16, E-17) are slow and for validation only.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +17,14 @@ from doppelgait.core.labels import BASEBAND, AnyTable, ScattererTable, make_arra
 from doppelgait.core.lazy import read_tiles, xr
 from doppelgait.core.rng import draw_key
 from doppelgait.core.samples import WHITE, Samples
-from doppelgait.core.units import velocity_to_doppler_hz
-from doppelgait.radar.link import fold_scatterers, make_noise_taps, noise_power_v2
+from doppelgait.core.units import exponential, range_to_delay_s, velocity_to_doppler_hz
+from doppelgait.radar.link import compute_echoes, fold_scatterers, make_noise_taps, noise_power_v2
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import make_baseband_facts
 
 
 def synthesise(scatterers: AnyTable, radar: Radar) -> xr.DataArray:
     """Synthesise the noise-free baseband of all scatterers.
-
-    Receiver samples are compressed to range bins.
 
     Parameters
     ----------
@@ -38,15 +39,10 @@ def synthesise(scatterers: AnyTable, radar: Radar) -> xr.DataArray:
         Superposition of all scatterers, complex64, V at the receiver output. Range migration from frame to frame is
         included; motion within a frame depends on the waveform (E-18, :mod:`doppelgait.radar.waveforms`).
 
-    See Also
-    --------
-    synthesise_samples : samples before compression.
-    synthesise_rf : the same from full-rate samples.
-
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
     >>> radar = dg.Radar.preset("x4", prf_hz=500.0)
     >>> baseband = dg.radar.synthesise(dg.scene.assemble(scene, [0.0, 1.0]), radar)
     >>> abs(baseband).idxmax("range").values.round(1)  # range of the strongest echo after 0 and 1 s
@@ -74,16 +70,7 @@ def synthesise_samples(scatterers: AnyTable, radar: Radar) -> npt.NDArray[np.com
 
     See Also
     --------
-    compress : compress the samples to range bins.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> radar = dg.Radar.preset("x4", prf_hz=500.0)
-    >>> samples = dg.radar.synthesise_samples(dg.scene.assemble(scene, [0.0, 1.0]), radar)
-    >>> samples.shape, samples.dtype.name
-    ((2, 188), 'complex64')
+    compress : compress the samples to range bins, with an example.
     """
     table = fold_scatterers(ScattererTable.of(scatterers), radar)
     return radar.waveform.synthesise(fit_waveform(table, radar), radar)
@@ -126,14 +113,10 @@ def compress(samples: Samples | npt.NDArray[Any], radar: Radar) -> npt.NDArray[n
     AnalysisError
         If the number of samples per row is not that of the radar.
 
-    See Also
-    --------
-    synthesise_samples : synthesise the samples.
-
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
     >>> radar = dg.Radar.preset("ti-77")
     >>> samples = dg.radar.synthesise_samples(dg.scene.assemble(scene, [0.0, 1.0]), radar)
     >>> bins = dg.radar.compress(samples, radar)
@@ -163,14 +146,10 @@ def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.G
 
     A single 64-bit key is drawn from ``rng``; the value in a bin of a frame is a function of (key, frame, bin) only.
 
-    See Also
-    --------
-    noise_power_v2 : noise power of a radar.
-
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> import numpy as np
     >>> noisy = dg.radar.add_noise(recording.baseband, noise_power_v2=1e-12, rng=np.random.default_rng(1))
@@ -217,13 +196,12 @@ def lowest_prf_hz(scatterers: AnyTable, radar: Radar, cpi_s: float) -> float:
     """Return the lowest frame rate without Doppler aliasing (E-06).
 
     It is 2 (max |f_d| + 3 / T_d), rounded up to 1 Hz.
-
     Use it only to reproduce the report: a rate per recording reveals the speed to every feature.
 
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
     >>> radar = dg.Radar.preset("x4", prf_hz=500.0)
     >>> table = dg.scene.assemble(scene, radar.pulse_times_s(3.0))
     >>> round(dg.radar.lowest_prf_hz(table, radar, cpi_s=0.1))
@@ -285,3 +263,64 @@ def warn_of_limits(scatterers: AnyTable, radar: Radar, *, has_jumps: bool = Fals
             f"{farthest:.2f} m) lie outside {radar.range_start_m:g} to {radar.range_stop_m:g} m and are lost; move "
             "the target or change radar.range_start_m / range_stop_m"
         )
+
+
+FILTER_TAPS = 129
+FILTER_CUTOFF_HZ = 3.2e9
+FILTER_BETA = 9.5
+
+
+def sample_rf_frames(scatterers: AnyTable, radar: Radar, *, margin: int) -> npt.NDArray[np.float64]:
+    """Return full-rate real samples (I, n_full + 2 margin) of the received RF frames (E-16)."""
+    n_full = (radar.n_range_bins - 1) * radar.decimation + 1
+    first_s = range_to_delay_s(radar.range_start_m) - margin / radar.sample_rate_hz
+    time_s = first_s + np.arange(n_full + 2 * margin) / radar.sample_rate_hz
+    range_m, amplitude_v, extra_rad = compute_echoes(fold_scatterers(ScattererTable.of(scatterers), radar), radar)
+    frames = np.zeros((range_m.shape[0], time_s.size))
+    for i in range(range_m.shape[0]):
+        delay_s = range_to_delay_s(range_m[i])[:, None]
+        phase = (
+            radar.transmit_phase_rad
+            + (0.0 if extra_rad is None else extra_rad[i][:, None])
+            - 4.0 * np.pi * np.mod(range_m[i], radar.wavelength_m)[:, None] / radar.wavelength_m
+        )
+        carrier = np.cos(2.0 * np.pi * radar.carrier_hz * time_s + phase)
+        pulse = exponential(-0.5 * ((time_s - delay_s) / radar.sigma_s) ** 2)
+        frames[i] = (amplitude_v[i][:, None] * pulse * carrier).sum(axis=0)
+    return frames
+
+
+def down_convert(frames: npt.NDArray[np.float64], radar: Radar, *, margin: int) -> npt.NDArray[np.complex128]:
+    """Convert real RF frames (I, n_full + 2 margin) to baseband: mix, low-pass, decimate (E-17)."""
+    from scipy.signal import firwin, oaconvolve
+
+    first_s = range_to_delay_s(radar.range_start_m) - margin / radar.sample_rate_hz
+    time_s = first_s + np.arange(frames.shape[1]) / radar.sample_rate_hz
+    mixed = 2.0 * frames * np.exp(-2j * np.pi * radar.carrier_hz * time_s)
+    # a symmetric low-pass that rejects the image
+    taps = firwin(FILTER_TAPS, FILTER_CUTOFF_HZ, window=("kaiser", FILTER_BETA), fs=radar.sample_rate_hz)
+    filtered = oaconvolve(mixed, taps[None, :], mode="same", axes=1)
+    stop = frames.shape[1] - margin
+    return np.asarray(filtered[:, margin : stop : radar.decimation])
+
+
+def synthesise_rf(scatterers: AnyTable, radar: Radar) -> xr.DataArray:
+    """Synthesise the baseband by RF sampling and down-conversion.
+
+    It is the reference for the closed form of :func:`synthesise`, with the same parameters and axes.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
+    >>> radar = dg.Radar.preset("x4")
+    >>> table = dg.scene.assemble(scene, [0.0, 1.0])
+    >>> exact, closed = dg.radar.synthesise_rf(table, radar), dg.radar.synthesise(table, radar)
+    >>> round(float(abs(exact - closed).max() / abs(exact).max()), 2)  # relative difference
+    0.0
+    """
+    margin = FILTER_TAPS + int(np.ceil(5.5 * radar.sigma_s * radar.sample_rate_hz))
+    table = ScattererTable.of(scatterers)
+    frames = sample_rf_frames(table, radar, margin=margin)
+    values = down_convert(frames, radar, margin=margin)
+    return label_baseband(values, table.slow_time_s, radar)

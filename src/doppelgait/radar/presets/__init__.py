@@ -20,10 +20,6 @@ CONDITIONS = ("environment", "impairments")
 def list_preset_names() -> list[str]:
     """Return the names of all presets.
 
-    See Also
-    --------
-    read_full_preset : all values of a preset.
-
     Examples
     --------
     >>> import doppelgait as dg
@@ -67,10 +63,9 @@ def _change(table: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
 
 
 def read_full_preset(name: str | Path) -> dict[str, Any]:
-    """Return the full contents of a preset's file.
+    """Return a preset's file with its lists of environment and impairments.
 
-    They include the lists of environment and impairments. A file may be based on another preset:
-    ``preset = "x4"`` and the changed values.
+    A file may be based on another preset: ``preset = "x4"`` and the changed values.
 
     Parameters
     ----------
@@ -81,10 +76,6 @@ def read_full_preset(name: str | Path) -> dict[str, Any]:
     ------
     ConfigError
         If the name is unknown, or the file is missing or not TOML.
-
-    See Also
-    --------
-    list_preset_names : names of the presets.
 
     Examples
     --------

@@ -401,7 +401,7 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> dg.radar.write_arrays(recording, "walk.npz")
     >>> dg.radar.read_recording("walk.npz").n_pulses

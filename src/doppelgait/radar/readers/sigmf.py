@@ -339,7 +339,7 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> dg.radar.write_sigmf(recording, "walk.sigmf-data")
     >>> dg.radar.read_recording("walk.sigmf-data").n_pulses
