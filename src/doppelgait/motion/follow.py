@@ -89,26 +89,21 @@ def follow(
 ) -> Motion:
     r"""Make a motion follow a path (E-02b).
 
-    The feet stand as still on the ground as curvature allows.
-
     .. math:: x(t) = c(s) + R_z(\psi(s)) [\, x_0(\tau) - V \tau \,], \qquad \tau = s(t) / V
 
-    with c the ground curve, s(t) the distance travelled, psi the tangent averaged over 0.5 m and x_0 the straight
-    motion of mean speed V. The phase of the gait is s divided by the stride length, which is constant: at another speed
-    on the path, the stride frequency changes in proportion. A foot that rests in the straight motion, at the horizontal
-    distance d from the point on the path, moves at d \|d psi / dt\|. Stops are moved by at most a quarter stride, to
-    the phase in which the feet are slowest. While the body stands, its posture fades to the mean of two double-support
-    postures that are half a stride apart. In a turn on the spot, the body rotates rigidly. It does not lean into
-    curves.
+    with c the ground curve, s(t) the distance travelled, psi the tangent averaged over 0.5 m and x_0
+    the straight motion of mean speed V. The stride length is constant: at another speed, the stride
+    frequency changes. Stops are moved by at most a quarter stride, to the phase in which the feet are
+    slowest. A body at rest fades to a standing posture. In a turn on the spot, it rotates rigidly.
 
     Parameters
     ----------
-    motion : DataArray (time, marker, space)
-        Motion that travels straight and steadily, without gaps: a model, a loop or a straight segment of a recording.
+    motion : Motion
+        Motion that travels straight and steadily, without gaps.
     path : Path
         One of the path kinds (:mod:`doppelgait.motion.paths`).
     start_position_m : (float, float)
-        Ground position of the path's origin. The mean line of the body centre starts on the path; its sway is kept.
+        Ground position of the path's origin. The mean line of the body centre starts on the path.
     heading_deg : float
         Direction of the path's x axis, from +x towards +y.
     duration_s : float, optional
@@ -116,10 +111,9 @@ def follow(
 
     Returns
     -------
-    DataArray (time, marker, space)
-        At the motion's frame rate. Positions and velocities are continuous. Footfalls are those of the motion at the
-        times at which its phase passes them; stride, step and gait frequency are means over the time not paused.
-        ``facts.path`` holds ``kind``, ``length_m``, ``mean_speed_mps``, ``pause_s`` and ``stops_m``.
+    Motion
+        At the motion's frame rate. Footfalls are those of the motion, moved in time; stride, step and
+        gait frequency are means over the time not paused. ``facts.path`` describes the path.
 
     Raises
     ------
@@ -127,10 +121,6 @@ def follow(
         If the motion does not travel straight and steadily, is too short, or cannot stop; or the path is too short.
     ConfigError
         If the speed on the path is more than 30 % from the motion's, or stops are too close together.
-
-    See Also
-    --------
-    make_path : make the path.
 
     Examples
     --------

@@ -118,24 +118,19 @@ def retarget(
 ) -> Motion:
     r"""Change speed, size or stride of a recorded gait.
 
-    The size factor scales all lengths, and its square root all times (dynamic similarity). The relative speed changes
-    stride length and stride frequency as in recordings of people and animals:
-
     .. math:: V' = V\,v\,\sqrt{b}, \qquad L' = L\,b\,v^{a}\,s, \qquad T' = T\,\sqrt{b}\,s\,v^{a-1}
 
-    with the factors of size b, speed v and stride s, and a = 0.63 (walk of people), 0.74 (run), 0.60 (animals). The
-    forward path of every point is multiplied by L'/L, so that a foot on the ground stays in place. Then the distances
-    between the points of the body are restored, with little movement of the feet.
+    with a = 0.63 (walk of people), 0.74 (run), 0.60 (animals). A foot on the ground stays in place, and
+    the distances between the points of the body are restored.
 
     Parameters
     ----------
     motion : Motion
-        Motion (time, marker, space) in m, z up, without gaps: at least one stride of straight gait.
+        Motion without gaps: at least one stride of straight gait.
     speed_factor : float
-        v, 0.8 to 1.25: factor of the dimensionless speed V / sqrt(g l), which must stay within that
-        of recordings of the gait.
+        v, 0.8 to 1.25: factor of V / sqrt(g l), which must stay within that of recordings of the gait.
     size_factor : float
-        b, 0.8 to 1.25.
+        b, 0.8 to 1.25: factor of all lengths. Times change by its square root (dynamic similarity).
     stride_factor : float
         s, deviation of the stride length from the law at equal speed, up to one standard deviation
         of recordings: 0.90 to 1.12 (walk of people), 0.92 to 1.08 (run), 0.93 to 1.07 (animals).
@@ -143,17 +138,13 @@ def retarget(
     Returns
     -------
     Motion
-        Motion of the same points and number of frames, with scaled frame rate, height, frequencies and footfalls.
+        The same points and number of frames, with scaled frame rate, height, frequencies and footfalls.
         ``report["hybrid"]`` holds the factors, the largest change of a length and the slide of the feet.
 
     Raises
     ------
     MotionError
         If a factor or the speed is outside its limits, or feet slide or joints bend too far in the result.
-
-    See Also
-    --------
-    blend : Mix two clips of one gait.
 
     Examples
     --------
@@ -218,34 +209,30 @@ def _retarget(
 def blend(first: Motion, second: Motion, *, share: float) -> Motion:
     """Blend two clips of one gait.
 
-    Both clips become endless cycles (:func:`~doppelgait.motion.loop.loop`). The second is rotated and scaled to the
-    heading and size of the first, and shifted to the phase in which its points differ least. Positions, stride times
-    and distances between points are averaged. Then these distances are restored, with little movement of the feet.
+    Both become endless cycles (:func:`~doppelgait.motion.loop.loop`). The second gets the heading and
+    size of the first, and the phase in which it differs least. Positions, stride times and distances
+    between points are averaged.
 
     Parameters
     ----------
     first, second : Motion
-        Motions (time, marker, space) in m, z up, no gaps: straight gait of the same kind and species, 1.2 strides or
-        more, with the same markers or joints; at most a quarter of the points may be in only one of them.
+        Motions without gaps: straight gait of the same kind and species, 1.2 strides or more, with the
+        same markers or joints; at most a quarter of the points may be in only one of them.
     share : float
         Weight of the second motion, 0 to 1.
 
     Returns
     -------
     Motion
-        Motion of whole strides and a fraction of one, at the frame rate and heading of the first, with the common
-        points. Source, subject and licence name both. ``report["hybrid"]`` holds share, phase, ratio of the sizes,
-        normalised correlation of the two, the largest change of a distance and the slide of the feet.
+        Whole strides and a fraction of one, at the frame rate and heading of the first, with the common
+        points. Source, subject and licence name both. ``report["hybrid"]`` holds share, phase, ratio of
+        the sizes, correlation of the two, the largest change of a distance and the slide of the feet.
 
     Raises
     ------
     MotionError
         If species, gait or points differ, one is more than 1.56 times as fast, the motions of the
         limbs differ too much, or feet slide or joints bend too far in the result.
-
-    See Also
-    --------
-    retarget : Change speed, size and stride of one clip.
 
     Examples
     --------

@@ -292,38 +292,29 @@ KNOT_MARGIN = 3
 def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: RandomSource | None = None) -> Motion:
     """Lengthen a clip of straight gait over whole strides.
 
-    The seam is the frame in which pose and velocity after n strides are closest to those before. n is the largest
-    number for which neither differs by more than the median between neighbouring strides. With cycle time L and advance
-    D (the mean displacement of all points over one cycle, in the ground plane), the endless cycle is
-    c(u) = q(u mod L) + D u / L, where q is the clip without its advance. At the start of each cycle, q fades from the
-    continuation of the last cycle into the first one, with a weight that has no slope or curvature at its ends:
-    position, velocity and acceleration are continuous at the seam. The closing error of a point and the body's gain of
-    speed are removed along the cycle beforehand, in proportion to the speed of each point.
-
-    Strides vary about this cycle: their times and lengths, the lead and position of each limb and the swing of the
-    upper body are first-order autoregressive from stride to stride with the spreads of recordings of people or
-    dogs, reduced by sqrt(1/n) because a cycle of n strides contains the rest. Advance and fore-aft swing
-    are scaled by one factor, so that a foot on the ground stays in place. The distances between the points of the body
-    are restored to those of the cycle, with little movement of the feet. The mean speed is that of the clip.
+    The seam is the frame in which pose and velocity after n strides are closest to those before. n is
+    the largest number for which neither differs by more than the median of neighbouring strides.
+    Position, velocity and acceleration are continuous at the seam, and the mean speed is that of the clip.
+    Strides vary about this cycle as in recordings of people or dogs; feet on the ground stay in place
+    and distances between points are restored. ``docs/motion-methods.md`` has the method.
 
     Parameters
     ----------
     motion : Motion
-        Motion (time, marker, space) in m, z up, without gaps: one segment at constant velocity, 1.2 strides or longer.
+        Motion without gaps: one segment at constant velocity, 1.2 strides or longer.
     duration_s : float
         Duration of the result, above 0; the last frame is at or just after it.
     variation : float
         Factor on the spreads, 0 to 2; with 0, all cycles are equal.
     rng : Streams or numpy.random.Generator, optional
-        Source of the variation. By default it is derived from source, subject and start time of the
-        clip, so that the same clip results in the same motion.
+        Source of the variation; by default derived from source, subject and start time of the clip.
 
     Returns
     -------
     Motion
-        Motion with the same points, frame rate and facts, from time 0. ``stride_frequency_hz`` is that of the cycle and
-        exactly the mean over the duration. Footfalls are repeated. ``report["loop"]`` holds the seam, its residuals,
-        the median difference of neighbouring strides, the variation and the correction of the stride length.
+        The same points, frame rate and facts, from time 0. ``stride_frequency_hz`` is that of the cycle
+        and exactly the mean over the duration. Footfalls are repeated. ``report["loop"]`` holds seam,
+        residuals, variation and the correction of the stride length.
 
     Raises
     ------
@@ -334,10 +325,6 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     -----
     DoppelgaitWarning
         If the clip has fewer than two strides.
-
-    See Also
-    --------
-    find_segments : find the segments that can be looped.
 
     Examples
     --------

@@ -46,16 +46,12 @@ class MotionFacts:
 
     Parameters
     ----------
-    source : str
-        File name or name of the model.
-    kind : str
-        ``"recording"`` or the name of the model.
+    source, kind : str
+        File name or name of the model, and ``"recording"`` or the name of the model.
     subject : str
         Person or animal; leakage-free splits group rows by it.
-    species : str
-        ``"human"``, ``"dog"``, ...
-    gait : str
-        ``"walk"``, ``"run"``, ``"trot"``, ``"gallop"``, ...
+    species, gait : str
+        ``"human"``, ``"dog"``, ...; ``"walk"``, ``"run"``, ``"trot"``, ``"gallop"``, ...
     height_m : float
         Stature of a person, withers height of a dog or cat.
     stride_frequency_hz, step_frequency_hz, gait_frequency_hz : float
@@ -104,21 +100,13 @@ class Motion:
     Parameters
     ----------
     positions : DataArray (time, marker, space)
-        Positions in m, z up, floor at z = 0; NaN where a point was not seen (only before cleaning). The coordinate
-        ``part`` along ``marker`` names the body part of each point, ``""`` if unknown.
+        Positions in m, z up, floor at z = 0; NaN where a point was not seen (only before cleaning). The
+        coordinate ``part`` along ``marker`` is the body part of each point, ``""`` if unknown. Other
+        dimensions, coordinates or units raise AnalysisError.
     facts : MotionFacts
         Facts that doppelgait uses: frequencies, footfalls, height, subject.
     report : mapping
         Notes of reading and cleaning for the user. They have no effect on later steps.
-
-    Raises
-    ------
-    AnalysisError
-        If ``positions`` has other dimensions, coordinates or units.
-
-    See Also
-    --------
-    make_motion : Build one from plain arrays.
     """
 
     positions: xr.DataArray
@@ -252,30 +240,14 @@ def make_motion(
         Positions in metres, z up, floor at z = 0; NaN where a point was not seen (only before cleaning).
     rate_hz : float
         Frames per second, positive.
-    markers : sequence of str, length P
-        Unique point names.
-    parts : sequence of str, length P
-        Body part of each point (:mod:`doppelgait.motion.skeleton`), ``""`` if unknown.
+    markers, parts : sequence of str, length P
+        Unique names of the points, and their body parts (:mod:`doppelgait.motion.skeleton`), ``""`` if unknown.
     start_s : float
         Time of the first frame.
     facts : MotionFacts or mapping, optional
-        Facts, or some of their values by name.
+        Facts, or some of their values by name; an unknown name raises MotionError.
     report : mapping, optional
         Notes for the user.
-
-    Returns
-    -------
-    Motion
-        Positions (time, marker, space) in float64.
-
-    Raises
-    ------
-    MotionError
-        If ``facts`` holds a name that :class:`MotionFacts` does not have.
-
-    See Also
-    --------
-    read : read a motion recording.
 
     Examples
     --------

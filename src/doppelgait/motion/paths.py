@@ -263,8 +263,7 @@ class PolylinePath(Path):
     """Polyline through points, with rounded corners.
 
     points_m: Two or more corners; the path starts at the first.
-    corner_radius_m: Radius of the corners, 0.1 or more. The arc touches both legs of a corner and
-        must fit between its neighbours.
+    corner_radius_m: Radius of the corners, 0.1 or more. Each arc must fit between its neighbours.
     """
 
     kind: Literal["polyline"] = "polyline"
@@ -309,15 +308,11 @@ class StopAndGoPath(Path):
 
 
 class TurnAroundPath(Path):
-    """Straight out, half a turn to the left, and back.
-
-    The path lasts as long as the motion.
+    """Straight out, half a turn to the left, and back, as long as the motion.
 
     out_m: Distance from the start to the turn.
-    radius_m: Radius of a U-turn at full speed, 0.3 or more. Without it, the body stops and turns on
-        the spot.
-    turn_s: Duration of the turn on the spot, 2 s by default; the body stands still briefly before
-        and after it.
+    radius_m: Radius of a U-turn at full speed, 0.3 or more; by default the body turns on the spot.
+    turn_s: Duration of the turn on the spot, 2 s by default; the body stands before and after it.
     acceleration_mps2: Maximum acceleration before and after the turn on the spot, 1 by default.
     """
 
@@ -399,16 +394,7 @@ PATHS: Group[Callable[[Any], Layout]] = Group("path", built_in=("doppelgait.moti
 
 
 def make_path(table: Mapping[str, Any] | Path) -> Path:
-    """Make a path from its scene table.
-
-    Raises
-    ------
-    ConfigError
-        If the kind or a parameter is not allowed.
-
-    See Also
-    --------
-    follow : let a motion follow the path.
+    """Make a path from its scene table; a kind or parameter that is not allowed raises ConfigError.
 
     Examples
     --------

@@ -72,13 +72,12 @@ def scale_to_height(
 
     Parameters
     ----------
-    motion : DataArray (time, marker, space)
+    motion : Motion
         Motion with the floor at z = 0.
     height_m : float
         Wanted stature (people) or withers height (dogs, cats), positive.
     mode : {"uniform", "froude", "z_only"}
-        ``uniform``: scale all coordinates, keep times. ``froude``: scale all coordinates, and times by the square root
-        (dynamic similarity). ``z_only``: scale only heights, as in the report; speeds and steps are kept.
+        Scale all coordinates; also times by the square root (dynamic similarity); or only heights, as in the report.
     recorded_height_m : float, optional
         Height of the recorded subject. The default is the motion's own ``height_m``, or for
         ``z_only`` the highest point if that is unknown.
@@ -87,10 +86,6 @@ def scale_to_height(
     ------
     MotionError
         If the recorded height is unknown.
-
-    See Also
-    --------
-    retarget : change speed, size and stride.
 
     Examples
     --------
@@ -225,21 +220,15 @@ SLOWEST_STRIDE_S = 2.5
 class Variation(FrozenModel):
     """Change of a body's motion from its model or recording.
 
-    limb_swing: Factor of the swing of the legs about the trunk, including the forelegs of an
-        animal; 1 leaves it unchanged.
+    limb_swing: Factor of the swing of the legs (of an animal: all four) about the trunk.
     arm_swing: Factor of the swing of a person's arms.
     trunk_ripple: Factor of the deviations of the trunk from uniform motion.
-    ripple_once_m: Amplitude of a movement of the whole body at the stride frequency, in a random
-        direction and phase.
+    ripple_once_m: Amplitude of a random movement of the whole body at the stride frequency.
     ripple_twice_m: Amplitude of such a movement at twice the stride frequency.
-    pitch_deg: Amplitude of the pitch of trunk, head and arms about the body's centre, at twice the
-        stride frequency.
-    yaw_deg: Amplitude of the yaw of trunk, head and arms about the body's centre, at the stride
-        frequency.
-    pace: Factor of the stride frequency at equal speed. The swing of the legs becomes shorter by
-        the same factor.
-    swing_timing: Share of a stride by which the swing of all limbs leads and lags in every stride,
-        which changes the stance time.
+    pitch_deg: Amplitude of the pitch of trunk, head and arms at twice the stride frequency.
+    yaw_deg: Amplitude of the yaw of trunk, head and arms at the stride frequency.
+    pace: Factor of the stride frequency at equal speed; the swing of the legs becomes shorter by it.
+    swing_timing: Share of a stride by which all limbs lead and lag, which changes the stance time.
     fore_timing: Share of a stride by which the forelimbs (a person's arms) are delayed.
     phase_noise: Standard deviation of the stride clock from stride to stride, in strides.
     """

@@ -1,8 +1,7 @@
 """Walking person of Boulic et al. (1990) with 17 points.
 
-The form is that of Chen (2011). The equations are those of the two publications with consistent
-units: relative lengths are in units of the leg length L = 0.491 H, so that a person of stature H at
-speed V has q = V/L, a stride length of 1.346 sqrt(q) L and a stride time of 1.346 / sqrt(q) s.
+The form is that of Chen (2011), with lengths in units of the leg length L = 0.491 H: at the speed V,
+q = V/L, the stride length is 1.346 sqrt(q) L and the stride time 1.346 / sqrt(q) s.
 
 Symbols: q is the relative speed V/L in 1/s, p the phase in cycles, 0 at initial contact of the right leg. Joint curves
 are those of the right side; the left side is half a cycle later. Regimes: A below q = 0.5, B to 1.3, C to 3.
@@ -204,11 +203,9 @@ class BoulicConfig(FrozenModel):
     height_m: Stature H. The height of the figure, without that of the feet, is 0.909 H.
     form: ``"consistent"``: all lengths in units of the leg length. ``"pendulum"``: the same with
         the opposite fore-aft sway, so that the body is fastest in double support. ``"chen2011"``:
-        the published program, with body offsets in metres and an advance of 1.346 sqrt(q) metres
-        per cycle, so that the speed is q = V/L metres per second instead of V.
+        the published program, with body offsets and advance in metres: the speed is V/L m/s.
     start_phase: Phase at the start in cycles, 0 (right foot lands) to below 1.
-    stride_variation: Standard deviation of the stride time relative to its mean; healthy adults
-        0.02. The stride length is constant, so that the speed varies, too.
+    stride_variation: Standard deviation of the stride time over its mean; healthy adults 0.02.
     rate_hz: Frames per second.
     """
 
@@ -278,16 +275,14 @@ def compute_boulic_points(
     offset_scale_m: Values,
     offset_signs: npt.ArrayLike = "continuous",
 ) -> FloatArray:
-    """Return the walker's points in place, without forward motion.
-
-    The equations are those of Boulic et al. (1990) and Chen (2011).
+    """Return the walker's points in place, without forward motion (Boulic et al. 1990; Chen 2011).
 
     Parameters
     ----------
     phase : array_like, shape (n,)
         Cycles; 0 is initial contact of the right leg. Any real number.
     relative_speed : float
-        q = V/L in 1/s, 0 < q <= 3.
+        q = V/L in 1/s, 0 < q <= 3; otherwise ConfigError is raised.
     height_m : float
         Stature H.
     offset_scale_m : float
@@ -299,11 +294,6 @@ def compute_boulic_points(
     -------
     ndarray, shape (n, 17, 3)
         Metres in the order of ``human_body.POINTS``; origin at the base of the spine of the average posture.
-
-    Raises
-    ------
-    ConfigError
-        If ``relative_speed`` is outside its range.
     """
     p, q = np.atleast_1d(np.asarray(phase, dtype=float)), relative_speed
     for each in np.ravel(q):

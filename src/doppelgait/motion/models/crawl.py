@@ -1,7 +1,4 @@
-"""Person who crawls on hands and knees.
-
-It is a human with the low, four-legged motion of an animal.
-"""
+"""Person who crawls on hands and knees."""
 
 from __future__ import annotations
 
@@ -75,11 +72,9 @@ class CrawlConfig(FrozenModel):
 def crawling_person(parameters: Sequence[CrawlConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
     """Generate a person who crawls on hands and knees.
 
-    Diagonal limbs move together. The stride frequency is f = sqrt(V/(0.36 H)) per second, and the
-    stride length is V/f (assumed, like all proportions of the gait). Hands and knees rest on the
-    floor for 65 % of a stride. The lengths of the segments are constant.
-
-    The person moves along +x over z = 0. The points are the 17 of the Boulic walk.
+    Diagonal limbs move together, with the stride frequency f = sqrt(V/(0.36 H)) (assumed, like all
+    proportions of the gait). Hands and knees rest on the floor for 65 % of a stride. The points are
+    the 17 of the Boulic walk, along +x over z = 0.
 
     >>> import doppelgait as dg
     >>> motion = dg.motion.crawling_person(duration_s=2.0)

@@ -1,14 +1,10 @@
 """Mean curves of people and dogs over a cycle. Measured on recordings (``curves.toml``).
 
-Curves of people describe trunk, ankle and foot as a function of speed. They are means of half of the recorded subjects
-(``studies/motion_curves.py`` tests them on the other half). Each value is linear in the inverse of the dimensionless
-speed V / sqrt(g l) with the leg length l (if linear in the speed, feet are a tenth too fast at 1 m/s), and constant
-outside the measured speeds. The foot lands at phase 0.
-
-Curves of body and limbs of a dog are means over the strides of one dog (``studies/dog_curves.py``
-tests them on a second one). Curves of the trunk are from 45 strides in the pace, 5 in the walk, 4
-in the trot and 6 in the gallop; curves of the limbs are from at least twice as many. Canter,
-transverse gallop and bound use the curves of the gallop, shifted to the phases of their footfalls.
+People: means of half of the recorded subjects (``studies/motion_curves.py`` tests them on the other
+half). Each value is linear in the inverse of V / sqrt(g l) with the leg length l (if linear in the
+speed, feet are a tenth too fast at 1 m/s), and constant outside the measured speeds. The foot lands
+at phase 0. Dogs: means over the strides of one dog (``studies/dog_curves.py`` tests them on a second
+one). Canter, transverse gallop and bound use the gallop's, shifted to the phases of their footfalls.
 """
 
 from __future__ import annotations

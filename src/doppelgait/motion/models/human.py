@@ -1,11 +1,10 @@
 """Person who walks or runs like recorded people.
 
 Trunk, ankles and feet follow curves measured on recorded people (:mod:`doppelgait.motion.models.curves`), and
-feet do not slide: in stance, the foot rolls on the floor from heel to toe with the pitch of the gait; in swing, the
-difference from the curves fades from one stance to the next, so that the swing keeps its shape. The knee follows from
-hip and ankle. A walk has the step length, timing, torsion and arms of Boulic et al. (1990). For the run, there is
-no published set of equations: its timing is a table of usual values, and the vertical motion follows from mechanics.
-Speeds are those of an adult of 1.75 m. Other people run with dynamic similarity, V ~ sqrt(H), f ~ 1/sqrt(H).
+feet do not slide: in stance, the foot rolls from heel to toe; in swing, the difference from the curves
+fades from one stance to the next. A walk has the step length, timing, torsion and arms of Boulic et al.
+(1990). For the run, there is no published set of equations: its timing is a table of usual values for
+an adult of 1.75 m (other people run with dynamic similarity), and the height follows from mechanics.
 """
 
 from __future__ import annotations
@@ -349,8 +348,7 @@ WALK_ARMS = 0.65
 class HumanConfig(FrozenModel):
     """Walking or running person of :func:`human_gait`.
 
-    gait: ``"walk"``, ``"run"`` or ``"auto"``: a run above 2 m/s at 1.75 m, and at the same Froude
-        number for other statures.
+    gait: ``"walk"``, ``"run"`` or ``"auto"``: a run above 2 m/s at 1.75 m, or at that Froude number.
     speed_mps: Mean forward speed V. Walk: above 0 to 3 leg lengths per second (2.58 m/s at 1.75 m);
         run: 1.8 to 9 m/s at 1.75 m, and as the square root of the stature.
     height_m: Stature H.
@@ -361,28 +359,21 @@ class HumanConfig(FrozenModel):
     foot_lock: Use the measured motion of trunk and feet, with feet at rest on the floor. If false,
         a walk is that of Boulic et al. 1990 (:func:`doppelgait.motion.models.boulic.boulic_walk`),
         with sliding feet.
-    walk_ratio: Step length over step frequency, relative to the model's; about 8 % between persons.
-    trunk_ripple: Forward and back motion of trunk and head within a step, relative to the measured
-        mean; between persons with a standard deviation of 0.2.
+    walk_ratio: Step length over step frequency, relative to the model's; people 1 +- 0.16.
+    trunk_ripple: Fore-aft motion of the trunk within a step over the measured one; people 1 +- 0.2.
     lean_deg: Further lean of the trunk, forward positive.
-    swing_peak: Deviation of a swinging foot's speed from its mean, relative to the measured
-        deviation; between persons with a standard deviation of 0.24.
-    trunk_asymmetry: (left - right) / mean of the trunk ripple in the halves of a stride before a
-        left and before a right landing; between persons with a standard deviation of 0.4.
-    arm_swing: Swing of shoulders and elbows relative to the gait's own; between persons 0.3 to 2.
-    arm_asymmetry: (left - right) / mean of the swing of the arms; between persons 0.15 with a
-        standard deviation of 0.28.
+    swing_peak: Deviation of a swinging foot's speed over the measured one; people 1 +- 0.24.
+    trunk_asymmetry: (left - right) / mean of the trunk ripple before a landing; people 0 +- 0.4.
+    arm_swing: Swing of shoulders and elbows relative to the gait's own; people 0.3 to 2.
+    arm_asymmetry: (left - right) / mean of the swing of the arms; people 0.15 +- 0.28.
     left_hand: State of the left hand: ``"free"``, ``"pockets"``, ``"carrying"`` (in front),
         ``"bag"`` (the arm hangs down), ``"phone"`` (at the ear) or ``"pushing"``.
     right_hand: State of the right hand, with the same values as ``left_hand``.
     step_time_sd: Standard deviation of the time of a step over its mean; healthy adults 0.025.
     step_length_sd: Standard deviation of the length of a step over its mean; healthy adults 0.014.
-    pace_sd: Standard deviation of a slow drift of the speed, 0 to 0.1: half in the length of steps,
-        half in their time.
-    time_asymmetry: (left - right) / mean of the time of the step before a foot's landing; healthy
-        adults with a standard deviation of 0.02.
-    length_asymmetry: (left - right) / mean of the length of that step; healthy adults with a
-        standard deviation of 0.06.
+    pace_sd: Standard deviation of a slow drift of the speed, half in length, half in time of steps.
+    time_asymmetry: (left - right) / mean of the time of the step before a landing; adults +- 0.02.
+    length_asymmetry: (left - right) / mean of the length of that step; adults +- 0.06.
     start_phase: Phase at the start in cycles, 0 (right foot lands) to below 1.
     rate_hz: Frames per second.
     """
@@ -461,8 +452,7 @@ def human_gait(parameters: Sequence[HumanConfig], durations_s: Sequence[float], 
     Trunk, ankles and feet follow the mean of recorded people. A run has a flight phase (:func:`run_height_m`). With
     ``foot_lock=False`` and otherwise default values, a walk is exactly that of Boulic et al. 1990.
 
-    The person moves along +x from x = 0 over z = 0. The points are the 17 of the Boulic walk. Steps
-    that are too long for the legs raise a ConfigError.
+    The points are the 17 of the Boulic walk, along +x from x = 0 over z = 0.
 
     >>> import doppelgait as dg
     >>> motion = dg.motion.human_gait(speed_mps=1.2, duration_s=2.0)

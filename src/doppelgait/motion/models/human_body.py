@@ -226,13 +226,7 @@ class Person:
     length_asymmetry: float
 
     def parameters(self, **changes: Any) -> dict[str, Any]:
-        """Return the parameters of :func:`doppelgait.motion.human_gait` for this person.
-
-        Parameters
-        ----------
-        **changes
-            Parameters that replace the person's own, for example ``speed_mps``.
-        """
+        """Return the person's parameters of :func:`doppelgait.motion.human_gait`, with some replaced."""
         own = {key: value for key, value in asdict(self).items() if key not in _NO_PARAMETERS}
         return {**own, "body": self.body, **changes}
 
@@ -264,25 +258,19 @@ def sample_person(
 ) -> Person:
     """Sample a person from population statistics.
 
-    - Adults (20 to 65 years) and seniors (65 to 85): the stature is normal, 1.75 +- 0.07 m for men and 1.62 +- 0.065 m
-      for women. The body mass index is lognormal about 24 kg/m^2 with 13 % (assumed). The preferred speed is normal,
-      1.35 +- 0.18 m/s, for seniors 1.15 +- 0.2 m/s, within 0.4 to 2.0 (Bohannon 1997; Bohannon and Andrews 2011).
-    - Children (3 to 12 years): Weech's rules, H = 0.77 m + 0.06 m a with 4.5 % (assumed), mass (2 a + 8) kg to 6 years,
-      then (7 a - 5)/2 kg, with 12 % (assumed). The speed is that of an adult at the same Froude number.
-    - Gait and steps: measured on recorded walkers, within 3 deviations; ``people.toml`` next to this
-      module has the laws.
+    Stature, mass and speed: adults (20 to 65 years) and seniors (65 to 85) after Bohannon (1997;
+    Bohannon and Andrews 2011), children (3 to 12 years) by Weech's rules with an adult's Froude number.
+    Gait and steps: measured on recorded walkers, within 3 deviations. ``people.toml`` has the laws.
 
     Parameters
     ----------
     rng : Streams or numpy.random.Generator
-        Source of random numbers; always eighteen draws. The same streams (``rng=dg.rng(seed)``)
-        result in the same person.
+        Source of random numbers; always eighteen draws. The same streams result in the same person.
     age_class : str
         ``"child"``, ``"adult"`` or ``"senior"``.
     complaint : str
         ``"none"``, ``"weak"`` (muscles: short, fast steps), ``"joint"`` (a limp: one step lasts
-        longer) or ``"neurological"`` (irregular steps). Complaints reduce the speed; means and
-        spreads are those of the clinical walkers.
+        longer) or ``"neurological"`` (irregular steps). Complaints reduce the speed.
     load : str
         State of the hands: ``"free"``, ``"pockets"`` or ``"pushing"`` (a pram) for both hands, ``"bag"`` or ``"phone"``
         for one of them at random. A person who pushes leans forward by 5 degrees more (assumed).
@@ -306,12 +294,13 @@ def sample_person(
     male, old, hand = chance.random(3)
     size, weight, pace, ratio = np.clip(chance.standard_normal(4), -3.0, 3.0)
     sex = "male" if male < 0.5 else "female"
-    if age_class == "child":
+    if age_class == "child":  # Weech's rules; the spreads are assumed
         age_years = 3.0 + 9.0 * old
         height_m = max(CHILD_M[0], (0.77 + 0.06 * age_years) * (1 + 0.045 * size))
         mean_kg = 2 * age_years + 8 if age_years <= 6 else (7 * age_years - 5) / 2
         mass_kg, scale = mean_kg * math.exp(0.12 * weight), math.sqrt(height_m / ADULT_M)
     else:
+        # the body mass index is lognormal about 24 kg/m^2 with 13 % (assumed)
         age_years = 20 + 45 * old if age_class == "adult" else 65 + 20 * old
         mean_m, sd_m = PEOPLE["stature_m"][sex]
         height_m = mean_m + sd_m * size

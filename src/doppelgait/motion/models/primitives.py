@@ -131,8 +131,7 @@ def pendulum(config: PendulumConfig, times_s: FloatArray) -> Body:
     """Generate a point that swings in x under a pivot.
 
     The pivot is above x = 0. The angle of the point ``"bob"`` from the vertical is a sin(2 pi f t),
-    positive forward. The frequency is a parameter and does not follow from gravity. The maximum
-    speed is 2 pi f a l, at the lowest point.
+    positive forward. The maximum speed is 2 pi f a l, at the lowest point.
 
     >>> import doppelgait as dg
     >>> motion = dg.motion.pendulum(duration_s=2.0)
@@ -174,9 +173,8 @@ class RotorConfig(FrozenModel):
 def rotor(config: RotorConfig, times_s: FloatArray) -> Body:
     """Generate a hub at rest with rotating blade tips.
 
-    The hub is above x = 0, and the rate is constant. Blade k is at the angle 2 pi (rotation_hz t + k / blades),
-    from the plane's first axis to its second. The maximum speed is 2 pi rotation_hz radius_m. The signature
-    repeats ``blades`` times per turn. The points are ``"hub"``, ``"blade_1"``, ...
+    The hub is above x = 0. Blade k is at the angle 2 pi (rotation_hz t + k / blades), from the
+    plane's first axis to its second. The points are ``"hub"``, ``"blade_1"``, ...
 
     >>> import doppelgait as dg
     >>> motion = dg.motion.rotor(duration_s=2.0)
@@ -203,8 +201,7 @@ class BreathingConfig(FrozenModel):
 
     height_m: Stature.
     breathing_hz: Breaths per second f.
-    amplitude_m: Amplitude a of the two chest points. The abdomen moves half as far (assumed); other
-        points are at rest.
+    amplitude_m: Amplitude a of the two chest points. The abdomen moves half as far (assumed).
     rate_hz: Frames per second.
     """
 
@@ -273,11 +270,9 @@ class VacuumConfig(FrozenModel):
 def robot_vacuum(config: VacuumConfig, times_s: FloatArray) -> Body:
     """Generate a flat round robot vacuum.
 
-    The robot starts at the origin along +x and turns at a constant rate w, so that its centre is on
-    a straight line or on a circle of radius V/w. Its rim rotates with it. A side brush is optional:
-    three arms rotate about a point of the rim, ahead and to the right. The speed of a tip relative
-    to that point is 2 pi (f + w/2 pi) r, where f are the turns per second relative to the robot.
-    The points are ``"centre"``, ``"rim_1"``, ... and ``"brush_1"``, ...
+    It starts at the origin along +x and turns at a constant rate w. The three arms of an optional
+    side brush rotate about a point of the rim, ahead and to the right, with tip speeds of
+    2 pi (f + w/2 pi) r. The points are ``"centre"``, ``"rim_1"``, ... and ``"brush_1"``, ...
 
     >>> import doppelgait as dg
     >>> motion = dg.motion.robot_vacuum(duration_s=2.0)
@@ -311,8 +306,7 @@ class CurtainConfig(FrozenModel):
     """Swaying cloth of :func:`curtain`.
 
     sway_hz: Frequency f; 0.2 to 0.6 in a draught (assumed).
-    amplitude_m: Amplitude a of the hem. Above the hem, it is proportional to the distance d from
-        the rail.
+    amplitude_m: Amplitude a of the hem; above it, proportional to the distance d from the rail.
     phase_deg: Lag phi from one side to the other.
     width_m: Width W of the cloth.
     drop_m: Height D of the cloth.
@@ -393,8 +387,7 @@ def fan(config: FanConfig, times_s: FloatArray) -> Body:
     """Generate a fan that blows along +x.
 
     It is a rotor in the plane (y, z) with a stand at rest: ``"hub"``, ``"blade_1"``, ...,
-    ``"stand"`` (half way up) and ``"foot"``. The tips move at 2 pi rotation_hz radius_m, 19 m/s by
-    default, which few radars' frame rates can show.
+    ``"stand"`` (half way up) and ``"foot"``. The tips move at 19 m/s by default.
 
     >>> import doppelgait as dg
     >>> motion = dg.motion.fan(duration_s=2.0)

@@ -322,33 +322,28 @@ class QuadrupedConfig(FrozenModel):
         ``"transverse_gallop"`` (1.2 to 10), ``"bound"`` (1 to 6), or ``"auto"``: walk up to a
         Froude number of 0.5, trot up to 2.5, then gallop.
     speed_mps: Mean forward speed V. Set either this or ``froude``.
-    froude: Froude number that determines the speed. Without either key, it is the gait's usual one
-        (trot 1, gallop 4).
+    froude: Froude number that determines the speed; by default the gait's usual one (trot 1, gallop 4).
     build: Proportions, mass and usual size, a key of
         :data:`doppelgait.motion.models.quadruped_gaits.BUILDS`: ``"standard"``, breeds of dog,
         ``"cat"``, ``"horse"``, ``"cow"``.
     withers_m: Height of the withers when standing: 0.15 to 0.9, for a horse 0.7 to 1.8, for a cow
         0.8 to 1.8. The default is that of the build (standard 0.5).
     start_phase: Phase at the start in strides, 0 (left hind foot lands) to below 1.
-    stride_variation: Standard deviation of the stride time relative to its mean; 0.03 to 0.05 is
-        usual.
+    stride_variation: Standard deviation of the stride time over its mean; usual are 0.03 to 0.05.
     step_length_sd: Standard deviation of the length of half a stride over its mean.
     footfall_sd: Standard deviation of the landing time of a foot, in strides.
     asymmetry: Delay of the landing of both right feet in strides. The frequencies in the facts
         remain those of the gait (f_mu by E-07), although half strides then differ.
-    length_asymmetry: (first - second) / mean of the half strides, starting at the landing of the
-        left hind foot.
-    trunk_ripple: Fore-aft motion of the trunk and swing of the neck within a stride, relative to
-        the recorded ones.
-    stride_ratio: Stride length relative to the gait's at this speed; two recorded dogs differ by 14
-        %.
+    length_asymmetry: (first - second) / mean of the half strides from the left hind foot's landing.
+    trunk_ripple: Fore-aft motion of the trunk and swing of the neck over the recorded ones.
+    stride_ratio: Stride length relative to the gait's at this speed; two recorded dogs differ by 14 %.
     hind_swing_peak: Maximum speed of a swinging hind paw relative to that of the recorded dog.
     fore_swing_peak: Maximum speed of a swinging fore paw relative to that of the recorded dog.
-    neck_deg: Mean elevation of the neck, -40 to 80 degrees.
-    tail_deg: Mean elevation of the tail, -80 to 80 degrees.
-    tail_frequency_hz: Frequency of the sideways swing of the tail, 0 to 5 Hz. The motion repeats
-        every stride only if this frequency is a multiple of the stride frequency.
-    tail_sweep_deg: Maximum sideways angle of the tail to both sides, 0 to 60 degrees.
+    neck_deg: Mean elevation of the neck.
+    tail_deg: Mean elevation of the tail.
+    tail_frequency_hz: Frequency of the sideways swing of the tail. The motion repeats every stride
+        only if it is a multiple of the stride frequency.
+    tail_sweep_deg: Maximum sideways angle of the tail to both sides.
     rate_hz: Frames per second.
     """
 
@@ -437,14 +432,12 @@ def _is_varied(config: QuadrupedConfig) -> bool:
 def quadruped_gait(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
     """Generate a four-legged animal in one straight gait.
 
-    Stride length L = c h Fr^p with Fr = V^2/(g h) and a dog's h = 0.8 withers heights (p = 0.3, Alexander and Jayes
-    1983; in walk and pace 0.23; c between those of two measured dogs, assumed for all); stride frequency f = V/L. A paw
-    is at rest on the ground for the share 1 - t_swing f of the stride plus an offset of the gait, with
-    t_swing = 0.35 s (h/0.46 m)^0.5. Trunk, neck, tail, swinging paws and the segments of the limbs follow the mean
-    curves of one recorded dog (:mod:`doppelgait.motion.models.curves`).
+    Stride length L = c h Fr^p with Fr = V^2/(g h) and a dog's h = 0.8 withers heights (p = 0.3,
+    Alexander and Jayes 1983; in walk and pace 0.23); stride frequency f = V/L. A paw is at rest for
+    the share 1 - t_swing f of the stride plus an offset of the gait, t_swing = 0.35 s (h/0.46 m)^0.5.
+    Trunk, neck, tail, paws and limbs follow the mean curves of one recorded dog.
 
-    The animal moves along +x from about x = 0, with its paws on z = 0 in stance. The points are
-    those of :data:`POINTS`.
+    The points are those of :data:`POINTS`, along +x from about x = 0, with paws on z = 0 in stance.
 
     >>> import doppelgait as dg
     >>> motion = dg.motion.quadruped_gait(duration_s=2.0)

@@ -198,12 +198,9 @@ class Dog:
     length_asymmetry: float
 
     def parameters(self, **changes: Any) -> dict[str, Any]:
-        """Return the parameters of :func:`doppelgait.motion.quadruped_gait` for this dog.
+        """Return the dog's parameters of :func:`doppelgait.motion.quadruped_gait`, with some replaced.
 
-        Parameters
-        ----------
-        **changes
-            Parameters that replace the dog's own, for example ``gait``; ``speed_mps`` replaces the Froude number.
+        ``speed_mps`` also replaces the Froude number.
         """
         own = asdict(self)
         if "speed_mps" in changes:
@@ -212,20 +209,15 @@ class Dog:
 
 
 def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float | None = None) -> Dog:
-    """Sample a dog from known distributions.
+    """Sample a dog: breed, size, gait, speed and habits.
 
-    - Build: one of the breeds. The height is normal with 8 %, within 2.5 deviations and the limits of dogs.
-    - Gait: by :data:`GAIT_SHARES`, among the gaits that exist at the Froude number. The Froude number is log-uniform
-      about the gait's usual one (assumed).
-    - Length of half a stride and its asymmetry: 2 to 4 % and 4 % over the root of the Froude number, so
-      that the trunk's speed varies equally in slow and fast gaits.
-    - Other parameters: ``quadruped_gaits.toml`` next to this module has the laws.
+    Gaits have the shares :data:`GAIT_SHARES`, among those that exist at the Froude number, which is
+    log-uniform about the gait's usual one (assumed). ``quadruped_gaits.toml`` has the other laws.
 
     Parameters
     ----------
     rng : Streams or numpy.random.Generator
-        Source of random numbers; always seventeen draws. The same streams (``rng=dg.rng(seed)``)
-        result in the same dog.
+        Source of random numbers; always seventeen draws. The same streams result in the same dog.
     gait : str, optional
         Fixed gait, a key of :data:`doppelgait.motion.models.quadruped_gaits.GAITS`; sampled by default.
     froude : float, optional

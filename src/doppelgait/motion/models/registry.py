@@ -128,16 +128,12 @@ def generate(
     Parameters
     ----------
     model : parameter model, table or str
-        Model, for example ``BoulicConfig(speed_mps=1.2)``, ``{"kind": "boulic", "speed_mps": 1.2}`` or ``"boulic"``.
+        Model, for example ``BoulicConfig(speed_mps=1.2)``, ``{"kind": "boulic", "speed_mps": 1.2}`` or
+        ``"boulic"``. A kind or parameter that is not allowed raises ConfigError.
     duration_s : float
         Duration of the motion; the last frame is at or just after it.
     rng : numpy.random.Generator or Streams, optional
         Source of random numbers, needed if the model draws any.
-
-    Raises
-    ------
-    ConfigError
-        If the kind or a parameter is not allowed.
 
     Examples
     --------
