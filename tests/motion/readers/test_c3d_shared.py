@@ -14,7 +14,8 @@ from doppelgait.motion import Motion
 from doppelgait.motion.clean import clean_motion
 from doppelgait.motion.describe import describe_motion, describe_recording, smooth_path
 from doppelgait.motion.readers import cut_part, read
-from doppelgait.motion.readers.c3d import C3dContent, read_content
+from doppelgait.motion.readers.c3d import parse_c3d
+from doppelgait.motion.readers.text import Points
 from recorded import read_manifests, read_quietly
 
 pytestmark = pytest.mark.shared
@@ -237,10 +238,10 @@ def test_recording_comes_out_clean(shared: Path, name: str) -> None:
 
 
 @cache
-def _content(shared: Path, name: str) -> C3dContent:
+def _content(shared: Path, name: str) -> Points:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return read_content(_path(shared, name))
+        return parse_c3d(_path(shared, name))
 
 
 @pytest.mark.parametrize("name", sorted({*EDGE, *MOCAP} - NOT_BY_ORACLE))

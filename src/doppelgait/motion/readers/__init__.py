@@ -10,9 +10,11 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
+from doppelgait.core.config import read_toml
 from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import Group
 from doppelgait.core.readers import OtherFile, check_options, check_reader, choose_reader
@@ -28,31 +30,16 @@ MOTION_READERS: Group[Callable[..., Motion]] = Group(
     check=check_reader,
 )
 """Readers of motion files by name."""
-OTHER_FILES = (
-    OtherFile((".fbx",), "an FBX animation", "export it as .bvh or .glb", (b"Kaydara FBX", b"; FBX")),
-    OtherFile((".blend",), "a Blender scene", "export the skeleton as .bvh or .glb", (b"BLENDER",)),
-    OtherFile((".gltf",), "a glTF scene in several files", "export it as one .glb"),
-    OtherFile((".usd", ".usda", ".usdc", ".usdz"), "a USD scene", "export it as .glb", (b"#usda", b"PXR-USDC")),
-    OtherFile((".dae", ".ma", ".mb", ".max", ".c4d", ".bip"), "an animation scene", "export it as .bvh or .glb"),
-    OtherFile((".tak",), "a take of Motive", "export it as CSV or C3D", (b"OptiTrack",)),
-    OtherFile((".qtm",), "a measurement of Qualisys Track Manager", "export its 3D data as TSV or C3D"),
-    OtherFile((".mvn",), "a recording of Xsens MVN", "export it as MVNX with positions"),
-    OtherFile((".mcp", ".vsk", ".xcp", ".x2d", ".x1d", ".vst"), "a project file of Vicon", "export the trial as C3D"),
-    OtherFile((".trb", ".cap", ".htr", ".anb"), "a file of Cortex or EVaRT", "export the markers as TRC or C3D"),
-    OtherFile((".osim",), "a model of OpenSim", "give the marker locations, .trc or .sto"),
-    OtherFile(
-        (".slp",), "a project of SLEAP with image coordinates", "triangulate it, and save the 3-D points as .csv"
-    ),
-    OtherFile((".mat",), "a MATLAB file", "save its positions (frames, points, 3) as .npz, or as a table .csv"),
-    OtherFile(
-        (".json",),
-        "JSON without positions",
-        "image keypoints (OpenPose, COCO) must be triangulated; positions "
-        "are read from the keys positions, names, rate_hz and units",
-    ),
-    OtherFile((".h5", ".sigmf-meta", ".dgf"), "a recording of a radar, or of another program", "give a motion file"),
-)
-"""Files that are no motions, but that people have."""
+
+
+@cache
+def list_other_files() -> tuple[OtherFile, ...]:
+    """Return the files that are no motions, but that people have."""
+    tables = read_toml(Path(__file__).with_name("others.toml"))[0].values()
+    return tuple(
+        OtherFile(tuple(t["suffixes"]), t["what"], t["remedy"], tuple(m.encode() for m in t.get("magic", ())))
+        for t in tables
+    )
 
 
 def read(
@@ -129,7 +116,7 @@ def read(
         options,
         noun="motion",
         error=MotionError,
-        others=OTHER_FILES,
+        others=list_other_files(),
         format=format,
         further=tuple(own),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,18 +30,8 @@ class Node:
     channels: list[str] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
-class BvhContent:
-    """A BVH file as written. Shapes: values (T, C)."""
-
-    nodes: tuple[Node, ...]
-    frame_time_s: float
-    values: FloatArray
-
-
-def read_bvh_content(path: Path) -> BvhContent:
-    """Parse a BVH file."""
-    text = read_text(path)
+def parse_hierarchy(path: Path, text: str) -> tuple[list[Node], int]:
+    """Parse the nodes of a BVH file, and return where its motion begins."""
     split = re.search(r"(?im)^[ \t]*MOTION[ \t\r]*$", text)
     if split is None:
         raise MotionError(f"{path}: has no line MOTION; the file ends before its motion begins")
@@ -57,12 +48,7 @@ def read_bvh_content(path: Path) -> BvhContent:
         raise MotionError(f"{path}: its hierarchy holds no ROOT")
     if open_nodes:
         raise MotionError(f"{path}: the hierarchy ends inside {nodes[open_nodes[-1]].name!r}: a '}}' is missing")
-    n_frames, frame_time_s, at = _parse_motion_head(path, text, split.end())
-    n_channels = sum(len(node.channels) for node in nodes)
-    if n_channels == 0:
-        raise MotionError(f"{path}: none of its {len(nodes)} joints has a channel, so nothing moves")
-    values = parse_rows(path, text, at, n_rows=n_frames, n_columns=n_channels)
-    return BvhContent(tuple(nodes), frame_time_s, values)
+    return nodes, split.end()
 
 
 def _run_statement(words: list[str], nodes: list[Node], open_nodes: list[int]) -> None:
@@ -145,39 +131,43 @@ def _parse_motion_head(path: Path, text: str, at: int) -> tuple[int, float, int]
 @point_format("bvh", rb"(?i)HIERARCHY", (".bvh",), skeleton=True)
 def parse_bvh(path: Path, *, rate_hz: float | None = None) -> Points:
     """Read the joints of a BVH file."""
-    content = read_bvh_content(path)
-    step_s = content.frame_time_s
+    text = read_text(path)
+    nodes, at = parse_hierarchy(path, text)
+    n_frames, step_s, at = _parse_motion_head(path, text, at)
+    n_channels = sum(len(node.channels) for node in nodes)
+    if n_channels == 0:
+        raise MotionError(f"{path}: none of its {len(nodes)} joints has a channel, so nothing moves")
+    values = parse_rows(path, text, at, n_rows=n_frames, n_columns=n_channels)
     if rate_hz is None and not 0.0 < step_s < float("inf"):
         raise MotionError(
             f"{path}: declares a Frame Time of {step_s:g} s; it must be above 0. Give the true rate: rate_hz=..."
         )
-    names, parents = zip(*((node.name, node.parent) for node in content.nodes), strict=True)
-    check_skeleton_cost(path, len(names), len(content.values))
-    turns = [n for n, channel in enumerate(content.nodes[0].channels) if channel[0] == "r"]
+    check_skeleton_cost(path, len(nodes), len(values))
+    turns = [n for n, channel in enumerate(nodes[0].channels) if channel[0] == "r"]
     return Points(
-        names,
-        compute_bvh_positions(content),
+        [node.name for node in nodes],
+        compute_bvh_positions(nodes, values),
         rate_hz=1.0 / step_s if rate_hz is None else rate_hz,
         rate_from="file",
         declared_up="y",
-        parents=parents,
-        root_turns=content.values[:, turns],
+        parents=[node.parent for node in nodes],
+        root_turns=values[:, turns],
     )
 
 
-def compute_bvh_positions(content: BvhContent) -> FloatArray:
-    """Compute the positions (T, J, 3) of all nodes."""
-    # positions are in the unit and the axes of the file
-    n_frames, n_nodes = len(content.values), len(content.nodes)
-    translation = np.empty((n_nodes, n_frames, 3))
-    rotation = np.empty((n_nodes, n_frames, 3, 3))
-    first = np.cumsum([0, *(len(node.channels) for node in content.nodes)])
-    for j, node in enumerate(content.nodes):
+def compute_bvh_positions(nodes: Sequence[Node], values: FloatArray) -> FloatArray:
+    """Compute the positions (T, J, 3) of all nodes, in the unit and the axes of the file."""
+    translation, rotation = np.empty((len(nodes), len(values), 3)), np.empty((len(nodes), len(values), 3, 3))
+    first = 0
+    for j, node in enumerate(nodes):
         translation[j] = node.offset
-        values = content.values[:, first[j] : first[j + 1]]
-        for n, channel in enumerate(node.channels):
+        turns = []
+        for n, channel in enumerate(node.channels, start=first):
             if channel[0] == "p":
                 translation[j, :, "xyz".index(channel[1])] = values[:, n]
-        turns = [n for n, channel in enumerate(node.channels) if channel[0] == "r"]
-        rotation[j] = make_euler_rotations("".join(node.channels[n][1] for n in turns), np.radians(values[:, turns]))
-    return forward_kinematics([node.parent for node in content.nodes], translation, rotation)
+            else:
+                turns.append((channel[1], n))
+        angles_rad = np.radians(values[:, [n for _, n in turns]])
+        rotation[j] = make_euler_rotations("".join(axis for axis, _ in turns), angles_rad)
+        first += len(node.channels)
+    return forward_kinematics([node.parent for node in nodes], translation, rotation)

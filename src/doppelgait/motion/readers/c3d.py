@@ -1,8 +1,6 @@
-"""C3D files (marker motion capture).
+"""C3D files (marker motion capture), in the byte orders of Intel, DEC and SGI.
 
-Header and parameter section declare the layout of the samples. A file is read only if its records
-are consistent and the declared samples fit into the file. The byte orders are Intel, DEC and SGI
-(MIPS). The points are the physical markers of one subject, in metres.
+A file is read only if its records are consistent and the declared samples fit into the file.
 """
 
 from __future__ import annotations
@@ -14,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from doppelgait.core.errors import MotionError, warn_caller
+from doppelgait.core.errors import MotionError
 from doppelgait.motion.readers.points import FloatArray
-from doppelgait.motion.readers.text import Points, decode, point_format
+from doppelgait.motion.readers.text import Points, decode, note_frames, point_format
 
 BLOCK = 512
 MAGIC = 0x50
@@ -223,27 +221,7 @@ def _read_record(section: bytes, at: int, processor: int) -> tuple[int, str, Rec
     return number, text, Record(kind, shape, section[start:end], processor, step_at, end, next_at)
 
 
-@dataclass(frozen=True)
-class C3dContent:
-    """3D content of a C3D file, in its units. Shapes: position (T, P, 3)."""
-
-    position: FloatArray
-    labels: tuple[str, ...]
-    rate_hz: float
-    units: tuple[str, ...]
-    texts: dict[str, tuple[str, ...]]
-    notes: tuple[str, ...] = ()
-
-
-def read_content(path: Path) -> C3dContent:
-    """Read the points of a C3D file."""
-    try:
-        return _read_points(path, read_layout(path))
-    except (ValueError, MemoryError) as error:
-        raise MotionError(f"{path}: {error or 'does not fit into memory; is it damaged?'}. {RESAVE}.") from None
-
-
-def _read_points(path: Path, layout: Layout) -> C3dContent:
+def _read_points(path: Path, layout: Layout) -> Points:
     # refuse a file without points, or with two different numbers of points
     declared = layout.number("POINT", "USED")
     points_n_points = layout.header_points if declared is None else int(declared) % 65536
@@ -257,23 +235,36 @@ def _read_points(path: Path, layout: Layout) -> C3dContent:
         raise ValueError(f"its header declares {layout.header_points} points, its parameters {points_n_points}")
     analog, n_frames = _resolve_layout(layout)
     position = _decode_points(path, layout, analog, n_frames)
-    notes: tuple[str, ...] = ()
+    notes = []
     if n_frames > MAX_HEADER_FRAMES:
         # without the empty frames at the end that fill the last block
         seen = np.flatnonzero(np.isfinite(position).any(axis=(1, 2)))
         position = position[: seen[-1] + 1] if seen.size else position
-        notes += (f"the header counts only to {MAX_HEADER_FRAMES} frames; the size of the file gave their number",)
+        notes.append(f"the header counts only to {MAX_HEADER_FRAMES} frames; the size of the file gave their number")
     elif layout.number("POINT", "USED") is None or analog != layout.count_declared_analog():
-        notes += ("frames were read by the layout of the header, because the parameters do not describe it",)
+        notes.append("frames were read by the layout of the header, because the parameters do not describe it")
     if n_frames < layout.header_frames:
-        notes += (f"declares {layout.header_frames} frames but holds {n_frames}",)
-        warn_caller(f"{path}: {notes[-1]}; it may be truncated. The existing frames are read.")
+        notes += note_frames(path, str(layout.header_frames), n_frames)
     texts = {f"{group}:{name}": record.texts() for (group, name), record in layout.records.items() if record.kind == -1}
     n_points = position.shape[1]
     labels = [label for n in ("", *range(2, 12)) for label in texts.get(f"POINT:LABELS{n}", ())]
-    labels = (labels + [""] * n_points)[:n_points]
-    rate = layout.number("POINT", "RATE") or layout.header_rate_hz
-    return C3dContent(position, tuple(labels), float(rate), texts.get("POINT:UNITS", ()), texts, notes)
+    # one unit for all points, or one for each
+    units = texts.get("POINT:UNITS", ())
+    usual = next(filter(None, units), "")
+    # the axis plotted upwards on the screen; its sign is unreliable in practice
+    screen = texts.get("POINT:Y_SCREEN", ())
+    subjects = [name for name in texts.get("SUBJECTS:NAMES", ()) if name]
+    return Points(
+        (labels + [""] * n_points)[:n_points],
+        position,
+        unit=usual,
+        each=[[unit or usual] for unit in units] if usual and len(units) == n_points > 1 else None,
+        rate_hz=float(layout.number("POINT", "RATE") or layout.header_rate_hz),
+        declared_up=screen[0].strip("+- ").lower()[:1] if screen else "",
+        subject=subjects[0] if len(subjects) == 1 else "",
+        texts=texts,
+        notes=notes,
+    )
 
 
 def _resolve_layout(layout: Layout) -> tuple[int, int]:
@@ -333,21 +324,7 @@ def sniff_c3d(path: Path, head: bytes) -> bool:
 @point_format("c3d", sniff_c3d, (".c3d",))
 def parse_c3d(path: Path) -> Points:
     """Read the points of a C3D file."""
-    content = read_content(path)
-    # one unit for all points, or one for each
-    declared = next((unit for unit in content.units if unit), "")
-    has_each = bool(declared) and len(content.units) == len(content.labels) > 1
-    # the axis plotted upwards on the screen; its sign is unreliable in practice
-    screen = content.texts.get("POINT:Y_SCREEN", ())
-    subjects = [name for name in content.texts.get("SUBJECTS:NAMES", ()) if name]
-    return Points(
-        content.labels,
-        content.position,
-        unit=declared,
-        each=[[unit or declared] for unit in content.units] if has_each else None,
-        rate_hz=content.rate_hz,
-        declared_up=screen[0].strip("+- ").lower()[:1] if screen else "",
-        subject=subjects[0] if len(subjects) == 1 else "",
-        texts=content.texts,
-        notes=content.notes,
-    )
+    try:
+        return _read_points(path, read_layout(path))
+    except (ValueError, MemoryError) as error:
+        raise MotionError(f"{path}: {error or 'does not fit into memory; is it damaged?'}. {RESAVE}.") from None
