@@ -39,7 +39,7 @@ from doppelgait.radar.readers import find_formats, read_recording
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.recordings import read_hdf5_frames
 from doppelgait.radar.slow_time import MAX_DISORDER
-from doppelgait.radar.xethru.convert import CONVERTIBLE, TYPICAL, Records, convert_records, read_xethru_recording
+from doppelgait.radar.xethru.convert import CONVERTIBLE, OPTIONS, Records, convert_records, read_xethru_recording
 from doppelgait.radar.xethru.records import META_NAME, find_data_type_by_file, parse_records
 
 LOCAL = "127.0.0.1"
@@ -583,8 +583,8 @@ def _follow_xethru_frames(path: Path, stream: Stream, options: Mapping[str, Any]
     """Yield frames of a growing XeThru data file."""
     kind = find_data_type_by_file(path.name)
     assert kind is not None
-    stated = {key: options.get(key) for key in TYPICAL}
-    further = {key: value for key, value in options.items() if key not in TYPICAL}
+    stated = {key: options.get(key) for key in OPTIONS}
+    further = {key: value for key, value in options.items() if key not in OPTIONS}
     head = kind.header
     content, first = b"", None
     for chunk in _file_bytes(path, stream):

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.config import read_toml
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.units import FloatArray, db_to_power, power_to_db
 from doppelgait.radar.fit.room import (
@@ -60,11 +62,7 @@ SHORT_S = 10.0
 
 @dataclass(frozen=True)
 class Fact:
-    """Scalar of a sensor: a row of prints and JSON, pooled, and perhaps written.
-    ``sets`` is an impairment and its key, ``take`` the path of the estimate in a room, with a ``scale`` to its unit;
-    ``digits`` are decimals (4 significant ones by default), ``lowest`` and ``highest`` limit a distribution. Those to
-    be ``significant`` are written as 0 if they are not distinguished from it.
-    """
+    """Scalar of a sensor, a row of ``facts.toml``; by default with four significant digits."""
 
     label: str
     unit: str
@@ -78,37 +76,7 @@ class Fact:
 
 
 VOLT_DB = "dB re 1 V"
-WHITE, WALK, DRIFT = (f"phase_noise.{name}" for name in ("white_rad", "walk_rad_per_sqrt_min", "drift_rad_per_min"))
-ROOT_MIN = math.sqrt(60.0)
-FACTS = {
-    "noise_level_db": Fact("noise level", VOLT_DB, "thermal_noise.level_db", digits=2),
-    "noise_figure_db": Fact("equivalent noise figure", "dB", digits=4),
-    "gain_db": Fact("gain re mean, from the direct path", "dB", digits=4),
-    "near_echo_db": Fact("strongest echo within 1 m", VOLT_DB, take="leakage.level_db"),
-    "direct_path_db": Fact("direct path", VOLT_DB),
-    "dc_level_db": Fact("constant over range", VOLT_DB, "dc_leak.level_db", digits=2),
-    "dc_i_v": Fact("constant of I", "V"),
-    "dc_q_v": Fact("constant of Q", "V"),
-    "white_rad": Fact("phase jitter, white", "rad", WHITE, "phase.white", lowest=0.0, significant=True),
-    "clock_jitter_ps": Fact("as clock jitter", "ps"),
-    "drift_rad_per_min": Fact("phase drift", "rad/min", DRIFT, "phase.drift_per_s", 60.0, significant=True),
-    "walk_rad_per_sqrt_min": Fact(
-        "phase random walk", "rad/sqrt(min)", WALK, "phase.walk_per_root_s", ROOT_MIN, lowest=0.0, significant=True
-    ),
-    "gain_drift_db_per_min": Fact("gain drift", "dB/min", take="gain.drift_per_s", scale=60.0),
-    "gain_white_db": Fact("gain jitter, white", "dB", take="gain.white"),
-    "iq_gain_db": Fact("gain of Q", "dB", "iq_imbalance.gain_db", digits=4),
-    "iq_phase_deg": Fact("phase error of Q", "deg", "iq_imbalance.phase_deg", digits=3),
-    "noise_iq_gain_db": Fact("gain of Q for noise", "dB"),
-    "noise_iq_phase_deg": Fact("phase error of Q for noise", "deg"),
-    "burst_rate_hz": Fact("interference, bursts", "1/s", "interference.rate_hz", lowest=0.0),
-    "burst_duration_s": Fact("interference, duration", "s", "interference.duration_s", lowest=1e-6),
-    "burst_level_db": Fact("interference, level", VOLT_DB, "interference.level_db", digits=1),
-    "burst_share": Fact(
-        "interference, share of bins", "of all bins", "interference.hit_share", lowest=0.0, highest=1.0
-    ),
-    "drop_probability": Fact("dropped frames", "of all frames", "dropped_frames.probability", lowest=0.0),
-}
+FACTS = {name: Fact(**row) for name, row in read_toml(Path(__file__).with_name("facts.toml"))[0].items()}
 
 
 @dataclass(frozen=True)

@@ -55,17 +55,12 @@ class Impulse(Waveform):
     """A Gaussian pulse."""
 
     takes: ClassVar[tuple[str, ...]] = (
+        *Waveform.takes,
         "bandwidth_hz",
         "bandwidth_level_db",
         "pulse_sigma_s",
-        "decimation",
-        "noise_bandwidth_hz",
-        "noise_correlation",
         "sweep_levels",
         "threshold_step_v",
-        "pulse_rate_hz",
-        "integration_share",
-        "fold_echoes",
     )
 
     kind: Literal["impulse"] = "impulse"

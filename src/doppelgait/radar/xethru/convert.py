@@ -22,6 +22,7 @@ from doppelgait.radar.recording import Recording
 from doppelgait.radar.slow_time import measure_clock_rate_hz
 from doppelgait.radar.xethru.downconvert import FrameFilter, change_filter_noise, compute_chip_gain, down_convert_frames
 from doppelgait.radar.xethru.reader import read_xethru, sniff_xethru
+from doppelgait.radar.xethru.records import TABLES
 
 COUNTER_PERIOD = 2**32
 LARGEST_GAP = 1_000_000
@@ -50,28 +51,8 @@ Q15_MAX = 32767
 RF_DECIMATION = 8
 DRIVER_SPEED_OF_LIGHT_MPS = 3.0e8
 """Speed of light in the driver, on which the bin lengths in its files are based."""
-TYPICAL = {
-    "range_start_m": "0.386 for an X4 frame requested from 0.4 m with an offset of 0.18 m",
-    "bin_spacing_m": "0.05144033 for X4 baseband, 0.00643004 for X4 RF",
-    "carrier_hz": "7.29e9 for the X4's low band, 8.748e9 for its high band",
-    "prf_hz": "17 in the vendor's examples, 500 for gait",
-    "counts_per_unit": "1024 x iterations x pulses_per_step / dac_step, 4194304 for 64 iterations of 64 pulses",
-}
-"""Typical values of the options, for messages."""
-LIMITS = {
-    "range_start_m": (-10.0, 1e6),
-    "bin_spacing_m": (0.0, 1e5),
-    "carrier_hz": (0.0, 1e12),
-    "prf_hz": (0.0, 1e6),
-    "counts_per_unit": (0.0, 1e15),
-}
-HEADER_FIELDS = {
-    "range_start_m": "range_start_m",
-    "bin_spacing_m": "bin_length_m",
-    "carrier_hz": "carrier_hz",
-    "prf_hz": "frame_rate_hz",
-}
-"""Record field with the value of an option, by the name of the option."""
+OPTIONS = TABLES["options"]
+"""Options for values of a record: its field, limits, and typical values for messages."""
 
 
 @dataclass
@@ -221,14 +202,13 @@ def convert_records(
         value = source.options[option]
         if value is not None:
             source.notes.append(f"{option} = {value}: set by the user")
-        elif HEADER_FIELDS[option] in (source.records.dtype.names or ()):
-            value = _read_constant(source, HEADER_FIELDS[option])
+        elif (name := OPTIONS[option]["field"]) in (source.records.dtype.names or ()):
+            value = _read_constant(source, name)
         if option == "prf_hz" and not value and rate_hz is not None:
             value = rate_hz
             source.notes.append(f"prf_hz = {value:.6g}: not in the records, measured from their times")
         if value is not None:
-            above, most = LIMITS[option]
-            facts[option] = check_number(source.path, option, value, above=above, most=most)
+            facts[option] = check_number(source.path, option, value, **OPTIONS[option]["limits"])
     _refuse_missing(source, [option for option in needed if option not in facts])
     if is_rf:
         values, range_m = _from_rf(source, facts, filter)
@@ -253,7 +233,7 @@ def convert_records(
 
 def _refuse_missing(source: Records, missing: list[str]) -> None:
     if missing:
-        wanted = "; ".join(f"{option} ({TYPICAL[option]})" for option in missing)
+        wanted = "; ".join(f"{option} ({OPTIONS[option]['typical']})" for option in missing)
         raise RecordingError(
             f"{source.path}: {source.name} records do not state {', '.join(missing)}; set {wanted}. The values are in "
             "the script that made the recording."
@@ -321,9 +301,8 @@ def _from_rf(
         steps = source.options["counts_per_unit"]
         if steps is None:
             _refuse_missing(source, ["counts_per_unit"])
-        above, most = LIMITS["counts_per_unit"]
         source.notes.append(f"counts_per_unit = {steps}: set by the user; the mean of all counters is used as 0")
-        steps = check_number(source.path, "counts_per_unit", steps, above=above, most=most)
+        steps = check_number(source.path, "counts_per_unit", steps, **OPTIONS["counts_per_unit"]["limits"])
         frames = source.records["counts"] / steps
         frames -= frames.mean()  # removes the middle of the threshold sweep; antennas do not pass 0 Hz
     else:

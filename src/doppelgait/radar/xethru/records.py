@@ -1,20 +1,20 @@
 """Structure of XeThru meta files (version 13) and data records.
 
-The meta file has one table entry per record and the names of the data files. A table of data types
-defines the records of each type as structured NumPy types. All records are little endian, follow
-each other without padding, and contain their number of values.
+The meta file has one table entry per record and the names of the data files. ``records.toml`` has the
+layouts of the data types; their records follow each other and contain their number of values.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.config import read_toml
 from doppelgait.core.errors import RecordingError
 
 META_NAME = "xethru_recording_meta.dat"
@@ -193,14 +193,7 @@ def _read_text(content: bytes, at: int, length: int, where: str) -> str:
     return text
 
 
-_APPLICATION = "content_id:u4 info:u4 count:u4"
-_COUNTED = "frame_counter:u4 count:u4 bin_length_m:f4 sample_rate_hz:f4 carrier_hz:f4"
-_PROFILE = f"{_COUNTED} range_start_m:f4"
-_RADAR = f"{_COUNTED} frame_rate_hz:f4 range_start_m:f4"
-_BASEBAND = f"{_RADAR} decimation:u4 correction_bin:u4 correction_i:f4 correction_q:f4"
-_MATRIX = "frame_counter:u4 matrix_counter:u4 range_index:u4 range_bins:u4 count:u4 instance:u4"
-_RATES = "frame_rate_hz:f4 frame_rate_decimated_hz:f4 frequency_start_hz:f4 frequency_step_hz:f4 range_m:f4"
-_STEPS = "level_start_db:f4 level_step_db:f4"
+TABLES = read_toml(Path(__file__).with_name("records.toml"))[0]
 
 
 @dataclass(frozen=True)
@@ -221,7 +214,7 @@ class DataType:
     @property
     def header(self) -> np.dtype[np.void]:
         """Structured type of the header; without fields if the layout is not known."""
-        return _make_dtype(self.header_layout)
+        return _make_dtype(" ".join(TABLES["layouts"][name] for name in self.header_layout.split()))
 
     @property
     def payload(self) -> np.dtype[np.void]:
@@ -239,34 +232,9 @@ class DataType:
         return f"xethru_{self.name}"
 
 
-_TYPES = (
-    DataType("baseband_ap", 0, _PROFILE, "amplitude:f4 phase_rad:f4"),
-    DataType("baseband_iq", 1, _PROFILE, "i:f4 q:f4"),
-    DataType("sleep", 2, text=True),
-    DataType("respiration", 3),
-    DataType("perf", 4),
-    DataType("datastring", 5, text=True),
-    DataType("pulsedoppler_float", 6, f"{_MATRIX} {_RATES}", "power:f4"),
-    DataType("pulsedoppler_byte", 7, f"{_MATRIX} {_STEPS} {_RATES}", "level:u1"),
-    DataType("noisemap_float", 8, f"{_MATRIX} {_RATES}", "power:f4"),
-    DataType("noisemap_byte", 9, f"{_MATRIX} {_STEPS} {_RATES}", "level:u1"),
-    DataType("datafloat", 10, _APPLICATION, "values:f4"),
-    DataType("databyte", 11, _APPLICATION, "values:u1"),
-    DataType("presence_single", 12),
-    DataType("presence_movinglist", 13),
-    DataType("respiration_detectionlist", 14),
-    DataType("respiration_movinglist", 15),
-    DataType("vitalsigns", 16),
-    DataType("sleepstage", 17),
-    DataType("respiration_normalizedmovementlist", 18),
-    DataType("radar_rf", 19, _RADAR, "counts:u4"),
-    DataType("radar_rf_normalized", 20, _RADAR, "values:f4"),
-    DataType("radar_baseband_float", 21, _BASEBAND, "i:f4 q:f4"),
-    DataType("radar_baseband_q15", 22, f"{_BASEBAND} scale:f4", "i:i2 q:i2"),
-)
-DATA_TYPES: dict[str, DataType] = {entry.name: entry for entry in _TYPES}
+DATA_TYPES = {name: DataType(name, **row) for name, row in TABLES["types"].items()}
 """Data types by name."""
-TYPES_BY_MASK = {entry.mask: entry for entry in _TYPES}
+TYPES_BY_MASK = {entry.mask: entry for entry in DATA_TYPES.values()}
 
 
 def find_data_type(name: str) -> DataType:
@@ -278,7 +246,7 @@ def find_data_type(name: str) -> DataType:
 
 def find_data_type_by_file(file_name: str) -> DataType | None:
     """Return the data type by file name, or None."""
-    for entry in sorted(_TYPES, key=lambda one: -len(one.name)):
+    for entry in sorted(DATA_TYPES.values(), key=lambda kind: -len(kind.name)):
         if file_name.startswith(entry.base_name + "_") and file_name.endswith(entry.suffix):
             return entry
     return None

@@ -25,7 +25,7 @@ from doppelgait.core.labels import sampling_rate_hz
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.radar.recording import Recording
-from doppelgait.radar.xethru.convert import CONVERTIBLE, TYPICAL, encode
+from doppelgait.radar.xethru.convert import CONVERTIBLE, OPTIONS, encode
 from doppelgait.radar.xethru.downconvert import compute_chip_gain, up_convert_frames
 from doppelgait.radar.xethru.records import (
     DATA_TYPES,
@@ -374,7 +374,7 @@ def write_xethru_recording(
     if name == "radar_rf" and (counts_per_unit is None or not 0.0 < counts_per_unit < math.inf):
         raise RecordingError(
             f"radar_rf holds counters: counts_per_unit = {counts_per_unit} must be above 0, for example "
-            f"{TYPICAL['counts_per_unit']}"
+            f"{OPTIONS['counts_per_unit']['typical']}"
         )
     radar = recording.radar
     if radar.waveform.kind != "impulse":
