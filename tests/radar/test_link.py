@@ -8,7 +8,7 @@ from scipy.stats import norm
 
 from doppelgait.radar import Radar
 from doppelgait.radar.impairments import ThermalNoise
-from doppelgait.radar.impairments.noise import noise_power_per_sample_v2
+from doppelgait.radar.impairments.additive import noise_power_per_sample_v2
 from doppelgait.radar.link import comparator_noise_v, compute_counter_noise_ratio, make_noise_taps, noise_power_v2
 
 SHAPE = {

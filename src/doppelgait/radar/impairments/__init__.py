@@ -1,6 +1,15 @@
 """Faults of real receivers and rooms, applied in order."""
 
 from doppelgait.core.samples import Samples
+from doppelgait.radar.impairments.additive import (
+    ColouredNoise,
+    Interference,
+    Leakage,
+    Spur,
+    StaticClutter,
+    ThermalNoise,
+    noise_power_per_sample_v2,
+)
 from doppelgait.radar.impairments.apply import (
     IMPAIRMENTS,
     Apply,
@@ -9,15 +18,7 @@ from doppelgait.radar.impairments.apply import (
     make_impairment,
     shift_pulse_times,
 )
-from doppelgait.radar.impairments.clutter import Leakage, StaticClutter
 from doppelgait.radar.impairments.mixer import DcLeak, IqImbalance, PhaseNoise, image_ratio_db
-from doppelgait.radar.impairments.noise import (
-    ColouredNoise,
-    Interference,
-    Spur,
-    ThermalNoise,
-    noise_power_per_sample_v2,
-)
 from doppelgait.radar.impairments.recorder import Adc, DroppedFrames, FrameJitter, X4Counts, x4_frame_rate_hz
 
 __all__ = [

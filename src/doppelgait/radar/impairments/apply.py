@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
@@ -44,9 +44,8 @@ class ShiftTimes(Protocol):
 IMPAIRMENTS: Group[Apply] = Group(
     "impairment",
     built_in=(
-        "doppelgait.radar.impairments.clutter",
+        "doppelgait.radar.impairments.additive",
         "doppelgait.radar.impairments.mixer",
-        "doppelgait.radar.impairments.noise",
         "doppelgait.radar.impairments.recorder",
     ),
 )
@@ -160,6 +159,22 @@ def check_rising(knots: Sequence[tuple[float, float]] | None) -> Any:
         if other <= one:
             raise ValueError(f"the first numbers must rise from entry to entry, but {other:g} follows {one:g}")
     return knots
+
+
+def exclude(first: str, second: str, *, needed: bool = False) -> Callable[[Any], Any]:
+    """Return a check of a model that not both of two parameters are set, or exactly one."""
+
+    def check(spec: Any) -> Any:
+        count = sum(getattr(spec, name) is not None for name in (first, second))
+        if needed and count != 1:
+            raise ValueError(f"give exactly one of {first} and {second}")
+        if count == 2:
+            raise ValueError(f"give {first} or {second}, not both")
+        if getattr(spec, "in_units", False) and getattr(spec, first) is None:
+            raise ValueError(f"in_units belongs to {first}, which is not set")
+        return spec
+
+    return check
 
 
 def find_volts_per_unit(radar: Radar, *, wanted_by: str) -> float:

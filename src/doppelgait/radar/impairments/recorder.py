@@ -14,7 +14,7 @@ from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import arcsine, db_to_amplitude
-from doppelgait.radar.impairments.apply import Times, find_volts_per_unit
+from doppelgait.radar.impairments.apply import Times, exclude, find_volts_per_unit
 from doppelgait.radar.parameters import Radar
 
 WARN_CLIPPED = 0.01
@@ -40,11 +40,7 @@ class Adc(FrozenModel):
     full_scale_v: float | None = Field(default=None, gt=0, le=1e6)
     backoff_db: float | None = Field(default=None, ge=-60, le=120)
 
-    @model_validator(mode="after")
-    def _check_scale(self) -> Adc:
-        if self.full_scale_v is not None and self.backoff_db is not None:
-            raise ValueError("give full_scale_v or backoff_db, not both")
-        return self
+    _check_scale = model_validator(mode="after")(exclude("full_scale_v", "backoff_db"))
 
 
 DEFAULT_BACKOFF_DB = 12.0
@@ -216,8 +212,7 @@ class DroppedFrames(FrozenModel):
 
     @model_validator(mode="after")
     def _check_choice(self) -> DroppedFrames:
-        if (self.probability is None) == (self.frames is None):
-            raise ValueError("give exactly one of probability and frames")
+        exclude("probability", "frames", needed=True)(self)
         if self.frames is not None:
             if self.mean_length != 1:
                 raise ValueError("mean_length belongs to probability; a list of frames needs none")
