@@ -12,8 +12,9 @@ import numpy as np
 
 from doppelgait.core.errors import ConfigError, MotionError
 from doppelgait.core.units import FloatArray
-from doppelgait.motion.motion import Motion, MotionFacts, PathFacts, make_motion, require_motion
+from doppelgait.motion.motion import Motion, MotionFacts, PathFacts, require_motion
 from doppelgait.motion.paths import (
+    ENDLESS,
     Curve,
     CurveElement,
     Layout,
@@ -61,22 +62,21 @@ class Gait:
 
 @dataclass(frozen=True)
 class Course:
-    """Path of a gait: curve, pace and lateral offset."""
+    """Gait on a path, with the path's curve and pace."""
 
+    gait: Gait
+    path: Path
     curve: Curve
     pace: Pace
-    side_m: float
-    ahead_m: float
-    gait_speed_mps: float
 
     def phase_time_s(self, time_s: FloatArray) -> FloatArray:
         """Return the straight-motion time of equal distance (E-02b)."""
         # the distance is that of the body, which may be offset from the path
         gone_m = distance_m(self.pace, time_s)
-        if self.side_m == 0:
-            return gone_m / self.gait_speed_mps
-        headings = smooth_heading_rad(self.curve, np.append(gone_m, 0.0) + self.ahead_m)
-        return np.asarray((gone_m - self.side_m * (headings[:-1] - headings[-1])) / self.gait_speed_mps)
+        if self.path.side_m:
+            headings = smooth_heading_rad(self.curve, np.append(gone_m, 0.0) + self.path.ahead_m)
+            gone_m = gone_m - self.path.side_m * (headings[:-1] - headings[-1])
+        return np.asarray(gone_m / self.gait.speed_mps)
 
 
 def follow(
@@ -135,28 +135,25 @@ def follow(
     gait, layout = _rotate_to_x(motion), lay_out(path)
     pace = _find_pace(gait, path, layout)
     # the curve in the world frame; a turn on the spot divides its line at the place where the body stops
-    start_heading_rad = math.radians(heading_deg)
-    elements = list(layout.elements)
-    if any(stop.turn_rad for stop in pace.stops):
-        stop = pace.stops[0]
-        elements = [CurveElement(stop.at_m), CurveElement(math.inf, turn_rad=stop.turn_rad)]
+    turned = [stop for stop in pace.stops if stop.turn_rad]
+    elements = [part for stop in turned for part in (CurveElement(stop.at_m), replace(ENDLESS, turn_rad=stop.turn_rad))]
     x, y = layout.start_m
-    cosine, sine = math.cos(start_heading_rad), math.sin(start_heading_rad)
+    heading_rad = math.radians(heading_deg)
+    cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
     start_m = (start_position_m[0] + x * cosine - y * sine, start_position_m[1] + x * sine + y * cosine)
-    curve = join(elements, start_m=start_m, heading_rad=start_heading_rad + layout.heading_rad)
+    curve = join(elements or layout.elements, start_m=start_m, heading_rad=heading_rad + layout.heading_rad)
     for bend in curve.curvature_per_m:
         if bend * path.side_m != 0:
             what = f"side_m = {path.side_m:g} on an arc of radius {1 / abs(bend):.3g} m"
             _check_speed(pace.speed_mps * (1 - bend * path.side_m), gait, what)
-    course = Course(curve, pace, path.side_m, path.ahead_m, gait.speed_mps)
-    rate_hz = motion.rate_hz
-    frames = _count_frames(course, gait, path, duration_s, rate_hz)
-    times_s = np.arange(frames) / rate_hz
+    course = Course(gait, path, curve, pace)
+    frames = _count_frames(course, duration_s)
+    times_s = np.arange(frames) / motion.rate_hz
     position = np.empty((frames, len(motion.markers), 3))
     for first in range(0, frames, BLOCK_FRAMES):
         block_s, points = times_s[first : first + BLOCK_FRAMES], position[first : first + BLOCK_FRAMES]
         # the motion's points on the path (E-02b)
-        along_m = distance_m(pace, block_s) + course.ahead_m
+        along_m = distance_m(pace, block_s) + path.ahead_m
         heading = smooth_heading_rad(curve, along_m) + spot_turn_rad(pace, block_s)
         offset = gait.offsets_m(np.clip(course.phase_time_s(block_s), 0.0, gait.lasts_s))
         for number, stop in enumerate(pace.stops):
@@ -166,32 +163,24 @@ def follow(
             other_s = frozen_s + half_s if frozen_s + half_s <= gait.lasts_s else max(frozen_s - half_s, 0.0)
             standing_m = np.asarray(gait.offsets_m(np.array([frozen_s, other_s])).mean(axis=0))
             offset += still * (standing_m - offset)
-        offset[..., 1] += course.side_m
+        offset[..., 1] += path.side_m
         origin = find_points(curve, along_m)
         cosines, sines = np.cos(heading)[:, None], np.sin(heading)[:, None]
         points[..., 0] = origin[:, :1] + cosines * offset[..., 0] - sines * offset[..., 1]
         points[..., 1] = origin[:, 1:] + sines * offset[..., 0] + cosines * offset[..., 1]
         points[..., 2] = offset[..., 2]
-    return make_motion(
-        position,
-        rate_hz=rate_hz,
-        markers=motion.markers,
-        parts=motion.parts,
-        start_s=float(motion.time_s[0]),
-        facts=(facts := _make_facts(course, gait, path, times_s)),
-        report={**motion.report, "path": asdict(facts.path) if facts.path else None},
-    )
+    facts, followed = _make_facts(course, times_s)
+    made = motion.remake(position, facts, start_s=float(motion.time_s[0]))
+    return made.with_report(path=asdict(followed))
 
 
 def steady_speed_mps(motion: Motion) -> float:
-    """Return the speed of a straight, steady motion."""
-    # the mean is over whole strides if they are known
+    """Return the speed of a straight, steady motion over whole strides, if known."""
     return _rotate_to_x(motion).speed_mps
 
 
 def _rotate_to_x(motion: Motion) -> Gait:
-    """Rotate a straight motion to +x through the origin."""
-    # a motion that is not straight raises MotionError
+    """Rotate a straight motion to +x through the origin, or raise MotionError."""
     lasts_s = motion.duration_s
     centre = fit_centre(motion)
     # over all whole strides, or over the whole motion if strides are unknown
@@ -279,9 +268,9 @@ def _stop_phase_s(gait: Gait, at_m: float) -> float:
     return max(float(times_s[support + moving.argmin()]), 0.0)
 
 
-def _count_frames(course: Course, gait: Gait, path: Path, wanted_s: float | None, rate_hz: float) -> int:
-    """Return the number of frames for the wanted time."""
-    # the default is the time until the path or the motion ends
+def _count_frames(course: Course, wanted_s: float | None) -> int:
+    """Return the number of frames until the wanted time, or the end of path or motion."""
+    gait, rate_hz = course.gait, course.gait.motion.rate_hz
     slowest_mps = (1 - SPEED_BAND) ** 2 * gait.speed_mps
     stops_s = sum(course.pace.ramp_s + stop.pause_s for stop in course.pace.stops)
     bound_s = gait.lasts_s * gait.speed_mps / slowest_mps + stops_s + 1.0
@@ -292,7 +281,7 @@ def _count_frames(course: Course, gait: Gait, path: Path, wanted_s: float | None
     last = math.ceil(wanted_s * rate_hz - 1e-6)
     if last / rate_hz > path_s + 1 / rate_hz:
         raise MotionError(
-            f"path kind {path.kind!r}: is {course.curve.length_m:.2f} m long and takes {path_s:.3f} s, but "
+            f"path kind {course.path.kind!r}: is {course.curve.length_m:.2f} m long and takes {path_s:.3f} s, but "
             f"{wanted_s:g} s are wanted; lengthen the path or shorten duration_s"
         )
     if last / rate_hz > motion_s + 1e-6:
@@ -303,24 +292,23 @@ def _count_frames(course: Course, gait: Gait, path: Path, wanted_s: float | None
     return last + 1
 
 
-def _make_facts(course: Course, gait: Gait, path: Path, times_s: FloatArray) -> MotionFacts:
-    last_s = float(times_s[-1])
-    rests_s = [course.pace.rest_s(n) for n in range(len(course.pace.stops))]
-    stops = course.pace.stops
-    paused_s = sum(min(max(last_s - rest, 0.0), stop.pause_s) for rest, stop in zip(rests_s, stops, strict=True))
+def _make_facts(course: Course, times_s: FloatArray) -> tuple[MotionFacts, PathFacts]:
+    last_s, motion = float(times_s[-1]), course.gait.motion
+    stops = [(course.pace.rest_s(number), stop) for number, stop in enumerate(course.pace.stops)]
+    paused_s = sum(min(max(last_s - rest_s, 0.0), stop.pause_s) for rest_s, stop in stops)
     end_s = float(course.phase_time_s(times_s[-1:])[0])
     factor = end_s / (last_s - paused_s)
     # equal paces result in exactly equal numbers
-    facts = gait.motion.facts
+    facts = motion.facts
     if not math.isclose(factor, 1.0, rel_tol=1e-9):
         facts = facts.with_frequencies(lambda hz: factor * hz)
-    length_m = end_s * gait.speed_mps
-    stops_m = tuple(stop.at_m for rest, stop in zip(rests_s, stops, strict=True) if rest <= last_s)
-    followed = PathFacts(path.kind, length_m, length_m / last_s, paused_s, stops_m)
-    start_s = float(gait.motion.time_s[0])
+    length_m = end_s * course.gait.speed_mps
+    stops_m = tuple(stop.at_m for rest_s, stop in stops if rest_s <= last_s)
+    followed = PathFacts(course.path.kind, length_m, length_m / last_s, paused_s, stops_m)
+    start_s = float(motion.time_s[0])
     footfalls = {}
-    for foot, touchdowns in gait.motion.facts.footfalls.items():
+    for foot, touchdowns in facts.footfalls.items():
         phases_s = np.array([t - start_s for t in touchdowns if t - start_s <= end_s + 1e-9], dtype=float)
         reached_s = first_time_s(course.phase_time_s, phases_s, stop_s=last_s) if phases_s.size else phases_s
         footfalls[foot] = [start_s + float(t) for t in reached_s]
-    return replace(facts, path=followed, footfalls=footfalls)
+    return replace(facts, path=followed, footfalls=footfalls), followed

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, NoReturn, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -191,17 +191,14 @@ def _retarget(
     scaled = anchor + size_factor * (lengthened - anchor)
     wanted = size_factor * measure_pair_lengths(position, wanted_pairs)
     restored = restore_lengths(scaled, wanted_pairs, wanted, weigh_feet(known), ridge=RIDGE, steps=STEPS)
-    facts = known.facts.with_frequencies(lambda hz: hz / slower)
     times = known.time_s
     facts = replace(
-        facts,
-        height_m=facts.height_m * size_factor,
-        mass_kg=facts.mass_kg * size_factor**3,
-        footfalls={foot: [(t - times[0]) * slower for t in due] for foot, due in facts.footfalls.items()},
+        known.facts.with_frequencies(lambda hz: hz / slower),
+        height_m=known.facts.height_m * size_factor,
+        mass_kg=known.facts.mass_kg * size_factor**3,
+        footfalls={foot: [(t - times[0]) * slower for t in due] for foot, due in known.facts.footfalls.items()},
     )
-    made = make_motion(
-        restored, rate_hz=known.rate_hz / slower, markers=known.markers, parts=known.parts, facts=facts
-    ).with_report(**known.report)
+    made = known.remake(restored, facts, rate_hz=known.rate_hz / slower)
     factors = {"speed_factor": speed_factor, "size_factor": size_factor, "stride_factor": stride_factor}
     return check_hybrid(made, sources, wanted_pairs, wanted, scaled, factors)
 
@@ -251,13 +248,10 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
         raise MotionError(f"share: {share!r} is not allowed: must be a number from 0 to 1")
     one, other = _require_gait(first), _require_gait(second)
     points, parts, markers = _find_common_points(one, other)
-    where = f"{one.label} and {other.label}"
     kinds = [(motion.facts.species, motion.facts.gait) for motion in (one, other)]
     if kinds[0] != kinds[1] or not kinds[0][1]:
         shown = [" ".join(filter(None, kind)) or "unknown" for kind in kinds]
-        raise MotionError(
-            f"{where}: cannot be blended: the gait is {shown[0]} and {shown[1]}; take two clips of one known gait"
-        )
+        _refuse_blend(one, other, f"the gait is {shown[0]} and {shown[1]}; take two clips of one known gait")
     (one, cycle, _), (other, second_cycle, _) = fit_cycle(one), fit_cycle(other)
     chosen = [np.asarray(m.position_m[:, own], dtype=np.float64) for m, own in zip((one, other), points, strict=True)]
     bones = find_bones(chosen[0])
@@ -267,10 +261,8 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
     faster = speeds[1] * math.sqrt(ratio) / speeds[0]
     low, high = FACTOR[0] ** 2, FACTOR[1] ** 2  # the blend then differs from both by at most the factors of retargeting
     if not low <= faster <= high:
-        raise MotionError(
-            f"{where}: cannot be blended: at equal size the second is {faster:.2f} times as fast; allowed are "
-            f"{low:.2g} to {high:.2g}; retarget one of them first"
-        )
+        why = f"at equal size the second is {faster:.2f} times as fast; allowed are {low:.2g} to {high:.2g}"
+        _refuse_blend(one, other, f"{why}; retarget one of them first")
     scales = (1.0, ratio)
     cycles = [_find_body_cycle(*each) for each in zip((cycle, second_cycle), points, scales, strict=True)]
     # align the mean strides at their maximum correlation, by shifts sixteen times finer than the phases
@@ -283,10 +275,8 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
     best = int(np.argmax(by_shift))
     shift, likeness = (best / by_shift.size + 0.5) % 1.0 - 0.5, float(by_shift[best])
     if likeness < LIKE:
-        raise MotionError(
-            f"{where}: cannot be blended: the normalised correlation of their limbs is only {likeness:.2f} "
-            f"({LIKE:g} is needed), for example because the other leg leads"
-        )
+        why = f"the normalised correlation of their limbs is only {likeness:.2f} ({LIKE:g} is needed)"
+        _refuse_blend(one, other, f"{why}, for example because the other leg leads")
     periods = [c.seam.lag / c.seam.strides / c.rate_hz for c in (cycle, second_cycle)]
     period_s = (1.0 - share) * periods[0] + share * periods[1] * math.sqrt(ratio)
     strides = max(cycle.seam.strides, second_cycle.seam.strides) + CLIP_OVERLAP
@@ -297,15 +287,14 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
     pairs = find_rigid_pairs(chosen[0])
     wanted = (1.0 - share) * measure_pair_lengths(here, pairs) + share * measure_pair_lengths(there, pairs)
     mixed = (1.0 - share) * here + share * there
-    nearer, further = one.facts, other.facts
-    step_hz, gait_hz = step_and_gait_frequency_hz(nearer.gait, 1.0 / period_s)
-    licences = (nearer.licence, further.licence)
+    own, further = one.facts, other.facts
+    step_hz, gait_hz = step_and_gait_frequency_hz(own.gait, 1.0 / period_s)
     facts = replace(
-        nearer,
-        source=_join_marks(nearer.source, further.source),
-        subject=_join_marks(nearer.subject, further.subject),
-        licence=_join_marks(*licences, " AND ") if all(licences) else "",
-        height_m=(1.0 - share) * nearer.height_m + share * (ratio * further.height_m),
+        own,
+        source=_join_marks(own.source, further.source),
+        subject=_join_marks(own.subject, further.subject),
+        licence=_join_marks(own.licence, further.licence, " AND ") if own.licence and further.licence else "",
+        height_m=(1.0 - share) * own.height_m + share * (ratio * further.height_m),
         stride_frequency_hz=1.0 / period_s,
         step_frequency_hz=step_hz,
         gait_frequency_hz=gait_hz,
@@ -316,14 +305,8 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
     restored = restore_lengths(mixed, pairs, wanted, weigh_feet(made), ridge=RIDGE, steps=STEPS)
     turned = _turn(restored, math.atan2(cycle.advance[1], cycle.advance[0]))
     result = made.with_positions(turned).with_report(first=dict(one.report), second=dict(other.report))
-    entries = {
-        "first": one.facts.source,
-        "second": other.facts.source,
-        "share": share,
-        "phase": shift,
-        "size_ratio": ratio,
-        "likeness": likeness,
-    }
+    entries = {"first": own.source, "second": further.source, "share": share, "phase": shift}
+    entries |= {"size_ratio": ratio, "likeness": likeness}
     both = [m.with_points(position, markers, parts) for m, position in zip((one, other), chosen, strict=True)]
     return check_hybrid(result, both, pairs, wanted, mixed, entries), both
 
@@ -377,9 +360,12 @@ def _check_factor(motion: Motion, name: str, value: float, limits: tuple[float, 
         )
 
 
+def _refuse_blend(one: Motion, other: Motion, why: str) -> NoReturn:
+    raise MotionError(f"{one.label} and {other.label}: cannot be blended: {why}")
+
+
 def _find_common_points(one: Motion, other: Motion) -> tuple[tuple[list[int], list[int]], list[str], list[str]]:
-    """Find the points that two motions share."""
-    # the function returns their numbers in both motions, their parts and their names
+    """Find the points that two motions share: numbers in both, parts and names."""
     names = [[strip_subject(marker).upper() for marker in motion.markers] for motion in (one, other)]
     shared = [name for name in names[0] if name in names[1]]
     numbers = ([names[0].index(name) for name in shared], [names[1].index(name) for name in shared])
@@ -387,10 +373,8 @@ def _find_common_points(one: Motion, other: Motion) -> tuple[tuple[list[int], li
     lacking = (set(one.parts) | set(other.parts)) - set(parts) - {""}
     if len(shared) < COMMON * max(map(len, names)) or lacking:
         none_of = f", none of {', '.join(sorted(lacking))}" if lacking else ""
-        raise MotionError(
-            f"{one.label} and {other.label}: cannot be blended: they share {len(shared)} of {len(names[0])} and "
-            f"{len(names[1])} points{none_of}; take two recordings with the same markers or joints"
-        )
+        why = f"they share {len(shared)} of {len(names[0])} and {len(names[1])} points{none_of}"
+        _refuse_blend(one, other, f"{why}; take two recordings with the same markers or joints")
     return numbers, parts, [one.markers[n] for n in numbers[0]]
 
 
@@ -405,8 +389,7 @@ def _turn(position: FloatArray, angle_rad: float) -> FloatArray:
 
 
 def _find_body_cycle(cycle: Cycle, points: list[int], scale: float) -> tuple[FloatArray, Any]:
-    """Return mean stride and cycle, facing +x."""
-    # the stride does not include its advance. The cycle is a function of the phase in strides.
+    """Return mean stride, without its advance, and cycle of phases in strides, facing +x."""
     stride, angle = cycle.seam.lag / cycle.seam.strides, -math.atan2(cycle.advance[1], cycle.advance[0])
 
     def at(phase: FloatArray) -> FloatArray:
@@ -428,19 +411,16 @@ LONGER = 0.005
 """Largest relative error of the distance between two points; an absolute error of :data:`LONGER_M` is also allowed."""
 LONGER_M = 1e-3
 JERKS = 1.5
-"""Factor by which the restoration of lengths may raise the largest acceleration. More indicates a
-leg that snaps straight."""
+"""Factor on the largest acceleration by the restoration of lengths, above which a leg snaps straight."""
 SLIDES = 0.02
-"""Allowed increase of the sliding speed of feet on the ground, as a share of the body's speed: the
-maximum that looping adds to a shared recording."""
+"""Allowed increase of the feet's sliding speed over the body's: the maximum of loops of shared recordings."""
 BENDS_DEG = 14.0
 """Angle by which a joint may bend further than in the recordings: two standard deviations of the minimum and maximum
 angle of a joint between recordings of one gait and skeleton (7 degrees: root mean square over nine sets, 4 to 11)."""
 
 
 def measure_foot_slide(motion: Motion) -> float:
-    """Measure the sliding speed of feet that bear weight."""
-    # it is the horizontal speed of the slowest point of a foot, relative to the body's speed
+    """Measure the speed of the slowest point of a standing foot, over the body's."""
     rate, speed_mps = motion.rate_hz, travel_speed_mps(motion)
     found = []
     for points in find_feet(motion).values():
@@ -459,8 +439,8 @@ def check_hybrid(
     loose: FloatArray,
     entries: Mapping[str, Any],
 ) -> Motion:
-    """Check lengths, feet and joints of a hybrid."""
-    # the report is added to the motion. loose holds the positions before the lengths were restored.
+    """Check lengths, feet and joints of a hybrid, and report them."""
+    # loose holds the positions before the lengths were restored
     position = made.position_m
 
     def refuse(why: str) -> None:

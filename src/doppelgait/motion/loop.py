@@ -21,7 +21,7 @@ from doppelgait.core.units import FloatArray
 from doppelgait.motion.gait import add_gait_facts, find_feet, find_steps, is_quadruped
 from doppelgait.motion.models.curves import load_tables
 from doppelgait.motion.models.strides import fit_cubic_spline, sample_autoregressive
-from doppelgait.motion.motion import Motion, make_motion, require_motion
+from doppelgait.motion.motion import Motion, MotionFacts, require_motion
 from doppelgait.motion.retime import Spline, fit_spline, travel_speed_mps
 from doppelgait.motion.rigid import find_rigid_pairs, measure_pair_lengths, restore_lengths
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
@@ -69,8 +69,7 @@ def require_gait(motion: Motion, change: str) -> Motion:
 
 def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
     """Fit an endless cycle of whole strides to a clip."""
-    # the function also returns the clip with its gait facts, and the median difference of
-    # neighbouring strides
+    # with the clip's gait facts, and the median difference of neighbouring strides
     if (before := _fitted.get(motion)) is not None:
         return before
     where = motion.label
@@ -96,8 +95,6 @@ def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
 
 def _find_best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Seam]:
     """Find the best seam, and the median seam after one stride."""
-    # the best seam has the largest number of strides with a mismatch no larger than that of the
-    # median seam
     curve, rate = fit_spline(motion), motion.rate_hz
     step = max(1, round(period / GRID_PER_STRIDE))
     position = np.asarray(motion.position_m[::step], dtype=np.float64)
@@ -140,8 +137,7 @@ def _combine_mismatch(seam: Seam, weight_s: float) -> float:
 
 def _measure_mismatch(moved: FloatArray, change: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:
     """Return rms mismatches of position and velocity per first frame."""
-    # the mean is over points and width frames, of displacements without the ground advance and of
-    # velocity changes
+    # over points and width frames, of displacements without the ground advance and of velocity changes
     moved[..., :2] -= moved[..., :2].mean(axis=(0, 1))
     advance = _average_running(moved[..., :2].mean(axis=1), width)
     squared = _average_running((moved**2).sum(axis=2).mean(axis=1), width) - (advance**2).sum(axis=1)
@@ -193,8 +189,7 @@ class Cycle:
     travel: Spline
 
     def at(self, total: FloatArray, points: list[int] | None = None) -> FloatArray:
-        """Return positions at times in frames, shape (I, P, 3)."""
-        # by default, all points are returned
+        """Return positions at times in frames, shape (I, P, 3), by default of all points."""
         chosen = list(range(self.shape[1])) if points is None else points
         numbers = np.array(chosen)
         curve = _select_columns(self.curve, np.add.outer(3 * numbers, np.arange(3)).ravel())
@@ -274,8 +269,6 @@ def _close_cycle(motion: Motion, seam: Seam, overlap: float) -> Cycle:
 
 FEW_STRIDES = 2.0
 """Minimum number of strides of a clip that shows their variation."""
-
-
 POSES_PER_STRIDE = 2
 """Number of random deviations of the pose per stride."""
 SHARE_OF_SWING = 2.0
@@ -283,8 +276,7 @@ SHARE_OF_SWING = 2.0
 FOOT_WEIGHT = 100.0
 """Weight of a point of a foot, relative to other points, when the lengths of a body are restored."""
 RIDGE, STEPS = 2.0, 3
-"""Ridge and number of steps of the restoration of lengths. It is soft, because a foot may deviate further than the leg
-reaches. docs/motion.md lists the results for loops of the shared recordings."""
+"""Ridge and steps of the restoration of lengths; soft, because a foot may deviate further than the leg reaches."""
 KNOT_MARGIN = 3
 """Number of strides before the first and after the last frame, so that the ends of the splines have no effect."""
 
@@ -361,18 +353,13 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     stride_hz = seam.strides * rate / seam.lag
     has_strides = (motion.n_frames - 1) / period
     if has_strides < FEW_STRIDES:
-        varied = (
-            f"their times vary by {100 * share * spread['time']:.2g} %, as in recordings"
-            if share
-            else "all are the same"
-        )
+        varied = f"their times vary by {100 * share * spread['time']:.2g} %, as in recordings"
         warn_caller(
             f"{where}: has {has_strides:.2g} strides, fewer than {FEW_STRIDES:g}: the strides of the loop repeat one "
-            f"recorded stride ({varied}); take a longer part of the recording"
+            f"recorded stride ({varied if share else 'all are the same'}); take a longer part of the recording"
         )
     facts = known.facts.with_frequencies(lambda hz: hz / known.facts.stride_frequency_hz * stride_hz)
-    looped = make_motion(position, rate_hz=rate, markers=motion.markers, parts=motion.parts, facts=facts).with_report(
-        **known.report,
+    looped = known.remake(position, facts).with_report(
         loop={
             "from_s": seam.start / rate,
             "to_s": (seam.start + seam.lag) / rate,
@@ -391,18 +378,13 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
         },
     )
     # touchdowns of one cycle in s after its start: the stated ones, or those found in the middle one of three cycles
-    every_s, until_s = seam.lag / rate, (len(position) - 1) / rate
+    every_s, until_s = seam.lag / rate, (count - 1) / rate
     if motion.facts.footfalls:
         begins_s = float(motion.time_s[0]) + seam.start / rate
         times = {foot: np.array(stated) - begins_s for foot, stated in motion.facts.footfalls.items()}
     else:
-        three = make_motion(
-            cycle.at(np.arange(math.ceil(3 * seam.lag) + 1.0)),
-            rate_hz=rate,
-            markers=looped.markers,
-            parts=looped.parts,
-            facts={"species": looped.facts.species},
-        )
+        position = cycle.at(np.arange(math.ceil(3 * seam.lag) + 1.0))
+        three = motion.remake(position, MotionFacts(species=facts.species))
         times = {foot: step.touchdown_s - every_s for foot, step in find_steps(three).items()}
     touchdowns = {foot: [float(t) for t in found if 0.0 <= t < every_s - 1e-9] for foot, found in times.items()}
     # a landing at the seam is at both ends of a cycle that is a little longer than its strides
@@ -427,9 +409,7 @@ def weigh_feet(motion: Motion) -> FloatArray:
 
 
 def _find_limb(part: str) -> str:
-    """Return the limb of a body part or foot."""
-    # a limb is an arm, a leg, the head or the tail; the result is "" for the trunk and unknown
-    # points
+    """Return the limb (with head and tail) of a body part or foot, ``""`` for others."""
     side, _, rest = part.partition("_")
     if side not in ("left", "right"):
         return {"neck": "head", "head": "head", "tail": "tail"}.get(part, "")

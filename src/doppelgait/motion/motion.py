@@ -193,6 +193,16 @@ class Motion:
         signal = describe_points(position_m, self.time_s, markers, parts, rate_hz=self.rate_hz)
         return replace(self, positions=signal)  # type: ignore[arg-type]
 
+    def remake(self, position_m: npt.NDArray[Any], facts: MotionFacts, **changes: Any) -> Motion:
+        """Return a motion of the same points in other frames, from time 0."""
+        same: dict[str, Any] = {
+            "rate_hz": self.rate_hz,
+            "markers": self.markers,
+            "parts": self.parts,
+            "report": self.report,
+        }
+        return make_motion(position_m, facts=facts, **same | changes)
+
     def frames(self, first: int, stop: int) -> Motion:
         """Return frames ``first`` to ``stop`` - 1 with their times."""
         return replace(self, positions=Signal.of(self._kept, MOTION).take_columns(slice(first, stop)))  # type: ignore[arg-type]

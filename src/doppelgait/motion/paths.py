@@ -63,19 +63,12 @@ def join(elements: Sequence[CurveElement], *, start_m: tuple[float, float], head
     points = [np.array(start_m, dtype=float)]
     for number in range(len(elements) - 1):
         points.append(points[-1] + _chord_m(lengths[number], headings[number] + spots[number], bends[number]))
-    return Curve(
-        start_m=np.concatenate([[0.0], np.cumsum(lengths[:-1])]),
-        point_m=np.stack(points),
-        heading_rad=headings,
-        curvature_per_m=bends,
-        spot_rad=spots,
-        length_m=float(lengths.sum()),
-    )
+    starts_m = np.concatenate([[0.0], np.cumsum(lengths[:-1])])
+    return Curve(starts_m, np.stack(points), headings, bends, spots, float(lengths.sum()))
 
 
 def _chord_m(length_m: npt.ArrayLike, heading_rad: npt.ArrayLike, curvature_per_m: npt.ArrayLike) -> FloatArray:
-    """Return the vector from an arc's start to a point."""
-    # the point is at length_m on the arc, shape (..., 2); curvature 0 is a line
+    """Return the vectors from an arc's start to lengths on it, (..., 2)."""
     half = np.asarray(length_m) * np.asarray(curvature_per_m) / 2
     chord = np.asarray(length_m) * np.sinc(half / np.pi)
     middle = np.asarray(heading_rad) + half
@@ -90,8 +83,7 @@ def find_points(curve: Curve, distance_m: FloatArray) -> FloatArray:
 
 
 def smooth_heading_rad(curve: Curve, distance_m: FloatArray) -> FloatArray:
-    """Return the tangent averaged over :data:`HEADING_WINDOW_M`, shape (n,)."""
-    # turns on the spot are not included
+    """Return the tangent averaged over :data:`HEADING_WINDOW_M`, without turns on the spot."""
     half_m = HEADING_WINDOW_M / 2
     whole = _integrate_heading(curve, distance_m + half_m) - _integrate_heading(curve, distance_m - half_m)
     return np.asarray(whole / HEADING_WINDOW_M)
@@ -129,15 +121,10 @@ class Pace:
         lost_s = sum(self.ramp_s + stop.pause_s for stop in self.stops[:number])
         return self.stops[number].at_m / self.speed_mps + lost_s + self.ramp_s / 2
 
-    @property
-    def pause_s(self) -> float:
-        """Sum of all pauses."""
-        return sum(stop.pause_s for stop in self.stops)
-
 
 def distance_m(pace: Pace, time_s: FloatArray) -> FloatArray:
     """Return the distance travelled at each time."""
-    # the distance is v t less the loss at each stop. Speed and acceleration are continuous.
+    # it is v t less the loss at each stop
     lost_s = np.zeros_like(time_s)
     for number, stop in enumerate(pace.stops):
         rest_s = pace.rest_s(number)
@@ -149,8 +136,7 @@ def distance_m(pace: Pace, time_s: FloatArray) -> FloatArray:
 
 
 def _integrate_ramp(time_s: FloatArray, ramp_s: float) -> FloatArray:
-    """Return the integral of a half-cosine ramp."""
-    # the ramp is (1 - cos(pi t / T)) / 2. After the ramp, the integral of the loss is constant.
+    """Return the integral of the ramp (1 - cos(pi t / T)) / 2."""
     t = np.clip(time_s, 0.0, ramp_s)
     return np.asarray(t / 2 - ramp_s / (2 * np.pi) * sine(np.pi * t / ramp_s))
 
@@ -167,8 +153,7 @@ def spot_turn_rad(pace: Pace, time_s: FloatArray) -> FloatArray:
 
 
 def compute_stillness(pace: Pace, number: int, time_s: FloatArray) -> FloatArray:
-    """Return the share of standing posture at a stop."""
-    # the share is 0 for the frozen stride and 1 for the standing body
+    """Return the share of standing posture at a stop, 0 for the frozen stride."""
     rest_s, stop = pace.rest_s(number), pace.stops[number]
     transition_s = _get_transition_s(stop)
     if transition_s <= 0:
@@ -187,8 +172,7 @@ def _ramp_half_cosine(share: FloatArray) -> FloatArray:
 
 
 def first_time_s(progress: Callable[[FloatArray], FloatArray], wanted: npt.ArrayLike, *, stop_s: float) -> FloatArray:
-    """Find the times at which a monotonic progress reaches values."""
-    # the method is bisection in [0, stop_s]; the progress must not decrease
+    """Find the times in [0, stop_s] at which a rising progress reaches values."""
     goal = np.atleast_1d(np.asarray(wanted, dtype=float))
     low, high = np.zeros_like(goal), np.full_like(goal, stop_s)
     for _ in range(_HALVINGS):

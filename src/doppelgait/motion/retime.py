@@ -14,7 +14,7 @@ from doppelgait._core import native
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import MotionError
 from doppelgait.core.units import FloatArray, cosine, sine
-from doppelgait.motion.motion import Motion, make_motion, require_motion
+from doppelgait.motion.motion import Motion, require_motion
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
 
 ScalingMode = Literal["uniform", "froude", "z_only"]
@@ -23,28 +23,19 @@ STILL_BELOW_M = 0.2
 """Minimum travel of the body centre with a direction. A body that travels less is assumed to face +x."""
 
 
-def body_centre_m(motion: Motion) -> FloatArray:
-    """Return the mean position of the torso or trunk."""
-    # without a known torso or trunk, it is the mean of all points. Values are in m.
-    return _average_points(motion.position_m, _find_central_points(motion))
-
-
-def _find_central_points(motion: Motion) -> npt.NDArray[np.int64]:
-    """Return the point numbers of torso or trunk, or all."""
-    central = [n for n, part in enumerate(motion.parts) if part in BODY_CENTRE_PARTS]
-    return np.array(central or range(motion.position_m.shape[1]), dtype=np.int64)
-
-
-def _average_points(values: npt.NDArray[Any], points: npt.NDArray[np.int64]) -> FloatArray:
-    total = np.array(values[:, points[0]], dtype=np.float64)
-    for point in points[1:]:
+def body_centre_m(motion: Motion, frames: slice | list[int] = slice(None)) -> FloatArray:
+    """Return the mean position of torso or trunk, or of all points without them."""
+    values = motion.position_m[frames]
+    central = [n for n, part in enumerate(motion.parts) if part in BODY_CENTRE_PARTS] or range(values.shape[1])
+    total = np.array(values[:, central[0]], dtype=np.float64)
+    for point in central[1:]:
         total += values[:, point]
-    return total / points.size
+    return total / len(central)
 
 
 def _net_travel_m(motion: Motion, last: int = -1) -> FloatArray:
     # on the ground, from the first frame to another one, by default the last
-    before, after = _average_points(motion.position_m[[0, last]], _find_central_points(motion))[:, :2]
+    before, after = body_centre_m(motion, [0, last])[:, :2]
     return np.asarray(after - before)
 
 
@@ -142,10 +133,9 @@ def _interpolate_centre(motion: Motion, at_s: float) -> FloatArray:
     times = motion.time_s
     frame = float(np.interp(times[0] + at_s, times, np.arange(times.size)))
     before, share = int(frame), frame - int(frame)
-    if share == 0.0:  # then a gap in the next frame has no effect
-        return np.asarray(_average_points(motion.position_m[before : before + 1], _find_central_points(motion))[0])
-    first, second = _average_points(motion.position_m[before : before + 2], _find_central_points(motion))
-    return np.asarray(first + share * (second - first))
+    # at a frame, a gap in the next one has no effect
+    centre = body_centre_m(motion, slice(before, before + (2 if share else 1)))
+    return np.asarray(centre[0] + share * (centre[-1] - centre[0]))
 
 
 def resample(motion: Motion, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -333,14 +323,7 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
     }
     facts = motion.facts.with_frequencies(lambda hz: hz * variation.pace)
     kept = {foot: falls[np.isfinite(falls)].tolist() for foot, falls in footfalls.items()}
-    return make_motion(
-        _add_to_points(body_m, position_m),
-        rate_hz=motion.rate_hz,
-        markers=motion.markers,
-        parts=parts,
-        facts=replace(facts, footfalls=kept),
-        report=motion.report,
-    )
+    return motion.remake(_add_to_points(body_m, position_m), replace(facts, footfalls=kept))
 
 
 def _add_to_points(points_m: FloatArray, way_m: FloatArray) -> FloatArray:

@@ -60,19 +60,24 @@ def gaitless_model(
     return wrap
 
 
-def _check_clearance(key: str, height_m: float, lower_key: str, lower_m: float, motion: str) -> None:
-    if height_m < lower_m:
-        raise ValueError(
-            f"{key}: {height_m:g} is not allowed: the {motion} through the floor; "
-            f"must be at least {lower_key} = {lower_m:g}"
-        )
+def _require_at_least(key: str, other: str, why: str, factor: int = 1) -> Any:
+    """Make a check of a parameter against a multiple of another one."""
+
+    def check(config: Any) -> Any:
+        value, least = getattr(config, key), getattr(config, other)
+        if value < factor * least and getattr(config, "plane", "") != "xy":  # a level rotor needs no height
+            raise ValueError(f"{key}: {value:g} is not allowed: {why} {other} = {least:g}")
+        return config
+
+    return model_validator(mode="after")(check)
 
 
-def _check_turns(rate_hz: float, rotation_hz: float, key: str) -> None:
-    if rate_hz < FRAMES_PER_TURN * rotation_hz:
-        raise ValueError(
-            f"rate_hz: {rate_hz:g} is not allowed: must be at least {FRAMES_PER_TURN} times {key} = {rotation_hz:g}"
-        )
+def _require_height(key: str, other: str, motion: str) -> Any:
+    return _require_at_least(key, other, f"the {motion} through the floor; must be at least")
+
+
+def _require_rate(other: str) -> Any:
+    return _require_at_least("rate_hz", other, f"must be at least {FRAMES_PER_TURN} times", FRAMES_PER_TURN)
 
 
 class PointConfig(FrozenModel):
@@ -120,10 +125,7 @@ class PendulumConfig(FrozenModel):
     pivot_height_m: float = Field(1.0, ge=0, le=1000)
     rate_hz: float = Field(250.0, ge=1, le=100_000)
 
-    @model_validator(mode="after")
-    def _check_height(self) -> PendulumConfig:
-        _check_clearance("pivot_height_m", self.pivot_height_m, "length_m", self.length_m, "pendulum would swing")
-        return self
+    _check_height = _require_height("pivot_height_m", "length_m", "pendulum would swing")
 
 
 @gaitless_model(PendulumConfig)
@@ -162,11 +164,7 @@ class RotorConfig(FrozenModel):
     hub_height_m: float = Field(1.0, ge=0, le=1000)
     rate_hz: float = Field(250.0, ge=1, le=100_000)
 
-    @model_validator(mode="after")
-    def _check_height(self) -> RotorConfig:
-        if self.plane != "xy":
-            _check_clearance("hub_height_m", self.hub_height_m, "radius_m", self.radius_m, "blades would turn")
-        return self
+    _check_height = _require_height("hub_height_m", "radius_m", "blades would turn")
 
 
 @gaitless_model(RotorConfig)
@@ -260,10 +258,7 @@ class VacuumConfig(FrozenModel):
     brush_radius_m: float = Field(0.07, gt=0, le=0.2)
     rate_hz: float = Field(250.0, ge=1, le=100_000)
 
-    @model_validator(mode="after")
-    def _check_frame_rate(self) -> VacuumConfig:
-        _check_turns(self.rate_hz, self.brush_hz, "brush_hz")
-        return self
+    _check_rate = _require_rate("brush_hz")
 
 
 @gaitless_model(VacuumConfig, report=ASSUMED_MASS, mass_kg=3.5)
@@ -327,10 +322,7 @@ class CurtainConfig(FrozenModel):
     rows: int = Field(4, ge=1, le=50)
     rate_hz: float = Field(250.0, ge=20, le=100_000)
 
-    @model_validator(mode="after")
-    def _check_height(self) -> CurtainConfig:
-        _check_clearance("rail_height_m", self.rail_height_m, "drop_m", self.drop_m, "curtain would reach")
-        return self
+    _check_height = _require_height("rail_height_m", "drop_m", "curtain would reach")
 
 
 @gaitless_model(CurtainConfig, duration_s=10.0, report=ASSUMED_MASS, mass_kg=1.5)
@@ -375,11 +367,8 @@ class FanConfig(FrozenModel):
     hub_height_m: float = Field(1.1, gt=0, le=4)
     rate_hz: float = Field(1000.0, ge=1, le=100_000)
 
-    @model_validator(mode="after")
-    def _check_fan(self) -> FanConfig:
-        _check_clearance("hub_height_m", self.hub_height_m, "radius_m", self.radius_m, "blades would turn")
-        _check_turns(self.rate_hz, self.rotation_hz, "rotation_hz")
-        return self
+    _check_height = _require_height("hub_height_m", "radius_m", "blades would turn")
+    _check_rate = _require_rate("rotation_hz")
 
 
 @gaitless_model(FanConfig, report=ASSUMED_MASS, mass_kg=3.0)
