@@ -13,12 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError, warn_caller
+from doppelgait.core.units import FloatArray
 from doppelgait.motion.ground import belt_velocity_mps, format_belt_note, level_floor, measure_floor
 from doppelgait.motion.motion import Motion, make_motion
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS, DOG_PARTS, FOOT_PARTS, HUMAN_PARTS, measure_height
 
-IntArray = npt.NDArray[np.int_]
-FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 
@@ -96,8 +95,7 @@ def find_steps(
     position: FloatArray, *, rate_hz: float, floor_m: float, jerk_mps3: float
 ) -> tuple[FloatArray, FloatArray]:
     """Measure every step against its prediction."""
-    # the prediction is the sample before, continued with the mean of the velocities before and
-    # after
+    # the prediction is the sample before, continued with the mean of both adjacent velocities
     last, before, after, gap = _find_paths(position, rate_hz)
     step = np.linalg.norm(position - last - gap[..., np.newaxis] * (before + after) / 2, axis=2)
     return step, np.maximum(floor_m, jerk_mps3 * (gap / rate_hz) ** 2 * (gap / rate_hz) / 2)
@@ -105,8 +103,7 @@ def find_steps(
 
 def _find_paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return each point's last sample, velocity and gap."""
-    # velocities are per frame, at the last sample and from the current frame on. The gap is in
-    # frames.
+    # velocities are per frame, at the last sample and from the current frame on; the gap is in frames
     n_frames, n_points = position.shape[:2]
     seen, point = np.isfinite(position).all(axis=2), np.arange(n_points)
     frames = np.arange(n_frames)[:, np.newaxis]
@@ -328,8 +325,7 @@ def can_lowpass(rate_hz: float, cutoff_hz: float | None) -> bool:
 
 def filter_lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | None) -> FloatArray:
     """Low-pass positions with zero phase (E-02)."""
-    # the filter is a fourth-order Butterworth, forwards and backwards, with half power at the
-    # cutoff
+    # a fourth-order Butterworth filter, forwards and backwards, with half power at the cutoff
     from scipy.signal import butter, sosfiltfilt
 
     if cutoff_hz is None:
@@ -516,13 +512,10 @@ def clean_motion(
 
 def describe_known_parts(parts: Sequence[str]) -> str:
     """Describe how many points have a known body part."""
-    # the text is "known", "k of n known" (with ": equal split" if no trunk is known) or "unknown:
-    # equal split"
+    # the scatterers of a body without a known trunk share its cross section equally
     known = sum(part in HUMAN_PARTS or part in DOG_PARTS for part in parts)
-    if known == 0:
-        return "unknown: equal split"
-    if known == len(parts):
-        return "known"
+    if known in (0, len(parts)):
+        return "known" if known else "unknown: equal split"
     split = "" if any(part in BODY_CENTRE_PARTS for part in parts) else ": equal split"
     return f"{known} of {len(parts)} known{split}"
 
@@ -535,15 +528,20 @@ WRONG_SIDE = 0.25
 """A pair of parts is exchanged if its lateral distance is negative by more than this share of the widest pair's."""
 
 
+def pair_sides(parts: Sequence[str]) -> dict[str, list[list[int]]]:
+    """Return the numbers of left and right points of every part that has both."""
+    return {
+        part.removeprefix("left_"): [[i for i, own in enumerate(parts) if own == name] for name in (part, other)]
+        for part in dict.fromkeys(parts)
+        if part.startswith("left_") and (other := part.replace("left_", "right_", 1)) in parts
+    }
+
+
 def _check_sides(
     position: FloatArray, parts: Sequence[str], *, rate_hz: float, belt_mps: FloatArray | None = None
 ) -> list[str]:
     """Return a note if left parts are on the right."""
-    pairs = {
-        part.removeprefix("left_"): [[i for i, one in enumerate(parts) if one == name] for name in (part, other)]
-        for part in dict.fromkeys(parts)
-        if part.startswith("left_") and (other := part.replace("left_", "right_", 1)) in parts
-    }
+    pairs = pair_sides(parts)
     half = max(1, round(HEADING_S * rate_hz))
     path = position[:, :, :2].mean(axis=1)
     if not pairs or len(path) <= 2 * half:
@@ -571,17 +569,15 @@ def _check_sides(
 def find_stationary_points(position: FloatArray, *, limit_m: float = STATIONARY_M) -> BoolArray:
     """Find the points that hardly move, shape (P,). Shapes: position (T, P, 3)."""
     # their total excursion, the diagonal of the bounding box of the path, is below a limit
-    low = np.where(np.isnan(position), np.inf, position).min(axis=0, initial=np.inf)
-    high = np.where(np.isnan(position), -np.inf, position).max(axis=0, initial=-np.inf)
-    with np.errstate(invalid="ignore"):
-        excursion = np.linalg.norm(high - low, axis=1)
-    return np.asarray(np.isfinite(excursion) & (excursion < limit_m))
+    if not len(position):
+        return np.zeros(position.shape[1], dtype=bool)
+    excursion = np.fmax.reduce(position, axis=0) - np.fmin.reduce(position, axis=0)
+    return np.asarray(np.linalg.norm(excursion, axis=1) < limit_m)
 
 
 def find_body_centre(position: FloatArray) -> FloatArray:
     """Return the path of the body centre."""
-    # it is the mean of the points that move and are seen in at least 40 % of the frames, with gaps
-    # filled linearly
+    # the mean of the points that move and are seen in at least 40 % of the frames, gaps filled linearly
     if not len(position):
         return np.empty((0, 3))
     missing = np.isnan(position).any(axis=2).mean(axis=0)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from doppelgait.core.units import FloatArray
-from doppelgait.motion.clean import fill_linear, find_body_centre, find_runs, find_stationary_points
+from doppelgait.motion.clean import fill_linear, find_body_centre, find_runs, find_stationary_points, pair_sides
 from doppelgait.motion.motion import Motion, require_motion
 from doppelgait.motion.skeleton import FOOT_PARTS
 
@@ -25,14 +25,8 @@ FIRST = 0.1
 
 def mirrored_repetition_hz(swing: FloatArray, parts: Sequence[str], *, rate_hz: float) -> float:
     """Measure the stride frequency from mirrored half strides, Hz."""
-    # in a walk, run, pace or trot, each left part repeats the motion of the right part after half a
-    # stride
-    sides = []
-    for part in dict.fromkeys(parts):
-        other = part.replace("left_", "right_", 1)
-        if part.startswith("left_") and other in parts:
-            both = [[i for i, one in enumerate(parts) if one == name] for name in (part, other)]
-            sides.append([swing[:, points].mean(axis=1) for points in both])
+    # in a walk, run, pace or trot, each left part repeats the motion of the right part half a stride later
+    sides = [[swing[:, points].mean(axis=1) for points in both] for both in pair_sides(parts).values()]
     if not sides:
         return float("nan")
     left, right = (np.gradient(np.stack([pair[k] for pair in sides], axis=1), axis=0) for k in (0, 1))
@@ -112,8 +106,7 @@ def measure_travel(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
 
 def _find_seen_path(position: FloatArray) -> FloatArray:
     """Return the path of the body centre."""
-    # it is the sum of the mean steps of the seen points, so that points that appear or disappear
-    # cause no jump
+    # the sum of the mean steps of the seen points: points that appear or disappear cause no jump
     path = find_body_centre(position)[:, :2]
     if len(path) < 2 or not np.isfinite(path).all():
         return path
@@ -424,8 +417,7 @@ def name_quadruped_gait(phases: Mapping[str, float]) -> str:
 
 def _name_human_gait(motion: Motion, phases: Mapping[str, float], duty: float) -> str:
     """Name a person's gait: walk, run or unknown."""
-    # in a run, each foot bears weight for less than half of the stride, and the body is in free
-    # fall between steps
+    # in a run, a foot bears weight for less than half of the stride, and the body falls freely between steps
     if "l_r" not in phases or abs(phases["l_r"] - 0.5) > HALF_STRIDE or not math.isfinite(duty):
         return ""
     # 2nd percentile of the vertical acceleration of the body centre, over spans of 0.1 s

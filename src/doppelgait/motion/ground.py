@@ -9,13 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError
+from doppelgait.core.units import FloatArray
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.skeleton import FOOT_PARTS, reduce_word, strip_subject
-
-FloatArray = npt.NDArray[np.float64]
 
 LOW = 0.1
 """Share of a foot's height range (5th to 95th percentile) in which it is on the ground."""
@@ -28,8 +26,7 @@ DRIFT = 0.2
 
 def belt_velocity_mps(position: FloatArray, parts: Sequence[str], *, rate_hz: float) -> FloatArray | None:
     """Measure the velocity of a treadmill belt, shape (2,)."""
-    # it is the median velocity of the feet while they are low, if all feet agree and the body stays
-    # in place
+    # the median velocity of the feet while they are low, if all feet agree and the body stays in place
     feet: dict[str, list[int]] = {}
     for i, part in enumerate(parts):
         if part in FOOT_PARTS:
@@ -175,14 +172,10 @@ def _measure_lean_deg(body: FloatArray, slope: FloatArray) -> float:
     return math.degrees(math.atan2(float(-body[:2] @ slope), float(body[2] * np.hypot(*slope)))) if slope.any() else 0.0
 
 
-def _find_normal(slope: FloatArray) -> FloatArray:
-    return np.asarray(np.array([-slope[0], -slope[1], 1.0]) / math.sqrt(1.0 + float(slope @ slope)))
-
-
 def level_floor(position: FloatArray, floor: Floor) -> FloatArray:
     """Rotate positions so that the floor's normal is vertical."""
     # Rodrigues: the shortest rotation of the normal to z, about their common perpendicular
-    x, y, z = _find_normal(floor.slope)
+    x, y, z = np.array([*-floor.slope, 1.0]) / math.sqrt(1.0 + float(floor.slope @ floor.slope))
     turn = np.array(
         [[z + y * y / (1 + z), -x * y / (1 + z), -x], [-x * y / (1 + z), z + x * x / (1 + z), -y], [x, y, z]]
     )

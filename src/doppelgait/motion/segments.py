@@ -1,7 +1,4 @@
-"""Straight segments at constant velocity.
-
-They divide a long mixed recording into several examples.
-"""
+"""Straight segments at constant velocity, which divide a long mixed recording into several examples."""
 
 from __future__ import annotations
 
@@ -9,14 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait._core import native
 from doppelgait.core.errors import MotionError
 from doppelgait.motion.gait import GaitFacts, is_quadruped, measure_gait, smooth_path
 from doppelgait.motion.motion import Motion, require_motion
-
-FloatArray = npt.NDArray[np.float64]
 
 GRID_S = 0.05
 """Time grid of the starts and ends of segments."""

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from doppelgait.core.errors import MotionError
+from doppelgait.core.units import FloatArray
 from doppelgait.motion.readers.joints import check_skeleton_cost, forward_kinematics, make_euler_rotations
-from doppelgait.motion.readers.points import FloatArray
 from doppelgait.motion.readers.text import Points, parse_rows, point_format, read_text
 
 _CHANNEL = re.compile(r"(?i)^([xyz])(position|rotation)$")

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from doppelgait.core.errors import MotionError
-from doppelgait.motion.readers.points import FloatArray
+from doppelgait.core.units import FloatArray
 from doppelgait.motion.readers.text import Points, decode, note_frames, point_format
 
 BLOCK = 512

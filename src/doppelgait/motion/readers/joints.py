@@ -14,9 +14,9 @@ import numpy as np
 
 from doppelgait.core.documents import check_cost
 from doppelgait.core.errors import MotionError, warn_caller
+from doppelgait.core.units import FloatArray
 from doppelgait.motion.readers.points import (
     BodyPoints,
-    FloatArray,
     LengthUnit,
     check_amount,
     check_labels,
@@ -90,9 +90,7 @@ _ROOT = re.compile(r"(?i)^(joint[_ ]?)?(root|reference|world|scene|armature)$")
 _BONE = re.compile(r"^b_")
 
 
-def pick_joints(
-    path: Path, names: Sequence[str], parents: Sequence[int], position: FloatArray, subject: str = ""
-) -> BodyPoints:
+def pick_joints(path: Path, names: Sequence[str], parents: Sequence[int], position: FloatArray) -> BodyPoints:
     """Select the joints that are points of the body. Shapes: position (T, J, 3)."""
     check_labels(path, names)
     check_amount(path, len(position))
@@ -131,9 +129,7 @@ def pick_joints(
     species = guess_species(names)
     if species == "dog" and not any(re.search(r"(?i)(^|[^a-z])dog([^a-z]|$)", name) for name in names):
         species = ""  # joint names of an animal fit several species; those of a person are unambiguous
-    return BodyPoints(
-        names, kept, points, find_parts(points), reasons, subject=subject, species=species, is_skeleton=True
-    )
+    return BodyPoints(names, kept, points, find_parts(points), reasons, species=species, is_skeleton=True)
 
 
 def _measure_bone_lengths(parents: Sequence[int], position: FloatArray) -> FloatArray:

@@ -1,8 +1,4 @@
-"""Last step of all readers: a motion from the points.
-
-:func:`pick_markers` (or :func:`~doppelgait.motion.readers.joints.pick_joints`) selects the points of one body, and
-:func:`make_point_motion` makes the motion, in metres and with the upward axis rotated to z.
-"""
+"""Points of one body: their selection by name, length unit, size and upward axis."""
 
 from __future__ import annotations
 
@@ -17,15 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError, warn_caller
+from doppelgait.core.units import FloatArray
 from doppelgait.motion.clean import MIN_MARKERS, find_stationary_points
-from doppelgait.motion.motion import Motion, make_motion
 from doppelgait.motion.skeleton import FOOT_PARTS, complete_set, find_part, find_parts, strip_subject
-
-FloatArray = npt.NDArray[np.float64]
-
 
 _METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 # files spell units in several languages, and some truncate the word to four letters
@@ -143,15 +135,12 @@ def _compute_median(values: FloatArray, axis: int) -> FloatArray:
 def measure_body_extent(position: FloatArray) -> FloatArray:
     """Return the body's typical extent per axis. Shapes: position (T, P, 3)."""
     # it is the median over time of the distance between the outermost points, shape (3,)
-    low = np.where(np.isnan(position), np.inf, position).min(axis=1)
-    high = np.where(np.isnan(position), -np.inf, position).max(axis=1)
-    return _compute_median(np.where(high >= low, high - low, np.nan), axis=0)
+    return _compute_median(np.fmax.reduce(position, axis=1) - np.fmin.reduce(position, axis=1), axis=0)
 
 
 def _find_height_sign(position: FloatArray, typical: FloatArray, axis: int) -> float:
     """Return +1 for an upward or unknown axis, else -1."""
-    # the floor of nearly every laboratory is at 0. Otherwise, points that come to rest at times are
-    # taken for feet.
+    # the floor of nearly every laboratory is at 0; otherwise, points that rest at times are taken for feet
     height = typical[:, axis][np.isfinite(typical[:, axis])]
     if height.size < 3:
         return 1.0
@@ -180,12 +169,7 @@ _OUTPUT_NAME = re.compile(
 """Names of computed points: angles, forces, centres of mass and pressure, virtual points."""
 _UNLABELLED = re.compile(r"(?i)^(\*\s*\d+|#|u(name)?\*?\d+|new \d+|unlabell?ed.*|unidentified.*)$")
 _GHOST = re.compile(r"^(.+)-\d+$")
-_SEGMENTS = (
-    "PEL",
-    "TRX",
-    "HED",
-    *(side + name for side in "LR" for name in ("FE", "TI", "FO", "TO", "CL", "HU", "RA", "HN")),
-)
+_SEGMENT_END = re.compile("(PEL|TRX|HED|[LR](FE|TI|FO|TO|CL|HU|RA|HN))[OALP]")
 MIN_SUBJECT_POINTS = 8
 
 
@@ -200,12 +184,11 @@ def _sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> d
     }
     bare = [strip_subject(label) for label in labels]
     # Plug-in Gait writes every segment as origin and three axis ends
-    segments = {s + end for s in _SEGMENTS if {s + end for end in "OALP"} <= set(bare) for end in "OALP"}
-    reasons = {}
+    reasons, every = {}, set(bare)
     for i, name in enumerate(bare):
         if name in listed:
             reasons[i] = f"model output ({listed[name]})"
-        elif name in segments:
+        elif _SEGMENT_END.fullmatch(name) and {name[:-1] + end for end in "OALP"} <= every:
             reasons[i] = "model output (segment axes)"
         elif _OUTPUT_NAME.search(name) and not find_part(name):
             reasons[i] = "model output (by its name)"
@@ -217,12 +200,11 @@ def _sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> d
         reasons |= dict.fromkeys(others, "model output (not a marker of the set that the file holds)")
     unlabelled = {i: True for i, name in enumerate(bare) if i not in reasons and _UNLABELLED.match(name)}
     named = [i for i in range(len(labels)) if i not in reasons and i not in unlabelled]
-    every = set(labels)
     if len(named) >= 3:
         reasons |= dict.fromkeys(unlabelled, "unlabelled point")
     for i in named:
         ghost = _GHOST.match(labels[i])
-        if ghost and ghost[1] in every:
+        if ghost and ghost[1] in labels:
             reasons[i] = f"ghost of marker {strip_subject(ghost[1])}"
     return reasons
 
@@ -288,12 +270,12 @@ def pick_markers(
     labels: Sequence[str],
     *,
     subject: str | None = None,
-    texts: Mapping[str, Sequence[str]] | None = None,
-    known_parts: Mapping[str, str] | None = None,
+    texts: Mapping[str, Sequence[str]],
+    known_parts: Mapping[str, str],
 ) -> BodyPoints:
     """Select the physical markers of one subject."""
     check_labels(path, labels)
-    reasons = _sort_points(labels, texts or {})
+    reasons = _sort_points(labels, texts)
     markers = [i for i in range(len(labels)) if i not in reasons]
     if not markers:
         kinds = ", ".join(sorted(set(reasons.values())))
@@ -318,11 +300,8 @@ def pick_markers(
         reasons[i] = (
             f"belongs to subject or prop {_find_prefix(labels[i])!r}" if ":" in labels[i] else "belongs to no subject"
         )
-    bare, extra = [strip_subject(labels[i]) for i in kept], known_parts or {}
-    parts = [
-        extra.get(bare_label.lower()) or part
-        for bare_label, part in zip(bare, find_parts([labels[i] for i in kept]), strict=True)
-    ]
+    bare = [strip_subject(labels[i]) for i in kept]
+    parts = [known_parts.get(word.lower()) or part for word, part in zip(bare, find_parts(bare), strict=True)]
     return BodyPoints(labels, kept, make_names_unique(bare), parts, reasons, measured, name, wanted=wanted)
 
 
@@ -389,7 +368,7 @@ def _are_apart(position_m: FloatArray, groups: Mapping[str, Mapping[int, str]]) 
     return len(groups) > 1
 
 
-def _take_subject(path: Path, position_m: FloatArray, body: BodyPoints) -> tuple[list[int], BodyPoints]:
+def take_subject(path: Path, position_m: FloatArray, body: BodyPoints) -> tuple[list[int], BodyPoints]:
     """Return the points of one body, and refuse several. Shapes: position_m (T, K, 3)."""
     every = list(range(len(body.kept)))
     if body.is_skeleton or body.wanted == "":
@@ -512,68 +491,22 @@ def remove_implausible(path: Path, position_m: FloatArray) -> list[str]:
     return notes
 
 
-def make_point_motion(
-    path: Path,
-    position: FloatArray,
-    body: BodyPoints,
-    *,
-    file_format: str,
-    rate_hz: float,
-    unit: LengthUnit,
-    up_axis: str | None,
-    declared_up: str = "",
-    usual_up: str = "z",
-    rate_from: str = "",
-    report: Mapping[str, Any] | None = None,
-    notes: Sequence[str] = (),
-) -> Motion:
-    """Make the motion of one body's points, not cleaned. Shapes: position (T, P, 3)."""
-    # this is the last step of every reader
-    check_amount(path, len(position))
-    position_m = position[:, body.kept] * (unit.metres if unit.each is None else unit.each)
-    chosen, body = _take_subject(path, position_m, body)
-    position_m = position_m[:, chosen]
-    notes = [*notes, *remove_implausible(path, position_m)]
-    position_m[np.isnan(position_m).any(axis=2)] = np.nan
+def choose_up_axis(
+    path: Path, position_m: FloatArray, body: BodyPoints, *, up_axis: str | None, declared: str, usual: str
+) -> dict[str, Any]:
+    """Return the upward axis as given, as declared or as shown. Shapes: position_m (T, P, 3)."""
     if up_axis is not None:
-        axis_facts = {"up_axis": up_axis, "up_axis_from": "option"}
-    else:
-        # the parts of a dog that sits or lies do not indicate the upward axis
-        shown = [""] * len(body.parts) if body.is_skeleton and body.species != "human" else body.parts
-        axis_facts = find_up_axis(position_m, shown, declared=declared_up)
-        if axis_facts["up_axis_from"] == "assumed":
-            # only the sign of the usual axis is needed
-            axis_facts = {**find_up_axis(position_m, shown, declared=usual_up), "up_axis_from": "assumed"}
-            warn_caller(
-                f"{path}: neither names nor shows which axis points up; {axis_facts['up_axis']} is assumed. If that is "
-                "wrong, give it: up_axis='x', 'y', 'z', '-x', '-y' or '-z'."
-            )
-        elif body.is_skeleton and axis_facts["up_axis_from"] == "file":
-            axis_facts["up_axis_from"] = "convention"
-    # skeletons face along z, which becomes x, as in the C3D files of the same recordings
-    faces_z = body.is_skeleton and axis_facts["up_axis"] == "y"
-    dropped: dict[str, list[str]] = {}
-    for i in sorted(body.reasons):
-        dropped.setdefault(body.reasons[i], []).append(body.labels[i] or f"point_{i + 1}")
-    return make_motion(
-        position_m[..., [2, 0, 1]] if faces_z else turn_z_up(position_m, axis_facts["up_axis"]),
-        rate_hz=rate_hz,
-        markers=body.names,
-        parts=body.parts,
-        facts={"source": path.name, "kind": "recording", "subject": body.subject, "species": body.species},
-        report={
-            "format": file_format,
-            "frame_rate_hz": rate_hz,
-            **({"frame_rate_from": rate_from} if rate_from else {}),
-            "n_frames": len(position),
-            "points_in_file": len(body.labels),
-            **({} if body.measured is None else {"points_measured": body.measured}),
-            "length_unit": unit.name,
-            "metres_per_unit": unit.metres,
-            **({"length_unit_from": unit.source} if unit.source else {}),
-            **axis_facts,
-            **(report or {}),
-            "dropped": dropped,
-            "notes": list(notes),
-        },
-    )
+        return {"up_axis": up_axis, "up_axis_from": "option"}
+    # the parts of a dog that sits or lies do not indicate the upward axis
+    shown = [""] * len(body.parts) if body.is_skeleton and body.species != "human" else body.parts
+    facts = find_up_axis(position_m, shown, declared=declared)
+    if facts["up_axis_from"] == "assumed":
+        # only the sign of the usual axis is needed
+        facts = {**find_up_axis(position_m, shown, declared=usual), "up_axis_from": "assumed"}
+        warn_caller(
+            f"{path}: neither names nor shows which axis points up; {facts['up_axis']} is assumed. If that is "
+            "wrong, give it: up_axis='x', 'y', 'z', '-x', '-y' or '-z'."
+        )
+    elif body.is_skeleton and facts["up_axis_from"] == "file":
+        facts["up_axis_from"] = "convention"
+    return facts

@@ -12,7 +12,8 @@ import numpy as np
 
 from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError, warn_caller
-from doppelgait.motion.readers.points import FloatArray, check_amount, convert_unit_to_metres
+from doppelgait.core.units import FloatArray
+from doppelgait.motion.readers.points import check_amount, convert_unit_to_metres
 from doppelgait.motion.readers.text import (
     MAX_DIGITS,
     Points,

@@ -15,20 +15,23 @@ import numpy as np
 from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.plugins import plugin
-from doppelgait.motion.motion import Motion
+from doppelgait.core.units import FloatArray
+from doppelgait.motion.motion import Motion, make_motion
 from doppelgait.motion.readers.joints import REST_POSE_NOTE, find_skeleton_unit, has_rest_pose, pick_joints
 from doppelgait.motion.readers.points import (
     MAX_RATE_HZ,
     MIN_FRAMES,
     MIN_RATE_HZ,
-    FloatArray,
     LengthUnit,
     check_amount,
     check_rate,
+    choose_up_axis,
     convert_unit_to_metres,
     find_unit,
-    make_point_motion,
     pick_markers,
+    remove_implausible,
+    take_subject,
+    turn_z_up,
 )
 
 
@@ -330,17 +333,13 @@ def make_timed_motion(
     rate_hz: float | None = None,
     resample_hz: float | None = None,
 ) -> Motion:
-    """Make the motion of one body's points over a time axis."""
-    lacks_rate = rate_hz is None and points.times is None and points.rate_hz is None
-    stated = units or points.unit
-    if missing := [
-        *(["frame rate: rate_hz=..."] if lacks_rate else []),
-        *(
-            ["length unit: units='mm', 'cm' or 'm'"]
-            if stated is None and points.each is None and points.parents is None
-            else []
-        ),
-    ]:
+    """Make the motion of one body's points over a time axis, not cleaned: the last step of every reader."""
+    stated, missing = units or points.unit, []
+    if rate_hz is None and points.times is None and points.rate_hz is None:
+        missing.append("frame rate: rate_hz=...")
+    if stated is None and points.each is None and points.parents is None:
+        missing.append("length unit: units='mm', 'cm' or 'm'")
+    if missing:
         raise MotionError(
             f"{path}: states no {' and no '.join(name.split(':')[0] for name in missing)}; give the "
             f"{', and the '.join(missing)}"
@@ -365,19 +364,42 @@ def make_timed_motion(
             stated = max(dict.fromkeys(flat), key=flat.count)
         name = find_unit(path, str(stated or ""), position[:, body.kept])
         unit = LengthUnit(name, convert_unit_to_metres(name, where=str(path)), each=each)
-    return make_point_motion(
-        path,
-        position,
-        body if body.subject else replace(body, subject=points.subject),
-        file_format=file_format,
+    check_amount(path, len(position))
+    position_m = position[:, body.kept] * (unit.metres if unit.each is None else unit.each)
+    chosen, body = take_subject(path, position_m, body)
+    position_m = position_m[:, chosen]
+    notes += remove_implausible(path, position_m)
+    position_m[np.isnan(position_m).any(axis=2)] = np.nan
+    axis_facts = choose_up_axis(
+        path, position_m, body, up_axis=up_axis, declared=points.declared_up, usual=points.usual_up
+    )
+    # skeletons face along z, which becomes x, as in the C3D files of the same recordings
+    faces_z = body.is_skeleton and axis_facts["up_axis"] == "y"
+    dropped: dict[str, list[str]] = {}
+    for i in sorted(body.reasons):
+        dropped.setdefault(body.reasons[i], []).append(body.labels[i] or f"point_{i + 1}")
+    subject = body.subject or points.subject
+    return make_motion(
+        position_m[..., [2, 0, 1]] if faces_z else turn_z_up(position_m, axis_facts["up_axis"]),
         rate_hz=rate,
-        unit=unit,
-        up_axis=up_axis,
-        declared_up=points.declared_up,
-        usual_up=points.usual_up,
-        rate_from=rate_from,
-        report=points.report,
-        notes=notes,
+        markers=body.names,
+        parts=body.parts,
+        facts={"source": path.name, "kind": "recording", "subject": subject, "species": body.species},
+        report={
+            "format": file_format,
+            "frame_rate_hz": rate,
+            **({"frame_rate_from": rate_from} if rate_from else {}),
+            "n_frames": len(position),
+            "points_in_file": len(body.labels),
+            **({} if body.measured is None else {"points_measured": body.measured}),
+            "length_unit": unit.name,
+            "metres_per_unit": unit.metres,
+            **({"length_unit_from": unit.source} if unit.source else {}),
+            **axis_facts,
+            **points.report,
+            "dropped": dropped,
+            "notes": notes,
+        },
     )
 
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from doppelgait.core.errors import MotionError
 from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, get_attribute, open_hdf5
+from doppelgait.core.units import FloatArray
 from doppelgait.motion.clean import MIN_MARKERS
-from doppelgait.motion.readers.points import FloatArray, check_amount, is_unlabelled
+from doppelgait.motion.readers.points import check_amount, is_unlabelled
 from doppelgait.motion.readers.table import Column, find_points, read_columns, read_header, read_rows, split_rows
 from doppelgait.motion.readers.text import (
     BLANK,
