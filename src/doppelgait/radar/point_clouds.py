@@ -129,9 +129,9 @@ def _read_csv(file: Path) -> dict[str, Any]:
     return columns
 
 
-def _read_json(file: Path) -> list[dict[str, float]]:
+def _read_json(file: Path) -> dict[str, Any]:
     """Read the frames of the Industrial Visualizer: x, y, z, Doppler, SNR, noise, track; ms."""
-    rows: list[dict[str, float]] = []
+    rows: list[list[float]] = []
     where, before = "the file", slice(0, 0)
     try:
         content = parse_json(file.read_text(encoding="utf-8"))
@@ -140,21 +140,11 @@ def _read_json(file: Path) -> list[dict[str, float]]:
             indexes = frame.get("trackIndexes") or []
             if len(indexes) == before.stop - before.start:
                 for row, index in zip(rows[before], indexes, strict=True):
-                    row["track"] = float(index)
+                    row[-1] = float(index)
             before = slice(len(rows), len(rows) + len(frame.get("pointCloud") or []))
             for point in frame.get("pointCloud") or []:
                 x, y, z, doppler, snr, _, track = map(float, point[:7])
-                rows.append(
-                    {
-                        "time_s": float(entry["timestamp"]) / 1e3,
-                        "x_m": x,
-                        "y_m": y,
-                        "z_m": z,
-                        "doppler_mps": doppler,
-                        "snr": snr,
-                        "track": track,
-                    }
-                )
+                rows.append([float(entry["timestamp"]) / 1e3, x, y, z, doppler, snr, track])
     except ValueError as error:
         raise RecordingError(f"{file}: {where} is no JSON of points with 7 numbers each: {error}") from None
     except (KeyError, TypeError, AttributeError, OverflowError) as error:
@@ -162,7 +152,7 @@ def _read_json(file: Path) -> list[dict[str, float]]:
             f"{file}: {where} is not as of the Industrial Visualizer: data, each with timestamp and frameData with "
             f"pointCloud ({error!r})"
         ) from None
-    return rows
+    return dict(zip((name for name in COLUMNS if name != "frame"), zip(*rows, strict=True), strict=False))
 
 
 def collect_tracks(points: pd.DataFrame) -> list[PointTrack]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,6 @@ from doppelgait.core.lazy import LateRows, read_tiles
 from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, open_hdf5
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
-from doppelgait.radar.frames import Frame, Header, make_header
 from doppelgait.radar.measured import check_finite
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.readers import read_recording
@@ -37,8 +35,6 @@ __all__ = ["read_hdf5", "read_recording", "sniff_hdf5", "write_recording"]
 RECORDING = FileKind("doppelgait-recording", 1, "a doppelgait recording", RecordingError)
 STORED_BYTES = 1 << 26
 """Maximum size of samples that are read at once, bytes; larger ones are read from the file on demand."""
-BLOCK = 256
-"""Number of frames per block when a recording is streamed."""
 
 UNIT_SUFFIX = {"m": "_m", "m/s": "_mps", "rad": "_rad", "m^2": "_m2", "1": ""}
 TRUTH_FACTS = (
@@ -140,7 +136,7 @@ def sniff_hdf5(path: Path, head: bytes) -> bool:
 def read_hdf5(path: Path) -> Recording:
     """Read a recording written by :func:`write_recording`."""
     with open_own_hdf5(path, RECORDING) as file:
-        radar = _read_radar(file)
+        radar = validate(Radar, parse_json(file.attrs["radar"]), where="radar")
         slow_time_s, range_m = (_read_numbers(file, name) for name in ("slow_time_s", "range_m"))
         attrs = {k: v.item() if isinstance(v, np.generic) else v for k, v in file["baseband"].attrs.items()}
         further = {**make_baseband_facts(radar), **attrs}
@@ -157,11 +153,8 @@ def read_hdf5(path: Path) -> Recording:
             values = found if stored else found[:].astype(np.complex64)
         check_finite(path, values)
         numbers = sorted(file.get("truth", {}), key=int)
-        pose = {
-            name: np.asarray(file.attrs[name], dtype=np.float64).reshape(POSE[name]).tolist()
-            for name in POSE
-            if name in file.attrs
-        }
+        numbers_of = {name: np.asarray(file.attrs[name], dtype=np.float64) for name in POSE if name in file.attrs}
+        pose = {name: values.reshape(POSE[name]).tolist() for name, values in numbers_of.items()}
         if "radar_position_m" in pose:
             pose["radar_position_m"] = tuple(pose["radar_position_m"])
         return Recording(
@@ -181,21 +174,6 @@ def read_hdf5(path: Path) -> Recording:
             notes=[str(note) for note in parse_json(file.attrs.get("notes", "[]"))],
             **pose,
         )
-
-
-def _read_radar(file: Any) -> Radar:
-    return validate(Radar, parse_json(file.attrs["radar"]), where="radar")
-
-
-def read_hdf5_frames(path: Path) -> Iterator[Header | Frame]:
-    """Yield a recording's frames, ``BLOCK`` at a time."""
-    with open_own_hdf5(path, RECORDING) as file:
-        radar, baseband, time_s = _read_radar(file), file["baseband"], file["slow_time_s"]
-        yield make_header(radar, file["range_m"][:], baseband.attrs, time_s[:])
-        for start in range(0, baseband.shape[0], BLOCK):
-            rows = baseband[start : start + BLOCK].astype(np.complex64)
-            for clock_s, row in zip(time_s[start : start + BLOCK].tolist(), rows, strict=True):
-                yield Frame(None, clock_s, row)
 
 
 def _read_numbers(group: Any, name: str) -> Any:

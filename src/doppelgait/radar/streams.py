@@ -15,7 +15,8 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -25,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
+from doppelgait.core.lazy import read_tiles
 from doppelgait.radar.frames import (
     LARGEST_GAP,
     SETTLE_S,
@@ -37,7 +39,6 @@ from doppelgait.radar.frames import (
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.readers import find_formats, read_recording
 from doppelgait.radar.recording import Recording
-from doppelgait.radar.recordings import read_hdf5_frames
 from doppelgait.radar.slow_time import MAX_DISORDER
 from doppelgait.radar.xethru.convert import CONVERTIBLE, OPTIONS, Records, convert_records, read_xethru_recording
 from doppelgait.radar.xethru.records import META_NAME, find_data_type_by_file, parse_records
@@ -418,8 +419,6 @@ def open_stream(
                 has = ", ".join(sorted(allowed))
                 raise ConfigError(f"{path}: has no option {', '.join(unknown)}; allowed are {has}")
             options, items = {}, _follow_xethru_frames(path, stream, options)
-        elif kinds == ["doppelgait"]:
-            items = read_hdf5_frames(path)
         elif kinds and kinds != ["frames"]:
             recording = read_recording(path, **options)
             options, items = {}, _replay_frames(recording)
@@ -436,9 +435,11 @@ def open_stream(
 
 
 def _replay_frames(recording: Recording) -> Iterator[Header | Frame]:
-    yield make_header(recording.radar, recording.range_m, recording.facts, recording.slow_time_s)
-    for time_s, row in zip(recording.slow_time_s.tolist(), recording.samples.matrix, strict=True):
-        yield Frame(None, time_s, row)
+    times_s = recording.slow_time_s
+    yield make_header(recording.radar, recording.range_m, recording.facts, times_s)
+    for first, rows in read_tiles(recording.frames.get_values()):
+        for time_s, row in zip(times_s[first : first + len(rows)].tolist(), rows, strict=True):
+            yield Frame(None, time_s, row)
 
 
 def _is_xethru_data(path: Path) -> bool:
@@ -466,30 +467,35 @@ def _count_malformed(parser: FrameParser, stream: Stream) -> None:
         stream.pass_message("malformed", f"malformed data are passed over: {parser.fault}")
 
 
-def _input_bytes(stream: Stream) -> Iterator[bytes]:
-    number = sys.stdin.fileno()
+def _poll(
+    read: Callable[[], bytes | None], stream: Stream, *, pause_s: float = 0.0, is_patient: bool = False
+) -> Iterator[bytes]:
+    """Yield what a source reads, until b"" or the timeout, which may begin with the first frame."""
     heard = time.monotonic()
     while not stream.closing.is_set():
-        if select.select([number], [], [], POLL_S)[0]:
-            if not (content := os.read(number, CHUNK_BYTES)):
-                return
+        content = read()
+        is_late = time.monotonic() - heard >= stream.timeout_s
+        if content:
             yield content
             heard = time.monotonic()
-        elif stream.counts.received and time.monotonic() - heard > stream.timeout_s:
+        elif content is not None or (is_late and (stream.counts.received or not is_patient)):
             return
+        else:
+            stream.closing.wait(pause_s)
+
+
+def _input_bytes(stream: Stream) -> Iterator[bytes]:
+    number = sys.stdin.fileno()
+
+    def read() -> bytes | None:
+        return os.read(number, CHUNK_BYTES) if select.select([number], [], [], POLL_S)[0] else None
+
+    yield from _poll(read, stream, is_patient=True)
 
 
 def _file_bytes(path: Path, stream: Stream) -> Iterator[bytes]:
     with path.open("rb", buffering=0) as file:
-        heard = time.monotonic()
-        while not stream.closing.is_set():
-            if content := file.read(CHUNK_BYTES):
-                yield content
-                heard = time.monotonic()
-            elif time.monotonic() - heard >= stream.timeout_s:
-                return
-            else:
-                stream.closing.wait(POLL_S)
+        yield from _poll(lambda: file.read(CHUNK_BYTES) or None, stream, pause_s=POLL_S)
 
 
 def _listen(text: str, name: str) -> socket.socket:
@@ -520,31 +526,25 @@ def _listen(text: str, name: str) -> socket.socket:
 
 def _tcp_bytes(listener: socket.socket, stream: Stream) -> Iterator[bytes]:
     """Yield the bytes of the first sender that connects."""
+    sender = None
     with listener:
-        while True:
+        while sender is None:
             if stream.closing.is_set():
                 return
-            try:
+            with suppress(TimeoutError):
                 sender, _ = listener.accept()
-                break
-            except TimeoutError:
-                continue
+
+    def read() -> bytes | None:
+        try:
+            return sender.recv(CHUNK_BYTES)
+        except TimeoutError:
+            return None
+        except ConnectionError:
+            return b""
+
     with sender:
         sender.settimeout(POLL_S)
-        heard = time.monotonic()
-        while not stream.closing.is_set():
-            try:
-                content = sender.recv(CHUNK_BYTES)
-            except TimeoutError:
-                if time.monotonic() - heard > stream.timeout_s:
-                    return
-                continue
-            except ConnectionError:
-                return
-            if not content:
-                return
-            yield content
-            heard = time.monotonic()
+        yield from _poll(read, stream)
 
 
 def _receive_udp_frames(listener: socket.socket, stream: Stream) -> Iterator[Header | Frame]:

@@ -51,6 +51,8 @@ Chosen = npt.NDArray[np.intp]
 WINDOW = 64
 """Pulses of a window of a continuous recording; in a recording of bursts, each burst is a window."""
 MIN_WINDOWS = 4
+MAX_GROUPS = 16
+"""Maximum number of groups of windows that the jackknife leaves out."""
 MIN_PULSES = 8
 QUANTILE = 0.25
 """Share of windows that are assumed to have no motion at a range and Doppler."""
@@ -192,8 +194,8 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
         refused.setdefault("noise", "in the upper half of the Doppler band something moved nearly all of the time")
     if "noise" not in refused:
         calm = power[quiet][:, upper]
-        noise = _estimate_by_jackknife(
-            lambda chosen: power_to_db(_measure_bin_levels(calm[chosen])[0]), int(quiet.sum())
+        (noise,) = _estimate_by_jackknife(
+            lambda chosen: (power_to_db(_measure_bin_levels(calm[chosen])[0]),), int(quiet.sum())
         )
         level_v2 = float(db_to_power(noise.value))
         estimates["noise_level_db"] = noise
@@ -349,13 +351,13 @@ def _measure_bin_levels(cells: FloatArray) -> tuple[float, FloatArray]:
     return float(np.median(by_bin)), by_bin
 
 
-def _estimate_by_jackknife(estimate: Callable[[Chosen], float], count: int, most: int = 16) -> Estimate:
-    """Return an estimate with its jackknife uncertainty, by groups of consecutive windows."""
-    groups = np.array_split(np.arange(count), min(most, count))
-    left_out = np.array([estimate(np.setdiff1d(np.arange(count), group)) for group in groups])
-    g = len(groups)
-    sd = math.sqrt((g - 1) / g * float(np.sum((left_out - left_out.mean()) ** 2)))
-    return Estimate(float(estimate(np.arange(count))), sd)
+def _estimate_by_jackknife(estimate: Callable[[Chosen], tuple[float, ...]], count: int) -> list[Estimate]:
+    """Return estimates with their jackknife uncertainty, by groups of consecutive windows."""
+    groups = np.array_split(np.arange(count), min(MAX_GROUPS, count))
+    left_out = np.array([estimate(np.setdiff1d(np.arange(count), group)) for group in groups]).T.copy()
+    squares = (left_out - left_out.mean(axis=1, keepdims=True)) ** 2
+    sds = np.sqrt((len(groups) - 1) / len(groups) * squares.sum(axis=1))
+    return [Estimate(float(x), float(sd)) for x, sd in zip(estimate(np.arange(count)), sds, strict=True)]
 
 
 def _measure_correlation(spectrum: ComplexArray) -> tuple[ComplexArray, float]:
@@ -457,7 +459,7 @@ def _estimate_image(
         return {}
     ratio = (square / whole)[one_way]
 
-    gain, phase = _estimate_channels(lambda chosen: take_middle(ratio[chosen]), len(ratio))
+    gain, phase = _estimate_by_jackknife(lambda chosen: convert_ratio(take_middle(ratio[chosen])), len(ratio))
     # the jackknife of a median is inaccurate: the minimum is the scatter of the windows
     least = MEDIAN_SPREAD * measure_scatter(ratio) / math.sqrt(2.0 * len(ratio))
     if least > 0.2:
@@ -487,23 +489,18 @@ def _estimate_channel_noise(spectrum: ComplexArray, f_hz: FloatArray, upper: Mas
     whole = np.sum(np.abs(spectrum[:, both]) ** 2, axis=(1, 2))
 
     # every window has the same weight, because windows of high power may contain part of an echo
-    gain, phase = _estimate_channels(lambda chosen: complex(np.mean(square[chosen] / whole[chosen])), len(square))
+    ratio = square / whole
+    gain, phase = _estimate_by_jackknife(lambda chosen: convert_ratio(complex(np.mean(ratio[chosen]))), len(ratio))
     return {"noise_iq_gain_db": gain, "noise_iq_phase_deg": phase}
-
-
-def _estimate_channels(ratio: Callable[[Chosen], complex], count: int) -> tuple[Estimate, Estimate]:
-    """Return gain (dB) and phase error (deg) of Q from a ratio of moments."""
-    return _estimate_both(lambda chosen: complex(*convert_ratio(ratio(chosen))), count)
-
-
-def _estimate_both(pair: Callable[[Chosen], complex], count: int) -> tuple[Estimate, Estimate]:
-    """Return real and imaginary part of an estimate over windows."""
-    first = _estimate_by_jackknife(lambda chosen: pair(chosen).real, count)
-    return first, _estimate_by_jackknife(lambda chosen: pair(chosen).imag, count)
 
 
 def _estimate_constant(windows: ComplexArray, step_v: float) -> dict[str, Estimate]:
     """Estimate the constant of a radar with few bins. It is the median of I and the median of Q."""
-    in_phase, quadrature = _estimate_both(lambda chosen: take_middle(windows[chosen].ravel()), len(windows))
+
+    def take_middles(chosen: Chosen) -> tuple[float, float]:
+        middle = take_middle(windows[chosen])
+        return middle.real, middle.imag
+
+    in_phase, quadrature = _estimate_by_jackknife(take_middles, len(windows))
     sd = math.hypot(math.hypot(in_phase.sd, quadrature.sd) / math.sqrt(2.0), np.nan_to_num(step_v) / math.sqrt(12.0))
     return {"dc_i_v": Estimate(in_phase.value, sd), "dc_q_v": Estimate(quadrature.value, sd)}

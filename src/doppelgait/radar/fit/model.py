@@ -34,6 +34,7 @@ from doppelgait.radar.fit.room import (
     fit_series,
     fit_static_part,
     split_still_part,
+    subtract_static,
 )
 from doppelgait.radar.recording import Recording
 
@@ -176,10 +177,8 @@ def _separate(
         if number:  # interference would be motion in the first pass
             quiet = _remove_targets(static.rest_v, noise, range_m)[0]
             away = ~binary_dilation(~quiet, iterations=margin)
-        energy = float(np.sum(np.abs(static.reference_v) ** 2))
-        factor = samples @ static.reference_v.conj() / energy if energy > 0 else np.ones(len(samples), dtype=complex)
-        everything = samples - factor[:, None] * static.echo_v
-        hit = find_bursts(everything, noise_power_v2=noise.power_v2.value, quiet=away)
+        everything = subtract_static(samples, static.echo_v, static.reference_v)
+        hit = find_bursts(everything.rest_v, noise_power_v2=noise.power_v2.value, quiet=away)
         kept = ~hit.frames if int((~hit.frames).sum()) >= MIN_FRAMES else kept
     static, noise = _fit_static_and_noise(samples[kept], quiet)
     if not np.array_equal(kept, ~hit.frames):  # too few frames would remain: all are used

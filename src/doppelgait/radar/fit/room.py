@@ -75,15 +75,20 @@ def fit_static_part(samples_v: ComplexArray, *, bins: Mask | None = None) -> Sta
     turn = np.exp(1j * (np.angle(np.sum(shares)) - np.angle(shares)))  # phases are relative to the mean frame
     echo = np.mean(samples_v * turn[:, None], axis=0)
     reference = np.where(chosen, echo, 0.0)
-    energy = _compute_energy(reference)
-    factor = samples_v @ reference.conj() / energy if energy > 0 else np.ones(len(samples_v), dtype=complex)
-    return StaticPart(echo, reference, factor, samples_v - factor[:, None] * echo)
+    return subtract_static(samples_v, echo, reference)
+
+
+def subtract_static(samples_v: ComplexArray, echo_v: ComplexArray, reference_v: ComplexArray) -> StaticPart:
+    """Subtract a static echo times the factor of every frame that fits its reference."""
+    energy = _compute_energy(reference_v)
+    factor = samples_v @ reference_v.conj() / energy if energy > 0 else np.ones(len(samples_v), dtype=complex)
+    return StaticPart(echo_v, reference_v, factor, samples_v - factor[:, None] * echo_v)
 
 
 def split_still_part(samples_v: ComplexArray) -> StaticPart:
     """Split samples into time mean and residual, for echoes without a common phase."""
     echo = np.mean(samples_v, axis=0)
-    return StaticPart(echo, np.zeros_like(echo), np.ones(len(samples_v), dtype=complex), samples_v - echo)
+    return subtract_static(samples_v, echo, np.zeros_like(echo))
 
 
 def _compute_energy(values_v: ComplexArray) -> float:

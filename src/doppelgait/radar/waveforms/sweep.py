@@ -49,6 +49,7 @@ PLACES = 16
 """Places of that table within half a range bin."""
 TAPS = 8
 """Half bins that a scatterer is spread over."""
+KAISER_BETA = 0.75 * math.pi * TAPS
 ROW = 24
 """Values in a row of the table; its taps begin at the eighth."""
 COSINES = {
@@ -258,23 +259,17 @@ def make_range_window(name: str, n_samples: int) -> npt.NDArray[np.float64]:
     return np.asarray(np.sum(terms, axis=0), dtype=np.float64)
 
 
-def _find_kaiser_beta() -> float:
-    """Return beta of the window that spreads scatterers."""
-    return 0.75 * math.pi * TAPS
-
-
 @lru_cache(maxsize=1)
 def tabulate_taps() -> npt.NDArray[np.float32]:
     """Tabulate window derivatives (PLACES, ORDERS, ROW) at half bins."""
     y = np.arange(TAPS) - TAPS // 2 + 1 - ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
     s0, s1, s2 = 1.0 - (2.0 * y / TAPS) ** 2, -8.0 * y / TAPS**2, -4.0 / TAPS**2
-    beta = _find_kaiser_beta()
     series, power = np.zeros((2, ORDERS, *y.shape))
-    size = 1.0 / float(modified_bessel(np.array(beta)))
+    size = 1.0 / float(modified_bessel(np.array(KAISER_BETA)))
     power[0] = 1.0
     for k in range(80):
         series += size * power
-        size *= (beta / (2.0 * (k + 1))) ** 2
+        size *= (KAISER_BETA / (2.0 * (k + 1))) ** 2
         raised = s0 * power
         raised[1:] += s1 * power[:-1]
         raised[2:] += s2 * power[:-2]
@@ -294,7 +289,7 @@ def tabulate_half_bin_responses(name: str, n_samples: int, n_columns: int) -> np
 
     window, t = make_range_window(name, n_samples), (2 * np.arange(n_samples) + 1) / n_samples - 1.0
     node, weight = np.polynomial.legendre.leggauss(128)
-    lobe = modified_bessel(_find_kaiser_beta() * np.sqrt(1.0 - np.append(node, 0.0) ** 2))
+    lobe = modified_bessel(KAISER_BETA * np.sqrt(1.0 - np.append(node, 0.0) ** 2))
     shape = weight * lobe[:-1] / lobe[-1] * (TAPS / 2)
     spectrum = np.cos(0.25 * math.pi * TAPS * t[:, None] * node) @ shape
     halves = 2 * np.arange(-n_samples - 8, n_columns + 8) - np.arange(2)[:, None]

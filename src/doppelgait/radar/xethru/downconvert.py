@@ -2,14 +2,10 @@
 
 For chips that sample the carrier itself.
 
-Units: one unit of the X4's files is 1024 codes of its threshold DAC, in RF frames and in the chip's own baseband. A
-sinusoid with the RF amplitude A has the amplitude 0.78 A in that baseband, which is the gain of the chip's taps.
-``volts_per_unit`` of a preset refers to the baseband, and volts are those of the RF amplitude: 1 unit of RF is 0.78
-``volts_per_unit``. Readers of RF frames therefore multiply the output of a filter by :func:`compute_chip_gain`, so that
-an echo has the same volts with both filters and in the chip's own baseband.
-
-The recordings of such chips contain real samples of the echoes including the carrier. :func:`down_convert_frames`
-converts them to baseband like a host (mix, low-pass, decimate by D) or, with ``filter="chip"``, like the X4.
+Units: one unit of the X4's files is 1024 codes of its threshold DAC, in RF frames and in the chip's
+own baseband, where a sinusoid with the RF amplitude A has 0.78 A, the gain of the chip's taps.
+``volts_per_unit`` of a preset refers to the baseband: 1 unit of RF is 0.78 ``volts_per_unit``.
+Readers of RF frames therefore multiply the output of a filter by :func:`compute_chip_gain`.
 """
 
 from __future__ import annotations
@@ -25,26 +21,27 @@ from doppelgait.radar.parameters import Radar
 
 FrameFilter = Literal["hamming", "chip"]
 
+DECIMATION = 8
+"""Decimation of the chip."""
 HAMMING_TAPS = 27
 CHUNK_SAMPLES = 1 << 22
 """Number of RF samples per block, which limits the working memory to 100 MB for recordings of any length."""
 
-_IN_PHASE_TAPS = {
-    "low": ("1 -1 -1 5 -3 -6 12 -2 -16 18 6 -27 16 17 -31 6 25 -25 -5 24 -13 -10 16 -3 -7 6 0 -3 1 0 0 0"),
-    "high": ("1 -2 1 3 -8 11 -5 -8 21 -24 10 12 -30 31 -13 -12 29 -27 10 8 -17 15 -5 -3 5 -4 1 0 0 0 0 0"),
-}
-"""The X4's in-phase filter for each band: integer taps of the chip driver."""
-_TAP_SHIFT = {"low": 2, "high": 4}
-"""The quadrature filter is the in-phase filter in reverse, earlier by this number of taps."""
 
-
-def _make_chip_taps(band: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    in_phase = tuple(map(int, _IN_PHASE_TAPS[band].split()))
-    shift = _TAP_SHIFT[band]
+def _make_chip_taps(text: str, shift: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the filter of I, and that of Q: the same in reverse, earlier by some taps."""
+    in_phase = tuple(map(int, text.split()))
     return in_phase, (*in_phase[::-1][shift:], *(0,) * shift)
 
 
-CHIP_TAPS = {band: _make_chip_taps(band) for band in _IN_PHASE_TAPS}
+CHIP_TAPS = {
+    "low": _make_chip_taps(
+        "1 -1 -1 5 -3 -6 12 -2 -16 18 6 -27 16 17 -31 6 25 -25 -5 24 -13 -10 16 -3 -7 6 0 -3 1 0 0 0", 2
+    ),
+    "high": _make_chip_taps(
+        "1 -2 1 3 -8 11 -5 -8 21 -24 10 12 -30 31 -13 -12 29 -27 10 8 -17 15 -5 -3 5 -4 1 0 0 0 0 0", 4
+    ),
+}
 """The X4's two real filters (I, Q) for each band: integer taps of the chip driver."""
 CHIP_CENTRE = {"low": 14.5, "high": 13.5}
 """Centre of the envelope of those filters, RF samples after their first tap."""
@@ -64,9 +61,9 @@ def down_convert_frames(
 ) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.float64]]:
     """Convert real RF frames to complex baseband (E-17).
 
-    ``y[m] = sum_k h[k] x[D m + k] exp(-j 2 pi f_c t[D m + k])``, with the delay ``t[n] = (r_0 / b + n) / f_s`` of
-    sample n of a frame that starts at r_0 with bins of length b. The phase of an echo then falls with its range, so an
-    approaching target has positive Doppler, and the result does not depend on the start of the frame.
+    ``y[m] = sum_k h[k] x[D m + k] exp(-j 2 pi f_c t[D m + k])``, with the delay ``t[n] = (r_0 / b + n)
+    / f_s`` of sample n of a frame that starts at r_0 with bins of length b: the phase of an echo falls
+    with its range, and an approaching target has positive Doppler.
 
     Parameters
     ----------
@@ -145,34 +142,27 @@ def compute_chip_gain(carrier_hz: float, sample_rate_hz: float, filter: FrameFil
     if filter == "chip":
         return 1.0
     band = min(CHIP_CARRIER, key=lambda name: abs(CHIP_CARRIER[name] - carrier_hz / sample_rate_hz))
-    return _compute_gain(CHIP_CARRIER[band], 8, "chip") / _compute_gain(CHIP_CARRIER[band], 8, filter)
-
-
-def filter_noise(
-    carrier_hz: float, sample_rate_hz: float, *, decimation: int = 8, filter: FrameFilter = "chip"
-) -> tuple[float, tuple[float, ...]]:
-    """Return a filter's response to white RF noise (E-18c)."""
-    cycles = carrier_hz / sample_rate_hz
-    taps, _ = _make_complex_taps(cycles, decimation, filter)
-    energy = float((np.abs(taps) ** 2).sum())
-    correlation = []
-    for shift in range(decimation, taps.size, decimation):
-        product = (taps[:-shift].conj() * taps[shift:]).sum() * np.exp(2j * np.pi * cycles * shift)
-        correlation.append(float(product.real) / energy)
-    return sample_rate_hz * energy / (2.0 * _compute_gain(cycles, decimation, filter)) ** 2, tuple(correlation)
+    return _compute_gain(CHIP_CARRIER[band], "chip") / _compute_gain(CHIP_CARRIER[band], filter)
 
 
 def change_filter_noise(radar: Radar, filter: FrameFilter) -> Radar:
-    """Return a chip's radar with the noise of another filter."""
+    """Return a chip's radar with another filter's response to white RF noise (E-18c)."""
     if filter == "chip" or not radar.noise_correlation:
         return radar
-    bandwidth_hz, correlation = filter_noise(radar.carrier_hz, radar.sample_rate_hz, filter=filter)
-    return radar.model_copy(update={"noise_bandwidth_hz": bandwidth_hz, "noise_correlation": correlation})
+    cycles = radar.carrier_hz / radar.sample_rate_hz
+    taps, _ = _make_complex_taps(cycles, DECIMATION, filter)
+    energy = float((np.abs(taps) ** 2).sum())
+    correlation = []
+    for shift in range(DECIMATION, taps.size, DECIMATION):
+        product = (taps[:-shift].conj() * taps[shift:]).sum() * np.exp(2j * np.pi * cycles * shift)
+        correlation.append(float(product.real) / energy)
+    bandwidth_hz = radar.sample_rate_hz * energy / (2.0 * _compute_gain(cycles, filter)) ** 2
+    return radar.model_copy(update={"noise_bandwidth_hz": bandwidth_hz, "noise_correlation": tuple(correlation)})
 
 
-def _compute_gain(cycles_per_sample: float, decimation: int, filter: FrameFilter) -> float:
+def _compute_gain(cycles_per_sample: float, filter: FrameFilter) -> float:
     """Return the baseband amplitude of a unit carrier."""
-    taps, _ = _make_complex_taps(cycles_per_sample, decimation, filter)
+    taps, _ = _make_complex_taps(cycles_per_sample, DECIMATION, filter)
     return float(abs((taps * np.exp(2j * np.pi * cycles_per_sample * np.arange(taps.size))).sum())) / 2.0
 
 
@@ -182,7 +172,7 @@ def _make_complex_taps(
     """Return the taps ``h[k] exp(-j 2 pi f_c k / f_s)``, and the envelope's centre in samples."""
     if filter == "chip":
         bands = [band for band, value in CHIP_CARRIER.items() if abs(value - cycles_per_sample) < 1e-3]
-        if not bands or decimation != 8:
+        if not bands or decimation != DECIMATION:
             raise RecordingError(
                 "filter 'chip' is made for carriers of 5/16 and 3/8 of the sampling rate (7.29 and 8.748 GHz on the "
                 f"X4) and decimation 8; this carrier is {cycles_per_sample:.4f} of it and the decimation {decimation}; "

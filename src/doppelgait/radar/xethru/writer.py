@@ -321,13 +321,9 @@ def write_xethru_recording(
     folder: str | os.PathLike[str],
     *,
     data_type: str = "baseband_iq",
-    start_time: datetime,
-    session_id: str,
-    profile_id: int = 0,
-    user_header: bytes = b"",
-    splitting: Splitting = NO_SPLITTING,
     conjugate: bool = False,
     counts_per_unit: float | None = None,
+    **options: Any,
 ) -> Path:
     """Write a recording as XeThru files.
 
@@ -349,12 +345,12 @@ def write_xethru_recording(
         ``radar_baseband_q15`` (16-bit integers with one factor per frame, error half a step), ``radar_rf_normalized``
         or ``radar_rf`` (RF frames by :func:`~doppelgait.radar.xethru.downconvert.up_convert_frames`; down-converted
         again, two bins at both ends are lost and the low-pass lowers the edges of the band).
-    start_time, session_id, profile_id, user_header, splitting
-        As in :func:`~doppelgait.radar.xethru.writer.write_xethru`.
     conjugate : bool
         Write the conjugate; set the same option when reading.
     counts_per_unit : float, optional
         Counter steps per unit, above 0; needed for ``radar_rf``.
+    **options
+        ``start_time``, ``session_id`` and the others of :func:`write_xethru`.
 
     Returns
     -------
@@ -397,15 +393,7 @@ def write_xethru_recording(
         "frame_rate_hz": rate_hz,
     }
     stored = (np.conj(values) if conjugate else values).astype(np.complex64)
-    return write_xethru(
-        folder,
-        _iterate_records(name, stored, recording, head, counts_per_unit or 1.0),
-        start_time=start_time,
-        session_id=session_id,
-        profile_id=profile_id,
-        user_header=user_header,
-        splitting=splitting,
-    )
+    return write_xethru(folder, _iterate_records(name, stored, recording, head, counts_per_unit or 1.0), **options)
 
 
 def _iterate_records(
