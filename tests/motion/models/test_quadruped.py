@@ -167,10 +167,10 @@ def included_deg(points, a, b, c):
     return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
 
 
-LINKS = [
-    ("hip", "knee", limbs.FEMUR), ("knee", "hock", limbs.TIBIA), ("hock", "hind_paw", limbs.METATARSUS),
-    ("shoulder", "elbow", limbs.HUMERUS), ("elbow", "carpus", limbs.FOREARM), ("carpus", "fore_paw", limbs.MANUS),
-]  # fmt: skip
+FORE, HIND = ("shoulder", "elbow", "carpus", "fore_paw"), ("hip", "knee", "hock", "hind_paw")
+BONES = ("humerus", "forearm", "manus", "femur", "tibia", "metatarsus")
+ENDS = [*itertools.pairwise(FORE), *itertools.pairwise(HIND)]
+LINKS = [(*ends, getattr(limbs.BODY, bone)) for ends, bone in zip(ENDS, BONES, strict=True)]
 
 
 @pytest.mark.parametrize(("name", "froude"), [(name, fr) for name in GAITS for fr in froudes(name, 15)])
@@ -212,7 +212,7 @@ def test_the_trunk_moves_more_or_less(name):
 @pytest.mark.parametrize("name", GAITS)
 def test_a_limb_that_cannot_reach_lowers_the_trunk_and_never_stretches(name, build):
     build = BUILDS[build]
-    lengths = build.limbs * np.repeat([limbs.HUMERUS + limbs.FOREARM, limbs.FEMUR + limbs.TIBIA], 2)
+    lengths = build.limbs * np.repeat([limbs.BODY.humerus + limbs.BODY.forearm, limbs.BODY.femur + limbs.BODY.tibia], 2)
     for froude in froudes(name, 12):
         gait, *_ = settings(name, froude, build.withers_m, build)
         phase = PHASE[::4]
@@ -224,10 +224,10 @@ def test_a_limb_that_cannot_reach_lowers_the_trunk_and_never_stretches(name, bui
         )
         lowered -= points["rump"]
         np.testing.assert_allclose(lowered, [[0.0, 0.0, lowered[0, 2]]] * phase.size, atol=1e-12)
-        assert -1e-12 <= lowered[0, 2] <= limbs.DEEPEST_CROUCH + 1e-12
+        assert -1e-12 <= lowered[0, 2] <= limbs.BODY.deepest_crouch + 1e-12
         spans = [np.linalg.norm(points[f"{s}_shoulder"] - points[f"{s}_carpus"], axis=1).max() for s in SIDES]
         spans += [np.linalg.norm(points[f"{s}_hip"] - points[f"{s}_hock"], axis=1).max() for s in SIDES]
-        assert (np.array(spans) / lengths).max() <= limbs.STRAIGHT[1]
+        assert (np.array(spans) / lengths).max() <= limbs.BODY.straight[1]
 
 
 def test_a_joint_at_the_trunk_gives_only_where_a_limb_would_not_reach_or_fold_up():
@@ -235,8 +235,8 @@ def test_a_joint_at_the_trunk_gives_only_where_a_limb_would_not_reach_or_fold_up
     bottom, before = np.zeros((3, 3)), top.copy()
     limbs.move_along_limb(top, bottom, 1.0)
     np.testing.assert_array_equal(top[0], before[0])
-    assert limbs.STRAIGHT[0] < np.linalg.norm(top[1]) < limbs.STRAIGHT[1]
-    assert limbs.FOLDED[1] < np.linalg.norm(top[2]) < limbs.FOLDED[0]
+    assert limbs.BODY.straight[0] < np.linalg.norm(top[1]) < limbs.BODY.straight[1]
+    assert limbs.BODY.folded[1] < np.linalg.norm(top[2]) < limbs.BODY.folded[0]
     np.testing.assert_allclose(np.cross(top, before), 0.0, atol=1e-15)
 
 

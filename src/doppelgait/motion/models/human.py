@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Literal
 
 import numpy as np
@@ -27,6 +28,7 @@ from doppelgait.motion.models.curves import join_curves, make_measured_curve, wa
 from doppelgait.motion.models.human_body import (
     ADULT_M,
     CHILD_M,
+    PEOPLE,
     POINTS,
     Body,
     Curves,
@@ -58,29 +60,12 @@ from doppelgait.motion.motion import Motion
 Advance = Callable[[FloatArray, int], FloatArray]
 """Function that returns the distance travelled in m at phases in cycles (order 0), or its slope per cycle (order 1)."""
 
-MAX_EXTENSION = 0.99
-"""Maximum extension of a leg relative to its length. The knee flexion is then 16 degrees or more."""
-FOOT = (0.108, 0.0252)
-"""Distance from the ankle to the tip of the toes, and height of the ankle above the tip, as shares
-of the stature (means of recordings). The foot rotates about the tip when it rises."""
-MIDDLE = 0.8
-"""Position of the point ``toe`` between ankle (0) and tip (1). It is midway between ball and tip,
-because the point has the cross section of the whole foot."""
-STANDING_RAD = math.asin(FOOT[1] / FOOT[0])
+FOOT, RUN = SimpleNamespace(**PEOPLE["foot"]), SimpleNamespace(**PEOPLE["run"])
+STANDING_RAD = math.asin(FOOT.rise / FOOT.length)
 """Slope of the line from ankle to tip with a flat sole."""
-ANKLE = 0.034 / FOOT[0]
-"""Height of the ankle above the sole (median of recordings), relative to the distance from ankle to tip."""
-TIP = ANKLE - FOOT[1] / FOOT[0]
-"""Height of the tip above the sole, relative to the distance from ankle to tip."""
-HEEL = 0.45
-"""Distance from the heel to the point below the ankle, relative to the distance from ankle to tip (assumed)."""
-LEVEL_RAD = math.radians(1.5)
-"""Measured slope of the sole below which it is flat on the floor."""
-SWING_REACH = (0.75, 0.88)
-"""Horizontal distance of a swinging ankle from its hip, relative to the leg's reach: up to the
-first value it is not changed, and it stays below the second."""
-CLEARANCE_M = 0.03
-"""Smoothing height of a swing in which the toe would cross the floor. Its clearance is then half of this or more."""
+ANKLE, TIP = FOOT.ankle / FOOT.length, FOOT.ankle / FOOT.length - FOOT.rise / FOOT.length
+"""Heights of ankle and tip above the sole, relative to the distance from ankle to tip."""
+LEVEL_RAD = math.radians(FOOT.level_deg)
 OFFSET = {"left": 0.5, "right": 0.0}
 """Leg phase minus body phase: the right foot lands at 0, the left at 0.5."""
 
@@ -118,7 +103,7 @@ def place_feet(
     in_place = style.hips(np.concatenate([cycle, leg - OFFSET["left"], leg - OFFSET["right"]], axis=1))
     ends = {"left": slice(_GRID.size, -leg.shape[1]), "right": slice(-leg.shape[1], None)}
     feet = make_feet(style, {side: in_place[side][..., ends[side]] for side in ends}, size_m, left_ahead_m)
-    reach_m = MAX_EXTENSION * (size_m["thigh"] + size_m["shank"])
+    reach_m = FOOT.max_extension * (size_m["thigh"] + size_m["shank"])
     # Frames and a whole cycle in one call: between the frames' phases, too, the legs must reach the hips.
     count, every = phase.shape[1], np.concatenate([phase, cycle], axis=1)
     way_m, rises_m, found = advance(every, 0), [], {}
@@ -132,12 +117,12 @@ def place_feet(
         away_m = place[:2, swings] - hip_m[:2, swings]
         far = np.hypot(*away_m) / np.broadcast_to(reach_m, swings.shape)[swings]
         far = np.maximum(far, 1e-9)
-        near, width = SWING_REACH[0], SWING_REACH[1] - SWING_REACH[0]
+        near, width = FOOT.swing_reach[0], FOOT.swing_reach[1] - FOOT.swing_reach[0]
         shortened = np.where(far > near, near + width * np.tanh((far - near) / width), far)
         place[:2, swings] += away_m * (shortened / far - 1.0)
         toe_m, pitch = place[..., :count].copy(), pitch[:, :count]
-        toe_m[0] += MIDDLE * size_m["foot"] * cosine(pitch)
-        toe_m[2] += MIDDLE * size_m["foot"] * sine(pitch)
+        toe_m[0] += FOOT.middle * size_m["foot"] * cosine(pitch)
+        toe_m[2] += FOOT.middle * size_m["foot"] * sine(pitch)
         found[side] = place[..., :count], toe_m
         # the hips are raised until a leg is extended
         leg_m = place - hip_m
@@ -182,7 +167,7 @@ def _sample_leg_phases(duty: FloatArray) -> FloatArray:
 
 def make_feet(style: GaitStyle, hips: Hips, size_m: Sizes, left_ahead_m: Values) -> dict[str, Foot]:
     """Make a gait's feet and place their footprints. Hips are those at _sample_leg_phases."""
-    cycles, reach_m = _sample_leg_phases(style.duty), MAX_EXTENSION * (size_m["thigh"] + size_m["shank"])
+    cycles, reach_m = _sample_leg_phases(style.duty), FOOT.max_extension * (size_m["thigh"] + size_m["shank"])
     ahead, up, slope = style.foot(cycles)
     roll, way_m = _roll_sole(slope, size_m["foot"]), style.stride_m * cycles[:, :100]
     feet = {}
@@ -227,7 +212,7 @@ def _roll_sole(sole: FloatArray, foot_m: Values) -> FloatArray:
     beyond = np.maximum(np.abs(sole) - LEVEL_RAD, 0.0)
     turned = np.sign(sole) * beyond**2 / (beyond + LEVEL_RAD)  # smooth when the sole becomes level
     up, slope = np.maximum(turned, 0.0), STANDING_RAD - np.minimum(turned, 0.0)
-    heel_m, height_m = HEEL * foot_m, ANKLE * foot_m
+    heel_m, height_m = FOOT.heel * foot_m, ANKLE * foot_m
     return np.stack(
         [
             heel_m * (cosine(up) - 1) - height_m * sine(up) + foot_m * (math.cos(STANDING_RAD) - cosine(slope)),
@@ -272,9 +257,9 @@ def compute_foot_path(
     share = ((cycles - foot.duty) / width)[swings]
     rows = own[:, swings] + (((c_3 * share + c_2) * share + c_1) * share + c_0)
     sole, tip = rows[3] + STANDING_RAD, length_m[swings] * (sine(rows[3]) - TIP)
-    heel_m = -length_m[swings] * (HEEL * sine(sole) + ANKLE * cosine(sole))
+    heel_m = -length_m[swings] * (FOOT.heel * sine(sole) + ANKLE * cosine(sole))
     # raise a swinging foot smoothly if it would touch the floor, except at the ends of the swing
-    rounding = CLEARANCE_M * 16 * (share * (1 - share)) ** 2
+    rounding = FOOT.clearance_m * 16 * (share * (1 - share)) ** 2
     for point_m in (heel_m, tip):  # heel and toe of the sole relative to the ankle
         depth = -rows[2] - point_m
         rows[2] += (depth + np.sqrt(depth * depth + rounding * rounding)) / 2
@@ -287,15 +272,6 @@ def compute_foot_path(
 
 
 G_MPS2 = 9.81
-SLOWEST_RUN_MPS, FASTEST_RUN_MPS = 1.8, 9.0
-"""Range of running speeds of an adult of 1.75 m."""
-WALK_RUN_MPS = 2.0
-"""Speed at which an adult of 1.75 m changes from walking to running (Froude number 0.47 of the leg)."""
-
-_STEPS = ((2.2, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0), (2.45, 2.65, 2.78, 2.92, 3.15, 3.43, 3.8, 4.2))
-"""Usual step frequencies by speed, reduced by 4 % up to 4 m/s, the difference of the recorded runs."""
-_DUTY = ((2.2, 3.0, 4.0, 5.0, 7.0, 9.0), (0.40, 0.35, 0.30, 0.30, 0.25, 0.21))
-_ARM_SWING = ((2.2, 9.0), (12.5, 30.0))
 
 
 def adult_speed_mps(speed_mps: float, height_m: float) -> float:
@@ -305,18 +281,16 @@ def adult_speed_mps(speed_mps: float, height_m: float) -> float:
 
 def run_step_frequency_hz(speed_mps: float, height_m: float = ADULT_M) -> float:
     """Return the steps per second of a runner."""
-    # the step frequency is a table of speed. Below 2.2 m/s (at 1.75 m), the first slope is
-    # extrapolated.
-    return _interpolate_table(_STEPS, adult_speed_mps(speed_mps, height_m)) * math.sqrt(ADULT_M / height_m)
+    return _interpolate_table(RUN.steps, adult_speed_mps(speed_mps, height_m)) * math.sqrt(ADULT_M / height_m)
 
 
 def run_duty_factor(speed_mps: float, height_m: float = ADULT_M) -> float:
     """Return a runner's duty factor by speed."""
-    return _interpolate_table(_DUTY, adult_speed_mps(speed_mps, height_m))
+    return _interpolate_table(RUN.duty, adult_speed_mps(speed_mps, height_m))
 
 
-def _interpolate_table(table: tuple[tuple[float, ...], tuple[float, ...]], at: float) -> float:
-    x, y = table
+def _interpolate_table(table: list[list[float]], at: float) -> float:
+    x, y = table  # below the first value, the first slope is extrapolated
     if at < x[0]:
         return y[0] + (at - x[0]) * (y[1] - y[0]) / (x[1] - x[0])
     return float(np.interp(at, x, y))
@@ -338,11 +312,6 @@ def run_height_m(phase: npt.ArrayLike, stride_s: Values, duty: Values) -> FloatA
 
 OfPhase = Callable[[FloatArray], FloatArray]
 GaitName = Literal["auto", "walk", "run"]
-
-RUN_DUTY = 0.337
-"""Duty factor of the recorded runs, from the table at their mean speed."""
-WALK_ARMS = 0.65
-"""Arm swing of recorded walkers relative to Boulic's: hands at 0.63 V about the trunk instead of 0.97 V, at 1.1 m/s."""
 
 
 class HumanConfig(FrozenModel):
@@ -424,14 +393,14 @@ class HumanConfig(FrozenModel):
         """The gait; ``"auto"`` is a run above 2 m/s for 1.75 m, and at the same Froude number."""
         if self.gait != "auto":
             return self.gait
-        return "run" if adult_speed_mps(self.speed_mps, self.height_m) > WALK_RUN_MPS else "walk"
+        return "run" if adult_speed_mps(self.speed_mps, self.height_m) > RUN.above_mps else "walk"
 
     @property
     def speed_range_mps(self) -> tuple[float, float]:
         """Lowest and highest speed; 0 is excluded."""
         if self.actual_gait == "run":
             scale = math.sqrt(self.height_m / ADULT_M)
-            return SLOWEST_RUN_MPS * scale, FASTEST_RUN_MPS * scale
+            return RUN.speeds_mps[0] * scale, RUN.speeds_mps[1] * scale
         leg_m, tempo = _find_leg_and_tempo(self)
         return 0.0, boulic.TOP_RELATIVE_SPEED * leg_m * tempo
 
@@ -464,7 +433,7 @@ def human_gait(parameters: Sequence[HumanConfig], durations_s: Sequence[float], 
     lengths = [find_segment_lengths(config.body, config.height_m) for config in parameters]
     size_m = {name: make_column([own[name] for own in lengths]) * columns.height_m for name in lengths[0]}
     if parameters[0].foot_lock:
-        size_m["foot"] = FOOT[0] * columns.height_m  # to the tip
+        size_m["foot"] = FOOT.length * columns.height_m  # to the tip
     style = make_style(parameters, columns, size_m)
     # phase as a function of time, and distance as a function of phase if it is not linear
     path: Curve | None = None
@@ -544,7 +513,7 @@ def _walk_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Siz
         size_m,
         pelvis=lambda phase: (boulic.pelvis_angles_deg(phase, q), leg_m * boulic.compute_body_offset(phase, q)),
         thorax=lambda phase: (-boulic.lean_deg(q), boulic.thorax_torsion_deg(phase, q)),
-        arms=_add_arms(columns, lambda phase: boulic.arm_angles_deg(phase, q), WALK_ARMS),
+        arms=_add_arms(columns, lambda phase: boulic.arm_angles_deg(phase, q), PEOPLE["walk"]["arms"]),
     )
     return GaitStyle(stride_m, period_s, walk_duty(speed), *motion)
 
@@ -553,7 +522,7 @@ def _run_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Size
     own = [(config.speed_mps, config.height_m) for config in parameters]
     speeds_mps = [adult_speed_mps(*args) for args in own]
     adult_mps = make_column(speeds_mps)
-    swing_deg = make_column([_interpolate_table(_ARM_SWING, speed_mps) for speed_mps in speeds_mps])
+    swing_deg = make_column([_interpolate_table(RUN.arm_swing, speed_mps) for speed_mps in speeds_mps])
     period_s = 2 / make_column([run_step_frequency_hz(*args) for args in own]) * np.sqrt(columns.walk_ratio)
     duty = make_column([run_duty_factor(*args) for args in own])
     leg_m, stride_m = size_m["thigh"] + size_m["shank"], columns.speed_mps * period_s
@@ -572,7 +541,7 @@ def _run_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Size
         columns,
         "run",
         stride_m,
-        stride_m * duty / RUN_DUTY,
+        stride_m * duty / RUN.recorded_duty,
         size_m,
         pelvis=pelvis,
         # a lean of 5 to 10 degrees; the torsion is assumed

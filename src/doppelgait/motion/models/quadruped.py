@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
@@ -87,27 +88,10 @@ def compute_paw_path(cycles: FloatArray, girdle: Any, duty: Values, swing: Curve
 
 Points = dict[str, FloatArray]
 
-FEMUR, TIBIA, METATARSUS = 0.455, 0.51, 0.305
-SCAPULA, HUMERUS, FOREARM, MANUS = 0.23, 0.435, 0.51, 0.205
-NECK, SKULL, TAIL = 0.37, 0.45, 0.63
-
-GIRDLE_X, HIP_Z, FORE_Z = 0.52, 1.08, 1.19
-TRUNK_Z = (HIP_Z + FORE_Z) / 2
-SCAPULA_X, SCAPULA_Z = 0.07, 1.11
-"""Top of the scapula, about which it swings: distance ahead of the girdle, and height."""
-HIP_Y, SCAPULA_Y, TRACK_Y = 0.125, 0.14, 0.12
-"""Half widths of hips, tops of the scapulae and paws."""
+BODY = SimpleNamespace(**TABLES["body"])
+"""Lengths, places and limits of the standard dog's figure."""
+TRUNK_Z = (BODY.hip_z + BODY.fore_z) / 2
 TRUNK_POINTS: dict[str, list[float]] = TABLES["trunk_points"]
-"""Points fixed to the trunk in the median plane: (x, height) when the dog stands."""
-SKULL_DEG = -22.0
-"""Elevation of the skull above the horizontal."""
-SWAY_LAG = 0.13
-"""Strides from the landing of the left hind foot to the leftmost position of the trunk."""
-
-MAX_EXTENSION, DEEPEST_CROUCH = 0.95, 0.16
-"""Maximum extension of a limb relative to its length, and maximum lowering of the trunk in units of h to achieve it."""
-STRAIGHT, FOLDED = (0.93, 0.97), (0.40, 0.30)
-"""Distance of a limb's ends relative to its length: value from which the joint at the trunk moves, and limit."""
 LEFT, BOTH = np.array([[[1.0]], [[-1.0]]]), np.ones((2, 1, 1))
 """Signs of y of the two sides, and factors of values that are equal on both sides."""
 _TRUNK_X, _TRUNK_HEIGHT = np.array([*TRUNK_POINTS.values()]).T[..., None, None]
@@ -159,8 +143,8 @@ def compute_trunk_motion(
     # the surge of the trunk and the heaves of its girdles are the recorded ones. The pitch follows
     # from the two heaves.
     surge, hind, fore, neck, tail = join_trunk_curves(gait.curves, gait.touchdown)(phase)
-    sway = gait.sway * cosine(2 * np.pi * (phase - find_touchdowns(gait, "left_hind") - SWAY_LAG))
-    sin = (fore - hind) / (2 * GIRDLE_X * build.trunk)
+    sway = gait.sway * cosine(2 * np.pi * (phase - find_touchdowns(gait, "left_hind") - BODY.sway_lag))
+    sin = (fore - hind) / (2 * BODY.girdle_x * build.trunk)
     centre = stack_columns(distance + gait.ripple * stride * surge, sway, (hind + fore) / 2)
     return (centre, np.sqrt(1 - sin**2), sin), neck, tail
 
@@ -205,8 +189,8 @@ def compute_paws(
     cycles, print_at, step = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
     advance, height = compute_paw_path(cycles, girdle, duty, find_swing_curve(gait.curves, end, girdle.swing_peak))
     x = print_at + (advance - np.floor(cycles)) * step
-    x += girdle.reach + build.trunk * (GIRDLE_X if end == "fore" else -GIRDLE_X)
-    return cycles, stack_columns(x, TRACK_Y * LEFT, height)
+    x += girdle.reach + build.trunk * (BODY.girdle_x if end == "fore" else -BODY.girdle_x)
+    return cycles, stack_columns(x, BODY.track_y * LEFT, height)
 
 
 def compute_limb_ends(
@@ -214,32 +198,35 @@ def compute_limb_ends(
 ) -> Points:
     """Return paw, carpus or hock, and trunk joint."""
     # the trunk is at standing height. Each array is (2, B, n, 3), left and right.
-    limbs = build.limbs[..., None]
+    limbs, girdle_x = build.limbs[..., None], BODY.girdle_x * build.trunk
     cycles, paw = compute_paws(rides, gait, build, "hind", duty["hind"])
     (along,) = point_down(segment_elevation_rad(gait.curves, ["metatarsus"], cycles, duty["hind"]))
-    result = {"hind_paw": paw, "hock": paw - METATARSUS * limbs * along}
-    result["hip"] = place_on_trunk(-GIRDLE_X * build.trunk * BOTH, HIP_Y * LEFT, HIP_Z, trunk)
+    result = {"hind_paw": paw, "hock": paw - BODY.metatarsus * limbs * along}
+    result["hip"] = place_on_trunk(-girdle_x * BOTH, BODY.hip_y * LEFT, BODY.hip_z, trunk)
     cycles, paw = compute_paws(rides, gait, build, "fore", duty["fore"])
     along, scapula = point_down(segment_elevation_rad(gait.curves, ["manus", "scapula"], cycles, duty["fore"]))
-    result |= {"fore_paw": paw, "carpus": paw - MANUS * limbs * along}
-    top = place_on_trunk((GIRDLE_X * build.trunk + SCAPULA_X) * BOTH, SCAPULA_Y * LEFT, SCAPULA_Z, trunk)
-    return result | {"shoulder": top + SCAPULA * limbs * scapula}
+    result |= {"fore_paw": paw, "carpus": paw - BODY.manus * limbs * along}
+    top = place_on_trunk((girdle_x + BODY.scapula_x) * BOTH, BODY.scapula_y * LEFT, BODY.scapula_z, trunk)
+    return result | {"shoulder": top + BODY.scapula * limbs * scapula}
 
 
-CHAINS = (("hip", "hock", FEMUR, TIBIA), ("shoulder", "carpus", HUMERUS, FOREARM))
-"""Chains of two links between a joint at the trunk and the lower end, on both sides."""
+CHAINS = (
+    ("shoulder", "carpus", BODY.humerus, BODY.forearm, "elbow", -1.0),
+    ("hip", "hock", BODY.femur, BODY.tibia, "knee", 1.0),
+)
+"""Chains of two links: joint at the trunk, lower end, lengths, joint between them and its bend."""
 
 
 def compute_crouch(ends: Points, limbs: FloatArray) -> FloatArray:
     """Return the lowering of the trunk for the limbs, (B, 1)."""
     # every limb then reaches its paw at all positions of ends
     lower = np.zeros_like(limbs)
-    for top, bottom, first, second in CHAINS:
+    for top, bottom, first, second, *_ in CHAINS:
         line = ends[top] - ends[bottom]
-        room = (MAX_EXTENSION * limbs * (first + second)) ** 2 - line[..., 0] ** 2 - line[..., 1] ** 2
+        room = (BODY.max_extension * limbs * (first + second)) ** 2 - line[..., 0] ** 2 - line[..., 1] ** 2
         missing = (line[..., 2] - np.sqrt(np.maximum(room, 0.0))).max(axis=(0, 2))
         lower = np.maximum(lower, missing[:, None])
-    return np.minimum(lower, DEEPEST_CROUCH)
+    return np.asarray(np.minimum(lower, BODY.deepest_crouch))
 
 
 def move_along_limb(top: FloatArray, bottom: FloatArray, length: FloatArray) -> None:
@@ -248,22 +235,18 @@ def move_along_limb(top: FloatArray, bottom: FloatArray, length: FloatArray) -> 
     # back bends
     line = top - bottom
     share = np.sqrt((line * line).sum(axis=-1)) / length
-    far, near = share > STRAIGHT[0], share < FOLDED[0]
-    for where, (free, limit) in ((far, STRAIGHT), (near, FOLDED)):
+    far, near = share > BODY.straight[0], share < BODY.folded[0]
+    for where, (free, limit) in ((far, BODY.straight), (near, BODY.folded)):
         if where.any():
             more = limit - free
             wanted = free + more * np.tanh((share[where] - free) / more)
             top[where] = bottom[where] + line[where] * (wanted / share[where])[:, None]
 
 
-TAIL_YIELD_RAD = 0.25
-"""Angle above its lowest possible elevation at which a tail begins to yield (assumed)."""
-
-
 def lift_above_floor(elevation_rad: FloatArray, height: FloatArray) -> FloatArray:
     """Lift a rod smoothly off the floor. Height is that of its upper end relative to its length."""
-    free = TAIL_YIELD_RAD - height
-    yielding = free - TAIL_YIELD_RAD * np.tanh((free - elevation_rad) / TAIL_YIELD_RAD)
+    free = BODY.tail_yield_rad - height
+    yielding = free - BODY.tail_yield_rad * np.tanh((free - elevation_rad) / BODY.tail_yield_rad)
     return np.where(elevation_rad < free, yielding, elevation_rad)
 
 
@@ -290,11 +273,10 @@ def compute_all_points(
     size = build.limbs
     lowered = compute_crouch({name: place[:, :, count:] for name, place in ends.items()}, size)
     ends = {name: place[:, :, :count] for name, place in ends.items()}
-    for top, bottom, first, second in CHAINS:
+    for top, bottom, first, second, joint, bend in CHAINS:
         ends[top][..., 2] -= lowered
         move_along_limb(ends[top], ends[bottom], size * (first + second))
-    ends["elbow"] = solve_two_links(ends["shoulder"], ends["carpus"], size * HUMERUS, size * FOREARM, bend=-1.0)
-    ends["knee"] = solve_two_links(ends["hip"], ends["hock"], size * FEMUR, size * TIBIA, bend=1.0)
+        ends[joint] = solve_two_links(ends[top], ends[bottom], size * first, size * second, bend=bend)
     centre, cos, sin = (part[:, :count] for part in trunk)
     centre[..., 2] -= lowered
     fixed = place_on_trunk(build.trunk * _TRUNK_X, 0.0, _TRUNK_HEIGHT, (centre, cos, sin))
@@ -302,11 +284,11 @@ def compute_all_points(
     neck_base, tail_base, head = points["neck_base"], points["tail_base"], build.head[..., None]
     elevation = np.radians(carriage.neck_deg + gait.ripple * nod[:, :count])
     along = stack_columns(cosine(elevation), 0.0, sine(elevation))
-    skull = math.radians(SKULL_DEG)
-    points["neck"] = neck_base + head * NECK / 2 * along
-    points["head"] = neck_base + head * NECK * along
-    points["nose"] = points["head"] + head * SKULL * np.array([math.cos(skull), 0.0, math.sin(skull)])
-    length, wag = TAIL * build.tail, wag_rad
+    skull = math.radians(BODY.skull_deg)
+    points["neck"] = neck_base + head * BODY.neck / 2 * along
+    points["head"] = neck_base + head * BODY.neck * along
+    points["nose"] = points["head"] + head * BODY.skull * np.array([math.cos(skull), 0.0, math.sin(skull)])
+    length, wag = BODY.tail * build.tail, wag_rad
     elevation = lift_above_floor(np.radians(carriage.tail_deg + lift[:, :count]), tail_base[..., 2] / length)
     level = cosine(elevation)
     back = length[..., None] * stack_columns(-level * cosine(wag), level * sine(wag), sine(elevation))
