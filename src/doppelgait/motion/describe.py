@@ -9,19 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.motion.checks import list_few
 from doppelgait.motion.clean import clean_motion, fill_linear, find_stationary_points
-from doppelgait.motion.gait import measure_stride, measure_travel, smooth_path
+from doppelgait.motion.gait import measure_stride, measure_travel
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers import check_types, cut_part, read, take_part
 from doppelgait.motion.segments import Segment, find_segments
-
-FloatArray = npt.NDArray[np.float64]
-
-__all__ = ["describe_motion", "describe_recording", "smooth_path"]
 
 
 def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str, Any]:
@@ -77,33 +72,18 @@ def describe_motion(motion: Motion) -> dict[str, Any]:
         "points_dropped": {str(k): list(v) for k, v in report.get("dropped", {}).items()},
         "segments": [_describe_segment(segment, motion.facts.file_time_s) for segment in find_segments(motion)],
     }
-    return {key: _convert_to_plain(value) for key, value in facts.items()}
+    return _drop_unknown(facts)
 
 
 def _describe_segment(segment: Segment, starts_s: float) -> dict[str, Any]:
     # times are relative to the first frame of the file, like start_s and stop_s of read
-    gait = segment.gait
-    facts = {
-        "start_s": starts_s + segment.start_s,
-        "stop_s": starts_s + segment.stop_s,
-        "mean_speed_mps": segment.mean_speed_mps,
-        "straightness": segment.straightness,
-        "lateral_m": segment.lateral_m,
-        "speed_deviation": segment.speed_deviation,
-        "heading_deg": segment.heading_deg,
-        "gait": gait.gait,
-        "stride_frequency_hz": gait.stride_frequency_hz,
-        "step_frequency_hz": gait.step_frequency_hz,
-        "gait_frequency_hz": gait.gait_frequency_hz,
-        "duty_factor": gait.duty_factor,
-        "phases": gait.phases,
-        "footfalls": {foot: [starts_s + t for t in times] for foot, times in gait.footfalls.items()},
-        "stride_from": gait.measured_from,
-    }
-    return {key: _convert_to_plain(value) for key, value in facts.items()}
+    facts, gait = vars(segment) | vars(segment.gait), segment.gait
+    facts |= {"start_s": starts_s + segment.start_s, "stop_s": starts_s + segment.stop_s}
+    facts["footfalls"] = {foot: [starts_s + t for t in times] for foot, times in gait.footfalls.items()}
+    facts["stride_from"] = facts.pop("measured_from")
+    return _drop_unknown(facts)
 
 
-def _convert_to_plain(value: Any) -> Any:
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+def _drop_unknown(facts: Mapping[str, Any]) -> dict[str, Any]:
+    unknown = (key for key, value in facts.items() if isinstance(value, float) and not math.isfinite(value))
+    return {**facts, **dict.fromkeys(unknown)}

@@ -40,15 +40,13 @@ def _net_travel_m(motion: Motion, last: int = -1) -> FloatArray:
 
 
 def travel_heading_rad(motion: Motion) -> float:
-    """Return the ground direction of net travel."""
-    # the angle is from +x towards +y; it is 0 for a body that stays in place
+    """Return the direction of net travel from +x to +y, 0 for a body that stays in place."""
     net = _net_travel_m(motion)
     return math.atan2(net[1], net[0]) if math.hypot(*net) > STILL_BELOW_M else 0.0
 
 
 def travel_speed_mps(motion: Motion, *, first_s: float = math.inf) -> float:
-    """Return the net ground speed of the body centre."""
-    # it is over the first seconds of a motion, by default over the whole motion
+    """Return the net ground speed of the body centre, of the first seconds or of all."""
     times = motion.time_s
     last = int(np.searchsorted(times, times[0] + first_s, side="right")) - 1
     return float(math.hypot(*_net_travel_m(motion, last)) / (times[last] - times[0]))
@@ -128,8 +126,7 @@ def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float
 
 
 def _interpolate_centre(motion: Motion, at_s: float) -> FloatArray:
-    """Interpolate the body centre at a time, shape (3,)."""
-    # the time is relative to the first frame; the interpolation is linear
+    """Interpolate the body centre at a time after the first frame, shape (3,)."""
     times = motion.time_s
     frame = float(np.interp(times[0] + at_s, times, np.arange(times.size)))
     before, share = int(frame), frame - int(frame)
@@ -140,7 +137,6 @@ def _interpolate_centre(motion: Motion, at_s: float) -> FloatArray:
 
 def resample(motion: Motion, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Resample positions and velocities by a cubic spline (E-02)."""
-    # the spline interpolates the frames and is C2; velocities are its slope
     return fit_spline(motion).points(check_times(motion, time_s))
 
 
@@ -187,8 +183,7 @@ def _fit_motion_spline(motion: Motion, columns: npt.NDArray[Any]) -> Spline:
 
 
 def check_times(motion: Motion, time_s: npt.ArrayLike) -> FloatArray:
-    """Return times as float64 and check their range."""
-    # they are relative to the first frame. A time outside the motion raises MotionError.
+    """Return times after the first frame as float64; MotionError outside the motion."""
     wanted = np.ascontiguousarray(time_s, dtype=np.float64)
     lasts = motion.duration_s
     if wanted.size and (wanted.min() < 0 or wanted.max() > lasts + 1e-9):

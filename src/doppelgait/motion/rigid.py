@@ -9,8 +9,6 @@ from doppelgait.core.units import FloatArray
 
 RIGID_M = 0.008
 """Maximum spread of the distance between two points of one segment. Skin movement is smaller."""
-
-
 SWAY_WEIGHT = 40.0
 """Weight of the variation of a distance relative to its mean. Two points that a joint separates are not a bone."""
 FEWEST_FRAMES, MOST_FRAMES = 2, 64
@@ -19,10 +17,8 @@ TIES = 9
 
 
 def find_bones(position_m: npt.ArrayLike) -> npt.NDArray[np.int32]:
-    """Return the bones of a moving body."""
-    # the bones are a tree through all points with short branches of constant length: the minimum
-    # spanning tree (Kruskal 1956) of mean(d) + 40 sd(d), where d is the distance of two points over
-    # time
+    """Return the bones of a moving body: a tree of short branches of constant length."""
+    # it is the minimum spanning tree of mean(d) + 40 sd(d) with the distance d of two points over time
     from scipy.sparse.csgraph import minimum_spanning_tree
 
     points = np.asarray(position_m, dtype=np.float64)
@@ -46,8 +42,7 @@ NEAR_POINTS = 2
 
 
 def find_rigid_pairs(position: FloatArray) -> npt.NDArray[np.int32]:
-    """Return point pairs of constant distance."""
-    # they are bones and neighbouring points of one segment, shape (B, 2)
+    """Return bones and neighbouring points of one segment, shape (B, 2)."""
     bones = find_bones(position)
     some = position[:: max(1, len(position) // MOST_FRAMES)]
     distance = np.linalg.norm(some[:, :, np.newaxis] - some[:, np.newaxis], axis=-1)
@@ -70,8 +65,7 @@ def restore_lengths(
     ridge: float,
     steps: int,
 ) -> FloatArray:
-    """Move points as little as possible to wanted pair distances."""
-    # Newton's method minimises the weighted sum of squared displacements in every frame
+    """Move points as little as possible to wanted pair distances, by Newton's method."""
     if not len(pairs):
         return position
     ends = np.zeros((len(pairs), len(weights)))

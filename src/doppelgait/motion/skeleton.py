@@ -15,12 +15,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.core.config import read_toml
-
-FloatArray = npt.NDArray[np.float64]
-
+from doppelgait.core.units import FloatArray
 
 _UNSIDED_PARTS = ("head", "neck", "torso", "trunk", "tail")
 
@@ -44,14 +41,9 @@ def _list_words(species: Species, *kinds: str) -> dict[str, str]:
     table: dict[str, str] = {}
     for kind in kinds:
         for part, text in load_markers()[species][kind].items():
-            full = (part, part) if part in _UNSIDED_PARTS else tuple(f"{side}_{part}" for side in SIDES)
-            if kind == "midline":
-                table |= dict.fromkeys(_expand(text), part)
-            else:
-                sided = zip(SIDES, full, strict=True)
-                table |= {
-                    f"{start}{word}": of for side, of in sided for word in _expand(text) for start in (side[0], side)
-                }
+            for side in SIDES if kind != "midline" else ("",):
+                full = part if part in _UNSIDED_PARTS or not side else f"{side}_{part}"
+                table |= {f"{start}{word}": full for word in _expand(text) for start in (side[:1], side)}
     return table
 
 
@@ -67,8 +59,7 @@ _END = re.compile(r"[_. -]?(end[_ ]?site|end|site|nub)$", re.IGNORECASE)
 
 
 def reduce_word(name: str) -> str:
-    """Reduce a name to lower-case letters and digits."""
-    # the prefix of a rig is removed. "UpperLeg_L" becomes "lupperleg".
+    """Reduce a name to lower-case letters and digits: "UpperLeg_L" to "lupperleg"."""
     name, is_end = _END.subn("", _RIG_PREFIX.sub("", name))
     behind = _SIDE_BEHIND.match(name)
     if behind:
@@ -95,8 +86,7 @@ def list_spellings(name: str, species: Species = "human") -> list[str]:
 
 
 def look_up(word: str, table: Mapping[str, str]) -> str:
-    """Return the body part of a word, with or without a number."""
-    # an example is "lknee2". The result is "" if the word is unknown.
+    """Return the body part of a word ("lknee", "lknee2"), or ``""``."""
     return table.get(word) or table.get(word.rstrip("0123456789"), "")
 
 
@@ -156,8 +146,7 @@ def strip_subject(marker: str) -> str:
 
 
 def find_part(name: str, species: Species = "human") -> str:
-    """Return the body part of a marker or joint name."""
-    # find_parts resolves more names, because it uses the whole set
+    """Return the body part of a marker or joint name; find_parts resolves more names."""
     return _find(strip_subject(name), species, starts=False)
 
 
@@ -198,32 +187,21 @@ def _find_species_parts(names: Sequence[str], species: Species) -> list[str]:
 
 
 def complete_set(markers: Iterable[str]) -> frozenset[str]:
-    """Return the known marker set that the markers contain."""
-    # at least 90 % of the set must be present. The result is empty if there is no such set.
+    """Return the marker set of which at least 90 % are present, or an empty one."""
     names = {strip_subject(marker).upper() for marker in markers}
     found = [known for known in list_marker_sets().values() if len(known & names) >= 0.9 * len(known)]
     return max(found, key=lambda known: len(known & names), default=frozenset())
 
 
 LEG_SHARE = 0.245 + 0.246
-"""Length from hip to knee and from knee to ankle over stature (Drillis and Contini 1966, as in
-Winter 2009, figure 4.1)."""
+"""Length from hip over knee to ankle over stature (Drillis and Contini 1966; Winter 2009, figure 4.1)."""
 SKULL_SHARE = 0.93
 """Height of the eyes over stature (Drillis and Contini 1966). A skeleton's head that ends lower lacks the skull."""
 MODEL_JOINTS = {"spine1", "spinebase"}
 """Joints of SMPL and Kinect, whose other joints have names that markers have, too."""
 PERSON_M = (0.6, 2.4)
 UPRIGHT = 0.75
-"""Minimum height of an animal's withers, relative to their 95th percentile, in the frames in which it stands, and
-minimum height of a person's hips relative to the length of the leg (those of a rat are lower)."""
-MARKERS_OF_JOINTS = (
-    "hip hjc hipjoint grt gtr ftc trochanter greatertrochanter",
-    "kne knee kjc kneelat kneelateral kneemed kneemedial kneein knm fle fme lfc mfc",
-    "ank ankle ajc anklelat anklelateral anklemed anklemedial ankin anm lma mma mall lmal mmal fal tam",
-)
-"""Names of hip, knee and ankle without the side: of markers, and of joints with the name of the joint."""
-JOINTS_OF_BONES = ("upleg upperleg legupper thigh", "leg lowerleg calf shin", "foot")
-"""Names of hip, knee and ankle without the side, if joints have the name of the bone that starts there."""
+"""Minimum height, when standing, of withers over their 95th percentile, and of a person's hips over the legs."""
 
 
 def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[str]) -> tuple[float, str]:
@@ -259,21 +237,18 @@ def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[s
 
 
 def measure_leg_length(position: FloatArray, names: Sequence[str]) -> tuple[float, float]:
-    """Measure leg length and hip height, m."""
-    # the leg is from hip over knee to ankle. Values are means of both legs, or NaN if the names
-    # include no whole leg.
+    """Measure hip to knee to ankle, and hip height, m, of both legs; NaN without a whole one."""
     spellings = [list_spellings(strip_subject(name)) for name in names]
-    joints, n_spellings = MARKERS_OF_JOINTS, None
-    if name_bones({words[0] for words in spellings}):  # "UpperLeg" is not the leg, whose start is the knee
-        joints, n_spellings = JOINTS_OF_BONES, 1
-    spellings = [[word.rstrip("0123456789") for word in words[:n_spellings]] for words in spellings]
+    bones = name_bones({words[0] for words in spellings})  # "UpperLeg" is not the leg, whose start is the knee
+    joints = load_markers()["legs"]["bones" if bones else "joints"]
+    spellings = [[word.rstrip("0123456789") for word in words[: 1 if bones else None]] for words in spellings]
     lengths, hips = [], []
     for side in ("left", "right"):
         sided = [{start + name for name in one.split() for start in (side, side[0])} for one in joints]
         points = [[i for i, words in enumerate(spellings) if allowed.intersection(words)] for allowed in sided]
         if all(points):
             hip, knee, ankle = (position[:, these].mean(axis=1) for these in points)
-            bones = (np.linalg.norm(hip - knee, axis=1), np.linalg.norm(knee - ankle, axis=1))
-            lengths.append(sum(float(np.median(bone)) for bone in bones))
+            links = (np.linalg.norm(hip - knee, axis=1), np.linalg.norm(knee - ankle, axis=1))
+            lengths.append(sum(float(np.median(link)) for link in links))
             hips.append(float(np.median(hip[:, 2])))
     return (float(np.mean(lengths)), float(np.mean(hips))) if lengths else (float("nan"), float("nan"))

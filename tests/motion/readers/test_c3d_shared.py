@@ -12,7 +12,8 @@ import pytest
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion import Motion
 from doppelgait.motion.clean import clean_motion
-from doppelgait.motion.describe import describe_motion, describe_recording, smooth_path
+from doppelgait.motion.describe import describe_motion, describe_recording
+from doppelgait.motion.gait import smooth_path
 from doppelgait.motion.readers import cut_part, read
 from doppelgait.motion.readers.c3d import parse_c3d
 from doppelgait.motion.readers.text import Points

@@ -42,7 +42,6 @@ from doppelgait.motion.models.strides import (
 )
 from doppelgait.motion.motion import Motion
 
-OffsetSigns = Literal["continuous", "published", "pendulum"]
 Knots = list[tuple[float, float]]
 
 SLOWEST_FAST = 1.3
@@ -77,8 +76,7 @@ def _share(phase: FloatArray) -> FloatArray:
 def compute_body_offset(
     phase: FloatArray, relative_speed: Values, *, signs: npt.ArrayLike = "continuous"
 ) -> FloatArray:
-    """Return the offset of the body from uniform motion. Shapes: phase (..., n); returns (3, ..., n)."""
-    # it is in units of the offset scale k
+    """Return the body's offset from uniform motion over the scale k. Shapes: (..., n); (3, ..., n)."""
     q, signs = relative_speed, np.asarray(signs)
     slow = np.less(q, 0.5)
     lateral = np.where(slow, -0.128 * (q - q * q), -0.032)
@@ -114,7 +112,6 @@ def lean_deg(relative_speed: Values) -> FloatArray:
 
 def trunk_angles_deg(phase: FloatArray, relative_speed: Values) -> dict[str, FloatArray]:
     """Return pelvis and trunk angles by name, degrees."""
-    # they are trunk pitch, pelvic torsion and list, and thorax torsion, each of the shape of phase
     q, pitch = relative_speed, lean_deg(relative_speed)
     return {
         "trunk_pitch": -pitch + pitch * _sine(2 * phase - 0.1),
@@ -140,7 +137,6 @@ def thorax_torsion_deg(phase: FloatArray, relative_speed: Values) -> FloatArray:
 
 def limb_angles_deg(phase: FloatArray, relative_speed: Values) -> dict[str, FloatArray]:
     """Return the joint flexion of one side by name, degrees."""
-    # the joints are hip, knee, ankle, shoulder and elbow. The arrays have the shape of phase.
     joints = {joint: _interpolate_joint(joint, phase, relative_speed) for joint in ("hip", "knee", "ankle")}
     return joints | arm_angles_deg(phase, relative_speed)
 
@@ -159,7 +155,6 @@ def _interpolate_joint(joint: str, phase: FloatArray, relative_speed: Values) ->
 @lru_cache(maxsize=1024)  # every joint of an example needs them
 def find_joint_knots(relative_speed: float) -> dict[str, Knots]:
     """Return the joint curves' control points (phase, degrees)."""
-    # the joints are hip, knee, ankle and elbow
     q, support = relative_speed, compute_support_fraction(relative_speed)
     regime, x = ("slow", q) if q < 0.5 else ("middle", (q - 0.5) / 0.8)
     if q >= SLOWEST_FAST:
@@ -191,7 +186,7 @@ Form = Literal["consistent", "pendulum", "chen2011"]
 
 LEG_LENGTH = LENGTHS["thigh"] + LENGTHS["shank"]
 
-_SIGNS: dict[Form, OffsetSigns] = {"consistent": "continuous", "pendulum": "pendulum", "chen2011": "published"}
+_SIGNS: dict[Form, str] = {"consistent": "continuous", "pendulum": "pendulum", "chen2011": "published"}
 _WHOLE_CYCLE = np.arange(1000) / 1000
 
 

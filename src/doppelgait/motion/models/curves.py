@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -122,12 +122,11 @@ def find_trunk_curve(gait: RecordedGait, name: TrunkCurve, touchdown: Mapping[st
     return _make_curve(gait, name), landing - load_tables()["dogs"][gait]["landing"][end == "fore"]
 
 
-TRUNK_CURVES: tuple[TrunkCurve, ...] = ("surge", "hind_heave", "fore_heave", "neck", "tail")
+TRUNK_CURVES: tuple[TrunkCurve, ...] = get_args(TrunkCurve)
 
 
 def join_trunk_curves(gaits: Sequence[RecordedGait], touchdowns: Sequence[Mapping[str, float]]) -> CycleCurve:
     """Join the trunk curves of a batch, each at its first phase. Shapes: coefficients (5, B, 5)."""
-    # the curves are those of find_trunk_curve in the order of TRUNK_CURVES
     terms, begins = np.zeros((len(TRUNK_CURVES), len(gaits), 5), complex), np.empty((len(TRUNK_CURVES), len(gaits), 1))
     for row, name in enumerate(TRUNK_CURVES):
         for number, (gait, touchdown) in enumerate(zip(gaits, touchdowns, strict=True)):
@@ -144,8 +143,7 @@ def _stack_gaits(find: Callable[[RecordedGait], Any], gait: RecordedGait | Seque
 def segment_elevation_rad(
     gait: RecordedGait | Sequence[RecordedGait], segments: Sequence[Segment], cycles: FloatArray, duty: Values
 ) -> FloatArray:
-    """Return the measured elevations of segments of a limb."""
-    # stance and swing of the recording are scaled to those of the duty factor
+    """Return measured elevations of segments, with stance and swing scaled to the duty."""
     of_recording = _stack_gaits(
         lambda own: np.array([load_tables()["dogs"][own]["duty"]["metatarsus" not in segments]]), gait
     )
@@ -165,8 +163,7 @@ def segment_elevation_rad(
 
 
 def find_swing_curve(gait: RecordedGait | Sequence[RecordedGait], end: str, peak: Values) -> Curve:
-    """Return the path of a swinging paw, 0 to 1."""
-    # the path is a function of the share of the swing
+    """Return the path of a swinging paw, 0 to 1, over the share of the swing."""
     speed = _stack_gaits(lambda own: np.array(load_tables()["dogs"][own]["swings"][end]), gait)
     squared = speed**2
     peaked = squared / squared.mean(axis=-1, keepdims=True) * speed.mean(axis=-1, keepdims=True)

@@ -98,7 +98,6 @@ def place_feet(
     left_ahead_m: Values = 0.0,
 ) -> None:
     """Place figures on feet that do not slide. Shapes: points_m (17, 3, B, n); phase (B, n)."""
-    # segment lengths are kept. A flat sole is at z = 0.
     cycle, leg = np.floor(phase[:, :1]) + _GRID, _sample_leg_phases(style.duty)
     in_place = style.hips(np.concatenate([cycle, leg - OFFSET["left"], leg - OFFSET["right"]], axis=1))
     ends = {"left": slice(_GRID.size, -leg.shape[1]), "right": slice(-leg.shape[1], None)}
@@ -158,8 +157,7 @@ class Foot:
 
 
 def _sample_leg_phases(duty: FloatArray) -> FloatArray:
-    """Return sample phases of stance, touchdown and lift-off, (B, 106)."""
-    # stance has a hundred steps. Touchdown and lift-off have a neighbour on both sides.
+    """Return phases of stance (100), touchdown and lift-off with neighbours (3), (B, 106)."""
     around = np.array([0.0, -_NUDGE, _NUDGE])
     stance = duty * np.arange(100) / 99
     return np.concatenate([stance, np.broadcast_to(around, (len(duty), 3)), duty + around], axis=1)
@@ -189,8 +187,7 @@ def make_feet(style: GaitStyle, hips: Hips, size_m: Sizes, left_ahead_m: Values)
 def _find_best_print(
     hip_x: FloatArray, hip_z: FloatArray, roll: FloatArray, room_m2: FloatArray, reach_m: Values
 ) -> FloatArray:
-    """Find the footprints with the highest hip, (B, 1)."""
-    # the leg must reach the footprint during the whole stance
+    """Find the footprints with the highest hip that the leg always reaches, (B, 1)."""
     places = _PRINTS * reach_m
 
     def highest(at: FloatArray) -> FloatArray:
@@ -207,8 +204,7 @@ def _find_best_print(
 
 
 def _roll_sole(sole: FloatArray, foot_m: Values) -> FloatArray:
-    """Return ankle and pitch relative to the footprint, (4, ..., n)."""
-    # they follow from the slope of the sole in stance
+    """Return ankle and pitch relative to the footprint from a sole's slope, (4, ..., n)."""
     beyond = np.maximum(np.abs(sole) - LEVEL_RAD, 0.0)
     turned = np.sign(sole) * beyond**2 / (beyond + LEVEL_RAD)  # smooth when the sole becomes level
     up, slope = np.maximum(turned, 0.0), STANDING_RAD - np.minimum(turned, 0.0)
@@ -227,8 +223,6 @@ def compute_foot_path(
     foot: Foot, own: FloatArray, phase: FloatArray, advance: Advance
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
     """Return the path of a foot over the floor. Shapes: own (4, B, n); phase (B, n)."""
-    # in swing, the gait's own path is corrected by a cubic that matches value and slope of the
-    # adjacent stances
     number = np.floor(phase + foot.offset)
     cycles, first = phase + foot.offset - number, number.min(axis=1, keepdims=True)
     # values of each step are computed once; frames select their columns
@@ -298,9 +292,8 @@ def _interpolate_table(table: list[list[float]], at: float) -> float:
 
 def run_height_m(phase: npt.ArrayLike, stride_s: Values, duty: Values) -> FloatArray:
     """Return the height of a runner's body relative to touchdown."""
-    # it follows from the half-sine ground force (Morin et al. 2005). In stance z'' = A sin(pi
-    # t/t_c) - g with A = pi g t_step/(2 t_c), which supports the weight over a step; in flight z''
-    # = -g.
+    # half-sine ground force (Morin et al. 2005): in stance z'' = A sin(pi t/t_c) - g with
+    # A = pi g t_step/(2 t_c), which supports the weight over a step; in flight z'' = -g
     half = np.mod(np.asarray(phase, dtype=float), 0.5)
     contact_s, step_s = duty * stride_s, stride_s / 2
     force = math.pi * G_MPS2 * step_s / (2 * contact_s)
@@ -458,17 +451,12 @@ def human_gait(parameters: Sequence[HumanConfig], durations_s: Sequence[float], 
     points[:, 0] += advance(phase, 0)
     if parameters[0].foot_lock:
         place_feet(points, phase, advance, style, size_m, columns.length_asymmetry * style.stride_m / 8)
-    else:
-        leg_m, _, _, q = _walk_timing(parameters, columns)
-        points[:, 2] -= boulic.find_floor_m(q, size_m, offset_scale_m=leg_m, offset_signs="continuous")
-    return make_person_motions(
-        points.transpose(2, 3, 0, 1), timing, parameters, [config.actual_gait for config in parameters]
-    )
+    gaits = [config.actual_gait for config in parameters]
+    return make_person_motions(points.transpose(2, 3, 0, 1), timing, parameters, gaits)
 
 
 def _find_leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
-    """Return leg length and tempo relative to Boulic's."""
-    # the tempo is 1 for an adult; for a child, it follows from the Froude number
+    """Return leg length and tempo over Boulic's: 1, or by Froude number for a child."""
     lengths = find_segment_lengths(config.body, config.height_m)
     leg_m = (lengths["thigh"] + lengths["shank"]) * config.height_m
     adult = find_segment_lengths("adult", ADULT_M)
@@ -480,11 +468,13 @@ def _make_boulic_style(parameters: Sequence[HumanConfig], columns: Columns, size
     """Make the walk of Boulic et al. 1990. Its feet slide."""
     leg_m, stride_m, period_s, q = _walk_timing(parameters, columns)
     limbs = _add_arms(columns, lambda phase: boulic.limb_angles_deg(phase, q))
+    floor_m = boulic.find_floor_m(q, size_m, offset_scale_m=leg_m, offset_signs="continuous")
 
     def pose(phase: FloatArray) -> FloatArray:
         trunk = _convert_to_radians(boulic.trunk_angles_deg(phase, q))
         points = compute_figure_points(trunk, _convert_to_radians(limbs(np.stack([phase + 0.5, phase]))), size_m)
         points += leg_m * boulic.compute_body_offset(phase, q)
+        points[:, 2] -= floor_m
         return points
 
     return GaitStyle(stride_m, period_s, boulic.compute_support_fraction(q), np.zeros_like, pose, lambda phase: {})
@@ -493,8 +483,7 @@ def _make_boulic_style(parameters: Sequence[HumanConfig], columns: Columns, size
 def _walk_timing(
     parameters: Sequence[HumanConfig], columns: Columns
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return columns of leg, stride, stride time and relative speed."""
-    # lengths in m, the time in s; the speed is Boulic's q
+    """Return columns of leg in m, stride in m, stride time in s and relative speed q."""
     leg_m, tempo = map(make_column, zip(*map(_find_leg_and_tempo, parameters), strict=True))
     q = columns.speed_mps / leg_m / tempo
     longer = np.sqrt(columns.walk_ratio)
@@ -504,7 +493,6 @@ def _walk_timing(
 def _walk_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Sizes) -> GaitStyle:
     leg_m, stride_m, period_s, q = _walk_timing(parameters, columns)
     speed = columns.speed_mps / np.sqrt(G_MPS2 * leg_m)
-
     motion = _make_measured_motion(
         columns,
         "walk",
@@ -565,8 +553,7 @@ def _make_measured_motion(
     thorax: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
     arms: Curves,
 ) -> tuple[OfPhase, OfPhase, Callable[[FloatArray], Hips]]:
-    """Make foot, pose and hips from measured curves."""
-    # the measured ripple and feet are added to the gait's own trunk and arms
+    """Make foot, pose and hips from measured curves and the gait's own trunk and arms."""
     leg_m = size_m["thigh"] + size_m["shank"]
     speed = columns.speed_mps / np.sqrt(G_MPS2 * leg_m)
     pelvis_way, neck_way = (

@@ -85,8 +85,7 @@ _UPPER = [
 def compute_figure_points(
     trunk_rad: Mapping[str, FloatArray], limbs_rad: Mapping[str, FloatArray], size_m: Sizes
 ) -> FloatArray:
-    """Return points relative to the base of the spine (Chen 2011)."""
-    # Shapes: trunk_rad (..., n); limbs_rad (2, ..., n); returns (17, 3, ..., n)
+    """Return points about the spine's base (Chen 2011). Shapes: (..., n); (2, ..., n); (17, 3, ..., n)."""
     lower = place_lower_body(trunk_rad, limbs_rad, size_m)
     result = np.empty((len(POINTS), *lower.shape[1:]))
     result[_LOWER], result[_UPPER] = lower, _place_upper_body(trunk_rad, limbs_rad, size_m)
@@ -96,8 +95,7 @@ def compute_figure_points(
 def place_lower_body(
     trunk_rad: Mapping[str, FloatArray], limbs_rad: Mapping[str, FloatArray], size_m: Sizes
 ) -> FloatArray:
-    """Return base, hips, knees, ankles and toes."""
-    # base of the spine, then hip, knee, ankle and toe of both sides
+    """Return base of the spine, then hip, knee, ankle and toe of both sides."""
     below: list[Place] = [(0.0, 0.0, 0.0)]
     shank = limbs_rad["hip"] - limbs_rad["knee"]
     # at an ankle angle of 0, the foot is a rod at right angles to the shank
@@ -129,8 +127,7 @@ def _place_upper_body(
 
 
 def place_left_hip(pelvis_rad: Mapping[str, FloatArray], size_m: Sizes) -> FloatArray:
-    """Return the left hip relative to the spine's base, (3, ..., n)."""
-    # the right hip is opposite. Angles are those of compute_figure_points.
+    """Return the left hip relative to the spine's base, (3, ..., n); the right is opposite."""
     tilt, turn = pelvis_rad["pelvic_list"], pelvis_rad["pelvic_torsion"]
     aside = size_m["half_hip"] * cosine(tilt)
     return np.stack([sine(turn) * aside, cosine(turn) * aside, size_m["half_hip"] * sine(tilt)])
@@ -163,8 +160,7 @@ def _stack_points(points: Sequence[Place], shape: tuple[int, ...]) -> FloatArray
 def _place_hanging_links(
     start: tuple[Values, Values], links: Sequence[tuple[FloatArray, Values]]
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Return the ends (x, z) of linked rods."""
-    # links hang straight down at angle 0; a positive angle is forward
+    """Return the ends (x, z) of linked rods, which hang down at angle 0; forward is positive."""
     ends_x, ends_z = [], []
     x, z = (np.asarray(part) for part in start)
     for angle_rad, length in links:
@@ -175,8 +171,7 @@ def _place_hanging_links(
 
 
 def _rotate(points: FloatArray, angle_rad: FloatArray, *, axis: int) -> None:
-    """Rotate points (k, 3, ..., n) about a coordinate axis, in place."""
-    # the rotation is right-handed, through the origin, by the angles (..., n)
+    """Rotate points (k, 3, ..., n) about a coordinate axis by angles (..., n), in place."""
     first, second = (axis + 1) % 3, (axis + 2) % 3
     cos, sin = cosine(angle_rad), sine(angle_rad)
     turned = cos * points[:, first] - sin * points[:, second]
@@ -237,20 +232,16 @@ class Person:
 
 
 def find_segment_lengths(body: Body, height_m: float) -> dict[str, float]:
-    """Return segment lengths as fractions of the stature."""
-    # a child has shorter legs and a larger head. The ratios are linear in the stature from 1.6 m
-    # down to 0.9 m.
+    """Return segment lengths as fractions of the stature; those of a child change with it."""
     if body == "adult":
         return dict(LENGTHS)
     young = (CHILD_M[1] - height_m) / (CHILD_M[1] - CHILD_M[0])
     leg, head = (1 + young * (_SMALLEST[part] - 1) for part in ("leg", "head"))
-    child = (
-        LENGTHS | {part: LENGTHS[part] * leg for part in ("thigh", "shank", "foot")} | {"head": LENGTHS["head"] * head}
-    )
+    factors = {"head": head, "thigh": leg, "shank": leg, "foot": leg}
+    child = LENGTHS | {part: LENGTHS[part] * factor for part, factor in factors.items()}
     spine = ("head", "torso", "thigh", "shank")
-    return child | {
-        "torso": sum(LENGTHS[part] for part in spine) - sum(child[part] for part in spine if part != "torso")
-    }
+    torso = sum(LENGTHS[part] for part in spine) - sum(child[part] for part in spine if part != "torso")
+    return child | {"torso": torso}
 
 
 def sample_person(

@@ -139,9 +139,7 @@ Trunk = tuple[FloatArray, FloatArray, FloatArray]
 def compute_trunk_motion(
     phase: FloatArray, distance: FloatArray, gait: Columns, build: Columns, stride: FloatArray
 ) -> tuple[Trunk, FloatArray, FloatArray]:
-    """Return the path of the trunk at standing height."""
-    # the surge of the trunk and the heaves of its girdles are the recorded ones. The pitch follows
-    # from the two heaves.
+    """Return the trunk's path at standing height; its pitch follows from the girdles' heaves."""
     surge, hind, fore, neck, tail = join_trunk_curves(gait.curves, gait.touchdown)(phase)
     sway = gait.sway * cosine(2 * np.pi * (phase - find_touchdowns(gait, "left_hind") - BODY.sway_lag))
     sin = (fore - hind) / (2 * BODY.girdle_x * build.trunk)
@@ -150,8 +148,7 @@ def compute_trunk_motion(
 
 
 def place_on_trunk(x: Values, y: Values, height: Values, trunk: Trunk) -> FloatArray:
-    """Return the path of a point on the trunk."""
-    # the point is defined by its position when the dog stands with the middle of its trunk at x = 0
+    """Return the path of a point that stands at (x, y, height) with the trunk's middle at x = 0."""
     z = height - TRUNK_Z
     centre, cos, sin = trunk
     found = stack_columns(x * cos - z * sin, y, TRUNK_Z + x * sin + z * cos)
@@ -166,8 +163,7 @@ Ride = tuple[FloatArray, FootfallCourse]
 def compute_paws(
     rides: Sequence[Ride], gait: Columns, build: Columns, end: str, duty: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the paths of both paws of one girdle."""
-    # in the middle of its stance, a paw is below its girdle, shifted by the reach of the gait
+    """Return the paths of both paws of a girdle; in mid-stance, they are below it plus the reach."""
     girdle = getattr(gait, end)
     parts = []
     for phase, course in rides:
@@ -196,8 +192,7 @@ def compute_paws(
 def compute_limb_ends(
     rides: Sequence[Ride], gait: Columns, build: Columns, duty: Mapping[str, FloatArray], trunk: Trunk
 ) -> Points:
-    """Return paw, carpus or hock, and trunk joint."""
-    # the trunk is at standing height. Each array is (2, B, n, 3), left and right.
+    """Return paws, carpi, hocks and trunk joints of a trunk at standing height, (2, B, n, 3)."""
     limbs, girdle_x = build.limbs[..., None], BODY.girdle_x * build.trunk
     cycles, paw = compute_paws(rides, gait, build, "hind", duty["hind"])
     (along,) = point_down(segment_elevation_rad(gait.curves, ["metatarsus"], cycles, duty["hind"]))
@@ -218,8 +213,7 @@ CHAINS = (
 
 
 def compute_crouch(ends: Points, limbs: FloatArray) -> FloatArray:
-    """Return the lowering of the trunk for the limbs, (B, 1)."""
-    # every limb then reaches its paw at all positions of ends
+    """Return the trunk's lowering, (B, 1), with which every limb reaches its paw."""
     lower = np.zeros_like(limbs)
     for top, bottom, first, second, *_ in CHAINS:
         line = ends[top] - ends[bottom]
@@ -230,9 +224,8 @@ def compute_crouch(ends: Points, limbs: FloatArray) -> FloatArray:
 
 
 def move_along_limb(top: FloatArray, bottom: FloatArray, length: FloatArray) -> None:
-    """Move a trunk joint along its limb, in place."""
-    # it moves if the limb is nearly straight or folded, since a scapula glides over the ribs and a
-    # back bends
+    """Move the trunk joint along a nearly straight or folded limb, in place."""
+    # a scapula glides over the ribs and a back bends
     line = top - bottom
     share = np.sqrt((line * line).sum(axis=-1)) / length
     far, near = share > BODY.straight[0], share < BODY.folded[0]
@@ -260,8 +253,7 @@ def compute_all_points(
     wag_rad: FloatArray,
 ) -> Points:
     """Return the dogs' points by name, (B, n, 3)."""
-    # the carriage has mean elevations neck_deg and tail_deg; wag_rad is the angle of the tail to the left, (B, n)
-    # they are in units of h. The trunk is lowered until all limbs reach their paws.
+    # carriage: mean elevations neck_deg and tail_deg; wag_rad: angle of the tail to the left, (B, n)
     # frames and a whole cycle of equal strides in one call: in the cycle, all limbs must reach their paws
     count, even = phase.shape[1], replace(course, advance=None)
     cycle = np.broadcast_to(_WHOLE_CYCLE, (len(phase), _WHOLE_CYCLE.size))
@@ -470,8 +462,7 @@ def _make_gait(config: QuadrupedConfig) -> Gait:
 def _vary_course(
     regular: FootfallCourse, columns: Columns, phase: FloatArray, gait: Columns, rngs: Rngs
 ) -> FootfallCourse:
-    """Return courses with varying positions and times of the footfalls."""
-    # half strides and landings vary as first-order autoregressive sequences
+    """Return courses whose half strides and landings vary as autoregressive sequences."""
     first = np.floor(2 * phase[:, :1]) - 8
     sizes = (np.ceil(2 * phase[:, -1:]) + 8 - first)[:, 0].astype(int)
     halves = first + np.arange(sizes.max())

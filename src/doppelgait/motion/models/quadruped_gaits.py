@@ -70,8 +70,7 @@ GAITS_BY_SPEED: tuple[GaitName, ...] = ("walk", "trot", "gallop")
 
 
 def pick_gait(froude: float) -> GaitName:
-    """Return a dog's gait at a Froude number."""
-    # it is a walk up to 0.5, a trot up to 2.5, and a gallop above
+    """Return a dog's gait at a Froude number: the first whose range includes it."""
     fits = (name for name in GAITS_BY_SPEED if froude <= GAITS[name].froude[1] * (1 + 1e-9))
     return next(fits, GAITS_BY_SPEED[-1])
 
@@ -93,8 +92,7 @@ BuildName = Literal[
 
 GRAVITY_MPS2 = 9.81
 SWING_TIME_S, SWING_HEIGHT_M = 0.35, 0.46
-"""Duration of a swing, from rest to rest, and the hip height at which it was measured. It is nearly
-equal in all gaits."""
+"""Duration of a swing in all gaits, and the hip height at which it was measured."""
 DUTY_LIMITS = (0.15, 0.75)
 
 
@@ -137,15 +135,12 @@ def froude_number(speed_mps: float, hip_m: float) -> float:
 
 
 def stride_length_m(gait: Gait, speed_mps: float, hip_m: float) -> float:
-    """Return the stride length L = c h Fr^p."""
-    # by dynamic similarity, p = 0.3 (Alexander and Jayes 1983); in the pace and the walk it is
-    # smaller (measured)
+    """Return the stride length L = c h Fr^p (Alexander and Jayes 1983)."""
     return gait.stride_factor * hip_m * math.pow(froude_number(speed_mps, hip_m), gait.stride_power)
 
 
 def duty_factor(girdle: Girdle, stride_frequency_hz: float, hip_m: float) -> float:
-    """Return a paw's duty factor, 1 - t_swing f."""
-    # the girdle adds an offset; the result stays within limits
+    """Return a paw's duty factor, 1 - t_swing f plus the girdle's offset, within limits."""
     swing_s = SWING_TIME_S * math.sqrt(hip_m / SWING_HEIGHT_M)
     duty = 1 - swing_s * stride_frequency_hz + girdle.duty_offset
     return min(max(duty, DUTY_LIMITS[0]), DUTY_LIMITS[1])

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import cache
 from inspect import Parameter, Signature, cleandoc, signature
-from typing import Any, Protocol
+from typing import Any
 
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError
@@ -58,12 +58,8 @@ def check_table(table: Mapping[str, Any], **location: Any) -> MotionTable:
     return made
 
 
-class ModelFunction(Protocol):
-    """Type of the public function of a model."""
-
-    def __call__(self, *, duration_s: float = ..., rng: RandomSource | None = None, **parameters: Any) -> Motion:
-        """Generate the motion of parameters that are given by name."""
-
+ModelFunction = Callable[..., Motion]
+"""Public function of a model: generates a motion from duration, generator and parameters by name."""
 
 _SECTIONS = """
 
@@ -150,8 +146,7 @@ def generate_all(
     durations_s: Sequence[float],
     rngs: Sequence[RandomSource | None],
 ) -> list[Motion]:
-    """Generate many motions, those of a kind together."""
-    # each is the same as that of generate. No two may share a generator.
+    """Generate many motions as :func:`generate` does; no two may share a generator."""
     parameters = [MOTION_MODELS.parse(model) for model in models]
     sources = [None if rng is None else as_generator(rng, "motion") for rng in rngs]
     keys: list[Hashable] = []

@@ -47,8 +47,7 @@ class Columns:
 
 
 def stack_columns(first: FloatArray, *others: Values) -> FloatArray:
-    """Stack columns to shape (..., n, number of columns)."""
-    # the first has the shape (..., n), and each of the others may be a number. Columns are contiguous in memory.
+    """Stack columns (..., n), or numbers after the first, to (..., n, number of columns)."""
     found = np.empty((1 + len(others), *first.shape))
     for row, values in zip(found, (first, *others), strict=True):
         row[...] = values
@@ -56,8 +55,7 @@ def stack_columns(first: FloatArray, *others: Values) -> FloatArray:
 
 
 def solve_two_links(start: FloatArray, end: FloatArray, first: Values, second: Values, *, bend: float) -> FloatArray:
-    """Return the middle joint of two links. Shapes: start, end (..., 3)."""
-    # the links connect start and end
+    """Return the joint of two links between start and end, (..., 3)."""
     line = end - start
     x, y, z = line[..., 0], line[..., 1], line[..., 2]
     level = x * x + z * z
@@ -106,8 +104,7 @@ class Curve:
         return pieces
 
     def where(self, values: npt.ArrayLike) -> FloatArray:
-        """Invert curves with rising knots."""
-        # the values must be between those of a curve's first and its last knot
+        """Invert curves with rising knots at values between those of the ends."""
         wanted = np.asarray(values, dtype=float)
         heights = np.zeros(self.knots.shape)
         heights[..., :-1] = self.coefficients[0]
@@ -179,10 +176,9 @@ def fit_cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike, sizes: npt.Ar
 
 
 def fit_periodic_pchip(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
-    """Return shape-preserving cubics through periodic knots."""
-    # the phase is from 0 to 1 (Fritsch and Carlson 1980). A slope is 0 if the chords on both sides
-    # differ in sign or one is level, otherwise it is their weighted harmonic mean (Fritsch and
-    # Butland 1984).
+    """Return shape-preserving cubics through periodic knots (Fritsch and Carlson 1980)."""
+    # a slope is 0 at a level chord or a change of sign, otherwise the chords' weighted harmonic mean
+    # (Fritsch and Butland 1984)
     x, y = np.asarray(knots, dtype=float), np.asarray(heights, dtype=float)
     count = x.shape[-1]
     around = np.arange(-2, count + 2)  # slopes depend only on the neighbours
@@ -200,9 +196,8 @@ def fit_periodic_pchip(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
 STRIDE_CORRELATION = 0.5
 """Lag-one correlation of successive stride times (assumed)."""
 PACE_CORRELATION = 0.95
-"""Lag-one correlation of a walker's speed, which drifts over 20 steps (assumed). In the model, the
-steps themselves are independent; recorded ones have a correlation of 0.3 (-0.4 to 0.95) in time and
--0.3 (-0.6 to 0.5) in length."""
+"""Lag-one correlation of a walker's speed, which drifts over 20 steps (assumed). Steps are independent;
+recorded ones correlate by 0.3 (-0.4 to 0.95) in time and -0.3 (-0.6 to 0.5) in length."""
 LARGEST_DEVIATION = 3.0
 """Maximum deviation of stride times in standard deviations, so that time always increases."""
 _MARGIN = 2
@@ -266,8 +261,7 @@ class Timing:
 
 
 def time_even_strides(durations_s: Sequence[float], columns: Columns, period_s: FloatArray, rngs: Rngs) -> Timing:
-    """Time frames by stride clocks, from a ``start_phase``."""
-    # clocks are cubic splines, so that the rate is continuous; strides may have a ``stride_variation``
+    """Time frames by stride clocks, with ``start_phase`` and ``stride_variation`` if any."""
     times_s, counts = sample_times_s(durations_s, columns.rate_hz)
     variation = getattr(columns, "stride_variation", np.zeros_like(period_s))
     shortest_s = period_s * (1 - LARGEST_DEVIATION * variation)
@@ -327,8 +321,7 @@ def make_gait_motions(
     facts: Sequence[Mapping[str, Any]],
     reports: Sequence[Mapping[str, str]],
 ) -> list[Motion]:
-    """Make the motions of walkers from their positions, (B, T, P, 3)."""
-    # the facts have the harmonic of the stride frequency at which the gait repeats
+    """Make the motions of walkers from positions, (B, T, P, 3); facts have the harmonic of f_mu."""
     position_m = np.ascontiguousarray(position_m)
     times_s, phase = timing.times_s, timing.phase
     strides_hz = ((phase[:, -1] - phase[:, 0]) / (times_s[:, -1] - times_s[:, 0])).tolist()
@@ -356,8 +349,7 @@ _STEP_MARGIN = 5
 
 
 def step_series(durations_s: FloatArray, columns: Any, stride_s: FloatArray, stride_m: FloatArray, rngs: Rngs) -> Steps:
-    """Sample the touchdowns of both feet of models with varied steps."""
-    # they start well before time 0 and end well after the durations, (B, 1)
+    """Sample the touchdowns of varied steps, from before time 0 to after the durations."""
     deviating = [columns.step_time_sd, columns.step_length_sd, columns.pace_sd]
     shortest = 1 - LARGEST_DEVIATION * (deviating[0] + deviating[2] / 2) - np.abs(columns.time_asymmetry) / 2
     sizes = (np.ceil(2 * durations_s / (stride_s * shortest)) + (2 * _STEP_MARGIN + 1)).astype(int)[:, 0]
