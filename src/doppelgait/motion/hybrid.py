@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from numbers import Real
 from typing import Annotated, Any, NoReturn, Self
 
@@ -497,17 +498,11 @@ def check_hybrid(
 def _find_joints(pairs: IntArray, position: FloatArray) -> IntArray:
     """Find the joints of a body, shape (J, 3)."""
     # a joint is three points a, b, c with bones a-b and b-c that are not in one rigid segment
-    bones = {(int(a), int(b)) for a, b in find_bones(position)}
-    rigid = {(int(a), int(b)) for a, b in pairs}
+    rigid = {(a, b) for a, b in pairs.tolist()}
     by_end: dict[int, list[int]] = {}
-    for a, b in bones:
+    for a, b in find_bones(position).tolist():
         by_end.setdefault(a, []).append(b)
         by_end.setdefault(b, []).append(a)
-    found = [
-        (a, middle, c)
-        for middle, ends in sorted(by_end.items())
-        for a in sorted(ends)
-        for c in sorted(ends)
-        if a < c and (a, c) not in rigid
-    ]
-    return np.array(found, dtype=np.int32).reshape(-1, 3)
+    pairs_of_bones = ((m, *ends) for m in sorted(by_end) for ends in combinations(sorted(by_end[m]), 2))
+    joints = [(a, middle, c) for middle, a, c in pairs_of_bones if (a, c) not in rigid]
+    return np.array(joints, dtype=np.int32).reshape(-1, 3)

@@ -84,12 +84,8 @@ class MotionFacts:
 
     def with_frequencies(self, change: Callable[[float], float]) -> MotionFacts:
         """Return the facts with a function applied to stride, step and gait frequency."""
-        return replace(
-            self,
-            stride_frequency_hz=change(self.stride_frequency_hz),
-            step_frequency_hz=change(self.step_frequency_hz),
-            gait_frequency_hz=change(self.gait_frequency_hz),
-        )
+        changed: dict[str, Any] = {name: change(getattr(self, name)) for name in FREQUENCIES}
+        return replace(self, **changed)
 
 
 @labels_on_demand("positions")

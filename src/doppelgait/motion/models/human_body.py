@@ -96,15 +96,11 @@ def place_lower_body(
     trunk_rad: Mapping[str, FloatArray], limbs_rad: Mapping[str, FloatArray], size_m: Sizes
 ) -> FloatArray:
     """Return base of the spine, then hip, knee, ankle and toe of both sides."""
-    below: list[Place] = [(0.0, 0.0, 0.0)]
     shank = limbs_rad["hip"] - limbs_rad["knee"]
     # at an ankle angle of 0, the foot is a rod at right angles to the shank
     foot = shank + limbs_rad["ankle"] + np.pi / 2
-    leg = ((limbs_rad["hip"], size_m["thigh"]), (shank, size_m["shank"]), (foot, size_m["foot"]))
-    x, z = _place_hanging_links((0.0, 0.0), leg)
-    for row, y in enumerate((size_m["half_hip"], -size_m["half_hip"])):
-        below += [(0.0, y, 0.0), *((x_k[row], y, z_k[row]) for x_k, z_k in zip(x, z, strict=True))]
-    lower = _stack_points(below, shank.shape[1:])
+    links = ((limbs_rad["hip"], size_m["thigh"]), (shank, size_m["shank"]), (foot, size_m["foot"]))
+    lower = _place_limbs([0.0], size_m["half_hip"], links)
     _rotate(lower, trunk_rad["pelvic_list"], axis=0)
     _rotate(lower, -trunk_rad["pelvic_torsion"], axis=2)
     return lower
@@ -113,17 +109,30 @@ def place_lower_body(
 def _place_upper_body(
     trunk_rad: Mapping[str, FloatArray], arms_rad: Mapping[str, FloatArray], size_m: Sizes
 ) -> FloatArray:
-    """Return neck, head, shoulders, elbows and hands."""
-    top = size_m["torso"]
-    above: list[Place] = [(0.0, 0.0, top), (0.0, 0.0, top + size_m["head"])]
+    """Return neck, head, then shoulder, elbow and hand of both sides."""
     forearm = arms_rad["shoulder"] + arms_rad["elbow"]
-    x, z = _place_hanging_links((0.0, top), ((arms_rad["shoulder"], size_m["upper_arm"]), (forearm, size_m["forearm"])))
-    for row, y in enumerate((size_m["half_shoulder"], -size_m["half_shoulder"])):
-        above += [(0.0, y, top), *((x_k[row], y, z_k[row]) for x_k, z_k in zip(x, z, strict=True))]
-    upper = _stack_points(above, forearm.shape[1:])
+    links = ((arms_rad["shoulder"], size_m["upper_arm"]), (forearm, size_m["forearm"]))
+    heights = [size_m["torso"], size_m["torso"] + size_m["head"]]
+    upper = _place_limbs(heights, size_m["half_shoulder"], links)
     _rotate(upper, -trunk_rad["trunk_pitch"], axis=1)
     _rotate(upper, -trunk_rad["thorax_torsion"], axis=2)
     return upper
+
+
+def _place_limbs(heights: Sequence[Values], half_m: Values, links: Sequence[tuple[FloatArray, Values]]) -> FloatArray:
+    """Return points of the spine, then both limbs from the first one's height, (k, 3, ..., n)."""
+    # links hang down at angle 0; forward is positive
+    points: list[Place] = [(0.0, 0.0, height) for height in heights]
+    for side, y in enumerate((half_m, -half_m)):
+        points.append((0.0, y, heights[0]))
+        for angle_rad, length in links:
+            x, _, z = points[-1]
+            points.append((x + length * sine(angle_rad[side]), y, z - length * cosine(angle_rad[side])))
+    found = np.empty((len(points), 3, *links[0][0].shape[1:]))
+    for rows, point in zip(found, points, strict=True):
+        for row, values in zip(rows, point, strict=True):
+            row[...] = values
+    return found
 
 
 def place_left_hip(pelvis_rad: Mapping[str, FloatArray], size_m: Sizes) -> FloatArray:
@@ -146,28 +155,6 @@ def place_legless_points(
     found[POINTS.index("left_hip")], found[POINTS.index("right_hip")] = left_m, -left_m
     found += base_m
     return found
-
-
-def _stack_points(points: Sequence[Place], shape: tuple[int, ...]) -> FloatArray:
-    """Stack the coordinates of points as (k, 3, ..., n)."""
-    found = np.empty((len(points), 3, *shape))
-    for rows, point in zip(found, points, strict=True):
-        for row, part in zip(rows, point, strict=True):
-            row[...] = part
-    return found
-
-
-def _place_hanging_links(
-    start: tuple[Values, Values], links: Sequence[tuple[FloatArray, Values]]
-) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Return the ends (x, z) of linked rods, which hang down at angle 0; forward is positive."""
-    ends_x, ends_z = [], []
-    x, z = (np.asarray(part) for part in start)
-    for angle_rad, length in links:
-        x, z = x + length * sine(angle_rad), z - length * cosine(angle_rad)
-        ends_x.append(x)
-        ends_z.append(z)
-    return ends_x, ends_z
 
 
 def _rotate(points: FloatArray, angle_rad: FloatArray, *, axis: int) -> None:

@@ -184,13 +184,9 @@ def rotor(config: RotorConfig, times_s: FloatArray) -> Body:
 
 def _place_blades(config: RotorConfig | FanConfig, plane: Plane, times_s: FloatArray) -> Body:
     points = {"hub": stack_columns(np.zeros_like(times_s), 0.0, config.hub_height_m)}
-    first, second = ("xyz".index(axis) for axis in plane)
     for blade in range(config.blades):
         angle = 2 * np.pi * (config.rotation_hz * times_s + blade / config.blades)
-        tip = points["hub"].copy()
-        tip[:, first] += config.radius_m * cosine(angle)
-        tip[:, second] += config.radius_m * sine(angle)
-        points[f"blade_{blade + 1}"] = tip
+        points[f"blade_{blade + 1}"] = points["hub"] + _place_round(angle, config.radius_m, plane)
     return points, {"gait_frequency_hz": config.blades * config.rotation_hz}
 
 
@@ -293,8 +289,9 @@ def robot_vacuum(config: VacuumConfig, times_s: FloatArray) -> Body:
     return points, {"height_m": config.height_m, **rate}
 
 
-def _place_round(angle_rad: FloatArray, radius_m: float) -> FloatArray:
-    return radius_m * np.stack([cosine(angle_rad), sine(angle_rad), np.zeros_like(angle_rad)], axis=1)
+def _place_round(angle_rad: FloatArray, radius_m: float, plane: Plane = "xy") -> FloatArray:
+    along = {plane[0]: cosine(angle_rad), plane[1]: sine(angle_rad)}
+    return radius_m * np.stack([along.get(axis, np.zeros_like(angle_rad)) for axis in "xyz"], axis=1)
 
 
 class CurtainConfig(FrozenModel):

@@ -24,7 +24,7 @@ from doppelgait.motion.models.curves import RecordedGait
 from doppelgait.motion.models.strides import evaluate_laws
 
 GaitName = Literal["walk", "pace", "trot", "canter", "gallop", "transverse_gallop", "bound"]
-GaitChoice = Literal["auto", "walk", "pace", "trot", "canter", "gallop", "transverse_gallop", "bound"]
+GaitChoice = Literal["auto", GaitName]
 
 
 @dataclass(frozen=True)
