@@ -36,9 +36,9 @@ from doppelgait.motion.skeleton import FOOT_PARTS
 SPEED_BAND = 0.3
 """Largest relative change of a gait's speed. Beyond it, stride length and posture would change."""
 UNEVEN_M, UNEVEN_SHARE = 0.15, 0.05
-"""Largest distance of the body of a straight and steady motion from even travel: a constant and a share of the path."""
+"""Largest distance of a steady body from even travel: a constant and a share of the path."""
 SUPPORT_STRIDES = 0.12
-"""Share of a stride over which the speed of the feet is averaged to find double support: its duration in a walk."""
+"""Share of a stride over which the feet's speed is averaged: the double support of a walk."""
 _SAMPLES_PER_STRIDE = 400
 BLOCK_FRAMES = 1 << 15
 """Number of frames that are placed on a path at a time. An hour has a million frames."""
@@ -91,10 +91,10 @@ def follow(
 
     .. math:: x(t) = c(s) + R_z(\psi(s)) [\, x_0(\tau) - V \tau \,], \qquad \tau = s(t) / V
 
-    with c the ground curve, s(t) the distance travelled, psi the tangent averaged over 0.5 m and x_0
-    the straight motion of mean speed V. The stride length is constant: at another speed, the stride
-    frequency changes. Stops are moved by at most a quarter stride, to the phase in which the feet are
-    slowest. A body at rest fades to a standing posture. In a turn on the spot, it rotates rigidly.
+    with c the ground curve, s(t) the distance travelled, psi the tangent averaged over 0.5 m and
+    x_0 the straight motion of mean speed V. The stride length is constant. Stops are moved by at
+    most a quarter stride, to the phase in which the feet are slowest. A body at rest fades to a
+    standing posture. In a turn on the spot, it rotates rigidly.
 
     Parameters
     ----------
@@ -112,15 +112,15 @@ def follow(
     Returns
     -------
     Motion
-        At the motion's frame rate. Footfalls are those of the motion, moved in time; stride, step and
-        gait frequency are means over the time not paused. ``facts.path`` describes the path.
+        At the motion's frame rate. Footfalls are moved in time; stride, step and gait frequency are
+        means over the time not paused. ``facts.path`` describes the path.
 
     Raises
     ------
     MotionError
-        If the motion does not travel straight and steadily, is too short, or cannot stop; or the path is too short.
+        If the motion is not straight and steady or cannot stop, or it or the path is too short.
     ConfigError
-        If the speed on the path is more than 30 % from the motion's, or stops are too close together.
+        If the speed on the path is more than 30 % from the motion's, or stops are too close.
 
     Examples
     --------
@@ -134,7 +134,7 @@ def follow(
     require_motion(motion)
     gait, layout = _rotate_to_x(motion), lay_out(path)
     pace = _find_pace(gait, path, layout)
-    # the curve in the world frame; a turn on the spot divides its line at the place where the body stops
+    # the curve in the world frame; a turn on the spot divides its line where the body stops
     turned = [stop for stop in pace.stops if stop.turn_rad]
     elements = [part for stop in turned for part in (CurveElement(stop.at_m), replace(ENDLESS, turn_rad=stop.turn_rad))]
     x, y = layout.start_m

@@ -1,7 +1,7 @@
 """New targets from recorded clips.
 
-A clip is changed in speed, size and stride, or two clips are blended. The distances between the points of the body are
-restored and feet on the ground stay in place. A result in which feet slide or joints bend too far is refused.
+A clip is changed in speed, size and stride, or two clips are blended. Distances between points are
+restored. A result in which feet slide or joints bend too far is refused.
 """
 
 from __future__ import annotations
@@ -44,13 +44,12 @@ class SpeedLaw:
 WALK = SpeedLaw(0.63, 0.11, (0.17, 0.60))
 """Law from 36 shared recordings of walking people (tuning half); exponent +-0.05."""
 RUN = SpeedLaw(0.74, 0.08, (0.43, 1.32))
-"""Law from five shared recordings of runners (tuning half), exponent +-0.10; spread and range from all fourteen."""
+"""Law from five shared recordings of runners, exponent +-0.10; spread and range from all fourteen."""
 QUADRUPED = SpeedLaw(0.60, 0.07, (0.20, 2.4))
-"""Law L/h = c Fr^0.3 of the models of dogs. The exponent is 0.50 +-0.04 in 37 recordings of a pacing dog and 0.69
-+-0.05 in four trots of another. The spread is the largest of pace, walk and trot. The speeds are those of 76 straight
-segments of the shared recordings of dogs, 0.22 to 2.32, rounded."""
+"""Law L/h = c Fr^0.3 of the models of dogs (measured exponents: ``docs/howto/hybrids.md``). The spread is
+the largest of pace, walk and trot, the speeds those of 76 shared segments of dogs, rounded."""
 FACTOR = (0.8, 1.25)
-"""Allowed factors on speed and size (assumed). A path may change the speed of a motion by as much."""
+"""Allowed factors on speed and size (assumed)."""
 SPREADS = 1.0
 """Largest deviation of the stride length from the law, in standard deviations."""
 
@@ -121,15 +120,15 @@ def retarget(
 
     .. math:: V' = V\,v\,\sqrt{b}, \qquad L' = L\,b\,v^{a}\,s, \qquad T' = T\,\sqrt{b}\,s\,v^{a-1}
 
-    with a = 0.63 (walk of people), 0.74 (run), 0.60 (animals). A foot on the ground stays in place, and
-    the distances between the points of the body are restored.
+    with a = 0.63 (walk of people), 0.74 (run), 0.60 (animals). A foot on the ground stays in place,
+    and the distances between the points of the body are restored.
 
     Parameters
     ----------
     motion : Motion
         Motion without gaps: at least one stride of straight gait.
     speed_factor : float
-        v, 0.8 to 1.25: factor of V / sqrt(g l), which must stay within that of recordings of the gait.
+        v, 0.8 to 1.25: factor of V / sqrt(g l), which must stay within that of recordings.
     size_factor : float
         b, 0.8 to 1.25: factor of all lengths. Times change by its square root (dynamic similarity).
     stride_factor : float
@@ -139,13 +138,13 @@ def retarget(
     Returns
     -------
     Motion
-        The same points and number of frames, with scaled frame rate, height, frequencies and footfalls.
-        ``report["hybrid"]`` holds the factors, the largest change of a length and the slide of the feet.
+        The same points and frames, with scaled frame rate, height, frequencies and footfalls.
+        ``report["hybrid"]`` holds factors, largest change of a length and slide of the feet.
 
     Raises
     ------
     MotionError
-        If a factor or the speed is outside its limits, or feet slide or joints bend too far in the result.
+        If a factor or the speed is outside its limits, or feet slide or joints bend too far.
 
     Examples
     --------
@@ -207,14 +206,13 @@ def _retarget(
 def blend(first: Motion, second: Motion, *, share: float) -> Motion:
     """Blend two clips of one gait.
 
-    Both become endless cycles (:func:`~doppelgait.motion.loop.loop`). The second gets the heading and
-    size of the first, and the phase in which it differs least. Positions, stride times and distances
-    between points are averaged.
+    Both become endless cycles, as in ``loop``. The second gets the heading and size of the first, and
+    the phase in which it differs least. Positions, stride times and distances are averaged.
 
     Parameters
     ----------
     first, second : Motion
-        Motions without gaps: straight gait of the same kind and species, 1.2 strides or more, with the
+        Motions without gaps: straight gait of one kind and species, 1.2 strides or more, with the
         same markers or joints; at most a quarter of the points may be in only one of them.
     share : float
         Weight of the second motion, 0 to 1.
@@ -222,9 +220,9 @@ def blend(first: Motion, second: Motion, *, share: float) -> Motion:
     Returns
     -------
     Motion
-        Whole strides and a fraction of one, at the frame rate and heading of the first, with the common
-        points. Source, subject and licence name both. ``report["hybrid"]`` holds share, phase, ratio of
-        the sizes, correlation of the two, the largest change of a distance and the slide of the feet.
+        Whole strides and a fraction of one, at the frame rate and heading of the first, with the
+        common points. Source, subject and licence name both. ``report["hybrid"]`` holds share,
+        phase, ratio of sizes, correlation, largest change of a distance and slide of the feet.
 
     Raises
     ------
@@ -266,7 +264,7 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
         _refuse_blend(one, other, f"{why}; retarget one of them first")
     scales = (1.0, ratio)
     cycles = [_find_body_cycle(*each) for each in zip((cycle, second_cycle), points, scales, strict=True)]
-    # align the mean strides at their maximum correlation, by shifts sixteen times finer than the phases
+    # align the mean strides at their maximum correlation, by shifts finer than the phases
     means = [mean for mean, _ in cycles]
     offset = (means[0].mean(axis=(0, 1)) - means[1].mean(axis=(0, 1))) * (1.0, 1.0, 0.0)
     swings = [mean - mean.mean(axis=0) for mean in means]
@@ -406,18 +404,18 @@ def _join_marks(one: str, other: str, mark: str = " + ") -> str:
 
 
 FREE_PARTS = ("head", "neck", "tail", "left_hand", "right_hand")
-"""Body parts without limits of their joints. A head turned left and one turned right blend to a straight neck."""
+"""Parts without limits of their joints: heads turned left and right blend to a straight neck."""
 
 LONGER = 0.005
-"""Largest relative error of the distance between two points; an absolute error of :data:`LONGER_M` is also allowed."""
+"""Largest relative error of the distance between two points, or the absolute one below."""
 LONGER_M = 1e-3
 JERKS = 1.5
-"""Factor on the largest acceleration by the restoration of lengths, above which a leg snaps straight."""
+"""Factor of the restoration of lengths on accelerations, above which a leg snaps straight."""
 SLIDES = 0.02
-"""Allowed increase of the feet's sliding speed over the body's: the maximum of loops of shared recordings."""
+"""Allowed increase of the feet's sliding over the body's speed: the maximum of shared loops."""
 BENDS_DEG = 14.0
-"""Angle by which a joint may bend further than in the recordings: two standard deviations of the minimum and maximum
-angle of a joint between recordings of one gait and skeleton (7 degrees: root mean square over nine sets, 4 to 11)."""
+"""Angle by which a joint may bend further than recorded: two standard deviations of its limits between
+recordings of one gait and skeleton (7 degrees: root mean square over nine sets, 4 to 11)."""
 
 
 def measure_foot_slide(motion: Motion) -> float:

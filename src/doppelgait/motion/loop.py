@@ -1,6 +1,6 @@
 """Longer motions from a short clip, without a visible seam.
 
-A clip becomes an endless cycle of whole strides, which is repeated. Successive strides vary about the recorded ones.
+A clip becomes an endless cycle of whole strides. Successive strides vary about the recorded ones.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ OVERLAP_STRIDES = 0.15
 SEARCH = 0.12
 """Largest difference of the cycle's length from whole strides, in strides."""
 GRID_PER_STRIDE, MOST_STRIDES = 60, 12
-"""Number of tried seams per stride, and largest number of strides of a cycle. More strides add no visible variation."""
+"""Number of tried seams per stride, and of strides of a cycle; more add no visible variation."""
 UNSEEN_M = 1e-3
 """Mismatch of a seam that is negligible."""
 PRECISION_FRAMES = 1e-6
 SLOWEST = 0.05
-"""Lower limit of a point's speed, as a share of the mean speed, so that its share of a correction is smooth at rest."""
+"""Lower limit of a point's share of the mean speed: its share of a correction is smooth at rest."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def _combine_mismatch(seam: Seam, weight_s: float) -> float:
 
 def _measure_mismatch(moved: FloatArray, change: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:
     """Return rms mismatches of position and velocity per first frame."""
-    # over points and width frames, of displacements without the ground advance and of velocity changes
+    # over points and width frames, of displacements without the advance and of velocity changes
     moved[..., :2] -= moved[..., :2].mean(axis=(0, 1))
     advance = _average_running(moved[..., :2].mean(axis=1), width)
     squared = _average_running((moved**2).sum(axis=2).mean(axis=1), width) - (advance**2).sum(axis=1)
@@ -238,8 +238,8 @@ def _close_cycle(motion: Motion, seam: Seam, overlap: float) -> Cycle:
     later, earlier = clip(ends + seam.lag), clip(ends)
     moved = (later[0] - earlier[0]).mean(axis=0)
     advance = moved.mean(axis=0) * (1.0, 1.0, 0.0)
-    # the closing error of a point and the body's gain of speed are removed along the whole cycle (within the overlap
-    # alone they would cause a jerk), in proportion to the speed of the point: a foot on the ground stays
+    # the closing error of a point and the body's gain of speed are removed along the whole cycle (in
+    # the overlap alone they would jerk), in proportion to the point's speed: a standing foot stays
     faster = (later[1] - earlier[1]).mean(axis=(0, 1)) / rate * (1.0, 1.0, 0.0)
     lasts = seam.lag + overlap + 1.0
     grid = np.linspace(0.0, lasts, max(64, math.ceil(lasts)))
@@ -274,21 +274,20 @@ POSES_PER_STRIDE = 2
 SHARE_OF_SWING = 2.0
 """Maximum factor on a swing; the minimum is 0."""
 FOOT_WEIGHT = 100.0
-"""Weight of a point of a foot, relative to other points, when the lengths of a body are restored."""
+"""Weight of a point of a foot relative to others when the lengths of a body are restored."""
 RIDGE, STEPS = 2.0, 3
-"""Ridge and steps of the restoration of lengths; soft, because a foot may deviate further than the leg reaches."""
+"""Ridge and steps of the restoration of lengths; soft, as a foot may deviate beyond the leg's reach."""
 KNOT_MARGIN = 3
-"""Number of strides before the first and after the last frame, so that the ends of the splines have no effect."""
+"""Strides before the first and after the last frame: the splines' ends have no effect."""
 
 
 def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: RandomSource | None = None) -> Motion:
     """Lengthen a clip of straight gait over whole strides.
 
-    The seam is the frame in which pose and velocity after n strides are closest to those before. n is
-    the largest number for which neither differs by more than the median of neighbouring strides.
-    Position, velocity and acceleration are continuous at the seam, and the mean speed is that of the clip.
-    Strides vary about this cycle as in recordings of people or dogs; feet on the ground stay in place
-    and distances between points are restored. ``docs/motion-methods.md`` has the method.
+    The seam is the frame in which pose and velocity after n strides are closest to those before, with
+    the largest n for which neither differs by more than the median of neighbouring strides. It is
+    continuous up to the acceleration, and the mean speed is that of the clip. Strides vary as in
+    recordings of people or dogs; feet on the ground stay in place, and lengths are restored.
 
     Parameters
     ----------
@@ -304,9 +303,9 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     Returns
     -------
     Motion
-        The same points, frame rate and facts, from time 0. ``stride_frequency_hz`` is that of the cycle
-        and exactly the mean over the duration. Footfalls are repeated. ``report["loop"]`` holds seam,
-        residuals, variation and the correction of the stride length.
+        The same points, frame rate and facts, from time 0. ``stride_frequency_hz`` is exactly the
+        mean over the duration. Footfalls are repeated. ``report["loop"]`` holds seam, residuals,
+        variation and the correction of the stride length.
 
     Raises
     ------
@@ -377,7 +376,7 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
             "stride_length_sd": share * spread["length"],
         },
     )
-    # touchdowns of one cycle in s after its start: the stated ones, or those found in the middle one of three cycles
+    # touchdowns in s after a cycle's start: the stated ones, or those of the middle of three cycles
     every_s, until_s = seam.lag / rate, (count - 1) / rate
     if motion.facts.footfalls:
         begins_s = float(motion.time_s[0]) + seam.start / rate

@@ -96,9 +96,9 @@ class Motion:
     Parameters
     ----------
     positions : DataArray (time, marker, space)
-        Positions in m, z up, floor at z = 0; NaN where a point was not seen (only before cleaning). The
-        coordinate ``part`` along ``marker`` is the body part of each point, ``""`` if unknown. Other
-        dimensions, coordinates or units raise AnalysisError.
+        Positions in m, z up, floor at z = 0; NaN where a point was not seen (before cleaning). The
+        coordinate ``part`` along ``marker`` is the body part of each point, ``""`` if unknown.
+        Other dimensions, coordinates or units raise AnalysisError.
     facts : MotionFacts
         Facts that doppelgait uses: frequencies, footfalls, height, subject.
     report : mapping
@@ -243,11 +243,11 @@ def make_motion(
     Parameters
     ----------
     position_m : array_like, shape (T, P, 3)
-        Positions in metres, z up, floor at z = 0; NaN where a point was not seen (only before cleaning).
+        Positions in m, z up, floor at z = 0; NaN where a point was not seen (before cleaning).
     rate_hz : float
         Frames per second, positive.
     markers, parts : sequence of str, length P
-        Unique names of the points, and their body parts (:mod:`doppelgait.motion.skeleton`), ``""`` if unknown.
+        Unique names of the points, and their body parts, ``""`` if unknown.
     start_s : float
         Time of the first frame.
     facts : MotionFacts or mapping, optional

@@ -1,6 +1,6 @@
 """Paths over the ground: lines, arcs and stops.
 
-The origin of a path's coordinates is the target's position at the start. x is its heading, and y points to its left.
+The origin is the target's position at the start. x is its heading, and y points to its left.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from doppelgait.core.plugins import Group, plugin
 from doppelgait.core.units import FloatArray, arctangent, cosine, sine
 
 HEADING_WINDOW_M = 0.5
-"""Distance over which the body turns where the curvature of its path jumps: about a step (assumed)."""
+"""Distance over which the body turns where the curvature jumps: about a step (assumed)."""
 TRANSITION_S = 0.6
 """Time of the transition from double support to standing, and of that back (assumed)."""
 _HALVINGS = 80
@@ -188,7 +188,7 @@ def make_arc(radius_m: float, turn_rad: float) -> CurveElement:
 
 
 TURN_S, ACCELERATION_MPS2 = 2.0, 1.0
-"""Default time of a half turn on the spot, and default maximum acceleration on stopping and starting (assumed)."""
+"""Default time of a half turn on the spot and acceleration on stopping and starting (assumed)."""
 _SHORTEST_M = 1e-3
 ENDLESS = CurveElement(math.inf)
 
@@ -374,7 +374,7 @@ def lay_out_polyline(path: PolylinePath) -> Layout:
 
 
 PATHS: Group[Callable[[Any], Layout]] = Group("path", built_in=("doppelgait.motion.paths",))
-"""Plug-ins by the ``kind`` of a scene file: a model derived from :class:`Path` and a function that returns a layout."""
+"""Plug-ins by ``kind``: a model derived from :class:`Path` and a function that returns a layout."""
 
 
 def make_path(table: Mapping[str, Any] | Path) -> Path:

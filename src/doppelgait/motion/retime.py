@@ -20,7 +20,7 @@ from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
 ScalingMode = Literal["uniform", "froude", "z_only"]
 
 STILL_BELOW_M = 0.2
-"""Minimum travel of the body centre with a direction. A body that travels less is assumed to face +x."""
+"""Minimum travel of the body centre with a direction. A body that travels less faces +x."""
 
 
 def body_centre_m(motion: Motion, frames: slice | list[int] = slice(None)) -> FloatArray:
@@ -66,7 +66,7 @@ def scale_to_height(
     height_m : float
         Wanted stature (people) or withers height (dogs, cats), positive.
     mode : {"uniform", "froude", "z_only"}
-        Scale all coordinates; also times by the square root (dynamic similarity); or only heights, as in the report.
+        Scale all coordinates; also times by the square root (dynamic similarity); or only heights.
     recorded_height_m : float, optional
         Height of the recorded subject. The default is the motion's own ``height_m``, or for
         ``z_only`` the highest point if that is unknown.
@@ -197,8 +197,7 @@ def check_times(motion: Motion, time_s: npt.ArrayLike) -> FloatArray:
 ARM_PARTS = ("_upper_arm", "_forearm", "_hand")
 FORE_PARTS = ("_fore_upper", "_fore_lower", "_fore_paw")
 TURN_MARGIN = 0.35
-"""Maximum lead of a clock over an even one, in strides: the timing and three standard deviations of the noise."""
-
+"""Maximum lead of a clock in strides: the timing and three standard deviations of the noise."""
 SLOWEST_STRIDE_S = 2.5
 
 
@@ -212,7 +211,7 @@ class Variation(FrozenModel):
     ripple_twice_m: Amplitude of such a movement at twice the stride frequency.
     pitch_deg: Amplitude of the pitch of trunk, head and arms at twice the stride frequency.
     yaw_deg: Amplitude of the yaw of trunk, head and arms at the stride frequency.
-    pace: Factor of the stride frequency at equal speed; the swing of the legs becomes shorter by it.
+    pace: Factor of the stride frequency at equal speed; the swing of the legs is shorter by it.
     swing_timing: Share of a stride by which all limbs lead and lag, which changes the stance time.
     fore_timing: Share of a stride by which the forelimbs (a person's arms) are delayed.
     phase_noise: Standard deviation of the stride clock from stride to stride, in strides.

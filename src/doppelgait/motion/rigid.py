@@ -10,7 +10,7 @@ from doppelgait.core.units import FloatArray
 RIGID_M = 0.008
 """Maximum spread of the distance between two points of one segment. Skin movement is smaller."""
 SWAY_WEIGHT = 40.0
-"""Weight of the variation of a distance relative to its mean. Two points that a joint separates are not a bone."""
+"""Weight of a distance's variation relative to its mean: points across a joint are no bone."""
 FEWEST_FRAMES, MOST_FRAMES = 2, 64
 TIES = 9
 """Number of decimals to which costs and lengths in m are compared."""
@@ -18,7 +18,7 @@ TIES = 9
 
 def find_bones(position_m: npt.ArrayLike) -> npt.NDArray[np.int32]:
     """Return the bones of a moving body: a tree of short branches of constant length."""
-    # it is the minimum spanning tree of mean(d) + 40 sd(d) with the distance d of two points over time
+    # the minimum spanning tree of mean(d) + 40 sd(d) with the distance d of two points over time
     from scipy.sparse.csgraph import minimum_spanning_tree
 
     points = np.asarray(position_m, dtype=np.float64)
@@ -38,7 +38,7 @@ def find_bones(position_m: npt.ArrayLike) -> npt.NDArray[np.int32]:
 
 
 NEAR_POINTS = 2
-"""Number of rigid neighbours of each point with distances that are kept, in addition to the bones."""
+"""Number of rigid neighbours of each point with distances that are kept, besides the bones."""
 
 
 def find_rigid_pairs(position: FloatArray) -> npt.NDArray[np.int32]:

@@ -1,8 +1,7 @@
 """Body parts of known markers and joints. Also the height of a body from them (E-01).
 
-The words are in ``markers.toml``. There are two kinds: markers, and joints with the name of the joint (knee, wrist) or
-of the bone that ends there (femur, humerus in ASF/AMC); joints of BVH skeletons have the name of the bone that starts
-there (``LeftLeg`` is the knee).
+The words are in ``markers.toml``: markers, joints with the name of the joint (knee, wrist) or of the
+bone that ends there (femur in ASF/AMC) or starts there (``LeftLeg`` is the knee of BVH skeletons).
 """
 
 from __future__ import annotations
@@ -73,7 +72,7 @@ _TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+")
 
 def list_spellings(name: str, species: Species = "human") -> list[str]:
     """List the words that a name may stand for, the most exact first."""
-    # "WaistLFront" is "waistlfront", with its side in front "lwaistfront", and without the place on the part "lwaist"
+    # "WaistLFront" is "waistlfront", "lwaistfront", and without the place on the part "lwaist"
     tokens = [token.lower() for token in _TOKEN.findall(_RIG_PREFIX.sub("", name))]
     side = next((n for n, token in enumerate(tokens) if token in ("l", "r", *SIDES)), -1)
     if side < 0 and (compact := re.fullmatch(r"(.+)(left|right)", tokens[-1] if tokens else "")):
@@ -92,7 +91,7 @@ def look_up(word: str, table: Mapping[str, str]) -> str:
 
 def name_bones(words: set[str]) -> bool:
     """Return True if joints have the names of bones."""
-    # that is so in BVH files, which have an upper leg; markers on thigh and shin come with markers of the knee
+    # so have BVH files, which have an upper leg; markers on thigh and shin come with the knee's
     limbs = {"lthigh", "lshin", "lfoot"} <= words and not any("kne" in word for word in words)
     legs = {word for word in words if re.fullmatch(r"(l|r|left|right)(upleg|upperleg|legupper)\d*", word)}
     return bool(legs) or limbs or {"lthigh", "lcalf"} <= words
@@ -114,10 +113,10 @@ DOG_PARTS = (
     *("head", "neck", "trunk", "tail"),
     *_list_limbs("fore_upper fore_lower fore_paw", "hind_upper hind_lower hind_paw"),
 )
-"""Parts of a four-legged animal; "upper" is scapula + humerus or femur, "lower" forearm or tibia + metatarsus."""
+"""Parts of an animal; upper: scapula + humerus or femur, lower: forearm or tibia + metatarsus."""
 
 BODY_CENTRE_PARTS = ("torso", "trunk")
-"""Parts that define the centre of the body by their mean position. Without them, it is the mean of all points."""
+"""Parts whose mean is the centre of the body. Without them, it is the mean of all points."""
 
 FOOT_PARTS = tuple(p for p in (*HUMAN_PARTS, *DOG_PARTS) if p.endswith(("_foot", "_paw")))
 """Parts that stand on the floor."""
@@ -133,11 +132,11 @@ BOULIC_PARTS = list_points(
     "base:torso neck:torso head:head *_shoulder:torso *_elbow:*_upper_arm *_hand:*_hand "
     "*_hip:torso *_knee:*_thigh *_ankle:*_shank *_toe:*_foot"
 )
-"""The 17 points of the Boulic walking model. A joint belongs to the part above it, like a skin marker on it."""
+"""The 17 points of the Boulic walk. A joint belongs to the part above, like a skin marker on it."""
 
 _ONLY_ANIMALS = re.compile(r"tail|paw|withers|hock|stifle|fetlock|muzzle|snout|hoof")
 MIN_HUMAN_PARTS = 10
-"""Minimum number of named parts, of the 14 of a person, from which names alone identify a person."""
+"""Minimum number of named parts, of 14, from which names alone identify a person."""
 
 
 def strip_subject(marker: str) -> str:
@@ -194,14 +193,14 @@ def complete_set(markers: Iterable[str]) -> frozenset[str]:
 
 
 LEG_SHARE = 0.245 + 0.246
-"""Length from hip over knee to ankle over stature (Drillis and Contini 1966; Winter 2009, figure 4.1)."""
+"""Hip over knee to ankle over stature (Drillis and Contini 1966; Winter 2009, figure 4.1)."""
 SKULL_SHARE = 0.93
-"""Height of the eyes over stature (Drillis and Contini 1966). A skeleton's head that ends lower lacks the skull."""
+"""Height of the eyes over stature (Drillis and Contini 1966): a lower head lacks the skull."""
 MODEL_JOINTS = {"spine1", "spinebase"}
 """Joints of SMPL and Kinect, whose other joints have names that markers have, too."""
 PERSON_M = (0.6, 2.4)
 UPRIGHT = 0.75
-"""Minimum height, when standing, of withers over their 95th percentile, and of a person's hips over the legs."""
+"""Minimum height of standing withers over their 95th percentile, and of hips over the legs."""
 
 
 def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[str]) -> tuple[float, str]:
@@ -209,7 +208,7 @@ def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[s
     # the height of a person with a head is that of its highest point
     z = position[:, :, 2]
     if "trunk" in parts:
-        # of the withers above the lower fore paw: the median over the frames in which the animal stands
+        # of the withers above the lower fore paw: the median of the frames in which it stands
         trunk = [i for i, part in enumerate(parts) if part == "trunk"]
         named = [i for i in trunk if "withers" in reduce_word(strip_subject(names[i]))]
         fore = [i for i, part in enumerate(parts) if part.endswith("_fore_paw")]

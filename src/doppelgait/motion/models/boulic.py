@@ -1,12 +1,11 @@
 """Walking person of Boulic et al. (1990) with 17 points.
 
-The form is that of Chen (2011), with lengths in units of the leg length L = 0.491 H: at the speed V,
-q = V/L, the stride length is 1.346 sqrt(q) L and the stride time 1.346 / sqrt(q) s.
+The form is that of Chen (2011), with lengths in units of the leg length L = 0.491 H: with q = V/L,
+the stride length is 1.346 sqrt(q) L and the stride time 1.346 / sqrt(q) s.
 
-Symbols: q is the relative speed V/L in 1/s, p the phase in cycles, 0 at initial contact of the right leg. Joint curves
-are those of the right side; the left side is half a cycle later. Regimes: A below q = 0.5, B to 1.3, C to 3.
-
-Shapes: phases are (n,) with a number q, or (..., B, n) with a column of them, (B, 1), for the examples of a batch.
+Symbols: q is the relative speed in 1/s, p the phase in cycles, 0 at initial contact of the right
+leg; the left side is half a cycle later. Regimes: slow below q = 0.5, middle to 1.3, fast to 3.
+Shapes: phases are (n,) with a number q, or (..., B, n) with a column of them, (B, 1), for a batch.
 """
 
 from __future__ import annotations
@@ -76,7 +75,7 @@ def _share(phase: FloatArray) -> FloatArray:
 def compute_body_offset(
     phase: FloatArray, relative_speed: Values, *, signs: npt.ArrayLike = "continuous"
 ) -> FloatArray:
-    """Return the body's offset from uniform motion over the scale k. Shapes: (..., n); (3, ..., n)."""
+    """Return the body's offset from uniform motion over the scale k, (3, ..., n)."""
     q, signs = relative_speed, np.asarray(signs)
     slow = np.less(q, 0.5)
     lateral = np.where(slow, -0.128 * (q - q * q), -0.032)
@@ -288,7 +287,7 @@ def compute_boulic_points(
     Returns
     -------
     ndarray, shape (n, 17, 3)
-        Metres in the order of ``human_body.POINTS``; origin at the base of the spine of the average posture.
+        Metres in the order of ``human_body.POINTS``; origin at the base of the average spine.
     """
     p, q = np.atleast_1d(np.asarray(phase, dtype=float)), relative_speed
     for each in np.ravel(q):

@@ -30,7 +30,7 @@ TOUCHDOWN = {"right_hand": 0.0, "left_knee": 0.0, "left_hand": 0.5, "right_knee"
 DUTY = 0.65
 """Share of the stride in which a limb is on the floor (assumed)."""
 STRIDE_RATIO = 0.36
-"""Stride length over stride frequency in statures per Hz: 0.8 strides per second at 0.4 m/s and 1.75 m (assumed)."""
+"""Stride length over frequency in statures per Hz: 0.8 Hz at 0.4 m/s and 1.75 m (assumed)."""
 HAND_LIFT = 0.04
 """Height of the hand in mid-swing over the stature (assumed); knees slide forward on the floor."""
 ARM_REACH = 0.95
@@ -103,8 +103,7 @@ def place_limb(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]
 
 
 def compute_crawling_points(phase: FloatArray, stride: Values) -> dict[str, FloatArray]:
-    """Return the crawlers' points by name, in statures. Shapes: phase (..., n); returns (..., n, 3)."""
-    # the pelvis is at stride times the phase
+    """Return the crawlers' points by name, in statures, (..., n, 3)."""
     size, x = LENGTHS, stride * phase
     reach = ARM_REACH * (size["upper_arm"] + size["forearm"])
     rise = np.sqrt(reach**2 - (DUTY * stride / 2) ** 2) - size["thigh"]
@@ -118,7 +117,7 @@ def compute_crawling_points(phase: FloatArray, stride: Values) -> dict[str, Floa
         ahead = points["neck"][..., 0] - stride * phase + stride * (advance + touchdown + DUTY / 2)
         hand = stack_columns(ahead, sigma * size["half_shoulder"], HAND_LIFT * lift)
         elbow = solve_two_links(shoulder, hand, size["upper_arm"], size["forearm"], bend=-1.0)
-        # the thigh rotates about the hip over the resting knee, which therefore rises slightly at both ends
+        # the thigh rotates about the hip over the resting knee, which rises slightly at both ends
         hip = points["base"] + np.array([0.0, sigma * size["half_hip"], 0.0])
         touchdown = TOUCHDOWN[f"{side}_knee"]
         advance, _ = place_limb(phase - touchdown, DUTY)

@@ -3,8 +3,8 @@
 People: means of half of the recorded subjects (``studies/motion_curves.py`` tests them on the other
 half). Each value is linear in the inverse of V / sqrt(g l) with the leg length l (if linear in the
 speed, feet are a tenth too fast at 1 m/s), and constant outside the measured speeds. The foot lands
-at phase 0. Dogs: means over the strides of one dog (``studies/dog_curves.py`` tests them on a second
-one). Canter, transverse gallop and bound use the gallop's, shifted to the phases of their footfalls.
+at phase 0. Dogs: means over the strides of one dog (``studies/dog_curves.py`` tests them on another).
+Canter, transverse gallop and bound use the gallop's, shifted to the phases of their footfalls.
 """
 
 from __future__ import annotations
@@ -62,13 +62,13 @@ def join_curves(*curves: CycleCurve) -> CycleCurve:
 MEASURED_SPEEDS = {"walk": (0.18, 0.350, 0.59), "run": (0.93, 1.111, 1.22)}
 """Minimum, harmonic mean and maximum dimensionless speed of the recordings."""
 DUTY = (0.571, 0.013)
-"""Share of a walker's cycle with a foot at rest or rolling, and its slope. Force plates measure the toe up to 0.62."""
+"""Share of a walker's cycle with a foot on the floor (force plates: 0.62 with the toe), and slope."""
 
 
 def make_measured_curve(
     gait: str, name: PersonCurve, dimensionless_speed: Values, *, integral: bool = False, asymmetry: Values = 0.0
 ) -> CycleCurve:
-    """Make a measured curve or its phase integral, for a batch by columns of speeds and asymmetries."""
+    """Make measured curves or their phase integrals, of a batch by columns."""
     mean, slope = _find_harmonics(gait, name)
     harmonics = mean + slope * _compute_slowness(gait, dimensionless_speed)
     if np.any(asymmetry):
@@ -148,7 +148,7 @@ def segment_elevation_rad(
         lambda own: np.array([load_tables()["dogs"][own]["duty"]["metatarsus" not in segments]]), gait
     )
     own = cycles - np.floor(cycles)
-    # a cubic on both sides of lift-off with the same slope at all three knots, so that the speed is continuous
+    # a cubic on both sides of lift-off with equal slopes at the knots: the speed is continuous
     stance, swing = of_recording / duty, (1 - of_recording) / (1 - duty)
     slope = 2 * stance * swing / (stance + swing)
     swings = own >= duty

@@ -1,10 +1,9 @@
 """Person who walks or runs like recorded people.
 
-Trunk, ankles and feet follow curves measured on recorded people (:mod:`doppelgait.motion.models.curves`), and
-feet do not slide: in stance, the foot rolls from heel to toe; in swing, the difference from the curves
-fades from one stance to the next. A walk has the step length, timing, torsion and arms of Boulic et al.
-(1990). For the run, there is no published set of equations: its timing is a table of usual values for
-an adult of 1.75 m (other people run with dynamic similarity), and the height follows from mechanics.
+Trunk, ankles and feet follow curves measured on recorded people, and feet do not slide: in stance,
+the foot rolls from heel to toe; in swing, the difference from the curves fades from one stance to
+the next. A walk has the step length, timing, torsion and arms of Boulic et al. (1990). A run has
+usual timing for an adult of 1.75 m (others by dynamic similarity), and its height is mechanics.
 """
 
 from __future__ import annotations
@@ -58,7 +57,7 @@ from doppelgait.motion.models.strides import (
 from doppelgait.motion.motion import Motion
 
 Advance = Callable[[FloatArray, int], FloatArray]
-"""Function that returns the distance travelled in m at phases in cycles (order 0), or its slope per cycle (order 1)."""
+"""Function of phases that returns the distance travelled in m (order 0), or its slope (order 1)."""
 
 FOOT, RUN = SimpleNamespace(**PEOPLE["foot"]), SimpleNamespace(**PEOPLE["run"])
 STANDING_RAD = math.asin(FOOT.rise / FOOT.length)
@@ -70,7 +69,7 @@ OFFSET = {"left": 0.5, "right": 0.0}
 """Leg phase minus body phase: the right foot lands at 0, the left at 0.5."""
 
 Hips = Mapping[str, FloatArray]
-"""Positions of the hips by side, (3, B, n) in m. B is the number of examples; their values are columns, (B, 1)."""
+"""Positions of the hips by side, (3, B, n) in m, of B examples."""
 
 _GRID = np.arange(400) / 400
 _PRINTS = np.linspace(-0.5, 1.0, 301)
@@ -103,7 +102,7 @@ def place_feet(
     ends = {"left": slice(_GRID.size, -leg.shape[1]), "right": slice(-leg.shape[1], None)}
     feet = make_feet(style, {side: in_place[side][..., ends[side]] for side in ends}, size_m, left_ahead_m)
     reach_m = FOOT.max_extension * (size_m["thigh"] + size_m["shank"])
-    # Frames and a whole cycle in one call: between the frames' phases, too, the legs must reach the hips.
+    # frames and a whole cycle: between the frames' phases, too, the legs must reach the hips
     count, every = phase.shape[1], np.concatenate([phase, cycle], axis=1)
     way_m, rises_m, found = advance(every, 0), [], {}
     for side, foot in feet.items():
@@ -112,7 +111,7 @@ def place_feet(
         ahead, up, slope = style.foot(every + foot.offset)
         own = np.stack([ahead + way_m, hip_m[1], up, slope - STANDING_RAD])
         place, pitch, swings = compute_foot_path(foot, own, every, advance)
-        # a swinging foot beyond the legs' reach, as of very fast runners, is moved closer; a standing one is not
+        # a swinging foot beyond the legs' reach, as of fast runners, is moved closer
         away_m = place[:2, swings] - hip_m[:2, swings]
         far = np.hypot(*away_m) / np.broadcast_to(reach_m, swings.shape)[swings]
         far = np.maximum(far, 1e-9)
@@ -310,7 +309,7 @@ GaitName = Literal["auto", "walk", "run"]
 class HumanConfig(FrozenModel):
     """Walking or running person of :func:`human_gait`.
 
-    gait: ``"walk"``, ``"run"`` or ``"auto"``: a run above 2 m/s at 1.75 m, or at that Froude number.
+    gait: ``"walk"``, ``"run"`` or ``"auto"``: a run above 2 m/s at 1.75 m, or that Froude number.
     speed_mps: Mean forward speed V. Walk: above 0 to 3 leg lengths per second (2.58 m/s at 1.75 m);
         run: 1.8 to 9 m/s at 1.75 m, and as the square root of the stature.
     height_m: Stature H.
@@ -411,8 +410,8 @@ def _find_style(config: HumanConfig) -> tuple[MakeStyle, bool]:
 def human_gait(parameters: Sequence[HumanConfig], durations_s: Sequence[float], rngs: Rngs) -> list[Motion]:
     """Generate a walking or running person.
 
-    Trunk, ankles and feet follow the mean of recorded people. A run has a flight phase (:func:`run_height_m`). With
-    ``foot_lock=False`` and otherwise default values, a walk is exactly that of Boulic et al. 1990.
+    Trunk, ankles and feet follow the mean of recorded people. A run has a flight phase. With
+    ``foot_lock=False`` and otherwise default values, a walk is that of Boulic et al. 1990.
 
     The points are the 17 of the Boulic walk, along +x from x = 0 over z = 0.
 
@@ -516,7 +515,7 @@ def _run_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Size
     leg_m, stride_m = size_m["thigh"] + size_m["shank"], columns.speed_mps * period_s
 
     def pelvis(phase: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
-        # assumed torsion and list (signs: boulic.trunk_angles_deg), assumed sway over the standing leg, and height
+        # assumed torsion, list (signs as in boulic) and sway over the standing leg
         angles = {"pelvic_torsion": -8.0 * cosine(2 * np.pi * phase), "pelvic_list": -3.0 * sine(2 * np.pi * phase)}
         sway_m = -0.012 * leg_m * sine(2 * np.pi * (phase - 0.1))
         return angles, np.stack([np.zeros_like(phase), sway_m, run_height_m(phase, period_s, duty)])

@@ -29,7 +29,7 @@ from doppelgait.motion.skeleton import BOULIC_PARTS
 
 Limbs = dict[str, FloatArray]
 Curves = Callable[[FloatArray], Limbs]
-"""Function of leg phases, left and right (2, B, n), that returns flexions in degrees by joint, each (2, B, n)."""
+"""Function of leg phases, left and right (2, B, n), that returns flexions in degrees by joint."""
 Sizes = Mapping[str, Values]
 """Segment lengths in m by name."""
 Hands = Literal["free", "pockets", "carrying", "bag", "phone", "pushing"]
@@ -79,13 +79,13 @@ _LOWER = [POINTS.index(n) for n in ("base", *(f"{s}_{p}" for s in _SIDES for p i
 _UPPER = [
     POINTS.index(n) for n in ("neck", "head", *(f"{s}_{p}" for s in _SIDES for p in ("shoulder", "elbow", "hand")))
 ]
-"""Points that rotate with the pelvis, and those that rotate with the upper body, in the order of computation."""
+"""Points that rotate with the pelvis and with the upper body, in the order of computation."""
 
 
 def compute_figure_points(
     trunk_rad: Mapping[str, FloatArray], limbs_rad: Mapping[str, FloatArray], size_m: Sizes
 ) -> FloatArray:
-    """Return points about the spine's base (Chen 2011). Shapes: (..., n); (2, ..., n); (17, 3, ..., n)."""
+    """Return points about the spine's base (Chen 2011), (17, 3, ..., n)."""
     lower = place_lower_body(trunk_rad, limbs_rad, size_m)
     result = np.empty((len(POINTS), *lower.shape[1:]))
     result[_LOWER], result[_UPPER] = lower, _place_upper_body(trunk_rad, limbs_rad, size_m)
@@ -208,7 +208,7 @@ class Person:
     length_asymmetry: float
 
     def parameters(self, **changes: Any) -> dict[str, Any]:
-        """Return the person's parameters of :func:`doppelgait.motion.human_gait`, with some replaced."""
+        """Return the person's parameters of ``human_gait``, with some replaced."""
         own = {key: value for key, value in asdict(self).items() if key not in _NO_PARAMETERS}
         return {**own, "body": self.body, **changes}
 
@@ -236,8 +236,8 @@ def sample_person(
 ) -> Person:
     """Sample a person from population statistics.
 
-    Stature, mass and speed: adults (20 to 65 years) and seniors (65 to 85) after Bohannon (1997;
-    Bohannon and Andrews 2011), children (3 to 12 years) by Weech's rules with an adult's Froude number.
+    Stature, mass and speed: adults (20 to 65 years) and seniors (65 to 85) after Bohannon (1997) and
+    Bohannon and Andrews (2011), children (3 to 12) by Weech's rules with an adult's Froude number.
     Gait and steps: measured on recorded walkers, within 3 deviations. ``people.toml`` has the laws.
 
     Parameters
@@ -250,8 +250,8 @@ def sample_person(
         ``"none"``, ``"weak"`` (muscles: short, fast steps), ``"joint"`` (a limp: one step lasts
         longer) or ``"neurological"`` (irregular steps). Complaints reduce the speed.
     load : str
-        State of the hands: ``"free"``, ``"pockets"`` or ``"pushing"`` (a pram) for both hands, ``"bag"`` or ``"phone"``
-        for one of them at random. A person who pushes leans forward by 5 degrees more (assumed).
+        State of the hands: ``"free"``, ``"pockets"`` or ``"pushing"`` (a pram) for both hands,
+        ``"bag"`` or ``"phone"`` for one at random. Who pushes leans forward by 5 degrees more.
 
     Raises
     ------
@@ -307,7 +307,7 @@ def make_person_motions(
     touchdown: Mapping[str, float] = FOOT_TOUCHDOWN,
     report: Mapping[str, str] | None = None,
 ) -> list[Motion]:
-    """Make the motions of modelled persons with symmetrical steps. Shapes: position_m (B, T, 17, 3)."""
+    """Make the motions of modelled persons with symmetrical steps from (B, T, 17, 3)."""
     facts, reports = [], []
     for config, gait in zip(parameters, gaits, strict=True):
         mass_kg = getattr(config, "mass_kg", None)

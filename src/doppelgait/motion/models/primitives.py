@@ -1,4 +1,4 @@
-"""Bodies without gait, with known results: primitives, a breathing person and the confusers of a home."""
+"""Bodies without gait: primitives, a breathing person and the confusers of a home."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Plane = Literal["xy", "xz", "yz"]
 Body = tuple[dict[str, FloatArray], dict[str, Any]]
 """Points over time by name, (T, 3), and facts of the motion."""
 FRAMES_PER_TURN = 16
-"""Minimum number of frames per turn of a brush or blade. The error of a spline is then 1 % of the tip speed."""
+"""Minimum frames per turn of a brush or blade: a spline's error is then 1 % of the tip speed."""
 RIM_POINTS = 8
 BRUSH_ARMS = 3
 ASSUMED_MASS = {"mass_kg": "assumed"}

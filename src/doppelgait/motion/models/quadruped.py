@@ -1,12 +1,9 @@
 """Dog, cat, horse or cow from footfalls.
 
-Paws do not slide, the trunk heaves, and the limbs have joints. A gait is data, and size and speed determine stride
-length and timing by dynamic similarity (:mod:`doppelgait.motion.models.quadruped_gaits`). All points follow from the
-paths of trunk and paws, in units of the hip height h: x is forward, y left and z up. Proportions are those of one
-measured dog and of breed standards, scaled by a build.
-
-Gaits and builds are those of a batch of B animals, as columns (:class:`doppelgait.motion.models.strides.Columns`).
-Shapes: phases (B, n); points (B, n, 3), of both sides (2, B, n, 3).
+Paws do not slide, the trunk heaves, and the limbs have joints. All points follow from the paths of
+trunk and paws, in units of the hip height h: x is forward, y left and z up. Proportions are those
+of one measured dog and of breed standards, scaled by a build. Gaits and builds of a batch of B
+animals are columns. Shapes: phases (B, n); points (B, n, 3), of both sides (2, B, n, 3).
 """
 
 from __future__ import annotations
@@ -63,7 +60,7 @@ from doppelgait.motion.models.strides import (
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.skeleton import SIDES, list_points
 
-# a joint belongs to the bone that ends there. The shoulder is the lower end of the scapula; the hip is on the trunk.
+# a joint belongs to the bone that ends there; the shoulder is the lower end of the scapula
 _SIDED = (
     "*_shoulder:*_fore_upper *_elbow:*_fore_upper *_carpus:*_fore_lower *_fore_paw:*_fore_paw *_hip:trunk "
     "*_knee:*_hind_upper *_hock:*_hind_lower *_hind_paw:*_hind_paw"
@@ -133,7 +130,7 @@ def find_touchdowns(gait: Columns, foot: str) -> FloatArray:
 
 
 Trunk = tuple[FloatArray, FloatArray, FloatArray]
-"""Path of the trunk's centre, (B, n, 3), and cosine and sine of its pitch, positive with the nose up."""
+"""Path of the trunk's centre, (B, n, 3), and cosine and sine of its pitch, nose up."""
 
 
 def compute_trunk_motion(
@@ -163,7 +160,7 @@ Ride = tuple[FloatArray, FootfallCourse]
 def compute_paws(
     rides: Sequence[Ride], gait: Columns, build: Columns, end: str, duty: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the paths of both paws of a girdle; in mid-stance, they are below it plus the reach."""
+    """Return the paths of both paws of a girdle, in mid-stance below it plus the reach."""
     girdle = getattr(gait, end)
     parts = []
     for phase, course in rides:
@@ -253,8 +250,8 @@ def compute_all_points(
     wag_rad: FloatArray,
 ) -> Points:
     """Return the dogs' points by name, (B, n, 3)."""
-    # carriage: mean elevations neck_deg and tail_deg; wag_rad: angle of the tail to the left, (B, n)
-    # frames and a whole cycle of equal strides in one call: in the cycle, all limbs must reach their paws
+    # carriage: mean elevations neck_deg and tail_deg; wag_rad: angle of the tail to the left
+    # frames and a whole cycle of equal strides, in which all limbs must reach their paws
     count, even = phase.shape[1], replace(course, advance=None)
     cycle = np.broadcast_to(_WHOLE_CYCLE, (len(phase), _WHOLE_CYCLE.size))
     distance = np.concatenate([course.distance(phase), even.distance(cycle)], axis=1)
@@ -296,7 +293,7 @@ class QuadrupedConfig(FrozenModel):
         ``"transverse_gallop"`` (1.2 to 10), ``"bound"`` (1 to 6), or ``"auto"``: walk up to a
         Froude number of 0.5, trot up to 2.5, then gallop.
     speed_mps: Mean forward speed V. Set either this or ``froude``.
-    froude: Froude number that determines the speed; by default the gait's usual one (trot 1, gallop 4).
+    froude: Froude number of the speed; by default the gait's usual one (trot 1, gallop 4).
     build: Proportions, mass and usual size, a key of
         :data:`doppelgait.motion.models.quadruped_gaits.BUILDS`: ``"standard"``, breeds of dog,
         ``"cat"``, ``"horse"``, ``"cow"``.
@@ -310,7 +307,7 @@ class QuadrupedConfig(FrozenModel):
         remain those of the gait (f_mu by E-07), although half strides then differ.
     length_asymmetry: (first - second) / mean of the half strides from the left hind foot's landing.
     trunk_ripple: Fore-aft motion of the trunk and swing of the neck over the recorded ones.
-    stride_ratio: Stride length relative to the gait's at this speed; two recorded dogs differ by 14 %.
+    stride_ratio: Stride length relative to the gait's at this speed; two dogs differ by 14 %.
     hind_swing_peak: Maximum speed of a swinging hind paw relative to that of the recorded dog.
     fore_swing_peak: Maximum speed of a swinging fore paw relative to that of the recorded dog.
     neck_deg: Mean elevation of the neck.
@@ -408,7 +405,7 @@ def quadruped_gait(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[
 
     Stride length L = c h Fr^p with Fr = V^2/(g h) and a dog's h = 0.8 withers heights (p = 0.3,
     Alexander and Jayes 1983; in walk and pace 0.23); stride frequency f = V/L. A paw is at rest for
-    the share 1 - t_swing f of the stride plus an offset of the gait, t_swing = 0.35 s (h/0.46 m)^0.5.
+    the share 1 - t_swing f plus an offset of the gait, t_swing = 0.35 s (h/0.46 m)^0.5.
     Trunk, neck, tail, paws and limbs follow the mean curves of one recorded dog.
 
     The points are those of :data:`POINTS`, along +x from about x = 0, with paws on z = 0 in stance.

@@ -1,9 +1,8 @@
 """Gaits, builds and sampled dogs of the quadruped model.
 
-``quadruped_gaits.toml`` has the gaits and builds. This module adds the laws of speed, stride and duty factor. Lengths
-are in units of the hip height h, a share of the withers height. Values of walk, pace, trot and gallop are between those
-of two dogs in motion capture, a medium-sized one and a Labrador, if both have the gait. Canter, transverse gallop and
-bound are approximations (assumed) from the literature on dogs and cursorial mammals, with the limbs of the gallop.
+Lengths are in units of the hip height h, a share of the withers height. Values of walk, pace, trot
+and gallop are between those of two dogs in motion capture, a medium-sized one and a Labrador, if
+both have the gait. The other gaits are assumed from the literature, with the limbs of the gallop.
 """
 
 from __future__ import annotations
@@ -63,7 +62,7 @@ def _make_gait(touchdown: dict[str, float], froude: list[float], **values: Any) 
 
 
 GAITS: dict[str, Gait] = {name: _make_gait(**table) for name, table in TABLES["gaits"].items()}
-"""All gaits by name. A new gait needs a table in ``quadruped_gaits.toml`` and its name in :data:`GaitName`."""
+"""All gaits by name. A new one needs a table of ``quadruped_gaits.toml`` and a :data:`GaitName`."""
 
 GAITS_BY_SPEED: tuple[GaitName, ...] = ("walk", "trot", "gallop")
 """Gaits of a dog in order of speed. Each is used up to the end of its range of Froude numbers."""
@@ -116,7 +115,7 @@ class Build:
 
 
 BUILDS: dict[str, Build] = {name: Build(**table) for name, table in TABLES["builds"].items()}
-"""All builds by name. A new build needs a table in ``quadruped_gaits.toml`` and its name in :data:`BuildName`."""
+"""All builds by name. A new one needs a table of ``quadruped_gaits.toml`` and a :data:`BuildName`."""
 
 
 def hip_height_m(build: Build, withers_m: float) -> float:
@@ -193,12 +192,9 @@ class Dog:
     length_asymmetry: float
 
     def parameters(self, **changes: Any) -> dict[str, Any]:
-        """Return the dog's parameters of :func:`doppelgait.motion.quadruped_gait`, with some replaced.
-
-        ``speed_mps`` also replaces the Froude number.
-        """
+        """Return the dog's parameters of ``quadruped_gait``, with some replaced."""
         own = asdict(self)
-        if "speed_mps" in changes:
+        if "speed_mps" in changes:  # it replaces the Froude number
             del own["froude"]
         return {**own, **changes}
 
@@ -214,9 +210,9 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
     rng : Streams or numpy.random.Generator
         Source of random numbers; always seventeen draws. The same streams result in the same dog.
     gait : str, optional
-        Fixed gait, a key of :data:`doppelgait.motion.models.quadruped_gaits.GAITS`; sampled by default.
+        Fixed gait; sampled by default.
     froude : float, optional
-        Fixed Froude number within the range of the gait (0.05 to 10 without a fixed gait); sampled by default.
+        Fixed Froude number in the range of the gait (0.05 to 10 without one); sampled by default.
 
     Raises
     ------

@@ -15,12 +15,11 @@ from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.motion.motion import Motion
 
 Generate = Callable[..., Any]
-"""Type of a model: ``generate(parameters, durations_s, rngs) -> motions`` of a batch of examples, called with sequences
-of equal length; or ``generate(parameters, duration_s, rng) -> motion`` of a single one, which is called for each. The
-names ``durations_s, rngs`` tell them apart. A generator may be None if nothing is random. The fact ``alike`` of a
-plug-in is a function of its parameters with equal values for the examples of a batch."""
+"""Model of a batch, ``generate(parameters, durations_s, rngs) -> motions`` (sequences of equal length),
+or of an example, ``generate(parameters, duration_s, rng) -> motion``, distinguished by these names. The
+fact ``alike`` of a plug-in is a function of its parameters with equal values for a batch."""
 LONGEST_BATCH_S = 100.0
-"""Maximum sum of the durations of motions that are generated together, so that their arrays remain small."""
+"""Maximum sum of the durations of motions that are generated together, to limit their arrays."""
 
 MOTION_MODELS: Group[Generate] = Group(
     "motion_model",
@@ -28,7 +27,7 @@ MOTION_MODELS: Group[Generate] = Group(
         f"doppelgait.motion.models.{name}" for name in ("boulic", "crawl", "human", "primitives", "quadruped")
     ),
 )
-"""Motion models by the ``kind`` of a scene file. Every parameter has a default, so that the name is sufficient."""
+"""Motion models by the ``kind`` of a scene file. Every parameter has a default."""
 
 
 def get_parameters(kind: str) -> type[FrozenModel]:
@@ -59,7 +58,7 @@ def check_table(table: Mapping[str, Any], **location: Any) -> MotionTable:
 
 
 ModelFunction = Callable[..., Motion]
-"""Public function of a model: generates a motion from duration, generator and parameters by name."""
+"""Public function of a model, of duration, generator and parameters by name."""
 
 _SECTIONS = """
 
@@ -87,7 +86,7 @@ Examples
 
 def model_function(model: type[FrozenModel], *, duration_s: float = 5.0) -> Callable[[Generate], ModelFunction]:
     """Make the public function of a model from its generator."""
-    # types, limits and defaults come from the fields, and descriptions from the docstring of the model
+    # types, limits and defaults are those of the fields; descriptions are in the model's docstring
     described = (model.__doc__ or "").partition("Parameters\n----------\n")[2]
     fields = {name: field for name, field in model.model_fields.items() if name != "kind"}
     default_s = duration_s
@@ -124,8 +123,8 @@ def generate(
     Parameters
     ----------
     model : parameter model, table or str
-        Model, for example ``BoulicConfig(speed_mps=1.2)``, ``{"kind": "boulic", "speed_mps": 1.2}`` or
-        ``"boulic"``. A kind or parameter that is not allowed raises ConfigError.
+        ``BoulicConfig(speed_mps=1.2)``, ``{"kind": "boulic", "speed_mps": 1.2}``, ``"boulic"``, ...
+        A kind or parameter that is not allowed raises ConfigError.
     duration_s : float
         Duration of the motion; the last frame is at or just after it.
     rng : numpy.random.Generator or Streams, optional

@@ -1,7 +1,6 @@
 """Time and phase of all gait models, and columns of their parameters.
 
-The module has sample times, the stride clock, footfalls, varying steps and cubic curves. SciPy's cubic curves are not
-used, because its module of interpolation takes as long to load as xarray without pandas.
+SciPy's cubic curves are not used: its module takes as long to load as xarray without pandas.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ def make_column(values: Sequence[float]) -> FloatArray:
 
 
 class Columns:
-    """Attributes of the examples of a batch. Numbers are columns, in dataclasses, too; others are lists."""
+    """Attributes of the examples of a batch: columns of numbers, columns of dataclasses, lists."""
 
     def __init__(self, examples: Sequence[Any]) -> None:
         self._examples = examples
@@ -68,17 +67,17 @@ def solve_two_links(start: FloatArray, end: FloatArray, first: Values, second: V
 
 
 _STEPS = 60
-"""Maximum number of steps to a root. Newton's method needs four; bisection to the last digit needs 52."""
+"""Maximum number of steps to a root: Newton's method needs 4, bisection to the last digit 52."""
 _LAST_STEP = 1e-9
-"""Length of a final step of Newton's method relative to the knots' distance. The error is then about its square."""
+"""Final step of Newton's method relative to the knots' distance; the error is about its square."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Piecewise cubic curves between knots. The outermost cubics are extrapolated beyond the ends.
-    Shapes: knots (K,) or (B, K), each row used up to its size (B,); coefficients (4, K - 1) or (4, B, K - 1).
-    Values to be evaluated or inverted have any shape for a single curve, and (..., B, n) for B curves.
-    """
+    """Piecewise cubics between knots, extrapolated beyond the ends."""
+
+    # shapes: knots (K,) or (B, K), each row used up to its size (B,); coefficients (4, K - 1) or
+    # (4, B, K - 1); values of any shape for a single curve, and (..., B, n) for B curves
 
     knots: FloatArray
     coefficients: FloatArray
@@ -162,7 +161,7 @@ def fit_cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike, sizes: npt.Ar
     slopes[0] = ((h[0] + 2.0 * first) * h[1] * m[0] + h[0] ** 2 * m[1]) / first
     lower[end - 1, row], diagonal[end - 1, row], upper[end - 1, row] = last, h_2, 0.0
     slopes[end - 1, row] = (h_1**2 * m_2 + (2.0 * last + h_1) * h_2 * m_1) / last
-    # elimination; all pivots of a spline's system are positive. A row is a number or an array for all curves.
+    # elimination; all pivots are positive. A row is a number or an array for all curves.
     systems = (lower, diagonal, upper, slopes)
     low, pivots, high, found = (rows[:, 0].tolist() if row.size == 1 else [*rows] for rows in systems)
     for i in range(1, len(x)):
@@ -177,8 +176,7 @@ def fit_cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike, sizes: npt.Ar
 
 def fit_periodic_pchip(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
     """Return shape-preserving cubics through periodic knots (Fritsch and Carlson 1980)."""
-    # a slope is 0 at a level chord or a change of sign, otherwise the chords' weighted harmonic mean
-    # (Fritsch and Butland 1984)
+    # slopes are 0 at a level chord or a change of sign, otherwise the chords' weighted harmonic mean
     x, y = np.asarray(knots, dtype=float), np.asarray(heights, dtype=float)
     count = x.shape[-1]
     around = np.arange(-2, count + 2)  # slopes depend only on the neighbours
@@ -196,17 +194,17 @@ def fit_periodic_pchip(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
 STRIDE_CORRELATION = 0.5
 """Lag-one correlation of successive stride times (assumed)."""
 PACE_CORRELATION = 0.95
-"""Lag-one correlation of a walker's speed, which drifts over 20 steps (assumed). Steps are independent;
-recorded ones correlate by 0.3 (-0.4 to 0.95) in time and -0.3 (-0.6 to 0.5) in length."""
+"""Lag-one correlation of a walker's speed, which drifts over 20 steps (assumed). Steps are
+independent; recorded ones correlate by 0.3 (-0.4 to 0.95) in time, -0.3 (-0.6 to 0.5) in length."""
 LARGEST_DEVIATION = 3.0
 """Maximum deviation of stride times in standard deviations, so that time always increases."""
 _MARGIN = 2
-"""Number of strides before the first and after the last sample, so that the ends of the spline have no effect."""
+"""Strides before the first and after the last sample: the spline's ends have no effect."""
 
 
 def sample_times_s(durations_s: Sequence[float], rates_hz: Values) -> tuple[FloatArray, list[int]]:
     """Return the frame times of examples, (B, T), and their numbers."""
-    # shorter examples repeat their last time, so that a minimum over frames does not depend on the others
+    # shorter examples repeat their last time: a minimum over frames does not depend on others
     for duration_s in durations_s:
         if not (math.isfinite(duration_s) and duration_s > 0):
             raise ConfigError(f"duration_s: {duration_s!r} is not allowed: must be a number above 0 s")
@@ -233,7 +231,7 @@ def evaluate_laws(laws: Mapping[str, Mapping[str, float]], deviates: Sequence[fl
 
 
 Kind = tuple[str, FloatArray, npt.NDArray[np.integer[Any]], float]
-"""Parameter that varies strides or steps: name and values (B, 1); numbers of steps (B,) and their correlation."""
+"""Parameter that varies steps: name, values (B, 1), numbers of steps (B,) and correlation."""
 
 
 def sample_series(kinds: Sequence[Kind], rngs: Rngs) -> list[FloatArray]:
@@ -252,7 +250,7 @@ def sample_series(kinds: Sequence[Kind], rngs: Rngs) -> list[FloatArray]:
 
 @dataclass(frozen=True)
 class Timing:
-    """Frames of a batch. Shapes: times and phases (B, T), of which each row has its count; a clock with B curves."""
+    """Frames of a batch: times and phases (B, T), the rows' counts, and a clock of B curves."""
 
     times_s: FloatArray
     counts: Sequence[int]
@@ -345,7 +343,7 @@ Steps = tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.intp]]
 distances in m, each (B, K), and the number of touchdowns of each example."""
 
 _STEP_MARGIN = 5
-"""Number of touchdowns before the first and after the last frame, so that the ends of the splines have no effect."""
+"""Touchdowns before the first and after the last frame: the splines' ends have no effect."""
 
 
 def step_series(durations_s: FloatArray, columns: Any, stride_s: FloatArray, stride_m: FloatArray, rngs: Rngs) -> Steps:
