@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, fie
 
 from doppelgait.core.documents import parse_json, parse_toml
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.keys import expand_docstring
+from doppelgait.core.keys import TABLES, expand_docstring
 
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass as _Checked
@@ -190,26 +190,9 @@ def _place_in(data: Any, location: Sequence[str | int]) -> tuple[str | int, ...]
     return tuple(place)
 
 
-_WORDS = (
-    (r"^Value error, ", ""),
-    (r"^Input should be ", "must be "),
-    (r"^must be a valid dictionary or instance of (\w+)$", r"must be a table, or \1(...) in Python"),
-    (r"^must be a valid (dictionary|dict|mapping)\b.*", "must be a table"),
-    (r"^must be a valid (tuple|list|set|sequence).*", "must be a list"),
-    (r"^must be a valid boolean.*", "must be true or false"),
-    (r"^must be a valid integer.*", "must be an integer"),
-    (r"^must be a valid string", "must be text"),
-    (r"^must be a valid ", "must be a "),
-    (r"^must be an instance of (\w+)", r"must be a \1"),
-    (r"^(?:Tuple|List|Value|Dictionary|String) should have (.*) after validation(.*)", r"must have \1\2"),
-    (r"^(?:String|Value) should (match|have) ", r"must \1 "),
-)
-"""Replacements that turn Pydantic's messages into messages about configuration files."""
-
-
 def reword_fault(message: str) -> str:
     """Turn a message of Pydantic into one about configuration files."""
-    for pattern, words in _WORDS:
+    for pattern, words in TABLES["messages"].items():
         message = re.sub(pattern, words, message)
     return message
 

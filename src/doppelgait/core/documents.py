@@ -1,10 +1,8 @@
 """JSON and TOML of unknown origin, with short errors.
 
-The parsers of the standard library raise other errors for deep nesting and long integers. They also
-accept text that later code fails on: tables nested too deep for recursion, integers too large for
-any number type, and lone surrogates (halves of a UTF-16 character), which cannot be encoded.
-
-A small file can declare any number of values: readers check their memory (:func:`check_cost`) before allocation.
+The parsers of the standard library accept text that later code fails on: tables nested too deep for recursion,
+integers too large for any number type, and lone surrogates, which cannot be encoded. A small file can declare
+any number of values: readers check their memory (:func:`check_cost`) before allocation.
 """
 
 from __future__ import annotations

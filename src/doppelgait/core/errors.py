@@ -15,10 +15,7 @@ MAX_TEXT = 2000
 
 
 class DoppelgaitError(Exception):
-    """Base of every error raised on purpose.
-
-    The message states what is wrong, what is allowed and what to do.
-    """
+    """Base of every error raised on purpose: what is wrong, what is allowed and what to do."""
 
     exit_code = 2
     """Exit status of the command line: 2 for wrong usage or input, 1 for a failed operation."""
@@ -52,19 +49,13 @@ class DatasetError(DoppelgaitError):
 
 
 class OutputError(DoppelgaitError):
-    """Result that cannot be written.
-
-    Examples are a missing folder, missing permission and a full disk. An existing file stays unchanged.
-    """
+    """Result that cannot be written; an existing file stays unchanged."""
 
     exit_code = 1
 
 
 class DoppelgaitWarning(UserWarning):
-    """Warning about a result that may be unexpected.
-
-    Examples are aliasing, a target outside the range swath and dropped markers.
-    """
+    """Warning about a result that may be unexpected, such as aliasing or dropped markers."""
 
 
 def warn_caller(text: str) -> None:

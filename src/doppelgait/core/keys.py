@@ -9,56 +9,19 @@ import inspect
 import re
 import types
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-UNITS = {
-    "m2ps3": "m²/s³",
-    "mps2": "m/s²",
-    "mps": "m/s",
-    "dbm": "dBm",
-    "dbi": "dBi",
-    "db": "dB",
-    "hz": "Hz",
-    "deg": "°",
-    "rad": "rad",
-    "kg": "kg",
-    "m2": "m²",
-    "m": "m",
-    "s": "s",
-    "v": "V",
-    "bytes": "B",
-    "ms": "ms",
-    "deg_per_s": "°/s",
-    "hz_per_s": "Hz/s",
-    "s_per_m": "S/m",
-    "dbc_per_hz": "dBc/Hz",
-    "db_per_decade": "dB/decade",
-    "rad_per_min": "rad/min",
-    "rad_per_sqrt_min": "rad/√min",
-    "per_sqrt_min": "1/√min",
-    "per_m_mps": "1/(m·m/s)",
-    "per_metre_m2": "m²/m",
-    "v2": "V²",
-    "volts_per_unit": "V",
-    "hours_per_day": "h",
-}
-"""Units by the suffix of a key; the longest matching suffix applies."""
+from doppelgait.core.documents import parse_toml
+
+TABLES = parse_toml(Path(__file__).with_name("keys.toml").read_text(encoding="utf-8"))
+"""Units by suffix, texts of limits, and the rewording of Pydantic's messages."""
 
 KINDS = {float: "number", int: "integer", str: "text", bool: "true, false", dict: "table", Any: "any"}
-LIMITS = {
-    "ge": "≥\u00a0{}",
-    "gt": ">\u00a0{}",
-    "le": "≤\u00a0{}",
-    "lt": "<\u00a0{}",
-    "min_length": "length\u00a0≥\u00a0{}",
-    "max_length": "length\u00a0≤\u00a0{}",
-    "pattern": "matches `{}`",
-}
-"""Text of Pydantic's constraints."""
 PARAMETER = re.compile(r"^([A-Za-z_][\w, ]*?)(?: : .*)?$((?:\n[ \t].*)*)", re.MULTILINE)
 
 
@@ -84,8 +47,8 @@ def list_keys(model: type[BaseModel]) -> list[Key]:
 
 def unit_of(key: str) -> str:
     """Return the unit of a key, or ``""``."""
-    parts = key.split("_")
-    return next((UNITS[end] for n in range(len(parts)) if (end := "_".join(parts[n:])) in UNITS), "")
+    parts, units = key.split("_"), TABLES["units"]
+    return next((units[end] for n in range(len(parts)) if (end := "_".join(parts[n:])) in units), "")
 
 
 def summary_of(model: type[BaseModel]) -> str:
@@ -135,7 +98,7 @@ def _value(value: Any) -> str:
 
 
 def _limits(field: FieldInfo) -> str:
-    rules = ((text, getattr(rule, name, None)) for rule in field.metadata for name, text in LIMITS.items())
+    rules = ((text, getattr(rule, name, None)) for rule in field.metadata for name, text in TABLES["limits"].items())
     limits = ((text, f"{value:g}" if isinstance(value, float) else value) for text, value in rules)
     return ", ".join(text.format(value) for text, value in limits if value is not None)
 

@@ -277,24 +277,17 @@ def labels_on_demand(*names: str) -> Callable[[Kind], Kind]:
 P = ParamSpec("P")
 R = TypeVar("R")
 AnySignal = TypeVar("AnySignal", "xr.DataArray", Signal)
-SomeTable = TypeVar("SomeTable", "xr.Dataset", ScattererTable)
+Labelled = TypeVar("Labelled", "xr.DataArray", Signal, "xr.Dataset", ScattererTable)
 
 
 class Step(Protocol[P]):
-    """Function from an array to an array, labelled as its argument is."""
+    """Function from an array or table to another one, labelled as its argument is."""
 
-    def __call__(self, array: AnySignal, *args: P.args, **kwargs: P.kwargs) -> AnySignal:
-        """Return the new array."""
-
-
-class TableStep(Protocol[P]):
-    """Function from a scatterer table to a scatterer table, labelled as its argument is."""
-
-    def __call__(self, scatterers: SomeTable, *args: P.args, **kwargs: P.kwargs) -> SomeTable:
-        """Return the new table."""
+    def __call__(self, values: Labelled, *args: P.args, **kwargs: P.kwargs) -> Labelled:
+        """Return the new array or table."""
 
 
-def maps_table(function: Callable[Concatenate[ScattererTable, P], ScattererTable]) -> TableStep[P]:
+def maps_table(function: Callable[Concatenate[ScattererTable, P], ScattererTable]) -> Step[P]:
     """Let a function from table to table take labelled tables; it then returns a labelled table."""
     return _take_labels(ScattererTable.of, function)  # type: ignore[no-any-return]
 

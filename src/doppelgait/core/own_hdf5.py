@@ -109,9 +109,7 @@ def get_own_member(group: Any, name: str) -> Any:
         raise ValueError(f"{name!r} is a link, which is not followed: it may lead to another file")
     found = group[name]
     _check_attributes(found, name)
-    n_bytes = _value_bytes(found, name, TEXT_BYTES)
-    if n_bytes > limit_bytes(0):
-        _check_limit(n_bytes, Path(os.fsdecode(group.file.filename)))
+    _check_limit(_value_bytes(found, name, TEXT_BYTES), Path(os.fsdecode(group.file.filename)))
     return found
 
 

@@ -58,19 +58,9 @@ class Streams:
             object.__setattr__(self, name, number)
 
     def generator(self, purpose: str, key: str = "") -> np.random.Generator:
-        """Make an independent generator for one purpose.
+        """Make the generator of a purpose, one of :data:`PURPOSES`, independent of all others.
 
-        Parameters
-        ----------
-        purpose : str
-            One of :data:`PURPOSES`.
-        key : str
-            Further name, such as the dotted key of a parameter. A new parameter then leaves other draws unchanged.
-
-        Returns
-        -------
-        numpy.random.Generator
-            Generator that depends only on the seed, the example, the purpose and the key.
+        ``key`` is a further name, such as the key of a parameter: a new one leaves other draws unchanged.
         """
         seed, example = self._words
         words = [*seed, PURPOSES.index(purpose), *example, *([zlib.crc32(key.encode())] if key else [])]
@@ -88,14 +78,7 @@ def _split_number(number: int) -> list[int]:
 
 
 def rng(seed: int) -> Streams:
-    """Make the random streams of a single run.
-
-    The streams are those of ``seed`` in a scene file and of ``--seed``.
-
-    Raises
-    ------
-    ConfigError
-        If the seed is not an integer, or below 0.
+    """Make the :class:`Streams` of a single run, those of ``seed`` in a scene file and of ``--seed``.
 
     Examples
     --------
