@@ -465,7 +465,7 @@ def clean_motion(
     smooth = filter_lowpass(filled, rate_hz=rate, cutoff_hz=cutoff_hz)
     kept_names, kept_parts = [names[i] for i in kept], [parts[i] for i in kept]
     ground = measure_floor(smooth, kept_names, kept_parts, rate_hz=rate) if floor else None
-    if ground is not None and ground.is_tilted_frame:
+    if ground is not None and ground.kind == "tilted axes":
         smooth = level_floor(smooth, ground)
     floor_m = find_floor_height(smooth, kept_parts) if floor else 0.0
     smooth = smooth - np.array([0.0, 0.0, floor_m])

@@ -97,15 +97,10 @@ class Floor:
     is_certain: bool = False
     range_m: float = 0.0
 
-    @property
-    def is_tilted_frame(self) -> bool:
-        """Return True if the recording, not the ground, is tilted."""
-        return self.kind == "tilted axes"
-
     def remove_slope(self, position: FloatArray, parts: Sequence[str]) -> FloatArray:
         """Return positions over the ground under the body if it rises."""
         feet = [i for i, part in enumerate(parts) if part in FOOT_PARTS]
-        if self.is_tilted_frame or self.range_m < RISES_M:
+        if self.kind == "tilted axes" or self.range_m < RISES_M:
             return position
         raised = position.copy()
         raised[..., 2] -= position[:, feet, 2].min(axis=1)[:, np.newaxis]
@@ -118,7 +113,7 @@ class Floor:
 
     @property
     def kind(self) -> str:
-        """Return what the floor is, for reports."""
+        """Return what the floor is; of "tilted axes", the recording is tilted, not the ground."""
         if not self.tilt_deg >= MIN_TILT_DEG:
             return "uneven" if math.isnan(self.tilt_deg) and self.range_m >= RISES_M else "level"
         if self.is_certain:

@@ -1,7 +1,8 @@
-"""Joint positions in npy, npz (AMASS) and JSON files."""
+"""Positions in npy, npz (AMASS), JSON and HDF5 files."""
 
 from __future__ import annotations
 
+import pickletools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ import numpy as np
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.npz import NPY_MAGIC, is_npz, load_npy, load_npz
+from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, get_attribute, open_hdf5
 from doppelgait.core.plugins import read_head
 from doppelgait.motion.readers.points import check_amount, check_rate
 from doppelgait.motion.readers.skeletons import read_skeletons
-from doppelgait.motion.readers.text import Points, check_size, point_format
+from doppelgait.motion.readers.table import find_whole_points, name_keypoints
+from doppelgait.motion.readers.text import Points, Times, check_size, point_format
 
 POSITION_KEYS = ("positions", "joints", "Jtr")
 NAME_KEYS = ("names", "joint_names")
@@ -188,3 +191,101 @@ def _find_labels(path: Path, content: Mapping[str, Any], n_points: int, skeleton
         count = f"{len(names)} entries" if isinstance(names, list) else "no list"
         raise MotionError(f"{path}: {key} holds {count} for {n_points} points; it must be one text each")
     return names
+
+
+def sniff_keypoints(path: Path, head: bytes) -> bool:
+    """Return True if HDF5 holds a table of pandas, or positions of movement."""
+    if not head.startswith(SIGNATURE):
+        return False
+    from h5py import Group, HardLink
+
+    try:
+        with open_hdf5(path, members=False) as file:
+            names = list(file)
+            if {"position", "space"} <= set(names):
+                return True
+            own = len(names) == 1 and isinstance(file.get(names[0], getlink=True), HardLink)
+            return own and isinstance(file[names[0]], Group) and bool({"table", "block0_values"} & set(file[names[0]]))
+    except FAULTS:
+        return False
+
+
+@point_format("keypoints", sniff_keypoints, (".h5", ".nc"))
+def parse_keypoints(path: Path) -> Points:
+    """Read three-dimensional keypoints of DeepLabCut (HDF5 of pandas) or of movement (netCDF)."""
+    try:
+        with open_hdf5(path, soft_links=True) as file:
+            return _parse_movement(path, file) if "position" in file else _parse_pandas(path, file[next(iter(file))])
+    except FAULTS as error:
+        raise MotionError(f"{path}: its keypoints cannot be read: {error}") from None
+
+
+def _read_texts(dataset: Any) -> list[str]:
+    return [text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text) for text in dataset[:]]
+
+
+def _parse_pandas(path: Path, group: Any) -> Points:
+    """Parse the values and the names of the columns, of the layouts table and fixed."""
+    if "table" in group:
+        if "values_block_1" in group["table"].dtype.names:
+            raise ValueError("it holds columns of several types; write it as .csv")
+        names = _parse_tuples(bytes(get_attribute(group["table"], "values_block_0_kind")))
+        values = np.asarray(group["table"].fields("values_block_0")[:], dtype=np.float64)
+    else:
+        levels = [name for name in sorted(group) if name.startswith("block0_items_level")]
+        codes = [group[name.replace("level", "label")][:] for name in levels]
+        texts = [_read_texts(group[name]) for name in levels]
+        names = [[text[n] for text, n in zip(texts, row, strict=True)] for row in zip(*codes, strict=True)]
+        values = np.asarray(group["block0_values"][:], dtype=np.float64)
+    # three levels, or four with individuals; scorer is the first
+    titles = ("individuals", "bodyparts", "coords")[-max(len(names[0]) - 1, 0) :] if names else ()
+    columns = list(zip(*names, strict=True))[1:]
+    labels, used = find_whole_points(name_keypoints(path, dict(zip(titles, columns, strict=True))))
+    return Points(labels, values[:, used].reshape(len(values), -1, 3))
+
+
+def _parse_tuples(data: bytes) -> list[list[str]]:
+    """Return the tuples of texts of a pickled list, which is parsed and never unpickled."""
+    found: list[list[str]] = []
+    open_texts: list[str] = []
+    memo: dict[Any, str] = {}
+    for code, value, _ in pickletools.genops(data):
+        if code.name == "MARK":
+            open_texts = []
+        elif code.name == "UNICODE":
+            open_texts.append(str(value))
+        elif code.name == "PUT" and open_texts:
+            memo[value] = open_texts[-1]
+        elif code.name == "GET":
+            open_texts.append(memo[value])
+        elif code.name == "TUPLE":
+            found.append(open_texts)
+        elif code.name not in ("LIST", "PUT", "APPEND", "STOP"):
+            raise ValueError(f"the names of its columns hold {code.name}, not only texts")
+    return found
+
+
+def _parse_movement(path: Path, file: Any) -> Points:
+    """Parse positions along time, space, keypoints and individuals, in any order."""
+    scale_names = ("time", "space", "keypoint", "keypoints", "individual", "individuals")
+    scales = {int(get_attribute(file[name], "_Netcdf4Dimid")): name for name in scale_names if name in file}
+    order = [scales[int(n)] for n in get_attribute(file["position"], "_Netcdf4Coordinates")]
+    axes = {name.removesuffix("s"): n for n, name in enumerate(order)}
+    names = {axis: _read_texts(file[order[n]]) for axis, n in axes.items() if axis != "time"}
+    if names.get("space") != ["x", "y", "z"]:
+        raise MotionError(
+            f"{path}: has the axes {', '.join(axes)} with space {', '.join(names.get('space', []))}; three-dimensional "
+            "positions have x, y and z. Triangulate the keypoints of two or more calibrated cameras"
+        )
+    wanted = [axes[axis] for axis in ("time", "individual", "keypoint", "space")]
+    position = np.asarray(file["position"][:], dtype=np.float64).transpose(wanted)
+    labels = [f"{owner}:{name}" for owner in names["individual"] for name in names["keypoint"]]
+    fps, seconds = get_attribute(file, "fps"), np.asarray(file["time"][:], dtype=np.float64)
+    is_timed = get_attribute(file, "time_unit") in ("seconds", b"seconds") and np.isfinite(seconds).all()
+    digit_s = 1e-9 * max(float(np.abs(seconds).max(initial=0.0)), 1.0)
+    return Points(
+        labels,
+        position.reshape(len(position), -1, 3),
+        rate_hz=None if fps is None else float(np.asarray(fps).ravel()[0]),
+        times=Times(seconds, range(len(seconds)), digit_s, digit_s) if is_timed else None,
+    )
