@@ -14,7 +14,6 @@ from doppelgait.core.errors import ConfigError, MotionError
 from doppelgait.core.units import FloatArray
 from doppelgait.motion.motion import Motion, MotionFacts, PathFacts, require_motion
 from doppelgait.motion.paths import (
-    ENDLESS,
     Curve,
     CurveElement,
     Layout,
@@ -135,13 +134,14 @@ def follow(
     gait, layout = _rotate_to_x(motion), lay_out(path)
     pace = _find_pace(gait, path, layout)
     # the curve in the world frame; a turn on the spot divides its line where the body stops
-    turned = [stop for stop in pace.stops if stop.turn_rad]
-    elements = [part for stop in turned for part in (CurveElement(stop.at_m), replace(ENDLESS, turn_rad=stop.turn_rad))]
+    turns = {stop.at_m: stop.turn_rad for stop in pace.stops if stop.turn_rad}
+    lengths_m = np.diff([0.0, *turns, math.inf]).tolist()
+    elements = [CurveElement(m, turn_rad=rad) for m, rad in zip(lengths_m, [0.0, *turns.values()], strict=True)]
     x, y = layout.start_m
     heading_rad = math.radians(heading_deg)
     cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
     start_m = (start_position_m[0] + x * cosine - y * sine, start_position_m[1] + x * sine + y * cosine)
-    curve = join(elements or layout.elements, start_m=start_m, heading_rad=heading_rad + layout.heading_rad)
+    curve = join(elements if turns else layout.elements, start_m=start_m, heading_rad=heading_rad + layout.heading_rad)
     for bend in curve.curvature_per_m:
         if bend * path.side_m != 0:
             what = f"side_m = {path.side_m:g} on an arc of radius {1 / abs(bend):.3g} m"

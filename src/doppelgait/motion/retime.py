@@ -311,13 +311,12 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
         wave = sine(2.0 * np.pi * times * new_hz * times_s + turn)
         ripple_m = ripple_m + size_m * wave[:, None] * way / np.linalg.norm(way)
     position_m = slope[0] + slope[1] * (times_s[:, None] + margin_s) + ripple_m
-    footfalls = {
-        foot: np.interp(np.asarray(falls), limb_s, times_s, left=np.nan, right=np.nan)
-        for foot, falls in motion.facts.footfalls.items()
-    }
+    footfalls = {}
+    for foot, falls_s in motion.facts.footfalls.items():
+        own_s = np.interp(np.asarray(falls_s), limb_s, times_s, left=np.nan, right=np.nan)
+        footfalls[foot] = own_s[np.isfinite(own_s)].tolist()
     facts = motion.facts.with_frequencies(lambda hz: hz * variation.pace)
-    kept = {foot: falls[np.isfinite(falls)].tolist() for foot, falls in footfalls.items()}
-    return motion.remake(_add_to_points(body_m, position_m), replace(facts, footfalls=kept))
+    return motion.remake(_add_to_points(body_m, position_m), replace(facts, footfalls=footfalls))
 
 
 def _add_to_points(points_m: FloatArray, way_m: FloatArray) -> FloatArray:
