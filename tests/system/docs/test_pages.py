@@ -21,6 +21,9 @@ from doppelgait.classify.model import BLOCKING
 from doppelgait.cli.app import app
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import DoppelgaitError
+from doppelgait.core.readers import OTHER_FILES
+from doppelgait.motion.readers import MOTION_READERS, list_other_files
+from doppelgait.radar import readers as radar_readers
 
 DOCS = ROOT / "docs"
 PAGES = sorted(path for path in DOCS.glob("**/*.md") if not {"_build", "reference"} & set(path.relative_to(DOCS).parts))
@@ -163,6 +166,24 @@ def test_every_public_name_is_documented_once(pages):
             full, listed_here = f"{place}.{name}", pages[f"api/{place}.rst"]
             is_package = f"{place}.{name}" in sys.modules and full not in documented
             assert full in documented or is_package or re.search(rf"\.{name}`", listed_here), full
+
+
+def test_formats_and_other_files_on_the_page_are_those_of_the_program():
+    page = (DOCS / "howto" / "formats.md").read_text()
+    rows = sorted(line.strip("| ").split(" | ") for line in page.split("\n") if line.startswith("| `"))
+    readers = [*MOTION_READERS.values(), *radar_readers.RADAR_READERS.values()]
+    others = [*list_other_files(), *radar_readers.OTHER_FILES, *OTHER_FILES]
+    expected = [(f"`{reader.name}`", quote_names(reader.facts["suffixes"])) for reader in readers]
+    expected += [(quote_names(other.suffixes), other.what) for other in others]
+    assert [tuple(row[:2]) for row in rows] == sorted(expected)
+    assert {other.remedy for other in others if isinstance(other.remedy, str)} <= {row[2] for row in rows}
+    for room, stated in zip(("motion", "radar"), re.findall(r"(\d+) (?:lines )?for", page), strict=True):
+        sources = (ROOT / "src" / "doppelgait" / room / "readers").glob("*.py")
+        assert int(stated) == pytest.approx(sum(path.read_text().count("\n") for path in sources), rel=0.15), room
+
+
+def quote_names(names):
+    return ", ".join(f"`{name}`" for name in names)
 
 
 def test_names_in_the_glossary_exist():
