@@ -320,7 +320,7 @@ class HumanConfig(FrozenModel):
     foot_lock: Use the measured motion of trunk and feet, with feet at rest on the floor. If false,
         a walk is that of Boulic et al. 1990 (:func:`doppelgait.motion.models.boulic.boulic_walk`),
         with sliding feet.
-    walk_ratio: Step length over step frequency, relative to the model's; people 1 +- 0.16.
+    walk_ratio: Step length over step frequency, over the model's; people 1 +- 0.16 (sd).
     trunk_ripple: Fore-aft motion of the trunk within a step over the measured one; people 1 +- 0.2.
     lean_deg: Further lean of the trunk, forward positive.
     swing_peak: Deviation of a swinging foot's speed over the measured one; people 1 +- 0.24.
