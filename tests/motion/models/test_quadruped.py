@@ -167,10 +167,11 @@ def included_deg(points, a, b, c):
     return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
 
 
-FORE, HIND = ("shoulder", "elbow", "carpus", "fore_paw"), ("hip", "knee", "hock", "hind_paw")
-BONES = ("humerus", "forearm", "manus", "femur", "tibia", "metatarsus")
-ENDS = [*itertools.pairwise(FORE), *itertools.pairwise(HIND)]
-LINKS = [(*ends, getattr(limbs.BODY, bone)) for ends, bone in zip(ENDS, BONES, strict=True)]
+FORE = zip(
+    itertools.pairwise(("shoulder", "elbow", "carpus", "fore_paw")), ("humerus", "forearm", "manus"), strict=True
+)
+HIND = zip(itertools.pairwise(("hip", "knee", "hock", "hind_paw")), ("femur", "tibia", "metatarsus"), strict=True)
+LINKS = [(*ends, getattr(limbs.BODY, bone)) for ends, bone in (*FORE, *HIND)]
 
 
 @pytest.mark.parametrize(("name", "froude"), [(name, fr) for name in GAITS for fr in froudes(name, 15)])
