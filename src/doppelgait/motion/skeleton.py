@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
+from functools import cache, lru_cache
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal
@@ -70,6 +70,7 @@ def reduce_word(name: str) -> str:
 _TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+")
 
 
+@lru_cache(2**14)
 def list_spellings(name: str, species: Species = "human") -> list[str]:
     """List the words that a name may stand for, the most exact first."""
     # "WaistLFront" is "waistlfront", "lwaistfront", and without the place on the part "lwaist"
@@ -149,6 +150,7 @@ def find_part(name: str, species: Species = "human") -> str:
     return _find(strip_subject(name), species, starts=False)
 
 
+@lru_cache(2**14)
 def _find(name: str, species: Species, *, starts: bool) -> str:
     words, bones = _list_words(species, "sided", "midline"), _list_words(species, "starts")
     first, second = (bones, words) if starts else (words, bones)

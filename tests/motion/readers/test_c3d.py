@@ -267,7 +267,7 @@ def test_two_bodies_in_a_file_are_refused_or_read_one_by_one(
     with pytest.raises(MotionError, match=r"holds several subjects: .* points\), .*subject='\.\.\.'"):
         read(path)
     for chosen, points in zip(subjects.split(), (range(N_FIRST), range(N_FIRST, len(BARE))), strict=True):
-        motion = read(path, subject=chosen, clean=False)
+        motion = read(path, subject=int(chosen) if chosen.isdecimal() else chosen, clean=False)
         np.testing.assert_allclose(motion.position_m, TWO[::4][:, points], atol=1e-4)
         assert motion.facts.subject == chosen
         assert sum(map(len, motion.report["dropped"].values())) == len(BARE) - len(points)

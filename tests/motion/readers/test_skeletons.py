@@ -31,7 +31,13 @@ def test_kinect_joints_are_read_at_its_usual_rate(tmp_path: Path) -> None:
     path.write_text(kinect(BODY_M).replace(" 2\n", "\n\n", 1))
     with pytest.raises(MotionError, match="truncated or damaged near line"):
         read(path, clean=False, rate_hz=RATE_HZ)
-    path.write_text(kinect(BODY_M).replace("\n7 ", "\n9 ", 3))
+    path.write_text(kinect(BODY_M).replace("\n7 ", "\n9 ", 3))  # a body that is seen for a moment
+    motion = read(path, clean=False, rate_hz=RATE_HZ)
+    assert (motion.facts.subject, motion.report["notes"]) == (
+        "7",
+        ["subject '9', seen in 3 of 40 frames, was left out"],
+    )
+    path.write_text(kinect(BODY_M).replace("\n7 ", "\n9 ", 20))
     with pytest.raises(MotionError, match=r"several subjects: .*9 \(25 points\).*subject="):
         read(path, clean=False, rate_hz=RATE_HZ)
 
@@ -131,6 +137,14 @@ def write_pandas(path: Path, *, coords: str = "xyz", layout: str = "fixed", name
     return path
 
 
+def write_sleap(path: Path, *, image: bool = False) -> Path:
+    tracks = np.stack([BODY_M, BODY_M + 5.0], axis=1)
+    with h5py.File(path, "w") as file:
+        file["tracks"] = tracks.T[:2].swapaxes(0, 2) if image else tracks
+        file["node_names"], file["track_names"] = NAMES, ["Eva", "Jim"]
+    return path
+
+
 @pytest.mark.parametrize(
     ("write", "options", "says"),
     [
@@ -138,6 +152,8 @@ def write_pandas(path: Path, *, coords: str = "xyz", layout: str = "fixed", name
         (lambda p: write_movement(p, axes=("time", "individual", "keypoint", "space"), time_unit="seconds"), {}, ""),
         (lambda p: write_movement(p, axes=("time", "space", "keypoint", "individual")), {}, "no frame rate"),
         (lambda p: write_movement(p, axes=("time", "space", "keypoint", "individual"), space="xy"), {}, "Triangulate"),
+        (write_sleap, {"rate_hz": RATE_HZ}, ""),
+        (lambda p: write_sleap(p, image=True), {"rate_hz": RATE_HZ}, "image coordinates; triangulate"),
         (write_pandas, {"rate_hz": RATE_HZ}, ""),
         (write_pandas, {}, "states no frame rate; give the frame rate: rate_hz="),
         (lambda p: write_pandas(p, coords="xy"), {}, "triangulate"),

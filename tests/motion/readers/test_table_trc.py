@@ -71,9 +71,10 @@ def test_units_give_the_same_motion(tmp_path: Path, unit: str) -> None:
     )
 
 
-def test_decimal_commas(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("tab", "point"), [("\t", ","), (";", ","), (";", "."), (",", ".")])
+def test_decimal_commas_and_other_separators(tmp_path: Path, tab: str, point: str) -> None:
     def edit(lines: list[str]) -> None:
-        lines[:] = [*lines[:2], *(line.replace(".", ",") for line in lines[2:])]
+        lines[:] = [line.replace("\t", tab) for line in (*lines[:2], *(row.replace(".", point) for row in lines[2:]))]
 
     motion = read(write_trc(tmp_path / "walk.trc", y_up(BODY_M) * 1e3, edit=edit), clean=False)
     np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-6)

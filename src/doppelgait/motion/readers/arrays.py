@@ -202,7 +202,8 @@ def sniff_keypoints(path: Path, head: bytes) -> bool:
     try:
         with open_hdf5(path, members=False) as file:
             names = list(file)
-            if {"position", "space"} <= set(names):
+            tracks = "tracks" in names and (len(names) == 1 or "node_names" in names)
+            if tracks or {"position", "space"} <= set(names):
                 return True
             own = len(names) == 1 and isinstance(file.get(names[0], getlink=True), HardLink)
             return own and isinstance(file[names[0]], Group) and bool({"table", "block0_values"} & set(file[names[0]]))
@@ -212,9 +213,11 @@ def sniff_keypoints(path: Path, head: bytes) -> bool:
 
 @point_format("keypoints", sniff_keypoints, (".h5", ".nc"))
 def parse_keypoints(path: Path) -> Points:
-    """Read three-dimensional keypoints of DeepLabCut (HDF5 of pandas) or of movement (netCDF)."""
+    """Read three-dimensional keypoints of DeepLabCut (HDF5 of pandas), movement (netCDF) or SLEAP-Anipose."""
     try:
         with open_hdf5(path, soft_links=True) as file:
+            if "tracks" in file:
+                return _parse_sleap(path, file)
             return _parse_movement(path, file) if "position" in file else _parse_pandas(path, file[next(iter(file))])
     except FAULTS as error:
         raise MotionError(f"{path}: its keypoints cannot be read: {error}") from None
@@ -222,6 +225,20 @@ def parse_keypoints(path: Path) -> Points:
 
 def _read_texts(dataset: Any) -> list[str]:
     return [text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text) for text in dataset[:]]
+
+
+def _parse_sleap(path: Path, file: Any) -> Points:
+    """Parse tracks (frames, animals, nodes, 3); those of one camera are (animals, 2, nodes, frames)."""
+    shape = file["tracks"].shape
+    if len(shape) != 4 or shape[3] != 3:
+        raise MotionError(
+            f"{path}: holds tracks of SLEAP with the shape {shape}, image coordinates; triangulate those of two or "
+            "more calibrated cameras (sleap-anipose), which gives tracks (frames, animals, nodes, 3)"
+        )
+    nodes, owners = (_read_texts(file[name]) if name in file else [] for name in ("node_names", "track_names"))
+    owners = owners if len(owners) == shape[1] else [str(n + 1) for n in range(shape[1])]
+    labels = [f"{owner}:{node}" if len(owners) > 1 else node for owner in owners for node in nodes or [""] * shape[2]]
+    return Points(labels, np.asarray(file["tracks"][:], dtype=np.float64).reshape(shape[0], -1, 3))
 
 
 def _parse_pandas(path: Path, group: Any) -> Points:

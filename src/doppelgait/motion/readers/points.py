@@ -16,7 +16,7 @@ import numpy as np
 
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.units import FloatArray
-from doppelgait.motion.clean import MIN_MARKERS, find_stationary_points
+from doppelgait.motion.clean import MIN_MARKERS, SHORT_LIVED, find_stationary_points
 from doppelgait.motion.skeleton import FOOT_PARTS, complete_set, find_part, find_parts, strip_subject
 
 _METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3048}
@@ -126,10 +126,11 @@ def _name(axis: int, sign: float) -> str:
 
 
 def _compute_median(values: FloatArray, axis: int) -> FloatArray:
-    # a column of NaN is a valid result here
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        return np.asarray(np.nanmedian(values, axis=axis))
+    # as numpy's nanmedian, which takes five times as long for few values and warns of columns of NaN
+    ordered = np.sort(values, axis=axis)
+    last = np.maximum(np.isfinite(values).sum(axis=axis, keepdims=True) - 1, 0)
+    low, high = (np.take_along_axis(ordered, n, axis) for n in (last // 2, (last + 1) // 2))
+    return np.asarray((low + high) / 2).squeeze(axis)
 
 
 def measure_body_extent(position: FloatArray) -> FloatArray:
@@ -268,12 +269,14 @@ class BodyPoints:
 def pick_markers(
     path: Path,
     labels: Sequence[str],
+    position: FloatArray,
+    notes: list[str],
     *,
-    subject: str | None = None,
+    subject: str | None,
     texts: Mapping[str, Sequence[str]],
     known_parts: Mapping[str, str],
 ) -> BodyPoints:
-    """Select the physical markers of one subject."""
+    """Select the physical markers of one subject. Shapes: position (T, P, 3)."""
     check_labels(path, labels)
     reasons = _sort_points(labels, texts)
     markers = [i for i in range(len(labels)) if i not in reasons]
@@ -292,6 +295,15 @@ def pick_markers(
     if subject is not None and subject not in counts:
         raise MotionError(f"{path}: holds no subject {subject!r}; allowed are {named}")
     bodies = [name for name, count in counts.items() if len(counts) == 1 or count >= MIN_SUBJECT_POINTS]
+    if subject is None and len(bodies) > 1:
+        # trackers also see bodies in furniture and shadows, for a moment
+        is_seen = np.asarray(np.isfinite(position).all(axis=2))
+        n_seen = {
+            name: max(int(is_seen[:, i].sum()) for i in markers if _find_prefix(labels[i]) == name) for name in bodies
+        }
+        brief = [name for name in bodies if n_seen[name] < SHORT_LIVED * max(n_seen.values())]
+        notes += [f"subject {name!r}, seen in {n_seen[name]} of {len(position)} frames, was left out" for name in brief]
+        bodies = [name for name in bodies if name not in brief]
     if subject is None and len(bodies) != 1:
         raise MotionError(f"{path}: holds several subjects: {named}. Name the one to read: subject='...'.")
     name = bodies[0] if subject is None else subject

@@ -43,7 +43,9 @@ FIRST = 2  # number of cells before the first coordinate: frame number and time
 def parse_trc(path: Path) -> Points:
     """Read the markers of a TRC file."""
     # blank cells and points at exactly 0, 0, 0 are gaps
-    rows = read_rows(path, delimiter=" ")
+    lines = read_lines(path)
+    mark = re.search(r"(?im)^ *frame#? *([;,])", "\n".join(lines[:HEADER_LINES]))
+    rows = [(n, [cell.strip() for cell in cells]) for n, cells in split_rows(path, lines, mark[1] if mark else " ")]
     at = next((i for i, (_, cells) in enumerate(rows[:HEADER_LINES]) if cells[0].lower().startswith("frame")), -1)
     if at < 1:
         raise MotionError(

@@ -327,7 +327,7 @@ def make_timed_motion(
     points: Points,
     file_format: str,
     *,
-    subject: str | None = None,
+    subject: str | int | None = None,
     units: str | None = None,
     up_axis: str | None = None,
     rate_hz: float | None = None,
@@ -355,7 +355,9 @@ def make_timed_motion(
         unit = find_skeleton_unit(path, body, points.parents, position, stated, unit_from)
         rate_from = points.rate_from if rate_hz is None else "option"
     else:
-        body = pick_markers(path, points.labels, subject=subject, texts=points.texts, known_parts=points.parts)
+        wanted = None if subject is None else str(subject)
+        texts, parts = points.texts, points.parts
+        body = pick_markers(path, points.labels, position, notes, subject=wanted, texts=texts, known_parts=parts)
         each = None
         if points.each is not None and units is None:
             names = [points.each[i] for i in body.kept]
@@ -378,13 +380,17 @@ def make_timed_motion(
     dropped: dict[str, list[str]] = {}
     for i in sorted(body.reasons):
         dropped.setdefault(body.reasons[i], []).append(body.labels[i] or f"point_{i + 1}")
-    subject = body.subject or points.subject
     return make_motion(
         position_m[..., [2, 0, 1]] if faces_z else turn_z_up(position_m, axis_facts["up_axis"]),
         rate_hz=rate,
         markers=body.names,
         parts=body.parts,
-        facts={"source": path.name, "kind": "recording", "subject": subject, "species": body.species},
+        facts={
+            "source": path.name,
+            "kind": "recording",
+            "subject": body.subject or points.subject,
+            "species": body.species,
+        },
         report={
             "format": file_format,
             "frame_rate_hz": rate,
