@@ -40,7 +40,7 @@ from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.labels import read_axis
 from doppelgait.processing import Analysis, burst_signature
 from doppelgait.radar import Recording
-from doppelgait.radar.readers.cw_text import read_cw_text
+from doppelgait.radar.readers.text import read_cw_text
 
 DEVELOPMENT, REPORTED = ("0", "3"), ("1", "2", "4")
 """Persons by the numbers in the names of files."""

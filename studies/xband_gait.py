@@ -33,7 +33,7 @@ from doppelgait.pipeline import Result, analyze
 from doppelgait.pipeline.spectrogram import convert_levels_to_signature, make_level_gate
 from doppelgait.pipeline.target import analyze_signature
 from doppelgait.processing import Analysis
-from doppelgait.radar.readers.cw_text import read_cw_text
+from doppelgait.radar.readers.text import read_cw_text
 
 DATA_FILE = Path("fmcw_xband_manga") / "decoded_levels.npz"
 CW_FOLDER = "cw24_kmkim036"

@@ -15,7 +15,7 @@ from doppelgait.processing.bursts import average_bursts
 from doppelgait.processing.detect import Detector
 from doppelgait.processing.track import Tracker
 from doppelgait.radar import Radar, Recording
-from doppelgait.radar.readers.cw_text import read_cw_text
+from doppelgait.radar.readers.text import read_cw_text
 from doppelgait.scene import Scene, Target
 
 RADAR = Radar.preset("xband-cw", prf_hz=1000)

@@ -1,9 +1,14 @@
-"""Continuous-wave recordings as two text files of integers.
+"""Text files of radars: continuous-wave modules and Ancortek's frequency sweeps.
 
-``NAME_RE.txt`` and ``NAME_IM.txt`` have one integer per line.
+``NAME_RE.txt`` and ``NAME_IM.txt`` have one integer per line. Programs for 24 GHz Doppler modules with a 12-bit
+converter write them: the module fills a buffer, sends it and starts again, so that the samples are continuous within
+a burst only.
 
-Programs for 24 GHz Doppler modules with a 12-bit converter write these files. The module fills a
-buffer, sends it and starts again: the samples are continuous within a burst only.
+The recordings "radar signatures of human activities", published by the University of Glasgow (F. Fioranelli et al.,
+2019, DOI 10.5525/gla.researchdata.848), have four lines with centre frequency (Hz), sweep time (ms), samples per sweep
+and bandwidth (Hz), then one complex sample of the beat per line, such as ``2048+1998i``. The published MATLAB program
+(``DataProcessingExample.m``) uses the positive frequencies of the transform of a sweep as ranges and mirrors the
+Doppler axis: the phase increases with range.
 """
 
 from __future__ import annotations
@@ -15,14 +20,16 @@ from typing import Annotated
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import RecordingError, warn_caller
-from doppelgait.core.plugins import plugin
+from doppelgait.core.plugins import plugin, read_head
 from doppelgait.core.readers import Limits
 from doppelgait.radar.measured import (
     CW_FRAME_M,
     POSITIVE,
     Positive,
     label_measured,
+    label_sweeps,
     make_cw_radar,
     place_frames,
     read_limited,
@@ -33,7 +40,7 @@ from doppelgait.radar.recording import Recording
 PARTS = ("_RE", "_IM")
 BITS = 12
 MID_CODE = 2 ** (BITS - 1)
-MAX_BYTES = 2**26
+MAX_CODES_BYTES = 2**26
 """Maximum size of a text file of a Doppler module: 64 MiB is more than an hour at 3000 samples/s."""
 HEAD_BYTES = 256
 OTHER_WORD = re.compile(rb"(?<!\S)(?!(?:[0-3]?\d{1,3}|40[0-8]\d|409[0-5])(?!\S))\S+")
@@ -43,15 +50,10 @@ OTHER_WORD = re.compile(rb"(?<!\S)(?!(?:[0-3]?\d{1,3}|40[0-8]\d|409[0-5])(?!\S))
 def sniff_cw_text(path: Path, head: bytes) -> bool:
     """Return whether a path is one of two continuous-wave text files, or their common stem."""
     try:
-        names = _find_pair(path)
+        heads = [read_head(name)[:HEAD_BYTES].split() for name in _find_pair(path)]
     except RecordingError:
         return False
-    for name in (name for name in names if name.is_file()):
-        with name.open("rb") as file:
-            words = file.read(HEAD_BYTES).split()
-        if words and all(word.isdigit() for word in words):
-            return True
-    return False
+    return any(words and all(map(bytes.isdigit, words)) for words in heads)
 
 
 @plugin("radar_reader", "cw-text", sniff=sniff_cw_text, suffixes=(".txt",))
@@ -132,7 +134,7 @@ def _read_codes(path: Path) -> npt.NDArray[np.int64]:
     """Read the integers of one file within the converter's range."""
     if not path.is_file():
         raise RecordingError(f"{path}: no such file; both NAME_RE.txt and NAME_IM.txt are needed")
-    content = read_limited(path, MAX_BYTES)
+    content = read_limited(path, MAX_CODES_BYTES)
     if not content.split():
         raise RecordingError(f"{path}: holds no values")
     if fault := OTHER_WORD.search(content):
@@ -142,3 +144,94 @@ def _read_codes(path: Path) -> npt.NDArray[np.int64]:
             f"{path}: line {number} holds {shown!r}; every line must hold an integer from 0 to {2**BITS - 1}"
         )
     return np.fromstring(content.decode("ascii"), dtype=np.int64, sep=" ")
+
+
+HEAD = {
+    "centre frequency in Hz": Limits(1e6, 1e12),
+    "sweep time in ms": Limits(1e-3, 1e4),
+    "samples per sweep": Limits(2, 65_536),
+    "bandwidth in Hz": Limits(0, 1e11),
+}
+"""Numbers of the head, one a line."""
+MAX_SWEEPS_BYTES = 2**29
+VOLTS_PER_CODE = 1.0 / 4096
+"""Volts per converter step; the middle code 2048 indicates 12 bits, and a full scale of 1 V is assumed."""
+
+
+def sniff_glasgow(path: Path, head: bytes) -> bool:
+    """Return whether a file begins with four numbers and a complex sample."""
+    words = head[: 2 * HEAD_BYTES].decode("ascii", "replace").split()
+    if len(words) < 5 or not words[4].endswith("i") or "." in words[2]:
+        return False
+    try:
+        return all(float(word) >= 0 for word in words[:4]) and _is_complex(words[4][:-1] + "j")
+    except ValueError:
+        return False
+
+
+@plugin("radar_reader", "glasgow", sniff=sniff_glasgow, suffixes=(".dat",))
+def read_glasgow(path: Path, *, conjugate: bool = True, range_stop_m: float | None = None) -> Recording:
+    """Read an Ancortek text file, such as ``1P36A01R01.dat``.
+    Every sweep is transformed to a row of range bins with a Hann window.
+    """
+    content = read_limited(path, MAX_SWEEPS_BYTES)
+    check_cost(path, CELL_BYTES * sum(map(content.count, (b"\n", b" ", b"\t", b"\r"))), RecordingError)
+    text = content.decode("ascii", "replace").replace("i", "j")
+    words = text.split()
+    carrier_hz, sweep_ms, samples_per_sweep, bandwidth_hz = _read_head(path, words)
+    if not bandwidth_hz:
+        raise RecordingError(f"{path}: bandwidth 0 Hz is a continuous wave; only frequency sweeps are read")
+    n_samples = int(samples_per_sweep)
+    try:
+        values = np.fromiter(map(complex, words[4:]), np.complex128)
+    except ValueError:
+        lines = [number for number, line in enumerate(text.splitlines(), start=1) for _ in line.split()]
+        number, word = next((lines[at], word) for at, word in enumerate(words) if at >= 4 and not _is_complex(word))
+        raise RecordingError(
+            f"{path}: line {number} holds {word.replace('j', 'i')[:20]!r}; it must be a complex number such as "
+            "2048+1998i"
+        ) from None
+    samples = split_rows(path, values, n_samples, "sweep") * VOLTS_PER_CODE
+    return label_sweeps(
+        path,
+        samples,
+        name="Ancortek FMCW radar",
+        carrier_hz=carrier_hz,
+        bandwidth_hz=bandwidth_hz,
+        n_ranges=n_samples // 2,
+        range_stop_m=range_stop_m,
+        frames=(len(samples), 1, sweep_ms / 1e3, 1e3 / sweep_ms),
+        sweep_s=sweep_ms / 1e3,
+        volts_per_unit=VOLTS_PER_CODE,
+        conjugate=conjugate,
+        notes=[
+            "sweeps are assumed to rise, without pauses; the centre frequency is assumed to be that of the band",
+            f"levels: one step of the converter is taken as {VOLTS_PER_CODE:.4g} V",
+        ],
+    )
+
+
+def _is_complex(word: str) -> bool:
+    try:
+        return complex(word) is not None
+    except ValueError:
+        return False
+
+
+def _read_head(file: Path, words: list[str]) -> list[float]:
+    numbers = []
+    for number, (name, limits) in enumerate(HEAD.items()):
+        word = words[number] if number < len(words) else ""
+        try:
+            value = float(word)
+        except ValueError:
+            value = float("nan")
+        is_whole = name != "samples per sweep" or value % 1 == 0
+        # a bandwidth of 0 is that of a continuous wave
+        if not (limits.above < value <= limits.most or value == limits.above == 0) or not is_whole:
+            raise RecordingError(
+                f"{file}: line {number + 1} holds {word[:20]!r}; it must be the {name},{limits}"
+                + ("" if is_whole else ", a whole number")
+            )
+        numbers.append(value)
+    return numbers
