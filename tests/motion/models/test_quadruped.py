@@ -167,11 +167,8 @@ def included_deg(points, a, b, c):
     return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
 
 
-FORE = zip(
-    itertools.pairwise(("shoulder", "elbow", "carpus", "fore_paw")), ("humerus", "forearm", "manus"), strict=True
-)
-HIND = zip(itertools.pairwise(("hip", "knee", "hock", "hind_paw")), ("femur", "tibia", "metatarsus"), strict=True)
-LINKS = [(*ends, getattr(limbs.BODY, bone)) for ends, bone in (*FORE, *HIND)]
+CHAINS = ("shoulder humerus elbow forearm carpus manus fore_paw", "hip femur knee tibia hock metatarsus hind_paw")
+LINKS = [(row[n], row[n + 2], getattr(limbs.BODY, row[n + 1])) for row in map(str.split, CHAINS) for n in (0, 2, 4)]
 
 
 @pytest.mark.parametrize(("name", "froude"), [(name, fr) for name in GAITS for fr in froudes(name, 15)])
