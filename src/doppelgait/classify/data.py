@@ -29,7 +29,7 @@ from doppelgait.processing.patches import Patch, levels_of
 
 VELOCITY = "torso_velocity_mps"
 SPEED = "torso_speed_mps"
-"""Models use the magnitude of the torso velocity, so approaching and receding targets are equivalent."""
+"""Models use the torso's speed, so approaching and receding targets are equivalent."""
 BANDWIDTH = "doppler_bandwidth_hz"
 WIDTH = "doppler_bandwidth_mps"
 ENVELOPE = "extended_doppler_bandwidth_envelope_hz"

@@ -221,7 +221,7 @@ class Facts(FrozenModel):
     abstain_below: float = Field(default=ABSTAIN_BELOW, ge=0, le=1)
     novel_below: float = Field(default=NOVEL_BELOW, ge=0, le=1)
     alarm: str | None = None
-    # Probability of the alarm class that 95 % of its held-out rows reach, and their number of targets.
+    # Probability of the alarm class that 95 % of its held-out rows reach, and number of targets.
     alarm_threshold: float | None = Field(default=None, ge=0, le=1)
     alarm_people: int | None = Field(default=None, ge=0)
     blocking: tuple[str, ...] = BLOCKING

@@ -225,7 +225,7 @@ def _check_model(model: Model) -> None:
         raise ValueError("its calibration is no number above 0, or too large")
     if model.facts.alarm is not None and model.facts.alarm not in model.facts.classes:
         raise ValueError(f"its alarm is for {model.facts.alarm!r}, which is not one of its classes")
-    # A model must not use values that no analysis measures, such as the nuisance parameters of a plan.
+    # A model must not use values that no analysis measures, such as a plan's nuisance parameters.
     measured = FEATURES | {f"extended_{name}" for name, _, _ in list_features()}
     wrong = [name for name in model.facts.names if name not in measured]
     if wrong:

@@ -44,7 +44,7 @@ class Training(FrozenModel):
     gain_db: float = Field(default=3.0, ge=0)
     noise_db: float = Field(default=10.0, ge=0)
     stretch: float = Field(default=1.4, ge=1, le=4)
-    # Share of the epochs over which gain, noise and stretch widen from nothing to their limits; 0: at once.
+    # Share of the epochs over which gain, noise and stretch grow to their limits; 0: at once.
     widening: float = Field(default=0.5, ge=0, le=1)
     flip: bool = True
 

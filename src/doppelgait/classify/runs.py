@@ -255,7 +255,7 @@ def learn(
         found = find_detection_threshold(probability, is_alarm, DETECTED_SHARE)
         if np.isfinite(found):
             threshold, people = found, int(np.unique(rows.groups[fold.held][is_alarm]).size)
-    # Span of every feature, NaN where it is never known, and the share of rows in which it is unknown.
+    # Span of every feature, NaN if never known, and the share of rows in which it is unknown.
     lowest, highest, unknown = np.full(len(table.names), np.nan), np.full(len(table.names), np.nan), np.zeros(0)
     if table.names:
         values = select_features(train.values)

@@ -252,9 +252,7 @@ class _ClassEvidence:
     alarm: bool | None = None
 
     def hand_over(self, time_s: float) -> None:
-        """Predict the belief after a time.
-        This is p -> 1/K + (p - 1/K) exp(-r K/(K-1) dt).
-        """
+        """Predict the belief after a time, p -> 1/K + (p - 1/K) exp(-r K/(K-1) dt)."""
         n = self.probability.size
         kept = math.exp(-CHANGE_PER_S * n / (n - 1) * max(time_s - self.at_s, 0.0))
         self.probability, self.at_s = 1.0 / n + (self.probability - 1.0 / n) * kept, time_s

@@ -89,7 +89,7 @@ SVM_GAMMA, SVM_C = 0.5, 30.0
 of 6 x 7 pairs, 0.03 to 3 and 0.3 to 1000, when four datasets of models were cross-validated by bodies (95.4 %; 0.3 to
 1 and 10 to 100 gave 95.2 or more, logistic regression 94.3). The log loss there favours ever more linear machines."""
 SVM_MOST_ROWS = 20_000
-"""Measured: training takes 3 s with 10 000 rows of two classes and 20 s with 20 000, on one busy core."""
+"""Measured on one busy core: 3 s with 10 000 rows of two classes, 20 s with 20 000."""
 
 LEVELS = 500  # maximum number of stored quantiles of the held-out distances
 SHRINKAGE = 0.05

@@ -70,9 +70,7 @@ PACKAGES = {"reproduce": ("doppelgait-liland2018", "packages/liland2018")}
 
 
 def load_commands() -> dict[str, Callable[..., Any]]:
-    """Load the commands of other packages: functions with typer's annotations.
-    Each is an entry point of the group ``doppelgait.commands``; one that cannot be loaded is left out with a warning.
-    """
+    """Load the commands of other packages, entry points of the group ``doppelgait.commands``."""
     from importlib.metadata import entry_points
 
     functions = {}

@@ -39,7 +39,7 @@ LEAKS_LOOKED_AT = 1000
 FEASIBILITY_LOOKED_AT = 500
 """Number of examples that are compared with the range and speed limits of the radar."""
 ALL_CHECKED = 20_000
-"""Maximum number of examples that ``dataset plan`` samples in full, evenly spread over a larger plan."""
+"""Maximum number of examples that ``dataset plan`` samples, evenly spread over a larger plan."""
 
 
 def _load(plan: str, changes: list[str] | None, motion_folder: Path | None) -> tuple[Any, Path]:

@@ -20,15 +20,13 @@ from doppelgait.core.errors import ConfigError, OutputError
 WAIT_S = 0.2
 """Interval, s, at which Ctrl-C is checked after the end of the stream."""
 STATUS_S = 60.0
-"""Interval, s of radar time, between two lines on the state of the stream while no frame is lost."""
+"""Interval, s of radar time, between lines on the stream's state while no frame is lost."""
 SENSORS = ("tcp://", "udp://")
 """Prefixes of the sources that do not wait for the reader."""
 
 
 class DecisionLog:
-    """Append lines to a file and sync each line.
-    A power failure loses at most the line that is being written.
-    """
+    """Append lines to a file; a power failure loses at most the line that is being written."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.lost = path, 0

@@ -99,9 +99,7 @@ def show_warnings_plainly() -> None:
 
 @contextmanager
 def report_progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[int, int], None]]:
-    """Report progress of long work as ``on_progress(done, total)``.
-    Progress is a bar on a terminal and plain lines elsewhere; both appear after :data:`PROGRESS_DELAY_S`.
-    """
+    """Report long work as ``on_progress(done, total)``: a bar on a terminal, otherwise lines."""
     lines = _report_tenths(what) if not sys.stderr.isatty() else _show_bar(what)
     with stop_in_order(), nullcontext(None) if quiet else lines as report:
 

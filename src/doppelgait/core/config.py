@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 else:
 
     class _Checked(type(BaseModel)):
-        """Metaclass: models raise :class:`ConfigError`, and main fields may be passed by position."""
+        """Metaclass: models raise :class:`ConfigError`; main fields may be passed by position."""
 
         def __call__(cls, *values: Any, **data: Any) -> Any:
             if len(values) > len(cls.POSITIONAL):
@@ -65,7 +65,7 @@ class FrozenModel(BaseModel, metaclass=_Checked):
 
     @classmethod
     def model_validate(cls, obj: Any, **settings: Any) -> Self:
-        """Build the model from a mapping; a :class:`ConfigError` names a value that is not allowed."""
+        """Build the model from a mapping; a :class:`ConfigError` names what is not allowed."""
         try:
             return super().model_validate(obj, **settings)
         except ValidationError as error:
@@ -235,7 +235,7 @@ def _find_model(annotation: Any) -> type[BaseModel] | None:
 
 
 def format_line_note(text: str, location: Sequence[str | int]) -> str:
-    """Format the line of a dotted TOML key as `` (line 7)``, or return ``""``; a number selects a ``[[table]]``."""
+    """Format the line of a dotted TOML key as `` (line 7)``, or ``""``; numbers select tables."""
     rows = [row.split("#")[0] for row in text.splitlines()]
     names = [str(part) for part in location if isinstance(part, str)]
     if not rows or not names:

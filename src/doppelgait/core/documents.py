@@ -29,7 +29,7 @@ MAX_DEPTH = 64
 """Maximum nesting depth of lists and tables. Files of doppelgait have 10 levels at most."""
 MAX_DIGITS = 40  # maximum number of digits of an integer. Seeds have up to 128 bits.
 _LONG_KEY = re.compile(rf"""(?<![\w"'.-])(?:[\w"'-]+\s*\.\s*){{{MAX_DEPTH}}}""")
-"""Pattern of a long dotted TOML key. The parsing time grows with the cube of its number of parts."""
+"""Pattern of a long dotted TOML key; parsing takes time with the cube of its parts."""
 _HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
 
 

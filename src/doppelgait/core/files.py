@@ -63,7 +63,7 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 @dataclass(frozen=True)
 class FileKind:
-    """Kind of file: format, newest and oldest version that are read, and what to do about others."""
+    """Kind of file: format, newest and oldest version that are read, remedy for others."""
 
     format: str
     version: int

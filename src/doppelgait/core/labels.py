@@ -244,7 +244,7 @@ def take_columns(values: Any, columns: slice | npt.NDArray[np.intp]) -> Any:
 
 
 def takes_arrays(function: Callable[..., Any]) -> bool:
-    """Return True if the first annotated parameter is a plain table; those of 0.2 take a Dataset."""
+    """Return True if the first annotated parameter is a plain table, no Dataset as in 0.2."""
     annotations = getattr(function, "__annotations__", {})
     first = next((value for name, value in annotations.items() if name != "return"), None)
     name = first.rpartition(".")[2] if isinstance(first, str) else first
@@ -293,7 +293,7 @@ def maps_table(function: Callable[Concatenate[ScattererTable, P], ScattererTable
 
 
 def maps_signal(*schemas: Schema) -> Callable[[Callable[Concatenate[Signal, P], Signal]], Step[P]]:
-    """Let a function from signal to signal take labelled arrays; it then returns a labelled array."""
+    """Let a function from signal to signal take labelled arrays, and then return one."""
     return partial(_take_labels, lambda array: Signal.of(array, *schemas))
 
 

@@ -36,7 +36,7 @@ LONG_PULSES = 1 << 15
 
 @dataclass(frozen=True)
 class LateRows:
-    """Rows (pulse, ...) that ``rows(first, stop)`` reads or computes at every access; nothing is cached."""
+    """Rows (pulse, ...) that ``rows(first, stop)`` reads or computes at every access."""
 
     shape: tuple[int, ...]
     rows: Callable[[int, int], npt.NDArray[Any]]
@@ -106,7 +106,7 @@ def read_pulses(array: Any, first: int, stop: int) -> Any:
 
 
 def read_tiles(array: Any, multiple: int = 1) -> Iterator[tuple[int, Any]]:
-    """Yield the first pulse and the values of every tile, of a multiple of ``multiple`` pulses but for the last."""
+    """Yield first pulse and values of every tile, of a multiple of ``multiple`` pulses."""
     size = max(LONG_PULSES // multiple, 1) * multiple
     for first in range(0, array.shape[0], size):
         yield first, read_pulses(array, first, first + size)

@@ -144,7 +144,7 @@ def _check_members(file: Any, path: Path, soft_links: bool) -> None:
 
 
 def get_attribute(member: Any, name: str) -> Any:
-    """Return an attribute of a supported type, None without one; files of other programs have others next to it."""
+    """Return an attribute of a supported type, or None; others may be next to it."""
     if name not in member.attrs:
         return None
     _check_attribute(h5py.h5a.open(member.id, name.encode()), str(member.name))

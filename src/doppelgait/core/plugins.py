@@ -147,9 +147,7 @@ def plugin(
 
 
 class Group(Generic[T]):
-    """Plug-ins of one kind by name: of the modules ``built_in``, imported on first use, and of other packages.
-    ``check`` raises :class:`ConfigError` for a plug-in with facts that the group cannot use.
-    """
+    """Plug-ins of one kind by name; ``check`` raises :class:`ConfigError` for unusable facts."""
 
     def __init__(
         self,
@@ -210,7 +208,7 @@ class Group(Generic[T]):
         return found
 
     def parse(self, value: Any) -> FrozenModel:
-        """Parse a table with ``kind``, or check a model; a :class:`ConfigError` names what is not allowed."""
+        """Parse a table with ``kind``, or check a model; raise :class:`ConfigError` otherwise."""
         if isinstance(value, FrozenModel):
             self.of(value)
             return value

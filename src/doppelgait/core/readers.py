@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 class OtherFile(NamedTuple):
-    """Kind of file that no reader takes, by suffix or first bytes: what it is, and what to use instead."""
+    """Kind of file that no reader takes, by suffix or first bytes, and what to use instead."""
 
     suffixes: tuple[str, ...]
     what: str
@@ -64,7 +64,7 @@ def list_options(run: Callable[..., Any]) -> list[str]:
 def find_readers(
     group: Group[T], path: Path, options: Sequence[str] = (), *, others: Sequence[OtherFile] = (), by_name: bool = True
 ) -> list[str]:
-    """Return the readers of a file: by its content, otherwise by its name and the options that are given."""
+    """Return the readers of a file by its content, otherwise by its name and the options."""
     head, names = read_head(path), []
     for reader in group.values():
         with suppress(OSError):
@@ -141,7 +141,7 @@ def check_options(
 
 
 class Limits(NamedTuple):
-    """Limits of a finite number, ``Annotated[float, Limits(0, 1e6)]``: above the first, at most the second."""
+    """Limits of a number, ``Annotated[float, Limits(0, 1e6)]``: above 0, at most 1e6."""
 
     above: float = -math.inf
     most: float = math.inf

@@ -148,7 +148,7 @@ class Samples:
 
     @classmethod
     def from_planes(cls, planes: Planes, n_pulses: int) -> Samples:
-        """Wrap planes (2, samples, n_pulses or more) that nothing else uses; the samples may change them."""
+        """Wrap planes (2, samples, n_pulses or more) of no other owner, which may be changed."""
         return cls._make((n_pulses, planes.shape[1]), None, np.ascontiguousarray(planes), None, True)
 
     @classmethod

@@ -87,7 +87,7 @@ def prepare_worker() -> None:
 
 
 def serve(pipes: Sequence[Connection]) -> None:
-    """Receive the work by the first pipe, with all that it imports; then serve requests until the pipes close."""
+    """Receive the work by the first pipe; then serve requests until the pipes close."""
     prepare_worker()
     work = _receive(pipes[0])
     if len(pipes) == 1:

@@ -81,7 +81,7 @@ class Sigmf(FrozenModel):
 def write_csv(
     dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: Csv, done: Callable[[int], None]
 ) -> None:
-    """Write ``index.csv``: a header and one line per row. Unknown values are empty. Every number is exact."""
+    """Write ``index.csv``: a header and a line per row, exact numbers, empty for unknown ones."""
     table = flatten_index(dataset)
     table.to_csv(folder / "index.csv", index=False, lineterminator="\n")
     done(len(table))

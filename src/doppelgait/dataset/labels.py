@@ -204,7 +204,7 @@ YES, NO = ("yes", "true", "1", "x"), ("no", "false", "0", "")
 LABEL = re.compile(r"[A-Za-z0-9 _.-]+")
 SHOWN_FAULTS = 8
 MOST_CONFLICTS = 1000
-"""Maximum number of reported contradictions, because every pair of lines may contradict each other."""
+"""Maximum number of reported contradictions, because any two lines may contradict each other."""
 NEAR_COLUMN, NEAR_LABEL = 0.75, 0.8
 """Similarity, from 0 to 1, at which two spellings are reported as a possible typing error."""
 
@@ -226,7 +226,7 @@ class LabelEntry:
     citation: str = ""
     nobody: bool = False  # the scene is empty, so that no target is expected
     options: Mapping[str, Any] = field(default_factory=dict)  # for the reader of the format
-    # Columns that are stored unchanged: ``meta_*`` (text) and ``truth_*`` (numbers, None if not stated).
+    # Columns that are stored unchanged: ``meta_*`` (text) and ``truth_*`` (numbers or None).
     further: Mapping[str, Any] = field(default_factory=dict)
 
     def overlaps(self, other: LabelEntry) -> bool:

@@ -24,7 +24,7 @@ from doppelgait.processing.patches import Levels, Patch, cut, levels_of
 
 Array = npt.NDArray[Any]
 As = Literal["array", "picture"] | Patch
-"""Form of the arrays: stored arrays, pictures of the default format, or pictures of another format."""
+"""Form of the arrays: stored arrays, or pictures of the default or of another format."""
 
 MB = 1_000_000
 AXIS_COLUMNS = ("scene_id", "prf_hz", "carrier_hz")
@@ -102,7 +102,7 @@ def read_signature(dataset: StoredExamples, number: int) -> xr.DataArray | None:
 
 
 def make_picture(signature: xr.DataArray | None, patch: Patch) -> Levels:
-    """Convert the middle of a signature to a picture in dB. Shapes: returns (n_velocity, n_time)."""
+    """Convert the middle of a signature to a picture in dB, (n_velocity, n_time)."""
     whole = levels_of(signature, patch)
     if whole is None:
         return np.zeros((patch.n_velocity, patch.n_time), dtype=np.float32)

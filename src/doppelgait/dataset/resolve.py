@@ -33,7 +33,7 @@ from doppelgait.pipeline.radar_table import FITTED_KEYS, FixedRadar, RadarFile, 
 from doppelgait.radar.presets import read_preset
 
 UNSEEN_M2 = 1e-30
-"""Radar cross section of the body that the gate of an empty scene follows: 300 dB below a person."""
+"""Radar cross section of the body that an empty scene's gate follows: 300 dB below a person."""
 
 STORED_KEYS = {"file", "values"}
 """Keys of a radar file stored with its values, ``preset = { file = "my-radar.toml", values = { ... } }``; a dataset
@@ -51,7 +51,7 @@ class RowSpec(FrozenModel):
     label: str
     subject: str  # ``person/NAME`` if ``[[sources]]`` names it, else ``file/PATH``, or ``model/ID`` without one
     source: str  # ``model``, ``recording`` or ``none``
-    # Motion files and their licences from ``[[sources]]``; of a blended motion both, unknown if either is.
+    # Motion files and licences from ``[[sources]]``; of a blended motion both, or unknown.
     recording: str = ""
     licence: str = ""
     others: tuple[str, ...] = ()  # further subjects of a blended motion, in the group of the first

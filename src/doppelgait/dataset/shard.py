@@ -43,7 +43,7 @@ MAX_BATCH = 16
 BATCH_S = 60.0
 """Maximum duration, s, of the scenes that are made together, so that memory does not grow with their number."""
 BATCH_BYTES = 48_000_000
-"""Maximum size of the basebands and signatures that are kept of the examples that are made together."""
+"""Maximum size of basebands and signatures that are kept of examples that are made together."""
 MOST_APART_M = 1.0
 """Maximum mean distance, m, between a track and its body."""
 LEAST_SHARE = 0.3
@@ -296,7 +296,7 @@ def build_examples(
     *,
     gate: Literal["truth", "track"] = "truth",
 ) -> list[ExampleData]:
-    """Build examples; their motions are made together, and their signatures are analysed together."""
+    """Build examples; their motions are made, and their signatures analysed, together."""
     runs = [example.run for example in examples]
     scenes = place_all([run.scene for run in runs], [run.streams for run in runs], folder=folder)
     with limit_blas_threads():

@@ -34,9 +34,7 @@ def envelopes_hz(signature: Signal, floor_v2: float) -> tuple[FloatArray, FloatA
 
 @lru_cache(maxsize=256)
 def compute_noise_quantile(n_bins: float) -> float:
-    """Compute the noise threshold of a cell over its mean.
-    Noise exceeds the threshold with the probability of 4 standard deviations of a normal variable (E-35).
-    """
+    """Compute the noise threshold of a cell over its mean, at 4 standard deviations (E-35)."""
     from scipy.special import gammainccinv, ndtr
 
     return float(gammainccinv(n_bins, float(ndtr(-DETECTION_SIGMAS)))) / n_bins
@@ -94,9 +92,7 @@ def width_of_bins(share: FloatArray) -> FloatArray:
 
 
 def bandwidth_threshold_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, *, threshold: float) -> float:
-    """Measure the width of the mean Doppler spectrum above a level.
-    The width in Hz is that of the contiguous range around the peak. Shapes: mean_spectrum (K,); doppler_hz (K,).
-    """
+    """Measure the width in Hz around the peak of a mean Doppler spectrum, (K,)."""
     level = mean_spectrum / mean_spectrum.max()
     peak = int(level.argmax())
     upper_hz, lower_hz = (_interpolate_crossing(level, doppler_hz, peak, step, threshold) for step in (1, -1))

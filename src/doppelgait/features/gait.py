@@ -31,7 +31,7 @@ FEW_PERIODS = 2.0
 CLOSE_OCTAVE = 0.1
 """Probability of half or twice f_mu above which the decision between step and stride is flagged as close."""
 FULL_BAND_SHARE = 0.9
-"""Bandwidth between the envelopes, as a share of the pulse rate, above which Doppler may be folded."""
+"""Bandwidth between envelopes above which Doppler may be folded, as a share of the pulse rate."""
 NO_GAIT_RATIO = 0.1
 """Smallest limb-torso ratio rho of a target with a gait; walkers and dogs have 0.4 or more."""
 

@@ -213,9 +213,7 @@ def compute_salience(rhythm: Rhythm, frequency_hz: FloatArray, reach_hz: float) 
 
 
 def measure_target_rhythms(targets: Iterable[tuple[Signal, Signal, float]]) -> Rhythm:
-    """Measure four sets of rows of every target, two of them whitened.
-    Targets (:func:`estimate_gait_frequency`: aligned, excess, floor) have equal axes. The leading axes are (B, 4).
-    """
+    """Measure four sets of rows of targets with equal axes, two sets whitened, (B, 4)."""
     rows = []
     for aligned, excess, floor_v2 in targets:
         slow = average_columns(aligned)
@@ -286,7 +284,7 @@ def compute_terms(rhythms: Rhythm, velocity_mps: FloatArray) -> tuple[FloatArray
 
 
 def compute_posterior(rhythms: Rhythm, velocity_mps: FloatArray) -> FloatArray:
-    """Compute the posterior on the grid, with sum 1. Shapes: velocity_mps (B,); result (B, frequency)."""
+    """Compute the posterior on the grid, with sum 1. Shapes: velocity_mps (B,); (B, frequency)."""
     evidence, prior = compute_terms(rhythms, velocity_mps)
     seconds = rhythms.likeness.shape[-1] / rhythms.rate_hz
     level = WEIGHTS.ravel() @ evidence.reshape(-1, WEIGHTS.size, GRID_HZ.size) + PRIOR_WEIGHTS @ prior

@@ -76,9 +76,7 @@ def peak_ratio(cadence_hz: FloatArray, values: FloatArray, frequency_hz: float, 
 
 @dataclass(frozen=True)
 class LimbTorsoRatio:
-    """Limb-to-torso ratio in energy and in amplitude form.
-    ``ratio`` is the energy form; the amplitude form is closest to the report.
-    """
+    """Limb-to-torso ratio in energy, ``ratio``, and in amplitude, as in the report."""
 
     ratio: float | None
     amplitude_ratio: float | None

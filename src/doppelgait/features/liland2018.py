@@ -25,7 +25,7 @@ def bandwidth_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, threshold: f
 def extract(
     mean_spectrum: FloatArray, doppler_hz: FloatArray, spectrum: Signal, *, wavelength_m: float, threshold: float
 ) -> Extraction:
-    """Extract the six features by the report's method. Shapes: mean_spectrum (K,); doppler_hz (K,)."""
+    """Extract the six features by the report's method, from mean_spectrum and doppler_hz (K,)."""
     best = int(mean_spectrum.argmax())
     torso_hz, torso_amplitude = float(doppler_hz[best]), float(mean_spectrum[best])
     velocity_mps = float(doppler_to_velocity_mps(torso_hz, wavelength_m))

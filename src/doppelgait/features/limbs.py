@@ -67,9 +67,7 @@ def sum_groups(values: FloatArray, n_columns: int, n_rows: int = 1) -> FloatArra
 
 
 def torso_line_hz(rows: Rows) -> FloatArray:
-    """Follow the Doppler of the torso (E-33 step 4).
-    The torso's Doppler is the smoothed centroid of the squared power around the main line in each column.
-    """
+    """Smooth the centroid of squared power around the main line, by column (E-33 step 4)."""
     reach, line = min(int(TORSO_BAND_HZ / rows.bin_hz), (rows.doppler_hz.size - 1) // 2), np.empty(len(rows.values))
     middle, centroid = find_torso(rows.values, reach)
     native.smooth(centroid, TORSO_SMOOTHING_S * rows.rate_hz, True, line)
@@ -88,9 +86,7 @@ def find_torso(values: FloatArray, reach: int) -> tuple[int, FloatArray]:
 
 
 def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
-    """Extract rows beyond 30 Hz of the torso.
-    The rows are amplitudes without noise, detrended; their Doppler is relative to the torso. Shapes: noise (J,).
-    """
+    """Extract noise-free, detrended amplitudes beyond 30 Hz of the torso. Shapes: noise (J,)."""
     zero, bin_hz = int(np.abs(rows.doppler_hz).argmin()), rows.bin_hz
     moved = np.empty(rows.values.shape)
     native.shift_columns(rows.values, torso_line_hz(rows) / bin_hz, moved)

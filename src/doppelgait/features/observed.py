@@ -34,7 +34,7 @@ MIN_SNR_DB = 0.0
 TIME_SHARES = (0.05, 0.95)
 OCCUPIED_SIGMAS = 3.0
 LEAST_SPEED_MPS = 0.2
-"""Lowest radial speed at which a target has a direction; below it the sign of the velocity is random."""
+"""Lowest radial speed at which a target has a direction; below it the sign is random."""
 SEEN_SHARE = 0.5
 TORSO_REACH_MPS = 0.8
 """Largest distance of the torso's velocity from the main line (E-33: 40 Hz at 7.29 GHz)."""
@@ -59,9 +59,7 @@ ORDERS = np.arange(1, 5)  # multiples of f_mu / 2 that are the components of the
 
 
 class Envelopes(NamedTuple):
-    """Envelopes around the main line (E-35b).
-    They cover the columns with power above the noise. The leading envelope is in the direction of motion.
-    """
+    """Envelopes around the main line (E-35b); the leading one is in the direction of motion."""
 
     seen_share: float
     lead_mean_mps: float
@@ -133,11 +131,8 @@ def measure_widths(observations: Sequence[Observation]) -> list[float]:
 
 
 def measure_ripples(observations: Sequence[Observation]) -> FloatArray:
-    """Measure the torso velocity around the main line, detrended, shape (J,).
-
-    It is the smoothed centroid of the squared power near the line. Columns without power are filled
-    from their neighbours; the result is NaN if half of the columns have no power. The removed slow
-    part is a polynomial with the order of E-29.
+    """Measure the torso velocity around the main line without the polynomial of E-29, (J,).
+    It is NaN if half of the columns have no power; otherwise these are filled from their neighbours.
     """
     any_one, (square, moment) = observations[0], np.array([seen.about_line[1:] for seen in observations]).swapaxes(0, 1)
     seconds = any_one.observation_s
@@ -264,7 +259,7 @@ class Observation:
 
     @property
     def is_folded(self) -> bool:
-        """True if the sides of the Doppler axis are one, and the body's band reaches its end at 0 Hz."""
+        """True if the Doppler axis has one side, and the body's band reaches its end at 0 Hz."""
         low_hz = self.envelopes_hz[0]
         starts_at_zero = self.velocity_mps[0] == 0.0
         return bool(starts_at_zero and np.nanmean(low_hz < 2.0 * self.bin_mps / self.mps_per_hz) > WIDTH_SHARE)
@@ -513,9 +508,7 @@ def compute_square_difference(rows: FloatArray, first: int = 0, last: int | None
 
 
 def compute_autocorrelation_at(rows: FloatArray, lag: float) -> float | None:
-    """Compute the normalised autocorrelation at a fractional lag (E-33).
-    The autocorrelation is the square-difference form; it is None for lags longer than the record. Shapes: rows (J,).
-    """
+    """Compute the square-difference autocorrelation at a lag (E-33), None beyond the rows."""
     whole = int(np.floor(lag))
     if whole < 1 or whole + 1 >= rows.shape[0]:
         return None

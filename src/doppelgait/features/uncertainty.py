@@ -111,7 +111,7 @@ def estimate_velocity_sd(observations: Sequence[Observation]) -> list[float | No
 def compute_block_scatter(
     residual: FloatArray, least_scale: float, starts: Sequence[npt.NDArray[np.int64]]
 ) -> list[float]:
-    """Compute the standard deviation of tapered Cauchy means of dependent values. Shapes: residual (B, J)."""
+    """Compute the sd of tapered Cauchy means of dependent values. Shapes: residual (B, J)."""
     # blocks begin at the starts, the first at 0; the slope is positive: half of the values are below a third of scale
     medians = np.array([[compute_quantile(row, 0.5)] for row in np.abs(residual)])
     square = (residual / (CAUCHY_TUNING * np.maximum(1.4826 * medians, least_scale))) ** 2
@@ -149,9 +149,7 @@ def estimate_bandwidth_sd(observations: Sequence[Observation]) -> list[float | N
 
 @dataclass(frozen=True)
 class Periods:
-    """Fourier coefficients of every single gait period.
-    Shapes: harmonics (B, 3, K+); means (B, K+); centre_s (B,).
-    """
+    """Fourier coefficients of single gait periods. Shapes: harmonics (B, 3, K+); centre_s (B,)."""
 
     harmonics: npt.NDArray[np.complex128]
     means: FloatArray
@@ -192,9 +190,7 @@ def frequency_sd_hz(periods: Periods) -> float:
 
 
 def estimate_ratio_sd(periods: Periods) -> float:
-    """Estimate the standard deviation of rho (E-38).
-    The estimate is half of the scatter of the ratio of single periods, divided by the square root of their number.
-    """
+    """Estimate the sd of rho (E-38), half that of single periods over the root of their number."""
     parts = periods.harmonics.reshape(len(periods.means), -1).view(np.float64)  # real and imaginary
     energy, base = np.einsum("bk,bk->b", parts, parts), np.einsum("bk,bk->b", periods.means, periods.means)
     ratio = np.sqrt(4.0 * energy / base)

@@ -116,7 +116,7 @@ def _analyze_piece(piece: Recording, gate: Gate | GateChoice, *settings: Any) ->
 
 
 def join_pieces(pieces: Sequence[TargetList], *, has_range: bool) -> TargetList:
-    """Join the results of one body before and after a pause; the values are those of the longest part."""
+    """Join the results of one body around a pause; the values are those of the longest part."""
     bodies: list[list[Result]] = []
     for piece in pieces:
         free = list(bodies)
@@ -155,7 +155,7 @@ NEAR_M = 1.0
 def compute_signatures(
     recording: Recording, gate: Gate | GateChoice, settings: Analysis, gate_error_m: float
 ) -> list[Gated]:
-    """Compute the signatures of a recording's targets, in gates of their truth, or in a given gate."""
+    """Compute the signatures of a recording's targets, in gates of their truth or a given one."""
     frames, times_s, wavelength_m = recording.frames, recording.slow_time_s, recording.radar.wavelength_m
     if gate != "truth":
         frames = correct_receiver(frames, Detector(), wavelength_m=wavelength_m)
@@ -187,7 +187,7 @@ def analyze_together(recordings: Sequence[Sequence[Gated]]) -> list[TargetList]:
 
 
 def flag_filled(results: Sequence[Result], frames: Frames) -> Sequence[Result]:
-    """Flag the bandwidth, and beyond twice the share the velocity, where many pulses were lost and filled."""
+    """Flag the bandwidth, beyond twice the share the velocity, where many pulses were filled."""
     share = float(frames.facts.get("lost_frame_share", 0.0))
     if share <= LOST_SHARE:
         return results

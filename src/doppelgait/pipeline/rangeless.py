@@ -81,7 +81,7 @@ def transform_motion(clean: Frames, detector: Detector, *, wavelength_m: float) 
 
 
 def correct_receiver(frames: Frames, detector: Detector, *, wavelength_m: float) -> Frames:
-    """Remove lines of the mains; without range and with one output, reduce I and Q to one real series."""
+    """Remove mains lines; without range and with one output, reduce I and Q to one real series."""
     frames = remove_mains_lines(frames)
     if frames.n_bins > 1:
         return frames

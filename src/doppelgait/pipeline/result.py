@@ -176,7 +176,7 @@ class Result:
         }
 
     def plot(self, *, ax: Any = None, **settings: Any) -> Any:
-        """Plot the signature with its main line; settings as for :func:`doppelgait.viz.signature`."""
+        """Plot the signature with its main line; settings of :func:`doppelgait.viz.signature`."""
         return plot("result", self, ax=ax, **settings)
 
     @property
@@ -395,7 +395,7 @@ def convert_to_plain(value: Any) -> Any:
 
 
 def describe_array(array: Any) -> dict[str, Any]:
-    """Take an array apart: ``values``; with labels also ``dims``, ``name``, ``attrs`` and ``coords``."""
+    """Take an array apart: ``values``; of labels ``dims``, ``name``, ``attrs`` and ``coords``."""
     if not isinstance(array, xr.DataArray):
         return {"values": np.asarray(array)}
     axes = {

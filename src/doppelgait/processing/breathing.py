@@ -56,7 +56,7 @@ class BreathSpectrum:
 
 
 def compute_breath_spectrum(series: ComplexArray, rate_hz: float, options: BreathingSettings) -> BreathSpectrum:
-    """Compute spectra of half-overlapping, detrended and tapered windows of (I, N), for the rates of the options."""
+    """Compute spectra of half-overlapping, detrended and tapered windows of samples (I, N)."""
     total = series.shape[0]
     length = round(options.window_s * rate_hz)
     count = 1 if total < 1.5 * length else 1 + round((total - length) / (length / 2.0))

@@ -187,7 +187,7 @@ Clean = Callable[[Planes, Any], tuple[Planes, Any]]
 
 
 def _make_filter(frames: Frames, bins: slice, kind: str, *, time_s: float, cutoff_hz: float) -> Clean:
-    """Return a filter along the pulses; its first level is the mean of its first time constant or period."""
+    """Return a filter along the pulses; it starts at the mean of a time constant or period."""
     from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi
 
     prf_hz = frames.slow_time.rate_hz

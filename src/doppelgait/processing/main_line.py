@@ -190,7 +190,7 @@ def _make_cubic_basis(n_columns: int) -> tuple[FloatArray, FloatArray]:
 def choose_velocity(
     signature: Signal, floor_v2: float, strongest_v2: npt.NDArray[Any], line_hz: FloatArray, track_hz: FloatArray
 ) -> tuple[FloatArray, bool]:
-    """Choose between main line and track velocity (E-34). Shapes: strongest_v2, line_hz, track_hz (J,)."""
+    """Choose between main line and track velocity (E-34). Shapes: line_hz, track_hz (J,)."""
     # the track's: if limbs are stronger than the trunk or if a person stops
     half_m = float(signature.attrs["wavelength_m"]) / 2.0
     time_s, n_columns = signature.axis("time"), track_hz.size

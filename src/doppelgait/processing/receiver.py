@@ -54,7 +54,7 @@ SMOOTHED_KNOTS = 17
 
 
 class MainsLine(NamedTuple):
-    """Line at a multiple of the mains frequency, its frequency with aliasing, and whether both sides show it."""
+    """Line at a multiple of the mains frequency, where it folds to, and if both sides show it."""
 
     nominal_hz: float
     frequency_hz: float
@@ -168,9 +168,7 @@ def find_mains_lines(series: ComplexArray, rate_hz: float, measured_hz: dict[flo
 
 
 def _average_spectra(series: ComplexArray, rate_hz: float) -> tuple[FloatArray, float, float]:
-    """Average the power of segments: of both sides, and of the weaker one, (2, cells).
-    Also returns the spacing of the cells and half the width of a line.
-    """
+    """Average spectra of both sides and the weaker one; return cell spacing and half width."""
     from scipy import fft
 
     size = min(round(SEGMENT_S * rate_hz), series.size)
@@ -255,7 +253,7 @@ def read_flags(facts: Mapping[Any, Any]) -> list[str]:
 
 
 def describe_receiver(frames: Frames, signature: Signal) -> Signal:
-    """Add the receiver's flags to a signature; with one output, its sides become one of positive Doppler."""
+    """Add the receiver's flags to a signature; with one output, it has positive Doppler only."""
     flags = read_flags(frames.facts)
     if flags:
         signature.attrs[RECEIVER] = ";".join(flags)

@@ -103,7 +103,7 @@ TOGETHER = 64  # number of columns that are transformed together, to keep the co
 def compute_cell_power(
     frames: Frames, transform: Transform, window: FloatArray, columns: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.float32]:
-    """Compute the power of range-Doppler cells, (J, K, N), with zeros outside the recording (E-24)."""
+    """Compute the power of range-Doppler cells, (J, K, N), 0 outside the recording (E-24)."""
     from scipy import fft
 
     n_doppler, weight = transform.n_doppler_bins, window.astype(np.float32)[:, None]

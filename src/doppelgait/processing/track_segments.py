@@ -92,7 +92,7 @@ class _Histories:
         self.number = np.append(self.number, np.arange(first_new, len(self.ancestry)))
 
     def drop_hopeless(self, penalty: float, oldest: int) -> npt.NDArray[np.int64]:
-        """Drop costly histories and those with a start before the oldest; return the remaining starts."""
+        """Drop costly histories and those that start before the oldest; return the other starts."""
         hopeful = np.ones(self.at.size, dtype=np.bool_)
         hopeful[: self.least.size] = self.least <= self.least.min() + self.more + penalty + HOPELESS
         hopeful &= self.at >= oldest

@@ -199,7 +199,7 @@ def tabulate_later(
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """View of some scatterers from the radar, computed when it is read; the last pulses are kept."""
+    """View of some scatterers from the radar, computed when read; the last pulses are kept."""
 
     scene: Scene
     bodies: Sequence[Scatterers]
@@ -317,7 +317,7 @@ def fill_ranges(
 def fill_angles(
     spline: Spline, times: FloatArray, radar_position_m: npt.ArrayLike, values: Mapping[str, FloatArray]
 ) -> None:
-    """Compute azimuth, elevation and, where it has an array, aspect of all points (E-04), (I, P)."""
+    """Compute azimuth, elevation and, for an array, aspect of all points (E-04), (I, P)."""
     native.angles_of_sight(
         spline.values,
         spline.moments,

@@ -42,7 +42,7 @@ from doppelgait.scene.rcs import (
 FloatArray = npt.NDArray[np.float64]
 
 MAX_FRAMES = 200
-"""Maximum number of frames, evenly spaced over the motion, for the median distance of two points."""
+"""Maximum number of frames, evenly spaced in time, for the median distance of two points."""
 
 
 @dataclass(frozen=True)

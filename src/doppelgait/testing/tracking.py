@@ -12,7 +12,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class Gospa(NamedTuple):
-    """GOSPA at one time (Rahmathullah, Garcia-Fernandez and Svensson, FUSION 2017, Proposition 1)."""
+    """GOSPA at one time (Rahmathullah, Garcia-Fernandez, Svensson, FUSION 2017, Proposition 1)."""
 
     distance: float
     localisation: float

@@ -36,7 +36,7 @@ MOST_VALUES = 40
 NAMES = ("id", "scene_id", "group", "subject", "recording")
 """Columns of identifiers; they are no categories, even with few values."""
 RESERVED = ("sort", "descending", "offset", "limit", "x", "y", "text", "flag", "no_flag")
-"""Parameters of requests; columns with these names are not offered, because they would be ambiguous."""
+"""Parameters of requests; columns of these names would be ambiguous and are not offered."""
 UNKNOWN = "(none)"
 """Value of a category in rows where it is unknown."""
 GROUPS = {

@@ -34,7 +34,7 @@ from doppelgait.viewer.run import Run, TargetView, collect_warnings
 from doppelgait.viewer.settings import Settings
 
 MOST_SAMPLES = 24_000_000
-"""Largest number of pulses times samples per pulse or scatterers: 60 s at 1 kHz with 400 range bins."""
+"""Largest number of pulses times samples or scatterers: 60 s at 1 kHz with 400 range bins."""
 MOST_SECONDS = 300.0
 BODY_SCATTERERS = 40
 """Number of scatterers of one body; few motions have more."""

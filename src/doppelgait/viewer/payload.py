@@ -24,9 +24,7 @@ DTYPES = ("uint8", "uint16", "uint32", "int16", "int32", "float32", "float64")
 
 
 def pack(facts: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
-    """Pack magic, length of the header (uint32), header and arrays.
-    All parts are little-endian. The header is JSON (UTF-8), padded with spaces.
-    """
+    """Pack magic, length of the JSON header (uint32), padded header and arrays, little-endian."""
     table, offset, parts = {}, 0, []
     for name, array in arrays.items():
         if array.dtype.name not in DTYPES:

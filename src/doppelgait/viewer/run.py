@@ -158,7 +158,7 @@ Analysed = tuple[list[TargetView], list[str]]
 
 @dataclass(eq=False)
 class Run:
-    """Recording with its analyses, computed on first use. It is not safe for several threads at once."""
+    """Recording with its analyses, computed on first use; not safe for several threads."""
 
     name: str
     kind: Kind

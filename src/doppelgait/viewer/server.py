@@ -131,10 +131,7 @@ PAGE = (
 
 @contextmanager
 def open_in_browser(url: str) -> Iterator[None]:
-    """Open the page in the user's browser.
-    Every user of a computer can read the command lines of all programs, and the address contains
-    the secret.
-    """
+    """Open the page by a file: its address has the secret, and all users can read command lines."""
     import webbrowser
 
     try:

@@ -47,9 +47,7 @@ def parse_number(key: str, value: str, *, least: float = -math.inf, most: float 
 
 
 def parse_whole(parameters: Mapping[str, str], key: str, default: int, *, least: int, most: int) -> int:
-    """Parse an integer between two limits.
-    A ``default`` outside the limits means that the parameter is required.
-    """
+    """Parse an integer between two limits; it is required if ``default`` is outside them."""
     if key not in parameters and not least <= default <= most:
         raise ConfigError(f"{key}: is missing; it must be a whole number from {least} to {most}")
     value = parameters.get(key, str(default))

@@ -127,10 +127,7 @@ class Reference:
 
 
 def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
-    """Parse the reference to a run.
-    ``run=2`` is the second recording, ``example=ID`` an example, and ``try=1`` the simulation of
-    the controls.
-    """
+    """Parse a run: ``run=2`` (second recording), ``example=ID``, or ``try=1`` (the controls)."""
     trying = any(key == "try" for key, _ in query)
     own: list[str] = []
     if trying:

@@ -90,7 +90,7 @@ def seen_m(radar: str) -> tuple[float, float | None]:
 
 
 NEAREST_M = 1.0
-"""Smallest distance of a body; nearer, it fills the beam, and the moment of passing dominates the SNR."""
+"""Smallest distance of a body; nearer, it fills the beam, and passing dominates the SNR."""
 BESIDE_M = 1.0
 """Distance of the paths of two targets."""
 STEP_M = 0.1

@@ -96,10 +96,7 @@ def occupied_rows(power: FloatArray) -> npt.NDArray[np.bool_]:
 
 
 def doppler_limits_hz(array: xr.DataArray, *, lines_hz: npt.ArrayLike = ()) -> tuple[float, float]:
-    """Return the occupied part of the Doppler axis.
-    It contains the occupied rows, marked lines, 0 Hz and a margin; it is the whole axis if this is
-    most of the axis.
-    """
+    """Return the occupied part of the Doppler axis with marked lines, 0 Hz and a margin."""
     doppler_hz = np.asarray(array.coords["doppler"].values, dtype=np.float64)
     whole = float(doppler_hz.min()), float(doppler_hz.max())
     lines = np.asarray(lines_hz, dtype=np.float64).ravel()

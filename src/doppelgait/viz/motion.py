@@ -33,7 +33,7 @@ PART_COLOURS = {
     "tail": "#8c564b",
     "other": "#b0b0b0",
 }
-"""Colour of each group of body parts, the same in all figures; left is warm or green, right is blue."""
+"""Colour of each group of body parts in all figures; left is warm or green, right is blue."""
 
 FEET = ("foot", "paw")
 LIMB_ORDER = ("thigh", "upper_arm", "upper", "shank", "forearm", "lower", "foot", "hand", "paw")

@@ -119,9 +119,7 @@ def _mark_peak(axes: Axes, cadence_hz: float, level_db: float, text: str, *, lab
 
 
 def plot_levels(axes: Axes, x: FloatArray, values: npt.ArrayLike, db_range: float) -> FloatArray:
-    """Plot powers in dB below their maximum, and return the levels.
-    The axis ends at most ``db_range`` below the peak, and at most 5 to 10 dB below the data.
-    """
+    """Plot powers in dB below their maximum, not far below the data; return the levels."""
     check_db_range(db_range)
     power = np.asarray(values, dtype=np.float64)
     top = float(np.nanmax(power)) if np.isfinite(power).any() else 0.0

@@ -26,7 +26,7 @@ FIGURE_FORMATS = {"png": ("Software",), "svg": ("Date", "Creator"), "pdf": ("Cre
 """Formats of figure files, each with the metadata that are left out because they depend on date and version."""
 _SETTINGS_LOCK = Lock()
 MAP_COLOURS = "magma"
-"""Colour map of levels. It is perceptually uniform and starts at black, so an empty scene is dark."""
+"""Colour map of levels, perceptually uniform from black, so that an empty scene is dark."""
 OVERLAY_COLOURS = "gray"
 """Colour map below lines that are coloured by body part."""
 SHARE_COLOURS = "Blues"

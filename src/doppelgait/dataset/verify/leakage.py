@@ -213,7 +213,7 @@ MEASURED_LEAKS = {
 }
 """Columns of the index that follow a key of ``dataset.leaks``, in addition to the key itself."""
 UNSEEN = ("target.rcs", "rcs_total_m2", "snr_frame_db")
-"""Levels of echoes, which an empty room does not have; such a class is judged by the other parameters."""
+"""Levels of echoes; an empty room has none, so that other parameters judge such a class."""
 RCS_FIX = (
     "the default cross section follows body mass: set [target] rcs = { total_m2 = { log_uniform = [0.1, 1.6] } } or "
     "another law for all classes, or list 'target.rcs' in dataset.leaks"

@@ -219,7 +219,7 @@ class Track:
 
     @property
     def confidence(self) -> float:
-        """Confidence: ``detected_share``, times 2 / ``mean_nis`` if the detections scatter more than expected."""
+        """Confidence: ``detected_share``, times 2 / ``mean_nis`` if detections scatter too much."""
         surprise = self.mean_nis / NIS_EXPECTED if np.isfinite(self.mean_nis) else 1.0
         return self.detected_share / max(1.0, surprise)
 

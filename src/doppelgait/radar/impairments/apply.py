@@ -162,7 +162,7 @@ def check_rising(knots: Sequence[tuple[float, float]] | None) -> Any:
 
 
 def exclude(first: str, second: str, *, needed: bool = False) -> Callable[[Any], Any]:
-    """Return a check of a model that not both of two parameters are set, or exactly one."""
+    """Return a check that not both of two parameters are set, or exactly one."""
 
     def check(spec: Any) -> Any:
         count = sum(getattr(spec, name) is not None for name in (first, second))

@@ -138,4 +138,4 @@ if TYPE_CHECKING:
     Environment = tuple[FrozenModel, ...]
 else:
     Environment = Annotated[tuple[ENVIRONMENT.field(), ...], AfterValidator(_validate_order)]
-"""Type of a model's field that takes a list of environment effects, as tables or as their models."""
+"""Type of a model's field that takes environment effects, as tables or as their models."""

@@ -185,7 +185,7 @@ def slab_reflection(
 def slab_transmission(
     cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float, wavelength_m: float, mode: Mode
 ) -> ComplexArray:
-    """Compute the transmission coefficient of a slab in air. With all internal reflections (ITU-R P.2040)."""
+    """Compute the transmission of a slab in air with internal reflections (ITU-R P.2040)."""
     # (1 - r^2) exp(-jq) / (1 - r^2 exp(-2jq)): field at the back face to that opposite in front
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
     r2 = interface_reflection(cosine, permittivity=permittivity, mode=mode) ** 2
