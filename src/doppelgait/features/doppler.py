@@ -92,7 +92,7 @@ def width_of_bins(share: FloatArray) -> FloatArray:
 
 
 def bandwidth_threshold_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, *, threshold: float) -> float:
-    """Measure the width in Hz around the peak of a mean Doppler spectrum, (K,)."""
+    """Measure the width of a mean Doppler spectrum around its peak, Hz."""
     level = mean_spectrum / mean_spectrum.max()
     peak = int(level.argmax())
     upper_hz, lower_hz = (_interpolate_crossing(level, doppler_hz, peak, step, threshold) for step in (1, -1))

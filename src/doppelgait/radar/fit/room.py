@@ -79,7 +79,7 @@ def fit_static_part(samples_v: ComplexArray, *, bins: Mask | None = None) -> Sta
 
 
 def subtract_static(samples_v: ComplexArray, echo_v: ComplexArray, reference_v: ComplexArray) -> StaticPart:
-    """Subtract a static echo times the factor of every frame that fits its reference."""
+    """Subtract a static echo times every frame's factor of its reference."""
     energy = _compute_energy(reference_v)
     factor = samples_v @ reference_v.conj() / energy if energy > 0 else np.ones(len(samples_v), dtype=complex)
     return StaticPart(echo_v, reference_v, factor, samples_v - factor[:, None] * echo_v)
