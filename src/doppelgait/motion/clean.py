@@ -529,7 +529,7 @@ WRONG_SIDE = 0.25
 
 
 def pair_sides(parts: Sequence[str]) -> dict[str, list[list[int]]]:
-    """Return the numbers of left and right points of every part that has both."""
+    """Return left and right points, by number, of every part with both."""
     return {
         part.removeprefix("left_"): [[i for i, own in enumerate(parts) if own == name] for name in (part, other)]
         for part in dict.fromkeys(parts)

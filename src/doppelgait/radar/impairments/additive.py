@@ -1,4 +1,4 @@
-"""What is added to samples: receiver noise, lines, interference, the direct path and the room."""
+"""Impairments that add to samples: receiver noise, lines, interference, the direct path and the room."""
 
 from __future__ import annotations
 
