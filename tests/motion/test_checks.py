@@ -83,6 +83,7 @@ FAULTS = {
     "giant": (lambda: record(WALK, 2.54 * WALK.position_m), r"a person of 4\.4 m.*unit wrong", True),
     "legs in cm": (lambda: record_legs(0.1), r"a person of 0\.18 m.*units='cm'", True),
     "dog of 3 m": (lambda: record(DOG, 7.0 * DOG.position_m), r"an animal of 3\.\d m", True),
+    "on its side": (lambda: record(WALK, tilt(WALK, 1, 90.0)), r"its head is only 0\.\d\d m above.*up_axis", False),
     "4 times too slow": (lambda: record(WALK, rate=0.25), r"15 Hz is probably 4\.\d times higher, about 6\d Hz", True),
     "5 times too fast": (lambda: record(RUN, rate=5.0), r"300 Hz is probably 5\.\d times lower, about 5\d Hz", True),
     "dog at 24 of 100": (lambda: record(DOG, rate=0.24), r"14\.4 Hz is probably 4\.\d times higher", True),

@@ -21,6 +21,8 @@ PERSON_M, ANIMAL_M = (0.5, 2.8), (0.04, 2.2)
 horse."""
 TALLER = 1.4
 """Largest ratio of the height of the head to the stature that belongs to the legs."""
+LIES = 0.3
+"""Smallest height of the head of a person who stands, sits or crawls, relative to the stature."""
 UNITS_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 HIP_SHARE, WITHERS_SHARE = 0.53, 0.8
 """Height of the hips over stature (Drillis and Contini 1966), and over the height of the withers."""
@@ -89,13 +91,6 @@ def _find_species(motion: Motion) -> str:
     return "human" if any(map(HUMAN_PELVIS.fullmatch, words)) else guess_species(motion.markers)
 
 
-def _find_hip_height_m(motion: Motion) -> float:
-    if is_quadruped(motion):
-        return WITHERS_SHARE * motion.facts.height_m
-    leg_m, _ = measure_leg_length(motion.position_m, motion.markers)
-    return HIP_SHARE * (leg_m / LEG_SHARE if math.isfinite(leg_m) else motion.facts.height_m)
-
-
 def _check_size(motion: Motion) -> str:
     species, height_m = _find_species(motion), motion.facts.height_m
     leg_m, hip_m = measure_leg_length(motion.position_m, motion.markers)
@@ -110,6 +105,16 @@ def _check_size(motion: Motion) -> str:
     return ""
 
 
+def _check_lying(motion: Motion) -> str:
+    size_m = measure_leg_length(motion.position_m, motion.markers)[0] / LEG_SHARE
+    if _find_species(motion) == "human" and motion.facts.height_m < LIES * size_m:
+        return (
+            f"its head is only {motion.facts.height_m:.2f} m above its feet, but its legs belong to a person of "
+            f"{size_m:.2f} m, who lies, or another axis points up: give up_axis='x', 'y', 'z', '-x', '-y' or '-z'"
+        )
+    return ""
+
+
 def _suggest_unit(motion: Motion, size_m: float) -> str:
     in_file = size_m / motion.report.get("metres_per_unit", 1.0)
     units = [f"units='{unit}'" for unit, metres in UNITS_M.items() if 1.3 <= in_file * metres <= 2.1]
@@ -117,8 +122,9 @@ def _suggest_unit(motion: Motion, size_m: float) -> str:
 
 
 def _check_stride(motion: Motion) -> str:
-    hip_m = _find_hip_height_m(motion)
     leg_m, hips_at_m = measure_leg_length(motion.position_m, motion.markers)
+    hip_m = HIP_SHARE * (leg_m / LEG_SHARE if math.isfinite(leg_m) else motion.facts.height_m)
+    hip_m = WITHERS_SHARE * motion.facts.height_m if is_quadruped(motion) else hip_m
     if not hip_m > 0 or hips_at_m < leg_m / 2:  # a person who crawls
         return ""
     travel = measure_travel(motion.position_m, rate_hz=motion.rate_hz)
@@ -239,6 +245,7 @@ def _check_spread(motion: Motion) -> str:
 CHECKS = (
     Check("treadmill", lambda motion: next((n for n in motion.report.get("notes", []) if "treadmill" in n), "")),
     Check("size", _check_size, refuses=True),
+    Check("lying", _check_lying),
     Check("stride", _check_stride, refuses=True),
     Check("spread", _check_spread, refuses=True),
     Check("floor", _check_floor),

@@ -238,9 +238,16 @@ BODIES = {
 
 @pytest.mark.parametrize("body", BODIES)
 @pytest.mark.parametrize("known", ["_", "head", "trunk torso head", "nothing"])
-def test_a_head_ahead_of_the_body_is_not_above_it(body: str, known: str) -> None:
-    position = np.add(BODIES[body].position_m, [7.0, -2.0, 1.5])
-    parts = [part if any(word in part + "_" for word in known.split()) else "" for part in BODIES[body].parts]
+@pytest.mark.parametrize(
+    "objects", [[], [[7, 1, 3], [7.1, 1, 3]], [[5, -4, 3.1], [9, -4, 3.1], [9, 0, 3.1], [5, 0, 3.1]]]
+)
+def test_a_head_ahead_of_the_body_is_not_above_it(body: str, known: str, objects: list[list[float]]) -> None:
+    # nor do markers on a wall or on tripods, which stand still
+    still = np.tile(np.array(objects, dtype=float).reshape(1, -1, 3), (BODIES[body].n_frames, 1, 1))
+    position = np.concatenate([np.add(BODIES[body].position_m, [7.0, -2.0, 1.5]), still], axis=1)
+    parts = [part if any(word in part + "_" for word in known.split()) else "" for part in BODIES[body].parts] + [
+        ""
+    ] * len(objects)
     for up_axis, turn in FROM_Z_UP.items():
         assert find_up_axis(turn(position), parts)["up_axis"] == up_axis
 

@@ -57,6 +57,11 @@ def turn_z_up(position: FloatArray, up_axis: str) -> FloatArray:
 
 def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = "") -> dict[str, Any]:
     """Find the upward axis of a body. Shapes: position (T, P, 3)."""
+    # what never moves while the body does is no part of it, nor is what has no name next to points of the body
+    own = ~find_stationary_points(position)
+    own &= [bool(part) for part in parts] if {*FOOT_PARTS} & {*parts} else True
+    if own.sum() >= MIN_BODY:
+        position, parts = position[:, own], [part for part, is_own in zip(parts, own, strict=True) if is_own]
     typical = _compute_median(position, axis=0)
     feet, body, head = (
         [i for i, part in enumerate(parts) if part in names]
