@@ -172,7 +172,7 @@ def test_formats_and_other_files_on_the_page_are_those_of_the_program():
     page = (DOCS / "howto" / "formats.md").read_text()
     rows = sorted(line.strip("| ").split(" | ") for line in page.split("\n") if line.startswith("| `"))
     readers = [*MOTION_READERS.values(), *radar_readers.RADAR_READERS.values()]
-    others = [*list_other_files(), *radar_readers.OTHER_FILES, *OTHER_FILES]
+    others = [*list_other_files(), *radar_readers.list_other_files(), *OTHER_FILES]
     expected = [(f"`{reader.name}`", quote_names(reader.facts["suffixes"])) for reader in readers]
     expected += [(quote_names(other.suffixes), other.what) for other in others]
     assert [tuple(row[:2]) for row in rows] == sorted(expected)

@@ -11,11 +11,13 @@ import dataclasses
 import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+from doppelgait.core.config import read_toml
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
-from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, open_hdf5
+from doppelgait.core.own_hdf5 import FAULTS, open_hdf5
 from doppelgait.core.plugins import Group, Plugin
 from doppelgait.core.readers import OtherFile, check_reader, choose_reader, find_readers, list_options
 from doppelgait.radar.recording import Recording, check_plausible
@@ -79,21 +81,19 @@ def _describe_hdf5(path: Path) -> str:
     return f"it holds {listed or 'no arrays'}; save the complex matrix (pulses, range bins) with numpy.savez"
 
 
-SAVE_AS_ARRAYS = "read it with its own library and save the complex matrix (pulses, range bins) with numpy.savez"
-OTHER_FILES = (
-    OtherFile(
-        (".pcap", ".pcapng"),
-        "captured network packets",
-        "write adc_data.bin with the DCA1000's own program",
-        (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x0a\x0d\x0d\x0a"),
-    ),
-    OtherFile((".bag", ".db3", ".mcap"), "a recording of ROS", SAVE_AS_ARRAYS, (b"#ROSBAG", b"\x89MCAP", b"SQLite")),
-    OtherFile((".tdms", ".tdm"), "a measurement file of LabVIEW", SAVE_AS_ARRAYS, (b"TDSm",)),
-    OtherFile((".h5", ".hdf5", ".he5", ".nc"), "HDF5 of another program", _describe_hdf5, (SIGNATURE,)),
-    OtherFile((".mp3", ".flac", ".ogg", ".m4a"), "compressed sound", "save it as .wav", (b"ID3", b"fLaC", b"OggS")),
-    OtherFile((".bvh", ".c3d", ".trc", ".amc", ".fbx"), "a recorded motion", "use doppelgait simulate --motion FILE"),
-)
-"""Files that are no recordings of a radar, but that people have."""
+@cache
+def list_other_files() -> tuple[OtherFile, ...]:
+    """Return the files that are no recordings of a radar, but that people have."""
+    tables = read_toml(Path(__file__).with_name("names.toml"))[0]["others"].values()
+    return tuple(
+        OtherFile(
+            tuple(kind["suffixes"]),
+            kind["what"],
+            kind.get("remedy", _describe_hdf5),
+            tuple(start.encode("latin-1") for start in kind.get("magic", ())),
+        )
+        for kind in tables
+    )
 
 
 def read_recording(path: str | os.PathLike[str], *, format: str | None = None, **options: Any) -> Recording:
@@ -140,7 +140,7 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
     if not file.name:
         raise RecordingError(f"{path}: is not a recording; pass a file, or the folder of a XeThru recording")
     reader = choose_reader(
-        RADAR_READERS, file, options, noun="recording", error=RecordingError, others=OTHER_FILES, format=format
+        RADAR_READERS, file, options, noun="recording", error=RecordingError, others=list_other_files(), format=format
     )
     try:
         recording = reader.run(file, **options)

@@ -33,6 +33,8 @@ from doppelgait.radar.presets import change_preset
 from doppelgait.radar.recording import NAN, Recording, list_further_facts
 from doppelgait.radar.slow_time import place_pulses
 
+NAMES = read_toml(Path(__file__).with_name("names.toml"))[0]
+"""Names in files of other programs."""
 CW_RANGE_STOP_M = 1.0
 """End of the nominal frame of a continuous-wave radar, m; it has a single bin and no range."""
 
@@ -40,36 +42,23 @@ CW_RANGE_STOP_M = 1.0
 class ArrayFacts(FrozenModel):
     """Facts about an array, from TOML or options.
 
-    Parameters
-    ----------
-    prf_hz : float
-        Pulses per second; by default that of ``radar``.
-    carrier_hz : float
-        Carrier frequency; by default that of ``radar``.
-    range_start_m : float
-        Range of the first bin; by default that of ``radar``. An array with one bin needs none.
-    bin_spacing_m : float
-        Spacing of the range bins; by default that of ``radar``. An array with one bin needs none.
-    time_first : bool
-        True: one row per pulse. False: one column per pulse.
-    conjugate : bool
-        True: the phase falls when a target approaches, so the values are conjugated.
-    scale_v : float
-        Volts per unit of the values.
-    key : str
-        Name of the matrix in the npz file.
-    radar : mapping
-        Parameters of the radar, or ``preset`` and what differs from it (:class:`~doppelgait.radar.parameters.Radar`).
-    notes : list of str
-        Notes on the recording; commands print them.
-    noise_power_v2 : float
-        Noise power of a sample.
-    snr_frame_db : float
-        SNR of the frame: time mean of the strongest bin's power over the noise power.
-    seed : int
-        Seed of a simulated recording.
-    attributes : mapping
-        Further facts about the baseband, for example ``burst_pulses``.
+    prf_hz: Pulses per second; by default that of ``radar``.
+    carrier_hz: Carrier frequency; by default that of ``radar``.
+    range_start_m: Range of the first bin; by default that of ``radar``. An array with one bin needs
+        none.
+    bin_spacing_m: Spacing of the range bins; by default that of ``radar``. An array with one bin
+        needs none.
+    time_first: True: one row per pulse. False: one column per pulse.
+    conjugate: True: the phase falls when a target approaches, so the values are conjugated.
+    scale_v: Volts per unit of the values.
+    key: Name of the matrix in the npz file.
+    radar: Parameters of the radar, or ``preset`` and what differs from it
+        (:class:`~doppelgait.radar.parameters.Radar`).
+    notes: Notes on the recording; commands print them.
+    noise_power_v2: Noise power of a sample.
+    snr_frame_db: SNR of the frame: time mean of the strongest bin's power over the noise power.
+    seed: Seed of a simulated recording.
+    attributes: Further facts about the baseband, for example ``burst_pulses``.
     """
 
     prf_hz: float | None = Field(default=None, ge=1e-6, le=1e6)
@@ -436,16 +425,6 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
 MAX_CONFIG_BYTES = 1 << 20
 ADC_CODES = 4096
 """Codes of the 12-bit converter; the SDK gives shares of full scale, older programs the codes."""
-KEYS = {
-    "start_hz": ("start_frequency_hz", "lower_frequency_hz"),
-    "stop_hz": ("end_frequency_hz", "upper_frequency_hz"),
-    "n_samples": ("num_samples_per_chirp", "num_samples"),
-    "n_chirps": ("num_chirps_per_frame", "num_chirps"),
-    "sample_rate_hz": ("sample_rate_hz", "samplerate_hz"),
-    "chirp_s": ("chirp_repetition_time_s",),
-    "frame_s": ("frame_repetition_time_s",),
-}
-"""Names of the settings, in any table of the JSON and in any case."""
 
 
 def find_infineon_config(path: Path, head: bytes) -> Path | None:
@@ -456,7 +435,7 @@ def find_infineon_config(path: Path, head: bytes) -> Path | None:
     for config in (path.with_suffix(".json"), path.with_name("config.json")):
         if config.is_file() and config.stat().st_size <= MAX_CONFIG_BYTES:
             text = config.read_bytes().lower()
-            if any(name.encode() in text for name in KEYS["start_hz"]):
+            if any(name.encode() in text for name in NAMES["infineon"]["start_hz"]):
                 return config
     return None
 
@@ -478,7 +457,7 @@ def _read_settings(config: Path) -> dict[str, float]:
     except ValueError as error:
         raise RecordingError(f"{config}: is no JSON: {error}") from None
     settings = {}
-    for key, names in KEYS.items():
+    for key, names in NAMES["infineon"].items():
         stated = {value for name, value in values if name in names}
         if len(stated) != 1:
             said = "lacks" if not stated else "has several values of"

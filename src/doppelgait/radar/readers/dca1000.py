@@ -37,38 +37,22 @@ OUTPUTS = ("real", "complex1x", "complex2x")
 class ChirpConfig(FrozenModel):
     """Settings that are needed to read a file of samples.
 
-    Parameters
-    ----------
-    device : str
-        Device family; it determines the order of the samples.
-    output : {"complex1x", "complex2x", "real"}
-        Output of the converter: all frequencies of complex1x are above 0, and half of those of the others.
-    q_first : bool
-        True if the imaginary part is first (TI's sample swap).
-    receivers : tuple of int
-        Active receivers, counted from 0.
-    n_samples : int
-        Samples of a chirp; an even number.
-    sample_rate_hz : float
-        Samples per second within a chirp.
-    start_hz : float
-        Frequency at the start of a chirp.
-    slope_hz_per_s : float
-        Rise of the frequency per second.
-    idle_s : float
-        Idle time before a chirp.
-    adc_start_s : float
-        Time from the start of a chirp to its first sample.
-    ramp_s : float
-        Time from the start of a chirp to its end.
-    chirps_per_loop : int
-        Chirps of a loop, one per transmitter in turn.
-    loops : int
-        Loops of a frame.
-    frames : int
-        Number of frames; 0 for all that the file holds.
-    frame_period_s : float
-        Time from the start of one frame to the start of the next.
+    device: Device family; it determines the order of the samples.
+    output: Output of the converter: all frequencies of complex1x are above 0, and half of those of
+        the others.
+    q_first: True if the imaginary part is first (TI's sample swap).
+    receivers: Active receivers, counted from 0.
+    n_samples: Samples of a chirp; an even number.
+    sample_rate_hz: Samples per second within a chirp.
+    start_hz: Frequency at the start of a chirp.
+    slope_hz_per_s: Rise of the frequency per second.
+    idle_s: Idle time before a chirp.
+    adc_start_s: Time from the start of a chirp to its first sample.
+    ramp_s: Time from the start of a chirp to its end.
+    chirps_per_loop: Chirps of a loop, one per transmitter in turn.
+    loops: Loops of a frame.
+    frames: Number of frames; 0 for all that the file holds.
+    frame_period_s: Time from the start of one frame to the start of the next.
     """
 
     device: Device
@@ -159,36 +143,8 @@ def read_config(path: Path, *, device: str | None = None) -> ChirpConfig:
 
 STUDIO = ".mmwave.json"
 """Suffix of the settings that mmWave Studio saves, with the names of TI's mmWaveLink interface."""
-FIELDS = {
-    "channelCfg": "rxChannelEn - -",
-    "adcCfg": "- b2AdcOutFmt",
-    "profileCfg": "profileId startFreqConst_GHz idleTimeConst_usec adcStartTimeConst_usec rampEndTime_usec - - "
-    "freqSlopeConst_MHz_usec - numAdcSamples digOutSampleRate - - -",
-    "chirpCfg": "chirpStartIdx chirpEndIdx profileId startFreqVar_MHz freqSlopeVar_KHz_usec idleTimeVar_usec "
-    "adcStartTimeVar_usec -",
-    "frameCfg": "chirpStartIdx chirpEndIdx numLoops numFrames framePeriodicity_msec - -",
-}
-"""Numbers of the commands in TI's text, by the names of mmWave Studio's JSON; "-" is not needed."""
-SETTINGS = {
-    "n_samples": ("numAdcSamples", 1),
-    "sample_rate_hz": ("digOutSampleRate", 1e3),
-    "start_hz": ("startFreqConst_GHz", 1e9),
-    "slope_hz_per_s": ("freqSlopeConst_MHz_usec", 1e12),
-    "idle_s": ("idleTimeConst_usec", 1e-6),
-    "adc_start_s": ("adcStartTimeConst_usec", 1e-6),
-    "ramp_s": ("rampEndTime_usec", 1e-6),
-    "loops": ("numLoops", 1),
-    "frames": ("numFrames", 1),
-    "frame_period_s": ("framePeriodicity_msec", 1e-3),
-}
-"""TI's name and factor of the keys of :class:`ChirpConfig`."""
-CHANGES = {
-    "startFreqVar_MHz": "start frequency",
-    "freqSlopeVar_KHz_usec": "slope",
-    "idleTimeVar_usec": "idle time",
-    "adcStartTimeVar_usec": "start of sampling",
-}
-"""Values of a chirpCfg that change a chirp relative to its profile."""
+TI = read_toml(Path(__file__).with_name("names.toml"))[0]["ti"]
+FIELDS: dict[str, list[str]] = TI["commands"]
 Commands = dict[str, list[tuple[int, Mapping[str, float]]]]
 """Line number and values by name of each command."""
 
@@ -202,10 +158,10 @@ def _parse_studio(path: Path, document: Mapping[str, Any]) -> dict[str, Any]:
             "channelCfg": [{"rxChannelEn": int(str(rf["rlChanCfg_t"]["rxChannelEn"]), 0)}],
             "adcCfg": [rf["rlAdcOutCfg_t"]["fmt"]],
             "profileCfg": [row["rlProfileCfg_t"] for row in rf["rlProfiles"]],
-            "chirpCfg": [dict.fromkeys(FIELDS["chirpCfg"].split(), 0) | row["rlChirpCfg_t"] for row in rf["rlChirps"]],
+            "chirpCfg": [dict.fromkeys(FIELDS["chirpCfg"], 0) | row["rlChirpCfg_t"] for row in rf["rlChirps"]],
             "frameCfg": [rf["rlFrameCfg_t"]],
         }
-        keys = {name: fields.replace("-", "").split() for name, fields in FIELDS.items()}
+        keys = {name: [field for field in fields if field != "-"] for name, fields in FIELDS.items()}
         commands: Commands = {
             name: [(number, {key: float(row[key]) for key in keys[name]}) for number, row in enumerate(cells)]
             for name, cells in rows.items()
@@ -239,7 +195,7 @@ def _parse_commands(path: Path, text: str) -> dict[str, Any]:
             values = [float(word) for word in words]
         except ValueError:
             raise RecordingError(f"{path}: line {number}, {name}: holds a word that is no number") from None
-        fields = FIELDS[name].split() if name in FIELDS else ["-"] * len(values)
+        fields = FIELDS[name] if name in FIELDS else ["-"] * len(values)
         if len(values) != len(fields) or not all(abs(value) < 1e12 for value in values):
             raise RecordingError(
                 f"{path}: line {number}, {name}: has {len(values)} numbers; it must have {len(fields)}, below 1e12"
@@ -290,7 +246,7 @@ def _translate(path: Path, commands: Commands) -> dict[str, Any]:
             f"{path}: frameCfg: takes chirps {first} to {last}, of which each needs a chirpCfg and all the same profile"
         )
     for number, values in used:
-        if changed := [text for key, text in CHANGES.items() if values[key]]:
+        if changed := [text for key, text in TI["changes"].items() if values[key]]:
             raise RecordingError(
                 f"{path}: line {number}, chirpCfg: changes {', '.join(changed)} of the profile; only equal "
                 "chirps are read"
@@ -300,7 +256,7 @@ def _translate(path: Path, commands: Commands) -> dict[str, Any]:
         raise RecordingError(f"{path}: has {len(matches)} profileCfg of number {profiles.pop()}; one is needed")
     stated, mask = {**matches[0], **frame}, int(commands["channelCfg"][0][1]["rxChannelEn"])
     return {
-        **{key: stated[name] * factor for key, (name, factor) in SETTINGS.items()},
+        **{key: stated[name] * factor for key, (name, factor) in TI["settings"].items()},
         "output": OUTPUTS[int(output)],
         "receivers": [bit for bit in range(4) if mask >> bit & 1],
         "chirps_per_loop": last - first + 1,

@@ -24,7 +24,7 @@ from doppelgait.core.errors import RecordingError
 from doppelgait.core.own_hdf5 import open_hdf5
 from doppelgait.core.units import slow_time_axis_s
 from doppelgait.radar.measured import adapt_preset, check_finite, check_number, check_shape, label_measured
-from doppelgait.radar.readers.arrays import Parsed, array_reader
+from doppelgait.radar.readers.arrays import NAMES, Parsed, array_reader
 from doppelgait.radar.recording import Recording
 
 HEADER_BYTES = 128
@@ -350,12 +350,8 @@ def _read_content(path: Path, matrix: str | None) -> dict[str, Any] | Parsed:
     return content
 
 
-RATES = ("prf", "prf_hz", "frame_rate", "framerate", "fps", "actual_fps")
-SAMPLE_RATES = (*RATES, "fs", "fs_hz", "sample_rate", "samplerate", "sampling_rate", "rate_hz")
-CARRIERS = ("fc", "fc_hz", "f_c", "carrier", "carrier_hz", "carrier_frequency", "center_frequency", "centre_frequency")
-TIMES = ("t", "time", "time_s", "times", "slow_time", "slow_time_s")
-RANGES = ("range", "ranges", "range_m", "range_axis", "range_vector", "r")
-BASEBAND_FACTS = (*SAMPLE_RATES, *CARRIERS, *TIMES, *RANGES)
+USUAL = NAMES["matlab"]
+BASEBAND_FACTS = {name for names in USUAL.values() for name in names}
 
 
 def _parse_baseband(path: Path, held: Mapping[str, Held], name: str) -> Parsed:
@@ -365,18 +361,18 @@ def _parse_baseband(path: Path, held: Mapping[str, Held], name: str) -> Parsed:
     loaded = _load(path, held, (name, *pair, *facts))
     values = [np.squeeze(loaded[one]) for one in (name, *pair)]
     joined = values[0] if not pair else np.stack(values, axis=-1)
-    is_vector = values[0].ndim == 1
     axes: dict[str, Any] = {}
     stated: dict[str, Any] = {}
-    groups = {"prf_hz": SAMPLE_RATES if is_vector else RATES, "carrier_hz": CARRIERS}
+    rates = USUAL["rates"] + (USUAL["sample_rates"] if values[0].ndim == 1 else [])
+    groups = {"prf_hz": rates, "carrier_hz": USUAL["carriers"]}
     for key, names in groups.items():
         numbers = {
             float(loaded[one].real.ravel()[0]) for one in facts if one.lower() in names and loaded[one].size == 1
         }
         stated |= {key: numbers.pop()} if len(numbers) == 1 else {}
-    for along, key, axis_names in ((0, "slow_time_s", TIMES), (1, "range_m", RANGES)):
+    for along, key in enumerate(("slow_time_s", "range_m")):
         sizes = values[0].shape[along : along + 1]
-        matches = [one for one in facts if one.lower() in axis_names and sizes == (loaded[one].size,) and sizes != (1,)]
+        matches = [one for one in facts if one.lower() in USUAL[key] and sizes == (loaded[one].size,) and sizes != (1,)]
         axes |= {key: loaded[matches[0]].ravel()} if len(matches) == 1 else {}
     if "slow_time_s" in axes:
         stated.pop("prf_hz", None)

@@ -17,45 +17,20 @@ from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.readers import Limits
 from doppelgait.radar.measured import choose_number, split_rows
-from doppelgait.radar.readers.arrays import Parsed, array_reader
+from doppelgait.radar.readers.arrays import NAMES, Parsed, array_reader
 
 AUDIO_HZ = 4000.0
 """Rate above which a note names ``decimate``: the Doppler shift of a runner at 24 GHz is below 1500 Hz."""
 DATATYPE = re.compile(r"([cr])([isuf])(8|16|32|64)(_le|_be)?")
-SUFFIXES = {
-    **{f".{kind}{bits}": f"{kind}{bits}" for kind in ("cs", "ci", "cu") for bits in (8, 16)},
-    **{".cf32": "cf32", ".cf64": "cf64"},
-    **{".sc8": "cs8", ".sc16": "cs16", ".fc32": "cf32", ".cfile": "cf32", ".c64": "cf32", ".complex": "cf32"},
-}
-"""Data types by the suffixes that GNU Radio, rtl_sdr, inspectrum and others give; those below leave it open."""
+SUFFIXES = {suffix: kind for kind, suffixes in NAMES["raw"].items() for suffix in suffixes}
+"""Data types by suffix; those below leave it open."""
 OPEN_SUFFIXES = (".iq", ".bin", ".raw", ".dat")
 HEADER_LINES = 64
 """Number of lines in which the names of the columns are searched."""
 MIN_PLAIN_HZ = 10.0
 """Slowest rate of times without a unit: slower ones are taken for ms."""
-UNITS_S = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "millis": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
-TIME = set(
-    [
-        "t",
-        "seconds",
-        "sec",
-        "ms",
-        "us",
-        "time",
-        "timestamp",
-        "times",
-        "zeit",
-        "millis",
-        "elapsed",
-        "datetime",
-        "date",
-        "epoch",
-    ]
-)
-IN_PHASE = {"i", "re", "real", "inphase", "iraw", "idata"}
-QUADRATURE = {"q", "im", "imag", "imaginary", "quadrature", "quad", "qraw", "qdata"}
-COUNTERS = {"index", "sample", "samples", "n", "no", "nr", "count", "counter", "frame", "unnamed", "id"}
-NO_PHASE = {"magnitude", "mag", "power", "db", "envelope", "phase", "speed", "velocity", "abs"}
+UNITS_S = NAMES["units_s"]
+WORDS = {kind: set(words) for kind, words in NAMES["columns"].items()}
 
 
 def scale_integers(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -161,10 +136,10 @@ def split_name(name: str) -> list[str]:
 def find_columns(names: list[str]) -> dict[str, int] | None:
     """Return the columns of time, I and Q by their names; None if there is not one of I and one of Q."""
     words = [set(split_name(name)) for name in names]
-    times = [n for n, some in enumerate(words) if TIME & some]
+    times = [n for n, some in enumerate(words) if WORDS["time"] & some]
     columns = {"time": times[0]} if times else {}
-    for key, wanted in (("i", IN_PHASE), ("q", QUADRATURE)):
-        matches = [n for n, some in enumerate(words) if wanted & some and n not in columns.values()]
+    for key in ("i", "q"):
+        matches = [n for n, some in enumerate(words) if WORDS[key] & some and n not in columns.values()]
         if len(matches) != 1:
             return None
         columns[key] = matches[0]
@@ -232,9 +207,9 @@ def _pick_columns(path: Path, table: Any, names: list[str]) -> Parsed:
     picked = find_columns(names)
     words = [split_name(name) for name in names]
     if picked is None:
-        times = [n for n, some in enumerate(words) if TIME & set(some)]
-        others = [n for n, some in enumerate(words) if n not in times[:1] and not COUNTERS & set(some)]
-        if len(others) != 1 or NO_PHASE & set(words[others[0]]):
+        times = [n for n, some in enumerate(words) if WORDS["time"] & set(some)]
+        others = [n for n, some in enumerate(words) if n not in times[:1] and not WORDS["counter"] & set(some)]
+        if len(others) != 1 or WORDS["no_phase"] & set(words[others[0]]):
             raise RecordingError(
                 f"{path}: has the columns {', '.join(names)}; it needs one of I and one of Q (or re and im), or one "
                 "real output. Name them in order: columns='time_ms,i,q'"
