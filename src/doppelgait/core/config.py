@@ -1,8 +1,4 @@
-"""Frozen, checked parameter models and their TOML files.
-
-Every fault of a file comes back in one :class:`ConfigError` that names the file, the dotted key,
-its line, the value and what is allowed.
-"""
+"""Frozen parameter models and TOML files; one :class:`ConfigError` names all faults."""
 
 from __future__ import annotations
 

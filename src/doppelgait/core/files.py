@@ -1,8 +1,4 @@
-"""The files of doppelgait: atomic writing, format and version, hashes.
-
-Recordings, results, models and datasets state their format and version. All are written completely
-or not at all, and a file of another version is refused in one line.
-"""
+"""The files of doppelgait: atomic writing, stated format and version, hashes."""
 
 from __future__ import annotations
 

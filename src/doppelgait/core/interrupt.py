@@ -1,7 +1,4 @@
-"""Orderly interruption of long work.
-
-A signal sets a flag. The work checks the flag at points where it can stop.
-"""
+"""Orderly interruption: a signal sets a flag, which long work checks where it can stop."""
 
 from __future__ import annotations
 

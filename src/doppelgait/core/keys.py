@@ -1,7 +1,4 @@
-"""Keys of parameter models: type, unit, default, limits and description.
-
-The tables of the documentation and the command ``doppelgait keys`` show these rows.
-"""
+"""Keys of parameter models, as the documentation and ``doppelgait keys`` show them."""
 
 from __future__ import annotations
 

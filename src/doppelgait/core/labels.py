@@ -1,7 +1,4 @@
-"""Names of dimensions and variables, and array schemas.
-
-The time-like dimension is first, range or Doppler last. Values have SI units, named in ``attrs["units"]``.
-"""
+"""Schemas of arrays in SI units: a time-like dimension first, range or Doppler last."""
 
 from __future__ import annotations
 

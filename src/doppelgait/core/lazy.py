@@ -1,7 +1,4 @@
-"""Pulses and scatterer rows that are read or computed on demand.
-
-A recording of ten minutes has a gigabyte of samples. Code that needs all of them processes one tile after another.
-"""
+"""Pulses and scatterer rows on demand: ten minutes have a gigabyte, processed by tiles."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Show objects in notebooks: a table of facts and a picture.
-
-The pictures are plug-ins of :mod:`doppelgait.viz.objects`, a module of a higher layer, loaded on first use.
-"""
+"""Objects in notebooks: facts, and a picture by a plug-in of the higher layer ``viz``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Arrays of .npy and .npz files of unknown origin.
-
-Lengths are checked before memory is allocated. Python objects are never unpickled.
-"""
+"""Arrays of .npy and .npz files: lengths are checked first, objects are never unpickled."""
 
 from __future__ import annotations
 

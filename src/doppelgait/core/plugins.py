@@ -197,8 +197,7 @@ class Group(Generic[T]):
 
     def values(self) -> list[Plugin[T]]:
         """Return all plug-ins in the order of their names."""
-        found = self._load_plugins()
-        return [found[name] for name in sorted(found)]
+        return [self[name] for name in self]
 
     def of(self, parameters: FrozenModel) -> Plugin[T]:
         """Return the plug-in of a parameter model, by its field ``kind``."""

@@ -1,7 +1,4 @@
-"""Random streams, one for every (seed, example, purpose).
-
-The draws of one stream do not change those of another.
-"""
+"""Random streams for every (seed, example, purpose), none of which changes another."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Complex samples as float32 planes or a matrix.
-
-Receiver noise is computed only for the samples that are read.
-"""
+"""Complex samples as float32 planes or a matrix, with noise computed where they are read."""
 
 from __future__ import annotations
 
