@@ -1,5 +1,7 @@
 """Targets and sitters before a radar without range."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import hilbert
@@ -14,7 +16,7 @@ from doppelgait.processing import Analysis
 from doppelgait.processing.bursts import average_bursts
 from doppelgait.processing.detect import Detector
 from doppelgait.processing.track import Tracker
-from doppelgait.radar import Radar, Recording
+from doppelgait.radar import Radar, Recording, concat
 from doppelgait.radar.readers.text import read_cw_text
 from doppelgait.scene import Scene, Target
 
@@ -240,6 +242,16 @@ def test_power_of_bursts_and_of_the_whole_agree():
     assert np.median(one.peaks_mps()) == pytest.approx(np.median(other.peaks_mps()), abs=0.1)
     means = average_bursts(in_bursts(whole).frames)
     assert means.matrix[3, 0] == pytest.approx(whole.baseband.values[600:700, 0].mean(), rel=1e-5)
+
+
+@pytest.mark.parametrize(("speed_mps", "gap_s", "bodies"), [(1.0, 1.0, 1), (1.0, 3600.0, 2), (1.6, 1.0, 2)])
+def test_a_body_without_range_continues_after_a_short_pause_at_its_speed(speed_mps, gap_s, bodies):
+    def walk(speed_mps):
+        motion = boulic_walk(speed_mps=speed_mps, height_m=1.75, duration_s=4.0)
+        return replace(observed(Target(motion, range_m=9.0)), truth=())
+
+    targets = analyze(concat([walk(1.0), walk(speed_mps)], gap_s=gap_s))
+    assert [len(one.segments) for one in targets] == ([2] if bodies == 1 else [1, 1])
 
 
 @pytest.mark.shared

@@ -1,5 +1,6 @@
 """Times of pulses as recorders stamp them: what is a hole, a pause, another rate, or only an imprecise clock."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import doppelgait as dg
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.core.frames import SlowTime
 from doppelgait.radar.measured import label_measured
+from doppelgait.radar.recording import check_plausible
 from doppelgait.radar.slow_time import place_pulses
 
 N, RATE_HZ, TICK_S = 2400, 400.0, 1 / 64
@@ -18,6 +20,7 @@ LOST = RNG.choice(np.arange(1, N - 1), 240, replace=False)
 PAUSE_S = np.concatenate([EVEN_S[:1200], EVEN_S[1200:] + 1.0])
 TWO_RATES_S = np.concatenate([EVEN_S[:1200], EVEN_S[1200] + np.arange(900) / 300.0])
 BURSTS_S = (0.2 * np.arange(15)[:, None] + np.arange(128) / 3000.0).ravel()
+KEPT = np.delete(np.arange(N), LOST)
 
 
 def late_s():
@@ -59,12 +62,18 @@ def jittered(stamps_s, steps):
         pytest.param(floored(PAUSE_S, TICK_S), RATE_HZ, N, 2, id="clock of a PC, pause"),
         pytest.param(floored(np.delete(EVEN_S, np.s_[1000:1040]), TICK_S), RATE_HZ, N, 1, id="clock of a PC, 40 lost"),
         pytest.param(np.round(np.arange(N) / 300.0, 3), 300.0, N, 1, id="whole milliseconds"),
+        pytest.param(np.round(KEPT / 640.0, 3), 640.0, N, 1, id="whole milliseconds, ten per cent lost"),
+        pytest.param(np.round(np.arange(N) / 2000.0, 3), 2000.0, N, 1, id="whole milliseconds, two in one"),
+        pytest.param(floored(np.arange(N) / 80.0, TICK_S), 80.0, N, 1, id="clock of a PC, some in one tick"),
+        pytest.param(floored(np.delete(np.arange(N), [300]) / 50.0, TICK_S), 50.0, N, 1, id="clock of a PC, one lost"),
+        pytest.param(jittered(EVEN_S[KEPT], 0.1), RATE_HZ, N, 1, id="jitter, ten per cent lost"),
+        pytest.param(np.sort(jittered(EVEN_S[KEPT], 0.2)), RATE_HZ, N, 1, id="much jitter, ten per cent lost"),
+        pytest.param(EVEN_S[np.arange(N) % 64 < 60], RATE_HZ, N, 1, id="four of 64 lost, no bursts"),
         pytest.param(np.sort(jittered(EVEN_S, 0.3)), RATE_HZ, N, 1, id="jitter"),
         pytest.param(np.maximum.accumulate(jittered(EVEN_S, 3.0)), RATE_HZ, N, 1, id="jitter of several steps"),
         pytest.param(np.delete(jittered(EVEN_S, 0.3), np.s_[900:920]), RATE_HZ, N, 1, id="jitter, 20 lost"),
         pytest.param(late_s(), RATE_HZ, N, 1, id="late deliveries"),
         pytest.param(EVEN_S[np.minimum(np.arange(N) // 32 * 32 + 31, N - 1)], RATE_HZ, N, 1, id="packets of 32"),
-        pytest.param(np.sort(np.append(EVEN_S, EVEN_S[[100, 900]])), RATE_HZ, N, 1, id="two sent twice"),
         pytest.param(PAUSE_S, RATE_HZ, N, 2, id="pause"),
         pytest.param(np.where(EVEN_S < 3.0, EVEN_S, EVEN_S - 3600.0), RATE_HZ, N, 1, id="clock set back"),
         pytest.param(np.where(EVEN_S < 3.0, EVEN_S, EVEN_S + 3600.0), RATE_HZ, N, 2, id="clock set ahead"),
@@ -74,6 +83,8 @@ def jittered(stamps_s, steps):
         pytest.param(BURSTS_S, 3000.0, 1920, 1, id="bursts"),
         pytest.param(np.delete(BURSTS_S, np.s_[896:1024]), 3000.0, 1792, 1, id="bursts, one lost"),
         pytest.param(np.delete(BURSTS_S, [700, 701]), 3000.0, 1792, 1, id="bursts, one incomplete"),
+        pytest.param(np.round(BURSTS_S, 4), 3000.0, 1920, 1, id="bursts, rounded"),
+        pytest.param(jittered(BURSTS_S, 0.01), 3000.0, 1920, 1, id="bursts, jitter"),
     ],
 )
 def test_times_are_even_in_pieces_at_the_true_rate(stamps_s, rate_hz, size, pieces):
@@ -125,6 +136,36 @@ def test_a_wrong_stated_rate_is_corrected_by_the_times_and_said(walk):
     assert read_back.radar.prf_hz == pytest.approx(640.0)
     with pytest.raises(RecordingError, match="they are in ms"):
         read(walk, slice(None), 1e3 * walk.slow_time_s, 640.0)
+
+
+def test_repeated_pulses_are_left_out_and_pulses_of_equal_stamps_stay(walk):
+    doubled = np.repeat(np.arange(walk.n_pulses), 2)
+    with pytest.warns(DoppelgaitWarning) as messages:
+        read_back = read(walk, doubled, np.arange(doubled.size) / 640.0, 640.0)
+    assert f"{walk.n_pulses} pulses repeat the one before" in str(messages[0].message)
+    assert (read_back.n_pulses, read_back.radar.prf_hz) == (walk.n_pulses, pytest.approx(320.0))
+    stuck = np.arange(walk.n_pulses)
+    stuck[LOST] = stuck[LOST - 1]
+    with pytest.warns(DoppelgaitWarning) as messages:
+        read_back = read(walk, stuck, walk.slow_time_s, 640.0)
+    assert read_back.n_pulses == walk.n_pulses
+    assert "pulses are missing at" in str(messages[1].message)
+    assert read_back.facts["lost_frame_share"] > 0.05
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        warnings.simplefilter("ignore", DoppelgaitWarning)
+        assert read(walk, slice(None), floored(walk.slow_time_s, 1 / 64), 640.0).n_pulses == walk.n_pulses
+
+
+def test_the_stated_rate_may_be_that_of_any_piece(walk):
+    times_s = np.concatenate([np.arange(n) / rate_hz for n, rate_hz in ((900, 640.0), (1300, 500.0), (900, 640.0))])
+    times_s += np.repeat([0.0, 900 / 640.0, 900 / 640.0 + 2.6], [900, 1300, 900])
+    with pytest.warns(DoppelgaitWarning) as messages:
+        read_back = read(walk, slice(0, times_s.size), times_s, 640.0)
+    check_plausible(read_back, "test")
+    assert read_back.radar.prf_hz == 640.0
+    texts = [str(message.message) for message in messages]
+    assert [text for text in texts if "the rate of the pulses changes: 640, 500, 640 Hz" in text] == texts
 
 
 @pytest.mark.parametrize("gate", ["track", (1.0, 9.0)])

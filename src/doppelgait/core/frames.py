@@ -21,9 +21,9 @@ from doppelgait.core.units import FloatArray
 
 SLACK_S = 1e-9  # tolerance for the rounding of pulse times
 PAUSE = 1.5  # ratio of a slow-time step to the usual step above which the step is a pause
-MIN_BURSTS, WHOLE_SHARE, PERIOD_OFF, RARE_SHARE, LONGEST_BURST_S = 3, 0.8, 0.1, 0.05, 0.5
+MIN_BURSTS, WHOLE_SHARE, PERIOD_OFF, RARE_SHARE, LONGEST_BURST_S, MIN_DUTY = 3, 0.8, 0.1, 0.2, 0.5, 0.01
 """Proof of bursts: their number, the share of those alike, the deviation of their period, the pause in it, their time.
-A longer run would show motion by itself."""
+A longer run would show motion by itself, a shorter one is a packet of pulses that came at once."""
 SAME_STEP, MAX_PIECES = 0.01, 64
 """Largest relative difference of the steps of a piece, and number of pieces above which the times only jitter."""
 
@@ -93,11 +93,16 @@ def prove_bursts(time_s: FloatArray) -> tuple[int, npt.NDArray[np.bool_]] | None
     Bursts are alike and regular; pulses that a recorder lost are few, and a pause is rare.
     """
     steps = np.diff(time_s)
-    if steps.size < 2 or not (steps > 0).all():
+    if steps.size < 2 or not (steps >= 0).all():
         return None
-    # The usual step is the shortest third: with two pulses in a burst every other step is a pause.
-    usual_s = float(np.quantile(steps, 0.3, method="lower"))
-    starts = np.concatenate([[0], np.flatnonzero(steps > PAUSE * usual_s) + 1])
+    # Pauses are the longest steps up to the largest drop of the sorted steps; at most every other step is a pause.
+    ranked, mean_s = np.sort(steps)[::-1], float(steps.mean())
+    few = slice(MIN_BURSTS - 2, (steps.size + 1) // 2)
+    drops = ranked[few] / np.maximum(ranked[1:], 0.1 * mean_s)[few]
+    if not drops.size or drops.max() < PAUSE:
+        return None
+    pause_s = ranked[few][int(np.argmax(drops))]
+    starts = np.concatenate([[0], np.flatnonzero(steps >= pause_s) + 1])
     lengths = np.diff([*starts, time_s.size])
     length = int(np.median(lengths[:-1])) if lengths.size > 1 else 0
     alike = lengths == length
@@ -106,8 +111,10 @@ def prove_bursts(time_s: FloatArray) -> tuple[int, npt.NDArray[np.bool_]] | None
     regular = np.abs(periods_s - period_s) <= PERIOD_OFF * period_s
     if length < 2 or lengths.size < MIN_BURSTS or min(alike[:-1].mean(), regular.mean()) < WHOLE_SHARE:
         return None
-    is_lost = period_s < (length + PAUSE) * usual_s  # one pulse after each
-    if is_lost or length * usual_s > min((1.0 - RARE_SHARE) * period_s, LONGEST_BURST_S):
+    inside_s = (period_s - float(np.median(steps[starts[1:] - 1]))) / (length - 1)
+    is_lost = period_s < (length + PAUSE) * inside_s  # one pulse after each
+    is_packet = length * inside_s < MIN_DUTY * period_s and np.ptp(np.delete(steps, starts[1:] - 1)) > inside_s
+    if is_lost or is_packet or not 0.0 < length * inside_s <= min((1.0 - RARE_SHARE) * period_s, LONGEST_BURST_S):
         return None
     return length, np.repeat(alike, lengths)
 

@@ -133,21 +133,34 @@ def join_pieces(pieces: Sequence[TargetList], *, has_range: bool) -> TargetList:
         longest = max(body, key=lambda part: np.ptp(part.gate.time_s))
         quality = {**longest.quality, "n_pieces": len(segments)}
         joined.append(longest if len(body) == 1 else replace(longest, segments=segments, quality=quality))
-    return TargetList(joined, reason="; ".join(dict.fromkeys(piece.reason for piece in pieces if piece.reason)))
+    reasons = list(dict.fromkeys(piece.reason for piece in pieces if piece.reason))
+    more = [f"{len(reasons) - 2} further parts have no target either"] if len(reasons) > 3 else reasons[2:]
+    return TargetList(joined, reason="; ".join([*reasons[:2], *more]))
 
 
 def _continues(before: Result, after: Result, *, has_range: bool) -> bool:
     """Return True if targets before and after a pause may be one."""
     if before.label != after.label or before.gate_source != after.gate_source:
         return False
-    if before.gate_source != "track" or not has_range:
+    if before.gate_source != "track":
         return True
     pause_s = float(after.gate.time_s[0] - before.gate.time_s[-1])
+    if pause_s > MAX_PAUSE_S:
+        return False
+    if not has_range:  # the same direction, speed and gait are all that is known
+        pairs = [
+            (before.features.torso_velocity_mps, after.features.torso_velocity_mps),
+            (before.gait_frequency_hz, after.gait_frequency_hz),
+        ]
+        return all(not a or not b or 1.0 / SAME_GAIT < b / a < SAME_GAIT for a, b in pairs)
     ends_m = [float(one.gate.centre_at(one.gate.time_s)[n]) for one, n in ((before, -1), (after, 0))]
     speed_mps = before.features.torso_velocity_mps or 0.0
     return abs(ends_m[1] - ends_m[0] + speed_mps * pause_s) <= NEAR_M + abs(speed_mps) * pause_s / 2
 
 
+MAX_PAUSE_S, SAME_GAIT = 5.0, 1.3
+"""Longest pause after which a walker is still in a room of some metres, and largest ratio of speeds or cadences of one
+body without range: people vary theirs by a tenth from walk to walk."""
 NEAR_M = 1.0
 """Distance from where a body is expected after a pause below which a target is the same body."""
 

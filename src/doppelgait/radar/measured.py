@@ -109,9 +109,14 @@ def label_measured(
     facts = {**make_baseband_facts(radar), **(attrs or {})}
     burst_pulses = facts.get("burst_pulses", radar.burst_pulses)
     check_value(path, "burst_pulses", burst_pulses, Annotated[int, POSITIVE] | None, error=RecordingError)
+    repeats = find_repeats(values) if burst_pulses is None else np.zeros(len(values), dtype=bool)
+    if repeats.any():
+        values, slow_time_s = values[~repeats], slow_time_s[~repeats]
     placed = place_pulses(slow_time_s, where=str(path), burst_pulses=burst_pulses, stated_hz=radar.prf_hz)
     off = placed.rate_hz / radar.prf_hz - 1.0
     messages = [*placed.notes, *describe_zeros(values, placed.rate_hz)]
+    if repeats.any():
+        messages.insert(0, f"{int(repeats.sum())} pulses repeat the one before, value by value, and are left out")
     if abs(off) > RATE_OFF:
         check_unit_of_times(path, placed.rate_hz, radar.prf_hz)
         messages.append(
@@ -127,6 +132,23 @@ def label_measured(
         BASEBAND, placed.fill(np.asarray(values, dtype=np.complex64)), coords, {**facts, **placed.facts}
     )
     return Recording.from_baseband(baseband, radar, source=path.name, notes=[*notes, *messages])
+
+
+MIN_REPEATS, MAX_RUN, MAX_REPEATED, MIN_BINS = 8, 3, 0.7, 4
+"""Repeated pulses: their smallest number, the longest run and the largest share of them, and the bins that tell them
+from pulses that are equal by their rounding; without noise a still scene repeats itself for longer."""
+
+
+def find_repeats(values: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    """Return which pulses a recorder stored once more. Shapes: values (I, N), result (I,)."""
+    same = np.zeros(len(values), dtype=bool)
+    if values.shape[1] < MIN_BINS:
+        return same
+    same[1:] = (values[1:] == values[:-1]).all(axis=1) & values[1:].any(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same, [0]]))).reshape(-1, 2)
+    for first, stop in edges[edges[:, 1] - edges[:, 0] > MAX_RUN]:
+        same[first:stop] = False
+    return same if same.sum() >= MIN_REPEATS and same.mean() <= MAX_REPEATED else np.zeros_like(same)
 
 
 MIN_ZEROS, ZERO_SHARE = 8, 0.01

@@ -464,7 +464,15 @@ def check_plausible(recording: Recording, where: str) -> None:
     if isinstance(burst, bool) or not isinstance(burst, int | np.integer) or burst < 1:
         _refuse(where, "burst_pulses", repr(burst)[:40], "it must be a whole number from 1")
     steps_s, prf_hz = np.diff(times_s), recording.radar.prf_hz
-    step_s = float(steps_s.min() if burst > 1 else np.median(steps_s))
+    if burst > 1:
+        step_s = float(steps_s.min())
+    else:  # prf_hz is the rate of a piece
+        pieces_s = [
+            float(np.median(np.diff(times_s[one])))
+            for one in SlowTime(times_s).find_pieces()
+            if one.stop - one.start > 1
+        ]
+        step_s = min(pieces_s, key=lambda usual_s: abs(usual_s * prf_hz - 1.0))
     if abs(step_s * prf_hz - 1.0) > PULSES_OFF:
         _refuse(where, "prf_hz", f"{prf_hz:g}", f"the pulses are {step_s:.6g} s apart, which is {1 / step_s:.6g} Hz")
     if not (np.isnan(recording.noise_power_v2) or 0.0 <= recording.noise_power_v2 < np.inf):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.frames import PAUSE, prove_bursts
-from doppelgait.core.units import FloatArray
+from doppelgait.core.units import FloatArray, arctangent
 
 IntArray = npt.NDArray[np.int64]
 
@@ -26,9 +26,8 @@ ON_RASTER, RASTER_SHARE = 0.25, 0.95
 """Largest deviation of a step from a multiple of the usual one, and the share of such steps of a precise clock."""
 ROUGH = 0.5
 """Deviation of the stamps from even times, in steps, above which it is stated."""
-USUAL_STEPS, USUAL_SHARE, LAG = 101, 30, 8
-"""Steps about a pulse whose lower third (in %) is the usual step, also with every second pulse lost; of jittering
-stamps, the median of the mean of some steps."""
+USUAL_STEPS, USUAL_SHARE = 101, 30
+"""Steps about a pulse whose median, or lower third (in %) with every second pulse lost, is the usual step."""
 MAX_DISORDER = 64
 """Largest number of pulses by which one comes too late; more are those of a clock that was set back."""
 MAX_HOLE_S, MAX_HOLE_PULSES = 0.1, 3
@@ -39,12 +38,23 @@ SAME_RATE = 0.05
 """Largest relative deviation of the rate of a short piece that is one raster with the others."""
 MIN_BLOCKS, REGULAR = 3, 0.02
 """Smallest number of holes, and the spread of the pulses between them, that may be those of stamped blocks."""
-NONE_LOST = 5e-4
-"""Largest difference of time and number of pulses, relative to them, without lost pulses."""
-REGULAR_HOLES = 20
-"""Smallest number of evenly distributed double steps of a coarse clock."""
-TICKS_S, TICK_OFF = (1e-3, 10e-3, 15.6e-3, 1 / 64, 16e-3), 0.003
-"""Ticks of the clocks of operating systems: steps of one and two ticks are a coarse clock, others are lost pulses."""
+TICKS_S = (16e-3, 1 / 64, 15.6e-3, 10e-3, 1e-3)
+"""Ticks of the clocks of operating systems."""
+TICK_SLACK, SLACK = 1.1, 0.1
+"""Largest spread of stamps about a line without lost pulses: ticks of the clock, and steps."""
+BLOCK, MAX_BLOCKS, MAX_LOSS, MAX_TICK = 512, 32, 3.2, 1.1
+"""Raster: pulses of a block, blocks that show it, its largest ratio to the mean rate, and longest tick in its steps."""
+MEAN_NOISE, FAR_NOISE, LOWEST, MAX_PEAKS = 1.1, 2.8, 0.5, 8
+"""Share in phase of random stamps under a Hann window and 5 standard deviations, times the root of their number; share
+of the highest peak from which others are tried, and their number."""
+MAX_OFF, EQUAL_OFF, MIN_SINGLE = 0.27, 0.02, 0.2
+"""Largest mean deviation from a raster, in steps (that of random stamps is 0.29), one that is as good as none, and the
+smallest share of steps without a lost pulse."""
+LATE, SURE = 1.5, 0.35
+"""Steps from those about it beyond which a stamp does not count; deviation up to which one lost at an end is sure."""
+IRREGULAR = 0.6
+"""Spread of the distances of double ticks, relative to their mean, from which they are lost pulses: those of a coarse
+clock are regular."""
 CLOCK_STEP_S = 1e-3
 """Usual step of a recorder's clock."""
 SHARE_S = 3.0
@@ -103,23 +113,14 @@ def place_pulses(
     if burst_pulses is not None or (_is_even(stamps) and stamps[1] - stamps[0] <= SLOWEST_S):
         return Placed(row, stamps, measure_rate_hz(stamps, burst_pulses), facts)
     row, stamps, notes = _order(stamps)
-    pulse, cuts, twice = _locate(stamps, stated_hz)
-    if twice.any():
-        row, stamps, pulse = row[~twice], stamps[~twice], pulse[~twice]
-        cuts = cuts - np.searchsorted(np.flatnonzero(twice), cuts)
-        notes.append(f"{int(twice.sum())} pulses have the stamp of the one before and are left out")
+    if (bursts := prove_bursts(stamps)) is not None:
+        return _place_bursts(row, stamps, *bursts, facts, notes)
+    pulse, cuts = _locate(stamps, stated_hz)
     cuts, steps_s, times = _fit_lines(pulse, stamps, cuts)
     step_s = steps_s[int(np.argmax(np.diff([0, *cuts, stamps.size])))]
-    bursts = None if cuts.size else prove_bursts(times)
-    if bursts is not None:
-        facts["burst_pulses"], whole = bursts
-        if not whole.all():
-            notes.append(f"{int((~whole).sum())} pulses of incomplete bursts are left out")
-        # a burst begins where its stamps say on average
-        inside_s = step_s * np.arange(bursts[0])
-        begin_s = (stamps[whole].reshape(-1, bursts[0]) - inside_s).mean(axis=1, keepdims=True)
-        times = _keep_even(stamps[whole], (begin_s + inside_s).ravel(), step_s)
-        return Placed(row[whole], times, 1.0 / step_s, facts, tuple(notes))
+    if stated_hz is not None:  # the rate of any piece may be stated
+        nearest_s = min(steps_s, key=lambda piece_s: abs(piece_s * stated_hz - 1.0))
+        step_s = nearest_s if abs(nearest_s * stated_hz - 1.0) < RATE_CHANGE else step_s
     if step_s > SLOWEST_S:
         raise RecordingError(
             f"{where}: its times say {1.0 / step_s:.3g} pulses a second, too slow to show motion; they must be in s"
@@ -131,6 +132,26 @@ def place_pulses(
     elif off_s > ROUGH * step_s:
         notes.append(f"its times are up to {1e3 * off_s:.3g} ms from even ones, which are taken: {1.0 / step_s:.6g} Hz")
     return _fill_holes(row, pulse, _keep_even(stamps, times, step_s), cuts, step_s, facts, notes)
+
+
+def _place_bursts(
+    row: IntArray,
+    stamps: FloatArray,
+    burst_pulses: int,
+    whole: npt.NDArray[np.bool_],
+    facts: dict[str, Any],
+    notes: list[str],
+) -> Placed:
+    """Place bursts where their stamps say on average, and their pulses at one step."""
+    from scipy.stats import trim_mean
+
+    if not whole.all():
+        notes.append(f"{int((~whole).sum())} pulses of incomplete bursts are left out")
+    each = stamps[whole].reshape(-1, burst_pulses)
+    ahead = np.arange(burst_pulses) - (burst_pulses - 1) / 2.0
+    step_s = float(trim_mean(each @ ahead / (ahead @ ahead), 0.1))
+    times = _keep_even(stamps[whole], (each.mean(axis=1, keepdims=True) + step_s * ahead).ravel(), step_s)
+    return Placed(row[whole], times, 1.0 / step_s, facts | {"burst_pulses": burst_pulses}, tuple(notes))
 
 
 def _fit_lines(pulse: IntArray, stamps: FloatArray, cuts: IntArray) -> tuple[IntArray, list[float], FloatArray]:
@@ -233,44 +254,142 @@ def _is_precise(steps: FloatArray, usual: FloatArray | None = None) -> bool:
     return bool((np.abs(ratio - np.round(ratio)) < ON_RASTER).mean() >= RASTER_SHARE and (ratio > 0.5).mean() > 0.5)
 
 
-def _find_usual(steps: FloatArray, *, share: int = 50, lag: int = 1) -> FloatArray:
-    """Return the usual step about each: a quantile (%) of single steps or of the means of some."""
-    from scipy.ndimage import percentile_filter, uniform_filter1d
+def _find_usual(steps: FloatArray, share: int = 50) -> FloatArray:
+    """Return the usual step about each: a quantile (%) of those about it."""
+    from scipy.ndimage import percentile_filter
 
-    means = uniform_filter1d(steps, lag, mode="mirror") if lag > 1 else steps
-    return np.asarray(percentile_filter(means, share, min(USUAL_STEPS, steps.size), mode="mirror"))
+    return np.asarray(percentile_filter(steps, share, min(USUAL_STEPS, steps.size), mode="mirror"))
 
 
-def _locate(stamps: FloatArray, stated_hz: float | None) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_]]:
-    """Return the number of every pulse, holes counted, where the rate changes, and pulses that came twice."""
-    from scipy.ndimage import median_filter
-
-    index, none, never = np.arange(stamps.size), np.empty(0, dtype=np.int64), np.zeros(stamps.size, dtype=bool)
+def _locate(stamps: FloatArray, stated_hz: float | None) -> tuple[IntArray, IntArray]:
+    """Return the number of every pulse, holes counted, and where the rate changes."""
+    none, size = np.empty(0, dtype=np.int64), stamps.size
+    tick_s = _find_tick_s(stamps, stated_hz)
+    if _has_none_lost(stamps, tick_s):
+        return np.arange(size), none
+    if (number := _count_on_raster(stamps, tick_s)) is not None:
+        return number, none
     steps = np.diff(stamps)
-    tries = ((50, 1), (USUAL_SHARE, 1), (50, LAG))
-    usual = next((one for q, lag in tries if _is_precise(steps, one := _find_usual(steps, share=q, lag=lag))), None)
+    holes = np.flatnonzero(steps > PAUSE * tick_s)
+    is_clock = holes.size < 2 or np.std(np.diff(holes)) < IRREGULAR * np.mean(np.diff(holes))
+    least_s = MAX_TICK * tick_s if is_clock else 0.0
+    tries = (_find_usual(steps, share) for share in (50, USUAL_SHARE))
+    usual = next((one for one in tries if one.min() > least_s and _is_precise(steps, one)), None)
     if usual is None:
-        return *_locate_roughly(stamps), never
+        return _locate_roughly(stamps)
     step_s = float(np.median(usual))
-    caught_up = (steps < step_s / 2).any()
-    if caught_up and abs((stamps[-1] - stamps[0]) / step_s - steps.size) <= max(1.0, NONE_LOST * steps.size):
-        return index, none, never  # deliveries were late for some time, and none was lost
-    usual = np.maximum(usual, step_s / 2)
-    off = np.ptp(stamps - np.polyval(np.polyfit(index, stamps, 1), index))
-    is_tick = min(abs(step_s / tick_s - 1.0) for tick_s in TICKS_S) < TICK_OFF
-    is_stated = stated_hz is not None and abs(step_s * stated_hz - 1.0) < RATE_CHANGE
-    if is_tick and not is_stated and (steps > PAUSE * usual).sum() >= REGULAR_HOLES and off <= 2.2 * step_s:
-        return index, none, never
-    # a pulse that came late or early is ahead or behind for a short time only: holes and repeated pulses stay
-    ahead = np.concatenate([[0], np.cumsum(np.round(steps / usual).astype(np.int64) - 1)])
-    number = index + median_filter(ahead, min(2 * MAX_DISORDER + 1, ahead.size), mode="nearest")
+    if (steps < step_s / 2).any() and abs((stamps[-1] - stamps[0]) / step_s - steps.size) <= 1.0:
+        return np.arange(size), none  # deliveries were late for some time, and none was lost
+    number = _number(np.concatenate([[0], np.cumsum(np.round(steps / usual) - 1.0)]))
     cuts: list[int] = []
     for cut in (np.flatnonzero(np.abs(np.diff(usual)) > RATE_CHANGE * usual[:-1]) + 1).tolist():
         before_s, after_s = usual[max(cut - USUAL_STEPS, 0)], usual[min(cut + USUAL_STEPS, usual.size - 1)]
         changes = abs(after_s - before_s) > RATE_CHANGE * before_s
-        if changes and cut - (cuts[-1] if cuts else 0) >= MIN_PIECE_PULSES and stamps.size - cut >= MIN_PIECE_PULSES:
+        if changes and cut - (cuts[-1] if cuts else 0) >= MIN_PIECE_PULSES and size - cut >= MIN_PIECE_PULSES:
             cuts.append(int(cut))
-    return number, np.array(cuts, dtype=np.int64), np.concatenate([[False], np.diff(number) == 0])
+    return number, np.array(cuts, dtype=np.int64)
+
+
+def _number(lead: FloatArray) -> IntArray:
+    """Return the number of each pulse from its lead on the index, in steps; late ones lead for a short time."""
+    from scipy.ndimage import median_filter
+    from scipy.optimize import isotonic_regression
+
+    usual = median_filter(lead, min(2 * MAX_DISORDER + 1, lead.size), mode="nearest")
+    near = np.where(np.abs(lead - usual) > LATE, usual, lead)
+    lost = np.round(isotonic_regression(near).x).astype(np.int64)
+    if np.quantile(np.abs(lead - lost), 0.9) > SURE:  # a step at an end may be only the error of some stamps
+        end = min(MIN_PIECE_PULSES, lost.size // 8)
+        for few, inner in ((lost[:end], lost[end]), (lost[-end:], lost[-end - 1])):
+            few[np.abs(few - inner) == 1] = inner
+    return np.asarray(np.arange(lead.size) + lost - lost[0])
+
+
+def _find_tick_s(stamps: FloatArray, stated_hz: float | None) -> float:
+    """Return the tick of the clock if it is one of an operating system, else 0; the stated step is no tick."""
+    since_s = stamps - stamps[0]
+    for tick_s in TICKS_S:
+        off_s = np.abs(since_s - tick_s * np.round(since_s / tick_s)).max()
+        if off_s <= max(0.02 * tick_s, min(0.1 * tick_s, 1.1e-3)):  # a tick may be rounded to ms
+            return 0.0 if stated_hz is not None and abs(tick_s * stated_hz - 1.0) < RATE_CHANGE else tick_s
+    return 0.0
+
+
+def _has_none_lost(stamps: FloatArray, tick_s: float) -> bool:
+    """Return True if all stamps are within a tick of their clock from a straight line."""
+    index = np.arange(stamps.size)
+    line = np.polynomial.Polynomial.fit(index, stamps, 1)
+    return bool(np.ptp(stamps - line(index)) <= TICK_SLACK * tick_s + SLACK * line.deriv()(0.0))
+
+
+def _count_on_raster(stamps: FloatArray, tick_s: float) -> IntArray | None:
+    """Return the number of each pulse on the even raster that most stamps are near; None without one.
+
+    The raster is the frequency at which the stamps are most in phase, block by block: jitter, rounding and lost pulses
+    weaken the phase but do not move the peak.
+    """
+    from scipy import fft
+    from scipy.ndimage import maximum_filter1d
+
+    lag = min(BLOCK // 8, stamps.size // 4)
+    step_s = float(np.median(stamps[lag:] - stamps[:-lag])) / lag if lag > 1 else 0.0
+    pauses = np.flatnonzero(np.diff(stamps) > BLOCK // 8 * step_s) + 1
+    runs = [(first, stop) for first, stop in _pair(pauses, stamps.size) if stop - first >= BLOCK // 8]
+    if not runs or not step_s > 0.0:
+        return None
+    edges = [np.linspace(first, stop, max((stop - first) // BLOCK, 1) + 1, dtype=int) for first, stop in runs]
+    blocks = [[stamps[a:b] for a, b in pairwise(edge)] for edge in edges]
+    every = list(chain.from_iterable(blocks))
+    shown = every[:: -(-len(every) // MAX_BLOCKS)]
+    mean_hz = float(np.median([(block.size - 1) / np.ptp(block) for block in every]))
+    bin_s = 1.0 / (8.0 * MAX_LOSS * mean_hz)
+    size = fft.next_fast_len(4 * int(max(map(np.ptp, shown)) / bin_s + 1))
+    share = np.mean([np.abs(fft.rfft(_count_stamps(block, bin_s), size)) for block in shown], axis=0)
+    raster_hz = np.arange(share.size) / (size * bin_s)
+    highest_hz = min(MAX_LOSS * mean_hz, MAX_TICK / tick_s if tick_s else np.inf)
+    share[(raster_hz < 0.985 * mean_hz) | (raster_hz > highest_hz)] = 0.0
+    if tick_s:  # at its rate every stamp of a coarse clock is in phase
+        share[np.abs(raster_hz - 1.0 / tick_s) < 12.0 * raster_hz[1]] = 0.0
+    noise = (MEAN_NOISE + FAR_NOISE / np.sqrt(len(shown))) / np.sqrt(np.mean([block.size for block in shown]))
+    # even pulses are in phase at multiples of their rate, too, and those of a coarse clock at its mirror images
+    peaks = np.flatnonzero((share >= max(noise, LOWEST * share.max())) & (share == maximum_filter1d(share, 17)))
+    tried = [_number_on(float(raster_hz[peak]), stamps, runs, blocks, tick_s) for peak in peaks[:MAX_PEAKS]]
+    least = min((off for _, off in tried), default=np.inf)
+    return next(number for number, off in tried if off <= 1.2 * least + EQUAL_OFF) if least <= MAX_OFF else None
+
+
+def _count_stamps(stamps: FloatArray, bin_s: float) -> FloatArray:
+    """Return the share of stamps in every bin of time, under a Hann window."""
+    bins = np.round((stamps - stamps.min()) / bin_s).astype(int)
+    return np.asarray(np.bincount(bins, np.hanning(stamps.size)) / (0.5 * stamps.size))
+
+
+def _number_on(
+    raster_hz: float, stamps: FloatArray, runs: list[tuple[int, int]], blocks: list[list[FloatArray]], tick_s: float
+) -> tuple[IntArray, float]:
+    """Return the number of each pulse on a raster in phase with every block, and the mean deviation in steps."""
+    centres = [np.array([block.mean() for block in each]) for each in blocks]
+    phases = [np.array([np.exp(2j * np.pi * raster_hz * block).mean() for block in each]) for each in blocks]
+    shares = np.abs(np.concatenate(phases))
+    if np.quantile(shares, 0.05) < 0.5 * shares.mean():
+        return np.arange(stamps.size), np.inf  # another rate in some of the blocks
+    cycles = [np.unwrap(arctangent(each.imag, each.real)) / (2.0 * np.pi) for each in phases]
+    drifts_hz = [np.diff(cycle) / np.diff(centre) for cycle, centre in zip(cycles, centres, strict=True)]
+    drift_hz = float(np.median(np.concatenate([*drifts_hz, [0.0]])))
+    lead = (raster_hz - drift_hz) * stamps - np.arange(stamps.size)
+    for (first, stop), centre, cycle in zip(runs, centres, cycles, strict=True):
+        lead[first:stop] -= np.interp(stamps[first:stop], centre, cycle - drift_hz * centre)
+    lead -= np.round(lead[0])
+    number = _number(lead)
+    off = lead - (number - np.arange(number.size))
+    for block in chain.from_iterable(blocks):  # a block without a lost pulse at another rate
+        first = int(np.searchsorted(stamps, block[0]))
+        last = first + block.size - 1
+        lost = number[last] - number[first] - (last - first)
+        if lost > RATE_CHANGE * block.size and _has_none_lost(block, tick_s):
+            return number, np.inf
+    is_multiple = np.mean(np.diff(number) == 1) < MIN_SINGLE
+    return number, np.inf if is_multiple else float(np.minimum(np.abs(off - np.median(off)), 1.0).mean())
 
 
 def _locate_roughly(stamps: FloatArray) -> tuple[IntArray, IntArray]:
@@ -350,20 +469,18 @@ def _fill_holes(
     steps_s = np.diff(times) / (missing + 1)
     short = (missing * steps_s <= MAX_HOLE_S) | (missing <= MAX_HOLE_PULSES)
     lost = np.where(short, missing, 0)
-    before = np.repeat(np.arange(lost.size), lost)
-    ahead = np.arange(before.size) - np.repeat(np.cumsum(lost) - lost, lost) + 1
-    at = np.concatenate([np.arange(row.size, dtype=np.float64), before + ahead / (lost[before] + 1.0)])
-    order = np.argsort(at, kind="stable")
-    every_row = np.concatenate([row, np.full(before.size, -1)])[order]
-    every_time = np.concatenate([times, times[before] + ahead * steps_s[before]])[order]
-    if before.size:
+    at = np.arange(row.size) + np.concatenate([[0], np.cumsum(lost)])
+    every_row = np.full(at[-1] + 1, -1)
+    every_row[at] = row
+    every_time = np.interp(np.arange(every_row.size), at, times)
+    if lost.any():
         # the share in the worst time, so that a long recording does not hide a bad part
         filled = np.concatenate([[0], np.cumsum(every_row < 0)])
         first = np.searchsorted(every_time, every_time - SHARE_S)
         span = np.maximum(np.arange(1, filled.size) - first, min(filled.size - 1, SHARE_S / usual_s))
         facts["lost_frame_share"] = float(((filled[1:] - filled[first]) / span).max())
         notes.append(
-            f"{before.size} of {every_row.size} pulses are missing at {int((lost > 0).sum())} places and filled in "
+            f"{int(lost.sum())} of {every_row.size} pulses are missing at {int((lost > 0).sum())} places and filled in "
             f"between their neighbours{_suggest_rate(missing, times)}"
         )
     pauses = missing[~short]
