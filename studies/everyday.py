@@ -315,17 +315,14 @@ def observe(setup: Setup, streams: dg.Streams) -> tuple[Recording, list[Body]]:
     placed = place(setup.scene, streams)
     conditions = Conditions(environment=setup.environment, impairments=setup.impairments)
     recording = simulate(placed, setup.radar, rng=streams, conditions=conditions, snr_db=setup.snr_db, angles=False)
-    truths = recording.truth
+    pairs = zip(placed.observed, recording.truth, strict=True)
+    bodies = [Body(one, truth, setup.scene.radar_position_m, placed.observation_s) for one, truth in pairs]
     if setup.bursts is not None:
         pulses, period_s = setup.bursts
         awake = (recording.slow_time_s + 0.1 / setup.radar.prf_hz) % period_s < pulses / setup.radar.prf_hz
         awake[np.flatnonzero(awake)[pulses * (awake.sum() // pulses) :]] = False  # whole bursts
         kept = recording.baseband.isel(slow_time=np.flatnonzero(awake)).assign_attrs(burst_pulses=pulses)
         recording = recording.with_baseband(kept, truth=())
-    bodies = [
-        Body(one, truth, setup.scene.radar_position_m, placed.observation_s)
-        for one, truth in zip(placed.observed, truths, strict=True)
-    ]
     return recording, bodies
 
 

@@ -106,13 +106,10 @@ def test_a_scene_states_its_duration() -> None:
             assert dg.scene.place(scene).observation_s == float(words.split()[1])
 
 
-def test_html_of_facts_is_escaped() -> None:
+def test_html_is_escaped_and_has_no_picture_without_arrays() -> None:
     html = dg.Radar.preset("x4", name="<script>")._repr_html_()
     assert "&lt;script&gt;" in html
     assert "<script>" not in html
-
-
-def test_a_result_without_arrays_has_a_table_alone() -> None:
     html = dg.Result(dg.Analysis(), label="dog")._repr_html_()
     assert "dog" in html
     assert "<img" not in html
