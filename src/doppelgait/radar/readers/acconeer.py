@@ -84,8 +84,7 @@ class Entry:
     n_delayed: int
 
 
-def open_entry(path: Path, file: Any, *, session: int, group: int, entry: int) -> Entry:
-    """Read one entry of an open file."""
+def _read_entry(path: Path, file: Any, session: int, group: int, entry: int) -> Entry:
     generation = _read_text(file["generation"])
     if generation != "a121":
         raise RecordingError(f"{path}: is of sensor generation {generation!r}; only 'a121' is read")
@@ -97,9 +96,8 @@ def open_entry(path: Path, file: Any, *, session: int, group: int, entry: int) -
         raise ValueError(f"the configuration of group {group} does not name sensor {sensor_id}")
     metadata = parse_json(_read_text(node["metadata"])) if "metadata" in node else {}
     server = parse_json(_read_text(file["server_info"])) if "server_info" in file else {}
-    further = {key: metadata.get(key) for key in ("max_sweep_rate", "base_step_length_m")}
-    further["ticks_per_second"] = server.get("ticks_per_second")
-    settings = validate(Settings, {**sensors[sensor_id], **further})
+    keys = {"max_sweep_rate": metadata, "base_step_length_m": metadata, "ticks_per_second": server}
+    settings = validate(Settings, {**sensors[sensor_id], **{key: table.get(key) for key, table in keys.items()}})
     result, dataset = node["result"], node["result/frame"]
     shape, n_points = tuple(dataset.shape), sum(subsweep.num_points for subsweep in settings.subsweeps)
     wanted, n_values = (settings.sweeps_per_frame, n_points), math.prod(shape)
@@ -110,7 +108,7 @@ def open_entry(path: Path, file: Any, *, session: int, group: int, entry: int) -
         )
     if n_values > MAX_VALUES:
         raise ValueError(f"frames hold {n_values:,} values, at most {MAX_VALUES:,} are read")
-    check_cost(path, 8 * math.prod(shape), RecordingError)
+    check_cost(path, 8 * n_values, RecordingError)
     pairs = dataset[()]
     flags = ("data_saturated", "frame_delayed")
     marked = [int(np.count_nonzero(result[name][()])) if name in result else 0 for name in flags]
@@ -171,7 +169,7 @@ def sniff_acconeer(path: Path, head: bytes) -> bool:
 def list_subsweeps(path: Path) -> list[dict[str, Any]]:
     """List the first entry's subsweeps as reader options; none of a damaged file."""
     try:
-        part = _open(path, session=0, group=0, entry=0)
+        part = _open(path, 0, 0, 0)
     except RecordingError:
         return []
     return [{"subsweep": number} for number in range(len(part.settings.subsweeps))]
@@ -194,7 +192,7 @@ def read_acconeer(
 ) -> Recording:
     """Read a recording of an A121 sensor."""
     scale_v = full_scale_v / INT16_CODES
-    part = _open(path, session=session, group=group, entry=entry)
+    part = _open(path, session, group, entry)
     subsweeps = part.settings.subsweeps
     listed = "; ".join(
         f"{n}: profile {one.profile[-1]}, {one.num_points} points from point {one.start_point} every {one.step_length}"
@@ -269,12 +267,12 @@ def _label_pulses(
     return label_measured(path, values, radar=radar, slow_time_s=slow_time_s, range_m=range_m, notes=notes, attrs=attrs)
 
 
-def _open(path: Path, **which: int) -> Entry:
+def _open(path: Path, *which: int) -> Entry:
     if not is_hdf5(path):
         raise RecordingError(f"{path}: is not an HDF5 file; only files of Acconeer's exploration tool are read")
     try:
         with open_hdf5(path, soft_links=True) as file:
-            return open_entry(path, file, **which)
+            return _read_entry(path, file, *which)
     except (*FAULTS, ConfigError) as error:
         raise RecordingError(f"{path}: is damaged or not a recording of an A121 sensor: {error}") from None
 
@@ -286,10 +284,9 @@ def _find_sweep_times(path: Path, part: Entry, sweep_rate_hz: float | None) -> t
         rate_hz = sweep_rate_hz or settings.sweep_rate
         if rate_hz is None:
             raise RecordingError(f"{path}: sweeps are continuous but no sweep rate is stored; give sweep_rate_hz")
-        # sweep rate by the recorder's clock, to compare with the stored one
-        elapsed = int(part.ticks[-1] - part.ticks[0]) if part.ticks.size > 1 else 0
-        notes = []
+        elapsed, notes = int(part.ticks[-1] - part.ticks[0]) if part.ticks.size else 0, []
         if elapsed > 0 and settings.ticks_per_second is not None:
+            # the recorder's clock, to compare with the stored rate
             ticks_hz = (part.ticks.size - 1) * per_frame * settings.ticks_per_second / elapsed
             notes.append(f"sweeps are timed by the sweep rate; by the recorder's ticks it is {ticks_hz:.6g} Hz")
         return np.arange(n_frames * per_frame) / rate_hz, rate_hz, notes

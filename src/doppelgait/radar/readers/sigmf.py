@@ -10,7 +10,7 @@ import io
 import json
 import math
 import tarfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -89,41 +89,36 @@ def read_metadata(path: Path) -> Metadata:
     else:
         raise RecordingError(f"{meta_path}: no such file; a SigMF recording is a pair NAME{META} and NAME{DATA}")
     try:
-        return replace(_parse_metadata(meta_path, data_path, parse_json(text)), packed=packed)
-    except (ValueError, LookupError, TypeError) as error:
-        raise RecordingError(f"{meta_path}: is damaged or no SigMF metadata: {error}") from None
-
-
-def _parse_metadata(meta_path: Path, data_path: Path, content: Any) -> Metadata:
-    common, captures, annotations = (content[key] for key in ("global", "captures", "annotations"))
-    common = dict(common)
-    for values in (captures, annotations):
-        if not isinstance(values, list) or not all(isinstance(value, dict) for value in values):
-            raise ValueError("captures and annotations must be lists of objects")
-    version = str(common["core:version"]).removeprefix("v")
-    if not version.startswith("1."):
-        raise RecordingError(f"{meta_path}: is SigMF {version}; only 1.x is read")
-    if "core:dataset" in common:
-        # the samples are in a file with another name, which must be in the folder of the metadata
-        name = str(common["core:dataset"])
+        content = parse_json(text)
+        common, captures, annotations = (content[key] for key in ("global", "captures", "annotations"))
+        common = dict(common)
+        for values in (captures, annotations):
+            if not isinstance(values, list) or not all(isinstance(value, dict) for value in values):
+                raise ValueError("captures and annotations must be lists of objects")
+        version = str(common["core:version"]).removeprefix("v")
+        if not version.startswith("1."):
+            raise RecordingError(f"{meta_path}: is SigMF {version}; only 1.x is read")
+        # the samples may be in a file with another name, which must be in the folder of the metadata
+        name = str(common.get("core:dataset", data_path.name))
         if not name or Path(name).name != name or "\\" in name or "\0" in name:
             raise RecordingError(
                 f"{meta_path}: core:dataset is {name!r}; it must be the name of a file in the same folder"
             )
-        data_path = meta_path.with_name(name)
-    channels = common.get("core:num_channels", 1)
-    if isinstance(channels, bool) or not isinstance(channels, int) or not 1 <= channels <= 10_000:
-        raise ValueError(f"core:num_channels is {channels!r}, must be 1 or more")
-    rate = common.get("core:sample_rate")
-    if rate is not None and (isinstance(rate, bool) or not 0 < float(rate) < math.inf):
-        raise ValueError(f"core:sample_rate is {rate!r}, must be above 0")
-    datatype = str(common["core:datatype"])
-    if (parsed := parse_datatype(datatype)) is None:
-        raise ValueError(f"core:datatype is {datatype!r}, which is not a SigMF type")
+        n_channels, rate_hz = common.get("core:num_channels", 1), common.get("core:sample_rate")
+        if isinstance(n_channels, bool) or not isinstance(n_channels, int) or not 1 <= n_channels <= 10_000:
+            raise ValueError(f"core:num_channels is {n_channels!r}, must be 1 or more")
+        if rate_hz is not None and (isinstance(rate_hz, bool) or not 0 < float(rate_hz) < math.inf):
+            raise ValueError(f"core:sample_rate is {rate_hz!r}, must be above 0")
+        datatype = str(common["core:datatype"])
+        if (parsed := parse_datatype(datatype)) is None:
+            raise ValueError(f"core:datatype is {datatype!r}, which is not a SigMF type")
+    except (ValueError, LookupError, TypeError) as error:
+        raise RecordingError(f"{meta_path}: is damaged or no SigMF metadata: {error}") from None
     is_complex, number = parsed
-    return Metadata(
-        data_path, common, captures, annotations, number, channels, None if rate is None else float(rate), is_complex
-    )
+    if packed is None:
+        data_path = meta_path.with_name(name)
+    rate_hz = None if rate_hz is None else float(rate_hz)
+    return Metadata(data_path, common, captures, annotations, number, n_channels, rate_hz, is_complex, packed)
 
 
 def read_samples(
