@@ -68,7 +68,6 @@ RADAR_WRITERS: Group[Writer] = Group(
 
 
 def _describe_hdf5(path: Path) -> str:
-    """Name the arrays of an HDF5 file of unknown origin, and how to use them."""
     try:
         with open_hdf5(path) as file:
             if file.attrs.get("format") == "doppelgait-result":

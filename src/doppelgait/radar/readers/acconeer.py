@@ -149,8 +149,7 @@ LATE_TICKS = 1.5
 """Maximum deviation of integer ticks from a straight line for evenly spaced frames."""
 
 
-def _list_names(path: Path, head: bytes) -> set[str]:
-    """Return the names at the root of an HDF5 file; none of another."""
+def _list_root_names(path: Path, head: bytes) -> set[str]:
     if not head or not is_hdf5(path):
         return set()
     try:
@@ -162,7 +161,7 @@ def _list_names(path: Path, head: bytes) -> set[str]:
 
 def sniff_acconeer(path: Path, head: bytes) -> bool:
     """Return whether a file is HDF5 of Acconeer's exploration tool."""
-    names = _list_names(path, head)
+    names = _list_root_names(path, head)
     return "generation" in names and not names.isdisjoint({"sessions", "session"})
 
 
@@ -352,7 +351,7 @@ class A111Settings(FrozenModel, extra="ignore"):
 
 def sniff_a111(path: Path, head: bytes) -> bool:
     """Return whether a file is a record of the A111 sensor, the layout without a generation."""
-    names = _list_names(path, head)
+    names = _list_root_names(path, head)
     return "generation" not in names and names >= {"mode", "session_info", "data"}
 
 

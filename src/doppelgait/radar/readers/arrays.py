@@ -25,16 +25,23 @@ from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, OutputError, RecordingError, warn_caller
 from doppelgait.core.files import open_atomically
 from doppelgait.core.npz import NPY_MAGIC, is_npz, load_npy, load_npz
-from doppelgait.core.plugins import plugin
+from doppelgait.core.plugins import plugin, read_head
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, FloatArray, slow_time_axis_s
-from doppelgait.radar.measured import RATE_OFF, check_number, check_shape, choose_number, label_measured, label_sweeps
+from doppelgait.radar.measured import (
+    RATE_OFF,
+    check_number,
+    check_shape,
+    choose_number,
+    label_measured,
+    label_sweeps,
+    make_radar,
+)
 from doppelgait.radar.parameters import GAUSSIAN_WIDTH, PULSE_SIGMA_S, Radar
 from doppelgait.radar.presets import change_preset
-from doppelgait.radar.recording import NAN, Recording, list_further_facts
+from doppelgait.radar.recording import Recording, list_further_facts
 from doppelgait.radar.slow_time import place_pulses
 
 NAMES = read_toml(Path(__file__).with_name("names.toml"))[0]
-"""Names in files of other programs."""
 CW_RANGE_STOP_M = 1.0
 """End of the nominal frame of a continuous-wave radar, m; it has a single bin and no range."""
 
@@ -80,14 +87,10 @@ class ArrayFacts(FrozenModel):
 def read_facts(path: Path, options: Mapping[str, Any], stated: Mapping[str, Any] | None = None) -> ArrayFacts:
     """Read facts about an array from its TOML file; options come before them, and what the file states after."""
     sidecar = path.with_suffix(".toml") if path != IN_MEMORY else Path()
-    table: dict[str, Any] = {}
-    text = ""
     try:
-        if sidecar.is_file():
-            table, text = read_toml(sidecar)
-        return validate(
-            ArrayFacts, {**(stated or {}), **table, **options}, where=str(sidecar if text else path), text=text
-        )
+        table, text = read_toml(sidecar) if sidecar.is_file() else ({}, "")
+        given = {**(stated or {}), **table, **options}
+        return validate(ArrayFacts, given, where=str(sidecar if text else path), text=text)
     except ConfigError as error:
         raise RecordingError(str(error)) from None
 
@@ -118,15 +121,14 @@ def _describe(
     )
     # rate, carrier and frame, in rising order of precedence
     names = ("prf_hz", "carrier_hz", "range_start_m", "bin_spacing_m")
-    known = {name: float(getattr(stated, name)) for name in names} if stated is not None else {}
+    known = {"range_start_m": 0.0, "bin_spacing_m": CW_RANGE_STOP_M} if n_bins == 1 else {}
+    known |= {name: float(getattr(stated, name)) for name in names} if stated is not None else {}
     if stamps_hz is not None and "prf_hz" not in known:  # of bursts, the rate inside them
         known["prf_hz"] = stamps_hz
     if range_m is not None:
         known["range_start_m"] = float(range_m[0])
         known |= {"bin_spacing_m": float(np.diff(range_m).mean())} if range_m.size > 1 else {}
-    known = known | {name: value for name in names if (value := getattr(facts, name)) is not None}
-    if n_bins == 1:
-        known = {"range_start_m": 0.0, "bin_spacing_m": CW_RANGE_STOP_M, **known}
+    known |= {name: value for name in names if (value := getattr(facts, name)) is not None}
     if missing := [name for name in names if name not in known]:
         reasons = "".join(f": {parsed.hints[name]}" for name in missing if name in parsed.hints)
         raise RecordingError(
@@ -189,10 +191,7 @@ def _make_radar(path: Path, facts: ArrayFacts, stated: Radar | None, known: Mapp
             table |= {"range_start_m": start_m, "range_stop_m": start_m + n_bins * stated.bin_spacing_m}
         if stated.waveform.kind == "cw" and n_bins > 1:
             raise RecordingError(f"{path}: has {n_bins} range bins, but {stated.name} is a continuous wave with one")
-    try:
-        return validate(Radar, table, where=str(path))
-    except ConfigError as error:
-        raise RecordingError(str(error)) from None
+    return make_radar(path, **table)
 
 
 MATRIX = "baseband"
@@ -264,7 +263,7 @@ def label_array(path: Path, parsed: Parsed, options: Mapping[str, Any]) -> Recor
             notes.append("one real output: approaching and receding cannot be told apart")
             values = values if values.ndim == 1 else values[..., 0]
             values = join_parts(values, np.zeros_like(values))
-        elif values.ndim > 1 and values.shape[-1] == 2:
+        elif values.shape[-1] == 2:
             values = join_parts(values[..., 0], values[..., 1])
         else:
             raise RecordingError(
@@ -287,12 +286,8 @@ def label_array(path: Path, parsed: Parsed, options: Mapping[str, Any]) -> Recor
     recording = label_measured(
         path, values, radar=made, slow_time_s=slow_time_s, range_m=range_m, notes=notes, attrs=attributes
     )
-    return replace(
-        recording,
-        noise_power_v2=NAN if facts.noise_power_v2 is None else facts.noise_power_v2,
-        snr_frame_db=NAN if facts.snr_frame_db is None else facts.snr_frame_db,
-        seed=facts.seed,
-    )
+    further = {name: getattr(facts, name) for name in ("noise_power_v2", "snr_frame_db", "seed")}
+    return replace(recording, **{name: value for name, value in further.items() if value is not None})
 
 
 KEYWORD = inspect.Parameter.KEYWORD_ONLY
@@ -320,15 +315,13 @@ def parse_arrays(path: Path, *, time_first: bool | None = None, key: str | None 
     A one-dimensional array is a continuous-wave recording. A ``.npy`` file holds one array.
     """
     facts = read_facts(path, {} if key is None else {"key": key})
-    with path.open("rb") as file:
-        is_npy = file.read(len(NPY_MAGIC)) == NPY_MAGIC
     wanted = (facts.key or MATRIX, *PARTS, *AXES)
+    is_npy = read_head(path).startswith(NPY_MAGIC)
     arrays = {wanted[0]: load_npy(path, RecordingError)} if is_npy else load_npz(path, wanted, RecordingError)
     return Parsed(_pick(path, arrays, facts.key), arrays)
 
 
 def _pick(path: Path, arrays: Arrays, key: str | None) -> npt.NDArray[Any]:
-    """Return the matrix as stored in the file."""
     found = arrays.get(key or MATRIX)
     if found is None and key is None and len(arrays) == 1:
         found = next(iter(arrays.values()))

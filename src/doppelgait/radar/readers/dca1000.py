@@ -117,24 +117,22 @@ def read_config(path: Path, *, device: str | None = None) -> ChirpConfig:
     if not path.is_file():
         raise RecordingError(f"{path}: no such file of radar settings")
     text = read_limited(path, MAX_CONFIG_BYTES).decode("utf-8", "replace")
+    suffix = path.suffix.lower()
     try:
-        table: Any = {}
-        if path.suffix.lower() == ".toml":
-            table, text = read_toml(path)
-        elif path.suffix.lower() != ".json":
-            table, text = _parse_commands(path, text), ""
-        else:
-            table, text = parse_json(text), ""
+        table: Any = read_toml(path)[0] if suffix == ".toml" else {}
+        if suffix == ".json":
+            table = parse_json(text)
             if not isinstance(table, dict):
                 raise RecordingError(f"{path}: holds no JSON object with the keys of the radar settings")
-            if "mmWaveDevices" in table:
-                table = _parse_studio(path, table)
+            table = _parse_studio(path, table) if "mmWaveDevices" in table else table
+        elif suffix != ".toml":
+            table = _parse_commands(path, text)
         table = table if device is None else {**table, "device": device}
         if "device" not in table:
             raise RecordingError(
                 f"{path}: does not state the device; give the option device, one of {', '.join(DEVICES)}"
             )
-        return validate(ChirpConfig, table, where=f"{path}: radar settings", text=text)
+        return validate(ChirpConfig, table, where=f"{path}: radar settings", text=text if suffix == ".toml" else "")
     except ConfigError as error:
         raise RecordingError(str(error)) from None
     except ValueError as error:
@@ -150,7 +148,6 @@ Commands = dict[str, list[tuple[int, Mapping[str, float]]]]
 
 
 def _parse_studio(path: Path, document: Mapping[str, Any]) -> dict[str, Any]:
-    """Translate the JSON of mmWave Studio to the keys of :class:`ChirpConfig`."""
     try:
         (device,) = document["mmWaveDevices"]
         rf, data = device["rfConfig"], device.get("rawDataCaptureConfig", {}).get("rlDevDataFmtCfg_t", {})
@@ -178,7 +175,6 @@ def _parse_studio(path: Path, document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _parse_commands(path: Path, text: str) -> dict[str, Any]:
-    """Translate TI's commands to the keys of :class:`ChirpConfig`."""
     if re.search(r"^\s*chirpComnCfg\b", text, re.MULTILINE):
         raise RecordingError(
             f"{path}: settings of xWRL parts (chirpComnCfg, chirpTimingCfg) are not read: their port may reorder the "
@@ -267,7 +263,6 @@ VOLTS_PER_CODE = 1.0 / 2**15
 MAX_VALUES = 500_000_000
 """Maximum number of samples of one receiver."""
 BLOCK = 1 << 24
-"""Number of values that are sorted at a time."""
 
 
 def sniff_dca1000(path: Path, head: bytes) -> bool:
@@ -397,7 +392,6 @@ def _count_channels(chirps: ChirpConfig) -> int:
 
 
 def _count_frames(file: Path, settings: Path, chirps: ChirpConfig) -> int:
-    """Count the frames of a file, which must be whole."""
     parts = 1 if chirps.output == "real" else 2
     frame_bytes = 2 * parts * _count_channels(chirps) * chirps.n_samples * chirps.chirps_per_loop * chirps.loops
     size = file.stat().st_size

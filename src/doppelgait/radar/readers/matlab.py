@@ -183,7 +183,6 @@ def list_matrices(path: Path) -> list[dict[str, Any]]:
 
 
 def _list_held(path: Path) -> dict[str, Held]:
-    """List the variables of a file of any version by name."""
     with path.open("rb") as file:
         head = file.read(len(HEADERS[1]))
     if head == HEADERS[1]:
@@ -304,7 +303,6 @@ OPTIONS = {"prf_hz": ("actual_fps",), "bin_spacing_m": ("bin_length",), "range_s
 
 
 def _read_fact(path: Path, content: Mapping[str, Any], option: str, value: float | None) -> float:
-    """Return a number from an option, otherwise the file."""
     above = -1e3 if option == "range_start_m" else SMALLEST
     if value is not None:
         return check_number(path, option, value, above=above, most=1e6)

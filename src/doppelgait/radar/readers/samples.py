@@ -26,7 +26,6 @@ SUFFIXES = {suffix: kind for kind, suffixes in NAMES["raw"].items() for suffix i
 """Data types by suffix; those below leave it open."""
 OPEN_SUFFIXES = (".iq", ".bin", ".raw", ".dat")
 HEADER_LINES = 64
-"""Number of lines in which the names of the columns are searched."""
 MIN_PLAIN_HZ = 10.0
 """Slowest rate of times without a unit: slower ones are taken for ms."""
 UNITS_S = NAMES["units_s"]
@@ -89,7 +88,6 @@ def parse_datatype(text: str) -> tuple[bool, np.dtype[Any]] | None:
 
 
 PulseSamples = Annotated[int, Limits(0)]
-"""Type of the option of readers of samples in one row."""
 
 
 def decode_samples(path: Path, content: bytes, number: np.dtype[Any], *, n_parts: int) -> npt.NDArray[Any]:

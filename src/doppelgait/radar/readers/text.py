@@ -120,7 +120,6 @@ def read_cw_text(
 
 
 def _find_pair(path: Path) -> tuple[Path, Path]:
-    """Return the paths of real and imaginary part."""
     stem = path.name
     for part in PARTS:
         stem = stem.removesuffix(f"{part}.txt")
@@ -131,7 +130,6 @@ def _find_pair(path: Path) -> tuple[Path, Path]:
 
 
 def _read_codes(path: Path) -> npt.NDArray[np.int64]:
-    """Read the integers of one file within the converter's range."""
     if not path.is_file():
         raise RecordingError(f"{path}: no such file; both NAME_RE.txt and NAME_IM.txt are needed")
     content = read_limited(path, MAX_CODES_BYTES)
@@ -152,7 +150,6 @@ HEAD = {
     "samples per sweep": Limits(2, 65_536),
     "bandwidth in Hz": Limits(0, 1e11),
 }
-"""Numbers of the head, one a line."""
 MAX_SWEEPS_BYTES = 2**29
 VOLTS_PER_CODE = 1.0 / 4096
 """Volts per converter step; the middle code 2048 indicates 12 bits, and a full scale of 1 V is assumed."""
