@@ -258,6 +258,20 @@ BARE = [*BODIES["walker"].markers, *OTHER.markers]
 N_FIRST = len(BODIES["walker"].markers)
 
 
+@pytest.mark.parametrize("apart_m", [1.0, 1.5, -2.5])
+@pytest.mark.parametrize("stands", [False, True])
+def test_people_without_names_side_by_side_are_two(tmp_path: Path, apart_m: float, stands: bool) -> None:
+    walker, other = BODIES["walker"], np.add(OTHER.position_m, [0.3, apart_m, 0.0])
+    if stands:  # and sways
+        other = other[:1] + 0.02 * np.sin(np.arange(len(other)) / 40)[:, np.newaxis, np.newaxis]
+    position = np.concatenate([walker.position_m, other], axis=1)[::4, np.random.default_rng(2).permutation(len(BARE))]
+    path = write_c3d(tmp_path / "a.c3d", position * 1000, labels=[f"M{n}" for n in range(len(BARE))], rate_hz=50.0)
+    with pytest.raises(
+        MotionError, match=rf"holds several subjects: . \(({N_FIRST}|{len(BARE) - N_FIRST}) points\), ."
+    ):
+        read(path)
+
+
 @pytest.mark.parametrize(
     ("first", "second", "subjects"),
     [

@@ -16,7 +16,8 @@ import numpy as np
 
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.units import FloatArray
-from doppelgait.motion.clean import MIN_MARKERS, SHORT_LIVED, find_stationary_points
+from doppelgait.motion.clean import MIN_MARKERS, MOVING_BODY_M, SHORT_LIVED, find_body_centre, find_stationary_points
+from doppelgait.motion.gait import find_principal_direction
 from doppelgait.motion.skeleton import FOOT_PARTS, complete_set, find_part, find_parts, strip_subject
 
 _METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3048}
@@ -372,6 +373,37 @@ def _find_moving_clusters(position_m: FloatArray) -> dict[str, dict[int, str]]:
     return {str(n): dict.fromkeys(map(int, points), "") for n, points in enumerate(moving, start=1)}
 
 
+BAND_M, BAND_FRAMES, BAND_HEIGHT = 0.35, 0.1, 0.7
+"""Width of the empty band between people side by side, share of the frames in which it may be narrower, and smallest
+height of both relative to that of all points. The sides of one body are joined at the feet."""
+
+
+def _find_bodies_abreast(position_m: FloatArray, points: list[int]) -> list[list[int]]:
+    """Divide points where a band along the path is empty over the whole height."""
+    position = position_m[:, points]
+    walks = ~find_stationary_points(position, limit_m=MOVING_BODY_M)
+    if walks.sum() < MIN_SUBJECT_POINTS:
+        return [points]
+    position = turn_z_up(position, find_up_axis(position[:, walks], [""] * int(walks.sum()))["up_axis"])
+    path = find_body_centre(position[:, walks])[:, :2]
+    if not np.isfinite(path).all() or np.linalg.norm(np.ptp(path, axis=0)) < MOVING_BODY_M:
+        return [points]
+    along = find_principal_direction(path)
+    across = position[..., :2] @ [-along[1], along[0]]
+    typical = _compute_median(across, axis=0)
+    order = np.argsort(typical)
+    n = int(np.nan_to_num(np.diff(typical[order])).argmax()) + 1
+    sides = order[:n], order[n:]
+    right, left = (across[:, side] for side in sides)
+    band_m = np.fmin.reduce(left, axis=1) - np.fmax.reduce(right, axis=1)
+    band_m = np.append(band_m[np.isfinite(band_m)], 0.0)
+    whole_m, *height_m = (measure_body_extent(position[:, k])[2] for k in (slice(None), *sides))
+    is_empty = np.quantile(band_m, BAND_FRAMES) >= BAND_M and min(map(len, sides)) >= MIN_SUBJECT_POINTS
+    if not (is_empty and min(height_m) >= BAND_HEIGHT * whole_m):
+        return [points]
+    return [body for side in sides for body in _find_bodies_abreast(position_m, [points[k] for k in np.sort(side)])]
+
+
 def _are_apart(position_m: FloatArray, groups: Mapping[str, Mapping[int, str]]) -> bool:
     """Return True if points of different groups are of several bodies."""
     for a, b in combinations(groups.values(), 2):
@@ -394,6 +426,9 @@ def take_subject(path: Path, position_m: FloatArray, body: BodyPoints) -> tuple[
     divisions = [groups for groups in _list_name_groups(labels) if _are_apart(position_m, groups)]
     groups = divisions[0] if divisions else _find_moving_clusters(position_m)
     several = _are_apart(position_m, groups)
+    if not several and sum(map(bool, body.parts)) < len(every) / 2:
+        bodies = _find_bodies_abreast(position_m, every)
+        groups, several = {str(n): dict.fromkeys(k, "") for n, k in enumerate(bodies, start=1)}, len(bodies) > 1
     named = ", ".join(f"{name} ({len(points)} points)" for name, points in groups.items()) if several else "(no prefix)"
     if body.wanted is not None and not (several and body.wanted in groups):
         raise MotionError(f"{path}: holds no subject {body.wanted!r}; allowed are {named}")
