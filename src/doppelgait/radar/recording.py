@@ -253,8 +253,8 @@ class Recording:
         Returns
         -------
         Recording
-            Part with unchanged pulse times. The truth is restricted to the part, but its means over the observation
-            (ground speed, frequencies) are those of the whole recording, and the SNR of the part is unknown.
+            Part with unchanged pulse times. Means in the truth (speed, frequencies) stay those of the
+            whole recording, and the SNR of the part is unknown.
 
         Raises
         ------
@@ -303,11 +303,9 @@ class Recording:
 
     @cached_property
     def baseband(self) -> xr.DataArray:
-        """Samples as a labelled, read-only complex64 array, V.
+        """Samples (slow_time, range), V, labelled and read-only, made on first access.
 
-        The array has the dimensions (slow_time, range) and is made on first access. The values of a
-        long recording in a file are read at every access (``samples.in_memory``): select a part,
-        ``baseband.isel(slow_time=slice(0, 1000))``.
+        Values of a long recording in a file are read at every access: select a part of the pulses.
         """
         return self.frames.label({**make_baseband_facts(self.radar), **self.facts})
 
@@ -337,19 +335,7 @@ class Recording:
         }
 
     def plot(self, *, ax: Any = None, **settings: Any) -> Any:
-        """Plot the range-time map.
-
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-            Axes for the plot; axes of a new figure by default.
-        **settings
-            Parameters of :func:`doppelgait.viz.range_time`.
-
-        Returns
-        -------
-        Axes
-        """
+        """Plot the range-time map on axes or a new figure by :func:`doppelgait.viz.range_time`."""
         return plot("recording", self, ax=ax, **settings)
 
     @property

@@ -141,10 +141,8 @@ def label_baseband(values: Any, slow_time_s: Any, radar: Radar) -> xr.DataArray:
 def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.Generator) -> xr.DataArray:
     """Add Gaussian receiver noise to a baseband (E-18).
 
-    The noise is complex with the mean square ``noise_power_v2`` in every bin. Its correlation over
-    range is the ``noise_correlation`` of the baseband's radar; without one it is white.
-
-    A single 64-bit key is drawn from ``rng``; the value in a bin of a frame is a function of (key, frame, bin) only.
+    It is complex with the mean square ``noise_power_v2`` in every bin, and correlated over range as
+    the baseband's radar states. The value in a bin is a function of (a key of ``rng``, frame, bin).
 
     Examples
     --------

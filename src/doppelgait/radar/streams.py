@@ -1,8 +1,4 @@
-"""Live frames from files, standard input and sockets.
-
-A thread receives frames, and the consumer iterates over them. A queue of bounded length between
-them limits memory and latency, even for a slow consumer.
-"""
+"""Live frames from files, standard input and sockets, received by a thread into a bounded queue."""
 
 from __future__ import annotations
 
@@ -106,13 +102,7 @@ class Stream:
 
     @property
     def radar(self) -> Radar:
-        """Radar of the frames; waits for the header.
-
-        Raises
-        ------
-        RecordingError
-            If the stream ends without a header, or its radar is not the expected one.
-        """
+        """Radar of the frames; waits for the header (:class:`RecordingError` without one)."""
         return self._wait_for_header().radar
 
     @property
@@ -187,11 +177,7 @@ class Stream:
         return self.expected.difference(header, keys=EXPECTED, tolerance=EXPECTED_TOLERANCE) if self.expected else ""
 
     def receive(self, items: Iterator[Header | Frame], holds: bool) -> None:
-        """Move the frames of a source into the queue.
-
-        The receiving thread runs this method. A source that ``holds`` waits while the queue is
-        full; for other sources the oldest frames are dropped.
-        """
+        """Move frames into the queue; a source that ``holds`` waits while it is full."""
         error = ""
         try:
             for item in items:
@@ -369,10 +355,6 @@ def open_stream(
     **options
         Options for recordings, as of :func:`doppelgait.radar.read_recording`; XeThru files without
         a frame rate in their records need ``prf_hz``.
-
-    Returns
-    -------
-    Stream
 
     Examples
     --------

@@ -1,8 +1,6 @@
-"""Measurement of a sensor in one recording.
+"""Measurement of a sensor in one recording, from values that certainly belong to the sensor.
 
-The estimates use only values that certainly belong to the sensor: the upper half of the Doppler
-band in windows where it contains only noise, and low quantiles elsewhere. Quantities that a
-recording does not show are refused with the reason.
+These are the upper half of the Doppler band where it has only noise, and low quantiles elsewhere.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""Fit a sensor to its recordings: a recording is measured, and the measurements are pooled.
-
-Every quantity has a mean and a spread between recordings: the variation that the uncertainties of
-single values do not explain. Gain and noise figure are fitted to the pooled levels.
-"""
+"""Fit a sensor to its recordings: measurements are pooled, gain and noise figure fitted to them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Write a fitted sensor: as plain values, and as a preset of the radar and of the impairments that were fitted with it.
-
-Names, units and keys are those of the table of facts.
-"""
+"""Write a fitted sensor as plain values, and as a preset of the radar and its impairments."""
 
 from __future__ import annotations
 

@@ -107,9 +107,7 @@ def add_interference(samples: Samples, parameters: Interference, radar: Radar, r
 
 
 class ColouredNoise(FrozenModel):
-    r"""Gaussian noise with a shape over Doppler and range.
-
-    It is added to the receiver's white noise.
+    r"""Gaussian noise with a shape over Doppler and range, in addition to white noise.
 
     Its density at the frequency :math:`f` in the bin at :math:`R` is that of white noise with the root mean square
     :math:`L(|f|)\,G(R)` in a range bin: :math:`S(f, R) = L^2(|f|)\,G^2(R) / f_p`, the flicker noise of a homodyne
@@ -186,9 +184,7 @@ MAX_SCATTERERS = 200_000
 
 
 class Leakage(FrozenModel):
-    """Direct path from transmitter to receiver.
-
-    It is one static echo with the width of the waveform.
+    """Direct path from transmitter to receiver: one static echo with the width of the waveform.
 
     An X4 has about 0.06 units at 0 m and a tail of 1.3e-2 units at 0.7 m, which two such tables model.
 
@@ -230,9 +226,9 @@ def add_leakage(samples: Samples, parameters: Leakage, radar: Radar, rng: np.ran
 
 
 class StaticClutter(FrozenModel):
-    r"""Static scatterers of the room at all ranges.
+    r"""Static scatterers of the room at all ranges, sampled once per recording.
 
-    They are sampled once per recording. Every resolution cell has several scatterers with random
+    Every resolution cell has several scatterers with random
     phase and exponential power, so that |y| is Rayleigh distributed over realisations with the mean
     square
 

@@ -59,9 +59,7 @@ else:
 
 
 def make_impairment(table: Mapping[str, Any] | FrozenModel) -> FrozenModel:
-    """Make an impairment from a ``[[impairments]]`` table.
-
-    A model is returned unchanged.
+    """Make an impairment from a ``[[impairments]]`` table; a model is returned unchanged.
 
     Raises
     ------
@@ -85,13 +83,6 @@ def apply_impairments(
         place, an array is not changed.
     specs : sequence of models
         Impairments made by :func:`make_impairment`.
-    radar : Radar
-    rng : Generator
-
-    Returns
-    -------
-    Samples
-        Impaired samples; ``samples`` themselves if the list is empty.
 
     Raises
     ------
@@ -120,19 +111,10 @@ def apply_impairments(
 def shift_pulse_times(
     slow_time_s: npt.ArrayLike, specs: Sequence[FrozenModel], *, radar: Radar, rng: np.random.Generator
 ) -> Times:
-    """Return the true transmission times of the pulses.
+    """Return the true transmission times of the pulses, at which the scene is observed.
 
-    The scene is observed at these times; the recording has the nominal times.
-
-    Parameters
-    ----------
-    slow_time_s : array_like, shape (I,)
-        Nominal times, rising.
-    specs : sequence of models
-        Impairments; those that do not shift pulses are ignored.
-    radar : Radar
-    rng : Generator
-        The n-th impairment draws from its n-th child.
+    The recording has the rising nominal times ``slow_time_s`` (I,). Impairments that do not shift
+    pulses are ignored; the n-th draws from the n-th child of ``rng``.
 
     Returns
     -------

@@ -21,9 +21,7 @@ INTERPOLATION_ERROR = 1e-9
 
 
 class PhaseNoise(FrozenModel):
-    r"""Phase noise of the oscillator.
-
-    It is the sum of a random phase per frame, slow drift, and the phase noise after range correlation.
+    r"""Phase noise of the oscillator: white, drift, random walk, and what the delay leaves of it.
 
     Sample n of frame i becomes :math:`y_{i,n} e^{j(\varphi_i + \psi_{i,n})}`. One oscillator serves
     transmitter and receiver, so that only the change of its phase over the delay has an effect:
@@ -132,9 +130,7 @@ def make_delay_nodes(
 
 
 class IqImbalance(FrozenModel):
-    r"""Quadrature channel of unequal gain and phase.
-
-    Its phase differs from the in-phase channel by an angle close to 90 degrees, not exactly 90.
+    r"""Quadrature channel of unequal gain, and of a phase that is not exactly 90 degrees.
 
     .. math:: y' = \mathrm{Re}\,y + j g\,\mathrm{Im}(y e^{j \varphi}) = \alpha y + \beta y^*, \qquad
         \alpha = \frac{1 + g e^{j \varphi}}{2}, \quad \beta = \frac{1 - g e^{-j \varphi}}{2}
@@ -152,10 +148,7 @@ class IqImbalance(FrozenModel):
 
 
 def image_ratio_db(spec: IqImbalance) -> float:
-    """Return the power of the image over the signal, dB.
-
-    It is 10 log10 ((1 + g^2 - 2 g cos phi) / (1 + g^2 + 2 g cos phi)).
-    """
+    """Return image over signal, dB: 10 lg((1 + g^2 - 2 g cos phi) / (1 + g^2 + 2 g cos phi))."""
     g, phi = float(db_to_amplitude(spec.gain_db)), math.radians(spec.phase_deg)
     turn = complex(math.cos(phi), math.sin(phi))
     signal, image = (1.0 + g * turn) / 2.0, (1.0 - g * turn.conjugate()) / 2.0
@@ -169,9 +162,7 @@ def add_image(samples: Samples, parameters: IqImbalance, radar: Radar, rng: np.r
 
 
 class DcLeak(FrozenModel):
-    """Constant in every sample, with a slow random walk.
-
-    It is the self-mixing product of the oscillator.
+    """Constant in every sample, with a slow random walk: the oscillator's self-mixing product.
 
     level_db: Modulus of the constant, dB re 1 V.
     in_units: ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).

@@ -22,9 +22,7 @@ WARN_CLIPPED = 0.01
 
 
 class Adc(FrozenModel):
-    r"""Two's complement converter for I and for Q.
-
-    Each has 2^bits levels from -full scale to full scale.
+    r"""Two's complement converter for I and for Q, each with 2^bits levels up to full scale.
 
     A sine that reaches full scale less the back-off has the signal-to-quantisation-noise ratio
     6.02 bits + 1.76 - back-off, dB.
@@ -112,10 +110,7 @@ class X4Counts(FrozenModel):
 
 
 def x4_frame_rate_hz(spec: X4Counts) -> float:
-    """Return the highest frame rate of an X4.
-
-    0.95 PRF / (iterations pulses_per_step levels), levels = (dac_max - dac_min) / step + 1.
-    """
+    """Return the highest frame rate of an X4, 0.95 PRF / (iterations pulses_per_step levels)."""
     levels = (spec.dac_max - spec.dac_min) // spec.dac_step + 1
     return X4_DUTY * X4_CLOCK_HZ / spec.prf_div / (spec.iterations * spec.pulses_per_step * levels)
 
@@ -159,9 +154,7 @@ LARGEST_JITTER = 0.1
 
 
 class FrameJitter(FrozenModel):
-    """Independent timing errors of the pulses.
-
-    They occur if a host requests each frame.
+    """Independent timing errors of the pulses, as of a host that requests each frame.
 
     The jitter changes the times at which the scene is observed
     (:func:`doppelgait.radar.impairments.shift_pulse_times`), not the samples.

@@ -90,9 +90,8 @@ def read_xethru_recording(
 ) -> Recording:
     """Read a XeThru recording as baseband.
 
-    The values in the records (range of the first bin, bin length, carrier, frame rate) are used
-    unless an option replaces them. Ranges are those of the file, for which the driver uses c = 3e8
-    m/s. If no record states the frame rate, it is measured from the times in the meta file.
+    Options replace the values in the records. Ranges are those of the file, for which the driver
+    uses c = 3e8 m/s. A frame rate that no record states is measured from the times in the meta file.
 
     Parameters
     ----------
@@ -101,8 +100,7 @@ def read_xethru_recording(
     data_type : str, optional
         Data type to read; needed if the recording has several types with a baseband.
     radar : str
-        Preset of the sensor, or path of a preset file: its ``volts_per_unit`` converts the file's
-        unit (1 = 1024 DAC codes) to volts, and its pulse and powers describe the radar.
+        Preset of the sensor, or its file: ``volts_per_unit`` (of 1024 DAC codes), pulse and powers.
     range_start_m, bin_spacing_m, carrier_hz, prf_hz : float, optional
         Range of the first bin (above -10 m), bin spacing, carrier, frames per second. ``datafloat``
         records state none of them.
@@ -112,11 +110,9 @@ def read_xethru_recording(
     iq : {"separate", "interleaved"}
         Order of ``datafloat`` baseband: all I, then all Q (the default of the driver), or alternating I and Q.
     conjugate : bool
-        Use I - jQ instead of I + jQ. False is correct for the X4, because its driver negates Q:
-        with its filters an approaching target then has positive Doppler.
+        Use I - jQ instead of I + jQ. False is correct for the X4, because its driver negates Q.
     filter : {"hamming", "chip"}
-        Low-pass for RF frames. An echo has the same volts with both; the radar states the noise
-        bandwidth and correlation of the chosen filter.
+        Low-pass for RF frames. An echo has the same volts with both, the noise has not.
     counts_per_unit : float, optional
         Counter steps per unit for ``radar_rf`` records, which contain counters without a unit.
 

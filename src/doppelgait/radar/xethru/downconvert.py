@@ -69,10 +69,8 @@ def down_convert_frames(
     ----------
     frames : ndarray, shape (I, N)
         Real RF samples, any unit; N at least the length of the filter (27 or 32).
-    carrier_hz : float
-        Carrier f_c, above 0 and below half of ``sample_rate_hz``.
-    sample_rate_hz : float
-        RF sampling rate f_s.
+    carrier_hz, sample_rate_hz : float
+        Carrier f_c, above 0 and below half of the RF sampling rate f_s.
     decimation : int
         Decimation factor D, 1 to 1024.
     range_start_m : float
@@ -82,10 +80,9 @@ def down_convert_frames(
         m/s); by default c / (2 f_s) with the true speed of light.
     filter : {"hamming", "chip"}
         ``"hamming"``: symmetric low-pass with 27 taps, Hamming window, cut-off f_s / (2 D) and gain 1 at the carrier;
-        there is no factor 2, so an RF sinusoid of amplitude A becomes A / 2. This is the method of the vendor's user
-        guide, where the noise of an empty room is -105 dB. ``"chip"``: the X4's integer filters for the band of the
-        carrier, divided by the sum of their magnitudes as in its driver; A becomes 0.78 A. The taps are in the order of
-        time; with Q negated as in the driver, this gives the sign above.
+        an RF sinusoid of amplitude A becomes A / 2, as in the vendor's user guide. ``"chip"``: the
+        X4's integer filters for the band of the carrier, with Q negated and divided by the sum of
+        their magnitudes as in its driver; A becomes 0.78 A.
 
     Returns
     -------
@@ -203,11 +200,8 @@ def up_convert_frames(
 ) -> npt.NDArray[np.float64]:
     """Convert complex baseband to real RF frames.
 
-    ``x[n] = 2 Re(y(t[n]) exp(j 2 pi f_c t[n]))``.
-
-    The baseband is band-limited to half its sampling rate, so that ``y`` can be interpolated between the samples;
-    within a few bins of both ends of the frame, where samples are missing, this is inaccurate. The factor 2 compensates
-    for the ``"hamming"`` filter of :func:`down_convert_frames`.
+    ``x[n] = 2 Re(y(t[n]) exp(j 2 pi f_c t[n]))``, with the factor 2 for the ``"hamming"`` filter of
+    :func:`down_convert_frames`. It is inaccurate within a few bins of both ends.
 
     Parameters
     ----------

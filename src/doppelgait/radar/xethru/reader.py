@@ -1,7 +1,4 @@
-"""Read XeThru recordings: all data types with record times.
-
-Chained folders are followed.
-"""
+"""Read XeThru recordings: all data types with record times, also in chained folders."""
 
 from __future__ import annotations
 
@@ -66,13 +63,7 @@ class XethruStream:
 
     @property
     def records(self) -> npt.NDArray[np.void]:
-        """All records in one structured array.
-
-        Raises
-        ------
-        RecordingError
-            If there are none, or they differ in size.
-        """
+        """All records in one structured array; a :class:`RecordingError` if their sizes differ."""
         if not self.blocks:
             raise RecordingError(f"the recording holds no whole record of {self.data_type.name}")
         if len({block.dtype for block in self.blocks}) > 1:
@@ -124,12 +115,8 @@ class XethruRecording:
 def sniff_xethru(path: str | os.PathLike[str]) -> bool:
     """Return whether a path is a XeThru recording.
 
-    It is a meta file, a folder with a meta file, or a file with the name of a data file and a plausible first record.
-
-    Parameters
-    ----------
-    path : path-like
-        A folder, a meta file or a data file. At most 64 bytes of a file are read.
+    It is a meta file, a folder with one, or a file with the name of a data file and a plausible
+    first record. At most 64 bytes of a file are read.
     """
     try:
         place = _find_main_path(Path(path))

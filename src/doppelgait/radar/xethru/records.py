@@ -267,9 +267,7 @@ def record_bytes(kind: DataType, *, count: int) -> int:
 
 
 def make_records(name: str, **fields: Any) -> npt.NDArray[np.void]:
-    """Make records of one type from their fields.
-
-    ``count`` follows from the arrays.
+    """Make records of one type from their fields; ``count`` follows from the arrays.
 
     Parameters
     ----------
@@ -283,11 +281,6 @@ def make_records(name: str, **fields: Any) -> npt.NDArray[np.void]:
     -------
     ndarray, shape (n,)
         Structured array; ``records.tobytes()`` is the content of a data file.
-
-    Raises
-    ------
-    RecordingError
-        If a field is missing or unknown, or the arrays do not fit each other.
     """
     kind = find_data_type(name)
     names = {*(kind.header.names or ()), *(kind.payload.names or ())} - {"count"}

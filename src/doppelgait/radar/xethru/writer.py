@@ -134,7 +134,7 @@ def write_xethru(
     splitting: Splitting = NO_SPLITTING,
     rename_lag_ms: int = 0,
 ) -> Path:
-    """Write data files and a meta file of version 13.
+    """Write data files and a meta file of version 13, and return their folder.
 
     Open files end in ``.writing``; each takes its name when it is closed, the meta file last.
 
@@ -145,13 +145,11 @@ def write_xethru(
     records : iterable of TimedRecord
         Records in the order of time.
     start_time : datetime
-        Start time with a time zone. The names have the time in that zone (the vendor's recorder
-        uses local time); the meta file has the UTC time in ms.
+        Start time with a time zone, which the names have, too (local time in the vendor's).
     session_id : str
         1 to 100 printable characters that are allowed in the name of a folder.
     stop_ms : int or sequence of int, optional
-        Time at which the last files were closed; by default the time of the last record. For a
-        recording that is split over folders, it may be one time per folder.
+        Time at which the last files (of each folder) were closed; that of the last record.
     duration_ms : int, optional
         End of the recording for the duration in the (last) meta file; ``stop_ms`` by default.
     profile_id : int
@@ -164,11 +162,6 @@ def write_xethru(
     rename_lag_ms : int
         Time from the closing of a data file to the time in its name. The name has the second in which the file was
         opened; if it exists already, ``_NNNms`` is added, the millisecond of the time in the name.
-
-    Returns
-    -------
-    Path
-        The folder that was made.
 
     Raises
     ------
@@ -325,15 +318,12 @@ def write_xethru_recording(
     counts_per_unit: float | None = None,
     **options: Any,
 ) -> Path:
-    """Write a recording as XeThru files.
-
-    :func:`~doppelgait.radar.xethru.read_xethru_recording` reads it back.
+    """Write a recording as XeThru files, and return their folder.
 
     ``radar.volts_per_unit`` (1 V if the radar has none) converts amplitudes to the driver's unit,
     which is the unit of the chip's baseband: RF frames are larger by the inverse of the chip's
-    gain, 1 / 0.78. Bin length and range of the first bin are written from the range axis, with the
-    true speed of light, in float32; these files cannot store the truth and the noise power of a
-    simulation. Frame counters start at 1; the meta file has the time of every frame in integer ms.
+    gain, 1 / 0.78. Ranges are written with the true speed of light, in float32; these files cannot
+    store the truth and the noise power of a simulation. The times of frames are integer ms.
 
     Parameters
     ----------
@@ -351,11 +341,6 @@ def write_xethru_recording(
         Counter steps per unit, above 0; needed for ``radar_rf``.
     **options
         ``start_time``, ``session_id`` and the others of :func:`write_xethru`.
-
-    Returns
-    -------
-    Path
-        The folder that was made.
 
     Raises
     ------
