@@ -31,7 +31,7 @@ FIRST_LINES_HZ = 260.0
 MAX_MULTIPLE = 20
 FIRST_MULTIPLES = 2
 """Multiples of which one is a line of every mains: of the voltage, and of the power of a lamp."""
-SEGMENT_S, MIN_SEGMENT_S = 4.0, 2.0
+SEGMENT_S, MIN_SEGMENT_S = 4.0, 1.0
 MIN_SEGMENTS, MAX_SEGMENTS = 4, 60
 """Fewest segments for a median over them, and the most that are used of a long recording."""
 CELLS = 2.5
