@@ -158,6 +158,12 @@ def test_lamps_and_supplies_are_no_targets_and_bodies_at_constant_speed_are(chan
         assert tuple(flag for flag in target.flags if flag.startswith("mains")) == flags
 
 
+def test_a_lamp_is_no_target_between_pauses_of_a_second():
+    lit = module(lambda y, turn: y + 0.5 * np.cos(100.1 * turn), level=0.0)
+    parts = [lit.between(start_s, start_s + 1.4) for start_s in (0.0, 2.4, 4.8)]
+    assert len(analyze(concat(parts))) == 0
+
+
 @pytest.mark.parametrize("change", [lambda y, turn: y, lambda y, turn: y.real])
 def test_a_segment_ends_where_the_body_rests(change):
     """A path without range could also be that of a body that passes by, so the segments do not find the rest."""
