@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
-from doppelgait.core.errors import RecordingError
+from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.radar import read_recording
 from doppelgait.radar.readers import find_formats, find_recordings
 
@@ -148,12 +148,34 @@ def test_what_is_missing_is_named_with_its_option(tmp_path, name, write, options
         read_recording(tmp_path / name, **options)
 
 
-def test_columns_are_named_by_an_option_and_dates_are_times(tmp_path):
-    rows = [f"2026-01-01T00:00:{t:09.6f}Z,{v.real},{v.imag}" for t, v in zip(TIME_S, IQ, strict=True)]
-    save(tmp_path / "a.csv", "\n".join(rows))
-    recording = read_recording(tmp_path / "a.csv", columns="time,i,q", carrier_hz=CARRIER_HZ)
+@pytest.mark.parametrize(
+    ("column", "stamp"),
+    [
+        ("time", lambda t: f"2026-01-01T00:00:{t:09.6f}Z"),
+        ("time", lambda t: f"23:59:{59 + t:09.6f}" if t < 1 else f"0:00:{t - 1:06.3f}"),  # on past midnight
+        ("micros", lambda t: f"{1e6 * t:.0f}"),
+        ("millis", lambda t: f"{1e3 * t:.0f}"),
+    ],
+)
+def test_columns_are_named_by_an_option_and_stamps_of_any_kind_are_times(tmp_path, column, stamp):
+    save(tmp_path / "a.csv", "\n".join(f"{stamp(t)},{v.real},{v.imag}" for t, v in zip(TIME_S, IQ, strict=True)))
+    recording = read_recording(tmp_path / "a.csv", columns=f"{column},i,q", carrier_hz=CARRIER_HZ)
     assert recording.radar.prf_hz == pytest.approx(RATE_HZ, rel=1e-4)
+    np.testing.assert_allclose(recording.slow_time_s - recording.slow_time_s[0], TIME_S, atol=1e-3)
     np.testing.assert_allclose(recording.samples.matrix[:, 0], IQ, atol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "wrap"), [("frame", 2**16), ("seq", 256), ("packet_counter", 100)])
+def test_rows_that_a_counter_misses_are_lost_frames(tmp_path, name, wrap):
+    rows = [f"{7 + n % wrap},{v.real},{v.imag}" for n, v in enumerate(IQ) if not 320 <= n < 325 and n % 97 != 50]
+    save(tmp_path / "a.csv", "\n".join([f"{name},i,q", *rows]))
+    with pytest.warns(DoppelgaitWarning):
+        recording = read_recording(tmp_path / "a.csv", carrier_hz=CARRIER_HZ, prf_hz=RATE_HZ)
+    assert recording.radar.prf_hz == pytest.approx(RATE_HZ)
+    np.testing.assert_allclose(recording.slow_time_s, TIME_S, atol=1e-9)
+    np.testing.assert_allclose(recording.samples.matrix[330:340, 0], IQ[330:340], atol=1e-6)
+    with pytest.warns(DoppelgaitWarning, match="a counter has gaps: rows are lost; give prf_hz"):
+        read_recording(tmp_path / "a.csv", radar="infineon-24")
 
 
 def test_tables_in_a_folder_are_recordings_by_their_content_only(tmp_path):

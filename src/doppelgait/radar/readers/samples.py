@@ -17,7 +17,7 @@ from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.readers import Limits
 from doppelgait.radar.measured import choose_number, split_rows
-from doppelgait.radar.readers.arrays import NAMES, Parsed, array_reader
+from doppelgait.radar.readers.arrays import NAMES, Parsed, array_reader, read_facts
 
 AUDIO_HZ = 4000.0
 """Rate above which a note names ``decimate``: the Doppler shift of a runner at 24 GHz is below 1500 Hz."""
@@ -28,6 +28,8 @@ OPEN_SUFFIXES = (".iq", ".bin", ".raw", ".dat")
 HEADER_LINES = 64
 MIN_PLAIN_HZ = 10.0
 """Slowest rate of times without a unit: slower ones are taken for ms."""
+CLOCK = r"\d{1,2}:\d\d:\d\d(\.\d+)?"
+DAY_S = 86_400.0
 UNITS_S = NAMES["units_s"]
 WORDS = {kind: set(words) for kind, words in NAMES["columns"].items()}
 
@@ -169,8 +171,10 @@ def sniff_csv(path: Path, head: bytes) -> bool:
 
 
 @array_reader("csv", sniff=sniff_csv, suffixes=(".csv", ".tsv", ".txt"), by_name=(".csv", ".tsv"))
-def parse_csv(path: Path, *, columns: str | None = None) -> Parsed:
-    """Read columns of text by their names: I and Q (or re, im), or one real output, and time in s, ms, us or ns."""
+def parse_csv(path: Path, *, columns: str | None = None, prf_hz: float | None = None) -> Parsed:
+    """Read columns of text by their names: I and Q (or re, im), or one real output, and time in s, ms, us or ns.
+    Without times, gaps of a counter are lost rows.
+    """
     import pandas as pd
 
     check_cost(path, CELL_BYTES * path.stat().st_size / 4, RecordingError)
@@ -198,10 +202,10 @@ def parse_csv(path: Path, *, columns: str | None = None) -> Parsed:
         )
     except ValueError as error:
         raise RecordingError(f"{path}: is no table of {', '.join(names)}: {error}") from None
-    return _pick_columns(path, table, names)
+    return _pick_columns(path, table, names, prf_hz)
 
 
-def _pick_columns(path: Path, table: Any, names: list[str]) -> Parsed:
+def _pick_columns(path: Path, table: Any, names: list[str], prf_hz: float | None) -> Parsed:
     picked = find_columns(names)
     words = [split_name(name) for name in names]
     if picked is None:
@@ -218,7 +222,27 @@ def _pick_columns(path: Path, table: Any, names: list[str]) -> Parsed:
     axes: dict[str, Any] = {}
     if "time" in picked:
         axes["slow_time_s"] = _read_times(path, table.iloc[:, picked["time"]], names[picked["time"]])
-    return Parsed(values, axes, {}, [f"columns: {', '.join(names[n] for n in picked.values())}"])
+    counters = [n for n, some in enumerate(words) if WORDS["counter"] & set(some) and n not in picked.values()]
+    rows = [_number_rows(table.iloc[:, n]) for n in counters] if "time" not in picked else []
+    if (row := next((row for row in rows if row is not None), None)) is not None:
+        if (prf_hz := prf_hz or read_facts(path, {}).prf_hz) is None:
+            warn_caller(f"{path}: a counter has gaps: rows are lost; give prf_hz, so that the others keep their times")
+        else:
+            axes["slow_time_s"] = row / prf_hz
+    notes = [f"columns: {', '.join(names[n] for n in picked.values())}"]
+    return Parsed(values, axes, {}, notes, is_timed="time" not in picked)
+
+
+def _number_rows(column: Any) -> npt.NDArray[np.float64] | None:
+    """Return the numbers of the rows by a counter, which may wrap; None if no row is lost, or it counts none."""
+    if column.dtype.kind not in "iu" or len(column) < 2:
+        return None
+    steps: npt.NDArray[Any] = np.diff(np.asarray(column, dtype=np.int64))
+    usual = int(np.median(steps))
+    steps = np.where(steps < 0, steps + int(column.max()) - int(column.min()) + usual, steps)
+    if usual < 1 or (steps < 1).any() or (steps % usual).any() or not 0.5 < (steps == usual).mean() < 1.0:
+        return None
+    return np.concatenate([[0.0], np.cumsum(steps / usual)])
 
 
 def _read_numbers(path: Path, column: Any, name: str) -> npt.NDArray[Any]:
@@ -237,10 +261,16 @@ def _read_times(path: Path, column: Any, name: str) -> npt.NDArray[np.float64]:
     if column.dtype.kind not in "iuf":
         import pandas as pd
 
+        texts = column.astype(str).str.strip().str.replace(",", ".")
+        if texts.str.fullmatch(CLOCK).all():
+            time_s = pd.to_timedelta(texts).dt.total_seconds().to_numpy()
+            return np.asarray(time_s + DAY_S * np.cumsum(np.diff(time_s, prepend=time_s[0]) < -DAY_S / 2))
         try:
             dates = pd.to_datetime(column, format="ISO8601")
         except ValueError:
-            raise RecordingError(f"{path}: column {name!r} holds neither numbers nor ISO dates; correct them") from None
+            raise RecordingError(
+                f"{path}: column {name!r} holds neither numbers nor ISO dates nor hh:mm:ss; correct them"
+            ) from None
         return np.asarray((dates - dates.iloc[0]).dt.total_seconds(), dtype=np.float64)
     stamps = np.asarray(column, dtype=np.float64)
     unit = next((UNITS_S[word] for word in split_name(name) if word in UNITS_S), None)

@@ -9,6 +9,7 @@ import hashlib
 import io
 import json
 import math
+import re
 import tarfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +27,7 @@ from doppelgait.core.units import FloatArray
 from doppelgait.radar.measured import choose_number, read_limited, split_rows
 from doppelgait.radar.readers.arrays import Parsed, array_reader, list_facts
 from doppelgait.radar.readers.samples import PulseSamples, decode_samples, parse_datatype
-from doppelgait.radar.recording import Recording
+from doppelgait.radar.recording import Recording, list_further_facts
 
 META = ".sigmf-meta"
 DATA = ".sigmf-data"
@@ -168,24 +169,29 @@ def _strip_headers(path: Path, meta: Metadata, content: bytes, frame_bytes: int)
 
 def _find_capture_times(path: Path, meta: Metadata, n_pulses: int, n_bins: int, prf_hz: float) -> FloatArray | None:
     """Return the times of the pulses if there are gaps: a capture begins where its index or its date says."""
-    captures = meta.captures
+    captures = [capture for capture in meta.captures if "core:global_index" in capture and meta.sample_rate_hz]
+    is_counted = len(captures) == len(meta.captures)
+    if not is_counted:  # samples of a capture without a date follow those before them
+        captures = [capture for capture in meta.captures if capture.get("core:datetime")]
     if len(captures) < 2:
         return None
     try:
         firsts = np.array([int(capture["core:sample_start"]) for capture in captures])
-        if all("core:global_index" in capture for capture in captures) and meta.sample_rate_hz:
+        if is_counted:
             stated_s = np.array([int(capture["core:global_index"]) for capture in captures]) / meta.sample_rate_hz
             step_s = 0.0
         else:
-            texts = [str(capture["core:datetime"]) for capture in captures]
-            dates = np.array([text.strip().removesuffix("Z").removesuffix("+00:00") for text in texts], "M8[ns]")
+            import pandas as pd
+
+            texts = [str(capture["core:datetime"]).strip() for capture in captures]
+            dates = pd.to_datetime(texts, format="ISO8601", utc=True).to_numpy("M8[ns]")
             stated_s = (dates - dates[0]) / np.timedelta64(1, "s")
-            digits = min(len(text.removesuffix("Z").partition(".")[2]) for text in texts)
+            digits = min(len(re.sub(r"^[^.]*\.?|\D.*$", "", text)) for text in texts)
             step_s = 10.0**-digits  # a date without a fraction is true to a second
     except (KeyError, IndexError, ValueError, TypeError, OverflowError):
         return None
     rows = -(-firsts // n_bins)
-    late_s = stated_s - stated_s[0] - rows / prf_hz
+    late_s = stated_s - stated_s[0] - (rows - rows[0]) / prf_hz
     steps_s = np.diff(late_s)
     if (steps_s < -max(step_s, 1.0 / prf_hz)).any() or (np.diff(rows) < 0).any():
         warn_caller(f"{path}: the times of its captures go back; samples are taken as without gaps")
@@ -280,7 +286,8 @@ def _parse_own(
         slow_time_s = starts_s[segment] + (row - first_rows[segment]) / prf_hz
         if not np.isfinite(slow_time_s).all() or (np.diff(slow_time_s) <= 0).any():
             raise ValueError("times of its pulses do not rise; doppelgait:time_s or doppelgait:prf_hz is wrong")
-        attributes = {"burst_pulses": int(own["burst_pulses"])} if "burst_pulses" in own else {}
+        # files of earlier versions have one attribute, without a table
+        attributes = own.get("attributes", {"burst_pulses": int(own["burst_pulses"])} if "burst_pulses" in own else {})
     except (LookupError, ValueError, TypeError, OverflowError, ZeroDivisionError) as error:
         raise RecordingError(f"{path}: its doppelgait keys are damaged: {error}") from None
     if any("doppelgait:target" in note for note in meta.annotations):
@@ -366,10 +373,9 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
         "doppelgait:radar": recording.radar.model_dump(mode="json"),
         "doppelgait:scale_v": scale_v,
         "doppelgait:source": recording.source,
+        "doppelgait:attributes": list_further_facts(recording),
     }
     common |= {f"doppelgait:{name}": value for name, value in list_facts(recording).items() if value not in UNSTATED}
-    burst_pulses = recording.baseband.attrs.get("burst_pulses")
-    common |= {"doppelgait:burst_pulses": int(burst_pulses)} if burst_pulses is not None else {}
     captures = [
         {
             "core:sample_start": int(first) * range_m.size,
