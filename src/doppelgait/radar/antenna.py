@@ -24,9 +24,7 @@ FIELDS_OF_KIND = {
 
 
 class Antenna(FrozenModel):
-    r"""Pattern of the antenna relative to its peak gain.
-
-    It is the same for transmission and reception.
+    r"""Pattern of the antenna relative to its peak gain, for transmission and reception.
 
     The peak gains are ``tx_gain_dbi`` and ``rx_gain_dbi`` of the radar; an echo gets the square of the one-way pattern.
     Directions are off-boresight angles: the azimuth :math:`\phi` in the plane of the antenna's horizontal axis and the
@@ -50,14 +48,12 @@ class Antenna(FrozenModel):
 
     Notes
     -----
-    ``cosine``: :math:`G = \cos^{q_a}\!\phi \, \cos^{q_e}\!\epsilon` for :math:`|\phi| < 90` degrees, the usual power
-    of a cosine (Balanis, Antenna Theory, directivity of :math:`\cos^q` patterns) in each plane. From
-    :math:`10 q \log_{10}\cos(\mathrm{HPBW} / 2) = -3` follows :math:`q = -3 / (10 \log_{10} \cos(\mathrm{HPBW} / 2))`:
-    both cuts are exactly 3 dB down at half their beam width. :math:`\cos\phi \cos\epsilon` is the cosine of the true
-    off-boresight angle, so that equal widths give the rotationally symmetric pattern :math:`\cos^q` of that angle.
+    ``cosine``: :math:`G = \cos^{q_a}\!\phi \, \cos^{q_e}\!\epsilon` for :math:`|\phi| < 90` degrees (Balanis,
+    Antenna Theory), with :math:`q = -3 / (10 \log_{10} \cos(\mathrm{HPBW} / 2))`, 3 dB down at half
+    the beam width. Equal widths give a rotationally symmetric pattern.
 
-    ``table``: the two cuts are added in dB, as in 3GPP TR 38.901 (7.3). This sum is an approximation outside the two
-    planes, and a rough one far from both (nearly straight up or down).
+    ``table``: the two cuts are added in dB, as in 3GPP TR 38.901 (7.3), an approximation outside the
+    two planes, and a rough one far from both (nearly straight up or down).
     """
 
     kind: Literal["isotropic", "cosine", "table"] = "isotropic"

@@ -1,7 +1,4 @@
-"""Parameters of a radar, and the interface of its waveform.
-
-Both are in one module because they depend on each other; the link budget and the waveforms use this module.
-"""
+"""Parameters of a radar, and the interface of its waveform, which depend on each other."""
 
 from __future__ import annotations
 
@@ -65,9 +62,7 @@ OPTIONAL = {
 
 
 class Waveform(FrozenModel):
-    """Waveform of a radar: synthesis of samples, and their compression.
-
-    It converts scatterers to receiver samples, and receiver samples to range bins.
+    """Waveform of a radar: from scatterers to receiver samples, and from these to range bins.
 
     A waveform is a subclass with a default of ``kind``, fields for its own parameters, and at least the methods
     :meth:`synthesise` and :meth:`resolution_m`; ``plugin("waveform")`` registers it. The other methods have the
@@ -156,8 +151,7 @@ class Waveform(FrozenModel):
     def independent_bins(self, radar: Radar) -> float:
         """Return the independent noise values per range bin.
 
-        It is 1 if the noise of neighbouring bins is independent, otherwise 1 / (1 + 2 sum rho_l^2) with the noise
-        correlation rho_l at a lag of l bins. It determines the spread of the mean noise power over many bins.
+        It is 1 / (1 + 2 sum rho_l^2) with the noise correlation rho_l at a lag of l bins.
         """
         return 1.0 / (1.0 + 2.0 * math.fsum(rho**2 for rho in radar.noise_correlation))
 
@@ -227,13 +221,11 @@ class Radar(FrozenModel):
     carrier_hz: Centre frequency f_c of the transmitted signal.
     prf_hz: Frame rate f_p: slow-time samples per second. A frame of a swept-threshold chip contains
         many pulses.
-    burst_pulses: Number of frames in a burst, at the rate prf_hz, for sensors that measure in
-        bursts. None: frames without pauses. Impairments that vary over slow time do not change
-        during the pauses.
+    burst_pulses: Number of frames in a burst, at the rate prf_hz; None: frames without pauses.
+        Impairments that vary over slow time do not change during the pauses.
     burst_period_s: Time from the start of one burst to the start of the next.
     sample_rate_hz: Sampling rate f_s of the receiver: along fast time, along the sweep (fmcw) or
-        steps per second (stepped). A cw radar has one sample per frame; the rate then has no effect
-        and is prf_hz by default.
+        steps per second (stepped). For cw it has no effect and is prf_hz by default.
     decimation: Decimation factor D of the baseband samples (impulse, rectangular, lfm).
     range_start_m: Lower limit r_min of the frame.
     range_stop_m: Upper limit r_max of the frame.
@@ -257,10 +249,8 @@ class Radar(FrozenModel):
     noise_bandwidth_hz: Noise bandwidth B_n of a receiver sample; by default the pulse's 10 dB
         bandwidth (impulse), 1 / sweep_s (rectangular, lfm), sample_rate_hz (fmcw, stepped) or
         prf_hz (cw).
-    noise_correlation: Noise correlation rho_1, rho_2, ... (E-18c) at lags of 1, 2, ... bins, caused
-        by the receiver's filter, for waveforms with samples that are the range bins. Empty: white.
-        At most 16 values; the spectrum must not be negative: 1 + 2 sum rho_l cos(l w) >= 0 for
-        every w.
+    noise_correlation: Noise correlation rho_1, rho_2, ... (E-18c) at lags of 1, 2, ... bins, at most
+        16, for waveforms with samples that are the range bins; 1 + 2 sum rho_l cos(l w) >= 0.
     pulse_rate_hz: Pulses (sweeps) per second; a frame averages pulse_rate / (prf * sweep_levels)
         pulses, times integration_share if that is not 0.
     sweep_levels: Number of levels of the threshold sweep; 1 without one.
@@ -273,8 +263,7 @@ class Radar(FrozenModel):
         a frame is negligible, and for waveforms that model the motion within a frame (fmcw,
         stepped).
     fold_echoes: For pulsed radars: echoes from beyond c / (2 pulse rate) appear in the frame of a
-        later pulse (E-10b). False for a hypothetical radar that assigns every echo to its pulse.
-        Sweeps always fold.
+        later pulse (E-10b). False for a hypothetical radar. Sweeps always fold.
     transmit_phase_rad: Phase theta of the transmitted pulse.
     hypothetical: True for parameters of no real device.
 
@@ -387,8 +376,6 @@ class Radar(FrozenModel):
     @classmethod
     def preset(cls, preset_name: str | Path, /, **changes: Any) -> Radar:
         """Make a radar from a preset, with some parameters changed.
-
-        The preset is a name or the path of a file.
 
         Parameters
         ----------

@@ -87,9 +87,8 @@ def read_points(
     if (np.diff(table["time_s"]) < 0).any():
         place = int(np.flatnonzero(np.diff(table["time_s"]) < 0)[0]) + 2
         raise RecordingError(f"{file}: point {place} is earlier than the previous one; sort the points by time")
-    for name in ("z_m", "snr"):
-        if name not in table:
-            table[name] = 0.0 if name == "z_m" else math.nan
+    further = {"z_m": 0.0, "snr": math.nan}
+    table = table.assign(**{name: value for name, value in further.items() if name not in table})
     number = table["track"].to_numpy()
     table["track"] = np.where((number >= 0) & (number < NO_TRACK), number, -1).astype(np.int64)
     table["velocity_mps"] = table["doppler_mps"] * (1.0 if approaching_positive else -1.0)

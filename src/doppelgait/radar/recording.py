@@ -37,16 +37,14 @@ class TargetTruth:
 
     Parameters
     ----------
-    label : str
-        Class, ``""`` when unknown.
+    label, gait, subject, motion : str
+        Class, gait, person or animal, and the motion's source; ``""`` when unknown.
     scatterers : Dataset (slow_time, scatterer)
         The target's rows of the scatterer table: range, radial velocity, aspect, radar cross section.
     centre_range_m, centre_velocity_mps, centre_aspect_rad : ndarray, shape (I,)
         Body centre: range, radial velocity (positive approaching), aspect angle psi.
     ground_speed_mps : float
         Mean speed over ground during the observation.
-    gait, subject, motion : str
-        Gait, person or animal, and the motion's source, where known.
     height_m : float
         Stature or withers height, NaN when unknown.
     stride_frequency_hz, step_frequency_hz, gait_frequency_hz : float
@@ -109,10 +107,8 @@ class Recording:
     samples : Samples, shape (pulses, range bins)
         Complex baseband, V; read-only.
     radar : Radar
-    slow_time_s : ndarray, shape (pulses,)
-        Times of the pulses.
-    range_m : ndarray, shape (range bins,)
-        Ranges of the bins.
+    slow_time_s, range_m : ndarray, shape (pulses,), (range bins,)
+        Times of the pulses, ranges of the bins.
     facts : mapping
         Further facts about the samples in a file, for example ``burst_pulses``.
     truth : sequence of TargetTruth
@@ -174,11 +170,6 @@ class Recording:
         radar : Radar
         **facts
             Further parameters of :class:`Recording`.
-
-        Raises
-        ------
-        AnalysisError
-            If the array is not a baseband.
         """
         frames = Frames.of(baseband)
         further = {name: value for name, value in frames.facts.items() if name != "radar"}
@@ -368,13 +359,12 @@ def concat(recordings: Sequence[Recording], *, gap_s: float | None = None) -> Re
     recordings : sequence of Recording
         They have the same radar and the same ranges.
     gap_s : float, optional
-        Pause between the last pulse of one and the first pulse of the next, in addition to the interval of the pulses.
-        By default the times of the recordings say it: each must begin after the end of the one before.
+        Pause from one to the next, in addition to a pulse interval; by their times by default.
 
     Returns
     -------
     Recording
-        The samples of all. The truth, the seed and the SNR are dropped, as they describe one simulation.
+        The samples of all, without truth, seed and SNR, which describe one simulation.
 
     Raises
     ------

@@ -107,10 +107,8 @@ class SensorMeasurement:
         Noise correlation at a lag of l bins; empty if refused.
     correlation_sd : float
     lines : tuple of Line
-    full_scale_v, step_v : float
-        Full scale and step of the converter; NaN if they are not visible in the samples.
-    clipped : float
-        Share of the samples at full scale.
+    full_scale_v, step_v, clipped : float
+        Full scale and step of the converter (NaN if not visible), share of samples at full scale.
     echo_db : float
         Level of moving echoes, dB re 1 V: the median over the windows of the strongest bin; NaN without motion.
     """

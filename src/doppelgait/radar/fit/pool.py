@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import TypeVar
 
 import numpy as np
@@ -225,12 +225,8 @@ class SensorKind:
         Doppler lines that at least half of the recordings share, with pooled levels.
     run_length : float
         Mean number of frames lost in a row.
-    bits : int
-        Number of bits of the converter; 0 if unknown.
-    full_scale_v : float
-        Full scale of the converter; NaN if it was never reached.
-    clipped : float
-        Mean share of samples at full scale.
+    bits, full_scale_v, clipped : int, float, float
+        Bits (0 if unknown) and full scale of the converter (NaN if unknown), share of samples there.
     """
 
     radar: Radar
@@ -364,11 +360,11 @@ def _count_reasons(tables: Sequence[Mapping[str, str]]) -> dict[str, str]:
 
 def _set_axes(radar: Radar, recording: Recording) -> Radar:
     """Return a radar with a recording's rate and range axis."""
-    start_m = max(float(recording.range_m[0]), 0.0) if recording.n_range_bins > 1 else radar.range_start_m
-    stop_m = radar.range_stop_m
+    changes = {"prf_hz": recording.radar.prf_hz}
     if recording.n_range_bins > 1:
+        start_m = max(float(recording.range_m[0]), 0.0)
         stop_m = start_m + (recording.n_range_bins - 0.5) * radar.bin_spacing_m
-    changes = {"prf_hz": recording.radar.prf_hz, "range_start_m": start_m, "range_stop_m": stop_m}
+        changes |= {"range_start_m": start_m, "range_stop_m": stop_m}
     return Radar.model_validate({**radar.model_dump(), **changes})
 
 
@@ -498,10 +494,8 @@ MAINS_HZ = (50.0, 60.0)
 
 def find_mains_harmonic(frequency_hz: float, prf_hz: float, half_width_hz: float) -> str:
     """Return the mains harmonic at the frequency of a line, with aliasing, or ""."""
-    for mains_hz in MAINS_HZ:
-        for multiple in range(1, 9):
-            for sign in (1.0, -1.0):
-                seen = (sign * multiple * mains_hz + prf_hz / 2.0) % prf_hz - prf_hz / 2.0
-                if abs(seen - frequency_hz) <= half_width_hz:
-                    return f"{multiple} x {mains_hz:g} Hz"
+    for mains_hz, multiple, sign in product(MAINS_HZ, range(1, 9), (1.0, -1.0)):
+        seen = (sign * multiple * mains_hz + prf_hz / 2.0) % prf_hz - prf_hz / 2.0
+        if abs(seen - frequency_hz) <= half_width_hz:
+            return f"{multiple} x {mains_hz:g} Hz"
     return ""

@@ -18,14 +18,7 @@ CONDITIONS = ("environment", "impairments")
 
 
 def list_preset_names() -> list[str]:
-    """Return the names of all presets.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> "x4" in dg.radar.list_preset_names()
-    True
-    """
+    """Return the names of all presets; the example of :func:`read_full_preset` shows one."""
     return list(_list_built_in())
 
 
@@ -80,6 +73,8 @@ def read_full_preset(name: str | Path) -> dict[str, Any]:
     Examples
     --------
     >>> import doppelgait as dg
+    >>> "x4" in dg.radar.list_preset_names()
+    True
     >>> dg.radar.read_full_preset("x4")["carrier_hz"]
     7290000000.0
     """

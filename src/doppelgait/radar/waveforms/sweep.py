@@ -30,6 +30,7 @@ from doppelgait.core.samples import Matrix
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, modified_bessel
 from doppelgait.radar.link import compute_echoes, radial_velocity_mps
 from doppelgait.radar.parameters import Radar, Waveform, check_band, check_sweep_fits
+from doppelgait.radar.waveforms.pulses import VECTOR
 
 MAX_SAMPLES = 65_536
 ROWS = 2048
@@ -41,8 +42,6 @@ LARGEST_BEND = 0.05
 
 The error grows with its fourth power; here it is 6.4e-7 of the sum of amplitudes.
 """
-VECTOR = 32
-"""Vector length, bins; the row lengths of tables are multiples of it."""
 ORDERS = 8
 """Terms of the power series by which a scatterer is moved and bent between the places of the table of taps."""
 PLACES = 16

@@ -48,16 +48,9 @@ MAX_SESSION_ID = 100
 
 @dataclass(frozen=True)
 class TimedRecord:
-    """One record to write.
+    """One record to write: time after the start, 0 to 2^32 - 1 ms, name of its type, bytes.
 
-    Parameters
-    ----------
-    time_ms : int
-        Time after the start of the recording, 0 to 2^32 - 1.
-    data_type : str
-        Name of its data type.
-    content : bytes
-        Bytes of the record in the data file; for a text type, one line with its line end.
+    The content of a text type is one line with its line end.
     """
 
     time_ms: int
@@ -99,7 +92,6 @@ class _Part:
     """Folder being written: its open files and table."""
 
     folder: Path
-    start: datetime
     opened_ms: int
     last_ms: int
     open_files: dict[str, _DataFile] = field(default_factory=dict)
@@ -209,14 +201,14 @@ def _write_parts(job: _Job, records: Iterable[TimedRecord], stops_ms: Sequence[i
             raise RecordingError(f"a record of {record.data_type} at {record.time_ms} ms has no content")
         if part is not None and _is_full(part, record.time_ms, job.splitting.folder_bytes, job.splitting.folder_ms):
             stop = stops_ms[number - 1] if len(stops_ms) >= max(number, 2) else part.last_ms
-            _close_part(job, part, stop_ms=_check_stop(stop, part), following=_name_part(job, number))
+            _close_part(job, part, stop_ms=stop, following=_name_part(job, number))
             part = None
         if part is None:
             split = job.splitting.folder_bytes is not None or job.splitting.folder_ms is not None
             folder = job.root / _name_part(job, number) if split else job.root
             folder.mkdir(exist_ok=True)
             opened_ms = record.time_ms if number else 0
-            part = _Part(folder, job.start_time + timedelta(milliseconds=opened_ms), opened_ms, opened_ms)
+            part = _Part(folder, opened_ms, opened_ms)
             number += 1
         kind = find_data_type(record.data_type)
         file = part.open_files.get(kind.name)
@@ -225,7 +217,7 @@ def _write_parts(job: _Job, records: Iterable[TimedRecord], stops_ms: Sequence[i
             file = None
         part.last_ms = record.time_ms
         if file is None:
-            opened = part.start + timedelta(milliseconds=record.time_ms - part.opened_ms)
+            opened = job.start_time + timedelta(milliseconds=record.time_ms)
             path = part.folder / f"{kind.base_name}_{opened:%Y%m%d_%H%M%S}{kind.suffix}"
             file_number = len(part.names)
             stream = path.with_name(f"{path.name}.{file_number}{WRITING}").open("xb")
@@ -239,14 +231,7 @@ def _write_parts(job: _Job, records: Iterable[TimedRecord], stops_ms: Sequence[i
             _close_file(job, part, file, record.time_ms)
     if part is None:
         raise RecordingError("a XeThru recording needs one record or more; there is none")
-    stop = stops_ms[-1] if stops_ms else part.last_ms
-    _close_part(job, part, stop_ms=_check_stop(stop, part), duration_ms=duration_ms)
-
-
-def _check_stop(stop_ms: int, part: _Part) -> int:
-    if not part.last_ms <= stop_ms <= MAX_TIME_MS:
-        raise RecordingError(f"stop_ms {stop_ms} is not allowed: it must be {part.last_ms}, the last record, or later")
-    return stop_ms
+    _close_part(job, part, stop_ms=stops_ms[-1] if stops_ms else part.last_ms, duration_ms=duration_ms)
 
 
 def _is_full(opened: _Part | _DataFile, time_ms: int, limit_bytes: int | None, limit_ms: int | None) -> bool:
@@ -283,11 +268,13 @@ def _close_file(job: _Job, part: _Part, file: _DataFile, time_ms: int) -> None:
 
 
 def _close_part(job: _Job, part: _Part, *, stop_ms: int, duration_ms: int | None = None, following: str = "") -> None:
+    if not part.last_ms <= stop_ms <= MAX_TIME_MS:
+        raise RecordingError(f"stop_ms {stop_ms} is not allowed: it must be {part.last_ms}, the last record, or later")
     for file in sorted(part.open_files.values(), key=lambda one: one.kind.bit):
         _close_file(job, part, file, stop_ms)
     after_ms = stop_ms - part.opened_ms
     meta = Meta(
-        start_ms=(part.start - datetime.fromtimestamp(0, tz=UTC)) // timedelta(milliseconds=1),
+        start_ms=(job.start_time - datetime.fromtimestamp(0, tz=UTC)) // timedelta(milliseconds=1) + part.opened_ms,
         session_id=job.session_id,
         entries=np.array(part.entries, dtype=ENTRY),
         file_names=tuple(part.names),
