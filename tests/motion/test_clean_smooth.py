@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from doppelgait.motion.clean import can_lowpass, filter_lowpass
+from doppelgait.motion.clean import choose_cutoff_hz, filter_lowpass
 from doppelgait.motion.models import boulic_walk
 
 RATE_HZ = 250.0
@@ -38,9 +38,8 @@ def test_speed_of_an_oscillation_is_lowered_by_the_known_gain(frequency_hz: floa
 
 
 def test_three_frames_per_period_are_needed() -> None:
-    assert can_lowpass(36.0, 12.0)
-    assert not can_lowpass(35.9, 12.0)
-    assert not can_lowpass(100.0, None)
+    for rate_hz, cutoff_hz, chosen_hz in ((36.0, 12.0, 12.0), (35.9, 12.0, None), (100.0, None, None)):
+        assert choose_cutoff_hz(0.0, rate_hz=rate_hz, cutoff_hz=cutoff_hz) == chosen_hz
 
 
 @pytest.mark.parametrize("rate_hz", [60.0, 120.0])

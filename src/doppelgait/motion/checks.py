@@ -163,20 +163,15 @@ def _check_stride(motion: Motion) -> str:
     )
 
 
-def _check_floor(motion: Motion) -> str:
-    tilt_deg = motion.report.get("floor_tilt_deg") or 0.0
-    return {
+def _describe_floor(motion: Motion, *kinds: str) -> str:
+    tilt_deg, range_m = motion.report.get("floor_tilt_deg") or 0.0, motion.report.get("floor_range_m", 0.0)
+    texts = {
         "tilted axes": f"the floor under its feet was tilted by {tilt_deg:.0f} degrees, with the body; it was levelled",
         "unclear": f"its feet stand on a plane that rises by {tilt_deg:.0f} degrees: a slope, or tilted axes",
-    }.get(motion.report.get("floor", ""), "")
-
-
-def _note_slope(motion: Motion) -> str:
-    report = motion.report
-    return {
-        "slope": f"moves on a slope of {report.get('floor_tilt_deg') or 0.0:.0f} degrees: the body is upright",
-        "uneven": f"stands at heights that differ by {report.get('floor_range_m', 0.0):.2f} m: stairs or jumps",
-    }.get(report.get("floor", ""), "")
+        "slope": f"moves on a slope of {tilt_deg:.0f} degrees: the body is upright",
+        "uneven": f"stands at heights that differ by {range_m:.2f} m: stairs or jumps",
+    }
+    return next((texts[kind] for kind in kinds if kind == motion.report.get("floor")), "")
 
 
 def _check_noise(motion: Motion) -> str:
@@ -248,8 +243,8 @@ CHECKS = (
     Check("lying", _check_lying),
     Check("stride", _check_stride, refuses=True),
     Check("spread", _check_spread, refuses=True),
-    Check("floor", _check_floor),
-    Check("slope", _note_slope, warns=False),
+    Check("floor", lambda motion: _describe_floor(motion, "tilted axes", "unclear")),
+    Check("slope", lambda motion: _describe_floor(motion, "slope", "uneven"), warns=False),
     Check("noise", _check_noise),
     Check("held", _check_held),
     Check("jumps", _check_jumps),

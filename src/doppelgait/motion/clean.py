@@ -309,18 +309,12 @@ def find_runs(mask: BoolArray) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-MIN_RATE_PER_CUTOFF = 3.0
+MIN_RATE_PER_CUTOFF = 3.0  # frames per period of the cut-off that the filter needs
 FILTER_ORDER = 4
 MOST_GROWTH = 1.5
 MEMORY_S, FIT_S, PREDICTION_NOISE_M = 0.1, 1.0, 1e-3
 """Memory of the linear prediction, time that it is fitted to, and assumed noise. The ends are
 continued for twice the memory. The assumed noise keeps the prediction from growing."""
-
-
-def can_lowpass(rate_hz: float, cutoff_hz: float | None) -> bool:
-    """Return True if the frame rate is high enough for the low-pass."""
-    # the filter needs three frames per period of the cutoff. A cutoff of None means no filter.
-    return cutoff_hz is not None and rate_hz >= MIN_RATE_PER_CUTOFF * cutoff_hz
 
 
 def filter_lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | None) -> FloatArray:
@@ -366,8 +360,10 @@ def velocity_error_mps(noise_m: float, bandwidth_hz: float, *, rate_hz: float) -
 
 def choose_cutoff_hz(noise_m: float, *, rate_hz: float, cutoff_hz: float | None) -> float | None:
     """Return the cut-off of the low-pass, lower for noisy positions."""
-    usual_hz = cutoff_hz if can_lowpass(rate_hz, cutoff_hz) else None
-    if cutoff_hz is None or velocity_error_mps(noise_m, usual_hz or rate_hz / 2, rate_hz=rate_hz) <= NOISE_MPS:
+    if cutoff_hz is None:
+        return None
+    usual_hz = cutoff_hz if rate_hz >= MIN_RATE_PER_CUTOFF * cutoff_hz else None
+    if velocity_error_mps(noise_m, usual_hz or rate_hz / 2, rate_hz=rate_hz) <= NOISE_MPS:
         return usual_hz
     return math.cbrt(1.5 * rate_hz * (NOISE_MPS / (2 * math.pi * noise_m)) ** 2)
 
@@ -395,6 +391,7 @@ def _continue(recent: FloatArray, n_frames: int, memory: int) -> FloatArray:
 MIN_MARKERS = 3
 LARGEST_M = 1e4
 MIN_DURATION_S = 0.5
+GAP_LIMIT_S = 0.25  # longest gap that is filled without other points of the segment
 STATIONARY_M = 0.03
 MOVING_BODY_M = 0.5
 MAX_MISSING = 0.6
@@ -404,20 +401,14 @@ MAX_MISSING = 0.6
 def clean_motion(
     motion: Motion,
     *,
-    gap_limit_s: float = 0.25,
     lowpass_hz: float | None = 12.0,
     floor: bool = True,
-    min_duration_s: float = MIN_DURATION_S,
     whole: Motion | None = None,
 ) -> Motion:
     """Make a recording smooth, complete and on the floor."""
     # swapped names are corrected and spikes become gaps, longer jumps are only reported; then gaps
     # are filled, points dropped, positions low-passed (E-02) and put on the floor (E-01)
-    if not gap_limit_s >= 0.0:
-        raise MotionError(f"gap_limit_s={gap_limit_s!r} is not allowed; it must be 0 s or more")
-    if lowpass_hz is not None and not lowpass_hz > 0.0:
-        raise MotionError(f"lowpass_hz={lowpass_hz!r} is not allowed; it must be above 0 Hz, or None for no low-pass")
-    where, rate = motion.label, motion.rate_hz
+    where, rate, gap_limit = motion.label, motion.rate_hz, round(GAP_LIMIT_S * motion.rate_hz)
     position = np.array(motion.position_m, dtype=np.float64)
     largest_m = np.abs(position[np.isfinite(position)]).max(initial=0.0)
     if largest_m > LARGEST_M:
@@ -439,23 +430,23 @@ def clean_motion(
         unmoved |= {i: "stands still while the body moves" for i in still if i not in unmoved}
     dropped = find_useless_points(position, names, parts) | unmoved
     kept = np.array([i for i in range(len(names)) if i not in dropped], dtype=int)
-    filled, fill_facts = fill_gaps(position[:, kept], gap_limit=round(gap_limit_s * rate))
+    filled, fill_facts = fill_gaps(position[:, kept], gap_limit=gap_limit)
     kept_names = [names[i] for i in kept]
     first, stop, complete = _find_best_segment(np.asarray(np.isfinite(filled).all(axis=2)), kept_names)
     few = (stop - first) * complete.sum() < MIN_KEPT * filled[..., 0].size
-    filled, n_from_segment = fill_from_segment(filled, gap_limit=round(gap_limit_s * rate))
+    filled, n_from_segment = fill_from_segment(filled, gap_limit=gap_limit)
     if n_from_segment and few:
         first, stop, complete = _find_best_segment(np.asarray(np.isfinite(filled).all(axis=2)), kept_names)
     complete |= np.asarray(np.isfinite(filled[first:stop]).all(axis=(0, 2))) & (stop > first)
-    dropped |= {int(i): f"not seen throughout (gaps up to {gap_limit_s:g} s are filled)" for i in kept[~complete]}
+    dropped |= {int(i): f"not seen throughout (gaps up to {GAP_LIMIT_S:g} s are filled)" for i in kept[~complete]}
     kept, filled = kept[complete], filled[first:stop, complete]
     duration_s = (stop - first) / rate
-    if len(kept) < MIN_MARKERS or not duration_s >= min_duration_s:
+    if len(kept) < MIN_MARKERS or not duration_s >= MIN_DURATION_S:
         reasons = sorted(set(dropped.values()))
         raise MotionError(
             f"{where}: {len(kept)} of {len(names)} points over {duration_s:.2f} s remain after cleaning; {MIN_MARKERS} "
-            f"points over {min_duration_s:g} s are needed. Points dropped: {'; '.join(reasons) or 'none'}. Give "
-            "another part (start_s, stop_s) or a larger gap_limit_s."
+            f"points over {MIN_DURATION_S:g} s are needed. Points dropped: {'; '.join(reasons) or 'none'}. Give "
+            "another part: start_s, stop_s."
         )
     dropped_names = {reason: list(points) for reason, points in motion.report.get("dropped", {}).items()}
     for i in sorted(dropped):
@@ -475,7 +466,7 @@ def clean_motion(
         if whole is not None:
             with warnings.catch_warnings(), suppress(MotionError):  # unknown if it cannot be cleaned
                 warnings.simplefilter("ignore", DoppelgaitWarning)  # they are about the whole recording
-                cleaned = clean_motion(whole, gap_limit_s=gap_limit_s, lowpass_hz=lowpass_hz, floor=floor)
+                cleaned = clean_motion(whole, lowpass_hz=lowpass_hz, floor=floor)
                 height_m, size_note = measure_height(cleaned.position_m, cleaned.markers, cleaned.parts)
         if not math.isfinite(height_m):
             raised = smooth if ground is None else ground.remove_slope(smooth, kept_parts)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
 from doppelgait.motion.readers.bvh import Node, compute_bvh_positions
-from doppelgait.motion.readers.joints import connect_kept, measure_skeleton
+from doppelgait.motion.readers.points import connect_kept, measure_skeleton
 
 ROTATIONS = "CHANNELS 3 Zrotation Xrotation Yrotation"
 ALL = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation"

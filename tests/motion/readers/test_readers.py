@@ -79,7 +79,7 @@ def test_exchanged_sides_are_noted(walk_then_stand, tmp_path):
         ({"start_s": "a"}, "start_s = 'a' is not allowed"),
         ({"stop_s": float("nan")}, "is not in the recording"),
         ({"units": 5}, "units = 5 is not allowed; it must be a text"),
-        ({"loop_to_s": 1e9}, "loop_to_s = 1000000000.0 is not allowed; it must be above 0 and up to 3600 s"),
+        ({"loop_to_s": 1e9}, "loop_to_s = 1000000000.0 is not allowed; it must be a number above 0 and at most 3600"),
         ({"loop_variation": -0.5}, "loop_variation = -0.5 is not allowed; it must be 0 to 2"),
         ({"loop_to_s": "long"}, "loop_to_s = 'long' is not allowed"),
         ({"clean": "no"}, "clean = 'no' is not allowed; it must be true or false"),

@@ -7,17 +7,16 @@ all.
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from doppelgait.core.config import read_toml
 from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import Group
-from doppelgait.core.readers import OtherFile, check_options, check_reader, choose_reader
+from doppelgait.core.readers import Limits, OtherFile, check_options, check_reader, choose_reader
 from doppelgait.motion.motion import Motion
 
 __all__ = ["MOTION_READERS", "check_types", "cut_part", "read", "take_part"]
@@ -49,7 +48,7 @@ def read(
     start_s: float | None = None,
     stop_s: float | None = None,
     segment: int | Literal["longest"] | None = None,
-    loop_to_s: float | None = None,
+    loop_to_s: Annotated[float, Limits(0.0, 3600.0)] | None = None,
     loop_variation: float = 1.0,
     treadmill: bool = False,
     format: str | None = None,
@@ -187,16 +186,8 @@ def take_part(
     return motion if loop_to_s is None else loop(motion, duration_s=loop_to_s, variation=loop_variation)
 
 
-LONGEST_S = 3600.0
-
-
 def check_types(path: Path, options: dict[str, Any]) -> None:
     """Raise an error for an option of :func:`read` that is not allowed."""
     check_options(path, read, options, error=MotionError)
-    for name, low, high, allowed in (
-        ("loop_to_s", math.nextafter(0.0, 1.0), LONGEST_S, f"above 0 and up to {LONGEST_S:g} s"),
-        ("loop_variation", 0.0, 2.0, "0 to 2"),
-    ):
-        value = options.get(name)
-        if value is not None and not low <= value <= high:
-            raise MotionError(f"{path}: {name} = {value!r} is not allowed; it must be {allowed}")
+    if not 0.0 <= (variation := options.get("loop_variation", 1.0)) <= 2.0:
+        raise MotionError(f"{path}: loop_variation = {variation!r} is not allowed; it must be 0 to 2")

@@ -16,11 +16,7 @@ from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.documents import CELL_BYTES, check_cost, parse_json
 from doppelgait.core.errors import ConfigError, MotionError
 from doppelgait.core.units import FloatArray
-from doppelgait.motion.readers.joints import (
-    check_skeleton_cost,
-    forward_kinematics,
-    make_euler_rotations,
-)
+from doppelgait.motion.readers.bvh import check_skeleton_cost, forward_kinematics, make_euler_rotations
 from doppelgait.motion.readers.text import Points, is_finite, parse_rows, point_format, read_text
 
 Section = list[tuple[int, list[str]]]  # statements: line number and words

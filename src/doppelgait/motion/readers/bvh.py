@@ -1,4 +1,8 @@
-"""BVH files (joint hierarchies of animation programs): joints and the ends of their chains."""
+"""Joint hierarchies, and BVH files of animation programs: joints and the ends of their chains.
+
+Vectors are columns: a child's frame is ``G_child = G_parent @ R_child`` and its origin
+``p_child = p_parent + G_parent @ t_child``.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +13,50 @@ from pathlib import Path
 
 import numpy as np
 
+from doppelgait.core.documents import check_cost
 from doppelgait.core.errors import MotionError
 from doppelgait.core.units import FloatArray
-from doppelgait.motion.readers.joints import check_skeleton_cost, forward_kinematics, make_euler_rotations
 from doppelgait.motion.readers.text import Points, parse_rows, point_format, read_text
+
+
+def make_euler_rotations(axes: str, angles_rad: FloatArray) -> FloatArray:
+    """Multiply axis rotations, ``R_axes[0] @ R_axes[1] @ ...``. Shapes: angles_rad (..., n); returns (..., 3, 3)."""
+    # the last axis rotates a vector first; SciPy takes twice the time
+    rotation = np.broadcast_to(np.eye(3), (*angles_rad.shape[:-1], 3, 3))
+    for n, axis in enumerate(axes):
+        turn = np.zeros(rotation.shape)
+        k = "xyz".index(axis)
+        i, j = (k + 1) % 3, (k + 2) % 3
+        turn[..., k, k] = 1.0
+        turn[..., i, i] = turn[..., j, j] = np.cos(angles_rad[..., n])
+        turn[..., j, i] = np.sin(angles_rad[..., n])
+        turn[..., i, j] = -turn[..., j, i]
+        rotation = rotation @ turn if n else turn
+    return rotation
+
+
+def forward_kinematics(parents: Sequence[int], translation: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Compute the positions of all nodes of a hierarchy."""
+    # p_j = p_parent + G_parent @ t_j, G_j = G_parent @ R_j
+    position = np.array(translation)
+    frame = np.array(rotation)
+    with np.errstate(over="ignore", invalid="ignore"):  # invalid values of a damaged file; its reader checks the result
+        for j, parent in enumerate(parents):
+            if parent >= 0:
+                position[j] = position[parent] + (frame[parent] @ translation[j, :, :, None])[..., 0]
+                frame[j] = frame[parent] @ rotation[j]
+    return np.ascontiguousarray(position.transpose(1, 0, 2))
+
+
+POSE_BYTES = 240
+"""Bytes of a joint in a frame: position and rotation, in the parent's frame and in that of the body, as doubles."""
+
+
+def check_skeleton_cost(path: Path, n_joints: int, n_frames: int) -> None:
+    """Refuse a hierarchy with poses that take too much memory."""
+    # joints without values take no space in the file
+    check_cost(path, POSE_BYTES * n_joints * n_frames, MotionError, what=f"{n_joints:,} joints in {n_frames:,} frames")
+
 
 _CHANNEL = re.compile(r"(?i)^([xyz])(position|rotation)$")
 _FRAMES = re.compile(r"(?i)^frames\s*+:?+\s*+(\S+)$")

@@ -15,8 +15,8 @@ from doppelgait.core.config import read_toml
 from doppelgait.core.documents import CELL_BYTES, check_cost, parse_json
 from doppelgait.core.errors import MotionError
 from doppelgait.core.units import FloatArray
-from doppelgait.motion.readers.joints import check_skeleton_cost, connect_kept, forward_kinematics
-from doppelgait.motion.readers.points import check_rate
+from doppelgait.motion.readers.bvh import check_skeleton_cost, forward_kinematics
+from doppelgait.motion.readers.points import check_rate, connect_kept
 from doppelgait.motion.readers.text import (
     Points,
     Times,

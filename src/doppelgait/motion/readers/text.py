@@ -17,17 +17,20 @@ from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import FloatArray
 from doppelgait.motion.motion import Motion, make_motion
-from doppelgait.motion.readers.joints import REST_POSE_NOTE, find_skeleton_unit, has_rest_pose, pick_joints
 from doppelgait.motion.readers.points import (
     MAX_RATE_HZ,
     MIN_FRAMES,
     MIN_RATE_HZ,
+    REST_POSE_NOTE,
     LengthUnit,
     check_amount,
     check_rate,
     choose_up_axis,
     convert_unit_to_metres,
+    find_skeleton_unit,
     find_unit,
+    has_rest_pose,
+    pick_joints,
     pick_markers,
     remove_implausible,
     take_subject,
