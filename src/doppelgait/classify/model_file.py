@@ -67,15 +67,7 @@ def save_model(model: Model, path: str | Path) -> Path:
 
     See Also
     --------
-    load_model : load the file again.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> model = dg.classify.open_model("x4")
-    >>> path = dg.classify.save_model(model, "copy.npz")
-    >>> dg.classify.load_model(path).facts.classes
-    ('human', 'animal')
+    load_model : load the file again; its example saves a model.
     """
     target = Path(path)
     if target.suffix.lower() != SUFFIX:

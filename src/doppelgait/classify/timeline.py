@@ -378,6 +378,8 @@ def classify_over_time(
     >>> decisions = dg.classify.classify_over_time(recording, model, window_s=3.0)
     >>> [(decision.stop_s, decision.label) for decision in decisions]
     [(3.0, 'human')]
+    >>> [(span.start_s, span.stop_s, span.label) for span in dg.classify.join_decisions(decisions)]
+    [(0.0, 3.0, 'human')]
     """
     if isinstance(recording, str | FilePath):
         recording = read_recording(recording)
@@ -407,17 +409,7 @@ def join_decisions(decisions: Iterable[TrackDecision]) -> list[Span]:
 
     See Also
     --------
-    classify_over_time : make the decisions.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic"}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> model = dg.classify.open_model("x4")
-    >>> decisions = dg.classify.classify_over_time(recording, model, window_s=3.0)
-    >>> [(span.start_s, span.stop_s, span.label) for span in dg.classify.join_decisions(decisions)]
-    [(0.0, 3.0, 'human')]
+    classify_over_time : make the decisions; its example joins them.
     """
     open_spans: dict[int, _OpenSpan] = {}
     done: list[_OpenSpan] = []

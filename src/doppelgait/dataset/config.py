@@ -111,11 +111,17 @@ class FieldSpec(FrozenModel):
         return self
 
 
-def _list_field_specs(fields: Sequence[Any]) -> tuple[list[Any], list[str]]:
-    # the validation of the model rejects other values
+def _list_field_specs(fields: Any, allowed: Sequence[str] = ()) -> Any:
+    if not isinstance(fields, list | tuple):  # the validation of the model rejects other values
+        return fields
     specs = [{"name": one} if isinstance(one, str) else one for one in fields]
-    names = [one.get("name") if isinstance(one, dict) else getattr(one, "name", None) for one in specs]
-    return specs, [name for name in names if isinstance(name, str)]
+    stated = [one.get("name") if isinstance(one, dict) else getattr(one, "name", None) for one in specs]
+    names = [name for name in stated if isinstance(name, str)]
+    if len(set(names)) < len(names):
+        raise ValueError(f"names a field twice: {', '.join(names)}")
+    if unknown := [name for name in names if allowed and name not in allowed]:
+        raise ValueError(f"{unknown[0]!r} is not one of {', '.join(allowed)}, the fields of recordings")
+    return specs
 
 
 class SplitSection(FrozenModel):
@@ -217,12 +223,7 @@ class DatasetSection(FrozenModel):
     @field_validator("fields", mode="before")
     @classmethod
     def _name_fields(cls, fields: Any) -> Any:
-        if not isinstance(fields, list | tuple):
-            return fields
-        specs, names = _list_field_specs(fields)
-        if len(set(names)) < len(names):
-            raise ValueError(f"names a field twice: {', '.join(names)}")
-        return specs
+        return _list_field_specs(fields)
 
     @field_validator("fractions")
     @classmethod
@@ -451,16 +452,7 @@ class ImportConfig(FrozenModel):
     @field_validator("fields", mode="before")
     @classmethod
     def _name_fields(cls, fields: Any) -> Any:
-        if not isinstance(fields, list | tuple):
-            return fields
-        specs, names = _list_field_specs(fields)
-        if len(set(names)) < len(names):
-            raise ValueError("names a field twice")
-        if unknown := [name for name in names if name not in FIELDS_OF_RECORDINGS]:
-            raise ValueError(
-                f"{unknown[0]!r} is not one of {', '.join(FIELDS_OF_RECORDINGS)}, the fields of recordings"
-            )
-        return specs
+        return _list_field_specs(fields, FIELDS_OF_RECORDINGS)
 
     @field_validator("split", mode="before")
     @classmethod

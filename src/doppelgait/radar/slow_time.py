@@ -306,7 +306,7 @@ def _number(lead: FloatArray) -> IntArray:
 
 
 def _find_tick_s(stamps: FloatArray, stated_hz: float | None) -> float:
-    """Return the tick of the clock if it is one of an operating system, else 0; the stated step is no tick."""
+    """Return the tick of an operating system's clock, else 0; the stated step is no tick."""
     since_s = stamps - stamps[0]
     for tick_s in TICKS_S:
         off_s = np.abs(since_s - tick_s * np.round(since_s / tick_s)).max()
@@ -316,14 +316,14 @@ def _find_tick_s(stamps: FloatArray, stated_hz: float | None) -> float:
 
 
 def _has_none_lost(stamps: FloatArray, tick_s: float) -> bool:
-    """Return True if all stamps are within a tick of their clock from a straight line."""
+    """Return True if all stamps are within a tick of a straight line."""
     index = np.arange(stamps.size)
     line = np.polynomial.Polynomial.fit(index, stamps, 1)
     return bool(np.ptp(stamps - line(index)) <= TICK_SLACK * tick_s + SLACK * line.deriv()(0.0))
 
 
 def _count_on_raster(stamps: FloatArray, tick_s: float) -> IntArray | None:
-    """Return the number of each pulse on the even raster that most stamps are near; None without one.
+    """Number the pulses on the even raster that most stamps are near; None without one.
 
     The raster is the frequency at which the stamps are most in phase, block by block: jitter, rounding and lost pulses
     weaken the phase but do not move the peak.
@@ -367,7 +367,7 @@ def _count_stamps(stamps: FloatArray, bin_s: float) -> FloatArray:
 def _number_on(
     raster_hz: float, stamps: FloatArray, runs: list[tuple[int, int]], blocks: list[list[FloatArray]], tick_s: float
 ) -> tuple[IntArray, float]:
-    """Return the number of each pulse on a raster in phase with every block, and the mean deviation in steps."""
+    """Number the pulses on a raster in phase with every block, and the mean deviation in steps."""
     centres = [np.array([block.mean() for block in each]) for each in blocks]
     phases = [np.array([np.exp(2j * np.pi * raster_hz * block).mean() for block in each]) for each in blocks]
     shares = np.abs(np.concatenate(phases))
