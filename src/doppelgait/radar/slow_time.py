@@ -316,14 +316,14 @@ def _find_tick_s(stamps: FloatArray, stated_hz: float | None) -> float:
 
 
 def _has_none_lost(stamps: FloatArray, tick_s: float) -> bool:
-    """Return True if all stamps are within a tick of a straight line."""
+    """Return True if the stamps are within a tick of a line."""
     index = np.arange(stamps.size)
     line = np.polynomial.Polynomial.fit(index, stamps, 1)
     return bool(np.ptp(stamps - line(index)) <= TICK_SLACK * tick_s + SLACK * line.deriv()(0.0))
 
 
 def _count_on_raster(stamps: FloatArray, tick_s: float) -> IntArray | None:
-    """Number the pulses on the even raster that most stamps are near; None without one.
+    """Count the pulses on the even raster that most stamps are near; None without one.
 
     The raster is the frequency at which the stamps are most in phase, block by block: jitter, rounding and lost pulses
     weaken the phase but do not move the peak.
@@ -367,7 +367,7 @@ def _count_stamps(stamps: FloatArray, bin_s: float) -> FloatArray:
 def _number_on(
     raster_hz: float, stamps: FloatArray, runs: list[tuple[int, int]], blocks: list[list[FloatArray]], tick_s: float
 ) -> tuple[IntArray, float]:
-    """Number the pulses on a raster in phase with every block, and the mean deviation in steps."""
+    """Count the pulses on a raster in phase with every block; return the mean deviation, too."""
     centres = [np.array([block.mean() for block in each]) for each in blocks]
     phases = [np.array([np.exp(2j * np.pi * raster_hz * block).mean() for block in each]) for each in blocks]
     shares = np.abs(np.concatenate(phases))
