@@ -379,7 +379,7 @@ height of both relative to that of all points. The sides of one body are joined 
 
 
 def _find_bodies_abreast(position_m: FloatArray, points: list[int]) -> list[list[int]]:
-    """Divide points where a band along the path is empty at all heights."""
+    """Divide points where a band along the path is empty."""
     position = position_m[:, points]
     walks = ~find_stationary_points(position, limit_m=MOVING_BODY_M)
     if walks.sum() < MIN_SUBJECT_POINTS:
