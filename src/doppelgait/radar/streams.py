@@ -353,8 +353,7 @@ def open_stream(
         Duration of the frames that the queue holds. If it is full, files and standard input wait;
         for sockets the oldest frames are dropped and counted.
     **options
-        Options for recordings, as of :func:`doppelgait.radar.read_recording`; XeThru files without
-        a frame rate in their records need ``prf_hz``.
+        Options for recordings, as of :func:`read_recording`; ``prf_hz`` of XeThru files without one.
 
     Examples
     --------
@@ -392,8 +391,8 @@ def open_stream(
         path = Path(text)
         if path.is_dir() or path.name == META_NAME:
             folder = path if path.is_dir() else path.parent
-            found = [one for one in sorted(folder.glob("xethru_*")) if _is_xethru_data(one)]
-            path = found[0] if len(found) == 1 else path
+            files = [file for file in folder.glob("xethru_*") if _is_xethru_data(file)]
+            path = files[0] if len(files) == 1 else path
         kinds = find_formats(path)
         if _is_xethru_data(path) and path.is_file():
             allowed = set(inspect.signature(read_xethru_recording).parameters) - {"path", "data_type"}
@@ -492,10 +491,8 @@ def _listen(text: str, name: str) -> socket.socket:
     kind = socket.SOCK_STREAM if name == "tcp" else socket.SOCK_DGRAM
     listener = socket.socket(socket.AF_INET, kind)
     try:
-        if name == "tcp":
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        else:
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
+        option = (socket.SO_REUSEADDR, 1) if name == "tcp" else (socket.SO_RCVBUF, 1 << 22)
+        listener.setsockopt(socket.SOL_SOCKET, *option)
         listener.bind((parts.hostname or LOCAL, port))
         if name == "tcp":
             listener.listen(1)

@@ -263,9 +263,9 @@ def test_several_types_and_none(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"iq": "mixed"}, "'separate' and 'interleaved'"),
-        ({"kind": "raw"}, "'baseband' and 'rf'"),
-        ({"conjugate": 2}, "False and True"),
+        ({"iq": "mixed"}, "'separate' or 'interleaved'"),
+        ({"kind": "raw"}, "'baseband' or 'rf'"),
+        ({"conjugate": 2}, "true or false"),
         ({"prf_hz": -1.0}, "prf_hz = -1.0"),
         ({"bin_spacing_m": float("nan")}, "bin_spacing_m = nan"),
         ({"carrier_hz": "7 GHz"}, "carrier_hz = '7 GHz'"),

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.plugins import plugin
+from doppelgait.core.readers import check_value
 from doppelgait.radar.measured import adapt_preset, check_number, label_measured
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
@@ -24,6 +25,8 @@ from doppelgait.radar.xethru.downconvert import FrameFilter, change_filter_noise
 from doppelgait.radar.xethru.reader import read_xethru, sniff_xethru
 from doppelgait.radar.xethru.records import TABLES
 
+Kind = Literal["baseband", "rf"]
+Order = Literal["separate", "interleaved"]
 COUNTER_PERIOD = 2**32
 LARGEST_GAP = 1_000_000
 """Maximum gap of the frame counter; after a larger jump it was restarted or is damaged, and is ignored."""
@@ -82,8 +85,8 @@ def read_xethru_recording(
     bin_spacing_m: float | None = None,
     carrier_hz: float | None = None,
     prf_hz: float | None = None,
-    kind: Literal["baseband", "rf"] = "baseband",
-    iq: Literal["separate", "interleaved"] = "separate",
+    kind: Kind = "baseband",
+    iq: Order = "separate",
     conjugate: bool = False,
     filter: FrameFilter = "hamming",
     counts_per_unit: float | None = None,
@@ -140,11 +143,8 @@ def read_xethru_recording(
         "counts_per_unit": counts_per_unit,
     }
     file = Path(path)
-    choices = {"kind": (kind, "baseband", "rf"), "iq": (iq, "separate", "interleaved")}
-    for option, (value, *allowed) in {**choices, "conjugate": (conjugate, False, True)}.items():
-        if type(value) is not type(allowed[0]) or value not in allowed:
-            words = " and ".join(map(repr, allowed))
-            raise RecordingError(f"{file}: {option} = {value!r} is not allowed; allowed are {words}")
+    for option, value, type_ in (("kind", kind, Kind), ("iq", iq, Order), ("conjugate", conjugate, bool)):
+        check_value(file, option, value, type_, error=RecordingError)
     content = read_xethru(path)
     usable = [name for name, stream in content.streams.items() if name in CONVERTIBLE and len(stream)]
     held = ", ".join(content.streams)
@@ -185,8 +185,8 @@ def convert_records(
     *,
     rate_hz: float | None = None,
     radar: str = "x4",
-    kind: Literal["baseband", "rf"] = "baseband",
-    iq: Literal["separate", "interleaved"] = "separate",
+    kind: Kind = "baseband",
+    iq: Order = "separate",
     conjugate: bool = False,
     filter: FrameFilter = "hamming",
 ) -> tuple[npt.NDArray[np.complex64], Radar, npt.NDArray[np.float64]]:
