@@ -11,7 +11,7 @@ import doppelgait.motion.readers.arrays  # noqa: F401  (registers itself)
 from damage import check_damaged_copies
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
-from doppelgait.motion.readers.skeletons import read_skeletons
+from doppelgait.motion.readers.arrays import read_skeletons
 from doppelgait.motion.skeleton import HUMAN_PARTS
 from walking_body import NAMES, walking_body
 

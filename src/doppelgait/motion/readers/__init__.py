@@ -23,9 +23,7 @@ __all__ = ["MOTION_READERS", "check_types", "cut_part", "read", "take_part"]
 
 MOTION_READERS: Group[Callable[..., Motion]] = Group(
     "motion_reader",
-    built_in=tuple(
-        f"doppelgait.motion.readers.{name}" for name in ("amc", "arrays", "bvh", "c3d", "skeletons", "table")
-    ),
+    built_in=tuple(f"doppelgait.motion.readers.{name}" for name in ("amc", "arrays", "bvh", "c3d", "table")),
     check=check_reader,
 )
 """Readers of motion files by name."""

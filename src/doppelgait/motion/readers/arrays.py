@@ -1,23 +1,139 @@
-"""Positions in npy, npz (AMASS), JSON and HDF5 files."""
+"""Joints of body models: positions in npy, npz (AMASS), JSON, HDF5, Kinect and Xsens files."""
 
 from __future__ import annotations
 
 import pickletools
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
-from doppelgait.core.documents import parse_json
+from doppelgait.core.config import read_toml
+from doppelgait.core.documents import CELL_BYTES, check_cost, parse_json
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.npz import NPY_MAGIC, is_npz, load_npy, load_npz
 from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, get_attribute, open_hdf5
 from doppelgait.core.plugins import read_head
 from doppelgait.motion.readers.points import check_amount, check_rate
-from doppelgait.motion.readers.skeletons import read_skeletons
 from doppelgait.motion.readers.table import find_whole_points, name_keypoints
-from doppelgait.motion.readers.text import Points, Times, check_size, point_format
+from doppelgait.motion.readers.text import Points, Times, check_size, list_head_lines, point_format, read_lines
+from doppelgait.motion.skeleton import list_points
+
+
+@cache
+def read_skeletons() -> dict[str, tuple[tuple[int, ...], dict[str, str]]]:
+    """Return the numbers of joints of body models, and the joints in order with parts."""
+    tables = read_toml(Path(__file__).with_name("skeletons.toml"))[0]
+    return {name: (tuple(table["counts"]), list_points(table["joints"])) for name, table in tables.items()}
+
+
+KINECT_HZ = 30.0
+
+
+def sniff_kinect(path: Path, head: bytes) -> bool:
+    """Return True if a file has counts of frames and bodies, and a body with 25 joints."""
+    if b"\0" in head or not head[:1].isdigit():
+        return False
+    lines = [line.split() for line in list_head_lines(path, head, 4)]
+    bodies = [n for n, words in enumerate(lines) if len(words) == 10][:1]
+    counts = lines[: bodies[0]] if bodies else []
+    # frames without a body are a line 0
+    return len(counts) >= 2 and all(len(w) == 1 and w[0].isdigit() for w in counts) and lines[len(counts) + 1] == ["25"]
+
+
+@point_format("kinect", sniff_kinect, (".skeleton",))
+def parse_kinect(path: Path) -> Points:
+    """Read the joints of Kinect v2 in a file of NTU RGB+D."""
+    # of a frame: number of bodies; of each: a line of states, number of joints, a line per joint
+    lines, parts = read_lines(path), read_skeletons()["kinect"][1]
+    check_cost(path, CELL_BYTES * 12 * len(lines), MotionError)
+    bodies: dict[str, dict[int, list[list[float]]]] = {}
+    at = 1
+    try:
+        n_frames = int(lines[0])
+        for frame in range(n_frames):
+            n_bodies, at = int(lines[at]), at + 1
+            for _ in range(n_bodies):
+                name, n_joints = lines[at].split()[0], int(lines[at + 1])
+                rows = [line.split() for line in lines[at + 2 : at + 2 + n_joints]]
+                if n_joints != len(parts) or [len(row) for row in rows] != [12] * n_joints:
+                    raise ValueError(f"{len(rows)} joints")
+                # the last value of a joint is 0 if it is not tracked
+                bodies.setdefault(name, {})[frame] = [
+                    [float(word) if row[11] != "0" else np.nan for word in row[:3]] for row in rows
+                ]
+                at += 2 + n_joints
+    except (ValueError, IndexError) as error:
+        raise MotionError(
+            f"{path}: is truncated or damaged near line {at + 1} ({error}); a frame holds bodies of "
+            f"{len(parts)} joints with 12 values"
+        ) from None
+    if not bodies:
+        raise MotionError(f"{path}: holds {n_frames} frames without a body")
+    check_cost(path, 24.0 * n_frames * len(parts) * len(bodies), MotionError)
+    position = np.full((n_frames, len(bodies), len(parts), 3), np.nan)
+    for n, frames in enumerate(bodies.values()):
+        position[list(frames), n] = list(frames.values())
+    return Points(
+        [f"{body}:{joint}" for body in bodies for joint in parts],
+        position.reshape(n_frames, -1, 3),
+        unit="m",
+        rate_hz=KINECT_HZ,
+        usual_up="y",
+        parts=parts,
+        device="Kinect v2",
+    )
+
+
+@point_format("mvnx", rb"(?s)(?=<).*<mvnx", (".mvnx",))
+def parse_mvnx(path: Path) -> Points:
+    """Read the origins of the segments of an Xsens MVNX file."""
+    check_size(path)
+    labels: list[str] = []
+    frames: list[list[float]] = []
+    times_ms: list[float] = []
+    rates: list[str] = []
+    parser: Any = ElementTree.XMLPullParser(["start", "end"])
+    try:
+        with path.open("rb") as file:
+            while block := file.read(2**16):
+                # entities can grow without limit; they are declared before the root
+                if not rates and b"<!DOCTYPE" in block.upper():
+                    raise MotionError(f"{path}: declares a document type, which is not read")
+                parser.feed(block)
+                for event, element in parser.read_events():
+                    tag = element.tag.rsplit("}", 1)[-1]
+                    if event == "start" and tag == "subject":
+                        rates.append(element.get("frameRate", ""))
+                    elif event == "end" and tag == "segments":  # not those of the fingers
+                        labels += [child.get("label", "") for child in element if child.tag.endswith("segment")]
+                    elif event == "end" and tag == "frame" and element.get("type", "normal") == "normal":
+                        for child in (child for child in element if child.tag.rsplit("}", 1)[-1] == "position"):
+                            frames.append(list(map(float, (child.text or "").split())))
+                            times_ms.append(float(element.get("time") or "nan"))
+                    if event == "end" and tag in ("frame", "segments"):
+                        element.clear()
+        parser.close()
+    except (ElementTree.ParseError, ValueError) as error:
+        raise MotionError(f"{path}: is no complete MVNX file: {error}; export it again") from None
+    if len(rates) != 1 or not frames or {len(frame) for frame in frames} != {3 * len(labels)}:
+        raise MotionError(
+            f"{path}: holds {len(rates)} subjects, {len(labels)} segments and {len(frames)} frames with positions; "
+            "export one subject with the position of every segment"
+        )
+    time_s = np.array(times_ms) / 1e3
+    is_timed = bool(np.isfinite(time_s).all())
+    return Points(
+        labels,
+        np.array(frames).reshape(len(frames), -1, 3),
+        unit="m",
+        rate_hz=rates[0],
+        times=Times(time_s, range(len(frames)), 1e-3, 1e-3) if is_timed else None,
+    )
+
 
 POSITION_KEYS = ("positions", "joints", "Jtr")
 NAME_KEYS = ("names", "joint_names")
