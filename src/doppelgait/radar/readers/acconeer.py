@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import AliasChoices, Field, field_validator
+from pydantic import AliasChoices, BeforeValidator, Field
 
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.documents import check_cost, parse_json
@@ -35,9 +35,9 @@ MAX_TEXT_BYTES = 1 << 24
 TICK_WRAP = 2**32
 
 
-def drop_zero(value: Any) -> Any:
-    """Return a number, or None for 0, which stands for "does not apply"."""
-    return None if value == 0 else value
+OR_ZERO = BeforeValidator(lambda value: None if value == 0 else value)
+"""A stored 0 stands for "does not apply"."""
+Rate = Annotated[float | None, Field(gt=0, le=1e6), OR_ZERO]
 
 
 class Subsweep(FrozenModel, extra="ignore"):
@@ -62,15 +62,11 @@ class Settings(FrozenModel, extra="ignore"):
     subsweeps: tuple[Subsweep, ...] = Field(min_length=1)
     sweeps_per_frame: int = Field(ge=1, le=100_000)
     continuous_sweep_mode: bool = False
-    sweep_rate: float | None = Field(default=None, gt=0, le=1e6)
-    frame_rate: float | None = Field(default=None, gt=0, le=1e6)
-    max_sweep_rate: float | None = Field(default=None, gt=0, le=1e6)
+    sweep_rate: Rate = None
+    frame_rate: Rate = None
+    max_sweep_rate: Rate = None
     base_step_length_m: float | None = Field(default=None, gt=0, le=0.1)
-    ticks_per_second: float | None = Field(default=None, gt=0, le=1e12)
-
-    _drop_zeros = field_validator("sweep_rate", "frame_rate", "max_sweep_rate", "ticks_per_second", mode="before")(
-        drop_zero
-    )
+    ticks_per_second: Annotated[float | None, Field(gt=0, le=1e12), OR_ZERO] = None
 
 
 @dataclass(frozen=True)
@@ -341,12 +337,10 @@ class A111Settings(FrozenModel, extra="ignore"):
 
     range_start_m: float = Field(validation_alias=AliasChoices("range_start_m", "actual_range_start_m"))
     range_length_m: float | None = Field(default=None, gt=0)
-    step_length_m: float | None = Field(default=None, gt=0, le=1)
-    update_rate: float | None = Field(default=None, gt=0, le=1e6)
-    sweep_rate: float | None = Field(default=None, gt=0, le=1e6)
+    step_length_m: Annotated[float | None, Field(gt=0, le=1), OR_ZERO] = None
+    update_rate: Rate = None
+    sweep_rate: Rate = None
     profile: Any = ""
-
-    _drop_zeros = field_validator("step_length_m", "update_rate", "sweep_rate", mode="before")(drop_zero)
 
 
 def sniff_a111(path: Path, head: bytes) -> bool:

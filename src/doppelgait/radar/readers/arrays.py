@@ -112,9 +112,9 @@ def _describe(
     axes = parsed.axes
     slow_time_s = _read_axis(path, axes, "slow_time_s", n_pulses)
     stamps_hz = None if slow_time_s is None else place_pulses(slow_time_s, where=str(path)).rate_hz
-    forced_hz = facts.prf_hz if is_forced else None
-    if stamps_hz is not None and forced_hz is not None and abs(forced_hz / stamps_hz - 1.0) > RATE_OFF:
-        warn_caller(f"{path}: prf_hz = {forced_hz:g} is taken, but slow_time_s says {stamps_hz:.6g} Hz")
+    if is_forced and stamps_hz is not None and facts.prf_hz is not None:
+        if abs(facts.prf_hz / stamps_hz - 1.0) > RATE_OFF:
+            warn_caller(f"{path}: prf_hz = {facts.prf_hz:g} is taken, but slow_time_s says {stamps_hz:.6g} Hz")
         slow_time_s = None
     range_m = (
         None if facts.range_start_m is not None or facts.bin_spacing_m else _read_axis(path, axes, "range_m", n_bins)

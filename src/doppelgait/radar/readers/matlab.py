@@ -186,10 +186,9 @@ def _list_held(path: Path) -> dict[str, Held]:
     with path.open("rb") as file:
         head = file.read(len(HEADERS[1]))
     if head == HEADERS[1]:
-        import h5py  # version 7.3 is HDF5 with the axes of every matrix reversed
-
+        # version 7.3 is HDF5 with the axes of every matrix reversed
         with open_hdf5(path, soft_links=True) as hdf5:
-            sets = {name: hdf5[name] for name in hdf5 if isinstance(hdf5[name], h5py.Dataset)}
+            sets = {name: hdf5[name] for name in hdf5 if hasattr(hdf5[name], "shape")}
             return {
                 name: Held(one.shape[::-1], _is_complex(one), partial(_load_dataset, path, name))
                 for name, one in sets.items()

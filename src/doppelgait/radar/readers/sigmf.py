@@ -11,6 +11,7 @@ import json
 import math
 import re
 import tarfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -240,7 +241,8 @@ def parse_sigmf(
         return _parse_own(path, meta, samples, stated, notes)
     values = split_rows(path, samples, samples_per_pulse or 1, "pulse")
     hints = {"bin_spacing_m": "SigMF states no range axis"}
-    carriers_hz = sorted({float(c["core:frequency"]) for c in meta.captures if _is_number(c.get("core:frequency"))})
+    frequencies: list[Any] = [capture.get("core:frequency") for capture in meta.captures]
+    carriers_hz = sorted({float(value) for value in frequencies if type(value) in (int, float)})
     if len(carriers_hz) == 1:
         stated["carrier_hz"] = carriers_hz[0]
     elif carriers_hz:
@@ -297,17 +299,11 @@ def _parse_own(
     return Parsed(values, {"slow_time_s": slow_time_s, "range_m": range_m}, stated)
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
 SPECIFICATION = "1.2.0"
 EXTENSION = {"name": "doppelgait", "version": "1.0.0", "optional": True}
 UNEVEN = 1e-6
 """Minimum relative deviation of a slow-time step that starts a new capture."""
 INT16_MAX = 32767
-UNSTATED = (math.inf, -math.inf)
-"""Values that JSON has no numbers for."""
 
 
 @plugin("radar_writer", "sigmf", suffix=".sigmf-meta")
@@ -373,9 +369,9 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
         "doppelgait:radar": recording.radar.model_dump(mode="json"),
         "doppelgait:scale_v": scale_v,
         "doppelgait:source": recording.source,
-        "doppelgait:attributes": list_further_facts(recording),
+        "doppelgait:attributes": _keep_finite(list_further_facts(recording)),
     }
-    common |= {f"doppelgait:{name}": value for name, value in list_facts(recording).items() if value not in UNSTATED}
+    common |= {f"doppelgait:{name}": value for name, value in _keep_finite(list_facts(recording)).items()}
     captures = [
         {
             "core:sample_start": int(first) * range_m.size,
@@ -384,14 +380,13 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
         }
         for first in firsts
     ]
-    count = recording.baseband.size
     meta = {
         "global": common,
         "captures": captures,
         "annotations": [
             {
                 "core:sample_start": 0,
-                "core:sample_count": count,
+                "core:sample_count": recording.baseband.size,
                 "core:label": truth.label or "target",
                 "core:comment": "; ".join(text for text in (truth.gait, truth.subject, truth.motion) if text),
                 "doppelgait:target": number,
@@ -403,6 +398,11 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
         partial.write_bytes(content)
     with open_atomically(meta_path) as partial:
         partial.write_text(json.dumps(meta, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _keep_finite(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the facts that JSON has values for."""
+    return {name: value for name, value in facts.items() if not isinstance(value, float) or math.isfinite(value)}
 
 
 def _find_even_segments(
