@@ -13,7 +13,7 @@ from doppelgait._core import native
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import ScattererTable, maps_table
-from doppelgait.core.units import FloatArray, arcsine, arctangent, cosine, db_to_power, exponential, logarithm, sine
+from doppelgait.core.units import FloatArray, arcsine, arctangent, cosine, db_to_power, sine
 
 FIELDS_OF_KIND = {
     "isotropic": (),
@@ -95,26 +95,16 @@ class Antenna(FrozenModel):
         return self
 
 
-def compute_antenna_gain(antenna: Antenna, azimuth_rad: npt.ArrayLike, elevation_rad: npt.ArrayLike) -> FloatArray:
-    """Return a direction's one-way power gain, relative to peak."""
-    azimuth, elevation = np.broadcast_arrays(np.asarray(azimuth_rad, float), np.asarray(elevation_rad, float))
-    if antenna.kind == "cosine":
-        # a direction behind the antenna has a negative cosine
-        log = logarithm(np.maximum(cosine(azimuth), 0.0))
-        log = log * compute_cosine_exponent(antenna.hpbw_azimuth_deg or math.nan)
-        across = logarithm(np.maximum(cosine(elevation), 0.0))
-        log += across * compute_cosine_exponent(antenna.hpbw_elevation_deg or math.nan)
-        return np.asarray(np.maximum(exponential(log), db_to_power(antenna.floor_db)))
-    if antenna.kind == "table":
-        cuts = ((azimuth, antenna.azimuth_db), (elevation, antenna.elevation_db))
-        angle_deg = np.array(antenna.angle_deg, dtype=float)
-        last = -1 if angle_deg[-1] - angle_deg[0] == 360 else None  # -180 and 180 are one direction
-        gains_db = [
-            np.interp(np.degrees(angle_rad), angle_deg[:last], np.array(cut_db, dtype=float)[:last], period=360.0)
-            for angle_rad, cut_db in cuts
-        ]
-        return np.asarray(db_to_power(sum(gains_db)))
-    return np.ones(azimuth.shape)
+def interpolate_cuts(antenna: Antenna, azimuth_rad: npt.ArrayLike, elevation_rad: npt.ArrayLike) -> FloatArray:
+    """Return a direction's one-way power gain from two measured cuts, relative to peak."""
+    cuts = ((azimuth_rad, antenna.azimuth_db), (elevation_rad, antenna.elevation_db))
+    angle_deg = np.array(antenna.angle_deg, dtype=float)
+    last = -1 if angle_deg[-1] - angle_deg[0] == 360 else None  # -180 and 180 are one direction
+    gains_db = [
+        np.interp(np.degrees(angle_rad), angle_deg[:last], np.array(cut_db, dtype=float)[:last], period=360.0)
+        for angle_rad, cut_db in cuts
+    ]
+    return np.asarray(db_to_power(sum(gains_db)))
 
 
 def compute_cosine_exponent(hpbw_deg: float) -> float:
@@ -123,11 +113,7 @@ def compute_cosine_exponent(hpbw_deg: float) -> float:
 
 
 def rotate_to_boresight(
-    azimuth_rad: npt.ArrayLike,
-    elevation_rad: npt.ArrayLike,
-    *,
-    boresight_azimuth_rad: float = 0.0,
-    boresight_tilt_rad: float = 0.0,
+    azimuth_rad: npt.ArrayLike, elevation_rad: npt.ArrayLike, boresight_azimuth_rad: float, boresight_tilt_rad: float
 ) -> tuple[FloatArray, FloatArray]:
     """Rotate directions into the frame of an antenna: tilted up, then about the vertical axis."""
     turn = np.asarray(azimuth_rad, dtype=float) - boresight_azimuth_rad
@@ -168,11 +154,6 @@ def apply_antenna(
             gains,
         )
     else:
-        angles = rotate_to_boresight(
-            azimuth_rad,
-            elevation_rad,
-            boresight_azimuth_rad=boresight_azimuth_rad,
-            boresight_tilt_rad=boresight_tilt_rad,
-        )
-        gains = path_gain * compute_antenna_gain(antenna, *angles) ** 2
+        angles = rotate_to_boresight(azimuth_rad, elevation_rad, boresight_azimuth_rad, boresight_tilt_rad)
+        gains = path_gain * interpolate_cuts(antenna, *angles) ** 2
     return scatterers.replace(path_gain=gains)

@@ -10,34 +10,26 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.config import read_toml
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import RecordingError
+from doppelgait.core.units import FloatArray
+from doppelgait.radar.measured import check_number, read_limited
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = ["PointTrack", "collect_tracks", "interpolate_ranges", "read_points", "tabulate_tracks"]
 
-FloatArray = npt.NDArray[np.float64]
-
 MAX_BYTES = 1 << 29
-COLUMNS = {
-    "frame": ("frame", "framenum", "frame_number", "frameid", "frame_id"),
-    "time_s": ("time_s", "time", "timestamp_s", "t"),
-    "x_m": ("x_m", "x", "posx"),
-    "y_m": ("y_m", "y", "posy"),
-    "z_m": ("z_m", "z", "posz"),
-    "doppler_mps": ("doppler_mps", "doppler", "velocity", "v"),
-    "snr": ("snr", "snr_db"),
-    "track": ("track", "track_id", "trackid", "trackindex", "tid", "target", "target_id"),
-}
-"""Accepted names of the columns of a CSV file, in lower case."""
+COLUMNS = read_toml(Path(__file__).parent / "readers" / "names.toml")[0]["points"]
 NEEDED = ("x_m", "y_m", "doppler_mps", "track")
 NO_TRACK = 250
 """Minimum number without a track: 253 weak, 254 outside the room, 255 noise (TI's "3D people tracking" guide)."""
@@ -68,11 +60,10 @@ def read_points(
     file = Path(path)
     if not file.is_file():
         raise RecordingError(f"{file}: no such file")
-    if file.stat().st_size > MAX_BYTES:
-        raise RecordingError(f"{file}: has {file.stat().st_size:,} bytes, at most {MAX_BYTES:,} are read")
-    if frame_period_s is not None and not (math.isfinite(frame_period_s) and frame_period_s > 0):
-        raise RecordingError(f"{file}: frame_period_s = {frame_period_s!r} is not allowed; it must be above 0")
-    table = pd.DataFrame(_read_json(file) if file.suffix.lower() == ".json" else _read_csv(file), dtype=np.float64)
+    if frame_period_s is not None:
+        check_number(file, "frame_period_s", frame_period_s, above=0)
+    read = _read_json if file.suffix.lower() == ".json" else _read_csv
+    table = pd.DataFrame(read(file, read_limited(file, MAX_BYTES)), dtype=np.float64)
     if table.empty:
         raise RecordingError(f"{file}: holds no points")
     if "time_s" not in table:
@@ -87,33 +78,31 @@ def read_points(
     if (np.diff(table["time_s"]) < 0).any():
         place = int(np.flatnonzero(np.diff(table["time_s"]) < 0)[0]) + 2
         raise RecordingError(f"{file}: point {place} is earlier than the previous one; sort the points by time")
-    further = {"z_m": 0.0, "snr": math.nan}
-    table = table.assign(**{name: value for name, value in further.items() if name not in table})
+    if "z_m" not in table:
+        table["z_m"] = 0.0
     number = table["track"].to_numpy()
     table["track"] = np.where((number >= 0) & (number < NO_TRACK), number, -1).astype(np.int64)
     table["velocity_mps"] = table["doppler_mps"] * (1.0 if approaching_positive else -1.0)
     table["time_s"] -= table["time_s"].iloc[0]
-    return table[["time_s", "x_m", "y_m", "z_m", "velocity_mps", "snr", "track"]]
+    return table.reindex(columns=["time_s", "x_m", "y_m", "z_m", "velocity_mps", "snr", "track"])
 
 
-def _read_csv(file: Path) -> dict[str, Any]:
+def _read_csv(file: Path, content: bytes) -> dict[str, Any]:
     import pandas as pd
 
     try:
-        raw = pd.read_csv(file, skipinitialspace=True)
-    except (ValueError, UnicodeDecodeError, pd.errors.ParserError) as error:
+        raw = pd.read_csv(BytesIO(content), skipinitialspace=True)
+    except ValueError as error:
         raise RecordingError(f"{file}: cannot be read as CSV: {str(error).strip()}") from None
     names = {str(name).strip().lower(): name for name in raw.columns}
-    found = {key: next((names[one] for one in known if one in names), None) for key, known in COLUMNS.items()}
-    if missing := [key for key in NEEDED if found[key] is None]:
+    present = {key: names[name] for key, accepted in COLUMNS.items() for name in reversed(accepted) if name in names}
+    if missing := [key for key in NEEDED if key not in present]:
         raise RecordingError(
             f"{file}: has no column for {', '.join(missing)}; it has {', '.join(map(str, raw.columns))}. Known names "
             f"of {missing[0]} are {', '.join(COLUMNS[missing[0]])}"
         )
     columns = {}
-    for key, name in found.items():
-        if name is None:
-            continue
+    for key, name in present.items():
         try:
             values = pd.to_numeric(raw[name], errors="coerce")
         except OverflowError:
@@ -128,13 +117,12 @@ def _read_csv(file: Path) -> dict[str, Any]:
     return columns
 
 
-def _read_json(file: Path) -> dict[str, Any]:
+def _read_json(file: Path, content: bytes) -> dict[str, Any]:
     """Read the frames of the Industrial Visualizer: x, y, z, Doppler, SNR, noise, track; ms."""
     rows: list[list[float]] = []
     where, before = "the file", slice(0, 0)
     try:
-        content = parse_json(file.read_text(encoding="utf-8"))
-        for number, entry in enumerate(content["data"], start=1):
+        for number, entry in enumerate(parse_json(content)["data"], start=1):
             where, frame = f"frame {number}", entry["frameData"]
             indexes = frame.get("trackIndexes") or []
             if len(indexes) == before.stop - before.start:
