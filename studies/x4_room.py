@@ -44,8 +44,7 @@ from doppelgait.pipeline import simulate
 from doppelgait.pipeline.conditions import Conditions, Noise
 from doppelgait.radar import Radar, Recording
 from doppelgait.radar.fit import fit_sensor, format_preset
-from doppelgait.radar.fit.model import Room, fit_room
-from doppelgait.radar.fit.room import fit_series
+from doppelgait.radar.fit.room import Room, fit_room, fit_series
 from doppelgait.radar.impairments import apply_impairments, make_impairment
 from doppelgait.radar.link import comparator_noise_v, noise_power_v2
 from doppelgait.radar.readers import read_recording

@@ -30,9 +30,10 @@ from doppelgait.radar.fit import (
     pool,
 )
 from doppelgait.radar.fit.measure import find_converter
-from doppelgait.radar.fit.model import FACTS, Room
 from doppelgait.radar.fit.pool import find_mains_harmonic
 from doppelgait.radar.fit.room import (
+    FACTS,
+    Room,
     compute_factor_variance,
     compute_leverage,
     estimate_leakage,

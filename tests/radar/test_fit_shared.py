@@ -7,7 +7,7 @@ import pytest
 
 from doppelgait.radar import Recording
 from doppelgait.radar.fit import SensorKind, fit_sensor, measure_recording
-from doppelgait.radar.fit.model import Room
+from doppelgait.radar.fit.room import Room
 from doppelgait.radar.readers import read_recording
 
 pytestmark = pytest.mark.shared

@@ -16,34 +16,32 @@ import numpy.typing as npt
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import FloatArray, db_to_power, power_to_db
-from doppelgait.radar.fit.model import (
-    FACTS,
-    MAX_PHASE_VARIANCE,
-    MIN_BINS,
-    MIN_FRAMES,
-    Room,
-    fit_room,
-    list_notes,
-    list_room_estimates,
-)
 from doppelgait.radar.fit.room import (
     DB_PER_NEPER,
+    FACTS,
     MAX_LEVERAGE,
+    MAX_PHASE_VARIANCE,
     MEDIAN_SPREAD,
+    MIN_BINS,
+    MIN_FRAMES,
+    ComplexArray,
     Estimate,
+    Mask,
     Profile,
+    Room,
     compute_factor_variance,
     compute_leverage,
     estimate_bin_correlation,
+    fit_room,
     fit_static_part,
+    list_notes,
+    list_room_estimates,
     mark_dropped,
     measure_scatter,
     take_middle,
 )
 from doppelgait.radar.recording import Recording
 
-ComplexArray = npt.NDArray[np.complex128]
-Mask = npt.NDArray[np.bool_]
 Chosen = npt.NDArray[np.intp]
 
 WINDOW = 64

@@ -14,8 +14,7 @@ from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.units import db_to_amplitude, power_to_db
 from doppelgait.radar.fit.measure import SLOW_CELLS, Line, SensorMeasurement, measure_recording
-from doppelgait.radar.fit.model import FACTS
-from doppelgait.radar.fit.room import DB_PER_NEPER, MEDIAN_SPREAD, Estimate
+from doppelgait.radar.fit.room import DB_PER_NEPER, FACTS, MEDIAN_SPREAD, Estimate
 from doppelgait.radar.link import echo_amplitude_v, find_noise_slope, noise_power_v2
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording

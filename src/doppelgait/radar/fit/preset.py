@@ -11,7 +11,6 @@ from typing import Any
 
 from doppelgait.core.draws import replace_by_middle
 from doppelgait.radar.fit.measure import SLOW_CELLS
-from doppelgait.radar.fit.model import FACTS, VOLT_DB, Fact
 from doppelgait.radar.fit.pool import (
     MATTERS,
     SHAPE_DB,
@@ -20,7 +19,7 @@ from doppelgait.radar.fit.pool import (
     find_mains_harmonic,
     is_noise_separate,
 )
-from doppelgait.radar.fit.room import DB_PER_NEPER, Estimate
+from doppelgait.radar.fit.room import DB_PER_NEPER, FACTS, VOLT_DB, Estimate, Fact
 from doppelgait.radar.impairments import make_impairment
 from doppelgait.radar.parameters import find_possible_correlation
 
