@@ -1,6 +1,7 @@
 """Chirps of Infineon's Radar SDK, made here from a point that approaches."""
 
 import json
+from functools import reduce
 
 import numpy as np
 import pytest
@@ -21,15 +22,8 @@ NEW = {
     "frame_repetition_time_s": 4e-3,
     "sample_rate_Hz": 2e6,
 }
-OLD = {
-    "lower_frequency_Hz": 60e9,
-    "upper_frequency_Hz": 61e9,
-    "num_chirps": 8,
-    "num_samples": 64,
-    "chirp_repetition_time_s": 5e-4,
-    "frame_repetition_time_s": 4e-3,
-    "sample_rate_Hz": 2e6,
-}
+RENAMED = {"start_": "lower_", "end_": "upper_", "_per_frame": "", "_per_chirp": ""}
+OLD = {reduce(lambda name, change: name.replace(*change), RENAMED.items(), key): value for key, value in NEW.items()}
 
 
 def write(folder, config, *, name="config.json", shape=(50, 2, 8, 64), integers=False):

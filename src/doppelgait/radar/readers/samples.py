@@ -133,17 +133,19 @@ def split_name(name: str) -> list[str]:
     return re.findall(r"[a-zµ]+", plain)
 
 
-def find_columns(names: list[str]) -> dict[str, int] | None:
-    """Return the columns of time, I and Q by their names; None if there is not one of I and one of Q."""
+def find_columns(names: list[str]) -> dict[str, int]:
+    """Return the columns of time, I and Q by their names, or of time and the one real output, as I."""
     words = [set(split_name(name)) for name in names]
-    times = [n for n, some in enumerate(words) if WORDS["time"] & some]
-    columns = {"time": times[0]} if times else {}
+    first = next((n for n, some in enumerate(words) if WORDS["time"] & some), None)
+    times = {} if first is None else {"time": first}
+    columns = dict(times)
     for key in ("i", "q"):
         matches = [n for n, some in enumerate(words) if WORDS[key] & some and n not in columns.values()]
-        if len(matches) != 1:
-            return None
-        columns[key] = matches[0]
-    return columns
+        columns |= {key: matches[0]} if len(matches) == 1 else {}
+    if "i" in columns and "q" in columns:
+        return columns
+    others = [n for n, some in enumerate(words) if n not in times.values() and not WORDS["counter"] & some]
+    return {"i": others[0], **times} if len(others) == 1 and not WORDS["no_phase"] & words[others[0]] else {}
 
 
 def _find_header(text: str) -> tuple[int, str, list[str]] | None:
@@ -167,7 +169,7 @@ def _split_cells(line: str, delimiter: str) -> list[str]:
 def sniff_csv(path: Path, head: bytes) -> bool:
     """Return whether a text has columns that are named I and Q, or real and imaginary part."""
     header = None if b"\0" in head else _find_header(head.decode("utf-8-sig", "replace"))
-    return header is not None and find_columns(header[2]) is not None
+    return header is not None and "q" in find_columns(header[2])
 
 
 @array_reader("csv", sniff=sniff_csv, suffixes=(".csv", ".tsv", ".txt"), by_name=(".csv", ".tsv"))
@@ -207,22 +209,18 @@ def parse_csv(path: Path, *, columns: str | None = None, prf_hz: float | None = 
 
 def _pick_columns(path: Path, table: Any, names: list[str], prf_hz: float | None) -> Parsed:
     picked = find_columns(names)
-    words = [split_name(name) for name in names]
-    if picked is None:
-        times = [n for n, some in enumerate(words) if WORDS["time"] & set(some)]
-        others = [n for n, some in enumerate(words) if n not in times[:1] and not WORDS["counter"] & set(some)]
-        if len(others) != 1 or WORDS["no_phase"] & set(words[others[0]]):
-            raise RecordingError(
-                f"{path}: has the columns {', '.join(names)}; it needs one of I and one of Q (or re and im), or one "
-                "real output. Name them in order: columns='time_ms,i,q'"
-            )
-        picked = {"i": others[0], **({"time": times[0]} if times else {})}
+    if "i" not in picked:
+        raise RecordingError(
+            f"{path}: has the columns {', '.join(names)}; it needs one of I and one of Q (or re and im), or one "
+            "real output. Name them in order: columns='time_ms,i,q'"
+        )
     parts = [_read_numbers(path, table.iloc[:, picked[key]], names[picked[key]]) for key in ("i", "q") if key in picked]
     values = parts[0] if len(parts) == 1 else np.stack(parts, axis=-1)
     axes: dict[str, Any] = {}
     if "time" in picked:
         axes["slow_time_s"] = _read_times(path, table.iloc[:, picked["time"]], names[picked["time"]])
-    counters = [n for n, some in enumerate(words) if WORDS["counter"] & set(some) and n not in picked.values()]
+    words = [set(split_name(name)) for name in names]
+    counters = [n for n, some in enumerate(words) if WORDS["counter"] & some and n not in picked.values()]
     rows = [_number_rows(table.iloc[:, n]) for n in counters] if "time" not in picked else []
     if (row := next((row for row in rows if row is not None), None)) is not None:
         if (prf_hz := prf_hz or read_facts(path, {}).prf_hz) is None:
