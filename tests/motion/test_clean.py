@@ -62,13 +62,21 @@ def test_short_gap_is_filled_on_the_path(length: int, error_m: float) -> None:
     assert (facts["gaps_filled"], facts["samples_filled"], facts["longest_gap_filled"]) == (1, length, length)
 
 
-def test_long_gap_costs_the_point_not_the_recording() -> None:
+@pytest.mark.parametrize(
+    ("point", "frames", "value", "reason"),
+    [
+        (5, slice(200, 231), np.nan, "not seen throughout (gaps up to 0.25 s are filled)"),
+        (2, slice(None), np.nan, "never seen"),
+        (2, slice(None), [1.0, 2.0, 0.5], "stands still while the body moves"),
+    ],
+)
+def test_a_useless_point_costs_the_point_not_the_recording(point: int, frames: slice, value: Any, reason: str) -> None:
     holed = walk()
-    holed[200:231, 5] = np.nan
+    holed[frames, point] = value
     clean = clean_motion(motion_of(holed))
     assert clean.positions.shape == (480, 6, 3)
     assert np.isfinite(clean.position_m).all()
-    assert report_of(clean)["dropped"] == {"not seen throughout (gaps up to 0.25 s are filled)": ["m5"]}
+    assert report_of(clean)["dropped"] == {reason: [f"m{point}"]}
 
 
 def test_recording_is_cropped_to_the_presence_of_the_subject() -> None:
@@ -83,26 +91,12 @@ def test_recording_is_cropped_to_the_presence_of_the_subject() -> None:
     assert clean.time_s[0] == 0.0
 
 
-def test_point_never_seen_is_dropped() -> None:
-    holed = walk()
-    holed[:, 2] = np.nan
-    assert report_of(clean_motion(motion_of(holed)))["dropped"] == {"never seen": ["m2"]}
-
-
-def test_still_point_is_dropped_from_a_walk_only() -> None:
-    moving = walk()
-    moving[:, 2] = [1.0, 2.0, 0.5]
-    assert report_of(clean_motion(motion_of(moving)))["dropped"] == {"stands still while the body moves": ["m2"]}
-    standing = walk(speed_mps=0.0)
-    standing[:, 4:] = standing[:1, 4:]
-    assert clean_motion(motion_of(standing)).positions.sizes["marker"] == 7
-
-
-def test_squatting_person_keeps_its_feet() -> None:
-    squat = walk(speed_mps=0.0)
-    squat[:, :4, 2] -= 0.4 * (1 - np.cos(np.linspace(0, 8 * np.pi, 480)))[:, None] * HEIGHTS_M[:4] / 1.7
-    squat[:, 4:] = squat[:1, 4:]
-    assert clean_motion(motion_of(squat)).positions.sizes["marker"] == 7
+def test_a_standing_or_squatting_person_keeps_its_feet() -> None:
+    for depth_m in (0.0, 0.4):
+        squat = walk(speed_mps=0.0)
+        squat[:, :4, 2] -= depth_m * (1 - np.cos(np.linspace(0, 8 * np.pi, 480)))[:, None] * HEIGHTS_M[:4] / 1.7
+        squat[:, 4:] = squat[:1, 4:]
+        assert clean_motion(motion_of(squat)).positions.sizes["marker"] == 7
 
 
 @pytest.mark.parametrize("length", [1, 2])

@@ -363,23 +363,21 @@ def _limbs_hz(motion: Motion) -> float:
 
 def add_gait_facts(motion: Motion) -> Motion:
     """Add missing gait facts by measurement (E-07)."""
-    found = measure_gait(motion)
-    known = motion.facts
-    gait = known.gait or found.gait
-    stated_hz = known.stride_frequency_hz
-    stride_hz = stated_hz if math.isfinite(stated_hz) else found.stride_frequency_hz
+    measured, stated = measure_gait(motion), motion.facts
+    gait, stride_hz = stated.gait or measured.gait, stated.stride_frequency_hz
+    stride_hz = stride_hz if math.isfinite(stride_hz) else measured.stride_frequency_hz
     step_hz, gait_hz = step_and_gait_frequency_hz(gait, stride_hz)
     facts = replace(
-        known,
+        stated,
         gait=gait,
-        footfalls=known.footfalls or found.footfalls,
-        stride_from=found.measured_from,
+        footfalls=stated.footfalls or measured.footfalls,
+        stride_from=measured.measured_from,
         stride_frequency_hz=stride_hz,
-        step_frequency_hz=known.step_frequency_hz if math.isfinite(known.step_frequency_hz) else step_hz,
-        gait_frequency_hz=known.gait_frequency_hz if math.isfinite(known.gait_frequency_hz) else gait_hz,
+        step_frequency_hz=stated.step_frequency_hz if math.isfinite(stated.step_frequency_hz) else step_hz,
+        gait_frequency_hz=stated.gait_frequency_hz if math.isfinite(stated.gait_frequency_hz) else gait_hz,
     )
-    measured = {"phases": found.phases, "duty_factor": found.duty_factor, "stride_from": found.measured_from}
-    return replace(motion, facts=facts).with_report(gait=measured)
+    report = {"phases": measured.phases, "duty_factor": measured.duty_factor, "stride_from": measured.measured_from}
+    return replace(motion, facts=facts).with_report(gait=report)
 
 
 def step_and_gait_frequency_hz(gait: str, stride_frequency_hz: float) -> tuple[float, float]:

@@ -375,11 +375,11 @@ def make_timed_motion(
     position_m = position_m[:, chosen]
     notes += remove_implausible(path, position_m)
     position_m[np.isnan(position_m).any(axis=2)] = np.nan
-    axis_facts = choose_up_axis(
-        path, position_m, body, up_axis=up_axis, declared=points.declared_up, usual=points.usual_up
-    )
+    declared, usual = points.declared_up, points.usual_up
+    axis_facts = choose_up_axis(path, position_m, body, up_axis=up_axis, declared=declared, usual=usual)
     # skeletons face along z, which becomes x, as in the C3D files of the same recordings
     faces_z = body.is_skeleton and axis_facts["up_axis"] == "y"
+    owner = body.subject or points.subject
     dropped: dict[str, list[str]] = {}
     for i in sorted(body.reasons):
         dropped.setdefault(body.reasons[i], []).append(body.labels[i] or f"point_{i + 1}")
@@ -388,12 +388,7 @@ def make_timed_motion(
         rate_hz=rate,
         markers=body.names,
         parts=body.parts,
-        facts={
-            "source": path.name,
-            "kind": "recording",
-            "subject": body.subject or points.subject,
-            "species": body.species,
-        },
+        facts={"source": path.name, "kind": "recording", "subject": owner, "species": body.species},
         report={
             "format": file_format,
             "frame_rate_hz": rate,
