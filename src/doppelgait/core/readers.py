@@ -32,6 +32,19 @@ class OtherFile(NamedTuple):
     magic: tuple[bytes, ...] = ()
 
 
+def read_other_files(tables: Mapping[str, Any], **remedies: Callable[[Path], str]) -> tuple[OtherFile, ...]:
+    """Return kinds of other files by tables of data; first bytes are Latin-1."""
+    return tuple(
+        OtherFile(
+            tuple(table["suffixes"]),
+            table["what"],
+            table.get("remedy") or remedies[name],
+            tuple(start.encode("latin-1") for start in table.get("magic", ())),
+        )
+        for name, table in tables.items()
+    )
+
+
 OTHER_FILES = (
     OtherFile((".png", ".jpg", ".jpeg", ".gif", ".tif", ".svg", ".pdf"), "a picture", "use the file that it shows"),
     OtherFile((".mp4", ".avi", ".mov", ".mkv", ".webm"), "a video", "use the data of the sensor, not its picture"),

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 from doppelgait.core.config import read_toml
 from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import Group
-from doppelgait.core.readers import Limits, OtherFile, check_options, check_reader, choose_reader
+from doppelgait.core.readers import Limits, OtherFile, check_options, check_reader, choose_reader, read_other_files
 from doppelgait.motion.motion import Motion
 
 __all__ = ["MOTION_READERS", "check_types", "cut_part", "read", "take_part"]
@@ -32,11 +32,7 @@ MOTION_READERS: Group[Callable[..., Motion]] = Group(
 @cache
 def list_other_files() -> tuple[OtherFile, ...]:
     """Return the files that are no motions, but that people have."""
-    tables = read_toml(Path(__file__).with_name("others.toml"))[0].values()
-    return tuple(
-        OtherFile(tuple(t["suffixes"]), t["what"], t["remedy"], tuple(m.encode() for m in t.get("magic", ())))
-        for t in tables
-    )
+    return read_other_files(read_toml(Path(__file__).with_name("others.toml"))[0])
 
 
 def read(

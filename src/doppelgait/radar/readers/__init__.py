@@ -19,7 +19,7 @@ from doppelgait.core.config import read_toml
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.core.own_hdf5 import FAULTS, open_hdf5
 from doppelgait.core.plugins import Group, Plugin
-from doppelgait.core.readers import OtherFile, check_reader, choose_reader, find_readers, list_options
+from doppelgait.core.readers import OtherFile, check_reader, choose_reader, find_readers, list_options, read_other_files
 from doppelgait.radar.recording import Recording, check_plausible
 
 __all__ = [
@@ -83,16 +83,7 @@ def _describe_hdf5(path: Path) -> str:
 @cache
 def list_other_files() -> tuple[OtherFile, ...]:
     """Return the files that are no recordings of a radar, but that people have."""
-    tables = read_toml(Path(__file__).with_name("names.toml"))[0]["others"].values()
-    return tuple(
-        OtherFile(
-            tuple(kind["suffixes"]),
-            kind["what"],
-            kind.get("remedy", _describe_hdf5),
-            tuple(start.encode("latin-1") for start in kind.get("magic", ())),
-        )
-        for kind in tables
-    )
+    return read_other_files(read_toml(Path(__file__).with_name("names.toml"))[0]["others"], hdf5=_describe_hdf5)
 
 
 def read_recording(path: str | os.PathLike[str], *, format: str | None = None, **options: Any) -> Recording:
