@@ -56,7 +56,7 @@ def test_pulse_numbers_e11(change, sigma_ns, b3_ghz, b10_ghz, resolution_cm):
         ("x4", {"sample_rate_hz": 1e-300}, "makes 0 range bins"),
         ("x4", {"bandwidth_hz": 1.4}, r"bandwidth_hz 1.4 makes a pulse of sigma 0.345 s; allowed are 1e-11 to 1e-06 s"),
         ("x4", {"pulse_sigma_s": 1e-12}, "pulse_sigma_s 1e-12 makes a pulse"),
-        ("x4", {"carrier_hz": 7.29e6}, r"carrier_hz 7.29e\+06 is below half the pulse's 10 dB bandwidth, 7e\+08 Hz"),
+        ("x4", {"carrier_hz": 7.29e6}, r"carrier_hz 7.29e\+06 is below half of the signal's bandwidth, 1.4e\+09 Hz"),
         ("x4", {"tx_power_dbm": 1e6}, "tx_power_dbm: 1000000.0.*less than or equal to 200"),
         ("x4", {"tx_power_dbm": -201.0}, "tx_power_dbm: -201.0"),
         ("x4", {"tx_gain_dbi": 101.0}, "tx_gain_dbi: 101.0"),

@@ -272,7 +272,7 @@ def test_bandwidth_with_few_bins_in_the_gate_is_that_of_the_walk_and_not_of_the_
         ("lfm", {"bandwidth_hz": None}, "waveform 'lfm' needs bandwidth_hz"),
         ("lfm", {"sweep_s": 1e-9}, "below 2: that is not a chirp"),
         ("lfm", {"sweep_s": 2e-3}, r"sweep_s 0.002 is too long for a pulse; at most 0.001"),
-        ("lfm", {"carrier_hz": 4e8}, r"carrier_hz 4e\+08 is below half of bandwidth_hz 1e\+09"),
+        ("lfm", {"carrier_hz": 4e8}, r"carrier_hz 4e\+08 is below half of the signal's bandwidth, 1e\+09 Hz"),
         ("fmcw", {"bandwidth_hz": None, "sweep_s": None}, "waveform 'fmcw' needs bandwidth_hz and sweep_s"),
         ("fmcw", {"noise_bandwidth_hz": 1e6}, "noise_bandwidth_hz is not used by waveform 'fmcw'"),
         ("fmcw", {"pulse_sigma_s": 1e-9}, "pulse_sigma_s is not used"),

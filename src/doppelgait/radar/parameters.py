@@ -43,23 +43,6 @@ PULSE_SIGMA_S = (1e-11, 1e-6)
 MAX_RANGE_BINS = 100_000
 MAX_CORRELATED_BINS = 16
 
-OPTIONAL = {
-    "bandwidth_hz": None,
-    "bandwidth_level_db": 10,
-    "pulse_sigma_s": None,
-    "sweep_s": None,
-    "decimation": 1,
-    "range_window": "hann",
-    "noise_bandwidth_hz": None,
-    "noise_correlation": (),
-    "sweep_levels": 1,
-    "threshold_step_v": None,
-    "pulse_rate_hz": None,
-    "integration_share": 0.0,
-    "fold_echoes": True,
-}
-"""Parameters of a radar that only some waveforms use, with the values that count as unset."""
-
 
 class Waveform(FrozenModel):
     """Waveform of a radar: from scatterers to receiver samples, and from these to range bins.
@@ -72,7 +55,7 @@ class Waveform(FrozenModel):
     Attributes
     ----------
     needs, takes : tuple of str
-        Required and allowed parameters of the radar among ``OPTIONAL``.
+        Required and allowed parameters of the radar among those that only some waveforms use.
     ranged : bool
         True if the range bins measure range; False for a radar with all ranges in one bin.
     """
@@ -174,11 +157,12 @@ class Waveform(FrozenModel):
 
     def check_parameters(self, radar: Radar) -> None:
         """Check for missing or unused parameters of the waveform (``ValueError``)."""
-        missing = [name for name in self.needs if getattr(radar, name) == OPTIONAL[name]]
+        is_set = {name: getattr(radar, name) != type(radar).model_fields[name].default for name in OPTIONAL}
+        missing = [name for name in self.needs if not is_set[name]]
         if missing:
             raise ValueError(f"waveform {self.kind!r} needs {' and '.join(missing)}")
         own = {*self.needs, *self.takes}
-        idle = [name for name, unset in OPTIONAL.items() if name not in own and getattr(radar, name) != unset]
+        idle = [name for name in OPTIONAL if name not in own and is_set[name]]
         if idle:
             raise ValueError(
                 f"{' and '.join(idle)} {'is' if len(idle) == 1 else 'are'} not used by waveform {self.kind!r}; remove "
@@ -186,9 +170,20 @@ class Waveform(FrozenModel):
             )
 
 
+OPTIONAL = (
+    "bandwidth_hz",
+    "bandwidth_level_db",
+    "pulse_sigma_s",
+    "sweep_s",
+    *Waveform.takes,
+    "range_window",
+    "sweep_levels",
+    "threshold_step_v",
+)
+"""Parameters of a radar that only some waveforms use; their defaults count as unset."""
+
 WAVEFORMS: Group[type[Waveform]] = Group(
-    "waveform",
-    built_in=("doppelgait.radar.waveforms.pulses", "doppelgait.radar.waveforms.sweep"),
+    "waveform", built_in=("doppelgait.radar.waveforms.pulses", "doppelgait.radar.waveforms.sweep")
 )
 """Waveforms by name; each is a subclass of :class:`Waveform`."""
 
@@ -357,7 +352,13 @@ class Radar(FrozenModel):
                 f"threshold_step_v {self.threshold_step_v:g} is the spacing of a threshold sweep, but sweep_levels is "
                 "1: set the number of thresholds, or remove threshold_step_v for a receiver that averages"
             )
-        check_correlation(self.noise_correlation)
+        least = _find_least_density(self.noise_correlation)
+        if least < -1e-9:
+            raise ValueError(
+                f"noise_correlation {list(self.noise_correlation)} is impossible: its spectrum "
+                f"1 + 2 sum rho_l cos(l w) has the minimum {least:.3g}, below 0; lower the values, or add further "
+                "values (a truncated correlation can have a negative spectrum)"
+            )
         if (self.burst_pulses is None) != (self.burst_period_s is None):
             raise ValueError("burst_pulses and burst_period_s belong together: set both, or neither without bursts")
         if self.burst_pulses and self.burst_period_s and self.burst_period_s * self.prf_hz < self.burst_pulses - 1e-6:
@@ -492,17 +493,6 @@ class Radar(FrozenModel):
         return self.waveform.noise_bandwidth_hz(self) if stated_hz is None else stated_hz
 
 
-def check_correlation(noise_correlation: tuple[float, ...]) -> None:
-    """Check that a correlation is possible: 1 + 2 sum rho_l cos(l w) is never negative."""
-    least = _find_least_density(noise_correlation)
-    if least < -1e-9:
-        raise ValueError(
-            f"noise_correlation {list(noise_correlation)} is impossible: its spectrum 1 + 2 sum rho_l cos(l w) has "
-            f"the minimum {least:.3g}, below 0; lower the values, or add further values (a truncated correlation can "
-            "have a negative spectrum)"
-        )
-
-
 def find_possible_correlation(estimate: Iterable[float]) -> tuple[float, ...]:
     """Return an estimated correlation, shrunk to a possible one."""
     found = np.asarray(tuple(estimate)[:MAX_CORRELATED_BINS], dtype=np.float64)
@@ -526,8 +516,8 @@ def check_band(radar: Radar, bandwidth_hz: float) -> None:
     """Check that the band does not extend below 0 Hz."""
     if radar.carrier_hz < bandwidth_hz / 2.0:
         raise ValueError(
-            f"carrier_hz {radar.carrier_hz:g} is below half of bandwidth_hz {bandwidth_hz:g}: the band would extend "
-            "below 0 Hz; carrier_hz is the centre of the band"
+            f"carrier_hz {radar.carrier_hz:g} is below half of the signal's bandwidth, {bandwidth_hz:.4g} Hz: the band "
+            "would extend below 0 Hz; raise carrier_hz, the centre of the band, or use a longer pulse or less bandwidth"
         )
 
 

@@ -76,12 +76,7 @@ class Impulse(Waveform):
                 f"{key} {getattr(radar, key)} makes a pulse of sigma {radar.sigma_s:.3g} s; allowed are "
                 f"{shortest_s:g} to {longest_s:g} s"
             )
-        half_band_hz = radar.pulse_bandwidth_hz(10) / 2.0
-        if radar.carrier_hz < half_band_hz:
-            raise ValueError(
-                f"carrier_hz {radar.carrier_hz:g} is below half the pulse's 10 dB bandwidth, {half_band_hz:.4g} Hz: "
-                "the band would extend below 0 Hz; raise carrier_hz or use a longer pulse"
-            )
+        check_band(radar, radar.pulse_bandwidth_hz(10))
 
     def synthesise(self, scatterers: AnyTable, radar: Radar) -> Matrix:
         """Sum Gaussian echoes exactly, with an extra phase per path."""
@@ -126,8 +121,15 @@ def _make_geometry(radar: Radar) -> tuple[float, float, float, float, float]:
 class _MatchedPulse(Waveform):
     """A pulse of duration ``sweep_s`` behind its matched filter."""
 
+    def check(self, radar: Radar) -> None:
+        """Check that the pulse lasts half a carrier period to 1 ms, or a frame."""
+        duration_s = _duration_s(radar)
+        if duration_s > MAX_PULSE_S:
+            raise ValueError(f"sweep_s {duration_s:g} is too long for a pulse; at most {MAX_PULSE_S:g} s are allowed")
+        check_sweep_fits(radar, duration_s)
+        check_band(radar, radar.bandwidth_hz or 1.0 / duration_s)
+
     def synthesise(self, scatterers: AnyTable, radar: Radar) -> Matrix:
-        """Sum the matched-filter responses of all scatterers."""
         range_m, amplitude_v, phase_rad = compute_echoes(scatterers, radar)
         extra_rad = radar.transmit_phase_rad + (0.0 if phase_rad is None else phase_rad)
         turns = extra_rad / (2.0 * math.pi) - range_m * (2.0 / radar.wavelength_m)
@@ -135,7 +137,7 @@ class _MatchedPulse(Waveform):
         doppler_hz = velocity_to_doppler_hz(radial_velocity_mps(scatterers), radar.wavelength_m)
         first, step = (float(range_to_delay_s(m)) / duration_s for m in (radar.range_start_m, radar.bin_spacing_m))
         delay = range_to_delay_s(range_m) / duration_s
-        time_bandwidth = float(radar.bandwidth_hz or 0.0) * duration_s
+        time_bandwidth = _time_bandwidth(radar)
         out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
         arguments = amplitude_v, turns, delay, doppler_hz * duration_s, first, step, time_bandwidth
         n_bins = out.shape[1]
@@ -147,11 +149,9 @@ class _MatchedPulse(Waveform):
         return out
 
     def reach_m(self, radar: Radar) -> float:
-        """Return a response's half length, c T / 2."""
         return SPEED_OF_LIGHT_MPS * _duration_s(radar) / 2.0
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:
-        """Return 1 / T, for a matched filter that keeps the echo's amplitude."""
         return 1.0 / _duration_s(radar)
 
 
@@ -162,10 +162,6 @@ class Rectangular(_MatchedPulse):
     needs: ClassVar[tuple[str, ...]] = ("sweep_s",)
 
     kind: Literal["rectangular"] = "rectangular"
-
-    def check(self, radar: Radar) -> None:
-        """Check that the pulse lasts half a carrier period to 1 ms, or a frame."""
-        _check_pulse(radar, 1.0 / _duration_s(radar))
 
     def resolution_m(self, radar: Radar) -> float:
         """Return the half-power width of the triangle, (2 - sqrt 2) c T / 2."""
@@ -186,18 +182,16 @@ class Lfm(_MatchedPulse):
 
     def check(self, radar: Radar) -> None:
         """Check the chirp's duration, band and time-bandwidth product, at least 2."""
-        bandwidth_hz = float(radar.bandwidth_hz or 0.0)
-        _check_pulse(radar, bandwidth_hz)
-        if bandwidth_hz * _duration_s(radar) < 2.0:
+        super().check(radar)
+        if _time_bandwidth(radar) < 2.0:
             raise ValueError(
-                f"bandwidth_hz {bandwidth_hz:g} times sweep_s {_duration_s(radar):g} is below 2: that is not a chirp; "
+                f"bandwidth_hz {radar.bandwidth_hz:g} times sweep_s {radar.sweep_s:g} is below 2: that is not a chirp; "
                 "use waveform 'rectangular' or a longer sweep"
             )
 
     def resolution_m(self, radar: Radar) -> float:
         """Return the half-power width of a compressed chirp, about 0.886 c / (2 B)."""
-        duration_s = _duration_s(radar)
-        width_s = _compute_half_power_width(float(radar.bandwidth_hz or 0.0) * duration_s) * duration_s
+        width_s = _compute_half_power_width(_time_bandwidth(radar)) * _duration_s(radar)
         return width_s * SPEED_OF_LIGHT_MPS / 2.0
 
     def coupling_s(self, radar: Radar) -> float:
@@ -206,10 +200,9 @@ class Lfm(_MatchedPulse):
 
     def figures(self, radar: Radar) -> dict[str, float]:
         """Return slope, time-bandwidth product and range shift at 1 m/s."""
-        bandwidth_hz, duration_s = float(radar.bandwidth_hz or 0.0), _duration_s(radar)
         return {
-            "sweep_slope_hz_per_s": bandwidth_hz / duration_s,
-            "time_bandwidth_product": bandwidth_hz * duration_s,
+            "sweep_slope_hz_per_s": float(radar.bandwidth_hz or 0.0) / _duration_s(radar),
+            "time_bandwidth_product": _time_bandwidth(radar),
             "coupling_shift_at_1mps_m": self.coupling_s(radar),
         }
 
@@ -218,12 +211,8 @@ def _duration_s(radar: Radar) -> float:
     return float(radar.sweep_s or math.nan)
 
 
-def _check_pulse(radar: Radar, bandwidth_hz: float) -> None:
-    duration_s = _duration_s(radar)
-    if duration_s > MAX_PULSE_S:
-        raise ValueError(f"sweep_s {duration_s:g} is too long for a pulse; at most {MAX_PULSE_S:g} s are allowed")
-    check_sweep_fits(radar, duration_s)
-    check_band(radar, bandwidth_hz)
+def _time_bandwidth(radar: Radar) -> float:
+    return float(radar.bandwidth_hz or 0.0) * _duration_s(radar)
 
 
 @lru_cache(maxsize=4)

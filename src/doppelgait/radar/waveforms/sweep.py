@@ -67,7 +67,6 @@ class _Sweep(Waveform):
     lag: ClassVar[float]
 
     def check(self, radar: Radar) -> None:
-        """Check the number of samples, the duration and the unambiguous range."""
         if not 2 <= self.n_samples(radar) <= MAX_SAMPLES:
             raise ValueError(
                 f"sweep_s {radar.sweep_s} at sample_rate_hz {radar.sample_rate_hz:g} makes {self.n_samples(radar):,} "
@@ -178,15 +177,12 @@ class _Sweep(Waveform):
         return out
 
     def n_samples(self, radar: Radar) -> int:
-        """Return the samples S of one sweep: duration times sampling rate, rounded."""
         return round(float(radar.sweep_s or 0.0) * radar.sample_rate_hz)
 
     def n_range_bins(self, radar: Radar) -> int:
-        """Return the number of transform bins from range_start_m to below range_stop_m."""
         return math.ceil(radar.range_stop_m / self.bin_spacing_m(radar) - 1e-9) - self._find_first_bin(radar)
 
     def first_bin_m(self, radar: Radar) -> float:
-        """Return the first transform bin's range inside the frame."""
         return self._find_first_bin(radar) * self.bin_spacing_m(radar)
 
     def _find_first_bin(self, radar: Radar) -> int:
@@ -201,24 +197,21 @@ class _Sweep(Waveform):
         return half_power_bins(radar.range_window, self.n_samples(radar)) * self.bin_spacing_m(radar)
 
     def noise_gain(self, radar: Radar) -> float:
-        """Return the noise power ratio of a bin to a sample, sum(w^2) / sum(w)^2."""
         window = make_range_window(radar.range_window, self.n_samples(radar))
         return float((window**2).sum() / window.sum() ** 2)
 
     def independent_bins(self, radar: Radar) -> float:
-        """Return the independent noise values per range bin."""
-        return compute_independent_share(radar.range_window, self.n_samples(radar))
+        # the window correlates neighbouring bins, whose correlation is the transform of w^2
+        power = make_range_window(radar.range_window, self.n_samples(radar)) ** 2
+        return float(power.sum() ** 2 / (power.size * (power**2).sum()))
 
     def unambiguous_range_m(self, radar: Radar) -> float:
-        """Return the range at which echoes fold, S_samples c / (2 B)."""
         return self.n_samples(radar) * self.bin_spacing_m(radar)
 
     def coupling_s(self, radar: Radar) -> float:
-        """Return the range shift per velocity of a rising sweep, -f_c T_c / B."""
         return -radar.carrier_hz / _slope_hz_per_s(radar)
 
     def figures(self, radar: Radar) -> dict[str, float]:
-        """Return slope, samples and range shift at 1 m/s."""
         return {
             "n_samples": self.n_samples(radar),
             "sweep_slope_hz_per_s": _slope_hz_per_s(radar),
@@ -299,13 +292,6 @@ def tabulate_half_bin_responses(name: str, n_samples: int, n_columns: int) -> np
     table = np.asarray((shifted.real[place] * sign).reshape(-1), dtype=np.float32)
     table.flags.writeable = False
     return table
-
-
-@lru_cache(maxsize=64)
-def compute_independent_share(name: str, n_samples: int) -> float:
-    """Return the independent noise values per bin; the window correlates neighbouring bins."""
-    spectrum = np.fft.fft(make_range_window(name, n_samples) ** 2)
-    return float(np.abs(spectrum[0]) ** 2 / (np.abs(spectrum) ** 2).sum())
 
 
 @lru_cache(maxsize=64)
