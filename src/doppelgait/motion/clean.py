@@ -344,10 +344,12 @@ NOISE_FROM_HZ = 10.0
 
 def measure_noise(position: FloatArray, *, rate_hz: float) -> float:
     """Measure the white noise of positions, m per coordinate. Shapes: position (T, P, 3)."""
-    from scipy.signal import detrend, periodogram
+    from scipy.signal import periodogram
 
     # a body moves little above 10 Hz; the spectrum of noise is flat there. The median ignores points that differ
-    frequency, power = periodogram(detrend(position, axis=0), rate_hz, window="hann", axis=0)
+    steps = np.arange(len(position)) - (len(position) - 1) / 2
+    trend = steps[:, np.newaxis, np.newaxis] * (np.tensordot(steps, position, 1) / (steps @ steps))
+    frequency, power = periodogram(position - trend, rate_hz, window="hann", axis=0)
     band = (frequency >= max(rate_hz / 4, min(NOISE_FROM_HZ, 0.4 * rate_hz))) & (frequency < 0.49 * rate_hz)
     return math.sqrt(float(np.median(power[band].mean(axis=0))) * rate_hz / 2) if band.sum() > 2 else 0.0
 
