@@ -200,12 +200,14 @@ def analyze_together(recordings: Sequence[Sequence[Gated]]) -> list[TargetList]:
 
 
 def flag_filled(results: Sequence[Result], frames: Frames) -> Sequence[Result]:
-    """Flag the bandwidth, beyond twice the share the velocity, where many pulses were filled."""
+    """Flag the bandwidth, beyond twice the share the velocity, beyond a third the gait, where pulses were filled."""
     share = float(frames.facts.get("lost_frame_share", 0.0))
     if share <= LOST_SHARE:
         return results
-    names = ("doppler_bandwidth", "torso_velocity") if share > 2.0 * LOST_SHARE else ("doppler_bandwidth",)
-    flags = tuple(f"{name}:{100 * share:.0f}_per_cent_of_the_frames_were_lost" for name in names)
+    limits = {"doppler_bandwidth": LOST_SHARE, "torso_velocity": 2.0 * LOST_SHARE, "gait_frequency": 1.0 / 3.0}
+    flags = tuple(
+        f"{name}:{100 * share:.0f}_per_cent_of_the_frames_were_lost" for name, limit in limits.items() if share > limit
+    )
     return [
         replace(one, flags=(*one.flags, *flags), segments=tuple(flag_filled(one.segments, frames))) for one in results
     ]
