@@ -164,7 +164,7 @@ def test_a_recording_of_a_plain_array(values, options, shape, prf_hz):
 @pytest.mark.parametrize(
     ("values", "options", "said"),
     [
-        (IQ, {"prf_hz": 500.0}, r"array: carrier_hz is stated nowhere; give them as options"),
+        (IQ, {"prf_hz": 500.0}, r"array: carrier_hz is stated nowhere; give carrier_hz=... "),
         (IQ.reshape(3, 10, 10), {"prf_hz": 500.0, "carrier_hz": 24e9}, r"has the shape \(3, 10, 10\)"),
         (IQ, {"prf": 500.0, "carrier_hz": 24e9}, "prf: unknown key; allowed are .*prf_hz"),
     ],

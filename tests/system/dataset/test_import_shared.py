@@ -96,7 +96,7 @@ def test_a_room_with_a_breathing_person_and_an_empty_one(radar_folder, tmp_path)
     )
     report = import_dataset(radar_folder, tmp_path / "labels.csv", tmp_path / "rooms")
     assert (report.n_rows, report.n_failed) == (5, 1)
-    assert "holds several subsweeps; give subsweep=0 to 3" in report.failures[0]["reason"]
+    assert "holds 4 subsweeps; give subsweep = 0 to 3" in report.failures[0]["reason"]
     dataset = open_dataset(tmp_path / "rooms")
     index = dataset.index.set_index("id")
     breathing = index.loc["still-000000"]

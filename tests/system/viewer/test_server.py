@@ -311,7 +311,7 @@ def test_readers_ask_for_options_in_the_words_of_the_command(files):
 
 @pytest.mark.parametrize(
     ("said", "wanted"),
-    [("holds several subsweeps; give subsweep=0 to 3 (0: profile 1)", "--option subsweep=0"),
+    [("holds 4 subsweeps; give subsweep = 0 to 3 (0: profile 1)", "--option subsweep=0"),
      ("2 channels; give channel = 0 to 1", "--option channel=0"), ("If RF, give kind='rf'", "--option kind=rf"),
      ("apart; give range_start_m=... and bin_spacing_m=...", "--option range_start_m=... --option bin_spacing_m=..."),
      ("name it, format='arrays'", "--option format=arrays"),

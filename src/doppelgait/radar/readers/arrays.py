@@ -51,10 +51,8 @@ class ArrayFacts(FrozenModel):
 
     prf_hz: Pulses per second; by default that of ``radar``.
     carrier_hz: Carrier frequency; by default that of ``radar``.
-    range_start_m: Range of the first bin; by default that of ``radar``. An array with one bin needs
-        none.
-    bin_spacing_m: Spacing of the range bins; by default that of ``radar``. An array with one bin
-        needs none.
+    range_start_m: Range of the first bin; by default that of ``radar``.
+    bin_spacing_m: Spacing of the range bins; by default that of ``radar``. One bin needs neither.
     time_first: True: one row per pulse. False: one column per pulse.
     conjugate: True: the phase falls when a target approaches, so the values are conjugated.
     scale_v: Volts per unit of the values.
@@ -133,8 +131,9 @@ def _describe(
         reasons = "".join(f": {parsed.hints[name]}" for name in missing if name in parsed.hints)
         raise RecordingError(
             f"{path}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} stated nowhere{reasons}; "
-            + ("" if path == IN_MEMORY else f"write them into {path.with_suffix('.toml').name} in its folder or ")
-            + "give them as options (radar='PRESET' has all four)"
+            f"give {' and '.join(f'{name}=...' for name in missing)}"
+            + ("" if path == IN_MEMORY else f" or write it into {path.with_suffix('.toml').name} in its folder")
+            + " (radar='PRESET' has all four)"
         )
     ranges = np.asarray(known["range_start_m"] + known["bin_spacing_m"] * np.arange(n_bins), dtype=np.float64)
     # notes on values that neither the array nor its TOML file nor the options state
