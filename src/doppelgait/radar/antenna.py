@@ -33,18 +33,15 @@ class Antenna(FrozenModel):
 
     kind: ``isotropic``: the same in all directions. ``cosine``: a main lobe with set widths.
         ``table``: two measured cuts.
-    hpbw_azimuth_deg: ``cosine``: full half-power beam width in azimuth, 1 to 179 degrees. About 65
-        degrees in both planes suits a small patch antenna like those of X4 modules (assumed: no
-        data sheet at hand).
-    hpbw_elevation_deg: ``cosine``: full half-power beam width in elevation, 1 to 179 degrees.
-    floor_db: ``cosine``: one-way level of the side and back lobes, -100 to 0 dB. This level is the
-        minimum of the pattern. The default of -20 dB is assumed.
+    hpbw_azimuth_deg: ``cosine``: full half-power beam width in azimuth, about 65 degrees in both
+        planes for a small patch antenna like those of X4 modules (assumed).
+    hpbw_elevation_deg: ``cosine``: full half-power beam width in elevation.
+    floor_db: ``cosine``: one-way level of the side and back lobes, the minimum of the
+        pattern; the default is assumed.
     angle_deg: ``table``: angles of the two cuts, rising, -180 to 180 degrees. Gains are
         interpolated in dB between them, and behind the antenna from the last angle to the first.
-    azimuth_db: ``table``: one-way gain of the horizontal cut at these angles, relative to the peak:
-        -300 to 0 dB.
-    elevation_db: ``table``: one-way gain of the vertical cut at these angles, relative to the peak:
-        -300 to 0 dB.
+    azimuth_db: ``table``: one-way gain of the horizontal cut relative to the peak, -300 to 0 dB.
+    elevation_db: ``table``: one-way gain of the vertical cut relative to the peak, -300 to 0 dB.
 
     Notes
     -----
@@ -139,21 +136,14 @@ def apply_antenna(
             f"radar.antenna.kind = {antenna.kind!r} needs the direction of every scatterer, but the scatterer table "
             f"has no {' and no '.join(missing)}; assemble it with angles=True, or use antenna kind 'isotropic'"
         )
-    path_gain, azimuth_rad, elevation_rad = (scatterers[name] for name in ("path_gain", "azimuth", "elevation"))
+    path_gain = scatterers["path_gain"]
+    directions = scatterers["azimuth"], scatterers["elevation"], boresight_azimuth_rad, boresight_tilt_rad
     if antenna.kind == "cosine":
         gains = np.empty(path_gain.shape)
-        native.apply_cosine_pattern(
-            azimuth_rad,
-            elevation_rad,
-            boresight_azimuth_rad,
-            boresight_tilt_rad,
-            compute_cosine_exponent(antenna.hpbw_azimuth_deg or math.nan),
-            compute_cosine_exponent(antenna.hpbw_elevation_deg or math.nan),
-            float(db_to_power(antenna.floor_db)),
-            path_gain,
-            gains,
-        )
+        widths_deg = antenna.hpbw_azimuth_deg, antenna.hpbw_elevation_deg
+        exponents = (compute_cosine_exponent(width_deg or math.nan) for width_deg in widths_deg)
+        floor = float(db_to_power(antenna.floor_db))
+        native.apply_cosine_pattern(*directions, *exponents, floor, path_gain, gains)
     else:
-        angles = rotate_to_boresight(azimuth_rad, elevation_rad, boresight_azimuth_rad, boresight_tilt_rad)
-        gains = path_gain * interpolate_cuts(antenna, *angles) ** 2
+        gains = path_gain * interpolate_cuts(antenna, *rotate_to_boresight(*directions)) ** 2
     return scatterers.replace(path_gain=gains)

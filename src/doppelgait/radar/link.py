@@ -18,6 +18,7 @@ from doppelgait.core.samples import borrow_memory
 from doppelgait.core.units import (
     NOISE_DENSITY_W_PER_HZ,
     REFERENCE_IMPEDANCE_OHM,
+    FloatArray,
     db_to_amplitude,
     db_to_power,
     dbm_to_watt,
@@ -25,8 +26,6 @@ from doppelgait.core.units import (
     watt_to_volt,
 )
 from doppelgait.radar.parameters import Radar
-
-FloatArray = npt.NDArray[np.float64]
 
 MIN_RANGE_M = 0.2
 """Minimum range, m, in the radar equation, which is a far-field law; smaller ranges are replaced by it (E-14)."""
@@ -293,28 +292,21 @@ RECEIVER_ERRORS = {
 def describe_effects(radar: Radar, impairments: Collection[str] = ()) -> dict[str, str]:
     """Describe noise, integration, folding and receiver errors by name."""
     waveform = radar.waveform
-    folding_m = waveform.unambiguous_range_m(radar)
+    noise = "one sample" if radar.pulse_rate_hz is None else f"mean of {radar.averages_per_frame}"
     if radar.threshold_step_v is not None:
         noise = f"counter, {1e3 * radar.threshold_step_v:.3g} mV a step"
-    else:
-        noise = "one sample" if radar.pulse_rate_hz is None else f"mean of {radar.averages_per_frame}"
-    if radar.noise_correlation:
-        correlation = ", ".join(f"{share:.2f}" for share in radar.noise_correlation)
-    else:
-        correlation = "none" if waveform.samples_are_bins else f"of the window ({radar.range_window})"
-    if radar.integration_share > 0:
-        integration = f"{radar.integration_share:g} of the frame"
-    else:
+    correlation = ", ".join(f"{share:.2f}" for share in radar.noise_correlation)
+    integration, folding = f"{radar.integration_share:g} of the frame", "none"
+    if radar.integration_share == 0:
         integration = "none" if waveform.samples_are_bins else "motion in the sweep"
-    if not waveform.ranged:
-        folding = "no range"
-    else:
-        folding = "none" if waveform.samples_are_bins and not radar.fold_echoes else f"at {folding_m:.4g} m"
+    if radar.fold_echoes or not waveform.samples_are_bins:
+        folding = f"at {waveform.unambiguous_range_m(radar):.4g} m"
+    window = "none" if waveform.samples_are_bins else f"of the window ({radar.range_window})"
     return {
         "noise law": noise,
-        "noise correlation": correlation,
+        "noise correlation": correlation or window,
         "frame integration": integration,
-        "folding": folding,
+        "folding": folding if waveform.ranged else "no range",
         **{
             effect: ", ".join(kind for kind in kinds if kind in impairments) or "none"
             for effect, kinds in RECEIVER_ERRORS.items()

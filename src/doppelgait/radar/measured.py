@@ -118,7 +118,12 @@ def label_measured(
     if repeats.any():
         messages.insert(0, f"{int(repeats.sum())} pulses repeat the one before, value by value, and are left out")
     if abs(off) > RATE_OFF:
-        check_unit_of_times(path, placed.rate_hz, radar.prf_hz)
+        for unit, factor in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
+            if abs(radar.prf_hz / (placed.rate_hz * factor) - 1.0) < UNIT_OFF:
+                raise RecordingError(
+                    f"{path}: states prf_hz = {radar.prf_hz:g}, but its times say {placed.rate_hz:g} Hz: they are in "
+                    f"{unit}; give s"
+                )
         messages.append(
             f"states prf_hz = {radar.prf_hz:.6g}, but its times say {placed.rate_hz:.6g} Hz ({100 * off:+.2g} %); the "
             "times are used. If they are wrong, leave them out, or give prf_hz"
@@ -171,15 +176,6 @@ def describe_zeros(values: npt.NDArray[Any], rate_hz: float) -> list[str]:
         f"{where}{100 * lengths.max() / len(values):.2g} % of the pulses are exactly 0 (from pulse {first}, "
         f"{first / rate_hz:.4g} s){more}: samples are lost, or the recording ended early"
     ]
-
-
-def check_unit_of_times(path: Path, rate_hz: float, stated_hz: float) -> None:
-    """Refuse stamps in another unit than s."""
-    for unit, factor in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
-        if abs(stated_hz / (rate_hz * factor) - 1.0) < UNIT_OFF:
-            raise RecordingError(
-                f"{path}: states prf_hz = {stated_hz:g}, but its times say {rate_hz:g} Hz: they are in {unit}; give s"
-            )
 
 
 def label_sweeps(
@@ -256,17 +252,7 @@ def make_radar(path: Path, **facts: Any) -> Radar:
         raise RecordingError(f"{path}: {error}") from None
 
 
-def make_cw_radar(path: Path, *, name: str, carrier_hz: float, prf_hz: float, **facts: Any) -> Radar:
+def make_cw_radar(path: Path, **facts: Any) -> Radar:
     """Make a continuous-wave radar with one range bin, which represents the whole frame."""
     start_m, stop_m = CW_FRAME_M
-    return make_radar(
-        path,
-        name=name,
-        waveform="cw",
-        carrier_hz=carrier_hz,
-        prf_hz=prf_hz,
-        sample_rate_hz=prf_hz,
-        range_start_m=start_m,
-        range_stop_m=stop_m,
-        **facts,
-    )
+    return make_radar(path, waveform="cw", range_start_m=start_m, range_stop_m=stop_m, **facts)

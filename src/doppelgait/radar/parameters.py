@@ -489,8 +489,7 @@ class Radar(FrozenModel):
     @property
     def receiver_bandwidth_hz(self) -> float:
         """Noise bandwidth B_n of a receiver sample, as stated or that of the waveform."""
-        stated_hz = self.noise_bandwidth_hz
-        return self.waveform.noise_bandwidth_hz(self) if stated_hz is None else stated_hz
+        return self.noise_bandwidth_hz or self.waveform.noise_bandwidth_hz(self)
 
 
 def find_possible_correlation(estimate: Iterable[float]) -> tuple[float, ...]:

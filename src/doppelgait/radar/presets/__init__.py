@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import deepcopy
 from functools import lru_cache
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +18,7 @@ CONDITIONS = ("environment", "impairments")
 
 def list_preset_names() -> list[str]:
     """Return the names of all presets; the example of :func:`read_full_preset` shows one."""
-    return list(_list_built_in())
-
-
-@lru_cache(maxsize=1)
-def _list_built_in() -> tuple[str, ...]:
-    folder = resources.files("doppelgait.radar.presets")
-    return tuple(sorted(e.name.removesuffix(".toml") for e in folder.iterdir() if e.name.endswith(".toml")))
+    return sorted(path.stem for path in Path(__file__).parent.glob("*.toml"))
 
 
 def change_preset(
@@ -83,14 +76,7 @@ def read_full_preset(name: str | Path) -> dict[str, Any]:
 
 def read_preset(name: str | Path) -> dict[str, Any]:
     """Return the table of a preset, which is shared and must not be changed."""
-    if str(name).lower().endswith(".toml"):
-        return _read_file(Path(name))
-    if str(name) not in list_preset_names():
-        raise ConfigError(
-            f"unknown radar preset {str(name)!r}; known are: {', '.join(list_preset_names())}; or give the path of a "
-            "file that ends in .toml"
-        )
-    return _parse_built_in(str(name))
+    return _read_file(Path(name)) if str(name).lower().endswith(".toml") else _parse_built_in(str(name))
 
 
 def _read_file(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
@@ -114,5 +100,9 @@ def _read_file(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
 @lru_cache(maxsize=64)
 def _parse_built_in(name: str) -> dict[str, Any]:
     """Parse the table of a built-in preset once. Planning needs it for every example."""
-    with resources.as_file(resources.files("doppelgait.radar.presets") / f"{name}.toml") as path:
-        return read_toml(path)[0]
+    if name not in (names := list_preset_names()):
+        raise ConfigError(
+            f"unknown radar preset {name!r}; known are: {', '.join(names)}; or give the path of a file that ends in "
+            ".toml"
+        )
+    return read_toml(Path(__file__).with_name(f"{name}.toml"))[0]

@@ -118,37 +118,15 @@ class _Sweep(Waveform):
         if not bend * per_m * fastest_mps < LARGEST_BEND:
             return super().synthesise_bins(scatterers, radar)
         range_m, amplitude_v, phase_rad = compute_echoes(scatterers, radar)
-        facts = np.array(
-            [
-                per_m,
-                radar.transmit_phase_rad / (2.0 * math.pi),
-                radar.carrier_hz,
-                0.5 * self.lag * slope,
-                bandwidth_hz,
-                self.lag,
-                radar.carrier_hz * duration_s,
-                bend,
-                self._find_first_bin(radar),
-                size,
-                0.5 * ((size - 1) % 2),
-            ]
-        )
+        phase = [per_m, radar.transmit_phase_rad / (2.0 * math.pi), radar.carrier_hz, 0.5 * self.lag * slope]
+        sweep = [bandwidth_hz, self.lag, radar.carrier_hz * duration_s, bend]
+        facts = np.array([*phase, *sweep, self._find_first_bin(radar), size, 0.5 * ((size - 1) % 2)])
         n_columns = -(-n_bins // VECTOR) * VECTOR
-        turns = np.zeros(n_columns)
-        turns[:n_bins] = self._compute_video_turns(radar)
+        turns = np.pad(self._compute_video_turns(radar), (0, n_columns - n_bins))
         turn = np.stack([np.cos(2.0 * np.pi * turns), np.sin(2.0 * np.pi * turns)]).astype(np.float32)
         out = np.empty((range_m.shape[0], n_bins), dtype=np.complex64)
-        native.add_sweep_responses(
-            range_m,
-            velocity_mps,
-            amplitude_v,
-            phase_rad,
-            facts,
-            tabulate_taps(),
-            tabulate_half_bin_responses(radar.range_window, size, n_columns),
-            turn,
-            out,
-        )
+        tables = tabulate_taps(), tabulate_half_bin_responses(radar.range_window, size, n_columns)
+        native.add_sweep_responses(range_m, velocity_mps, amplitude_v, phase_rad, facts, *tables, turn, out)
         return out
 
     def _compute_video_turns(self, radar: Radar) -> npt.NDArray[np.float64]:
