@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning, OutputError, RecordingError
-from doppelgait.radar.xethru import Splitting, TimedRecord, make_records, read_xethru, sniff_xethru, write_xethru
+from doppelgait.radar.xethru import TimedRecord, make_records, read_xethru, sniff_xethru, write_xethru
 from doppelgait.radar.xethru.records import DATA_TYPES, META_NAME, find_data_type_by_file, parse_records
+from xethru_recorder import Splitting, record_xethru
 
 START = datetime(2026, 11, 21, 1, 8, 48, 634_000, tzinfo=UTC)
 START_MS = 1_795_223_328_634
@@ -138,7 +139,7 @@ def test_names_show_the_time_of_the_zone_and_the_meta_the_instant(tmp_path: Path
 def test_two_types_and_a_user_header(tmp_path: Path) -> None:
     iq = make_records("baseband_iq", **PROFILE, i=[1], q=[2]).tobytes()
     records = [TimedRecord(5, "datafloat", packet(0)), TimedRecord(6, "baseband_iq", iq)]
-    folder = write_xethru(tmp_path, records, start_time=START, session_id="S", user_header=b"HEAD", stop_ms=9)
+    folder = record_xethru(tmp_path, records, start_time=START, session_id="S", user_header=b"HEAD", stop_ms=9)
     rows = [
         entry(5, 1, 0xFFFFFFFF - 1024, 4, 0, 0, 4), entry(5, 1, 1024, 28, 0, 4, 32),
         entry(6, 1, 0xFFFFFFFF - 2, 4, 1, 0, 36), entry(6, 1, 2, 32, 1, 4, 68),
@@ -155,19 +156,21 @@ def test_two_types_and_a_user_header(tmp_path: Path) -> None:
 
 def test_files_split_by_length_and_by_time(tmp_path: Path) -> None:
     times = [0, 400, 800, 1200, 1600, 2000]
-    by_bytes = write_xethru(tmp_path, some(times), start_time=START, session_id="b", splitting=Splitting(file_bytes=56))
+    by_bytes = record_xethru(
+        tmp_path, some(times), start_time=START, session_id="b", splitting=Splitting(file_bytes=56)
+    )
     assert sorted(p.name for p in by_bytes.iterdir() if p.name != META_NAME) == [
         "xethru_datafloat_20261121_010848.dat", "xethru_datafloat_20261121_010849.dat",
         "xethru_datafloat_20261121_010850.dat",
     ]  # fmt: skip
-    by_time = write_xethru(tmp_path, some(times), start_time=START, session_id="t", splitting=Splitting(file_ms=1000))
+    by_time = record_xethru(tmp_path, some(times), start_time=START, session_id="t", splitting=Splitting(file_ms=1000))
     meta = read_xethru(by_time).metas[0]
     assert meta.records["file"].tolist() == [0, 0, 0, 1, 1, 1]
     assert len(read_xethru(by_time).streams["datafloat"]) == 6
 
 
 def test_a_name_that_is_taken_gets_the_millisecond_of_closing(tmp_path: Path) -> None:
-    folder = write_xethru(
+    folder = record_xethru(
         tmp_path,
         some([0, 20, 40]),
         start_time=START,
@@ -182,7 +185,7 @@ def test_a_name_that_is_taken_gets_the_millisecond_of_closing(tmp_path: Path) ->
 
 def test_folders_split_and_chained(tmp_path: Path) -> None:
     records = some([0, 700, 1400, 2100, 2800])
-    folder = write_xethru(tmp_path, records, start_time=START, session_id="S", splitting=Splitting(folder_ms=1000))
+    folder = record_xethru(tmp_path, records, start_time=START, session_id="S", splitting=Splitting(folder_ms=1000))
     assert sorted(p.name for p in folder.iterdir()) == [f"{folder.name}_{k}" for k in range(3)]
     back = read_xethru(folder)
     assert [meta.next_meta for meta in back.metas] == [f"../{folder.name}_{k}/{META_NAME}" for k in (1, 2)] + [""]
@@ -238,7 +241,7 @@ def test_text_types_are_read_line_by_line(tmp_path: Path) -> None:
 
 def test_types_without_known_layout_come_as_bytes(tmp_path: Path) -> None:
     records = [TimedRecord(k, "vitalsigns", bytes([k]) * (k + 3)) for k in range(3)]
-    folder = write_xethru(tmp_path, records, start_time=START, session_id="S", user_header=b"HI")
+    folder = record_xethru(tmp_path, records, start_time=START, session_id="S", user_header=b"HI")
     assert read_xethru(folder).streams["vitalsigns"].raw == (b"\0" * 3, b"\1" * 4, b"\2" * 5)
     data = next(folder.glob("*vital*"))
     data.write_bytes(data.read_bytes()[:-1])

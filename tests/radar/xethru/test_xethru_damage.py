@@ -14,7 +14,6 @@ import pytest
 from damage import mutate, outcomes, read_or_refusal
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.radar.xethru import (
-    Splitting,
     TimedRecord,
     make_records,
     read_xethru,
@@ -22,6 +21,7 @@ from doppelgait.radar.xethru import (
     write_xethru,
 )
 from doppelgait.radar.xethru.records import META_NAME
+from xethru_recorder import Splitting, record_xethru
 
 START = datetime(2026, 11, 21, 1, 8, 48, tzinfo=UTC)
 HEAD = {"bin_length_m": 0.05144033, "sample_rate_hz": 2.916e9, "carrier_hz": 7.29e9, "range_start_m": 0.4}
@@ -34,7 +34,7 @@ def good(folder: Path, *, splitting: Splitting | None = None) -> Path:
         records.append(TimedRecord(10 * k, "baseband_iq", one.tobytes()))
         records.append(TimedRecord(10 * k, "vitalsigns", bytes(range(k, k + 9))))
         records.append(TimedRecord(10 * k, "datastring", f"now;{k}\n".encode()))
-    return write_xethru(
+    return record_xethru(
         folder, records, start_time=START, session_id="S", user_header=b"HI", splitting=splitting or Splitting()
     )
 

@@ -10,16 +10,15 @@ import pytest
 from doppelgait.core.errors import RecordingError
 from doppelgait.radar import Radar
 from doppelgait.radar.xethru import (
-    Splitting,
     TimedRecord,
     XethruRecording,
     make_records,
     read_xethru,
     read_xethru_recording,
     sniff_xethru,
-    write_xethru,
 )
 from doppelgait.radar.xethru.records import TYPES_BY_MASK
+from xethru_recorder import Splitting, record_xethru
 
 pytestmark = pytest.mark.shared
 
@@ -92,7 +91,7 @@ def written_again(folder: Path, name: str, zone_h: int, into: Path) -> Path:
     places = sorted(path.parent for path in folder.rglob("xethru_recording_meta.dat"))
     header = next(iter(content.user_headers.values()), b"")
     zone = timezone(timedelta(hours=zone_h))
-    return write_xethru(
+    return record_xethru(
         into,
         [record for place, meta in zip(places, metas, strict=True) for record in timed_records(place, meta, start_ms)],
         start_time=datetime.fromtimestamp(0, zone) + timedelta(milliseconds=start_ms),

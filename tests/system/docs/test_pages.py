@@ -33,7 +33,6 @@ INTERNAL = {
     "Parquet", "WebDataset", "Zarr",  # options of an export
     "RowSpec", "ExampleSpec", "EmptySceneOptions", "Run",  # what configurations are resolved to
     "Facts", "Patch", "Training",  # inside a model file
-    "Splitting",  # an argument of a Python function
     "A111Settings", "Settings", "Subsweep", "ExpmapSkeleton",  # inside records of other programs
 }  # fmt: skip
 """Models whose keys no user writes into a file."""

@@ -8,18 +8,16 @@ from __future__ import annotations
 import math
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
 
-from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import OutputError, RecordingError, warn_caller
 from doppelgait.core.labels import sampling_rate_hz
 from doppelgait.core.plugins import plugin
@@ -33,7 +31,6 @@ from doppelgait.radar.xethru.records import (
     FILE_CLOSED,
     META_NAME,
     RECORD,
-    DataType,
     Meta,
     find_data_type,
     make_records,
@@ -58,75 +55,15 @@ class TimedRecord:
     content: bytes
 
 
-class Splitting(FrozenModel):
-    """Limits at which a new data file or a new folder starts.
-
-    file_bytes: Maximum size of a data file: it is closed after the record that reaches it.
-    file_ms: Maximum duration of a data file: it is closed before the first record at this time
-        after it was opened.
-    folder_bytes: Maximum size of all data files of a folder, as ``file_bytes``.
-    folder_ms: Maximum duration of a folder, as ``file_ms``.
-    """
-
-    file_bytes: int | None = Field(default=None, ge=1)
-    file_ms: int | None = Field(default=None, ge=1)
-    folder_bytes: int | None = Field(default=None, ge=1)
-    folder_ms: int | None = Field(default=None, ge=1)
-
-
-NO_SPLITTING = Splitting()
-
-
-@dataclass
-class _DataFile:
-    kind: DataType
-    number: int
-    opened_ms: int
-    stream: IO[bytes]
-    path: Path
-    n_bytes: int = 0
-
-
-@dataclass
-class _Part:
-    """Folder being written: its open files and table."""
-
-    folder: Path
-    opened_ms: int
-    last_ms: int
-    open_files: dict[str, _DataFile] = field(default_factory=dict)
-    entries: list[tuple[int, int, int, int, int, int, int]] = field(default_factory=list)
-    names: list[str] = field(default_factory=list)
-    n_bytes: int = 0
-
-
-@dataclass(frozen=True)
-class _Job:
-    """Parameters of the whole recording."""
-
-    root: Path
-    start_time: datetime
-    session_id: str
-    profile_id: int
-    user_header: bytes
-    splitting: Splitting
-    rename_lag_ms: int
-
-
 def write_xethru(
     folder: str | os.PathLike[str],
     records: Iterable[TimedRecord],
     *,
     start_time: datetime,
     session_id: str,
-    stop_ms: int | Sequence[int] | None = None,
-    duration_ms: int | None = None,
-    profile_id: int = 0,
-    user_header: bytes = b"",
-    splitting: Splitting = NO_SPLITTING,
-    rename_lag_ms: int = 0,
+    stop_ms: int | None = None,
 ) -> Path:
-    """Write data files and a meta file of version 13, and return their folder.
+    """Write a data file for each type and a meta file of version 13, and return their folder.
 
     Open files end in ``.writing``; each takes its name when it is closed, the meta file last.
 
@@ -140,20 +77,8 @@ def write_xethru(
         Start time with a time zone, which the names have, too (local time in the vendor's).
     session_id : str
         1 to 100 printable characters that are allowed in the name of a folder.
-    stop_ms : int or sequence of int, optional
-        Time at which the last files (of each folder) were closed; that of the last record.
-    duration_ms : int, optional
-        End of the recording for the duration in the (last) meta file; ``stop_ms`` by default.
-    profile_id : int
-        Radar profile, 0 for raw data.
-    user_header : bytes
-        Content at the start of every data file.
-    splitting : Splitting
-        With ``folder_bytes`` or ``folder_ms`` the folder holds folders ``<its name>_0``, ``_1``
-        ..., each with a meta file that names the next.
-    rename_lag_ms : int
-        Time from the closing of a data file to the time in its name. The name has the second in which the file was
-        opened; if it exists already, ``_NNNms`` is added, the millisecond of the time in the name.
+    stop_ms : int, optional
+        Time at which the files were closed; that of the last record.
 
     Raises
     ------
@@ -170,123 +95,63 @@ def write_xethru(
             f"session_id {session_id!r} is not allowed: 1 to {MAX_SESSION_ID} printable characters without "
             '/ \\ : * ? " < > |, and no space or dot at its ends'
         )
-    stops_ms = [stop_ms] if isinstance(stop_ms, int) else list(stop_ms or ())
-    name = f"xethru_recording_{start_time:%Y%m%d_%H%M%S}_{session_id}"
-    job = _Job(Path(folder) / name, start_time, session_id, profile_id, user_header, splitting, rename_lag_ms)
-    if job.root.exists():
-        raise OutputError(f"{job.root}: exists already; take another session id, start time or folder")
+    root = Path(folder) / f"xethru_recording_{start_time:%Y%m%d_%H%M%S}_{session_id}"
+    if root.exists():
+        raise OutputError(f"{root}: exists already; take another session id, start time or folder")
     try:
-        job.root.mkdir(parents=True)
-        _write_parts(job, records, stops_ms, duration_ms)
+        root.mkdir(parents=True)
+        _write_files(root, records, start_time, session_id, stop_ms)
     except BaseException as error:
         with suppress(OSError):
-            shutil.rmtree(job.root)
+            shutil.rmtree(root)
         if isinstance(error, OSError):
-            raise OutputError(f"{job.root}: cannot be written: {error}") from None
+            raise OutputError(f"{root}: cannot be written: {error}") from None
         raise
-    return job.root
+    return root
 
 
-def _write_parts(job: _Job, records: Iterable[TimedRecord], stops_ms: Sequence[int], duration_ms: int | None) -> None:
-    part: _Part | None = None
-    number = 0
-    for record in records:
-        last_ms = 0 if part is None else part.last_ms
-        if not last_ms <= record.time_ms <= MAX_TIME_MS:
-            raise RecordingError(
-                f"a record of {record.data_type} has the time {record.time_ms} ms; allowed are {last_ms}, that of the "
-                f"record before it, to {MAX_TIME_MS}"
-            )
-        if not record.content:
-            raise RecordingError(f"a record of {record.data_type} at {record.time_ms} ms has no content")
-        if part is not None and _is_full(part, record.time_ms, job.splitting.folder_bytes, job.splitting.folder_ms):
-            stop = stops_ms[number - 1] if len(stops_ms) >= max(number, 2) else part.last_ms
-            _close_part(job, part, stop_ms=stop, following=_name_part(job, number))
-            part = None
-        if part is None:
-            split = job.splitting.folder_bytes is not None or job.splitting.folder_ms is not None
-            folder = job.root / _name_part(job, number) if split else job.root
-            folder.mkdir(exist_ok=True)
-            opened_ms = record.time_ms if number else 0
-            part = _Part(folder, opened_ms, opened_ms)
-            number += 1
-        kind = find_data_type(record.data_type)
-        file = part.open_files.get(kind.name)
-        if file is not None and _is_full(file, record.time_ms, None, job.splitting.file_ms):
-            _close_file(job, part, file, part.last_ms)
-            file = None
-        part.last_ms = record.time_ms
-        if file is None:
-            opened = job.start_time + timedelta(milliseconds=record.time_ms)
-            path = part.folder / f"{kind.base_name}_{opened:%Y%m%d_%H%M%S}{kind.suffix}"
-            file_number = len(part.names)
-            stream = path.with_name(f"{path.name}.{file_number}{WRITING}").open("xb")
-            file = _DataFile(kind, file_number, record.time_ms, stream, path)
-            part.names.append("")
-            part.open_files[kind.name] = file
-            if job.user_header:
-                _append(part, file, job.user_header, record.time_ms, ~kind.mask & 0xFFFFFFFF)
-        _append(part, file, record.content, record.time_ms, kind.mask)
-        if _is_full(file, record.time_ms, job.splitting.file_bytes, None):
-            _close_file(job, part, file, record.time_ms)
-    if part is None:
+def _write_files(
+    root: Path, records: Iterable[TimedRecord], start_time: datetime, session_id: str, stop_ms: int | None
+) -> None:
+    last_ms, sizes, entries = 0, [], []
+    paths: dict[str, Path] = {}
+    with ExitStack() as stack:
+        streams: dict[str, IO[bytes]] = {}
+        for record in records:
+            if not last_ms <= record.time_ms <= MAX_TIME_MS:
+                raise RecordingError(
+                    f"a record of {record.data_type} has the time {record.time_ms} ms; allowed are {last_ms}, that of "
+                    f"the record before it, to {MAX_TIME_MS}"
+                )
+            if not record.content:
+                raise RecordingError(f"a record of {record.data_type} at {record.time_ms} ms has no content")
+            kind, last_ms = find_data_type(record.data_type), record.time_ms
+            if kind.name not in streams:
+                opened = start_time + timedelta(milliseconds=last_ms)
+                paths[kind.name] = root / f"{kind.base_name}_{opened:%Y%m%d_%H%M%S}{kind.suffix}"
+                writing = paths[kind.name].with_name(paths[kind.name].name + WRITING)
+                streams[kind.name] = stack.enter_context(writing.open("xb"))
+                sizes.append(0)
+            number, size = list(streams).index(kind.name), len(record.content)
+            streams[kind.name].write(record.content)
+            total = sum(sizes) + size
+            entries.append((last_ms, RECORD, kind.mask, size, number, sizes[number], total))
+            sizes[number] += size
+    if not entries:
         raise RecordingError("a XeThru recording needs one record or more; there is none")
-    _close_part(job, part, stop_ms=stops_ms[-1] if stops_ms else part.last_ms, duration_ms=duration_ms)
-
-
-def _is_full(opened: _Part | _DataFile, time_ms: int, limit_bytes: int | None, limit_ms: int | None) -> bool:
-    too_long = limit_bytes is not None and opened.n_bytes >= limit_bytes
-    return too_long or (limit_ms is not None and time_ms - opened.opened_ms >= limit_ms)
-
-
-def _name_part(job: _Job, number: int) -> str:
-    return f"{job.root.name}_{number}"
-
-
-def _append(part: _Part, file: _DataFile, content: bytes, time_ms: int, mask: int) -> None:
-    file.stream.write(content)
-    part.n_bytes += len(content)
-    after_ms = time_ms - part.opened_ms
-    part.entries.append((after_ms, RECORD, mask, len(content), file.number, file.n_bytes, part.n_bytes))
-    file.n_bytes += len(content)
-
-
-def _close_file(job: _Job, part: _Part, file: _DataFile, time_ms: int) -> None:
-    file.stream.close()
-    after_ms = time_ms - part.opened_ms
-    part.entries.append((after_ms, FILE_CLOSED, file.kind.mask, 0, file.number, file.n_bytes, part.n_bytes))
-    # the plain name, or if it exists, with the millisecond of the time (or the next free one)
-    moment = job.start_time + timedelta(milliseconds=time_ms + job.rename_lag_ms)
-    candidate, millisecond = file.path, moment.microsecond // 1000
-    while candidate.exists():
-        candidate = file.path.with_name(f"{file.path.stem}_{millisecond:03d}ms{file.path.suffix}")
-        millisecond += 1
-    path = candidate
-    os.rename(file.stream.name, path)
-    part.names[file.number] = path.name
-    del part.open_files[file.kind.name]
-
-
-def _close_part(job: _Job, part: _Part, *, stop_ms: int, duration_ms: int | None = None, following: str = "") -> None:
-    if not part.last_ms <= stop_ms <= MAX_TIME_MS:
-        raise RecordingError(f"stop_ms {stop_ms} is not allowed: it must be {part.last_ms}, the last record, or later")
-    for file in sorted(part.open_files.values(), key=lambda one: one.kind.bit):
-        _close_file(job, part, file, stop_ms)
-    after_ms = stop_ms - part.opened_ms
-    meta = Meta(
-        start_ms=(job.start_time - datetime.fromtimestamp(0, tz=UTC)) // timedelta(milliseconds=1) + part.opened_ms,
-        session_id=job.session_id,
-        entries=np.array(part.entries, dtype=ENTRY),
-        file_names=tuple(part.names),
-        duration_ms=after_ms if duration_ms is None else duration_ms - part.opened_ms,
-        trailer_ms=after_ms,
-        profile_id=job.profile_id,
-        next_meta=f"../{following}/{META_NAME}" if following else "",
-    )
-    place = part.folder / META_NAME
-    writing = place.with_name(place.name + WRITING)
+    stop_ms = last_ms if stop_ms is None else stop_ms
+    if not last_ms <= stop_ms <= MAX_TIME_MS:
+        raise RecordingError(f"stop_ms {stop_ms} is not allowed: it must be {last_ms}, the last record, or later")
+    for name in sorted(paths, key=lambda name: find_data_type(name).bit):
+        number = list(paths).index(name)
+        entries.append((stop_ms, FILE_CLOSED, find_data_type(name).mask, 0, number, sizes[number], sum(sizes)))
+        os.rename(f"{paths[name]}{WRITING}", paths[name])
+    start_ms = (start_time - datetime.fromtimestamp(0, tz=UTC)) // timedelta(milliseconds=1)
+    names = tuple(path.name for path in paths.values())
+    meta = Meta(start_ms, session_id, np.array(entries, dtype=ENTRY), names, duration_ms=stop_ms)
+    writing = root / f"{META_NAME}{WRITING}"
     writing.write_bytes(pack_meta(meta))
-    os.rename(writing, place)
+    os.rename(writing, root / META_NAME)
 
 
 RF_FRAMES = ("radar_rf", "radar_rf_normalized")
