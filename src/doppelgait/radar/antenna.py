@@ -17,10 +17,10 @@ from doppelgait.core.units import FloatArray, arcsine, arctangent, cosine, db_to
 
 FIELDS_OF_KIND = {
     "isotropic": (),
-    "cosine": ("hpbw_azimuth_deg", "hpbw_elevation_deg"),
+    "cosine": ("hpbw_azimuth_deg", "hpbw_elevation_deg", "floor_db"),
     "table": ("angle_deg", "azimuth_db", "elevation_db"),
 }
-"""Required parameters of each kind of pattern; ``cosine`` also allows ``floor_db``."""
+"""Parameters of each kind of pattern; those without a default are required."""
 
 
 class Antenna(FrozenModel):
@@ -67,10 +67,8 @@ class Antenna(FrozenModel):
         missing = [name for name in needed if getattr(self, name) is None]
         if missing:
             raise ValueError(f"antenna kind {self.kind!r} needs {' and '.join(missing)}")
-        others = {name for names in FIELDS_OF_KIND.values() for name in names if name not in needed}
-        foreign = sorted(name for name in others if getattr(self, name) is not None)
-        if self.kind != "cosine" and self.floor_db != type(self).model_fields["floor_db"].default:
-            foreign.append("floor_db")
+        others = {name: field for name, field in type(self).model_fields.items() if name not in ("kind", *needed)}
+        foreign = [name for name, field in others.items() if getattr(self, name) != field.default]
         if foreign:
             raise ValueError(f"antenna kind {self.kind!r} has no {', '.join(foreign)}: remove it, or change the kind")
         if self.angle_deg is None:

@@ -170,16 +170,8 @@ class Waveform(FrozenModel):
             )
 
 
-OPTIONAL = (
-    "bandwidth_hz",
-    "bandwidth_level_db",
-    "pulse_sigma_s",
-    "sweep_s",
-    *Waveform.takes,
-    "range_window",
-    "sweep_levels",
-    "threshold_step_v",
-)
+IMPULSE = ("bandwidth_hz", "bandwidth_level_db", "pulse_sigma_s", "sweep_levels", "threshold_step_v")
+OPTIONAL = (*IMPULSE, *Waveform.takes, "sweep_s", "range_window")
 """Parameters of a radar that only some waveforms use; their defaults count as unset."""
 
 WAVEFORMS: Group[type[Waveform]] = Group(
@@ -210,9 +202,8 @@ class Radar(FrozenModel):
 
     name: Name shown to the user; it has no effect.
     waveform: ``impulse`` (Gaussian pulse), ``rectangular``, ``lfm`` (chirped pulse with a matched
-        filter), ``fmcw`` (de-chirped), ``stepped`` (stepped frequency), ``cw``, or the waveform of
-        an installed package; their parameters are listed in :mod:`doppelgait.radar.waveforms`. The
-        name is short for ``{ kind = "NAME" }``; further keys are parameters of the waveform.
+        filter), ``fmcw`` (de-chirped), ``stepped`` (stepped frequency), ``cw``, or that of another
+        package; the name is short for ``{ kind = "NAME" }`` with the parameters of the waveform.
     carrier_hz: Centre frequency f_c of the transmitted signal.
     prf_hz: Frame rate f_p: slow-time samples per second. A frame of a swept-threshold chip contains
         many pulses.
@@ -227,18 +218,15 @@ class Radar(FrozenModel):
     bandwidth_hz: Two-sided bandwidth B. Gaussian pulse: bandwidth at ``bandwidth_level_db`` below
         the peak. lfm, fmcw and stepped: bandwidth swept in sweep_s.
     bandwidth_level_db: Level below the peak at which the bandwidth of a Gaussian pulse is measured.
-    pulse_sigma_s: impulse: standard deviation tau of the pulse's amplitude envelope, instead of the
-        bandwidth.
+    pulse_sigma_s: impulse: standard deviation tau of the amplitude envelope; replaces bandwidth_hz.
     sweep_s: Duration of the pulse (rectangular, lfm), of the sampled part of a chirp (fmcw), or of
-        all steps (stepped). fmcw and stepped have round(sweep_s * sample_rate_hz) samples or steps
-        per frame.
+        all steps (stepped). A sweep has round(sweep_s * sample_rate_hz) samples or steps.
     range_window: Window before the transform to range (fmcw, stepped).
     volts_per_unit: Volts at the receiver output per unit of the numbers in the sensor's own files.
     tx_power_dbm: Peak power P_t of the transmitted envelope.
     tx_gain_dbi: Peak gain G_t of the transmit antenna.
     rx_gain_dbi: Peak gain G_r of the receive antenna.
-    antenna: Pattern of the antennas relative to the peak (:mod:`doppelgait.radar.antenna`); the
-        same in all directions by default.
+    antenna: Pattern of the antennas relative to the peak, the same in all directions by default.
     receiver_gain_db: Receiver gain G_rx, which multiplies signal and noise.
     noise_figure_db: Noise figure F of the receiver.
     noise_bandwidth_hz: Noise bandwidth B_n of a receiver sample; by default the pulse's 10 dB
@@ -249,14 +237,12 @@ class Radar(FrozenModel):
     pulse_rate_hz: Pulses (sweeps) per second; a frame averages pulse_rate / (prf * sweep_levels)
         pulses, times integration_share if that is not 0.
     sweep_levels: Number of levels of the threshold sweep; 1 without one.
-    threshold_step_v: Spacing d of the thresholds of an impulse radar with a threshold sweep, V at
-        the receiver output. The receiver then counts comparisons, with the noise of a counter
-        (E-18b); otherwise it averages samples.
-    integration_share: Share of the frame time over which the samples of one frame are summed, 0 to
-        1: the amplitude of a moving echo is multiplied by sinc(f_d T_i), T_i = integration_share /
-        prf_hz (E-13b), and pulses outside this time are not averaged. 0 if the integration time of
-        a frame is negligible, and for waveforms that model the motion within a frame (fmcw,
-        stepped).
+    threshold_step_v: Spacing d of the thresholds of an impulse radar with a threshold sweep, at the
+        receiver output; the receiver then has the noise of a counter (E-18b) and not of a mean.
+    integration_share: Share of the frame time over which the samples of one frame are summed: the
+        amplitude of a moving echo is multiplied by sinc(f_d T_i), T_i = integration_share / prf_hz
+        (E-13b), and pulses outside this time are not averaged. 0 if it is negligible, and for fmcw
+        and stepped, which model the motion within a frame.
     fold_echoes: For pulsed radars: echoes from beyond c / (2 pulse rate) appear in the frame of a
         later pulse (E-10b). False for a hypothetical radar. Sweeps always fold.
     transmit_phase_rad: Phase theta of the transmitted pulse.

@@ -75,9 +75,8 @@ def read_points(
     for name in (*NEEDED, "time_s"):
         if len(bad := np.flatnonzero(~np.isfinite(table[name].to_numpy()))):
             raise RecordingError(f"{file}: point {bad[0] + 1} has no {name}")
-    if (np.diff(table["time_s"]) < 0).any():
-        place = int(np.flatnonzero(np.diff(table["time_s"]) < 0)[0]) + 2
-        raise RecordingError(f"{file}: point {place} is earlier than the previous one; sort the points by time")
+    if (back := np.flatnonzero(np.diff(table["time_s"]) < 0)).size:
+        raise RecordingError(f"{file}: point {back[0] + 2} is earlier than the previous one; sort the points by time")
     if "z_m" not in table:
         table["z_m"] = 0.0
     number = table["track"].to_numpy()
@@ -111,8 +110,7 @@ def _read_csv(file: Path, content: bytes) -> dict[str, Any]:
             values = values.fillna(-1)
         bad = np.flatnonzero(~np.isfinite(values.to_numpy(dtype=np.float64)))
         if len(bad) and key != "snr":
-            line = bad[0] + 2
-            raise RecordingError(f"{file}: line {line}, {name}: {raw[name].iloc[bad[0]]!r} is no number")
+            raise RecordingError(f"{file}: line {bad[0] + 2}, {name}: {raw[name].iloc[bad[0]]!r} is no number")
         columns[key] = values.to_numpy(dtype=np.float64)
     return columns
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -37,17 +37,7 @@ STORED_BYTES = 1 << 26
 """Maximum size of samples that are read at once, bytes; larger ones are read from the file on demand."""
 
 UNIT_SUFFIX = {"m": "_m", "m/s": "_mps", "rad": "_rad", "m^2": "_m2", "1": ""}
-TRUTH_FACTS = (
-    "label",
-    "gait",
-    "subject",
-    "motion",
-    "ground_speed_mps",
-    "height_m",
-    "stride_frequency_hz",
-    "step_frequency_hz",
-    "gait_frequency_hz",
-)
+TRUTH_FACTS = [fact.name for fact in fields(TargetTruth) if fact.type in ("str", "float")]
 POSE = {"radar_position_m": (3,), "radar_azimuth_deg": (), "radar_tilt_deg": ()}
 """Shapes of the attributes for position and direction of the radar."""
 STORED_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase", "aspect")
@@ -137,7 +127,7 @@ def read_hdf5(path: Path) -> Recording:
     """Read a recording written by :func:`write_recording`."""
     with open_own_hdf5(path, RECORDING) as file:
         radar = validate(Radar, parse_json(file.attrs["radar"]), where="radar")
-        slow_time_s, range_m = (_read_numbers(file, name) for name in ("slow_time_s", "range_m"))
+        slow_time_s, range_m = (_open_numbers(file, name)[:] for name in ("slow_time_s", "range_m"))
         attrs = {k: v.item() if isinstance(v, np.generic) else v for k, v in file["baseband"].attrs.items()}
         further = {**make_baseband_facts(radar), **attrs}
         found = file["baseband"]
@@ -176,10 +166,11 @@ def read_hdf5(path: Path) -> Recording:
         )
 
 
-def _read_numbers(group: Any, name: str) -> Any:
-    """Return the values of a dataset of real numbers."""
-    _check_real(group, name)
-    return group[name][:]
+def _open_numbers(group: Any, name: str) -> Any:
+    """Return a dataset of real numbers."""
+    if group[name].dtype.kind not in "fiu":
+        raise ValueError(f"{name} holds {group[name].dtype} values, must be real numbers")
+    return group[name]
 
 
 def _read_names(group: Any, key: str) -> list[str]:
@@ -188,11 +179,6 @@ def _read_names(group: Any, key: str) -> list[str]:
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise ValueError(f"{key} must be a list of names, not {str(names)[:40]}")
     return names
-
-
-def _check_real(group: Any, name: str) -> None:
-    if group[name].dtype.kind not in "fiu":
-        raise ValueError(f"{name} holds {group[name].dtype} values, must be real numbers")
 
 
 @dataclass(frozen=True)
@@ -228,9 +214,9 @@ def _read_truth(group: Any, slow_time_s: Any, number: int, path: Path | None) ->
     shape = (len(slow_time_s), len(parts))
 
     def values_of(key: str) -> Any:
-        if path is None or group[key].shape != shape:
-            return np.broadcast_to(_read_numbers(group, key), shape)
-        _check_real(group, key)
+        stored = _open_numbers(group, key)
+        if path is None or stored.shape != shape:
+            return np.broadcast_to(stored[:], shape)
         return LateRows(shape, StoredRows(path, f"{group.name}/{key}", "f8", _read_stamp(path)), np.float64)
 
     keys = {name: name + UNIT_SUFFIX[SCATTERER_VARIABLES[name]] for name in STORED_VARIABLES}
@@ -239,11 +225,11 @@ def _read_truth(group: Any, slow_time_s: Any, number: int, path: Path | None) ->
     scatterers: Any = ScattererTable(slow_time_s, values, {"target": np.full(shape[1], number), **columns})
     stored = {fact: group.attrs[fact] for fact in TRUTH_FACTS}
     facts: dict[str, Any] = {k: str(v) if isinstance(v, str | bytes) else float(v) for k, v in stored.items()}
-    centre = {name: _read_numbers(group, name) for name in CENTRE_ARRAYS}
+    centre = {name: _open_numbers(group, name)[:] for name in CENTRE_ARRAYS}
     body: Any = None  # recordings of earlier versions have no body
     if "body_position_m" in group:
         markers, parts = (_read_names(group, f"body_{key}") for key in ("marker", "part"))
         body = describe_points(
-            group["body_position_m"][:].astype(np.float32), _read_numbers(group, "body_time_s"), markers, parts
+            group["body_position_m"][:].astype(np.float32), _open_numbers(group, "body_time_s")[:], markers, parts
         )
     return TargetTruth(scatterers=scatterers, body=body, **centre, **facts)

@@ -31,7 +31,7 @@ from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Matrix, Samples, borrow_planes
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, range_to_delay_s, velocity_to_doppler_hz
 from doppelgait.radar.link import compute_echoes, radial_velocity_mps
-from doppelgait.radar.parameters import PULSE_SIGMA_S, Radar, Waveform, check_band, check_sweep_fits
+from doppelgait.radar.parameters import IMPULSE, PULSE_SIGMA_S, Radar, Waveform, check_band, check_sweep_fits
 
 RECTANGULAR_WIDTH = 2.0 - math.sqrt(2.0)
 """Half-power width of the triangle (1 - |x|)^2, in pulse durations."""
@@ -54,14 +54,7 @@ TABLE_ERROR = 1e-7
 class Impulse(Waveform):
     """A Gaussian pulse."""
 
-    takes: ClassVar[tuple[str, ...]] = (
-        *Waveform.takes,
-        "bandwidth_hz",
-        "bandwidth_level_db",
-        "pulse_sigma_s",
-        "sweep_levels",
-        "threshold_step_v",
-    )
+    takes: ClassVar[tuple[str, ...]] = (*Waveform.takes, *IMPULSE)
 
     kind: Literal["impulse"] = "impulse"
 

@@ -38,10 +38,8 @@ ROWS = 2048
 LONGEST_RESPONSE = 4096
 """Maximum sum of samples and range bins of sweeps that are synthesised without their samples."""
 LARGEST_BEND = 0.05
-"""Maximum phase by motion, rad, from a sweep's middle to its ends, without samples.
-
-The error grows with its fourth power; here it is 6.4e-7 of the sum of amplitudes.
-"""
+"""Maximum phase by motion, rad, from a sweep's middle to its ends, without samples; the error, which
+grows with its fourth power, is then 6.4e-7 of the sum of amplitudes."""
 ORDERS = 8
 """Terms of the power series by which a scatterer is moved and bent between the places of the table of taps."""
 PLACES = 16
