@@ -24,8 +24,6 @@ UNIT_OFF = 0.2
 """Largest relative difference of the rates in another unit of time."""
 CHECK_ROWS = 4096
 """Number of rows per block in the search for NaN."""
-
-
 POSITIVE = Limits(0.0, 1e6)
 Positive = Annotated[float, POSITIVE]
 """Type of an option: a rate in Hz, a duration in s or a level in V."""

@@ -205,8 +205,7 @@ class Radar(FrozenModel):
         filter), ``fmcw`` (de-chirped), ``stepped`` (stepped frequency), ``cw``, or that of another
         package; the name is short for ``{ kind = "NAME" }`` with the parameters of the waveform.
     carrier_hz: Centre frequency f_c of the transmitted signal.
-    prf_hz: Frame rate f_p: slow-time samples per second. A frame of a swept-threshold chip contains
-        many pulses.
+    prf_hz: Frame rate f_p: slow-time samples per second. A frame may be a mean of many pulses.
     burst_pulses: Number of frames in a burst, at the rate prf_hz; None: frames without pauses.
         Impairments that vary over slow time do not change during the pauses.
     burst_period_s: Time from the start of one burst to the start of the next.
@@ -459,10 +458,7 @@ class Radar(FrozenModel):
 
     @property
     def averages_per_frame(self) -> int:
-        """Number of pulses averaged into one frame, N_eff (E-18).
-
-        It is floor(pulse rate * share / (f_p levels)), with share = ``integration_share`` or 1; 1 without a pulse rate.
-        """
+        """Number of pulses averaged into one frame, floor(pulse rate * share / (f_p levels)) (E-18)."""
         if self.pulse_rate_hz is None:
             return 1
         return math.floor(self.pulse_rate_hz * (self.integration_share or 1.0) / (self.prf_hz * self.sweep_levels))

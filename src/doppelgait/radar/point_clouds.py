@@ -1,8 +1,6 @@
-"""Point clouds with track numbers from TI's tracking demos.
+"""Point clouds with track numbers from TI's tracking demos: CSV, or JSON of the Industrial Visualizer.
 
-Such a log has no samples, so that it cannot be analysed; its tracks have positions and speeds,
-which can be compared with those of a recording or a simulation. Supported files are CSV files with
-one line per point, and the JSON files that the Industrial Visualizer of TI's Radar Toolbox saves.
+Such a log has no samples and cannot be analysed; its tracks can be compared with other tracks.
 """
 
 from __future__ import annotations
@@ -202,6 +200,5 @@ def interpolate_ranges(
     for column, one in enumerate(tracks):
         after = np.clip(np.searchsorted(one.times_s, times), 1, one.times_s.size - 1)
         short = np.diff(one.times_s)[after - 1] <= longest_gap_s
-        inside = (times >= one.times_s[0]) & (times <= one.times_s[-1]) & short
-        found[inside, column] = np.interp(times[inside], one.times_s, one.range_m)
+        found[short, column] = np.interp(times[short], one.times_s, one.range_m, left=np.nan, right=np.nan)
     return found

@@ -69,7 +69,7 @@ def write_recording(recording: Recording, path: str | Path) -> None:
             file.attrs["seed"] = recording.seed
         if recording.notes:
             file.attrs["notes"] = json.dumps(recording.notes)
-        _put_tiles(file, "baseband", recording.frames.get_values(), "<c8", "V")
+        _put(file, "baseband", recording.frames.get_values(), "V", "<c8")
         file["baseband"].attrs.update(list_further_facts(recording))
         _put(file, "slow_time_s", recording.slow_time_s, "s")
         _put(file, "range_m", recording.range_m, "m")
@@ -89,7 +89,7 @@ def write_recording(recording: Recording, path: str | Path) -> None:
                 first = np.asarray(values[0:1])
                 if name in ("rcs", "path_gain") and all((x == first).all() for _, x in read_tiles(values)):
                     values = first
-                _put_tiles(group, name + UNIT_SUFFIX[units], values, "<f8", units)
+                _put(group, name + UNIT_SUFFIX[units], values, units, "<f8")
             if (kept := vars(truth)["body"]) is not None:
                 body = Signal.of(kept, MOTION)
                 for name in ("marker", "part"):
@@ -98,14 +98,9 @@ def write_recording(recording: Recording, path: str | Path) -> None:
                 _put(group, "body_position_m", body.values.astype("<f4"), "m")
 
 
-def _put(group: Any, name: str, values: Any, units: str) -> None:
-    dataset = group.create_dataset(name, data=values, track_times=False)
-    dataset.attrs["units"] = units
-
-
-def _put_tiles(group: Any, name: str, values: Any, dtype: str, units: str) -> None:
+def _put(group: Any, name: str, values: Any, units: str, dtype: str | None = None) -> None:
     """Write values (slow_time, ...), long ones tile by tile."""
-    dataset = group.create_dataset(name, values.shape, dtype, track_times=False)
+    dataset = group.create_dataset(name, values.shape, dtype or values.dtype, track_times=False)
     for first, tile in read_tiles(values):
         dataset[first : first + tile.shape[0]] = tile
     dataset.attrs["units"] = units

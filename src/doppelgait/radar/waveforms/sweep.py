@@ -88,9 +88,8 @@ class _Sweep(Waveform):
         delay_s = range_m * (2.0 / SPEED_OF_LIGHT_MPS)
         beta = radial_velocity_mps(scatterers) * (2.0 / SPEED_OF_LIGHT_MPS)
         slope, step_s = _slope_hz_per_s(radar), 1.0 / radar.sample_rate_hz
-        turns = radar.transmit_phase_rad / (2.0 * math.pi) - delay_s * (
-            radar.carrier_hz - 0.5 * self.lag * slope * delay_s
-        )
+        frequency_hz = radar.carrier_hz - 0.5 * self.lag * slope * delay_s
+        turns = radar.transmit_phase_rad / (2.0 * math.pi) - delay_s * frequency_hz
         if phase_rad is not None:
             turns += phase_rad / (2.0 * math.pi)
         linear = step_s * (radar.carrier_hz * beta - slope * delay_s * (1.0 + self.lag * beta))
