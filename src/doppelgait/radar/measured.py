@@ -205,7 +205,6 @@ def label_sweeps(
         f"the samples are {'' if conjugate else 'not '}conjugated, so that an approaching target has positive Doppler",
         *notes,
     ]
-    check_shape(path, samples)
     check_finite(path, samples)
     beat = samples.conj() if conjugate else samples
     bins = radar.waveform.compress(beat if np.iscomplexobj(samples) else 2.0 * samples, radar)

@@ -132,10 +132,7 @@ class Waveform(FrozenModel):
         return 1.0
 
     def independent_bins(self, radar: Radar) -> float:
-        """Return the independent noise values per range bin.
-
-        It is 1 / (1 + 2 sum rho_l^2) with the noise correlation rho_l at a lag of l bins.
-        """
+        """Return the independent noise values per range bin, 1 / (1 + 2 sum rho_l^2) (E-18c)."""
         return 1.0 / (1.0 + 2.0 * math.fsum(rho**2 for rho in radar.noise_correlation))
 
     def unambiguous_range_m(self, radar: Radar) -> float:

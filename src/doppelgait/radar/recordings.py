@@ -137,7 +137,6 @@ def read_hdf5(path: Path) -> Recording:
         with np.errstate(over="ignore", invalid="ignore"):  # values beyond single precision raise an error later
             values = found if stored else found[:].astype(np.complex64)
         check_finite(path, values)
-        numbers = sorted(file.get("truth", {}), key=int)
         numbers_of = {name: np.asarray(file.attrs[name], dtype=np.float64) for name in POSE if name in file.attrs}
         pose = {name: values.reshape(POSE[name]).tolist() for name, values in numbers_of.items()}
         if "radar_position_m" in pose:
@@ -150,7 +149,7 @@ def read_hdf5(path: Path) -> Recording:
             facts={name: value for name, value in further.items() if name not in ("units", "radar")},
             truth=[
                 _read_truth(file[f"truth/{number}"], slow_time_s, int(number), path if stored else None)
-                for number in numbers
+                for number in sorted(file.get("truth", {}), key=int)
             ],
             noise_power_v2=float(file.attrs.get("noise_power_v2", NAN)),
             snr_frame_db=float(file.attrs.get("snr_frame_db", NAN)),

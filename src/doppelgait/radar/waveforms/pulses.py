@@ -244,9 +244,7 @@ class Cw(Waveform):
 
     def fill(self, table: Mapping[str, Any]) -> Mapping[str, Any]:
         """Set the default sampling rate, the frame rate; it has no effect for this waveform."""
-        if "sample_rate_hz" in table or "prf_hz" not in table:
-            return table
-        return {**table, "sample_rate_hz": table["prf_hz"]}
+        return {"sample_rate_hz": table["prf_hz"], **table} if "prf_hz" in table else table
 
     def synthesise(self, scatterers: AnyTable, radar: Radar) -> Matrix:
         """Sum the echoes of all scatterers at all ranges, a exp(j(theta + phi - 4 pi R / lambda))."""
