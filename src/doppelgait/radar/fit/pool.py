@@ -100,8 +100,6 @@ def pool(estimates: Iterable[Estimate]) -> PooledQuantity:
 
 PERSON_M2 = 0.8
 """Radar cross section of a person, from which the gain follows by the level of the echoes."""
-
-
 PLAUSIBLE_NOISE_FIGURE_DB = (0.0, 30.0)
 
 

@@ -90,12 +90,6 @@ def subtract_static(samples_v: ComplexArray, echo_v: ComplexArray, reference_v: 
     return StaticPart(echo_v, reference_v, factor, samples_v - factor[:, None] * echo_v)
 
 
-def split_still_part(samples_v: ComplexArray) -> StaticPart:
-    """Split samples into time mean and residual, for echoes without a common phase."""
-    echo = np.mean(samples_v, axis=0)
-    return subtract_static(samples_v, echo, np.zeros_like(echo))
-
-
 def _compute_energy(values_v: ComplexArray) -> float:
     return float(np.sum(np.abs(values_v) ** 2))
 
@@ -385,11 +379,10 @@ class Leakage:
 
 NEAR_M = 1.0
 """Maximum range, m, of a static echo that counts as leakage from transmitter to receiver."""
+BINS_PER_CELL = 2.0
 
 
-def estimate_leakage(
-    echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float, per_cell: float = 2.0
-) -> Leakage:
+def estimate_leakage(echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float) -> Leakage:
     """Estimate direct path and constant of the static echo. Shapes: echo_v (N,); range_m (N,)."""
     near = range_m < NEAR_M
     level, place = Estimate(-math.inf, math.inf), math.nan
@@ -402,7 +395,7 @@ def estimate_leakage(
     far = echo_v[~near] if (~near).sum() >= 4 else echo_v
     weights = 1.0 / (np.abs(far - take_middle(far)) ** 2 + (float(np.median(np.abs(far) ** 2)) + np.finfo(float).tiny))
     constant = np.sum(weights * far) / np.sum(weights)
-    scatter = float(np.sqrt(np.sum(weights**2 * np.abs(far - constant) ** 2) * per_cell) / np.sum(weights))
+    scatter = float(np.sqrt(np.sum(weights**2 * np.abs(far - constant) ** 2) * BINS_PER_CELL) / np.sum(weights))
     return Leakage(place, level, Estimate(float(abs(constant)), scatter))
 
 
@@ -420,8 +413,6 @@ MAX_DRIFT_RAD_PER_S = 1000.0 / 60.0
 """Limit of the impairment: what turns faster is the phase of a body."""
 MAX_PHASE_VARIANCE = 0.05
 """Maximum phase variance, rad^2 per frame; above it the static echoes are too weak for a common phase."""
-
-
 SHORT_S = 10.0
 """Duration below which drift and random walk are inaccurate."""
 
@@ -557,7 +548,8 @@ def _fit_static_and_noise(samples: ComplexArray, quiet: Mask) -> tuple[StaticPar
     noise = estimate_noise_floor(static, quiet)
     variance = compute_factor_variance(static, noise.correlation, noise_power_v2=noise.power_v2.value)
     if variance > MAX_PHASE_VARIANCE:
-        static = split_still_part(samples)
+        echo = np.mean(samples, axis=0)  # too weak for a common phase: the mean over time alone
+        static = subtract_static(samples, echo, np.zeros_like(echo))
         noise = estimate_noise_floor(static, quiet)
     return static, noise
 
