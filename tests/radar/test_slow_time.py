@@ -1,5 +1,6 @@
 """Times of pulses as recorders stamp them: what is a hole, a pause, another rate, or only an imprecise clock."""
 
+import re
 import warnings
 from pathlib import Path
 
@@ -113,7 +114,10 @@ def test_all_equal_or_endless_times_are_refused():
     for stamps_s in (np.zeros(5), np.array([0.0, 1.0, np.nan]), EVEN_S[::-1]):
         with pytest.raises(RecordingError, match="leave them out and give prf_hz"):
             place_pulses(stamps_s, where="test")
-    for stamps_s, text in ((1e3 * (1.7e9 + EVEN_S), "in ms since 1970"), (2e3 * EVEN_S, "too slow to show motion")):
+    for stamps_s, text in (
+        (1e3 * (1.7e9 + EVEN_S), "in ms since 1970"),
+        (2e3 * EVEN_S, "too slow or too fast to show motion"),
+    ):
         with pytest.raises(RecordingError, match=text):
             place_pulses(stamps_s, where="test")
 
@@ -166,6 +170,43 @@ def test_the_stated_rate_may_be_that_of_any_piece(walk):
     assert read_back.radar.prf_hz == 640.0
     texts = [str(message.message) for message in messages]
     assert [text for text in texts if "the rate of the pulses changes: 640, 500, 640 Hz" in text] == texts
+
+
+KEPT_S = EVEN_S[KEPT]
+SPIKE_S = EVEN_S + 0.3 * (np.arange(N) == 1000)
+READ_OUT_S = EVEN_S[np.arange(N) // 64 * 64] + np.arange(N) % 64 * 1e-4
+
+
+@pytest.mark.parametrize(
+    ("stamps_s", "prf_hz", "said", "rate_hz", "size"),
+    [
+        (KEPT_S, RATE_HZ, "240 of 2400 pulses are missing", RATE_HZ, N),  # a rate that agrees keeps the holes
+        (KEPT_S, 500.0, "prf_hz = 500 is taken, but slow_time_s says 400 Hz", 500.0, KEPT_S.size),
+        (SPIKE_S, None, "1 times are far from those about them", RATE_HZ, N),
+        (np.cumsum(1 / np.linspace(300, 500, N)), None, "the rate drifts from 333.46 to 466.85 Hz", None, N),
+        (READ_OUT_S, RATE_HZ, "from even ones, which are taken: 400", RATE_HZ, N),
+        (READ_OUT_S, None, "37 bursts of 64 pulses at 10000 Hz.* if they are packets.* give prf_hz = 400", 1e4, 2368),
+        (EVEN_S[np.arange(N) // 64 * 64] + np.arange(N) % 64 * 3e-6, None, "which are taken: 400", RATE_HZ, N),
+        (np.datetime64("2026-11-28T12:00") + (1e9 * EVEN_S).astype("m8[ns]"), None, "", RATE_HZ, N),
+        (np.insert(EVEN_S[1:], 7, np.nan), None, r"slow_time_s\[7\] is nan, as 1 of 2400 are", None, 0),
+        (1e3 * EVEN_S, None, r"must be in s \(not in ms or us\)", None, 0),
+        (np.diff(EVEN_S, prepend=0.0), None, "too fast to show motion", None, 0),
+        (np.where((EVEN_S > 1) & (EVEN_S < 2), 1.0, EVEN_S), None, "from even ones, which are taken: 400", RATE_HZ, N),
+    ],
+)
+def test_times_of_arrays(stamps_s, prf_hz, said, rate_hz, size):
+    iq = np.exp(2j * np.pi * 50.0 * EVEN_S[: stamps_s.size])
+    with warnings.catch_warnings(record=True) as messages:
+        warnings.simplefilter("always")
+        if not size:
+            with pytest.raises(RecordingError, match=said):
+                dg.Recording.from_array(iq, slow_time_s=stamps_s, prf_hz=prf_hz, carrier_hz=24e9)
+            return
+        recording = dg.Recording.from_array(iq, slow_time_s=stamps_s, prf_hz=prf_hz, carrier_hz=24e9)
+    assert [one.category for one in messages if one.category is not DoppelgaitWarning] == []
+    assert re.search(said, " ".join(str(one.message) for one in messages))
+    assert recording.n_pulses == size
+    assert rate_hz is None or recording.radar.prf_hz == pytest.approx(rate_hz, rel=1e-3)
 
 
 @pytest.mark.parametrize("gate", ["track", (1.0, 9.0)])

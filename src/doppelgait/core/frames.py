@@ -21,9 +21,10 @@ from doppelgait.core.units import FloatArray
 
 SLACK_S = 1e-9  # tolerance for the rounding of pulse times
 PAUSE = 1.5  # ratio of a slow-time step to the usual step above which the step is a pause
-MIN_BURSTS, WHOLE_SHARE, PERIOD_OFF, RARE_SHARE, LONGEST_BURST_S, MIN_DUTY = 3, 0.8, 0.1, 0.2, 0.5, 0.01
-"""Proof of bursts: their number, the share of those alike, the deviation of their period, the pause in it, their time.
-A longer run would show motion by itself, a shorter one is a packet of pulses that came at once."""
+MIN_BURSTS, WHOLE_SHARE, PERIOD_OFF, RARE_SHARE = 3, 0.8, 0.1, 0.2
+"""Proof of bursts: their number, the share of those alike, the deviation of their period, the pause in it."""
+LONGEST_BURST_S, MIN_DUTY, SHORTEST_S = 0.5, 0.01, 1e-5
+"""A longer burst would show motion by itself; a shorter one, of uneven or faster pulses, is a packet."""
 SAME_STEP, MAX_PIECES = 0.01, 64
 """Largest relative difference of the steps of a piece, and number of pieces above which the times only jitter."""
 
@@ -114,7 +115,12 @@ def prove_bursts(time_s: FloatArray) -> tuple[int, npt.NDArray[np.bool_]] | None
     inside_s = (period_s - float(np.median(steps[starts[1:] - 1]))) / (length - 1)
     is_lost = period_s < (length + PAUSE) * inside_s  # one pulse after each
     is_packet = length * inside_s < MIN_DUTY * period_s and np.ptp(np.delete(steps, starts[1:] - 1)) > inside_s
-    if is_lost or is_packet or not 0.0 < length * inside_s <= min((1.0 - RARE_SHARE) * period_s, LONGEST_BURST_S):
+    if (
+        is_lost
+        or is_packet
+        or inside_s <= SHORTEST_S
+        or length * inside_s > min((1.0 - RARE_SHARE) * period_s, LONGEST_BURST_S)
+    ):
         return None
     return length, np.repeat(alike, lengths)
 

@@ -148,10 +148,8 @@ def _continues(before: Result, after: Result, *, has_range: bool) -> bool:
     if pause_s > MAX_PAUSE_S:
         return False
     if not has_range:  # the same direction, speed and gait are all that is known
-        pairs = [
-            (before.features.torso_velocity_mps, after.features.torso_velocity_mps),
-            (before.gait_frequency_hz, after.gait_frequency_hz),
-        ]
+        first, second = ((one.features.torso_velocity_mps, one.gait_frequency_hz) for one in (before, after))
+        pairs = zip(first, second, strict=True)
         return all(not a or not b or 1.0 / SAME_GAIT < b / a < SAME_GAIT for a, b in pairs)
     ends_m = [float(one.gate.centre_at(one.gate.time_s)[n]) for one, n in ((before, -1), (after, 0))]
     speed_mps = before.features.torso_velocity_mps or 0.0

@@ -20,8 +20,6 @@ from doppelgait.radar.slow_time import place_pulses
 
 RATE_OFF = 5e-3
 """Largest relative difference of the stated rate and that of the stamps without a word."""
-UNIT_OFF = 0.2
-"""Largest relative difference of the rates in another unit of time."""
 CHECK_ROWS = 4096
 """Number of rows per block in the search for NaN."""
 POSITIVE = Limits(0.0, 1e6)
@@ -116,12 +114,6 @@ def label_measured(
     if repeats.any():
         messages.insert(0, f"{int(repeats.sum())} pulses repeat the one before, value by value, and are left out")
     if abs(off) > RATE_OFF:
-        for unit, factor in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
-            if abs(radar.prf_hz / (placed.rate_hz * factor) - 1.0) < UNIT_OFF:
-                raise RecordingError(
-                    f"{path}: states prf_hz = {radar.prf_hz:g}, but its times say {placed.rate_hz:g} Hz: they are in "
-                    f"{unit}; give s"
-                )
         messages.append(
             f"states prf_hz = {radar.prf_hz:.6g}, but its times say {placed.rate_hz:.6g} Hz ({100 * off:+.2g} %); the "
             "times are used. If they are wrong, leave them out, or give prf_hz"

@@ -59,10 +59,14 @@ CLOCK_STEP_S = 1e-3
 """Usual step of a recorder's clock."""
 SHARE_S = 3.0
 """Time over which the largest share of filled pulses is stated."""
+UNIT_OFF = 0.2
+"""Largest relative difference of the rates in another unit of time."""
+SPIKES, DRIFT = 0.02, 0.02
+"""Largest share of single stamps that are wrong, and smallest change of a drifting rate from third to third."""
 GAIN = 25.0
 """Smallest gain in squared error, in variances of the stamps, that divides a piece: 5 standard deviations."""
-SLOWEST_S = 2.0
-"""Longest time from pulse to pulse of a radar that shows motion; above it, times are in another unit."""
+FASTEST_S, SLOWEST_S = 1e-6, 0.25
+"""Times from pulse to pulse of radars that show motion; beyond them, times are in another unit, or are steps."""
 EPOCH_S, LATEST_S = 1e8, 1e11
 """Times from the first on count from an epoch, not from the start of the recording; above the second they are no s."""
 
@@ -97,7 +101,8 @@ def place_pulses(
 ) -> Placed:
     """Place measured pulses on even times by their stamps; ``burst_pulses`` declares bursts."""
     stamps = np.asarray(stamps_s, dtype=np.float64)
-    if not np.isfinite(stamps).all() or np.ptp(stamps) == 0.0 or (np.diff(stamps) < 0).mean() > 0.5:
+    steps = np.diff(stamps) if np.isfinite(stamps).all() else np.zeros(1)
+    if (steps > 0).sum() < min(2, steps.size) or (steps < 0).mean() > 0.5:
         raise RecordingError(
             f"{where}: its times are not finite, all equal or falling ({stamps[0]:g} to {stamps[-1]:g} s); correct "
             "them, or leave them out and give prf_hz"
@@ -112,8 +117,10 @@ def place_pulses(
     row = np.arange(stamps.size)
     if burst_pulses is not None or (_is_even(stamps) and stamps[1] - stamps[0] <= SLOWEST_S):
         return Placed(row, stamps, measure_rate_hz(stamps, burst_pulses), facts)
-    row, stamps, notes = _order(stamps)
-    if (bursts := prove_bursts(stamps)) is not None:
+    stamps, notes = _remove_spikes(stamps)
+    row, stamps, said = _order(stamps)
+    notes += said
+    if not _has_rate(stamps, stated_hz) and (bursts := prove_bursts(stamps)) is not None:
         return _place_bursts(row, stamps, *bursts, facts, notes)
     pulse, cuts = _locate(stamps, stated_hz)
     cuts, steps_s, times = _fit_lines(pulse, stamps, cuts)
@@ -121,14 +128,19 @@ def place_pulses(
     if stated_hz is not None:  # the rate of any piece may be stated
         nearest_s = min(steps_s, key=lambda piece_s: abs(piece_s * stated_hz - 1.0))
         step_s = nearest_s if abs(nearest_s * stated_hz - 1.0) < RATE_CHANGE else step_s
-    if step_s > SLOWEST_S:
+    units = (("ms", 1e3), ("us", 1e6), ("ns", 1e9))
+    unit = next((name for name, per_s in units if abs(step_s * (stated_hz or 0.0) / per_s - 1.0) < UNIT_OFF), "")
+    if unit or not FASTEST_S < step_s <= SLOWEST_S:
         raise RecordingError(
-            f"{where}: its times say {1.0 / step_s:.3g} pulses a second, too slow to show motion; they must be in s"
+            f"{where}: its times say {1.0 / step_s:.3g} pulses a second, too slow or too fast to show motion: they "
+            + (f"are in {unit}; give s" if unit else "must be in s (not in ms or us) since one start")
         )
     off_s = float(np.abs(times - stamps).max())
     if cuts.size:
         rates = ", ".join(f"{1.0 / one:.4g}" for one in steps_s)
         notes.append(f"the rate of the pulses changes: {rates} Hz; the parts are analysed on their own")
+    elif (drift := _describe_drift(stamps, pulse)) and off_s > ROUGH * step_s:
+        notes.append(drift)
     elif off_s > ROUGH * step_s:
         notes.append(f"its times are up to {1e3 * off_s:.3g} ms from even ones, which are taken: {1.0 / step_s:.6g} Hz")
     return _fill_holes(row, pulse, _keep_even(stamps, times, step_s), cuts, step_s, facts, notes)
@@ -150,6 +162,11 @@ def _place_bursts(
     each = stamps[whole].reshape(-1, burst_pulses)
     ahead = np.arange(burst_pulses) - (burst_pulses - 1) / 2.0
     step_s = float(trim_mean(each @ ahead / (ahead @ ahead), 0.1))
+    period_s = float(np.median(np.diff(each[:, 0])))
+    notes.append(
+        f"its times show {len(each)} bursts of {burst_pulses} pulses at {1.0 / step_s:.5g} Hz, one each "
+        f"{period_s:.4g} s; if they are packets of even pulses, give prf_hz = {burst_pulses / period_s:.5g}"
+    )
     times = _keep_even(stamps[whole], (each.mean(axis=1, keepdims=True) + step_s * ahead).ravel(), step_s)
     return Placed(row[whole], times, 1.0 / step_s, facts | {"burst_pulses": burst_pulses}, tuple(notes))
 
@@ -221,6 +238,34 @@ def _pair(cuts: IntArray, size: int) -> Iterator[tuple[int, int]]:
     return pairwise([0, *(int(cut) for cut in cuts), size])
 
 
+def _has_rate(stamps: FloatArray, stated_hz: float | None) -> bool:
+    """Return True if all pulses have the stated rate on average: bursts and holes are packets then."""
+    return stated_hz is not None and abs(measure_rate_hz(stamps) / stated_hz - 1.0) < RATE_CHANGE
+
+
+def _remove_spikes(stamps: FloatArray) -> tuple[FloatArray, list[str]]:
+    """Replace single stamps far from those about them by these."""
+    from scipy.ndimage import median_filter
+
+    usual = median_filter(stamps, 5, mode="nearest")
+    spikes = np.abs(stamps - usual) > MAX_DISORDER * np.median(np.abs(np.diff(stamps)))
+    said = f"{int(spikes.sum())} times are far from those about them and are not used"
+    return (np.where(spikes, usual, stamps), [said]) if 0 < spikes.mean() < SPIKES else (stamps, [])
+
+
+def _describe_drift(stamps: FloatArray, pulse: IntArray) -> str:
+    """Describe a rate that rises or falls all the time, or return ""."""
+    thirds = np.array_split(np.arange(stamps.size), 3)
+    rates_hz = [measure_clock_rate_hz(stamps[part], pulse[part]) or 0.0 for part in thirds]
+    if min(rates_hz) <= 0.0:
+        return ""
+    changes = [after / before - 1.0 for before, after in pairwise(rates_hz)]
+    if min(np.abs(changes)) < DRIFT or changes[0] * changes[1] < 0.0:
+        return ""
+    shown = " to ".join(f"{rate_hz:.5g}" for rate_hz in rates_hz[::2])
+    return f"the rate drifts from {shown} Hz: velocities are uncertain by {50 * abs(sum(changes)):.2g} %"
+
+
 def _order(stamps: FloatArray) -> tuple[IntArray, FloatArray, list[str]]:
     """Sort pulses that came out of order; a clock that was set back continues."""
     row = np.arange(stamps.size)
@@ -270,9 +315,9 @@ def _locate(stamps: FloatArray, stated_hz: float | None) -> tuple[IntArray, IntA
     if (number := _count_on_raster(stamps, tick_s)) is not None:
         return number, none
     steps = np.diff(stamps)
-    holes = np.flatnonzero(steps > PAUSE * tick_s)
+    holes, is_even = np.flatnonzero(steps > PAUSE * tick_s), _has_rate(stamps, stated_hz)
     is_clock = holes.size < 2 or np.std(np.diff(holes)) < IRREGULAR * np.mean(np.diff(holes))
-    least_s = MAX_TICK * tick_s if is_clock else 0.0
+    least_s = max(MAX_TICK * tick_s if is_clock else 0.0, 0.5 / stated_hz if stated_hz and is_even else 0.0)
     tries = (_find_usual(steps, share) for share in (50, USUAL_SHARE))
     usual = next((one for one in tries if one.min() > least_s and _is_precise(steps, one)), None)
     if usual is None:
@@ -323,11 +368,8 @@ def _has_none_lost(stamps: FloatArray, tick_s: float) -> bool:
 
 
 def _count_on_raster(stamps: FloatArray, tick_s: float) -> IntArray | None:
-    """Count the pulses on the even raster that most stamps are near; None without one.
-
-    The raster is the frequency at which the stamps are most in phase, block by block: jitter, rounding and lost pulses
-    weaken the phase but do not move the peak.
-    """
+    """Count the pulses on the raster that most stamps are near; None without one."""
+    # the frequency at which the stamps of each block are most in phase; jitter and losses do not move the peak
     from scipy import fft
     from scipy.ndimage import maximum_filter1d
 
@@ -341,7 +383,7 @@ def _count_on_raster(stamps: FloatArray, tick_s: float) -> IntArray | None:
     blocks = [[stamps[a:b] for a, b in pairwise(edge)] for edge in edges]
     every = list(chain.from_iterable(blocks))
     shown = every[:: -(-len(every) // MAX_BLOCKS)]
-    mean_hz = float(np.median([(block.size - 1) / np.ptp(block) for block in every]))
+    mean_hz = float(np.median([(block.size - 1) / max(np.ptp(block), step_s) for block in every]))
     bin_s = 1.0 / (8.0 * MAX_LOSS * mean_hz)
     size = fft.next_fast_len(4 * int(max(map(np.ptp, shown)) / bin_s + 1))
     share = np.mean([np.abs(fft.rfft(_count_stamps(block, bin_s), size)) for block in shown], axis=0)
@@ -374,7 +416,10 @@ def _number_on(
     if np.quantile(shares, 0.05) < 0.5 * shares.mean():
         return np.arange(stamps.size), np.inf  # another rate in some of the blocks
     cycles = [np.unwrap(arctangent(each.imag, each.real)) / (2.0 * np.pi) for each in phases]
-    drifts_hz = [np.diff(cycle) / np.diff(centre) for cycle, centre in zip(cycles, centres, strict=True)]
+    drifts_hz = [
+        np.diff(cycle) / np.maximum(np.diff(centre), 1.0 / raster_hz)
+        for cycle, centre in zip(cycles, centres, strict=True)
+    ]
     drift_hz = float(np.median(np.concatenate([*drifts_hz, [0.0]])))
     lead = (raster_hz - drift_hz) * stamps - np.arange(stamps.size)
     for (first, stop), centre, cycle in zip(runs, centres, cycles, strict=True):

@@ -13,7 +13,7 @@ import xarray as xr
 from scipy.io import loadmat, savemat, whosmat
 from scipy.signal import firwin
 
-from doppelgait.core.errors import OutputError, RecordingError
+from doppelgait.core.errors import DoppelgaitWarning, OutputError, RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import Radar, Recording, TargetTruth, read_recording, write_recording
 from doppelgait.radar.readers import RADAR_READERS, list_writers
@@ -404,7 +404,8 @@ def test_axes_in_the_file_are_taken_as_they_are(tmp_path):
     bursts_s = np.concatenate([0.2 * n + np.arange(4) / 3000 for n in range(3)])
     range_m = np.array([0.1, 0.2, 0.31, 0.4, 0.5])
     np.savez(tmp_path / "a.npz", baseband=VALUES, slow_time_s=bursts_s, range_m=range_m)
-    recording = read_recording(tmp_path / "a.npz", carrier_hz=24e9)
+    with pytest.warns(DoppelgaitWarning, match="its times show 3 bursts of 4 pulses at 3000 Hz"):
+        recording = read_recording(tmp_path / "a.npz", carrier_hz=24e9)
     np.testing.assert_array_equal(recording.baseband["slow_time"], bursts_s)
     np.testing.assert_array_equal(recording.baseband["range"], range_m)
     assert recording.radar.prf_hz == pytest.approx(3000)

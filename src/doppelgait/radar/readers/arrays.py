@@ -109,11 +109,13 @@ def _describe(
             raise RecordingError(f"{path}: {error}") from None
     axes = parsed.axes
     slow_time_s = _read_axis(path, axes, "slow_time_s", n_pulses)
-    stamps_hz = None if slow_time_s is None else place_pulses(slow_time_s, where=str(path)).rate_hz
-    if is_forced and stamps_hz is not None and facts.prf_hz is not None:
-        if abs(facts.prf_hz / stamps_hz - 1.0) > RATE_OFF:
-            warn_caller(f"{path}: prf_hz = {facts.prf_hz:g} is taken, but slow_time_s says {stamps_hz:.6g} Hz")
-        slow_time_s = None
+    stamps_hz = None
+    if slow_time_s is not None:
+        stamps_hz = place_pulses(slow_time_s, where=str(path), stated_hz=facts.prf_hz).rate_hz
+        forced_hz = facts.prf_hz if is_forced and facts.prf_hz is not None else stamps_hz
+        if abs(forced_hz / stamps_hz - 1.0) > RATE_OFF:
+            warn_caller(f"{path}: prf_hz = {forced_hz:g} is taken, but slow_time_s says {stamps_hz:.6g} Hz")
+            slow_time_s = None
     range_m = (
         None if facts.range_start_m is not None or facts.bin_spacing_m else _read_axis(path, axes, "range_m", n_bins)
     )
@@ -156,9 +158,15 @@ def _describe(
 def _read_axis(path: Path, axes: Mapping[str, Any], name: str, size: int) -> FloatArray | None:
     if (values := axes.get(name)) is None:
         return None
-    if values.shape != (size,) or values.dtype.kind not in "fiu" or not np.isfinite(values).all():
+    if values.dtype.kind in "mM":
+        values = (values - np.array(0, values.dtype)) / np.timedelta64(1, "s")
+    if values.shape != (size,) or values.dtype.kind not in "fiu":
         raise RecordingError(
             f"{path}: {name} is {values.dtype} of shape {values.shape}; it must be {size} real numbers"
+        )
+    if fault := np.flatnonzero(~np.isfinite(values)).tolist():
+        raise RecordingError(
+            f"{path}: {name}[{fault[0]}] is {values[fault[0]]}, as {len(fault)} of {size} are; leave these rows out"
         )
     if name == "range_m" and not (np.diff(values) > 0).all():
         raise RecordingError(f"{path}: {name} does not rise from bin to bin")

@@ -63,7 +63,7 @@ def write_xethru(
     session_id: str,
     stop_ms: int | None = None,
 ) -> Path:
-    """Write a data file for each type and a meta file of version 13, and return their folder.
+    """Write data files and a meta file of version 13, and return their folder.
 
     Open files end in ``.writing``; each takes its name when it is closed, the meta file last.
 
