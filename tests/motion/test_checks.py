@@ -77,6 +77,7 @@ def record_legs(size: float) -> Motion:
     return record(WALK).with_points(size * WALK.position_m[:, chosen], list(points.values()), parts)
 
 
+SHORT = human_gait(speed_mps=1.3, duration_s=1.5, rate_hz=RATE_HZ)
 SWINGS = [f"left_{joint}" for joint in ("knee", "ankle", "toe")]
 FAULTS = {
     "cm read as mm": (lambda: record(WALK, 0.1 * WALK.position_m), r"a person of 0\.18 m.*units='cm'", True),
@@ -85,6 +86,7 @@ FAULTS = {
     "dog of 3 m": (lambda: record(DOG, 7.0 * DOG.position_m), r"an animal of 3\.\d m", True),
     "on its side": (lambda: record(WALK, tilt(WALK, 1, 90.0)), r"its head is only 0\.\d\d m above.*up_axis", False),
     "4 times too slow": (lambda: record(WALK, rate=0.25), r"15 Hz is probably 4\.\d times higher, about 6\d Hz", True),
+    "1.5 s, 4 times too slow": (lambda: record(SHORT, rate=0.24), r"14\.4 Hz is probably [34]\.\d times higher", True),
     "5 times too fast": (lambda: record(RUN, rate=5.0), r"300 Hz is probably 5\.\d times lower, about 5\d Hz", True),
     "dog at 24 of 100": (lambda: record(DOG, rate=0.24), r"14\.4 Hz is probably 4\.\d times higher", True),
     "shoulder 1.4 m away": (lambda: record(WALK, stretch(WALK, "left_shoulder", 1.4)), "torso.* are 1.*several", True),

@@ -87,7 +87,7 @@ KINDS = [
     (lambda y, turn: y.real * (1 + 2j) + 0.03j * np.sin(turn**2), "no_direction"),
     (lambda y, turn: y + 3 * np.cos(50.07 * turn), "mains_lines_removed:50_hz"),
     (lambda y, turn: y + 30 * np.cos(59.9 * turn) + 12j * np.sin(59.9 * turn + 1), "mains_lines_removed:60_hz"),
-    (lambda y, turn: y + 2 * np.exp(-149.9j * turn), "mains_lines_removed:150_hz"),
+    (lambda y, turn: y + 2 * np.exp(-149.9j * turn), "mains_lines_removed:150_hz;mains_line_or_body:150_hz"),
     (lambda y, turn: y + 4 * np.cos(1200.6 * turn) + np.cos(120.06 * turn), "mains_lines_removed:120_1200_hz"),
     (
         lambda y, turn: y.real + 2 * np.cos(50.02 * turn) + (1 + 0.05 * turn) * np.cos(100.04 * turn),

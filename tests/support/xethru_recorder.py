@@ -99,11 +99,11 @@ def _write_parts(job: _Job, records: Iterable[TimedRecord], stops_ms: Sequence[i
     for record in records:
         if part is not None and _is_full(part, record.time_ms, job.splitting.folder_bytes, job.splitting.folder_ms):
             stop = stops_ms[number - 1] if len(stops_ms) >= max(number, 2) else part.last_ms
-            _close_part(job, part, stop_ms=stop, following=_name_part(job, number))
+            _close_part(job, part, stop_ms=stop, following=f"{job.root.name}_{number}")
             part = None
         if part is None:
             split = job.splitting.folder_bytes is not None or job.splitting.folder_ms is not None
-            folder = job.root / _name_part(job, number) if split else job.root
+            folder = job.root / f"{job.root.name}_{number}" if split else job.root
             folder.mkdir(exist_ok=True)
             opened_ms = record.time_ms if number else 0
             part = _Part(folder, opened_ms, opened_ms)
@@ -134,10 +134,6 @@ def _write_parts(job: _Job, records: Iterable[TimedRecord], stops_ms: Sequence[i
 def _is_full(opened: _Part | _DataFile, time_ms: int, limit_bytes: int | None, limit_ms: int | None) -> bool:
     too_long = limit_bytes is not None and opened.n_bytes >= limit_bytes
     return too_long or (limit_ms is not None and time_ms - opened.opened_ms >= limit_ms)
-
-
-def _name_part(job: _Job, number: int) -> str:
-    return f"{job.root.name}_{number}"
 
 
 def _append(part: _Part, file: _DataFile, content: bytes, time_ms: int, mask: int) -> None:
@@ -178,7 +174,4 @@ def _close_part(job: _Job, part: _Part, *, stop_ms: int, duration_ms: int | None
         profile_id=job.profile_id,
         next_meta=f"../{following}/{META_NAME}" if following else "",
     )
-    place = part.folder / META_NAME
-    writing = place.with_name(place.name + WRITING)
-    writing.write_bytes(pack_meta(meta))
-    os.rename(writing, place)
+    (part.folder / META_NAME).write_bytes(pack_meta(meta))

@@ -1,7 +1,4 @@
-"""Frames of a recording: samples, slow time and range axis, read in tiles.
-
-Every step from synthesis to observation takes and returns frames. A short recording is one tile.
-"""
+"""Frames of a recording, which every step takes and returns: samples, slow time and range axis, read in tiles."""
 
 from __future__ import annotations
 
@@ -23,7 +20,7 @@ SLACK_S = 1e-9  # tolerance for the rounding of pulse times
 PAUSE = 1.5  # ratio of a slow-time step to the usual step above which the step is a pause
 MIN_BURSTS, WHOLE_SHARE, PERIOD_OFF, RARE_SHARE = 3, 0.8, 0.1, 0.2
 """Proof of bursts: their number, the share of those alike, the deviation of their period, the pause in it."""
-LONGEST_BURST_S, MIN_DUTY, SHORTEST_S = 0.5, 0.01, 1e-5
+LONGEST_BURST_S, MIN_DUTY, SHORTEST_S = 0.15, 0.01, 1e-5
 """A longer burst would show motion by itself; a shorter one, of uneven or faster pulses, is a packet."""
 SAME_STEP, MAX_PIECES = 0.01, 64
 """Largest relative difference of the steps of a piece, and number of pieces above which the times only jitter."""
@@ -71,6 +68,7 @@ class SlowTime:
             changes = np.flatnonzero(steps > PAUSE * np.median(steps)) + 1
         # a pause is a change of the step, and at once another
         cuts = changes[np.append(np.diff(changes) != 1, True)] if changes.size else changes
+        cuts[-1:] += cuts[-1:] == steps.size - 1  # a pause before the last pulse
         return [slice(int(a), int(b)) for a, b in zip([0, *cuts], [*cuts, self.size], strict=True)]
 
     def __getitem__(self, pulses: slice) -> SlowTime:

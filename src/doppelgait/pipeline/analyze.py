@@ -95,6 +95,7 @@ def analyze(
     if len(pieces) > 1:
         parts = [_analyze_piece(piece, gate, analysis, tracking, gate_error_m) for piece in pieces]
         return join_pieces(parts, has_range=recording.n_range_bins > 1)
+    recording = pieces[0]
     settings = (analysis or Analysis()).resolved(gate)
     if gate == "track":
         frames, radar, source = recording.frames, recording.radar, recording.source
@@ -147,18 +148,16 @@ def _continues(before: Result, after: Result, *, has_range: bool) -> bool:
     pause_s = float(after.gate.time_s[0] - before.gate.time_s[-1])
     if pause_s > MAX_PAUSE_S:
         return False
-    if not has_range:  # the same direction, speed and gait are all that is known
-        first, second = ((one.features.torso_velocity_mps, one.gait_frequency_hz) for one in (before, after))
-        pairs = zip(first, second, strict=True)
-        return all(not a or not b or 1.0 / SAME_GAIT < b / a < SAME_GAIT for a, b in pairs)
+    speed_mps, later_mps = (one.features.torso_velocity_mps or 0.0 for one in (before, after))
+    if not has_range:  # the same direction and speed are all that is known
+        return speed_mps * later_mps == 0.0 or 1.0 / SAME_SPEED < later_mps / speed_mps < SAME_SPEED
     ends_m = [float(one.gate.centre_at(one.gate.time_s)[n]) for one, n in ((before, -1), (after, 0))]
-    speed_mps = before.features.torso_velocity_mps or 0.0
     return abs(ends_m[1] - ends_m[0] + speed_mps * pause_s) <= NEAR_M + abs(speed_mps) * pause_s / 2
 
 
-MAX_PAUSE_S, SAME_GAIT = 5.0, 1.3
-"""Longest pause after which a walker is still in a room of some metres, and largest ratio of speeds or cadences of one
-body without range: people vary theirs by a tenth from walk to walk."""
+MAX_PAUSE_S, SAME_SPEED = 5.0, 1.3
+"""Longest pause after which a walker is still in a room of some metres, and largest ratio of the speeds of one body
+without range: people vary theirs by a tenth from walk to walk."""
 NEAR_M = 1.0
 """Distance from where a body is expected after a pause below which a target is the same body."""
 

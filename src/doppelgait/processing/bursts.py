@@ -1,8 +1,4 @@
-"""Signature of pulse bursts with pauses.
-
-Sensors that sleep between frames record in bursts, as do microcontrollers that sample and send in
-turn. A processing interval must not cross a pause, so every burst becomes one column.
-"""
+"""Signature of pulse bursts: no processing interval may cross a pause, so every burst becomes one column."""
 
 from __future__ import annotations
 

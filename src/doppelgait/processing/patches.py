@@ -1,7 +1,4 @@
-"""Signatures of any radar as comparable images.
-
-The levels are in dB over the noise floor, on a fixed grid of velocities.
-"""
+"""Signatures of any radar as comparable images, in dB over the noise floor, on a fixed grid of velocities."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def remove_mains_lines(frames: Frames) -> Frames:
     mains_hz: dict[float, float] = {}
     for _ in range(MAX_ROUNDS):  # strong lines hide weak ones
         lines = find_mains_lines(series[:, 0], rate_hz, mains_hz)
-        certain = _select_certain(series, lines, rate_hz)
+        certain = _select_certain(series, lines, rate_hz, frames.n_bins > 1)
         if frames.n_bins > 1:  # a body may keep its amplitude for some seconds; the mains has a first line
             certain = [line for line in certain if line.has_image or line.nominal_hz <= FIRST_MULTIPLES * max(MAINS_HZ)]
         # further multiples of a mains frequency that is proven: with aliasing they beat with others
@@ -108,6 +108,8 @@ def remove_mains_lines(frames: Frames) -> Frames:
             mean, tiles = sum_pulses(frames) / frames.n_pulses, frames.read_tiles(_count_block(rate_hz))
             waves = fit_waves((values - mean for _, values in tiles), certain, rate_hz)
         frames = frames.map_tiles(waves.subtract)
+    if frames.n_bins == 1:  # hum and lamps are real and on both sides of two outputs
+        doubtful += [line for line in removed if not line.has_image]
     flags = [
         f"{name}:{'_'.join(f'{hz:g}' for hz in sorted({line.nominal_hz for line in lines}))}_hz"
         for name, lines in (("mains_lines_removed", removed), ("mains_line_or_body", doubtful))
@@ -116,8 +118,8 @@ def remove_mains_lines(frames: Frames) -> Frames:
     return add_flags(frames, *flags) if flags else frames
 
 
-def _select_certain(series: ComplexArray, lines: list[MainsLine], rate_hz: float) -> list[MainsLine]:
-    """Select the lines that no body makes: steady, or alike on both sides of two outputs."""
+def _select_certain(series: ComplexArray, lines: list[MainsLine], rate_hz: float, ranged: bool) -> list[MainsLine]:
+    """Select the lines that no body makes: alike on both sides of two outputs, else steady."""
     rest = np.diff(fit_waves([series], lines, rate_hz).subtract(series, 0)[:, 0]) if lines else series[:, 0]
     # along the axes of I and Q the variances are p + q and p - q: with one output, everything is on both sides
     p, q = float(np.mean(np.abs(rest) ** 2)), float(np.abs(np.mean(rest**2)))
@@ -130,7 +132,9 @@ def _select_certain(series: ComplexArray, lines: list[MainsLine], rate_hz: float
         shown = level[:, power.argmin()] if line.has_image else np.hypot(level[:, 0], level[:, -1])
         ends = [float(np.mean(part)) for part in np.array_split(shown, 3)[::2]]
         alike = power.min() > MIRRORED * power.max()
-        if max(ends) < STEADY * min(ends) or (alike and two_outputs):
+        # without range, a line on one side of two outputs may be a far body, which is steady for some seconds
+        is_long = ranged or not two_outputs or series.size >= SEGMENT_S * rate_hz
+        if (is_long and max(ends) < STEADY * min(ends)) or (alike and two_outputs):
             certain.append(line)
     return certain
 

@@ -161,9 +161,9 @@ def describe_zeros(values: npt.NDArray[Any], rate_hz: float) -> list[str]:
         return []
     first, stop = edges[lengths.argmax()]
     where = "the last " if stop == len(values) else "the first " if first == 0 else ""
-    more = "" if lengths.size == 1 else f"; {lengths.size} stretches are 0, {100 * share:.2g} % together"
+    more = "" if lengths.size == 1 else f"; {lengths.size} stretches are 0, {100 * share:.3g} % together"
     return [
-        f"{where}{100 * lengths.max() / len(values):.2g} % of the pulses are exactly 0 (from pulse {first}, "
+        f"{where}{100 * lengths.max() / len(values):.3g} % of the pulses are exactly 0 (from pulse {first}, "
         f"{first / rate_hz:.4g} s){more}: samples are lost, or the recording ended early"
     ]
 

@@ -36,7 +36,7 @@ RATE_CHANGE, MIN_RATE_S, MIN_PIECE_PULSES = 0.02, 1.0, 16
 """Smallest relative difference of the rates of two pieces, their shortest time, and the fewest pulses of a piece."""
 SAME_RATE = 0.05
 """Largest relative deviation of the rate of a short piece that is one raster with the others."""
-MIN_BLOCKS, REGULAR = 3, 0.02
+MIN_BLOCKS, REGULAR = 8, 0.02
 """Smallest number of holes, and the spread of the pulses between them, that may be those of stamped blocks."""
 TICKS_S = (16e-3, 1 / 64, 15.6e-3, 10e-3, 1e-3)
 """Ticks of the clocks of operating systems."""
@@ -115,7 +115,7 @@ def place_pulses(
         facts["epoch_s"] = float(stamps[0])
         stamps = stamps - stamps[0]
     row = np.arange(stamps.size)
-    if burst_pulses is not None or (_is_even(stamps) and stamps[1] - stamps[0] <= SLOWEST_S):
+    if burst_pulses is not None or (_is_even(stamps) and FASTEST_S < stamps[1] - stamps[0] <= SLOWEST_S):
         return Placed(row, stamps, measure_rate_hz(stamps, burst_pulses), facts)
     stamps, notes = _remove_spikes(stamps)
     row, stamps, said = _order(stamps)
@@ -128,12 +128,12 @@ def place_pulses(
     if stated_hz is not None:  # the rate of any piece may be stated
         nearest_s = min(steps_s, key=lambda piece_s: abs(piece_s * stated_hz - 1.0))
         step_s = nearest_s if abs(nearest_s * stated_hz - 1.0) < RATE_CHANGE else step_s
-    units = (("ms", 1e3), ("us", 1e6), ("ns", 1e9))
+    units = (("ms", 1e3), ("us", 1e6), ("ns", 1e9), ("minutes", 1 / 60), ("days", 1 / 86_400))
     unit = next((name for name, per_s in units if abs(step_s * (stated_hz or 0.0) / per_s - 1.0) < UNIT_OFF), "")
     if unit or not FASTEST_S < step_s <= SLOWEST_S:
         raise RecordingError(
             f"{where}: its times say {1.0 / step_s:.3g} pulses a second, too slow or too fast to show motion: they "
-            + (f"are in {unit}; give s" if unit else "must be in s (not in ms or us) since one start")
+            + (f"are in {unit}; give s" if unit else "must be in s (not in ms, us or days) since one start")
         )
     off_s = float(np.abs(times - stamps).max())
     if cuts.size:
