@@ -45,7 +45,7 @@ def _dask_where_it_is(request):
 def alive(pid):
     try:
         state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):  # it may end while its state is read
         return False
     return state != "Z"
 
