@@ -121,24 +121,16 @@ def test_background_targets_scatter_but_are_no_targets():
     scene = Scene([people[0], fan, people[1]])
     table, tracks = observe(scene, TIMES)
     numbers = read_axis(table, "target")
-    assert numbers.tolist() == [0] * 17 + [-1] + [1] * 17
+    assert numbers.tolist() == [0] * 17 + [-2] + [1] * 17
     assert [target.label for target in scene.observed_targets] == ["first", "second"]
     assert len(tracks) == 2
     for number, target in enumerate(people):
         alone, (track,) = observe(Scene([target]), TIMES)
         np.testing.assert_array_equal(table["range"].values[:, numbers == number], alone["range"].values)
         np.testing.assert_array_equal(tracks[number].range_m, track.range_m)
+    assert observe(Scene([fan]), TIMES, angles=False)[1] == []
     fan_m = np.array([3.0, -2.0, 2.0]) + np.array([0, 0.3, 0]) * TIMES[:, None] - np.array(scene.radar_position_m)
     np.testing.assert_allclose(table["range"].values[:, 17], np.linalg.norm(fan_m, axis=-1), rtol=1e-12)
-
-
-def test_a_scene_of_background_only():
-    scene = Scene([walker(background=True)])
-    table, tracks = observe(scene, TIMES, angles=False)
-    assert tracks == []
-    assert scene.observed_targets == ()
-    assert place(scene).observation_s == pytest.approx(1.4, abs=0.01)
-    assert (read_axis(table, "target") == -1).all()
 
 
 @pytest.mark.parametrize("angles", [True, False])

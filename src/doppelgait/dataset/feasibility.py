@@ -23,13 +23,13 @@ from doppelgait.core.frames import SlowTime
 from doppelgait.core.labels import ScattererTable
 from doppelgait.dataset.config import Progress
 from doppelgait.dataset.resolve import ExampleSpec
-from doppelgait.pipeline.simulate import choose_lowest_prf, observe_scene, pulse_times_s, split_targets
+from doppelgait.pipeline.simulate import choose_lowest_prf, observe_scene, pulse_times_s
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.signature import make_gated_transform
 from doppelgait.radar.link import compute_scatterer_arrays, noise_power_v2
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.simulate import warn_of_limits
-from doppelgait.scene.placement import place
+from doppelgait.scene.placement import BACKGROUND, place
 
 LIMIT_KEYS = {
     "aliasing": ("radar.prf_hz",),
@@ -72,7 +72,7 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
     found = {str(w.message).partition(":")[0] for w in caught if issubclass(w.category, DoppelgaitWarning)}
     analysis = run.analysis.resolved("truth")
     rows = []
-    for number, (row, track) in enumerate(zip(example.rows, tracks, strict=True)):
+    for row, track in zip(example.rows, tracks, strict=True):
         range_m = track.range_m + example.gate_error_m
         cut = gate == "truth" and _leaves_frame(range_m, slow_time_s, radar, analysis)
         inside = (track.range_m >= radar.range_start_m) & (track.range_m <= radar.range_stop_m)
@@ -83,7 +83,7 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
         if row.source != "none" and run.noise.kind == "snr":
             snr_db = float(run.noise.snr_db)
         elif row.source != "none" and run.noise.kind == "thermal":
-            snr_db = _expected_snr_db(table, number, radar)
+            snr_db = _expected_snr_db(table, radar)
         rows.append(RowLimits(row.id, row.label, limits, float(track.range_m.mean()), snr_db))
     return rows
 
@@ -102,11 +102,11 @@ def _leaves_frame(
     return bool((low < -0.5).any() or (high > bins_m.size - 0.5).any())
 
 
-def _expected_snr_db(table: ScattererTable, number: int, radar: Radar) -> float:
+def _expected_snr_db(table: ScattererTable, radar: Radar) -> float:
     # the echo powers in each range cell are added; the strongest cell of every pulse is used
-    targets, _ = split_targets(table.take_pulses(slice(None, None, -(-table.shape[0] // SNR_PULSES))))
-    range_m, amplitude_v = compute_scatterer_arrays(targets, radar)
-    seen = (targets["target"] == number) & (range_m >= radar.range_start_m) & (range_m <= radar.range_stop_m)
+    few = table.take_pulses(slice(None, None, -(-table.shape[0] // SNR_PULSES)))
+    range_m, amplitude_v = compute_scatterer_arrays(few, radar)
+    seen = (few["target"] != BACKGROUND) & (range_m >= radar.range_start_m) & (range_m <= radar.range_stop_m)
     cell = np.where(seen, (range_m - radar.range_start_m) / radar.range_resolution_m, 0.0).astype(np.int64)
     power_v2 = np.zeros((range_m.shape[0], int(cell.max(initial=0)) + 1))
     np.add.at(power_v2, (np.arange(range_m.shape[0])[:, None], cell), np.where(seen, amplitude_v, 0.0) ** 2)

@@ -41,7 +41,7 @@ from doppelgait.radar.simulate import (
 from doppelgait.scene import LineOfSight, PlacedScene, PlacedTarget, Scene, assemble, compute_body_track
 from doppelgait.scene.environment import Setting, apply_environment, needs_angles
 from doppelgait.scene.observe import make_scatterers, place_points_at, tabulate, tabulate_later
-from doppelgait.scene.placement import as_placed
+from doppelgait.scene.placement import BACKGROUND, as_placed
 
 SCENE_REMEDY = (
     "make one with doppelgait.Scene(targets=[...]), or simulate a scene file with "
@@ -82,7 +82,7 @@ def simulate(
         is added before the impairments; an impairment ``thermal_noise`` replaces it.
     snr_db : float, optional
         SNR_frame to set instead of ``conditions.noise``: time mean of the strongest bin's power over the noise power,
-        in dB; ``inf`` for no noise. The power is that of the targets, without ghosts, background bodies and clutter.
+        in dB; ``inf`` for no noise. The power is that of the targets by all paths, without background and clutter.
     angles : bool
         Add the aspect angles of scatterers and the bodies for plots to the truth; False is faster.
     path : str or Path, optional
@@ -226,13 +226,15 @@ class Echoes:
 
     def make_tile(self, first: int, stop: int) -> tuple[Samples, npt.NDArray[np.float32]]:
         """Synthesise some pulses; also return the targets' strongest power per pulse, V^2."""
-        # ghosts and background bodies are added to the targets' echoes, which set the signal level
+        # background bodies are added to the targets' echoes of all paths, which set the signal level
         table = self.scatterers if self.is_short else _read_pulses(self.scatterers, first, stop)
-        targets, others = split_targets(fold_scatterers(table, self.radar))
+        table = fold_scatterers(table, self.radar)
+        background = table["target"] == BACKGROUND
+        targets = table.take(~background) if background.any() else table
         samples = synthesise_echoes(targets, self.radar, compressed=self.compressed)
         strongest_v2 = strongest_powers_v2(self.compress(samples))
-        if others is not None:
-            samples += synthesise_echoes(others, self.radar, compressed=self.compressed)
+        if background.any():
+            samples += synthesise_echoes(table.take(background), self.radar, compressed=self.compressed)
         return samples, strongest_v2
 
     def make_tiles(self) -> Iterator[tuple[Samples, npt.NDArray[np.float32]]]:
@@ -326,14 +328,6 @@ def observe_scene(
     if times_s is not slow_time_s:
         scatterers = replace(scatterers, slow_time_s=slow_time_s)
     return scatterers, tracks
-
-
-def split_targets(scatterers: ScattererTable) -> tuple[ScattererTable, ScattererTable | None]:
-    """Separate targets from ghosts and background bodies."""
-    own = scatterers["target"] >= 0
-    if own.all():
-        return scatterers, None
-    return scatterers.take(own), scatterers.take(~own)
 
 
 def pulse_times_s(observation_s: float, radar: Radar) -> FloatArray:

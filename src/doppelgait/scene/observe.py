@@ -135,7 +135,7 @@ def assemble(
     Dataset (slow_time, scatterer)
         The variables of :data:`doppelgait.core.labels.SCATTERER_VARIABLES`, with ``target``,
         ``marker`` and ``part`` of every scatterer. ``target`` is the number among the scene's
-        ``observed_targets``, -1 for background bodies. The table of an empty room has no
+        ``observed_targets``, -2 for background bodies. The table of an empty room has no
         scatterers.
 
         For a bistatic radar, ``range`` and ``radial_velocity`` are those of

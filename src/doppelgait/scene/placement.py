@@ -27,8 +27,8 @@ from doppelgait.motion.retime import place as place_motion
 from doppelgait.motion.retime import scale_to_height, travel_speed_mps, vary
 from doppelgait.scene.scene import DEFAULT_DURATION_S, Scene, Target
 
-BACKGROUND = -1
-"""Target number of scatterers that belong to no target."""
+BACKGROUND = -2
+"""Target number of scatterers and reflections of background bodies; reflections of targets have -1."""
 
 KEPT_BYTES = 128 * 2**20
 """Maximum size of the cache of motions, bytes: about three hundred segments of motion capture."""
@@ -45,7 +45,7 @@ class PlacedTarget:
     Parameters
     ----------
     number : int
-        Number in the scatterer table: the index among the observed targets, -1 for background.
+        Number in the scatterer table: the index among the observed targets, -2 for background.
     motion : Motion
         Motion after scaling, path, rotation and translation; it covers the observation. Its facts
         are those of the whole motion.

@@ -101,7 +101,7 @@ class Target(FrozenModel):
         Differences of the motion from its model or recording (:mod:`doppelgait.motion.retime`).
     background : bool
         True for a body that scatters but is not a target, such as a fan or a curtain. It has no
-        truth and no result, and its scatterers have the target number -1.
+        truth and no result, and its scatterers have the target number -2.
 
     Raises
     ------

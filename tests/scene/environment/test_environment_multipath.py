@@ -250,11 +250,13 @@ def test_who_is_behind_the_wall_has_no_ghost_and_who_crosses_it_is_told():
 def test_images_have_no_images_and_cross_walls():
     _, position, _ = moving(n_points=2, n_pulses=3)
     table = echo_table(position, RADAR)
+    table["target"] = ("scatterer", [0, -2])  # a target and a body of the background
     ghost = WallGhost(**BESIDE)
     both = apply_environment(table, [GroundBounce(), ghost], SETTING)
     other = apply_environment(table, [ghost, GroundBounce()], SETTING)
     assert both.sizes["scatterer"] == other.sizes["scatterer"] == 10
     np.testing.assert_allclose(np.sort(both["range"]), np.sort(other["range"]), rtol=1e-12)
+    assert list(both["target"].values[2:]) == [-1, -2] * 4
     behind = apply_environment(table, [GroundBounce(), Wall(loss_db=10)], SETTING)
     alone = apply_environment(table, [GroundBounce()], SETTING)
     np.testing.assert_allclose(behind["path_gain"], 0.01 * alone["path_gain"].values, rtol=1e-12)

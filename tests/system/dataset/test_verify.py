@@ -366,7 +366,7 @@ def test_a_wrong_snr_is_found_by_measuring_it(copy):
     assert check.numbers["largest_error_db"] == pytest.approx(3, abs=0.05)
 
 
-def test_a_mirrored_floor_and_a_curtain_are_no_part_of_the_snr(tmp_path):
+def test_a_curtain_and_its_image_in_the_floor_are_no_part_of_the_snr(tmp_path):
     plan = small_plan(
         environment=[{"kind": "ground_bounce", "material": "concrete"}],
         dataset={"name": "room", "examples_per_class": 8, "shard_size": 8},

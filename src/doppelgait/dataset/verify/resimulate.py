@@ -23,7 +23,6 @@ from doppelgait.dataset.verify.contents import Check, Contents
 from doppelgait.dataset.verify.truth import SNR_TOLERANCE_DB
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import run_simulation
-from doppelgait.scene.environment import GroundBounce, WallGhost
 
 LEAST_PER_CLASS = 3
 ARRAY_TOLERANCE, HALF_TOLERANCE = 1e-4, 2e-2
@@ -179,8 +178,7 @@ def check_measured_snr(contents: Contents, chosen: Sequence[PlannedExample], tic
             continue
         run = contents.plan.example(entry.number).run
         bodies = tuple(target for target in run.scene.targets if not target.background)
-        direct = tuple(effect for effect in run.environment or () if not isinstance(effect, GroundBounce | WallGhost))
-        alone = {"impairments": (), "environment": direct, "scene": run.scene.model_copy(update={"targets": bodies})}
+        alone = {"impairments": (), "scene": run.scene.model_copy(update={"targets": bodies})}
         run = run.model_copy(update=alone)
         quiet = run.model_copy(update={"noise": run.noise.model_copy(update={"kind": "none"})})
         with warnings.catch_warnings():

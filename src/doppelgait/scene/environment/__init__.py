@@ -70,8 +70,8 @@ def apply_environment(scatterers: ScattererTable, effects: Sequence[FrozenModel]
     Returns
     -------
     Dataset
-        The original rows come first, in their order; added rows belong to no target (``target``
-        -1). Without effects, the table itself is returned.
+        The original rows come first, in their order; added rows have the ``target``
+        -1, or -2 of a background body. Without effects, the table itself is returned.
 
     Raises
     ------

@@ -114,7 +114,7 @@ def compute_image_length(
 def find_originals(scatterers: ScattererTable) -> npt.NDArray[np.intp]:
     """Return indices of the rows that are not images. Images of images are not modelled."""
     rows = zip(scatterers["target"].tolist(), scatterers["marker"].tolist(), strict=True)
-    return np.flatnonzero([target != -1 or not str(marker).endswith(IMAGE_ENDINGS) for target, marker in rows])
+    return np.flatnonzero([target >= 0 or not str(marker).endswith(IMAGE_ENDINGS) for target, marker in rows])
 
 
 def take(rays: Rays, columns: npt.NDArray[np.intp]) -> Rays:
@@ -152,7 +152,7 @@ def add_images(
     for name, column in scatterers.columns.items():
         rows = [column[columns]] * 2
         if name == "target":
-            rows = [np.full(n_images, -1)] * 2
+            rows = [np.minimum(column[columns], -1)] * 2  # a background body's images stay in the background
         elif name in ("marker", "part"):
             rows = [np.char.add(column[columns].astype(str), ending) for ending in endings]
         named[name] = np.concatenate([column, *rows])

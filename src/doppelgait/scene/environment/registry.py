@@ -31,7 +31,7 @@ class Setting:
 class Apply(Protocol):
     """Environment effect: returns a new scatterer table, leaving its input unchanged.
 
-    The original rows come first, then the added rows, which belong to no target (``target`` -1). A plug-in has the
+    The original rows come first, then the added rows, of ``target`` -1, or -2 of a background body. A plug-in has the
     facts ``needs_angles`` (bool, or a function of the parameters) if the table must have azimuth and elevation, and
     ``makes_images=True`` if it adds echoes by reflected paths. Such effects compute positions from ranges and are
     therefore listed before those that lengthen or attenuate paths. With ``is_smooth=True``, gains, phases and delays

@@ -263,7 +263,7 @@ def check_environment(parameters: Any) -> None:
     for column in ("marker", "part", "target"):
         kept = np.array_equal(after[column].values[:n_before], table[column].values)
         require(kept, f"{name}: the scatterers before are not the first rows, in their order ({column})")
-    require((after["target"].values[n_before:] == -1).all(), f"{name}: added rows belong to a target")
+    require((after["target"].values[n_before:] < 0).all(), f"{name}: added rows belong to a target")
     for column in ("range", "radial_velocity", "rcs", "path_gain"):
         require(np.isfinite(after[column].values).all(), f"{name}: {column} is not finite")
     for column in ("rcs", "path_gain"):
