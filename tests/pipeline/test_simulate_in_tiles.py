@@ -82,14 +82,13 @@ def test_a_file_that_cannot_be_made_is_refused_before_the_work(tmp_path, monkeyp
 def test_only_one_tile_of_a_long_recording_is_computed_at_a_time(tmp_path, monkeypatch):
     monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", TILE)
     module, sizes = importlib.import_module("doppelgait.pipeline.simulate"), []
-    pulses = module._read_pulses
+    synthesise = module.synthesise_echoes
 
-    def counted(scatterers, first, stop):
-        part = pulses(scatterers, first, stop)
-        sizes.append(part.shape[0])
-        return part
+    def counted(scatterers, radar, *, compressed):
+        sizes.append(scatterers.shape[0])
+        return synthesise(scatterers, radar, compressed=compressed)
 
-    monkeypatch.setattr(module, "_read_pulses", counted)
+    monkeypatch.setattr(module, "synthesise_echoes", counted)
     scene = dg.Scene([dg.Target({"kind": "human"})], duration_s=2.03)
     radar = dg.Radar.preset("x4", prf_hz=500.0)
     recording = dg.simulate(scene, radar, rng=dg.rng(1), path=tmp_path / "a.h5")

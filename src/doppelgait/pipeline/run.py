@@ -68,11 +68,9 @@ class Run(FrozenModel):
     @classmethod
     def _read_radar(cls, data: Any) -> Any:
         if isinstance(data, Mapping) and isinstance(data.get("radar"), str):
-            seed, example = (
-                n if isinstance(n := data.get(key, 0), int) and n >= 0 else 0 for key in ("seed", "example")
-            )
+            known = {key: data[key] for key in ("seed", "example") if isinstance(data.get(key), int) and data[key] >= 0}
             try:
-                parsed = parse_radar(data["radar"], where="", seed=seed, example=example)
+                parsed = parse_radar(data["radar"], where="", **known)
                 return {**parsed, **data, "radar": parsed["radar"]}
             except ConfigError as error:
                 raise ValueError(str(error)) from None

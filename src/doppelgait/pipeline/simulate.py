@@ -149,20 +149,23 @@ def simulate(
     warn_of_limits(scatterers, radar, has_jumps=any(t.motion.report.get("has_jumps") for t in placed.targets))
     # only impairments need the samples before the range transform
     echoes = Echoes(scatterers, radar, compressed=not conditions.impairments)
-    samples: Samples | None = None
-    if target is not None and not conditions.impairments and not echoes.is_short:
-        signal_v2 = _average_v2([strongest_v2 for _, strongest_v2 in echoes.make_tiles()])
-    else:
-        samples, signal_v2 = echoes.synthesise()
+    strongest_v2: list[npt.NDArray[np.float32]] = []
+    tiles, samples = echoes.make_tiles(strongest_v2), None
+    if target is None or conditions.impairments or slow_time_s.size <= lazy.LONG_PULSES:
+        n_samples = radar.waveform.n_samples(radar) if conditions.impairments else radar.n_range_bins
+        samples = Samples.join(tiles, (slow_time_s.size, n_samples))
+    for _ in tiles:  # tiles for a file are made for their level, and again when they are written
+        pass
+    signal_v2 = float(np.concatenate(strongest_v2).mean(dtype=np.float64))
     thermal = [spec for spec in conditions.impairments if isinstance(spec, ThermalNoise)]
-    noise_v2 = 0.0  # mean square in a range bin
+    noise_v2, gain = 0.0, radar.waveform.noise_gain(radar)  # mean square in a range bin, and over that in a sample
+    noise: NoiseLevel | None = None
     if thermal:
-        noise_v2 = sum(noise_power_per_sample_v2(spec, radar) for spec in thermal) * radar.waveform.noise_gain(radar)
+        noise_v2 = sum(noise_power_per_sample_v2(spec, radar) for spec in thermal) * gain
     elif rng is not None and (snr_db is not None or conditions.noise.kind != "none"):
         noise_v2 = noise_level_v2(radar, signal_v2, snr_db)
-    noise: NoiseLevel | None = None
-    if rng is not None and noise_v2 > 0 and not conditions.has_impairment("thermal_noise"):
-        noise = draw_key(rng.generator("noise")), noise_v2 / radar.waveform.noise_gain(radar), make_noise_taps(radar)
+        if noise_v2 > 0:
+            noise = draw_key(rng.generator("noise")), noise_v2 / gain, make_noise_taps(radar)
     if samples is None:
         samples = Samples.stored((slow_time_s.size, radar.n_range_bins), partial(echoes.read_noisy, noise))
     else:
@@ -208,16 +211,6 @@ class Echoes:
     radar: Radar
     compressed: bool
 
-    @property
-    def n_pulses(self) -> int:
-        """Pulses of the recording."""
-        return self.scatterers.slow_time_s.size
-
-    @property
-    def is_short(self) -> bool:
-        """True if all pulses are one tile."""
-        return self.n_pulses <= lazy.LONG_PULSES
-
     def compress(self, samples: Samples) -> Samples:
         """Compress samples to range bins, unless they are."""
         if self.compressed or self.radar.waveform.samples_are_bins:
@@ -227,7 +220,8 @@ class Echoes:
     def make_tile(self, first: int, stop: int) -> tuple[Samples, npt.NDArray[np.float32]]:
         """Synthesise some pulses; also return the targets' strongest power per pulse, V^2."""
         # background bodies are added to the targets' echoes of all paths, which set the signal level
-        table = self.scatterers if self.is_short else _read_pulses(self.scatterers, first, stop)
+        values = {name: self.scatterers[name] for name in ECHO_VARIABLES if name in self.scatterers}
+        table = replace(self.scatterers, values=values).take_pulses(slice(first, stop))
         table = fold_scatterers(table, self.radar)
         background = table["target"] == BACKGROUND
         targets = table.take(~background) if background.any() else table
@@ -237,25 +231,13 @@ class Echoes:
             samples += synthesise_echoes(table.take(background), self.radar, compressed=self.compressed)
         return samples, strongest_v2
 
-    def make_tiles(self) -> Iterator[tuple[Samples, npt.NDArray[np.float32]]]:
-        """Synthesise all pulses, tile by tile."""
-        for first in range(0, self.n_pulses, lazy.LONG_PULSES):
-            yield self.make_tile(first, min(first + lazy.LONG_PULSES, self.n_pulses))
-
-    def synthesise(self) -> tuple[Samples, float]:
-        """Synthesise all pulses without noise; also return the signal level of SNR_frame, V^2."""
-        if self.is_short:
-            samples, strongest_v2 = self.make_tile(0, self.n_pulses)
-            return samples, _average_v2([strongest_v2])
-        levels: list[npt.NDArray[np.float32]] = []
-
-        def tiles() -> Iterator[Samples]:
-            for samples, strongest_v2 in self.make_tiles():
-                levels.append(strongest_v2)
-                yield samples
-
-        width = self.radar.n_range_bins if self.compressed else self.radar.waveform.n_samples(self.radar)
-        return Samples.join(tiles(), (self.n_pulses, width)), _average_v2(levels)
+    def make_tiles(self, strongest_v2: list[npt.NDArray[np.float32]]) -> Iterator[Samples]:
+        """Synthesise all pulses without noise, tile by tile, and append their strongest powers."""
+        n_pulses = self.scatterers.slow_time_s.size
+        for first in range(0, n_pulses, lazy.LONG_PULSES):
+            samples, powers_v2 = self.make_tile(first, min(first + lazy.LONG_PULSES, n_pulses))
+            strongest_v2.append(powers_v2)
+            yield samples
 
     def add_noise(self, samples: Samples, noise: NoiseLevel | None, first_pulse: int = 0) -> Samples:
         """Add the noise of the receiver's samples to the pulses from ``first_pulse``."""
@@ -273,16 +255,6 @@ class Echoes:
         return self.add_noise(self.make_tile(first, stop)[0], noise, first).matrix
 
 
-def _average_v2(strongest_v2: list[npt.NDArray[np.float32]]) -> float:
-    powers = np.concatenate(strongest_v2)
-    return float(powers.mean(dtype=np.float64)) if powers.size else 0.0
-
-
-def _read_pulses(scatterers: ScattererTable, first: int, stop: int) -> ScattererTable:
-    values = {name: scatterers[name] for name in ECHO_VARIABLES if name in scatterers}
-    return replace(scatterers, values=values).take_pulses(slice(first, stop))
-
-
 def observe_scene(
     scene: Scene | PlacedScene,
     radar: Radar,
@@ -297,31 +269,24 @@ def observe_scene(
     if conditions.impairments and streams is not None:
         timing_rng, _ = streams.generator("impairments").spawn(2)
         times_s = shift_pulse_times(slow_time_s, conditions.impairments, radar=radar, rng=timing_rng)
-    patterned = radar.antenna.kind != "isotropic"
-    directions = patterned or needs_angles(conditions.environment)
+    directions = radar.antenna.kind != "isotropic" or needs_angles(conditions.environment)
     scene_rng = None if streams is None else streams.generator("scene")
     room = placed.scene
     tracks = [compute_body_track(target, room, times_s) for target in placed.observed]
     setting = Setting(radar.wavelength_m, room.radar_position_m, math.radians(room.radar_azimuth_deg))
+    tilt_rad = math.radians(room.radar_tilt_deg)
 
     def through(table: ScattererTable) -> ScattererTable:
-        if conditions.environment:
-            table = apply_environment(table, conditions.environment, setting)
-        if not patterned:
-            return table
-        tilt_rad = math.radians(room.radar_tilt_deg)
-        return apply_antenna(
-            table, radar.antenna, boresight_azimuth_rad=setting.radar_azimuth_rad, boresight_tilt_rad=tilt_rad
-        )
+        table = apply_environment(table, conditions.environment, setting)
+        boresight = {"boresight_azimuth_rad": setting.radar_azimuth_rad, "boresight_tilt_rad": tilt_rad}
+        return apply_antenna(table, radar.antenna, **boresight)
 
     bodies = make_scatterers(placed, times_s, scene_rng)
     wanted = ("azimuth", "elevation", "aspect") if angles else ()
-    plain = not conditions.environment and not patterned and room.receiver_position_m is None
     scatterers: ScattererTable | None = None
-    if not plain or times_s.size <= lazy.LONG_PULSES:
-        if directions:
-            scatterers = apply_room(placed, bodies, times_s, wanted, conditions.environment, through)
-    else:
+    if directions:
+        scatterers = apply_room(placed, bodies, times_s, wanted, conditions.environment, through)
+    elif times_s.size > lazy.LONG_PULSES and not conditions.environment and room.receiver_position_m is None:
         scatterers = tabulate_later(placed, bodies, times_s, wanted)
     if scatterers is None:
         scatterers = through(tabulate(placed, bodies, times_s, wanted or (DIRECTIONS if directions else ())))
