@@ -72,10 +72,9 @@ class PictureSettings(FrozenModel):
         low, high = self.rows
         if low == high:
             raise ValueError(f"velocity_mps or doppler_hz: {low:g} to {high:g} is not allowed; the edges must differ")
-        if self.level_db[0] >= self.level_db[1]:
-            raise ValueError(f"level_db: {self.level_db} is not allowed; the first must be below the last")
-        if self.range_m[0] >= self.range_m[1]:
-            raise ValueError(f"range_m: {self.range_m} is not allowed; the first must be below the second")
+        for name, span in {"level_db": self.level_db, "range_m": self.range_m}.items():
+            if span[0] >= span[1]:
+                raise ValueError(f"{name}: {span} is not allowed; the first must be below the last")
         return self
 
     @property
@@ -92,10 +91,8 @@ def is_picture(path: str | Path) -> bool:
 def find_settings_file(path: Path) -> Path | None:
     """Return a picture's settings: its stem, or picture.toml in it or three folders above."""
     above = list(path.absolute().parents)[: FOLDERS_ABOVE + 1]
-    for one in (path.with_suffix(".toml"), *(folder / SETTINGS_NAME for folder in above)):
-        if one.is_file():
-            return one
-    return None
+    candidates = (path.with_suffix(".toml"), *(folder / SETTINGS_NAME for folder in above))
+    return next((candidate for candidate in candidates if candidate.is_file()), None)
 
 
 def read_picture(

@@ -26,8 +26,6 @@ from doppelgait.scene.environment.reflections import Mirror
 from doppelgait.scene.observe import fit_splines, look, make_table
 from doppelgait.scene.scatterers import Scatterers
 
-Through = Callable[[ScattererTable], ScattererTable]
-
 GAIN_STEP_S = 0.0125  # longest time between two computations of the gains
 MIN_LOOKS = 5
 MAX_TURN_RAD = 0.018  # largest change of a scatterer's direction between two computations
@@ -41,7 +39,7 @@ def apply_room(
     times_s: FloatArray,
     wanted: Sequence[str],
     effects: Sequence[FrozenModel],
-    through: Through,
+    through: Callable[[ScattererTable], ScattererTable],
 ) -> ScattererTable | None:
     """Observe a scene through the effects of a room; None where they are needed at every pulse."""
     smooth = all(ENVIRONMENT.of(spec).facts.get("is_smooth", False) for spec in effects)
