@@ -259,7 +259,7 @@ def test_level_of_the_width_is_a_share_of_the_median_strongest_cell_with_range_r
     mu.values[:] = 0.01 + (mu.values - 0.01) * ((4.5 / range_m) ** 4)[:, None]  # the radar equation
     mu.values[:7] += 50.0 * (mu.values[:7] - 0.01)  # glints count little
     level = width_level_v2(mu.values.max(axis=1), 0.01, (range_m / 4.5) ** 4)
-    np.testing.assert_allclose(level, 0.03 * (4.5 / range_m) ** 4, rtol=1e-5)
+    assert level == pytest.approx(0.03, rel=1e-5)
 
 
 @pytest.mark.parametrize("snr_db", [20.0, 14.0, 10.0])

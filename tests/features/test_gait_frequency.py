@@ -143,18 +143,28 @@ def test_confidence_octaves_and_second_are_masses_of_the_posterior():
     assert abs(np.log(found.second_hz / found.frequency_hz)) > 0.08
 
 
-def literal_likeness(values, lag):
-    """E-33 as it stands."""
-    top = sum(2 * values[j] @ values[j + lag] for j in range(len(values) - lag))
-    return top / sum(values[j] @ values[j] + values[j + lag] @ values[j + lag] for j in range(len(values) - lag))
+def literal_likeness(values, lag, counted=(1,) * 150):
+    """E-33 as it stands, over the pairs of counted columns."""
+    pairs = [j for j in range(len(values) - lag) if counted[j] * counted[j + lag]]
+    top = sum(2 * values[j] @ values[j + lag] for j in pairs)
+    return top / sum(values[j] @ values[j] + values[j + lag] @ values[j + lag] for j in pairs)
 
 
+@pytest.mark.parametrize("gap", [slice(0), slice(40, 65)])
 @pytest.mark.parametrize("lag", [1, 17, 80])
-def test_the_plain_rhythm_is_the_square_difference(lag):
-    values = np.random.default_rng(2).standard_normal((150, 7))
-    assert measure_rhythms([[values]], 50.0).likeness[0, 0, lag] == pytest.approx(
-        literal_likeness(values, lag), rel=1e-9
-    )
+def test_the_plain_rhythm_is_the_square_difference(lag, gap):
+    values, counted = np.random.default_rng(2).standard_normal((150, 7)), np.ones(150)
+    values[gap], counted[gap] = 0.0, 0.0
+    found = measure_rhythms([[values]], 50.0, counted).likeness[0, 0, lag]
+    assert found == pytest.approx(literal_likeness(values, lag, counted), rel=1e-9)
+
+
+def test_a_gap_leaves_the_spectrum_of_the_columns_that_exist():
+    wave, counted = np.cos(2 * np.pi * 1.9 * np.arange(200) / 40.0)[:, None], np.ones(200)
+    counted[70:110] = 0.0
+    whole, cut = (measure_rhythms([[wave * c[:, None]]], 40.0, c).share[0, 0] for c in (np.ones(200), counted))
+    assert np.abs(cut - whole).max() < 0.1 * whole.max()
+    assert np.abs(measure_rhythms([[wave * counted[:, None]]], 40.0).share[0, 0] - whole).max() > 0.2 * whole.max()
 
 
 @pytest.mark.parametrize("lag", [1, 17, 80])

@@ -103,12 +103,17 @@ def test_four_seconds_are_four_seconds_at_every_column_rate_and_start():
             np.testing.assert_array_equal(found.values, wanted.values, err_msg=f"{rate_hz} Hz from {start_s} s")
 
 
-@pytest.mark.parametrize(("n_columns", "n_rows"), [(300, 8), (613, 7), (1500, 9)])
-def test_spectrum_and_rows_are_those_of_the_whole_map_e30_e32(n_columns, n_rows):
+@pytest.mark.parametrize(("n_columns", "n_rows", "gap"), [(300, 8, 0), (613, 7, 0), (1500, 9, 0), (613, 7, 90)])
+def test_spectrum_and_rows_are_those_of_the_whole_map_e30_e32(n_columns, n_rows, gap):
     plain = Signal.of(
         rows_of(np.random.default_rng(n_columns).standard_normal((n_columns, n_rows))), NORMALISED_SIGNATURE
     )
-    parts = CadenceParts(plain, 2)
+    sides = np.where((np.arange(n_columns) >= 200) & (np.arange(n_columns) < 200 + gap), 3, 0)
+    plain.values[sides == 3], plain.coords["other_sides"] = 0.0, (("time",), sides, {})
+    parts, t = CadenceParts(plain, 2), np.arange(n_columns)[sides < 3]
+    fitted = np.polynomial.polynomial.polyval(t, np.polynomial.polynomial.polyfit(t, plain.values[t], 2)).T
+    np.testing.assert_allclose(parts.detrend().values[t], plain.values[t] - fitted, atol=1e-9)
+    assert cadence_map(plain.replace(0.0 * plain.values + (sides < 3)[:, None])).values[0] == pytest.approx(1.0)
     np.testing.assert_array_equal(parts.detrend().values, detrend(plain, order=2).values)
     whole, power = cadence_map(detrend(plain, order=2)), parts.spectrum()
     spectrum = cadence_spectrum(whole)

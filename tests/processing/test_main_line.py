@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from doppelgait._core import native
+from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import SIGNATURE, Signal, make_array
 from doppelgait.processing import align, choose_line_order, main_line_hz, needs_alignment
 from doppelgait.processing.main_line import choose_velocity, torso_velocity_mps, track_velocity
@@ -18,11 +19,8 @@ def line_signature(line_hz, spread_hz=6.0, hop_s=0.008):
     """A Gaussian ridge of 6 Hz standard deviation (power of the E-23 window) along a line."""
     line_hz = np.asarray(line_hz, dtype=float)
     distance = (DOPPLER_HZ[None, :] - line_hz[:, None] + PRF_HZ / 2) % PRF_HZ - PRF_HZ / 2
-    coords = {
-        "time": 0.05 + hop_s * np.arange(line_hz.size),
-        "doppler": DOPPLER_HZ,
-        "velocity": ("doppler", DOPPLER_HZ * 0.02),
-    }
+    coords = {"doppler": DOPPLER_HZ, "velocity": ("doppler", DOPPLER_HZ * 0.02)}
+    coords["time"] = 0.05 + hop_s * np.arange(line_hz.size)
     return make_array(SIGNATURE, np.exp(-0.5 * (distance / spread_hz) ** 2), coords, {"n_gate_bins": 8})
 
 
@@ -105,9 +103,14 @@ def test_a_line_through_fewer_columns_than_its_order_goes_through_all_of_them():
     np.testing.assert_allclose(main_line_hz(mu, order=3), main_line_hz(mu, order=1), atol=1e-9)
 
 
-def test_a_line_of_another_length_is_refused():
-    from doppelgait.core.errors import AnalysisError
+def test_a_line_goes_through_the_columns_of_one_body():
+    wanted_hz, sides = 40.0 + 0.1 * np.arange(200), np.where(np.arange(200) // 60 == 1, 3, 0)
+    mu = line_signature(np.where(sides == 3, -90.0, wanted_hz)).assign_coords(other_sides=("time", sides))
+    for order, tapered in ((1, False), (1, True), (3, False)):
+        np.testing.assert_allclose(main_line_hz(mu, order=order, tapered=tapered), wanted_hz, atol=1.0)
 
+
+def test_a_line_of_another_length_is_refused():
     mu = line_signature(np.full(50, 20.0))
     for size in (10, mu.sizes["time"] + 1):
         with pytest.raises(AnalysisError, match=rf"line_hz has shape \({size},\)"):

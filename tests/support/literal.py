@@ -6,7 +6,6 @@ Nothing here may import doppelgait.
 import numpy as np
 
 C_MPS = 299_792_458.0
-Z0_OHM = 50.0
 
 
 def pulse(time_s, sigma_s):

@@ -67,9 +67,8 @@ The angles are optional. ``path_phase`` exists only if a wall or a reflection sh
 echo. It is added to -4 pi R / lambda.
 """
 
-
-Coord = tuple[tuple[str, ...], npt.NDArray[Any], Mapping[Any, Any]]
-"""Dimensions, values and attributes of a coordinate."""
+OTHER_SIDES = "other_sides"  # of a column: another body in receding Doppler rows (1), in approaching (2), in both (3)
+Coord = tuple[tuple[str, ...], npt.NDArray[Any], Mapping[Any, Any]]  # dimensions, values and attributes
 
 
 @dataclass(slots=True, eq=False)
@@ -110,6 +109,11 @@ class Signal:
     def axis(self, name: str) -> npt.NDArray[Any]:
         """Return the values of a coordinate."""
         return self.coords[name][1]
+
+    @property
+    def counted(self) -> npt.NDArray[np.bool_]:
+        """Columns that are not entirely of other bodies, (J,)."""
+        return np.asarray(self.axis(OTHER_SIDES) < 3) if OTHER_SIDES in self.coords else np.ones(len(self.values), bool)
 
     def label(self) -> xr.DataArray:
         """Make the labelled array."""

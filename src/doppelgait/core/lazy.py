@@ -27,8 +27,7 @@ else:
 
     xr = _Xarray()
 
-LONG_PULSES = 1 << 15
-"""Approximate number of pulses of a tile. Longer recordings are processed in tiles."""
+LONG_PULSES = 1 << 15  # approximate number of pulses of a tile; longer recordings are processed in tiles
 
 
 @dataclass(frozen=True)

@@ -46,8 +46,7 @@ DRAWING = "drawing"
 NAMING_KEYS = ("kind", "gate", "format")
 """Keys of a configuration with one or several names of plug-ins, in addition to the names of the groups."""
 CHOICES = ("choice", "cycle")
-HEAD_BYTES = 4096
-"""Number of bytes by which a reader recognises its files."""
+HEAD_BYTES = 4096  # number of bytes by which a reader recognises its files
 
 
 @dataclass(frozen=True)

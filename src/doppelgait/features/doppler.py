@@ -62,11 +62,11 @@ def compute_quantile(values: npt.NDArray[np.floating[Any]], share: float) -> flo
     return float(native.quantile(values, share))
 
 
-def width_level_v2(strongest_v2: npt.NDArray[Any], floor_v2: float, range_weight: FloatArray) -> FloatArray:
-    """Compute the level of B_mu per column (E-35), V^2."""
+def width_level_v2(strongest_v2: npt.NDArray[Any], floor_v2: float, range_weight: FloatArray) -> float:
+    """Compute the level of B_mu at mean range (E-35), V^2."""
     # the level is 3 % of the body's power. Shapes: strongest_v2 (J,); range_weight (J,) (E-28)
     excess = (strongest_v2 - float(floor_v2)) * range_weight
-    return np.asarray(WIDTH_LEVEL * max(compute_quantile(excess, 0.5), 0.0) / range_weight)
+    return WIDTH_LEVEL * max(compute_quantile(excess, 0.5), 0.0)
 
 
 def raised_by_noise_v2(level_v2: FloatArray, floor_v2: float, n_bins: float) -> FloatArray:

@@ -109,7 +109,7 @@ def measure_strength_variation(observed: Observation) -> float | None:
 def measure_periodicity(observed: Observation) -> float | None:
     """Measure the envelope width's autocorrelation at one period."""
     # the autocorrelation is normalised and at most 1 (E-33)
-    if observed.edges.seen_share < 1.0:  # a lag has a defined time only if the width is known at every column
+    if observed.edges.seen_share < 1.0 or not observed.counted.all():  # a lag needs the width at every column
         return None
     low_hz, high_hz = observed.envelopes_hz
     width_hz = high_hz - low_hz
@@ -259,7 +259,7 @@ def alternate_likeness(observed: Observation) -> float | None:
     # the value is at most about 1. It is near 1 if a period is a step and left and right steps have
     # the same signature. It is lower if left and right, or the two halves of a stride, differ.
     # Noise lowers both autocorrelations alike. Rows without signal are left out (K+ of E-38)
-    if observed.frequency_hz * observed.observation_s < MIN_PERIODS_OF_PAIRS:
+    if observed.frequency_hz * observed.observation_s < MIN_PERIODS_OF_PAIRS or not observed.counted.all():
         return None
     rows = observed.occupied_columns
     rows -= observed.mean_row[observed.occupied]

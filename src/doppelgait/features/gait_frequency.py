@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -224,13 +224,17 @@ def measure_target_rhythms(targets: Iterable[tuple[Signal, Signal, float]]) -> R
         del excess  # as large as a signature
         weight = slow.values.sum(axis=1)
         weight *= cell_v2 * size
-        limbs = limb_rows(slow, np.divide(weight, total_v2, out=np.zeros(total_v2.size), where=total_v2 > 0))
-        rows.append([detrend_rows(sum_rows(slow), slow.rate_hz), limbs.values])
-    return measure_rhythms(rows, slow.rate_hz)
+        noise = np.divide(weight, total_v2, out=np.zeros(total_v2.size), where=total_v2 > 0)
+        counted = np.asarray(aligned.counted[: noise.size * size].reshape(-1, size).all(axis=1))
+        if not counted.all():
+            slow, noise = replace(slow, values=slow.values[counted]), noise[counted]
+        sets = sum_rows(slow), limb_rows(slow, noise).values
+        rows.append([detrend_rows(values, slow.rate_hz, counted) for values in sets])
+    return measure_rhythms(rows, slow.rate_hz, counted.astype(np.float64))
 
 
-def measure_rhythms(rows: Sequence[Sequence[FloatArray]], rate_hz: float) -> Rhythm:
-    """Measure autocorrelation and spectrum of sets of rows."""
+def measure_rhythms(rows: Sequence[Sequence[FloatArray]], rate_hz: float, counted: FloatArray | None = None) -> Rhythm:
+    """Measure autocorrelation and spectrum of sets of rows, from pairs of counted columns."""
     # each set is measured unchanged and whitened. Shapes: rows B x S x (J, K); leading axes of the result (B, 2 S)
     n_columns, n_series = rows[0][0].shape[0], 2 * len(rows[0])
     length, padded, window = _choose_lengths(n_columns)
@@ -247,6 +251,13 @@ def measure_rhythms(rows: Sequence[Sequence[FloatArray]], rate_hz: float) -> Rhy
     products, step_hz = np.fft.irfft(powers, length)[..., :n_columns], rate_hz / padded
     # autocorrelation: products over lags, divided by the power of their columns (E-33)
     both = until[..., :0:-1] + (until[..., -1:] - until[..., :-1])
+    if counted is not None and not counted.all():
+        # powers of the columns of pairs that exist; their products stand for all pairs of a lag
+        lines = np.fft.rfft(counted, length)
+        found = 2.0 * (np.fft.rfft(np.diff(until) * counted, length) * lines.conj()).real
+        pairs = np.fft.irfft(lines * lines.conj(), length)[:n_columns]
+        both = np.where(pairs > 0.5, np.fft.irfft(found, length)[..., :n_columns], 0.0)
+        window = window * np.arange(n_columns, 0.0, -1.0) / np.maximum(pairs, 1.0)
     likeness = np.divide(2.0 * products, both, out=np.zeros_like(both), where=both > 0.0)
     # spectra as shares of the power from the lowest cadence on. The other half of an
     # autocorrelation is equal, so that its transform is 2 Re minus the product without lag

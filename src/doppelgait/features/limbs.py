@@ -86,7 +86,7 @@ def find_torso(values: FloatArray, reach: int) -> tuple[int, FloatArray]:
 
 
 def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
-    """Extract noise-free, detrended amplitudes beyond 30 Hz of the torso. Shapes: noise (J,)."""
+    """Extract noise-free amplitudes beyond 30 Hz of the torso. Shapes: noise (J,)."""
     zero, bin_hz = int(np.abs(rows.doppler_hz).argmin()), rows.bin_hz
     moved = np.empty(rows.values.shape)
     native.shift_columns(rows.values, torso_line_hz(rows) / bin_hz, moved)
@@ -97,7 +97,7 @@ def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
     amplitude = np.empty((noise.size, starts.size))
     mean = CLIPPED_MEAN * (float(noise.sum()) / noise.size)
     native.limb_amplitudes(moved, noise, mean, OCCUPIED_SIGMAS * spread, starts, stops, amplitude)
-    return Rows(detrend_rows(amplitude, rows.rate_hz), centre_hz, rows.rate_hz)
+    return Rows(amplitude, centre_hz, rows.rate_hz)
 
 
 @lru_cache(maxsize=8)
@@ -124,9 +124,13 @@ def sum_rows(rows: Rows) -> FloatArray:
     return sum_groups(rows.values, 1, min(_group_rows(rows.bin_hz), max(rows.values.shape[1], 1)))
 
 
-def detrend_rows(values: FloatArray, rate_hz: float) -> FloatArray:
-    """Remove every row's least-squares polynomial (E-31)."""
-    # the order is round(1.2 T_o), 1 to 6; the values are overwritten
-    basis = make_orthonormal_basis(values.shape[0], min(max(round(1.2 * values.shape[0] / rate_hz), 1), 6))
+def detrend_rows(values: FloatArray, rate_hz: float, counted: npt.NDArray[np.bool_]) -> FloatArray:
+    """Remove every row's least-squares polynomial (E-31); columns that do not count are 0."""
+    # the order is round(1.2 T_o), 1 to 6; the values of counted columns are overwritten
+    if values.shape[0] < counted.size:
+        values, compact = np.zeros((counted.size, values.shape[1])), values
+        values[counted] = compact
+    order = min(max(round(1.2 * counted.size / rate_hz), 1), 6)
+    basis = make_orthonormal_basis(counted.size, order, counted.tobytes())
     native.remove_trend(values, basis)
     return values

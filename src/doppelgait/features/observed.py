@@ -127,7 +127,7 @@ def measure_widths(observations: Sequence[Observation]) -> list[float]:
     """Measure the width above the level of B_mu in bins (E-35), NaN without any."""
     n_columns = observations[0].power_v2.shape[0]
     counts = np.concatenate([seen.count_above_level(np.array([0, n_columns])) for seen in observations])
-    return list(map(float, width_of_bins(counts / n_columns)))
+    return list(map(float, width_of_bins(counts / np.count_nonzero(observations[0].counted))))
 
 
 def measure_ripples(observations: Sequence[Observation]) -> FloatArray:
@@ -149,7 +149,8 @@ def measure_ripple_parts(observations: Sequence[Observation]) -> list[dict[int, 
     for orders, chosen in ((ORDERS, np.flatnonzero(halves)), (ORDERS[1::2], np.flatnonzero(~halves))):
         if chosen.size:
             turns_rad = math.pi * frequency_hz[chosen] / observations[0].rate_hz
-            for n, fitted in zip(chosen, fit_waves(swing[chosen], turns_rad, orders).tolist(), strict=True):
+            waves = fit_waves(swing[chosen], turns_rad, orders, observations[0].counted)
+            for n, fitted in zip(chosen, waves.tolist(), strict=True):
                 parts[n] = dict(zip(orders.tolist(), fitted, strict=True))
     return parts
 
@@ -223,6 +224,9 @@ class Observation:
     def __post_init__(self) -> None:
         wavelength_m = float(self.signature.attrs["wavelength_m"])
         self.power_v2: npt.NDArray[Any] = self.signature.values  # (J, K)
+        self.counted = self.signature.counted
+        self.counted_share = float(self.counted.mean())
+        self.chosen = slice(None) if self.counted.all() else self.counted  # to index columns without a copy
         self.rate_hz = sampling_rate_hz(self.signature.axis("time"))  # columns per second
         self.mps_per_hz = wavelength_m / 2.0  # speed per hertz of Doppler (E-05)
         self.velocity_mps: FloatArray = self.signature.axis("doppler") * self.mps_per_hz  # of every Doppler row, (K,)
@@ -282,23 +286,18 @@ class Observation:
     @cached_property
     def width_level_v2(self) -> FloatArray:
         """Power above the floor for B_mu (E-35), shape (J,)."""
-        return width_level_v2(self.strongest_v2, self.floor_v2, self.range_weight)
+        strongest_v2, weight = self.strongest_v2[self.chosen], self.range_weight[self.chosen]
+        return np.asarray(width_level_v2(strongest_v2, self.floor_v2, weight) / self.range_weight)
 
     def count_above_level(self, edges: npt.NDArray[np.int64]) -> FloatArray:
-        """Count cells above the raised level of B_mu (E-35).
-
-        The blocks lie between ``edges``, in columns; the result has the shape (blocks, K).
-        """
+        """Count cells above the raised level of B_mu between edges in columns (E-35), (blocks, K)."""
         counts = np.empty((edges.size - 1, self.power_v2.shape[1]))
         native.count_above(self.excess.values, self.raised_level_v2, edges, counts)
         return counts
 
     @cached_property
     def raised_level_v2(self) -> npt.NDArray[Any]:
-        """Level of B_mu raised by noise (E-35), (J,).
-
-        It has the same precision as the cells that are compared with it.
-        """
+        """Level of B_mu raised by noise (E-35), (J,), in the precision of the cells."""
         return raised_by_noise_v2(self.width_level_v2, self.floor_v2, self.n_bins).astype(self.power_v2.dtype)
 
     @cached_property
@@ -328,13 +327,13 @@ class Observation:
     @cached_property
     def mean_row(self) -> FloatArray:
         """Mean aligned normalised signature, D_1; shape (K,)."""
-        return _average_rows(self.aligned.values)
+        return _average_rows(self.aligned.values) / self.counted_share
 
     @cached_property
     def occupied(self) -> npt.NDArray[np.bool_]:
         """Doppler rows K+, 3 standard deviations above the noise (E-38), (K,)."""
         spread = self.floor_v2 / math.sqrt(self.signature.attrs["n_gate_bins"] * self.n_independent)
-        return np.asarray(_average_rows(self.excess.values) > OCCUPIED_SIGMAS * spread)
+        return np.asarray(_average_rows(self.excess.values) / self.counted_share > OCCUPIED_SIGMAS * spread)
 
     @cached_property
     def occupied_rows(self) -> npt.NDArray[np.int64]:
@@ -357,13 +356,13 @@ class Observation:
     @cached_property
     def snr_db(self) -> float:
         """Ratio of the signature to the noise in dB."""
-        return compute_snr_db(self.strongest_v2, self.floor_v2)
+        return compute_snr_db(self.strongest_v2[self.chosen], self.floor_v2)
 
     @cached_property
     def edges(self) -> Envelopes:
         """Envelopes around the main line (E-35b)."""
-        found, (low_hz, high_hz) = np.empty(len(Envelopes._fields)), self.envelopes_hz
-        native.edge_statistics(low_hz, high_hz, self.main_line_hz, self.direction, *TIME_SHARES, found)
+        found, lines = np.empty(len(Envelopes._fields)), (*self.envelopes_hz, self.main_line_hz)
+        native.edge_statistics(*(line[self.chosen] for line in lines), self.direction, *TIME_SHARES, found)
         found[1:-1] *= self.mps_per_hz
         return Envelopes(*found.tolist())
 
@@ -375,31 +374,21 @@ class Observation:
 
     @property
     def forward_mps(self) -> FloatArray:
-        """Lead of the leading envelope over the main line (E-35b).
-
-        It has the columns with power above the noise.
-        """
+        """Lead of the leading envelope over the main line (E-35b), in columns with power."""
         low, high = self.edges_mps
         lead = high - self.line_mps if self.direction >= 0 else self.line_mps - low
         return np.asarray(lead[np.isfinite(low)])
 
     @property
     def backward_mps(self) -> FloatArray:
-        """Lag of the trailing envelope behind the main line.
-
-        It has the columns with power above the noise and is positive behind the line.
-        """
+        """Lag of the trailing envelope behind the main line, positive behind it, in columns with power."""
         low, high = self.edges_mps
         lag = self.line_mps - low if self.direction >= 0 else high - self.line_mps
         return np.asarray(lag[np.isfinite(low)])
 
     @property
     def envelope_width_hz(self) -> float | None:
-        """Bandwidth between the envelopes (E-35b).
-
-        It is the 95th percentile over time of the upper envelope minus the 5th percentile of the
-        lower one. It is None if less than half of the columns are above the noise.
-        """
+        """Bandwidth between the envelopes, from 5 to 95 % of the time (E-35b)."""
         return self.edges.full_width_mps / self.mps_per_hz if self.has_envelope else None
 
     @cached_property
@@ -415,18 +404,20 @@ class Observation:
 
         Also returns the sum (V^4) and the moment (V^4 bins) of the squared power within 0.8 m/s of it, shapes (J,).
         """
-        sums, (square, moment) = np.empty(len(LinePower._fields)), np.empty((2, self.power_v2.shape[0]))
+        sums, (square, moment) = np.empty(len(LinePower._fields)), np.zeros((2, self.power_v2.shape[0]))
         line = (self.line_mps - self.velocity_mps[0]) / self.bin_mps
         reaches = np.array([TORSO_BAND_MPS, NEAR_REACH_MPS, TORSO_REACH_MPS]) / self.bin_mps
-        native.powers_about_line(
-            self.power_v2, float(self.floor_v2), line, reaches, self.range_weight, sums, square, moment
-        )
+        power_v2, line, weight = (values[self.chosen] for values in (self.power_v2, line, self.range_weight))
+        found = np.empty((2, line.size))
+        native.powers_about_line(power_v2, float(self.floor_v2), line, reaches, weight, sums, *found)
+        square[self.chosen], moment[self.chosen] = found
         return LinePower(*sums.tolist()), square, moment
 
     @cached_property
     def torso_ripple_rms_mps(self) -> float:
         """Root mean square of :attr:`torso_ripple_mps`."""
-        return math.sqrt(float(self.torso_ripple_mps @ self.torso_ripple_mps) / self.torso_ripple_mps.size)
+        ripple_mps = self.torso_ripple_mps[self.chosen]
+        return math.sqrt(float(ripple_mps @ ripple_mps) / ripple_mps.size)
 
     @cached_property
     def cadence(self) -> tuple[FloatArray, FloatArray]:
@@ -437,11 +428,7 @@ class Observation:
 
     @cached_property
     def harmonic_powers(self) -> list[float]:
-        """Power of four harmonics of f_mu above the noise.
-
-        Each is the highest value of S within half a resolution cell. The noise is the median of S
-        between the harmonics (E-38), and 0 if there are no values between them.
-        """
+        """Power of four harmonics of f_mu above the noise, the median of S between them (E-38)."""
         cadence_hz, power = self.cadence
         turns = cadence_hz / self.frequency_hz
         between = power[(np.abs(turns - np.floor(turns) - 0.5) <= 0.2) & (turns > 1.0) & (turns < 4.0)]
@@ -481,15 +468,15 @@ def measure_swing(square: FloatArray, moment: FloatArray, sd: float, basis: Floa
     return np.asarray(swing - slow[..., 0])
 
 
-def fit_waves(values: FloatArray, turns_rad: FloatArray, orders: npt.NDArray[np.int64]) -> FloatArray:
-    """Fit the amplitudes of multiples of a frequency together by least squares."""
+def fit_waves(values: FloatArray, turns_rad: FloatArray, orders: npt.NDArray[np.int64], counted: Any = 1) -> FloatArray:
+    """Fit the amplitudes of multiples of a frequency by least squares."""
     # the frequencies are in radians per column, the orders rise; the cosines and sines need not be
     # orthogonal. Shapes: values (B, J); turns_rad (B,); result (B, orders)
     phase = turns_rad[:, np.newaxis] * np.arange(values.shape[-1])
     turns = np.empty((len(values), orders[-1], phase.shape[-1]), dtype=np.complex128)
     turns.real, turns.imag = np.cos(phase)[:, np.newaxis], np.sin(phase)[:, np.newaxis]
     powers = np.multiply.accumulate(turns, axis=1)[:, orders - 1]
-    waves = np.concatenate([powers.real, powers.imag], axis=1)
+    waves, values = np.concatenate([powers.real, powers.imag], axis=1) * counted, values * counted
     parts = np.linalg.solve(waves @ waves.swapaxes(-1, -2), waves @ values[..., np.newaxis])
     return np.asarray(np.hypot(*parts.reshape(len(values), 2, -1).swapaxes(0, 1)))
 
@@ -500,17 +487,11 @@ def _average_rows(values: npt.NDArray[Any]) -> FloatArray:
     return found
 
 
-def compute_square_difference(rows: FloatArray, first: int = 0, last: int | None = None) -> FloatArray:
-    """Compute the rows' normalised square-difference autocorrelation (E-33)."""
-    found = np.empty((rows.shape[0] if last is None else last + 1) - first)
-    native.square_difference(rows, first, found)
-    return found
-
-
 def compute_autocorrelation_at(rows: FloatArray, lag: float) -> float | None:
     """Compute the square-difference autocorrelation at a lag (E-33), None beyond the rows."""
     whole = int(np.floor(lag))
     if whole < 1 or whole + 1 >= rows.shape[0]:
         return None
-    values = compute_square_difference(rows.reshape(rows.shape[0], -1), whole, whole + 1)
+    values = np.empty(2)
+    native.square_difference(rows.reshape(rows.shape[0], -1), whole, values)
     return float(values[0] + (lag - whole) * (values[1] - values[0]))

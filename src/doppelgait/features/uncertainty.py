@@ -101,7 +101,7 @@ def estimate_velocity_sd(observations: Sequence[Observation]) -> list[float | No
         residual = np.stack([observations[n].peaks_hz * observations[n].mps_per_hz for n in chosen])
         residual -= np.stack([observations[n].line_mps for n in chosen])
         least_scale = observations[0].bin_mps / 4.0
-        scatter = compute_block_scatter(residual, least_scale, [starts[n] for n in chosen])
+        scatter = compute_block_scatter(residual, least_scale, [starts[n] for n in chosen], observations[0].counted)
         for n, sandwich_mps in zip(chosen, scatter, strict=True):
             ripple_mps = observations[n].torso_ripple_rms_mps if observations[n].has_line else 0.0
             found[n] = math.hypot(sandwich_mps, VELOCITY_RIPPLE_SHARE * ripple_mps, VELOCITY_LEAST_MPS)
@@ -109,18 +109,18 @@ def estimate_velocity_sd(observations: Sequence[Observation]) -> list[float | No
 
 
 def compute_block_scatter(
-    residual: FloatArray, least_scale: float, starts: Sequence[npt.NDArray[np.int64]]
+    residual: FloatArray, least_scale: float, starts: Sequence[npt.NDArray[np.int64]], counted: npt.NDArray[np.bool_]
 ) -> list[float]:
-    """Compute the sd of tapered Cauchy means of dependent values. Shapes: residual (B, J)."""
+    """Compute the sd of tapered Cauchy means of dependent values. Shapes: residual (B, J); counted (J,)."""
     # blocks begin at the starts, the first at 0; the slope is positive: half of the values are below a third of scale
-    medians = np.array([[compute_quantile(row, 0.5)] for row in np.abs(residual)])
+    medians = np.array([[compute_quantile(row[counted], 0.5)] for row in np.abs(residual)])
     square = (residual / (CAUCHY_TUNING * np.maximum(1.4826 * medians, least_scale))) ** 2
-    weight = _make_taper(residual.shape[-1]) / (1.0 + square)
+    weight = _make_taper(residual.shape[-1]) * counted / (1.0 + square)
     slopes, products = (weight * (1.0 - square) / (1.0 + square)).sum(axis=-1), weight * residual
     scatter = []
     for product, slope, edges in zip(products, slopes.tolist(), starts, strict=True):
-        blocks = np.add.reduceat(product, edges)
-        scatter.append(math.sqrt(float(blocks @ blocks) * edges.size / (edges.size - 2)) / slope)
+        blocks, n = np.add.reduceat(product, edges), np.count_nonzero(np.add.reduceat(counted.astype(int), edges))
+        scatter.append(math.sqrt(float(blocks @ blocks) * n / (n - 2)) / slope if n >= MIN_BLOCKS else math.nan)
     return scatter
 
 
@@ -139,7 +139,8 @@ def estimate_bandwidth_sd(observations: Sequence[Observation]) -> list[float | N
         if n_groups >= MIN_BLOCKS:
             edges = edges[np.arange(n_groups + 1) * (edges.size - 1) // n_groups]
             counts = seen.count_above_level(edges)
-            lengths = edges[-1] - edges[0] - (edges[1:] - edges[:-1])
+            counted = np.concatenate([[0], seen.counted.cumsum()])[edges]
+            lengths = counted[-1] - counted[0] - (counted[1:] - counted[:-1])
             without = width_of_bins((counts.sum(axis=0) - counts) / lengths[:, np.newaxis])
             difference = without - without.sum() / n_groups
             scatter = (n_groups - 1) / n_groups * float((difference**2).sum())
@@ -168,6 +169,7 @@ def _measure_periods(observed: Observation) -> Periods | None:
     frequency_hz, rate_hz = observed.frequency_hz, observed.rate_hz
     length = int(rate_hz / frequency_hz)
     starts = np.minimum(observed.period_edges[:-1], observed.aligned.shape[0] - length)
+    starts = starts[[bool(observed.counted[start : start + length].all()) for start in starts]]
     if starts.size < MIN_BLOCKS or length < 2 * HARMONICS.size + 1 or not observed.occupied_rows.size:
         return None
     n_harmonics, n_rows = HARMONICS.size, observed.occupied_rows.size

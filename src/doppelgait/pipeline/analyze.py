@@ -16,7 +16,7 @@ from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.frames import Frames
 from doppelgait.pipeline.rangeless import correct_receiver
 from doppelgait.pipeline.result import Result, TargetList
-from doppelgait.pipeline.target import Gated, analyze_targets, compute_gated
+from doppelgait.pipeline.target import MAX_SHARED, SHARED, Gated, analyze_targets, compute_gated, mark_other_bodies
 from doppelgait.pipeline.tracking import LOST_SHARE, Tracking, track_targets
 from doppelgait.pipeline.verdicts import is_echo
 from doppelgait.processing import Analysis, Gate
@@ -102,7 +102,9 @@ def analyze(
         del recording  # tracking does not use the truth, which is large
         found = track_targets(frames, radar, source, settings, tracking or Tracking())
         return TargetList(flag_filled(flag_overlaps(found), frames), reason=found.reason)
-    results = analyze_together([compute_signatures(recording, gate, settings, gate_error_m)])[0]
+    gated = compute_signatures(recording, gate, settings, gate_error_m)
+    marked = [mark_other_bodies(one, [other.gate for other in gated if other is not one]) for one in gated]
+    results = analyze_together([marked])[0]
     return TargetList(flag_filled(results, recording.frames))
 
 
@@ -219,5 +221,7 @@ def flag_overlaps(results: Sequence[Result]) -> list[Result]:
         others = (other for other in results if other is not result)
         near = [other for other in others if (result.gate.shares(other.gate) & counted).any()]
         found = {"own_echo_in_gate" if is_echo(other, number) else "gates_overlap" for other in near}
+        if about.get(SHARED, 1.0) <= MAX_SHARED:  # what is left out is short, and the rest stands for the whole
+            found = set()
         flagged.append(replace(result, flags=(*result.flags, *sorted(found))) if found else result)
     return flagged

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from doppelgait.core.frames import Frames
 from doppelgait.core.units import FloatArray
 from doppelgait.pipeline.result import Result
-from doppelgait.pipeline.target import analyze_gated
+from doppelgait.pipeline.target import OPPOSITE_MPS, analyze_gated
 from doppelgait.processing import Analysis, Gate, noise_floor_v2
 from doppelgait.processing.bursts import make_frame_gate
 from doppelgait.processing.clutter import remove_from_frames
@@ -32,8 +32,6 @@ FAR_M = 100.0
 """Start range of a path that is integrated from velocity; at this range straight motion has constant velocity."""
 SMOOTHED_S = 0.5
 """Time of the median filter for Doppler peaks; a limb is the strongest for a shorter time."""
-OPPOSITE_MPS = 0.5
-"""Lowest speed of a torso; limbs of a person who walks the other way do not stay above it."""
 OPPOSITE_S, OPPOSITE_SHARE, OPPOSITE_LEVEL = 1.0, 0.8, 0.1
 """Time, its smallest share with power on both sides, and smallest power ratio of the weaker to the stronger side."""
 SURE_PFA = 1e-6

@@ -14,7 +14,7 @@ import numpy as np
 from doppelgait import features as feature_layer
 from doppelgait import processing
 from doppelgait.core.frames import Frames
-from doppelgait.core.labels import SIGNATURE, Signal
+from doppelgait.core.labels import OTHER_SIDES, SIGNATURE, Signal
 from doppelgait.core.lazy import xr
 from doppelgait.core.units import FloatArray
 from doppelgait.features import Extraction, Observation, liland2018
@@ -25,7 +25,6 @@ from doppelgait.features.uncertainty import estimate_uncertainties, flag_uncerta
 from doppelgait.pipeline.result import LateArrays, Result, read_signal
 from doppelgait.processing import Analysis, Gate, main_line
 from doppelgait.processing.cadence import CadenceParts
-from doppelgait.processing.normalise import compute_median
 from doppelgait.processing.parts import PARTS, locate_parts
 from doppelgait.processing.receiver import read_flags
 from doppelgait.processing.signature import compute_signature
@@ -36,7 +35,13 @@ ALIGNED = "aligned"
 """Attribute of a cadence map: True if its Doppler is relative to the main line (E-29)."""
 NAMED_REASONS = ("path_is_not_straight", "too_uncertain")
 """Reasons for a missing ground speed that become flags."""
+SHARED = "other_bodies_share"  # share of the time that is left out of the analysis because of other bodies
+MAX_SHARED = 1.0 / 3.0  # with more, features of the rest may differ from those of the whole
 GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
+OPPOSITE_MPS = 0.5
+"""Lowest speed of a torso; limbs of a person who walks the other way do not stay above it."""
+STANDING_MPS = 0.3  # highest speed of feet on the ground, with the blur of the window
+MIN_COUNTED_S = 2.0  # shortest time without other bodies that is analysed alone
 MAX_TOGETHER = 8
 """Targets that are measured together: more leave the cache of the processor and gain nothing."""
 
@@ -70,6 +75,32 @@ def analyze_gated(clean: Frames, wavelength_m: float, gate: Gate, analysis: Anal
     return analyze_targets([compute_gated(clean, wavelength_m, gate, analysis, None)])[0]
 
 
+def mark_other_bodies(target: Gated, others: Sequence[Gate]) -> Gated:
+    """Mark what other bodies occupy while they share range, if enough columns remain."""
+    mu, gate = target.signature, target.gate
+    times_s = mu.axis("time")
+    own_mps, sides = gate.approach_mps(times_s), np.zeros(times_s.size, dtype=np.int8)
+    for other in others:
+        # limbs of a body that advances stay on the side of its torso
+        other_mps = other.approach_mps(times_s)
+        apart = (own_mps * other_mps < 0) & (np.minimum(np.abs(own_mps), np.abs(other_mps)) >= OPPOSITE_MPS)
+        side = np.where(apart, np.where(other_mps > 0, 2, 1), 3)
+        sides |= np.where(gate.shares(other, times_s), side, 0).astype(np.int8)
+    counted_s = float((sides < 3).mean() * np.ptp(times_s))
+    if not sides.any() or counted_s < MIN_COUNTED_S or target.analysis.method == "liland2018":
+        return target
+    return target._replace(signature=replace(mu, coords={**mu.coords, OTHER_SIDES: (("time",), sides, {"units": "1"})}))
+
+
+def _clear_other_sides(mu: Signal, floor_v2: float) -> Signal:
+    # what other bodies occupy is replaced by the noise floor
+    sides, velocity_mps = mu.axis(OTHER_SIDES)[:, np.newaxis], mu.axis("velocity")
+    receding, approaching = velocity_mps < STANDING_MPS, velocity_mps > -STANDING_MPS  # with standing feet
+    cleared = ((sides & 1) > 0) & receding | ((sides & 2) > 0) & approaching
+    below_v2 = np.nextafter(mu.values.dtype.type(floor_v2), mu.values.dtype.type(0))  # nothing is above the floor
+    return mu.replace(np.where(cleared, below_v2, mu.values))
+
+
 def _add_parts(result: Result, target: Gated, clean: Frames) -> Result:
     """Add the powers of torso, legs and limbs (E-40)."""
     mask, reason = None, "recorded_in_bursts"
@@ -101,7 +132,7 @@ def analyze_targets(gated: Sequence[Gated]) -> list[Result]:
         targets.append(Target(one, usable, share))
         # signatures with equal axes are arrays of equal shape
         facts = (usable.attrs[name] for name in ("wavelength_m", "prf_hz", "hop", "cpi_pulses"))
-        axes = usable.axis("time").tobytes(), usable.axis("doppler").tobytes()
+        axes = usable.axis("time").tobytes(), usable.axis("doppler").tobytes(), usable.counted.tobytes()
         alike[analysis.method, analysis.extended, *facts, *axes].append(n)
     found: dict[int, Result] = {}
     for numbers in alike.values():
@@ -171,6 +202,7 @@ def _make_result(target: Target, observed: Observation | None, deviations: dict[
     further["standard_deviation"] = {**sd, **ground_sd}
     if share < 1.0:
         flags.append("gate_leaves_frame")
+    shared = {SHARED: 1.0 - float(usable.counted.mean())} if OTHER_SIDES in usable.coords else {}
     if thinned:
         times_s = usable.axis("time")
         slope = (line_hz[-1] - line_hz[0]) / (times_s[-1] - times_s[0])
@@ -184,7 +216,7 @@ def _make_result(target: Target, observed: Observation | None, deviations: dict[
         gait_frequency_hz=extraction.gait_frequency_hz,
         torso_doppler_hz=extraction.torso_doppler_hz,
         n_periods=extraction.n_periods,
-        quality={**extraction.quality, **motion, "gate_inside_frame": share},
+        quality={**extraction.quality, **motion, "gate_inside_frame": share, **shared},
         flags=tuple(flags),
         arrays=LateArrays(late, signature=shown, main_line_hz=line_hz, **over_time),
         **further,
@@ -255,10 +287,12 @@ def _prepare(mu: Signal, analysis: Analysis) -> Observation:
     mu = mu.replace(mu.values)  # its number of bins is replaced by that of independent ones
     floor_v2 = processing.noise_floor_v2(mu)
     mu.attrs["n_gate_bins"] = processing.count_independent_bins(mu, floor_v2)
+    if OTHER_SIDES in mu.coords:
+        mu = _clear_other_sides(mu, floor_v2)
     normalised = processing.normalise(mu, floor_v2, mode=analysis.normalisation)
     seconds = processing.observation_s(mu)
-    (strongest_v2, peaks_hz), bin_hz = main_line.find_column_peaks(mu), main_line.bin_width_hz(mu)  # used several times
-    fit = partial(main_line.fit_line, peaks_hz, bin_hz, median_hz=compute_median(peaks_hz.copy()))
+    strongest_v2, peaks_hz = main_line.find_column_peaks(mu)  # used several times
+    fit = partial(main_line.fit_line, peaks_hz, main_line.bin_width_hz(mu), mu.counted)
     straight = fit(order=1, tapered=True)
     track_mps, bend_mps, agreed = None, 0.0, True
     centre_m = mu.axis("centre_range")
@@ -283,7 +317,7 @@ def _prepare(mu: Signal, analysis: Analysis) -> Observation:
         cadence_parts=parts,
         spectrum=parts.spectrum(),
         observation_s=seconds,
-        n_independent=processing.count_independent_columns(mu),
+        n_independent=processing.count_independent_columns(mu) * float(mu.counted.mean()),
         track_mps=track_mps,
         bend_mps=bend_mps,
         agreed=agreed,

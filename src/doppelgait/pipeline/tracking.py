@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +19,8 @@ from doppelgait.features import GaitFeatures
 from doppelgait.features.ground_motion import classify_visibility, estimate_ground_motion
 from doppelgait.pipeline import rangeless
 from doppelgait.pipeline.result import Result, TargetList
-from doppelgait.pipeline.target import analyze_gated
-from doppelgait.pipeline.verdicts import is_echo, judge
+from doppelgait.pipeline.target import analyze_gated, analyze_targets, compute_gated, mark_other_bodies
+from doppelgait.pipeline.verdicts import judge
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.breathing import BreathingSettings, BreathingTarget, explain_no_breathing, find_breathing
 from doppelgait.processing.bursts import average_bursts
@@ -45,13 +45,10 @@ from doppelgait.radar import Radar
 NEAR_M = 1.0  # distance between a breath and a track below which both are of the same body
 LOST_SHARE = 0.02
 """Share of lost and filled frames above which the bandwidth is flagged; 1 % of single frames widens it by 3 %."""
-CLUTTER_SHARE = 0.2
-"""Share of a gate's power removed with the clutter above which the torso may be removed, too."""
-STILL_SPAN_M = 0.6
-SAME_PLACE_M = 0.6
-"""Distance from the end of a track to the start of a later one that may be of the same body."""
-LONGEST_REST_S = 10.0
-"""Longest rest of a body between two tracks, unless a person breathes there in between."""
+CLUTTER_SHARE = 0.2  # of a gate's power removed with the clutter, above which the torso may be removed, too
+STILL_REACH_M = 0.3
+SAME_PLACE_M = 0.6  # distance from the end of a track to the start of a later one that may be of the same body
+LONGEST_REST_S = 10.0  # of a body between two tracks, unless a person breathes there in between
 STILL_SPEED_MPS, MIN_REST_S = 0.1, 2.0
 REST_SPEED_MPS, START_SPEED_MPS = 0.6, 1.0
 """Highest speeds before and after a rest; a body that starts has moved for some time when it is first detected."""
@@ -90,8 +87,7 @@ def track_targets(frames: Frames, radar: Radar, source: str, analysis: Analysis,
     raw = remove_common_phase(frames)
     clean = clean_frames(raw, analysis)
     prf_hz = raw.slow_time.rate_hz
-    scans: list[Scan] | None = None
-    tracks: list[Track] = []
+    scans, tracks = None, list[Track]()
     if prf_hz * tracking.detector.cpi_s < MIN_CPI_PULSES:
         warn_caller(
             f"frame rate {prf_hz:g} Hz: radial speeds are unambiguous to {wavelength_m * prf_hz / 4:.2g} m/s only and "
@@ -103,40 +99,26 @@ def track_targets(frames: Frames, radar: Radar, source: str, analysis: Analysis,
         scans = detect_bodies(raw, tracking.detector, wavelength_m=wavelength_m, in_phase=True)
         tracks = track(scans, tracking.tracker, velocity_span_mps=wavelength_m * prf_hz / 2)
         tracks = split_tracks(tracks, clean, wavelength_m=wavelength_m, cpi_s=tracking.detector.cpi_s)
-    persons: list[BreathingTarget] = []
     breath_needs = explain_no_breathing(raw.slow_time)
-    if not breath_needs:
-        persons = find_breathing(frames, wavelength_m=wavelength_m, settings=tracking.breathing)
+    persons = [] if breath_needs else find_breathing(frames, wavelength_m=wavelength_m, settings=tracking.breathing)
     if not tracks and not persons:
         nothing_moves = _explain_missing_track(raw, scans, wavelength_m, tracking)
         return TargetList(reason=f"{nothing_moves}; {breath_needs or 'no range bin shows steady breathing for 12 s'}")
     tracks = _link(tracks, persons, raw.range_m)
     seen = _Seen(raw, clean, sum_pulses(raw), wavelength_m, persons, analysis, tracking)
-    analyze = partial(_analyze_track, seen)
-    moving = [_flag_lost_frames(analyze(found), frames) for found in tracks]
     still = [
         _analyze_breathing(clean, wavelength_m, person, analysis)
         for person in persons
         if not any((np.abs(found.range_m - person.range_m) < NEAR_M).any() for found in tracks)
     ]
-    judged = judge([*moving, *still], clean, analysis, radar)
-    for number, (found, before) in enumerate(zip(tracks, moving, strict=True)):
-        others = [one for n, one in enumerate(judged) if n != number and not is_echo(one, number)]
-        taken = np.zeros(before.gate.time_s.size, dtype=bool)
-        for other in others:
-            taken |= before.gate.shares(other.gate)
-        if before.segments and taken.any():
-            alone = _flag_lost_frames(analyze(found, taken=taken), frames)
-            judged[number] = _copy_verdict(judged[number], before, alone)
-    return TargetList(judged)
-
-
-def _copy_verdict(judged: Result, before: Result, alone: Result) -> Result:
-    """Copy verdict, evidence and flags to a result without them."""
-    flags = (*alone.flags, *judged.flags[len(before.flags) :])
-    quality = {**alone.quality, **{name: judged.quality[name] for name in judged.quality.keys() - before.quality}}
-    segments = tuple(_copy_verdict(judged, before, segment) for segment in alone.segments)
-    return replace(alone, flags=flags, quality=quality, segments=segments)
+    make_gate = partial(Gate.from_track, time_s=raw.slow_time.time_s, cpi_s=tracking.detector.cpi_s)
+    limits: dict[str, Any] = {"span_m": analysis.gate_span_m, "doppler_hz": analysis.gate_doppler_hz}
+    gates = [*(make_gate(found, **limits) for found in tracks), *(result.gate for result in still)]
+    moving = [
+        _flag_lost_frames(_analyze_track(seen, found, gate, [other for other in gates if other is not gate]), frames)
+        for found, gate in zip(tracks, gates, strict=False)
+    ]
+    return TargetList(judge([*moving, *still], clean, analysis, radar))
 
 
 def _flag_lost_frames(result: Result, frames: Frames) -> Result:
@@ -277,30 +259,14 @@ class _Seen(NamedTuple):
     tracking: Tracking
 
 
-def _analyze_track(seen: _Seen, found: Track, *, taken: npt.NDArray[np.bool_] | None = None) -> Result:
+def _analyze_track(seen: _Seen, found: Track, gate: Gate, others: Sequence[Gate]) -> Result:
     raw, clean, total, _, persons, analysis, tracking = seen
-    gate = Gate.from_track(
-        found,
-        span_m=analysis.gate_span_m,
-        time_s=raw.slow_time.time_s,
-        cpi_s=tracking.detector.cpi_s,
-        doppler_hz=analysis.gate_doppler_hz,
-    )
     range_sd_m = float(np.quantile(found.range_sd_m, TRACK_SD_QUANTILE))
     segments = find_track_segments(found.times_s, found.range_m, range_sd_m=range_sd_m, settings=tracking.pieces)
     usable = [segment for segment in segments if segment.usable]
-    if taken is not None:
-        edges = np.flatnonzero(np.diff(np.concatenate([[True], taken, [True]]).astype(np.int8)))
-        free = [(gate.time_s[first], gate.time_s[stop - 1]) for first, stop in edges.reshape(-1, 2)]
-        cut = [
-            replace(segment, start_s=max(segment.start_s, start_s), stop_s=min(segment.stop_s, stop_s))
-            for segment in usable
-            for start_s, stop_s in free
-        ]
-        usable = [part for part in cut if part.stop_s - part.start_s >= tracking.pieces.min_usable_s] or usable
     cleaned = analysis.clutter not in ("none", "auto")
     measured = measure_removed(raw, clean, gate, total=total) if cleaned else None
-    analyze_segment = partial(_analyze_segment, seen, found, measured)
+    analyze_segment = partial(_analyze_segment, seen, found, measured, others)
     results = [analyze_segment(gate.during(segment.start_s, segment.stop_s)) for segment in usable]
     facts = {
         "track_start_s": found.first_s,
@@ -320,9 +286,12 @@ def _analyze_track(seen: _Seen, found: Track, *, taken: npt.NDArray[np.bool_] | 
     return replace(longest, quality={**longest.quality, **facts}, gate_limits=gate, segments=tuple(results))
 
 
-def _analyze_segment(seen: _Seen, found: Track, measured: tuple[FloatArray, FloatArray] | None, gate: Gate) -> Result:
+def _analyze_segment(
+    seen: _Seen, found: Track, measured: tuple[FloatArray, FloatArray] | None, others: Sequence[Gate], gate: Gate
+) -> Result:
     clean, wavelength_m, analysis = seen.clean, seen.wavelength_m, seen.analysis
-    result = analyze_gated(gate.crop(clean), wavelength_m, gate, analysis)
+    gated = compute_gated(gate.crop(clean), wavelength_m, gate, analysis, None)
+    result = analyze_targets([mark_other_bodies(gated, others)])[0]
     start_s, stop_s = gate.start_s, gate.stop_s
     flags = list(result.flags)
     if found.several:
@@ -355,8 +324,8 @@ def _analyze_segment(seen: _Seen, found: Track, measured: tuple[FloatArray, Floa
 def _analyze_breathing(clean: Frames, wavelength_m: float, person: BreathingTarget, analysis: Analysis) -> Result:
     prf_hz = clean.slow_time.rate_hz
     slow = analysis.model_copy(update={"cpi_s": max(analysis.cpi_s, 3 * MIN_CPI_PULSES / prf_hz)})
-    span_m = STILL_SPAN_M / 2
-    gate = Gate.fixed(person.range_m - span_m, person.range_m + span_m, time_s=clean.slow_time.time_s, source="track")
+    low_m, high_m = person.range_m - STILL_REACH_M, person.range_m + STILL_REACH_M
+    gate = Gate.fixed(low_m, high_m, time_s=clean.slow_time.time_s, source="track")
     result = analyze_gated(clean, wavelength_m, gate, slow)
     quality = {
         **_summarise_breath(person),

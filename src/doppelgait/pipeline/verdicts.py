@@ -147,11 +147,7 @@ def observe_strip(gate: Gate, clean: Frames, analysis: Analysis, wavelength_m: f
         grouped.append(excess_v2.reshape(-1, min(every, len(values)), values.shape[1]).mean(axis=1))
     del mu, values  # as long as the recording
     time_s = times_s[: steps * every].reshape(steps, -1).mean(axis=1)
-    around_s = time_s[:, None] + np.array([-0.25, 0.25])
-    range_m = gate.centre_at(np.clip(around_s, gate.start_s, gate.stop_s))
-    width_s = np.diff(np.clip(around_s, gate.start_s, gate.stop_s), axis=1)[:, 0]
-    approach_mps = -np.diff(range_m, axis=1)[:, 0] / np.maximum(width_s, 1e-9)
-    return TrackStrip(time_s, gate.centre_at(time_s), approach_mps, np.concatenate(grouped), velocity_mps)
+    return TrackStrip(time_s, gate.centre_at(time_s), gate.approach_mps(time_s), np.concatenate(grouped), velocity_mps)
 
 
 def judge_thing(one: TrackStrip, others: Sequence[TrackStrip]) -> Verdict | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import lru_cache, partial
 from threading import local
 from typing import Any
 
@@ -25,15 +25,13 @@ from doppelgait.core.straight import make_orthonormal_basis
 from doppelgait.core.units import FloatArray, exponential, modified_bessel
 from doppelgait.processing.normalise import copy_rows
 
-WIDTH = 18
-"""Length of the interpolation kernel in grid steps; at the rates used here the error is 1e-13."""
+WIDTH = 18  # length of the interpolation kernel in grid steps; at the rates used here the error is 1e-13
 LOWEST_OVERSAMPLING = 2.0
 GROUP = 64  # rows that are processed together, so that all buffers stay in the second-level cache
 
 SPARE_PAIRS = 4
 """Unused values between columns: if these are a power of two apart, a transform over them takes twice the time."""
-LARGEST_BUFFER = 1 << 20
-"""Largest number of values in a buffer that a thread keeps; a larger buffer is freed after use."""
+LARGEST_BUFFER = 1 << 20  # number of values in a buffer that a thread keeps; a larger buffer is freed after use
 
 _buffers = local()
 
@@ -189,12 +187,12 @@ def detrend(normalised: Signal, *, order: int) -> Signal:
     order : int
         0 or more; 0 is the report's mu_0.
     """
-    trend = make_orthonormal_basis(normalised.shape[0], order) @ _project_rows(normalised.values, order)
+    basis = make_orthonormal_basis(normalised.shape[0], order, normalised.counted.tobytes())
+    trend = basis @ _project_rows(normalised.values, basis)
     return normalised.replace(np.subtract(normalised.values, trend, out=trend))
 
 
-def _project_rows(values: FloatArray, order: int) -> FloatArray:
-    basis = make_orthonormal_basis(values.shape[0], order)
+def _project_rows(values: FloatArray, basis: FloatArray) -> FloatArray:
     found = np.empty((basis.shape[1], values.shape[1]))
     native.project(values, basis, found)
     return found
@@ -231,7 +229,7 @@ def cadence_map(rows: Signal, *, padded: bool = True, tapered: bool | None = Non
     >>> round(float(diagram.sum("doppler").idxmax("cadence")), 1)  # gait frequency, Hz
     1.7
     """
-    weights, length, cadence_hz = _make_grid(rows.shape[0], sampling_rate_hz(rows.axis("time")), padded, tapered)
+    weights, length, cadence_hz = _weigh_columns(rows, padded=padded, tapered=tapered)
     magnitude = compute_magnitudes(rows.values, weights, length, cadence_hz.size)
     return rows.with_axes(CADENCE_MAP, magnitude, cadence=cadence_hz)
 
@@ -243,14 +241,16 @@ class CadenceParts:
 
     def __init__(self, rows: Signal, order: int) -> None:
         self._like, self._values, self._order = rows, rows.values, order
-        rate_hz = sampling_rate_hz(rows.axis("time"))
-        self._weights, self._length, self.cadence_hz = _make_grid(rows.shape[0], rate_hz, True, None)
-        step = _find_coarsest_step(self._values.shape[0], self._length, self.cadence_hz.size)
-        if step == 1:
-            self._values, self._response = self.detrend().values, np.ones(self.cadence_hz.size)
+        n_columns, self._response = rows.shape[0], np.ones(1)
+        self._weights, self._length, self.cadence_hz = _weigh_columns(rows)
+        step = _find_coarsest_step(n_columns, self._length, self.cadence_hz.size)
+        if step == 1 or not rows.counted.all():
+            self._values = self.detrend().values
             return
-        trend = _smear_basis(self._values.shape[0], rate_hz, order, step) @ _project_rows(self._values, order)
-        self._values, self._response = _smear(self._values, self._weights, self._length, self.cadence_hz.size, step)
+        basis = make_orthonormal_basis(n_columns, order)
+        smear = partial(_smear, weights=self._weights, length=self._length, n_kept=self.cadence_hz.size, step=step)
+        trend = smear(basis)[0] @ _project_rows(self._values, basis)
+        self._values, self._response = smear(self._values)
         self._values -= trend
         self._weights, self._length = np.ones(self._values.shape[0]), self._length // step
 
@@ -271,21 +271,21 @@ class CadenceParts:
         return self.cadence_hz[:n_kept], np.divide(found, self._response[:n_kept, None], out=found)
 
 
-@lru_cache(maxsize=8)
-def _smear_basis(n_columns: int, rate_hz: float, order: int, step: int) -> FloatArray:
-    weights, length, cadence_hz = _make_grid(n_columns, rate_hz, True, None)
-    return _smear(make_orthonormal_basis(n_columns, order), weights, length, cadence_hz.size, step)[0]
+def _weigh_columns(rows: Signal, **options: bool | None) -> tuple[FloatArray, int, FloatArray]:
+    return _make_grid(rows.shape[0], sampling_rate_hz(rows.axis("time")), rows.counted.tobytes(), **options)
 
 
 @lru_cache(maxsize=8)
 def _make_grid(
-    n_columns: int, rate_hz: float, padded: bool, tapered: bool | None
+    n_columns: int, rate_hz: float, counted: bytes, *, padded: bool = True, tapered: bool | None = None
 ) -> tuple[FloatArray, int, FloatArray]:
+    # weights of the counted columns with sum 1, transform length and cadences
     from scipy import fft
 
     taper = np.ones(n_columns)
     if n_columns / rate_hz > TAPER_FROM_S - 1e-9 if tapered is None else tapered:  # Hann, without zero ends
         taper = 0.5 - 0.5 * np.cos(2.0 * np.pi * (np.arange(n_columns) + 1) / (n_columns + 1))
+    taper *= np.frombuffer(counted, bool)
     length = fft.next_fast_len(PADDING * n_columns, real=True) if padded else n_columns
     cadence_hz = np.arange(length // 2 + 1) * rate_hz / length
     cadence_hz = cadence_hz[: np.searchsorted(cadence_hz, MAX_CADENCE_HZ, side="right")].copy()

@@ -254,11 +254,17 @@ class Gate:
         middle = (self.low_m + self.high_m) / 2
         return np.asarray(np.interp(np.asarray(time_s, dtype=float), self.time_s, middle))
 
-    def shares(self, other: Gate) -> npt.NDArray[np.bool_]:
-        """Mark the times at which another gate overlaps in range."""
-        inside = (self.time_s >= other.start_s) & (self.time_s <= other.stop_s)
-        other_low, other_high = (np.interp(self.time_s, other.time_s, limit) for limit in (other.low_m, other.high_m))
-        return np.asarray(inside & (self.low_m < other_high) & (other_low < self.high_m))
+    def approach_mps(self, time_s: FloatArray) -> FloatArray:
+        """Compute the radial velocity of the gate over half a second."""
+        ends_s = np.clip(time_s + np.array([[-0.25], [0.25]]), self.start_s, self.stop_s)
+        return np.asarray(-np.diff(self.centre_at(ends_s), axis=0)[0] / np.maximum(np.diff(ends_s, axis=0)[0], 1e-9))
+
+    def shares(self, other: Gate, time_s: FloatArray | None = None) -> npt.NDArray[np.bool_]:
+        """Mark the times, by default those of the gate, at which another gate overlaps in range."""
+        times_s = self.time_s if time_s is None else time_s
+        inside = (times_s >= other.start_s) & (times_s <= other.stop_s)
+        apart_m = np.abs(self.centre_at(times_s) - other.centre_at(times_s))
+        return np.asarray(inside & (apart_m < (self.span_m + other.span_m) / 2))
 
     def overlaps(self, other: Gate) -> bool:
         """Return True if two gates overlap in range."""

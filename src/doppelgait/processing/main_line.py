@@ -20,15 +20,12 @@ CAUCHY_TUNING = 2.385  # tuning constant of the Cauchy weights: 95 % efficiency 
 AGREEING_SHARE, DIFFERING_SHARE = 0.05, 0.1
 """Difference of main line and track, as a share of the track's velocity: agreement below, doubtful values above."""
 LEAST_APART_MPS = 0.03
-TRACK_ERROR_M = 0.15
-"""Error of a track's path length; it reduces the weight of its velocity over a short time."""
-UNFOLDED_SHARE = 0.8
-"""Share of half the pulse rate above which a torso line may be folded and cannot be compared with a track."""
+TRACK_ERROR_M = 0.15  # of a track's path length; it reduces the weight of its velocity over a short time
+UNFOLDED_SHARE = 0.8  # of half the pulse rate, above which a torso line may be folded and is not compared with a track
 NEAR_TRACK_MPS = 0.4
 BODY_SHARE = 0.1
 RIDGE_REACH_MPS, RIDGE_COST, RIDGE_SMOOTH_S = 0.8, 2.0, 0.04
-ALIGN_ABOVE_HZ = 10.0
-"""Drift of the straight main line above which a signature is aligned (E-29)."""
+ALIGN_ABOVE_HZ = 10.0  # drift of the straight main line above which a signature is aligned (E-29)
 
 
 def find_column_peaks(signature: Signal) -> tuple[npt.NDArray[Any], FloatArray]:
@@ -70,19 +67,20 @@ def main_line_hz(signature: Signal, *, order: int, tapered: bool = False) -> Flo
     >>> round(float(line_hz.mean()))  # Doppler of the torso, Hz
     56
     """
-    return fit_line(find_column_peaks(signature)[1], bin_width_hz(signature), order=order, tapered=tapered)
+    peaks_hz = find_column_peaks(signature)[1]
+    return fit_line(peaks_hz, bin_width_hz(signature), signature.counted, order=order, tapered=tapered)
 
 
 def fit_line(
-    peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool = False, median_hz: float | None = None
+    peaks_hz: FloatArray, bin_hz: float, counted: npt.NDArray[np.bool_], *, order: int, tapered: bool = False
 ) -> FloatArray:
-    """Fit the line of :func:`main_line_hz` through column peaks, from their median on."""
-    basis, parabola, ones = _make_line_basis(peaks_hz.size, min(order, peaks_hz.size - 1))
-    line = np.empty(peaks_hz.size)
-    line.fill(compute_median(peaks_hz.copy()) if median_hz is None else median_hz)
-    taper, coefficients = parabola if tapered else ones, np.empty(basis.shape[0])
+    """Fit the line of :func:`main_line_hz` through the peaks of counted columns, from their median on."""
+    whole, parabola, ones = _make_line_basis(peaks_hz.size, min(order, peaks_hz.size - 1))
+    basis = whole if counted.all() else np.ascontiguousarray(whole[:, counted])
+    taper, peaks_hz, ones = (parabola if tapered else ones)[counted], peaks_hz[counted], ones[counted]
+    line, coefficients = np.full(peaks_hz.size, compute_median(peaks_hz.copy())), np.empty(whole.shape[0])
     native.robust_fit(basis, peaks_hz, taper, ones, bin_hz / 4.0, CAUCHY_TUNING, ITERATIONS, line, coefficients)
-    return line
+    return line if basis is whole else np.asarray(coefficients @ whole)
 
 
 @lru_cache(maxsize=8)
@@ -205,7 +203,7 @@ def choose_velocity(
     centre = np.rint((track_hz - float(signature.axis("doppler")[0])) / bin_hz).astype(np.int64)
     reach = min(round(NEAR_TRACK_MPS / half_m / bin_hz), signature.sizes["doppler"] - 1)  # a slow radar's whole axis
     native.strongest_near(signature.values, centre, reach, near)
-    near, strongest = near.astype(np.float64), strongest_v2.astype(np.float64)
+    near, strongest = (values[signature.counted].astype(np.float64) for values in (near, strongest_v2))
     if compute_median(near) - floor_v2 >= BODY_SHARE * (compute_median(strongest) - floor_v2):
         return track_hz, True
     return line_hz, apart_mps <= max(DIFFERING_SHARE * speed_mps, LEAST_APART_MPS, TRACK_ERROR_M / seconds)

@@ -18,7 +18,6 @@ from walking_body import NAMES, walking_body
 
 ezc3d = pytest.importorskip("ezc3d")
 
-BESIDE_M = np.array([0.0, 2.0, 0.0])
 walker = partial(walking_body, n_frames=200)
 
 
