@@ -162,62 +162,6 @@ double variance_of_rows(Rows<const T> columns, Line<const bool> chosen, Index ev
   return average([mean](double total, double value) { return fused(value - mean, value - mean, total); });
 }
 
-// Straight motion at constant velocity fitted to ranges: R^2 = c0 + c1 t + c2 t^2 (E-34b). The results are c0, c1, c2,
-// the squared speed across the line of sight, the mean squared residual, and the variances of the squared speed across
-// and of the radial speed for errors of 1 m. Without a positive c0 the others are not written.
-void straight_motion(Line<const double> t, Line<const double> r, double least_scale, double tuning, Index iterations,
-                     double outlier_sd, Line<double> out) {
-  const Index n = t.size;
-  require(n > 0 && r.size == n && out.size == 7, "times and ranges do not fit");
-  const double half_s = (t[n - 1] - t[0]) / 2.0, mid_s = (t[0] + t[n - 1]) / 2.0;
-  Values basis(3 * n, 1.0), square(n), prior(n), line(n);
-  double *x = basis.data() + n, *x2 = x + n, c[3];
-  for (Index j = 0; j < n; ++j) {
-    x[j] = (t[j] - mid_s) / half_s;
-    x2[j] = x[j] * x[j];
-    square[j] = line[j] = r[j] * r[j];
-    prior[j] = 1.0 / square[j];
-  }
-  const Rows<const double> terms{basis.data(), 3, n, n};
-  Fit{least_scale, tuning, iterations}.run(terms, square.data(), prior.data(), r.data, line.data(), c);
-  const double c0 = c[0], c1 = c[1] / half_s, c2 = c[2] / (half_s * half_s), across_2 = c2 - c1 * c1 / (4.0 * c0);
-  std::copy_n(std::initializer_list<double>{c0, c1, c2}.begin(), 3, out.data);
-  if (!(c0 > 0.0)) return;
-  if (across_2 < 0.0) {  // straight motion never bends a range towards the radar: a straight line
-    double mean_x = 0.0, mean_r = 0.0, along = 0.0, spread_x = 0.0;
-    for (Index j = 0; j < n; ++j) {
-      mean_x += x[j] / static_cast<double>(n);
-      mean_r += r[j] / static_cast<double>(n);
-    }
-    for (Index j = 0; j < n; ++j) {
-      along += (x[j] - mean_x) * (r[j] - mean_r);
-      spread_x += (x[j] - mean_x) * (x[j] - mean_x);
-    }
-    for (Index j = 0; j < n; ++j) line[j] = r[j] - mean_r - (x[j] - mean_x) * along / spread_x;
-  } else {
-    for (Index j = 0; j < n; ++j) line[j] = r[j] - std::sqrt(std::max(line[j], 1e-12));
-  }
-  for (Index j = 0; j < n; ++j) line[j] = std::fabs(line[j]);
-  const double limit = outlier_sd * kDeviation * median(line.data(), n);
-  double mean_square = 0.0;
-  for (Index j = 0; j < n; ++j) mean_square += std::min(line[j], limit) * std::min(line[j], limit);
-  // the variance of a sum of coefficients with these weights; an error of 1 m in R is one of 2 R in R^2
-  const auto variance = [&](double b0, double b1, double b2) {
-    double normal[9], solution[3] = {b0, b1, b2};
-    Values weighted(n);
-    for (Index p = 0; p < 3; ++p) {
-      for (Index j = 0; j < n; ++j) weighted[j] = terms[p][j] * (0.25 * prior[j]);
-      for (Index q = 0; q <= p; ++q) normal[3 * p + q] = dot(weighted.data(), terms[q], n);
-    }
-    solve(normal, solution, 3);
-    return b0 * solution[0] + b1 * solution[1] + b2 * solution[2];
-  };
-  out[3] = across_2;
-  out[4] = mean_square / static_cast<double>(n);
-  out[5] = variance(c1 * c1 / (4.0 * c0 * c0), -c1 / (2.0 * c0) / half_s, 1.0 / (half_s * half_s));
-  out[6] = variance(c1 / (4.0 * c0 * std::sqrt(c0)), -0.5 / std::sqrt(c0) / half_s, 0.0);
-}
-
 // Envelopes about the main line (E-35b), NaN where there is no power: the share of columns with power; mean and
 // standard deviation of lead and lag; both quantiles of lead and of lag; the low quantile of the width; the width
 // between the quantiles of both envelopes; the share of columns with a lead above the middle of its quantiles.
@@ -317,8 +261,6 @@ void bind(nb::module_& module) {
          "iterations", "line", "coefficients");
   define(module, "variance_of_rows", &variance_of_rows<float>, "values", "chosen", "every");
   define(module, "variance_of_rows", &variance_of_rows<double>, "values", "chosen", "every");
-  define(module, "straight_motion", &straight_motion, "times", "ranges", "least_scale", "tuning", "iterations",
-         "outlier_sd", "result");
   define(module, "edge_statistics", &edge_statistics, "low", "high", "line", "direction", "low_share", "high_share",
          "result");
   define(module, "oscillating_power", &oscillating_power, "cadence_hz", "values", "frequency_hz", "near_share",

@@ -134,7 +134,6 @@ def make_fit_cases(rng, n):
         ),
         Case("variance_of_rows", [cells, quiet, 4], free=((0, 0),)),
         Case("variance_of_rows", [cells.astype(np.float32), quiet, 4], free=((0, 0),)),
-        Case("straight_motion", [t, 5.0 + t * t + 0.1 * values, 1e-6, 2.4, 4, 3.0, np.zeros(7)], (6,)),
         Case("edge_statistics", [low, high, values, -1.0, 0.05, 0.95, np.zeros(12)], (6,)),
         Case("oscillating_power", [cadence_hz, power, 1.9, 0.06, 0.25, np.zeros(2)], (5,), free=((1, 1),)),
     ]

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 from scipy import ndimage
-from scipy.integrate import quad as integrate_1d
 
 from doppelgait._core import native
 from doppelgait.features.gait_frequency import LOWEST_HZ, SALIENT_HZ, Rhythm, compute_salience, find_highest
-from doppelgait.features.ground_motion import average_motion
 from doppelgait.features.limbs import find_torso
 from doppelgait.features.observed import fit_waves, measure_swing
 from doppelgait.features.uncertainty import Periods, compute_block_scatter
@@ -78,51 +76,6 @@ def test_peaks_of_parabolas_in_the_logarithm_are_exact_also_at_the_ends():
     np.testing.assert_allclose(place[[0, 2, 3]], centre[[0, 2, 3]], rtol=1e-12)
     assert abs(place[1] - values[1].argmax()) <= 0.5
     np.testing.assert_array_equal(place[4:], [0.5, 18.5])
-
-
-@pytest.mark.parametrize("bent", [1.0, -1.0])
-def test_straight_motion_is_the_weighted_parabola_and_its_errors_e34b(bent):
-    t, found = np.linspace(2.0, 6.0, 90), np.full(7, np.nan)
-    middle = t - 4.0
-    ranges = np.sqrt(30.0 - 9.0 * middle + (0.7 + bent) * middle**2) + 0.01 * random(90)
-    ranges[40] += 0.2
-    native.straight_motion(t, ranges, 1e-6, 2.385, 4, 3.0, found)
-    line, basis = ranges**2, np.stack([np.ones(90), middle, middle**2])
-    for _ in range(4):
-        residual = (ranges**2 - line) / ranges
-        scale = 2.385 * max(1.4826 * np.median(np.abs(residual)), 1e-6)
-        root = 1.0 / (ranges * np.sqrt(1.0 + (residual / scale) ** 2))
-        c = np.linalg.lstsq((basis * root).T, ranges**2 * root, rcond=None)[0]
-        line = c @ basis
-    np.testing.assert_allclose(found[:3], c, rtol=1e-8)
-    across = c[2] - c[1] ** 2 / (4 * c[0])
-    assert found[3] == pytest.approx(across, rel=1e-7)
-    assert (across > 0) == (bent > 0)
-    residual = ranges - (np.sqrt(line) if across > 0 else np.polyval(np.polyfit(t, ranges, 1), t))
-    largest = 3.0 * 1.4826 * np.median(np.abs(residual))
-    assert found[4] == pytest.approx((np.clip(residual, -largest, largest) ** 2).mean(), rel=1e-7)
-    covariance = np.linalg.inv((basis / (4 * ranges**2)) @ basis.T)
-    for value, by in (
-        (found[5], [c[1] ** 2 / (4 * c[0] ** 2), -c[1] / (2 * c[0]), 1.0]),
-        (found[6], [c[1] / (4 * c[0] ** 1.5), -0.5 / np.sqrt(c[0]), 0.0]),
-    ):
-        assert value == pytest.approx(np.array(by) @ covariance @ by, rel=1e-7)
-
-
-def test_speeds_across_are_averaged_over_their_density_e34b():
-    limit = np.sqrt(0.4 + 5.0 * 0.3)
-
-    def integrate(function):
-        return integrate_1d(lambda v: function(v) * np.exp(-0.5 * ((v * v - 0.4) / 0.3) ** 2), 0.0, limit)[0]
-
-    found = average_motion(-1.1, 0.4, 0.3)
-    for mean, variance, value in zip(
-        *found, (lambda v: np.hypot(1.1, v), lambda v: np.degrees(np.arctan2(v, -1.1))), strict=True
-    ):
-        total = integrate(lambda v: 1.0)
-        wanted = integrate(value) / total
-        assert mean == pytest.approx(wanted, rel=1e-3)
-        assert variance == pytest.approx(integrate(lambda v: (value(v) - wanted) ** 2) / total, rel=2e-2)  # noqa: B023
 
 
 @pytest.mark.parametrize(("first", "count"), [(0, 30), (4, 7), (29, 1), (0, 1), (10, 5)])

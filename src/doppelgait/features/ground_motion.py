@@ -4,58 +4,48 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait._core import native
-from doppelgait.core.straight import ERROR_MEMORY_S, LINE, PARABOLA, compute_straight_probability
-from doppelgait.core.units import arctangent, exponential
+from doppelgait.core.straight import ERROR_MEMORY_S
+from doppelgait.core.units import FloatArray, arctangent, exponential, logarithm
 
-Visibility = Literal["clear", "limbs_only", "hidden", "unknown"]
-
-CLEAR_COSINE = 0.6
-"""Smallest |cos psi| (up to 53 degrees) at which the whole body gives the step frequency.
-Below it the measured frequency may be that of the stride."""
-HIDDEN_COSINE = 0.25
-"""Smallest |cos psi| (up to 75.5 degrees) at which the modulation of the limbs gives the step frequency."""
-MIN_OBSERVATION_S = 3.0
-ENDS_S = 0.4
-"""Largest difference between the length of a recording and the time of its columns.
-The columns of 3 s span 2.9 s, because half a processing interval is lost at each end. In the gate
-of a track, which begins and ends with a scan, they span 2.7 s."""
-ITERATIONS = 4
-CAUCHY_TUNING = 2.385
-LEAST_SCALE_M = 1e-6
-OUTLIER_SD = 3.0
-
-RANGE_SD_M = 0.02  # default error of a range: sway of the body relative to its path
-ACCELERATION_SD_MPS2, SPEED_SD_SHARE, ASPECT_SD_DEG = 0.01, 0.005, 0.7
-"""Standard deviations of a steady walker's mean acceleration, speed and direction from constant velocity.
-They were chosen on simulated people, dogs and cats with other seeds than those of the tables."""
-STRAIGHT_LEVEL = 1e-3  # probability of straight motion below which the path is not straight
-GREATEST_SPEED_SD_SHARE, GREATEST_ASPECT_SD_DEG = 0.1, 15.0
-"""Largest standard deviations with which speed and aspect are reported."""
-GRID_SPEEDS, GRID_SD = 128, 5.0
-"""Grid of speeds across the line of sight: number, and upper end in standard deviations above the most likely speed."""
+CLEAR_COSINE, HIDDEN_COSINE = 0.6, 0.25
+"""Smallest |cos psi| at which the body gives the step frequency (to 53 degrees; beyond, the measured frequency may be
+that of the stride), and at which the limbs still do (to 75.5 degrees)."""
+MIN_OBSERVATION_S = 1.0
+RANGE_SD_M, SWAY_SD_M = 0.02, 0.01  # default error of a range, which lasts for 0.5 s, and sway with the steps
+SPEED_SD_SHARE, ASPECT_SD_DEG = 0.01, 0.7  # of a walker's speed and direction at mid-observation from their means
+WANDER_MEMORY_S = (0.7, 2.5)
+WANDER_SD_MPS = np.array([[0.01, 0.01], [0.04, 0.06], [0.12, 0.06], [0.12, 0.3], [0.12, 0.9]])
+WANDER_SHARES = np.array([0.23, 0.44, 0.12, 0.06, 0.15])
+"""Radial velocity of a body less that of straight, steady motion: two Gaussian processes with these correlation times,
+at five levels from a steady walker to a dog that turns, and the share of bodies at each. The shares have the highest
+likelihood at the true speed across, over half of the models, of the recorded people and of the recorded dogs alike."""
+TYPICAL_SPEED_MPS, SPEED_LOG_SD = 1.1, 0.6  # median and spread of a log-normal ground speed, of those recordings
+STRAIGHT_LEVEL = 1e-3  # probability of the residuals below which something sudden happens on the path
+GREATEST_SPEED_SD_SHARE, GREATEST_ASPECT_SD_DEG = 0.1, 10.0  # with which each value is reported
+KNOT_S, MIN_KNOTS, MAX_KNOTS, GRID_SPEEDS = 0.25, 8, 24, 96
 
 
 @dataclass(frozen=True)
 class GroundMotion:
-    """Straight motion, estimated from a range history.
+    """Motion over the ground, estimated from a range history.
 
     Parameters
     ----------
     ground_speed_mps : float or None
-        v_g; None if ``reason`` is not empty.
+        v_g; None if too uncertain (10 %).
     aspect_deg : float or None
-        psi at the middle of the observation; 0 is approaching, 180 is receding.
+        psi at the middle of the observation; 0 is approaching, 180 is receding. None if too uncertain (10 degrees).
     ground_speed_sd_mps, aspect_sd_deg : float or None
-        Standard deviations of the two; they are known also if the fit is good but too uncertain.
+        Standard deviations of the two; they are known also if the value is too uncertain.
     reason : str
-        Empty, ``"unknown"`` without a track, ``"too_short"`` (recording shorter than 3 s, history shorter than 2.6 s),
-        ``"path_is_not_straight"`` or ``"too_uncertain"`` (above 10 % of the speed or 15 degrees).
+        Why a value is None: empty, ``"unknown"`` without a track, ``"too_short"`` (shorter than 1 s),
+        ``"path_is_not_straight"`` (a stop or a sharp turn inside) or ``"too_uncertain"``.
     """
 
     ground_speed_mps: float | None = None
@@ -68,27 +58,24 @@ class GroundMotion:
 def estimate_ground_motion(
     time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, range_sd_m: float | None = None
 ) -> GroundMotion:
-    r"""Estimate straight motion from a range history.
+    r"""Estimate motion over the ground from a range history.
 
-    The model R^2(t) = R_0^2 + 2 (r_0 . v) t + |v|^2 t^2 (E-34b) is fitted by least squares with weights 1/R^2 and
-    Cauchy weights against outliers. The coefficients and their covariance, for errors with a correlation time of 0.5 s,
-    give the radial speed :math:`v_r = -c_1 / (2 \sqrt{c_0})` and the square of the speed across the line of sight,
-    :math:`u = c_2 - v_r^2`, with a Gaussian error. With a uniform prior on the speed across, :math:`v_t \ge 0`, the
-    density of :math:`v_t` is that of u at :math:`v_t^2`. Ground speed :math:`\sqrt{v_r^2 + v_t^2}` and aspect
-    :math:`\arctan(v_t / v_r)` are means over this density; their uncertainties are its standard deviations.
+    The range is that of straight motion, :math:`R^2(t) = (R_0 - v_r t)^2 + v_t^2 t^2` (E-34b), plus errors, plus the
+    path of a radial velocity that wanders at one of five levels; the residuals show which. Before, all directions are
+    equally likely and the speed is log-normal. Ground speed :math:`\sqrt{v_r^2 + v_t^2}` and aspect
+    :math:`\arctan(v_t / v_r)` are means over v_t and the levels; their uncertainties are the standard deviations.
 
     Parameters
     ----------
     time_s, range_m : array_like, shape (J,)
-        Range track of the body.
+        Range track of the body at even times.
     range_sd_m : float, optional
         Standard deviation of a range; for the track of a tracker, that of its smoothed ranges.
 
     Returns
     -------
     GroundMotion
-        Without numbers if the probability of straight, steady motion is below 0.001
-        (:func:`doppelgait.core.straight.compute_straight_probability`), or if the result is too uncertain.
+        Values that are too uncertain are None. A body near the line of sight may have a speed without an aspect.
 
     Examples
     --------
@@ -99,53 +86,66 @@ def estimate_ground_motion(
     >>> round(motion.ground_speed_mps, 1)
     1.2
     """
-    times = np.ascontiguousarray(time_s, dtype=np.float64)
-    ranges = np.ascontiguousarray(range_m, dtype=np.float64)
-    duration_s = float(times[-1] - times[0])
-    if duration_s < MIN_OBSERVATION_S - ENDS_S:
+    from scipy.special import chdtrc
+
+    times, ranges = np.asarray(time_s, dtype=np.float64), np.asarray(range_m, dtype=np.float64)
+    duration_s, sd_m = float(times[-1] - times[0]), range_sd_m or RANGE_SD_M
+    if duration_s < MIN_OBSERVATION_S or times.size < MIN_KNOTS or not ranges.min() > 0:
         return GroundMotion(reason="too_short")
-    found = np.empty(7)
-    native.straight_motion(times, ranges, LEAST_SCALE_M, CAUCHY_TUNING, ITERATIONS, OUTLIER_SD, found)
-    c0, c1, _, across_2, square_m2, across_variance, radial_variance = found.tolist()
-    if not c0 > 0:  # also for NaN: fewer than three times, or an unknown range
+    n_knots = min(max(round(duration_s / KNOT_S) + 1, MIN_KNOTS), MAX_KNOTS)
+    even_s = times[0] + (np.arange(8 * n_knots) + 0.5) * (duration_s / (8 * n_knots))
+    # medians of 8, so that outliers hardly count
+    r = np.median(np.interp(even_s, times, ranges).reshape(n_knots, 8), axis=1)
+    x, whitening, log_scale = _make_whitening(n_knots, round(duration_s, 6), sd_m)
+    approach_mps, spread_s2 = -float(x @ r / (x @ x)), float(np.mean(x * x))
+    # of all straight paths, those whose mean squared range is that of the body: none is faster than the limit
+    limit_2 = float(np.mean(r * r)) / spread_s2 - approach_mps**2
+    across_mps = math.sqrt(limit_2) * (np.arange(GRID_SPEEDS) + 0.5) / GRID_SPEEDS
+    start_m = np.sqrt((limit_2 - across_mps**2) * spread_s2)
+    straight_m = np.hypot(start_m[:, np.newaxis] - approach_mps * x, across_mps[:, np.newaxis] * x)
+    white = whitening @ np.vstack([r - straight_m, np.ones_like(x), x]).T
+    gram = white.swapaxes(1, 2) @ white
+    errors, free = gram[:, GRID_SPEEDS:, :GRID_SPEEDS], gram[:, GRID_SPEEDS:, GRID_SPEEDS:]
+    inverse = np.linalg.inv(free)
+    shift = inverse @ errors
+    left = np.diagonal(gram, axis1=1, axis2=2)[:, :GRID_SPEEDS] - (errors * shift).sum(axis=1)
+    if chdtrc(n_knots - 3, float(left.min())) < STRAIGHT_LEVEL:
         return GroundMotion(reason="path_is_not_straight")
-    radial_mps, sd_m = -c1 / (2.0 * math.sqrt(c0)), range_sd_m or RANGE_SD_M
-    probability = compute_straight_probability(
-        square_m2,
-        range_sd_m=sd_m,
-        duration_s=duration_s,
-        way_m=float(ranges.max() - ranges.min()),
-        n_parameters=LINE if across_2 < 0 else PARABOLA,
-    )
-    if probability < STRAIGHT_LEVEL:
-        return GroundMotion(reason="path_is_not_straight")
-    error_m2 = sd_m**2 * times.size * ERROR_MEMORY_S / duration_s
-    across_sd = math.sqrt(across_variance * error_m2 + c0 * ACCELERATION_SD_MPS2**2)
-    radial_sd = math.sqrt(radial_variance * error_m2 + (SPEED_SD_SHARE * radial_mps) ** 2)
-    (speed, aspect), (speed_variance, aspect_variance) = average_motion(radial_mps, across_2, across_sd)
-    along = abs(radial_mps) / max(speed, 1e-9)
-    speed_sd = math.sqrt(speed_variance + (along * radial_sd) ** 2 + (SPEED_SD_SHARE * speed) ** 2)
-    turned_deg = math.degrees(radial_sd / max(speed, 1e-9)) * math.sin(math.radians(aspect))
-    aspect_sd = math.sqrt(aspect_variance + turned_deg**2 + ASPECT_SD_DEG**2)
-    if speed_sd > GREATEST_SPEED_SD_SHARE * speed or aspect_sd > GREATEST_ASPECT_SD_DEG:
-        return GroundMotion(None, None, speed_sd, aspect_sd, "too_uncertain")
-    return GroundMotion(speed, aspect, speed_sd, aspect_sd, "")
-
-
-def average_motion(radial_mps: float, across_2: float, across_sd: float) -> tuple[list[float], list[float]]:
-    """Average speed and aspect over speeds across the line of sight; return means and variances."""
-    # all speeds across are equally likely before; their square has a Gaussian error
-    across = np.linspace(0.0, math.sqrt(max(across_2, 0.0) + GRID_SD * across_sd), GRID_SPEEDS)
-    weight = exponential(-0.5 * ((across * across - across_2) / across_sd) ** 2)
+    radial_mps = approach_mps - shift[:, 1]
+    across_mps = np.broadcast_to(across_mps, radial_mps.shape)
+    speed_mps = np.hypot(radial_mps, across_mps)
+    log_speed = logarithm(speed_mps)  # log-normal, and even in direction
+    unlikely = ((log_speed - math.log(TYPICAL_SPEED_MPS)) / SPEED_LOG_SD) ** 2 + 4.0 * log_speed
+    log_weight = -0.5 * (left + unlikely) + (log_scale - 0.5 * logarithm(np.linalg.det(free)))[:, np.newaxis]
+    weight = exponential(log_weight - log_weight.max())
     weight /= weight.sum()
-    values = np.stack([np.hypot(radial_mps, across), np.degrees(arctangent(across, np.full_like(across, radial_mps)))])
-    means = values @ weight
-    return means.tolist(), ((values - means[:, np.newaxis]) ** 2 @ weight).tolist()
+    aspect_deg = np.degrees(arctangent(across_mps, radial_mps))
+    speed, aspect = float((weight * speed_mps).sum()), float((weight * aspect_deg).sum())
+    ends_mps = math.sqrt(2.0) * sd_m / duration_s  # the mean radial speed is that of both ends
+    speed_sd = math.sqrt((weight * (speed_mps - speed) ** 2).sum() + ends_mps**2 + (SPEED_SD_SHARE * speed) ** 2)
+    turned = inverse[:, 1, 1, np.newaxis] * (across_mps / speed_mps**2) ** 2
+    spread_deg2 = (aspect_deg - aspect) ** 2 + np.degrees(np.degrees(turned))
+    aspect_sd = math.sqrt((weight * spread_deg2).sum() + ASPECT_SD_DEG**2)
+    ground_mps = speed if speed_sd <= GREATEST_SPEED_SD_SHARE * speed else None
+    psi_deg = aspect if aspect_sd <= GREATEST_ASPECT_SD_DEG else None
+    reason = "too_uncertain" if None in (ground_mps, psi_deg) else ""
+    return GroundMotion(ground_mps, psi_deg, speed_sd, aspect_sd, reason)
 
 
-def classify_visibility(motion: GroundMotion) -> Visibility:
-    """Classify the visibility of the gait at an aspect."""
-    if motion.aspect_deg is None:
-        return "unknown"
-    cosine = abs(math.cos(math.radians(motion.aspect_deg)))
-    return "clear" if cosine >= CLEAR_COSINE else "limbs_only" if cosine >= HIDDEN_COSINE else "hidden"
+@lru_cache(maxsize=8)
+def _make_whitening(n_knots: int, duration_s: float, range_sd_m: float) -> tuple[npt.NDArray[Any], ...]:
+    """Return times (n,), inverse factors of the covariance (levels, n, n) and logarithms of weights."""
+    x = (np.arange(n_knots) + 0.5 - n_knots / 2.0) * (duration_s / n_knots)
+    apart_s = x[:, np.newaxis] - x
+    wander_s2 = [np.add.outer(f := _integrate_twice(x, m), f) - _integrate_twice(apart_s, m) for m in WANDER_MEMORY_S]
+    errors_m2 = range_sd_m**2 * exponential(-np.abs(apart_s) / ERROR_MEMORY_S) + SWAY_SD_M**2 * np.eye(n_knots)
+    factors = np.linalg.cholesky(errors_m2 + np.tensordot(WANDER_SD_MPS**2, wander_s2, 1))
+    return x, np.linalg.inv(factors), logarithm(WANDER_SHARES) - logarithm(np.diagonal(factors, 0, 1, 2)).sum(axis=1)
+
+
+def _integrate_twice(apart_s: npt.NDArray[Any], memory_s: float) -> FloatArray:
+    """Integrate the correlation exp(-t^2 / (2 memory^2)) twice from 0."""
+    from scipy.special import erf
+
+    u = apart_s / (math.sqrt(2.0) * memory_s)
+    return np.asarray(memory_s**2 * (math.sqrt(math.pi) * u * erf(u) + exponential(-u * u) - 1.0))

@@ -19,7 +19,7 @@ from doppelgait.core.lazy import xr
 from doppelgait.core.units import FloatArray
 from doppelgait.features import Extraction, Observation, liland2018
 from doppelgait.features.extended import measure_extended
-from doppelgait.features.ground_motion import GroundMotion, estimate_ground_motion
+from doppelgait.features.ground_motion import CLEAR_COSINE, HIDDEN_COSINE, GroundMotion, estimate_ground_motion
 from doppelgait.features.observed import share_extended, share_set_f
 from doppelgait.features.uncertainty import estimate_uncertainties, flag_uncertain_features
 from doppelgait.pipeline.result import LateArrays, Result, read_signal
@@ -29,12 +29,10 @@ from doppelgait.processing.parts import PARTS, locate_parts
 from doppelgait.processing.receiver import read_flags
 from doppelgait.processing.signature import compute_signature
 
-SIDEWAYS_COSINE = 0.6
-"""|cos psi| below which lateral sway, with the period of the stride, can be stronger than the steps (E-33)."""
 ALIGNED = "aligned"
 """Attribute of a cadence map: True if its Doppler is relative to the main line (E-29)."""
 NAMED_REASONS = ("path_is_not_straight", "too_uncertain")
-"""Reasons for a missing ground speed that become flags."""
+"""Reasons for a missing ground speed or aspect that become flags."""
 SHARED = "other_bodies_share"  # share of the time that is left out of the analysis because of other bodies
 MAX_SHARED = 1.0 / 3.0  # with more, features of the rest may differ from those of the whole
 GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
@@ -250,16 +248,20 @@ def _measure_ground_motion(
         if motion.ground_speed_sd_mps is not None and frequency_sd_hz is not None:
             step_sd_m = math.hypot(motion.ground_speed_sd_mps, step_m * frequency_sd_hz) / frequency_hz
     flags = [*read_flags(mu.attrs), *extraction.flags, *flag_uncertain_features(extraction, deviations)]
+    pairs = (("ground_speed", motion.ground_speed_mps), ("aspect", motion.aspect_deg))
     if motion.reason in NAMED_REASONS:
-        flags.append(f"ground_speed,aspect:{motion.reason}")
-    sideways = motion.aspect_deg is not None and abs(math.cos(math.radians(motion.aspect_deg))) < SIDEWAYS_COSINE
-    if sideways and extraction.gait_frequency_hz is not None:
+        flags.append(f"{','.join(name for name, value in pairs if value is None)}:{motion.reason}")
+    cosine = 1.0 if motion.aspect_deg is None else abs(math.cos(math.radians(motion.aspect_deg)))
+    if cosine < CLEAR_COSINE and extraction.gait_frequency_hz is not None:
+        # lateral sway, with the period of the stride, can be stronger than the steps (E-33)
         flags.append("aspect_beyond_53_deg:gait_frequency_may_be_the_stride")
         if "low_confidence" not in flags:
             flags.append("low_confidence")
+    if cosine < HIDDEN_COSINE:
+        flags.append("aspect_beyond_75_deg:gait_is_hidden")
     values = (motion.ground_speed_mps, motion.aspect_deg, step_m)
-    is_known = motion.ground_speed_mps is not None
-    sd = (motion.ground_speed_sd_mps if is_known else None, motion.aspect_sd_deg if is_known else None, step_sd_m)
+    ground_sd_mps = None if motion.ground_speed_mps is None else motion.ground_speed_sd_mps
+    sd = (ground_sd_mps, None if motion.aspect_deg is None else motion.aspect_sd_deg, step_sd_m)
     return dict(zip(GROUND_QUALITY, values, strict=True)), dict(zip(GROUND_QUALITY, sd, strict=True)), flags
 
 

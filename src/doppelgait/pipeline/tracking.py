@@ -16,7 +16,6 @@ from doppelgait.core.errors import AnalysisError, warn_caller
 from doppelgait.core.frames import Frames
 from doppelgait.core.units import FloatArray
 from doppelgait.features import GaitFeatures
-from doppelgait.features.ground_motion import classify_visibility, estimate_ground_motion
 from doppelgait.pipeline import rangeless
 from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.target import analyze_gated, analyze_targets, compute_gated, mark_other_bodies
@@ -296,11 +295,6 @@ def _analyze_segment(
     flags = list(result.flags)
     if found.several:
         flags.append("more_than_one_body:two_torso_echoes_in_the_gate")
-    inside = (found.times_s >= start_s - 1e-9) & (found.times_s <= stop_s + 1e-9)
-    if inside.sum() >= 3:
-        motion = estimate_ground_motion(found.times_s[inside], found.range_m[inside])
-        if classify_visibility(motion) == "hidden":
-            flags.append("aspect_beyond_75_deg:gait_is_hidden")
     removed = 0.0
     if measured is not None:  # the share, otherwise predicted
         block_s, share = measured
