@@ -81,12 +81,13 @@ CONCERNS: dict[str, tuple[str, ...]] = {
     "doppler_band_full": ("v", "L", "B"),
     "gate_leaves_frame": QUANTITIES,
     "gates_overlap": ("v", "f", "L", "B"),
-    "more_than_one_body": ("number", "v", "f", "L", "B"),
+    "may_be_more_than_one_body": ("number", "v", "f", "L", "B"),
+    "unknown_target": ("number",),
     "more_than_one_rhythm": ("number", "f", "L"),
     "no_steady_piece": QUANTITIES,
 }
 """Beginnings of other flags, and what they concern."""
-NOT_COUNTED = ("keeps_still", "not_a_moving_body", "reflection_of", "folded_echo_of")
+NOT_COUNTED = ("keeps_still", "not_a_moving_body", "reflection_of", "folded_echo_of", "unknown_target")
 """Beginnings of flags of a result that does not claim to be a moving person or animal."""
 
 
@@ -260,7 +261,8 @@ def score(recording: Recording, results: Sequence[Result], bodies: Sequence[Body
         gate_m = result.gate.centre_at(times_s)
         distance_m[row] = [np.median(np.abs(gate_m - body.range_m(times_s))) for body in targets]
     doubt = any("number" in concerns(flag) for one in results for flag in one.flags) or (bool(warned) and not counted)
-    number, wrong = number_state(distance_m, len(targets), doubt)
+    alike = np.repeat(distance_m, [result.n_bodies for result in counted], axis=0)  # what counts as two is two
+    number, wrong = number_state(alike, len(targets), doubt)
     rows = []
     for result, distances_m in zip(counted, distance_m, strict=True):
         near = [body for body, apart_m in zip(targets, distances_m, strict=True) if apart_m < NEAR_M]

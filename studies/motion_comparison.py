@@ -9,8 +9,7 @@ and leg length (dogs: withers). Speeds are over the mean speed. People are divid
 were made of the tuning half, so the held half counts. Dogs are one animal a data set: the curves are those of MANN.
 One horse on a treadmill with seven marked points is description only. Differences are recorded minus model, over the
 pooled standard deviation, which forgives a model that spreads too widely, and over that of the recordings alone. Clips
-with a gait frequency that is read more than 25 % off are counted and left out. `--pictures FOLDER` plots all
-distributions. It takes about 3 minutes of one core.
+with a gait frequency that is read more than 25 % off are counted and left out. It takes about 3 minutes of one core.
 
 Not shown: other aspects, curves and stops, and more than two dogs.
 """
@@ -248,14 +247,9 @@ def compare_kind(job: tuple[str, str]) -> list[dict[str, Any]]:
 def main() -> None:
     """Compare all targets and write the tables."""
     parser = make_parser(__doc__, motion_folder="folder of the motion recordings")
-    parser.add_argument("--pictures", type=Path, help="folder for figures of all distributions")
     options = parser.parse_args()
     jobs = [(kind, str(options.motion_folder)) for kind in ("people", "dogs", "horse")]
     rows = pd.DataFrame(run_jobs(compare_kind, jobs, rows=options.rows, processes=options.processes))
-    if options.pictures is not None:
-        from motion_pictures import draw_all
-
-        draw_all(rows, options.pictures)
     misread = is_misread(rows)
     counts = misread.groupby([rows["mover"], rows["half"], rows["source"]], sort=False).agg(["sum", "size"])
     table = summarise(rows[~misread])

@@ -73,9 +73,8 @@ def displayed_signature(
     velocity_mps: measures.FloatArray = measures.VELOCITY_MPS,
 ) -> xr.DataArray:
     """Convert displayed levels (velocity, time) to a signature; only simulated ones can be without clipping."""
-    clipping = {"floor_db": measures.FLOOR_DB, "ceiling_db": measures.CEILING_DB, "highest_db": HIGHEST_DB}
     return convert_levels_to_signature(
-        level_db.T,
+        measures.rebuild_peaks(level_db.T, HIGHEST_DB) if clipped else level_db.T,
         time_s=time_s,
         velocity_mps=velocity_mps,
         wavelength_m=carrier_to_wavelength_m(9.7e9),
@@ -84,7 +83,7 @@ def displayed_signature(
         hop=measures.HOP_SWEEPS,
         range_m=RANGE_M,
         blank_below_mps=measures.SLOWEST_MPS,
-        **(clipping if clipped else dict.fromkeys(clipping)),
+        floor_db=measures.FLOOR_DB if clipped else None,
     )
 
 

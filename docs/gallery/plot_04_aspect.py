@@ -43,8 +43,8 @@ for aspect, result in results.items():
 
 # %%
 # **What to look at.** Ground speed and aspect are still measured, from the curve of range against time. They are in
-# ``quality`` and use only the recording.
+# ``quality`` and use only the recording. None is too uncertain: more than 10 degrees or 10 %.
 
 for aspect, result in results.items():
     quality = result.quality
-    print(f"{aspect:4d} degrees: measured {quality['aspect_deg']:5.1f}, speed {quality['ground_speed_mps']:.2f} m/s")
+    print(f"{aspect:4d} degrees: aspect {quality['aspect_deg']}, speed {quality['ground_speed_mps']} m/s")

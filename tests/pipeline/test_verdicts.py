@@ -10,8 +10,19 @@ from doppelgait.cli.analyze import print_features
 from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk
 from doppelgait.motion.models import crawling_person, robot_vacuum
+from doppelgait.motion.motion import make_motion
 from doppelgait.pipeline import Result, analyze, describe_results, simulate, verdicts
-from doppelgait.pipeline.verdicts import TrackStrip, correlate_rhythms, judge, judge_fold, judge_reflection, judge_thing
+from doppelgait.pipeline.result import TargetList
+from doppelgait.pipeline.verdicts import (
+    TrackStrip,
+    correlate_rhythms,
+    judge,
+    judge_body,
+    judge_fold,
+    judge_reflection,
+    mark_result,
+    measure_evidence,
+)
 from doppelgait.processing import Analysis, Gate
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
@@ -54,7 +65,7 @@ def test_a_mirror_image_is_a_reflection(path):
     range_m = IMAGE_M if path == "both ways" else (DIRECT_M + IMAGE_M) / 2
     found = judge_reflection(seen(range_m, level_db=BODY_DB - 12), seen(DIRECT_M), 3, (1.8, 1.81))
     assert found is not None
-    assert (found.kind, found.flag) == ("reflection", "reflection_of:3")
+    assert (found.kind, found.flags) == ("reflection", ("reflection_of:3",))
     evidence = dict(found.evidence)
     assert evidence["mirror_level_db"] == pytest.approx(-12.0, abs=0.3)
     assert evidence["mirror_product_m2"] == pytest.approx(2.0 * (2.0 - Y_M.mean()), rel=0.05)  # radar and body to wall
@@ -67,6 +78,7 @@ def test_a_verdict_marks_its_target_and_not_the_body(ranges_m, monkeypatch):
         return seen(gate.centre_m, level_db=BODY_DB - 12 * np.array_equal(gate.centre_m, IMAGE_M))
 
     monkeypatch.setattr(verdicts, "observe_strip", observe)
+    monkeypatch.setattr(verdicts, "load_networks", lambda: networks(body=4.0))
     gates = [Gate.around(TIME_S, range_m, span_m=1.6, source="track") for range_m in ranges_m]
     results = [Result(Analysis(), gate_limits=gate, quality={"track_start_s": 0.0}) for gate in gates]
     marked = judge(results, SimpleNamespace(range_m=np.linspace(0.4, 9.4, 180)), Analysis(), X4)
@@ -142,7 +154,7 @@ def test_a_body_that_leaves_goes_on_as_its_folded_echo():
     body, echo = leaving()
     found = judge_fold(echo, body, 0, folding_m=FOLDING_M, frame_stop_m=9.66)
     assert found is not None
-    assert (found.kind, found.flag) == ("folded", "folded_echo_of:0")
+    assert (found.kind, found.flags) == ("folded", ("folded_echo_of:0",))
     evidence = dict(found.evidence)
     assert evidence["fold_error_m"] == pytest.approx(0.0, abs=0.02)
     assert evidence["fold_level_db"] == pytest.approx(0.0, abs=0.1)
@@ -169,33 +181,67 @@ def test_another_body_near_the_radar_is_no_folded_echo():
         assert judge_fold(other, body, 0, folding_m=FOLDING_M, frame_stop_m=9.66) is None
 
 
-SLOW_M = 5.0 - 0.25 * TIME_S
-BRUSHES = ((0.0, 0.1, 1.0), (1.3, 0.2, 0.05), (-1.3, 0.2, 0.05))
-LEGS = ((0.0, 0.1, 1.0), (0.5, 0.2, 0.1))
-TO_AND_FRO = ((0.0, 0.1, 1.0), (0.45, 0.1, 0.05), (-0.45, 0.1, 0.05))
-LOPSIDED = ((0.0, 0.1, 1.0), (1.3, 0.2, 0.033), (-1.3, 0.2, 0.05))
+def test_evidence_is_where_the_power_is():
+    """Rows of one cell: 60 % on the own velocity, the rest ahead, behind and against the direction of motion."""
+    time_s = np.arange(0.0, 4.0, 0.05)
+    power = np.zeros((time_s.size, VELOCITY_MPS.size))
+    for mps, share in ((1.0, 0.6), (2.5, 0.2), (0.2, 0.15), (-1.0, 0.05)):
+        power[:, np.argmin(np.abs(VELOCITY_MPS - mps))] = share
+    found = measure_evidence(TrackStrip(time_s, 7.0 - time_s, np.ones_like(time_s), power, VELOCITY_MPS))
+    shares = {"leading": 0.2, "backward": 0.05, "balance": 1.0}
+    assert {name: 10 ** found[f"{name}_power"] for name in shares} == pytest.approx(shares, abs=2e-3)
+    assert found["line_power"] == pytest.approx(0.6)
+    assert 10 ** found["lead_90"] == pytest.approx(1.5)
+    assert 10 ** found["lag_90"] == pytest.approx(2.0)
+    assert 10 ** found["range_span"] == pytest.approx(3.95)
+    assert found["net_way"] == pytest.approx(1.0)
+    assert 10 ** found["ground_way"] == pytest.approx(4.0)  # R^2 of a straight way
+    assert found["turns_per_s"] == 0.0
 
 
-def test_turning_parts_on_a_slow_way_are_a_thing():
-    found = judge_thing(seen(SLOW_M, rhythm_hz=0.0, parts=BRUSHES), [])
-    assert found is not None
-    assert (found.kind, found.flag) == ("thing", "not_a_moving_body:turning_parts_without_gait")
-    assert dict(found.evidence)["thing_balance"] == pytest.approx(1.0, abs=0.05)
+def networks(*, body=0.0, several=-4.0, hidden=(0.0, 0.0)):
+    """Make networks of two inputs; the offsets are those of their outputs."""
+    own = [{"offset": x, "offsets": [0.5], "output": [2.0], "hidden": [list(hidden)]} for x in (body - 1, several - 1)]
+    return {"names": ["way", "bend"], "mean": [2.0, 1.0], "sd": [0.5, 2.0], "body": own[0], "several": own[1]}
 
 
-def test_legs_speed_rest_and_company_are_no_thing():
-    for parts in (LEGS, TO_AND_FRO, LOPSIDED):
-        assert judge_thing(seen(SLOW_M, rhythm_hz=0.0, parts=parts), []) is None
-    assert judge_thing(seen(5.0 - 0.49 * TIME_S, rhythm_hz=0.0, parts=BRUSHES), []) is None
-    stays_m = 5.0 + 0.15 * np.sin(2.0 * TIME_S)
-    assert judge_thing(seen(stays_m, rhythm_hz=0.0, parts=BRUSHES), []) is None
-    assert judge_thing(seen(SLOW_M, rhythm_hz=0.0, parts=BRUSHES), [seen(SLOW_M + 0.5)]) is None
+def test_probabilities_are_those_of_the_network_and_what_is_missing_counts_as_its_mean(monkeypatch):
+    monkeypatch.setattr(verdicts, "load_networks", lambda: networks(several=-1.0, hidden=(1.5, -1.0)))
+    body, several = verdicts.compute_probabilities({"way": 3.0, "bend": float("nan")})
+    logit = 2.0 * (0.5 + 1.5 * 2.0) - 1.0
+    assert body == pytest.approx(1 / (1 + np.exp(-logit)))
+    assert several == pytest.approx(1 / (1 + np.exp(1.0 - logit)))
+    assert verdicts.compute_probabilities({"way": -5.0})[0] == pytest.approx(1 / (1 + np.exp(1.0)))  # not below 0
 
 
-def test_a_walk_past_the_radar_is_no_thing():
-    past_m = np.hypot(1.0 * (TIME_S - 2.0), 8.0)  # radial speeds as of a vacuum cleaner
-    assert np.abs(np.gradient(past_m, TIME_S)).max() < 0.3
-    assert judge_thing(seen(past_m, rhythm_hz=0.0, parts=BRUSHES), []) is None
+@pytest.mark.parametrize(
+    ("logit", "kind", "flags"),
+    [
+        (4.0, "body", ()),
+        (0.0, "unknown", ("unknown_target:body_or_thing",)),
+        (-4.0, "thing", ("not_a_moving_body:moves_like_a_thing",)),
+    ],
+)
+def test_a_target_of_middling_evidence_is_unknown(logit, kind, flags, monkeypatch):
+    monkeypatch.setattr(verdicts, "load_networks", lambda: networks(body=logit))
+    found = judge_body(Result(Analysis()), seen(DIRECT_M))
+    assert (found.kind, found.flags) == (kind, flags)
+    marked = mark_result(Result(Analysis()), found)
+    results = TargetList([marked, marked])
+    assert (results.n_bodies, results.n_unknown) == (2 * (kind == "body"), 2 * (kind == "unknown"))
+
+
+def test_two_of_which_both_are_likely_count_as_two(monkeypatch):
+    monkeypatch.setattr(verdicts, "load_networks", lambda: networks(body=4.0, several=2.0))
+    marked = mark_result(Result(Analysis()), judge_body(Result(Analysis()), seen(DIRECT_M)))
+    assert marked.flags == ("may_be_more_than_one_body",)
+    assert TargetList([marked]).n_bodies == 2
+
+
+def test_every_weight_has_its_evidence():
+    facts = analyze(recorded(Target(boulic_walk(duration_s=5.0), label="human", range_m=4.5)))[0]
+    known = {*measure_evidence(seen(DIRECT_M)), *facts.extended, *facts.quality, "without_range", "both_directions"}
+    assert {*verdicts.load_networks()["names"]} <= known
 
 
 @pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
@@ -211,8 +257,23 @@ VACUUM = Target(
 )
 
 
-def test_a_vacuum_cleaner_is_a_thing_and_not_counted(capsys):
-    recording = recorded(VACUUM)
+def door(time_s):
+    """Make a door that opens and closes."""
+    share = np.clip((time_s - 1.0) / 1.2, 0.0, 1.0) - np.clip((time_s - 3.2) / 1.2, 0.0, 1.0)
+    angle = np.radians(40.0) * (1.0 - np.cos(np.pi * share))
+    points = [
+        np.stack([r * np.cos(angle), r * np.sin(angle), 0 * angle + z], axis=1)
+        for r in (0.16, 0.32, 0.48, 0.64, 0.8)
+        for z in (0.4, 1.0, 1.6)
+    ]
+    names = [f"p{n}" for n in range(len(points))]
+    facts = {"source": "door", "kind": "door", "mass_kg": 20.0}
+    return make_motion(np.stack(points, axis=1), rate_hz=250.0, markers=names, parts=[""] * len(names), facts=facts)
+
+
+def test_a_door_is_a_thing_and_not_counted(capsys):
+    motion = door(np.arange(0.0, 6.01, 1 / 250))
+    recording = recorded(Target(motion, label="door", range_m=4.5, rcs={"total_m2": 0.5, "kind": "equal"}))
     results = analyze(recording)
     assert [one.verdict for one in results] == ["thing"]
     assert not results[0].is_body
@@ -222,7 +283,7 @@ def test_a_vacuum_cleaner_is_a_thing_and_not_counted(capsys):
     print_features(results)
     shown = capsys.readouterr().out
     assert "0: thing" in shown
-    assert "bodies: 0 of 1 targets" in shown
+    assert "bodies: 0 in 1 targets" in shown
     back = Result.from_json(json.loads(json.dumps(results[0].to_json())))
     assert back.verdict == "thing"
     assert Result.from_row(results[0].to_row(), results[0].analysis).verdict == "thing"

@@ -180,6 +180,7 @@ def print_features(results: Sequence[Result]) -> None:
     """Print the table of features, one column per target."""
     from doppelgait.core.labels import STEP_LENGTHS
     from doppelgait.features import FEATURE_UNITS
+    from doppelgait.pipeline.result import TargetList
 
     if not results:
         reason = getattr(results, "reason", "")
@@ -216,12 +217,9 @@ def print_features(results: Sequence[Result]) -> None:
     print_table(rows)
     if any(r.doubtful for r in results):
         print("?: low confidence; the value may be a multiple or a fraction of the true value")
-    n_bodies = sum(r.is_body for r in results)
-    if n_bodies < len(results):
-        print(
-            f"bodies: {n_bodies} of {len(results)} targets; the others are echoes of a body, or objects; "
-            "see their flags"
-        )
+    counted = TargetList(results)
+    if counted.n_bodies != len(results):
+        print(f"bodies: {counted.n_bodies} in {len(results)} targets, {counted.n_unknown} unknown; see their flags")
     for name, result in zip(names, results, strict=True):
         if result.flags:
             print(f"{name} flags: {', '.join(result.flags)}")

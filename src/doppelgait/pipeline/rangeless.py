@@ -12,6 +12,7 @@ from doppelgait.core.frames import Frames
 from doppelgait.core.units import FloatArray
 from doppelgait.pipeline.result import Result
 from doppelgait.pipeline.target import OPPOSITE_MPS, analyze_gated
+from doppelgait.pipeline.verdicts import SIGNIFICANT, TrackStrip, judge_body, mark_result
 from doppelgait.processing import Analysis, Gate, noise_floor_v2
 from doppelgait.processing.bursts import make_frame_gate
 from doppelgait.processing.clutter import remove_from_frames
@@ -32,11 +33,9 @@ FAR_M = 100.0
 """Start range of a path that is integrated from velocity; at this range straight motion has constant velocity."""
 SMOOTHED_S = 0.5
 """Time of the median filter for Doppler peaks; a limb is the strongest for a shorter time."""
-OPPOSITE_S, OPPOSITE_SHARE, OPPOSITE_LEVEL = 1.0, 0.8, 0.1
-"""Time, its smallest share with power on both sides, and smallest power ratio of the weaker to the stronger side."""
+OPPOSITE_S, OPPOSITE_SHARE, OPPOSITE_LEVEL = 1.0, 0.8, 0.2
+"""Time, its smallest share with power on both sides, and smallest power ratio, above that of an uneven receiver."""
 SURE_PFA = 1e-6
-IMAGE_QUANTILE, IMAGE_MARGIN = 0.3, 3.0
-"""Image level of the receiver: quantile over time of the mirrored power, and margin for blur by limbs and windows."""
 
 
 @dataclass(frozen=True)
@@ -134,25 +133,16 @@ def find_motion(motion: Motion, detector: Detector, tracker: Tracker) -> list[tu
     return found
 
 
-def has_both_directions(motion: Motion, start_s: float, stop_s: float) -> bool:
+def has_both_directions(strip: TrackStrip, floor_v2: float) -> bool:
     """Return True if bodies approach and recede at the same time."""
-    inside = (motion.time_s >= start_s) & (motion.time_s <= stop_s)
-    power, times_s = motion.power_v2[inside].astype(np.float64), motion.time_s[inside]
-    if times_s.size < 3:
-        return False
-    n = motion.velocity_mps.size
-    mirrored = power[:, (2 * (n // 2) - np.arange(n)) % n]
-    fast = np.abs(motion.velocity_mps) >= OPPOSITE_MPS
-    peaks = np.where(fast, power, 0.0).argmax(axis=1)[:, None]
-    ratios = np.take_along_axis(mirrored, peaks, 1) / np.take_along_axis(power, peaks, 1)
-    own = power - IMAGE_MARGIN * np.quantile(ratios, IMAGE_QUANTILE) * mirrored
-    towards = own[:, motion.velocity_mps >= OPPOSITE_MPS].max(axis=1)
-    away = own[:, motion.velocity_mps <= -OPPOSITE_MPS].max(axis=1)
+    towards = strip.power_v2[:, strip.velocity_mps >= OPPOSITE_MPS].max(axis=1, initial=0.0)
+    away = strip.power_v2[:, strip.velocity_mps <= -OPPOSITE_MPS].max(axis=1, initial=0.0)
+    slow = strip.power_v2[:, np.abs(strip.velocity_mps) < OPPOSITE_MPS].max(axis=1, initial=0.0)
     weaker, stronger = np.minimum(towards, away), np.maximum(towards, away)
-    above = weaker > noise_factor(SURE_PFA) * motion.floor_v2
-    both = above & (weaker > OPPOSITE_LEVEL * stronger) & (stronger > own[:, ~fast].max(axis=1))
-    length = min(max(1, round(OPPOSITE_S / float(np.median(np.diff(times_s))))), both.size)
-    return bool(np.convolve(both, np.ones(length) / length, mode="valid").max() >= OPPOSITE_SHARE)
+    both = (weaker > noise_factor(SURE_PFA) * floor_v2) & (weaker > OPPOSITE_LEVEL * stronger) & (stronger > slow)
+    length = max(1, round(OPPOSITE_S / float(np.diff(strip.time_s).min(initial=OPPOSITE_S))))
+    shares = np.convolve(both, np.ones(length) / length, mode="valid") if both.size > length else np.zeros(1)
+    return bool(shares.max() >= OPPOSITE_SHARE - 1e-9)
 
 
 def analyze_motion(
@@ -165,7 +155,7 @@ def analyze_motion(
     wavelength_m: float,
 ) -> Result:
     """Analyse all motion in a recording without range."""
-    segments: list[TrackSegment] = []
+    pieces: list[TrackSegment] = []
     peaks_mps = motion.peaks_mps()
     for start_s, stop_s in times:
         # the integral of the strongest Doppler is a path far from the radar, divided like a track
@@ -173,18 +163,14 @@ def analyze_motion(
         continuous = clean.slow_time.burst_pulses is None  # some bursts a second do not show a rest
         rests = _find_rests(motion.time_s[inside], peaks_mps[inside], settings) if continuous else []
         for walk in np.split(inside, rests):
-            times_s, velocity_mps = motion.time_s[walk], peaks_mps[walk]
-            way_m = np.concatenate([[0.0], np.cumsum(np.diff(times_s) * (velocity_mps[1:] + velocity_mps[:-1]) / 2.0)])
-            range_m = FAR_M - way_m + max(0.0, float(way_m.max()) - FAR_M / 2.0)
-            segments += find_track_segments(times_s, range_m, settings=settings)
-    usable = [segment for segment in segments if segment.usable]
+            range_m = integrate_path(motion.time_s[walk], peaks_mps[walk])
+            pieces += find_track_segments(motion.time_s[walk], range_m, settings=settings)
+    usable = [piece for piece in pieces if piece.usable]
     flags: tuple[str, ...] = ()
-    if NO_DIRECTION not in read_flags(clean.facts) and any(has_both_directions(motion, *span) for span in times):
-        flags = ("more_than_one_body:some_approach_while_others_recede",)
-    spans = [(segment.start_s, segment.stop_s) for segment in usable]
+    spans = [(piece.start_s, piece.stop_s) for piece in usable]
     if not usable:
-        reasons = sorted({segment.reason for segment in segments}) or ["too_short"]
-        flags += tuple(f"no_steady_piece:{reason}" for reason in reasons)
+        reasons = sorted({piece.reason for piece in pieces}) or ["too_short"]
+        flags = tuple(f"no_steady_piece:{reason}" for reason in reasons)
         spans = [max(times, key=lambda span: span[1] - span[0])]
     gate = _make_whole_gate(clean, times[0][0], times[-1][1])
     results = []
@@ -194,14 +180,31 @@ def analyze_motion(
         quality = {**result.quality, "start_s": part.start_s, "stop_s": part.stop_s}
         results.append(replace(result, quality=quality, flags=(*result.flags, *flags)))
     longest = max(results, key=lambda one: one.quality["stop_s"] - one.quality["start_s"])
+    strip = observe_motion(motion, times[0][0], times[-1][1])
     facts = {"track_start_s": times[0][0], "track_stop_s": times[-1][1], "n_pieces": len(usable)}
-    return replace(
-        longest, quality={**longest.quality, **facts}, gate_limits=gate, segments=tuple(results) if usable else ()
+    facts["both_directions"] = float(has_both_directions(strip, motion.floor_v2))
+    quality, segments = {**longest.quality, **facts}, tuple(results) if usable else ()
+    found = replace(longest, quality=quality, gate_limits=gate, segments=segments)
+    return mark_result(found, judge_body(found, strip))
+
+
+def integrate_path(times_s: FloatArray, velocity_mps: FloatArray) -> FloatArray:
+    """Integrate a velocity to ranges far from the radar."""
+    way_m = np.concatenate([[0.0], np.cumsum(np.diff(times_s) * (velocity_mps[1:] + velocity_mps[:-1]) / 2.0)])
+    return np.asarray(FAR_M - way_m + max(0.0, float(way_m.max()) - FAR_M / 2.0))
+
+
+def observe_motion(motion: Motion, start_s: float, stop_s: float) -> TrackStrip:
+    """Return all motion of an interval as that of one target."""
+    inside = (motion.time_s >= start_s) & (motion.time_s <= stop_s)
+    time_s, power_v2, velocity_mps = motion.time_s[inside], motion.power_v2[inside], motion.peaks_mps()[inside]
+    excess_v2 = np.where(power_v2 > SIGNIFICANT * motion.floor_v2, power_v2 - motion.floor_v2, 0.0)
+    return TrackStrip(
+        time_s, integrate_path(time_s, velocity_mps), velocity_mps, excess_v2.astype(np.float64), motion.velocity_mps
     )
 
 
 def _find_rests(times_s: FloatArray, velocity_mps: FloatArray, settings: SegmentationSettings) -> list[int]:
-    """Return the scans at which a body comes to rest or starts."""
     # without range, a body that stops may be one that passes by: only a rest separates them
     rests = np.concatenate([[False], np.abs(velocity_mps) < settings.still_mps, [False]])
     edges = np.flatnonzero(np.diff(rests)).reshape(-1, 2)

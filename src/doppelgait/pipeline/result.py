@@ -44,6 +44,7 @@ NUMBERS = ("gait_frequency_hz", "torso_doppler_hz", "n_periods")
 GROUPS = {"quality": "quality_", "standard_deviation": "sd_", "extended": "extended_"}
 """Mappings of a result and the prefixes of their columns in a table."""
 
+SURE_SEVERAL = 0.5  # probability of more than one body from which a target counts as two
 FROM_GAIT_FREQUENCY = (
     "gait_frequency_hz",
     "ground_step_length_m",
@@ -196,14 +197,20 @@ class Result:
 
     @property
     def verdict(self) -> str | None:
-        """Kind of target: body, or with evidence and a flag reflection, folded or thing."""
+        """Kind of target: body, or with a flag thing, unknown, reflection or folded."""
         verdict = self.quality.get("verdict")
         return None if verdict is None else str(verdict)
 
     @property
     def is_body(self) -> bool:
-        """True unless the verdict is reflection, folded or thing."""
+        """True unless the verdict is thing, unknown, reflection or folded."""
         return self.verdict in (None, "body")
+
+    @property
+    def n_bodies(self) -> int:
+        """Number of bodies that the target counts as: 2 where more than one is more likely than not."""
+        several = float(self.quality.get("more_than_one_probability") or 0.0) >= SURE_SEVERAL
+        return int(self.is_body) * (1 + several)
 
     def _get_array(self, name: str) -> Any:
         if name not in self.arrays:
@@ -439,3 +446,13 @@ class TargetList(list[Result]):
     def __init__(self, results: Iterable[Result] = (), *, reason: str = "") -> None:
         super().__init__(results)
         self.reason = reason
+
+    @property
+    def n_bodies(self) -> int:
+        """Number of bodies."""
+        return sum(result.n_bodies for result in self)
+
+    @property
+    def n_unknown(self) -> int:
+        """Number of targets of which it is unknown whether they are bodies."""
+        return sum(result.verdict == "unknown" for result in self)

@@ -70,8 +70,9 @@ def describe_results(recording: Recording, results: Sequence[Result]) -> dict[st
     }
     reason = {"reason": results.reason} if isinstance(results, TargetList) and not results else {}
     targets = [result.to_json(arrays=False) for result in results]
-    n_bodies = sum(result.is_body for result in results)
-    document: dict[str, Any] = convert_to_json({"recording": facts, "n_bodies": n_bodies, "targets": targets, **reason})
+    counted = TargetList(results)
+    counts = {"n_bodies": counted.n_bodies, "n_unknown": counted.n_unknown}
+    document: dict[str, Any] = convert_to_json({"recording": facts, **counts, "targets": targets, **reason})
     return document
 
 

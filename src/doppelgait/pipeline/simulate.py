@@ -352,10 +352,7 @@ def build_target_truth(
 
 
 def choose_lowest_prf(scene: Scene | PlacedScene, radar: Radar, *, cpi_s: float) -> Radar:
-    """Return the radar at the lowest unaliased frame rate (E-06).
-
-    Use this only for reproducing the report: a frame rate chosen per recording depends on the speed of the target.
-    """
+    """Return the radar at the lowest unaliased frame rate (E-06)."""
     placed = as_placed(scene)
     probe_s = slow_time_axis_s(duration_to_pulses(placed.observation_s, PROBE_RATE_HZ), PROBE_RATE_HZ)
     prf_hz = lowest_prf_hz(

@@ -18,9 +18,6 @@ from doppelgait.processing import Gate
 SAME_SPACING = 0.01
 """Largest relative disagreement of columns, rows and hop; the two durations in a figure often differ by more."""
 MIN_ROWS, MIN_COLUMNS = 8, 8
-LOBE_DB_PER_CELL2 = 6.0
-"""Decrease of a spectral line per squared distance from its maximum in resolution cells (1 / T_d).
-With a Hann window the level of a line is 3 dB lower at 0.72 cells: 3 / 0.72^2 = 5.8."""
 
 
 def convert_levels_to_signature(
@@ -36,7 +33,6 @@ def convert_levels_to_signature(
     range_m: tuple[float, float],
     floor_db: float | None = None,
     ceiling_db: float | None = None,
-    highest_db: float | None = None,
     blank_below_mps: float = 0.0,
     n_gate_bins: float = 1.0,
 ) -> xr.DataArray:
@@ -71,32 +67,17 @@ def convert_levels_to_signature(
             f"time_s has a column every {1e3 * column_s:.4g} ms, but hop {hop} at prf_hz {prf_hz:.6g} is "
             f"{1e3 * hop / prf_hz:.4g} ms: one of the three is wrong, and so would be every gait frequency"
         )
-    rows_per_cell = prf_hz / cpi_pulses / float(rows_hz[1] - rows_hz[0])
-    if highest_db is not None and (ceiling_db is None or highest_db <= ceiling_db):
-        raise AnalysisError(f"highest_db is {highest_db}; it needs a ceiling_db below it, which is {ceiling_db}")
     if floor_db is not None and ceiling_db is not None and floor_db >= ceiling_db:
         raise AnalysisError(f"floor_db {floor_db} must be below ceiling_db {ceiling_db}")
     low, high = (-np.inf if floor_db is None else floor_db), (np.inf if ceiling_db is None else ceiling_db)
     at_floor, at_ceiling = level <= low, level >= high
-    kept: FloatArray = np.clip(level, low, high)
-    if highest_db is not None:  # rebuild clipped peaks as domes
-        curvature_db = LOBE_DB_PER_CELL2 / rows_per_cell**2
-        # a parabola through both edges of the run of clipped cells
-        numbers = np.arange(level.shape[1])
-        last = np.maximum.accumulate(np.where(at_ceiling, -1, numbers), axis=1)
-        following = np.minimum.accumulate(np.where(at_ceiling, numbers.size, numbers)[:, ::-1], axis=1)[:, ::-1]
-        below, above = last + 0.5, following - 0.5  # edges of the run, between rows
-        half = np.where(at_ceiling, (above - below) / 2.0, 1.0)
-        dome = (numbers - below) * (above - numbers) * np.minimum(curvature_db, (highest_db - high) / half**2)
-        kept += np.where(at_ceiling, dome, 0.0)
     clipped = {
         "floor_db": floor_db,
         "ceiling_db": ceiling_db,
-        "highest_db": highest_db,
         "floor_share": float(at_floor.mean()),
         "ceiling_share": float(at_ceiling.mean()),
     }
-    power = np.asarray(db_to_power(kept)).astype(np.float32)
+    power = np.asarray(db_to_power(np.clip(level, low, high))).astype(np.float32)
     rows_mps = doppler_to_velocity_mps(rows_hz, wavelength_m)
     if not 0 <= blank_below_mps < math.inf:
         raise AnalysisError(f"blank_below_mps is {blank_below_mps}; it must be 0 or more")

@@ -42,6 +42,7 @@ from doppelgait.processing.track_segments import SegmentationSettings, find_trac
 from doppelgait.radar import Radar
 
 NEAR_M = 1.0  # distance between a breath and a track below which both are of the same body
+LEAST_RANGE_M = 0.01
 LOST_SHARE = 0.02
 """Share of lost and filled frames above which the bandwidth is flagged; 1 % of single frames widens it by 3 %."""
 CLUTTER_SHARE = 0.2  # of a gate's power removed with the clutter, above which the torso may be removed, too
@@ -98,6 +99,8 @@ def track_targets(frames: Frames, radar: Radar, source: str, analysis: Analysis,
         scans = detect_bodies(raw, tracking.detector, wavelength_m=wavelength_m, in_phase=True)
         tracks = track(scans, tracking.tracker, velocity_span_mps=wavelength_m * prf_hz / 2)
         tracks = split_tracks(tracks, clean, wavelength_m=wavelength_m, cpi_s=tracking.detector.cpi_s)
+        # who passes close to the radar is smoothed through 0
+        tracks = [replace(one, range_m=np.maximum(one.range_m, LEAST_RANGE_M)) for one in tracks]
     breath_needs = explain_no_breathing(raw.slow_time)
     persons = [] if breath_needs else find_breathing(frames, wavelength_m=wavelength_m, settings=tracking.breathing)
     if not tracks and not persons:
@@ -273,6 +276,9 @@ def _analyze_track(seen: _Seen, found: Track, gate: Gate, others: Sequence[Gate]
         "track_confirmed_at_s": found.confirmed_at_s,
         "track_confidence": found.confidence,
         "track_range_m": float(found.range_m.mean()),
+        "track_second_echo_share": found.second_echo_share,
+        "track_echo_width_m": found.echo_width_m,
+        "track_echo_entropy": found.echo_entropy,
         "n_pieces": len(results),
         **_describe_breath(found, persons),
     }
@@ -293,8 +299,6 @@ def _analyze_segment(
     result = analyze_targets([mark_other_bodies(gated, others)])[0]
     start_s, stop_s = gate.start_s, gate.stop_s
     flags = list(result.flags)
-    if found.several:
-        flags.append("more_than_one_body:two_torso_echoes_in_the_gate")
     removed = 0.0
     if measured is not None:  # the share, otherwise predicted
         block_s, share = measured

@@ -1,21 +1,26 @@
-"""Verdicts: classification of tracked targets as bodies, echoes or things.
+"""Verdicts: classification of targets as bodies, things, echoes or unknown.
 
-Every other verdict needs positive evidence; without it a target is a body.
+Echoes of another target are recognised by their path (:func:`judge_reflection`, :func:`judge_fold`). Whether the rest
+is a body, and whether it is more than one, are probabilities: networks of one hidden layer with the evidence of
+:func:`measure_evidence` as input, learned on simulated scenes of many kinds (``studies/verdicts.py``).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from itertools import permutations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait import processing
+from doppelgait.core.config import read_toml
 from doppelgait.core.frames import Frames
-from doppelgait.core.units import FloatArray, decimal_logarithm
+from doppelgait.core.units import FloatArray, decimal_logarithm, exponential
 from doppelgait.pipeline.result import Result
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import frame_limits_m
@@ -23,29 +28,25 @@ from doppelgait.processing.signature import compute_signature
 from doppelgait.radar import Radar
 
 STEP_S = 0.05  # time step of tracks and Doppler for verdicts
-STRIP_M = 0.5
-"""Range extent of the strip around a track in which its Doppler is measured; it is smaller than a body's gate."""
+STRIP_M = 0.5  # range extent of the strip in which Doppler is measured, smaller than a body's gate
 SIGNIFICANT = 4.0  # ratio to the noise floor above which a cell of a strip is used
-STEPS_AT_ONCE = 4096
-"""Number of steps that are averaged together; all columns of an hour would need a gigabyte."""
+STEPS_AT_ONCE = 4096  # number of averaged steps; all columns of an hour would need a gigabyte
 FOLD_GAP_S, FOLD_EDGE_M, FOLD_RANGE_M, FOLD_SPEED, FOLD_LEVEL_DB = 1.0, 1.0, 0.4, 0.2, 8.0
 """Limits for a folded echo: longest pause between body and echo, largest distance from the edges of
 the frame at that time, and largest differences in range, speed and level."""
-SLOWEST_MPS, FASTEST_MPS, FASTEST_GROUND_MPS = 0.08, 0.45, 0.5
-LEAST_THING_S, LEAST_THING_WAY_M = 2.0, 0.4
-SIDE_MPS = 0.3  # difference from the body's Doppler velocity above which power is from moving parts
-BACKWARD, LEAST_BALANCE = (0.36, 0.6), 0.7
-"""Limits of the share of power in backward motion, and smallest balance of both directions, for turning parts.
-Legs hardly move backward over the ground: the share is below 7 % for all crawlers, slow walkers and
-dogs of the development scenes. The brushes of a vacuum cleaner move equally in both directions: 38
-to 56 %, with a balance of 74 to 97 %."""
-CLEAR_M = 1.2  # distance of other tracks above which a strip contains only its own target
+SLOWEST_MPS = 0.15  # speed below which a target has no direction
+SIDE_MPS = 0.3  # difference from the target's own velocity above which power is from moving parts
+SURE_BODY = 0.6
+"""Probability from which a target is a body, and whose complement a thing has at most; in between it is unknown."""
+DOUBT_ONE = 0.3  # probability of more than one body from which a target is flagged
+NO_BODIES = {"thing", "reflection", "folded"}
+MOST_SD = 4.0  # largest deviation of a value from its mean, in standard deviations
+EDGE_SHARE = 0.003  # power of a cell relative to the strongest one of its step up to which the spectrum reaches
 LEAST_MIRROR_S, LEAST_EXCESS_M, LEAST_CHANGE_M = 0.7, 0.3, 0.3
 MIRROR_ERROR_M, MIRROR_DRIFT_PER_S = 0.03, 0.2
 GHOST_LEVEL_DB, IN_STEP_LEVEL_DB = -11.0, 1.0
 """Highest level of a reflection relative to its body, without and with a common rhythm.
-The two-way path by a brick wall loses 12 dB or more; small dogs are up to 10 dB weaker than people.
-"""
+The two-way path by a brick wall loses 12 dB or more; small dogs are up to 10 dB weaker than people."""
 RHYTHM_TOLERANCE, SURE, IN_STEP = 0.12, 0.5, 0.75
 """Relative difference and confidence of two rhythms, smallest correlation of a common one."""
 
@@ -69,26 +70,21 @@ class TrackStrip:
     def between(self, start_s: float, stop_s: float) -> TrackStrip:
         """Return the steps between two times."""
         kept = (self.time_s >= start_s - 1e-9) & (self.time_s <= stop_s + 1e-9)
-        return self.at(kept)
-
-    def at(self, kept: npt.NDArray[np.bool_]) -> TrackStrip:
-        """Return the steps that a mask selects."""
-        return TrackStrip(
-            self.time_s[kept], self.range_m[kept], self.approach_mps[kept], self.power_v2[kept], self.velocity_mps
-        )
+        chosen = {name: values[kept] for name, values in vars(self).items() if name != "velocity_mps"}
+        return replace(self, **chosen)
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict on one target with its evidence. ``kind`` is body, reflection, folded or thing."""
+    """Verdict on one target with its evidence. ``kind`` is body, thing, reflection, folded or unknown."""
 
     kind: str = "body"
-    flag: str | None = None
+    flags: tuple[str, ...] = ()
     evidence: Mapping[str, float] = field(default_factory=dict)
 
 
 def judge(results: Sequence[Result], clean: Frames, analysis: Analysis, radar: Radar) -> list[Result]:
-    """Add verdict, evidence and flag to tracked targets."""
+    """Add verdict, evidence and flags to tracked targets."""
     first_m, last_m = frame_limits_m(clean.range_m)
     seen = {
         n: observe_strip(result.gate, clean, analysis, radar.wavelength_m)
@@ -97,26 +93,59 @@ def judge(results: Sequence[Result], clean: Frames, analysis: Analysis, radar: R
         and ((result.gate.centre_m > first_m) & (result.gate.centre_m < last_m)).any()
     }
     verdicts = {n: Verdict() for n in range(len(results))}
+    verdicts |= {n: judge_body(results[n], strip) for n, strip in seen.items()}
     folding_m = radar.waveform.unambiguous_range_m(radar) if radar.folds_pulses else None
-    for n in seen:
-        others = [seen[other] for other in seen if other != n]
-        verdicts[n] = judge_thing(seen[n], others) or verdicts[n]
     for n, other in permutations(seen, 2):
-        if verdicts[n].kind != "body" or verdicts[other].kind != "body":
+        if not NO_BODIES.isdisjoint((verdicts[n].kind, verdicts[other].kind)):
             continue
         found = None
         if folding_m is not None:
             found = judge_fold(seen[n], seen[other], other, folding_m=folding_m, frame_stop_m=radar.range_stop_m)
         found = found or judge_reflection(seen[n], seen[other], other, _get_rhythms(results[n], results[other]))
-        verdicts[n] = found or verdicts[n]
-    return [_mark_result(result, verdicts[n]) for n, result in enumerate(results)]
+        if found is not None:
+            verdicts[n] = replace(found, evidence={**verdicts[n].evidence, **found.evidence})
+    return [mark_result(result, verdicts[n]) for n, result in enumerate(results)]
 
 
-def _mark_result(result: Result, verdict: Verdict) -> Result:
+def judge_body(result: Result, strip: TrackStrip) -> Verdict:
+    """Decide by the evidence whether a target is a body, and whether it is more than one."""
+    evidence = measure_evidence(strip) | {"without_range": float("track_range_m" not in result.quality)}
+    body, several = compute_probabilities({**result.extended, **result.quality, **evidence})
+    several = max(several, float(result.quality.get("both_directions") or 0.0))  # nobody comes and goes at once
+    found = {"body_probability": body, "more_than_one_probability": several}
+    if body <= 1.0 - SURE_BODY:
+        return Verdict("thing", ("not_a_moving_body:moves_like_a_thing",), found)
+    flags = ("may_be_more_than_one_body",) if several >= DOUBT_ONE else ()
+    if body < SURE_BODY:
+        return Verdict("unknown", ("unknown_target:body_or_thing", *flags), found)
+    return Verdict("body", flags, found)
+
+
+def compute_probabilities(values: Mapping[str, Any]) -> tuple[float, float]:
+    """Compute the probabilities of a body, and of more than one; what is missing counts as its mean."""
+    table = load_networks()
+    given = np.array([float("nan") if values.get(name) is None else values[name] for name in table["names"]])
+    scaled = np.clip((given - table["mean"]) / table["sd"], -MOST_SD, MOST_SD)
+    scaled = np.where(np.isfinite(given), scaled, 0.0)
+    found = []
+    for network in (table["body"], table["several"]):
+        hidden = np.maximum((np.array(network["hidden"]) * scaled).sum(axis=1) + network["offsets"], 0.0)
+        logit = float((hidden * network["output"]).sum()) + network["offset"]
+        found.append(float(1.0 / (1.0 + exponential(np.array([-logit]))[0])))
+    return found[0], found[1]
+
+
+@cache
+def load_networks() -> dict[str, Any]:
+    """Load names, means and standard deviations of the evidence, and both networks."""
+    return read_toml(Path(__file__).with_name("evidence.toml"))[0]
+
+
+def mark_result(result: Result, verdict: Verdict) -> Result:
+    """Add verdict, evidence and flags to a target and its segments."""
     quality: dict[str, Any] = {**result.quality, "verdict": verdict.kind, **verdict.evidence}
-    flags = result.flags if verdict.flag is None else (*result.flags, verdict.flag)
-    segments = tuple(_mark_result(segment, verdict) for segment in result.segments)
-    return replace(result, quality=quality, flags=flags, segments=segments)
+    segments = tuple(mark_result(segment, verdict) for segment in result.segments)
+    return replace(result, quality=quality, flags=(*result.flags, *verdict.flags), segments=segments)
 
 
 def is_echo(result: Result, number: int) -> bool:
@@ -125,7 +154,6 @@ def is_echo(result: Result, number: int) -> bool:
 
 
 def _get_rhythms(ghost: Result, body: Result) -> tuple[float, float] | None:
-    """Return both gait frequencies, or None if one is uncertain."""
     both = (ghost, body)
     if any(one.gait_frequency_hz is None or (one.quality.get("gait_confidence") or 0.0) < SURE for one in both):
         return None
@@ -150,37 +178,56 @@ def observe_strip(gate: Gate, clean: Frames, analysis: Analysis, wavelength_m: f
     return TrackStrip(time_s, gate.centre_at(time_s), gate.approach_mps(time_s), np.concatenate(grouped), velocity_mps)
 
 
-def judge_thing(one: TrackStrip, others: Sequence[TrackStrip]) -> Verdict | None:
-    """Recognise slow things with rotating parts. An example is a robot vacuum."""
-    clear = np.ones(one.time_s.size, dtype=bool)
-    for other in others:
-        inside = (one.time_s >= other.time_s[0] - 0.2) & (one.time_s <= other.time_s[-1] + 0.2)
-        apart_m = np.abs(one.range_m - np.interp(one.time_s, other.time_s, other.range_m))
-        clear &= ~inside | (apart_m > CLEAR_M)
-    own = one.at(clear)
-    if own.time_s.size * STEP_S < LEAST_THING_S or np.ptp(own.range_m) < LEAST_THING_WAY_M:
-        return None
-    if np.percentile(np.abs(one.approach_mps), 95) > FASTEST_MPS:
-        return None
-    squared = np.polynomial.Polynomial.fit(one.time_s, one.range_m**2, 2).convert().coef
-    if len(squared) > 2 and squared[2] > FASTEST_GROUND_MPS**2:  # R^2 of a straight path is quadratic
-        return None
-    travels = np.abs(own.approach_mps) > SLOWEST_MPS
-    if travels.sum() * STEP_S < LEAST_THING_S / 2:
-        return None
-    relative_mps = own.velocity_mps[None, :] - own.approach_mps[:, None]
-    above = float(own.power_v2[relative_mps > SIDE_MPS].sum())
-    below = float(own.power_v2[relative_mps < -SIDE_MPS].sum())
-    forward = np.sign(own.approach_mps)[:, None] * travels[:, None]
-    ahead = float(own.power_v2[relative_mps * forward > SIDE_MPS].sum())
-    back = float(own.power_v2[own.velocity_mps[None, :] * forward < -SIDE_MPS].sum())
-    if min(above, below, ahead, back) <= 0:
-        return None
-    backward, balance = back / (back + ahead), min(above, below) / max(above, below)
-    if not BACKWARD[0] <= backward <= BACKWARD[1] or balance < LEAST_BALANCE:
-        return None
-    evidence = {"thing_backward_share": backward, "thing_balance": balance}
-    return Verdict("thing", "not_a_moving_body:turning_parts_without_gait", evidence)
+def measure_evidence(one: TrackStrip) -> dict[str, float]:
+    """Measure how a target moves, and how its power lies about its own velocity."""
+    seconds = float(one.time_s[-1] - one.time_s[0]) + STEP_S
+    step_s, speed_mps = seconds / one.time_s.size, np.abs(one.approach_mps)
+    total_v2 = max(float(one.power_v2.sum()), 1e-30)
+    ahead = np.where(speed_mps > SLOWEST_MPS, np.sign(one.approach_mps), 0.0)
+    forward_mps = one.velocity_mps[None, :] * ahead[:, None]
+    relative_mps = one.velocity_mps[None, :] - one.approach_mps[:, None]
+    leading_mps, reach_mps = relative_mps * ahead[:, None], np.maximum(SIDE_MPS, 0.4 * speed_mps)[:, None]
+    leading, backward, line, above, below = (
+        float(one.power_v2[cells].sum()) / total_v2
+        for cells in (
+            leading_mps > reach_mps,
+            forward_mps < -SIDE_MPS,
+            np.abs(relative_mps) <= reach_mps,
+            relative_mps > SIDE_MPS,
+            relative_mps < -SIDE_MPS,
+        )
+    )
+    # edges of the spectrum about the target's own velocity, in the direction of its motion
+    peak_v2 = one.power_v2.max(axis=1, keepdims=True)
+    cells = (one.power_v2 > EDGE_SHARE * peak_v2) & (one.power_v2 > 0.0)
+    outward_mps = relative_mps * np.where(ahead == 0.0, 1.0, ahead)[:, None]
+    lead_mps, lag_mps = (
+        np.where(cells, edge, -np.inf).max(axis=1)[cells.any(axis=1)] for edge in (outward_mps, -outward_mps)
+    )
+    lead_90, lag_90 = (float(np.quantile(edge_mps, 0.9)) if edge_mps.size else 0.0 for edge_mps in (lead_mps, lag_mps))
+    # the path: R^2 of a straight one is quadratic in time
+    square_m2, way_m = one.range_m**2, float(speed_mps.sum()) * step_s
+    bend = np.polynomial.Polynomial.fit(one.time_s, square_m2, 2)
+    curvature = float(bend.deriv(2)(0.0)) / 2.0
+    residual_m = (square_m2 - bend(one.time_s)) / (2.0 * one.range_m)
+    decades = {
+        "leading_power": (leading, 1e-3),
+        "backward_power": (backward, 1e-3),
+        "balance_power": (min(above, below) / max(above, below, 1e-9), 1e-3),
+        "lead_90": (lead_90, 0.02),
+        "lag_90": (lag_90, 0.02),
+        "range_span": (float(np.ptp(one.range_m)), 1e-2),
+        "ground_way": (math.sqrt(max(curvature, 0.0)) * seconds, 1e-2),
+        "bend": (float(np.sqrt(np.mean(residual_m**2))), 1e-2),
+        "median_speed": (float(np.median(speed_mps)), 1e-2),
+        "duration": (seconds, 1e-2),
+    }
+    return {
+        **{name: math.log10(max(value, least)) for name, (value, least) in decades.items()},
+        "line_power": line,
+        "net_way": abs(float(one.approach_mps.sum())) * step_s / max(way_m, 1e-2),
+        "turns_per_s": np.count_nonzero(np.diff(ahead[ahead != 0.0])) / seconds,
+    }
 
 
 def judge_fold(
@@ -209,7 +256,7 @@ def judge_fold(
     level_db = float(np.median(true.level_db[own_edge]) - np.median(body.level_db[edge]))
     if abs(error_m) > FOLD_RANGE_M or abs(level_db) > FOLD_LEVEL_DB:
         return None
-    return Verdict("folded", f"folded_echo_of:{number}", {"fold_error_m": error_m, "fold_level_db": level_db})
+    return Verdict("folded", (f"folded_echo_of:{number}",), {"fold_error_m": error_m, "fold_level_db": level_db})
 
 
 def judge_reflection(
@@ -252,7 +299,7 @@ def judge_reflection(
         "mirror_level_db": level_db,
         "mirror_rhythm_correlation": in_step,
     }
-    return Verdict("reflection", f"reflection_of:{number}", evidence)
+    return Verdict("reflection", (f"reflection_of:{number}",), evidence)
 
 
 def correlate_rhythms(one: TrackStrip, other: TrackStrip) -> float:
@@ -268,7 +315,6 @@ def correlate_rhythms(one: TrackStrip, other: TrackStrip) -> float:
 
 
 def _compute_moments(one: TrackStrip) -> tuple[FloatArray, FloatArray]:
-    """Return weighted mean and deviation of the Doppler, m/s."""
     amplitude = np.sqrt(one.power_v2) + 1e-30
     total = amplitude.sum(axis=1)
     mean_mps = (amplitude * one.velocity_mps).sum(axis=1) / total

@@ -71,13 +71,6 @@ def count_independent_bins(signature: Signal, floor_v2: float) -> float:
     The number is the squared mean over the variance of the cells in the Doppler rows of least power, at least 1. It is
     smaller than the number of bins if range bins share noise, for example because of a filter after the sampler. If
     there are fewer than 12 such rows, the signature's ``n_gate_bins`` is returned.
-
-    Parameters
-    ----------
-    signature : DataArray (time, doppler)
-        Not normalised, V^2.
-    floor_v2 : float
-        :func:`noise_floor_v2`.
     """
     values, stated = np.ascontiguousarray(signature.values), max(1.0, float(signature.attrs["n_gate_bins"]))
     row_power = np.empty(values.shape[1])

@@ -49,7 +49,6 @@ def test_who_follows_has_a_track_of_its_own(apart_m, noise):
     for one, start_m in ((near, 7.0), (far, 7.0 + apart_m)):
         assert one.range_m == pytest.approx(start_m - 1.2 * one.times_s, abs=0.06)
         assert one.velocity_mps == pytest.approx(1.2)
-        assert not one.several
     assert far.last_s - far.first_s > 3.0
 
 
@@ -65,28 +64,33 @@ def test_who_follows_has_a_track_of_its_own(apart_m, noise):
 )
 def test_one_body_stays_one(others):
     (one,) = divided(echoes((7.0, 1.2, 1.0, 0.0), *others, noise=0.02), track_of(7.0, 1.2))
-    assert not one.several
     assert np.array_equal(one.range_m, track_of(7.0, 1.2).range_m)
 
 
 def test_who_stands_beside_a_slow_body_is_not_followed():
     (one,) = divided(echoes((5.0, 0.2, 1.0, 0.0), (5.9, 0.2, 1.0, 0.0)), track_of(5.0, 0.2))
-    assert not one.several
+    assert np.array_equal(one.range_m, track_of(5.0, 0.2).range_m)
 
 
-def test_a_second_echo_for_a_part_of_the_time_is_a_doubt():
-    whole = echoes((7.0, 1.2, 1.0, 0.0))
-    part = echoes((8.0, 1.2, 0.8, 0.0))
-    late = whole.values + np.where(whole["slow_time"].values[:, None] > 2.4, part.values, 0)
+def test_second_echo_and_width_are_those_of_the_profile():
+    whole, part = echoes((7.0, 1.2, 1.0, 0.0)), echoes((7.7, 1.2, 0.8, 0.0))
+    (alone,) = divided(whole, track_of(7.0, 1.2))
+    assert alone.second_echo_share == 0.0
+    assert alone.echo_width_m < 0.15
+    start_s = 2.4
+    late = whole.values + np.where(whole["slow_time"].values[:, None] > start_s, part.values, 0)
     (one,) = divided(whole.copy(data=late), track_of(7.0, 1.2))
-    assert one.several
+    assert one.second_echo_share == pytest.approx(np.mean(one.times_s > start_s), abs=0.05)
+    share = 0.64 / 1.64 * one.second_echo_share  # of the power, 0.7 m away
+    assert one.echo_width_m == pytest.approx(0.7 * np.sqrt(share * (1 - share)), rel=0.25)
+    assert one.echo_entropy > alone.echo_entropy + 0.3
 
 
 def test_an_echo_that_has_a_track_is_not_split_again():
     clean = echoes((7.0, 1.2, 1.0, 0.0), (8.0, 1.2, 0.6, 0.0))
     both = divided(clean, track_of(7.0, 1.2), track_of(8.0, 1.2))
     assert len(both) == 2
-    assert not any(one.several for one in both)
+    assert [one.second_echo_share for one in both] == [0.0, 0.0]
 
 
 def test_a_second_echo_is_joined_to_the_track_that_continues_it():

@@ -26,16 +26,8 @@ def ca_factor(n_training: int, pfa: float, *, n_summed: int = 1) -> float:
     .. math:: \alpha = N (P_{fa}^{-1/N} - 1)
 
     for exponential cells. In general the ratio of two means of Gamma variables has an F distribution with
-    :math:`(2 n_g, 2 n_g N)` degrees of freedom; this is the case :math:`n_g = 1`.
-
-    Parameters
-    ----------
-    n_training : int
-        N, independent cells.
-    pfa : float
-        False-alarm probability of a cell, between 0 and 1.
-    n_summed : int
-        n_g: independent cells that are summed in each cell.
+    :math:`(2 n_g, 2 n_g N)` degrees of freedom; this is the case :math:`n_g = 1`. In each cell ``n_summed``
+    (n_g) cells are summed.
     """
     if n_summed == 1:
         return n_training * math.expm1(-math.log(pfa) / n_training)

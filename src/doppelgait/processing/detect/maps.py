@@ -28,13 +28,6 @@ def noise_factor(pfa: float, *, n_summed: int = 1) -> float:
 
     A cell of noise with mean :math:`\nu` is exponential, :math:`P(x > T) = e^{-T / \nu}`, and the sum of ``n_summed``
     cells is a Gamma variable. For one cell the factor is :math:`-\ln P_{fa}`.
-
-    Parameters
-    ----------
-    pfa : float
-        False-alarm probability of the cell, between 0 and 1.
-    n_summed : int
-        Number of independent cells in the sum (E-28: N_g); the mean noise power is that of the sum.
     """
     if n_summed == 1:
         return -math.log(pfa)

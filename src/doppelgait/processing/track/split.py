@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.frames import Frames
-from doppelgait.core.units import FloatArray, decimal_logarithm
+from doppelgait.core.units import FloatArray, decimal_logarithm, logarithm
 from doppelgait.processing.config import gaussian_window
 from doppelgait.processing.track.live import Track
 
@@ -26,26 +26,17 @@ SMOOTHED_SCANS = 9
 """Number of scans in the median of profiles; a limb stays in the band for a shorter time."""
 APART_M = 0.6
 """Distance of torso echoes above which they are two bodies; chest and rump of dogs and crawlers have 0.45 m."""
-WEAKEST_DB, VALLEY_DB, DEEP_DB = 16.0, 6.0, 10.0
-"""Largest level of the first peak over the second; valleys for ``several`` and for a split."""
+WEAKEST_DB, DEEP_DB = 16.0, 10.0  # largest level of the first peak over the second, least valley between them
+BODY_REACH_M, ECHO_SHARE, SECOND_M = 0.9, 0.05, 0.3
+"""Reach of the profile about a track, smallest power of an echo in it over the strongest, distance of a second one."""
 FLOOR_FROM_M, FLOOR_QUANTILE, FLOOR_FACTOR = 1.0, 0.3, 2.0
 SPLIT_S, SPLIT_SHARE = 2.0, 0.75
-DOUBT_S, DOUBT_SHARE = 1.0, 0.2
-"""Shortest continuous time of a second echo for ``several``, and its smallest share of the usable scans.
+"""Shortest continuous time of a second body, and its smallest share of the usable scans.
 In a usable scan the track is fast and no other track is near."""
 RUN_SHARE = 0.9
 READ_SCANS = 64  # number of scans for which pulses are read together
 SAME_M, SAME_S = 0.4, 0.5
 """Differences in range and time below which a second peak belongs to another track."""
-
-
-@dataclass(frozen=True)
-class Ridge:
-    """Second torso echo next to a track's own. Shapes: own_m, other_m (T,); deep (T,)."""
-
-    own_m: FloatArray
-    other_m: FloatArray
-    deep: npt.NDArray[np.bool_]
 
 
 def sum_torso_profiles(clean: Frames, found: Track, *, wavelength_m: float, cpi_s: float) -> FloatArray:
@@ -73,23 +64,53 @@ def sum_torso_profiles(clean: Frames, found: Track, *, wavelength_m: float, cpi_
     return profiles
 
 
-def find_ridge(profiles: FloatArray, found: Track, others: Sequence[Track]) -> Ridge:
-    """Find a second torso in a track. Shapes: profiles (T, D)."""
+def smooth_profiles(profiles: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Smooth profiles over time, and measure their floor. Shapes: (T, D), (T, 1)."""
     from scipy.ndimage import median_filter
-    from scipy.signal import find_peaks
 
     smooth = median_filter(profiles, size=(min(SMOOTHED_SCANS, profiles.shape[0]), 1), mode="nearest")
     floor = np.quantile(smooth[:, np.abs(OFFSETS_M) > FLOOR_FROM_M], FLOOR_QUANTILE, axis=1)[:, None]
-    smooth = np.maximum(smooth, FLOOR_FACTOR * floor)
+    return smooth, FLOOR_FACTOR * floor
+
+
+def measure_echoes(
+    smooth: FloatArray, floor: FloatArray, found: Track, others: Sequence[Track]
+) -> tuple[float, float, float]:
+    """Measure the share of scans with a second echo, and width and entropy of the mean profile."""
+    from scipy.signal import find_peaks
+
+    own = np.abs(OFFSETS_M) <= BODY_REACH_M + 1e-9
+    excess = np.maximum(smooth - floor, 0.0)[:, own]
+    for other in others:  # what is nearer to another track belongs to it
+        apart_m = np.interp(found.times_s, other.times_s, other.range_m, left=np.inf, right=np.inf) - found.range_m
+        excess[np.abs(OFFSETS_M[own] - apart_m[:, None]) < np.abs(OFFSETS_M[own])] = 0.0
+    excess = excess[excess.max(axis=1) > 0.0]
+    if not excess.size:
+        return 0.0, 0.0, 0.0
+    level = excess / excess.max(axis=1, keepdims=True)
+    level[level < ECHO_SHARE] = 0.0
+    peaks = [find_peaks(np.pad(row, 1), height=ECHO_SHARE, prominence=ECHO_SHARE)[0] for row in level]
+    apart_m = np.array([STEP_M * np.diff(places).max(initial=0) for places in peaks])
+    mean = (level / level.sum(axis=1, keepdims=True)).mean(axis=0)
+    centre_m = float(mean @ OFFSETS_M[own])
+    width_m = float(np.sqrt(mean @ (OFFSETS_M[own] - centre_m) ** 2))
+    occupied = mean[mean > 0.0]
+    return float(np.mean(apart_m >= SECOND_M - 1e-9)), width_m, -float(occupied @ logarithm(occupied))
+
+
+def find_echoes(smooth: FloatArray, floor: FloatArray, found: Track, others: Sequence[Track]) -> FloatArray:
+    """Find the near and the far one of two torsos. Shapes: returns (2, T), NaN for one."""
+    from scipy.signal import find_peaks
+
+    smooth = np.maximum(smooth, floor)
     top = np.maximum(smooth.max(axis=1, keepdims=True), 1e-300)
     level_db = 10.0 * decimal_logarithm(np.maximum(smooth / top, 1e-6))
-    own_m, other_m = np.full((2, profiles.shape[0]), np.nan)
-    deep = np.zeros(profiles.shape[0], dtype=bool)
+    echoes_m = np.full((2, smooth.shape[0]), np.nan)
     taken = [np.interp(found.times_s, one.times_s, one.range_m, left=np.nan, right=np.nan) for one in others]
     for number in np.flatnonzero(np.abs(found.velocity_mps) >= LEAST_SPEED_MPS):
         row = level_db[number]
         padded = np.concatenate([[-99.0], row, [-99.0]])
-        peaks, facts = find_peaks(padded, height=-WEAKEST_DB, prominence=VALLEY_DB)
+        peaks, facts = find_peaks(padded, height=-WEAKEST_DB, prominence=DEEP_DB)
         if peaks.size < 2:
             continue
         places_m = found.range_m[number] + OFFSETS_M[peaks - 1]
@@ -104,50 +125,34 @@ def find_ridge(profiles: FloatArray, found: Track, others: Sequence[Track]) -> R
         if not free.any():
             continue
         second = int(np.argmax(np.where(free, facts["peak_heights"], -np.inf)))
-        own_m[number], other_m[number] = places_m[best], places_m[second]
-        deep[number] = facts["prominences"][second] >= DEEP_DB
-    return Ridge(own_m, other_m, deep)
+        echoes_m[:, number] = np.sort(places_m[[best, second]])
+    return echoes_m
 
 
 def split_tracks(tracks: Sequence[Track], clean: Frames, *, wavelength_m: float, cpi_s: float) -> list[Track]:
     """Divide tracks that follow two bodies.
 
-    Bodies that are nearer to each other than the detector's box have one track. The power within
-    0.35 m/s of the track is one narrow echo for a single person and extends over up to 0.9 m for
-    animals and for people who crawl. A second echo at 0.6 m or more from the strongest, with a
-    valley of 10 dB between them for 2 s, is a second body and becomes a track. If the second echo
-    is present for a part of the time, or without such a valley, the track is marked ``several``.
-
-    Parameters
-    ----------
-    tracks : sequence of Track
-    clean : Frames
-        Without static clutter.
-    wavelength_m, cpi_s : float
-
-    Returns
-    -------
-    list of Track
-        Tracks in the order of their first detection.
+    A second echo at 0.6 m or more from the strongest, with a valley of 10 dB between them for 2 s, becomes a track;
+    weaker signs are measured: :attr:`Track.second_echo_share`, ``echo_width_m``, ``echo_entropy``.
     """
     found = list(tracks)
     for number in range(len(tracks)):
         one = found[number]
         others = [other for other in found if other is not one]
-        profiles = sum_torso_profiles(clean, one, wavelength_m=wavelength_m, cpi_s=cpi_s)
-        ridge = find_ridge(profiles, one, others)
+        profiles = smooth_profiles(sum_torso_profiles(clean, one, wavelength_m=wavelength_m, cpi_s=cpi_s))
+        echoes_m = find_echoes(*profiles, one, others)
+        deep = np.isfinite(echoes_m[0])
         alone = np.abs(one.velocity_mps) >= LEAST_SPEED_MPS
         for other in others:
             near_m = np.interp(one.times_s, other.times_s, other.range_m, left=np.nan, right=np.nan) - one.range_m
             alone &= ~(np.abs(near_m) < REACH_M)
         step_s = float(np.median(np.diff(one.times_s))) if one.times_s.size > 1 else np.inf
-        run = _find_longest_run(ridge.deep, max(1, round(SPLIT_S / step_s)))
-        if run is not None and ridge.deep.sum() >= SPLIT_SHARE * alone.sum():
-            found = _replace(found, number, ridge, run)
+        run = _find_longest_run(deep, max(1, round(SPLIT_S / step_s)))
+        if run is not None and deep.sum() >= SPLIT_SHARE * alone.sum():
+            found = _replace(found, number, echoes_m, run)
             continue
-        seen = np.isfinite(ridge.other_m)
-        lasting = _find_longest_run(seen, max(1, round(DOUBT_S / step_s))) is not None
-        found[number] = replace(one, several=lasting and bool(seen.sum() >= DOUBT_SHARE * alone.sum()))
+        share, width_m, entropy = measure_echoes(*profiles, one, others)
+        found[number] = replace(one, second_echo_share=share, echo_width_m=width_m, echo_entropy=entropy)
     return sorted(found, key=lambda one: one.first_s)
 
 
@@ -163,25 +168,24 @@ def _find_longest_run(seen: npt.NDArray[np.bool_], least: int) -> tuple[int, int
     return int(first), int(stop)
 
 
-def _replace(tracks: list[Track], number: int, ridge: Ridge, run: tuple[int, int]) -> list[Track]:
+def _replace(tracks: list[Track], number: int, echoes_m: FloatArray, run: tuple[int, int]) -> list[Track]:
     """Replace one track by two. One of them lasts as long as the original track."""
     found, one = list(tracks), tracks[number]
     for echo in (1, 0):
-        second = _move_to_echo(one, ridge, run, echo, whole=False)
+        second = _move_to_echo(one, echoes_m[echo], run, whole=False)
         for place, other in enumerate(found):
             joined = _join(second, other) or _join(other, second)
             if place != number and joined is not None:
                 found[place] = joined
-                found[number] = _move_to_echo(one, ridge, run, 1 - echo, whole=True)
+                found[number] = _move_to_echo(one, echoes_m[1 - echo], run, whole=True)
                 return found
-    found[number] = _move_to_echo(one, ridge, run, 0, whole=True)
-    return [*found, _move_to_echo(one, ridge, run, 1, whole=False)]
+    found[number] = _move_to_echo(one, echoes_m[0], run, whole=True)
+    return [*found, _move_to_echo(one, echoes_m[1], run, whole=False)]
 
 
-def _move_to_echo(one: Track, ridge: Ridge, run: tuple[int, int], number: int, *, whole: bool) -> Track:
-    """Move a track to its nearer (0) or farther echo (1), for the time of both or whole."""
+def _move_to_echo(one: Track, place_m: FloatArray, run: tuple[int, int], *, whole: bool) -> Track:
+    """Move a track to an echo, for the time of both or whole."""
     inside = slice(*run)
-    place_m = np.sort(np.stack([ridge.own_m, ridge.other_m]), axis=0)[number]
     known = np.flatnonzero(np.isfinite(place_m[inside])) + run[0]
     width = min(SMOOTHED_SCANS, known.size)
     filled = np.interp(np.arange(*run), known, (place_m - one.range_m)[known])
