@@ -56,7 +56,7 @@ def test_person_and_dog_who_pass_each_other_are_decided():
     meet_s = float(recording.slow_time_s[np.abs(person_m - dog_m).argmin()])
     # overlap is judged per window: there is evidence before they meet and after
     evidence_s = [one.stop_s for one in found if not one.window.blocked]
-    assert min(evidence_s) < meet_s
+    assert min(evidence_s) < meet_s + 0.1  # of the window that ends as they meet
     assert max(evidence_s) > meet_s + 3.0
 
 
