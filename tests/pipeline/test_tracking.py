@@ -223,6 +223,11 @@ def test_two_who_could_go_on_are_not_linked_nor_who_leaves_the_frame():
     assert len(_link([COMES, GOES], [BREATH], np.linspace(3.7, 9.4, 100))) == 2
 
 
+def test_somebody_else_in_between_does_not_matter():
+    late, other = track_of(12, 16, (4.2, 9), (-0.5, -1.2)), track_of(5, 7, (7, 8), (-0.5, -0.5))
+    assert len(_link([COMES, other, late], [], FRAME_M)) == 2
+
+
 @pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
 def test_a_pause_of_nine_seconds_is_inside_one_result():
     path = {"kind": "stop_and_go", "stops": [{"at_m": 3.6, "pause_s": 9.0}]}

@@ -231,13 +231,6 @@ def test_a_target_of_middling_evidence_is_unknown(logit, kind, flags, monkeypatc
     assert (results.n_bodies, results.n_unknown) == (2 * (kind == "body"), 2 * (kind == "unknown"))
 
 
-def test_two_of_which_both_are_likely_count_as_two(monkeypatch):
-    monkeypatch.setattr(verdicts, "load_networks", lambda: networks(body=4.0, several=2.0))
-    marked = mark_result(Result(Analysis()), judge_body(Result(Analysis()), seen(DIRECT_M)))
-    assert marked.flags == ("may_be_more_than_one_body",)
-    assert TargetList([marked]).n_bodies == 2
-
-
 def test_every_weight_has_its_evidence():
     facts = analyze(recorded(Target(boulic_walk(duration_s=5.0), label="human", range_m=4.5)))[0]
     known = {*measure_evidence(seen(DIRECT_M)), *facts.extended, *facts.quality, "without_range", "both_directions"}

@@ -156,7 +156,7 @@ class LiveTrack:
         return abs(self.last_speed_mps) < settings.rest_speed_mps
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Track:
     """One body over time, smoothed.
 
