@@ -218,7 +218,7 @@ def print_features(results: Sequence[Result]) -> None:
     if any(r.doubtful for r in results):
         print("?: low confidence; the value may be a multiple or a fraction of the true value")
     counted = TargetList(results)
-    if counted.n_bodies != len(results):
+    if any(result.n_bodies != 1 for result in results):
         print(f"bodies: {counted.n_bodies} in {len(results)} targets, {counted.n_unknown} unknown; see their flags")
     for name, result in zip(names, results, strict=True):
         if result.flags:

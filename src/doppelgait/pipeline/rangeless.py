@@ -141,7 +141,7 @@ def has_both_directions(strip: TrackStrip, floor_v2: float) -> bool:
     weaker, stronger = np.minimum(towards, away), np.maximum(towards, away)
     both = (weaker > noise_factor(SURE_PFA) * floor_v2) & (weaker > OPPOSITE_LEVEL * stronger) & (stronger > slow)
     length = max(1, round(OPPOSITE_S / float(np.diff(strip.time_s).min(initial=OPPOSITE_S))))
-    shares = np.convolve(both, np.ones(length) / length, mode="valid") if both.size > length else np.zeros(1)
+    shares = np.convolve(both, np.ones(length) / length, mode="valid") if both.size >= length else np.zeros(1)
     return bool(shares.max() >= OPPOSITE_SHARE - 1e-9)
 
 
@@ -182,7 +182,8 @@ def analyze_motion(
     longest = max(results, key=lambda one: one.quality["stop_s"] - one.quality["start_s"])
     strip = observe_motion(motion, times[0][0], times[-1][1])
     facts = {"track_start_s": times[0][0], "track_stop_s": times[-1][1], "n_pieces": len(usable)}
-    facts["both_directions"] = float(has_both_directions(strip, motion.floor_v2))
+    directed = NO_DIRECTION not in read_flags(clean.facts)
+    facts["both_directions"] = float(directed and has_both_directions(strip, motion.floor_v2))
     quality, segments = {**longest.quality, **facts}, tuple(results) if usable else ()
     found = replace(longest, quality=quality, gate_limits=gate, segments=segments)
     return mark_result(found, judge_body(found, strip))

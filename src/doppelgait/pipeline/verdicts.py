@@ -36,9 +36,8 @@ FOLD_GAP_S, FOLD_EDGE_M, FOLD_RANGE_M, FOLD_SPEED, FOLD_LEVEL_DB = 1.0, 1.0, 0.4
 the frame at that time, and largest differences in range, speed and level."""
 SLOWEST_MPS = 0.15  # speed below which a target has no direction
 SIDE_MPS = 0.3  # difference from the target's own velocity above which power is from moving parts
-SURE_BODY = 0.6
-"""Probability from which a target is a body, and whose complement a thing has at most; in between it is unknown."""
-DOUBT_ONE = 0.3  # probability of more than one body from which a target is flagged
+SURE_BODY = 0.6  # least probability of a body; a thing has its complement at most, in between it is unknown
+DOUBT_ONE = 0.2  # probability of more than one body from which a target is flagged
 NO_BODIES = {"thing", "reflection", "folded"}
 MOST_SD = 4.0  # largest deviation of a value from its mean, in standard deviations
 EDGE_SHARE = 0.003  # power of a cell relative to the strongest one of its step up to which the spectrum reaches
@@ -111,7 +110,7 @@ def judge_body(result: Result, strip: TrackStrip) -> Verdict:
     """Decide by the evidence whether a target is a body, and whether it is more than one."""
     evidence = measure_evidence(strip) | {"without_range": float("track_range_m" not in result.quality)}
     body, several = compute_probabilities({**result.extended, **result.quality, **evidence})
-    several = max(several, float(result.quality.get("both_directions") or 0.0))  # nobody comes and goes at once
+    several = float(result.quality.get("both_directions", several))  # without range nothing else tells two from one
     found = {"body_probability": body, "more_than_one_probability": several}
     if body <= 1.0 - SURE_BODY:
         return Verdict("thing", ("not_a_moving_body:moves_like_a_thing",), found)
