@@ -98,12 +98,18 @@ def sweeper(rng: Rng, time_s: FloatArray) -> list[FloatArray]:
     return roller(rng, time_s, size_m=rng.uniform(0.25, 0.6), top_mps=rng.uniform(0.12, 0.5), parts="brush")
 
 
+def cart(rng: Rng, time_s: FloatArray, speed_mps: float) -> list[FloatArray]:
+    """Roll straight ahead, with wheels."""
+    parts = str(rng.choice(["plain", "wheels"]))
+    return roller(rng, time_s, size_m=rng.uniform(0.3, 1.0), top_mps=speed_mps, parts=parts, path="straight")
+
+
 def roller(rng: Rng, time_s: FloatArray, **chosen: Any) -> list[FloatArray]:
     """Drive or roll a box, with wheels, a brush, a spin, or none, on a path by chance."""
     size_m = chosen.get("size_m", 10.0 ** rng.uniform(-1.0, 0.2))
     top_mps = chosen.get("top_mps", 10.0 ** rng.uniform(-0.8, 0.4))
     speed_mps, turn_radps = np.full_like(time_s, top_mps), np.zeros_like(time_s)
-    path = rng.choice(["straight", "arc", "wander", "stop", "back", "spot"])
+    path = chosen.get("path", rng.choice(["straight", "arc", "wander", "stop", "back", "spot", "dashes"]))
     if path == "arc":
         turn_radps += rng.uniform(0.2, 1.0) * rng.choice([-1.0, 1.0])
     elif path == "wander":
@@ -116,6 +122,13 @@ def roller(rng: Rng, time_s: FloatArray, **chosen: Any) -> list[FloatArray]:
     elif path == "spot":
         turns = np.sin(2 * np.pi * rng.uniform(0.1, 0.3) * time_s) > 0.5
         speed_mps, turn_radps = np.where(turns, 0.0, top_mps), np.where(turns, rng.uniform(0.5, 2.0), 0.0)
+    elif path == "dashes":
+        go, each_s = np.zeros_like(time_s), rng.uniform(1.0, 4.0)
+        for start_s in np.arange(-rng.uniform(0, each_s), time_s[-1], each_s):
+            pause_s = rng.uniform(0.1, 0.6) * each_s
+            go += rise(time_s, start_s, 0.4) - rise(time_s, start_s + each_s - pause_s, 0.4)
+            turn_radps += rng.uniform(-2.0, 2.0) / pause_s * (np.abs(time_s - start_s - each_s) < pause_s / 2)
+        speed_mps = speed_mps * go
     heading = np.cumsum(turn_radps) / RATE_HZ
     centre_m = np.cumsum(turned(speed_mps, 0.0, 0.0, heading), axis=0) / RATE_HZ
     rolled, brush_hz = np.cumsum(speed_mps) / RATE_HZ, rng.uniform(1.0, 4.0)
@@ -126,17 +139,22 @@ def roller(rng: Rng, time_s: FloatArray, **chosen: Any) -> list[FloatArray]:
                for p in (0.0, 2.0, 4.0) for q in (-0.7, 0.0, 0.7)]  # fmt: skip
         return [centre_m + turned(*point, heading) for point in rim]
     box = [(x * size_m / 2, y * size_m / 3, z * size_m) for x in (-1, 0, 1) for y in (-1, 1) for z in (0.3, 0.8)]
-    points = [centre_m + turned(*corner, heading) for corner in box]
+    box = [box[n] for n in rng.permutation(12)[: int(rng.integers(2, 13))]]
+    points, around = [centre_m + turned(*corner, heading) for corner in box], int(rng.integers(1, 4))
+    r = rng.uniform(0.1, 0.35) * size_m
     for k in range({"wheels": 4, "brush": 3}.get(str(parts), 0)):
-        r = 0.15 * size_m
-        turn = rolled / r + np.pi * k if parts == "wheels" else 2 * np.pi * (brush_hz * time_s + k / 3)
-        if parts == "wheels":
-            points.append(
-                centre_m
-                + turned((-1) ** (k // 2) * 0.35 * size_m + r * np.cos(turn), 0.0, r - r * np.sin(turn), heading)
-            )
-        else:
-            points.append(centre_m + turned(size_m / 3 + 1.5 * r * np.cos(turn), 1.5 * r * np.sin(turn), 0.02, heading))
+        for n in range(around):
+            if parts == "wheels":
+                turn = rolled / r + 2 * np.pi * n / around + k
+                spot = (
+                    (-1) ** (k // 2) * 0.35 * size_m + r * np.cos(turn),
+                    (-1) ** k * size_m / 3,
+                    r - r * np.sin(turn),
+                )
+            else:
+                turn = 2 * np.pi * (brush_hz * time_s + k / 3)
+                spot = (size_m / 3 + (n + 1) / around * r * np.cos(turn), (n + 1) / around * r * np.sin(turn), 0.02)
+            points.append(centre_m + turned(*spot, heading))
     return points
 
 
@@ -175,28 +193,37 @@ def drift(rng: Rng, time_s: FloatArray) -> list[FloatArray]:
     pace_hz, wide_mps = 10.0 ** rng.uniform(-0.7, 1.3), 10.0 ** rng.uniform(-1.2, 0.0)
     knots_s = np.arange(0.0, time_s[-1] + 2 / pace_hz, 1 / pace_hz)
     speed = np.stack([np.interp(time_s, knots_s, rng.normal(0.0, wide_mps, knots_s.size)) for _ in range(2)], axis=1)
-    way_m = np.cumsum(speed - speed.mean(axis=0) * rng.integers(2), axis=0) / RATE_HZ
+    speed += rng.choice([0.0, 1.0]) * 10.0 ** rng.uniform(-1.0, 0.0) * np.array([1.0, rng.uniform(-0.5, 0.5)])
+    way_m = np.cumsum(speed - speed.mean(axis=0) * (rng.random() < 0.3), axis=0) / RATE_HZ
+    radius_m, turn = rng.uniform(0.05, 0.4), 2 * np.pi * 10.0 ** rng.uniform(-1.5, 0.0) * time_s
+    bob_m = 0.05 * np.sin(2 * np.pi * rng.uniform(0.2, 1.0) * time_s)
     return [
-        turned(way_m[:, 0] + 0.2 * math.cos(a), way_m[:, 1] + 0.2 * math.sin(a), 1.0, 0.0) for a in np.arange(0, 6, 1)
+        turned(way_m[:, 0] + radius_m * np.cos(a + turn), way_m[:, 1] + radius_m * np.sin(a + turn), z + bob_m, 0.0)
+        for a in np.arange(0, 6, 1)
+        for z in (1.0, 1.0 + radius_m)
     ]
 
 
 THINGS: dict[str, Callable[[Rng, FloatArray], list[FloatArray]]] = {
     "leaf": leaf, "slider": slider, "rotor": rotor, "roller": roller, "swing": swing, "waves": waves, "drift": drift,
+    "sweeper": sweeper, "cart": cart,
 }  # fmt: skip
 
 
-def thing(rng: Rng, kind: str, low_m: float, high_m: float, seconds: float) -> Target:
-    """Make a thing at a place by chance."""
-    points = THINGS[kind](rng, np.arange(0.0, seconds + 0.1, 1 / RATE_HZ))
+def thing(
+    rng: Rng, kind: str, seconds: float, place_m: tuple[float, float], heading_deg: float | None = None, *speed: float
+) -> Target:
+    """Make a thing at a place, with a heading by chance if none is given."""
+    points = THINGS[kind](rng, np.arange(0.0, seconds + 0.1, 1 / RATE_HZ), *speed)
     motion = make_motion(
         np.stack(points, axis=1), rate_hz=RATE_HZ, markers=[f"p{n}" for n in range(len(points))],
         parts=[""] * len(points), facts={"source": kind, "kind": kind, "mass_kg": 5.0},
     )  # fmt: skip
-    size_m2 = 10.0 ** rng.uniform(-2.0, 0.2)
-    return Target(motion, label="thing", rcs={"total_m2": float(size_m2), "kind": "equal"}, background=True,
-                  start_position_m=(float(rng.uniform(low_m + 0.5, high_m - 0.5)), float(rng.uniform(-1.5, 1.5))),
-                  heading_deg=float(rng.uniform(-180, 180)))  # fmt: skip
+    size_m2 = float(10.0 ** rng.uniform(-2.0, 0.2))
+    if heading_deg is None:
+        heading_deg = float(rng.uniform(-180, 180))
+    return Target(motion, label="thing", rcs={"total_m2": size_m2, "kind": "equal"}, background=True,
+                  start_position_m=place_m, heading_deg=heading_deg)  # fmt: skip
 
 
 # Bodies --------------------------------------------------------------------------------------------------------------
@@ -235,7 +262,7 @@ def path(rng: Rng) -> dict[str, Any] | None:
 
 
 def bodies(rng: Rng, low_m: float, high_m: float, seconds: float, count: int) -> list[Target]:
-    """Draw one or two bodies; two are companions, or go their own ways."""
+    """Draw bodies; two are companions, part, meet, or go their own ways; a third one is a companion."""
     away = bool(rng.integers(2))
     middle_m = (low_m + high_m) / 2
     start_m = float(rng.uniform(low_m, middle_m) if away else rng.uniform(middle_m, high_m))
@@ -243,54 +270,85 @@ def bodies(rng: Rng, low_m: float, high_m: float, seconds: float, count: int) ->
         "start_position_m": (start_m, float(rng.uniform(-1.0, 1.0))),
         "heading_deg": (0.0 if away else 180.0) + float(rng.uniform(-1, 1) ** 3) * 90.0,
     }
-    motion, label = mover(rng, seconds)
     route = path(rng)
-    first = seen(rng, motion, label, **where, **({"path": route} if route else {}))
     if count == 1:
-        return [first]
-    how = rng.choice(["companion", "companion", "leash", "alone", "parting"])
-    offsets = {"side_m": float(rng.uniform(0.3, 1.1) * rng.choice([-1, 1])), "ahead_m": float(rng.uniform(-0.9, 0.9))}
-    if how in ("companion", "leash", "parting"):
-        speed = float(rng.uniform(0.6, 1.6))
-        lead = seen(rng, person(rng, seconds, speed_mps=(speed, speed)), **where)
-        if how == "leash":
-            return leashed_dog(lead, dog(rng, seconds, speed_mps=speed), **offsets)
-        age = str(rng.choice(["adult", "child"]))
-        other = person(rng, seconds, speed_mps=(0.9 * speed, 1.1 * speed), age_class=age)
-        if how == "companion":
-            return side_by_side(lead, seen(rng, other), **offsets)
-        x_m, y_m = where["start_position_m"]
-        turn = {"kind": "polyline", "points_m": [(0.0, 0.0), (float(rng.uniform(1, 4)), 0.0), (12.0, 15.0)]}
-        beside = (x_m + 0.3 * offsets["ahead_m"], y_m + offsets["side_m"])
-        return [lead, seen(rng, other, start_position_m=beside, heading_deg=where["heading_deg"], path=turn)]
-    return [first, *bodies(rng, low_m, high_m, seconds, 1)]
+        motion, label = mover(rng, seconds)
+        return [seen(rng, motion, label, **where, **({"path": route} if route else {}))]
+    how = rng.choice(["companion", "companion", "leash", "leash", "parting", "meeting", "alone"])
+    side_m, ahead_m = float(rng.uniform(0.3, 1.1) * rng.choice([-1, 1])), float(rng.uniform(-0.9, 0.9))
+    if how == "alone":
+        return [*bodies(rng, low_m, high_m, seconds, 1), *bodies(rng, low_m, high_m, seconds, count - 1)]
+    gait, least_mps, most_mps = ("run", 1.8, 3.0) if not rng.integers(5) else ("walk", 0.6, 1.6)
+    speed = float(rng.uniform(least_mps, most_mps))
+    companions = how in ("companion", "leash") and route and route["kind"] != "turn_around"
+    lead = seen(rng, person(rng, seconds, speed_mps=(speed, speed), gait=gait), **where,
+                **({"path": route} if companions else {}))  # fmt: skip
+    if how == "leash":
+        found = leashed_dog(lead, dog(rng, seconds, speed_mps=speed), side_m=side_m, ahead_m=ahead_m)
+    else:
+        age = str(rng.choice(["adult", "child"])) if gait == "walk" else "adult"
+        other = person(rng, seconds, speed_mps=(0.9 * speed, 1.1 * speed), age_class=age, gait=gait)
+        found = side_by_side(lead, seen(rng, other), side_m=side_m, ahead_m=ahead_m)
+    if how in ("parting", "meeting"):
+        joint_m, x_m, y_m = float(rng.uniform(1, 4)), *where["start_position_m"]
+        last_m, side = (joint_m + 10.0, 15.0) if how == "parting" else (joint_m + 20.0, 0.0)
+        turn = {"kind": "polyline", "points_m": [(0.0, 0.0), (joint_m, side_m if how == "meeting" else 0.0),
+                                                 (last_m, side or side_m)]}  # fmt: skip
+        beside = (x_m + 0.3 * ahead_m, y_m + (2.0 if how == "meeting" else 1.0) * side_m)
+        found = [lead, seen(rng, other, start_position_m=beside, heading_deg=where["heading_deg"], path=turn)]
+    if count == 3:
+        third = person(rng, seconds, speed_mps=(speed, speed), gait=gait)
+        found += side_by_side(lead, seen(rng, third), side_m=-side_m, ahead_m=float(rng.uniform(-0.9, 0.9)))[1:]
+    return found
+
+
+def pushed(rng: Rng, low_m: float, high_m: float, seconds: float) -> list[Target]:
+    """Draw somebody who pushes or pulls a cart."""
+    speed, start_m, sign = float(rng.uniform(0.4, 1.5)), float(rng.uniform(low_m, high_m)), rng.choice([-1.0, 1.0])
+    y_m, heading_deg = float(rng.uniform(-1, 1)), 90.0 - 90.0 * sign
+    walker = seen(rng, person(rng, seconds, speed_mps=(speed, speed)), start_position_m=(start_m, y_m),
+                  heading_deg=heading_deg)  # fmt: skip
+    ahead_m = float(rng.uniform(0.4, 1.0) * rng.choice([1.0, 1.0, -1.0]))
+    cart = thing(rng, "cart", seconds, (start_m + sign * ahead_m, y_m), heading_deg, speed)
+    return [walker, cart]
+
+
+def draw_targets(rng: Rng, what: str, low_m: float, high_m: float, seconds: float) -> list[Target]:
+    """Draw bodies, a thing, both, or a cart that is pushed."""
+    kind, _, beside = what.partition("+")
+    targets: list[Target] = []
+    if kind == "cart":  # somebody pushes it
+        targets += pushed(rng, low_m, high_m, seconds)
+    elif beside or kind not in THINGS:
+        targets += bodies(rng, low_m, high_m, seconds, {"two": 2, "three": 3}.get(kind, 1))
+    if kind in THINGS and kind != "cart":
+        place_m = (float(rng.uniform(low_m + 0.5, high_m - 0.5)), float(rng.uniform(-1.5, 1.5)))
+        if targets and rng.integers(2):  # where somebody passes
+            x_m, y_m = targets[0].start_position_m or place_m
+            place_m = (x_m + float(rng.uniform(-1.5, 1.5)), y_m + float(rng.uniform(-1.0, 1.0)))
+        targets.append(thing(rng, kind, seconds, place_m))
+    if not rng.integers(6):
+        targets.append(breather(rng, float(rng.uniform(low_m, high_m))))
+    return targets
 
 
 def anything(rng: Rng, *, what: str, radar: str) -> Setup:
-    """Draw a scene: ``body``, ``two``, a thing, or a thing and a body."""
+    """Draw a scene: ``body``, ``two``, ``three``, a thing, or a thing and a body."""
     device, low_m, high_m = RADARS[radar]
     seconds = float(rng.uniform(2.5, 8.0))
-    kind, _, beside = what.partition("+")
     while True:
-        targets: list[Target] = []
-        if kind in THINGS:
-            targets.append(thing(rng, kind, low_m, high_m, seconds))
-        if beside or kind not in THINGS:
-            targets += bodies(rng, low_m, high_m, seconds, 2 if kind == "two" else 1)
-        if not rng.integers(6):
-            targets.append(breather(rng, float(rng.uniform(low_m, high_m))))
-        scene = room(targets, seconds, rng)
         try:
+            scene = room(draw_targets(rng, what, low_m, high_m, seconds), seconds, rng)
             place(scene)
-        except (ConfigError, MotionError):  # a speed that the path does not allow
+        except (ConfigError, MotionError):  # a speed that the path or the companion does not allow
             continue
         weak = not rng.integers(3) and bool(scene.observed_targets)
         return Setup(scene, device, snr_db=float(rng.uniform(5, 25)) if weak else None)
 
 
-ALONE = ["leaf", "slider", "rotor", "roller", "swing", "waves", "drift"]
-WHAT = (*3 * ("body",), "two", "two", *ALONE, *(f"{kind}+body" for kind in ALONE), "sweeper", "sweeper+body",
-        *10 * ("sweeper",))  # fmt: skip
+ALONE = ("leaf", "slider", "rotor", "roller", "sweeper", "swing", "waves", "drift", "roller", "drift")
+BESIDE = (*ALONE[:8], "leaf", "cart")
+WHAT = (*6 * ("body",), *8 * ("two",), "three", *2 * ALONE, *(f"{kind}+body" for kind in BESIDE))
 SCENES: dict[str, Kind] = {
     f"{what} {number}, {radar}": Kind(what, anything, {"what": what, "radar": radar})
     for radar in RADARS

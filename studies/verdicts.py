@@ -4,47 +4,56 @@
 
 Question: how often is a thing called a body or a body a thing, and are the probabilities right?
 
-Bodies and things of `studies/evidence_scenes.py` (six recordings a kind) and of [everyday scenes](everyday.md) (four a
+Bodies and things of `studies/evidence_scenes.py` (ten recordings a kind) and of [everyday scenes](everyday.md) (four a
 kind, seeds 10 to 13, without rooms) are recorded and tracked. A target is a body if a person or an animal that moves is
-within 0.8 m of it (median); near somebody who keeps still it is left out; else it is a thing. The evidence of
-`pipeline.verdicts` is the input of two networks of one hidden layer. The tables are of kinds that were left out of the
-fit (8 folds); the file has the fit of all. It takes about 30 minutes of one core.
+within 0.8 m of it (median); near somebody who keeps still it is left out; else it is a thing. Inputs of the network are
+the pictures of `pipeline.verdicts` and values of the result. The tables are of kinds that were left out of the fit (4
+folds); the file has the fit of all. It needs PyTorch and takes about 50 minutes of one core.
 
 Not shown: recorded bodies and things, reflections, and rooms.
 """
 
 from __future__ import annotations
 
-import json
+import base64
+import itertools
 import warnings
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import torch
 from everyday import NEAR_M, ROOT_SEED, Body, observe
 from everyday_scenes import SCENES as EVERYDAY
 from evidence_scenes import SCENES as ANYTHING
 from harness import finish, make_parser, markdown, run_jobs
 from sklearn.model_selection import GroupKFold
-from sklearn.neural_network import MLPClassifier
+from torch import nn
 
 import doppelgait as dg
 from doppelgait.pipeline import analyze, verdicts
+from doppelgait.processing import patches
 
 FloatArray = npt.NDArray[np.float64]
-WEIGHTS = Path(verdicts.__file__).with_name("evidence.toml")
-SEEDS = {"anything": range(6), "everyday": range(10, 14)}
+WEIGHTS = Path(verdicts.__file__).with_name("evidence.npz")
+SEEDS = {"anything": range(10), "everyday": range(10, 14)}
 KINDS = {"anything": ANYTHING, "everyday": EVERYDAY}
-NETWORK: dict[str, Any] = {"hidden_layer_sizes": (16,), "alpha": 3.0, "max_iter": 400, "random_state": 0}
-RESULT = """alternate_likeness backward_envelope_mean_mps entropy_width_mps envelope_asymmetry
-    envelope_periodicity far_limb_share forward_envelope_mean_mps forward_envelope_range_mps gait_confidence limb_share
-    limb_torso_amplitude_ratio periodicity salience snr_mu_db strength_variation swing_duty torso_bandwidth_mps
-    torso_ripple_mps torso_share track_echo_entropy track_echo_width_m track_second_echo_share without_range"""
-"""Evidence among the values of a result."""
+FOLDS, EPOCHS, BATCH, RATE, DECAY = 4, 16, 32, 3e-3, 1e-2
+CHANNELS, HIDDEN, DROPOUT = (patches.N_SLICES, 16, 24, 32), 32, 0.3
+MOST_PICTURES = 4
+"""Pictures of a target that are kept for the fit."""
+VALUES = (
+    "alternate_likeness", "backward_envelope_mean_mps", "duration", "entropy_width_mps", "envelope_asymmetry",
+    "envelope_periodicity", "far_limb_share", "forward_envelope_mean_mps", "forward_envelope_range_mps",
+    "gait_confidence", "limb_share", "limb_torso_amplitude_ratio", "median_speed", "net_way", "periodicity",
+    "range_span", "salience", "snr_mu_db", "strength_variation", "swing_duty", "torso_bandwidth_mps",
+    "torso_ripple_mps", "torso_share", "turns_per_s", "without_range",
+)  # fmt: skip
+"""Values of a result that the network sees."""
 
 
 @contextmanager
@@ -53,9 +62,13 @@ def record_evidence() -> Iterator[list[dict[str, Any]]]:
     found: list[dict[str, Any]] = []
     compute = verdicts.compute_probabilities
 
-    def record(values: Mapping[str, Any]) -> tuple[float, float]:
-        found.append({name: value for name, value in values.items() if isinstance(value, int | float)})
-        return compute(values)
+    def record(values: Mapping[str, Any], pictures: npt.NDArray[np.float32]) -> tuple[float, float]:
+        own = {name: values[name] for name in VALUES if values.get(name) is not None}
+        kept = np.unique(np.linspace(0, len(pictures) - 1, MOST_PICTURES).round().astype(int))
+        levels = (255.0 * pictures[kept]).round().astype(np.uint8)
+        text = base64.b64encode(zlib.compress(levels.tobytes())).decode()
+        found.append({"values": {name: float(value) for name, value in own.items()}, "pictures": text})
+        return compute(values, pictures)
 
     verdicts.compute_probabilities = record
     try:
@@ -76,9 +89,10 @@ def run_one(job: tuple[str, str, int]) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     judged = [result for result in results if "body_probability" in result.quality]
     for result, evidence in zip(judged, found, strict=True):
-        near = [body.moves(recording.radar) for body in bodies if evidence["without_range"] or is_near(body, result)]
+        everywhere = evidence["values"]["without_range"] > 0.0
+        near = [body.moves(recording.radar) for body in bodies if everywhere or is_near(body, result)]
         if any(near) or not near:
-            rows.append({"kind": f"{group}, {name}", "bodies": sum(near), "evidence": evidence})
+            rows.append({"kind": f"{group}, {name}", "bodies": sum(near), **evidence})
     return rows
 
 
@@ -98,20 +112,75 @@ def reliability(probability: FloatArray, true: npt.NDArray[np.bool_]) -> tuple[s
     return markdown(("probability", "targets", "mean", "true share"), lines), float(error)
 
 
-def as_text(values: FloatArray) -> str:
-    """Format numbers with four digits as a list of TOML."""
-    return f"[{', '.join(f'{value:.4g}' for value in values)}]"
+class Judge(nn.Module):
+    """Network of :func:`doppelgait.pipeline.verdicts.compute_probabilities`."""
+
+    def __init__(self, n_values: int) -> None:
+        super().__init__()
+        pairs = list(itertools.pairwise(CHANNELS))
+        self.kernels = nn.ModuleList(nn.Conv2d(few, many, 3, padding=1, bias=False) for few, many in pairs)
+        self.norms = nn.ModuleList(nn.BatchNorm2d(many) for _, many in pairs)
+        self.hidden, self.output = nn.Linear(2 * CHANNELS[-1] + n_values, HIDDEN), nn.Linear(HIDDEN, 2)
+        self.drop = nn.Dropout(DROPOUT)
+
+    def forward(self, layer: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
+        """Return the two logits of every picture."""
+        for kernel, norm in zip(self.kernels, self.norms, strict=True):
+            layer = norm(nn.functional.max_pool2d(kernel(layer), 2)).relu()
+        seen = torch.cat([layer.mean((2, 3)), layer.amax((2, 3)), values], dim=1)
+        return self.output(self.drop(self.hidden(self.drop(seen)).relu()))
+
+    def as_arrays(self) -> dict[str, npt.NDArray[np.float32]]:
+        """Return the weights, with the normalisation as scale and bias."""
+        found = {"hidden": self.hidden.weight, "offsets": self.hidden.bias}
+        found |= {"output": self.output.weight, "shifts": self.output.bias}
+        for n, (kernel, norm) in enumerate(zip(self.kernels, self.norms, strict=True)):
+            scale = norm.weight / (norm.running_var + norm.eps).sqrt()
+            found |= {
+                f"kernel_{n}": kernel.weight,
+                f"scale_{n}": scale,
+                f"bias_{n}": norm.bias - norm.running_mean * scale,
+            }
+        return {name: value.detach().numpy().astype(np.float32) for name, value in found.items()}
 
 
-def predict_left_out(
-    fit: Callable[[Any], MLPClassifier], values: FloatArray, chosen: npt.NDArray[np.bool_], kinds: FloatArray
-) -> FloatArray:
-    """Predict the probabilities of kinds that a fit has not seen."""
-    found, numbers = np.full(len(values), np.nan), np.flatnonzero(chosen)
-    for inner, outer in GroupKFold(8).split(numbers, groups=kinds[numbers]):
-        training = np.isin(np.arange(len(values)), numbers[inner])
-        found[numbers[outer]] = fit(training).predict_proba(values[numbers[outer]])[:, 1]
-    return found
+def fit(pictures: Sequence[torch.Tensor], values: torch.Tensor, count: torch.Tensor) -> Judge:
+    """Fit a network; every step sees one picture of each target in its batch."""
+    torch.manual_seed(0)
+    source, judge = np.random.default_rng(0), Judge(values.shape[1])
+    optimiser = torch.optim.AdamW(judge.parameters(), lr=RATE, weight_decay=DECAY)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=EPOCHS * (len(count) // BATCH))
+    loss = nn.functional.binary_cross_entropy_with_logits
+    for _ in range(EPOCHS):
+        order = source.permutation(len(count))
+        for first in range(0, len(order) - BATCH + 1, BATCH):
+            own = order[first : first + BATCH]
+            layer = torch.stack([pictures[n][source.integers(len(pictures[n]))] for n in own])
+            body, several = judge(layer.float() / 255.0, values[own]).T
+            is_body = (count[own] > 0).float()
+            doubt = loss(several, (count[own] > 1).float(), reduction="none")
+            total = loss(body, is_body) + (doubt * is_body).sum() / is_body.sum().clamp(min=1.0)
+            optimiser.zero_grad()
+            total.backward()
+            optimiser.step()
+            schedule.step()
+    return judge.eval()
+
+
+def predict(judge: Judge, pictures: Sequence[torch.Tensor], values: torch.Tensor) -> FloatArray:
+    """Return both probabilities of every target, shape (n, 2)."""
+    with torch.no_grad():
+        logits = [
+            judge(own.float() / 255.0, value.expand(len(own), -1)).mean(0)
+            for own, value in zip(pictures, values, strict=True)
+        ]
+        return torch.stack(logits).sigmoid().numpy().astype(np.float64)
+
+
+def as_pictures(text: str) -> torch.Tensor:
+    """Return the pictures of a row."""
+    levels = np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype=np.uint8)
+    return torch.from_numpy(levels.reshape(-1, patches.N_SLICES, patches.N_COLUMNS, patches.N_CELLS).copy())
 
 
 def main() -> None:
@@ -119,41 +188,32 @@ def main() -> None:
     parser = make_parser(__doc__)
     parser.add_argument("--write", action="store_true", help="write the weights into the package")
     options = parser.parse_args()
+    torch.set_num_threads(max(options.processes, 1))
     jobs = [(group, name, seed) for group, seeds in SEEDS.items() for seed in seeds for name in KINDS[group]]
     rows = run_jobs(run_one, jobs, rows=options.rows, processes=options.processes)
-    still = verdicts.TrackStrip(np.arange(9.0), np.ones(9), np.zeros(9), np.ones((9, 9)), np.arange(9.0))
-    names = sorted({*verdicts.measure_evidence(still), *RESULT.split()})
-    raw = np.array([[row["evidence"].get(name, np.nan) for name in names] for row in rows], dtype=np.float64)
+    raw = np.array([[row["values"].get(name, np.nan) for name in VALUES] for row in rows], dtype=np.float64)
     mean, sd = np.nanmean(raw, axis=0), np.maximum(np.nanstd(raw, axis=0), 1e-9)
     scaled = np.clip((raw - mean) / sd, -verdicts.MOST_SD, verdicts.MOST_SD)
-    values = np.where(np.isnan(raw), 0.0, scaled)
+    values = torch.from_numpy(np.where(np.isnan(raw), 0.0, scaled).astype(np.float32))
+    pictures = [as_pictures(row["pictures"]) for row in rows]
     count = np.array([row["bodies"] for row in rows])
     kinds = np.array([zlib.crc32(row["kind"].encode()) for row in rows])
-    without = raw[:, names.index("without_range")] > 0.0
-    sections, fits = {}, []
-    for title, true, chosen in zip(
-        ("Body", "More than one"), (count > 0, count > 1), (count >= 0, count > 0), strict=True
-    ):
-
-        def fit(own: Any, true: Any = true) -> MLPClassifier:
-            return MLPClassifier(**NETWORK).fit(values[own], true[own])
-
-        fits.append(fit(chosen))
+    without, found = raw[:, VALUES.index("without_range")] > 0.0, np.zeros((len(rows), 2))
+    for inner, outer in GroupKFold(FOLDS).split(kinds, groups=kinds):
+        judge = fit([pictures[n] for n in inner], values[inner], torch.from_numpy(count[inner]))
+        found[outer] = predict(judge, [pictures[n] for n in outer], values[outer])
+    sections = {}
+    for title, column, chosen in (("Body", 0, count >= 0), ("More than one", 1, count > 0)):
         for words, part in (("with range", chosen & ~without), ("without range", chosen & without)):
-            found = predict_left_out(fit, values, chosen, kinds)[part]
-            table, error = reliability(found, true[part])
-            limits, known = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8), true[part]
-            shares = [(f"{x:g}", float(np.mean(found[known] >= x)), float(np.mean(found[~known] >= x))) for x in limits]
+            probability, known = found[part, column], count[part] > column
+            table, error = reliability(probability, known)
+            limits = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
+            shares = [(f"{x:g}", *(float(np.mean(probability[own] >= x)) for own in (known, ~known))) for x in limits]
             table += "\n\n" + markdown(("limit", "true, at or above", "false, at or above"), shares)
             sections[f"{title}, {words}"] = f"Calibration error {100 * error:.1f} %.\n\n{table}"
     if options.write:
-        tables = [f"names = {json.dumps(names)}", f"mean = {as_text(mean)}", f"sd = {as_text(sd)}"]
-        for name, model in zip(("body", "several"), fits, strict=True):
-            (hidden, output), (offsets, offset) = model.coefs_, model.intercepts_
-            rows_text = ",\n".join(as_text(row) for row in hidden.T)
-            tables += [f"\n[{name}]\noffset = {offset[0]:.4g}", f"offsets = {as_text(offsets)}"]
-            tables += [f"output = {as_text(output[:, 0])}", f"hidden = [\n{rows_text},\n]"]
-        WEIGHTS.write_text("# Written by studies/verdicts.py\n" + "\n".join(tables) + "\n", encoding="utf-8")
+        arrays = fit(pictures, values, torch.from_numpy(count)).as_arrays()
+        np.savez_compressed(WEIGHTS, names=np.array(VALUES), mean=mean, sd=sd, **arrays)
     finish(__file__, __doc__, sections, page=options.page)
 
 

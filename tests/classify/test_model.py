@@ -5,7 +5,7 @@ import pytest
 from doppelgait.classify.model import BLOCKING, find_blocking_flag
 
 
-@pytest.mark.parametrize("flag", ["reflection_of:0", "folded_echo_of:2", "not_a_moving_body:moves_like_a_thing"])
+@pytest.mark.parametrize("flag", ["folded_echo_of:2", "not_a_moving_body:moves_like_a_thing", "unknown_target:x"])
 def test_what_is_no_body_of_its_own_gets_no_decision(flag):
     assert find_blocking_flag(("harmonic_ratio_3:no_peak", flag), BLOCKING) == flag
 

@@ -16,6 +16,7 @@ from doppelgait.core.labels import (
 from doppelgait.core.rng import Streams
 from doppelgait.features import FEATURE_UNITS, GaitFeatures, harmonic_ratio, limb_torso_ratio, snr_mu_db
 from doppelgait.features.doppler import (
+    DETECTION_SHARE,
     bandwidth_threshold_hz,
     compute_noise_quantile,
     envelopes_hz,
@@ -198,7 +199,7 @@ def envelope_width_hz(mu, floor_v2):
 def test_noise_passes_the_envelopes_threshold_as_seldom_with_few_bins_as_with_many(n_bins):
     noise = np.random.default_rng(5).gamma(n_bins, 1 / n_bins, 4_000_000)
     expected = 4_000_000 * stats.norm.sf(4.0)  # 127
-    assert abs((noise > compute_noise_quantile(n_bins)).sum() - expected) < 4 * np.sqrt(expected)
+    assert abs((noise > compute_noise_quantile(n_bins, DETECTION_SHARE)).sum() - expected) < 4 * np.sqrt(expected)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

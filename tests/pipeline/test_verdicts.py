@@ -13,17 +13,9 @@ from doppelgait.motion.models import crawling_person, robot_vacuum
 from doppelgait.motion.motion import make_motion
 from doppelgait.pipeline import Result, analyze, describe_results, simulate, verdicts
 from doppelgait.pipeline.result import TargetList
-from doppelgait.pipeline.verdicts import (
-    TrackStrip,
-    correlate_rhythms,
-    judge,
-    judge_body,
-    judge_fold,
-    judge_reflection,
-    mark_result,
-    measure_evidence,
-)
+from doppelgait.pipeline.verdicts import TrackStrip, judge, judge_body, judge_fold, judge_reflection, mark_result
 from doppelgait.processing import Analysis, Gate
+from doppelgait.processing.patches import draw_pictures
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 
@@ -74,14 +66,20 @@ def test_a_mirror_image_is_a_reflection(path):
 
 @pytest.mark.parametrize("ranges_m", [(DIRECT_M, IMAGE_M), (IMAGE_M, DIRECT_M)], ids=["first", "second"])
 def test_a_verdict_marks_its_target_and_not_the_body(ranges_m, monkeypatch):
-    def observe(gate, *settings):
+    def observe(gate, *settings, span_m=0.5):
         return seen(gate.centre_m, level_db=BODY_DB - 12 * np.array_equal(gate.centre_m, IMAGE_M))
 
     monkeypatch.setattr(verdicts, "observe_strip", observe)
-    monkeypatch.setattr(verdicts, "load_networks", lambda: networks(body=4.0))
+    monkeypatch.setattr(verdicts, "load_network", lambda: network(body=4.0))
+    monkeypatch.setattr(Gate, "crop", lambda gate, frames: frames)
     gates = [Gate.around(TIME_S, range_m, span_m=1.6, source="track") for range_m in ranges_m]
     results = [Result(Analysis(), gate_limits=gate, quality={"track_start_s": 0.0}) for gate in gates]
-    marked = judge(results, SimpleNamespace(range_m=np.linspace(0.4, 9.4, 180)), Analysis(), X4)
+    marked = judge(
+        results,
+        SimpleNamespace(range_m=np.linspace(0.4, 9.4, 180), samples=SimpleNamespace(in_memory=False)),
+        Analysis(),
+        X4,
+    )
     body, ghost = marked if ranges_m[0] is DIRECT_M else marked[::-1]
     assert (body.verdict, body.flags, ghost.verdict) == ("body", (), "reflection")
     assert ghost.flags == (f"reflection_of:{marked.index(body)}",)
@@ -133,8 +131,8 @@ def test_what_outlasts_the_body_is_no_reflection():
 
 
 def test_rhythm_correlation_is_one_in_step_and_low_in_another_rhythm():
-    assert correlate_rhythms(seen(IMAGE_M), seen(DIRECT_M)) > 0.95
-    assert correlate_rhythms(seen(DIRECT_M), seen(DIRECT_M, rhythm_hz=2.4)) < 0.3
+    assert verdicts.correlate_rhythms(seen(IMAGE_M), seen(DIRECT_M)) > 0.95
+    assert verdicts.correlate_rhythms(seen(DIRECT_M), seen(DIRECT_M, rhythm_hz=2.4)) < 0.3
 
 
 FOLDING_M = X4.waveform.unambiguous_range_m(X4)
@@ -181,37 +179,64 @@ def test_another_body_near_the_radar_is_no_folded_echo():
         assert judge_fold(other, body, 0, folding_m=FOLDING_M, frame_stop_m=9.66) is None
 
 
-def test_evidence_is_where_the_power_is():
-    """Rows of one cell: 60 % on the own velocity, the rest ahead, behind and against the direction of motion."""
-    time_s = np.arange(0.0, 4.0, 0.05)
-    power = np.zeros((time_s.size, VELOCITY_MPS.size))
-    for mps, share in ((1.0, 0.6), (2.5, 0.2), (0.2, 0.15), (-1.0, 0.05)):
-        power[:, np.argmin(np.abs(VELOCITY_MPS - mps))] = share
-    found = measure_evidence(TrackStrip(time_s, 7.0 - time_s, np.ones_like(time_s), power, VELOCITY_MPS))
-    shares = {"leading": 0.2, "backward": 0.05, "balance": 1.0}
-    assert {name: 10 ** found[f"{name}_power"] for name in shares} == pytest.approx(shares, abs=2e-3)
-    assert found["line_power"] == pytest.approx(0.6)
-    assert 10 ** found["lead_90"] == pytest.approx(1.5)
-    assert 10 ** found["lag_90"] == pytest.approx(2.0)
-    assert 10 ** found["range_span"] == pytest.approx(3.95)
-    assert found["net_way"] == pytest.approx(1.0)
-    assert 10 ** found["ground_way"] == pytest.approx(4.0)  # R^2 of a straight way
-    assert found["turns_per_s"] == 0.0
+def test_a_picture_shows_the_power_about_the_own_velocity():
+    """Cells of 0.125 m/s, columns of 0.1 s: on the own velocity, 1.5 m/s ahead of it, and nothing 2 m/s behind."""
+    approach = np.linspace(0.5, 1.5, TIME_S.size)
+    rows, power = np.arange(TIME_S.size), np.zeros((TIME_S.size, VELOCITY_MPS.size))
+    for ahead_mps, share in ((0.0, 1.0), (1.5, 0.1)):
+        power[rows, np.rint((approach + ahead_mps + 4.0) / 0.05).astype(int)] = share
+    one = TrackStrip(TIME_S, 7.0 - TIME_S, approach, power, VELOCITY_MPS)
+    aligned = verdicts.align_power(one)
+    assert aligned.shape == (39, 64)
+    np.testing.assert_allclose(aligned[:, 31:34].sum(axis=1), 1.0, rtol=1e-5)
+    np.testing.assert_allclose(aligned[:, 43:46].sum(axis=1), 0.1, rtol=1e-5)
+
+    levels = np.array([0.0, 0.1, 0.1, 0.1, 0.1, 0.1, 1.0, 0.0, 0.0, 0.0, 0.0])
+    pictures = draw_pictures(levels[:, None, None] * aligned, approach[::2])
+    assert pictures.shape == (1, 11, 32, 64)
+    assert pictures[0, 6].max() == 1.0
+    assert pictures[0, 5].max() == pytest.approx(1.0 - 10.0 / 45.0, abs=1e-6)
+    assert pictures[0, 6, :, 17:20].max() == 0.0
+
+    receding = TrackStrip(TIME_S, 3.0 + TIME_S, -approach, power[:, ::-1], VELOCITY_MPS)
+    mirrored = draw_pictures(verdicts.align_power(receding)[np.newaxis], -approach[::2])
+    assert mirrored[0, 5, :, 43:46].max() > 0.7  # ahead is upwards; without range it is the middle slice
+    assert mirrored[0, [4, 6]].max() == 0.0
+    counts = [len(draw_pictures(np.ones((1, n, 64)), np.ones(n))) for n in (5, 48, 36_000)]
+    assert counts == [1, 2, 64]  # they overlap by half; a long track has some of them
 
 
-def networks(*, body=0.0, several=-4.0, hidden=(0.0, 0.0)):
-    """Make networks of two inputs; the offsets are those of their outputs."""
-    own = [{"offset": x, "offsets": [0.5], "output": [2.0], "hidden": [list(hidden)]} for x in (body - 1, several - 1)]
-    return {"names": ["way", "bend"], "mean": [2.0, 1.0], "sd": [0.5, 2.0], "body": own[0], "several": own[1]}
+def test_a_way_is_its_length_its_speed_and_its_turns():
+    back = np.where(TIME_S < 2.0, 1.0, -1.0)
+    found = verdicts.measure_way(
+        TrackStrip(TIME_S, 7.0 - np.cumsum(back) * 0.05, back, np.ones((80, 161)), VELOCITY_MPS)
+    )
+    assert (found["net_way"], found["turns_per_s"]) == (pytest.approx(0.0), pytest.approx(0.25))
+    assert 10 ** found["range_span"] == pytest.approx(2.0, abs=0.06)
+
+
+PICTURES = np.zeros((2, 11, 32, 64), np.float32)
+PICTURES[1, 5] = 1.0
+
+
+def network(*, body=0.0, several=-4.0, values=(0.0, 0.0)):
+    """Make a network of two values and one layer, which sums the middle slice; it counts only in the second logit."""
+    kernel = np.zeros((1, 11, 3, 3), np.float32)
+    kernel[0, 5, 1, 1] = 1.0
+    layer = {"kernel_0": kernel, "scale_0": np.full(1, 2.0), "bias_0": np.full(1, 0.5)}
+    rest = {"hidden": np.array([[0.0, 0.0, *values], [0.0, 1.0, 0.0, 0.0]]), "offsets": np.array([0.5, 0.0])}
+    rest |= {"output": np.array([[2.0, 0.0], [0.0, 1.0]]), "shifts": np.array([body - 1.0, several])}
+    return {"names": ["way", "bend"], "mean": [2.0, 1.0], "sd": [0.5, 2.0], **layer, **rest}
 
 
 def test_probabilities_are_those_of_the_network_and_what_is_missing_counts_as_its_mean(monkeypatch):
-    monkeypatch.setattr(verdicts, "load_networks", lambda: networks(several=-1.0, hidden=(1.5, -1.0)))
-    body, several = verdicts.compute_probabilities({"way": 3.0, "bend": float("nan")})
-    logit = 2.0 * (0.5 + 1.5 * 2.0) - 1.0
-    assert body == pytest.approx(1 / (1 + np.exp(-logit)))
-    assert several == pytest.approx(1 / (1 + np.exp(1.0 - logit)))
-    assert verdicts.compute_probabilities({"way": -5.0})[0] == pytest.approx(1 / (1 + np.exp(1.0)))  # not below 0
+    monkeypatch.setattr(verdicts, "load_network", lambda: network(values=(1.5, -1.0)))
+    body, several = verdicts.compute_probabilities({"way": 3.0, "bend": float("nan")}, PICTURES)
+    assert body == pytest.approx(1 / (1 + np.exp(-(2.0 * (0.5 + 1.5 * 2.0) - 1.0))), abs=1e-4)
+    assert several == pytest.approx(
+        1 / (1 + np.exp(4.0 - (0.5 + 2.5) / 2)), abs=1e-4
+    )  # mean of the logits of both pictures
+    assert verdicts.compute_probabilities({"way": -5.0}, PICTURES)[0] == pytest.approx(1 / (1 + np.exp(1.0)), abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -223,21 +248,19 @@ def test_probabilities_are_those_of_the_network_and_what_is_missing_counts_as_it
     ],
 )
 def test_a_target_of_middling_evidence_is_unknown(logit, kind, flags, monkeypatch):
-    monkeypatch.setattr(verdicts, "load_networks", lambda: networks(body=logit))
-    found = judge_body(Result(Analysis()), seen(DIRECT_M))
+    monkeypatch.setattr(verdicts, "load_network", lambda: network(body=logit))
+    found = judge_body(Result(Analysis()), seen(DIRECT_M), PICTURES[0])
     assert (found.kind, found.flags) == (kind, flags)
-    marked = mark_result(Result(Analysis()), found)
-    results = TargetList([marked, marked])
+    results = TargetList(2 * [mark_result(Result(Analysis()), found)])
     assert (results.n_bodies, results.n_unknown) == (2 * (kind == "body"), 2 * (kind == "unknown"))
 
 
-def test_every_weight_has_its_evidence():
+def test_every_weight_has_its_value():
     facts = analyze(recorded(Target(boulic_walk(duration_s=5.0), label="human", range_m=4.5)))[0]
-    known = {*measure_evidence(seen(DIRECT_M)), *facts.extended, *facts.quality, "without_range", "both_directions"}
-    assert {*verdicts.load_networks()["names"]} <= known
+    known = {*verdicts.measure_way(seen(DIRECT_M)), *facts.extended, *facts.quality, "without_range"}
+    assert {*verdicts.load_network()["names"]} <= known
 
 
-@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
 def recorded(*targets, seed=1, environment=()):
     from doppelgait.pipeline.conditions import Conditions
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.worker import limit_blas_threads
-from doppelgait.processing.patches import Levels, Patch, cut_pictures
+from doppelgait.processing.patches import Levels, Patch, compute_layers, cut_pictures
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -181,20 +181,9 @@ class Network:
 
     def score_pictures(self, layer: Levels) -> FloatArray:
         """Return scores (n, n_classes) of images (n, 1, n_velocity, n_time)."""
-        for kernel, scale, bias in zip(self.kernels, self.scales, self.biases, strict=True):
-            layer = convolve_and_pool(layer, kernel)
-            layer = np.maximum(layer * scale[:, None, None] + bias[:, None, None], 0.0)
+        layer = compute_layers(layer, zip(self.kernels, self.scales, self.biases, strict=True))
         scores = np.asarray(layer.mean(axis=(2, 3)) @ self.weight.T + self.bias, dtype=np.float32)
         return scores.astype(np.float64)
-
-
-def convolve_and_pool(layer: npt.NDArray[Any], kernel: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Convolve images with 3 x 3 kernels, then take maxima of 2 x 2."""
-    padded = np.pad(layer, ((0, 0), (0, 0), (1, 1), (1, 1)))
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(2, 3))
-    layer = np.moveaxis(np.tensordot(windows, kernel, axes=((1, 4, 5), (1, 2, 3))), -1, 1)
-    n, channels, height, width = layer.shape
-    return np.asarray(layer.reshape(n, channels, height // 2, 2, width // 2, 2).max(axis=(3, 5)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -192,6 +192,7 @@ BLOCKING = (
     "reflection_of:*",
     "folded_echo_of:*",
     "not_a_moving_body:*",
+    "unknown_target:*",
     "clutter_removal_took_*",
     "doppler_band_full:*",
     "*:columns_do_not_overlap",

@@ -14,7 +14,7 @@ from doppelgait.core.labels import SIGNATURE, Signal, measures_signal
 from doppelgait.core.units import FloatArray
 
 POWER_QUANTILES = (0.01, 0.99)
-DETECTION_SIGMAS = 4.0
+DETECTION_SHARE = 3.167124183311986e-05  # of noise cells above their threshold, at 4 standard deviations
 WIDTH_LEVEL = 0.03
 """Level of the bandwidth as a share (-15 dB) of the body's power.
 Feet in full swing are above this level; the noise for a person at 5 m is below it."""
@@ -24,7 +24,7 @@ LEAST_NOISE_SIGMAS = 1.0  # lowest level of the bandwidth, in standard deviation
 
 def envelopes_hz(signature: Signal, floor_v2: float) -> tuple[FloatArray, FloatArray]:
     """Compute lower and upper Doppler envelope of every column (E-35b)."""
-    threshold = floor_v2 * compute_noise_quantile(max(1.0, float(signature.attrs["n_gate_bins"])))
+    threshold = floor_v2 * compute_noise_quantile(max(1.0, float(signature.attrs["n_gate_bins"])), DETECTION_SHARE)
     low, high = np.empty((2, signature.shape[0]))
     native.power_quantiles(signature.values, float(threshold), float(floor_v2), *POWER_QUANTILES, low, high)
     doppler_hz = signature.axis("doppler")
@@ -33,11 +33,11 @@ def envelopes_hz(signature: Signal, floor_v2: float) -> tuple[FloatArray, FloatA
 
 
 @lru_cache(maxsize=256)
-def compute_noise_quantile(n_bins: float) -> float:
-    """Compute the noise threshold of a cell over its mean, at 4 standard deviations (E-35)."""
-    from scipy.special import gammainccinv, ndtr
+def compute_noise_quantile(n_bins: float, share: float) -> float:
+    """Compute the level over its mean that a share of noise exceeds (E-35)."""
+    from scipy.special import gammainccinv
 
-    return float(gammainccinv(n_bins, float(ndtr(-DETECTION_SIGMAS)))) / n_bins
+    return float(gammainccinv(n_bins, share)) / n_bins
 
 
 @measures_signal(SIGNATURE)
@@ -72,14 +72,7 @@ def width_level_v2(strongest_v2: npt.NDArray[Any], floor_v2: float, range_weight
 def raised_by_noise_v2(level_v2: FloatArray, floor_v2: float, n_bins: float) -> FloatArray:
     """Raise the level of B_mu by the noise (E-35)."""
     # the mean of n exponential variables exceeds nu + kappa for 5 % of the time
-    return np.asarray(np.hypot(level_v2, floor_v2 * _compute_noise_excess(n_bins)))
-
-
-@lru_cache(maxsize=256)
-def _compute_noise_excess(n_bins: float) -> float:
-    from scipy.special import gammainccinv
-
-    return float(gammainccinv(n_bins, WIDTH_SHARE)) / n_bins - 1.0
+    return np.asarray(np.hypot(level_v2, floor_v2 * (compute_noise_quantile(n_bins, WIDTH_SHARE) - 1.0)))
 
 
 def width_of_bins(share: FloatArray) -> FloatArray:

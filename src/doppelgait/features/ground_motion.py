@@ -27,7 +27,8 @@ at five levels from a steady walker to a dog that turns, and the share of bodies
 likelihood at the true speed across, over half of the models, of the recorded people and of the recorded dogs alike."""
 TYPICAL_SPEED_MPS, SPEED_LOG_SD = 1.1, 0.6  # median and spread of a log-normal ground speed, of those recordings
 STRAIGHT_LEVEL = 1e-3  # probability of the residuals below which something sudden happens on the path
-GREATEST_SPEED_SD_SHARE, GREATEST_ASPECT_SD_DEG = 0.1, 10.0  # with which each value is reported
+SURE_SPEED_SD_SHARE, SURE_ASPECT_SD_DEG = 0.1, 10.0  # deviation above which a value is uncertain
+NOTHING_KNOWN = 3.0  # times this deviation, above which there is no value
 KNOT_S, MIN_KNOTS, MAX_KNOTS, GRID_SPEEDS = 0.25, 8, 24, 96
 
 
@@ -38,14 +39,15 @@ class GroundMotion:
     Parameters
     ----------
     ground_speed_mps : float or None
-        v_g; None if too uncertain (10 %).
+        v_g; None if its deviation is above 30 %.
     aspect_deg : float or None
-        psi at the middle of the observation; 0 is approaching, 180 is receding. None if too uncertain (10 degrees).
+        psi at the middle of the observation; 0 is approaching, 180 is receding. None if its deviation is above
+        30 degrees.
     ground_speed_sd_mps, aspect_sd_deg : float or None
         Standard deviations of the two; they are known also if the value is too uncertain.
     reason : str
-        Why a value is None: empty, ``"unknown"`` without a track, ``"too_short"`` (shorter than 1 s),
-        ``"path_is_not_straight"`` (a stop or a sharp turn inside) or ``"too_uncertain"``.
+        Why there are no values: empty, ``"unknown"`` without a track, ``"too_short"`` (shorter than 1 s) or
+        ``"path_is_not_straight"`` (a stop or a sharp turn inside).
     """
 
     ground_speed_mps: float | None = None
@@ -53,6 +55,15 @@ class GroundMotion:
     ground_speed_sd_mps: float | None = None
     aspect_sd_deg: float | None = None
     reason: str = "unknown"
+
+    @property
+    def uncertain(self) -> dict[str, str]:
+        """Return flags of the values with a deviation above 10 % or 10 degrees, by name."""
+        share, limit_deg = SURE_SPEED_SD_SHARE, SURE_ASPECT_SD_DEG
+        speed = (self.ground_speed_sd_mps or 0.0) > share * (self.ground_speed_mps or 0.0)
+        found = {"speed": f"ground_speed_mps:uncertain_by_more_than_{100 * share:.0f}_per_cent"} if speed else {}
+        aspect = {"aspect": f"aspect_deg:uncertain_by_more_than_{limit_deg:.0f}_degrees"}
+        return found | (aspect if (self.aspect_sd_deg or 0.0) > limit_deg else {})
 
 
 def estimate_ground_motion(
@@ -126,10 +137,9 @@ def estimate_ground_motion(
     turned = inverse[:, 1, 1, np.newaxis] * (across_mps / speed_mps**2) ** 2
     spread_deg2 = (aspect_deg - aspect) ** 2 + np.degrees(np.degrees(turned))
     aspect_sd = math.sqrt((weight * spread_deg2).sum() + ASPECT_SD_DEG**2)
-    ground_mps = speed if speed_sd <= GREATEST_SPEED_SD_SHARE * speed else None
-    psi_deg = aspect if aspect_sd <= GREATEST_ASPECT_SD_DEG else None
-    reason = "too_uncertain" if None in (ground_mps, psi_deg) else ""
-    return GroundMotion(ground_mps, psi_deg, speed_sd, aspect_sd, reason)
+    ground_mps = speed if speed_sd <= NOTHING_KNOWN * SURE_SPEED_SD_SHARE * speed else None
+    psi_deg = aspect if aspect_sd <= NOTHING_KNOWN * SURE_ASPECT_SD_DEG else None
+    return GroundMotion(ground_mps, psi_deg, speed_sd, aspect_sd, reason="")
 
 
 @lru_cache(maxsize=8)

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -115,18 +115,13 @@ def compute_block_scatter(
     # blocks begin at the starts, the first at 0; the slope is positive: half of the values are below a third of scale
     medians = np.array([[compute_quantile(row[counted], 0.5)] for row in np.abs(residual)])
     square = (residual / (CAUCHY_TUNING * np.maximum(1.4826 * medians, least_scale))) ** 2
-    weight = _make_taper(residual.shape[-1]) * counted / (1.0 + square)
+    weight = (1.001 - np.linspace(-1.0, 1.0, residual.shape[-1]) ** 2) * counted / (1.0 + square)
     slopes, products = (weight * (1.0 - square) / (1.0 + square)).sum(axis=-1), weight * residual
     scatter = []
     for product, slope, edges in zip(products, slopes.tolist(), starts, strict=True):
         blocks, n = np.add.reduceat(product, edges), np.count_nonzero(np.add.reduceat(counted.astype(int), edges))
         scatter.append(math.sqrt(float(blocks @ blocks) * n / (n - 2)) / slope if n >= MIN_BLOCKS else math.nan)
     return scatter
-
-
-@lru_cache(maxsize=8)
-def _make_taper(n_columns: int) -> FloatArray:
-    return np.asarray(1.001 - np.linspace(-1.0, 1.0, n_columns) ** 2)
 
 
 def estimate_bandwidth_sd(observations: Sequence[Observation]) -> list[float | None]:

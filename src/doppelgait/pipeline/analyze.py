@@ -158,8 +158,7 @@ def _continues(before: Result, after: Result, *, has_range: bool) -> bool:
 
 
 MAX_PAUSE_S, SAME_SPEED = 5.0, 1.3
-"""Longest pause after which a walker is still in a room of some metres, and largest ratio of the speeds of one body
-without range: people vary theirs by a tenth from walk to walk."""
+"""Longest pause of a walker in a room of some metres, and largest ratio of the speeds of one body without range."""
 NEAR_M = 1.0
 """Distance from where a body is expected after a pause below which a target is the same body."""
 

@@ -12,7 +12,7 @@ from doppelgait.core.frames import Frames
 from doppelgait.core.units import FloatArray
 from doppelgait.pipeline.result import Result
 from doppelgait.pipeline.target import OPPOSITE_MPS, analyze_gated
-from doppelgait.pipeline.verdicts import SIGNIFICANT, TrackStrip, judge_body, mark_result
+from doppelgait.pipeline.verdicts import SIGNIFICANT, TrackStrip, align_power, judge_body, mark_result
 from doppelgait.processing import Analysis, Gate, noise_floor_v2
 from doppelgait.processing.bursts import make_frame_gate
 from doppelgait.processing.clutter import remove_from_frames
@@ -186,7 +186,7 @@ def analyze_motion(
     facts["both_directions"] = float(directed and has_both_directions(strip, motion.floor_v2))
     quality, segments = {**longest.quality, **facts}, tuple(results) if usable else ()
     found = replace(longest, quality=quality, gate_limits=gate, segments=segments)
-    return mark_result(found, judge_body(found, strip))
+    return mark_result(found, judge_body(found, strip, align_power(strip)[np.newaxis]))
 
 
 def integrate_path(times_s: FloatArray, velocity_mps: FloatArray) -> FloatArray:

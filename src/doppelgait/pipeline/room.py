@@ -1,9 +1,8 @@
 """Effects of a room and the antenna on scatterers.
 
-Ranges are exact at every pulse, for the direct path and for every mirror image. Gains, phases and delays of walls
-depend on the directions of the scatterers, which change little in a hundredth of a second. They are therefore computed
-80 times per second and interpolated to the pulses by cubic splines of amplitude, phase and delay. The error is below
-1e-4 of the strongest echo for a sprinter and a galloping dog half a metre from a wall, and 2e-5 for walkers.
+Ranges are exact at every pulse, also of mirror images. Gains, phases and delays of walls depend on directions, which
+change little in a hundredth of a second: they are computed 80 times per second and interpolated by cubic splines. The
+error is below 1e-4 of the strongest echo for a sprinter or a galloping dog half a metre from a wall.
 """
 
 from __future__ import annotations

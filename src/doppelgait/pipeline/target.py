@@ -31,8 +31,6 @@ from doppelgait.processing.signature import compute_signature
 
 ALIGNED = "aligned"
 """Attribute of a cadence map: True if its Doppler is relative to the main line (E-29)."""
-NAMED_REASONS = ("path_is_not_straight", "too_uncertain")
-"""Reasons for a missing ground speed or aspect that become flags."""
 SHARED = "other_bodies_share"  # share of the time that is left out of the analysis because of other bodies
 MAX_SHARED = 1.0 / 3.0  # with more, features of the rest may differ from those of the whole
 GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
@@ -243,15 +241,16 @@ def _measure_ground_motion(
     )
     step_m = step_sd_m = None
     frequency_hz, frequency_sd_hz = extraction.gait_frequency_hz, deviations.get("gait_frequency_hz")
-    if motion.ground_speed_mps is not None and frequency_hz is not None:
+    if motion.ground_speed_mps is not None and frequency_hz is not None and "speed" not in motion.uncertain:
         step_m = motion.ground_speed_mps / frequency_hz
         if motion.ground_speed_sd_mps is not None and frequency_sd_hz is not None:
             step_sd_m = math.hypot(motion.ground_speed_sd_mps, step_m * frequency_sd_hz) / frequency_hz
     flags = [*read_flags(mu.attrs), *extraction.flags, *flag_uncertain_features(extraction, deviations)]
-    pairs = (("ground_speed", motion.ground_speed_mps), ("aspect", motion.aspect_deg))
-    if motion.reason in NAMED_REASONS:
-        flags.append(f"{','.join(name for name, value in pairs if value is None)}:{motion.reason}")
-    cosine = 1.0 if motion.aspect_deg is None else abs(math.cos(math.radians(motion.aspect_deg)))
+    if motion.reason == "path_is_not_straight":
+        flags.append(f"ground_speed,aspect:{motion.reason}")
+    flags += motion.uncertain.values()
+    aspect_deg = None if "aspect" in motion.uncertain else motion.aspect_deg
+    cosine = 1.0 if aspect_deg is None else abs(math.cos(math.radians(aspect_deg)))
     if cosine < CLEAR_COSINE and extraction.gait_frequency_hz is not None:
         # lateral sway, with the period of the stride, can be stronger than the steps (E-33)
         flags.append("aspect_beyond_53_deg:gait_frequency_may_be_the_stride")

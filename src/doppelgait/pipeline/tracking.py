@@ -276,9 +276,6 @@ def _analyze_track(seen: _Seen, found: Track, gate: Gate, others: Sequence[Gate]
         "track_confirmed_at_s": found.confirmed_at_s,
         "track_confidence": found.confidence,
         "track_range_m": float(found.range_m.mean()),
-        "track_second_echo_share": found.second_echo_share,
-        "track_echo_width_m": found.echo_width_m,
-        "track_echo_entropy": found.echo_entropy,
         "n_pieces": len(results),
         **_describe_breath(found, persons),
     }

@@ -1,8 +1,7 @@
 """Verdicts: classification of targets as bodies, things, echoes or unknown.
 
-Echoes of another target are recognised by their path (:func:`judge_reflection`, :func:`judge_fold`). Whether the rest
-is a body, and whether it is more than one, are probabilities: networks of one hidden layer with the evidence of
-:func:`measure_evidence` as input, learned on simulated scenes of many kinds (``studies/verdicts.py``).
+Echoes have the path of another target. Whether the rest is a body, or more than one, is told by a network from
+pictures of the power about the target's range and velocity, and from its features (``studies/verdicts.py``).
 """
 
 from __future__ import annotations
@@ -18,12 +17,13 @@ from typing import Any
 import numpy as np
 
 from doppelgait import processing
-from doppelgait.core.config import read_toml
 from doppelgait.core.frames import Frames
+from doppelgait.core.samples import Samples
 from doppelgait.core.units import FloatArray, decimal_logarithm, exponential
 from doppelgait.pipeline.result import Result
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import frame_limits_m
+from doppelgait.processing.patches import N_CELLS, N_SLICES, Levels, compute_layers, draw_pictures
 from doppelgait.processing.signature import compute_signature
 from doppelgait.radar import Radar
 
@@ -35,12 +35,11 @@ FOLD_GAP_S, FOLD_EDGE_M, FOLD_RANGE_M, FOLD_SPEED, FOLD_LEVEL_DB = 1.0, 1.0, 0.4
 """Limits for a folded echo: longest pause between body and echo, largest distance from the edges of
 the frame at that time, and largest differences in range, speed and level."""
 SLOWEST_MPS = 0.15  # speed below which a target has no direction
-SIDE_MPS = 0.3  # difference from the target's own velocity above which power is from moving parts
+SLICE_M, CELL_MPS, COLUMN_S = 0.12, 0.125, 0.1  # cells of a picture about the track and its velocity
 SURE_BODY = 0.6  # least probability of a body; a thing has its complement at most, in between it is unknown
-DOUBT_ONE = 0.2  # probability of more than one body from which a target is flagged
+DOUBT_ONE = (0.4, 0.6)  # probability of more than one body from which a target is flagged, with and without range
 NO_BODIES = {"thing", "reflection", "folded"}
 MOST_SD = 4.0  # largest deviation of a value from its mean, in standard deviations
-EDGE_SHARE = 0.003  # power of a cell relative to the strongest one of its step up to which the spectrum reaches
 LEAST_MIRROR_S, LEAST_EXCESS_M, LEAST_CHANGE_M = 0.7, 0.3, 0.3
 MIRROR_ERROR_M, MIRROR_DRIFT_PER_S = 0.03, 0.2
 GHOST_LEVEL_DB, IN_STEP_LEVEL_DB = -11.0, 1.0
@@ -84,15 +83,18 @@ class Verdict:
 
 def judge(results: Sequence[Result], clean: Frames, analysis: Analysis, radar: Radar) -> list[Result]:
     """Add verdict, evidence and flags to tracked targets."""
-    first_m, last_m = frame_limits_m(clean.range_m)
-    seen = {
-        n: observe_strip(result.gate, clean, analysis, radar.wavelength_m)
-        for n, result in enumerate(results)
-        if "track_start_s" in result.quality
-        and ((result.gate.centre_m > first_m) & (result.gate.centre_m < last_m)).any()
-    }
-    verdicts = {n: Verdict() for n in range(len(results))}
-    verdicts |= {n: judge_body(results[n], strip) for n, strip in seen.items()}
+    outside = Verdict("unknown", ("unknown_target:outside_the_frame",))
+    verdicts = {n: outside if "track_start_s" in result.quality else Verdict() for n, result in enumerate(results)}
+    seen: dict[int, TrackStrip] = {}
+    for n, result in enumerate(results):
+        gate = result.gate
+        if verdicts[n] is outside and is_inside(gate, clean.range_m):
+            frames = gate.crop(clean)
+            if frames.samples.in_memory:  # as planes, which every strip reads
+                frames = frames.with_samples(Samples.from_planes(frames.samples.planes, frames.n_pulses))
+            seen[n] = observe_strip(gate, frames, analysis, radar.wavelength_m)
+            slices = observe_slices(gate, frames, analysis, radar.wavelength_m, seen[n])
+            verdicts[n] = judge_body(result, seen[n], slices)
     folding_m = radar.waveform.unambiguous_range_m(radar) if radar.folds_pulses else None
     for n, other in permutations(seen, 2):
         if not NO_BODIES.isdisjoint((verdicts[n].kind, verdicts[other].kind)):
@@ -106,38 +108,44 @@ def judge(results: Sequence[Result], clean: Frames, analysis: Analysis, radar: R
     return [mark_result(result, verdicts[n]) for n, result in enumerate(results)]
 
 
-def judge_body(result: Result, strip: TrackStrip) -> Verdict:
+def judge_body(result: Result, strip: TrackStrip, slices: Levels) -> Verdict:
     """Decide by the evidence whether a target is a body, and whether it is more than one."""
-    evidence = measure_evidence(strip) | {"without_range": float("track_range_m" not in result.quality)}
-    body, several = compute_probabilities({**result.extended, **result.quality, **evidence})
-    several = float(result.quality.get("both_directions", several))  # without range nothing else tells two from one
+    values = {**result.extended, **result.quality, **measure_way(strip)}
+    values["without_range"] = float("track_range_m" not in result.quality)
+    columns_s = strip.time_s[0] + COLUMN_S * np.arange(slices.shape[1])
+    pictures = draw_pictures(slices, np.interp(columns_s, strip.time_s, strip.approach_mps))
+    body, several = compute_probabilities(values, pictures)
+    several = max(several, float(result.quality.get("both_directions", 0.0)))
     found = {"body_probability": body, "more_than_one_probability": several}
     if body <= 1.0 - SURE_BODY:
         return Verdict("thing", ("not_a_moving_body:moves_like_a_thing",), found)
-    flags = ("may_be_more_than_one_body",) if several >= DOUBT_ONE else ()
+    flags = ("may_be_more_than_one_body",) if several >= DOUBT_ONE["track_range_m" not in result.quality] else ()
     if body < SURE_BODY:
         return Verdict("unknown", ("unknown_target:body_or_thing", *flags), found)
     return Verdict("body", flags, found)
 
 
-def compute_probabilities(values: Mapping[str, Any]) -> tuple[float, float]:
+def compute_probabilities(values: Mapping[str, Any], pictures: Levels) -> tuple[float, float]:
     """Compute the probabilities of a body, and of more than one; what is missing counts as its mean."""
-    table = load_networks()
-    given = np.array([float("nan") if values.get(name) is None else values[name] for name in table["names"]])
-    scaled = np.clip((given - table["mean"]) / table["sd"], -MOST_SD, MOST_SD)
+    network = load_network()
+    given = np.array([float("nan") if values.get(name) is None else values[name] for name in network["names"]])
+    scaled = np.clip((given - network["mean"]) / network["sd"], -MOST_SD, MOST_SD)
     scaled = np.where(np.isfinite(given), scaled, 0.0)
-    found = []
-    for network in (table["body"], table["several"]):
-        hidden = np.maximum((np.array(network["hidden"]) * scaled).sum(axis=1) + network["offsets"], 0.0)
-        logit = float((hidden * network["output"]).sum()) + network["offset"]
-        found.append(float(1.0 / (1.0 + exponential(np.array([-logit]))[0])))
-    return found[0], found[1]
+    n_layers = sum(name.startswith("kernel") for name in network)
+    layers = [(network[f"kernel_{n}"], network[f"scale_{n}"], network[f"bias_{n}"]) for n in range(n_layers)]
+    layer = compute_layers(pictures, layers)
+    inputs = [layer.mean(axis=(2, 3)), layer.max(axis=(2, 3)), np.tile(scaled, (len(pictures), 1))]
+    hidden = np.maximum(np.concatenate(inputs, axis=1) @ network["hidden"].T + network["offsets"], 0.0)
+    logits = (hidden @ network["output"].T + network["shifts"]).mean(axis=0)
+    body, several = np.round(1.0 / (1.0 + exponential(-logits)), 4)  # more digits depend on the processor
+    return float(body), float(several)
 
 
 @cache
-def load_networks() -> dict[str, Any]:
-    """Load names, means and standard deviations of the evidence, and both networks."""
-    return read_toml(Path(__file__).with_name("evidence.toml"))[0]
+def load_network() -> dict[str, Any]:
+    """Load the network with names, means and standard deviations of its values."""
+    with np.load(Path(__file__).with_name("evidence.npz"), allow_pickle=False) as file:
+        return dict(file)
 
 
 def mark_result(result: Result, verdict: Verdict) -> Result:
@@ -159,10 +167,18 @@ def _get_rhythms(ghost: Result, body: Result) -> tuple[float, float] | None:
     return float(ghost.gait_frequency_hz or 0.0), float(body.gait_frequency_hz or 0.0)
 
 
-def observe_strip(gate: Gate, clean: Frames, analysis: Analysis, wavelength_m: float) -> TrackStrip:
+def is_inside(gate: Gate, range_m: FloatArray) -> bool:
+    """Return True if the centre of a gate is in the frame at any time."""
+    first_m, last_m = frame_limits_m(range_m)
+    return bool(((gate.centre_m > first_m) & (gate.centre_m < last_m)).any())
+
+
+def observe_strip(
+    gate: Gate, frames: Frames, analysis: Analysis, wavelength_m: float, *, span_m: float = STRIP_M
+) -> TrackStrip:
     """Measure Doppler in a strip around a target's track."""
-    strip = Gate(gate.time_s, gate.centre_m, STRIP_M)
-    mu = processing.decimate(compute_signature(gate.crop(clean), strip, analysis, wavelength_m=wavelength_m))
+    strip = Gate(gate.time_s, gate.centre_m, span_m)
+    mu = processing.decimate(compute_signature(frames, strip, analysis, wavelength_m=wavelength_m))
     floor_v2, times_s = processing.noise_floor_v2(mu), mu.axis("time")
     velocity_mps = mu.axis("doppler") * wavelength_m / 2
     every = max(round(STEP_S / max(float(np.median(np.diff(times_s))), 1e-9)), 1) if times_s.size > 1 else 1
@@ -177,54 +193,44 @@ def observe_strip(gate: Gate, clean: Frames, analysis: Analysis, wavelength_m: f
     return TrackStrip(time_s, gate.centre_at(time_s), gate.approach_mps(time_s), np.concatenate(grouped), velocity_mps)
 
 
-def measure_evidence(one: TrackStrip) -> dict[str, float]:
-    """Measure how a target moves, and how its power lies about its own velocity."""
+def observe_slices(gate: Gate, frames: Frames, analysis: Analysis, wavelength_m: float, strip: TrackStrip) -> Levels:
+    """Measure the power in slices along range about a track: (slices, columns, cells)."""
+    slices, nothing = [], 0.0 * align_power(strip)  # outside the frame
+    for number in range(-(N_SLICES // 2), N_SLICES // 2 + 1):
+        near = replace(gate, centre_m=gate.centre_m + SLICE_M * number)
+        inside = is_inside(near, frames.range_m)
+        own = observe_strip(near, frames, analysis, wavelength_m, span_m=SLICE_M) if inside else None
+        slices.append(nothing if own is None else align_power(own))
+    return np.stack(slices)
+
+
+def align_power(one: TrackStrip) -> Levels:
+    """Sum the power in the cells of a picture, about the target's own velocity. Shapes: returns (columns, cells)."""
+    step_mps, n_velocities = float(one.velocity_mps[1] - one.velocity_mps[0]), one.velocity_mps.size
+    edges_mps = CELL_MPS * (np.arange(N_CELLS + 1) - (N_CELLS + 1) / 2) + one.approach_mps[:, None]
+    place = np.clip((edges_mps - one.velocity_mps[0]) / step_mps + 0.5, 0.0, n_velocities)
+    low = np.minimum(place.astype(np.int64), n_velocities - 1)
+    summed = np.pad(np.cumsum(one.power_v2, axis=1), ((0, 0), (1, 0)))
+    part = np.take_along_axis(one.power_v2, low, axis=1) * (place - low)
+    cells = np.diff(np.take_along_axis(summed, low, axis=1) + part, axis=1)
+    steps, n_columns = one.time_s.size, max(int((one.time_s[-1] - one.time_s[0]) / COLUMN_S), 1)
+    column_s = one.time_s[0] + COLUMN_S * (np.arange(n_columns) + 0.25)  # between two steps
+    at = np.interp(column_s, one.time_s, np.arange(steps))
+    before = np.minimum(at.astype(np.int64), max(steps - 2, 0))
+    share = (at - before)[:, None]
+    return np.asarray((1.0 - share) * cells[before] + share * cells[np.minimum(before + 1, steps - 1)], np.float32)
+
+
+def measure_way(one: TrackStrip) -> dict[str, float]:
+    """Measure how far, how fast and how straight a target moves."""
     seconds = float(one.time_s[-1] - one.time_s[0]) + STEP_S
-    step_s, speed_mps = seconds / one.time_s.size, np.abs(one.approach_mps)
-    total_v2 = max(float(one.power_v2.sum()), 1e-30)
+    speed_mps = np.abs(one.approach_mps)
     ahead = np.where(speed_mps > SLOWEST_MPS, np.sign(one.approach_mps), 0.0)
-    forward_mps = one.velocity_mps[None, :] * ahead[:, None]
-    relative_mps = one.velocity_mps[None, :] - one.approach_mps[:, None]
-    leading_mps, reach_mps = relative_mps * ahead[:, None], np.maximum(SIDE_MPS, 0.4 * speed_mps)[:, None]
-    leading, backward, line, above, below = (
-        float(one.power_v2[cells].sum()) / total_v2
-        for cells in (
-            leading_mps > reach_mps,
-            forward_mps < -SIDE_MPS,
-            np.abs(relative_mps) <= reach_mps,
-            relative_mps > SIDE_MPS,
-            relative_mps < -SIDE_MPS,
-        )
-    )
-    # edges of the spectrum about the target's own velocity, in the direction of its motion
-    peak_v2 = one.power_v2.max(axis=1, keepdims=True)
-    cells = (one.power_v2 > EDGE_SHARE * peak_v2) & (one.power_v2 > 0.0)
-    outward_mps = relative_mps * np.where(ahead == 0.0, 1.0, ahead)[:, None]
-    lead_mps, lag_mps = (
-        np.where(cells, edge, -np.inf).max(axis=1)[cells.any(axis=1)] for edge in (outward_mps, -outward_mps)
-    )
-    lead_90, lag_90 = (float(np.quantile(edge_mps, 0.9)) if edge_mps.size else 0.0 for edge_mps in (lead_mps, lag_mps))
-    # the path: R^2 of a straight one is quadratic in time
-    square_m2, way_m = one.range_m**2, float(speed_mps.sum()) * step_s
-    bend = np.polynomial.Polynomial.fit(one.time_s, square_m2, 2)
-    curvature = float(bend.deriv(2)(0.0)) / 2.0
-    residual_m = (square_m2 - bend(one.time_s)) / (2.0 * one.range_m)
-    decades = {
-        "leading_power": (leading, 1e-3),
-        "backward_power": (backward, 1e-3),
-        "balance_power": (min(above, below) / max(above, below, 1e-9), 1e-3),
-        "lead_90": (lead_90, 0.02),
-        "lag_90": (lag_90, 0.02),
-        "range_span": (float(np.ptp(one.range_m)), 1e-2),
-        "ground_way": (math.sqrt(max(curvature, 0.0)) * seconds, 1e-2),
-        "bend": (float(np.sqrt(np.mean(residual_m**2))), 1e-2),
-        "median_speed": (float(np.median(speed_mps)), 1e-2),
-        "duration": (seconds, 1e-2),
-    }
     return {
-        **{name: math.log10(max(value, least)) for name, (value, least) in decades.items()},
-        "line_power": line,
-        "net_way": abs(float(one.approach_mps.sum())) * step_s / max(way_m, 1e-2),
+        "duration": math.log10(seconds),
+        "median_speed": math.log10(max(float(np.median(speed_mps)), 1e-2)),
+        "range_span": math.log10(max(float(np.ptp(one.range_m)), 1e-2)),
+        "net_way": abs(float(one.approach_mps.sum())) / max(float(speed_mps.sum()), 1e-2),
         "turns_per_s": np.count_nonzero(np.diff(ahead[ahead != 0.0])) / seconds,
     }
 

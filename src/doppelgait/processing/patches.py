@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
@@ -14,6 +17,8 @@ from doppelgait.core.units import FloatArray, decimal_logarithm
 
 Levels = npt.NDArray[np.float32]
 
+N_SLICES, N_COLUMNS, N_CELLS, MOST_PICTURES = 11, 32, 64, 64  # of a target: ranges, times and velocities of a picture
+RANGE_DB = 45.0  # levels below the strongest cell of a target that its pictures show
 QUIET_SHARE = 1.0 / 3.0
 """Share of the Doppler rows that give the noise floor: the rows with the least power."""
 
@@ -162,6 +167,38 @@ def cut_pictures(whole: Levels, spec: Patch) -> Levels:
     count = 1 + -(-2 * spare // spec.n_time)
     starts = np.linspace(0, spare, count).round().astype(int)
     return np.stack([cut(whole, int(start), spec) for start in starts])
+
+
+def draw_pictures(slices: FloatArray | Levels, approach_mps: FloatArray) -> Levels:
+    """Draw the power of a target in dB, ahead upwards. Shapes: returns (pictures, slices, columns, cells)."""
+    n_slices, n_columns, _ = slices.shape
+    whole = np.zeros((N_SLICES, max(n_columns, N_COLUMNS), N_CELLS))
+    first = (N_SLICES - n_slices) // 2  # without range, the middle one is all there is
+    whole[first : first + n_slices, :n_columns] = slices
+    level_db = 10.0 * decimal_logarithm(np.maximum(whole / max(float(whole.max()), 1e-30), 1e-30))
+    whole, pictures = np.maximum(1.0 + level_db / RANGE_DB, 0.0).astype(np.float32), []
+    spare = whole.shape[1] - N_COLUMNS
+    for start in np.linspace(0, spare, min(1 + 2 * spare // N_COLUMNS, MOST_PICTURES)).astype(np.int64):
+        columns = slice(start, start + N_COLUMNS)  # half of the next picture, or less
+        pictures.append(whole[:, columns, :: -1 if approach_mps[columns].sum() < 0.0 else 1])
+    return np.stack(pictures)
+
+
+def convolve_and_pool(layer: npt.NDArray[Any], kernel: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Convolve images with 3 x 3 kernels, then take maxima of 2 x 2."""
+    padded = np.pad(layer, ((0, 0), (0, 0), (1, 1), (1, 1)))
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(2, 3))
+    layer = np.moveaxis(np.tensordot(windows, kernel, axes=((1, 4, 5), (1, 2, 3))), -1, 1)
+    n, channels, height, width = layer.shape
+    return np.asarray(layer.reshape(n, channels, height // 2, 2, width // 2, 2).max(axis=(3, 5)))
+
+
+def compute_layers(layer: Levels, layers: Iterable[tuple[Levels, Levels, Levels]]) -> Levels:
+    """Compute the convolutional layers of a network: kernels, scales and biases of each."""
+    for kernel, scale, bias in layers:
+        layer = convolve_and_pool(layer, kernel)
+        layer = np.maximum(layer * scale[:, None, None] + bias[:, None, None], 0.0)
+    return layer
 
 
 def _average(values: FloatArray, centres: FloatArray, edges: FloatArray) -> FloatArray:

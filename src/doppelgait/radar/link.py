@@ -132,10 +132,9 @@ def make_noise_taps(radar: Radar) -> npt.NDArray[np.float32]:
 
 @lru_cache(maxsize=64)
 def _factorise(correlation: tuple[float, ...]) -> tuple[float, ...]:
-    """Factorise a correlation by Bauer's method.
-    The rows of the Cholesky factor of its Toeplitz matrix converge to the taps (Bauer, Arch. Elektr. Uebertragung 9,
-    1955). Plain arithmetic makes the result independent of the processor and of libraries.
-    """
+    """Factorise a correlation by Bauer's method."""
+    # the rows of the Cholesky factor of its Toeplitz matrix converge to the taps (Arch. Elektr. Uebertragung 9, 1955);
+    # plain arithmetic makes the result independent of the processor and of libraries
     rho, last = (1.0, *correlation), len(correlation)
     rows = [(1.0,) + (0.0,) * last]  # each row is the diagonal element and the elements before it
     for step in range(FACTOR_ROWS):

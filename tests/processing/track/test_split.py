@@ -6,7 +6,6 @@ import pytest
 from doppelgait.core.frames import Frames
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.processing.track import Track, split_tracks
-from doppelgait.processing.track.split import OFFSETS_M, sum_torso_profiles
 
 WAVELENGTH_M, PRF_HZ, BIN_M, PULSE_M = 0.0411, 500.0, 0.05, 0.11
 TIMES_S = np.arange(0.1, 4.0, 0.1)
@@ -72,25 +71,9 @@ def test_who_stands_beside_a_slow_body_is_not_followed():
     assert np.array_equal(one.range_m, track_of(5.0, 0.2).range_m)
 
 
-def test_second_echo_and_width_are_those_of_the_profile():
-    whole, part = echoes((7.0, 1.2, 1.0, 0.0)), echoes((7.7, 1.2, 0.8, 0.0))
-    (alone,) = divided(whole, track_of(7.0, 1.2))
-    assert alone.second_echo_share == 0.0
-    assert alone.echo_width_m < 0.15
-    start_s = 2.4
-    late = whole.values + np.where(whole["slow_time"].values[:, None] > start_s, part.values, 0)
-    (one,) = divided(whole.copy(data=late), track_of(7.0, 1.2))
-    assert one.second_echo_share == pytest.approx(np.mean(one.times_s > start_s), abs=0.05)
-    share = 0.64 / 1.64 * one.second_echo_share  # of the power, 0.7 m away
-    assert one.echo_width_m == pytest.approx(0.7 * np.sqrt(share * (1 - share)), rel=0.25)
-    assert one.echo_entropy > alone.echo_entropy + 0.3
-
-
 def test_an_echo_that_has_a_track_is_not_split_again():
     clean = echoes((7.0, 1.2, 1.0, 0.0), (8.0, 1.2, 0.6, 0.0))
-    both = divided(clean, track_of(7.0, 1.2), track_of(8.0, 1.2))
-    assert len(both) == 2
-    assert [one.second_echo_share for one in both] == [0.0, 0.0]
+    assert len(divided(clean, track_of(7.0, 1.2), track_of(8.0, 1.2))) == 2
 
 
 def test_a_second_echo_is_joined_to_the_track_that_continues_it():
@@ -102,14 +85,3 @@ def test_a_second_echo_is_joined_to_the_track_that_continues_it():
     assert (np.diff(far.times_s) > 0.05).all()
     assert far.range_m == pytest.approx(8.0 - 1.2 * far.times_s, abs=0.06)
     assert near.range_m == pytest.approx(7.0 - 1.2 * near.times_s, abs=0.06)
-
-
-def test_profile_is_the_power_beside_the_track():
-    """One echo: a Gaussian of the pulse, the same in every scan; another Doppler is left out."""
-    clean = echoes((7.0, 1.2, 1.0, 0.0), (7.8, -1.2, 1.0, 0.0))
-    profiles = sum_torso_profiles(Frames.of(clean), track_of(7.0, 1.2), wavelength_m=WAVELENGTH_M, cpi_s=0.1)
-    assert profiles.shape == (TIMES_S.size, OFFSETS_M.size)
-    # smeared by the 0.12 m that the body walks in an interval, weighed by the window
-    shape = (profiles / profiles.max(axis=1, keepdims=True)).mean(axis=0)
-    assert OFFSETS_M[shape.argmax()] == pytest.approx(0.0, abs=0.05)
-    assert shape[np.abs(OFFSETS_M) > 0.35].max() < 1e-3

@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.classify.learned import Ensemble, FloatArray, IntArray, Network, convolve_and_pool
+from doppelgait.classify.learned import Ensemble, FloatArray, IntArray, Network
 from doppelgait.classify.model import Calibration, Model
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing import Analysis
 from doppelgait.processing.config import plan_transform
-from doppelgait.processing.patches import Levels, Patch, cut_pictures
+from doppelgait.processing.patches import Levels, Patch, convolve_and_pool, cut_pictures
 
 SAME = 1.01  # maximum ratio of the limits of a condition that counts as one number
 

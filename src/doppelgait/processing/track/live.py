@@ -182,9 +182,6 @@ class Track:
         Mean normalised innovation squared; about 2 for a consistent filter.
     mean_power_v2 : float
         Mean power of the detections.
-    second_echo_share, echo_width_m, echo_entropy : float
-        Share of scans with a second torso echo 0.3 m or more from another, width (standard deviation) and entropy of
-        the mean profile along range; NaN if not measured (:func:`doppelgait.processing.track.split_tracks`).
     """
 
     times_s: FloatArray
@@ -201,9 +198,6 @@ class Track:
     confirmed_at_s: float
     mean_nis: float
     mean_power_v2: float
-    second_echo_share: float = float("nan")
-    echo_width_m: float = float("nan")
-    echo_entropy: float = float("nan")
 
     @property
     def first_s(self) -> float:

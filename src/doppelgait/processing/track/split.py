@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.frames import Frames
-from doppelgait.core.units import FloatArray, decimal_logarithm, logarithm
+from doppelgait.core.units import FloatArray, decimal_logarithm
 from doppelgait.processing.config import gaussian_window
 from doppelgait.processing.track.live import Track
 
@@ -27,8 +27,6 @@ SMOOTHED_SCANS = 9
 APART_M = 0.6
 """Distance of torso echoes above which they are two bodies; chest and rump of dogs and crawlers have 0.45 m."""
 WEAKEST_DB, DEEP_DB = 16.0, 10.0  # largest level of the first peak over the second, least valley between them
-BODY_REACH_M, ECHO_SHARE, SECOND_M = 0.9, 0.05, 0.3
-"""Reach of the profile about a track, smallest power of an echo in it over the strongest, distance of a second one."""
 FLOOR_FROM_M, FLOOR_QUANTILE, FLOOR_FACTOR = 1.0, 0.3, 2.0
 SPLIT_S, SPLIT_SHARE = 2.0, 0.75
 """Shortest continuous time of a second body, and its smallest share of the usable scans.
@@ -73,31 +71,6 @@ def smooth_profiles(profiles: FloatArray) -> tuple[FloatArray, FloatArray]:
     return smooth, FLOOR_FACTOR * floor
 
 
-def measure_echoes(
-    smooth: FloatArray, floor: FloatArray, found: Track, others: Sequence[Track]
-) -> tuple[float, float, float]:
-    """Measure the share of scans with a second echo, and width and entropy of the mean profile."""
-    from scipy.signal import find_peaks
-
-    own = np.abs(OFFSETS_M) <= BODY_REACH_M + 1e-9
-    excess = np.maximum(smooth - floor, 0.0)[:, own]
-    for other in others:  # what is nearer to another track belongs to it
-        apart_m = np.interp(found.times_s, other.times_s, other.range_m, left=np.inf, right=np.inf) - found.range_m
-        excess[np.abs(OFFSETS_M[own] - apart_m[:, None]) < np.abs(OFFSETS_M[own])] = 0.0
-    excess = excess[excess.max(axis=1) > 0.0]
-    if not excess.size:
-        return 0.0, 0.0, 0.0
-    level = excess / excess.max(axis=1, keepdims=True)
-    level[level < ECHO_SHARE] = 0.0
-    peaks = [find_peaks(np.pad(row, 1), height=ECHO_SHARE, prominence=ECHO_SHARE)[0] for row in level]
-    apart_m = np.array([STEP_M * np.diff(places).max(initial=0) for places in peaks])
-    mean = (level / level.sum(axis=1, keepdims=True)).mean(axis=0)
-    centre_m = float(mean @ OFFSETS_M[own])
-    width_m = float(np.sqrt(mean @ (OFFSETS_M[own] - centre_m) ** 2))
-    occupied = mean[mean > 0.0]
-    return float(np.mean(apart_m >= SECOND_M - 1e-9)), width_m, -float(occupied @ logarithm(occupied))
-
-
 def find_echoes(smooth: FloatArray, floor: FloatArray, found: Track, others: Sequence[Track]) -> FloatArray:
     """Find the near and the far one of two torsos. Shapes: returns (2, T), NaN for one."""
     from scipy.signal import find_peaks
@@ -132,8 +105,7 @@ def find_echoes(smooth: FloatArray, floor: FloatArray, found: Track, others: Seq
 def split_tracks(tracks: Sequence[Track], clean: Frames, *, wavelength_m: float, cpi_s: float) -> list[Track]:
     """Divide tracks that follow two bodies.
 
-    A second echo at 0.6 m or more from the strongest, with a valley of 10 dB between them for 2 s, becomes a track;
-    weaker signs are measured: :attr:`Track.second_echo_share`, ``echo_width_m``, ``echo_entropy``.
+    A second echo at 0.6 m or more from the strongest, with a valley of 10 dB between them for 2 s, becomes a track.
     """
     found = list(tracks)
     for number in range(len(tracks)):
@@ -150,9 +122,6 @@ def split_tracks(tracks: Sequence[Track], clean: Frames, *, wavelength_m: float,
         run = _find_longest_run(deep, max(1, round(SPLIT_S / step_s)))
         if run is not None and deep.sum() >= SPLIT_SHARE * alone.sum():
             found = _replace(found, number, echoes_m, run)
-            continue
-        share, width_m, entropy = measure_echoes(*profiles, one, others)
-        found[number] = replace(one, second_echo_share=share, echo_width_m=width_m, echo_entropy=entropy)
     return sorted(found, key=lambda one: one.first_s)
 
 
@@ -169,7 +138,7 @@ def _find_longest_run(seen: npt.NDArray[np.bool_], least: int) -> tuple[int, int
 
 
 def _replace(tracks: list[Track], number: int, echoes_m: FloatArray, run: tuple[int, int]) -> list[Track]:
-    """Replace one track by two. One of them lasts as long as the original track."""
+    # one of them lasts as long as the original track
     found, one = list(tracks), tracks[number]
     for echo in (1, 0):
         second = _move_to_echo(one, echoes_m[echo], run, whole=False)
@@ -184,7 +153,6 @@ def _replace(tracks: list[Track], number: int, echoes_m: FloatArray, run: tuple[
 
 
 def _move_to_echo(one: Track, place_m: FloatArray, run: tuple[int, int], *, whole: bool) -> Track:
-    """Move a track to an echo, for the time of both or whole."""
     inside = slice(*run)
     known = np.flatnonzero(np.isfinite(place_m[inside])) + run[0]
     width = min(SMOOTHED_SCANS, known.size)
