@@ -26,19 +26,18 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import torch
 from everyday import NEAR_M, ROOT_SEED, Body, observe
 from everyday_scenes import SCENES as EVERYDAY
 from evidence_scenes import SCENES as ANYTHING
 from harness import finish, make_parser, markdown, run_jobs
 from sklearn.model_selection import GroupKFold
-from torch import nn
 
 import doppelgait as dg
 from doppelgait.pipeline import analyze, verdicts
 from doppelgait.processing import patches
 
 FloatArray = npt.NDArray[np.float64]
+Levels = npt.NDArray[np.uint8]
 WEIGHTS = Path(verdicts.__file__).with_name("evidence.npz")
 SEEDS = {"anything": range(10), "everyday": range(10, 14)}
 KINDS = {"anything": ANYTHING, "everyday": EVERYDAY}
@@ -112,53 +111,57 @@ def reliability(probability: FloatArray, true: npt.NDArray[np.bool_]) -> tuple[s
     return markdown(("probability", "targets", "mean", "true share"), lines), float(error)
 
 
-class Judge(nn.Module):
-    """Network of :func:`doppelgait.pipeline.verdicts.compute_probabilities`."""
+def make_judge(n_values: int) -> Any:
+    """Make the network of :func:`doppelgait.pipeline.verdicts.compute_probabilities`."""
+    import torch
+    from torch import nn
 
-    def __init__(self, n_values: int) -> None:
-        super().__init__()
-        pairs = list(itertools.pairwise(CHANNELS))
-        self.kernels = nn.ModuleList(nn.Conv2d(few, many, 3, padding=1, bias=False) for few, many in pairs)
-        self.norms = nn.ModuleList(nn.BatchNorm2d(many) for _, many in pairs)
-        self.hidden, self.output = nn.Linear(2 * CHANNELS[-1] + n_values, HIDDEN), nn.Linear(HIDDEN, 2)
-        self.drop = nn.Dropout(DROPOUT)
+    class Judge(nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            pairs = list(itertools.pairwise(CHANNELS))
+            self.kernels = nn.ModuleList(nn.Conv2d(few, many, 3, padding=1, bias=False) for few, many in pairs)
+            self.norms = nn.ModuleList(nn.BatchNorm2d(many) for _, many in pairs)
+            self.hidden, self.output = nn.Linear(2 * CHANNELS[-1] + n_values, HIDDEN), nn.Linear(HIDDEN, 2)
+            self.drop = nn.Dropout(DROPOUT)
 
-    def forward(self, layer: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
-        """Return the two logits of every picture."""
-        for kernel, norm in zip(self.kernels, self.norms, strict=True):
-            layer = norm(nn.functional.max_pool2d(kernel(layer), 2)).relu()
-        seen = torch.cat([layer.mean((2, 3)), layer.amax((2, 3)), values], dim=1)
-        return self.output(self.drop(self.hidden(self.drop(seen)).relu()))
+        def forward(self, layer: Any, values: Any) -> Any:
+            for kernel, norm in zip(self.kernels, self.norms, strict=True):
+                layer = norm(nn.functional.max_pool2d(kernel(layer), 2)).relu()
+            seen = torch.cat([layer.mean((2, 3)), layer.amax((2, 3)), values], dim=1)
+            return self.output(self.drop(self.hidden(self.drop(seen)).relu()))
 
-    def as_arrays(self) -> dict[str, npt.NDArray[np.float32]]:
-        """Return the weights, with the normalisation as scale and bias."""
-        found = {"hidden": self.hidden.weight, "offsets": self.hidden.bias}
-        found |= {"output": self.output.weight, "shifts": self.output.bias}
-        for n, (kernel, norm) in enumerate(zip(self.kernels, self.norms, strict=True)):
-            scale = norm.weight / (norm.running_var + norm.eps).sqrt()
-            found |= {
-                f"kernel_{n}": kernel.weight,
-                f"scale_{n}": scale,
-                f"bias_{n}": norm.bias - norm.running_mean * scale,
-            }
-        return {name: value.detach().numpy().astype(np.float32) for name, value in found.items()}
+    return Judge()
 
 
-def fit(pictures: Sequence[torch.Tensor], values: torch.Tensor, count: torch.Tensor) -> Judge:
+def as_arrays(judge: Any) -> dict[str, npt.NDArray[np.float32]]:
+    """Return the weights of a network, with the normalisation as scale and bias."""
+    found = {"hidden": judge.hidden.weight, "offsets": judge.hidden.bias}
+    found |= {"output": judge.output.weight, "shifts": judge.output.bias}
+    for n, (kernel, norm) in enumerate(zip(judge.kernels, judge.norms, strict=True)):
+        scale = norm.weight / (norm.running_var + norm.eps).sqrt()
+        found |= {f"kernel_{n}": kernel.weight, f"scale_{n}": scale}
+        found[f"bias_{n}"] = norm.bias - norm.running_mean * scale
+    return {name: value.detach().numpy().astype(np.float32) for name, value in found.items()}
+
+
+def fit(pictures: Sequence[Levels], values: FloatArray, count: npt.NDArray[np.int64]) -> Any:
     """Fit a network; every step sees one picture of each target in its batch."""
+    import torch
+
     torch.manual_seed(0)
-    source, judge = np.random.default_rng(0), Judge(values.shape[1])
+    source, judge = np.random.default_rng(0), make_judge(values.shape[1])
     optimiser = torch.optim.AdamW(judge.parameters(), lr=RATE, weight_decay=DECAY)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=EPOCHS * (len(count) // BATCH))
-    loss = nn.functional.binary_cross_entropy_with_logits
+    loss = torch.nn.functional.binary_cross_entropy_with_logits
     for _ in range(EPOCHS):
         order = source.permutation(len(count))
         for first in range(0, len(order) - BATCH + 1, BATCH):
             own = order[first : first + BATCH]
-            layer = torch.stack([pictures[n][source.integers(len(pictures[n]))] for n in own])
-            body, several = judge(layer.float() / 255.0, values[own]).T
-            is_body = (count[own] > 0).float()
-            doubt = loss(several, (count[own] > 1).float(), reduction="none")
+            layer = np.stack([pictures[n][source.integers(len(pictures[n]))] for n in own])
+            body, several = judge(torch.from_numpy(layer).float() / 255.0, torch.from_numpy(values[own]).float()).T
+            is_body = torch.from_numpy(count[own] > 0).float()
+            doubt = loss(several, torch.from_numpy(count[own] > 1).float(), reduction="none")
             total = loss(body, is_body) + (doubt * is_body).sum() / is_body.sum().clamp(min=1.0)
             optimiser.zero_grad()
             total.backward()
@@ -167,20 +170,22 @@ def fit(pictures: Sequence[torch.Tensor], values: torch.Tensor, count: torch.Ten
     return judge.eval()
 
 
-def predict(judge: Judge, pictures: Sequence[torch.Tensor], values: torch.Tensor) -> FloatArray:
+def predict(judge: Any, pictures: Sequence[Levels], values: FloatArray) -> FloatArray:
     """Return both probabilities of every target, shape (n, 2)."""
+    import torch
+
+    found = []
     with torch.no_grad():
-        logits = [
-            judge(own.float() / 255.0, value.expand(len(own), -1)).mean(0)
-            for own, value in zip(pictures, values, strict=True)
-        ]
-        return torch.stack(logits).sigmoid().numpy().astype(np.float64)
+        for own, value in zip(pictures, torch.from_numpy(values).float(), strict=True):
+            logits = judge(torch.from_numpy(own).float() / 255.0, value.expand(len(own), -1))
+            found.append(logits.mean(0).sigmoid().numpy())
+    return np.array(found, dtype=np.float64)
 
 
-def as_pictures(text: str) -> torch.Tensor:
+def as_pictures(text: str) -> Levels:
     """Return the pictures of a row."""
     levels = np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype=np.uint8)
-    return torch.from_numpy(levels.reshape(-1, patches.N_SLICES, patches.N_COLUMNS, patches.N_CELLS).copy())
+    return levels.reshape(-1, patches.N_SLICES, patches.N_COLUMNS, patches.N_CELLS).copy()
 
 
 def main() -> None:
@@ -188,19 +193,18 @@ def main() -> None:
     parser = make_parser(__doc__)
     parser.add_argument("--write", action="store_true", help="write the weights into the package")
     options = parser.parse_args()
-    torch.set_num_threads(max(options.processes, 1))
     jobs = [(group, name, seed) for group, seeds in SEEDS.items() for seed in seeds for name in KINDS[group]]
     rows = run_jobs(run_one, jobs, rows=options.rows, processes=options.processes)
     raw = np.array([[row["values"].get(name, np.nan) for name in VALUES] for row in rows], dtype=np.float64)
     mean, sd = np.nanmean(raw, axis=0), np.maximum(np.nanstd(raw, axis=0), 1e-9)
     scaled = np.clip((raw - mean) / sd, -verdicts.MOST_SD, verdicts.MOST_SD)
-    values = torch.from_numpy(np.where(np.isnan(raw), 0.0, scaled).astype(np.float32))
+    values = np.where(np.isnan(raw), 0.0, scaled)
     pictures = [as_pictures(row["pictures"]) for row in rows]
     count = np.array([row["bodies"] for row in rows])
     kinds = np.array([zlib.crc32(row["kind"].encode()) for row in rows])
     without, found = raw[:, VALUES.index("without_range")] > 0.0, np.zeros((len(rows), 2))
     for inner, outer in GroupKFold(FOLDS).split(kinds, groups=kinds):
-        judge = fit([pictures[n] for n in inner], values[inner], torch.from_numpy(count[inner]))
+        judge = fit([pictures[n] for n in inner], values[inner], count[inner])
         found[outer] = predict(judge, [pictures[n] for n in outer], values[outer])
     sections = {}
     for title, column, chosen in (("Body", 0, count >= 0), ("More than one", 1, count > 0)):
@@ -212,7 +216,7 @@ def main() -> None:
             table += "\n\n" + markdown(("limit", "true, at or above", "false, at or above"), shares)
             sections[f"{title}, {words}"] = f"Calibration error {100 * error:.1f} %.\n\n{table}"
     if options.write:
-        arrays = fit(pictures, values, torch.from_numpy(count)).as_arrays()
+        arrays = as_arrays(fit(pictures, values, count))
         np.savez_compressed(WEIGHTS, names=np.array(VALUES), mean=mean, sd=sd, **arrays)
     finish(__file__, __doc__, sections, page=options.page)
 

@@ -58,7 +58,7 @@ class GroundMotion:
 
     @property
     def uncertain(self) -> dict[str, str]:
-        """Return flags of the values with a deviation above 10 % or 10 degrees, by name."""
+        """Return flags of uncertain values, beyond 10 % or 10 degrees."""
         share, limit_deg = SURE_SPEED_SD_SHARE, SURE_ASPECT_SD_DEG
         speed = (self.ground_speed_sd_mps or 0.0) > share * (self.ground_speed_mps or 0.0)
         found = {"speed": f"ground_speed_mps:uncertain_by_more_than_{100 * share:.0f}_per_cent"} if speed else {}

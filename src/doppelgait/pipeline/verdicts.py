@@ -168,7 +168,7 @@ def _get_rhythms(ghost: Result, body: Result) -> tuple[float, float] | None:
 
 
 def is_inside(gate: Gate, range_m: FloatArray) -> bool:
-    """Return True if the centre of a gate is in the frame at any time."""
+    """Return True if a gate's centre is ever in the frame."""
     first_m, last_m = frame_limits_m(range_m)
     return bool(((gate.centre_m > first_m) & (gate.centre_m < last_m)).any())
 
