@@ -8,7 +8,7 @@ Bodies and things of `studies/evidence_scenes.py` (ten recordings a kind) and of
 kind, seeds 10 to 13, without rooms) are recorded and tracked. A target is a body if a person or an animal that moves is
 within 0.8 m of it (median); near somebody who keeps still it is left out; else it is a thing. Inputs of the network are
 the pictures of `pipeline.verdicts` and values of the result. The tables are of kinds that were left out of the fit (4
-folds); the file has the fit of all. It needs PyTorch and takes about 50 minutes of one core.
+folds); the file has the fit of all. It takes about 50 minutes of one core, with PyTorch.
 
 Not shown: recorded bodies and things, reflections, and rooms.
 """
