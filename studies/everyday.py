@@ -83,7 +83,6 @@ CONCERNS: dict[str, tuple[str, ...]] = {
     "gates_overlap": ("v", "f", "L", "B"),
     "may_be_more_than_one_body": ("number", "v", "f", "L", "B"),
     "unknown_target": ("number",),
-    "more_than_one_rhythm": ("number", "f", "L"),
     "no_steady_piece": QUANTITIES,
 }
 """Beginnings of other flags, and what they concern."""
@@ -368,22 +367,6 @@ def _wrong_numbers(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def _bandwidth_errors(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Format median and share of errors by cause, flagged or not."""
-    errors: dict[str, list[float]] = defaultdict(list)
-    for row, result in ((one, result) for one in rows for result in one["results"]):
-        found_hz, truths_hz = result["found"]["B"], [true["B"] for true in result.get("true", ()) if true["B"]]
-        if found_hz is not None and truths_hz:
-            off = min((found_hz / true_hz - 1 for true_hz in truths_hz), key=abs)
-            for name in (row["cause"], "all"):
-                errors[name].append(off)
-    rows = [
-        (name, len(own), f"{np.median(own):+.1%}", f"{np.mean(np.abs(own) > TOLERANCE):.0%}")
-        for name, own in sorted(errors.items(), key=lambda item: item[0] == "all")
-    ]
-    return markdown(("cause", "numbers", "median error", f"beyond {TOLERANCE:.0%}"), rows)
-
-
 def main() -> None:
     """Run what is missing, and write the tables."""
     parser = make_parser(__doc__)
@@ -400,7 +383,6 @@ def main() -> None:
         "By cause": f"{words} a result (number: a recording).\n\n{table(fine, 'cause', STATES)}",
         "By scene, silent errors only": table(fine, "scene", ("silent",)),
         "Wrong number of targets": _wrong_numbers(fine),
-        "Error of B_mu": _bandwidth_errors(fine),
     }
     finish(__file__, __doc__, sections, page=options.page)
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from everyday_scenes import X4, Kind, Rng, Setup, breather, cat, crawler, dog, person, room, seen
+from everyday_scenes import BURSTS, X4, Kind, Rng, Setup, breather, cat, crawler, dog, person, room, seen
 
 from doppelgait.core.errors import ConfigError, MotionError
 from doppelgait.motion.models.quadruped import quadruped_gait
@@ -27,6 +27,8 @@ RADARS: dict[str, tuple[Radar, float, float]] = {
     "x4": (X4, 1.2, 9.0),
     "x4-high": (Radar.preset("x4-high"), 1.2, 9.0),
     "x4-long": (Radar.preset("x4-long", range_stop_m=20.0), 2.0, 18.0),
+    "x4-250": (Radar.preset("x4", prf_hz=250.0), 1.2, 9.0),
+    "x4-125": (Radar.preset("x4", prf_hz=125.0), 1.2, 9.0),
     "x4-255fps": (Radar.preset("x4-255fps"), 1.0, 4.7),
     "ti-60": (Radar.preset("ti-60"), 1.0, 7.5),
     "ti-77": (Radar.preset("ti-77"), 1.5, 14.0),
@@ -195,8 +197,8 @@ def drift(rng: Rng, time_s: FloatArray) -> list[FloatArray]:
     speed = np.stack([np.interp(time_s, knots_s, rng.normal(0.0, wide_mps, knots_s.size)) for _ in range(2)], axis=1)
     speed += rng.choice([0.0, 1.0]) * 10.0 ** rng.uniform(-1.0, 0.0) * np.array([1.0, rng.uniform(-0.5, 0.5)])
     way_m = np.cumsum(speed - speed.mean(axis=0) * (rng.random() < 0.3), axis=0) / RATE_HZ
-    radius_m, turn = rng.uniform(0.05, 0.4), 2 * np.pi * 10.0 ** rng.uniform(-1.5, 0.0) * time_s
-    bob_m = 0.05 * np.sin(2 * np.pi * rng.uniform(0.2, 1.0) * time_s)
+    radius_m, turn = rng.uniform(0.05, 0.4), 2 * np.pi * 10.0 ** rng.uniform(-1.5, 0.5) * time_s
+    bob_m = 10.0 ** rng.uniform(-2.0, -0.5) * np.sin(2 * np.pi * rng.uniform(0.2, 2.0) * time_s)
     return [
         turned(way_m[:, 0] + radius_m * np.cos(a + turn), way_m[:, 1] + radius_m * np.sin(a + turn), z + bob_m, 0.0)
         for a in np.arange(0, 6, 1)
@@ -343,7 +345,8 @@ def anything(rng: Rng, *, what: str, radar: str) -> Setup:
         except (ConfigError, MotionError):  # a speed that the path or the companion does not allow
             continue
         weak = not rng.integers(3) and bool(scene.observed_targets)
-        return Setup(scene, device, snr_db=float(rng.uniform(5, 25)) if weak else None)
+        bursts = BURSTS if radar == "infineon-24" and not rng.integers(4) else None
+        return Setup(scene, device, snr_db=float(rng.uniform(5, 25)) if weak else None, bursts=bursts)
 
 
 ALONE = ("leaf", "slider", "rotor", "roller", "sweeper", "swing", "waves", "drift", "roller", "drift")

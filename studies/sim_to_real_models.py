@@ -25,7 +25,6 @@ from doppelgait.processing.patches import Patch
 
 Bools = npt.NDArray[np.bool_]
 
-PERSON = "human"
 REAL = "real/"
 """Begins the group of every real recording; no model is trained on such a row."""
 HELD_OF = 5

@@ -27,7 +27,6 @@ LOBE_DB_PER_CELL2 = 6.0  # fall of a line per squared distance in cells: 3 dB at
 EDGE_MPS = 4.6
 PRI_S = 1.68e-3
 """With a wavelength of 30.9 mm (9.7 GHz) the sweep interval at which the display ends at 4.6 m/s."""
-COLUMN_S = HOP_SWEEPS * PRI_S
 VELOCITY_MPS = np.asarray((N_ROWS // 2 - np.arange(N_ROWS)) * (2.0 * EDGE_MPS / N_ROWS), dtype=np.float64)
 SLOWEST_MPS = 0.4
 """Nearer to zero than this is the ground."""

@@ -1,7 +1,5 @@
 """Values of the X-band images read by eye or by another program.
 
-Used by :mod:`xband_gait`.
-
 Read from plain images of velocity against time (a column every 13.44 ms), before any feature was run on them, but by
 one who had seen the values measured before: these are no blind readings.
 """

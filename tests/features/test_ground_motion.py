@@ -127,8 +127,10 @@ def test_an_uncertain_aspect_is_named():
     """At 3 s and 9 m an error of 6 cm hides every speed across below 1 m/s."""
     times = np.arange(0, 3, 0.1)
     found = estimate_ground_motion(times, 9 - 0.8 * times, range_sd_m=0.06)
-    assert set(found.uncertain) == {"speed", "aspect"}
-    assert found.ground_speed_sd_mps > 0.1 * 0.8
+    assert "aspect_deg:uncertain_by_more_than_10_degrees" in found.uncertain.values()
+    assert "ground_speed_mps:uncertain_by_more_than_10_per_cent" in found.uncertain.values()
+    assert (found.aspect_deg is None) == (found.aspect_sd_deg > 30.0)
+    assert estimate_ground_motion(times[:11], 9 - 0.8 * times[:11], range_sd_m=0.06).aspect_deg is None
 
 
 def test_outliers_hardly_count():

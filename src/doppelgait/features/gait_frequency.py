@@ -309,11 +309,6 @@ def _sum_posterior(near: FloatArray, frequency_hz: float) -> float:
     return min(float(near[place]), 1.0) if 0 <= place < near.size else 0.0
 
 
-@lru_cache(maxsize=16)
-def _make_parabola_matrix(first: int, stop: int) -> FloatArray:
-    return np.asarray(np.linalg.pinv(np.vander(np.arange(first, stop, dtype=np.float64), 3)))
-
-
 FINE: FloatArray = np.linspace(1.0 - SEARCH, 1.0 + SEARCH, FINE_STEPS)
 
 
@@ -333,7 +328,8 @@ def refine_on_harmonics(frequency_hz: float, shares: Sequence[FloatArray], step_
         return frequency_hz, math.nan
     near = slice(max(best - TOP, 0), best + TOP + 1)
     apart_hz = float(trial_hz[1] - trial_hz[0])
-    bend, slope, height = _make_parabola_matrix(near.start - best, min(near.stop, FINE_STEPS) - best) @ total[near]
+    steps = np.arange(near.start - best, min(near.stop, FINE_STEPS) - best, dtype=np.float64)
+    bend, slope, height = np.linalg.pinv(np.vander(steps, 3)) @ total[near]
     bend, slope = bend / apart_hz**2, slope / apart_hz
     if bend >= 0 or height <= 0:
         return float(trial_hz[best]), math.nan

@@ -59,11 +59,10 @@ class GroundMotion:
     @property
     def uncertain(self) -> dict[str, str]:
         """Return flags of uncertain values, beyond 10 % or 10 degrees."""
-        share, limit_deg = SURE_SPEED_SD_SHARE, SURE_ASPECT_SD_DEG
-        speed = (self.ground_speed_sd_mps or 0.0) > share * (self.ground_speed_mps or 0.0)
-        found = {"speed": f"ground_speed_mps:uncertain_by_more_than_{100 * share:.0f}_per_cent"} if speed else {}
-        aspect = {"aspect": f"aspect_deg:uncertain_by_more_than_{limit_deg:.0f}_degrees"}
-        return found | (aspect if (self.aspect_sd_deg or 0.0) > limit_deg else {})
+        speed = (self.ground_speed_sd_mps or 0.0) > SURE_SPEED_SD_SHARE * (self.ground_speed_mps or 0.0)
+        found = {"speed": "ground_speed_mps:uncertain_by_more_than_10_per_cent"} if speed else {}
+        aspect = {"aspect": "aspect_deg:uncertain_by_more_than_10_degrees"}
+        return found | (aspect if (self.aspect_sd_deg or 0.0) > SURE_ASPECT_SD_DEG else {})
 
 
 def estimate_ground_motion(
@@ -74,7 +73,8 @@ def estimate_ground_motion(
     The range is that of straight motion, :math:`R^2(t) = (R_0 - v_r t)^2 + v_t^2 t^2` (E-34b), plus errors, plus the
     path of a radial velocity that wanders at one of five levels; the residuals show which. Before, all directions are
     equally likely and the speed is log-normal. Ground speed :math:`\sqrt{v_r^2 + v_t^2}` and aspect
-    :math:`\arctan(v_t / v_r)` are means over v_t and the levels; their uncertainties are the standard deviations.
+    :math:`\arctan(v_t / v_r)` are means over v_t and the levels; the uncertainties are standard deviations, that of
+    the aspect about its likeliest value.
 
     Parameters
     ----------
@@ -132,10 +132,13 @@ def estimate_ground_motion(
     weight /= weight.sum()
     aspect_deg = np.degrees(arctangent(across_mps, radial_mps))
     speed, aspect = float((weight * speed_mps).sum()), float((weight * aspect_deg).sum())
+    # about the likeliest aspect: near the line of sight the mean is never as small
+    best = int(weight.sum(axis=0).argmax())
+    likeliest_deg = np.average(aspect_deg[:, best], weights=weight[:, best])
     ends_mps = math.sqrt(2.0) * sd_m / duration_s  # the mean radial speed is that of both ends
     speed_sd = math.sqrt((weight * (speed_mps - speed) ** 2).sum() + ends_mps**2 + (SPEED_SD_SHARE * speed) ** 2)
     turned = inverse[:, 1, 1, np.newaxis] * (across_mps / speed_mps**2) ** 2
-    spread_deg2 = (aspect_deg - aspect) ** 2 + np.degrees(np.degrees(turned))
+    spread_deg2 = (aspect_deg - likeliest_deg) ** 2 + np.degrees(np.degrees(turned))
     aspect_sd = math.sqrt((weight * spread_deg2).sum() + ASPECT_SD_DEG**2)
     ground_mps = speed if speed_sd <= NOTHING_KNOWN * SURE_SPEED_SD_SHARE * speed else None
     psi_deg = aspect if aspect_sd <= NOTHING_KNOWN * SURE_ASPECT_SD_DEG else None

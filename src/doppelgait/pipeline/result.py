@@ -261,11 +261,7 @@ class Result:
 
     @property
     def parts(self) -> xr.Dataset | None:
-        """Torso, legs and limbs with ``Analysis(parts=True)`` (E-40); a flag if there are none.
-
-        The variables are power (part, time, doppler), label (time, doppler), energy share (part),
-        and centroid and spread of the radial velocity (part, time).
-        """
+        """Power, label, energy share, and velocity of torso, legs and limbs (E-40), or None with a flag."""
         power = self.arrays.get("part_power")
         return None if power is None else measure_parts(power)
 

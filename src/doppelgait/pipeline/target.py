@@ -249,8 +249,7 @@ def _measure_ground_motion(
     if motion.reason == "path_is_not_straight":
         flags.append(f"ground_speed,aspect:{motion.reason}")
     flags += motion.uncertain.values()
-    aspect_deg = None if "aspect" in motion.uncertain else motion.aspect_deg
-    cosine = 1.0 if aspect_deg is None else abs(math.cos(math.radians(aspect_deg)))
+    cosine = 1.0 if motion.aspect_deg is None else abs(math.cos(math.radians(motion.aspect_deg)))
     if cosine < CLEAR_COSINE and extraction.gait_frequency_hz is not None:
         # lateral sway, with the period of the stride, can be stronger than the steps (E-33)
         flags.append("aspect_beyond_53_deg:gait_frequency_may_be_the_stride")

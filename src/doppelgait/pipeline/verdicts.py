@@ -37,7 +37,7 @@ the frame at that time, and largest differences in range, speed and level."""
 SLOWEST_MPS = 0.15  # speed below which a target has no direction
 SLICE_M, CELL_MPS, COLUMN_S = 0.12, 0.125, 0.1  # cells of a picture about the track and its velocity
 SURE_BODY = 0.6  # least probability of a body; a thing has its complement at most, in between it is unknown
-DOUBT_ONE = (0.4, 0.6)  # probability of more than one body from which a target is flagged, with and without range
+DOUBT_ONE = 0.4  # probability of more than one body from which a target is flagged
 NO_BODIES = {"thing", "reflection", "folded"}
 MOST_SD = 4.0  # largest deviation of a value from its mean, in standard deviations
 LEAST_MIRROR_S, LEAST_EXCESS_M, LEAST_CHANGE_M = 0.7, 0.3, 0.3
@@ -115,11 +115,11 @@ def judge_body(result: Result, strip: TrackStrip, slices: Levels) -> Verdict:
     columns_s = strip.time_s[0] + COLUMN_S * np.arange(slices.shape[1])
     pictures = draw_pictures(slices, np.interp(columns_s, strip.time_s, strip.approach_mps))
     body, several = compute_probabilities(values, pictures)
-    several = max(several, float(result.quality.get("both_directions", 0.0)))
+    several = float(result.quality.get("both_directions", several))  # without range, only this tells two from one
     found = {"body_probability": body, "more_than_one_probability": several}
     if body <= 1.0 - SURE_BODY:
         return Verdict("thing", ("not_a_moving_body:moves_like_a_thing",), found)
-    flags = ("may_be_more_than_one_body",) if several >= DOUBT_ONE["track_range_m" not in result.quality] else ()
+    flags = ("may_be_more_than_one_body",) if several >= DOUBT_ONE else ()
     if body < SURE_BODY:
         return Verdict("unknown", ("unknown_target:body_or_thing", *flags), found)
     return Verdict("body", flags, found)
@@ -207,11 +207,16 @@ def observe_slices(gate: Gate, frames: Frames, analysis: Analysis, wavelength_m:
 def align_power(one: TrackStrip) -> Levels:
     """Sum the power in the cells of a picture, about the target's own velocity. Shapes: returns (columns, cells)."""
     step_mps, n_velocities = float(one.velocity_mps[1] - one.velocity_mps[0]), one.velocity_mps.size
-    edges_mps = CELL_MPS * (np.arange(N_CELLS + 1) - (N_CELLS + 1) / 2) + one.approach_mps[:, None]
-    place = np.clip((edges_mps - one.velocity_mps[0]) / step_mps + 0.5, 0.0, n_velocities)
+    edges_mps, half_mps = CELL_MPS * (np.arange(N_CELLS + 1) - N_CELLS / 2), step_mps * n_velocities / 2
+    if one.velocity_mps[0] < 0.0:  # every cell once, unfolded about the own velocity
+        edges_mps = np.clip(edges_mps, -half_mps, half_mps)
+    place = (edges_mps + one.approach_mps[:, None] - one.velocity_mps[0]) / step_mps + 0.5
+    if one.velocity_mps[0] >= 0.0:
+        place = np.clip(place, 0.0, n_velocities)
+    turns, place = np.divmod(place, n_velocities)
     low = np.minimum(place.astype(np.int64), n_velocities - 1)
     summed = np.pad(np.cumsum(one.power_v2, axis=1), ((0, 0), (1, 0)))
-    part = np.take_along_axis(one.power_v2, low, axis=1) * (place - low)
+    part = np.take_along_axis(one.power_v2, low, axis=1) * (place - low) + turns * summed[:, -1:]
     cells = np.diff(np.take_along_axis(summed, low, axis=1) + part, axis=1)
     steps, n_columns = one.time_s.size, max(int((one.time_s[-1] - one.time_s[0]) / COLUMN_S), 1)
     column_s = one.time_s[0] + COLUMN_S * (np.arange(n_columns) + 0.25)  # between two steps

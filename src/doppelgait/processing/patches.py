@@ -171,16 +171,15 @@ def cut_pictures(whole: Levels, spec: Patch) -> Levels:
 
 def draw_pictures(slices: FloatArray | Levels, approach_mps: FloatArray) -> Levels:
     """Draw the power of a target in dB, ahead upwards. Shapes: returns (pictures, slices, columns, cells)."""
-    n_slices, n_columns, _ = slices.shape
-    whole = np.zeros((N_SLICES, max(n_columns, N_COLUMNS), N_CELLS))
-    first = (N_SLICES - n_slices) // 2  # without range, the middle one is all there is
-    whole[first : first + n_slices, :n_columns] = slices
-    level_db = 10.0 * decimal_logarithm(np.maximum(whole / max(float(whole.max()), 1e-30), 1e-30))
-    whole, pictures = np.maximum(1.0 + level_db / RANGE_DB, 0.0).astype(np.float32), []
-    spare = whole.shape[1] - N_COLUMNS
+    first = (N_SLICES - len(slices)) // 2  # without range, the middle one is all there is
+    spare, top = max(slices.shape[1] - N_COLUMNS, 0), max(float(slices.max()), 1e-30)
+    pictures = []
     for start in np.linspace(0, spare, min(1 + 2 * spare // N_COLUMNS, MOST_PICTURES)).astype(np.int64):
         columns = slice(start, start + N_COLUMNS)  # half of the next picture, or less
-        pictures.append(whole[:, columns, :: -1 if approach_mps[columns].sum() < 0.0 else 1])
+        level_db = 10.0 * decimal_logarithm(np.maximum(slices[:, columns] / top, 1e-30))
+        own = np.maximum(1.0 + level_db / RANGE_DB, 0.0)[:, :, :: -1 if approach_mps[columns].sum() < 0.0 else 1]
+        pictures.append(np.zeros((N_SLICES, N_COLUMNS, N_CELLS), dtype=np.float32))
+        pictures[-1][first : first + len(slices), : own.shape[1]] = own
     return np.stack(pictures)
 
 
