@@ -23,7 +23,7 @@ from doppelgait.scene.placement import leashed_dog, place, side_by_side
 
 FloatArray = npt.NDArray[np.float64]
 RATE_HZ = 250.0
-RADARS: dict[str, tuple[Radar, float, float]] = {
+RADARS: dict[str, tuple[Radar, float, float]] = {  # with the nearest and the farthest place of a body
     "x4": (X4, 1.2, 9.0),
     "x4-high": (Radar.preset("x4-high"), 1.2, 9.0),
     "x4-long": (Radar.preset("x4-long", range_stop_m=20.0), 2.0, 18.0),
@@ -37,7 +37,6 @@ RADARS: dict[str, tuple[Radar, float, float]] = {
     "infineon-24": (Radar.preset("infineon-24"), 1.0, 7.0),
     "xband-cw": (Radar.preset("xband-cw", prf_hz=2000), 1.0, 8.0),
 }
-"""Radars, and the nearest and farthest place of a body."""
 
 
 # Things --------------------------------------------------------------------------------------------------------------

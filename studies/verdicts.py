@@ -17,7 +17,6 @@ Not shown: recorded bodies and things, reflections, rooms, one-output radars, an
 from __future__ import annotations
 
 import base64
-import itertools
 import warnings
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -45,7 +44,7 @@ WEIGHTS = Path(verdicts.__file__).with_name("evidence.npz")
 SEEDS = {"anything": range(7), "everyday": range(10, 12)}
 KINDS = {"anything": ANYTHING, "everyday": EVERYDAY}
 FOLDS, EPOCHS, BATCH, RATE, DECAY = 4, 16, 32, 3e-3, 1e-2
-CHANNELS, HIDDEN, DROPOUT = (patches.N_SLICES, 16, 24, 32), 32, 0.3
+LAYERS, HIDDEN, DROPOUT = ((patches.N_SLICES, 16), (16, 24), (24, 32)), 32, 0.3
 MOST_PICTURES = 4  # of a target, kept for the fit
 VALUES = (  # of a result, that the network sees
     "alternate_likeness", "backward_envelope_mean_mps", "duration", "entropy_width_mps", "envelope_asymmetry",
@@ -141,10 +140,9 @@ def make_judge(n_values: int) -> Any:
     class Judge(nn.Module):
         def __init__(self) -> None:
             super().__init__()
-            pairs = list(itertools.pairwise(CHANNELS))
-            self.kernels = nn.ModuleList(nn.Conv2d(few, many, 3, padding=1, bias=False) for few, many in pairs)
-            self.norms = nn.ModuleList(nn.BatchNorm2d(many) for _, many in pairs)
-            self.hidden, self.output = nn.Linear(2 * CHANNELS[-1] + n_values, HIDDEN), nn.Linear(HIDDEN, 2)
+            self.kernels = nn.ModuleList(nn.Conv2d(few, many, 3, padding=1, bias=False) for few, many in LAYERS)
+            self.norms = nn.ModuleList(nn.BatchNorm2d(many) for _, many in LAYERS)
+            self.hidden, self.output = nn.Linear(2 * LAYERS[-1][1] + n_values, HIDDEN), nn.Linear(HIDDEN, 2)
             self.drop = nn.Dropout(DROPOUT)
 
         def forward(self, layer: Any, values: Any) -> Any:
