@@ -266,4 +266,5 @@ def test_power_direction_and_time_reversal_do_not_matter(walker_mu):
             assert found.extended[feature] == pytest.approx(value, rel=tolerance, abs=0.005), (name, feature)
         for feature, value in wanted.standard_deviations.items():
             if value is not None:
-                assert found.standard_deviations[feature] == pytest.approx(value, rel=10 * tolerance), (name, feature)
+                wanted_sd = pytest.approx(value, rel=10 * tolerance, abs=2e-4)
+                assert found.standard_deviations[feature] == wanted_sd, (name, feature)

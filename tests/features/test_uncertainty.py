@@ -10,7 +10,6 @@ from doppelgait.core.rng import Streams
 from doppelgait.features import Extraction, GaitFeatures
 from doppelgait.features.doppler import width_of_bins
 from doppelgait.features.uncertainty import (
-    FREQUENCY_FACTOR,
     HARMONIC_FACTOR,
     RATIO_FACTOR,
     VELOCITY_LEAST_MPS,
@@ -40,12 +39,19 @@ def periods_with(phase_rad, rows=None, frequency_hz=2.0):
     return Periods(turned, np.ones((len(phase_rad), 20)), centre_s, frequency_hz)
 
 
-def test_frequency_sd_is_the_scatter_of_the_increments():
-    phase = np.array([-0.09, 0.03, -0.03, 0.09])
-    step = np.sqrt((0.12**2 + 0.06**2 + 0.12**2) / 3)
-    wanted = 2.0 * np.hypot(FREQUENCY_FACTOR * step / (2 * np.pi * np.sqrt(3)), 0.0015)
-    assert frequency_sd_hz(periods_with(phase)) == pytest.approx(wanted, rel=0.03)
-    assert frequency_sd_hz(periods_with(np.zeros(30))) == pytest.approx(2.0 * 0.0015)
+def test_frequency_sd_is_that_of_the_rate_of_the_phases():
+    phase = np.array([-0.09, 0.05, -0.03, 0.02])
+    periods = periods_with(phase)
+    (slope, _), cov = np.polyfit(periods.centre_s, phase, 1, cov=True)
+    share = np.sqrt(slope**2 + cov[0, 0]) / (2 * np.pi * 2.0)
+    assert frequency_sd_hz(periods, 4.0) == pytest.approx(2.0 * np.hypot(share, np.hypot(0.4 / 16, 0.0015)), rel=0.03)
+    assert frequency_sd_hz(periods_with(np.zeros(30)), 30.0) == pytest.approx(2.0 * np.hypot(0.4 / 900, 0.0015))
+
+
+def test_frequency_that_the_phases_contradict_is_uncertain():
+    even, late = (frequency_sd_hz(periods_with(step * np.arange(24.0)), 24.0) for step in (0.0, 0.04))
+    assert even == pytest.approx(2.0 * np.hypot(0.4 / 576, 0.0015))
+    assert np.sqrt(late**2 - even**2) == pytest.approx(0.04 * 2.0 / (2 * np.pi), rel=0.1)
 
 
 def test_harmonic_ratio_sd_is_that_of_two_straight_lines():

@@ -241,7 +241,7 @@ def test_probabilities_are_those_of_the_network_and_what_is_missing_counts_as_it
     ("logit", "kind", "flags"),
     [
         (4.0, "body", ()),
-        (0.0, "unknown", ("unknown_target:body_or_thing",)),
+        (0.8, "unknown", ("unknown_target:body_or_thing",)),  # 69 %
         (-4.0, "thing", ("not_a_moving_body:moves_like_a_thing",)),
     ],
 )

@@ -35,11 +35,14 @@ SQUARE_LOG_GRID: FloatArray = LOG_GRID**2
 NEAR_STEPS = 3  # number of grid steps (4.4 %) within which two frequencies are the same
 NEAR = np.ones(2 * NEAR_STEPS + 1)
 LEAST_PERIODS = 1.1
+END_SHARE = 0.4
+"""Relative standard deviation of f_mu by incomplete periods at the ends, times the square of the number of periods."""
+SAME_SHARE = 0.05  # relative error within which f_mu is correct
 WHITENING = 0.7  # coefficient of the first-order whitening filter at 40 columns per second
 WEAK_ROW = 1e-3
 """Power of a row relative to the strongest one below which it has no equal weight.
 Without noise such a row contains only rounding errors."""
-PADDING = 8
+PADDING, ROOT_2 = 8, math.sqrt(2.0)
 SLOWEST_MPS = 0.25  # lowest torso velocity from which the step length is estimated for the prior
 WEIGHTS: FloatArray = np.array(
     [
@@ -65,7 +68,6 @@ SEARCH = 0.06  # relative half width of the search for the exact frequency
 FINE_STEPS = 97
 NINE = np.arange(9.0)
 TOP = 6  # number of steps on each side of the maximum for the fit of a parabola
-WIDTH_DROP = 0.02
 
 
 @dataclass(frozen=True)
@@ -78,8 +80,6 @@ class GaitFrequency:
         f_mu, mode of the posterior; None if nothing moves or if the record is shorter than 1.1 periods of 8 Hz.
     confidence : float or None
         Probability that f_mu is correct within 5 %, 0 to 1.
-    uncertainty_hz : float or None
-        Standard deviation, provided that the octave is correct; None if the sum over the harmonics has no maximum.
     half_probability, double_probability : float or None
         Posterior within 4.4 % of half and of twice f_mu, 0 to 1.
     second_hz : float or None
@@ -94,7 +94,6 @@ class GaitFrequency:
 
     frequency_hz: float | None = None
     confidence: float | None = None
-    uncertainty_hz: float | None = None
     half_probability: float | None = None
     double_probability: float | None = None
     second_hz: float | None = None
@@ -169,11 +168,11 @@ def estimate_gait_frequencies(rhythms: Rhythm, velocity_mps: FloatArray) -> list
     best = near.argmax(axis=-1)
     others = np.where(np.abs(np.arange(GRID_HZ.size) - best[:, np.newaxis]) > 2 * NEAR_STEPS, near, 0.0)
     second_hz = GRID_HZ[others.argmax(axis=-1)].tolist()
-    frequency_hz, width_hz = np.ones((2, best.size))
+    frequency_hz = np.ones(best.size)
     for n in changes.tolist():
         around = slice(max(best[n] - NEAR_STEPS, 0), best[n] + NEAR_STEPS + 1)
         start_hz = math.exp(float(posterior[n, around] @ LOG_GRID[around] / posterior[n, around].sum()))
-        frequency_hz[n], width_hz[n] = refine_on_harmonics(start_hz, [whole.share[n], limbs.share[n]], whole.step_hz)
+        frequency_hz[n] = refine_on_harmonics(start_hz, [whole.share[n], limbs.share[n]], whole.step_hz)
     lag, last = whole.rate_hz / frequency_hz, float(n_columns - 1)
     periodicity = np.where(lag <= last, find_highest(whole.likeness, 0.95 * lag, np.minimum(1.05 * lag, last)), 0.0)
     salience = compute_salience(whole, frequency_hz, 1.2 / seconds).tolist()
@@ -181,8 +180,9 @@ def estimate_gait_frequencies(rhythms: Rhythm, velocity_mps: FloatArray) -> list
         f_hz = float(frequency_hz[n])
         found[n] = GaitFrequency(
             frequency_hz=f_hz,
-            confidence=min(float(near[n, best[n]]), 1.0),
-            uncertainty_hz=float(width_hz[n]) if math.isfinite(width_hz[n]) else None,
+            # the octave is right, and the ends of the record leave it within the share that counts as right
+            confidence=min(float(near[n, best[n]]), 1.0)
+            * math.erf(SAME_SHARE * (f_hz * seconds) ** 2 / END_SHARE / ROOT_2),
             half_probability=_sum_posterior(near[n], 0.5 * f_hz),
             double_probability=_sum_posterior(near[n], 2.0 * f_hz),
             second_hz=second_hz[n],
@@ -312,7 +312,7 @@ def _sum_posterior(near: FloatArray, frequency_hz: float) -> float:
 FINE: FloatArray = np.linspace(1.0 - SEARCH, 1.0 + SEARCH, FINE_STEPS)
 
 
-def refine_on_harmonics(frequency_hz: float, shares: Sequence[FloatArray], step_hz: float) -> tuple[float, float]:
+def refine_on_harmonics(frequency_hz: float, shares: Sequence[FloatArray], step_hz: float) -> float:
     """Refine a frequency by the power of its harmonics. Shapes: shares (Q,)."""
     # the method is a multi-harmonic fit. For white noise and resolved harmonics the maximum of
     # sum_h S(h f) is the least-squares fit of a periodic signal (Quinn and Thomson 1991)
@@ -325,14 +325,9 @@ def refine_on_harmonics(frequency_hz: float, shares: Sequence[FloatArray], step_
         total += power
     best = int(total.argmax())
     if not 0 < best < FINE_STEPS - 1 or not total.any():
-        return frequency_hz, math.nan
+        return frequency_hz
     near = slice(max(best - TOP, 0), best + TOP + 1)
-    apart_hz = float(trial_hz[1] - trial_hz[0])
     steps = np.arange(near.start - best, min(near.stop, FINE_STEPS) - best, dtype=np.float64)
-    bend, slope, height = np.linalg.pinv(np.vander(steps, 3)) @ total[near]
-    bend, slope = bend / apart_hz**2, slope / apart_hz
-    if bend >= 0 or height <= 0:
-        return float(trial_hz[best]), math.nan
-    reach_hz = apart_hz * TOP
-    offset_hz = min(max(float(-slope / (2.0 * bend)), -reach_hz), reach_hz)
-    return float(trial_hz[best]) + offset_hz, math.sqrt(WIDTH_DROP * float(height) / float(-bend))
+    bend, slope, _ = np.linalg.pinv(np.vander(steps, 3)) @ total[near]
+    offset = min(max(float(-slope / (2.0 * bend)), -TOP), TOP) if bend < 0 else 0.0
+    return float(trial_hz[best] + offset * (trial_hz[1] - trial_hz[0]))

@@ -24,14 +24,14 @@ from doppelgait._core import native
 from doppelgait.core.units import FloatArray
 from doppelgait.features.doppler import compute_quantile, width_of_bins
 from doppelgait.features.feature_set import Extraction
+from doppelgait.features.gait_frequency import END_SHARE
 from doppelgait.features.observed import Observation
 
 CAUCHY_TUNING = 2.385
 VELOCITY_BLOCK_S = 0.5  # block length for targets without a gait frequency
 VELOCITY_LEAST_MPS, VELOCITY_RIPPLE_SHARE = 0.006, 0.05
-FREQUENCY_FACTOR, FREQUENCY_LEAST_SHARE = 0.55, 0.0015
-"""Factor from scatter to error, and smallest relative error; alternating uneven steps are no error of the mean."""
-RATIO_FACTOR, RATIO_END_SHARE = 0.5, 0.05
+FREQUENCY_LEAST_SHARE = 0.0015  # smallest relative error of f_mu
+RATIO_FACTOR, RATIO_END_SHARE = 0.6, 0.05
 """Factor from scatter to error of rho, and effect of an incomplete period at the ends, relative to its share."""
 HARMONIC_FACTOR = 1.45
 MIN_BLOCKS = 3
@@ -64,7 +64,7 @@ def _collect(observed: Observation, velocity_sd: float | None, bandwidth_sd: flo
     found |= {"torso_velocity_mps": velocity_sd, "doppler_bandwidth_hz": bandwidth_sd}
     periods = None if frequency_hz is None or not observed.has_signal else _measure_periods(observed)
     if periods is not None and frequency_hz is not None:
-        found["gait_frequency_hz"] = frequency_sd = frequency_sd_hz(periods)
+        found["gait_frequency_hz"] = frequency_sd = frequency_sd_hz(periods, observed.extraction.n_periods or math.nan)
         if features.step_length_m is not None and velocity_sd is not None:
             # L_m = v_m / f_mu: relative variances add (E-36)
             found["step_length_m"] = math.hypot(velocity_sd, features.step_length_m * frequency_sd) / frequency_hz
@@ -174,19 +174,27 @@ def _measure_periods(observed: Observation) -> Periods | None:
     return Periods(harmonics, parts[:, 0], (starts + length / 2.0) / rate_hz, frequency_hz)
 
 
-def frequency_sd_hz(periods: Periods) -> float:
+def frequency_sd_hz(periods: Periods, n_periods: float) -> float:
     """Estimate the standard deviation of f_mu."""
-    # the estimate uses the irregularity of the periods
+    # the phases of the periods have their own rate: its difference from f_mu, its error, and the ends of the record
     imaginary, real = periods.phase_parts
-    phase_rad = imaginary @ HARMONICS / float(HARMONICS**2 @ real)
-    step_rad = phase_rad[1:] - phase_rad[:-1]
-    rms_rad = math.sqrt(float(step_rad @ step_rad) / step_rad.size)
-    share = FREQUENCY_FACTOR * rms_rad / (2.0 * math.pi * math.sqrt(step_rad.size))
-    return periods.frequency_hz * math.hypot(share, FREQUENCY_LEAST_SHARE)
+    slope, variance = _fit_phase_rate(periods, imaginary @ HARMONICS / float(HARMONICS**2 @ real))
+    share = math.sqrt(slope * slope + variance) / (2.0 * math.pi * periods.frequency_hz)
+    return periods.frequency_hz * math.hypot(share, END_SHARE / n_periods**2, FREQUENCY_LEAST_SHARE)
+
+
+def _fit_phase_rate(periods: Periods, phase_rad: FloatArray) -> tuple[float, float]:
+    # slope in rad/s, and its variance
+    n = periods.centre_s.size
+    time_s = periods.centre_s - float(periods.centre_s.sum()) / n
+    square_s2 = float(time_s @ time_s)
+    slope = float(time_s @ phase_rad) / square_s2
+    residual = phase_rad - float(phase_rad.sum()) / n - slope * time_s
+    return slope, float(residual @ residual) / (n - 2) / square_s2
 
 
 def estimate_ratio_sd(periods: Periods) -> float:
-    """Estimate the sd of rho (E-38), half that of single periods over the root of their number."""
+    """Estimate the sd of rho (E-38), 0.6 of that of single periods over the root of their number."""
     parts = periods.harmonics.reshape(len(periods.means), -1).view(np.float64)  # real and imaginary
     energy, base = np.einsum("bk,bk->b", parts, parts), np.einsum("bk,bk->b", periods.means, periods.means)
     ratio = np.sqrt(4.0 * energy / base)
@@ -200,11 +208,6 @@ def estimate_harmonic_ratio_sd(periods: Periods, harmonic: int) -> float:
     """Estimate the standard deviation of beta (E-37)."""
     # the estimate uses the deviations of the phases of the harmonic and of f_mu from straight lines
     imaginary, real = periods.phase_parts
-    n = periods.centre_s.size
-    time_s = periods.centre_s - float(periods.centre_s.sum()) / n
-    square_s2, spread = float(time_s @ time_s), 0.0
-    for h in (1, harmonic):
-        phase_rad = imaginary[:, h - 1] / (h * real[h - 1])  # in phase of the fundamental
-        residual = phase_rad - float(phase_rad.sum()) / n - float(time_s @ phase_rad) / square_s2 * time_s
-        spread += float(residual @ residual) / (n - 2) / square_s2
+    # in phase of the fundamental
+    spread = sum(_fit_phase_rate(periods, imaginary[:, h - 1] / (h * real[h - 1]))[1] for h in (1, harmonic))
     return HARMONIC_FACTOR * harmonic * math.sqrt(spread) / (2.0 * math.pi * periods.frequency_hz)

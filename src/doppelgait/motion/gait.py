@@ -311,7 +311,7 @@ def measure_gait(motion: Motion) -> GaitFacts:
     require_motion(motion)
     steps = find_steps(motion)
     footfalls = {foot: [float(t) for t in step.touchdown_s] for foot, step in steps.items()}
-    stride_hz, source = _fit_beat_hz([step.overtaken_s for step in steps.values()]), "footfalls"
+    stride_hz, source = fit_beat_hz([step.overtaken_s for step in steps.values()]), "footfalls"
     if not math.isfinite(stride_hz):
         stride_hz, source = _limbs_hz(motion), "autocorrelation"
     if not math.isfinite(stride_hz):
@@ -428,7 +428,7 @@ def _name_human_gait(motion: Motion, phases: Mapping[str, float], duty: float) -
     return "run" if lowest_mps2 < FLIGHT_ACCELERATION_MPS2 else "walk"
 
 
-def _fit_beat_hz(landings: list[FloatArray]) -> float:
+def fit_beat_hz(landings: list[FloatArray]) -> float:
     """Fit an even beat to all footfalls, in Hz. It is NaN if there is no even beat."""
     intervals = np.concatenate([np.diff(times) for times in landings] or [np.empty(0)])
     if intervals.size < min(2, len(landings)):

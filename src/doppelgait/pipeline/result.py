@@ -44,7 +44,7 @@ NUMBERS = ("gait_frequency_hz", "torso_doppler_hz", "n_periods")
 GROUPS = {"quality": "quality_", "standard_deviation": "sd_", "extended": "extended_"}
 """Mappings of a result and the prefixes of their columns in a table."""
 
-SURE_SEVERAL = 0.7  # probability of more than one body from which a target counts as two
+DEFINITE = 0.7  # probability from which a target is a body, a thing, or two bodies; in between there is doubt
 FROM_GAIT_FREQUENCY = (
     "gait_frequency_hz",
     "ground_step_length_m",
@@ -209,7 +209,7 @@ class Result:
     @property
     def n_bodies(self) -> int:
         """Number of bodies that the target counts as: 2 where more than one is likely."""
-        several = float(self.quality.get("more_than_one_probability") or 0.0) >= SURE_SEVERAL
+        several = float(self.quality.get("more_than_one_probability") or 0.0) >= DEFINITE
         return int(self.is_body) * (1 + several)
 
     def _get_array(self, name: str) -> Any:

@@ -20,7 +20,7 @@ from doppelgait import processing
 from doppelgait.core.frames import Frames
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import FloatArray, decimal_logarithm, exponential
-from doppelgait.pipeline.result import Result
+from doppelgait.pipeline.result import DEFINITE, Result
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import frame_limits_m
 from doppelgait.processing.patches import N_CELLS, N_SLICES, Levels, compute_layers, draw_pictures
@@ -36,8 +36,6 @@ FOLD_GAP_S, FOLD_EDGE_M, FOLD_RANGE_M, FOLD_SPEED, FOLD_LEVEL_DB = 1.0, 1.0, 0.4
 the frame at that time, and largest differences in range, speed and level."""
 SLOWEST_MPS = 0.15  # speed below which a target has no direction
 SLICE_M, CELL_MPS, COLUMN_S = 0.12, 0.125, 0.1  # cells of a picture about the track and its velocity
-SURE_BODY = 0.6  # least probability of a body; a thing has its complement at most, in between it is unknown
-DOUBT_ONE = 0.4  # probability of more than one body from which a target is flagged
 NO_BODIES = {"thing", "reflection", "folded"}
 MOST_SD = 4.0  # largest deviation of a value from its mean, in standard deviations
 LEAST_MIRROR_S, LEAST_EXCESS_M, LEAST_CHANGE_M = 0.7, 0.3, 0.3
@@ -117,10 +115,10 @@ def judge_body(result: Result, strip: TrackStrip, slices: Levels) -> Verdict:
     body, several = compute_probabilities(values, pictures)
     several = float(result.quality.get("both_directions", several))  # without range, only this tells two from one
     found = {"body_probability": body, "more_than_one_probability": several}
-    if body <= 1.0 - SURE_BODY:
+    if 1.0 - body >= DEFINITE:
         return Verdict("thing", ("not_a_moving_body:moves_like_a_thing",), found)
-    flags = ("may_be_more_than_one_body",) if several >= DOUBT_ONE else ()
-    if body < SURE_BODY:
+    flags = ("may_be_more_than_one_body",) if 1.0 - several <= DEFINITE else ()
+    if body < DEFINITE:
         return Verdict("unknown", ("unknown_target:body_or_thing", *flags), found)
     return Verdict("body", flags, found)
 
