@@ -196,7 +196,7 @@ def motion_of(example: Example) -> Motion:
 
 
 def rate_over_window(motion: Motion, seconds: float) -> tuple[float, float]:
-    """Measure f_mu over the observed time as the motion's own figure, and its relative change."""
+    """Measure f_mu over the observed time, or the motion's own without even strides, and its relative change."""
     times = [np.sort(steps.overtaken_s - motion.time_s[0]) for steps in find_steps(motion).values()]
     times = [one[(one >= 0) & (one <= seconds)] for one in times]
     times = [one for one in times if one.size > 1]
@@ -204,10 +204,8 @@ def rate_over_window(motion: Motion, seconds: float) -> tuple[float, float]:
     stride_hz = fit_beat_hz(times)
     if sum(one.size - 1 for one in times) < 2 or not math.isfinite(stride_hz):
         return facts.gait_frequency_hz, math.nan
-    between, middle = (
-        np.concatenate([np.diff(one) for one in times]),
-        np.concatenate([one[1:] + one[:-1] for one in times]),
-    )
+    between, middle = (np.concatenate([step(one) for one in times]) for step in (np.diff, lambda t: t[1:] + t[:-1]))
+    between /= np.maximum(np.round(between * stride_hz), 1.0)  # a missed footfall
     slope = np.polyfit(middle / 2.0, between, 1)[0] if between.size >= 4 and np.ptp(middle) > 0 else math.nan
     return stride_hz * facts.gait_frequency_hz / facts.stride_frequency_hz, abs(slope) * seconds / between.mean()
 
@@ -361,7 +359,7 @@ def rated(rows: pd.DataFrame) -> pd.DataFrame:
         error=np.abs(ratio - 1.0), octave=octave, null=ratio.isna(), angle_deg=aspect_deg, periods=periods,
         view=pd.cut(aspect_deg, [-1, 45, 55, 65, 90], labels=["0-45", "45-55", "55-65", "65-80"]).astype(str),
         observed=pd.cut(periods, [0, 2, 3, 5, 1e3], labels=["1-2", "2-3", "3-5", "5-"]).astype(str),
-        cadence=np.where(rows["drift"] > DRIFT, "drifts", "steady"),
+        cadence=np.select([rows["drift"] > DRIFT, rows["drift"] <= DRIFT], ["drifts", "steady"], "unknown"),
         who=rows["source"] + np.where(rows["half"] == "", "", " " + rows["half"]),
         **{f"clean_{name}": _without_noise(rows, name) for name in NOISE_ONLY},
     )  # fmt: skip

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from doppelgait._core import native
 from doppelgait.core.labels import NORMALISED_SIGNATURE, Signal, make_array
@@ -13,6 +14,7 @@ from doppelgait.features.gait_frequency import (
     compute_terms,
     estimate_gait_frequency,
     measure_rhythms,
+    measure_target_rhythms,
     refine_on_harmonics,
 )
 from doppelgait.features.limbs import Rows, average_columns, limb_rows, sum_groups, torso_line_hz
@@ -135,11 +137,16 @@ def test_the_posterior_is_the_weighted_sum_of_its_terms():
     assert not found[GRID_HZ * 3.75 < 1.1].any()
 
 
-def test_confidence_octaves_and_second_are_masses_of_the_posterior():
-    normalised, excess = make_signature(stride_hz=1.05, alike=True, noise=0.3)
+@pytest.mark.parametrize("seconds", [1.4, 3.75])
+def test_confidence_is_the_mass_at_the_peak_and_counts_few_periods(seconds):
+    normalised, excess = make_signature(stride_hz=1.05, alike=True, noise=0.3, seconds=seconds)
     found = estimate_gait_frequency(normalised, excess, 0.3, velocity_mps=1.2)
-    assert 0.0 < found.confidence < 1.0
-    assert found.confidence + found.half_probability + found.double_probability <= 1.0 + 1e-9
+    rhythms = measure_target_rhythms(
+        [(Signal.of(normalised, NORMALISED_SIGNATURE), Signal.of(excess, NORMALISED_SIGNATURE), 0.3)]
+    )
+    mass = np.convolve(compute_posterior(rhythms, np.array([1.2]))[0], np.ones(7), "same").max()
+    assert found.confidence == pytest.approx(mass * chi2.cdf((0.05 / 0.4 * found.n_periods**2) ** 2, 1))
+    assert mass + found.half_probability + found.double_probability <= 1.0 + 1e-9
     assert abs(np.log(found.second_hz / found.frequency_hz)) > 0.08
 
 

@@ -74,12 +74,8 @@ def test_a_verdict_marks_its_target_and_not_the_body(ranges_m, monkeypatch):
     monkeypatch.setattr(Gate, "crop", lambda gate, frames: frames)
     gates = [Gate.around(TIME_S, range_m, span_m=1.6, source="track") for range_m in ranges_m]
     results = [Result(Analysis(), gate_limits=gate, quality={"track_start_s": 0.0}) for gate in gates]
-    marked = judge(
-        results,
-        SimpleNamespace(range_m=np.linspace(0.4, 9.4, 180), samples=SimpleNamespace(in_memory=False)),
-        Analysis(),
-        X4,
-    )
+    clean = SimpleNamespace(range_m=np.linspace(0.4, 9.4, 180), samples=SimpleNamespace(in_memory=False))
+    marked = judge(results, clean, Analysis(), X4)
     body, ghost = marked if ranges_m[0] is DIRECT_M else marked[::-1]
     assert (body.verdict, body.flags, ghost.verdict) == ("body", (), "reflection")
     assert ghost.flags == (f"reflection_of:{marked.index(body)}",)
@@ -231,9 +227,7 @@ def test_probabilities_are_those_of_the_network_and_what_is_missing_counts_as_it
     monkeypatch.setattr(verdicts, "load_network", lambda: network(values=(1.5, -1.0)))
     body, several = verdicts.compute_probabilities({"way": 3.0, "bend": float("nan")}, PICTURES)
     assert body == pytest.approx(1 / (1 + np.exp(-(2.0 * (0.5 + 1.5 * 2.0) - 1.0))), abs=1e-4)
-    assert several == pytest.approx(
-        1 / (1 + np.exp(4.0 - (0.5 + 2.5) / 2)), abs=1e-4
-    )  # mean of the logits of both pictures
+    assert several == pytest.approx(1 / (1 + np.exp(4.0 - (0.5 + 2.5) / 2)), abs=1e-4)  # mean of both pictures
     assert verdicts.compute_probabilities({"way": -5.0}, PICTURES)[0] == pytest.approx(1 / (1 + np.exp(1.0)), abs=1e-4)
 
 

@@ -27,7 +27,6 @@ MAX_HOP_SHARE = 0.5
 """Largest hop as a share of the processing interval; with a larger hop the modulation aliases."""
 MIN_PERIODS = 1.5
 LOW_CONFIDENCE = 0.7
-FEW_PERIODS = 2.0
 CLOSE_OCTAVE = 0.1
 """Probability of half or twice f_mu above which the decision between step and stride is flagged as close."""
 FULL_BAND_SHARE = 0.9
@@ -162,7 +161,7 @@ def _check_frequency(gait: GaitFrequency, columns: Mapping[Any, Any], flags: lis
     if (gait.n_periods or 0.0) < MIN_PERIODS:
         flags.append(f"gait_frequency:fewer_than_{MIN_PERIODS}_periods_observed")
         return None
-    if (gait.confidence or 0.0) < LOW_CONFIDENCE or (gait.n_periods or 0.0) < FEW_PERIODS:
+    if (gait.confidence or 0.0) < LOW_CONFIDENCE:
         flags.append("low_confidence")
     if max(gait.half_probability or 0.0, gait.double_probability or 0.0) > CLOSE_OCTAVE:
         flags.append("gait_frequency:step_or_stride_is_a_close_decision")

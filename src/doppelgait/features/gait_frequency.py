@@ -35,8 +35,7 @@ SQUARE_LOG_GRID: FloatArray = LOG_GRID**2
 NEAR_STEPS = 3  # number of grid steps (4.4 %) within which two frequencies are the same
 NEAR = np.ones(2 * NEAR_STEPS + 1)
 LEAST_PERIODS = 1.1
-END_SHARE = 0.4
-"""Relative standard deviation of f_mu by incomplete periods at the ends, times the square of the number of periods."""
+END_SHARE = 0.4  # relative deviation of f_mu by the ends of the record, times the square of the number of periods
 SAME_SHARE = 0.05  # relative error within which f_mu is correct
 WHITENING = 0.7  # coefficient of the first-order whitening filter at 40 columns per second
 WEAK_ROW = 1e-3
@@ -180,7 +179,7 @@ def estimate_gait_frequencies(rhythms: Rhythm, velocity_mps: FloatArray) -> list
         f_hz = float(frequency_hz[n])
         found[n] = GaitFrequency(
             frequency_hz=f_hz,
-            # the octave is right, and the ends of the record leave it within the share that counts as right
+            # the posterior's share within 4.4 %, and few periods leave it within the share that counts as right
             confidence=min(float(near[n, best[n]]), 1.0)
             * math.erf(SAME_SHARE * (f_hz * seconds) ** 2 / END_SHARE / ROOT_2),
             half_probability=_sum_posterior(near[n], 0.5 * f_hz),

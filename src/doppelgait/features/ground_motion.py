@@ -45,6 +45,8 @@ class GroundMotion:
         30 degrees.
     ground_speed_sd_mps, aspect_sd_deg : float or None
         Standard deviations of the two; they are known also if the value is too uncertain.
+    side_probability : float
+        Probability of a view beyond 53 degrees, where lateral sway may hide the steps.
     reason : str
         Why there are no values: empty, ``"unknown"`` without a track, ``"too_short"`` (shorter than 1 s) or
         ``"path_is_not_straight"`` (a stop or a sharp turn inside).
@@ -54,6 +56,7 @@ class GroundMotion:
     aspect_deg: float | None = None
     ground_speed_sd_mps: float | None = None
     aspect_sd_deg: float | None = None
+    side_probability: float = 0.0
     reason: str = "unknown"
 
     @property
@@ -142,7 +145,8 @@ def estimate_ground_motion(
     aspect_sd = math.sqrt((weight * spread_deg2).sum() + ASPECT_SD_DEG**2)
     ground_mps = speed if speed_sd <= NOTHING_KNOWN * SURE_SPEED_SD_SHARE * speed else None
     psi_deg = aspect if aspect_sd <= NOTHING_KNOWN * SURE_ASPECT_SD_DEG else None
-    return GroundMotion(ground_mps, psi_deg, speed_sd, aspect_sd, reason="")
+    side = float(weight[across_mps**2 > (1.0 - CLEAR_COSINE**2) * speed_mps**2].sum())
+    return GroundMotion(ground_mps, psi_deg, speed_sd, aspect_sd, side, reason="")
 
 
 @lru_cache(maxsize=8)

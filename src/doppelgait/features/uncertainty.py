@@ -2,16 +2,16 @@
 
 The record is divided into blocks of one gait period. Periodic effects are equal in all blocks and cancel. The rest
 (noise, uneven strides, glints) differs between blocks, and its scatter gives the error of a mean over the blocks. Only
-the constants below were chosen by simulation (``studies/gait_frequency.py``: walking and running people, dogs in seven
-gaits, SNR 5 to 30 dB, 2 to 6 s, within 30 degrees of the line of sight), on other targets than those of its table.
+the constants were chosen, on simulated and recorded people and dogs (``studies/gait_frequency.py``, half A; SNR from
+5 dB on, within 45 degrees of the line of sight); its table has the other half.
 
 The values are valid if the gait frequency is correct, and not its half or double. They describe the
-scatter of a value between records. They do not include a bias that noise causes in every record,
-such as feet that are too weak to increase the bandwidth.
+scatter of a value between records. They do not include a bias that noise causes in every record.
 """
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ def _collect(observed: Observation, velocity_sd: float | None, bandwidth_sd: flo
     found |= {"torso_velocity_mps": velocity_sd, "doppler_bandwidth_hz": bandwidth_sd}
     periods = None if frequency_hz is None or not observed.has_signal else _measure_periods(observed)
     if periods is not None and frequency_hz is not None:
-        found["gait_frequency_hz"] = frequency_sd = frequency_sd_hz(periods, observed.extraction.n_periods or math.nan)
+        found["gait_frequency_hz"] = frequency_sd = frequency_sd_hz(periods, observed.extraction.n_periods or 1.0)
         if features.step_length_m is not None and velocity_sd is not None:
             # L_m = v_m / f_mu: relative variances add (E-36)
             found["step_length_m"] = math.hypot(velocity_sd, features.step_length_m * frequency_sd) / frequency_hz
@@ -152,11 +152,14 @@ class Periods:
     frequency_hz: float
 
     @cached_property
-    def phase_parts(self) -> tuple[FloatArray, FloatArray]:
-        """Harmonics of each period relative to their mean."""
-        n = len(self.harmonics)
-        products = np.einsum("bhk,hk->bh", self.harmonics, (self.harmonics.sum(axis=0) / n).conj())
-        return products.imag, products.real.sum(axis=0) / n
+    def phase_parts(self) -> tuple[FloatArray, FloatArray, float]:
+        """Harmonics of each period relative to their mean, turned back by a steady rate, and this rate in Hz."""
+        first = self.harmonics[:, 0]
+        rate_hz = self.frequency_hz * cmath.phase(complex(np.vdot(first[:-1], first[1:]))) / (2.0 * math.pi)
+        turns = np.outer(rate_hz * (self.centre_s - self.centre_s[0]), HARMONICS)
+        steady = self.harmonics * np.exp(-2j * np.pi * turns)[:, :, np.newaxis]
+        products = np.einsum("bhk,hk->bh", steady, (steady.sum(axis=0) / len(steady)).conj())
+        return products.imag, products.real.sum(axis=0) / len(steady), rate_hz
 
 
 def _measure_periods(observed: Observation) -> Periods | None:
@@ -177,24 +180,23 @@ def _measure_periods(observed: Observation) -> Periods | None:
 def frequency_sd_hz(periods: Periods, n_periods: float) -> float:
     """Estimate the standard deviation of f_mu."""
     # the phases of the periods have their own rate: its difference from f_mu, its error, and the ends of the record
-    imaginary, real = periods.phase_parts
+    imaginary, real, rate_hz = periods.phase_parts
     slope, variance = _fit_phase_rate(periods, imaginary @ HARMONICS / float(HARMONICS**2 @ real))
-    share = math.sqrt(slope * slope + variance) / (2.0 * math.pi * periods.frequency_hz)
-    return periods.frequency_hz * math.hypot(share, END_SHARE / n_periods**2, FREQUENCY_LEAST_SHARE)
+    apart_hz = math.hypot(slope / (2.0 * math.pi) + rate_hz, math.sqrt(variance) / (2.0 * math.pi))
+    return math.hypot(apart_hz, periods.frequency_hz * math.hypot(END_SHARE / n_periods**2, FREQUENCY_LEAST_SHARE))
 
 
 def _fit_phase_rate(periods: Periods, phase_rad: FloatArray) -> tuple[float, float]:
-    # slope in rad/s, and its variance
     n = periods.centre_s.size
     time_s = periods.centre_s - float(periods.centre_s.sum()) / n
     square_s2 = float(time_s @ time_s)
     slope = float(time_s @ phase_rad) / square_s2
     residual = phase_rad - float(phase_rad.sum()) / n - slope * time_s
-    return slope, float(residual @ residual) / (n - 2) / square_s2
+    return slope, float(residual @ residual) / (n - 2) / square_s2  # in rad/s, and its variance
 
 
 def estimate_ratio_sd(periods: Periods) -> float:
-    """Estimate the sd of rho (E-38), 0.6 of that of single periods over the root of their number."""
+    """Estimate the sd of rho (E-38), a share of that of single periods over the root of their number."""
     parts = periods.harmonics.reshape(len(periods.means), -1).view(np.float64)  # real and imaginary
     energy, base = np.einsum("bk,bk->b", parts, parts), np.einsum("bk,bk->b", periods.means, periods.means)
     ratio = np.sqrt(4.0 * energy / base)
@@ -207,7 +209,6 @@ def estimate_ratio_sd(periods: Periods) -> float:
 def estimate_harmonic_ratio_sd(periods: Periods, harmonic: int) -> float:
     """Estimate the standard deviation of beta (E-37)."""
     # the estimate uses the deviations of the phases of the harmonic and of f_mu from straight lines
-    imaginary, real = periods.phase_parts
-    # in phase of the fundamental
+    imaginary, real, _ = periods.phase_parts  # each in phase of the fundamental
     spread = sum(_fit_phase_rate(periods, imaginary[:, h - 1] / (h * real[h - 1]))[1] for h in (1, harmonic))
     return HARMONIC_FACTOR * harmonic * math.sqrt(spread) / (2.0 * math.pi * periods.frequency_hz)

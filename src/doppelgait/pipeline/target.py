@@ -19,7 +19,7 @@ from doppelgait.core.lazy import xr
 from doppelgait.core.units import FloatArray
 from doppelgait.features import Extraction, Observation, liland2018
 from doppelgait.features.extended import measure_extended
-from doppelgait.features.ground_motion import CLEAR_COSINE, HIDDEN_COSINE, GroundMotion, estimate_ground_motion
+from doppelgait.features.ground_motion import HIDDEN_COSINE, GroundMotion, estimate_ground_motion
 from doppelgait.features.observed import share_extended, share_set_f
 from doppelgait.features.uncertainty import estimate_uncertainties, flag_uncertain_features
 from doppelgait.pipeline.result import LateArrays, Result, read_signal
@@ -250,7 +250,7 @@ def _measure_ground_motion(
         flags.append(f"ground_speed,aspect:{motion.reason}")
     flags += motion.uncertain.values()
     cosine = 1.0 if motion.aspect_deg is None else abs(math.cos(math.radians(motion.aspect_deg)))
-    if cosine < CLEAR_COSINE and extraction.gait_frequency_hz is not None:
+    if motion.side_probability > 0.5 and extraction.gait_frequency_hz is not None:
         # lateral sway, with the period of the stride, can be stronger than the steps (E-33)
         flags.append("aspect_beyond_53_deg:gait_frequency_may_be_the_stride")
         if "low_confidence" not in flags:
