@@ -43,14 +43,14 @@ def test_frequency_sd_is_that_of_the_rate_of_the_phases():
     phase = np.array([-0.09, 0.05, -0.03, 0.02])
     periods = periods_with(phase)
     (slope, _), cov = np.polyfit(periods.centre_s, phase, 1, cov=True)
-    share = np.sqrt(slope**2 + cov[0, 0]) / (2 * np.pi * 2.0)
-    assert frequency_sd_hz(periods, 4.0) == pytest.approx(2.0 * np.hypot(share, np.hypot(0.4 / 16, 0.0015)), rel=0.03)
+    share = np.sqrt(0.25 * slope**2 + cov[0, 0]) / (2 * np.pi * 2.0)
+    assert frequency_sd_hz(periods, 4.0) == pytest.approx(2.0 * np.hypot(share, np.hypot(0.4 / 16, 0.0025)), rel=0.03)
 
 
 @pytest.mark.parametrize(("n", "share"), [(3, 0.05), (24, 0.006), (40, 0.02), (40, 0.05)])
 def test_frequency_that_the_phases_contradict_is_uncertain(n, share):
     late = frequency_sd_hz(periods_with(2 * np.pi * share * np.arange(n)), float(n))
-    assert late / 2.0 == pytest.approx(np.hypot(share, np.hypot(0.4 / n**2, 0.0015)), rel=0.01)
+    assert late / 2.0 == pytest.approx(np.hypot(share / 2, np.hypot(0.4 / n**2, 0.0025)), rel=0.01)
 
 
 def test_harmonic_ratio_sd_is_that_of_two_straight_lines():

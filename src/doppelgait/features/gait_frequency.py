@@ -36,7 +36,7 @@ NEAR_STEPS = 3  # number of grid steps (4.4 %) within which two frequencies are 
 NEAR = np.ones(2 * NEAR_STEPS + 1)
 LEAST_PERIODS = 1.1
 END_SHARE = 0.4  # relative deviation of f_mu by the ends of the record, times the square of the number of periods
-SAME_SHARE = 0.05  # relative error within which f_mu is correct
+SAME_SHARE = 0.05  # relative error within which f_mu is correct; few periods leave less within it
 WHITENING = 0.7  # coefficient of the first-order whitening filter at 40 columns per second
 WEAK_ROW = 1e-3
 """Power of a row relative to the strongest one below which it has no equal weight.
@@ -179,7 +179,6 @@ def estimate_gait_frequencies(rhythms: Rhythm, velocity_mps: FloatArray) -> list
         f_hz = float(frequency_hz[n])
         found[n] = GaitFrequency(
             frequency_hz=f_hz,
-            # the posterior's share within 4.4 %, and few periods leave it within the share that counts as right
             confidence=min(float(near[n, best[n]]), 1.0)
             * math.erf(SAME_SHARE * (f_hz * seconds) ** 2 / END_SHARE / ROOT_2),
             half_probability=_sum_posterior(near[n], 0.5 * f_hz),
