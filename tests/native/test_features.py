@@ -276,10 +276,10 @@ def test_oscillating_power_is_that_of_peaks_less_the_noise_between_e38(frequency
 
 def test_harmonics_of_periods_are_projected_on_their_mean():
     harmonics = random(8, 3, 11) + 1j * random(8, 3, 11, seed=1)
-    imaginary, real = Periods(harmonics, np.empty(0), np.empty(0), 1.0).phase_parts
-    wanted = (harmonics * harmonics.mean(axis=0).conj()).sum(axis=2)
-    np.testing.assert_allclose(imaginary, wanted.imag, atol=1e-13)
-    np.testing.assert_allclose(real, wanted.real.mean(axis=0), atol=1e-13)
+    imaginary, real, rate_hz = Periods(harmonics, np.empty(0), np.arange(8.0), 1.0).phase_parts
+    steady = harmonics * np.exp(-2j * np.pi * rate_hz * np.outer(np.arange(8), [1, 2, 3]))[:, :, None]
+    wanted = (steady * steady.mean(axis=0).conj()).sum(axis=2)
+    np.testing.assert_allclose(imaginary + 1j * real, wanted.imag + 1j * wanted.real.mean(axis=0), atol=1e-13)
 
 
 def test_share_of_the_power_near_four_harmonics():
