@@ -180,48 +180,36 @@ void add_noise_matrix(const Out2<std::complex<T>>& matrix, std::uint64_t key, do
   }
 }
 
-// The three steps by themselves, for tests against published words and against the logarithm and the circle.
-void draw_philox(const In1<std::uint32_t>& counter, std::uint64_t key, const Out1<std::uint32_t>& words) {
-  const auto from = view_line(counter);
-  const auto to = view_line(words);
-  require(from.size == 4 && to.size == 4, "counter and words need four numbers");
-  const Words drawn = philox({{Word{} + from[0], Word{} + from[1], Word{} + from[2], Word{} + from[3]}}, key);
-  for (int word = 0; word < 4; ++word) to[word] = drawn.at[word][0];
-}
-
-void transform_words(const In1<std::uint32_t>& words, const Out1<float>& exponentials, const Out1<float>& x,
-                     const Out1<float>& y) {
+// The transforms by themselves, for tests against the logarithm and the circle.
+void transform_words(const In1<std::uint32_t>& words, const Out2<float>& exponentials_and_directions) {
   const auto from = view_line(words);
-  const auto value = view_line(exponentials), across = view_line(x), up = view_line(y);
-  require(value.size == from.size && across.size == from.size && up.size == from.size, "lengths differ");
+  const auto to = view_rows(exponentials_and_directions);
+  require(to.count == 3 && to.width == from.size, "lengths differ");
   for (Index i = 0; i < from.size; ++i) {
     const Word word = Word{} + from[i];
     Float a, b;
     direction(word, a, b);
-    value[i] = exponential(word)[0];
-    across[i] = a[0];
-    up[i] = b[0];
+    to[0][i] = exponential(word)[0];
+    to[1][i] = a[0];
+    to[2][i] = b[0];
   }
 }
 
 }  // namespace
 
 void bind(nb::module_& module) {
-  module.def("draw_philox", &draw_philox, nb::arg("counter"), nb::arg("key"), nb::arg("words").noconvert());
-  module.def("transform_words", &transform_words, nb::arg("words"), nb::arg("exponentials").noconvert(),
-             nb::arg("x").noconvert(), nb::arg("y").noconvert());
+  const auto matrix = nb::arg("matrix").noconvert();
+  const auto key = nb::arg("key"), rms = nb::arg("rms"), factor = nb::arg("factor");
+  module.def("transform_words", &transform_words, nb::arg("words"), nb::arg("out").noconvert());
   module.attr("NOISE_LANES") = kLanes;
   module.def("add_noise_block", &add_noise_block, nb::arg("plane_re").noconvert(), nb::arg("plane_im").noconvert(),
-             nb::arg("start"), nb::arg("stop"), nb::arg("first_bin"), nb::arg("first_frame"), nb::arg("key"),
-             nb::arg("rms"), nb::arg("factor"), Unlocked());
+             nb::arg("start"), nb::arg("stop"), nb::arg("first_bin"), nb::arg("first_frame"), key, rms, factor,
+             Unlocked());
   module.def("copy_noise_spans", &copy_noise_spans, nb::arg("source_re").noconvert(), nb::arg("source_im").noconvert(),
-             nb::arg("spans"), nb::arg("first_bin"), nb::arg("key"), nb::arg("rms"), nb::arg("factor"),
-             nb::arg("margin"), nb::arg("plane_re").noconvert(), nb::arg("plane_im").noconvert(), Unlocked());
-  const auto matrix = nb::arg("matrix").noconvert();
-  module.def("add_noise_matrix", &add_noise_matrix<float>, matrix, nb::arg("key"), nb::arg("rms"), nb::arg("factor"),
-             Unlocked());
-  module.def("add_noise_matrix", &add_noise_matrix<double>, matrix, nb::arg("key"), nb::arg("rms"), nb::arg("factor"),
-             Unlocked());
+             nb::arg("spans"), nb::arg("first_bin"), key, rms, factor, nb::arg("margin"),
+             nb::arg("plane_re").noconvert(), nb::arg("plane_im").noconvert(), Unlocked());
+  module.def("add_noise_matrix", &add_noise_matrix<float>, matrix, key, rms, factor, Unlocked());
+  module.def("add_noise_matrix", &add_noise_matrix<double>, matrix, key, rms, factor, Unlocked());
 }
 
 }  // namespace doppelgait::noise

@@ -24,8 +24,8 @@ struct Bodies {
       require(array->shape(0) == centre.shape(0) && array->shape(1) == centre.shape(1) && array->shape(2) == 3,
               "ellipsoids do not fit");
     }
-    require(semi_axes.shape(0) == centre.shape(1) && semi_axes.shape(1) == 3, "semi-axes do not fit");
-    require(radar.shape(0) == 3, "the radar is a point");
+    require(semi_axes.shape(0) == centre.shape(1) && semi_axes.shape(1) == 3 && radar.shape(0) == 3,
+            "semi-axes or the radar do not fit");
   }
 
   const double *centre, *along, *across, *semi_axes, *radar;
@@ -84,52 +84,31 @@ struct Ellipsoid {
   V root, inverse[3];      // t, 1 / (a_k^2 + t)
 };
 
-// The point (I, S, 3) of every ellipsoid that is nearest to the radar.
-void nearest_points(const In3<double>& centre, const In3<double>& along, const In3<double>& across,
-                    const In2<double>& semi_axes, const In1<double>& radar, const Out3<double>& points) {
+// The point (I, 3, S) of every ellipsoid that is nearest to the radar, and its cross section (I, S) at the radar's
+// distance (E-08g), 0 within it.
+void see_ellipsoids(const In3<double>& centre, const In3<double>& along, const In3<double>& across,
+                    const In2<double>& semi_axes, const In1<double>& radar, const Out3<double>& points,
+                    const Out2<double>& rcs) {
   const Bodies bodies(centre, along, across, semi_axes, radar);
-  require(points.shape(0) == centre.shape(0) && points.shape(1) == centre.shape(1) && points.shape(2) == 3,
-          "points do not fit");
-  const Index n = bodies.n;
-  std::vector<double> apart(3 * n);
+  const auto to = view_rows(rcs);
+  require(to.count == bodies.count && to.width == bodies.n && points.size() == 3 * rcs.size(), "rcs does not fit");
   for (Index i = 0; i < bodies.count; ++i) {
-    side_by_side(n, [&](auto zero, Index s) {
+    side_by_side(to.width, [&](auto zero, Index s) {
       using V = decltype(zero);
       const Ellipsoid<V> e(bodies, i, s);
       const V plain = e.size2[1] * e.inverse[1];
       const V wide = (e.size2[0] * e.inverse[0] - plain) * e.y_wide,
               far = (e.size2[2] * e.inverse[2] - plain) * e.y_long;
-      for (int k = 0; k < 3; ++k) {
-        const V from_centre = fused(far, e.along[k], fused(wide, e.across[k], plain * e.y[k]));
-        store(apart.data() + n * k + s, e.centre[k] + from_centre);
-      }
-    });
-    double* to = points.data() + 3 * n * i;
-    for (Index s = 0; s < n; ++s) {
-      for (Index k = 0; k < 3; ++k) to[3 * s + k] = apart[n * k + s];
-    }
-  }
-}
-
-// The cross section (I, S) of every ellipsoid at the radar's distance (E-08g), 0 within it.
-void seen_rcs(const In3<double>& centre, const In3<double>& along, const In3<double>& across,
-              const In2<double>& semi_axes, const In1<double>& radar, const Out2<double>& rcs) {
-  const Bodies bodies(centre, along, across, semi_axes, radar);
-  const auto to = view_rows(rcs);
-  require(to.count == bodies.count && to.width == bodies.n, "rcs does not fit");
-  for (Index i = 0; i < bodies.count; ++i) {
-    side_by_side(bodies.n, [&](auto zero, Index s) {
-      using V = decltype(zero);
-      const Ellipsoid<V> e(bodies, i, s);
       V gradient2 = zero, bent = zero + 1e-300, sizes = zero + 3.14159265358979324;
       for (int k = 0; k < 3; ++k) {
+        const V from_centre = fused(far, e.along[k], fused(wide, e.across[k], plain * e.y[k]));
+        store(points.data() + to.width * (3 * i + k) + s, e.centre[k] + from_centre);
         const V steep = e.square2[k] * e.inverse[k] * e.inverse[k];  // the sum is 1 / h^2
         gradient2 = gradient2 + steep;
         bent = fused(steep * e.size2[k], e.inverse[k], bent);
         sizes = sizes * (e.size2[k] * e.inverse[k]);
       }
-      const V far = e.root * gradient2;
-      store(to[i] + s, far * far * sizes / bent);
+      store(to[i] + s, e.root * gradient2 * (e.root * gradient2) * sizes / bent);
     });
   }
 }
@@ -230,9 +209,8 @@ void sight_amplitudes(const In3<double>& points, const In3<double>& centre, cons
 void bind(nb::module_& module) {
   const auto centre = nb::arg("centre"), along = nb::arg("along"), across = nb::arg("across"),
              semi_axes = nb::arg("semi_axes"), radar = nb::arg("radar");
-  module.def("nearest_points", &nearest_points, centre, along, across, semi_axes, radar, nb::arg("points").noconvert(),
-             Unlocked());
-  module.def("seen_rcs", &seen_rcs, centre, along, across, semi_axes, radar, nb::arg("rcs").noconvert(), Unlocked());
+  module.def("see_ellipsoids", &see_ellipsoids, centre, along, across, semi_axes, radar, nb::arg("points").noconvert(),
+             nb::arg("rcs").noconvert(), Unlocked());
   module.def("sight_amplitudes", &sight_amplitudes, nb::arg("points"), centre, along, across, semi_axes,
              nb::arg("passes"), radar, nb::arg("edge"), nb::arg("amplitude").noconvert(), Unlocked());
 }

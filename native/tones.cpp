@@ -1,4 +1,4 @@
-// Sums of complex tones with quadratic phase, for frequency-swept radars.
+// Sums of complex tones with quadratic phase: of frequency-swept radars, and along the limbs of bodies (E-08h).
 #include <algorithm>
 #include <vector>
 
@@ -8,17 +8,25 @@
 namespace doppelgait::tones {
 namespace {
 
+template <typename V>
 struct Phasor {
-  Double re, im;
-
   Phasor operator*(const Phasor& by) const { return {fused(re, by.re, -(im * by.im)), fused(re, by.im, im * by.re)}; }
+
+  V re, im;
 };
+
+template <typename V>
+Phasor<V> turned(V turns) {
+  Phasor<V> z;
+  phasor(turns, z.re, z.im);
+  return z;
+}
 
 // A tone z of some sweeps, its step w from sample to sample, and the step's step q: z <- z w, w <- w q.
 struct Tone {
-  Tone(const double* amplitude, const double* phases) {
-    Phasor* parts[] = {&z, &w, &q};
-    for (int n = 0; n < 3; ++n) phasor(load<Double>(phases + n * kWidth), parts[n]->re, parts[n]->im);
+  Tone(const double* amplitude, const double* phases)
+      : w(turned(load<Double>(phases + kWidth))), q(turned(load<Double>(phases + 2 * kWidth))) {
+    z = turned(load<Double>(phases));
     const Double size = load<Double>(amplitude);
     z = {size * z.re, size * z.im};
   }
@@ -30,7 +38,7 @@ struct Tone {
     w = w * q;
   }
 
-  Phasor z, w, q;
+  Phasor<Double> z, w, q;
 };
 
 void add_tones(Rows<const double> sizes, Rows<const double> starts, Rows<const double> slopes, Rows<const double> bends,
@@ -69,10 +77,35 @@ void add_tones(Rows<const double> sizes, Rows<const double> starts, Rows<const d
   }
 }
 
+// Means of a profile along a line, times exp(2 pi i (a t + b t^2)) at t from -1/2 to 1/2, for many a and b.
+void line_fields(Line<const double> turns, Line<const double> bends, Line<const double> profile_re,
+                 Line<const double> profile_im, Line<double> real, Line<double> imaginary) {
+  const Index n = profile_re.size;
+  for (const Index size : {bends.size, real.size, imaginary.size}) require(size == turns.size, "fields do not fit");
+  require(n > 0 && profile_im.size == n, "both parts of a profile need one length");
+  const double step = 1.0 / static_cast<double>(n), first = 0.5 * step - 0.5;
+  side_by_side(turns.size, [&](auto zero, Index i) {
+    using V = decltype(zero);
+    const V a = load<V>(&turns[i]), b = load<V>(&bends[i]);
+    Phasor<V> wave = turned(first * (a + b * first)), advance = turned(step * (a + b * (2.0 * first + step)));
+    const Phasor<V> bend = turned(2.0 * step * step * b);
+    V re = zero, im = zero;
+    for (Index j = 0; j < n; ++j) {
+      re = fused(zero + profile_re[j], wave.re, fused(zero - profile_im[j], wave.im, re));
+      im = fused(zero + profile_re[j], wave.im, fused(zero + profile_im[j], wave.re, im));
+      wave = wave * advance;
+      advance = advance * bend;
+    }
+    store(&real[i], step * re);
+    store(&imaginary[i], step * im);
+  });
+}
+
 }  // namespace
 
 void bind(nb::module_& module) {
   define(module, "add_tones", &add_tones, "amplitude", "turns", "turns_per_sample", "turns_per_sample2", "out");
+  define(module, "line_fields", &line_fields, "turns", "bends", "profile_re", "profile_im", "real", "imaginary");
 }
 
 }  // namespace doppelgait::tones

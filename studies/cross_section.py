@@ -5,7 +5,7 @@
 Question: how do the cross sections of people, dogs and cats depend on aspect and part, and do v_m and rho depend on
 the kind of cross section?
 
-Cross section: the sum over the scatterers of ellipsoids with and without occlusion and the share of the trunk, every 5
+Cross section: the sum over the scatterers of surfaces with and without occlusion and the share of the trunk, every 5
 degrees all round, in the mean over one gait cycle, dBsm, of an unscaled total of 0.01 m^2/kg. v_m and rho: dogs and
 cats in three gaits and walking people, 0 to 45 degrees off the line of sight, approaching and receding, 3 s, SNR 20 dB
 in the true gate, through each kind of cross section. The error of v_m is relative to the mean radial velocity of the
@@ -39,7 +39,7 @@ from doppelgait.scene.rcs import RcsSpec
 FAR_M = 1000.0
 SECONDS = 3.0
 STEP_DEG = 5.0
-KINDS = ("equal", "body_parts", "ellipsoids")
+KINDS = ("equal", "body_parts", "surfaces")
 ASPECTS_DEG = (0.0, 25.0, 45.0, 180.0, 155.0, 135.0)
 GAITS_SHOWN = ("walk", "trot", "gallop")
 SNR_DB = 20.0
@@ -77,9 +77,9 @@ def seen_m2(motion: Motion, aspect_deg: float, *, occlusion: bool) -> dict[str, 
     """Return the mean cross section over a gait cycle, by body part."""
     centre_m = float(np.median(motion.position_m[:, [p in TRUNKS for p in motion.parts], 2]))
     stride_s = 1.0 / motion.facts.stride_frequency_hz
-    target = Target(motion, rcs=RcsSpec(kind="ellipsoids", occlusion=occlusion), range_m=FAR_M, aspect_deg=aspect_deg)
+    target = Target(motion, rcs=RcsSpec(kind="surfaces", occlusion=occlusion), range_m=FAR_M, aspect_deg=aspect_deg)
     scene, times_s = Scene([target], radar_position_m=(0.0, 0.0, centre_m)), np.arange(32) / 32 * stride_s
-    table = assemble(scene, times_s, angles=False)
+    table = assemble(scene, times_s, angles=False, wavelength_m=Radar.preset("x4").wavelength_m)
     mean = (table["rcs"] * table["path_gain"]).mean("slow_time")
     return mean.groupby("part").sum().to_series().to_dict()
 
@@ -132,7 +132,7 @@ def run_target(job: tuple[str, str, str, float, int]) -> list[dict[str, Any]]:
     quiet()
     name, gait, kind, aspect_deg, seed = job
     make, label = (walker, "human") if name == "human" else (animal(name, gait), "dog")
-    rcs = RcsSpec(kind=kind, occlusion=kind == "ellipsoids")
+    rcs = RcsSpec(kind=kind, occlusion=kind == "surfaces")
     found = measured(make, label, rcs, aspect_deg, seed)
     return [{"target": name, "gait": gait, "kind": kind, "aspect": aspect_deg, **found}]
 

@@ -47,8 +47,10 @@ def curves_of(strides: Strides) -> dict[str, list[FloatArray]]:
     """Return the curves that the model has, stride by stride."""
     found: dict[str, list[FloatArray]] = {}
     if "pelvis" in strides.speed:
-        found["surge"] = [(strides.speed["pelvis"] + strides.speed["neck_base"]) / 2]
-        found["hind_heave"], found["fore_heave"] = [strides.height["pelvis"]], [strides.height["neck_base"]]
+        for end, point in (("hind", "pelvis"), ("fore", "neck_base")):
+            found[f"{end}_surge"], found[f"{end}_heave"] = [strides.speed[point]], [strides.height[point]]
+            found[f"{end}_sway"] = [strides.aside[point]]
+        found |= {name: [turn] for name, turn in strides.turn_deg.items()}
         rise = strides.height["head"] - strides.height["neck_base"]
         found["neck"] = [np.degrees(np.arctan2(rise, strides.ahead["head"] - strides.ahead["neck_base"]))]
         rise = strides.height["tail_tip"] - strides.height["tail_base"]
@@ -61,13 +63,12 @@ def curves_of(strides: Strides) -> dict[str, list[FloatArray]]:
     return found
 
 
-def mean_curve(rows: list[FloatArray], *, harmonics: int, folded: bool) -> FloatArray:
-    """Return the mean of all strides at 20 phases. ``folded`` leaves out what differs between half strides."""
+def mean_curve(rows: list[FloatArray], *, harmonics: int, left_out: slice) -> FloatArray:
+    """Return the mean of all strides at 20 phases, without some harmonics."""
     each = np.fft.rfft(np.concatenate(rows), axis=1)[:, : harmonics + 1] / rows[0].shape[1] * 2
     terms = each.mean(axis=0)
     terms[0] /= 2
-    if folded:
-        terms[1::2] = 0
+    terms[left_out] = 0
     turns = np.exp(2j * np.pi * np.outer(np.arange(20) / 20, np.arange(harmonics + 1)))
     return np.asarray((turns @ terms).real)
 
@@ -117,11 +118,13 @@ def main() -> None:
                 curve = curve - np.linspace(curve[0], curve[-1], curve.size)
                 curve = curve / np.trapezoid(curve, dx=1 / (curve.size - 1))
             elif not name.startswith("duty"):
-                trunk = name not in SEGMENTS
-                curve = mean_curve(found, harmonics=N_HARMONICS.get(name, 4), folded=gait in SYMMETRICAL and trunk)
-                digits = 3 if name in ("surge", "hind_heave", "fore_heave") else 1
+                trunk, sideways = name not in SEGMENTS, name.endswith(("sway", "roll", "yaw"))
+                # half strides of a symmetrical gait are equal, and mirrored sideways
+                same = slice(not sideways, None, 2) if gait in SYMMETRICAL and trunk else slice(0)
+                curve = mean_curve(found, harmonics=N_HARMONICS.get(name, 4), left_out=same)
+                digits = 3 if name.endswith(("surge", "heave", "sway")) else 1
                 if trunk:
-                    curve = (curve - curve.mean())[: 10 if gait in SYMMETRICAL else 20]
+                    curve = (curve - curve.mean())[: 10 if gait in SYMMETRICAL and not sideways else 20]
             values = ", ".join(f"{value:.{digits}f}" for value in curve)
             print(f"{gait}: {name} = [{values}] # {sum(len(part) for part in found)}")
 

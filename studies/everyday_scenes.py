@@ -1,7 +1,7 @@
 """Everyday scenes: who moves how and where before which radar.
 
 For the study ``everyday.py``. Every scene is a function of a random generator. Persons and dogs are sampled, half of
-all bodies are points and half ellipsoids; the receiver has thermal noise, 4 mrad of phase noise and the clutter of an
+bodies are points or surfaces; the receiver has thermal noise, 4 mrad of phase noise and the clutter of an
 office.
 """
 
@@ -126,8 +126,8 @@ def crawler(rng: Rng) -> Motion:
 
 
 def seen(rng: Rng, motion: Motion, label: str = "human", **place: Any) -> Target:
-    """Make a target of points or ellipsoids, by chance."""
-    return Target(motion, label=label, rcs={"kind": str(rng.choice(["auto", "ellipsoids"])), "total_spread_db": 2.0},
+    """Make a target of points or surfaces, by chance."""
+    return Target(motion, label=label, rcs={"kind": str(rng.choice(["body_parts", "auto"])), "total_spread_db": 2.0},
                   **place)  # fmt: skip
 
 

@@ -16,13 +16,17 @@ import numpy.typing as npt
 from recorded_motion import Cycle, find_clips, is_tuning, measure_cycle
 
 from doppelgait.core.errors import DoppelgaitError
+from doppelgait.motion.models.curves import ARM_CURVES, SLOWEST_ARMS
 
 N_HARMONICS = 9
-LANDING_SPEED, LIFTING_SPEED = 0.45, 0.2
+LANDING_SPEED, LIFTING_SPEED = 0.3, 0.2
 """A foot lands where its ankle's forward speed over V falls through the first: while the sole comes down about the heel
-the ankle still moves at 0.3 V to 0.4 V. It is lifted where the speed of its tip rises through the second, which is what
-smoothing leaves of its start from rest."""
-DECIMALS = {"pelvis_speed": 3, "neck_speed": 3, "ankle_speed": 2, "ankle_height": 3, "foot_pitch": 1}
+the model's ankle moves at 0.2 V to 0.3 V, and whatever recorded ankles move beyond that makes its swing too fast. It is
+lifted where the speed of its tip rises through the second, which is what smoothing leaves of its start from rest."""
+DECIMALS = dict.fromkeys(ARM_CURVES, 1)
+DECIMALS |= {"pelvis_speed": 3, "neck_speed": 3, "ankle_speed": 2, "ankle_height": 3, "foot_pitch": 1}
+HALF_SHOULDER = 0.1295 / 0.491
+"""Of the model's figure, over the leg length."""
 
 
 def landing_phase(cycle: Cycle) -> float:
@@ -43,6 +47,11 @@ def _crossing(curve: npt.NDArray[np.float64], level: float, first: int) -> float
 
 def curves_of(cycle: Cycle) -> dict[str, npt.NDArray[np.float64]]:
     """Return the curves that the model has, over the cycle."""
+
+    def angle_deg(upper: str, lower: str) -> npt.NDArray[np.float64]:
+        down_m = cycle.height_m[upper] - cycle.height_m[lower]
+        return np.degrees(np.arctan2(cycle.ahead_m[lower] - cycle.ahead_m[upper], down_m))
+
     curves = {
         "pelvis_speed": cycle.speed["pelvis"] - 1,
         "ankle_speed": cycle.speed["own_ankle"] - 1,
@@ -51,10 +60,13 @@ def curves_of(cycle: Cycle) -> dict[str, npt.NDArray[np.float64]]:
     if "neck" in cycle.speed:
         curves["neck_speed"] = cycle.speed["neck"] - 1
     if "own_tip" in cycle.speed:
-        rise_m = cycle.height_m["own_tip"] - cycle.height_m["own_ankle"]
-        pitch = np.degrees(np.arctan2(rise_m, cycle.ahead_m["own_tip"] - cycle.ahead_m["own_ankle"]))
-        standing = slice(25, 35) if cycle.speed_mps < 2.1 else slice(12, 20)
-        curves["foot_pitch"] = pitch - np.median(pitch[standing])
+        pitch = angle_deg("own_ankle", "own_tip")
+        curves["foot_pitch"] = pitch - np.median(pitch[slice(25, 35) if cycle.speed_mps < 2.1 else slice(12, 20)])
+    if {"own_shoulder", "own_elbow", "own_hand"} <= cycle.speed.keys():
+        curves["shoulder"] = angle_deg("own_shoulder", "own_elbow")
+        curves["elbow"] = angle_deg("own_elbow", "own_hand") - curves["shoulder"]
+        ahead_m = (cycle.ahead_m["own_shoulder"] - cycle.ahead_m["other_shoulder"]) / 2
+        curves["thorax_torsion"] = np.degrees(np.arcsin(ahead_m / (HALF_SHOULDER * cycle.leg_m)))
     return curves
 
 
@@ -67,7 +79,9 @@ def fit_tables(cycles: list[Cycle]) -> dict[str, tuple[npt.NDArray[np.float64], 
         for name, curve in curves_of(cycle).items():
             found = np.fft.rfft(curve)[: N_HARMONICS + 1] / 50 * turn
             found[0] /= 2
-            harmonics.setdefault(name, []).append((1 / cycle.dimensionless_speed - middle, found))
+            slowest = SLOWEST_ARMS if name in ARM_CURVES else 0.0
+            slowness = 1 / max(cycle.dimensionless_speed, slowest) - middle
+            harmonics.setdefault(name, []).append((slowness, found))
     tables = {}
     for name, rows in harmonics.items():
         design = np.stack([np.ones(len(rows)), [slowness for slowness, _ in rows]], axis=1)
@@ -78,6 +92,12 @@ def fit_tables(cycles: list[Cycle]) -> dict[str, tuple[npt.NDArray[np.float64], 
             # people are not in phase: the mean of their amplitudes, not the smaller amplitude of their mean
             sizes = np.linalg.lstsq(design, np.abs([row for _, row in rows]), rcond=None)[0][0]
             fitted[:, 2:5:2] *= sizes[2:5:2] / np.abs(fitted[0, 2:5:2])
+        elif name in ARM_CURVES:
+            # people's swing is a lognormal factor about the geometric mean
+            size, growth = np.linalg.lstsq(design, np.log(np.abs([row[1] for _, row in rows])), rcond=None)[0]
+            fitted[:, 1] = np.exp(size) * fitted[0, 1] / np.abs(fitted[0, 1]) * np.array([1, growth])
+        if name == "thorax_torsion":  # the sides are opposite
+            fitted[:, ::2] = 0
         phase = np.arange(n_phases) / 20
         turns = np.exp(2j * np.pi * np.outer(phase, np.arange(N_HARMONICS + 1)))
         mean, slope = (turns @ row for row in fitted)

@@ -4,7 +4,7 @@
 
 Question: which share of a body's energy does `parts` assign to the right part of the body?
 
-Every example is one walking or running person or one dog in one of five gaits, of points or of ellipsoids, seen for
+Every example is one walking or running person or one dog in one of five gaits, of points or of surfaces, seen for
 2.4 s at 5 m by the preset `x4-long` in its true gate. The scatterers of torso (with head, neck, trunk and tail), legs
 and arms (of dogs: legs only) are simulated alone with the same motion; the mask that is located in their sum, with
 noise where there is any, is then applied to each alone. Baselines: everything is torso, and a fixed band of Doppler
@@ -55,7 +55,7 @@ FIXED_MPS = 0.35
 ASPECTS_DEG = (0.0, 30.0, 60.0, 75.0, 90.0, 180.0)
 SNRS_DB = (math.inf, 20.0, 10.0, 5.0, 0.0)
 DOG_GAITS = ("walk", "pace", "trot", "canter", "gallop")
-BODIES = tuple(itertools.product(("person", "dog"), ("body_parts", "ellipsoids")))
+BODIES = tuple(itertools.product(("person", "dog"), ("body_parts", "surfaces")))
 TRUNK = {"torso", "head", "trunk", "neck", "tail"}
 GRID = {"SWAY_SHARE": (0.13, 0.19, 0.25), "SWAY_CELLS": (0.4, 0.7, 1.0), "LENGTH_EXTENTS": (2.5, 3.25, 4.0)}
 
@@ -112,7 +112,7 @@ def observe(motion: Motion, aspect_deg: float, rcs: str, seed: int, seconds: flo
     target = Target(motion, rcs=RcsSpec(kind=rcs), range_m=5.0, aspect_deg=aspect_deg)  # type: ignore[arg-type]
     placed = place(Scene([target], duration_s=seconds))
     time_s = slow_time_axis_s(int(seconds * RADAR.prf_hz), RADAR.prf_hz)
-    table = assemble(placed, time_s, angles=False, rng=np.random.default_rng(seed))
+    table = assemble(placed, time_s, angles=False, wavelength_m=RADAR.wavelength_m, rng=np.random.default_rng(seed))
     numbers = np.array([part_number(str(part)) for part in table["part"].values])
     track = compute_body_track(placed.observed[0], placed.scene, time_s)
     none = synthesise(table.isel(scatterer=[0]), RADAR) * 0.0
@@ -235,7 +235,7 @@ def draw_picture(path: Path) -> None:
     figure = make_figure(width_in=11.0, height_in=6.4)
     rows = figure.subplots(2, 3, sharex=True, sharey="row")
     for (kind, seed), axes in zip((("person", 301), ("dog", 302)), rows, strict=True):
-        body = observe(draw_motion(kind, seed), 0.0, "ellipsoids", seed)
+        body = observe(draw_motion(kind, seed), 0.0, "surfaces", seed)
         mu = body.view(body.whole)
         mask, reason = locate_parts(Frames.of(body.whole), Signal.of(mu, SIGNATURE), body.gate, ANALYSIS)
         if mask is None:

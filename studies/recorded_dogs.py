@@ -29,7 +29,7 @@ N_PHASES = 50
 N_SWING = 13
 CYCLE = np.arange(N_PHASES) / N_PHASES
 SIDED = {
-    "top": ("{S}Shoulder", "b_{S}Clav"),
+    "top": ("{S}Shoulder", "b_{S}Clav", "{s}_ribs"),
     "shoulder": ("{S}Arm", "b_{S}Arm", "{s}_shoulder"),
     "elbow": ("{S}ForeArm", "b_{S}ForeArm", "{s}_elbow"),
     "carpus": ("{S}Hand", "b_{S}Hand", "{s}_carpus"),
@@ -46,7 +46,7 @@ MIDDLE = {
     "neck": ("b__Neck1", "neck"),
     "head": ("Head", "b_Head", "head"),
     "nose": ("Head_End", "nose"),
-    "tail_base": ("Tail", "b_Tail001", "tail_base"),
+    "tail_base": ("Tail", "b_Tail001", "tail"),
     "tail_middle": ("Tail1", "b_Tail005", "tail_middle"),
     "tail_tip": ("Tail1_End", "b_Tail009", "tail_tip"),
 }
@@ -84,6 +84,8 @@ class Strides:
     speed: dict[str, FloatArray] = field(default_factory=dict)
     height: dict[str, FloatArray] = field(default_factory=dict)
     ahead: dict[str, FloatArray] = field(default_factory=dict)
+    aside: dict[str, FloatArray] = field(default_factory=dict)
+    turn_deg: dict[str, FloatArray] = field(default_factory=dict)
     swing: dict[str, FloatArray] = field(default_factory=dict)
 
 
@@ -139,14 +141,9 @@ def measure_strides(motion: Motion, *, zero: str = "left_hind") -> Strides | Non
     window = max(5, round(SPEED_WINDOW_S * rate_hz) | 1)
     speed = {p: savgol_filter(at, window, 3, deriv=1, delta=1 / rate_hz) / speed_mps - 1 for p, at in x.items()}
     centre = body[:, :2] @ forward
-    floor_m = float(
-        min(np.nanpercentile(place[f"{s}_{e}_paw"][:, 2], 5) for s in ("left", "right") for e in ("hind", "fore"))
-    )
-    swings = {
-        f"{side}_{end}": find_swings(speed[f"{side}_{end}_paw"] + 1, times_s)
-        for side in ("left", "right")
-        for end in ("hind", "fore")
-    }
+    feet = [f"{side}_{end}" for side in ("left", "right") for end in ("hind", "fore")]
+    floor_m = float(min(np.nanpercentile(place[f"{foot}_paw"][:, 2], 5) for foot in feet))
+    swings = {foot: find_swings(speed[f"{foot}_paw"] + 1, times_s) for foot in feet}
     touch = {foot: found_s[:, 1] + AFTER * (found_s[:, 1] - found_s[:, 0]) for foot, found_s in swings.items()}
     periods = np.concatenate([np.diff(t) for t in touch.values()]) if touch else np.empty(0)
     if not periods.size:
@@ -159,43 +156,40 @@ def measure_strides(motion: Motion, *, zero: str = "left_hind") -> Strides | Non
         if phases:
             z = np.exp(2j * np.pi * np.array(phases)).mean()
             lag[foot] = float(np.angle(z) / (2 * np.pi) % 1)
-    curves: tuple[dict[str, list[FloatArray]], ...] = ({}, {}, {})
-    for point in found:
-        side = point.partition("_")[0]
-        if side in ("left", "right"):
-            end = "fore" if point.split("_", 1)[1] in ("top", "shoulder", "elbow", "carpus", "fore_paw") else "hind"
-            foot = f"{side}_{end}"
-        else:
-            foot = zero
-        landed = touch.get(foot, np.empty(0))
-        for first_s, last_s in pairwise(landed):
-            if not 0.75 < (last_s - first_s) / usual_s < 1.35:
-                continue
-            at_s = first_s + CYCLE * (last_s - first_s)
-            rows = (
-                speed[point],
-                (place[point][:, 2] - floor_m) / hip_m,
-                (x[point] - centre) / hip_m,
-            )
-            for table, row in zip(curves, rows, strict=True):
-                table.setdefault(point, []).append(np.interp(at_s, times_s, row))
+
+    def cut(foot: str, row: FloatArray, straight: bool = False) -> FloatArray:
+        """Cut the values at all times into the strides of a foot, ``straight`` without the turn of a stride."""
+        spans = np.array([s for s in pairwise(touch.get(foot, ())) if 0.75 < (s[1] - s[0]) / usual_s < 1.35])
+        if not spans.size:
+            return spans
+        values = np.interp(spans[:, :1] + np.append(CYCLE, 1) * np.diff(spans), times_s, row)
+        return np.asarray(values[:, :-1] - straight * CYCLE * (values[:, -1:] - values[:, :1]))
+
+    left = np.array([-forward[1], forward[0]])
+    mirror = -1 if zero.startswith("right") else 1
+    curves: tuple[dict[str, FloatArray], ...] = ({}, {}, {}, {}, {})
+    for point, at in place.items():
+        side, _, name = point.partition("_")
+        end = "fore" if name in ("top", "shoulder", "elbow", "carpus", "fore_paw") else "hind"
+        foot = f"{side}_{end}" if side in ("left", "right") else zero
+        aside = mirror * at[:, :2] @ left / hip_m
+        rows = speed[point], (at[:, 2] - floor_m) / hip_m, (x[point] - centre) / hip_m, aside
+        for table, row in zip(curves, rows, strict=False):
+            if (strides := cut(foot, row, table is curves[3])).size:
+                table[point] = strides
+    for end, point in (("hind", "hip"), ("fore", "top")):
+        if f"left_{point}" in place:
+            line = place[f"left_{point}"] - place[f"right_{point}"]
+            ahead, across = line[:, :2] @ forward, line[:, :2] @ left
+            turns = np.arctan2(-ahead, across), np.arctan2(line[:, 2], np.hypot(ahead, across))
+            for turn, values in zip(("yaw", "roll"), turns, strict=True):
+                curves[4][f"{end}_{turn}"] = mirror * cut(zero, np.degrees(values), True)
     shapes = {}
     for foot, found_s in swings.items():
         width_s = found_s[:, 1:] - found_s[:, :1]
         at_s = found_s[:, :1] + width_s * np.linspace(-BEFORE, 1 + AFTER, N_SWING)
         whole = (at_s[:, 0] >= times_s[0]) & (at_s[:, -1] <= times_s[-1])
         shapes[foot] = np.interp(at_s[whole], times_s, speed[f"{foot}_paw"] + 1)
-    return Strides(
-        speed_mps,
-        hip_m,
-        periods,
-        {
-            foot: 1 - (1 + BEFORE + AFTER) * float(np.mean(found_s[:, 1] - found_s[:, 0])) / usual_s
-            if len(found_s)
-            else np.nan
-            for foot, found_s in swings.items()
-        },
-        lag,
-        *({p: np.array(v) for p, v in table.items()} for table in curves),
-        shapes,
-    )
+    share = 1 + BEFORE + AFTER
+    duty = {f: 1 - share * float(np.diff(s).mean()) / usual_s if len(s) else np.nan for f, s in swings.items()}
+    return Strides(speed_mps, hip_m, periods, duty, lag, *curves, shapes)

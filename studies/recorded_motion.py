@@ -37,6 +37,8 @@ SIDED_POINTS = {
     "ankle": ("{s}tibia", "{l}ankle", "{l}foot", "foot{s}", "{s}ank", "{s}fal", "{s}ankle"),
     "toe": ("{s}foot", "{l}toebase", "{l}toe", "toes{s}", "{l}toes", "{s}toe", "{s}fm1", "{s}mt1"),
     "tip": ("{s}toes", "{l}toebaseend", "{l}toeend", "{l}toesend"),
+    "shoulder": ("{s}clavicle", "{l}arm", "upperarm{s}", "{l}shoulder", "{s}sho", "{s}ac"),
+    "elbow": ("{s}humerus", "{l}forearm", "lowerarm{s}", "{l}elbow", "{s}elb", "{s}hle"),
     "hand": ("{s}wrist", "{l}hand", "hand{s}", "{l}wrist", "{s}fin", "{s}wra", "{s}hm2"),
 }
 """Points of the body and the plain names that markers and joints have for them; {l} is left or right, {s} l or r."""

@@ -8,7 +8,7 @@ For every model (`tools/train_models.py`) people and dogs of motion capture are 
 rooms, noise. Nothing is chosen by the scores. With `--write` the scores go into the model's card. Complete datasets in
 OUT are taken as they are: empty it after a change of the package. It takes about 5 minutes of one core.
 
-Not shown: real recordings. Dogs of the plans move at up to 3.2 m/s; recorded dogs that gallop are twice as fast.
+Not shown: real recordings.
 """
 
 from __future__ import annotations

@@ -18,13 +18,11 @@ import sim_to_real_motions as motions
 from gait_frequency import stretches
 from xband_measures import FloatArray
 
-from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning
-from doppelgait.core.plugins import plugin
+from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.motion.loop import loop
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
-from doppelgait.motion.skeleton import BOULIC_PARTS
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.pipeline.simulate import observe_scene
 from doppelgait.radar import Radar, Recording
@@ -32,9 +30,8 @@ from doppelgait.radar.impairments import apply_impairments
 from doppelgait.radar.measured import label_measured
 from doppelgait.radar.simulate import synthesise_samples
 from doppelgait.scene import Scene, Target
-from doppelgait.scene.bodies import Ellipsoids, find_body, find_own_points
-from doppelgait.scene.rcs import RcsSpec, total_rcs_m2
-from doppelgait.scene.scatterers import View
+from doppelgait.scene.bodies import find_joints
+from doppelgait.scene.rcs import RcsSpec
 
 BURSTS, PULSES, RATE_HZ, PERIOD_S = 15, 128, 3000.0, 0.2
 SECONDS = BURSTS * PERIOD_S
@@ -54,19 +51,8 @@ IQ = {"kind": "iq_imbalance", "gain_db": 5.55, "phase_deg": 14.2}
 IQ_OF_ALL = {"kind": "iq_imbalance", "gain_db": -2.26, "phase_deg": 21.7}
 DC = {"kind": "dc_leak", "level_db": -36.0, "phase_deg": -46.8}
 """Fitted to the development half by ``doppelgait.radar.fit``; the second imbalance is behind the noise."""
-POINTS = 400
-"""Of a body's surface; twice as many change no figure by 1 dB."""
 LARGEST_RETIMING = 0.25
 """Recorded people are made faster or slower by at most this share."""
-JOINTS: tuple[dict[str, str], ...] = (
-    {"base": "root", "neck": "thorax", "head": "head", "shoulder": "{s}clavicle", "elbow": "{s}humerus",
-     "hand": "{s}wrist", "hip": "{s}hipjoint", "knee": "{s}femur", "ankle": "{s}tibia", "toe": "{s}toes"},
-    {"base": "Hips", "neck": "Neck", "head": "Head", "shoulder": "UpperArm_{S}", "elbow": "LowerArm_{S}",
-     "hand": "Hand_{S}", "hip": "UpperLeg_{S}", "knee": "LowerLeg_{S}", "ankle": "Foot_{S}", "toe": "Toes_{S}"},
-    {"base": "Hips", "neck": "Neck1", "head": "Head_End", "shoulder": "{Side}Arm", "elbow": "{Side}ForeArm",
-     "hand": "{Side}Hand", "hip": "{Side}UpLeg", "knee": "{Side}Leg", "ankle": "{Side}Foot", "toe": "{Side}ToeBase"},
-)  # fmt: skip
-"""Joints of the skeletons of ASF/AMC, Bandai-Namco and CMU BVH files."""
 
 
 @dataclass(frozen=True)
@@ -77,36 +63,17 @@ class Plan:
     seed: int = 24
 
 
-def joints_of(motion: Motion) -> Motion | None:
-    """Return the joints of a recorded person, or None."""
-    try:
-        find_body(motion.markers, "")
-        return motion
-    except ConfigError:
-        number = {name: n for n, name in enumerate(motion.markers)}
-    for joints in JOINTS:
-        found = []
-        for joint in BOULIC_PARTS:
-            side, _, name = joint.rpartition("_")
-            text = joints[name].format(s=side[:1], S=side[:1].upper(), Side=side.capitalize())
-            found.append(number.get(text, -1))
-        if min(found) >= 0:
-            return motion.with_points(motion.position_m[:, found], list(BOULIC_PARTS), list(BOULIC_PARTS.values()))
-    return None
-
-
 @lru_cache(maxsize=1)
 def recorded_people(mocap: Path) -> tuple[tuple[str, Motion], ...]:
     """Read looped straight segments of recorded people with known joints. Each is a subject and a motion."""
     found: list[tuple[str, Motion]] = []
     for path in sorted(path for path in (mocap / "human").rglob("*") if path.is_file()):
         for motion in stretches(path).values():
-            joints = joints_of(motion)
-            if joints is None or not joints.facts.height_m > 0:
+            if find_joints(motion)[2] or not motion.facts.height_m > 0:
                 continue
             with warnings.catch_warnings(), suppress(DoppelgaitError, ValueError):
                 warnings.simplefilter("ignore", DoppelgaitWarning)  # of recordings of less than two strides
-                found.append((motions.subject_of(path), loop(joints, duration_s=2.0 * SECONDS, variation=0.0)))
+                found.append((motions.subject_of(path), loop(motion, duration_s=2.0 * SECONDS, variation=0.0)))
     return tuple(found)
 
 
@@ -137,64 +104,6 @@ def draw_person(plan: Plan, kind: str, rng: np.random.Generator, mocap: Path | N
     return subject, motions.hurried(motion, lasts_s, pace)
 
 
-def area_points(semi_axes_m: FloatArray, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Sample points of ellipsoids, uniform by area."""
-    unit = rng.normal(size=(100 * count, 3))
-    unit /= np.linalg.norm(unit, axis=1)[:, None]
-    segment = rng.integers(len(semi_axes_m), size=len(unit))
-    axes = semi_axes_m[segment]
-    stretch = axes.prod(axis=1) * np.linalg.norm(unit / axes, axis=1)
-    chosen = rng.choice(len(unit), size=count, replace=False, p=stretch / stretch.sum())
-    return unit[chosen], segment[chosen]
-
-
-def _axes(body: Ellipsoids, up: FloatArray, sideways: FloatArray) -> FloatArray:
-    """Return the axes across, upright and along of ellipsoids.
-
-    The result has the shape (I, S, 3, 3). Ellipsoids of revolution turn with the trunk, or stay level where they are
-    themselves sideways.
-    """
-    along = body.along
-    level = np.abs((along * sideways[:, None]).sum(axis=-1)).mean(axis=0) > 0.7
-    reference = np.where(level[None, :, None], up[:, None], sideways[:, None])
-    across = np.where(np.abs(body.across).sum(axis=-1, keepdims=True) > 0, body.across, reference)
-    across = across - (across * along).sum(axis=-1, keepdims=True) * along
-    across /= np.linalg.norm(across, axis=-1, keepdims=True)
-    return np.stack([across, np.cross(along, across), along], axis=-2)
-
-
-@plugin("rcs", "surface", parameters=RcsSpec)
-def scatter_surface(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
-    """Use points by area over the skin of the body.
-
-    They move with their bones. Every point stands for an equal area that reflects diffusely (Lambert): its cross
-    section goes with the squared cosine between its normal and the radar, and is nothing on the far side.
-    """
-    skeleton, body = view.skeleton, view.frames
-    unit, segment = area_points(skeleton.semi_axes_m, POINTS, np.random.default_rng(0))
-    number = {name: n for n, name in enumerate(skeleton.joints.markers)}
-    joints_m = skeleton.joints.position_m
-    sideways = joints_m[:, number["left_hip"]] - joints_m[:, number["right_hip"]]
-    sideways /= np.linalg.norm(sideways, axis=1)[:, None]
-    axes = _axes(body, np.broadcast_to([0.0, 0.0, 1.0], sideways.shape), sideways)[:, segment]
-    semi_m = skeleton.semi_axes_m[segment]
-    points_m = body.centre_m[:, segment] + np.einsum("tpkx,pk->tpx", axes, unit * semi_m)
-    outside = find_own_points(points_m, body).sum(axis=1) < 2  # what lies inside another segment is no skin
-    normal = np.einsum("tpkx,pk->tpx", axes, unit / semi_m)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    to_radar = view.radar_position_m - points_m
-    to_radar /= np.linalg.norm(to_radar, axis=-1, keepdims=True)
-    facing = np.maximum((normal * to_radar).sum(axis=-1), 0.0)[:, outside] ** 2
-    names = [f"point{n}" for n in range(int(outside.sum()))]
-    parts = [skeleton.segments[n].part for n in segment[outside]]
-    place = view.time_s * view.motion.rate_hz
-    frame = np.minimum(place.astype(int), len(facing) - 2)
-    share = (place - frame)[:, None]
-    rcs_m2 = (1.0 - share) * facing[frame] + share * facing[frame + 1]
-    rcs_m2 *= total_rcs_m2(spec, view.motion.facts.mass_kg) / facing.sum(axis=1).mean()
-    return skeleton.joints.with_points(points_m[:, outside], names, parts), rcs_m2
-
-
 def recording_of(plan: Plan, number: int, mocap: Path | None = None) -> tuple[Recording, str, str]:
     """Simulate a recording; plan and number determine everything random."""
     streams = np.random.default_rng([plan.seed, number]).spawn(4)
@@ -205,7 +114,7 @@ def recording_of(plan: Plan, number: int, mocap: Path | None = None) -> tuple[Re
     way_m = np.linalg.norm(centre_m - centre_m[0], axis=1)[: round(SECONDS * motions.RATE_HZ) + 1]
     end_m = float(way_m[-1])
     start_m = max(MOTIONS[kind][0], end_m + NEAREST_M)
-    rcs = RcsSpec(kind="surface", occlusion=True)
+    rcs = RcsSpec(kind="surfaces", occlusion=True)
     target = Target(motion, rcs=rcs, range_m=start_m - float(way_m[way_m.size // 2]), aspect_deg=rng.uniform(-15, 15))
     scene = Scene([target], radar_position_m=(0.0, 0.0, rng.uniform(0.7, 1.3)), duration_s=SECONDS)
     radar = Radar.preset("infineon-24", antenna=WIDE)

@@ -208,12 +208,10 @@ def speed_of(labelled: LabelledMotion, seconds: float) -> float:
 
 
 def draw_rcs(rng: np.random.Generator, *, speckle: bool) -> RcsSpec:
-    """Sample the cross section of a target, 0.05 to 1.6 m^2, independent of its class; the same number of draws."""
-    points, hidden = rng.random() < 0.5, rng.random() < 0.7
-    total_m2, correlation_s = (float(np.exp(rng.uniform(*np.log(ends)))) for ends in ((0.05, 1.6), (0.03, 0.3)))
+    """Sample the cross section of a target, 0.015 to 1.6 m^2, independent of its class; the same number of draws."""
+    hidden = rng.random() < 0.7
+    total_m2, correlation_s = (float(np.exp(rng.uniform(*np.log(ends)))) for ends in ((0.015, 1.6), (0.03, 0.3)))
     around: dict[str, Any] = {"total_m2": total_m2}
     if speckle and rng.random() < 0.8:
         around |= {"fluctuation": "swerling1", "correlation_s": correlation_s}
-    if points:
-        return RcsSpec(kind="auto", **around)
-    return RcsSpec(kind="ellipsoids", occlusion=hidden, **around)
+    return RcsSpec(kind="auto", occlusion=hidden, **around)

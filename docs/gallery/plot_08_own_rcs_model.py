@@ -21,8 +21,8 @@ radar = dg.Radar.preset("x4")
 
 # %%
 # **Built in.** ``equal`` gives every point the same share, as in the report, and makes the limbs too strong.
-# ``body_parts`` (the default if the parts of the points are known) weights them. ``ellipsoids`` makes one scatterer per
-# body segment, with a cross section that depends on the direction to the radar.
+# ``body_parts`` weights them. ``surfaces`` (the default for bodies with joints) makes one scatterer per body segment:
+# ellipsoids, and limbs as rough tapered cylinders that flash when they stand across the line of sight.
 
 
 def seen_as(rcs, *effects):
@@ -32,7 +32,7 @@ def seen_as(rcs, *effects):
     return dg.analyze(dg.simulate(scene, radar, conditions=conditions), gate="truth")[0]
 
 
-results = {kind: seen_as(kind) for kind in ("equal", "body_parts", "ellipsoids")}
+results = {kind: seen_as(kind) for kind in ("equal", "body_parts", "surfaces")}
 figure = viz.contact_sheet(
     [result.signature for result in results.values()], titles=list(results), db_range=40, doppler_hz=(-100, 300)
 )

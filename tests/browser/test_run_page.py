@@ -106,7 +106,7 @@ def test_hover_values_equal_the_file(page: Any, url: str, walk: Path) -> None:
     opened(page, url, "?t=1.2&band=all")
     recording = read_recording(walk)
     (result,) = analyze(recording, gate="track")
-    for x, y in ((0.3, 0.4), (0.62, 0.55), (0.5, 0.2)):
+    for x, y in ((0.3, 0.4), (0.62, 0.55), (0.45, 0.25)):
         _compare(page, recording, result, x, y)
 
 

@@ -217,7 +217,7 @@ def test_the_members_of_a_union_are_one_fault() -> None:
 
 def test_a_model_in_a_model_keeps_its_place() -> None:
     with pytest.raises(ConfigError, match=r"^Target: rcs\.foo: unknown key; allowed are .*fluctuation"):
-        Target({"kind": "boulic"}, rcs={"kind": "ellipsoids", "foo": 1})
+        Target({"kind": "boulic"}, rcs={"kind": "surfaces", "foo": 1})
 
 
 @pytest.mark.parametrize(

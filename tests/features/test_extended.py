@@ -236,7 +236,7 @@ def test_registered_features_are_in_results_rows_and_tables(register, walker_mu)
 @pytest.fixture(scope="module")
 def walker_mu():
     motion = boulic_walk(height_m=1.75, speed_mps=1.3, duration_s=4.1)
-    scene = Scene([Target(motion, range_m=5.0)], duration_s=4.0)
+    scene = Scene([Target(motion, range_m=5.0, rcs="body_parts")], duration_s=4.0)
     recording = simulate(scene, Radar.preset("x4"), rng=Streams(3), snr_db=20.0)
     return analyze(recording, gate="truth", analysis=Analysis(doppler_bins=127))[0].signature
 

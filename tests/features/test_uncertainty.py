@@ -172,7 +172,7 @@ def observations(monkeypatch, count=24):
             speed_mps=1.2, duration_s=4.1, start_phase=n / count, step_time_sd=0.025, step_length_sd=0.02, pace_sd=0.02,
             rng=rng,
         )  # fmt: skip
-        scene = Scene([Target(motion, aspect_deg=10.0)], duration_s=4.0)
+        scene = Scene([Target(motion, aspect_deg=10.0, rcs="body_parts")], duration_s=4.0)
         made = simulate(scene, radar, rng=Streams(20, n), snr_db=15.0, angles=False)
         truth = made.truth[0]
         analyze(made, gate="truth", analysis=Analysis(hop=8))

@@ -65,7 +65,7 @@ def bend(motion):
         (lambda: blend(WALK, WALK, share="a"), f"share: 'a' {NUMBER} 0 to 1"),
         (lambda: blend(WALK, WALK, share=True), f"share: True {NUMBER} 0 to 1"),
         (lambda: blend(WALK, WALK, share=1.5), "share: 1.5 is not allowed"),
-        (lambda: blend(WALK, TROT, share=0.5), "they share 10 of 17 and 28 points, none of left_foot"),
+        (lambda: blend(WALK, TROT, share=0.5), "they share 10 of 17 and 29 points, none of left_foot"),
         (lambda: blend(WALK, walk(speed_mps=2.9), share=0.5), "the gait is human walk and human run"),
         (lambda: blend(walk(speed_mps=0.7), walk(speed_mps=1.5), share=0.5), r"is 2\.1\d times as fast"),
         (

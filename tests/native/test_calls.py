@@ -174,8 +174,7 @@ def make_body_cases(rng, n):
     radar, points = np.array([4.0, 0.5, 0.2]), rng.standard_normal((20, n + 2, 3))
     passes = rng.uniform(size=(n + 2, n)) < 0.1
     return [
-        Case("nearest_points", [*body, radar, np.zeros_like(centre)], (5,)),
-        Case("seen_rcs", [*body, radar, np.zeros((20, n))], (5,)),
+        Case("see_ellipsoids", [*body, radar, np.zeros((20, 3, n)), np.zeros((20, n))], (5, 6)),
         Case("sight_amplitudes", [points, *body, passes, radar, 0.1, np.zeros((20, n + 2))], (8,)),
     ]
 

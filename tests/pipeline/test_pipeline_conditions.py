@@ -82,7 +82,7 @@ def test_background_targets_scatter_but_are_neither_truth_nor_signal_nor_result(
     """The signal has every path of the targets: here three, with a metal wall 1 m beside the radar (two-ray field)."""
     radar = Radar.preset(name, prf_hz=1000)
     blades = Target(fan(duration_s=2.0), background=True, rcs={"kind": "equal", "total_m2": 50.0})
-    walker = Target(WALK, label="human", range_m=5.0)
+    walker = Target(WALK, label="human", range_m=5.0, rcs="body_parts")
     room = Conditions(environment=[{"kind": "wall_ghost", "material": "metal", "thickness_m": 0.1, "side_m": 1.0}])
     made = simulate(Scene([blades, walker], duration_s=0.5), radar, rng=rng(1), snr_db=20.0, conditions=room)
     table = assemble(Scene([walker], duration_s=0.5), made.slow_time_s)

@@ -40,7 +40,7 @@ TARGET, SCENE = partial(Target, {"kind": "boulic"}), partial(Scene, [Target({"ki
         (TARGET, {"aspect_deg": INF}, "aspect_deg: inf"),
         (TARGET, {"bearing_deg": 1000.0}, "bearing_deg: 1000.0.*less than or equal to 360"),
         (TARGET, {"label": 3}, "label: 3"),
-        (TARGET, {"rcs": "foo"}, r"rcs.kind: 'foo'.*known are auto, body_parts, ellipsoids, equal"),
+        (TARGET, {"rcs": "foo"}, r"rcs.kind: 'foo'.*known are auto, body_parts, equal, surfaces"),
         (TARGET, {"rcs": 3.0}, "rcs: 3.0"),
         (SCENE, {"radar_position_m": (0, 0)}, "Scene: radar_position_m.2: is required"),
         (SCENE, {"radar_position_m": (0, 0, NAN)}, "radar_position_m.2: nan"),

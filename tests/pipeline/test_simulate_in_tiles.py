@@ -33,7 +33,7 @@ CASES = {
     "a wanted SNR": scene(noise={"kind": "snr", "snr_db": 3.0}),
     "an environment": scene(environment=[{"kind": "ground_bounce"}]),
     "an antenna": scene(radar={**X4, "antenna": BEAM}),
-    "gains of every pulse": scene({"kind": "ellipsoids", "occlusion": True}),
+    "gains of every pulse": scene({"kind": "surfaces", "occlusion": True}),
     "one target": scene(targets=scene()["targets"][:1]),
 }
 

@@ -73,8 +73,9 @@ def test_a_walker_is_found_in_clutter_with_the_features_of_the_true_gate():
 
 @pytest.mark.parametrize("gate", ["truth", "track"])
 def test_a_crossing_costs_neither_body_of_the_demonstration_anything(gate):
-    results = analyze(run_simulation(parse_run(DEMO_SCENE)), gate=gate)
-    for result, target in zip(results, DEMO_SCENE["targets"], strict=True):
+    targets = [{**target, "rcs": "body_parts"} for target in DEMO_SCENE["targets"]]  # the same bodies alone
+    results = analyze(run_simulation(parse_run({**DEMO_SCENE, "targets": targets})), gate=gate)
+    for result, target in zip(results, targets, strict=True):
         (alone,) = analyze(run_simulation(parse_run({**DEMO_SCENE, "targets": [target]})), gate="truth")
         assert result.features.torso_velocity_mps == pytest.approx(alone.features.torso_velocity_mps, rel=0.02)
         assert result.gait_frequency_hz == pytest.approx(alone.gait_frequency_hz, rel=0.01)

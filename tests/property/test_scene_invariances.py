@@ -15,18 +15,17 @@ from doppelgait.scene.bodies import (
     compute_frame_ellipsoids,
     compute_visible_power,
     find_own_points,
-    seen_rcs_m2,
+    see_ellipsoids,
 )
 
 WALK, DOG = boulic_walk(duration_s=0.5), quadruped_gait(duration_s=0.5)
 T = np.arange(0, 0.45, 0.05)
 SPECS = {
-    "split": RcsSpec(),
-    "ellipsoids": RcsSpec(kind="ellipsoids"),
-    "ellipsoids, hidden": RcsSpec(kind="ellipsoids", occlusion=True),
-    "points, hidden": RcsSpec(occlusion=True),
-    "merged": RcsSpec(merge_closer_than_m=0.2),
-    "fluctuating": RcsSpec(fluctuation="swerling1", total_spread_db=3.0),
+    "split": RcsSpec(kind="body_parts"),
+    "surfaces": RcsSpec(kind="surfaces"),
+    "surfaces, hidden": RcsSpec(kind="surfaces", occlusion=True),
+    "points, hidden": RcsSpec(kind="body_parts", occlusion=True),
+    "fluctuating": RcsSpec(kind="body_parts", fluctuation="swerling1", total_spread_db=3.0),
 }
 VARIABLES = ("range", "radial_velocity", "rcs", "path_gain")
 
@@ -43,9 +42,8 @@ def always(*strategies, examples=8):
 
 def table(motion, spec, start, heading_deg, radar_m):
     target = Target(motion, rcs=spec, start_position_m=start, heading_deg=heading_deg)
-    return assemble(
-        Scene([target], radar_position_m=radar_m, duration_s=0.45), T, angles=False, rng=np.random.default_rng(1)
-    )
+    scene = Scene([target], radar_position_m=radar_m, duration_s=0.45)
+    return assemble(scene, T, angles=False, wavelength_m=0.0411, rng=np.random.default_rng(1))
 
 
 def assert_same(one, other, order=slice(None)):
@@ -75,7 +73,7 @@ def test_turning_the_scene_with_the_radar_changes_nothing(motion, spec, turn_deg
     assert_same(here, there)
 
 
-@pytest.mark.parametrize("name", [n for n in SPECS if n not in ("merged", "fluctuating")])
+@pytest.mark.parametrize("name", [n for n in SPECS if n != "fluctuating"])
 @both
 @always(st.integers(0, 2**32 - 1), examples=5)
 def test_permuting_the_markers_permutes_the_rows(motion, name, seed):
@@ -84,24 +82,8 @@ def test_permuting_the_markers_permutes_the_rows(motion, name, seed):
         table(m, SPECS[name], (4.0, 1.0), 200.0, (0.0, 0.0, 1.2))
         for m in (motion, replace(motion, positions=motion.positions.isel(marker=order)))
     )
-    # ellipsoids keep the order of the body's segments
-    assert_same(here, there, slice(None) if SPECS[name].kind == "ellipsoids" else order)
-
-
-@both
-@always(st.integers(0, 2**32 - 1), examples=5)
-def test_permuting_the_markers_permutes_what_is_merged(motion, seed):
-    source = np.random.default_rng(seed)
-    order = source.permutation(len(motion.markers))
-    # no distance twice: a body that is its own mirror image leaves the choice to the order
-    motion = motion.with_positions(motion.position_m + source.uniform(-0.02, 0.02, (1, len(motion.markers), 3)))
-    here, there = (
-        table(m, SPECS["merged"], (4.0, 1.0), 200.0, (0.0, 0.0, 1.2))
-        for m in (motion, replace(motion, positions=motion.positions.isel(marker=order)))
-    )
-    rows = [{frozenset(name.split("+")) for name in t.coords["marker"].values.tolist()} for t in (here, there)]
-    assert rows[0] == rows[1]
-    np.testing.assert_allclose(np.sort(here["range"].values), np.sort(there["range"].values), rtol=1e-9)
+    # surfaces keep the order of the body's segments
+    assert_same(here, there, slice(None) if SPECS[name].kind == "surfaces" else order)
 
 
 @both
@@ -110,7 +92,7 @@ def test_another_unit_of_length_scales_areas_by_its_square_and_hides_the_same(mo
     other = motion.with_positions(motion.position_m * unit).with_facts(height_m=motion.facts.height_m * unit)
     radar = np.array([4.0, 2.0, 1.1])
     one, two = (compute_frame_ellipsoids(build_skeleton(m)) for m in (motion, other))
-    np.testing.assert_allclose(seen_rcs_m2(two, unit * radar), unit**2 * seen_rcs_m2(one, radar), rtol=1e-9)
+    np.testing.assert_allclose(see_ellipsoids(two, unit * radar)[1], unit**2 * see_ellipsoids(one, radar)[1], rtol=1e-9)
     gains = [
         compute_visible_power(m.position_m, body, find_own_points(m.position_m, body), k * radar, edge_m=k * 0.05)
         for m, body, k in ((motion, one, 1.0), (other, two, unit))

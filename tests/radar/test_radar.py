@@ -211,7 +211,7 @@ def test_layout_is_that_of_the_charter_and_plain_h5py_reads_it(recording, tmp_pa
         assert file.attrs["seed"] == 4
         assert sorted(file["truth"]) == ["0", "1"]
         first = file["truth/0"]
-        assert first["range_m"].shape == first["radial_velocity_mps"].shape == (1000, 17)
+        assert first["range_m"].shape == first["radial_velocity_mps"].shape == (1000, 20)
         assert first.attrs["label"] == "human"
         assert first.attrs["gait"] == "walk"
         for name in ("step_frequency_hz", "stride_frequency_hz", "gait_frequency_hz"):

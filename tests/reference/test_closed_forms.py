@@ -86,7 +86,7 @@ def main_features(recording, **analysis):
 
 
 def test_09_transform_length_hop_and_decimation_do_not_change_the_features(walker):
-    scene = Scene([Target(walker)])
+    scene = Scene([Target(walker, rcs="body_parts")])
     frame = {"range_start_m": 1.0, "range_stop_m": 9.0}
     plain = simulate(scene, Radar.preset("x4", **frame))
     noisy = simulate(scene, Radar.preset("x4", **frame), rng=Streams(1), snr_db=15.0)

@@ -5,13 +5,12 @@ import pandas as pd
 import pytest
 
 from doppelgait.motion.models.human_body import POINTS
-from doppelgait.scene.bodies import CHEN_HEIGHT_M, PERSON, ellipsoid_rcs_m2
+from doppelgait.scene.bodies import PERSON, TABLES, ellipsoid_rcs_m2
 
 pytestmark = pytest.mark.shared
 RADAR_M = np.array([10.0, 0.0, 2.0])
 # The program puts these scatterers at an end of their segment, the others at its middle (as we all of them).
-AT_END = ("head", "shoulder", "hip")
-AT_TIP = {"forearm": "end", "foot": "end"}
+AT_END = ("head", "shoulder", "foot")
 CHEN_TORSO_M = 0.15
 
 
@@ -29,29 +28,20 @@ def test_every_segment_of_the_walker(shared):
     table = pd.read_csv(folder / "segment_rcs_range_rv1.00_h1.80.csv")
     with np.load(folder / "boulic_rv1.00_h1.80.npz") as data:
         place = dict(zip(POINTS, data["pos_forward_asis"].transpose(0, 2, 1), strict=True))
-        height_m = float(data["height"])
-    thigh_m = 0.245 * height_m
-    for segment in PERSON:
+    for segment in (s for s in PERSON if not s.joint and s.limb is None):
         kind = segment.name.removeprefix("left_").removeprefix("right_")
         start, end = place[segment.start], place[segment.end]
-        scatterer = end if kind in AT_END or kind in AT_TIP else (start + end) / 2
+        scatterer = end if kind in AT_END else (start + end) / 2
         half_m = float(np.linalg.norm(end[0] - start[0])) / 2
         along = (end - start) / np.linalg.norm(end - start, axis=-1, keepdims=True)
-        if kind == "shank":
-            half_m = thigh_m / 2  # the program's slip
-        if kind == "forearm":  # its elbow is not where its forearm was measured (defect D2), its length stays
-            half_m = 0.152 * height_m / 2
-        if kind == "upper_arm":
-            half_m = 0.188 * height_m / 2
-        radius_m = CHEN_TORSO_M if kind == "torso" else segment.across * CHEN_HEIGHT_M  # our torso is elliptic
+        radius_m = (
+            CHEN_TORSO_M if kind == "torso" else segment.across * TABLES["person"]["unit_m"]
+        )  # our torso is elliptic
         sight = RADAR_M - scatterer
         range_m = np.linalg.norm(sight, axis=-1)
         cosine = (sight * along).sum(axis=-1) / range_m
         direction = np.stack([np.sqrt(1 - cosine**2), 0 * cosine, cosine], axis=-1)
         rcs_m2 = ellipsoid_rcs_m2([radius_m, radius_m, half_m], direction)  # of a plane wave, as the program's
-        name = {"upper_arm": "upperarm", "forearm": "lowerarm", "thigh": "upperleg", "shank": "lowerleg"}.get(
-            kind, kind
-        )
-        name = segment.name[0] + name if segment.name != kind else name
+        name = segment.name[0] + kind if segment.name != kind else kind
         np.testing.assert_allclose(rcs_m2, table[f"{name}_rcs_m2"], rtol=1e-6, err_msg=segment.name)
         np.testing.assert_allclose(range_m, table[f"{name}_range_m"], rtol=1e-8, err_msg=segment.name)

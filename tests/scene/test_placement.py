@@ -31,13 +31,12 @@ PATHS = st.one_of(
     st.just({"kind": "straight", "speed_mps": 1.25}),
 )
 CROSS_SECTIONS = st.one_of(
-    st.sampled_from(["auto", "equal", "body_parts", "ellipsoids"]),
+    st.sampled_from(["auto", "equal", "body_parts", "surfaces"]),
     st.builds(
         RcsSpec,
         total_m2=st.none() | st.floats(0.01, 9),
         fluctuation=st.sampled_from(["none", "swerling1", "swerling3"]),
         total_spread_db=st.floats(0, 10),
-        merge_closer_than_m=st.none() | st.just(0.01),
         occlusion=st.booleans(),
     ),
 )

@@ -98,5 +98,5 @@ def test_what_is_drawn_needs_a_source_and_nothing_else_touches_it():
         with pytest.raises(ConfigError, match="needs rng"):
             rcs_of(spec)
     source = np.random.default_rng(9)
-    assemble(Scene([Target(WALK, rcs=RcsSpec(kind="ellipsoids", occlusion=True))]), T, rng=source)
+    assemble(Scene([Target(WALK, rcs=RcsSpec(kind="body_parts", occlusion=True))]), T, rng=source)
     assert source.integers(2**63) == np.random.default_rng(9).integers(2**63)

@@ -291,8 +291,9 @@ def test_points_of_unknown_parts_are_warned_of_by_name_e08(unknown, message):
 
 
 def test_truth_is_the_geometry_that_the_radar_saw():
-    walkers = [Target(boulic_walk(speed_mps=1.3, height_m=1.8, duration_s=2.0), label="human", aspect_deg=20.0)]
-    walkers.append(Target(boulic_walk(speed_mps=0.7, height_m=1.2, duration_s=2.0), bearing_deg=30.0))
+    taller = boulic_walk(speed_mps=1.3, height_m=1.8, duration_s=2.0)
+    walkers = [Target(taller, label="human", aspect_deg=20.0, rcs="body_parts")]
+    walkers.append(Target(boulic_walk(speed_mps=0.7, height_m=1.2, duration_s=2.0), bearing_deg=30.0, rcs="body_parts"))
     scene = Scene(walkers)
     recording = simulate(scene, Radar.preset("x4"))
     slow_time_s = recording.baseband.coords["slow_time"].values
@@ -316,7 +317,8 @@ def test_truth_is_the_geometry_that_the_radar_saw():
 
 
 def test_the_body_to_draw_stands_where_the_radar_saw_it():
-    walk = Target(boulic_walk(speed_mps=1.3, height_m=1.8, duration_s=2.0), label="human", aspect_deg=50.0)
+    motion = boulic_walk(speed_mps=1.3, height_m=1.8, duration_s=2.0)
+    walk = Target(motion, label="human", aspect_deg=50.0, rcs="body_parts")
     scene = Scene([walk], radar_position_m=(0.3, -0.2, 1.4), radar_azimuth_deg=12.0, radar_tilt_deg=-5.0)
     recording = simulate(scene, Radar.preset("x4"))
     truth = recording.truth[0]

@@ -129,7 +129,7 @@ def test_the_recording_has_the_documented_layout(recorded):
         assert json.loads(file.attrs["radar"])["carrier_hz"] == 7.29e9
         assert file["truth/0"].attrs["label"] == "human"
         assert file["truth/1"].attrs["gait"] == "trot"
-        assert file["truth/0/range_m"].shape == file["truth/0/radial_velocity_mps"].shape == (2000, 17)
+        assert file["truth/0/range_m"].shape == file["truth/0/radial_velocity_mps"].shape == (2000, 20)
         assert file["truth/0"].attrs["gait_frequency_hz"] == pytest.approx(
             2 * file["truth/0"].attrs["stride_frequency_hz"]
         )

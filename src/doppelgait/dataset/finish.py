@@ -40,7 +40,7 @@ SUMS = "SHA256SUMS"
 """File with the hash of every file of a finished dataset, in the format of ``sha256sum -c``. It is written last."""
 LOG = "build.jsonl"
 
-DATA_VERSION = 14
+DATA_VERSION = 15
 """Version of the bytes that a configuration produces. It is part of every dataset's identity and is raised by hand when
 the same configuration gives other bytes (a random draw, a kernel, a stored type), so that a dataset never mixes
 examples of two versions. 1: first form. 2: compiled kernels for geometry, noise and signature; splits by subject names.
@@ -50,7 +50,7 @@ target, splits by groups. 6: alignment by cubic convolution; the last bits of fe
 rooms and behind impairments. 9: the human motion model. 10: noise of swept-threshold counters and its correlation over
 range; integration over a frame, and averages within it; echoes of earlier pulses; where ellipsoids reflect, and the
 shapes of torsos; spreading loss behind walls. 11: gait frequency, targets and segments. 12: signatures in half
-precision; last bits of most steps, after optimisation. 14: noise in rooms, for an SNR_frame with reflections."""
+precision; last bits of most steps, after optimisation. 14: noise in rooms. 15: bodies of surfaces."""
 
 
 def plan_plugins(plan: PlanConfig, folder: Path) -> list[dict[str, Any]]:

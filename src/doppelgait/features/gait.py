@@ -48,7 +48,7 @@ def snr_mu_db(signature: Signal, floor_v2: float) -> float:
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> round(dg.features.snr_mu_db(result.signature, result.quality["noise_floor_v2"]))
-    56
+    57
     """
     return compute_snr_db(strongest_cells_v2(signature), floor_v2)
 

@@ -45,15 +45,15 @@ PADDING, ROOT_2 = 8, math.sqrt(2.0)
 SLOWEST_MPS = 0.25  # lowest torso velocity from which the step length is estimated for the prior
 WEIGHTS: FloatArray = np.array(
     [
-        [0, 0, 0, 10.5, 0, 12.5, 3.76, 0.0837, 0],
-        [0, 0, -0.68, 14.9, 0, -26.6, 2.13, 6.08, 0],
-        [0, -7.16, -3.98, -2.38, 12.4, 8.05, 0.679, 0.915, 0],
-        [0, 0, 0, 2.02, 28.5, 43.8, 0.352, 3.37, 0],
+        [0, 0, 0, 2.5, 0, -0.795, 2.51, 1.64, 0],
+        [0, -0.982, -4.55, 9.44, 0, -10.5, 0.654, 6.85, 0],
+        [0, -4.55, -0.746, -1.7, 21.8, 16.0, 0, 0.0138, 0],
+        [0, -2.5, 0, 3.19, 12.6, 19.3, 0.781, 4.82, 0],
     ]
 )
 """Weights of the nine terms of the evidence of rows.
 There is one row per set: whole, whole whitened, limbs, limbs whitened."""
-PRIOR_WEIGHTS: FloatArray = np.array([2.27, -0.971, -1.34, -0.0757, -14.6])
+PRIOR_WEIGHTS: FloatArray = np.array([3.61, -2.01, -2.15, 0.092, -10.5])
 """Weights of the terms of the prior.
 The terms are ln f, its square, ln of the step length (torso velocity over f), its square, and ln of
 the number of periods that are missing to three."""

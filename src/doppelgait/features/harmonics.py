@@ -122,7 +122,7 @@ def limb_torso_ratio(
     ...     result.cadence_map, observed.mean_row, result.gait_frequency_hz, observed.occupied
     ... )
     >>> round(found.ratio, 1)
-    0.9
+    1.1
     """
     values = np.ascontiguousarray(step_doppler.values[:, occupied])
     return ratio_of_rows(step_doppler.axis("cadence"), values, mean_spectrum[occupied], frequency_hz)

@@ -46,7 +46,7 @@ def apply_room(
         return None
     splines = fit_splines(bodies)
     # scatterers of unit cross section at the computation times
-    alike = [replace(b, rcs_m2=np.ones(len(b.motion.markers)), path_gain=np.ones(1)) for b in bodies]
+    alike = [replace(b, rcs_m2=np.ones(len(b.motion.markers)), path_gain=np.ones(1), phase_rad=None) for b in bodies]
     n_looks = max(math.ceil(float(np.ptp(times_s)) / GAIN_STEP_S) + 1, MIN_LOOKS)
     while 2 * n_looks <= times_s.size:
         looks_s = np.linspace(times_s.min(), times_s.max(), n_looks)
@@ -83,13 +83,13 @@ def apply_room(
     sources = np.arange(n_rows)
     for mirror in mirrors:
         sources[mirror.first : mirror.first + 2 * len(mirror.sources)] = 2 * mirror.sources
-    gain *= take_columns(values["path_gain"], sources)
-    values |= {"rcs": take_columns(values["rcs"], sources), "path_gain": gain}
+    values |= {name: take_columns(values[name], sources) for name in {"rcs", "path_phase"} & values.keys()}
+    values["path_gain"] = gain * take_columns(values["path_gain"], sources)
     if "path_phase" in after:
         phase_rad = after["path_phase"]
         if np.abs(np.diff(phase_rad, axis=0)).max(initial=0.0) > np.pi:
             phase_rad = np.unwrap(phase_rad, axis=0)
-        values["path_phase"] = _interpolate_table(phase_rad, looks_s, times_s)
+        values["path_phase"] = values.get("path_phase", 0.0) + _interpolate_table(phase_rad, looks_s, times_s)
     for name in wanted:
         values[name][:, n_own:] = np.nan
     return ScattererTable(times_s, values, after.columns)

@@ -281,7 +281,7 @@ def observe_scene(
         boresight = {"boresight_azimuth_rad": setting.radar_azimuth_rad, "boresight_tilt_rad": tilt_rad}
         return apply_antenna(table, radar.antenna, **boresight)
 
-    bodies = make_scatterers(placed, times_s, scene_rng)
+    bodies = make_scatterers(placed, times_s, radar.wavelength_m, scene_rng)
     wanted = ("azimuth", "elevation", "aspect") if angles else ()
     scatterers: ScattererTable | None = None
     if directions:

@@ -65,7 +65,7 @@ def main_line_hz(signature: Signal, *, order: int, tapered: bool = False) -> Flo
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> line_hz = dg.processing.main_line_hz(result.signature, order=1)
     >>> round(float(line_hz.mean()))  # Doppler of the torso, Hz
-    56
+    53
     """
     peaks_hz = find_column_peaks(signature)[1]
     return fit_line(peaks_hz, bin_width_hz(signature), signature.counted, order=order, tapered=tapered)

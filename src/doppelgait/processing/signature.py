@@ -76,7 +76,7 @@ def range_doppler(
     ... )
     >>> power = abs(next(maps)).isel(time=0) ** 2
     >>> round(float(power.max("doppler").idxmax("range")), 1)  # range of the strongest cell, m
-    6.8
+    6.6
     """
     frames = Frames.of(baseband)
     transform, times_s, doppler_hz = plan_columns(frames.slow_time, analysis)

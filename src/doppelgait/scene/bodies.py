@@ -1,32 +1,34 @@
-"""Ellipsoid bodies: joints, cross sections, occlusion (E-08c, E-08e to E-08g).
+"""Bodies as a radar sees them: joints, ellipsoids, limbs, occlusion (E-08c, E-08e to E-08h).
 
-Joints are means of points, so that the walking model, two usual marker sets and the quadruped model
-share one description each of a person and of a four-legged animal.
+Joints are means of points: gait models, skeletons and marker sets share a person and an animal.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait._core import native
+from doppelgait.core.config import read_toml
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.units import FloatArray, arctangent, cosine, db_to_power, exponential, sine
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import resample
-from doppelgait.motion.skeleton import BOULIC_PARTS, strip_subject
+from doppelgait.motion.skeleton import reduce_word, strip_subject
 
-FloatArray = npt.NDArray[np.float64]
-
-CHEN_HEIGHT_M = 1.80
-"""Stature (m) of Chen's transverse semi-axes; doppelgait scales them with the person."""
+TABLES = read_toml(Path(__file__).with_name("bodies.toml"))[0]
+"""Segments of a person and an animal, and shares of body parts (``bodies.toml``)."""
 
 
 @dataclass(frozen=True)
 class Segment:
-    """One ellipsoid: its place between two joints and its semi-axes."""
+    """One ellipsoid between two joints, with its semi-axes; or a limb, with its radii at both ends."""
 
     name: str
     part: str
@@ -37,165 +39,63 @@ class Segment:
     along: float | None = None
     sideways: tuple[str, str] | None = None
     at: float = 0.5
+    limb: tuple[float, float] | None = None
+    joint: bool = False
 
 
-@dataclass(frozen=True)
-class Body:
-    """Segments and joints of a body. Every joint is the mean of one or more points."""
-
-    segments: tuple[Segment, ...]
-    joints: Mapping[str, tuple[str, ...]]
+def name_sides(text: str, also: str = "") -> list[str]:
+    """Return a text for both sides if it, or another one, has them."""
+    sides = ("left", "right") if "{side}" in text + also else ("",)
+    return [text.replace("{side}", side).replace("{s}", side[:1]) for side in sides]
 
 
-def _round(name: str, part: str, start: str, end: str, radius: float) -> Segment:
-    return Segment(name, part, start, end, across=radius, upright=radius)
+def _read_segments(table: Mapping[str, Any]) -> tuple[Segment, ...]:
+
+    def read(one: Mapping[str, Any], side: str) -> Segment:
+        name, part, start, end = (s.replace("{side}", side) for s in (one["name"], one["part"], *one["joints"]))
+        round_m = one.get("radius", np.mean(one.get("limb", [0.0])))
+        size = [metres / table["unit_m"] for metres in one.get("size", 2 * [round_m])]
+        found = dict(zip(("across", "upright", "along"), size, strict=False))
+        found |= {key: one[key] for key in ("at", "joint") if key in one}
+        found |= {"sideways": tuple(one["sideways"])} if "sideways" in one else {}
+        found |= {"limb": tuple(metres / table["unit_m"] for metres in one["limb"])} if "limb" in one else {}
+        return Segment(name, part, start, end, **found)
+
+    middle = [read(one, "") for one in table["segments"] if "{side}" not in one["name"]]
+    sided = [one for one in table["segments"] if "{side}" in one["name"]]
+    return (*middle, *(read(one, side) for side in ("left", "right") for one in sided))
 
 
-def _make_person() -> tuple[Segment, ...]:
-    radius = {name: metres / CHEN_HEIGHT_M for name, metres in CHEN_RADII_M.items()}
-    found = [
-        _round("head", "head", "neck", "head", radius["head"]),
-        Segment(
-            "torso",
-            "torso",
-            "base",
-            "neck",
-            TORSO_M[0] / CHEN_HEIGHT_M,
-            TORSO_M[1] / CHEN_HEIGHT_M,
-            sideways=("left_shoulder", "right_shoulder"),
-        ),
-    ]
-    for side in ("left", "right"):
-        for name, part, start, end in (
-            ("shoulder", "torso", "neck", f"{side}_shoulder"),
-            ("upper_arm", f"{side}_upper_arm", f"{side}_shoulder", f"{side}_elbow"),
-            ("forearm", f"{side}_forearm", f"{side}_elbow", f"{side}_hand"),
-            ("hip", "torso", "base", f"{side}_hip"),
-            ("thigh", f"{side}_thigh", f"{side}_hip", f"{side}_knee"),
-            ("shank", f"{side}_shank", f"{side}_knee", f"{side}_ankle"),
-            ("foot", f"{side}_foot", f"{side}_ankle", f"{side}_toe"),
-        ):
-            found.append(_round(f"{side}_{name}", part, start, end, radius[name]))
-    return tuple(found)
+PERSON, ANIMAL = (_read_segments(TABLES[who]) for who in ("person", "animal"))
+"""Segments of a person (Chen 2011, except the torso) and of an animal (assumed from dogs)."""
 
 
-def _make_animal() -> tuple[Segment, ...]:
-    hips = ("left_hip", "right_hip")  # not the shoulders: they swing with the scapulae
-    found = [
-        Segment("chest", "trunk", "breast", "midriff", *CHEST, hips, at=0.0),
-        Segment("thorax", "trunk", "breast", "midriff", 0.14, 0.23, 0.30, hips),
-        Segment("abdomen", "trunk", "midriff", "pelvis", 0.12, 0.17, 0.28, hips),
-        Segment("rump", "trunk", "midriff", "pelvis", *RUMP, hips, at=1.0),
-        _round("neck", "neck", "neck_base", "head", 0.09),
-        _round("head", "head", "head", "nose", 0.09),
-        _round("tail", "tail", "tail_base", "tail_tip", 0.02),
-    ]
-    for side in ("left", "right"):
-        for name, start, end, radius in (
-            ("fore_upper", "shoulder", "elbow", 0.06),
-            ("fore_lower", "elbow", "carpus", 0.035),
-            ("fore_paw", "carpus", "fore_paw", 0.03),
-            ("hind_upper", "hip", "knee", 0.08),
-            ("hind_lower", "knee", "hock", 0.04),
-            ("hind_paw", "hock", "hind_paw", 0.03),
-        ):
-            found.append(_round(f"{side}_{name}", f"{side}_{name}", f"{side}_{start}", f"{side}_{end}", radius))
-    return tuple(found)
-
-
-CHEN_RADII_M = {
-    "head": 0.10,
-    "shoulder": 0.06,
-    "upper_arm": 0.06,
-    "forearm": 0.05,
-    "hip": 0.07,
-    "thigh": 0.07,
-    "shank": 0.06,
-    "foot": 0.05,
-}
-"""Transverse semi-axes of a person's segments, m (Chen 2011, from the program of his book)."""
-
-TORSO_M = (0.16, 0.13)
-"""Transverse semi-axes of the torso, m: from side to side, and from front to back (Chen uses 0.15 m for both).
-
-They are half the chest breadth and depth of adults: 0.322 and 0.243 m for men of 1.76 m, 0.280 and
-0.239 m for women of 1.63 m (Gordon et al. 1989), scaled to 1.80 m and averaged over both sexes. The
-front reflects (0.16 / 0.13)^4 = 3.6 dB more than the side; with 0.17 and 0.11 m the difference
-would be 7.6 dB.
-"""
-
-CHEST, RUMP = (0.16, 0.23, 0.16), (0.13, 0.17, 0.13)
-"""Semi-axes (across, upright, along) of the blunt ends of an animal's trunk, divided by the withers height.
-
-A trunk ends in the chest between the shoulders and in the rump, not in the tips of ellipsoids. Both
-ellipsoids are as wide as the model's shoulders or hips with their muscles (0.11 + 0.05 and 0.10 +
-0.03), as high as thorax and abdomen, and circular from above. The front of the chest is then at the
-point of the shoulder, and the back of the rump at the root of the tail. These values are assumed:
-no measured curvature of an animal's chest is known.
-"""
-
-PERSON = _make_person()
-"""16 ellipsoids of a person, each at the middle of its segment (Chen 2011, except the torso)."""
-ANIMAL = _make_animal()
-"""19 ellipsoids of a four-legged animal; semi-axes relative to the withers height, assumed from dogs' proportions."""
-
-
-def _name_themselves(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    return {name: (name,) for name in names}
-
-
-def _describe_marker_joints(waist_front: str, waist_back: str) -> dict[str, tuple[str, ...]]:
-    """Describe a person's joints as means of markers."""
-    # the markers are on the skin over the joints, that is, outside the true centre of rotation
-    waist = (waist_front, waist_back, waist_front, waist_back, "KNE")
-    middle = {
-        "head": ("LFHD", "RFHD", "LBHD", "RBHD"),
-        "neck": ("C7", "CLAV"),
-        "base": tuple(side + name for side in "LR" for name in waist),
-    }
-    sided = {"shoulder": ("SHO",), "elbow": ("ELB",), "hand": ("WRA", "WRB"), "hip": waist, "knee": ("KNE",)}
-    sided |= {"ankle": ("ANK",), "toe": ("TOE",)}
-    return middle | {
-        f"{side}_{joint}": tuple(side[0].upper() + name for name in names)
-        for side in ("left", "right")
-        for joint, names in sided.items()
+def _read_rig(rig: Mapping[str, str]) -> dict[str, list[list[str]]]:
+    return {
+        joint: [one.split() for one in words.split("|")]
+        for key, text in rig.items()
+        for joint, words in zip(name_sides(key), name_sides(text, also=key), strict=True)
     }
 
 
-ANIMAL_LIMBS = ("shoulder", "elbow", "carpus", "fore_paw", "hip", "knee", "hock", "hind_paw")
-
-BODIES: Mapping[str, Body] = {
-    "boulic": Body(PERSON, _name_themselves(list(BOULIC_PARTS))),
-    "CMU 41": Body(PERSON, _describe_marker_joints("FWT", "BWT")),
-    "Plug-in Gait": Body(PERSON, _describe_marker_joints("ASI", "PSI")),
-    "quadruped": Body(
-        ANIMAL,
-        {
-            **_name_themselves([f"{side}_{joint}" for side in ("left", "right") for joint in ANIMAL_LIMBS]),
-            **_name_themselves(["neck_base", "head", "nose", "tail_base", "tail_tip"]),
-            "breast": ("neck_base", "chest"),
-            "midriff": ("back", "belly"),
-            "pelvis": ("rump", "left_hip", "right_hip"),
-        },
-    ),
-}
-"""Body models by the name of the point set that defines their joints."""
+RIGS = [(body, _read_rig(rig)) for body, who in ((PERSON, "person"), (ANIMAL, "animal")) for rig in TABLES[who]["rigs"]]
+"""Bodies and their point sets: a person's joints, bones and markers, and an animal's joints."""
 
 
-def find_body(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list[int]]]:
-    """Find a motion's body and every joint's points. A joint is the mean of its points."""
-    number = {strip_subject(marker).upper(): n for n, marker in enumerate(markers)}
-    lacking: dict[str, list[str]] = {}
-    for name, body in BODIES.items():
-        lacking[name] = sorted({p for points in body.joints.values() for p in points if p.upper() not in number})
-        if not lacking[name]:
-            return body, {joint: [number[p.upper()] for p in points] for joint, points in body.joints.items()}
-    nearest = min(lacking, key=lambda name: len(lacking[name]))
-    shown = ", ".join(lacking[nearest][:6]) + (", ..." if len(lacking[nearest]) > 6 else "")
-    raise ConfigError(
-        f"{source}: rcs kind 'ellipsoids' and occlusion need a body with known joints ({', '.join(BODIES)}); the "
-        f"nearest point set is {nearest}, but the motion lacks {shown}; use rcs kind 'auto' without occlusion"
-    )
+def find_joints(motion: Motion) -> tuple[tuple[Segment, ...], dict[str, list[int]], list[str]]:
+    """Find a body, every joint's points, whose mean it is, and the joints without points."""
+    number = {reduce_word(strip_subject(marker)): n for n, marker in enumerate(motion.markers)}
+    tried = []
+    for segments, rig in RIGS:
+        if (segments is ANIMAL) != ("trunk" in motion.parts):
+            continue
+        joints: dict[str, list[int]] = {}
+        for joint, ways in rig.items():
+            known = ([number[word] for word in words if word in number] for words in ways)
+            usable = (points for points, words in zip(known, ways, strict=True) if 2 * len(points) >= len(words))
+            joints[joint] = next(usable, [])
+        tried.append((segments, joints, [joint for joint, points in joints.items() if not points]))
+    return min(tried, key=lambda each: len(each[2]))
 
 
 def average_points(motion: Motion, groups: Sequence[Sequence[int]]) -> npt.NDArray[np.float64]:
@@ -265,8 +165,8 @@ def ellipsoid_rcs_m2(semi_axes_m: npt.ArrayLike, direction: npt.ArrayLike) -> Fl
     return np.asarray(np.pi * squares.prod(axis=-1) / (form * form))
 
 
-def mean_rcs_m2(body: Ellipsoids) -> float:
-    """Average the body's RCS, m^2, over times and all horizontal directions."""
+def mean_rcs_m2(body: Ellipsoids) -> FloatArray:
+    """Average every ellipsoid's RCS (S,), m^2, over times and all horizontal directions."""
     across, upright, along = body.semi_axes_m.T
     wide, long = across**2 - upright**2, along**2 - upright**2
     x, y = body.along[..., 0], body.along[..., 1]
@@ -276,35 +176,49 @@ def mean_rcs_m2(body: Ellipsoids) -> float:
     xy = wide * side_x * side_y + long * x * y
     square = xx * yy - xy**2
     each_m2 = np.pi * (across * upright * along) ** 2 * (xx + yy) / (2.0 * square * np.sqrt(square))
-    return float(each_m2.mean(axis=0).sum())
+    return np.asarray(each_m2.mean(axis=0))
 
 
 def build_skeleton(motion: Motion) -> Skeleton:
-    """Build joints and ellipsoids of a motion."""
+    """Build joints and segments of a motion."""
     source, height_m = motion.facts.source, motion.facts.height_m
-    body, points = find_body(motion.markers, source)
+    segments, points, lacking = find_joints(motion)
+    if lacking:
+        shown = ", ".join(lacking[:6]) + (", ..." if len(lacking) > 6 else "")
+        raise ConfigError(
+            f"{source}: rcs kind 'surfaces' and occlusion need a body with known joints; no point of the motion is "
+            f"{shown}; name the points (docs/howto/own-motion.md), or use rcs kind 'auto' without occlusion"
+        )
     if not height_m > 0:
-        raise ConfigError(f"{source}: the height is unknown, so the ellipsoids have no size; use another rcs kind")
+        raise ConfigError(
+            f"{source}: the height is unknown, so the body has no size; use rcs kind 'body_parts' or 'equal'"
+        )
     joints = motion.with_points(average_points(motion, list(points.values())), list(points), [""] * len(points))
-    skeleton = Skeleton(joints, body.segments, np.empty(0))
+    skeleton = Skeleton(joints, segments, np.empty(0))
     start, end = (joints.position_m[:, skeleton.numbers(which)] for which in ("start", "end"))
     half_m = np.median(np.sqrt(((end - start) ** 2).sum(axis=-1)), axis=0) / 2.0
     if not half_m.min() > 0:
-        raise ConfigError(f"{source}: segment {body.segments[int(half_m.argmin())].name} has no length")
+        raise ConfigError(f"{source}: segment {segments[int(half_m.argmin())].name} has no length")
     sizes = [
         (s.across * height_m, s.upright * height_m, float(half) if s.along is None else s.along * height_m)
-        for s, half in zip(body.segments, half_m, strict=True)
+        for s, half in zip(segments, half_m, strict=True)
     ]
-    return Skeleton(joints, body.segments, np.array(sizes))
+    return Skeleton(joints, segments, np.array(sizes))
 
 
 def find_nearest_points(skeleton: Skeleton, body: Ellipsoids, radar_position_m: npt.ArrayLike) -> Motion:
     r"""Compute the motion of the reflecting points. Shapes: radar_position_m (3,) (E-08f)."""
-    points = np.empty(body.centre_m.shape)
-    radar = np.asarray(radar_position_m, dtype=np.float64)
-    native.nearest_points(body.centre_m, body.along, body.across, body.semi_axes_m, radar, points)
     names, parts = ([getattr(s, key) for s in skeleton.segments] for key in ("name", "part"))
-    return skeleton.joints.with_points(points, names, parts)
+    return skeleton.joints.with_points(see_ellipsoids(body, radar_position_m)[0], names, parts)
+
+
+def see_ellipsoids(body: Ellipsoids, radar_position_m: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Find every ellipsoid's nearest point, (I, S, 3), and its RCS there, (I, S) (E-08f, E-08g)."""
+    # the RCS is not scaled to a total
+    (n_times, n_bodies), radar = body.centre_m.shape[:2], np.asarray(radar_position_m, dtype=np.float64)
+    points, rcs_m2 = np.empty((n_times, 3, n_bodies)), np.empty((n_times, n_bodies))
+    native.see_ellipsoids(body.centre_m, body.along, body.across, body.semi_axes_m, radar, points, rcs_m2)
+    return points.transpose(0, 2, 1), rcs_m2
 
 
 def compute_ellipsoids_at(skeleton: Skeleton, time_s: FloatArray) -> Ellipsoids:
@@ -320,7 +234,7 @@ def compute_frame_ellipsoids(skeleton: Skeleton) -> Ellipsoids:
 
 def _compute_ellipsoids(skeleton: Skeleton, joint_m: FloatArray) -> Ellipsoids:
     number = {name: n for n, name in enumerate(skeleton.joints.markers)}
-    start, end = joint_m[:, skeleton.numbers("start")], joint_m[:, skeleton.numbers("end")]
+    start, end = (np.take(joint_m, skeleton.numbers(which), axis=1) for which in ("start", "end"))
     span = end - start
     along = _scale_to_unit(span)
     across = np.zeros_like(along)
@@ -339,14 +253,6 @@ def _scale_to_unit(vector: FloatArray) -> FloatArray:
 
 def _multiply_dot(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("...k,...k->...", first, second))  # three times as fast as a product and a sum
-
-
-def seen_rcs_m2(body: Ellipsoids, radar_position_m: npt.ArrayLike) -> FloatArray:
-    """Compute every ellipsoid's RCS at its distance (E-08c, E-08g)."""
-    # the result has the shape (I, S), m^2, and is not scaled to a total
-    rcs_m2, radar = np.empty(body.centre_m.shape[:2]), np.asarray(radar_position_m, dtype=np.float64)
-    native.seen_rcs(body.centre_m, body.along, body.across, body.semi_axes_m, radar, rcs_m2)
-    return rcs_m2
 
 
 EDGE_M = 0.05
@@ -395,3 +301,120 @@ def find_own_points(point_m: FloatArray, body: Ellipsoids) -> npt.NDArray[np.boo
     long = (offset * body.along[::step, None]).sum(axis=-1) ** 2 * (along - upright)
     form = (offset**2).sum(axis=-1) * upright + wide + long
     return np.asarray(np.median(form, axis=0) <= OWN_REACH**2)
+
+
+ROUND_SHARE = 0.15  # of a limb at either end, over which its field fades in
+SPARE_SAMPLES = 64  # beyond one a turn of the phase: errors of the field are below -80 dB, at least a limb away
+N_WAVES = 128
+"""Waves of a rough surface, the longest 1.25 limbs long: a body is the same for every radar."""
+WAVES_PER_LIMB = 0.8
+ROUGHNESS_M, CORRELATION_M, BULGE = (0.0, 0.003), (0.005, 0.15), (0.0, 0.04)
+"""Laws of a body's surface: height (rms), correlation length and bulge in limb lengths, uniform."""
+LIMBS_DB, FEET_DB, TRUNK_DB, JOINTS = (-6.0, 0.0), (-15.0, 0.0), (-10.0, 0.0), (0.0, 1.0)
+"""Laws of the levels of limbs, feet with hands, trunk with neck and head, and joints, uniform."""
+N_MEAN_FRAMES, N_MEAN_DIRECTIONS = 16, 24  # for the mean cross section over time and horizontal directions
+LEAST_COSINE = 0.05
+"""Smallest share of the line of sight across a limb, for the side on which it reflects."""
+EXTREMITIES = ("foot", "paw", "hand")
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A draw: levels of segments (S,), bulge, and the limbs' waves (limbs, 2, waves)."""
+
+    power: FloatArray
+    bulge: float
+    waves_m: FloatArray
+
+
+def draw_surface(skeleton: Skeleton, rng: np.random.Generator | None) -> Surface:
+    """Draw levels and roughness of a body; without rng, the middle of the law without waves."""
+    laws = LIMBS_DB, FEET_DB, TRUNK_DB, JOINTS, BULGE, ROUGHNESS_M, CORRELATION_M
+    drawn = (float(np.mean(law) if rng is None else rng.uniform(*law)) for law in laws)
+    limbs_db, feet_db, trunk_db, joints, bulge, roughness_m, correlation_m = drawn
+
+    def level(segment: Segment) -> float:
+        if segment.limb is not None:
+            return float(db_to_power(limbs_db))
+        if segment.name.endswith(EXTREMITIES):
+            return float(db_to_power(feet_db))
+        return joints if segment.joint else float(db_to_power(trunk_db))
+
+    lengths_m = 2.0 * skeleton.semi_axes_m[[s.limb is not None for s in skeleton.segments], 2]
+    per_m = WAVES_PER_LIMB * np.arange(1, N_WAVES + 1) / lengths_m[:, np.newaxis]
+    spread = exponential(-0.5 * np.square(np.pi * per_m * correlation_m))  # root of the spectrum of exp(-x^2 / l^2)
+    shape = lengths_m.size, 2, N_WAVES
+    heights = (np.zeros(shape) if rng is None else rng.standard_normal(shape)) * spread[:, np.newaxis]
+    rms = np.sqrt(np.square(spread).sum(axis=1))[:, np.newaxis, np.newaxis]
+    return Surface(
+        np.array([level(s) for s in skeleton.segments]), bulge, roughness_m * heights / np.maximum(rms, 1e-9)
+    )
+
+
+@dataclass(frozen=True)
+class Limb:
+    """A tapered cylinder with bulge; its heights' cosine and sine waves (2, waves)."""
+
+    length_m: float
+    radii_m: tuple[float, float]
+    bulge: float
+    waves_m: FloatArray
+
+    def compute_field(
+        self, along: FloatArray, range_m: FloatArray, wavelength_m: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Compute the root of the RCS, m, and the phase, rad, both (I,) (E-08h)."""
+        # along is the cosine between axis and line of sight; the phase is that against the middle
+        # E = sqrt(k c) L T(X), X = L mu + (a2 - a1) c, T the mean of w sqrt(a) exp(2 j k (X t + h + bulge)) along t
+        number, (first_m, last_m) = 2.0 * np.pi / wavelength_m, self.radii_m
+        across = np.sqrt(np.maximum(1.0 - along * along, 0.0))
+        turns = 2.0 / wavelength_m * (self.length_m * along + (last_m - first_m) * across)
+        bends = -np.square(self.length_m * across) / (wavelength_m * range_m)  # the wave front's curvature
+        n = math.ceil(2.0 / wavelength_m * math.hypot(self.length_m, last_m - first_m)) + SPARE_SAMPLES
+        s = (np.arange(n) + 0.5) / n
+        phase = 2.0 * np.pi * WAVES_PER_LIMB * np.outer(s, np.arange(1, N_WAVES + 1))
+        height_m = cosine(phase) @ self.waves_m[0] + sine(phase) @ self.waves_m[1]
+        height_m += self.bulge * self.length_m * (1.0 - np.square(2.0 * s - 1.0))
+        fade = np.square(sine(0.5 * np.pi * np.minimum(1.0, np.minimum(s, 1.0 - s) / ROUND_SHARE)))
+        weight = fade * np.sqrt(first_m + (last_m - first_m) * s)
+        real, imaginary = np.empty((2, along.size))
+        line = weight * cosine(2.0 * number * height_m), weight * sine(2.0 * number * height_m)
+        native.line_fields(turns, bends, *line, real, imaginary)
+        nearer = 1.0 / (1.0 + 0.5 * (first_m + last_m) / range_m)  # a curved wave front around the limb
+        size_m = self.length_m * np.sqrt(number * across * nearer * (real * real + imaginary * imaginary))
+        return size_m, arctangent(imaginary, real)
+
+    def compute_mean_rcs_m2(self, axis: FloatArray, wavelength_m: float) -> float:
+        """Average the cross section far away over axes (T, 3) and horizontal directions."""
+        turn = np.pi * (np.arange(N_MEAN_DIRECTIONS) + 0.5) / N_MEAN_DIRECTIONS  # from the axis, on one side
+        along = np.outer(np.sqrt(np.square(axis[:, :2]).sum(axis=1)), cosine(turn))
+        size_m, _ = self.compute_field(along.ravel(), np.full(along.size, np.inf), wavelength_m)
+        return float(np.mean(size_m * size_m))
+
+
+def make_limbs(skeleton: Skeleton, surface: Surface, height_m: float) -> dict[int, Limb]:
+    """Make the limbs of a body, by their number among its segments."""
+    numbers = [n for n, segment in enumerate(skeleton.segments) if segment.limb is not None]
+    found = {}
+    for n, waves_m in zip(numbers, surface.waves_m, strict=True):
+        first, last = skeleton.segments[n].limb or (0.0, 0.0)
+        length_m = 2.0 * float(skeleton.semi_axes_m[n, 2])
+        found[n] = Limb(length_m, (first * height_m, last * height_m), surface.bulge, waves_m)
+    return found
+
+
+def place_specular_points(body: Ellipsoids, number: int, limb: Limb, radar_position_m: FloatArray) -> FloatArray:
+    """Place the points (T, 3) of a limb's middle that face the radar."""
+    centre, axis = body.centre_m[:, number], body.along[:, number]
+    sight = radar_position_m - centre
+    sight = sight / np.maximum(np.sqrt(np.square(sight).sum(axis=1)), 1e-9)[:, np.newaxis]
+    side = sight - (sight * axis).sum(axis=1)[:, np.newaxis] * axis
+    across = np.maximum(np.sqrt(np.square(side).sum(axis=1)), LEAST_COSINE)[:, np.newaxis]
+    return np.asarray(centre + sum(limb.radii_m) / 2.0 * side / across)
+
+
+def measure_sight(body: Ellipsoids, number: int, radar_position_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Measure a limb's cosine to the line of sight and its range, (I,)."""
+    sight = radar_position_m - body.centre_m[:, number]
+    range_m = np.sqrt(np.square(sight).sum(axis=1))
+    return (sight * body.along[:, number]).sum(axis=1) / np.maximum(range_m, 1e-9), range_m

@@ -114,6 +114,7 @@ def assemble(
     *,
     angles: bool = True,
     directions: bool = False,
+    wavelength_m: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> xr.Dataset:
     """Assemble the scatterer table of all targets of a scene.
@@ -127,8 +128,10 @@ def assemble(
         Include aspect, azimuth and elevation; they need most of the computing time.
     directions : bool
         Include azimuth and elevation even without ``angles``.
+    wavelength_m : float, optional
+        Needed for the rcs kind ``surfaces``; without it, bodies of the kind ``auto`` are points.
     rng : numpy.random.Generator, optional
-        Needed if the radar cross section of a target fluctuates or has a spread; otherwise not used.
+        Needed if the radar cross section of a target fluctuates or has a spread; a body of surfaces is drawn with it.
 
     Returns
     -------
@@ -166,12 +169,15 @@ def assemble(
     """
     placed, times = as_placed(scene), np.asarray(slow_time_s, dtype=float)
     wanted = ("azimuth", "elevation", "aspect") if angles else ("azimuth", "elevation") if directions else ()
-    return tabulate(placed, make_scatterers(placed, times, rng), times, wanted).label()
+    return tabulate(placed, make_scatterers(placed, times, wavelength_m, rng), times, wanted).label()
 
 
-def make_scatterers(placed: PlacedScene, times: FloatArray, rng: np.random.Generator | None) -> list[Scatterers]:
+def make_scatterers(
+    placed: PlacedScene, times: FloatArray, wavelength_m: float | None, rng: np.random.Generator | None
+) -> list[Scatterers]:
     """Make the scatterers of all targets, including random properties."""
-    return [_make_scatterers(target, placed.scene, times, rng) for target in placed.targets]
+    chance = {"wavelength_m": wavelength_m, "rng": rng}
+    return [_make_scatterers(target, placed.scene, times, chance) for target in placed.targets]
 
 
 def tabulate(
@@ -186,7 +192,9 @@ def tabulate_later(
 ) -> ScattererTable:
     """Observe scatterers as :func:`tabulate`; ranges, velocities and angles on demand."""
     count = sum(len(body.motion.markers) for body in bodies)
-    alike = [replace(body, rcs_m2=np.ones(1), path_gain=np.ones(1)) for body in bodies]  # gains are not needed here
+    alike = [
+        replace(body, rcs_m2=np.ones(1), path_gain=np.ones(1), phase_rad=None) for body in bodies
+    ]  # gains are not needed here
     late = _Look(placed.scene, alike, fit_splines(bodies), times, tuple(wanted))
     values: dict[str, Any] = {
         name: LateRows((times.size, count), partial(late.read, name), np.float64)
@@ -194,6 +202,7 @@ def tabulate_later(
     }
     values["rcs"] = _join_tables(bodies, times, [body.rcs_m2 for body in bodies])
     values["path_gain"] = _join_tables(bodies, times, [body.path_gain for body in bodies])
+    values |= _join_phases(bodies, times)
     return make_table(placed, bodies, times, values)
 
 
@@ -255,7 +264,7 @@ def look(
             fill_angles(spline, checked_s, scene.radar_position_m, own)
         gains.append(gain)
     values["rcs"] = _join_tables(bodies, times, [body.rcs_m2 for body in bodies])
-    return {**values, "path_gain": _join_tables(bodies, times, gains)}
+    return {**values, "path_gain": _join_tables(bodies, times, gains), **_join_phases(bodies, times)}
 
 
 def make_table(
@@ -276,7 +285,6 @@ def make_table(
 
 
 def _join_tables(bodies: Sequence[Scatterers], times: FloatArray, tables: Sequence[FloatArray]) -> FloatArray:
-    """Join values of all bodies, (I, P); repeated rows stay one row."""
     shapes = [(times.size, len(body.motion.markers)) for body in bodies]
     parts = [np.broadcast_to(values, shape) for values, shape in zip(tables, shapes, strict=True)]
     if times.size and all(part.strides[0] == 0 for part in parts if part.shape[1]):
@@ -285,21 +293,25 @@ def _join_tables(bodies: Sequence[Scatterers], times: FloatArray, tables: Sequen
     return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
 
-def _make_scatterers(
-    target: PlacedTarget, scene: Scene, times: FloatArray, rng: np.random.Generator | None
-) -> Scatterers:
-    """Compute a target's scatterers with occlusion."""
+def _join_phases(bodies: Sequence[Scatterers], times: FloatArray) -> dict[str, FloatArray]:
+    if all(body.phase_rad is None for body in bodies):
+        return {}
+    phases = [np.zeros(1) if body.phase_rad is None else body.phase_rad for body in bodies]
+    return {"path_phase": _join_tables(bodies, times, phases)}
+
+
+def _make_scatterers(target: PlacedTarget, scene: Scene, times: FloatArray, chance: Mapping[str, Any]) -> Scatterers:
     # occlusion applies to the path from the transmitter and to the path to the receiver
     motion, rcs = target.motion, target.target.rcs
     if scene.receiver_position_m is None:
-        return compute_scatterers(motion, rcs, times, scene.radar_position_m, rng=rng)
+        return compute_scatterers(motion, rcs, times, scene.radar_position_m, **chance)
     # The bisector of an angle divides the opposite side in the ratio of the adjacent sides, R_t to R_r. This gives the
     # point between transmitter and receiver on the bisector at the body centre, for the mean ranges.
     centre_m = fit_centre(motion).at(check_times(motion, times))[0]
     ends = np.array([scene.radar_position_m, scene.receiver_position_m])
     there_m, back_m = np.sqrt(((centre_m - ends[:, None]) ** 2).sum(axis=-1)).mean(axis=-1)
     bisector_m = np.asarray(ends[0] + there_m / max(there_m + back_m, 1e-12) * (ends[1] - ends[0]))
-    seen = compute_scatterers(motion, rcs.model_copy(update={"occlusion": False}), times, bisector_m, rng=rng)
+    seen = compute_scatterers(motion, rcs.model_copy(update={"occlusion": False}), times, bisector_m, **chance)
     if not rcs.occlusion:
         return seen
     there, back = (View(motion, times, end).compute_sight_gain(seen.motion) for end in ends)

@@ -166,7 +166,6 @@ def make_scaled_motion(target: Target) -> Motion:
 
 
 def _scale(target: Target, motion: Motion, wanted_s: float | None) -> Motion:
-    """Scale a motion to the target's height, on its path."""
     # a motion on a path is then in the frame of the scene
     if target.height_m is not None:
         motion = scale_to_height(motion, height_m=target.height_m, mode=target.scaling)
@@ -184,7 +183,6 @@ def _scale(target: Target, motion: Motion, wanted_s: float | None) -> Motion:
 
 
 def _place(target: Target, motion: Motion, scene: Scene, observation_s: float) -> Motion:
-    """Rotate and translate a scaled motion to its position."""
     # a motion on a path is already in position
     if target.path is not None:
         return motion
@@ -268,7 +266,6 @@ def _vary(number: int, target: Target, motion: Motion, streams: Streams | None) 
 
 
 def _choose_range_m(motion: Motion, observation_s: float) -> float:
-    """Return the range at mid-observation of a target without one."""
     # it is 5 m, or more where the closest approach would be below 2 m
     return max(5.0, travel_speed_mps(motion) * observation_s / 2.0 + 2.0)
 

@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from doppelgait._core import native
 from doppelgait.core.config import FrozenModel
@@ -24,6 +24,7 @@ from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.plugins import Group
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS, DOG_PARTS, HUMAN_PARTS
+from doppelgait.scene.bodies import TABLES, name_sides
 
 FloatArray = npt.NDArray[np.float64]
 Fluctuation = Literal["none", "swerling1", "swerling3"]
@@ -49,53 +50,13 @@ is known: the same proportion is assumed for them.
 MOST_NAMES = 8
 """Maximum number of point names in a warning."""
 
-PART_WEIGHTS = {
-    "torso": 0.50,
-    "head": 0.10,
-    "left_thigh": 0.07,
-    "right_thigh": 0.07,
-    "left_shank": 0.055,
-    "right_shank": 0.055,
-    "left_foot": 0.015,
-    "right_foot": 0.015,
-    "left_upper_arm": 0.03,
-    "right_upper_arm": 0.03,
-    "left_forearm": 0.02,
-    "right_forearm": 0.02,
-    "left_hand": 0.01,
-    "right_hand": 0.01,
-    "trunk": 0.65,
-    "neck": 0.06,
-    "tail": 0.01,
-    "left_fore_upper": 0.03,
-    "right_fore_upper": 0.03,
-    "left_fore_lower": 0.015,
-    "right_fore_lower": 0.015,
-    "left_fore_paw": 0.005,
-    "right_fore_paw": 0.005,
-    "left_hind_upper": 0.04,
-    "right_hind_upper": 0.04,
-    "left_hind_lower": 0.015,
-    "right_hind_lower": 0.015,
-    "left_hind_paw": 0.005,
-    "right_hind_paw": 0.005,
-}
-"""Share of the total by body part (E-08; assumed by area for dogs), normalised over the parts that have points."""
-
+PART_WEIGHTS: dict[str, float] = {name: share for key, share in TABLES["shares"].items() for name in name_sides(key)}
+"""Share of the total by body part (E-08)."""
 HEIRS = {
-    f"{side}_{part}": f"{side}_{heir}"
-    for side in ("left", "right")
-    for part, heir in (
-        ("forearm", "hand"),
-        ("hand", "forearm"),
-        ("foot", "shank"),
-        ("shank", "foot"),
-        ("fore_paw", "fore_lower"),
-        ("fore_lower", "fore_paw"),
-        ("hind_paw", "hind_lower"),
-        ("hind_lower", "hind_paw"),
-    )
-} | {"neck": "trunk", "tail": "trunk"}
+    part: heir
+    for key, heirs in TABLES["heirs"].items()
+    for part, heir in zip(name_sides(key), name_sides(heirs), strict=True)
+}
 """Part that gets the share of a part without points, by that part."""
 
 
@@ -109,19 +70,18 @@ class RcsSpec(FrozenModel):
 
     They set the total, its split among points and its change with time.
 
-    kind: ``auto``: split by body part if the trunk or every point's part is known, otherwise equal.
-        ``ellipsoids``: one scatterer per body segment with a direction-dependent cross section
-        (:mod:`doppelgait.scene.bodies`); needs points with known joints.
+    kind: ``surfaces``: one scatterer per body segment, limbs as rough tapered cylinders that flash
+        at broadside, the others as ellipsoids (:mod:`doppelgait.scene.bodies`); a draw; needs a
+        radar and points with known joints. ``body_parts``: points that share the total by body
+        part. ``equal``: points alike. ``auto``: surfaces before a radar where joints and height
+        are known; otherwise by body part if the trunk or every point's part is known, otherwise equal.
     total_m2: Sum over the scatterers (sigma), m^2; by default 0.01 m^2 per kilogram of body mass.
-        For ellipsoids it is the mean of this sum over the motion's frames and all horizontal
-        directions.
+        For surfaces it is the mean of this sum over the motion's frames and all horizontal directions.
     total_spread_db: Standard deviation of a log-normal factor of mean 1 on the total, sampled once
         per target, 0 to 10 dB; 2 dB is usual between people.
     fluctuation: Slow independent fluctuation of every scatterer around its mean
         (:mod:`doppelgait.scene.rcs`).
     correlation_s: Correlation time of the fluctuation, 0.001 to 100 s.
-    merge_closer_than_m: Merge points that are closer than this distance; a quarter wavelength (1.03
-        cm at 7.29 GHz) prevents coherent addition.
     occlusion: Let the body's ellipsoids hide scatterers behind them; needs points with known
         joints.
     """
@@ -131,7 +91,6 @@ class RcsSpec(FrozenModel):
     total_spread_db: float = Field(default=0.0, ge=0, le=10)
     fluctuation: Fluctuation = "none"
     correlation_s: float = Field(default=0.1, ge=1e-3, le=100)
-    merge_closer_than_m: float | None = Field(default=None, gt=0, le=1)
     occlusion: bool = False
 
     @field_validator("kind")
@@ -140,12 +99,6 @@ class RcsSpec(FrozenModel):
         if kind not in RCS:
             raise ValueError(f"known are {', '.join(RCS)}")
         return kind
-
-    @model_validator(mode="after")
-    def _check_points(self) -> RcsSpec:
-        if self.kind == "ellipsoids" and self.merge_closer_than_m is not None:
-            raise ValueError("merge_closer_than_m is for points; kind 'ellipsoids' has one scatterer per segment")
-        return self
 
     @property
     def needs_rng(self) -> bool:

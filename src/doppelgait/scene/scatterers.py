@@ -17,17 +17,22 @@ from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import resample
 from doppelgait.scene.bodies import (
+    N_MEAN_FRAMES,
     Ellipsoids,
     Skeleton,
-    average_points,
     build_skeleton,
     compute_ellipsoids_at,
     compute_frame_ellipsoids,
     compute_visible_power,
+    draw_surface,
+    find_joints,
     find_nearest_points,
     find_own_points,
+    make_limbs,
     mean_rcs_m2,
-    seen_rcs_m2,
+    measure_sight,
+    place_specular_points,
+    see_ellipsoids,
 )
 from doppelgait.scene.rcs import (
     RCS,
@@ -41,9 +46,6 @@ from doppelgait.scene.rcs import (
 
 FloatArray = npt.NDArray[np.float64]
 
-MAX_FRAMES = 200
-"""Maximum number of frames, evenly spaced in time, for the median distance of two points."""
-
 
 @dataclass(frozen=True)
 class Scatterers:
@@ -55,11 +57,14 @@ class Scatterers:
         One point per scatterer, L of them.
     rcs_m2, path_gain : ndarray, broadcastable to (I, L)
         Radar cross section (m^2) and two-way power gain of the path (1) at the I pulse times.
+    phase_rad : ndarray (I, L), optional
+        Phase of the reflection, against that of a point.
     """
 
     motion: Motion
     rcs_m2: FloatArray
     path_gain: FloatArray
+    phase_rad: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -69,6 +74,8 @@ class View:
     motion: Motion
     time_s: FloatArray
     radar_position_m: FloatArray
+    wavelength_m: float | None = None
+    rng: np.random.Generator | None = None
 
     @cached_property
     def skeleton(self) -> Skeleton:
@@ -95,8 +102,8 @@ class View:
 class RcsKind(Protocol):
     """Kind of radar cross section: points of the placed motion and their means."""
 
-    def __call__(self, view: View, parameters: Any, /) -> tuple[Motion, FloatArray]:
-        """Return L points and their cross sections in m^2, shape (L,) or (I, L)."""
+    def __call__(self, view: View, parameters: Any, /) -> tuple[Motion, FloatArray] | tuple[Motion, FloatArray, Any]:
+        """Return L points, their cross sections in m^2, (L,) or (I, L), and phases in rad, (I, L), if they have any."""
 
 
 def compute_scatterers(
@@ -105,6 +112,7 @@ def compute_scatterers(
     time_s: FloatArray,
     radar_position_m: npt.ArrayLike,
     *,
+    wavelength_m: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> Scatterers:
     """Compute the scatterers of one target (E-08).
@@ -116,13 +124,15 @@ def compute_scatterers(
     time_s : ndarray, shape (I,)
         Pulse times after the motion's first frame.
     radar_position_m : array_like, shape (3,)
+    wavelength_m : float, optional
+        Positive; needed for ``surfaces``.
     rng : numpy.random.Generator, optional
-        Used only if ``spec.needs_rng``.
+        Needed if ``spec.needs_rng``. A body of surfaces is a draw; without it, the middle of the law.
 
     Raises
     ------
     ConfigError
-        If ``spec`` needs ``rng``, or joints that the motion lacks.
+        If ``spec`` needs ``rng`` or ``wavelength_m``, or joints that the motion lacks.
 
     Examples
     --------
@@ -138,12 +148,8 @@ def compute_scatterers(
             f"rcs: total_spread_db = {spec.total_spread_db:g}, fluctuation = {spec.fluctuation!r}: a random value "
             "needs rng: pass rng=doppelgait.rng(SEED)"
         )
-    view = View(motion, time_s, np.asarray(radar_position_m, dtype=float))
-    points, rcs_m2 = RCS.of(spec).run(view, spec)
-    if spec.merge_closer_than_m is not None:
-        if rcs_m2.ndim != 1:
-            raise ConfigError(f"rcs kind {spec.kind!r} changes with time; remove merge_closer_than_m")
-        points, rcs_m2 = merge_close(points, rcs_m2, closer_than_m=spec.merge_closer_than_m)
+    view = View(motion, time_s, np.asarray(radar_position_m, dtype=float), wavelength_m, rng)
+    points, rcs_m2, *phases = RCS.of(spec).run(view, spec)
     gain = view.compute_sight_gain(points) if spec.occlusion else np.ones(())
     if rng is not None and spec.total_spread_db > 0:
         rcs_m2 = rcs_m2 * sample_spread(spec.total_spread_db, rng)
@@ -151,10 +157,18 @@ def compute_scatterers(
         rcs_m2 = rcs_m2 * sample_fluctuation(
             spec.fluctuation, time_s, rcs_m2.shape[-1], correlation_s=spec.correlation_s, rng=rng
         )
-    return Scatterers(points, rcs_m2, gain)
+    return Scatterers(points, rcs_m2, gain, *phases)
 
 
 @plugin("rcs", "auto", parameters=RcsSpec)
+def scatter_auto(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray] | tuple[Motion, FloatArray, FloatArray]:
+    """Return surfaces before a radar, if the body's joints and height are known; else points."""
+    known = view.motion.facts.height_m > 0 and not find_joints(view.motion)[2]
+    if known and view.wavelength_m is not None:
+        return scatter_surfaces(view, spec)
+    return scatter_points(view, spec)
+
+
 @plugin("rcs", "body_parts", parameters=RcsSpec)
 @plugin("rcs", "equal", parameters=RcsSpec)
 def scatter_points(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
@@ -163,86 +177,24 @@ def scatter_points(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
     return view.motion, scatterer_rcs_m2(spec, view.motion.parts, view.motion.facts.mass_kg)
 
 
-@plugin("rcs", "ellipsoids", parameters=RcsSpec)
-def scatter_ellipsoids(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
-    """Return the ellipsoid points facing the radar (E-08c, E-08f, E-08g)."""
-    # far from the radar, the mean sum of their cross sections (I, S) is the stated total
-    total_m2 = total_rcs_m2(spec, view.motion.facts.mass_kg)
-    seen_m2 = seen_rcs_m2(view.body, view.radar_position_m)
-    points = find_nearest_points(view.skeleton, view.frames, view.radar_position_m)
-    return points, seen_m2 * (total_m2 / mean_rcs_m2(view.frames))
-
-
-def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) -> tuple[Motion, FloatArray]:
-    """Merge points with a median distance below a limit (E-08).
-
-    Echoes of points within a quarter wavelength (1.03 cm at 7.29 GHz) add coherently: the cross
-    section of L points can be up to L times the sum of their cross sections. The groups are
-    constant over the motion. They are found by complete linkage: any two points of a group are
-    closer than the limit. Ties between equal distances (of a symmetric body) are resolved by the
-    order of the points.
-
-    Parameters
-    ----------
-    rcs_m2 : array_like, shape (P,)
-        Mean radar cross section of every point.
-    closer_than_m : float
-        Positive.
-
-    Returns
-    -------
-    motion : Motion
-        Groups at the mean position of their points, named ``"A+B"``, with the body part of the
-        strongest point, in the order of their first points. The report lists the groups as
-        ``merged``.
-    rcs_m2 : ndarray, shape (number of groups,)
-        Sums over the groups; the total does not change.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> import numpy as np
-    >>> motion = dg.motion.boulic_walk(duration_s=2.0)
-    >>> merged, rcs_m2 = dg.scene.merge_close(motion, np.full(17, 0.01), closer_than_m=0.2)
-    >>> rcs_m2.size, round(float(rcs_m2.sum()), 2)  # fewer scatterers of the same total
-    (15, 0.17)
-    """
-    weights = np.asarray(rcs_m2, dtype=float)
-    groups = close_groups(motion, closer_than_m)
-    names, parts = motion.markers, motion.parts
-    merged = motion.with_points(
-        average_points(motion, groups),
-        ["+".join(names[n] for n in group) for group in groups],
-        [parts[max(group, key=lambda n: weights[n])] for group in groups],
-    ).with_report(merged=[[names[n] for n in group] for group in groups if len(group) > 1])
-    return merged, np.array([weights[group].sum() for group in groups])
-
-
-def close_groups(motion: Motion, closer_than_m: float) -> list[list[int]]:
-    """Group points with median distances below the limit."""
-    # all pairs of a group are below the limit; groups are in the order of their first points
-    from scipy.cluster.hierarchy import fcluster, linkage
-    from scipy.spatial.distance import squareform
-
-    n_points = len(motion.markers)
-    if n_points < 2:
-        return [[n] for n in range(n_points)]
-    distance_m = np.round(median_distances_m(motion), 9)  # rounding errors must not break ties
-    # fcluster joins points with a distance of at most t
-    below = float(np.nextafter(closer_than_m, 0.0))
-    labels = fcluster(linkage(squareform(distance_m, checks=False), "complete"), below, criterion="distance")
-    groups: dict[int, list[int]] = {}
-    for n, label in enumerate(labels.tolist()):
-        groups.setdefault(label, []).append(n)
-    return list(groups.values())
-
-
-def median_distances_m(motion: Motion) -> FloatArray:
-    """Compute median distances over time between all points. The result has the shape (P, P), m."""
-    step = -(-motion.n_frames // MAX_FRAMES)
-    frames = motion.position_m[::step]
-    result = np.zeros((len(motion.markers), len(motion.markers)))
-    for n in range(len(motion.markers)):
-        offset = frames - frames[:, n : n + 1]
-        result[n] = np.median(np.sqrt((offset * offset).sum(axis=-1)), axis=0)
-    return result
+@plugin("rcs", "surfaces", parameters=RcsSpec)
+def scatter_surfaces(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray, FloatArray]:
+    """Return ellipsoid points and the specular points of limbs, with the limbs' phases (E-08c, E-08f to E-08h)."""
+    # far from the radar, the mean sum of the cross sections (I, S) is the stated total
+    if view.wavelength_m is None:
+        raise ConfigError(
+            "rcs kind 'surfaces' depends on the carrier: pass wavelength_m, for example 0.0411 m, or use rcs kind "
+            "'body_parts'"
+        )
+    skeleton, radar_m, frames = view.skeleton, view.radar_position_m, view.frames
+    surface = draw_surface(skeleton, view.rng)
+    points = find_nearest_points(skeleton, frames, radar_m)
+    (_, rcs_m2), mean_m2 = see_ellipsoids(view.body, radar_m), mean_rcs_m2(frames)
+    position_m, phase_rad = points.position_m.copy(), np.zeros(rcs_m2.shape)
+    some = frames.along[:: -(-len(frames.along) // N_MEAN_FRAMES)]
+    for n, limb in make_limbs(skeleton, surface, view.motion.facts.height_m).items():
+        position_m[:, n] = place_specular_points(frames, n, limb, radar_m)
+        size_m, phase_rad[:, n] = limb.compute_field(*measure_sight(view.body, n, radar_m), view.wavelength_m)
+        rcs_m2[:, n], mean_m2[n] = size_m * size_m, limb.compute_mean_rcs_m2(some[:, n], view.wavelength_m)
+    share = surface.power * (total_rcs_m2(spec, view.motion.facts.mass_kg) / float(mean_m2 @ surface.power))
+    return points.with_points(position_m, points.markers, points.parts), rcs_m2 * share, phase_rad

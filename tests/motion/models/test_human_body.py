@@ -163,13 +163,13 @@ def test_a_dog_of_a_given_froude_number_has_a_gait_that_goes_so_fast(froude):
         (sample_person, {"load": ["bag"]}, "load: ['bag'] is not allowed"),
         (sample_dog, {"gait": "fly"}, "gait: 'fly' is not allowed; it must be one of walk, pace, trot"),
         (sample_dog, {"gait": "auto"}, "gait: 'auto' is not allowed; it must be one of walk, pace, trot"),
-        (sample_dog, {"froude": -3}, "froude: -3 is not allowed; it must be a number from 0.05 to 10"),
+        (sample_dog, {"froude": -3}, "froude: -3 is not allowed; it must be a number from 0.025 to 10"),
         (sample_dog, {"froude": float("nan")}, "froude: nan is not allowed"),
         (sample_dog, {"froude": "fast"}, "froude: str is not allowed; give a number"),
         (
             sample_dog,
             {"gait": "walk", "froude": 3.0},
-            "froude: 3.0 is not allowed; it must be a number from 0.05 to 0.5 in",
+            "froude: 3.0 is not allowed; it must be a number from 0.025 to 0.5 in",
         ),
     ],
 )

@@ -40,7 +40,7 @@ MODELS = {
     "rotor": (rotor, "", ""),
     "vacuum": (robot_vacuum, "", ""),
 }
-LONG_STEPS = {"gait": "walk", "speed_mps": 2.5, "walk_ratio": 1.4, "step_length_sd": 0.1}
+LONG_STEPS = {"gait": "walk", "speed_mps": 2.5, "walk_ratio": 1.4, "step_length_sd": 0.1, "length_asymmetry": 0.4}
 
 
 def test_a_table_is_checked_again_after_a_change_only():

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import QuadrupedConfig, quadruped_gait
 from doppelgait.motion.models import quadruped as limbs
-from doppelgait.motion.models.curves import find_swing_curve
+from doppelgait.motion.models.curves import find_swing_curve, load_tables
 from doppelgait.motion.models.quadruped_gaits import (
     BUILDS,
     DUTY_LIMITS,
@@ -74,7 +74,7 @@ def paw(motion, foot):
 
 def test_points_and_parts():
     motion = quadruped_gait(duration_s=0.1)
-    assert 20 <= len(motion.markers) <= 28
+    assert 20 <= len(motion.markers) <= 29
     assert set(motion.parts) == set(DOG_PARTS)
     assert len(set(limbs.POINTS)) == len(limbs.POINTS)
 
@@ -121,7 +121,7 @@ def test_a_swing_starts_and_ends_without_speed(name):
         girdle = getattr(GAITS[name], end)
         highest = {}
         for duty, peak in ((0.15, 1.0), (0.3, 0.8), (0.55, 1.2)):
-            swing = find_swing_curve(GAITS[name].curves, end, peak)
+            swing = find_swing_curve([GAITS[name].curves], end, peak)
             near = np.array([duty, 1.0])[:, None] + [-1e-4, 1e-4]
             advance, height = limbs.compute_paw_path(near, girdle, duty, swing)
             assert np.abs(np.diff(advance, axis=1)).max() < 1e-6
@@ -188,9 +188,28 @@ def test_limbs_reach_bend_the_right_way_and_keep_their_lengths(name, froude):
             assert angle.max() < 155
         # The joint at the trunk is fixed to it, but for a nearly straight limb.
         hip = np.linalg.norm(points[f"{side}_hip"] - points["rump"], axis=1)
-        assert np.ptp(hip) < (1e-12 if froude < 0.25 else 0.05)
-    for a, b in (("rump", "withers"), ("withers", "chest"), ("belly", "neck_base")):
+        assert np.ptp(hip) < (1e-12 if froude < 0.2 else 0.05)
+    # Pelvis and thorax are rigid, and the loin between them bends.
+    for a, b in (("rump", "tail"), ("withers", "chest"), ("left_ribs", "right_ribs"), ("left_ribs", "neck_base")):
         assert np.ptp(np.linalg.norm(points[a] - points[b], axis=1)) < 1e-12
+    assert 0.008 < np.ptp(np.linalg.norm(points["rump"] - points["withers"], axis=1)) < 0.17
+
+
+@pytest.mark.parametrize("name", ["walk", "pace", "trot", "gallop"])
+def test_girdles_turn_as_measured(name):
+    """The lines across hips and ribs have the yaw and the roll of their tables, and none without a ripple."""
+    points, _ = closed_form(name, GAITS[name].froude[0] * 1.5)
+    rigid = quadruped_gait(gait=name, trunk_ripple=0.0, duration_s=1.0)
+    table = load_tables()["dogs"][name]
+    for end, part in (("hind", "hip"), ("fore", "ribs")):
+        if end == "hind" and name != "pace":  # nearly straight limbs move the hips
+            continue
+        line = points[f"left_{part}"] - points[f"right_{part}"]
+        yaw, roll = np.arctan2(-line[:, 0], line[:, 1]), np.arctan2(line[:, 2], np.hypot(line[:, 0], line[:, 1]))
+        for turn, found in (("yaw", yaw), ("roll", roll)):
+            assert np.ptp(np.degrees(found)) == pytest.approx(np.ptp(table[f"{end}_{turn}"]), rel=0.2)
+        ends = [rigid.position_m[:, rigid.markers.index(f"{side}_ribs")] for side in SIDES]
+        np.testing.assert_allclose((ends[0] - ends[1])[:, [0, 2]], 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", GAITS)
@@ -217,9 +236,8 @@ def test_a_limb_that_cannot_reach_lowers_the_trunk_and_never_stretches(name, bui
         points, stride = closed_form(name, froude, phase, build=build)
         batch = phase[None], stride * phase[None], Columns([gait]), Columns([build]), stride
         standing, _, _ = limbs.compute_trunk_motion(*batch)
-        (lowered,) = limbs.place_on_trunk(
-            build.trunk * limbs.TRUNK_POINTS["rump"][0], 0.0, limbs.TRUNK_POINTS["rump"][1], standing
-        )
+        x, height = limbs.TRUNK_POINTS["rump"]
+        ((lowered,),) = limbs.place_on_trunk(make_column([build.trunk * x]), 0.0, height, standing, Columns([build]))
         lowered -= points["rump"]
         np.testing.assert_allclose(lowered, [[0.0, 0.0, lowered[0, 2]]] * phase.size, atol=1e-12)
         assert -1e-12 <= lowered[0, 2] <= limbs.BODY.deepest_crouch + 1e-12
@@ -264,7 +282,7 @@ def test_peak_speeds_are_near_the_measured_ones(name, froude):
             speed = (ahead[f"{side}_{point}"] - behind[f"{side}_{point}"])[:, 0] / (2 * step * stride)
             assert speed.max() == pytest.approx(expected, rel=tolerance), point
     rump = (ahead["rump"] - behind["rump"])[:, 0] / (2 * step * stride)
-    assert (rump.max(), rump.min()) == pytest.approx((1.15, 0.88), abs=0.07)
+    assert (rump.max(), rump.min()) == pytest.approx((1.15, 0.88), abs=0.1)
 
 
 def test_trunk_moves_as_measured():
@@ -504,7 +522,7 @@ def test_auto_goes_through_the_gaits_with_speed():
     for parameters, text in (
         ({}, "'auto' depends on the speed: give speed_mps or froude"),
         ({"speed_mps": 7.0}, "7 is not allowed: a dog with withers_m = 0.5 moves at 2.17 to 6.26 m/s in a gallop"),
-        ({"speed_mps": 0.1}, "moves at 0.443 to 1.4 m/s in a walk"),
+        ({"speed_mps": 0.1}, "moves at 0.313 to 1.4 m/s in a walk"),
     ):
         with pytest.raises(ConfigError, match=text):
             quadruped_gait(gait="auto", **parameters)
@@ -516,7 +534,7 @@ def test_the_length_of_a_build_scales_limbs_but_not_the_hip_height():
         lengths = [np.linalg.norm(p[f"left_{a}"] - p[f"left_{b}"], axis=1) for p in (cat, dog)]
         np.testing.assert_allclose(lengths[0], 1.15 * lengths[1], rtol=1e-12)
     dachshund = closed_form("walk", 0.2, build="dachshund")[0]
-    trunks = [np.linalg.norm(p["neck_base"] - p["tail_base"], axis=1) for p in (dachshund, dog)]
+    trunks = [np.linalg.norm(p["neck_base"] - p["tail"], axis=1) for p in (dachshund, dog)]
     np.testing.assert_allclose(trunks[0] / trunks[1], 1.8, rtol=0.01)
 
 

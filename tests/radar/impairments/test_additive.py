@@ -28,7 +28,7 @@ def test_thermal_noise_level_e18():
 @pytest.mark.parametrize("snr_db", [None, 10.0])
 def test_noise_of_a_recording_has_the_correlation_of_its_radar_e18c(snr_db):
     """At the radar's own level and at a stated one."""
-    scene = Scene([Target(boulic_walk(speed_mps=1.2, duration_s=3.0))])
+    scene = Scene([Target(boulic_walk(speed_mps=1.2, duration_s=3.0), rcs="body_parts")])
     radar = Radar.preset("x4")
     noisy, quiet = simulate(scene, radar, rng=rng(1), snr_db=snr_db), simulate(scene, radar)
     difference = (noisy.baseband.values - quiet.baseband.values).astype(complex) / np.sqrt(noisy.noise_power_v2)
@@ -51,7 +51,7 @@ def test_noise_added_to_a_baseband_is_correlated_as_its_radar_says_e18c():
 
 @pytest.fixture(scope="module")
 def scene():
-    return Scene([Target(boulic_walk(speed_mps=1.2, height_m=1.8, duration_s=3.0))])
+    return Scene([Target(boulic_walk(speed_mps=1.2, height_m=1.8, duration_s=3.0), rcs="body_parts")])
 
 
 @pytest.mark.parametrize("snr_db", [-5.0, 10.0, 25.0])
@@ -96,7 +96,7 @@ def test_same_seed_same_bytes_other_seed_other_bytes(tmp_path):
 
 
 def test_the_seed_draws_the_noise():
-    steady = {**RUN, "targets": [{"motion": {"kind": "boulic"}}]}
+    steady = {**RUN, "targets": [{"motion": {"kind": "boulic"}, "rcs": "body_parts"}]}
     a, b = (run_simulation(parse_run({**steady, "seed": seed})) for seed in (5, 6))
     np.testing.assert_array_equal(a.truth[0].scatterers["range"], b.truth[0].scatterers["range"])
     difference = a.baseband.values - b.baseband.values

@@ -423,7 +423,7 @@ def test_cross_sections_by_body_mass_fail_with_the_key_to_set(tmp_path):
     check = found.check("nuisance")
     assert "most predictive: rcs_total_m2 (dog 0." in check.summary
     assert "set [target] rcs" in check.summary
-    assert check.numbers["classes"]["accuracy"] > 0.95
+    assert check.numbers["classes"]["accuracy"] > 0.9
     assert check.numbers["classes"]["p_value"] < 1e-3
 
 

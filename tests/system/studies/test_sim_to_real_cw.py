@@ -7,14 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
-from doppelgait.motion import make_motion
-from doppelgait.motion.models import human_gait
 from doppelgait.radar import Radar
 from doppelgait.radar.measured import label_measured
-from doppelgait.scene.rcs import RcsSpec
-from doppelgait.scene.scatterers import View
 
 TORSO_MPS = 1.6
 
@@ -65,63 +60,6 @@ def test_a_recording_counts_once_however_long_it_is(study: ModuleType, sensor: M
     )
     fast = [study.Seen(one, "walk", "x") for one in (weak, strong)]
     assert study.profile_db(fast) == pytest.approx([-20.0] * 4, abs=0.5)
-
-
-def test_points_lie_on_ellipsoids_by_area(sensor: ModuleType) -> None:
-    """A ball and a spheroid of revolution: shares of points against integrals of the surface."""
-    axes = np.array([[0.2, 0.2, 0.2], [0.1, 0.1, 0.5]])
-    unit, segment = sensor.area_points(axes, 20_000, np.random.default_rng(3))
-
-    def ring(z_m: float) -> float:
-        return 2 * np.pi * 0.1 * np.sqrt(1 - (z_m / 0.5) ** 2 + (0.1 * z_m / 0.25) ** 2)
-
-    area = quad(ring, -0.5, 0.5)[0]
-    assert (segment == 1).mean() == pytest.approx(area / (area + 4 * np.pi * 0.2**2), abs=0.02)
-    middle = np.abs(unit[segment == 1, 2] * 0.5) < 0.2
-    assert middle.mean() == pytest.approx(quad(ring, -0.2, 0.2)[0] / area, abs=0.02)
-    assert np.abs(unit[segment == 0].mean(axis=0)).max() < 0.03
-
-
-def test_skin_keeps_its_shape_and_faces_the_radar(sensor: ModuleType) -> None:
-    motion = human_gait(speed_mps=1.2, duration_s=2.0, rate_hz=150.0)
-    times_s = np.linspace(0.0, 1.5, 200)
-    ahead, behind = (
-        sensor.scatter_surface(View(motion, times_s, np.array([x_m, 0.0, 1.0])), RcsSpec(total_m2=0.7))
-        for x_m in (30.0, -30.0)
-    )
-    points, rcs_m2 = ahead
-    assert rcs_m2.sum(axis=1) == pytest.approx(0.7, rel=0.15)
-    assert rcs_m2.min() >= 0.0
-    # convex skin is seen from one of two opposite sides
-    assert ((rcs_m2 > 1e-3) & (behind[1] > 1e-3)).mean() < 0.01
-    # what is seen lies before the middle of each part, on the radar's side
-    offset_m = points.position_m[0, :, 0] - np.median(points.position_m[0, :, 0])
-    assert np.average(offset_m, weights=rcs_m2[0]) > np.average(offset_m, weights=behind[1][0]) + 0.05
-    shank = [n for n, part in enumerate(points.parts) if part == "left_shank"]
-    place_m = points.position_m[:, shank]
-    apart_m = np.linalg.norm(place_m[:, :, None] - place_m[:, None], axis=-1)
-    assert np.ptp(apart_m, axis=0).max() < 1e-6
-    ankle_m = motion.position_m[:, motion.markers.index("left_ankle")]
-    to_ankle_m = np.linalg.norm(place_m - ankle_m[:, None], axis=-1)
-    assert np.ptp(to_ankle_m, axis=0).max() < 0.01
-
-
-def test_joints_are_found_by_the_names_of_a_skeleton(sensor: ModuleType) -> None:
-    names = sorted(
-        {
-            name.format(s=side[0].lower(), S=side[0], Side=side)
-            for name in sensor.JOINTS[1].values()
-            for side in ("Left", "Right")
-        }
-    )
-    place_m = np.tile(np.arange(len(names), dtype=float)[None, :, None], (10, 1, 3))
-    motion = make_motion(place_m, rate_hz=100.0, markers=names, parts=[""] * len(names), facts={"height_m": 1.7})
-    found = sensor.joints_of(motion)
-    joint_m = dict(zip(found.markers, found.position_m[0, :, 0].tolist(), strict=True))
-    assert names[int(joint_m["left_hip"])] == "UpperLeg_L"
-    assert names[int(joint_m["right_hand"])] == "Hand_R"
-    assert names[int(joint_m["base"])] == "Hips"
-    assert sensor.joints_of(motion.with_points(place_m[:, 1:], names[1:], [""] * (len(names) - 1))) is None
 
 
 def test_a_simulation_is_fixed_by_its_number_and_has_the_stated_noise(study: ModuleType, sensor: ModuleType) -> None:

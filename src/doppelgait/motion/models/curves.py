@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -23,10 +23,11 @@ import numpy.typing as npt
 from doppelgait._core import native
 from doppelgait.core.config import read_toml
 from doppelgait.core.units import FloatArray
-from doppelgait.motion.models.strides import Curve, Values, fit_cubic_hermite
+from doppelgait.motion.models.strides import Curve, Values, fit_cubic_hermite, make_column
 
-PersonCurve = Literal["pelvis_speed", "neck_speed", "ankle_speed", "ankle_height", "foot_pitch"]
-TrunkCurve = Literal["surge", "hind_heave", "fore_heave", "neck", "tail"]
+ArmCurve = Literal["shoulder", "elbow", "thorax_torsion"]
+ARM_CURVES: tuple[ArmCurve, ...] = get_args(ArmCurve)
+PersonCurve = Literal["pelvis_speed", "neck_speed", "ankle_speed", "ankle_height", "foot_pitch"] | ArmCurve
 Segment = Literal["scapula", "manus", "metatarsus"]
 RecordedGait = Literal["walk", "pace", "trot", "gallop"]
 
@@ -61,7 +62,9 @@ def join_curves(*curves: CycleCurve) -> CycleCurve:
 
 MEASURED_SPEEDS = {"walk": (0.18, 0.350, 0.59), "run": (0.93, 1.111, 1.22)}
 """Minimum, harmonic mean and maximum dimensionless speed of the recordings."""
-DUTY = (0.571, 0.013)
+SLOWEST_ARMS = 0.3
+"""Dimensionless speed below which the arms swing alike."""
+DUTY = (0.533, 0.021)
 """Share of a walker's cycle with a foot on the floor (force plates: 0.62 with the toe), and slope."""
 
 
@@ -111,22 +114,26 @@ N_HARMONICS = {"scapula": 6, "manus": 6, "metatarsus": 6, "neck": 2, "tail": 2}
 """Number of harmonics by curve. Curves of the trunk have 4."""
 
 
-def find_trunk_curve(gait: RecordedGait, name: TrunkCurve, touchdown: Mapping[str, float]) -> tuple[CycleCurve, float]:
+def find_trunk_curve(gait: RecordedGait, name: str, touchdown: Mapping[str, float]) -> tuple[CycleCurve, float]:
     """Return a trunk curve and its first phase."""
-    # the phases of neck and front heave are relative to the fore feet, the others to the hind feet
-    end = "fore" if name in ("fore_heave", "neck") else "hind"
-    landing = touchdown[f"left_{end}"]
+    # the phases of neck and front are relative to the fore feet, the others to the hind feet
+    fore = name == "neck" or name.startswith("fore")
+    left, right = (touchdown[f"{side}_{'fore' if fore else 'hind'}"] for side in ("left", "right"))
+    table, curve, landing = load_tables()["dogs"][gait], _make_curve(gait, name), left
     if gait == "gallop":
-        both = sum(cmath.exp(2j * math.pi * touchdown[f"{side}_{end}"]) for side in ("left", "right"))
-        landing = cmath.phase(both) / (2 * math.pi)
-    return _make_curve(gait, name), landing - load_tables()["dogs"][gait]["landing"][end == "fore"]
+        landing = cmath.phase(cmath.exp(2j * math.pi * left) + cmath.exp(2j * math.pi * right)) / (2 * math.pi)
+        if name.endswith(("sway", "roll", "yaw")):  # nothing if both feet land together, mirrored in the other order
+            turned = math.sin(2 * math.pi * (left - right)) / math.sin(2 * math.pi * table["lag"][fore])
+            curve = CycleCurve(curve.coefficients * turned)
+    return curve, landing - table["landing"][fore]
 
 
-TRUNK_CURVES: tuple[TrunkCurve, ...] = get_args(TrunkCurve)
+_GIRDLE_CURVES = ("surge", "sway", "roll", "yaw", "heave")
+TRUNK_CURVES = *(f"{end}_{name}" for end in ("hind", "fore") for name in _GIRDLE_CURVES), "neck", "tail"
 
 
 def join_trunk_curves(gaits: Sequence[RecordedGait], touchdowns: Sequence[Mapping[str, float]]) -> CycleCurve:
-    """Join the trunk curves of a batch, each at its first phase. Shapes: coefficients (5, B, 5)."""
+    """Join the trunk curves of a batch, each at its first phase. Shapes: coefficients (12, B, 5)."""
     terms, begins = np.zeros((len(TRUNK_CURVES), len(gaits), 5), complex), np.empty((len(TRUNK_CURVES), len(gaits), 1))
     for row, name in enumerate(TRUNK_CURVES):
         for number, (gait, touchdown) in enumerate(zip(gaits, touchdowns, strict=True)):
@@ -135,18 +142,11 @@ def join_trunk_curves(gaits: Sequence[RecordedGait], touchdowns: Sequence[Mappin
     return CycleCurve(terms * np.exp(-2j * np.pi * begins * np.arange(5)))
 
 
-def _stack_gaits(find: Callable[[RecordedGait], Any], gait: RecordedGait | Sequence[RecordedGait]) -> Any:
-    """Return what a gait has, or rows of what the gaits of a batch have."""
-    return find(gait) if isinstance(gait, str) else np.stack([find(own) for own in gait])
-
-
 def segment_elevation_rad(
-    gait: RecordedGait | Sequence[RecordedGait], segments: Sequence[Segment], cycles: FloatArray, duty: Values
+    gaits: Sequence[RecordedGait], segments: Sequence[Segment], cycles: FloatArray, duty: Values
 ) -> FloatArray:
     """Return measured elevations of segments, with stance and swing scaled to the duty."""
-    of_recording = _stack_gaits(
-        lambda own: np.array([load_tables()["dogs"][own]["duty"]["metatarsus" not in segments]]), gait
-    )
+    of_recording = make_column([load_tables()["dogs"][gait]["duty"]["metatarsus" not in segments] for gait in gaits])
     own = cycles - np.floor(cycles)
     # a cubic on both sides of lift-off with equal slopes at the knots: the speed is continuous
     stance, swing = of_recording / duty, (1 - of_recording) / (1 - duty)
@@ -158,13 +158,13 @@ def segment_elevation_rad(
     eased = share * share * (3 - 2 * share)
     bow = slope * width * share * (1 - share) * (1 - 2 * share)
     at = np.where(swings, of_recording, 0.0) + rise * eased + bow
-    terms = _stack_gaits(lambda own: np.stack([_make_curve(own, name).coefficients for name in segments]), gait)
-    return np.radians(CycleCurve(np.moveaxis(terms, -2, 0)[:, None])(at))
+    terms = np.array([[_make_curve(gait, name).coefficients for gait in gaits] for name in segments])
+    return np.radians(CycleCurve(terms[:, None])(at))
 
 
-def find_swing_curve(gait: RecordedGait | Sequence[RecordedGait], end: str, peak: Values) -> Curve:
+def find_swing_curve(gaits: Sequence[RecordedGait], end: str, peak: Values) -> Curve:
     """Return the path of a swinging paw, 0 to 1, over the share of the swing."""
-    speed = _stack_gaits(lambda own: np.array(load_tables()["dogs"][own]["swings"][end]), gait)
+    speed = np.array([load_tables()["dogs"][gait]["swings"][end] for gait in gaits])
     squared = speed**2
     peaked = squared / squared.mean(axis=-1, keepdims=True) * speed.mean(axis=-1, keepdims=True)
     highest = speed.max(axis=-1, keepdims=True)
@@ -183,6 +183,6 @@ def find_swing_curve(gait: RecordedGait | Sequence[RecordedGait], end: str, peak
 def _make_curve(gait: str, name: str) -> CycleCurve:
     count = N_HARMONICS.get(name, 4)
     terms = _transform(load_tables()["dogs"][gait][name], count + 1)
-    if name == "surge":
+    if name.endswith("surge"):
         terms = np.concatenate([[0.0], terms[1:] / (2j * np.pi * np.arange(1, count + 1))])
     return CycleCurve(terms)

@@ -1,8 +1,8 @@
 """Person who walks or runs like recorded people.
 
-Trunk, ankles and feet follow curves measured on recorded people, and feet do not slide: in stance,
-the foot rolls from heel to toe; in swing, the difference from the curves fades from one stance to
-the next. A walk has the step length, timing, torsion and arms of Boulic et al. (1990). A run has
+Trunk, arms, ankles and feet follow curves measured on recorded people, and feet do not slide: in
+stance, the foot rolls from heel to toe; in swing, the difference from the curves fades from one
+stance to the next. A walk has the step length, timing and pelvis of Boulic et al. (1990). A run has
 usual timing for an adult of 1.75 m (others by dynamic similarity), and its height is mechanics.
 """
 
@@ -23,7 +23,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import FloatArray, arcsine, cosine, sine
 from doppelgait.motion.models import boulic
-from doppelgait.motion.models.curves import join_curves, make_measured_curve, walk_duty
+from doppelgait.motion.models.curves import ARM_CURVES, SLOWEST_ARMS, join_curves, make_measured_curve, walk_duty
 from doppelgait.motion.models.human_body import (
     ADULT_M,
     CHILD_M,
@@ -236,19 +236,20 @@ def compute_foot_path(
         found[0] += way_m
         return found
 
-    # cubic Hermite from value and slope at lift-off (share 0) to those at touchdown (share 1),
-    # which move the gait's own path onto the floor in the adjacent stances
+    # from value and slope at lift-off (share 0) to those at touchdown (share 1), which move the gait's own
+    # path onto the floor; slopes fade faster than in a cubic, so that the middle is not faster than measured
     leaving = of_steps(foot.print_m + foot.leaving[0], lands_m - advance(leaves, 0))
     landing = of_steps(foot.print_m + foot.landing[0], 0.0)
     from_slope = width * of_steps(foot.leaving[1], -advance(leaves, 1))
     to_slope = width * of_steps(foot.landing[1], -advance(lands + 1, 1))
-    risen = landing - leaving
-    cubic = np.stack([leaving, from_slope, 3 * risen - 2 * from_slope - to_slope, from_slope + to_slope - 2 * risen])
+    errors = np.stack([leaving, landing - leaving, from_slope, to_slope])
     swings = cycles >= foot.duty
     stands, length_m = ~swings, np.broadcast_to(foot.length_m, phase.shape)
-    c_0, c_1, c_2, c_3 = cubic.reshape(4, 4, -1).take(step[swings], axis=2)
+    begin, risen, from_slope, to_slope = errors.reshape(4, 4, -1).take(step[swings], axis=2)
     share = ((cycles - foot.duty) / width)[swings]
-    rows = own[:, swings] + (((c_3 * share + c_2) * share + c_1) * share + c_0)
+    left, square = 1 - share, share * share
+    rows = own[:, swings] + begin + square * (1 + 2 * left) * risen
+    rows += share * (left * left) ** 2 * from_slope - left * square * square * to_slope
     sole, tip = rows[3] + STANDING_RAD, length_m[swings] * (sine(rows[3]) - TIP)
     heel_m = -length_m[swings] * (FOOT.heel * sine(sole) + ANKLE * cosine(sole))
     # raise a swinging foot smoothly if it would touch the floor, except at the ends of the swing
@@ -397,7 +398,7 @@ class HumanConfig(FrozenModel):
         return 0.0, boulic.TOP_RELATIVE_SPEED * leg_m * tempo
 
 
-def _find_style(config: HumanConfig) -> tuple[MakeStyle, bool]:
+def _find_style(config: HumanConfig) -> tuple[Callable[[Sequence[HumanConfig], Columns, Sizes], GaitStyle], bool]:
     """Return how a gait is made, and if its steps vary."""
     make_style = _make_boulic_style if not config.foot_lock else _walk_style
     if config.actual_gait == "run":
@@ -499,17 +500,14 @@ def _walk_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Siz
         stride_m,
         size_m,
         pelvis=lambda phase: (boulic.pelvis_angles_deg(phase, q), leg_m * boulic.compute_body_offset(phase, q)),
-        thorax=lambda phase: (-boulic.lean_deg(q), boulic.thorax_torsion_deg(phase, q)),
-        arms=_add_arms(columns, lambda phase: boulic.arm_angles_deg(phase, q), PEOPLE["walk"]["arms"]),
+        lean_deg=boulic.lean_deg(q),
     )
     return GaitStyle(stride_m, period_s, walk_duty(speed), *motion)
 
 
 def _run_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Sizes) -> GaitStyle:
     own = [(config.speed_mps, config.height_m) for config in parameters]
-    speeds_mps = [adult_speed_mps(*args) for args in own]
-    adult_mps = make_column(speeds_mps)
-    swing_deg = make_column([_interpolate_table(RUN.arm_swing, speed_mps) for speed_mps in speeds_mps])
+    adult_mps = make_column([adult_speed_mps(*args) for args in own])
     period_s = 2 / make_column([run_step_frequency_hz(*args) for args in own]) * np.sqrt(columns.walk_ratio)
     duty = make_column([run_duty_factor(*args) for args in own])
     leg_m, stride_m = size_m["thigh"] + size_m["shank"], columns.speed_mps * period_s
@@ -520,10 +518,6 @@ def _run_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Size
         sway_m = -0.012 * leg_m * sine(2 * np.pi * (phase - 0.1))
         return angles, np.stack([np.zeros_like(phase), sway_m, run_height_m(phase, period_s, duty)])
 
-    def arms(phase: FloatArray) -> dict[str, FloatArray]:
-        back = cosine(2 * np.pi * (phase + 0.13))  # phase 0 is the touchdown of that side
-        return {"shoulder": -12.0 - swing_deg * back, "elbow": 90.0 - 10.0 * back}
-
     motion = _make_measured_motion(
         columns,
         "run",
@@ -531,14 +525,10 @@ def _run_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Size
         stride_m * duty / RUN.recorded_duty,
         size_m,
         pelvis=pelvis,
-        # a lean of 5 to 10 degrees; the torsion is assumed
-        thorax=lambda phase: (-np.interp(adult_mps, (2.2, 9.0), (5.0, 10.0)), 12.0 * cosine(2 * np.pi * phase)),
-        arms=_add_arms(columns, arms),
+        lean_deg=np.interp(adult_mps, (2.2, 9.0), (5.0, 10.0)),
+        arm_swing=np.interp(adult_mps, *RUN.arm_swing),
     )
-    return GaitStyle(stride_m, period_s, duty, *motion)
-
-
-MakeStyle = Callable[[Sequence[HumanConfig], Columns, Sizes], GaitStyle]
+    return GaitStyle(stride_m, period_s, RUN.rest * duty, *motion)
 
 
 def _make_measured_motion(
@@ -549,10 +539,10 @@ def _make_measured_motion(
     size_m: Sizes,
     *,
     pelvis: Callable[[FloatArray], tuple[dict[str, FloatArray], FloatArray]],
-    thorax: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
-    arms: Curves,
+    lean_deg: FloatArray,
+    arm_swing: Values = 1.0,
 ) -> tuple[OfPhase, OfPhase, Callable[[FloatArray], Hips]]:
-    """Make foot, pose and hips from measured curves and the gait's own trunk and arms."""
+    """Make foot, pose and hips from measured curves and the gait's own pelvis and lean."""
     leg_m = size_m["thigh"] + size_m["shank"]
     speed = columns.speed_mps / np.sqrt(G_MPS2 * leg_m)
     pelvis_way, neck_way = (
@@ -564,6 +554,8 @@ def _make_measured_motion(
         make_measured_curve(gait, "ankle_speed", speed, integral=True),
         *(make_measured_curve(gait, name, speed) for name in ("ankle_height", "foot_pitch")),
     )
+    shoulder, elbow, torsion = (make_measured_curve(gait, name, np.maximum(speed, SLOWEST_ARMS)) for name in ARM_CURVES)
+    arms = _add_arms(columns, lambda phase: {"shoulder": shoulder(phase), "elbow": elbow(phase)}, arm_swing)
     ripple_m = columns.trunk_ripple * stride_m
 
     def pose(phase: FloatArray) -> FloatArray:
@@ -571,8 +563,8 @@ def _make_measured_motion(
         angles, base_m = pelvis(phase)
         base_m[0] = pelvis_m
         ahead = (neck_m - pelvis_m) / size_m["torso"]  # of the neck, relative to the pelvis
-        pitch, angles["thorax_torsion"] = thorax(phase)
-        angles["trunk_pitch"] = pitch - columns.lean_deg - np.degrees(arcsine(np.clip(ahead, -0.5, 0.5)))
+        angles["thorax_torsion"] = torsion(phase + OFFSET["left"])
+        angles["trunk_pitch"] = -lean_deg - columns.lean_deg - np.degrees(arcsine(np.clip(ahead, -0.5, 0.5)))
         trunk_rad, arms_rad = _convert_to_radians(angles), _convert_to_radians(arms(np.stack([phase + 0.5, phase])))
         return place_legless_points(base_m, place_left_hip(trunk_rad, size_m), trunk_rad, arms_rad, size_m)
 
@@ -589,8 +581,8 @@ def _make_measured_motion(
     return foot, pose, hips
 
 
-def _add_arms(columns: Columns, curves: Curves, like_recorded: float = 1.0) -> Curves:
-    left, right = (like_recorded * columns.arm_swing * (1 + side * columns.arm_asymmetry / 2) for side in (1, -1))
+def _add_arms(columns: Columns, curves: Curves, swing: Values = 1.0) -> Curves:
+    left, right = (swing * columns.arm_swing * (1 + side * columns.arm_asymmetry / 2) for side in (1, -1))
     return swing_arms(curves, factors=(left, right), hands=(columns.left_hand, columns.right_hand))
 
 

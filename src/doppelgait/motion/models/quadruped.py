@@ -62,12 +62,12 @@ from doppelgait.motion.skeleton import SIDES, list_points
 
 # a joint belongs to the bone that ends there; the shoulder is the lower end of the scapula
 _SIDED = (
-    "*_shoulder:*_fore_upper *_elbow:*_fore_upper *_carpus:*_fore_lower *_fore_paw:*_fore_paw *_hip:trunk "
-    "*_knee:*_hind_upper *_hock:*_hind_lower *_hind_paw:*_hind_paw"
+    "*_ribs:trunk *_shoulder:*_fore_upper *_elbow:*_fore_upper *_carpus:*_fore_lower *_fore_paw:*_fore_paw "
+    "*_hip:trunk *_knee:*_hind_upper *_hock:*_hind_lower *_hind_paw:*_hind_paw"
 )
 PART_OF_POINT = list_points(
-    "nose:head head:head neck:neck neck_base:neck withers:trunk chest:trunk back:trunk belly:trunk rump:trunk "
-    f"tail_base:trunk tail_middle:tail tail_tip:tail {' '.join(_SIDED.replace('*', side) for side in SIDES)}"
+    "nose:head head:head neck:neck neck_base:neck withers:trunk chest:trunk back:trunk rump:trunk "
+    f"tail:tail tail_middle:tail tail_tip:tail {' '.join(_SIDED.replace('*', side) for side in SIDES)}"
 )
 """Points of the dog in order, and the body part of each."""
 POINTS = tuple(PART_OF_POINT)
@@ -89,8 +89,7 @@ BODY = SimpleNamespace(**TABLES["body"])
 """Lengths, places and limits of the standard dog's figure."""
 TRUNK_Z = (BODY.hip_z + BODY.fore_z) / 2
 TRUNK_POINTS: dict[str, list[float]] = TABLES["trunk_points"]
-LEFT, BOTH = np.array([[[1.0]], [[-1.0]]]), np.ones((2, 1, 1))
-"""Signs of y of the two sides, and factors of values that are equal on both sides."""
+LEFT = np.array([[[1.0]], [[-1.0]]])  # signs of y of the two sides
 _TRUNK_X, _TRUNK_HEIGHT = np.array([*TRUNK_POINTS.values()]).T[..., None, None]
 _WHOLE_CYCLE = np.arange(120) / 120
 
@@ -129,28 +128,31 @@ def find_touchdowns(gait: Columns, foot: str) -> FloatArray:
     return np.array([[touchdown[foot]] for touchdown in gait.touchdown])
 
 
-Trunk = tuple[FloatArray, FloatArray, FloatArray]
-"""Path of the trunk's centre, (B, n, 3), and cosine and sine of its pitch, nose up."""
-
-
 def compute_trunk_motion(
     phase: FloatArray, distance: FloatArray, gait: Columns, build: Columns, stride: FloatArray
-) -> tuple[Trunk, FloatArray, FloatArray]:
-    """Return the trunk's path at standing height; its pitch follows from the girdles' heaves."""
-    surge, hind, fore, neck, tail = join_trunk_curves(gait.curves, gait.touchdown)(phase)
-    sway = gait.sway * cosine(2 * np.pi * (phase - find_touchdowns(gait, "left_hind") - BODY.sway_lag))
-    sin = (fore - hind) / (2 * BODY.girdle_x * build.trunk)
-    centre = stack_columns(distance + gait.ripple * stride * surge, sway, (hind + fore) / 2)
-    return (centre, np.sqrt(1 - sin**2), sin), neck, tail
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the trunk at standing height, and the swings of neck and tail."""
+    # the trunk has (x, y, roll, yaw, rise) of its hind and fore girdle, (2, 5, B, n), angles in degrees
+    *girdles, neck, tail = join_trunk_curves(gait.curves, gait.touchdown)(phase)
+    trunk = np.array(girdles).reshape(2, 5, *phase.shape)
+    trunk[:, :4] *= gait.ripple
+    trunk[:, 0] = distance + stride * trunk[:, 0] + BODY.girdle_x * np.stack([-build.trunk, build.trunk])
+    return trunk, neck, tail
 
 
-def place_on_trunk(x: Values, y: Values, height: Values, trunk: Trunk) -> FloatArray:
+def place_on_trunk(x: FloatArray, y: Values, height: Values, trunk: FloatArray, build: Columns) -> FloatArray:
     """Return the path of a point that stands at (x, y, height) with the trunk's middle at x = 0."""
-    z = height - TRUNK_Z
-    centre, cos, sin = trunk
-    found = stack_columns(x * cos - z * sin, y, TRUNK_Z + x * sin + z * cos)
-    found += centre
-    return found
+    half, standing = BODY.girdle_x * build.trunk, height - TRUNK_Z
+    # pelvis and thorax are rigid and have the pitch of the line between the girdles; the loin between them bends
+    share = np.clip(0.5 + x / (2 * BODY.bend_x * build.trunk), 0.0, 1.0)
+    first, last = trunk[:, :, None]
+    ahead, aside, roll, yaw, rise = first + share * (last - first)
+    sin = (last[4] - first[4]) / (2 * half)
+    along, roll, yaw = x - half * (2 * share - 1), np.radians(roll), np.radians(yaw)
+    across, up = y * cosine(roll) - standing * sine(roll), y * sine(roll) + standing * cosine(roll)
+    along, up = along * np.sqrt(1 - sin**2) - up * sin, along * sin + up * np.sqrt(1 - sin**2)
+    ahead = ahead + along * cosine(yaw) - across * sine(yaw)
+    return stack_columns(ahead, aside + along * sine(yaw) + across * cosine(yaw), TRUNK_Z + rise + up)
 
 
 Ride = tuple[FloatArray, FootfallCourse]
@@ -187,19 +189,19 @@ def compute_paws(
 
 
 def compute_limb_ends(
-    rides: Sequence[Ride], gait: Columns, build: Columns, duty: Mapping[str, FloatArray], trunk: Trunk
+    rides: Sequence[Ride], gait: Columns, build: Columns, duty: Mapping[str, FloatArray], trunk: FloatArray
 ) -> Points:
     """Return paws, carpi, hocks and trunk joints of a trunk at standing height, (2, B, n, 3)."""
     limbs, girdle_x = build.limbs[..., None], BODY.girdle_x * build.trunk
     cycles, paw = compute_paws(rides, gait, build, "hind", duty["hind"])
     (along,) = point_down(segment_elevation_rad(gait.curves, ["metatarsus"], cycles, duty["hind"]))
     result = {"hind_paw": paw, "hock": paw - BODY.metatarsus * limbs * along}
-    result["hip"] = place_on_trunk(-girdle_x * BOTH, BODY.hip_y * LEFT, BODY.hip_z, trunk)
+    result["hip"] = place_on_trunk(-girdle_x, BODY.hip_y * LEFT, BODY.hip_z, trunk, build)
     cycles, paw = compute_paws(rides, gait, build, "fore", duty["fore"])
     along, scapula = point_down(segment_elevation_rad(gait.curves, ["manus", "scapula"], cycles, duty["fore"]))
     result |= {"fore_paw": paw, "carpus": paw - BODY.manus * limbs * along}
-    top = place_on_trunk((girdle_x + BODY.scapula_x) * BOTH, BODY.scapula_y * LEFT, BODY.scapula_z, trunk)
-    return result | {"shoulder": top + BODY.scapula * limbs * scapula}
+    top = place_on_trunk(girdle_x + BODY.scapula_x, BODY.scapula_y * LEFT, BODY.scapula_z, trunk, build)
+    return result | {"ribs": top, "shoulder": top + BODY.scapula * limbs * scapula}
 
 
 CHAINS = (
@@ -262,15 +264,16 @@ def compute_all_points(
     size = build.limbs
     lowered = compute_crouch({name: place[:, :, count:] for name, place in ends.items()}, size)
     ends = {name: place[:, :, :count] for name, place in ends.items()}
+    ends["ribs"][..., 2] -= lowered
     for top, bottom, first, second, joint, bend in CHAINS:
         ends[top][..., 2] -= lowered
         move_along_limb(ends[top], ends[bottom], size * (first + second))
         ends[joint] = solve_two_links(ends[top], ends[bottom], size * first, size * second, bend=bend)
-    centre, cos, sin = (part[:, :count] for part in trunk)
-    centre[..., 2] -= lowered
-    fixed = place_on_trunk(build.trunk * _TRUNK_X, 0.0, _TRUNK_HEIGHT, (centre, cos, sin))
+    trunk = trunk[..., :count]
+    trunk[:, 4] -= lowered
+    fixed = place_on_trunk(build.trunk * _TRUNK_X, 0.0, _TRUNK_HEIGHT, trunk, build)
     points: Points = dict(zip(TRUNK_POINTS, fixed, strict=True))
-    neck_base, tail_base, head = points["neck_base"], points["tail_base"], build.head[..., None]
+    neck_base, tail, head = points["neck_base"], points["tail"], build.head[..., None]
     elevation = np.radians(carriage.neck_deg + gait.ripple * nod[:, :count])
     along = stack_columns(cosine(elevation), 0.0, sine(elevation))
     skull = math.radians(BODY.skull_deg)
@@ -278,17 +281,17 @@ def compute_all_points(
     points["head"] = neck_base + head * BODY.neck * along
     points["nose"] = points["head"] + head * BODY.skull * np.array([math.cos(skull), 0.0, math.sin(skull)])
     length, wag = BODY.tail * build.tail, wag_rad
-    elevation = lift_above_floor(np.radians(carriage.tail_deg + lift[:, :count]), tail_base[..., 2] / length)
+    elevation = lift_above_floor(np.radians(carriage.tail_deg + lift[:, :count]), tail[..., 2] / length)
     level = cosine(elevation)
     back = length[..., None] * stack_columns(-level * cosine(wag), level * sine(wag), sine(elevation))
-    points |= {"tail_middle": tail_base + back / 2, "tail_tip": tail_base + back}
+    points |= {"tail_middle": tail + back / 2, "tail_tip": tail + back}
     return points | {f"{side}_{name}": place[row] for name, place in ends.items() for row, side in enumerate(SIDES)}
 
 
 class QuadrupedConfig(FrozenModel):
     """Four-legged animal of :func:`quadruped_gait`, in one straight gait.
 
-    gait: ``"walk"`` (lateral sequence, Froude number 0.05 to 0.5), ``"pace"`` (0.1 to 1),
+    gait: ``"walk"`` (lateral sequence, Froude number 0.025 to 0.5), ``"pace"`` (0.1 to 1),
         ``"trot"`` (0.3 to 2.5), ``"canter"`` (1 to 5), ``"gallop"`` (rotary, 1.2 to 10),
         ``"transverse_gallop"`` (1.2 to 10), ``"bound"`` (1 to 6), or ``"auto"``: walk up to a
         Froude number of 0.5, trot up to 2.5, then gallop.
@@ -306,7 +309,7 @@ class QuadrupedConfig(FrozenModel):
     asymmetry: Delay of the landing of both right feet in strides. The frequencies in the facts
         remain those of the gait (f_mu by E-07), although half strides then differ.
     length_asymmetry: (first - second) / mean of the half strides from the left hind foot's landing.
-    trunk_ripple: Fore-aft motion of the trunk and swing of the neck over the recorded ones.
+    trunk_ripple: Surge, sway, yaw and roll of the trunk and swing of the neck over the recorded ones.
     stride_ratio: Stride length relative to the gait's at this speed; two dogs differ by 14 %.
     hind_swing_peak: Maximum speed of a swinging hind paw relative to that of the recorded dog.
     fore_swing_peak: Maximum speed of a swinging fore paw relative to that of the recorded dog.
@@ -405,7 +408,7 @@ def quadruped_gait(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[
 
     Stride length L = c h Fr^p with Fr = V^2/(g h) and a dog's h = 0.8 withers heights (p = 0.3,
     Alexander and Jayes 1983; in walk and pace 0.23); stride frequency f = V/L. A paw is at rest for
-    the share 1 - t_swing f plus an offset of the gait, t_swing = 0.35 s (h/0.46 m)^0.5.
+    the share 1 - t_swing f plus an offset of the gait, t_swing = 0.35 s (h/0.46 m)^0.5 L/L_dog.
     Trunk, neck, tail, paws and limbs follow the mean curves of one recorded dog.
 
     The points are those of :data:`POINTS`, along +x from about x = 0, with paws on z = 0 in stance.
@@ -450,10 +453,8 @@ def quadruped_gait(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[
 
 
 def _make_gait(config: QuadrupedConfig) -> Gait:
-    gait = fit_gait_to_build(config.actual_gait, BUILDS[config.build], config.asymmetry)
-    hind = replace(gait.hind, swing_peak=config.hind_swing_peak)
-    fore = replace(gait.fore, swing_peak=config.fore_swing_peak)
-    return replace(gait, hind=hind, fore=fore, ripple=config.trunk_ripple)
+    habits = config.asymmetry, config.trunk_ripple, config.hind_swing_peak, config.fore_swing_peak
+    return fit_gait_to_build(config.actual_gait, BUILDS[config.build], *habits)
 
 
 def _vary_course(

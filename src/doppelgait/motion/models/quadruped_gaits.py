@@ -35,6 +35,7 @@ class Girdle:
     clearance_at: float
     reach: float
     swing_peak: float = 1.0
+    swing: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,6 @@ class Gait:
     stride_factor: float
     harmonic: int
     curves: RecordedGait
-    sway: float
     hind: Girdle
     fore: Girdle
     ripple: float = 1.0
@@ -109,7 +109,7 @@ class Build:
     head: float = 1.0
     tail: float = 1.0
     stride: dict[str, float] = field(default_factory=dict)
-    duty_offset: float = 0.0
+    ripple: float = 1.0
     walk_lag: float = 0.17
     source: str = "assumed: height and mass in the middle of the breed standard, standard proportions"
 
@@ -140,7 +140,7 @@ def stride_length_m(gait: Gait, speed_mps: float, hip_m: float) -> float:
 
 def duty_factor(girdle: Girdle, stride_frequency_hz: float, hip_m: float) -> float:
     """Return a paw's duty factor, 1 - t_swing f plus the girdle's offset, within limits."""
-    swing_s = SWING_TIME_S * math.sqrt(hip_m / SWING_HEIGHT_M)
+    swing_s = girdle.swing * SWING_TIME_S * math.sqrt(hip_m / SWING_HEIGHT_M)
     duty = 1 - swing_s * stride_frequency_hz + girdle.duty_offset
     return min(max(duty, DUTY_LIMITS[0]), DUTY_LIMITS[1])
 
@@ -150,18 +150,21 @@ def mass_kg(build: Build, withers_m: float) -> float:
     return build.mass_kg * (withers_m / build.withers_m) ** 3
 
 
-def fit_gait_to_build(name: str, build: Build, asymmetry: float = 0.0) -> Gait:
+def fit_gait_to_build(
+    name: str, build: Build, asymmetry: float = 0.0, ripple: float = 1.0, hind_peak: float = 1.0, fore_peak: float = 1.0
+) -> Gait:
     """Return a gait adapted to a build. Its right feet are ``asymmetry`` strides late."""
     gait = GAITS[name]
     touchdown = dict(gait.touchdown)
     if name == "walk":
         touchdown |= {f"{side}_fore": touchdown[f"{side}_hind"] + build.walk_lag for side in ("left", "right")}
     touchdown |= {foot: phase + asymmetry for foot, phase in touchdown.items() if foot.startswith("right")}
-    stride_factor = gait.stride_factor * build.stride.get(name, 1.0)
-    hind, fore = gait.hind, gait.fore
-    if gait.harmonic == 2:
-        hind, fore = (replace(g, duty_offset=g.duty_offset + build.duty_offset) for g in (hind, fore))
-    return replace(gait, touchdown=touchdown, stride_factor=stride_factor, hind=hind, fore=fore)
+    # the duty factor is that of a dog at the same Froude number: who has shorter strides has shorter swings
+    ratio = build.stride.get(name, 1.0)
+    hind = replace(gait.hind, swing=ratio, swing_peak=hind_peak)
+    fore = replace(gait.fore, swing=ratio, swing_peak=fore_peak)
+    gait = replace(gait, stride_factor=gait.stride_factor * ratio, ripple=build.ripple * ripple)
+    return replace(gait, touchdown=touchdown, hind=hind, fore=fore)
 
 
 DOG_BUILDS: tuple[BuildName, ...] = tuple(name for name in get_args(BuildName) if BUILDS[name].species == "dog")
@@ -212,7 +215,7 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
     gait : str, optional
         Fixed gait; sampled by default.
     froude : float, optional
-        Fixed Froude number in the range of the gait (0.05 to 10 without one); sampled by default.
+        Fixed Froude number in the range of the gait (0.025 to 10 without one); sampled by default.
 
     Raises
     ------

@@ -196,6 +196,8 @@ STRIDE_CORRELATION = 0.5
 PACE_CORRELATION = 0.95
 """Lag-one correlation of a walker's speed, which drifts over 20 steps (assumed). Steps are
 independent; recorded ones correlate by 0.3 (-0.4 to 0.95) in time, -0.3 (-0.6 to 0.5) in length."""
+LENGTH_WITH_TIME = 0.4
+"""Correlation of length and time of a step; recorded 0.3 to 0.4. It keeps the trunk steadier than the steps."""
 LARGEST_DEVIATION = 3.0
 """Maximum deviation of stride times in standard deviations, so that time always increases."""
 _MARGIN = 2
@@ -353,6 +355,8 @@ def step_series(durations_s: FloatArray, columns: Any, stride_s: FloatArray, str
     sizes = (np.ceil(2 * durations_s / (stride_s * shortest)) + (2 * _STEP_MARGIN + 1)).astype(int)[:, 0]
     kinds = zip(("step_time_sd", "step_length_sd", "pace_sd"), deviating, (0.0, 0.0, PACE_CORRELATION), strict=True)
     series = sample_series([(name, spread, sizes - 1, correlation) for name, spread, correlation in kinds], rngs)
+    together = np.where(deviating[0] > 0, LENGTH_WITH_TIME, 0.0)
+    series[1] = together * series[0] + np.sqrt(1 - together**2) * series[1]
     time, length, pace = (spread * values for spread, values in zip(deviating, series, strict=True))
     start = columns.start_phase
     numbers = np.floor(2 * start) - _STEP_MARGIN + np.arange(sizes.max())

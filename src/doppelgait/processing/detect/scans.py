@@ -73,7 +73,7 @@ def find_scans(
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> scans = dg.processing.find_scans(recording.baseband, wavelength_m=recording.radar.wavelength_m)
     >>> [round(body.range_m, 1) for body in scans[10].detections]  # ranges of the bodies, m
-    [5.5]
+    [5.4]
     """
     frames = Frames.of(baseband).find_bursts()
     return detect_bodies(frames, settings or Detector(), wavelength_m=wavelength_m, in_phase=in_phase)

@@ -1,0 +1,97 @@
+"""Limbs as surfaces against a numerical surface integral and closed forms."""
+
+import numpy as np
+import pytest
+
+from doppelgait.motion.models import boulic_walk, quadruped_gait
+from doppelgait.scene import Scene, Target, assemble
+from doppelgait.scene.bodies import ROUND_SHARE, Limb, build_skeleton, draw_surface
+
+SMOOTH = np.zeros((2, 128))
+T = np.arange(0.0, 1.0, 0.002)
+
+
+def fade(s):
+    return np.sin(0.5 * np.pi * np.minimum(1.0, np.minimum(s, 1 - s) / ROUND_SHARE)) ** 2
+
+
+def integrate_surface(limb, angle_rad, range_m, wavelength_m):
+    """Physical optics of the lit side of a cone, point by point: sqrt(sigma) and phase against the specular point."""
+    k, (first, last) = 2 * np.pi / wavelength_m, limb.radii_m
+    s = (np.arange(1200) + 0.5) / 1200
+    turn = (np.arange(700) + 0.5) / 700 * np.pi - np.pi / 2
+    radius = first + (last - first) * s[:, None]
+    slope = (last - first) / limb.length_m
+    place = np.stack([radius * np.cos(turn), radius * np.sin(turn), (s[:, None] - 0.5) * limb.length_m + 0 * turn], -1)
+    normal = np.stack(
+        [np.cos(turn) + 0 * s[:, None], np.sin(turn) + 0 * s[:, None], -slope + 0 * radius + 0 * turn], -1
+    )
+    normal /= np.sqrt(1 + slope**2)
+    radar = range_m * np.array([np.cos(angle_rad), 0.0, np.sin(angle_rad)])
+    sight = radar - place
+    apart = np.linalg.norm(sight, axis=-1)
+    lit = np.maximum((normal * sight).sum(-1) / apart, 0.0)
+    area = radius * np.sqrt(1 + slope**2) * (limb.length_m / s.size) * (np.pi / turn.size)
+    phase = -2 * k * (apart - range_m + (first + last) / 2 * np.cos(angle_rad))
+    field = np.sqrt(4 * np.pi) / wavelength_m * (lit * area * fade(s)[:, None] * np.exp(1j * phase)).sum()
+    return abs(field), np.angle(field)
+
+
+@pytest.mark.parametrize("carrier_hz", [7.29e9, 24e9, 60e9])
+@pytest.mark.parametrize(("range_m", "most_db"), [(1.5, 1.5), (40.0, 0.5)])
+def test_a_cone_reflects_like_the_integral_over_its_surface(carrier_hz, range_m, most_db):
+    wavelength_m, rng = 299792458.0 / carrier_hz, np.random.default_rng(int(range_m))
+    for _ in range(3):
+        limb = Limb(rng.uniform(0.2, 0.45), tuple(rng.uniform(0.03, 0.09, 2)), 0.0, SMOOTH)
+        broadside = -np.arctan((limb.radii_m[1] - limb.radii_m[0]) / limb.length_m)
+        for angle in broadside + np.linspace(-0.8, 0.8, 9) * wavelength_m / (2 * limb.length_m):
+            size, phase = limb.compute_field(np.array([np.sin(angle)]), np.array([range_m]), wavelength_m)
+            wanted, wanted_phase = integrate_surface(limb, angle, range_m, wavelength_m)
+            if wanted > 0.3 * limb.length_m:  # main lobe
+                assert 20 * np.log10(size[0] / wanted) == pytest.approx(0.0, abs=most_db)
+                turned = np.angle(np.exp(1j * (phase[0] - wanted_phase)))
+                assert turned == pytest.approx(np.pi / 4, abs=0.3)  # of the circumference, the same for all limbs
+
+
+def test_a_bulging_limb_is_an_ellipsoid_about_its_middle():
+    limb = Limb(0.4, (0.05, 0.05), 0.04, SMOOTH)
+    size, _ = limb.compute_field(np.zeros(1), np.full(1, 1e6), 0.005)
+    assert size[0] ** 2 == pytest.approx(np.pi * 0.05 * 0.4 / (8 * 0.04), rel=0.1)  # pi R1 R2
+
+
+def test_a_smooth_limb_flashes_within_its_lobe():
+    limb, wavelength_m = Limb(0.4, (0.05, 0.05), 0.0, SMOOTH), 0.0411
+    along = np.linspace(-0.5, 0.5, 2001)
+    power = limb.compute_field(along, np.full(along.size, 1e6), wavelength_m)[0] ** 2
+    size = np.sqrt(2 * np.pi / wavelength_m * 0.05) * 0.4 * fade((np.arange(10000) + 0.5) / 10000).mean()
+    assert power.max() == pytest.approx(size**2, rel=1e-3)
+    assert np.ptp(along[power > power.max() / 2]) == pytest.approx(0.886 * wavelength_m / 2 / 0.4 / 0.85, rel=0.1)
+
+
+@pytest.mark.parametrize("motion", [boulic_walk(duration_s=1.2), quadruped_gait(duration_s=1.2)], ids=["person", "dog"])
+@pytest.mark.parametrize("wavelength_m", [0.0411, 0.005])
+def test_the_mean_over_directions_is_the_total(motion, wavelength_m):
+    totals = []
+    for number in range(36):
+        scene = Scene(
+            [
+                Target(
+                    motion,
+                    rcs={"kind": "surfaces", "total_m2": 0.5},
+                    start_position_m=(90.0, 0.0),
+                    heading_deg=10.0 * number,
+                )
+            ]
+        )
+        rows = assemble(scene, T[::5], wavelength_m=wavelength_m, rng=np.random.default_rng(3))
+        totals.append(float(rows["rcs"].sum("scatterer").mean()))
+    assert np.mean(totals) == pytest.approx(0.5, rel=0.12)
+
+
+def test_a_draw_is_the_same_body_for_every_radar():
+    skeleton = build_skeleton(boulic_walk(duration_s=1.0))
+    one, other = (draw_surface(skeleton, np.random.default_rng(5)) for _ in range(2))
+    np.testing.assert_array_equal(one.waves_m, other.waves_m)
+    names = [segment.name for segment in skeleton.segments]
+    assert len(one.waves_m) == 8
+    assert one.power[names.index("left_thigh")] == one.power[names.index("right_forearm")]
