@@ -80,7 +80,7 @@ FEATURES = MEMBERS[:2]
 OTHERS = "the three others"
 SCORES = {"accuracy": "balanced accuracy", "f1": "macro-F1", "auc": "AUC"}
 SAME = ("label", "truth_ground_speed_mps", "truth_gait_frequency_hz", "truth_aspect_deg", "truth_range_m",
-        "truth_height_m", "rcs_total_m2", "gate_error_m", "radar_height_m")  # fmt: skip
+        "truth_height_m", "gate_error_m", "radar_height_m")  # fmt: skip
 """Columns that must be the same for all radars, up to rounding and the raster of time."""
 
 

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from doppelgait.motion.models import boulic_walk, quadruped_gait
-from doppelgait.scene import Scene, Target, assemble
-from doppelgait.scene.bodies import ROUND_SHARE, Limb, build_skeleton, draw_surface
+from doppelgait.core.errors import ConfigError
+from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
+from doppelgait.scene import Scene, Target, assemble, place
+from doppelgait.scene.bodies import ROUND_SHARE, Limb, build_skeleton, compute_ellipsoids_at, draw_surface, make_limbs
 
 SMOOTH = np.zeros((2, 128))
 T = np.arange(0.0, 1.0, 0.002)
@@ -71,27 +72,49 @@ def test_a_smooth_limb_flashes_within_its_lobe():
 @pytest.mark.parametrize("motion", [boulic_walk(duration_s=1.2), quadruped_gait(duration_s=1.2)], ids=["person", "dog"])
 @pytest.mark.parametrize("wavelength_m", [0.0411, 0.005])
 def test_the_mean_over_directions_is_the_total(motion, wavelength_m):
-    totals = []
+    totals, rcs = [], {"kind": "surfaces", "total_m2": 0.5}
     for number in range(36):
-        scene = Scene(
-            [
-                Target(
-                    motion,
-                    rcs={"kind": "surfaces", "total_m2": 0.5},
-                    start_position_m=(90.0, 0.0),
-                    heading_deg=10.0 * number,
-                )
-            ]
-        )
-        rows = assemble(scene, T[::5], wavelength_m=wavelength_m, rng=np.random.default_rng(3))
+        target = Target(motion, rcs=rcs, start_position_m=(90.0, 0.0), heading_deg=10.0 * number)
+        rows = assemble(Scene([target]), T[::5], wavelength_m=wavelength_m, rng=np.random.default_rng(3))
         totals.append(float(rows["rcs"].sum("scatterer").mean()))
     assert np.mean(totals) == pytest.approx(0.5, rel=0.12)
 
 
-def test_a_draw_is_the_same_body_for_every_radar():
-    skeleton = build_skeleton(boulic_walk(duration_s=1.0))
-    one, other = (draw_surface(skeleton, np.random.default_rng(5)) for _ in range(2))
-    np.testing.assert_array_equal(one.waves_m, other.waves_m)
-    names = [segment.name for segment in skeleton.segments]
-    assert len(one.waves_m) == 8
-    assert one.power[names.index("left_thigh")] == one.power[names.index("right_forearm")]
+@pytest.mark.parametrize(("receiver_m", "least"), [(None, 0.999), ((0.0, 3.0, 1.0), 0.9985), ((0.0, 8.0, 1.0), 0.99)])
+def test_the_echo_of_a_limb_is_the_integral_along_its_rough_line(receiver_m, least):
+    wavelength_m, times = 0.0411, T[:700]
+    walk = human_gait(speed_mps=1.4, duration_s=2.0)
+    scene = Scene([Target(walk, rcs="surfaces", range_m=4.0, aspect_deg=20.0)], receiver_position_m=receiver_m)
+    rows = assemble(scene, times, wavelength_m=wavelength_m, rng=np.random.default_rng(1))
+    skeleton, k = build_skeleton(place(scene).targets[0].motion), 2 * np.pi / wavelength_m
+    body, surface = compute_ellipsoids_at(skeleton, times), draw_surface(skeleton, np.random.default_rng(1))
+    ends = np.array([scene.radar_position_m, receiver_m or scene.radar_position_m])
+    s = (np.arange(1500) + 0.5) / 1500
+    turns = 2 * np.pi * 0.8 * np.outer(s, np.arange(1, 129))  # waves of 1.25 limbs and shorter
+    for n, limb in make_limbs(skeleton, surface, walk.facts.height_m).items():
+        along = body.along[:, n, None]
+        line = body.centre_m[:, n, None] + (s - 0.5)[:, None] * limb.length_m * along
+        sight = sum((end - line) / np.linalg.norm(end - line, axis=-1, keepdims=True) for end in ends)
+        side = sight - (sight * along).sum(axis=-1, keepdims=True) * along
+        side /= np.linalg.norm(side, axis=-1, keepdims=True)
+        radius = limb.radii_m[0] + (limb.radii_m[1] - limb.radii_m[0]) * s
+        height = limb.bulge * limb.length_m * (1 - (2 * s - 1) ** 2)
+        height += np.cos(turns) @ limb.waves_m[0] + np.sin(turns) @ limb.waves_m[1]
+        skin = line + (radius + height)[:, None] * side
+        ways = sum(np.linalg.norm(end - skin, axis=-1) for end in ends)
+        wanted = (fade(s) * np.sqrt(radius) * np.exp(-1j * k * ways)).mean(axis=1)
+        echo, phase = rows["rcs"].values[:, n] ** 0.5, rows["path_phase"].values[:, n]
+        echo = echo * np.exp(1j * (phase - 2 * k * rows["range"].values[:, n]))
+        alike = abs(np.vdot(wanted, echo)) / np.linalg.norm(wanted) / np.linalg.norm(echo)
+        assert alike > least, (skeleton.segments[n].name, alike)
+
+
+def test_one_point_for_two_joints_is_no_body():
+    for motion, name in ((boulic_walk(duration_s=1.0), "neck"), (quadruped_gait(duration_s=1.0), "nose")):
+        kept = [n for n, marker in enumerate(motion.markers) if marker != name]
+        poor = motion.with_points(
+            motion.position_m[:, kept], *([v[n] for n in kept] for v in (motion.markers, motion.parts))
+        )
+        assert assemble(Scene([Target(poor)]), T[:10], wavelength_m=0.0411).sizes["scatterer"] == len(kept)
+        with pytest.raises(ConfigError, match=r"no own point of the motion is (head|nose)"):
+            build_skeleton(poor)

@@ -79,7 +79,7 @@ def test_radial_velocity_is_minus_the_derivative_of_range_e04():
 
 def test_scatterer_table_has_every_variable_with_its_unit():
     table = assemble(Scene([Target(boulic_walk(duration_s=1.0))]), np.arange(10) / 100)
-    variables = {name: unit for name, unit in SCATTERER_VARIABLES.items() if name != "path_phase"}  # of ghosts only
+    variables = {name: unit for name, unit in SCATTERER_VARIABLES.items() if name != "path_phase"}  # limbs, ghosts
     assert set(table.data_vars) == set(variables)
     for name, unit in variables.items():
         assert table[name].attrs["units"] == unit

@@ -94,7 +94,8 @@ def find_joints(motion: Motion) -> tuple[tuple[Segment, ...], dict[str, list[int
             known = ([number[word] for word in words if word in number] for words in ways)
             usable = (points for points, words in zip(known, ways, strict=True) if 2 * len(points) >= len(words))
             joints[joint] = next(usable, [])
-        tried.append((segments, joints, [joint for joint, points in joints.items() if not points]))
+        joined = {s.end for s in segments if joints[s.start] == joints[s.end]}  # a segment needs two points
+        tried.append((segments, joints, [joint for joint in joints if joint in joined or not joints[joint]]))
     return min(tried, key=lambda each: len(each[2]))
 
 
@@ -186,7 +187,7 @@ def build_skeleton(motion: Motion) -> Skeleton:
     if lacking:
         shown = ", ".join(lacking[:6]) + (", ..." if len(lacking) > 6 else "")
         raise ConfigError(
-            f"{source}: rcs kind 'surfaces' and occlusion need a body with known joints; no point of the motion is "
+            f"{source}: rcs kind 'surfaces' and occlusion need a body with known joints; no own point of the motion is "
             f"{shown}; name the points (docs/howto/own-motion.md), or use rcs kind 'auto' without occlusion"
         )
     if not height_m > 0:
@@ -198,7 +199,9 @@ def build_skeleton(motion: Motion) -> Skeleton:
     start, end = (joints.position_m[:, skeleton.numbers(which)] for which in ("start", "end"))
     half_m = np.median(np.sqrt(((end - start) ** 2).sum(axis=-1)), axis=0) / 2.0
     if not half_m.min() > 0:
-        raise ConfigError(f"{source}: segment {segments[int(half_m.argmin())].name} has no length")
+        raise ConfigError(
+            f"{source}: segment {segments[int(half_m.argmin())].name} has no length; use rcs kind 'body_parts'"
+        )
     sizes = [
         (s.across * height_m, s.upright * height_m, float(half) if s.along is None else s.along * height_m)
         for s, half in zip(segments, half_m, strict=True)
@@ -222,8 +225,7 @@ def see_ellipsoids(body: Ellipsoids, radar_position_m: npt.ArrayLike) -> tuple[F
 
 
 def compute_ellipsoids_at(skeleton: Skeleton, time_s: FloatArray) -> Ellipsoids:
-    """Compute the ellipsoids at times after the first frame."""
-    # positions are on the spline of E-02
+    """Compute the ellipsoids at times after the first frame, on the spline of E-02."""
     return _compute_ellipsoids(skeleton, resample(skeleton.joints, time_s)[0])
 
 
@@ -314,7 +316,7 @@ LIMBS_DB, FEET_DB, TRUNK_DB, JOINTS = (-6.0, 0.0), (-15.0, 0.0), (-10.0, 0.0), (
 """Laws of the levels of limbs, feet with hands, trunk with neck and head, and joints, uniform."""
 N_MEAN_FRAMES, N_MEAN_DIRECTIONS = 16, 24  # for the mean cross section over time and horizontal directions
 LEAST_COSINE = 0.05
-"""Smallest share of the line of sight across a limb, for the side on which it reflects."""
+"""Smallest share of the line of sight across a limb, and cosine of half a bistatic angle."""
 EXTREMITIES = ("foot", "paw", "hand")
 
 
@@ -346,9 +348,8 @@ def draw_surface(skeleton: Skeleton, rng: np.random.Generator | None) -> Surface
     shape = lengths_m.size, 2, N_WAVES
     heights = (np.zeros(shape) if rng is None else rng.standard_normal(shape)) * spread[:, np.newaxis]
     rms = np.sqrt(np.square(spread).sum(axis=1))[:, np.newaxis, np.newaxis]
-    return Surface(
-        np.array([level(s) for s in skeleton.segments]), bulge, roughness_m * heights / np.maximum(rms, 1e-9)
-    )
+    power = np.array([level(s) for s in skeleton.segments])
+    return Surface(power, bulge, roughness_m * heights / np.maximum(rms, 1e-9))
 
 
 @dataclass(frozen=True)
@@ -406,15 +407,7 @@ def make_limbs(skeleton: Skeleton, surface: Surface, height_m: float) -> dict[in
 def place_specular_points(body: Ellipsoids, number: int, limb: Limb, radar_position_m: FloatArray) -> FloatArray:
     """Place the points (T, 3) of a limb's middle that face the radar."""
     centre, axis = body.centre_m[:, number], body.along[:, number]
-    sight = radar_position_m - centre
-    sight = sight / np.maximum(np.sqrt(np.square(sight).sum(axis=1)), 1e-9)[:, np.newaxis]
-    side = sight - (sight * axis).sum(axis=1)[:, np.newaxis] * axis
-    across = np.maximum(np.sqrt(np.square(side).sum(axis=1)), LEAST_COSINE)[:, np.newaxis]
+    sight = _scale_to_unit(radar_position_m - centre)
+    side = sight - _multiply_dot(sight, axis)[:, np.newaxis] * axis
+    across = np.maximum(np.sqrt(_multiply_dot(side, side)), LEAST_COSINE)[:, np.newaxis]
     return np.asarray(centre + sum(limb.radii_m) / 2.0 * side / across)
-
-
-def measure_sight(body: Ellipsoids, number: int, radar_position_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Measure a limb's cosine to the line of sight and its range, (I,)."""
-    sight = radar_position_m - body.centre_m[:, number]
-    range_m = np.sqrt(np.square(sight).sum(axis=1))
-    return (sight * body.along[:, number]).sum(axis=1) / np.maximum(range_m, 1e-9), range_m

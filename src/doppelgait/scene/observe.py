@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -17,6 +18,7 @@ from doppelgait.core.samples import borrow_memory
 from doppelgait.core.units import FloatArray, arccosine, arcsine, arctangent
 from doppelgait.motion.retime import Spline, check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
+from doppelgait.scene.bodies import LEAST_COSINE
 from doppelgait.scene.placement import PlacedScene, PlacedTarget, as_placed
 from doppelgait.scene.scatterers import Scatterers, View, compute_scatterers
 from doppelgait.scene.scene import Scene
@@ -311,6 +313,9 @@ def _make_scatterers(target: PlacedTarget, scene: Scene, times: FloatArray, chan
     ends = np.array([scene.radar_position_m, scene.receiver_position_m])
     there_m, back_m = np.sqrt(((centre_m - ends[:, None]) ** 2).sum(axis=-1)).mean(axis=-1)
     bisector_m = np.asarray(ends[0] + there_m / max(there_m + back_m, 1e-12) * (ends[1] - ends[0]))
+    if chance["wavelength_m"] is not None:  # phases grow with 2 k cos(half the angle) along a limb (Kell 1965)
+        square = ((there_m + back_m) ** 2 - np.square(ends[1] - ends[0]).sum()) / (4.0 * there_m * back_m)
+        chance = {**chance, "wavelength_m": chance["wavelength_m"] / math.sqrt(max(square, LEAST_COSINE**2))}
     seen = compute_scatterers(motion, rcs.model_copy(update={"occlusion": False}), times, bisector_m, **chance)
     if not rcs.occlusion:
         return seen

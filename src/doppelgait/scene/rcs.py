@@ -71,10 +71,10 @@ class RcsSpec(FrozenModel):
     They set the total, its split among points and its change with time.
 
     kind: ``surfaces``: one scatterer per body segment, limbs as rough tapered cylinders that flash
-        at broadside, the others as ellipsoids (:mod:`doppelgait.scene.bodies`); a draw; needs a
-        radar and points with known joints. ``body_parts``: points that share the total by body
-        part. ``equal``: points alike. ``auto``: surfaces before a radar where joints and height
-        are known; otherwise by body part if the trunk or every point's part is known, otherwise equal.
+        at broadside, the others as ellipsoids (:mod:`doppelgait.scene.bodies`); a draw, or the
+        smooth middle of the law without random streams; needs a radar and known joints.
+        ``body_parts``: points share the total by body part. ``equal``: points alike. ``auto``: surfaces
+        if radar, joints and height are known, else by part if trunk or all are, else equal.
     total_m2: Sum over the scatterers (sigma), m^2; by default 0.01 m^2 per kilogram of body mass.
         For surfaces it is the mean of this sum over the motion's frames and all horizontal directions.
     total_spread_db: Standard deviation of a log-normal factor of mean 1 on the total, sampled once

@@ -30,7 +30,6 @@ from doppelgait.scene.bodies import (
     find_own_points,
     make_limbs,
     mean_rcs_m2,
-    measure_sight,
     place_specular_points,
     see_ellipsoids,
 )
@@ -194,7 +193,10 @@ def scatter_surfaces(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray, Flo
     some = frames.along[:: -(-len(frames.along) // N_MEAN_FRAMES)]
     for n, limb in make_limbs(skeleton, surface, view.motion.facts.height_m).items():
         position_m[:, n] = place_specular_points(frames, n, limb, radar_m)
-        size_m, phase_rad[:, n] = limb.compute_field(*measure_sight(view.body, n, radar_m), view.wavelength_m)
+        sight_m = radar_m - view.body.centre_m[:, n]
+        range_m = np.maximum(np.sqrt(np.square(sight_m).sum(axis=1)), 1e-9)
+        along = (sight_m * view.body.along[:, n]).sum(axis=1) / range_m
+        size_m, phase_rad[:, n] = limb.compute_field(along, range_m, view.wavelength_m)
         rcs_m2[:, n], mean_m2[n] = size_m * size_m, limb.compute_mean_rcs_m2(some[:, n], view.wavelength_m)
     share = surface.power * (total_rcs_m2(spec, view.motion.facts.mass_kg) / float(mean_m2 @ surface.power))
     return points.with_points(position_m, points.markers, points.parts), rcs_m2 * share, phase_rad
