@@ -94,7 +94,7 @@ def draw_person(plan: Plan, kind: str, rng: np.random.Generator, mocap: Path | N
         subject, motion, hurry = fitting[int(rng.integers(len(fitting)))]
     else:
         subject = "model"
-        motion = motions.until_possible(lambda: motions.person(speed_mps, 4.0 * lasts_s, rng, varied=True))
+        motion = motions.until_possible(lambda: motions.person(speed_mps, 4.0 * lasts_s, rng))
     rest_s, rise_s = rng.uniform(0.0, 0.6), rng.uniform(0.4, 0.8)
 
     def pace(times_s: FloatArray) -> FloatArray:

@@ -211,18 +211,3 @@ def domain_auc(synthetic: Inputs, real: Inputs, *, features: str, most: int = 40
         )
         scores[test] = found.log_probability(values[test])[:, 1]
     return auc(scores, labels == 1)
-
-
-def apart(synthetic: FloatArray, real: FloatArray) -> tuple[float, float]:
-    """Return Kolmogorov-Smirnov distance and relative shift of a feature.
-
-    The shift is that of the medians over the synthetic middle spread.
-    """
-    from scipy.stats import ks_2samp
-
-    one, other = synthetic[np.isfinite(synthetic)], real[np.isfinite(real)]
-    if one.size < 2 or other.size < 2:
-        return float("nan"), float("nan")
-    spread = float(np.subtract(*np.percentile(one, (75, 25)))) / 1.349
-    shift = float(np.median(other) - np.median(one)) / spread if spread > 0 else float("nan")
-    return float(ks_2samp(one, other).statistic), shift

@@ -20,7 +20,7 @@ from doppelgait.motion import make_motion
 from doppelgait.motion.models import human_gait, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import BUILDS, GAITS
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.retime import Variation, fit_spline, travel_speed_mps, vary
+from doppelgait.motion.retime import fit_spline, travel_speed_mps
 from doppelgait.scene.rcs import RcsSpec
 
 CLASSES = ("human", "dog")
@@ -29,14 +29,11 @@ LARGE = "large"
 ATTEMPTS = 40
 SPARE = 1.6
 """A motion is made longer by this factor, for it is run faster or slower on the way."""
-USUAL_DOG_M = 0.4
-"""Without variation; a larger one cannot walk at 0.4 m/s."""
 LARGE_BUILDS, LARGE_M = ("horse", "cow"), (1.2, 1.7)
 """Builds of large quadrupeds and the heights of their withers."""
 SLOWEST_LARGE_MPS = 0.9
 """Not every such animal of the model can walk slower. A slower one is this walk, slowed, so that the law of speeds
 stays."""
-WAVING_HZ, WAVING_DEG = (0.8, 2.0), (20.0, 60.0)
 RATE_HZ = 150.0
 
 
@@ -53,74 +50,49 @@ def draw_speed_mps(rng: np.random.Generator, low_mps: float, high_mps: float) ->
     return float(np.exp(rng.uniform(math.log(low_mps), math.log(high_mps))))
 
 
-def person(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool) -> Motion:
-    """Sample a walking or running person. With ``varied`` of any size and style, else the default of the model."""
-    style: dict[str, Any] = {"start_phase": float(rng.random())}
-    if varied:
-        hands = ("free", "free", "pockets", "carrying")
-        style |= {
-            "height_m": float(np.clip(rng.normal(1.70, 0.10), 1.4, 2.0)),
-            "walk_ratio": float(np.clip(np.exp(0.08 * rng.standard_normal()), 0.75, 1.3)),
-            "arm_swing": float(rng.uniform(0.2, 1.4)),
-            "left_hand": hands[rng.integers(4)], "right_hand": hands[rng.integers(4)],
-            "step_time_sd": float(rng.uniform(0, 0.04)), "step_length_sd": float(rng.uniform(0, 0.04)),
-            "time_asymmetry": float(rng.uniform(-0.05, 0.05)), "length_asymmetry": float(rng.uniform(-0.05, 0.05)),
-        }  # fmt: skip
+def person(speed_mps: float, seconds: float, rng: np.random.Generator) -> Motion:
+    """Sample a walking or running person of any size and style."""
+    hands = ("free", "free", "pockets", "carrying")
+    style: dict[str, Any] = {
+        "start_phase": float(rng.random()), "height_m": float(np.clip(rng.normal(1.70, 0.10), 1.4, 2.0)),
+        "walk_ratio": float(np.clip(np.exp(0.08 * rng.standard_normal()), 0.75, 1.3)),
+        "arm_swing": float(rng.uniform(0.2, 1.4)),
+        "left_hand": hands[rng.integers(4)], "right_hand": hands[rng.integers(4)],
+        "step_time_sd": float(rng.uniform(0, 0.04)), "step_length_sd": float(rng.uniform(0, 0.04)),
+        "time_asymmetry": float(rng.uniform(-0.05, 0.05)), "length_asymmetry": float(rng.uniform(-0.05, 0.05)),
+    }  # fmt: skip
     return human_gait(speed_mps=speed_mps, duration_s=seconds, rng=rng, rate_hz=RATE_HZ, **style)
 
 
-def dog(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool) -> Motion:
-    """Sample a dog in a gait that suits its speed. With ``varied`` of any possible size, build and gait."""
-    style: dict[str, Any] = {"start_phase": float(rng.random()), "gait": "auto", "withers_m": USUAL_DOG_M}
-    if varied:
-        breeds = [name for name, build in BUILDS.items() if build.species == "dog"]
-        style |= {
-            "build": breeds[rng.integers(len(breeds))], "withers_m": float(rng.uniform(0.25, 0.75)),
-            "gait": "auto" if rng.random() < 0.6 else list(GAITS)[rng.integers(len(GAITS))],
-            "stride_variation": float(rng.uniform(0, 0.04)), "asymmetry": float(rng.uniform(-0.03, 0.03)),
-            "tail_frequency_hz": float(rng.uniform(0, 3)), "tail_sweep_deg": float(rng.uniform(0, 45)),
-        }  # fmt: skip
+def dog(speed_mps: float, seconds: float, rng: np.random.Generator) -> Motion:
+    """Sample a dog of any size and build in a gait that is possible at its speed."""
+    breeds = [name for name, build in BUILDS.items() if build.species == "dog"]
+    style: dict[str, Any] = {
+        "start_phase": float(rng.random()), "build": breeds[rng.integers(len(breeds))],
+        "withers_m": float(rng.uniform(0.25, 0.75)),
+        "gait": "auto" if rng.random() < 0.6 else list(GAITS)[rng.integers(len(GAITS))],
+        "stride_variation": float(rng.uniform(0, 0.04)), "asymmetry": float(rng.uniform(-0.03, 0.03)),
+        "tail_frequency_hz": float(rng.uniform(0, 3)), "tail_sweep_deg": float(rng.uniform(0, 45)),
+    }  # fmt: skip
     return quadruped_gait(speed_mps=speed_mps, duration_s=seconds, rng=rng, rate_hz=RATE_HZ, **style)
 
 
-def large(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool) -> Motion:
+def large(speed_mps: float, seconds: float, rng: np.random.Generator) -> Motion:
     """Sample a horse or a cow in a gait of its speed."""
     slower = min(speed_mps / SLOWEST_LARGE_MPS, 1.0)
     style: dict[str, Any] = {
-        "start_phase": float(rng.random()), "build": LARGE_BUILDS[rng.integers(2)], "gait": "auto",
+        "start_phase": float(rng.random()), "build": LARGE_BUILDS[rng.integers(2)],
         "withers_m": float(rng.uniform(*LARGE_M)),
+        "gait": "auto" if rng.random() < 0.6 else list(GAITS)[rng.integers(len(GAITS))],
+        "stride_variation": float(rng.uniform(0, 0.04)), "asymmetry": float(rng.uniform(-0.03, 0.03)),
+        "tail_frequency_hz": float(rng.uniform(0, 1.5)), "tail_sweep_deg": float(rng.uniform(0, 30)),
     }  # fmt: skip
-    if varied:
-        style |= {
-            "gait": "auto" if rng.random() < 0.6 else list(GAITS)[rng.integers(len(GAITS))],
-            "stride_variation": float(rng.uniform(0, 0.04)), "asymmetry": float(rng.uniform(-0.03, 0.03)),
-            "tail_frequency_hz": float(rng.uniform(0, 1.5)), "tail_sweep_deg": float(rng.uniform(0, 30)),
-        }  # fmt: skip
     motion = quadruped_gait(speed_mps=speed_mps / slower, duration_s=seconds, rng=rng, rate_hz=RATE_HZ, **style)
     return motion if slower == 1 else hurried(motion, seconds, lambda times_s: np.full_like(times_s, slower))
 
 
-def waving(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool) -> Motion:
-    """Sample a person who stands and waves; the speed plays no part."""
-    walk = person(1.2, 2.0, rng, varied=varied)
-    frame = walk.position_m[150] - np.array([*walk.position_m[150].mean(axis=0)[:2], 0.0])
-    times_s = np.arange(0.0, seconds, 1.0 / RATE_HZ)
-    position_m = np.tile(frame, (times_s.size, 1, 1))
-    side = ("left", "right")[rng.integers(2)]
-    shoulder = frame[walk.markers.index(f"{side}_shoulder")]
-    hz, degrees = rng.uniform(*WAVING_HZ), rng.uniform(*WAVING_DEG)
-    angle_rad = math.radians(90.0) + math.radians(degrees) * np.sin(2 * np.pi * hz * times_s + rng.uniform(0, 6.28))
-    for name in (f"{side}_elbow", f"{side}_hand"):
-        length_m = float(np.linalg.norm(frame[walk.markers.index(name)] - shoulder))
-        arm_m = np.stack([np.cos(angle_rad), 0 * angle_rad, np.sin(angle_rad)], axis=-1)
-        position_m[:, walk.markers.index(name)] = shoulder + length_m * arm_m
-    sway_m = rng.uniform(0.005, 0.02) * np.sin(2 * np.pi * rng.uniform(0.2, 0.5) * times_s)
-    position_m[:, :, 0] += sway_m[:, None]
-    return _copy_with(walk, position_m)
-
-
 Maker = Callable[..., Motion]
-MAKERS: dict[str, Maker] = {"human": person, "dog": dog, LARGE: large, "waving": waving}
+MAKERS: dict[str, Maker] = {"human": person, "dog": dog, LARGE: large}
 
 
 def until_possible(make: Callable[[], Motion]) -> Motion:
@@ -133,27 +105,9 @@ def until_possible(make: Callable[[], Motion]) -> Motion:
     return make()
 
 
-def draw_variation(rng: np.random.Generator) -> Variation:
-    """Sample a variation of the motion, by one law for all classes."""
-    return Variation(
-        limb_swing=float(rng.uniform(0.6, 1.5)), arm_swing=float(rng.uniform(0.2, 1.8)),
-        trunk_ripple=float(rng.uniform(0.2, 2.5)), ripple_once_m=float(rng.uniform(0, 0.015)),
-        ripple_twice_m=float(rng.uniform(0, 0.015)), pitch_deg=float(rng.uniform(0, 6)),
-        yaw_deg=float(rng.uniform(0, 6)), pace=float(rng.uniform(0.8, 1.25)),
-        swing_timing=float(rng.uniform(-0.08, 0.08)), fore_timing=float(rng.uniform(-0.08, 0.08)),
-        phase_noise=float(rng.uniform(0, 0.03)),
-    )  # fmt: skip
-
-
-def make_model_motion(
-    label: str, speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool = True,
-    moved: bool = False,
-) -> LabelledMotion:  # fmt: skip
+def make_model_motion(label: str, speed_mps: float, seconds: float, rng: np.random.Generator) -> LabelledMotion:
     """Sample a model target that lasts long enough for :func:`hurried`."""
-    change = draw_variation(rng) if moved else Variation()
-    needed_s = change.needed_s(SPARE * seconds) if moved else SPARE * seconds
-    motion = until_possible(lambda: MAKERS[label](speed_mps, needed_s, rng, varied=varied))
-    return LabelledMotion(vary(motion, change, rng) if moved and label != "waving" else motion, label)
+    return LabelledMotion(until_possible(lambda: MAKERS[label](speed_mps, SPARE * seconds, rng)), label)
 
 
 def _interpolate(motion: Motion, times_s: FloatArray) -> FloatArray:
@@ -207,11 +161,11 @@ def speed_of(labelled: LabelledMotion, seconds: float) -> float:
     return float(travel_speed_mps(labelled.motion, first_s=seconds))
 
 
-def draw_rcs(rng: np.random.Generator, *, speckle: bool) -> RcsSpec:
+def draw_rcs(rng: np.random.Generator) -> RcsSpec:
     """Sample the cross section of a target, 0.015 to 1.6 m^2, independent of its class; the same number of draws."""
     hidden = rng.random() < 0.7
     total_m2, correlation_s = (float(np.exp(rng.uniform(*np.log(ends)))) for ends in ((0.015, 1.6), (0.03, 0.3)))
     around: dict[str, Any] = {"total_m2": total_m2}
-    if speckle and rng.random() < 0.8:
+    if rng.random() < 0.8:
         around |= {"fluctuation": "swerling1", "correlation_s": correlation_s}
     return RcsSpec(kind="auto", occlusion=hidden, **around)

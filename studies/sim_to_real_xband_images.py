@@ -5,11 +5,12 @@ at -30 and -10 dB below the image's own maximum) nor for swaying ground, so that
 functions of the pipeline. Cheaper than the full sensor model and the same picture: a sweep has 72 samples instead of
 1008 (135 m of unambiguous range are enough), the ground is simulated by itself at 100 sweeps/s and interpolated (it
 moves at some cm/s), and noise is added to the range bin that is kept. Target and ground are stored, so that noise,
-clipping and ground can be left out without simulating again.
+display need no second simulation.
 """
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -55,23 +56,10 @@ PATCH = Patch(velocity_mps=measures.EDGE_MPS, n_velocity=64, column_s=1 / 12, n_
 
 @dataclass(frozen=True)
 class Plan:
-    """Switches of the simulation; each left out is an ablation."""
+    """Kinds of targets, equally often, and the seed."""
 
     kinds: tuple[str, ...] = (*motions.CLASSES, motions.LARGE)
-    groups: float = 0.0
-    gait_variation: bool = True
-    motion_variation: bool = False
-    speckle: bool = True
     seed: int = 8
-
-
-@dataclass(frozen=True)
-class Display:
-    """Switches of the display of echoes as an image."""
-
-    ground: bool = True
-    noise: bool = True
-    clipped: bool = True
 
 
 @dataclass(frozen=True)
@@ -104,28 +92,17 @@ def draw_place(rng: np.random.Generator) -> Place:
     )  # fmt: skip
 
 
-def sample_motion(plan: Plan, label: str, speed_mps: float, rng: np.random.Generator) -> motions.LabelledMotion:
-    """Sample a target with a drifting pace, as long as the images."""
-    seconds = OBSERVATION_S + 0.1
-    pace = motions.drifting(rng, seconds, most=0.3 if plan.gait_variation else 0.0, starts=False)
-    varied, moved = plan.gait_variation, plan.motion_variation
-    found = motions.make_model_motion(label, speed_mps, seconds, rng, varied=varied, moved=moved)
-    return motions.LabelledMotion(motions.hurried(found.motion, seconds, pace), label)
-
-
-def draw_company(plan: Plan, number: int, rng: np.random.Generator) -> tuple[list[motions.LabelledMotion], list[float]]:
-    """Sample the target of an example and its companions."""
+def draw_target(plan: Plan, number: int, rng: np.random.Generator) -> list[motions.LabelledMotion]:
+    """Sample the target of an example with a drifting pace; of a pair, both."""
     label = plan.kinds[number % len(plan.kinds)]
-    speed_mps = motions.draw_speed_mps(rng, *SPEEDS_MPS)
-    labels = ["human", "dog"] if label == "pair" else [label]
-    if plan.groups and rng.random() < plan.groups:
-        labels += [labels[0]] * int(rng.integers(1, 4))
-    found, behind_m = [], []
-    for place, one in enumerate(labels):
+    speed_mps, seconds = motions.draw_speed_mps(rng, *SPEEDS_MPS), OBSERVATION_S + 0.1
+    found = []
+    for place, one in enumerate(["human", "dog"] if label == "pair" else [label]):
         like_mps = speed_mps if place == 0 else float(np.clip(speed_mps * rng.uniform(0.9, 1.1), *SPEEDS_MPS))
-        found.append(sample_motion(plan, one, like_mps, rng))
-        behind_m.append(0.0 if place == 0 else float(rng.uniform(-2.0, 2.0)))
-    return found, behind_m
+        pace = motions.drifting(rng, seconds, most=0.3, starts=False)
+        motion = motions.make_model_motion(one, like_mps, seconds, rng).motion
+        found.append(motions.LabelledMotion(motions.hurried(motion, seconds, pace), one))
+    return found
 
 
 def ground(length_m: float, rng: np.random.Generator, *, sway_m: float = SWAY_M) -> Motion:
@@ -162,27 +139,26 @@ def echoes_of(plan: Plan, number: int) -> dict[str, Any]:
     """Simulate the echoes of one example in the kept range bins. Burst by burst, without the means of the bursts."""
     streams = np.random.default_rng([plan.seed, number]).spawn(4)
     place = draw_place(streams[0])
-    rcs = motions.draw_rcs(streams[1], speckle=plan.speckle)
-    company, behind_m = draw_company(plan, number, streams[2])
-    noise_streams = streams[3].spawn(2)
+    rcs = motions.draw_rcs(streams[1])
+    company, noise_streams = draw_target(plan, number, streams[2]), streams[3].spawn(2)
+    speed_mps = motions.speed_of(company[0], OBSERVATION_S)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)  # feet and paws alias, as they do in the recordings
-        signal, bins = _target_echo(company, behind_m, place, rcs, rng=noise_streams[0])
-        ground = _ground_echo(place, bins, motions.speed_of(company[0], OBSERVATION_S), noise_streams[1])
+        signal, bins = _target_echo(company, place, rcs, rng=noise_streams[0])
+        ground = _ground_echo(place, bins, speed_mps, noise_streams[1])
     return {
         "mover": signal, "ground": ground, "noise_db": place.noise_db, "label": plan.kinds[number % len(plan.kinds)],
-        "group": f"model-{plan.seed}-{number}",
+        "group": f"model-{plan.seed}-{number}", "radial_mps": speed_mps * math.cos(math.radians(place.aspect_deg)),
     }  # fmt: skip
 
 
 def _target_echo(
-    company: list[motions.LabelledMotion], behind_m: list[float], place: Place, rcs: RcsSpec, *,
-    rng: np.random.Generator,
-) -> tuple[ComplexArray, list[int]]:  # fmt: skip
+    company: list[motions.LabelledMotion], place: Place, rcs: RcsSpec, *, rng: np.random.Generator
+) -> tuple[ComplexArray, list[int]]:
     field = ({**FIELD, "roughness_m": place.roughness_m},) if place.reflects else ()
     targets = [
-        Target(one.motion, rcs=rcs, range_m=place.range_m + more_m, aspect_deg=place.aspect_deg)
-        for one, more_m in zip(company, behind_m, strict=True)
+        Target(one.motion, rcs=rcs, range_m=place.range_m + 0.7 * n, aspect_deg=place.aspect_deg)
+        for n, one in enumerate(company)
     ]
     scene = Scene(targets, radar_position_m=(0.0, 0.0, place.height_m), duration_s=OBSERVATION_S)
     recording = simulate(
@@ -215,31 +191,23 @@ def _ground_echo(place: Place, bins: list[int], speed_mps: float, rng: np.random
     return measures.stitched(smooth, [used.index(one) for one in bins])
 
 
-def levels_of(target: ComplexArray, ground: ComplexArray, noise_db: float, display: Display, number: int) -> FloatArray:
+def levels_of(target: ComplexArray, ground: ComplexArray, noise_db: float, number: int) -> FloatArray:
     """Return displayed levels in dB, shape (256, 624).
 
     Relative to the maximum; the noise is relative to the maximum of the rest.
     """
-    signal = target + ground if display.ground else target
-    if display.noise:
-        highest_v2 = measures.pixel_power(signal).max()
-        noise_v2 = highest_v2 / measures.noise_gain() * 10.0 ** (noise_db / 10.0)
-        rng = np.random.default_rng([99, number])
-        white = rng.standard_normal((2, measures.N_SWEEPS)) * np.sqrt(noise_v2 / 2.0)
-        signal = signal + measures.stitched((white[0] + 1j * white[1])[:, None], [0] * measures.N_BURSTS)
-    power = measures.pixel_power(signal)
-    if display.clipped:
-        return measures.displayed_db(power)
-    return np.asarray(10.0 * np.log10(np.maximum(power / power.max(), 1e-6)))
+    signal = target + ground
+    noise_v2 = measures.pixel_power(signal).max() / measures.noise_gain() * 10.0 ** (noise_db / 10.0)
+    white = np.random.default_rng([99, number]).standard_normal((2, measures.N_SWEEPS)) * np.sqrt(noise_v2 / 2.0)
+    noise = measures.stitched((white[0] + 1j * white[1])[:, None], [0] * measures.N_BURSTS)
+    return measures.displayed_db(measures.pixel_power(signal + noise))
 
 
-def inputs_of_levels(
-    images: list[FloatArray], labels: list[str], groups: list[str], *, clipped: bool = True
-) -> store.Inputs:
+def inputs_of_levels(images: list[FloatArray], labels: list[str], groups: list[str]) -> store.Inputs:
     """Convert images, real or not, to model inputs. Signature, features by its analysis, image."""
     rows, signatures = [], []
     for image in images:
-        mu = xband_gait.displayed_signature(image, clipped=clipped)
+        mu = xband_gait.displayed_signature(image)
         rows.append(store.row_of(analyze_signature(mu, make_level_gate(mu), xband_gait.ANALYSIS, label=None)))
         signatures.append(mu)
     return store.inputs_of(rows, signatures, PATCH, labels, groups)
@@ -261,19 +229,21 @@ def echo_chunk(plan: Plan, numbers: range, out: Path) -> store.Arrays:
     return store.kept(out / "cache" / name, make)
 
 
-def dataset(plan: Plan, count: int, out: Path, *, display: Display = Display()) -> store.Inputs:
+def pictures(echo: store.Arrays, numbers: range) -> list[FloatArray]:
+    """Return the displayed levels of some echoes."""
+    kept = zip(echo["mover"], echo["ground"], echo["noise_db"].tolist(), numbers, strict=True)
+    return [levels_of(mover, ground, noise_db, number) for mover, ground, noise_db, number in kept]
+
+
+def dataset(plan: Plan, count: int, out: Path) -> store.Inputs:
     """Load the model inputs of a plan."""
 
     def chunk(numbers: range) -> store.Inputs:
         def make() -> store.Inputs:
             echo = echo_chunk(plan, numbers, out)
-            images = [
-                levels_of(echo["mover"][n], echo["ground"][n], float(echo["noise_db"][n]), display, number)
-                for n, number in enumerate(numbers)
-            ]
-            return inputs_of_levels(images, echo["label"].tolist(), echo["group"].tolist(), clipped=display.clipped)
+            return inputs_of_levels(pictures(echo, numbers), echo["label"].tolist(), echo["group"].tolist())
 
-        name = f"xband-inputs-{store.key_of(plan, display, PATCH)}-{numbers.start}-{numbers.stop}.npz"
+        name = f"xband-inputs-{store.key_of(plan, PATCH)}-{numbers.start}-{numbers.stop}.npz"
         return store.kept_inputs(out / "cache" / name, make)
 
     return store.joined([chunk(numbers) for numbers in store.chunks(count)])

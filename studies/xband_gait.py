@@ -68,13 +68,12 @@ def signature_of(image: Image, level_db: measures.FloatArray) -> xr.DataArray:
 def displayed_signature(
     level_db: measures.FloatArray,
     *,
-    clipped: bool = True,
     time_s: measures.FloatArray = TIME_S,
     velocity_mps: measures.FloatArray = measures.VELOCITY_MPS,
 ) -> xr.DataArray:
-    """Convert displayed levels (velocity, time) to a signature; only simulated ones can be without clipping."""
+    """Convert displayed levels (velocity, time) to a signature."""
     return convert_levels_to_signature(
-        measures.rebuild_peaks(level_db.T, HIGHEST_DB) if clipped else level_db.T,
+        measures.rebuild_peaks(level_db.T, HIGHEST_DB),
         time_s=time_s,
         velocity_mps=velocity_mps,
         wavelength_m=carrier_to_wavelength_m(9.7e9),
@@ -83,7 +82,7 @@ def displayed_signature(
         hop=measures.HOP_SWEEPS,
         range_m=RANGE_M,
         blank_below_mps=measures.SLOWEST_MPS,
-        floor_db=measures.FLOOR_DB if clipped else None,
+        floor_db=measures.FLOOR_DB,
     )
 
 

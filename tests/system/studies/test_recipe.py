@@ -4,28 +4,20 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pytest
-
-from doppelgait.dataset import load_plan
-from doppelgait.motion.retime import Variation
 
 
-@pytest.mark.parametrize(
-    ("variant", "motion", "sensor"),
-    [("plain", False, False), ("varied motion", True, False), ("varied sensors", False, True),
-     ("both varied", True, True)],
-)  # fmt: skip
-def test_a_variant_adds_what_it_says_to_both_classes_alike(study, variant, motion, sensor):
-    plan, _ = study.plan_of(variant, 3, 20)
-    evidence, _ = load_plan(study.PLAN)
-    assert plan.dataset.seed == 2021
-    assert ("vary" in plan.target) == motion
-    assert (plan.radar != evidence.radar) == sensor
-    assert (plan.impairments is not None) == (plan.environment is not None) == sensor
-    assert plan.classes[1] == evidence.classes[1]  # dogs are the same, people run more often
-    assert len(plan.classes[0].motion["choice"]) == len(evidence.classes[0].motion["choice"]) + motion
-    if motion:
-        assert set(plan.target["vary"]) == set(Variation.model_fields)
+def test_kinds_are_counted_by_gait_and_speed(study):
+    rows = pd.DataFrame({
+        "label": ["human", "human", "dog", "dog"], "half": ["held", "tuning", "held", "held"],
+        "recording": list("abcd"),
+        "truth_gait": ["run", "walk", "trot", "gallop"], "truth_ground_speed_mps": [3.0, 1.2, 2.0, 3.1],
+        "right:m": [True, False, True, False], "truth_gait_frequency_hz": 3.0, "observation_s": 4.0,
+        "truth_aspect_deg": 0.0, "quality_snr_mu_db": 20.0,
+    })  # fmt: skip
+    lines = study.kind_table([rows, rows], "m").split("\n")[2:]
+    assert lines[0] == "| people who walk | 0 | 0 | - | 1 | 1 | 0.0 |"
+    assert lines[1] == "| people who run | 1 | 1 | 100.0 | 1 | 1 | 100.0 |"
+    assert [line.split(" | ")[1:4] for line in lines[2:]] == [["0", "0", "-"], ["1", "1", "100.0"], ["1", "1", "0.0"]]
 
 
 def test_half_of_the_rows_wrong_is_a_wrong_recording(study):

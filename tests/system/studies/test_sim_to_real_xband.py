@@ -16,8 +16,8 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("sim-to-real-xband")
 
 
-def quick_size(study: ModuleType, **more: Any) -> Any:
-    return study.Size(COUNT, seeds=(1, 2), unknown=8, network=False, **more)
+def quick_size(study: ModuleType) -> Any:
+    return study.Size(COUNT, seeds=(1, 2), unknown=8, network=False)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def run(shared: Path, out: Path, study: ModuleType) -> tuple[dict[str, list[Any]
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(study.models, "train_all", watched)
-        size = quick_size(study, ablations=("nothing", "noise"))
+        size = quick_size(study)
         scored, sections = study.run_study(shared / "data" / "radar", out, size)
     return scored, teachers, "\n".join(sections.values())
 
