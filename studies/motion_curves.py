@@ -8,11 +8,9 @@ the tables of ``doppelgait.motion.models.curves``. It takes half a minute of one
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
-
 import numpy as np
 import numpy.typing as npt
+from harness import make_parser
 from recorded_motion import Cycle, find_clips, is_tuning, measure_cycle
 
 from doppelgait.core.errors import DoppelgaitError
@@ -23,9 +21,9 @@ LANDING_SPEED, LIFTING_SPEED = 0.3, 0.2
 """A foot lands where its ankle's forward speed over V falls through the first: while the sole comes down about the heel
 the model's ankle moves at 0.2 V to 0.3 V, and whatever recorded ankles move beyond that makes its swing too fast. It is
 lifted where the speed of its tip rises through the second, which is what smoothing leaves of its start from rest."""
-DECIMALS = dict.fromkeys(ARM_CURVES, 1)
-DECIMALS |= {"pelvis_speed": 3, "neck_speed": 3, "ankle_speed": 2, "ankle_height": 3, "foot_pitch": 1}
-HALF_SHOULDER = 0.1295 / 0.491
+DECIMALS = dict.fromkeys((*ARM_CURVES, "foot_pitch", "pelvic_list", "pelvic_torsion"), 1)
+DECIMALS |= {"pelvis_speed": 3, "neck_speed": 3, "ankle_speed": 2, "ankle_height": 3, "pelvis_height": 4}
+HALF_SHOULDER, HALF_HIP = 0.1295 / 0.491, 0.0955 / 0.491
 """Of the model's figure, over the leg length."""
 
 
@@ -59,6 +57,12 @@ def curves_of(cycle: Cycle) -> dict[str, npt.NDArray[np.float64]]:
     }
     if "neck" in cycle.speed:
         curves["neck_speed"] = cycle.speed["neck"] - 1
+    if "own_hip" in cycle.height_m:
+        above_m = (cycle.height_m["own_hip"] - cycle.height_m["other_hip"]) / 2
+        ahead_m = (cycle.ahead_m["own_hip"] - cycle.ahead_m["other_hip"]) / 2
+        curves["pelvis_height"] = (cycle.height_m["own_hip"] - above_m) / cycle.leg_m  # that of a run is mechanics
+        curves["pelvic_list"] = np.degrees(np.arcsin(above_m / (HALF_HIP * cycle.leg_m)))
+        curves["pelvic_torsion"] = np.degrees(np.arcsin(ahead_m / (HALF_HIP * cycle.leg_m)))
     if "own_tip" in cycle.speed:
         pitch = angle_deg("own_ankle", "own_tip")
         curves["foot_pitch"] = pitch - np.median(pitch[slice(25, 35) if cycle.speed_mps < 2.1 else slice(12, 20)])
@@ -87,7 +91,7 @@ def fit_tables(cycles: list[Cycle]) -> dict[str, tuple[npt.NDArray[np.float64], 
         design = np.stack([np.ones(len(rows)), [slowness for slowness, _ in rows]], axis=1)
         fitted = np.linalg.lstsq(design, np.array([row for _, row in rows]), rcond=None)[0]
         n_phases = 20
-        if name in ("pelvis_speed", "neck_speed"):  # the same in every step
+        if name in ("pelvis_speed", "neck_speed", "pelvis_height"):  # the same in every step
             fitted[:, 0], fitted[:, 1::2], n_phases = 0, 0, 10
             # people are not in phase: the mean of their amplitudes, not the smaller amplitude of their mean
             sizes = np.linalg.lstsq(design, np.abs([row for _, row in rows]), rcond=None)[0][0]
@@ -96,20 +100,16 @@ def fit_tables(cycles: list[Cycle]) -> dict[str, tuple[npt.NDArray[np.float64], 
             # people's swing is a lognormal factor about the geometric mean
             size, growth = np.linalg.lstsq(design, np.log(np.abs([row[1] for _, row in rows])), rcond=None)[0]
             fitted[:, 1] = np.exp(size) * fitted[0, 1] / np.abs(fitted[0, 1]) * np.array([1, growth])
-        if name == "thorax_torsion":  # the sides are opposite
+        if name in ("pelvic_list", "pelvic_torsion", "thorax_torsion"):  # the sides are opposite
             fitted[:, ::2] = 0
-        phase = np.arange(n_phases) / 20
-        turns = np.exp(2j * np.pi * np.outer(phase, np.arange(N_HARMONICS + 1)))
-        mean, slope = (turns @ row for row in fitted)
-        tables[name] = (mean.real, slope.real)
+        turns = np.exp(2j * np.pi / 20 * np.outer(np.arange(n_phases), np.arange(N_HARMONICS + 1)))
+        tables[name] = ((turns @ fitted[0]).real, (turns @ fitted[1]).real)
     return tables
 
 
 def main() -> None:
     """Read the tuning half and print its tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("motion_folder", type=Path)
-    folder = parser.parse_args().motion_folder
+    folder = make_parser(__doc__, motion_folder="folder of the motion recordings").parse_args().motion_folder
     cycles: dict[str, list[Cycle]] = {"walk": [], "run": []}
     for clip in find_clips(folder):
         if not is_tuning(clip, folder):

@@ -48,7 +48,7 @@ def foot_points(motion, side):
     foot_m = human.FOOT.length * motion.facts.height_m
     x = -human.FOOT.heel * foot_m * np.cos(pitch) + human.ANKLE * foot_m * np.sin(pitch)
     z = -human.FOOT.heel * foot_m * np.sin(pitch) - human.ANKLE * foot_m * np.cos(pitch)
-    tip = ankle + (toe - ankle) / human.FOOT.middle - [0, 0, human.TIP * foot_m]
+    tip = toe - [0, 0, human.TIP * foot_m]
     return ankle + np.stack([x, 0 * x, z], axis=1), ankle, tip, pitch
 
 
@@ -81,7 +81,7 @@ def test_with_all_options_off_it_is_the_boulic_walk_bit_for_bit(speed_mps, heigh
 def check_lengths(motion):
     for a, b, bone in BONES:
         length_m = np.linalg.norm(np.diff(points(motion, a, b), axis=1), axis=2)
-        share = human.FOOT.middle * human.FOOT.length if bone == "foot" else LENGTHS[bone]
+        share = human.FOOT.length if bone == "foot" else LENGTHS[bone]
         np.testing.assert_allclose(length_m, 1.75 * share, rtol=0, atol=1e-9, err_msg=f"{a} {b}")
 
 

@@ -114,15 +114,10 @@ def trunk_angles_deg(phase: FloatArray, relative_speed: Values) -> dict[str, Flo
     q, pitch = relative_speed, lean_deg(relative_speed)
     return {
         "trunk_pitch": -pitch + pitch * _sine(2 * phase - 0.1),
-        **pelvis_angles_deg(phase, q),
+        "pelvic_torsion": -4 * q * _cosine(phase),
+        "pelvic_list": pelvic_list_deg(phase, q),
         "thorax_torsion": thorax_torsion_deg(phase, q),
     }
-
-
-def pelvis_angles_deg(phase: FloatArray, relative_speed: Values) -> dict[str, FloatArray]:
-    """Return pelvic torsion and list by name."""
-    torsion = -4 * relative_speed * _cosine(phase)
-    return {"pelvic_torsion": torsion, "pelvic_list": pelvic_list_deg(phase, relative_speed)}
 
 
 def thorax_torsion_deg(phase: FloatArray, relative_speed: Values) -> FloatArray:
@@ -254,7 +249,7 @@ def find_floor_m(q: FloatArray, size_m: Sizes, *, offset_scale_m: Values, offset
     """Return the height of the lowest point of a whole cycle, (B, 1)."""
     cycle = np.broadcast_to(_WHOLE_CYCLE, (len(q), _WHOLE_CYCLE.size))
     both = np.stack([cycle + 0.5, cycle])
-    pelvis = {name: np.radians(angle) for name, angle in pelvis_angles_deg(cycle, q).items()}
+    pelvis = {name: np.radians(angle) for name, angle in trunk_angles_deg(cycle, q).items()}
     legs = {joint: np.radians(_interpolate_joint(joint, both, q)) for joint in ("hip", "knee", "ankle")}
     offset_m = offset_scale_m * compute_body_offset(cycle, q, signs=offset_signs)
     height_m = place_lower_body(pelvis, legs, size_m)[:, 2] + offset_m[2]

@@ -27,7 +27,8 @@ from doppelgait.motion.models.strides import Curve, Values, fit_cubic_hermite, m
 
 ArmCurve = Literal["shoulder", "elbow", "thorax_torsion"]
 ARM_CURVES: tuple[ArmCurve, ...] = get_args(ArmCurve)
-PersonCurve = Literal["pelvis_speed", "neck_speed", "ankle_speed", "ankle_height", "foot_pitch"] | ArmCurve
+PelvisCurve = Literal["pelvis_speed", "pelvis_height", "pelvic_list", "pelvic_torsion"]
+PersonCurve = Literal["neck_speed", "ankle_speed", "ankle_height", "foot_pitch"] | PelvisCurve | ArmCurve
 Segment = Literal["scapula", "manus", "metatarsus"]
 RecordedGait = Literal["walk", "pace", "trot", "gallop"]
 

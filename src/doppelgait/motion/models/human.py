@@ -1,9 +1,9 @@
 """Person who walks or runs like recorded people.
 
-Trunk, arms, ankles and feet follow curves measured on recorded people, and feet do not slide: in
-stance, the foot rolls from heel to toe; in swing, the difference from the curves fades from one
-stance to the next. A walk has the step length, timing and pelvis of Boulic et al. (1990). A run has
-usual timing for an adult of 1.75 m (others by dynamic similarity), and its height is mechanics.
+Trunk, pelvis, arms, ankles and feet follow curves measured on recorded people, and feet do not
+slide: in stance, the foot rolls from heel to toe; in swing, the difference from the curves fades
+from one stance to the next. A walk has the step length, timing and sway of Boulic et al. (1990). A
+run has usual timing for an adult of 1.75 m (others by dynamic similarity); its height is mechanics.
 """
 
 from __future__ import annotations
@@ -119,8 +119,8 @@ def place_feet(
         shortened = np.where(far > near, near + width * np.tanh((far - near) / width), far)
         place[:2, swings] += away_m * (shortened / far - 1.0)
         toe_m, pitch = place[..., :count].copy(), pitch[:, :count]
-        toe_m[0] += FOOT.middle * size_m["foot"] * cosine(pitch)
-        toe_m[2] += FOOT.middle * size_m["foot"] * sine(pitch)
+        toe_m[0] += size_m["foot"] * cosine(pitch)
+        toe_m[2] += size_m["foot"] * sine(pitch)
         found[side] = place[..., :count], toe_m
         # the hips are raised until a leg is extended
         leg_m = place - hip_m
@@ -493,15 +493,15 @@ def _walk_timing(
 def _walk_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Sizes) -> GaitStyle:
     leg_m, stride_m, period_s, q = _walk_timing(parameters, columns)
     speed = columns.speed_mps / np.sqrt(G_MPS2 * leg_m)
-    motion = _make_measured_motion(
-        columns,
-        "walk",
-        stride_m,
-        stride_m,
-        size_m,
-        pelvis=lambda phase: (boulic.pelvis_angles_deg(phase, q), leg_m * boulic.compute_body_offset(phase, q)),
-        lean_deg=boulic.lean_deg(q),
-    )
+    height = make_measured_curve("walk", "pelvis_height", speed)
+
+    def sway(phase: FloatArray) -> FloatArray:
+        sway_m = leg_m * boulic.compute_body_offset(phase, q)
+        sway_m[2] = leg_m * height(phase)
+        return sway_m
+
+    lean_deg = boulic.lean_deg(q)
+    motion = _make_measured_motion(columns, "walk", stride_m, stride_m, size_m, sway=sway, lean_deg=lean_deg)
     return GaitStyle(stride_m, period_s, walk_duty(speed), *motion)
 
 
@@ -512,11 +512,9 @@ def _run_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Size
     duty = make_column([run_duty_factor(*args) for args in own])
     leg_m, stride_m = size_m["thigh"] + size_m["shank"], columns.speed_mps * period_s
 
-    def pelvis(phase: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
-        # assumed torsion, list (signs as in boulic) and sway over the standing leg
-        angles = {"pelvic_torsion": -8.0 * cosine(2 * np.pi * phase), "pelvic_list": -3.0 * sine(2 * np.pi * phase)}
-        sway_m = -0.012 * leg_m * sine(2 * np.pi * (phase - 0.1))
-        return angles, np.stack([np.zeros_like(phase), sway_m, run_height_m(phase, period_s, duty)])
+    def sway(phase: FloatArray) -> FloatArray:
+        aside_m = -0.012 * leg_m * sine(2 * np.pi * (phase - 0.1))  # assumed, over the standing leg
+        return np.stack([np.zeros_like(phase), aside_m, run_height_m(phase, period_s, duty)])
 
     motion = _make_measured_motion(
         columns,
@@ -524,7 +522,7 @@ def _run_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Size
         stride_m,
         stride_m * duty / RUN.recorded_duty,
         size_m,
-        pelvis=pelvis,
+        sway=sway,
         lean_deg=np.interp(adult_mps, (2.2, 9.0), (5.0, 10.0)),
         arm_swing=np.interp(adult_mps, *RUN.arm_swing),
     )
@@ -538,11 +536,11 @@ def _make_measured_motion(
     reach_m: FloatArray,
     size_m: Sizes,
     *,
-    pelvis: Callable[[FloatArray], tuple[dict[str, FloatArray], FloatArray]],
+    sway: OfPhase,
     lean_deg: FloatArray,
     arm_swing: Values = 1.0,
 ) -> tuple[OfPhase, OfPhase, Callable[[FloatArray], Hips]]:
-    """Make foot, pose and hips from measured curves and the gait's own pelvis and lean."""
+    """Make foot, pose and hips from measured curves and the gait's own sway and lean."""
     leg_m = size_m["thigh"] + size_m["shank"]
     speed = columns.speed_mps / np.sqrt(G_MPS2 * leg_m)
     pelvis_way, neck_way = (
@@ -555,12 +553,18 @@ def _make_measured_motion(
         *(make_measured_curve(gait, name, speed) for name in ("ankle_height", "foot_pitch")),
     )
     shoulder, elbow, torsion = (make_measured_curve(gait, name, np.maximum(speed, SLOWEST_ARMS)) for name in ARM_CURVES)
+    turns = [make_measured_curve(gait, name, speed) for name in ("pelvic_list", "pelvic_torsion")]
+    both_turns = join_curves(*turns)
     arms = _add_arms(columns, lambda phase: {"shoulder": shoulder(phase), "elbow": elbow(phase)}, arm_swing)
     ripple_m = columns.trunk_ripple * stride_m
 
+    def tilt(phase: FloatArray) -> dict[str, FloatArray]:
+        listing, turned = both_turns(phase + OFFSET["left"])
+        return {"pelvic_list": listing, "pelvic_torsion": turned}
+
     def pose(phase: FloatArray) -> FloatArray:
         pelvis_m, neck_m = ripple_m * both_ways(phase)
-        angles, base_m = pelvis(phase)
+        angles, base_m = tilt(phase), sway(phase)
         base_m[0] = pelvis_m
         ahead = (neck_m - pelvis_m) / size_m["torso"]  # of the neck, relative to the pelvis
         angles["thorax_torsion"] = torsion(phase + OFFSET["left"])
@@ -569,9 +573,9 @@ def _make_measured_motion(
         return place_legless_points(base_m, place_left_hip(trunk_rad, size_m), trunk_rad, arms_rad, size_m)
 
     def hips(phase: FloatArray) -> Hips:
-        angles, base_m = pelvis(phase)
+        base_m = sway(phase)
         base_m[0] = ripple_m * pelvis_way(phase)
-        left_m = place_left_hip(_convert_to_radians(angles), size_m)
+        left_m = place_left_hip(_convert_to_radians(tilt(phase)), size_m)
         return {"left": base_m + left_m, "right": base_m - left_m}
 
     def foot(phase: FloatArray) -> FloatArray:
