@@ -17,7 +17,7 @@ import numpy.typing as npt
 from doppelgait._core import native
 from doppelgait.core.config import read_toml
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.units import FloatArray, arctangent, cosine, db_to_power, exponential, sine
+from doppelgait.core.units import FloatArray, arctangent, cosine, db_to_power, sine
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import resample
 from doppelgait.motion.skeleton import reduce_word, strip_subject
@@ -344,7 +344,7 @@ def draw_surface(skeleton: Skeleton, rng: np.random.Generator | None) -> Surface
 
     lengths_m = 2.0 * skeleton.semi_axes_m[[s.limb is not None for s in skeleton.segments], 2]
     per_m = WAVES_PER_LIMB * np.arange(1, N_WAVES + 1) / lengths_m[:, np.newaxis]
-    spread = exponential(-0.5 * np.square(np.pi * per_m * correlation_m))  # root of the spectrum of exp(-x^2 / l^2)
+    spread = 1.0 / np.sqrt(1.0 + np.square(2.0 * np.pi * per_m * correlation_m))  # spectrum of exp(-|x| / l)
     shape = lengths_m.size, 2, N_WAVES
     heights = (np.zeros(shape) if rng is None else rng.standard_normal(shape)) * spread[:, np.newaxis]
     rms = np.sqrt(np.square(spread).sum(axis=1))[:, np.newaxis, np.newaxis]
