@@ -378,10 +378,10 @@ def test_built_in_plans_load_and_an_unknown_name_lists_them(tmp_path):
 
 
 STRIDE_SETTINGS = {
-    "human": ("step_time_sd", "step_length_sd", "time_asymmetry", "length_asymmetry"),
-    "quadruped": ("stride_variation", "step_length_sd", "asymmetry", "length_asymmetry"),
-    "boulic": ("stride_variation",),
-    "crawl": ("stride_variation",),
+    "human": ("pace_sd", "step_time_sd", "step_length_sd", "time_asymmetry", "length_asymmetry"),
+    "quadruped": ("pace_sd", "stride_variation", "step_length_sd", "asymmetry", "length_asymmetry"),
+    "boulic": ("pace_sd", "stride_variation"),
+    "crawl": ("pace_sd", "stride_variation"),
 }
 """Settings of the variation and asymmetry of strides, in one order; the same number moves a dog more than a person."""
 
@@ -399,7 +399,7 @@ def test_settings_of_uneven_strides_have_the_same_ranges_for_people_and_dogs(pla
             names = STRIDE_SETTINGS[motion["kind"]]
             kinds.add(motion["kind"])
             limps = str(motion.get("length_asymmetry")) == LIMP
-            ranges.add(tuple(str(motion[name]) for name in names[: 3 if limps else 4]))
+            ranges.add(tuple(str(motion[name]) for name in names[: 4 if limps else 5]))
     longest = max(ranges, key=len)
     assert kinds == set(STRIDE_SETTINGS)
     assert all(found == longest[: len(found)] for found in ranges)

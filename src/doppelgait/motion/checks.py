@@ -12,7 +12,7 @@ import numpy as np
 from doppelgait.core.errors import warn_caller
 from doppelgait.motion.clean import NOISE_MPS, velocity_error_mps
 from doppelgait.motion.gait import is_quadruped, measure_gait, measure_travel
-from doppelgait.motion.motion import Motion, make_motion
+from doppelgait.motion.motion import GRAVITY_MPS2, Motion, make_motion
 from doppelgait.motion.segments import crop, find_segments
 from doppelgait.motion.skeleton import LEG_SHARE, guess_species, list_spellings, measure_leg_length, strip_subject
 
@@ -26,7 +26,6 @@ LIES = 0.3
 UNITS_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 HIP_SHARE, WITHERS_SHARE = 0.53, 0.8
 """Height of the hips over stature (Drillis and Contini 1966), and over the height of the withers."""
-GRAVITY_MPS2 = 9.81
 SIMILARITY, SIMILARITY_POWER = 2.5, 0.3
 """Stride length over hip height is 2.5 Fr^0.3 in people and cursorial animals (Alexander 1976, and Jayes 1983)."""
 TIME_FACTOR, PERSON_TIME_FACTOR, UNSURE_TIME_FACTOR = 2.5, 1.8, 3.0

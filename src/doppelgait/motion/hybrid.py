@@ -22,14 +22,12 @@ from doppelgait.core.errors import MotionError
 from doppelgait.core.units import FloatArray, arccosine
 from doppelgait.motion.gait import STANCE_SPEED, find_feet, is_quadruped, step_and_gait_frequency_hz
 from doppelgait.motion.loop import Cycle, fit_cycle, require_gait, weigh_feet
-from doppelgait.motion.motion import Motion, make_motion, require_motion
+from doppelgait.motion.motion import GRAVITY_MPS2, Motion, make_motion, require_motion
 from doppelgait.motion.retime import travel_heading_rad, travel_speed_mps
 from doppelgait.motion.rigid import find_bones, find_rigid_pairs, measure_pair_lengths, restore_lengths
 from doppelgait.motion.skeleton import LEG_SHARE, strip_subject
 
 IntArray = npt.NDArray[np.int32]
-
-GRAVITY_MPS2 = 9.81
 
 
 @dataclass(frozen=True)

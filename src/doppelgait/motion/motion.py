@@ -26,6 +26,7 @@ from doppelgait.core.notebook import show_text
 from doppelgait.core.units import FloatArray
 
 NAN = float("nan")
+GRAVITY_MPS2 = 9.81
 FREQUENCIES = ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz")
 
 

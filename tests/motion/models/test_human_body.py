@@ -35,7 +35,7 @@ def test_people_are_drawn_as_cited():
     ):  # fmt: skip
         values = [getattr(p, key) for p in adults]
         assert (np.mean(values), np.std(values)) == (pytest.approx(mean, abs=0.1 * sd), pytest.approx(sd, rel=0.06))
-    for key, middle, sd in (("step_time_sd", 0.025, 0.3), ("step_length_sd", 0.014, 0.7), ("pace_sd", 0.01, 0.5)):
+    for key, middle, sd in (("step_time_sd", 0.025, 0.3), ("step_length_sd", 0.014, 0.7), ("pace_sd", 0.035, 0.5)):
         logs = np.log([getattr(p, key) for p in adults])
         assert (np.median(logs), logs.std()) == (pytest.approx(np.log(middle), abs=0.05), pytest.approx(sd, rel=0.08))
     for person in [*adults[:25], *seniors[:25], *children[:25]]:

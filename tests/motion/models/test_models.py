@@ -79,7 +79,7 @@ def test_motions_of_a_batch_are_those_made_alone():
         for rate_hz, gait, options in (
             (100.0, "walk", {}),
             (250.0, "gallop", {} if kind in ("boulic", "crawl") else {"length_asymmetry": 0.02}),
-            (250.0, "trot", {"pace_sd": 0.02, "left_hand": "bag"} if kind == "human" else {"stride_variation": 0.03}),
+            (250.0, "trot", {"pace_sd": 0.02, **({"left_hand": "bag"} if kind == "human" else {})}),
         )
     ] + [{"kind": "human", "gait": "run", "speed_mps": 3.1}, {"kind": "human", "foot_lock": False}, {"kind": "fan"}]
     models = models + models[::-1]
@@ -95,6 +95,24 @@ def test_motions_of_a_batch_are_those_made_alone():
         varies = {"stride_variation", "pace_sd"} & model.keys()
         other = generate(model, duration_s=duration_s, rng=np.random.default_rng(number + 1))
         assert (other.position_m.tobytes() == motion.position_m.tobytes()) is not bool(varies)
+
+
+@pytest.mark.parametrize(("setting", "memory", "share"), [("stride_variation", 0.5, 0), ("pace_sd", 0.75**2, 0.5)])
+@pytest.mark.parametrize(
+    ("kind", "foot"), [("quadruped", "left_hind"), ("boulic", "right_foot"), ("crawl", "right_hand")]
+)
+def test_strides_vary_with_the_given_deviation_and_memory(kind, foot, setting, memory, share):
+    make, sd = MODELS[kind][0], 0.06
+    motion = make(**{setting: sd}, duration_s=1500, rate_hz=50, rng=np.random.default_rng(7))
+    lands_s, body = np.array(motion.facts.footfalls[foot]), "rump" if kind == "quadruped" else "base"
+    x = motion.position_m[:, motion.markers.index(body), 0]
+    length = np.log(np.diff(np.interp(lands_s, motion.time_s, x)))
+    speed = length - np.log(np.diff(lands_s))
+    # 1,100 to 2,900 strides: four standard errors
+    assert speed.std() == pytest.approx(sd, rel=4 * 0.03)
+    assert np.corrcoef(speed[1:], speed[:-1])[0, 1] == pytest.approx(memory, abs=4 * 0.03)
+    assert np.polyfit(speed, length, 1)[0] == pytest.approx(share, abs=0.02)
+    assert np.exp(speed.mean()) == pytest.approx(np.ptp(make(duration_s=60).position_m[:, 0, 0]) / 60, rel=0.02)
 
 
 def test_models_of_walkers_have_their_parameters_and_assumed_facts():
@@ -138,7 +156,7 @@ def test_models_of_walkers_have_their_parameters_and_assumed_facts():
         (fan, {"hub_height_m": 0.1}, ["hub_height_m", "0.1", "0.2"]),
         (crawling_person, {"speed_mps": 2}, ["speed_mps", "2", "0.8"]),
         (crawling_person, {"speed_mps": 0.8, "height_m": 0.9}, ["speed_mps", "0.8", "0.77"]),
-        (crawling_person, {"stride_variation": 0.05}, ["stride_variation", "0.05", "rng"]),
+        (crawling_person, {"pace_sd": 0.05}, ["pace_sd", "0.05", "rng"]),
         (moving_point, {"speed_mps": -1}, ["speed_mps", "-1", "0"]),
         (pendulum, {"length_m": 2.0}, ["pivot_height_m", "1", "2"]),
         (pendulum, {"frequency_hz": 0}, ["frequency_hz", "0"]),

@@ -19,7 +19,6 @@ from doppelgait.motion.models.quadruped_gaits import (
     fit_gait_to_build,
     froude_speed_mps,
     hip_height_m,
-    mass_kg,
     pick_gait,
     stride_length_m,
 )
@@ -110,9 +109,10 @@ def test_paws_rest_where_they_land_move_between_and_are_never_under_the_floor(na
 
 @pytest.mark.parametrize("name", GAITS)
 def test_paws_rest_from_exact_footfalls_when_strides_vary(name):
-    motion = quadruped_gait(gait=name, stride_variation=0.05, rng=np.random.default_rng(3), duration_s=8, rate_hz=1000)
-    for foot in FEET:  # lift-off is at the duty factor in phase; in time, a faster stride moves it by less than a tenth
-        check_rests(motion, foot, settings(name, GAITS[name].froude[2], 0.5)[4], share=0.9)
+    varied = {"stride_variation": 0.05, "pace_sd": 0.05, "rng": np.random.default_rng(3)}
+    motion = quadruped_gait(gait=name, **varied, duration_s=8, rate_hz=1000)
+    for foot in FEET:  # lift-off is at the duty factor in phase; a faster stride moves it by less than 15 %
+        check_rests(motion, foot, settings(name, GAITS[name].froude[2], 0.5)[4], share=0.85)
 
 
 @pytest.mark.parametrize("name", GAITS)
@@ -351,7 +351,7 @@ def test_a_froude_number_sets_the_speed():
 EXTREMES = {
     "stride_variation": 0.06, "step_length_sd": 0.15, "footfall_sd": 0.04, "asymmetry": -0.05, "length_asymmetry": 0.3,
     "stride_ratio": 1.25, "trunk_ripple": 2.0, "hind_swing_peak": 1.2, "fore_swing_peak": 1.2, "neck_deg": 0.0,
-    "tail_deg": 60.0,
+    "tail_deg": 60.0, "pace_sd": 0.15,
 }  # fmt: skip
 
 
@@ -547,7 +547,6 @@ def test_a_build_sets_size_mass_and_species(build):
     assert facts.species == (build if build in ("cat", "horse", "cow") else "dog")
     twice = quadruped_gait(build=build, gait="walk", duration_s=0.5, withers_m=0.8)
     assert twice.facts.mass_kg == pytest.approx(expected.mass_kg * (0.8 / expected.withers_m) ** 3)
-    assert mass_kg(expected, expected.withers_m) == expected.mass_kg
     # Over common breeds the withers height is 0.15 to 0.20 m (mass / kg)^(1/3); two short-legged ones lie below.
     short = build in ("chihuahua", "dachshund")
     assert (0.10 if short else 0.15) <= expected.withers_m / expected.mass_kg ** (1 / 3) <= (0.15 if short else 0.205)
@@ -585,28 +584,6 @@ def test_asymmetry_delays_the_right_feet_and_leaves_the_left():
     )
     with pytest.raises(ConfigError, match="asymmetry"):
         quadruped_gait(asymmetry=0.2)
-
-
-def test_stride_times_vary_with_the_given_deviation_and_memory():
-    sd, runs, count = 0.04, 5, 160
-    period = 1 / quadruped_gait().facts.stride_frequency_hz
-    deviations, lengths = [], []
-    for seed in range(runs):
-        motion = quadruped_gait(
-            stride_variation=sd, rng=np.random.default_rng(seed), duration_s=count * period, rate_hz=50
-        )
-        deviations.append(np.diff(motion.facts.footfalls["left_hind"]) / period - 1)
-        way_m = float(np.diff(motion.positions.sel(marker="rump", space="x").values[[0, -1]])[0])
-        lengths.append(way_m / float(motion.time_s[-1]) / motion.facts.stride_frequency_hz)
-    first, second = (np.concatenate([d[part] for d in deviations]) for part in (slice(None, -1), slice(1, None)))
-    # Correlation 0.5 from stride to stride: the mean of n scatters by sd (3 / n)^0.5, the relative deviation by
-    # (5 / 6 n)^0.5, the correlation itself by less than (1 / n)^0.5; four of each.
-    n = len(first)
-    assert abs(first.mean()) < 4 * sd * np.sqrt(3 / n)
-    assert first.std() == pytest.approx(sd, rel=4 * np.sqrt(5 / 6 / n))
-    assert np.corrcoef(first, second)[0, 1] == pytest.approx(0.5, abs=4 / np.sqrt(n))
-    # L = c h at Fr = 1, whatever the stride times; the trunk's surge, under 0.1 h, is not whole at the end of a run.
-    np.testing.assert_allclose(lengths, 2.6 * 0.4, rtol=0.1 / count)
 
 
 def test_without_variation_the_seed_does_not_matter():

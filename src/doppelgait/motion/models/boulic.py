@@ -112,34 +112,20 @@ def lean_deg(relative_speed: Values) -> FloatArray:
 def trunk_angles_deg(phase: FloatArray, relative_speed: Values) -> dict[str, FloatArray]:
     """Return pelvis and trunk angles by name, degrees."""
     q, pitch = relative_speed, lean_deg(relative_speed)
+    torsion = [[(0.1, 4 * v / 3), (0.4, -1.5 * v), (0.6, -4 * v / 3), (0.9, 1.5 * v)] for v in np.ravel(q).tolist()]
     return {
         "trunk_pitch": -pitch + pitch * _sine(2 * phase - 0.1),
         "pelvic_torsion": -4 * q * _cosine(phase),
         "pelvic_list": pelvic_list_deg(phase, q),
-        "thorax_torsion": thorax_torsion_deg(phase, q),
+        "thorax_torsion": interpolate_periodic(torsion, phase),
     }
-
-
-def thorax_torsion_deg(phase: FloatArray, relative_speed: Values) -> FloatArray:
-    """Return the torsion of the upper body."""
-    knots = [
-        [(0.1, 4 * q / 3), (0.4, -1.5 * q), (0.6, -4 * q / 3), (0.9, 1.5 * q)]
-        for q in np.ravel(relative_speed).tolist()
-    ]
-    return interpolate_periodic(knots, phase)
 
 
 def limb_angles_deg(phase: FloatArray, relative_speed: Values) -> dict[str, FloatArray]:
     """Return the joint flexion of one side by name, degrees."""
-    joints = {joint: _interpolate_joint(joint, phase, relative_speed) for joint in ("hip", "knee", "ankle")}
-    return joints | arm_angles_deg(phase, relative_speed)
-
-
-def arm_angles_deg(phase: FloatArray, relative_speed: Values) -> dict[str, FloatArray]:
-    """Return the flexion of shoulder and elbow alone."""
     q = relative_speed
-    shoulder = 3 - 0.5 * 9.88 * q - 9.88 * q * _cosine(phase)
-    return {"shoulder": shoulder, "elbow": _interpolate_joint("elbow", phase, q)}
+    joints = {joint: _interpolate_joint(joint, phase, q) for joint in ("hip", "knee", "ankle", "elbow")}
+    return joints | {"shoulder": 3 - 0.5 * 9.88 * q - 9.88 * q * _cosine(phase)}
 
 
 def _interpolate_joint(joint: str, phase: FloatArray, relative_speed: Values) -> FloatArray:
@@ -195,6 +181,7 @@ class BoulicConfig(FrozenModel):
         the published program, with body offsets and advance in metres: the speed is V/L m/s.
     start_phase: Phase at the start in cycles, 0 (right foot lands) to below 1.
     stride_variation: Standard deviation of the stride time over its mean; healthy adults 0.02.
+    pace_sd: Standard deviation of the speed of strides over its mean; healthy adults 0.04.
     rate_hz: Frames per second.
     """
 
@@ -204,6 +191,7 @@ class BoulicConfig(FrozenModel):
     form: Form = "consistent"
     start_phase: float = Field(0.0, ge=0, lt=1)
     stride_variation: float = Field(0.0, ge=0, le=0.1)
+    pace_sd: float = Field(0.0, ge=0, le=0.15)
     rate_hz: float = Field(250.0, ge=50, le=10_000)
 
     @model_validator(mode="after")
@@ -235,11 +223,12 @@ def boulic_walk(parameters: Sequence[BoulicConfig], durations_s: Sequence[float]
     q = columns.speed_mps / leg_m
     forms = np.array(columns.form)[:, None]
     scale_m = np.where(forms == "chen2011", 1.0, leg_m)
-    timing = time_even_strides(durations_s, columns, cycle_duration_s(q), rngs)
+    timing, drift = time_even_strides(durations_s, columns, cycle_duration_s(q), rngs)
     phase, height_m = timing.phase, columns.height_m
     signs = np.array([_SIGNS[config.form] for config in parameters])[:, None]
     points = compute_boulic_points(phase, q, height_m, offset_scale_m=scale_m, offset_signs=signs)
-    points[..., 0] += (1.346 * np.sqrt(q) * scale_m * (phase - phase[:, :1]))[..., None]
+    way = phase + drift(phase)
+    points[..., 0] += (1.346 * np.sqrt(q) * scale_m * (way - way[:, :1]))[..., None]
     size_m = {name: fraction * height_m for name, fraction in LENGTHS.items()}
     points[..., 2] -= find_floor_m(q, size_m, offset_scale_m=scale_m, offset_signs=signs)[..., None]
     return make_person_motions(points, timing, parameters, ["walk"] * len(q))

@@ -16,6 +16,7 @@ from doppelgait.motion.models.human_body import LENGTHS, POINTS, make_person_mot
 from doppelgait.motion.models.registry import model_function
 from doppelgait.motion.models.strides import (
     Columns,
+    Curve,
     Rngs,
     Values,
     scale_points,
@@ -45,6 +46,7 @@ class CrawlConfig(FrozenModel):
     mass_kg: Body mass; by default that of a body mass index of 23.
     start_phase: Phase at the start in cycles, 0 (right hand and left knee touch down) to below 1.
     stride_variation: Standard deviation of the stride time relative to its mean.
+    pace_sd: Standard deviation of the speed of strides relative to its mean.
     rate_hz: Frames per second.
     """
 
@@ -54,6 +56,7 @@ class CrawlConfig(FrozenModel):
     mass_kg: float | None = Field(None, gt=0, le=400)
     start_phase: float = Field(0.0, ge=0, lt=1)
     stride_variation: float = Field(0.0, ge=0, le=0.1)
+    pace_sd: float = Field(0.0, ge=0, le=0.1)
     rate_hz: float = Field(250.0, ge=50, le=10_000)
 
     @model_validator(mode="after")
@@ -85,26 +88,32 @@ def crawling_person(parameters: Sequence[CrawlConfig], durations_s: Sequence[flo
     columns = Columns(parameters)
     height_m = columns.height_m
     stride_hz = np.sqrt(columns.speed_mps / (STRIDE_RATIO * height_m))
-    timing = time_even_strides(durations_s, columns, 1 / stride_hz, rngs)
+    timing, drift = time_even_strides(durations_s, columns, 1 / stride_hz, rngs)
     stride_m = columns.speed_mps / stride_hz
-    points = compute_crawling_points(timing.phase, stride_m / height_m)
+    points = compute_crawling_points(timing.phase, stride_m / height_m, drift)
     position_m = scale_points([points[name] for name in POINTS], height_m)
-    position_m[..., 0] -= (stride_m * timing.phase[:, :1])[..., None]
+    start = timing.phase[:, :1]
+    position_m[..., 0] -= (stride_m * (start + drift(start)))[..., None]
     report = {"gait": "assumed: timing and proportions"}
     return make_person_motions(position_m, timing, parameters, ["crawl"] * len(parameters), TOUCHDOWN, report)
 
 
-def place_limb(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]:
-    """Return advance and lift of a stepping limb."""
-    # the advance is in strides, the lift from 0 to 1, and cycles are counted from touchdown
+def place_limb(phase: FloatArray, touchdown: float, drift: Curve) -> tuple[FloatArray, FloatArray]:
+    """Return place and lift of a stepping limb."""
+    # the place is in strides, the lift from 0 to 1
+    cycles = phase - touchdown
     number = np.floor(cycles)
-    share = np.clip((cycles - number - duty) / (1 - duty), 0.0, 1.0)
-    return number + share**2 * share * (10 - 15 * share + 6 * share**2), sine(np.pi * share) ** 2
+    share = np.clip((cycles - number - DUTY) / (1 - DUTY), 0.0, 1.0)
+    swing, middle = share**2 * share * (10 - 15 * share + 6 * share**2), touchdown + DUTY / 2
+    late = drift(number + middle)
+    late += swing * (drift(number + 1 + middle) - late)
+    return number + swing + touchdown + DUTY / 2 + late, sine(np.pi * share) ** 2
 
 
-def compute_crawling_points(phase: FloatArray, stride: Values) -> dict[str, FloatArray]:
+def compute_crawling_points(phase: FloatArray, stride: Values, drift: Curve) -> dict[str, FloatArray]:
     """Return the crawlers' points by name, in statures, (..., n, 3)."""
-    size, x = LENGTHS, stride * phase
+    size, way = LENGTHS, phase + drift(phase)
+    x = stride * way
     reach = ARM_REACH * (size["upper_arm"] + size["forearm"])
     rise = np.sqrt(reach**2 - (DUTY * stride / 2) ** 2) - size["thigh"]
     along = np.sqrt(size["torso"] ** 2 - rise**2)
@@ -112,16 +121,13 @@ def compute_crawling_points(phase: FloatArray, stride: Values) -> dict[str, Floa
     points["head"] = points["neck"] + size["head"] * np.array([math.cos(0.6), 0.0, math.sin(0.6)])
     for side, sigma in (("left", 1.0), ("right", -1.0)):
         shoulder = points["neck"] + np.array([0.0, sigma * size["half_shoulder"], 0.0])
-        touchdown = TOUCHDOWN[f"{side}_hand"]
-        advance, lift = place_limb(phase - touchdown, DUTY)
-        ahead = points["neck"][..., 0] - stride * phase + stride * (advance + touchdown + DUTY / 2)
+        place, lift = place_limb(phase, TOUCHDOWN[f"{side}_hand"], drift)
+        ahead = points["neck"][..., 0] - x + stride * place
         hand = stack_columns(ahead, sigma * size["half_shoulder"], HAND_LIFT * lift)
         elbow = solve_two_links(shoulder, hand, size["upper_arm"], size["forearm"], bend=-1.0)
         # the thigh rotates about the hip over the resting knee, which rises slightly at both ends
         hip = points["base"] + np.array([0.0, sigma * size["half_hip"], 0.0])
-        touchdown = TOUCHDOWN[f"{side}_knee"]
-        advance, _ = place_limb(phase - touchdown, DUTY)
-        ahead = stride * (advance + touchdown + DUTY / 2 - phase)
+        ahead = stride * (place_limb(phase, TOUCHDOWN[f"{side}_knee"], drift)[0] - way)
         knee = hip + stack_columns(ahead, 0.0, -np.sqrt(size["thigh"] ** 2 - ahead**2))
         ankle = knee - [size["shank"], 0.0, 0.0]
         limbs = {"shoulder": shoulder, "elbow": elbow, "hand": hand, "hip": hip, "knee": knee, "ankle": ankle}

@@ -54,7 +54,7 @@ from doppelgait.motion.models.strides import (
     step_series,
     time_even_strides,
 )
-from doppelgait.motion.motion import Motion
+from doppelgait.motion.motion import GRAVITY_MPS2, Motion
 
 Advance = Callable[[FloatArray, int], FloatArray]
 """Function of phases that returns the distance travelled in m (order 0), or its slope (order 1)."""
@@ -265,9 +265,6 @@ def compute_foot_path(
     return both[:3], both[3], swings
 
 
-G_MPS2 = 9.81
-
-
 def adult_speed_mps(speed_mps: float, height_m: float) -> float:
     """Return the dynamically similar speed of a 1.75 m adult. The Froude numbers are equal."""
     return speed_mps * math.sqrt(ADULT_M / height_m)
@@ -296,10 +293,10 @@ def run_height_m(phase: npt.ArrayLike, stride_s: Values, duty: Values) -> FloatA
     # A = pi g t_step/(2 t_c), which supports the weight over a step; in flight z'' = -g
     half = np.mod(np.asarray(phase, dtype=float), 0.5)
     contact_s, step_s = duty * stride_s, stride_s / 2
-    force = math.pi * G_MPS2 * step_s / (2 * contact_s)
+    force = math.pi * GRAVITY_MPS2 * step_s / (2 * contact_s)
     t = half * stride_s
-    stance = G_MPS2 * t * (contact_s - t) / 2 - force * (contact_s / math.pi) ** 2 * sine(math.pi * t / contact_s)
-    flight = G_MPS2 * (t - contact_s) * (step_s - t) / 2
+    stance = GRAVITY_MPS2 * t * (contact_s - t) / 2 - force * (contact_s / math.pi) ** 2 * sine(math.pi * t / contact_s)
+    flight = GRAVITY_MPS2 * (t - contact_s) * (step_s - t) / 2
     return np.asarray(np.where(half < duty, stance, flight))
 
 
@@ -333,7 +330,7 @@ class HumanConfig(FrozenModel):
     right_hand: State of the right hand, with the same values as ``left_hand``.
     step_time_sd: Standard deviation of the time of a step over its mean; healthy adults 0.025.
     step_length_sd: Standard deviation of the length of a step over its mean; healthy adults 0.014.
-    pace_sd: Standard deviation of a slow drift of the speed, half in length, half in time of steps.
+    pace_sd: Standard deviation of a drift of the speed within seconds, mostly by longer steps.
     time_asymmetry: (left - right) / mean of the time of the step before a landing; adults +- 0.02.
     length_asymmetry: (left - right) / mean of the length of that step; adults +- 0.06.
     start_phase: Phase at the start in cycles, 0 (right foot lands) to below 1.
@@ -358,7 +355,7 @@ class HumanConfig(FrozenModel):
     right_hand: Hands = "free"
     step_time_sd: float = Field(0.0, ge=0, le=0.1)
     step_length_sd: float = Field(0.0, ge=0, le=0.1)
-    pace_sd: float = Field(0.0, ge=0, le=0.1)
+    pace_sd: float = Field(0.0, ge=0, le=0.15)
     time_asymmetry: float = Field(0.0, ge=-0.4, le=0.4)
     length_asymmetry: float = Field(0.0, ge=-0.4, le=0.4)
     start_phase: float = Field(0.0, ge=0, lt=1)
@@ -437,7 +434,7 @@ def human_gait(parameters: Sequence[HumanConfig], durations_s: Sequence[float], 
         clock, path = fit_cubic_spline(steps_s, phases, sizes), fit_cubic_spline(phases, path_m, sizes)
         timing = Timing(times_s, counts, clock, clock(times_s))
     else:
-        timing = time_even_strides(durations_s, columns, style.period_s, rngs)
+        timing, _ = time_even_strides(durations_s, columns, style.period_s, rngs)
     phase = timing.phase
 
     def advance(cycles: FloatArray, order: int) -> FloatArray:
@@ -492,7 +489,7 @@ def _walk_timing(
 
 def _walk_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Sizes) -> GaitStyle:
     leg_m, stride_m, period_s, q = _walk_timing(parameters, columns)
-    speed = columns.speed_mps / np.sqrt(G_MPS2 * leg_m)
+    speed = columns.speed_mps / np.sqrt(GRAVITY_MPS2 * leg_m)
     height = make_measured_curve("walk", "pelvis_height", speed)
 
     def sway(phase: FloatArray) -> FloatArray:
@@ -542,7 +539,7 @@ def _make_measured_motion(
 ) -> tuple[OfPhase, OfPhase, Callable[[FloatArray], Hips]]:
     """Make foot, pose and hips from measured curves and the gait's own sway and lean."""
     leg_m = size_m["thigh"] + size_m["shank"]
-    speed = columns.speed_mps / np.sqrt(G_MPS2 * leg_m)
+    speed = columns.speed_mps / np.sqrt(GRAVITY_MPS2 * leg_m)
     pelvis_way, neck_way = (
         make_measured_curve(gait, name, speed, integral=True, asymmetry=columns.trunk_asymmetry)
         for name in ("pelvis_speed", "neck_speed")

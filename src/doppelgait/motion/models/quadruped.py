@@ -35,7 +35,6 @@ from doppelgait.motion.models.quadruped_gaits import (
     froude_number,
     froude_speed_mps,
     hip_height_m,
-    mass_kg,
     pick_gait,
     stride_length_m,
 )
@@ -235,13 +234,6 @@ def move_along_limb(top: FloatArray, bottom: FloatArray, length: FloatArray) -> 
             top[where] = bottom[where] + line[where] * (wanted / share[where])[:, None]
 
 
-def lift_above_floor(elevation_rad: FloatArray, height: FloatArray) -> FloatArray:
-    """Lift a rod smoothly off the floor. Height is that of its upper end relative to its length."""
-    free = BODY.tail_yield_rad - height
-    yielding = free - BODY.tail_yield_rad * np.tanh((free - elevation_rad) / BODY.tail_yield_rad)
-    return np.where(elevation_rad < free, yielding, elevation_rad)
-
-
 def compute_all_points(
     phase: FloatArray,
     gait: Columns,
@@ -281,7 +273,10 @@ def compute_all_points(
     points["head"] = neck_base + head * BODY.neck * along
     points["nose"] = points["head"] + head * BODY.skull * np.array([math.cos(skull), 0.0, math.sin(skull)])
     length, wag = BODY.tail * build.tail, wag_rad
-    elevation = lift_above_floor(np.radians(carriage.tail_deg + lift[:, :count]), tail[..., 2] / length)
+    elevation = np.radians(carriage.tail_deg + lift[:, :count])
+    free = BODY.tail_yield_rad - tail[..., 2] / length  # below it, the tail yields to the floor
+    yielding = free - BODY.tail_yield_rad * np.tanh((free - elevation) / BODY.tail_yield_rad)
+    elevation = np.where(elevation < free, yielding, elevation)
     level = cosine(elevation)
     back = length[..., None] * stack_columns(-level * cosine(wag), level * sine(wag), sine(elevation))
     points |= {"tail_middle": tail + back / 2, "tail_tip": tail + back}
@@ -304,6 +299,7 @@ class QuadrupedConfig(FrozenModel):
         0.8 to 1.8. The default is that of the build (standard 0.5).
     start_phase: Phase at the start in strides, 0 (left hind foot lands) to below 1.
     stride_variation: Standard deviation of the stride time over its mean; usual are 0.03 to 0.05.
+    pace_sd: Standard deviation of the speed of strides over its mean; usual are 0.04 to 0.1.
     step_length_sd: Standard deviation of the length of half a stride over its mean.
     footfall_sd: Standard deviation of the landing time of a foot, in strides.
     asymmetry: Delay of the landing of both right feet in strides. The frequencies in the facts
@@ -329,6 +325,7 @@ class QuadrupedConfig(FrozenModel):
     withers_m: float | None = Field(None, gt=0)
     start_phase: float = Field(0.0, ge=0, lt=1)
     stride_variation: float = Field(0.0, ge=0, le=0.1)
+    pace_sd: float = Field(0.0, ge=0, le=0.15)
     step_length_sd: float = Field(0.0, ge=0, le=0.15)
     footfall_sd: float = Field(0.0, ge=0, le=0.04)
     asymmetry: float = Field(0.0, ge=-0.05, le=0.05)
@@ -398,7 +395,7 @@ class QuadrupedConfig(FrozenModel):
 
 
 def _is_varied(config: QuadrupedConfig) -> bool:
-    return any((config.step_length_sd, config.footfall_sd, config.length_asymmetry))
+    return any((config.pace_sd, config.step_length_sd, config.footfall_sd, config.length_asymmetry))
 
 
 @model_function(QuadrupedConfig)
@@ -422,11 +419,11 @@ def quadruped_gait(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[
     gaits, hip_m = [_make_gait(config) for config in parameters], columns.hip_m
     paces = [*zip(gaits, columns.actual_speed_mps[:, 0].tolist(), hip_m[:, 0].tolist(), strict=True)]
     stride_m = columns.stride_ratio * make_column([stride_length_m(*pace) for pace in paces])
-    timing = time_even_strides(durations_s, columns, stride_m / columns.actual_speed_mps, rngs)
+    timing, drift = time_even_strides(durations_s, columns, stride_m / columns.actual_speed_mps, rngs)
     phase, gait = timing.phase, Columns(gaits)
     course = make_regular_course(phase, gait, stride_m / hip_m)
     if _is_varied(parameters[0]):
-        course = _vary_course(course, columns, phase, gait, rngs)
+        course = _vary_course(course, columns, phase, drift, rngs)
     wag_rad = np.radians(columns.tail_sweep_deg) * sine(2 * np.pi * columns.tail_frequency_hz * timing.times_s)
     rates_hz = (columns.actual_speed_mps / stride_m)[:, 0].tolist()
     duty = {
@@ -445,7 +442,8 @@ def quadruped_gait(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[
         own = {foot: course.landings[foot][row, : course.sizes[row]] for foot in gaits[row].touchdown}
         landings.append({foot: at[(at >= first - 1e-9) & (at <= last + 1e-9)] for foot, at in own.items()})
         withers_m = config.actual_withers_m
-        body = {"species": build.species, "height_m": withers_m, "mass_kg": mass_kg(build, withers_m)}
+        mass_kg = build.mass_kg * (withers_m / build.withers_m) ** 3
+        body = {"species": build.species, "height_m": withers_m, "mass_kg": mass_kg}
         facts.append({"gait": config.actual_gait, "harmonic": gaits[row].harmonic, **body})
         mass = f"assumed: {build.mass_kg:.3g} kg at withers_m = {build.withers_m:g}, with the cube of the height"
         reports.append({"mass_kg": mass, "proportions": build.source})
@@ -458,7 +456,7 @@ def _make_gait(config: QuadrupedConfig) -> Gait:
 
 
 def _vary_course(
-    regular: FootfallCourse, columns: Columns, phase: FloatArray, gait: Columns, rngs: Rngs
+    regular: FootfallCourse, columns: Columns, phase: FloatArray, drift: Curve, rngs: Rngs
 ) -> FootfallCourse:
     """Return courses whose half strides and landings vary as autoregressive sequences."""
     first = np.floor(2 * phase[:, :1]) - 8
@@ -471,5 +469,7 @@ def _vary_course(
     landings = {foot: regular.landings[foot] + sd * series for foot, series in zip(feet, late, strict=True)}
     lengths = regular.stride / 2 * (1 + columns.length_asymmetry * np.where(halves % 2, -0.5, 0.5))
     lengths += regular.stride / 2 * length_sd * longer
-    way = fit_cubic_spline((first + np.arange(sizes.max() + 1)) / 2, sum_steps(lengths), sizes + 1)
+    knots = (first + np.arange(sizes.max() + 1)) / 2
+    lengths += regular.stride * np.diff(drift(knots))
+    way = fit_cubic_spline(knots, sum_steps(lengths), sizes + 1)
     return replace(regular, landings=landings, advance=way)

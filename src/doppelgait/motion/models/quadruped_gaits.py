@@ -21,6 +21,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.motion.models.curves import RecordedGait
 from doppelgait.motion.models.strides import evaluate_laws
+from doppelgait.motion.motion import GRAVITY_MPS2
 
 GaitName = Literal["walk", "pace", "trot", "canter", "gallop", "transverse_gallop", "bound"]
 GaitChoice = Literal["auto", GaitName]
@@ -89,7 +90,6 @@ BuildName = Literal[
     "cow",
 ]
 
-GRAVITY_MPS2 = 9.81
 SWING_TIME_S, SWING_HEIGHT_M = 0.35, 0.46
 """Duration of a swing in all gaits, and the hip height at which it was measured."""
 DUTY_LIMITS = (0.15, 0.75)
@@ -145,11 +145,6 @@ def duty_factor(girdle: Girdle, stride_frequency_hz: float, hip_m: float) -> flo
     return min(max(duty, DUTY_LIMITS[0]), DUTY_LIMITS[1])
 
 
-def mass_kg(build: Build, withers_m: float) -> float:
-    """Return the body mass at another height. Geometric similarity is assumed, M ~ withers^3."""
-    return build.mass_kg * (withers_m / build.withers_m) ** 3
-
-
 def fit_gait_to_build(
     name: str, build: Build, asymmetry: float = 0.0, ripple: float = 1.0, hind_peak: float = 1.0, fore_peak: float = 1.0
 ) -> Gait:
@@ -189,6 +184,7 @@ class Dog:
     tail_frequency_hz: float
     tail_sweep_deg: float
     stride_variation: float
+    pace_sd: float
     step_length_sd: float
     footfall_sd: float
     asymmetry: float
@@ -211,7 +207,7 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
     Parameters
     ----------
     rng : Streams or numpy.random.Generator
-        Source of random numbers; always seventeen draws. The same streams result in the same dog.
+        Source of random numbers; always eighteen draws. The same streams result in the same dog.
     gait : str, optional
         Fixed gait; sampled by default.
     froude : float, optional
@@ -233,8 +229,8 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
     gaits = _list_possible_gaits(gait, froude)
     chance = as_generator(rng, "plan")  # the model draws from the streams' "motion"
     breed, way, effort, wag, sweep, time, length, landing = chance.random(8)
-    size, *others = chance.standard_normal(9)
-    ripple, hind, fore, neck, tail, late, long, far = np.clip(others, -2.5, 2.5)
+    size, *others = chance.standard_normal(10)
+    ripple, hind, fore, neck, tail, late, long, far, pace = np.clip(others, -2.5, 2.5)
     build = DOG_BUILDS[int(breed * len(DOG_BUILDS))]
     if gait is None:
         shares = np.array([GAIT_SHARES[name] for name in gaits])
@@ -256,7 +252,7 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
         "step_length_sd": min((0.02 + 0.02 * length) * uneven, 0.15),
         "length_asymmetry": max(min(0.04 * uneven * long, 0.4), -0.4),
     }
-    deviates = far, ripple, hind, fore, neck, tail, late, wag, sweep, time, landing
+    deviates = far, ripple, hind, fore, neck, tail, late, wag, sweep, time, landing, pace
     values = {name: float(value) for name, value in own.items()} | evaluate_laws(TABLES["laws"], deviates)
     return Dog(build, gait, **values)
 
