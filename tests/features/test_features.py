@@ -83,7 +83,7 @@ def test_bandwidth_follows_the_true_span_e35(walkers_of_3_s):
         found.append(result.features.doppler_bandwidth_hz)
         true.append(np.percentile(doppler.max(axis=1), 95) - np.percentile(doppler.min(axis=1), 5))
     assert np.corrcoef(found, true)[0, 1] > 0.89
-    assert 0.45 < np.mean(np.array(found) / true) < 1.1  # a limb shows its speeds while it flashes
+    assert 0.45 < np.mean(np.array(found) / true) < 0.7  # of points 0.78: a limb shows its speeds only while it flashes
 
 
 def test_step_length_is_positive_and_speed_over_frequency_e36(walkers_of_3_s):
