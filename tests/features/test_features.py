@@ -5,14 +5,7 @@ import pytest
 from scipy import stats
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import (
-    BASEBAND,
-    CADENCE_MAP,
-    CADENCE_SPECTRUM,
-    SIGNATURE,
-    Signal,
-    make_array,
-)
+from doppelgait.core.labels import BASEBAND, CADENCE_MAP, CADENCE_SPECTRUM, SIGNATURE, Signal, make_array
 from doppelgait.core.rng import Streams
 from doppelgait.features import FEATURE_UNITS, GaitFeatures, harmonic_ratio, limb_torso_ratio, snr_mu_db
 from doppelgait.features.doppler import (
