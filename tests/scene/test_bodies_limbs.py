@@ -5,6 +5,8 @@ import pytest
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
+from doppelgait.pipeline import choose_lowest_prf
+from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target, assemble, place
 from doppelgait.scene.bodies import ROUND_SHARE, Limb, build_skeleton, compute_ellipsoids_at, draw_surface, make_limbs
 
@@ -111,6 +113,11 @@ def test_the_echo_of_a_limb_is_the_integral_along_its_rough_line(receiver_m, lea
         echo = echo * np.exp(1j * (phase - 2 * k * rows["range"].values[:, n]))
         alike = abs(np.vdot(wanted, echo)) / np.linalg.norm(wanted) / np.linalg.norm(echo)
         assert alike > least, (skeleton.segments[n].name, alike)
+
+
+def test_the_lowest_frame_rate_is_that_of_the_ends_of_limbs():
+    scenes = [Scene([Target(RUN, rcs=kind)]) for kind in ("surfaces", "auto", "equal")]
+    assert len({choose_lowest_prf(scene, Radar.preset("x4"), cpi_s=0.1).prf_hz for scene in scenes}) == 1
 
 
 def test_one_point_for_two_joints_is_no_body():
