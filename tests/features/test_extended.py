@@ -233,10 +233,10 @@ def test_registered_features_are_in_results_rows_and_tables(register, walker_mu)
     assert ("columns", "1", "here") in list_features()
 
 
-@pytest.fixture(scope="module")
-def walker_mu():
+@pytest.fixture(scope="module", params=["body_parts", "surfaces"])
+def walker_mu(request):
     motion = boulic_walk(height_m=1.75, speed_mps=1.3, duration_s=4.1)
-    scene = Scene([Target(motion, range_m=5.0, rcs="body_parts")], duration_s=4.0)
+    scene = Scene([Target(motion, range_m=5.0, rcs=request.param)], duration_s=4.0)
     recording = simulate(scene, Radar.preset("x4"), rng=Streams(3), snr_db=20.0)
     return analyze(recording, gate="truth", analysis=Analysis(doppler_bins=127))[0].signature
 
@@ -257,7 +257,7 @@ def test_power_direction_and_time_reversal_do_not_matter(walker_mu):
     backwards = backwards.assign_coords(centre_range=("time", walker_mu.coords["centre_range"].values[::-1]))
     variants = {
         "power": (walker_mu.copy(data=walker_mu.values * np.float32(1e-3)), 1e-3),
-        "direction": (walker_mu.copy(data=mirrored), 1e-3),
+        "direction": (walker_mu.copy(data=mirrored), 6e-3),  # deviations of weak harmonics
         "played backwards": (backwards, 0.03),
     }
     for name, (mu, tolerance) in variants.items():

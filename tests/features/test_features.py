@@ -5,14 +5,7 @@ import pytest
 from scipy import stats
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import (
-    BASEBAND,
-    CADENCE_MAP,
-    CADENCE_SPECTRUM,
-    SIGNATURE,
-    Signal,
-    make_array,
-)
+from doppelgait.core.labels import BASEBAND, CADENCE_MAP, CADENCE_SPECTRUM, SIGNATURE, Signal, make_array
 from doppelgait.core.rng import Streams
 from doppelgait.features import FEATURE_UNITS, GaitFeatures, harmonic_ratio, limb_torso_ratio, snr_mu_db
 from doppelgait.features.doppler import (
@@ -83,7 +76,7 @@ def test_bandwidth_follows_the_true_span_e35(walkers_of_3_s):
         found.append(result.features.doppler_bandwidth_hz)
         true.append(np.percentile(doppler.max(axis=1), 95) - np.percentile(doppler.min(axis=1), 5))
     assert np.corrcoef(found, true)[0, 1] > 0.89
-    assert 0.45 < np.mean(np.array(found) / true) < 1.1  # a limb shows its speeds while it flashes
+    assert 0.45 < np.mean(np.array(found) / true) < 0.7  # of points 0.78: a limb shows its speeds only while it flashes
 
 
 def test_step_length_is_positive_and_speed_over_frequency_e36(walkers_of_3_s):

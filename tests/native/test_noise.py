@@ -121,9 +121,11 @@ def test_direction_covers_the_circle_once_and_lies_on_it():
 
 
 @pytest.mark.parametrize("key", [0, 1, KEY, 2**64 - 1])
-def test_noise_is_the_float64_reference(key):
-    re, im = planes(13, 50, key=key, rms=3e-5, first_bin=5, first_frame=2**31 - 20)
-    exact = [[reference_noise(2**31 - 20 + i, 5 + n, key, 3e-5) for i in range(50)] for n in range(13)]
+@pytest.mark.parametrize(("first_bin", "first_frame"), [(5, 2**31 - 20), (2**32 - 7, 2**32 - 50), (2**33 - 13, 0)])
+def test_noise_is_the_float64_reference(key, first_bin, first_frame):
+    """Up to the last counters: frames and pairs of bins are words of 32 bits, the two upper words are 0."""
+    re, im = planes(13, 50, key=key, rms=3e-5, first_bin=first_bin, first_frame=first_frame)
+    exact = [[reference_noise(first_frame + i, first_bin + n, key, 3e-5) for i in range(50)] for n in range(13)]
     np.testing.assert_allclose(re + 1j * im, exact, atol=0, rtol=4e-7)
 
 

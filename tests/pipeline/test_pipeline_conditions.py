@@ -82,15 +82,17 @@ def test_background_targets_scatter_but_are_neither_truth_nor_signal_nor_result(
     """The signal has every path of the targets: here three, with a metal wall 1 m beside the radar (two-ray field)."""
     radar = Radar.preset(name, prf_hz=1000)
     blades = Target(fan(duration_s=2.0), background=True, rcs={"kind": "equal", "total_m2": 50.0})
-    walker = Target(WALK, label="human", range_m=5.0, rcs="body_parts")
+    walker = Target(WALK, label="human", range_m=5.0)
     room = Conditions(environment=[{"kind": "wall_ghost", "material": "metal", "thickness_m": 0.1, "side_m": 1.0}])
     made = simulate(Scene([blades, walker], duration_s=0.5), radar, rng=rng(1), snr_db=20.0, conditions=room)
-    table = assemble(Scene([walker], duration_s=0.5), made.slow_time_s)
+    draw = {"wavelength_m": radar.wavelength_m, "rng": rng(1).generator("scene")}
+    table = assemble(Scene([walker], duration_s=0.5), made.slow_time_s, **draw)
     direct_m, azimuth, elevation = (table[part].values for part in ("range", "azimuth", "elevation"))
     image_m = np.sqrt(direct_m**2 + 4.0 * (1.0 - direct_m * np.cos(elevation) * np.sin(azimuth)))
     mean_m = (direct_m + image_m) / 2
     paths_m = np.hstack([direct_m, mean_m, image_m])
     field = np.hstack([np.ones_like(mean_m), -2 * mean_m**2 / (direct_m * image_m), np.ones_like(mean_m)])
+    field = field * np.exp(1j * np.tile(table["path_phase"].values, 3))
     field *= echo_amplitude_v(radar, range_m=paths_m, rcs_m2=np.tile(table["rcs"].values, 3))
     axis_m, sigma_s = (radar.range_axis_m(), radar.sigma_s) if name == "x4" else (np.zeros(1), np.inf)
     echo = literal.baseband(paths_m, field, axis_m, sigma_s=sigma_s, wavelength_m=radar.wavelength_m, theta_rad=0.0)

@@ -73,11 +73,12 @@ def test_a_walker_is_found_in_clutter_with_the_features_of_the_true_gate():
 
 @pytest.mark.parametrize("gate", ["truth", "track"])
 def test_a_crossing_costs_neither_body_of_the_demonstration_anything(gate):
-    targets = [{**target, "rcs": "body_parts"} for target in DEMO_SCENE["targets"]]  # the same bodies alone
-    results = analyze(run_simulation(parse_run({**DEMO_SCENE, "targets": targets})), gate=gate)
+    targets, unseen = DEMO_SCENE["targets"], {"background": True, "rcs": {"total_m2": 1e-9}}
+    results = analyze(run_simulation(parse_run(DEMO_SCENE)), gate=gate)
     for result, target in zip(results, targets, strict=True):
-        (alone,) = analyze(run_simulation(parse_run({**DEMO_SCENE, "targets": [target]})), gate="truth")
-        assert result.features.torso_velocity_mps == pytest.approx(alone.features.torso_velocity_mps, rel=0.02)
+        others = [one if one is target else one | unseen for one in targets]  # that the draw of the body stays
+        (alone,) = analyze(run_simulation(parse_run({**DEMO_SCENE, "targets": others})), gate="truth")
+        assert result.features.torso_velocity_mps == pytest.approx(alone.features.torso_velocity_mps, rel=0.06)
         assert result.gait_frequency_hz == pytest.approx(alone.gait_frequency_hz, rel=0.01)
         assert result.features.doppler_bandwidth_hz == pytest.approx(alone.features.doppler_bandwidth_hz, rel=0.05)
         assert not {"gates_overlap", "low_confidence"} & {*result.flags}

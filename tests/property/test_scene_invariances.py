@@ -25,6 +25,7 @@ SPECS = {
     "surfaces": RcsSpec(kind="surfaces"),
     "surfaces, hidden": RcsSpec(kind="surfaces", occlusion=True),
     "points, hidden": RcsSpec(kind="body_parts", occlusion=True),
+    "surfaces, fluctuating": RcsSpec(kind="surfaces", fluctuation="swerling1", total_spread_db=3.0),
     "fluctuating": RcsSpec(kind="body_parts", fluctuation="swerling1", total_spread_db=3.0),
 }
 VARIABLES = ("range", "radial_velocity", "rcs", "path_gain")

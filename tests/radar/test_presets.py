@@ -9,13 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.radar import (
-    Radar,
-    list_derived_quantities,
-    list_preset_names,
-    noise_power_v2,
-    read_full_preset,
-)
+from doppelgait.radar import Radar, list_derived_quantities, list_preset_names, noise_power_v2, read_full_preset
 from doppelgait.radar.link import describe_effects
 from doppelgait.radar.xethru.downconvert import CHIP_TAPS
 

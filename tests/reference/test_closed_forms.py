@@ -85,8 +85,10 @@ def main_features(recording, **analysis):
     }
 
 
-def test_09_transform_length_hop_and_decimation_do_not_change_the_features(walker):
-    scene = Scene([Target(walker, rcs="body_parts")])
+@pytest.mark.parametrize(("rcs", "most"), [("body_parts", 0.02), ("surfaces", 0.06)])
+def test_09_transform_length_hop_and_decimation_do_not_change_the_features(walker, rcs, most):
+    """In noise, the main line of a body that flashes lies on the torso or on a thigh, 0.07 m/s apart."""
+    scene = Scene([Target(walker, rcs=rcs)])
     frame = {"range_start_m": 1.0, "range_stop_m": 9.0}
     plain = simulate(scene, Radar.preset("x4", **frame))
     noisy = simulate(scene, Radar.preset("x4", **frame), rng=Streams(1), snr_db=15.0)
@@ -94,7 +96,7 @@ def test_09_transform_length_hop_and_decimation_do_not_change_the_features(walke
         reference = main_features(recording, doppler_bins=512, hop=10)
         for k, hop in ((101, 1), (101, 10), (256, 5), (512, 1)):
             errors = relative_errors(main_features(recording, doppler_bins=k, hop=hop), reference)
-            assert max(errors.values()) < 0.02, (k, hop, errors)
+            assert max(errors.values()) < most, (k, hop, errors)
     full_rate = simulate(scene, Radar.preset("x4", decimation=1, **frame))
     errors = relative_errors(main_features(full_rate), main_features(plain))
     assert max(errors.values()) < 0.02, errors

@@ -70,7 +70,8 @@ def test_who_is_hidden_is_what_marched_rays_say(body, aspect_deg):
     clear = (np.abs(form - 1) > 1e-2) & ~within  # the steps of the march are not finer than that
     hidden = form < 1
     np.testing.assert_array_equal(gain[clear] < 0.5, hidden[clear])
-    assert clear.mean() > 0.92
+    assert clear[~within].mean() > 0.98
+    assert within.mean() < 0.06  # shoulders and elbows of a dog reach into its chest, which bends with the trunk
     assert set(np.unique(gain[clear])) <= {0.0, 1.0}
     assert (hidden.any(), (~hidden).any()) == (True, True)
 

@@ -18,13 +18,7 @@ from doppelgait.processing.bursts import make_frame_gate
 from doppelgait.processing.clutter import remove_from_frames
 from doppelgait.processing.detect import Detector
 from doppelgait.processing.detect.maps import compute_maps, noise_factor
-from doppelgait.processing.receiver import (
-    MAX_SECOND_SHARE,
-    NO_DIRECTION,
-    add_flags,
-    read_flags,
-    remove_mains_lines,
-)
+from doppelgait.processing.receiver import MAX_SECOND_SHARE, NO_DIRECTION, add_flags, read_flags, remove_mains_lines
 from doppelgait.processing.signature import compute_signature
 from doppelgait.processing.track import Tracker
 from doppelgait.processing.track_segments import SegmentationSettings, TrackSegment, find_track_segments

@@ -38,7 +38,7 @@ from doppelgait.radar.simulate import (
     synthesise_echoes,
     warn_of_limits,
 )
-from doppelgait.scene import LineOfSight, PlacedScene, PlacedTarget, Scene, assemble, compute_body_track
+from doppelgait.scene import LineOfSight, PlacedScene, PlacedTarget, RcsSpec, Scene, assemble, compute_body_track
 from doppelgait.scene.environment import Setting, apply_environment, needs_angles
 from doppelgait.scene.observe import make_scatterers, place_points_at, tabulate, tabulate_later
 from doppelgait.scene.placement import BACKGROUND, as_placed
@@ -355,7 +355,10 @@ def choose_lowest_prf(scene: Scene | PlacedScene, radar: Radar, *, cpi_s: float)
     """Return the radar at the lowest unaliased frame rate (E-06)."""
     placed = as_placed(scene)
     probe_s = slow_time_axis_s(duration_to_pulses(placed.observation_s, PROBE_RATE_HZ), PROBE_RATE_HZ)
-    prf_hz = lowest_prf_hz(
-        assemble(placed, probe_s, angles=False, rng=np.random.default_rng(0)), radar, cpi_s
-    )  # speeds do not depend on random values
+    # points, whatever the cross section: a limb shows the speeds of its ends, which are points,
+    # and not of its slower middle
+    points = {"rcs": RcsSpec()}
+    seen = [replace(one, target=one.target.model_copy(update=points)) for one in placed.targets]
+    table = assemble(replace(placed, targets=tuple(seen)), probe_s, angles=False)
+    prf_hz = lowest_prf_hz(table, radar, cpi_s)
     return validate(Radar, {**radar.model_dump(), "prf_hz": prf_hz}, where="radar")

@@ -278,18 +278,10 @@ def compute_visible_power(
     r"""Compute the two-way gain past the body's ellipsoids (E-08e)."""
     # the gain is 1 for a visible point and 0 for a hidden point
     points = np.ascontiguousarray(point_m, dtype=np.float64)
+    radar = np.asarray(radar_position_m, dtype=np.float64)
+    shape = body.centre_m, body.along, body.across, body.semi_axes_m
     amplitude = np.empty(points.shape[:2])
-    native.sight_amplitudes(
-        points,
-        body.centre_m,
-        body.along,
-        body.across,
-        body.semi_axes_m,
-        own,
-        np.asarray(radar_position_m, dtype=np.float64),
-        edge_m,
-        amplitude,
-    )
+    native.sight_amplitudes(points, *shape, own, radar, edge_m, amplitude)
     return amplitude * amplitude
 
 
@@ -314,7 +306,8 @@ ROUGHNESS_M, CORRELATION_M, BULGE = (0.0, 0.003), (0.005, 0.15), (0.0, 0.04)
 """Laws of a body's surface: height (rms), correlation length and bulge in limb lengths, uniform."""
 LIMBS_DB, FEET_DB, TRUNK_DB, JOINTS = (-6.0, 0.0), (-15.0, 0.0), (-10.0, 0.0), (0.0, 1.0)
 """Laws of the levels of limbs, feet with hands, trunk with neck and head, and joints, uniform."""
-N_MEAN_FRAMES, N_MEAN_DIRECTIONS = 16, 24  # for the mean cross section over time and horizontal directions
+N_MEAN_FRAMES, N_MEAN_DIRECTIONS, CELLS_PER_TURN = 128, 256, 3
+"""Of mean cross sections: within 0.05 dB, also of runners, whose limbs flash seldom, at 60 GHz."""
 LEAST_COSINE = 0.05
 """Smallest share of the line of sight across a limb, and cosine of half a bistatic angle."""
 EXTREMITIES = ("foot", "paw", "hand")
@@ -387,10 +380,17 @@ class Limb:
 
     def compute_mean_rcs_m2(self, axis: FloatArray, wavelength_m: float) -> float:
         """Average the cross section far away over axes (T, 3) and horizontal directions."""
+        levels = np.sort(np.sqrt(np.square(axis[:, :2]).sum(axis=1)))
+        some = levels[((np.arange(N_MEAN_FRAMES) + 0.5) / N_MEAN_FRAMES * levels.size).astype(int)]
         turn = np.pi * (np.arange(N_MEAN_DIRECTIONS) + 0.5) / N_MEAN_DIRECTIONS  # from the axis, on one side
-        along = np.outer(np.sqrt(np.square(axis[:, :2]).sum(axis=1)), cosine(turn))
-        size_m, _ = self.compute_field(along.ravel(), np.full(along.size, np.inf), wavelength_m)
-        return float(np.mean(size_m * size_m))
+        along = np.outer(some, cosine(turn)).ravel()
+        # the field is computed once in every cell of the cosine: many axes and directions share one
+        most = max(float(levels[-1]), 1e-9)
+        n = CELLS_PER_TURN * math.ceil(1.0 + 4.0 / wavelength_m * self.length_m * most)
+        counts = np.bincount(((along / most + 1.0) * (0.5 * n)).astype(int), minlength=n)
+        cells = most * ((2.0 * np.arange(n) + 1.0) / n - 1.0)
+        size_m, _ = self.compute_field(cells, np.full(n, np.inf), wavelength_m)
+        return float((counts * (size_m * size_m)).sum()) / along.size
 
 
 def make_limbs(skeleton: Skeleton, surface: Surface, height_m: float) -> dict[int, Limb]:

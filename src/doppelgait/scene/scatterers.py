@@ -17,7 +17,6 @@ from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import resample
 from doppelgait.scene.bodies import (
-    N_MEAN_FRAMES,
     Ellipsoids,
     Skeleton,
     build_skeleton,
@@ -190,13 +189,13 @@ def scatter_surfaces(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray, Flo
     points = find_nearest_points(skeleton, frames, radar_m)
     (_, rcs_m2), mean_m2 = see_ellipsoids(view.body, radar_m), mean_rcs_m2(frames)
     position_m, phase_rad = points.position_m.copy(), np.zeros(rcs_m2.shape)
-    some = frames.along[:: -(-len(frames.along) // N_MEAN_FRAMES)]
     for n, limb in make_limbs(skeleton, surface, view.motion.facts.height_m).items():
         position_m[:, n] = place_specular_points(frames, n, limb, radar_m)
         sight_m = radar_m - view.body.centre_m[:, n]
         range_m = np.maximum(np.sqrt(np.square(sight_m).sum(axis=1)), 1e-9)
         along = (sight_m * view.body.along[:, n]).sum(axis=1) / range_m
         size_m, phase_rad[:, n] = limb.compute_field(along, range_m, view.wavelength_m)
-        rcs_m2[:, n], mean_m2[n] = size_m * size_m, limb.compute_mean_rcs_m2(some[:, n], view.wavelength_m)
+        rcs_m2[:, n] = size_m * size_m
+        mean_m2[n] = limb.compute_mean_rcs_m2(frames.along[:, n], view.wavelength_m)
     share = surface.power * (total_rcs_m2(spec, view.motion.facts.mass_kg) / float(mean_m2 @ surface.power))
     return points.with_points(position_m, points.markers, points.parts), rcs_m2 * share, phase_rad

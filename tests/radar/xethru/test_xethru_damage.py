@@ -13,13 +13,7 @@ import pytest
 
 from damage import mutate, outcomes, read_or_refusal
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
-from doppelgait.radar.xethru import (
-    TimedRecord,
-    make_records,
-    read_xethru,
-    read_xethru_recording,
-    write_xethru,
-)
+from doppelgait.radar.xethru import TimedRecord, make_records, read_xethru, read_xethru_recording, write_xethru
 from doppelgait.radar.xethru.records import META_NAME
 from xethru_recorder import Splitting, record_xethru
 
