@@ -27,8 +27,6 @@ CLASSES = ("human", "dog")
 LARGE = "large"
 """Class of horses and cows."""
 ATTEMPTS = 40
-SPARE = 1.6
-"""A motion is made longer by this factor, for it is run faster or slower on the way."""
 LARGE_BUILDS, LARGE_M = ("horse", "cow"), (1.2, 1.7)
 """Builds of large quadrupeds and the heights of their withers."""
 SLOWEST_LARGE_MPS = 0.9
@@ -59,6 +57,7 @@ def person(speed_mps: float, seconds: float, rng: np.random.Generator) -> Motion
         "arm_swing": float(rng.uniform(0.2, 1.4)),
         "left_hand": hands[rng.integers(4)], "right_hand": hands[rng.integers(4)],
         "step_time_sd": float(rng.uniform(0, 0.04)), "step_length_sd": float(rng.uniform(0, 0.04)),
+        "pace_sd": float(rng.uniform(0, 0.1)),
         "time_asymmetry": float(rng.uniform(-0.05, 0.05)), "length_asymmetry": float(rng.uniform(-0.05, 0.05)),
     }  # fmt: skip
     return human_gait(speed_mps=speed_mps, duration_s=seconds, rng=rng, rate_hz=RATE_HZ, **style)
@@ -72,6 +71,7 @@ def dog(speed_mps: float, seconds: float, rng: np.random.Generator) -> Motion:
         "withers_m": float(rng.uniform(0.25, 0.75)),
         "gait": "auto" if rng.random() < 0.6 else list(GAITS)[rng.integers(len(GAITS))],
         "stride_variation": float(rng.uniform(0, 0.04)), "asymmetry": float(rng.uniform(-0.03, 0.03)),
+        "pace_sd": float(rng.uniform(0, 0.1)),
         "tail_frequency_hz": float(rng.uniform(0, 3)), "tail_sweep_deg": float(rng.uniform(0, 45)),
     }  # fmt: skip
     return quadruped_gait(speed_mps=speed_mps, duration_s=seconds, rng=rng, rate_hz=RATE_HZ, **style)
@@ -85,6 +85,7 @@ def large(speed_mps: float, seconds: float, rng: np.random.Generator) -> Motion:
         "withers_m": float(rng.uniform(*LARGE_M)),
         "gait": "auto" if rng.random() < 0.6 else list(GAITS)[rng.integers(len(GAITS))],
         "stride_variation": float(rng.uniform(0, 0.04)), "asymmetry": float(rng.uniform(-0.03, 0.03)),
+        "pace_sd": float(rng.uniform(0, 0.1)),
         "tail_frequency_hz": float(rng.uniform(0, 1.5)), "tail_sweep_deg": float(rng.uniform(0, 30)),
     }  # fmt: skip
     motion = quadruped_gait(speed_mps=speed_mps / slower, duration_s=seconds, rng=rng, rate_hz=RATE_HZ, **style)
@@ -106,8 +107,8 @@ def until_possible(make: Callable[[], Motion]) -> Motion:
 
 
 def make_model_motion(label: str, speed_mps: float, seconds: float, rng: np.random.Generator) -> LabelledMotion:
-    """Sample a model target that lasts long enough for :func:`hurried`."""
-    return LabelledMotion(until_possible(lambda: MAKERS[label](speed_mps, SPARE * seconds, rng)), label)
+    """Sample a model target that lasts some seconds."""
+    return LabelledMotion(until_possible(lambda: MAKERS[label](speed_mps, seconds, rng)), label)
 
 
 def _interpolate(motion: Motion, times_s: FloatArray) -> FloatArray:
@@ -131,21 +132,6 @@ def hurried(motion: Motion, seconds: float, pace: Callable[[FloatArray], FloatAr
     if own_s[-1] > float(motion.time_s[-1]):
         raise ConfigError(f"a motion of {float(motion.time_s[-1]):.1f} s is too short for {own_s[-1]:.1f} s")
     return _copy_with(motion, _interpolate(motion, own_s), pace=float(own_s[-1] / times_s[-1]))
-
-
-def drifting(
-    rng: np.random.Generator, seconds: float, *, most: float, starts: bool
-) -> Callable[[FloatArray], FloatArray]:
-    """Sample a pace that drifts by up to ``most`` around 1. With ``starts`` half of them rise from rest."""
-    slope, swing, phase = rng.uniform(-most, most), rng.uniform(0, most / 3), rng.uniform(0, 2 * np.pi)
-    rest_s, rise_s, from_rest = rng.uniform(0, 0.3 * seconds), rng.uniform(0.5, 1.5), rng.random() < 0.5
-
-    def pace(times_s: FloatArray) -> FloatArray:
-        steady = 1.0 + slope * (2.0 * times_s / seconds - 1.0) + swing * np.sin(2 * np.pi * times_s / seconds + phase)
-        risen = np.clip((times_s - rest_s) / rise_s, 0.0, 1.0) if starts and from_rest else 1.0
-        return np.asarray(steady * risen)
-
-    return pace
 
 
 def subject_of(path: Path) -> str:

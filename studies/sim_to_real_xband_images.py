@@ -93,15 +93,13 @@ def draw_place(rng: np.random.Generator) -> Place:
 
 
 def draw_target(plan: Plan, number: int, rng: np.random.Generator) -> list[motions.LabelledMotion]:
-    """Sample the target of an example with a drifting pace; of a pair, both."""
+    """Sample the target of an example; of a pair, both."""
     label = plan.kinds[number % len(plan.kinds)]
     speed_mps, seconds = motions.draw_speed_mps(rng, *SPEEDS_MPS), OBSERVATION_S + 0.1
     found = []
     for place, one in enumerate(["human", "dog"] if label == "pair" else [label]):
         like_mps = speed_mps if place == 0 else float(np.clip(speed_mps * rng.uniform(0.9, 1.1), *SPEEDS_MPS))
-        pace = motions.drifting(rng, seconds, most=0.3, starts=False)
-        motion = motions.make_model_motion(one, like_mps, seconds, rng).motion
-        found.append(motions.LabelledMotion(motions.hurried(motion, seconds, pace), one))
+        found.append(motions.make_model_motion(one, like_mps, seconds, rng))
     return found
 
 

@@ -26,13 +26,11 @@ def test_measures_of_a_drawn_picture(study: ModuleType, torso_mps: float) -> Non
     assert found["fill"] == pytest.approx(5.0, abs=0.5)
     assert [found[f"{times} V"] for times in ("1.5", "2", "2.5")] == pytest.approx([5.0, 5.0, 0.0], abs=0.01)
     assert found["verticality"] == pytest.approx(1.0)
-    assert found["over ground"] > 15.0
 
 
 def test_speeds_beyond_the_axis_are_unknown(study: ModuleType) -> None:
     found = study.measure_picture(picture(study, 2.6), 2.6)
     assert np.isnan([found["2 V"], found["2.5 V"], found["verticality"]]).all()
-    assert np.isfinite(found["1.5 V"])
 
 
 def test_like_is_alike_in_speed_noise_and_level(study: ModuleType) -> None:
