@@ -99,7 +99,9 @@ def measure_variation(motion: Motion) -> dict[str, float]:
 
 
 def compare_people(folder: Path) -> Iterator[dict[str, Any]]:
-    """Yield rows of recorded people and of their models."""
+    """Yield rows of recorded people and of their models, which are healthy; patients are movers of their own."""
+    with (folder / "clinic" / "manifest.csv").open() as file:
+        patients = {row["file"] for row in csv.DictReader(file) if row["group"] != "Healthy"}
     for number, clip in enumerate(find_clips(folder)):
         if clip.start_s is not None and clip.stop_s is not None and clip.stop_s - clip.start_s < SHORTEST_S:
             continue
@@ -126,7 +128,8 @@ def compare_people(folder: Path) -> Iterator[dict[str, Any]]:
         for source, values, target in found:
             variation = measure_variation(target) if clip.gait == "walk" else {}  # runs are too short
             variation["duty_factor"] = measure_gait(target).duty_factor
-            names = {"clip": f"{clip.file} {clip.start_s}", "mover": clip.gait, "half": half, "source": source}
+            mover = "clinical" if clip.file in patients else clip.gait
+            names = {"clip": f"{clip.file} {clip.start_s}", "mover": mover, "half": half, "source": source}
             yield {**names, **values, **variation}
 
 

@@ -118,7 +118,7 @@ def rhythms(seed=0, n_columns=150, rate_hz=40.0):
     t = np.arange(n_columns) / rate_hz
     waves = [np.cos(2 * np.pi * 1.9 * t[:, None] + rng.uniform(0, 6, 5)) + rng.standard_normal((n_columns, 5))]
     waves.append(np.cos(2 * np.pi * 3.8 * t[:, None] + rng.uniform(0, 6, 7)) + rng.standard_normal((n_columns, 7)))
-    return measure_rhythms([waves], rate_hz)
+    return measure_rhythms([[*waves, waves[0][:, :1]]], rate_hz)
 
 
 def test_the_posterior_is_the_weighted_sum_of_its_terms():
@@ -126,7 +126,7 @@ def test_the_posterior_is_the_weighted_sum_of_its_terms():
     assert found.sum() == pytest.approx(1.0)
     place = np.array([70, 120])  # ratio of two frequencies, term by term
     logs = [
-        sum(WEIGHTS[s, n] * evidence[s, n, p] for s in range(4) for n in range(9))
+        sum(WEIGHTS[s, n] * evidence[s, n, p] for s in range(6) for n in range(9))
         + sum(PRIOR_WEIGHTS[n] * prior[n, p] for n in range(5))
         for p in place
     ]
@@ -213,12 +213,12 @@ def test_the_torso_line_follows_the_torso(at_hz):
 def test_limb_rows_leave_out_the_torso_and_noise():
     normalised, _ = make_signature(stride_hz=1.0, alike=True, sway_hz=0.0)
     slow = average_columns(Signal.of(normalised, NORMALISED_SIGNATURE))
-    clean = limb_rows(slow, np.zeros(slow.values.shape[0]))
+    clean = limb_rows(slow, np.zeros(slow.values.shape[0]), torso_line_hz(slow))
     assert clean.rate_hz == pytest.approx(RATE_HZ / 3)
     assert np.abs(clean.doppler_hz).min() > 30.0
     assert (clean.values**2).sum(axis=0).max() > 0
     # no cell stands above noise as strong as the strongest limb cell
-    assert not limb_rows(slow, np.full(slow.values.shape[0], 1.0)).values.any()
+    assert not limb_rows(slow, np.full(slow.values.shape[0], 1.0), torso_line_hz(slow)).values.any()
 
 
 def test_one_standard_deviation_of_noise_is_taken_off_every_limb_cell():
@@ -226,7 +226,7 @@ def test_one_standard_deviation_of_noise_is_taken_off_every_limb_cell():
     values[:, N_DOPPLER // 2] = 1.0  # a torso that stands still
     values[::2, N_DOPPLER // 2 + 20] = 0.1
     still = Rows(values, DOPPLER_HZ, 40.0)
-    full, cleaned = (np.ptp(limb_rows(still, np.full(200, noise)).values[80:120]) for noise in (0.0, 0.02))
+    full, cleaned = (np.ptp(limb_rows(still, np.full(200, noise), torso_line_hz(still)).values[80:120]) for noise in (0.0, 0.02))
     assert full == pytest.approx(np.sqrt(0.1), rel=0.01)  # away from the ends, which the polynomial bends
     assert cleaned == pytest.approx(np.sqrt(0.08), rel=0.01)
 

@@ -26,7 +26,7 @@ from doppelgait._core import native
 from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Signal, sampling_rate_hz
 from doppelgait.core.lazy import xr
 from doppelgait.core.units import FloatArray, exponential, logarithm
-from doppelgait.features.limbs import average_columns, detrend_rows, group_size, limb_rows, sum_rows
+from doppelgait.features.limbs import average_columns, detrend_rows, group_size, limb_rows, sum_rows, torso_line_hz
 
 GRID_HZ: FloatArray = np.array([0.5 * 2.0 ** (step / 48.0) for step in range(193)])
 """Frequency grid: 0.5 to 8 Hz in steps of 1.45 %."""
@@ -38,22 +38,21 @@ LEAST_PERIODS = 1.1
 END_SHARE = 0.4  # relative deviation of f_mu by the ends of the record, times the square of the number of periods
 SAME_SHARE = 0.05  # relative error within which f_mu is correct; few periods leave less within it
 WHITENING = 0.7  # coefficient of the first-order whitening filter at 40 columns per second
-WEAK_ROW = 1e-3
-"""Power of a row relative to the strongest one below which it has no equal weight.
-Without noise such a row contains only rounding errors."""
+WEAK_ROW = 1e-3  # relative power below which a row, of rounding errors alone, has no equal weight
 PADDING, ROOT_2 = 8, math.sqrt(2.0)
 SLOWEST_MPS = 0.25  # lowest torso velocity from which the step length is estimated for the prior
 WEIGHTS: FloatArray = np.array(
     [
-        [0, 0, 0, 2.5, 0, -0.795, 2.51, 1.64, 0],
-        [0, -0.982, -4.55, 9.44, 0, -10.5, 0.654, 6.85, 0],
-        [0, -4.55, -0.746, -1.7, 21.8, 16.0, 0, 0.0138, 0],
-        [0, -2.5, 0, 3.19, 12.6, 19.3, 0.781, 4.82, 0],
+        [0, 0, 0, 2.83, 0, 12.3, 1.97, 0.983, 0],
+        [0, -2.42, -0.218, 6.72, 0, -34.5, 0.086, 3.72, 0],
+        [0, -4.01, -1.43, -0.58, 5.09, 15.5, 0, 0.982, 0],
+        [0, -0.563, 0, 1.26, 7.37, 11.1, 2.02, 5.53, 0],
+        [0, 0, 0, 8.97, 0, -21.1, 0, 0, 0],
+        [0, 0, 0, -3.69, 0, 16.6, 0.941, 0.1, 0],
     ]
 )
-"""Weights of the nine terms of the evidence of rows.
-There is one row per set: whole, whole whitened, limbs, limbs whitened."""
-PRIOR_WEIGHTS: FloatArray = np.array([3.61, -2.01, -2.15, 0.092, -10.5])
+"""Weights of the nine terms, a row per set: whole, limbs, torso line, each and then whitened."""
+PRIOR_WEIGHTS: FloatArray = np.array([1.43, -2.25, -0.847, -0.04, -9.71])
 """Weights of the terms of the prior.
 The terms are ln f, its square, ln of the step length (torso velocity over f), its square, and ln of
 the number of periods that are missing to three."""
@@ -155,7 +154,7 @@ def estimate_gait_frequency(
 
 
 def estimate_gait_frequencies(rhythms: Rhythm, velocity_mps: FloatArray) -> list[GaitFrequency]:
-    """Estimate f_mu of many targets (E-33). Shapes: rhythms (B, 4, ...); velocity_mps (B,)."""
+    """Estimate f_mu of many targets (E-33). Shapes: rhythms (B, 6, ...); velocity_mps (B,)."""
     whole, limbs = rhythms.take(0), rhythms.take(2)
     n_columns = whole.likeness.shape[-1]
     seconds, found = n_columns / whole.rate_hz, [GaitFrequency()] * len(velocity_mps)
@@ -211,7 +210,7 @@ def compute_salience(rhythm: Rhythm, frequency_hz: FloatArray, reach_hz: float) 
 
 
 def measure_target_rhythms(targets: Iterable[tuple[Signal, Signal, float]]) -> Rhythm:
-    """Measure four sets of rows of targets with equal axes, two sets whitened, (B, 4)."""
+    """Measure six sets of rows of targets with equal axes, three sets whitened, (B, 6)."""
     rows = []
     for aligned, excess, floor_v2 in targets:
         slow = average_columns(aligned)
@@ -226,7 +225,8 @@ def measure_target_rhythms(targets: Iterable[tuple[Signal, Signal, float]]) -> R
         counted = np.asarray(aligned.counted[: noise.size * size].reshape(-1, size).all(axis=1))
         if not counted.all():
             slow, noise = replace(slow, values=slow.values[counted]), noise[counted]
-        sets = sum_rows(slow), limb_rows(slow, noise).values
+        torso_hz = torso_line_hz(slow)
+        sets = sum_rows(slow), limb_rows(slow, noise, torso_hz).values, torso_hz[:, np.newaxis]
         rows.append([detrend_rows(values, slow.rate_hz, counted) for values in sets])
     return measure_rhythms(rows, slow.rate_hz, counted.astype(np.float64))
 
@@ -278,7 +278,7 @@ def _choose_lengths(n_columns: int) -> tuple[int, int, FloatArray]:
 
 def compute_terms(rhythms: Rhythm, velocity_mps: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the terms of the log posterior on the grid."""
-    # the terms have the shapes (B, 4, 9, frequency) for the rows and (B, 5, frequency) for the prior
+    # terms (B, 6, 9, frequency) of the rows and (B, 5, frequency) of the prior
     n_columns, n_lines = rhythms.likeness.shape[-1], rhythms.share.shape[-1]
     evidence = np.empty((len(velocity_mps), *WEIGHTS.shape, GRID_HZ.size))
     likeness, share = rhythms.likeness.reshape(-1, n_columns), rhythms.share.reshape(-1, n_lines)

@@ -85,11 +85,11 @@ def find_torso(values: FloatArray, reach: int) -> tuple[int, FloatArray]:
     return middle, np.divide(square @ distance, total, out=np.zeros(total.size), where=total > 0.0)
 
 
-def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
-    """Extract noise-free amplitudes beyond 30 Hz of the torso. Shapes: noise (J,)."""
+def limb_rows(rows: Rows, noise: FloatArray, torso_hz: FloatArray) -> Rows:
+    """Extract noise-free amplitudes beyond 30 Hz of the torso's line. Shapes: noise, torso_hz (J,)."""
     zero, bin_hz = int(np.abs(rows.doppler_hz).argmin()), rows.bin_hz
     moved = np.empty(rows.values.shape)
-    native.shift_columns(rows.values, torso_line_hz(rows) / bin_hz, moved)
+    native.shift_columns(rows.values, torso_hz / bin_hz, moved)
     # rows above the noise, as in E-38, for cells that were clipped at the floor
     independent = max(1.0, noise.size / rows.rate_hz / INDEPENDENT_AFTER_S)
     spread = CLIPPED_SD * math.sqrt(float(noise @ noise) / noise.size / independent)

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from doppelgait._core import native
 from doppelgait.core.config import read_toml
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.units import FloatArray, arctangent, cosine, db_to_power, sine
+from doppelgait.core.units import FloatArray, arctangent, cosine, db_to_power, exponential, sine
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import resample
 from doppelgait.motion.skeleton import reduce_word, strip_subject
@@ -307,7 +307,7 @@ ROUGHNESS_M, CORRELATION_M, BULGE = (0.0, 0.003), (0.005, 0.15), (0.0, 0.04)
 LIMBS_DB, FEET_DB, TRUNK_DB, JOINTS = (-6.0, 0.0), (-15.0, 0.0), (-10.0, 0.0), (0.0, 1.0)
 """Laws of the levels of limbs, feet with hands, trunk with neck and head, and joints, uniform."""
 N_MEAN_FRAMES, N_MEAN_DIRECTIONS, CELLS_PER_TURN = 128, 256, 3
-"""Of mean cross sections: within 0.05 dB, also of runners, whose limbs flash seldom, at 60 GHz."""
+"""Of mean cross sections: totals within 0.05 dB, also of runners, whose limbs flash seldom, at 60 GHz."""
 LEAST_COSINE = 0.05
 """Smallest share of the line of sight across a limb, and cosine of half a bistatic angle."""
 EXTREMITIES = ("foot", "paw", "hand")
@@ -337,7 +337,7 @@ def draw_surface(skeleton: Skeleton, rng: np.random.Generator | None) -> Surface
 
     lengths_m = 2.0 * skeleton.semi_axes_m[[s.limb is not None for s in skeleton.segments], 2]
     per_m = WAVES_PER_LIMB * np.arange(1, N_WAVES + 1) / lengths_m[:, np.newaxis]
-    spread = 1.0 / np.sqrt(1.0 + np.square(2.0 * np.pi * per_m * correlation_m))  # spectrum of exp(-|x| / l)
+    spread = exponential(-0.5 * np.square(np.pi * per_m * correlation_m))  # root of the spectrum of exp(-x^2 / l^2)
     shape = lengths_m.size, 2, N_WAVES
     heights = (np.zeros(shape) if rng is None else rng.standard_normal(shape)) * spread[:, np.newaxis]
     rms = np.sqrt(np.square(spread).sum(axis=1))[:, np.newaxis, np.newaxis]

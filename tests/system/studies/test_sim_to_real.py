@@ -88,12 +88,6 @@ def test_few_samples_and_slow_ground_change_no_echo(images: ModuleType, monkeypa
         assert likeness > least, name
 
 
-def test_an_example_is_fixed_by_its_number(images: ModuleType) -> None:
-    one, again, other = (images.echoes_of(images.Plan(), number) for number in (5, 5, 7))
-    assert np.array_equal(one["mover"], again["mover"])
-    assert not np.array_equal(one["mover"], other["mover"])
-
-
 def some_inputs(models: ModuleType, count: int, *, prefix: str = "model-") -> Any:
     store = import_module("sim_to_real_inputs")
     rng = np.random.default_rng(4)
@@ -121,14 +115,6 @@ def test_real_recordings_are_refused_as_teachers(models: ModuleType) -> None:
     assert trained(models, some_inputs(models, 40))["six, logistic"].held_accuracy > 0.5
     with pytest.raises(ValueError, match="is a real recording"):
         trained(models, some_inputs(models, 40, prefix=models.REAL))
-
-
-def test_features_that_are_always_unknown_are_left_out(models: ModuleType) -> None:
-    inputs = some_inputs(models, 40)
-    inputs.columns["step_length_m"][:] = np.nan
-    fitted = trained(models, inputs)["six, boosting"]
-    assert "step_length_m" not in fitted.names
-    assert fitted.probability(inputs).shape == (40, 2)
 
 
 def test_distance_is_that_of_mahalanobis(models: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -193,9 +193,8 @@ def fit_periodic_pchip(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
 
 STRIDE_CORRELATION = 0.5
 """Lag-one correlation of successive stride times (assumed)."""
-PACE_CORRELATION = 0.75
-"""Lag-one correlation of the speed of steps; of strides 0.56 (recorded dogs 0.58, people 0.46).
-Otherwise steps are independent."""
+PACE_CORRELATION = 0.56  # of the speed of strides, lag one; recorded dogs 0.58, people 0.46
+STEP_PACE_CORRELATION, STEP_PACE = 0.67, 1.094  # of steps, so that strides have it and the stated sd
 PACE_IN_LENGTH = 0.85
 """Share of a person's change of speed in the length of steps; recorded 0.86 (dogs 0.54: half)."""
 LENGTH_WITH_TIME = 0.4
@@ -275,7 +274,7 @@ def time_even_strides(
     shortest_s = period_s * (1 - LARGEST_DEVIATION * (variation + pace_sd / 2))
     sizes = (np.ceil(times_s[:, -1:] / shortest_s) + (2 * _MARGIN + 1)).astype(int)[:, 0]
     kinds = [("stride_variation", variation, sizes - 1, STRIDE_CORRELATION)]
-    kinds += [("pace_sd", pace_sd, sizes - 1 + 2 * _PACE_MARGIN, PACE_CORRELATION**2)]
+    kinds += [("pace_sd", pace_sd, sizes - 1 + 2 * _PACE_MARGIN, PACE_CORRELATION)]
     series, pace = sample_series(kinds, rngs)
     longer = pace_sd / 2 * pace  # half of a faster stride is in its length, half in its time
     lengths_s = period_s * (1 + variation * series - longer[:, _PACE_MARGIN:-_PACE_MARGIN])
@@ -363,11 +362,12 @@ _STEP_MARGIN = 5
 
 def step_series(durations_s: FloatArray, columns: Any, stride_s: FloatArray, stride_m: FloatArray, rngs: Rngs) -> Steps:
     """Sample the touchdowns of varied steps, from before time 0 to after the durations."""
-    deviating = [columns.step_time_sd, columns.step_length_sd, columns.pace_sd]
+    deviating = [columns.step_time_sd, columns.step_length_sd, STEP_PACE * columns.pace_sd]
     in_time = deviating[2] * (1 - PACE_IN_LENGTH)
     shortest = 1 - LARGEST_DEVIATION * (deviating[0] + in_time) - np.abs(columns.time_asymmetry) / 2
     sizes = (np.ceil(2 * durations_s / (stride_s * shortest)) + (2 * _STEP_MARGIN + 1)).astype(int)[:, 0]
-    kinds = zip(("step_time_sd", "step_length_sd", "pace_sd"), deviating, (0.0, 0.0, PACE_CORRELATION), strict=True)
+    memory = (0.0, 0.0, STEP_PACE_CORRELATION)
+    kinds = zip(("step_time_sd", "step_length_sd", "pace_sd"), deviating, memory, strict=True)
     series = sample_series([(name, spread, sizes - 1, correlation) for name, spread, correlation in kinds], rngs)
     together = np.where(deviating[0] > 0, LENGTH_WITH_TIME, 0.0)
     series[1] = together * series[0] + np.sqrt(1 - together**2) * series[1]
