@@ -50,8 +50,8 @@ def test_bandwidth_of_a_target_is_that_of_it_alone(study: ModuleType) -> None:
     """Two people 5 m apart: each has the width of a recording of nobody else."""
     radar = Radar.preset("x4", prf_hz=500)
     both = [
-        Target({"kind": "human", "speed_mps": mps}, start_position_m=(start_m, 0.0), heading_deg=180.0)
-        for mps, start_m in ((0.8, 4.0), (1.2, 9.0))
+        Target({"kind": "human", "speed_mps": mps}, rcs="body_parts", start_position_m=(x_m, 0.0), heading_deg=180.0)
+        for mps, x_m in ((0.8, 4.0), (1.2, 9.0))
     ]
     scenes = [study.Setup(Scene(chosen, duration_s=3.0), radar) for chosen in (both, both[1:])]
     (recording, bodies), (_, (alone,)) = (study.observe(one, dg.rng(3)) for one in scenes)

@@ -76,12 +76,3 @@ def test_other_real_images_change_no_model(
             assert len(other.parts["real"]) == 5
             for name in set(one.parts) - {"real"}:
                 assert np.array_equal(one.parts[name], other.parts[name]), name
-
-
-def test_real_and_synthetic_are_of_one_form(study: ModuleType, run: Any, shared: Path, out: Path) -> None:
-    found = study.real_images(shared / "data" / "radar")
-    real = study.real_inputs({key: found[key] for key in list(found)[:2]})
-    made = study.images.dataset(study.Plan(seed=1), COUNT, out)
-    assert list(real.columns) == list(made.columns)
-    assert real.levels[0].shape == made.levels[0].shape
-    assert all(group.startswith("real/") for group in real.groups)

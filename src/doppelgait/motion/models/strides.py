@@ -201,8 +201,7 @@ LENGTH_WITH_TIME = 0.4
 """Correlation of length and time of a step; recorded 0.3 to 0.4. It keeps the trunk steadier than the steps."""
 LARGEST_DEVIATION = 3.0
 """Maximum deviation of stride times in standard deviations, so that time always increases."""
-_MARGIN = 2
-"""Strides before the first and after the last sample: the spline's ends have no effect."""
+_MARGIN = 2  # strides before the first and after the last sample: the spline's ends have no effect
 _PACE_MARGIN = 3
 """Further strides of a known pace: paws are placed ahead of the frames and behind them."""
 
@@ -362,8 +361,8 @@ _STEP_MARGIN = 5
 
 def step_series(durations_s: FloatArray, columns: Any, stride_s: FloatArray, stride_m: FloatArray, rngs: Rngs) -> Steps:
     """Sample the touchdowns of varied steps, from before time 0 to after the durations."""
-    deviating = [columns.step_time_sd, columns.step_length_sd, STEP_PACE * columns.pace_sd]
-    in_time = deviating[2] * (1 - PACE_IN_LENGTH)
+    deviating = [columns.step_time_sd, columns.step_length_sd, columns.pace_sd]
+    in_time = STEP_PACE * deviating[2] * (1 - PACE_IN_LENGTH)
     shortest = 1 - LARGEST_DEVIATION * (deviating[0] + in_time) - np.abs(columns.time_asymmetry) / 2
     sizes = (np.ceil(2 * durations_s / (stride_s * shortest)) + (2 * _STEP_MARGIN + 1)).astype(int)[:, 0]
     memory = (0.0, 0.0, STEP_PACE_CORRELATION)
@@ -371,6 +370,7 @@ def step_series(durations_s: FloatArray, columns: Any, stride_s: FloatArray, str
     series = sample_series([(name, spread, sizes - 1, correlation) for name, spread, correlation in kinds], rngs)
     together = np.where(deviating[0] > 0, LENGTH_WITH_TIME, 0.0)
     series[1] = together * series[0] + np.sqrt(1 - together**2) * series[1]
+    deviating[2] = STEP_PACE * deviating[2]
     time, length, pace = (spread * values for spread, values in zip(deviating, series, strict=True))
     start = columns.start_phase
     numbers = np.floor(2 * start) - _STEP_MARGIN + np.arange(sizes.max())
