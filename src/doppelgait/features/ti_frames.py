@@ -62,7 +62,7 @@ def measure_columns(signature: Signal, *, noise_floor_v2: float = 0.0) -> xr.Dat
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> numbers = measure_columns(result.signature, noise_floor_v2=result.quality["noise_floor_v2"])
     >>> numbers.mean("time").values[:2].round(1)  # edges of the signature, m/s
-    array([0.9, 1.5], dtype=float32)
+    array([0.8, 1.5], dtype=float32)
     """
     power = np.maximum(signature.values.astype(np.float64) - noise_floor_v2, 0.0)
     velocity_mps = signature.axis("velocity")
