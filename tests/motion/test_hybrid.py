@@ -22,7 +22,7 @@ from doppelgait.motion.hybrid import (
 from doppelgait.motion.loop import fit_cycle, loop
 from doppelgait.motion.models import boulic_walk, human_gait
 from doppelgait.motion.retime import travel_speed_mps
-from doppelgait.motion.rigid import find_rigid_pairs, restore_lengths
+from doppelgait.motion.skeleton import find_rigid_pairs, restore_lengths
 
 
 def _walk(**options: Any) -> Motion:

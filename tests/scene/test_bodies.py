@@ -20,8 +20,7 @@ from doppelgait.scene.bodies import (
     Segment,
     Skeleton,
     build_skeleton,
-    compute_ellipsoids_at,
-    compute_frame_ellipsoids,
+    compute_ellipsoids,
     ellipsoid_rcs_m2,
     find_nearest_points,
     mean_rcs_m2,
@@ -86,7 +85,7 @@ def test_scatterers_are_the_segments_where_they_face_the_radar():
     assert table.sizes == {"slow_time": T.size, "scatterer": 20}
     assert read_axis(table, "marker").tolist() == [s.name for s in PERSON]
     skeleton = build_skeleton(walk)
-    points = find_nearest_points(skeleton, compute_frame_ellipsoids(skeleton), (1000.0, 0.0, 1.0))
+    points = find_nearest_points(skeleton, compute_ellipsoids(skeleton), (1000.0, 0.0, 1.0))
     ahead = (
         points.positions.sel(marker="torso").values - walk.positions.sel(marker=["base", "neck"]).mean("marker").values
     )
@@ -98,8 +97,8 @@ def test_scatterers_are_the_segments_where_they_face_the_radar():
 def test_the_axes_follow_the_joints_between_frames():
     walk = boulic_walk(duration_s=1.0)
     skeleton = build_skeleton(walk)
-    body = compute_ellipsoids_at(skeleton, walk.time_s[10:20])
-    np.testing.assert_allclose(body.along, compute_frame_ellipsoids(skeleton).along[10:20], atol=1e-9)
+    body = compute_ellipsoids(skeleton, walk.time_s[10:20])
+    np.testing.assert_allclose(body.along, compute_ellipsoids(skeleton).along[10:20], atol=1e-9)
     np.testing.assert_allclose((body.along**2).sum(axis=-1), 1.0)
     line = (walk.positions.sel(marker="head") - walk.positions.sel(marker="neck")).values[10:20]
     np.testing.assert_allclose(body.along[:, 0], line / np.linalg.norm(line, axis=1)[:, None], atol=1e-9)
@@ -108,7 +107,7 @@ def test_the_axes_follow_the_joints_between_frames():
 def test_the_trunk_of_an_animal_is_narrower_from_side_to_side_than_upright():
     dog = quadruped_gait(withers_m=0.5, duration_s=1.0)
     skeleton = build_skeleton(dog)
-    thorax = compute_frame_ellipsoids(skeleton)
+    thorax = compute_ellipsoids(skeleton)
     np.testing.assert_allclose(skeleton.semi_axes_m[1], [0.07, 0.115, 0.15])
     assert np.abs(thorax.across[:, 1, 1]).min() > 0.9  # the dog goes along x
     assert np.abs((thorax.across[:, 1] * thorax.along[:, 1]).sum(axis=-1)).max() < 1e-12
@@ -121,7 +120,7 @@ def test_the_ends_of_an_animals_trunk_are_blunt(build):
     """The chest ends at the shoulders, the rump at the tail's root."""
     animal = quadruped_gait(build=build, duration_s=1.0)
     skeleton, withers_m = build_skeleton(animal), animal.facts.height_m
-    body = compute_frame_ellipsoids(skeleton)
+    body = compute_ellipsoids(skeleton)
     for number, (name, joint, sign) in {0: ("chest", "left_shoulder", 1), 3: ("rump", "tail", -1)}.items():
         assert skeleton.segments[number].name == name
         at = (sign * 1e5, 0.0, body.centre_m[:, number, 2].mean())
@@ -163,7 +162,7 @@ def test_marker_sets_give_the_same_body_as_the_joints_they_surround():
     walk, take = marker_person("liu:")
     ours, wanted = build_skeleton(take), build_skeleton(walk)
     assert [s.name for s in ours.segments] == [s.name for s in wanted.segments]
-    bodies = compute_frame_ellipsoids(ours), compute_frame_ellipsoids(wanted)
+    bodies = compute_ellipsoids(ours), compute_ellipsoids(wanted)
     np.testing.assert_allclose(bodies[0].centre_m, bodies[1].centre_m, atol=1e-12)
     np.testing.assert_allclose(bodies[0].along, bodies[1].along, atol=1e-12)
 
@@ -185,7 +184,7 @@ def test_unknown_joints_and_unknown_height_are_refused():
 
 
 def test_the_mean_of_an_ellipsoid_is_that_over_horizontal_directions():
-    body = compute_frame_ellipsoids(build_skeleton(quadruped_gait(duration_s=1.2)))
+    body = compute_ellipsoids(build_skeleton(quadruped_gait(duration_s=1.2)))
     centre = body.centre_m.mean(axis=(0, 1))
     turns = np.arange(180) * np.pi / 90
     around = [see_ellipsoids(body, 1e6 * np.array([np.cos(a), np.sin(a), 0.0]) + centre)[1].mean(axis=0) for a in turns]
@@ -347,7 +346,7 @@ def test_radial_velocity_is_the_rate_of_the_range_of_the_surface(body):
     round_ones = [n for n, segment in enumerate(build_skeleton(motion).segments) if segment.limb is None]
 
     def surface_range_m(at_s):
-        body = compute_ellipsoids_at(build_skeleton(motion), at_s)
+        body = compute_ellipsoids(build_skeleton(motion), at_s)
         return np.linalg.norm(see_ellipsoids(body, radar)[0] - radar, axis=-1)[:, round_ones]
 
     table = assemble(scene, times, **seen()).isel(scatterer=round_ones)
@@ -363,7 +362,7 @@ def test_a_bistatic_echo_takes_the_shortest_way_over_the_surface():
     scene = Scene([Target(walk, rcs="surfaces", range_m=4.0)], receiver_position_m=receiver)
     motion, times = place(scene).targets[0].motion, np.array([0.2, 0.6])
     table = assemble(scene, times, **seen())
-    body = compute_ellipsoids_at(build_skeleton(motion), times)
+    body = compute_ellipsoids(build_skeleton(motion), times)
     for n in (1, 7):  # torso and a foot
         shape = surface(body.semi_axes_m[n], 300)[0]
         for i in range(times.size):

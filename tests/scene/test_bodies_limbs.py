@@ -8,7 +8,7 @@ from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
 from doppelgait.pipeline import choose_lowest_prf
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target, assemble, bodies, place
-from doppelgait.scene.bodies import ROUND_SHARE, Limb, build_skeleton, compute_ellipsoids_at, draw_surface, make_limbs
+from doppelgait.scene.bodies import ROUND_SHARE, Limb, build_skeleton, compute_ellipsoids, draw_surface, make_limbs
 
 SMOOTH = np.zeros((2, 128))
 T = np.arange(0.0, 1.0, 0.002)
@@ -106,7 +106,7 @@ def test_the_echo_of_a_limb_is_the_integral_along_its_rough_line(receiver_m, lea
     scene = Scene([Target(walk, rcs="surfaces", range_m=4.0, aspect_deg=20.0)], receiver_position_m=receiver_m)
     rows = assemble(scene, times, wavelength_m=wavelength_m, rng=np.random.default_rng(1))
     skeleton, k = build_skeleton(place(scene).targets[0].motion), 2 * np.pi / wavelength_m
-    body, surface = compute_ellipsoids_at(skeleton, times), draw_surface(skeleton, np.random.default_rng(1))
+    body, surface = compute_ellipsoids(skeleton, times), draw_surface(skeleton, np.random.default_rng(1))
     ends = np.array([scene.radar_position_m, receiver_m or scene.radar_position_m])
     s = (np.arange(1500) + 0.5) / 1500
     turns = 2 * np.pi * 0.8 * np.outer(s, np.arange(1, 129))  # waves of 1.25 limbs and shorter

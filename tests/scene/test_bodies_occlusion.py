@@ -12,7 +12,7 @@ from doppelgait.scene.bodies import (
     EDGE_M,
     Ellipsoids,
     build_skeleton,
-    compute_frame_ellipsoids,
+    compute_ellipsoids,
     compute_visible_power,
     find_own_points,
 )
@@ -61,7 +61,7 @@ def test_who_is_hidden_is_what_marched_rays_say(body, aspect_deg):
     scene = Scene([Target(body, aspect_deg=aspect_deg)])
     placed = place(scene).targets[0].motion
     motion = replace(placed, positions=placed.positions.isel(time=slice(0, 250, 50)))
-    body = compute_frame_ellipsoids(build_skeleton(motion))
+    body = compute_ellipsoids(build_skeleton(motion))
     points, radar = motion.position_m, np.array(scene.radar_position_m)
     own = find_own_points(points, body)
     gain = compute_visible_power(points, body, own, radar, edge_m=1e-5)
@@ -114,7 +114,7 @@ def test_a_point_that_comes_from_behind_to_before_does_not_click():
 def test_an_ellipsoid_does_not_hide_what_it_contains():
     walk = boulic_walk(duration_s=1.0)
     skeleton = build_skeleton(walk)
-    own = find_own_points(walk.position_m, compute_frame_ellipsoids(skeleton))
+    own = find_own_points(walk.position_m, compute_ellipsoids(skeleton))
     names, points = [s.name for s in skeleton.segments], walk.markers
     for n, segment in ((n, s) for n, s in enumerate(skeleton.segments) if not s.joint):
         assert own[points.index(segment.start), n], names[n]

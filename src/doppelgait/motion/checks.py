@@ -14,11 +14,17 @@ from doppelgait.motion.clean import NOISE_MPS, velocity_error_mps
 from doppelgait.motion.gait import is_quadruped, measure_gait, measure_travel
 from doppelgait.motion.motion import GRAVITY_MPS2, Motion, make_motion
 from doppelgait.motion.segments import crop, find_segments
-from doppelgait.motion.skeleton import LEG_SHARE, guess_species, list_spellings, measure_leg_length, strip_subject
+from doppelgait.motion.skeleton import (
+    LEG_SHARE,
+    guess_species,
+    list_spellings,
+    load_markers,
+    measure_leg_length,
+    strip_subject,
+)
 
 PERSON_M, ANIMAL_M = (0.5, 2.8), (0.04, 2.2)
-"""Stature of people, from an infant that stands to the tallest on record; height of animals from a rat to a draught
-horse."""
+"""Stature, from a standing infant to the tallest person; height, from a rat to a draught horse."""
 TALLER = 1.4
 """Largest ratio of the height of the head to the stature that belongs to the legs."""
 LIES = 0.3
@@ -39,13 +45,6 @@ OTHER_SPREAD_M = 1.0
 """Largest distance of two points of one part: the trunk of the largest person with the arms' width, and a limb."""
 STRETCH = 0.3
 """Largest standard deviation of a bone's length over its mean. Skin moves by a tenth."""
-BONES = (
-    ("hip hjc asis asi ias grt gtr ftc", "kne knee kjc fle fme lfc mfc"),
-    ("kne knee kjc fle fme lfc mfc", "ank ankle ajc lma mma mall lmal mmal fal tam"),
-    ("sho shoulder acr acromion acromium caj", "elb elbow ejc lel lelbow hle hme"),
-    ("elb elbow ejc lel lelbow hle hme", "wra wrb wri wrist wjc lwrist rsp usp"),
-)
-"""Names of both ends of bones, without the side."""
 JUMPS_M = 0.2
 """Smallest step off a smooth path that is reported as a jump: more than a limb that starts or stops makes."""
 
@@ -96,7 +95,10 @@ def _check_size(motion: Motion) -> str:
     if species == "human":
         size_m = leg_m / LEG_SHARE if math.isfinite(leg_m) else height_m
         if size_m > 0 and not PERSON_M[0] <= size_m <= PERSON_M[1]:
-            return f"a person of {size_m:.2g} m, by the names of its points{_suggest_unit(motion, size_m)}"
+            in_file = size_m / motion.report.get("metres_per_unit", 1.0)
+            units = [f"units='{unit}'" for unit, metres in UNITS_M.items() if 1.3 <= in_file * metres <= 2.1]
+            remedy = f"Try {' or '.join(units)}" if units else "Give it: units=..."
+            return f"a person of {size_m:.2g} m, by the names of its points: is the unit wrong? {remedy}"
         if hip_m > leg_m / 2 and height_m > TALLER * size_m:
             return f"its head is {height_m:.2f} m above its feet, but its legs of {leg_m:.2f} m are of a smaller person"
     elif species and height_m > 0 and not ANIMAL_M[0] <= height_m <= ANIMAL_M[1]:
@@ -112,12 +114,6 @@ def _check_lying(motion: Motion) -> str:
             f"{size_m:.2f} m, who lies, or another axis points up: give up_axis='x', 'y', 'z', '-x', '-y' or '-z'"
         )
     return ""
-
-
-def _suggest_unit(motion: Motion, size_m: float) -> str:
-    in_file = size_m / motion.report.get("metres_per_unit", 1.0)
-    units = [f"units='{unit}'" for unit, metres in UNITS_M.items() if 1.3 <= in_file * metres <= 2.1]
-    return f": is the unit wrong? Try {' or '.join(units)}" if units else ": is the unit wrong? Give it: units=..."
 
 
 def _check_stride(motion: Motion) -> str:
@@ -222,7 +218,7 @@ def _check_spread(motion: Motion) -> str:
             return f"the points of its {part.replace('_', ' ')} ({names}) are {size_m:.1f} m apart: several bodies?"
     words = [list_spellings(strip_subject(name)) for name in motion.markers]
     for side in ("left", "right"):
-        for ends in BONES:
+        for ends in load_markers()["limbs"]["bones"]:
             allowed = [{start + name for name in end.split() for start in (side, side[0])} for end in ends]
             joints = [[i for i, spellings in enumerate(words) if names.intersection(spellings)] for names in allowed]
             if all(joints):

@@ -16,16 +16,24 @@ from doppelgait.core.errors import DoppelgaitWarning, MotionError, warn_caller
 from doppelgait.core.units import FloatArray
 from doppelgait.motion.ground import belt_velocity_mps, format_belt_note, level_floor, measure_floor
 from doppelgait.motion.motion import Motion, make_motion
-from doppelgait.motion.skeleton import BODY_CENTRE_PARTS, DOG_PARTS, FOOT_PARTS, HUMAN_PARTS, measure_height
+from doppelgait.motion.skeleton import (
+    BODY_CENTRE_PARTS,
+    DOG_PARTS,
+    FOOT_PARTS,
+    HUMAN_PARTS,
+    RIGID_M,
+    find_bones,
+    measure_height,
+    restore_lengths,
+)
 
 BoolArray = npt.NDArray[np.bool_]
 
 
-JUMP_M, JUMP_JERK_MPS3 = 0.05, 6_000.0
+JUMP = {"floor_m": 0.05, "jerk_mps3": 6_000.0}
 """Limits of a jump between two frames: more than 5 cm and more than this jerk explains."""
-SWAP_M, SWAP_JERK_MPS3 = 0.02, 1_300.0
-"""Limits of the two simultaneous steps of a swap. They are smaller than for one jump, since
-matching steps are unlikely to be noise."""
+SWAP = {"floor_m": 0.02, "jerk_mps3": 1_300.0}
+"""Limits of both steps of a swap, smaller than for a jump: matching steps are rarely noise."""
 SWAP_RATIO = 0.3
 """Maximum ratio of the steps of two points after and before an exchange."""
 MAX_BRIDGE_S = 0.1
@@ -43,16 +51,14 @@ N_LOOKS = 200
 def repair_swaps(position: FloatArray, names: Sequence[str], *, rate_hz: float) -> list[dict[str, Any]]:
     """Exchange the paths of swapped names, in place. Shapes: position (T, P, 3)."""
     swaps: list[dict[str, Any]] = []
-    step, limit = find_steps(position, rate_hz=rate_hz, floor_m=SWAP_M, jerk_mps3=SWAP_JERK_MPS3)
+    step, limit = find_steps(position, rate_hz=rate_hz, **SWAP)
     frame = 0
     while len(swaps) < MAX_SWAPS:
         pair, frame = _find_next_swap(position, step, limit, first=frame, rate_hz=rate_hz)
         if not pair:
             break
         position[frame:, pair] = position[frame:, pair[::-1]]
-        step[:, pair], limit[:, pair] = find_steps(
-            position[:, pair], rate_hz=rate_hz, floor_m=SWAP_M, jerk_mps3=SWAP_JERK_MPS3
-        )
+        step[:, pair], limit[:, pair] = find_steps(position[:, pair], rate_hz=rate_hz, **SWAP)
         swaps.append({"frame": frame, "points": sorted(names[i] for i in pair)})
     return swaps
 
@@ -64,7 +70,7 @@ def _find_next_swap(
     stepping = step[first:] > limit[first:]
     for frame in (int(k) + first for k in np.flatnonzero(stepping.sum(axis=1) >= 2)):
         points = np.flatnonzero(stepping[frame - first])
-        # remaining step [i, j] if the path of point i continues as that of point j from this frame on
+        # remaining step [i, j] if the path of point i continues as that of j from this frame on
         start = max(0, frame - 2 - max(1, round(MAX_BRIDGE_S * rate_hz)))
         near = position[start : frame + 2, points]
         last, arriving, leaving, gap = (values[frame - start] for values in _find_paths(near, rate_hz))
@@ -82,7 +88,7 @@ def _find_next_swap(
 
 def find_jumps(position: FloatArray, names: Sequence[str], *, rate_hz: float) -> list[dict[str, Any]]:
     """Find steps off a smooth path. The positions are not changed. Shapes: position (T, P, 3)."""
-    step, limit = find_steps(position, rate_hz=rate_hz, floor_m=JUMP_M, jerk_mps3=JUMP_JERK_MPS3)
+    step, limit = find_steps(position, rate_hz=rate_hz, **JUMP)
     edge = np.full((1, step.shape[1]), -1.0)
     known = np.concatenate([edge, np.nan_to_num(step, nan=-1.0), edge])
     # a jump disturbs the adjacent velocities: the frames before and after have apparent steps of half the size
@@ -120,11 +126,8 @@ def find_useless_points(position: FloatArray, names: Sequence[str], parts: Seque
     """Find short-lived, duplicate and distant points. Shapes: position (T, P, 3)."""
     n_seen = np.isfinite(position).all(axis=2).sum(axis=0)
     usual = float(np.median(n_seen[n_seen > 0])) if (n_seen > 0).any() else 0.0
-    reasons = {
-        i: "short-lived unknown point"
-        for i, part in enumerate(parts)
-        if not part and 0 < n_seen[i] < SHORT_LIVED * usual
-    }
+    brief = [i for i, part in enumerate(parts) if not part and 0 < n_seen[i] < SHORT_LIVED * usual]
+    reasons = dict.fromkeys(brief, "short-lived unknown point")
     n_frames = len(position)
     frames = np.unique(np.linspace(0, max(0, n_frames - 1), min(n_frames, N_LOOKS)).round().astype(int))
     position = position[frames]
@@ -158,8 +161,7 @@ def find_useless_points(position: FloatArray, names: Sequence[str], parts: Seque
 
 SPIKE_M = 0.05
 SPIKE_ACCELERATION_MPS2 = 400.0
-"""Limits of a spike: a sample departs from its neighbours in time by more than 5 cm and by more
-than this acceleration explains."""
+"""Limits of a spike: more than 5 cm from its neighbours in time, and than this acceleration explains."""
 
 
 def remove_spikes(position: FloatArray, *, rate_hz: float) -> int:
@@ -256,8 +258,6 @@ def fill_from_segment(position: FloatArray, *, gap_limit: int) -> tuple[FloatArr
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import dijkstra
 
-    from doppelgait.motion.rigid import RIGID_M, find_bones, restore_lengths
-
     seen: BoolArray = np.asarray(np.isfinite(position).all(axis=2))
     filled, count = position.copy(), 0
     apart: FloatArray | None = None
@@ -274,29 +274,20 @@ def fill_from_segment(position: FloatArray, *, gap_limit: int) -> tuple[FloatArr
         mean_m = np.nansum(distance, axis=0) / np.maximum(together, 1)
         sway_m = np.sqrt(np.nansum((distance - mean_m) ** 2, axis=0) / np.maximum(together, 1))
         sway_m[(together < max(gap_limit, MIN_MARKERS)) | (apart[p] > MOST_BONES) | (apart[p] == 0)] = math.inf
+        steady = np.argsort(sway_m, kind="stable")
+        steady = steady[sway_m[steady] < RIGID_M]
         for a, b in gaps:
-            near = [
-                int(q)
-                for q in np.argsort(sway_m, kind="stable")
-                if sway_m[q] < RIGID_M and seen[a - 1 : b + 1, q].all()
-            ]
-            near = near[:MOST_NEIGHBOURS]
+            near = steady[seen[a - 1 : b + 1, steady].all(axis=0)][:MOST_NEIGHBOURS].tolist()
             if len(near) < FEWEST_NEIGHBOURS:
                 continue
             share = np.linspace(0.0, 1.0, b - a + 2)[:, np.newaxis]
-            around = position[a - 1 : b + 1, near]
             middle = position[:, near].mean(axis=1)
             both = np.flatnonzero(seen[:, [p, *near]].all(axis=1))
             start = middle[a - 1 : b + 1] + CubicSpline(both, (position[:, p] - middle)[both])(np.arange(a - 1, b + 1))
             bars = np.array([[0, n + 1] for n in range(len(near))], dtype=np.int32)
-            made = restore_lengths(
-                np.concatenate([start[:, np.newaxis], around], axis=1),
-                bars,
-                mean_m[near],
-                np.array([1.0] + [1e9] * len(near)),
-                ridge=FILL_RIDGE,
-                steps=FILL_STEPS,
-            )[:, 0]
+            points = np.concatenate([start[:, np.newaxis], position[a - 1 : b + 1, near]], axis=1)
+            weights = np.array([1.0] + [1e9] * len(near))
+            made = restore_lengths(points, bars, mean_m[near], weights, ridge=FILL_RIDGE, steps=FILL_STEPS)[:, 0]
             rest = position[[a - 1, b], p] - made[[0, -1]]
             filled[a:b, p] = (made + (1.0 - share) * rest[0] + share * rest[1])[1:-1]
             count += b - a
@@ -401,11 +392,7 @@ MAX_MISSING = 0.6
 
 
 def clean_motion(
-    motion: Motion,
-    *,
-    lowpass_hz: float | None = 12.0,
-    floor: bool = True,
-    whole: Motion | None = None,
+    motion: Motion, *, lowpass_hz: float | None = 12.0, floor: bool = True, whole: Motion | None = None
 ) -> Motion:
     """Make a recording smooth, complete and on the floor."""
     # swapped names are corrected and spikes become gaps, longer jumps are only reported; then gaps
@@ -462,9 +449,8 @@ def clean_motion(
         smooth = level_floor(smooth, ground)
     floor_m = find_floor_height(smooth, kept_parts) if floor else 0.0
     smooth = smooth - np.array([0.0, 0.0, floor_m])
-    facts, size_note = motion.facts, ""
+    facts, height_m, size_note = motion.facts, math.nan, ""
     if not math.isfinite(facts.height_m):
-        height_m, size_note = math.nan, ""
         if whole is not None:
             with warnings.catch_warnings(), suppress(MotionError):  # unknown if it cannot be cleaned
                 warnings.simplefilter("ignore", DoppelgaitWarning)  # they are about the whole recording

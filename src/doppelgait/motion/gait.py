@@ -11,7 +11,7 @@ import numpy as np
 
 from doppelgait.core.units import FloatArray
 from doppelgait.motion.clean import fill_linear, find_body_centre, find_runs, find_stationary_points, pair_sides
-from doppelgait.motion.motion import Motion, require_motion
+from doppelgait.motion.motion import NAN, Motion, require_motion
 from doppelgait.motion.skeleton import FOOT_PARTS
 
 PERIOD_S = (0.25, 2.5)
@@ -21,17 +21,6 @@ LIKENESS = 0.7
 """Minimum normalised autocorrelation of a repetition; 1 is an exact repetition."""
 FIRST = 0.1
 """Tolerance from the highest peak within which the first peak is used, since multiples of the period are as high."""
-
-
-def mirrored_repetition_hz(swing: FloatArray, parts: Sequence[str], *, rate_hz: float) -> float:
-    """Measure the stride frequency from mirrored half strides, Hz."""
-    # in a walk, run, pace or trot, each left part repeats the motion of the right part half a stride later
-    sides = [[swing[:, points].mean(axis=1) for points in both] for both in pair_sides(parts).values()]
-    if not sides:
-        return float("nan")
-    left, right = (np.gradient(np.stack([pair[k] for pair in sides], axis=1), axis=0) for k in (0, 1))
-    here, there = np.concatenate([left, right], axis=1), np.concatenate([right, left], axis=1)
-    return _first_peak_hz(here, there, rate_hz, (PERIOD_S[0] / 2, PERIOD_S[1] / 2)) / 2.0
 
 
 def _first_peak_hz(here: FloatArray, there: FloatArray, rate_hz: float, period_s: tuple[float, float]) -> float:
@@ -82,9 +71,18 @@ def _smooth(path: FloatArray, *, rate_hz: float, smoothing_s: float) -> FloatArr
 
 def measure_travel(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
     """Measure displacement, path length, straightness and mean speed of points (T, P, 3)."""
-    path = _smooth(_find_seen_path(_find_seen_frames(position)), rate_hz=rate_hz, smoothing_s=SMOOTHING_S)
+    position = _find_seen_frames(position)
+    path = find_body_centre(position)[:, :2]
     if len(path) < 2 or not np.isfinite(path).all():
         return {}
+    # the sum of the mean steps of the seen points: points that appear or disappear cause no jump
+    steps = np.diff(position[:, ~find_stationary_points(position), :2], axis=0)
+    seen = np.asarray(np.isfinite(steps).all(axis=2))
+    count = seen.sum(axis=1)[:, np.newaxis]
+    total = np.where(seen[..., np.newaxis], steps, 0.0).sum(axis=1)
+    mean = np.where(count > 0, total / np.maximum(count, 1), np.diff(path, axis=0))
+    path = path[0] + np.concatenate([np.zeros((1, 2)), np.cumsum(mean, axis=0)])
+    path = _smooth(path, rate_hz=rate_hz, smoothing_s=SMOOTHING_S)
     step = np.diff(path, axis=0)
     net = path[-1] - path[0]
     length = float(np.linalg.norm(step, axis=1).sum())
@@ -102,20 +100,6 @@ def measure_travel(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
         "mean_speed_mps": mean_speed,
         "speed_cv": float(speed.std() / mean_speed) if mean_speed > 0 else None,
     }
-
-
-def _find_seen_path(position: FloatArray) -> FloatArray:
-    """Return the path of the body centre."""
-    # the sum of the mean steps of the seen points: points that appear or disappear cause no jump
-    path = find_body_centre(position)[:, :2]
-    if len(path) < 2 or not np.isfinite(path).all():
-        return path
-    steps = np.diff(position[:, ~find_stationary_points(position), :2], axis=0)
-    seen = np.asarray(np.isfinite(steps).all(axis=2))
-    count = seen.sum(axis=1)
-    total = np.where(seen[..., np.newaxis], steps, 0.0).sum(axis=1)
-    mean = np.where(count[:, np.newaxis] > 0, total / np.maximum(count, 1)[:, np.newaxis], np.diff(path, axis=0))
-    return np.asarray(path[0] + np.concatenate([np.zeros((1, 2)), np.cumsum(mean, axis=0)]))
 
 
 def _find_seen_frames(position: FloatArray) -> FloatArray:
@@ -167,8 +151,7 @@ def measure_stride(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
 
 
 SWING_PEAK, SHORTEST_SWING_S = 1.4, 0.04
-"""Minimum peak speed of a swing in body speeds, and its minimum duration. A foot swings while it is
-faster than the body."""
+"""Minimum peak speed of a swing in body speeds, and duration. A swinging foot is faster than the body."""
 STILL = 0.01
 """A foot has landed when its speed has fallen to this share of its maximum in the swing."""
 STANCE_SPEED = 0.5
@@ -260,17 +243,13 @@ def find_steps(motion: Motion, feet: Mapping[str, list[int]] | None = None) -> d
     return found
 
 
-NAN = float("nan")
-
 SYMMETRICAL = ("walk", "run", "pace", "trot")
 """Gaits with mirrored half strides: a step is half a stride and f_mu = 2 f_stride (E-07)."""
 ASYMMETRICAL = ("canter", "gallop", "transverse_gallop", "bound")
 """Gaits without mirrored half strides: f_mu = f_stride. ``gallop`` is the rotary gallop."""
 
-HALF_STRIDE = 0.15
-"""Tolerance of a lag of half a stride between a pair of limbs, in strides."""
-TOGETHER = 0.06
-"""Tolerance of a lag of 0 (simultaneous landing) between a pair of limbs, in strides."""
+HALF_STRIDE, TOGETHER = 0.15, 0.06
+"""Tolerances of lags of half a stride and of 0 (simultaneous landing) of a pair of limbs, in strides."""
 QUARTER = 0.125
 """Half the spacing of the lateral lags of pace (0), walk (0.25) and trot (0.5), and limit between canter and gallop."""
 STEADY = 0.8
@@ -357,8 +336,14 @@ def _limbs_hz(motion: Motion) -> float:
     whole_hz = _first_peak_hz(velocity, velocity, rate, PERIOD_S)
     if math.isfinite(whole_hz):
         return whole_hz
+    # in a walk, run, pace or trot, each left part repeats the motion of the right part half a stride later
     parts = [part for part, is_seen in zip(motion.parts, seen, strict=True) if is_seen]
-    return mirrored_repetition_hz(swing, parts, rate_hz=rate)
+    sides = [[swing[:, points].mean(axis=1) for points in both] for both in pair_sides(parts).values()]
+    if not sides:
+        return NAN
+    left, right = (np.gradient(np.stack([pair[k] for pair in sides], axis=1), axis=0) for k in (0, 1))
+    here, there = np.concatenate([left, right], axis=1), np.concatenate([right, left], axis=1)
+    return _first_peak_hz(here, there, rate, (PERIOD_S[0] / 2, PERIOD_S[1] / 2)) / 2.0
 
 
 def add_gait_facts(motion: Motion) -> Motion:
@@ -389,8 +374,7 @@ def step_and_gait_frequency_hz(gait: str, stride_frequency_hz: float) -> tuple[f
 
 def name_quadruped_gait(phases: Mapping[str, float]) -> str:
     """Name the gait of a quadruped from footfall lags."""
-    # the rules follow Hildebrand (1965, 1977). A gait is symmetrical if the lags of the hind pair
-    # and of the fore pair are both half a stride.
+    # Hildebrand (1965, 1977): in a symmetrical gait, both pairs have a lag of half a stride
     if not {"lh_lf", "lh_rh", "lf_rf"} <= set(phases):
         return ""
     hind, fore, side = (_wrap_about_zero(phases[name]) for name in ("lh_rh", "lf_rf", "lh_lf"))

@@ -27,14 +27,12 @@ DRIFT = 0.2
 def belt_velocity_mps(position: FloatArray, parts: Sequence[str], *, rate_hz: float) -> FloatArray | None:
     """Measure the velocity of a treadmill belt, shape (2,)."""
     # the median velocity of the feet while they are low, if all feet agree and the body stays in place
-    feet: dict[str, list[int]] = {}
-    for i, part in enumerate(parts):
-        if part in FOOT_PARTS:
-            feet.setdefault(part, []).append(i)
+    named = dict.fromkeys(part for part in parts if part in FOOT_PARTS)
+    feet = [[i for i, own in enumerate(parts) if own == part] for part in named]
     if len(feet) < 2 or len(position) < 3:
         return None
     on_belt = []
-    for points in feet.values():
+    for points in feet:
         path = position[:, points].mean(axis=1)
         low, high = np.percentile(path[:, 2], (5, 95))
         velocity = np.gradient(path[:, :2], 1.0 / rate_hz, axis=0)
@@ -153,7 +151,7 @@ def measure_floor(position: FloatArray, names: Sequence[str], parts: Sequence[st
     body = position[:, upper].mean(axis=(0, 1)) - under if upper else np.zeros(3)
     whole = slopes[0] + slopes[1] if spread_m[1] >= SPREAD_M[1] else slopes[0]
     follows = _measure_lean_deg(body, whole) > math.degrees(math.atan(float(np.hypot(*whole)))) / 2
-    # both feet are near each other across the path: only the body can confirm that it slopes sideways
+    # feet are near each other across the path: only the body can confirm that it slopes sideways
     slope = whole if follows else slopes[0]
     deviation_m = float(np.sqrt(np.mean((rest[:, 2] - rest[:, :2] @ slope) ** 2)))
     tilt_deg = math.degrees(math.atan(float(np.hypot(*slope)))) if deviation_m <= PLANE_M else math.nan

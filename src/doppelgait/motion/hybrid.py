@@ -24,8 +24,14 @@ from doppelgait.motion.gait import STANCE_SPEED, find_feet, is_quadruped, step_a
 from doppelgait.motion.loop import Cycle, fit_cycle, require_gait, weigh_feet
 from doppelgait.motion.motion import GRAVITY_MPS2, Motion, make_motion, require_motion
 from doppelgait.motion.retime import travel_heading_rad, travel_speed_mps
-from doppelgait.motion.rigid import find_bones, find_rigid_pairs, measure_pair_lengths, restore_lengths
-from doppelgait.motion.skeleton import LEG_SHARE, strip_subject
+from doppelgait.motion.skeleton import (
+    LEG_SHARE,
+    find_bones,
+    find_rigid_pairs,
+    measure_pair_lengths,
+    restore_lengths,
+    strip_subject,
+)
 
 IntArray = npt.NDArray[np.int32]
 
@@ -161,9 +167,14 @@ def _retarget(
 ) -> Motion:
     """Retarget a motion and keep the joint angles of its sources."""
     law = find_speed_law(known)
-    _check_factor(known, "speed_factor", speed_factor, FACTOR)
-    _check_factor(known, "size_factor", size_factor, FACTOR)
-    _check_factor(known, "stride_factor", stride_factor, find_stride_limits(law))
+    factors = {"speed_factor": speed_factor, "size_factor": size_factor, "stride_factor": stride_factor}
+    limits = FACTOR, FACTOR, find_stride_limits(law)
+    for (name, value), (low, high) in zip(factors.items(), limits, strict=True):
+        if not (_is_number(value) and low - ROUNDED <= value <= high + ROUNDED):
+            raise MotionError(
+                f"{known.label}: {name} = {value!r} is not allowed: must be a number from {low:.3g} to {high:.3g}, "
+                "the range of recordings; use a more similar recording"
+            )
     now = compute_dimensionless_speed(known)
     low, high = find_speed_limits(known)
     if not low - ROUNDED <= speed_factor <= high + ROUNDED:
@@ -197,7 +208,6 @@ def _retarget(
         footfalls={foot: [(t - times[0]) * slower for t in due] for foot, due in known.facts.footfalls.items()},
     )
     made = known.remake(restored, facts, rate_hz=known.rate_hz / slower)
-    factors = {"speed_factor": speed_factor, "size_factor": size_factor, "stride_factor": stride_factor}
     return check_hybrid(made, sources, wanted_pairs, wanted, scaled, factors)
 
 
@@ -349,14 +359,6 @@ def _is_number(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
-def _check_factor(motion: Motion, name: str, value: float, limits: tuple[float, float]) -> None:
-    if not (_is_number(value) and limits[0] - ROUNDED <= value <= limits[1] + ROUNDED):
-        raise MotionError(
-            f"{motion.label}: {name} = {value!r} is not allowed: must be a number from {limits[0]:.3g} to "
-            f"{limits[1]:.3g}, the range of recordings; use a more similar recording"
-        )
-
-
 def _refuse_blend(one: Motion, other: Motion, why: str) -> NoReturn:
     raise MotionError(f"{one.label} and {other.label}: cannot be blended: {why}")
 
@@ -404,9 +406,8 @@ def _join_marks(one: str, other: str, mark: str = " + ") -> str:
 FREE_PARTS = ("head", "neck", "tail", "left_hand", "right_hand")
 """Parts without limits of their joints: heads turned left and right blend to a straight neck."""
 
-LONGER = 0.005
-"""Largest relative error of the distance between two points, or the absolute one below."""
-LONGER_M = 1e-3
+LONGER, LONGER_M = 0.005, 1e-3
+"""Largest error of the distance between two points: the relative or the absolute one."""
 JERKS = 1.5
 """Factor of the restoration of lengths on accelerations, above which a leg snaps straight."""
 SLIDES = 0.02

@@ -23,8 +23,7 @@ from doppelgait.motion.models.curves import load_tables
 from doppelgait.motion.models.strides import fit_cubic_spline, sample_autoregressive
 from doppelgait.motion.motion import Motion, MotionFacts, require_motion
 from doppelgait.motion.retime import Spline, fit_spline, travel_speed_mps
-from doppelgait.motion.rigid import find_rigid_pairs, measure_pair_lengths, restore_lengths
-from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
+from doppelgait.motion.skeleton import BODY_CENTRE_PARTS, find_rigid_pairs, measure_pair_lengths, restore_lengths
 
 OVERLAP_STRIDES = 0.15
 """Share of a stride over which the end of a cycle fades into its beginning."""
@@ -166,10 +165,7 @@ def _refine_seam(curve: Spline, motion: Motion, seam: Seam, step: int, overlap: 
     latest = motion.n_frames - 1 - float(frames[-1])
     bounds = (seam.lag - step, min(seam.lag + step, latest))
     found = minimize_scalar(
-        lambda lag: _combine_mismatch(at(float(lag)), weight_s),
-        bounds=bounds,
-        method="bounded",
-        options={"xatol": PRECISION_FRAMES},
+        lambda lag: _combine_mismatch(at(float(lag)), weight_s), bounds=bounds, options={"xatol": PRECISION_FRAMES}
     )
     return min(at(float(found.x)), at(min(seam.lag, latest)), key=lambda cut: _combine_mismatch(cut, weight_s))
 
@@ -190,16 +186,15 @@ class Cycle:
 
     def at(self, total: FloatArray, points: list[int] | None = None) -> FloatArray:
         """Return positions at times in frames, shape (I, P, 3), by default of all points."""
-        chosen = list(range(self.shape[1])) if points is None else points
-        numbers = np.array(chosen)
+        numbers = np.arange(self.shape[1]) if points is None else np.array(points)
         curve = _select_columns(self.curve, np.add.outer(3 * numbers, np.arange(3)).ravel())
         lag, turns = self.seam.lag, np.floor(total / self.seam.lag)
         into = total - turns * lag
         travel = _select_columns(self.travel, np.concatenate([numbers, self.shape[1] + numbers]))
-        astray = self.astray[chosen]
+        astray = self.astray[numbers]
 
         def once(frames: FloatArray) -> FloatArray:
-            share, gained = np.moveaxis(travel.at(frames)[0].reshape(frames.size, 2, len(chosen), 1), 1, 0)
+            share, gained = np.moveaxis(travel.at(frames)[0].reshape(frames.size, 2, numbers.size, 1), 1, 0)
             within = np.clip(self.seam.start + frames, 0.0, self.shape[0] - 1.0)
             value = curve.points(within / self.rate_hz)[0]
             return np.asarray(value - astray * share - self.faster * gained)
@@ -238,8 +233,8 @@ def _close_cycle(motion: Motion, seam: Seam, overlap: float) -> Cycle:
     later, earlier = clip(ends + seam.lag), clip(ends)
     moved = (later[0] - earlier[0]).mean(axis=0)
     advance = moved.mean(axis=0) * (1.0, 1.0, 0.0)
-    # the closing error of a point and the body's gain of speed are removed along the whole cycle (in
-    # the overlap alone they would jerk), in proportion to the point's speed: a standing foot stays
+    # closing errors of points and the body's gain of speed are removed along the whole cycle (in the
+    # overlap alone they would jerk), in proportion to the point's speed: a standing foot stays
     faster = (later[1] - earlier[1]).mean(axis=(0, 1)) / rate * (1.0, 1.0, 0.0)
     lasts = seam.lag + overlap + 1.0
     grid = np.linspace(0.0, lasts, max(64, math.ceil(lasts)))
@@ -276,7 +271,7 @@ SHARE_OF_SWING = 2.0
 FOOT_WEIGHT = 100.0
 """Weight of a point of a foot relative to others when the lengths of a body are restored."""
 RIDGE, STEPS = 2.0, 3
-"""Ridge and steps of the restoration of lengths; soft, as a foot may deviate beyond the leg's reach."""
+"""Ridge and steps of the restoration of lengths, soft: feet may deviate beyond a leg's reach."""
 KNOT_MARGIN = 3
 """Strides before the first and after the last frame: the splines' ends have no effect."""
 
@@ -385,13 +380,12 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
         position = cycle.at(np.arange(math.ceil(3 * seam.lag) + 1.0))
         three = motion.remake(position, MotionFacts(species=facts.species))
         times = {foot: step.touchdown_s - every_s for foot, step in find_steps(three).items()}
-    touchdowns = {foot: [float(t) for t in found if 0.0 <= t < every_s - 1e-9] for foot, found in times.items()}
-    # a landing at the seam is at both ends of a cycle that is a little longer than its strides
-    half_s = every_s / seam.strides / 2
-    touchdowns = {foot: [t for t in found if t < found[0] + every_s - half_s] for foot, found in touchdowns.items()}
-    turns = range(-1, math.floor(until_s / every_s) + 2)
+    turns, half_s = range(-1, math.floor(until_s / every_s) + 2), every_s / seam.strides / 2
     footfalls = {}
-    for foot, once in touchdowns.items():
+    for foot, landed_s in times.items():
+        once = [float(t) for t in landed_s if 0.0 <= t < every_s - 1e-9]
+        # a landing at the seam is at both ends of a cycle that is a little longer than its strides
+        once = [t for t in once if t < once[0] + every_s - half_s]
         clock_s = clocks.get(_find_limb(foot), clocks[""]) / rate
         due_s = np.array([t + turn * every_s for turn in turns for t in once])
         due_s = due_s[(due_s >= clock_s[0] - 1e-12) & (due_s <= clock_s[-1] + 1e-12)]
@@ -400,7 +394,7 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
 
 
 def weigh_feet(motion: Motion) -> FloatArray:
-    """Return large weights for feet, for :func:`~doppelgait.motion.rigid.restore_lengths`."""
+    """Return large weights for feet, for :func:`~doppelgait.motion.skeleton.restore_lengths`."""
     weights = np.ones(len(motion.markers))
     for points in find_feet(motion).values():
         weights[points] = FOOT_WEIGHT

@@ -95,24 +95,14 @@ def find_segments(motion: Motion, *, limits: SegmentLimits | None = None) -> lis
     coarse_path, coarse_speed = path[grid], speed[grid]
     step_s = float(grid[1] if grid.size > 1 else 1) / rate
     shortest = max(2, math.ceil(limits.min_duration_s / step_s - 1e-9))
+    allowed = limits.lateral_m, limits.speed_deviation, limits.min_length_m, limits.min_speed_mps, shortest
     found, waiting = [], [(0, len(coarse_path))]
     while waiting:
         first, stop = waiting.pop()
-        start, end = native.longest_stretch(
-            *coarse_path[first:stop].T,
-            coarse_speed[first:stop],
-            step_s,
-            limits.lateral_m,
-            limits.speed_deviation,
-            limits.min_length_m,
-            limits.min_speed_mps,
-            shortest,
-        )
-        if start < 0:
-            continue
-        a, b = first + start, first + end
-        found.append((a, b))
-        waiting += [(first, a), (b + 1, stop)]
+        start, end = native.longest_stretch(*coarse_path[first:stop].T, coarse_speed[first:stop], step_s, *allowed)
+        if start >= 0:
+            found.append((first + start, first + end))
+            waiting += [(first, first + start), (first + end + 1, stop)]
     times, segments = motion.time_s, []
     for first, last in ((int(grid[a]), int(grid[b])) for a, b in sorted(found)):
         part, pace = path[first : last + 1], speed[first : last + 1]

@@ -21,7 +21,7 @@ from doppelgait.core.units import FloatArray, cosine, sine
 from doppelgait.motion.retime import Spline
 from doppelgait.scene import PlacedScene
 from doppelgait.scene.environment import ENVIRONMENT
-from doppelgait.scene.environment.reflections import Mirror
+from doppelgait.scene.environment.effects import Mirror
 from doppelgait.scene.observe import fit_splines, look, make_table
 from doppelgait.scene.scatterers import Scatterers
 

@@ -6,7 +6,7 @@ Joints are means of points: gait models, skeletons and marker sets share a perso
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -99,16 +99,6 @@ def find_joints(motion: Motion) -> tuple[tuple[Segment, ...], dict[str, list[int
     return min(tried, key=lambda each: len(each[2]))
 
 
-def average_points(motion: Motion, groups: Sequence[Sequence[int]]) -> npt.NDArray[np.float64]:
-    """Average groups of points."""
-    # the result has the shape (T, G, 3), m. A spline through means is the mean of the splines.
-    values = motion.position_m
-    means = np.empty((values.shape[0], len(groups), 3))
-    for n, group in enumerate(groups):
-        means[:, n] = values[:, group[0]] if len(group) == 1 else values[:, list(group)].mean(axis=1)
-    return means
-
-
 @dataclass(frozen=True)
 class Ellipsoids:
     """S ellipsoids at I times: centre_m, along, across (I, S, 3); semi_axes_m (S, 3)."""
@@ -194,7 +184,12 @@ def build_skeleton(motion: Motion) -> Skeleton:
         raise ConfigError(
             f"{source}: the height is unknown, so the body has no size; use rcs kind 'body_parts' or 'equal'"
         )
-    joints = motion.with_points(average_points(motion, list(points.values())), list(points), [""] * len(points))
+    # a joint is the mean of its points: a spline through means is the mean of the splines
+    joint_m = np.empty((motion.n_frames, len(points), 3))
+    for n, group in enumerate(points.values()):
+        own_m = motion.position_m[:, group]
+        joint_m[:, n] = own_m[:, 0] if len(group) == 1 else own_m.mean(axis=1)
+    joints = motion.with_points(joint_m, list(points), [""] * len(points))
     skeleton = Skeleton(joints, segments, np.empty(0))
     start, end = (joints.position_m[:, skeleton.numbers(which)] for which in ("start", "end"))
     half_m = np.median(np.sqrt(((end - start) ** 2).sum(axis=-1)), axis=0) / 2.0
@@ -224,17 +219,9 @@ def see_ellipsoids(body: Ellipsoids, radar_position_m: npt.ArrayLike) -> tuple[F
     return points.transpose(0, 2, 1), rcs_m2
 
 
-def compute_ellipsoids_at(skeleton: Skeleton, time_s: FloatArray) -> Ellipsoids:
-    """Compute the ellipsoids at times after the first frame, on the spline of E-02."""
-    return _compute_ellipsoids(skeleton, resample(skeleton.joints, time_s)[0])
-
-
-def compute_frame_ellipsoids(skeleton: Skeleton) -> Ellipsoids:
-    """Compute the ellipsoids at the frames of the motion."""
-    return _compute_ellipsoids(skeleton, skeleton.joints.position_m)
-
-
-def _compute_ellipsoids(skeleton: Skeleton, joint_m: FloatArray) -> Ellipsoids:
+def compute_ellipsoids(skeleton: Skeleton, time_s: FloatArray | None = None) -> Ellipsoids:
+    """Compute the ellipsoids at times after the first frame (spline of E-02), or at the frames."""
+    joint_m = skeleton.joints.position_m if time_s is None else resample(skeleton.joints, time_s)[0]
     number = {name: n for n, name in enumerate(skeleton.joints.markers)}
     start, end = (np.take(joint_m, skeleton.numbers(which), axis=1) for which in ("start", "end"))
     span = end - start

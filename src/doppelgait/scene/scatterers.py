@@ -20,8 +20,7 @@ from doppelgait.scene.bodies import (
     Ellipsoids,
     Skeleton,
     build_skeleton,
-    compute_ellipsoids_at,
-    compute_frame_ellipsoids,
+    compute_ellipsoids,
     compute_visible_power,
     draw_surface,
     find_joints,
@@ -84,12 +83,12 @@ class View:
     @cached_property
     def frames(self) -> Ellipsoids:
         """Ellipsoids at the frames of the motion."""
-        return compute_frame_ellipsoids(self.skeleton)
+        return compute_ellipsoids(self.skeleton)
 
     @cached_property
     def body(self) -> Ellipsoids:
         """Ellipsoids at the pulse times."""
-        return compute_ellipsoids_at(self.skeleton, self.time_s)
+        return compute_ellipsoids(self.skeleton, self.time_s)
 
     def compute_sight_gain(self, points: Motion) -> FloatArray:
         """Compute the two-way gain past the body, (I, L)."""

@@ -127,7 +127,7 @@ def _list_facts(recording: Recording) -> Iterator[tuple[str, str]]:
 
 
 def _describe_body(number: int, truth: TargetTruth, arrays: Arrays) -> dict[str, Any]:
-    from doppelgait.motion.rigid import find_bones
+    from doppelgait.motion.skeleton import find_bones
     from doppelgait.viz.motion import find_part_group
 
     assert truth.body is not None

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from doppelgait.motion.models import breathing_person, curtain, fan, moving_point, pendulum, robot_vacuum, rotor
-from doppelgait.motion.models.crawl import DUTY, crawling_person
 from doppelgait.motion.models.human_body import LENGTHS, POINTS
+from doppelgait.motion.models.primitives import DUTY, crawling_person
 
 INDEX = {name: n for n, name in enumerate(POINTS)}
 

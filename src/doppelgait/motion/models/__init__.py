@@ -1,11 +1,11 @@
 """Motion models: people, animals, confusers and primitives."""
 
 from doppelgait.motion.models.boulic import BoulicConfig, boulic_walk, compute_boulic_points
-from doppelgait.motion.models.crawl import CrawlConfig, crawling_person
 from doppelgait.motion.models.human import HumanConfig, human_gait
 from doppelgait.motion.models.human_body import Person, sample_person
 from doppelgait.motion.models.primitives import (
     BreathingConfig,
+    CrawlConfig,
     CurtainConfig,
     FanConfig,
     PendulumConfig,
@@ -13,6 +13,7 @@ from doppelgait.motion.models.primitives import (
     RotorConfig,
     VacuumConfig,
     breathing_person,
+    crawling_person,
     curtain,
     fan,
     moving_point,

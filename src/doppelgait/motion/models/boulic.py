@@ -32,13 +32,7 @@ from doppelgait.motion.models.human_body import (
     place_lower_body,
 )
 from doppelgait.motion.models.registry import model_function
-from doppelgait.motion.models.strides import (
-    Columns,
-    Rngs,
-    Values,
-    fit_periodic_pchip,
-    time_even_strides,
-)
+from doppelgait.motion.models.strides import Columns, Rngs, Values, fit_periodic_pchip, time_even_strides
 from doppelgait.motion.motion import Motion
 
 Knots = list[tuple[float, float]]
@@ -84,13 +78,9 @@ def compute_body_offset(
     lateral = np.where(published, -lateral, lateral)
     fore_aft = np.where(published | (signs == "pendulum"), -fore_aft, fore_aft)
     vertical = 0.015 * q
-    return np.stack(
-        [
-            fore_aft * _sine(2 * phase + 2 * (0.625 - compute_support_fraction(q))),
-            lateral * _sine(phase - 0.1),
-            -vertical + vertical * _sine(2 * phase - 0.35),
-        ]
-    )
+    ahead = fore_aft * _sine(2 * phase + 2 * (0.625 - compute_support_fraction(q)))
+    up = -vertical + vertical * _sine(2 * phase - 0.35)
+    return np.stack([ahead, lateral * _sine(phase - 0.1), up])
 
 
 def pelvic_list_deg(phase: FloatArray, relative_speed: Values) -> FloatArray:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from types import SimpleNamespace
 from typing import Literal
 
@@ -170,9 +171,8 @@ def make_feet(style: GaitStyle, hips: Hips, size_m: Sizes, left_ahead_m: Values)
     feet = {}
     for side, hip in hips.items():
         error = roll - np.stack([ahead, hip[1], up, slope - STANDING_RAD])
-        ends = [
-            (at[..., :1], (at[..., 2:] - at[..., 1:2]) / (2 * _NUDGE)) for at in (error[..., -6:-3], error[..., -3:])
-        ]
+        around = error[..., -6:-3], error[..., -3:]
+        ends = [(at[..., :1], (at[..., 2:] - at[..., 1:2]) / (2 * _NUDGE)) for at in around]
         beside_m = np.ascontiguousarray(hip[1, :, :100]).mean(axis=1, keepdims=True)
         room_m2 = reach_m**2 - (beside_m - hip[1, :, :100]) ** 2
         print_m = np.zeros((4, *beside_m.shape))
@@ -208,14 +208,9 @@ def _roll_sole(sole: FloatArray, foot_m: Values) -> FloatArray:
     turned = np.sign(sole) * beyond**2 / (beyond + LEVEL_RAD)  # smooth when the sole becomes level
     up, slope = np.maximum(turned, 0.0), STANDING_RAD - np.minimum(turned, 0.0)
     heel_m, height_m = FOOT.heel * foot_m, ANKLE * foot_m
-    return np.stack(
-        [
-            heel_m * (cosine(up) - 1) - height_m * sine(up) + foot_m * (math.cos(STANDING_RAD) - cosine(slope)),
-            np.zeros_like(sole),
-            heel_m * sine(up) + height_m * (cosine(up) - 1) + foot_m * (sine(slope) + TIP),
-            turned - STANDING_RAD,
-        ]
-    )
+    ahead = heel_m * (cosine(up) - 1) - height_m * sine(up) + foot_m * (math.cos(STANDING_RAD) - cosine(slope))
+    rise = heel_m * sine(up) + height_m * (cosine(up) - 1) + foot_m * (sine(slope) + TIP)
+    return np.stack([ahead, np.zeros_like(sole), rise, turned - STANDING_RAD])
 
 
 def compute_foot_path(
@@ -397,9 +392,8 @@ class HumanConfig(FrozenModel):
 
 def _find_style(config: HumanConfig) -> tuple[Callable[[Sequence[HumanConfig], Columns, Sizes], GaitStyle], bool]:
     """Return how a gait is made, and if its steps vary."""
-    make_style = _make_boulic_style if not config.foot_lock else _walk_style
-    if config.actual_gait == "run":
-        make_style = _run_style
+    walk_style = _walk_style if config.foot_lock else _make_boulic_style
+    make_style = _run_style if config.actual_gait == "run" else walk_style
     return make_style, any((config.step_time_sd, config.step_length_sd, config.pace_sd, config.time_asymmetry))
 
 
@@ -477,9 +471,7 @@ def _make_boulic_style(parameters: Sequence[HumanConfig], columns: Columns, size
     return GaitStyle(stride_m, period_s, boulic.compute_support_fraction(q), np.zeros_like, pose, lambda phase: {})
 
 
-def _walk_timing(
-    parameters: Sequence[HumanConfig], columns: Columns
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _walk_timing(parameters: Sequence[HumanConfig], columns: Columns) -> tuple[FloatArray, ...]:
     """Return columns of leg in m, stride in m, stride time in s and relative speed q."""
     leg_m, tempo = map(make_column, zip(*map(_find_leg_and_tempo, parameters), strict=True))
     q = columns.speed_mps / leg_m / tempo
@@ -513,15 +505,10 @@ def _run_style(parameters: Sequence[HumanConfig], columns: Columns, size_m: Size
         aside_m = -0.012 * leg_m * sine(2 * np.pi * (phase - 0.1))  # assumed, over the standing leg
         return np.stack([np.zeros_like(phase), aside_m, run_height_m(phase, period_s, duty)])
 
+    lean_deg, arm_swing = np.interp(adult_mps, (2.2, 9.0), (5.0, 10.0)), np.interp(adult_mps, *RUN.arm_swing)
+    reach_m = stride_m * duty / RUN.recorded_duty
     motion = _make_measured_motion(
-        columns,
-        "run",
-        stride_m,
-        stride_m * duty / RUN.recorded_duty,
-        size_m,
-        sway=sway,
-        lean_deg=np.interp(adult_mps, (2.2, 9.0), (5.0, 10.0)),
-        arm_swing=np.interp(adult_mps, *RUN.arm_swing),
+        columns, "run", stride_m, reach_m, size_m, sway=sway, lean_deg=lean_deg, arm_swing=arm_swing
     )
     return GaitStyle(stride_m, period_s, RUN.rest * duty, *motion)
 
@@ -540,18 +527,13 @@ def _make_measured_motion(
     """Make foot, pose and hips from measured curves and the gait's own sway and lean."""
     leg_m = size_m["thigh"] + size_m["shank"]
     speed = columns.speed_mps / np.sqrt(GRAVITY_MPS2 * leg_m)
-    pelvis_way, neck_way = (
-        make_measured_curve(gait, name, speed, integral=True, asymmetry=columns.trunk_asymmetry)
-        for name in ("pelvis_speed", "neck_speed")
-    )
+    curve = partial(make_measured_curve, gait)
+    way = partial(curve, dimensionless_speed=speed, integral=True)
+    pelvis_way, neck_way = (way(name, asymmetry=columns.trunk_asymmetry) for name in ("pelvis_speed", "neck_speed"))
     both_ways = join_curves(pelvis_way, neck_way)
-    foot_curves = join_curves(
-        make_measured_curve(gait, "ankle_speed", speed, integral=True),
-        *(make_measured_curve(gait, name, speed) for name in ("ankle_height", "foot_pitch")),
-    )
-    shoulder, elbow, torsion = (make_measured_curve(gait, name, np.maximum(speed, SLOWEST_ARMS)) for name in ARM_CURVES)
-    turns = [make_measured_curve(gait, name, speed) for name in ("pelvic_list", "pelvic_torsion")]
-    both_turns = join_curves(*turns)
+    foot_curves = join_curves(way("ankle_speed"), curve("ankle_height", speed), curve("foot_pitch", speed))
+    shoulder, elbow, torsion = (curve(name, np.maximum(speed, SLOWEST_ARMS)) for name in ARM_CURVES)
+    both_turns = join_curves(curve("pelvic_list", speed), curve("pelvic_torsion", speed))
     arms = _add_arms(columns, lambda phase: {"shoulder": shoulder(phase), "elbow": elbow(phase)}, arm_swing)
     ripple_m = columns.trunk_ripple * stride_m
 

@@ -20,7 +20,6 @@ from doppelgait.motion.models.strides import (
     Timing,
     Values,
     evaluate_laws,
-    find_landings,
     make_column,
     make_gait_motions,
 )
@@ -308,12 +307,15 @@ def make_person_motions(
     report: Mapping[str, str] | None = None,
 ) -> list[Motion]:
     """Make the motions of modelled persons with symmetrical steps from (B, T, 17, 3)."""
-    facts, reports = [], []
+    facts, reports, feet = [], [], touchdown.items()
     for config, gait in zip(parameters, gaits, strict=True):
         mass_kg = getattr(config, "mass_kg", None)
         reports.append({**(report or {}), **({} if mass_kg else {"mass_kg": "assumed: body mass index 23 kg/m^2"})})
         mass_kg = mass_kg or BODY_MASS_INDEX * config.height_m**2
         body = {"height_m": config.height_m, "mass_kg": mass_kg}
         facts.append({"species": "human", "gait": gait, "harmonic": 2, **body})
-    landings = find_landings(timing.phase, touchdown)
+    landings = [
+        {foot: at + np.arange(math.ceil(first - at - 1e-9), math.floor(last - at + 1e-9) + 1) for foot, at in feet}
+        for first, last in timing.phase[:, [0, -1]].tolist()
+    ]
     return make_gait_motions(position_m, timing, parameters, landings, BOULIC_PARTS, facts, reports)

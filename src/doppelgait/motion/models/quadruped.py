@@ -59,15 +59,8 @@ from doppelgait.motion.models.strides import (
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.skeleton import SIDES, list_points
 
-# a joint belongs to the bone that ends there; the shoulder is the lower end of the scapula
-_SIDED = (
-    "*_ribs:trunk *_shoulder:*_fore_upper *_elbow:*_fore_upper *_carpus:*_fore_lower *_fore_paw:*_fore_paw "
-    "*_hip:trunk *_knee:*_hind_upper *_hock:*_hind_lower *_hind_paw:*_hind_paw"
-)
-PART_OF_POINT = list_points(
-    "nose:head head:head neck:neck neck_base:neck withers:trunk chest:trunk back:trunk rump:trunk "
-    f"tail:tail tail_middle:tail tail_tip:tail {' '.join(_SIDED.replace('*', side) for side in SIDES)}"
-)
+_WORDS = TABLES["points"]
+PART_OF_POINT = list_points(" ".join([_WORDS["middle"], *(_WORDS["sided"].replace("*", side) for side in SIDES)]))
 """Points of the dog in order, and the body part of each."""
 POINTS = tuple(PART_OF_POINT)
 
@@ -249,9 +242,8 @@ def compute_all_points(
     count, even = phase.shape[1], replace(course, advance=None)
     cycle = np.broadcast_to(_WHOLE_CYCLE, (len(phase), _WHOLE_CYCLE.size))
     distance = np.concatenate([course.distance(phase), even.distance(cycle)], axis=1)
-    trunk, nod, lift = compute_trunk_motion(
-        np.concatenate([phase, cycle], axis=1), distance, gait, build, course.stride
-    )
+    whole = np.concatenate([phase, cycle], axis=1)
+    trunk, nod, lift = compute_trunk_motion(whole, distance, gait, build, course.stride)
     ends = compute_limb_ends(((phase, course), (cycle, even)), gait, build, duty, trunk)
     size = build.limbs
     lowered = compute_crouch({name: place[:, :, count:] for name, place in ends.items()}, size)
@@ -417,7 +409,7 @@ def quadruped_gait(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[
     """
     columns, builds = Columns(parameters), [BUILDS[config.build] for config in parameters]
     gaits, hip_m = [_make_gait(config) for config in parameters], columns.hip_m
-    paces = [*zip(gaits, columns.actual_speed_mps[:, 0].tolist(), hip_m[:, 0].tolist(), strict=True)]
+    paces = zip(gaits, columns.actual_speed_mps.ravel().tolist(), hip_m.ravel().tolist(), strict=True)
     stride_m = columns.stride_ratio * make_column([stride_length_m(*pace) for pace in paces])
     timing, drift = time_even_strides(durations_s, columns, stride_m / columns.actual_speed_mps, rngs)
     phase, gait = timing.phase, Columns(gaits)
@@ -425,13 +417,8 @@ def quadruped_gait(parameters: Sequence[QuadrupedConfig], durations_s: Sequence[
     if _is_varied(parameters[0]):
         course = _vary_course(course, columns, phase, drift, rngs)
     wag_rad = np.radians(columns.tail_sweep_deg) * sine(2 * np.pi * columns.tail_frequency_hz * timing.times_s)
-    rates_hz = (columns.actual_speed_mps / stride_m)[:, 0].tolist()
-    duty = {
-        end: make_column(
-            [duty_factor(getattr(own, end), hz, m) for (own, _, m), hz in zip(paces, rates_hz, strict=True)]
-        )
-        for end in ("hind", "fore")
-    }
+    stride_hz = columns.actual_speed_mps / stride_m
+    duty = {end: duty_factor(getattr(gait, end), stride_hz, hip_m) for end in ("hind", "fore")}
     points = compute_all_points(phase, gait, Columns(builds), course, duty, columns, wag_rad)
     position_m = scale_points([points[name] for name in POINTS], hip_m)
     position_m[..., 0] -= (hip_m * course.distance(phase[:, :1]))[..., None]

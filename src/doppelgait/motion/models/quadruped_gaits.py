@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from statistics import NormalDist
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from doppelgait.core.config import check_choice, check_type, read_toml
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.motion.models.curves import RecordedGait
-from doppelgait.motion.models.strides import evaluate_laws
+from doppelgait.motion.models.strides import Values, evaluate_laws
 from doppelgait.motion.motion import GRAVITY_MPS2
 
 GaitName = Literal["walk", "pace", "trot", "canter", "gallop", "transverse_gallop", "bound"]
@@ -75,21 +75,6 @@ def pick_gait(froude: float) -> GaitName:
     return next(fits, GAITS_BY_SPEED[-1])
 
 
-BuildName = Literal[
-    "standard",
-    "chihuahua",
-    "jack_russell",
-    "beagle",
-    "border_collie",
-    "labrador",
-    "german_shepherd",
-    "great_dane",
-    "dachshund",
-    "cat",
-    "horse",
-    "cow",
-]
-
 SWING_TIME_S, SWING_HEIGHT_M = 0.35, 0.46
 """Duration of a swing in all gaits, and the hip height at which it was measured."""
 DUTY_LIMITS = (0.15, 0.75)
@@ -115,7 +100,12 @@ class Build:
 
 
 BUILDS: dict[str, Build] = {name: Build(**table) for name, table in TABLES["builds"].items()}
-"""All builds by name. A new one needs a table of ``quadruped_gaits.toml`` and a :data:`BuildName`."""
+"""All builds by name. A new one needs a table of ``quadruped_gaits.toml``."""
+
+if TYPE_CHECKING:
+    BuildName = str
+else:
+    BuildName = Literal[*BUILDS]
 
 
 def hip_height_m(build: Build, withers_m: float) -> float:
@@ -138,11 +128,10 @@ def stride_length_m(gait: Gait, speed_mps: float, hip_m: float) -> float:
     return gait.stride_factor * hip_m * math.pow(froude_number(speed_mps, hip_m), gait.stride_power)
 
 
-def duty_factor(girdle: Girdle, stride_frequency_hz: float, hip_m: float) -> float:
+def duty_factor(girdle: Any, stride_frequency_hz: Values, hip_m: Values) -> Any:
     """Return a paw's duty factor, 1 - t_swing f plus the girdle's offset, within limits."""
-    swing_s = girdle.swing * SWING_TIME_S * math.sqrt(hip_m / SWING_HEIGHT_M)
-    duty = 1 - swing_s * stride_frequency_hz + girdle.duty_offset
-    return min(max(duty, DUTY_LIMITS[0]), DUTY_LIMITS[1])
+    swing_s = girdle.swing * SWING_TIME_S * np.sqrt(hip_m / SWING_HEIGHT_M)
+    return np.clip(1 - swing_s * stride_frequency_hz + girdle.duty_offset, *DUTY_LIMITS)
 
 
 def fit_gait_to_build(
@@ -162,7 +151,7 @@ def fit_gait_to_build(
     return replace(gait, touchdown=touchdown, hind=hind, fore=fore)
 
 
-DOG_BUILDS: tuple[BuildName, ...] = tuple(name for name in get_args(BuildName) if BUILDS[name].species == "dog")
+DOG_BUILDS: tuple[BuildName, ...] = tuple(name for name, build in BUILDS.items() if build.species == "dog")
 GAIT_SHARES: dict[GaitName, float] = {"walk": 0.35, "pace": 0.1, "trot": 0.35, "canter": 0.1, "gallop": 0.1}
 """Probability of the gaits of a sampled dog (assumed)."""
 

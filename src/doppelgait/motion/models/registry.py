@@ -23,9 +23,7 @@ LONGEST_BATCH_S = 100.0
 
 MOTION_MODELS: Group[Generate] = Group(
     "motion_model",
-    built_in=tuple(
-        f"doppelgait.motion.models.{name}" for name in ("boulic", "crawl", "human", "primitives", "quadruped")
-    ),
+    built_in=tuple(f"doppelgait.motion.models.{name}" for name in ("boulic", "human", "primitives", "quadruped")),
 )
 """Motion models by the ``kind`` of a scene file. Every parameter has a default."""
 

@@ -92,16 +92,6 @@ class Curve:
         native.evaluate_cubics(*curves, order, at.reshape(rows), found)
         return found.reshape(at.shape)
 
-    def _find_pieces(self, edges: FloatArray, values: FloatArray) -> npt.NDArray[np.intp]:
-        """Return the pieces of values, counted through all curves."""
-        if edges.ndim == 1:
-            return np.asarray(edges[1:-1].searchsorted(values, side="right"))
-        pieces = np.empty(values.shape, dtype=np.intp)
-        for row, (own, size) in enumerate(zip(edges, self.sizes.tolist(), strict=True)):
-            pieces[..., row, :] = own[1 : size - 1].searchsorted(values[..., row, :], side="right")
-        pieces += np.arange(len(edges))[:, None] * (edges.shape[1] - 1)
-        return pieces
-
     def where(self, values: npt.ArrayLike) -> FloatArray:
         """Invert curves with rising knots at values between those of the ends."""
         wanted = np.asarray(values, dtype=float)
@@ -111,7 +101,14 @@ class Curve:
         last = np.arange(self.sizes.size) * size + self.sizes.ravel() - 1
         ends = self.knots.ravel()[last].reshape(*self.sizes.shape, 1)
         heights.reshape(-1)[last] = self(ends).ravel()
-        piece = self._find_pieces(heights, wanted)
+        # pieces of the values, counted through all curves
+        piece = np.empty(wanted.shape, dtype=np.intp)
+        if heights.ndim == 1:
+            piece[...] = heights[1:-1].searchsorted(wanted, side="right")
+        else:
+            for row, (own, own_size) in enumerate(zip(heights, self.sizes.tolist(), strict=True)):
+                piece[..., row, :] = own[1 : own_size - 1].searchsorted(wanted[..., row, :], side="right")
+            piece += np.arange(len(heights))[:, None] * (size - 1)
         low, high = (self.knots[..., ends].ravel().take(piece) for ends in (slice(None, -1), slice(1, None)))
         below, above = (heights[..., ends].ravel().take(piece) for ends in (slice(None, -1), slice(1, None)))
         width = high - low
@@ -290,31 +287,6 @@ Landings = Mapping[str, npt.NDArray[np.floating[Any]]]
 """Phases in cycles at which feet land, by name."""
 
 
-def find_landings(phase: FloatArray, touchdown_phase: Mapping[str, float]) -> list[Landings]:
-    """Return the landings within phases, (B, T)."""
-    return [
-        {
-            foot: offset + np.arange(math.ceil(first - offset - 1e-9), math.floor(last - offset + 1e-9) + 1)
-            for foot, offset in touchdown_phase.items()
-        }
-        for first, last in phase[:, [0, -1]].tolist()
-    ]
-
-
-def landing_times_s(clock: Curve, landings: Sequence[Landings], times_s: FloatArray) -> list[dict[str, list[float]]]:
-    """Return the times of landings."""
-    sizes = [sum(phases.size for phases in feet.values()) for feet in landings]
-    # a row is filled with the value of its first knot, which is inverted at once
-    wanted = np.repeat(clock.coefficients[0, :, :1], max(sizes), axis=1)
-    for row, size, feet in zip(wanted, sizes, landings, strict=True):
-        row[:size] = np.concatenate([*feet.values()])
-    rows = map(iter, np.clip(clock.where(wanted), 0.0, times_s[:, -1:]).tolist())
-    return [
-        {foot: [*islice(row, phases.size)] for foot, phases in feet.items()}
-        for row, feet in zip(rows, landings, strict=True)
-    ]
-
-
 def scale_points(points: Sequence[FloatArray], scale_m: FloatArray) -> FloatArray:
     """Return scaled points as positions, (B, T, P, 3). Shapes: points (B, T, 3), scale_m (B, 1)."""
     planes = np.empty((len(points), 3, *points[0].shape[:-1]))
@@ -336,12 +308,19 @@ def make_gait_motions(
     position_m = np.ascontiguousarray(position_m)
     times_s, phase = timing.times_s, timing.phase
     strides_hz = ((phase[:, -1] - phase[:, 0]) / (times_s[:, -1] - times_s[:, 0])).tolist()
-    footfalls = landing_times_s(timing.clock, landings, times_s)
+    # phases of all landings; a row is filled with the value of its first knot, which is inverted at once
+    sizes = [sum(phases.size for phases in feet.values()) for feet in landings]
+    wanted = np.repeat(timing.clock.coefficients[0, :, :1], max(sizes), axis=1)
+    for landed, size, feet in zip(wanted, sizes, landings, strict=True):
+        landed[:size] = np.concatenate([*feet.values()])
+    landed_s = np.clip(timing.clock.where(wanted), 0.0, times_s[:, -1:]).tolist()
     motions = []
     for row, (config, stride_hz, count) in enumerate(zip(parameters, strides_hz, timing.counts, strict=True)):
         own = {**facts[row]}
         harmonic = own.pop("harmonic")
-        own |= {"source": config.kind, "kind": config.kind, "footfalls": footfalls[row]}
+        due_s = iter(landed_s[row])
+        footfalls = {foot: [*islice(due_s, phases.size)] for foot, phases in landings[row].items()}
+        own |= {"source": config.kind, "kind": config.kind, "footfalls": footfalls}
         own |= {"stride_frequency_hz": stride_hz, "gait_frequency_hz": harmonic * stride_hz}
         own |= {"step_frequency_hz": 2 * stride_hz} if harmonic == 2 else {}
         names: dict[str, Any] = {"markers": tuple(parts), "parts": tuple(parts.values())}

@@ -53,7 +53,7 @@ def read_asf(path: Path) -> Skeleton:
         text = read_text(path)
     except OSError as error:
         raise MotionError(f"{path}: the skeleton cannot be read: {error.strerror or error}") from None
-    # statements of each section, without comments; a statement may follow the section's name on the same line
+    # statements of each section, without comments; one may follow the section's name on its line
     sections: dict[str, Section] = {}
     current: Section = []
     for number, line in enumerate(text.split("\n"), start=1):
@@ -95,13 +95,9 @@ def read_asf(path: Path) -> Skeleton:
 
 
 def _parse_numbers(path: Path, line: int, words: Sequence[str], *, count: int) -> list[float]:
-    try:
-        values = [float(word) for word in words]
-    except ValueError:
-        values = []
-    if len(values) != count or not np.isfinite(values).all():
+    if len(words) != count or not all(map(is_finite, words)):
         raise MotionError(f"{path}, line {line}: {count} number(s) are needed, not {' '.join(words)[:60]!r}")
-    return values
+    return [float(word) for word in words]
 
 
 def _turn(path: Path, line: int, order: str, words: Sequence[str], degrees: bool) -> FloatArray:
@@ -110,10 +106,8 @@ def _turn(path: Path, line: int, order: str, words: Sequence[str], degrees: bool
         raise MotionError(
             f"{path}, line {line}: the axis order {order.upper()!r} is not one of x, y and z in any order"
         )
-    angles = np.array(_parse_numbers(path, line, words, count=3))
-    return make_euler_rotations(
-        order[::-1], (np.radians(angles) if degrees else angles)[["xyz".index(axis) for axis in order[::-1]]]
-    )
+    angles = np.array(_parse_numbers(path, line, words, count=3))[["xyz".index(axis) for axis in order[::-1]]]
+    return make_euler_rotations(order[::-1], np.radians(angles) if degrees else angles)
 
 
 def _parse_freedoms(path: Path, line: int, words: Sequence[str], allowed: str) -> tuple[str, ...]:
@@ -191,14 +185,10 @@ def find_asf(path: Path, named: str) -> Path:
 
 CMU_RATE_HZ = 120.0
 _NAMED = "#!oml:asf"
+_AMC = rb"(?ims)(?!.*:bonedata)(?:.*^)?[ \t]*:(fully-specified|degrees|radians)\b"
 
 
-@point_format(
-    "amc",
-    rb"(?ims)(?!.*:bonedata)(?:.*^)?[ \t]*:(fully-specified|degrees|radians)\b",
-    (".amc",),
-    skeleton=True,
-)
+@point_format("amc", _AMC, (".amc",), skeleton=True)
 def parse_amc(path: Path, *, skeleton: str | Path | None = None, rate_hz: float | None = None) -> Points:
     """Read the root and the bones' ends of an AMC motion; ltibia is the left ankle."""
     text = read_text(path)
@@ -212,9 +202,7 @@ def parse_amc(path: Path, *, skeleton: str | Path | None = None, rate_hz: float 
     values = _parse_frames(path, text, start.start())
     asf = Path(skeleton) if skeleton is not None else find_asf(path, named)
     body = read_asf(asf)
-    notes = (
-        [] if rate_hz is not None else [f"the format states no frame rate; {CMU_RATE_HZ:g} Hz, that of CMU, is assumed"]
-    )
+    assumed = f"the format states no frame rate; {CMU_RATE_HZ:g} Hz, that of CMU, is assumed"
     return Points(
         [bone.name for bone in body.bones],
         _compute_positions(path, body, values, body.degrees if degrees is None else degrees),
@@ -225,7 +213,7 @@ def parse_amc(path: Path, *, skeleton: str | Path | None = None, rate_hz: float 
         declared_up="y",
         subject=asf.stem,
         report={"skeleton": asf.name},
-        notes=notes,
+        notes=[assumed] if rate_hz is None else [],
         parents=[bone.parent for bone in body.bones],
     )
 
@@ -304,12 +292,12 @@ def _compute_positions(path: Path, skeleton: Skeleton, content: Mapping[str, Flo
 
 
 COLUMNS = (99, 117)
-"""Values in a frame: a translation and a rotation vector for each of 32 (Human3.6M) or 38 (CMU) joints."""
+"""Values in a frame: a translation, and rotation vectors of 32 (Human3.6M) or 38 (CMU) joints."""
 SKELETON = "skeleton.json"
 
 
 class ExpmapSkeleton(FrozenModel):
-    """Skeleton in JSON that defines the meaning of a file's numbers; a joint comes after its parent."""
+    """Skeleton in JSON that gives the numbers their meaning; a joint comes after its parent."""
 
     joint_names: list[str] = Field(min_length=1)
     parents: list[StrictInt]
@@ -348,7 +336,14 @@ def parse_expmap(path: Path, *, skeleton: str | Path | None = None) -> Points:
             f"{path}: holds joint angles only; a skeleton with joint_names, parents and offsets is needed, and "
             f"there is no {file}. Put it there or give it: skeleton='FILE.json'"
         )
-    body = _read_expmap_skeleton(file)
+    try:
+        content = parse_json(read_text(file))
+        if not isinstance(content, dict):
+            raise ValueError("it is no object with joint_names, parents and offsets")
+        known = {key: content[key] for key in ExpmapSkeleton.model_fields if key in content}
+        body = validate(ExpmapSkeleton, known)
+    except (ConfigError, OSError, ValueError) as error:
+        raise MotionError(f"{file}: the skeleton cannot be read: {error}") from None
     text = read_text(path)
     n_joints = len(body.parents)
     columns = text.lstrip().split("\n", 1)[0].count(",") + 1
@@ -375,13 +370,3 @@ def parse_expmap(path: Path, *, skeleton: str | Path | None = None) -> Points:
         parents=body.parents,
         root_turns=values[:, 3:6],
     )
-
-
-def _read_expmap_skeleton(path: Path) -> ExpmapSkeleton:
-    try:
-        content = parse_json(read_text(path))
-        if not isinstance(content, dict):
-            raise ValueError("it is no object with joint_names, parents and offsets")
-        return validate(ExpmapSkeleton, {key: content[key] for key in ExpmapSkeleton.model_fields if key in content})
-    except (ConfigError, OSError, ValueError) as error:
-        raise MotionError(f"{path}: the skeleton cannot be read: {error}") from None

@@ -139,7 +139,7 @@ POSITION_KEYS = ("positions", "joints", "Jtr")
 NAME_KEYS = ("names", "joint_names")
 RATE_KEYS = ("rate_hz", "mocap_framerate", "mocap_frame_rate", "fps")
 UNIT_KEY = "units"
-FEATURES = (251, 263)  # values of a frame in the features of HumanML3D and KIT-ML, which are no positions
+FEATURES = (251, 263)  # values of a frame of HumanML3D and KIT-ML, which are no positions
 
 
 def sniff_arrays(path: Path, head: bytes) -> bool:
@@ -344,7 +344,7 @@ def _read_texts(dataset: Any) -> list[str]:
 
 
 def _parse_sleap(path: Path, file: Any) -> Points:
-    """Parse tracks (frames, animals, nodes, 3); those of one camera are (animals, 2, nodes, frames)."""
+    """Parse tracks (frames, animals, nodes, 3), unlike those of one camera, (animals, 2, ...)."""
     shape = file["tracks"].shape
     if len(shape) != 4 or shape[3] != 3:
         raise MotionError(

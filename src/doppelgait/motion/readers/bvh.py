@@ -24,6 +24,7 @@ from doppelgait.motion.readers.text import (
     Times,
     check_size,
     find_frame_rate,
+    is_finite,
     parse_rows,
     point_format,
     read_text,
@@ -70,6 +71,7 @@ def check_skeleton_cost(path: Path, n_joints: int, n_frames: int) -> None:
 
 
 _CHANNEL = re.compile(r"(?i)^([xyz])(position|rotation)$")
+_LINE = re.compile(r"\s*+([^\n]*+)")
 _FRAMES = re.compile(r"(?i)^frames\s*+:?+\s*+(\S+)$")
 _FRAME_TIME = re.compile(r"(?i)^frame\s++time\s*+:?+\s*+(\S+)$")
 MAX_NODES, MAX_GLB_NODES = 1000, 5000
@@ -135,12 +137,9 @@ def _run_statement(words: list[str], nodes: list[Node], open_nodes: list[int]) -
         if not open_nodes or open_nodes[-1] != len(nodes) - 1:
             raise ValueError(f"{word} outside a joint")
         if word == "OFFSET":
-            try:
-                x, y, z = (float(value) for value in words[1:])
-            except ValueError:
-                x = y = z = float("nan")
-            if not np.isfinite([x, y, z]).all():
+            if len(words) != 4 or not all(map(is_finite, words[1:])):
                 raise ValueError(f"OFFSET needs three numbers, but has {' '.join(words[1:])!r}")
+            x, y, z = map(float, words[1:])
             nodes[-1].offset = x, y, z
         else:
             nodes[-1].channels = _parse_channels(words[1:])
@@ -167,16 +166,13 @@ def _parse_channels(words: list[str]) -> list[str]:
 def _parse_motion_head(path: Path, text: str, at: int) -> tuple[int, float, int]:
     found: list[str] = []
     for pattern, wanted in ((_FRAMES, "Frames: N"), (_FRAME_TIME, "Frame Time: SECONDS")):
-        while at < len(text) and text[at].isspace():
-            at += 1
-        end = text.find("\n", at)
-        end = len(text) if end < 0 else end
-        match = pattern.match(text[at:end].strip())
+        line = next(_LINE.finditer(text, at))
+        at = line.end()
+        match = pattern.match(line[1].strip())
         if match is None:
-            line = text.count("\n", 0, at) + 1
-            raise MotionError(f"{path}, line {line}: {wanted!r} is needed here, not {text[at:end].strip()[:40]!r}")
+            number = text.count("\n", 0, line.start(1)) + 1
+            raise MotionError(f"{path}, line {number}: {wanted!r} is needed here, not {line[1].strip()[:40]!r}")
         found.append(match[1])
-        at = end
     try:
         return int(found[0]), float(found[1]), at
     except ValueError:
@@ -327,16 +323,13 @@ def _animate(
     if len(nodes) > MAX_GLB_NODES:
         raise ValueError(f"it has {len(nodes)} nodes; up to {MAX_GLB_NODES} are read")
     tracks: dict[tuple[int, str], FloatArray] = {}
+    times_s = start_s + np.arange(n_frames) / rate
     for channel in animation["channels"]:
-        sampler, target = samplers[channel["sampler"]], channel["target"]
-        if target["path"] in ("translation", "rotation", "scale") and "node" in target:
-            tracks[target["node"], target["path"]] = _interpolate(
-                keys_s[channel["sampler"]],
-                _read_accessor(scene, binary, sampler["output"]),
-                sampler.get("interpolation", "LINEAR"),
-                start_s + np.arange(n_frames) / rate,
-                target["path"] == "rotation",
-            )
+        sampler, target, what = samplers[channel["sampler"]], channel["target"], channel["target"]["path"]
+        if what in ("translation", "rotation", "scale") and "node" in target:
+            keys, values = keys_s[channel["sampler"]], _read_accessor(scene, binary, sampler["output"])
+            how = sampler.get("interpolation", "LINEAR")
+            tracks[target["node"], what] = _interpolate(keys, values, how, times_s, what == "rotation")
     above = {child: n for n, node in enumerate(nodes) for child in node.get("children", ())}
     order: list[int] = []
     level = [n for n in range(len(nodes)) if n not in above]

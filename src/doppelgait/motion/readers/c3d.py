@@ -19,7 +19,7 @@ from doppelgait.motion.readers.text import Points, decode, note_frames, point_fo
 BLOCK = 512
 MAGIC = 0x50
 INTEL, DEC, SGI = 84, 85, 86
-"""Byte that identifies the processor: little-endian IEEE, little-endian VAX floats, big-endian IEEE."""
+"""Byte of the processor: little-endian IEEE, little-endian VAX floats, big-endian IEEE."""
 MAX_SIZE = 2**31
 MAX_HEADER_FRAMES = 65535
 LARGEST = 1e9  # maximum coordinate of a position, in any unit
@@ -96,9 +96,8 @@ class Layout:
     def count_declared_rotations(self) -> float:
         """Return the number of rotation matrices per frame."""
         ratio = self.number("ROTATION", "RATIO")
-        return max(self.number("ROTATION", "USED") or 0.0, 1.0) * (
-            self._count_per_frame("ROTATION") if ratio is None else ratio
-        )
+        per_frame = self._count_per_frame("ROTATION") if ratio is None else ratio
+        return max(self.number("ROTATION", "USED") or 0.0, 1.0) * per_frame
 
     def count_bytes(self, points: int, analog: int) -> int:
         """Return the bytes of a frame."""
@@ -307,8 +306,7 @@ def _decode_points(path: Path, layout: Layout, analog: int, n_frames: int) -> Fl
         words = ((words >> 16) | (words << 16)).view("<f4") / np.float32(4)
     samples = words.reshape(n_frames, layout.header_points, 4)
     position = samples[:, :, :3].astype(np.float64)
-    if not layout.is_float:
-        position *= scale
+    position *= scale
     # a negative fourth word means not seen; several systems write exactly 0, 0, 0 instead, where no marker can be
     lost = ~(samples[:, :, 3] >= 0) | ~np.isfinite(position).all(axis=2) | (position == 0.0).all(axis=2)
     position[lost | (np.abs(position) > LARGEST).any(axis=2)] = np.nan

@@ -1,4 +1,4 @@
-"""Points of one body, markers or joints: their selection by name, length unit, size and upward axis."""
+"""Points of one body, markers or joints: selection by name, length unit, size and upward axis."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -25,13 +26,13 @@ _METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3
 _WORDS = {"mill": "mm", "cent": "cm", "mete": "m", "metr": "m", "inch": "in", "foot": "ft", "feet": "ft"}
 
 
-def convert_unit_to_metres(name: str, *, where: str) -> float:
+def convert_unit_to_metres(path: Path, name: str) -> float:
     """Return the conversion factor from a length unit to metres."""
     word = name.strip().lower()
     factor = _METRES.get(_WORDS.get(word[:4], word))
     if factor is None:
         allowed = ", ".join(_METRES)
-        raise MotionError(f"{where}: the unit {name!r} is not a known unit of length; set units to one of {allowed}")
+        raise MotionError(f"{path}: the unit {name!r} is not a known unit of length; set units to one of {allowed}")
     return factor
 
 
@@ -58,7 +59,7 @@ def turn_z_up(position: FloatArray, up_axis: str) -> FloatArray:
 
 def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = "") -> dict[str, Any]:
     """Find the upward axis of a body. Shapes: position (T, P, 3)."""
-    # what never moves while the body does is no part of it, nor is what has no name next to points of the body
+    # what never moves while the body does is no part of it, nor what has no name next to its points
     own = ~find_stationary_points(position)
     own &= [bool(part) for part in parts] if {*FOOT_PARTS} & {*parts} else True
     if own.sum() >= MIN_BODY:
@@ -73,7 +74,7 @@ def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = 
     seen = centre[np.isfinite(centre).all(axis=1)]
     if seen.size:  # travel along each axis, without the outermost 2 % of the frames at either end
         travel = np.percentile(seen, 98, axis=0) - np.percentile(seen, 2, axis=0)
-    # a body does not move by more than its size, and farther than along the others, along the vertical
+    # along the vertical, a body does not move farther than along the others and than its size
     ahead = int(np.argmax(travel))
     level = np.arange(3) != (ahead if travel[ahead] > extent[ahead] else -1)
     # from what bears the body to the rest; a head is above an upright body, but ahead of an animal
@@ -132,7 +133,7 @@ def _name(axis: int, sign: float) -> str:
 
 
 def _compute_median(values: FloatArray, axis: int) -> FloatArray:
-    # as numpy's nanmedian, which takes five times as long for few values and warns of columns of NaN
+    # as nanmedian of NumPy, which takes five times as long for few values and warns of NaN
     ordered = np.sort(values, axis=axis)
     last = np.maximum(np.isfinite(values).sum(axis=axis, keepdims=True) - 1, 0)
     low, high = (np.take_along_axis(ordered, n, axis) for n in (last // 2, (last + 1) // 2))
@@ -147,7 +148,7 @@ def measure_body_extent(position: FloatArray) -> FloatArray:
 
 def _find_height_sign(position: FloatArray, typical: FloatArray, axis: int) -> float:
     """Return +1 for an upward or unknown axis, else -1."""
-    # the floor of nearly every laboratory is at 0; otherwise, points that rest at times are taken for feet
+    # the floor of most laboratories is at 0; else, points that rest at times are taken for feet
     height = typical[:, axis][np.isfinite(typical[:, axis])]
     if height.size < 3:
         return 1.0
@@ -205,7 +206,7 @@ def _sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> d
     others = [i for i in rest if bare[i].upper() not in known and not _GHOST.match(labels[i])]
     if known and len(others) >= len(known):
         reasons |= dict.fromkeys(others, "model output (not a marker of the set that the file holds)")
-    unlabelled = {i: True for i, name in enumerate(bare) if i not in reasons and _UNLABELLED.match(name)}
+    unlabelled = {i for i, name in enumerate(bare) if i not in reasons and _UNLABELLED.match(name)}
     named = [i for i in range(len(labels)) if i not in reasons and i not in unlabelled]
     if len(named) >= 3:
         reasons |= dict.fromkeys(unlabelled, "unlabelled point")
@@ -269,7 +270,7 @@ class BodyPoints:
     subject: str = ""
     species: str = ""
     is_skeleton: bool = False
-    wanted: str | None = None  # subject to take when positions are known; "" if it was taken by its prefix
+    wanted: str | None = None  # subject to take by positions; "" if taken by its prefix
 
 
 def pick_markers(
@@ -315,9 +316,8 @@ def pick_markers(
     name = bodies[0] if subject is None else subject
     kept = [i for i in markers if _find_prefix(labels[i]) == name]
     for i in set(markers) - set(kept):
-        reasons[i] = (
-            f"belongs to subject or prop {_find_prefix(labels[i])!r}" if ":" in labels[i] else "belongs to no subject"
-        )
+        owner = f"subject or prop {_find_prefix(labels[i])!r}" if ":" in labels[i] else "no subject"
+        reasons[i] = f"belongs to {owner}"
     bare = [strip_subject(labels[i]) for i in kept]
     parts = [known_parts.get(word.lower()) or part for word, part in zip(bare, find_parts(bare), strict=True)]
     return BodyPoints(labels, kept, make_names_unique(bare), parts, reasons, measured, name, wanted=wanted)
@@ -326,7 +326,7 @@ def pick_markers(
 _FIRST_WORD = re.compile(r"(?P<body>[^_ .-]+)[_ .-]+(?P<name>.+)")
 _LAST_WORD = re.compile(r"(?P<name>.+?)(?:[_ .-]+|(?=\d+$))(?P<body>[^_ .-]+)")
 APART_M = 0.25
-"""Minimum distance of the middles of two bodies. Markers 1 and 2 of every segment of one body are closer."""
+"""Minimum distance of the middles of two bodies; markers 1 and 2 of segments of one are closer."""
 LINK_M, LINK_SWAY_M = 1.0, 0.15
 """Mean distance of two points of one body without names, and standard deviation of it, below which they are linked."""
 MAX_LINKED, MAX_LOOKS = 300, 64
@@ -365,11 +365,8 @@ def _find_moving_clusters(position_m: FloatArray) -> dict[str, dict[int, str]]:
         linked = (np.nanmean(distance, axis=0) < LINK_M) & (np.nanstd(distance, axis=0) < LINK_SWAY_M)
     _, number = connected_components(linked, directed=False)
     clusters = [np.flatnonzero(number == n) for n in range(number.max(initial=-1) + 1)]
-    moving = [
-        c
-        for c in clusters
-        if len(c) >= MIN_SUBJECT_POINTS and not find_stationary_points(some[:, c], limit_m=0.5).all()
-    ]
+    large = [c for c in clusters if len(c) >= MIN_SUBJECT_POINTS]
+    moving = [c for c in large if not find_stationary_points(some[:, c], limit_m=0.5).all()]
     return {str(n): dict.fromkeys(map(int, points), "") for n, points in enumerate(moving, start=1)}
 
 
@@ -476,10 +473,9 @@ def check_amount(path: Path, n_frames: int, n_points: int = MIN_MARKERS) -> None
 
 def check_rate(path: Path, rate_hz: float | str | None, *, said: str) -> float:
     """Check a frame rate and return it in Hz."""
-    try:
+    rate = np.nan
+    with suppress(TypeError, ValueError):
         rate = float(rate_hz) if rate_hz is not None and not isinstance(rate_hz, bool) else np.nan
-    except (TypeError, ValueError):
-        rate = np.nan
     if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
         shown = f"{rate:g}" if np.isfinite(rate) else repr(rate_hz)
         raise MotionError(
@@ -502,10 +498,8 @@ def find_unit(path: Path, name: str, position: FloatArray) -> str:
     return guess
 
 
-FARTHEST_M = 1e4
-"""Maximum distance of a body from the origin."""
-MOST_FAR = 0.01
-"""Maximum share of samples beyond that distance. They are single damaged values rather than a wrong unit."""
+FARTHEST_M, MOST_FAR = 1e4, 0.01
+"""Maximum distance from the origin, and share of samples beyond it: damage, not a wrong unit."""
 MOST_WIDE = 0.1
 """Maximum share of frames in which the points span more than a body."""
 BODY_M = (0.05, 15.0)
@@ -573,12 +567,9 @@ def has_rest_pose(root_rotation: FloatArray, position: FloatArray) -> bool:
     return bool(step[0] > 5.0 * np.median(step[1:]))
 
 
-REST_POSE_NOTE = "frame 0 is a rest pose put in front of the recording; left out"
-
-
 CMU_METRES = 0.0254 / 0.45
-"""Length unit of the CMU skeletons: their ASF files state ``length 0.45``, so that one unit is 1/0.45 inch."""
-SAME_PLACE = 1e-4  # maximum distance of two nodes that are one point, relative to the skeleton's size
+"""Length unit of the CMU skeletons, 1/0.45 inch: their ASF files state ``length 0.45``."""
+SAME_PLACE = 1e-4  # maximum distance of nodes that are one point, relative to the skeleton's size
 STILL = 1e-3  # minimum movement of a root that moves, relative to the skeleton's size
 METRIC = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 INCHES = {"in": 0.0254, "cmu": CMU_METRES}  # units that only skeletons of people have
@@ -599,11 +590,11 @@ def pick_joints(path: Path, names: Sequence[str], parents: Sequence[int], positi
     size = measure_skeleton(parents, _measure_bone_lengths(parents, position))
     reasons = {j: "rig helper (by its name)" for j, name in enumerate(names) if _HELPER.search(name)}
     bones = [j for j, name in enumerate(names) if _BONE.match(name)]
-    # the bones of the body have names b_... in 3ds Max rigs; other nodes control them or are attached to them
+    # bones of the body are named b_... in 3ds Max rigs; other nodes control them or are attached
     if 2 * len(bones) > len(names):
         others = set(range(len(names))) - set(bones)
         reasons |= {j: "rig helper (not one of the b_ bones)" for j in sorted(others - set(reasons))}
-    # the root, if it is not a joint of the body: one child at a distance, and it never moves or has such a name
+    # the root, if it is no joint of the body: one child at a distance, and it never moves or is so named
     children = [j for j, parent in enumerate(parents) if parent == 0 and j not in reasons]
     if len(children) == 1 and len(names) >= 3 and 0 not in reasons:
         root, child = position[:, 0], position[:, children[0]]
@@ -627,12 +618,12 @@ def pick_joints(path: Path, names: Sequence[str], parents: Sequence[int], positi
     points = make_names_unique([names[j].strip() or f"point_{j + 1}" for j in kept])
     species = guess_species(names)
     if species == "dog" and not any(re.search(r"(?i)(^|[^a-z])dog([^a-z]|$)", name) for name in names):
-        species = ""  # joint names of an animal fit several species; those of a person are unambiguous
+        species = ""  # joint names of animals fit several species; those of people are unambiguous
     return BodyPoints(names, kept, points, find_parts(points), reasons, species=species, is_skeleton=True)
 
 
 def _measure_bone_lengths(parents: Sequence[int], position: FloatArray) -> FloatArray:
-    """Return each node's median distance from its parent, in the unit of the file; 0 for the root."""
+    """Return each node's median distance from its parent in the file's unit; 0 for the root."""
     above = np.array([max(parent, 0) for parent in parents])
     lengths = np.median(np.linalg.norm(position - position[:, above], axis=2), axis=0)
     return np.where(np.array(parents) < 0, 0.0, lengths)
@@ -645,7 +636,6 @@ def measure_skeleton(parents: Sequence[int], lengths: FloatArray) -> float:
     size = 0.0
     for j in range(len(parents) - 1, -1, -1):
         parent = parents[j]
-        size = max(size, float(depth[j]))
         if parent >= 0:
             length = float(depth[j] + lengths[j])
             size = max(size, float(depth[parent]) + length)
@@ -666,12 +656,7 @@ def connect_kept(parents: Sequence[int], kept: Sequence[int]) -> list[int]:
 
 
 def find_skeleton_unit(
-    path: Path,
-    body: BodyPoints,
-    parents: Sequence[int],
-    position: FloatArray,
-    unit: str | float | None,
-    unit_from: str,
+    path: Path, body: BodyPoints, parents: Sequence[int], position: FloatArray, unit: str | float | None, unit_from: str
 ) -> LengthUnit:
     """Return the stated length unit, or guess it. Shapes: position (T, J, 3)."""
     above = connect_kept(parents, body.kept)
@@ -680,7 +665,7 @@ def find_skeleton_unit(
     (low, high), typical = SIZES_M[species]
     if unit is not None:
         if isinstance(unit, str):
-            name, metres = unit, CMU_METRES if unit.lower() == "cmu" else convert_unit_to_metres(unit, where=str(path))
+            name, metres = unit, CMU_METRES if unit.lower() == "cmu" else convert_unit_to_metres(path, unit)
         else:
             name, metres = f"{unit:.6g} m", float(unit)
         if not low / 2.0 < size * metres < 2.0 * high:

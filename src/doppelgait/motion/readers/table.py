@@ -1,4 +1,4 @@
-"""Text tables: TRC, tables with a row of names, and exports of motion-capture and pose-estimation programs."""
+"""Text tables: TRC, tables with a row of names, exports of motion capture and pose estimation."""
 
 from __future__ import annotations
 
@@ -98,15 +98,12 @@ _GLUED = (
     re.compile(rf"(?i)(?P<name>.*?)(?P<axis>[xyz])(?:\s*[\[(]\s*(?P<unit>{_UNIT})\s*[\])]|_(?P<bare>{_UNIT}))?"),
     re.compile(rf"(?i)(?P<axis>[xyz])[_.: ]?(?P<name>.+?)(?:\s*[\[(]\s*(?P<unit>{_UNIT})\s*[\])]|_(?P<bare>{_UNIT}))?"),
 )
-"""Patterns of ``HeadX`` and ``x_Head``. They apply only to triples of adjacent columns, since other
-names also end in x."""
+"""Patterns of ``HeadX`` and ``x_Head``, only for triples of columns: other names also end in x."""
 _AXIS = re.compile(rf"(?i)([xyz])\d*(?:\s*[\[(]?({_UNIT})[\])]?)?")
 _TIME = re.compile(r"(?i)(?:time|t|timestamp)(?:[_ ]?[\[(]?\s*(s|sec|seconds?|ms|msec|milliseconds?)\s*[\])]?)?")
 _FRAME = re.compile(r"(?i)(?:frames?|field|index|samples?|sub ?frame|#)?(?:#|[_ ]?(?:no|number|nr)\.?)?")
 MAX_TITLE = 400  # maximum number of characters of a column name
 FORM = "time_s, NAME_x_m, NAME_y_m, NAME_z_m, then the next point (m may be mm, cm, in, ft)"
-
-
 Column = tuple[str, str]  # name of a point, and x, y or z
 
 
@@ -184,7 +181,7 @@ def read_columns(
     filled: list[Row] = []
     for line, cells in rows:
         lacking = max(n_cells - len(cells), 0)
-        # unseen points at the end of a row may lack their cells; a row that ends within a point is damaged
+        # unseen points at its end may lack their cells; a row that ends within a point is damaged
         if (lacking % 3 if least is None else len(cells) < least) or (most and any(map(str.strip, cells[most:]))):
             raise MotionError(
                 f"{path}: line {line} has {len(cells)} cells; its header names {least or n_cells} columns. Correct the "
@@ -198,7 +195,7 @@ def read_columns(
 
 
 def find_points(columns: Sequence[Column | None]) -> list[tuple[str, dict[str, int]]]:
-    """Return the points that columns name, each with its columns by axis; each repetition is another point."""
+    """Return points with their columns by axis; each repetition of a name is another point."""
     points: list[tuple[str, dict[str, int]]] = []
     latest: dict[str, dict[str, int]] = {}
     for i, column in enumerate(columns):
@@ -223,8 +220,7 @@ def read_header(path: Path, rows: Sequence[Row]) -> Header:
     if not labels:
         line = rows[0][0]
         for title in titles:
-            alien = _ALIEN_UNIT.fullmatch(title)
-            if alien:
+            if alien := _ALIEN_UNIT.fullmatch(title):
                 raise MotionError(
                     f"{path}: line {line}: column {title!r} names the unit {alien[3] or alien[4]!r}, not a known "
                     "unit of length; use mm, cm, dm, m, in or ft"
@@ -349,7 +345,7 @@ def parse_table(
             "'m', or name the columns NAME_x_mm, NAME_y_mm, NAME_z_mm"
         )
     stated = sorted({*header.units} - {""})
-    if units and len({convert_unit_to_metres(name, where=str(path)) for name in (units, *stated)}) > 1:
+    if units and len({convert_unit_to_metres(path, name) for name in (units, *stated)}) > 1:
         notes.append(f"the column names give {', '.join(stated)}; units={units} was not used for these")
         warn_caller(f"{path}: {notes[-1]}")
     each = np.array([name or default for name in header.units]).reshape(-1, 3).tolist()
@@ -555,10 +551,8 @@ def parse_opensim(path: Path) -> Points:
 
 def sniff_deeplabcut(path: Path, head: bytes) -> bool:
     """Return True if the first rows are scorer, individuals or bodyparts, and coords."""
-    return [re.split("[,;\t]", line)[0] for line in list_head_lines(path, head, 2)[:2]] in (
-        ["scorer", "individuals"],
-        ["scorer", "bodyparts"],
-    )
+    first, second = (re.split("[,;\t]", line)[0] for line in list_head_lines(path, head, 2)[:2])
+    return first == "scorer" and second in ("individuals", "bodyparts")
 
 
 @point_format("deeplabcut", sniff_deeplabcut, (".csv",))

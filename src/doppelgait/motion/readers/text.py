@@ -21,7 +21,6 @@ from doppelgait.motion.readers.points import (
     MAX_RATE_HZ,
     MIN_FRAMES,
     MIN_RATE_HZ,
-    REST_POSE_NOTE,
     LengthUnit,
     check_amount,
     check_rate,
@@ -49,14 +48,13 @@ def parse_rows(
     """Parse a table of numbers up to the end. Shapes: returns (T, n_columns)."""
     lines = [text[at:]] if separator == " " else [line for line in text[at:].split("\n") if line.strip()]
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # raised for values that cannot be parsed
+        warnings.simplefilter("error", DeprecationWarning)  # raised for values that are no numbers
         try:
             values = np.fromstring(separator.join(lines), sep=separator)
         except (DeprecationWarning, ValueError):
             values = np.empty(0)
     whole = values.size == (values.size // n_columns if n_rows is None else n_rows) * n_columns
-    if separator != " ":
-        whole = whole and all(line.count(separator) == n_columns - 1 for line in lines)
+    whole &= separator == " " or all(line.count(separator) == n_columns - 1 for line in lines)
     if whole and values.size and np.isfinite(values).all():
         return values.reshape(-1, n_columns)
     row = 0
@@ -120,7 +118,7 @@ def read_lines(path: Path) -> list[str]:
 
 
 HEADER_BYTES = 2**20
-"""Number of bytes read for the column names. Those of many points exceed the head that sniffers get."""
+"""Bytes read for the column names: those of many points exceed the head that sniffers get."""
 
 
 def list_head_lines(path: Path, head: bytes, n_lines: int) -> list[str]:
@@ -139,18 +137,14 @@ def trim_cells(cells: Sequence[str]) -> list[str]:
     return list(cells[:n])
 
 
-def has_decimal_comma(rows: Sequence[Row]) -> bool:
-    """Return True if numbers of the first rows have decimal commas, and none a point."""
-    cells = [cell for _, row in rows[:HEAD_ROWS] for cell in row]
-    has_comma = any(is_finite(cell.replace(",", ".")) for cell in cells if "," in cell)
-    return has_comma and not any(is_finite(cell) for cell in cells if "." in cell)
-
-
 def to_numbers(path: Path, rows: Sequence[Row], columns: Sequence[int], titles: Sequence[str]) -> FloatArray:
     """Convert cells to numbers, shape (rows, columns)."""
     # blank cells, na, n/a, null, none and - become NaN
     values = np.empty((len(rows), len(columns)))
-    decimal_comma = has_decimal_comma(rows)
+    # numbers of the first rows have decimal commas, and none a point
+    first = [cell for _, row in rows[:HEAD_ROWS] for cell in row]
+    decimal_comma = any(is_finite(cell.replace(",", ".")) for cell in first if "," in cell)
+    decimal_comma = decimal_comma and not any(is_finite(cell) for cell in first if "." in cell)
     for k, (line, cells) in enumerate(rows):
         wanted = [cells[i] for i in columns]
         if decimal_comma:
@@ -336,7 +330,7 @@ def make_timed_motion(
     rate_hz: float | None = None,
     resample_hz: float | None = None,
 ) -> Motion:
-    """Make the motion of one body's points over a time axis, not cleaned: the last step of every reader."""
+    """Make the motion of one body over a time axis, not cleaned: the last step of every reader."""
     stated, missing = units or points.unit, []
     if rate_hz is None and points.times is None and points.rate_hz is None:
         missing.append("frame rate: rate_hz=...")
@@ -350,7 +344,7 @@ def make_timed_motion(
     notes, rate_from = list(points.notes), ""
     if points.root_turns is not None and has_rest_pose(points.root_turns, points.position):
         points = replace(points, position=points.position[1:])
-        notes.append(REST_POSE_NOTE)
+        notes.append("frame 0 is a rest pose put in front of the recording; left out")
     position, rate = _space_evenly(path, points, notes, rate_hz, resample_hz)
     if points.parents is not None:
         body = pick_joints(path, points.labels, points.parents, position)
@@ -364,11 +358,11 @@ def make_timed_motion(
         each = None
         if points.each is not None and units is None:
             names = [points.each[i] for i in body.kept]
-            each = np.array([[convert_unit_to_metres(name, where=str(path)) for name in point] for point in names])
+            each = np.array([[convert_unit_to_metres(path, name) for name in point] for point in names])
             flat = [name for point in names for name in point]
             stated = max(dict.fromkeys(flat), key=flat.count)
         name = find_unit(path, str(stated or ""), position[:, body.kept])
-        unit = LengthUnit(name, convert_unit_to_metres(name, where=str(path)), each=each)
+        unit = LengthUnit(name, convert_unit_to_metres(path, name), each=each)
     check_amount(path, len(position))
     position_m = position[:, body.kept] * (unit.metres if unit.each is None else unit.each)
     chosen, body = take_subject(path, position_m, body)
@@ -428,11 +422,8 @@ def _space_evenly(
         warn_caller(f"{path}: {notes[-1]}. If that is wrong, give the rate: rate_hz=...")
     if times is None:
         return position, check_rate(path, points.rate_hz, said="declares")
-    try:
-        declared = float(points.rate_hz or 0.0)
-    except ValueError:
-        declared = 0.0
-    declared = declared if 0.0 < declared < float("inf") else 0.0
+    stated = str(points.rate_hz or 0.0)
+    declared = max(float(stated), 0.0) if is_finite(stated) else 0.0
     rate, n = find_frame_rate(path, times, declared or None)
     if n < len(position):
         step_s = float(times.time_s[-1] - times.time_s[-2])

@@ -15,10 +15,22 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import ScattererTable, maps_table, takes_arrays
 from doppelgait.core.lazy import xr
-from doppelgait.scene.environment.losses import Screen, Visibility, Wall, apply_screen, apply_visibility, apply_wall
+from doppelgait.scene.environment.effects import (
+    ENVIRONMENT,
+    Apply,
+    GroundBounce,
+    Screen,
+    Setting,
+    Visibility,
+    Wall,
+    WallGhost,
+    apply_ground_bounce,
+    apply_screen,
+    apply_visibility,
+    apply_wall,
+    apply_wall_ghost,
+)
 from doppelgait.scene.environment.materials import MATERIALS, Dielectric, Material, relative_permittivity
-from doppelgait.scene.environment.reflections import GroundBounce, WallGhost, apply_ground_bounce, apply_wall_ghost
-from doppelgait.scene.environment.registry import ENVIRONMENT, Apply, Setting
 
 __all__ = [
     "ENVIRONMENT",

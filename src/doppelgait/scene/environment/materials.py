@@ -9,35 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Annotated, Any, Literal, NamedTuple, get_args
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import BeforeValidator, Field
 
 from doppelgait._core import native
-from doppelgait.core.config import FrozenModel, InnerError, validate
+from doppelgait.core.config import FrozenModel, InnerError, read_toml, validate
 from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, FloatArray
 
 ComplexArray = npt.NDArray[np.complex128]
-
-MaterialName = Literal[
-    "concrete",
-    "brick",
-    "plasterboard",
-    "wood",
-    "glass",
-    "ceiling_board",
-    "chipboard",
-    "plywood",
-    "marble",
-    "floorboard",
-    "metal",
-    "very_dry_ground",
-    "medium_dry_ground",
-    "wet_ground",
-]
 
 
 class Constants(NamedTuple):
@@ -52,22 +36,14 @@ class Constants(NamedTuple):
 
 
 MATERIALS: Mapping[str, Constants] = {
-    "concrete": Constants(5.24, 0.0, 0.0462, 0.7822, 1.0, 100.0),
-    "brick": Constants(3.91, 0.0, 0.0238, 0.16, 1.0, 40.0),
-    "plasterboard": Constants(2.73, 0.0, 0.0085, 0.9395, 1.0, 100.0),
-    "wood": Constants(1.99, 0.0, 0.0047, 1.0718, 0.001, 100.0),
-    "glass": Constants(6.31, 0.0, 0.0036, 1.3394, 0.1, 100.0),
-    "ceiling_board": Constants(1.48, 0.0, 0.0011, 1.0750, 1.0, 100.0),
-    "chipboard": Constants(2.58, 0.0, 0.0217, 0.78, 1.0, 100.0),
-    "plywood": Constants(2.71, 0.0, 0.33, 0.0, 1.0, 40.0),
-    "marble": Constants(7.074, 0.0, 0.0055, 0.9262, 1.0, 60.0),
-    "floorboard": Constants(3.66, 0.0, 0.0044, 1.3515, 50.0, 100.0),
-    "metal": Constants(1.0, 0.0, 1e7, 0.0, 1.0, 100.0),
-    "very_dry_ground": Constants(3.0, 0.0, 0.00015, 2.52, 1.0, 10.0),
-    "medium_dry_ground": Constants(15.0, -0.1, 0.035, 1.63, 1.0, 10.0),
-    "wet_ground": Constants(30.0, -0.4, 0.15, 1.30, 1.0, 10.0),
+    name: Constants(*values) for name, values in read_toml(Path(__file__).with_name("materials.toml"))[0].items()
 }
 """Constants of Recommendation ITU-R P.2040, table 3 (editions 2 and 3)."""
+
+if TYPE_CHECKING:
+    MaterialName = str
+else:
+    MaterialName = Literal[*MATERIALS]
 
 CONDUCTION_OHM_GHZ_M = 17.98
 """Constant 1 / (2 pi eps_0) for a frequency in GHz, rounded as in the recommendation."""
@@ -87,12 +63,10 @@ class Dielectric(FrozenModel):
 def _check_material(material: Any) -> Any:
     """Reject an invalid material with a single message."""
     # the union type would give one message per alternative
-    if isinstance(material, Dielectric) or material in get_args(MaterialName):
+    if isinstance(material, Dielectric) or material in [*MATERIALS]:  # a list, since a table has no hash
         return material
     if not isinstance(material, Mapping):
-        raise ValueError(
-            f"must be {', '.join(get_args(MaterialName))} or {{ permittivity = ..., conductivity_s_per_m = ... }}"
-        )
+        raise ValueError(f"must be {', '.join(MATERIALS)} or {{ permittivity = ..., conductivity_s_per_m = ... }}")
     try:
         return validate(Dielectric, material)
     except ConfigError as error:
@@ -135,7 +109,7 @@ def relative_permittivity(material: Material, *, wavelength_m: float) -> complex
         real, conductivity = material.permittivity, material.conductivity_s_per_m
     else:
         if material not in MATERIALS:
-            raise ConfigError(f"material {material!r} is not known; known are {', '.join(get_args(MaterialName))}")
+            raise ConfigError(f"material {material!r} is not known; known are {', '.join(MATERIALS)}")
         constants = MATERIALS[material]
         if not constants.lowest_ghz <= frequency_ghz <= constants.highest_ghz:
             outside = (

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from doppelgait.scene.environment.losses import Visibility, apply_visibility
-from doppelgait.scene.environment.registry import Setting
+from doppelgait.scene.environment.effects import Setting, Visibility, apply_visibility
 
 SETTING = Setting(wavelength_m=0.04, radar_position_m=(0.0, 0.0, 1.0), radar_azimuth_rad=0.0)
 

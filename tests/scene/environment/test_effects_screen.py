@@ -5,7 +5,7 @@ import pytest
 from scipy.special import fresnel
 
 from doppelgait.scene.environment import Screen, Setting, apply_environment
-from doppelgait.scene.environment.losses import knife_edge_db
+from doppelgait.scene.environment.effects import knife_edge_db
 from echo_table import LAMBDA_M, echo_table
 
 SOFA = Screen(from_m=(3.0, -1.0), to_m=(3.0, 1.0), height_m=0.8, loss_db=200.0)

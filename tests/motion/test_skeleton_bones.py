@@ -10,7 +10,7 @@ from doppelgait.core.errors import MotionError
 from doppelgait.motion import Motion, make_motion
 from doppelgait.motion.hybrid import check_hybrid, measure_foot_slide
 from doppelgait.motion.models import human_gait
-from doppelgait.motion.rigid import find_bones, measure_pair_lengths
+from doppelgait.motion.skeleton import find_bones, measure_pair_lengths
 
 
 def test_foot_slide_of_a_known_slide() -> None:
