@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Callable
+from unittest.mock import Mock
 
 import pytest
 
@@ -45,37 +46,26 @@ def use_terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
     return terminal
 
 
-def make_timer(*, fires: bool) -> type:
-    """Make a timer that fires at once, or never."""
+def use_timer(monkeypatch: pytest.MonkeyPatch, *, fires: bool) -> None:
+    """Replace the timer by one that fires at once, or never."""
 
-    class FakeTimer:
-        daemon = False
+    def make(delay_s: float, function: Callable[[], None]) -> Mock:
+        assert delay_s == PROGRESS_DELAY_S
+        return Mock(start=function if fires else Mock())
 
-        def __init__(self, delay_s: float, function: Callable[[], None]) -> None:
-            assert delay_s == PROGRESS_DELAY_S
-            self.function = function
-
-        def start(self) -> None:
-            if fires:
-                self.function()
-
-        def cancel(self) -> None: ...
-
-        def join(self) -> None: ...
-
-    return FakeTimer
+    monkeypatch.setattr(output, "Timer", make)
 
 
 def test_short_work_shows_no_bar(monkeypatch):
     terminal = use_terminal(monkeypatch)
-    monkeypatch.setattr(output, "Timer", make_timer(fires=False))
+    use_timer(monkeypatch, fires=False)
     work(monkeypatch, 0.01)
     assert terminal.getvalue() == ""
 
 
 def test_longer_work_shows_a_bar(monkeypatch):
     terminal = use_terminal(monkeypatch)
-    monkeypatch.setattr(output, "Timer", make_timer(fires=True))
+    use_timer(monkeypatch, fires=True)
     work(monkeypatch, 0.5)
     assert "counting" in terminal.getvalue()
     assert "8/8" in terminal.getvalue()

@@ -22,6 +22,7 @@ from doppelgait.core.readers import Limits, check_options, find_readers
         ("a.jpeg", b"\xff\xd8", "a picture"),
         ("a.bvh", b"HIERARCHY\n", "a recorded motion.*--motion"),
         ("a.unheard", b"?", r"no known recording format; known are: .*arrays \(\.npz, \.npy\)"),
+        ("movie.h5", b"\x89HDF\r\n", "movie"),
         ("a.npz", b"", "is empty"),
         ("a.npz", None, "no such file"),
         (".", None, "is a folder"),

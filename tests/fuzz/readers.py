@@ -327,8 +327,8 @@ def sigmf_seeds(folder: Path) -> None:
 def xethru_seeds(folder: Path) -> None:
     from datetime import UTC, datetime
 
-    from doppelgait.radar.xethru import TimedRecord, make_records
-    from xethru_recorder import record_xethru
+    from doppelgait.radar.xethru import TimedRecord, make_records, write_xethru
+    from xethru_files import add_user_headers
 
     head = {"bin_length_m": 0.05144033, "sample_rate_hz": 2.916e9, "carrier_hz": 7.29e9, "range_start_m": 0.4}
     records = []
@@ -338,9 +338,8 @@ def xethru_seeds(folder: Path) -> None:
         records.append(TimedRecord(10 * k, "vitalsigns", bytes(range(k, k + 9))))
         records.append(TimedRecord(10 * k, "datastring", f"now;{k}\n".encode()))
     folder.mkdir(exist_ok=True)
-    record_xethru(
-        folder / "0", records, start_time=datetime(2026, 11, 21, tzinfo=UTC), session_id="S", user_header=b"HI"
-    )
+    made = write_xethru(folder / "0", records, start_time=datetime(2026, 11, 21, tzinfo=UTC), session_id="S")
+    add_user_headers(made, b"HI")
 
 
 def cw_text_seeds(folder: Path) -> None:

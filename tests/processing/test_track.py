@@ -1,5 +1,7 @@
 """Tracks of drawn detections: start, crossing, rest, end, and the gate that comes of them."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -216,19 +218,18 @@ def test_at_most_as_many_as_asked_for() -> None:
     assert one.range_m[0] == pytest.approx(9, abs=0.2)
 
 
+def with_velocities(scans: list[Scan], change: Callable[[float], float]) -> list[Scan]:
+    return [Scan(s.time_s, tuple(seen(d.range_m, change(d.velocity_mps)) for d in s.detections)) for s in scans]
+
+
 @pytest.mark.parametrize("velocity", [1.2, 4.4, -5.5])
 def test_folded_velocities_are_unfolded_by_the_range(velocity: float) -> None:
     """300 frames/s at 7.29 GHz: 6.17 m/s of span, +-3.08 m/s."""
     span = 6.17
     start = 30.0 if velocity > 0 else 2.0
-    rng = np.random.default_rng(11)
-    scans = [
-        Scan(s.time_s, tuple(
-            seen(d.range_m, (d.velocity_mps + span / 2) % span - span / 2) for d in s.detections
-        ))
-        for s in scans_of([(walk(start, velocity), velocity)], rng)
-    ]  # fmt: skip
-    (one,) = track(scans, velocity_span_mps=span)
+    scans = scans_of([(walk(start, velocity), velocity)], np.random.default_rng(11))
+    folded = with_velocities(scans, lambda velocity_mps: (velocity_mps + span / 2) % span - span / 2)
+    (one,) = track(folded, velocity_span_mps=span)
     assert one.velocity_mps.mean() == pytest.approx(velocity, abs=0.1)
     assert one.first_s == pytest.approx(TIMES[0])
 
@@ -236,11 +237,8 @@ def test_folded_velocities_are_unfolded_by_the_range(velocity: float) -> None:
 def test_velocities_of_a_slow_radar_are_left_out() -> None:
     """17 frames/s: 0.35 m/s of span; what is told is not used."""
     rng = np.random.default_rng(12)
-    scans = [
-        Scan(s.time_s, tuple(seen(d.range_m, rng.uniform(-0.17, 0.17)) for d in s.detections))
-        for s in scans_of([(walk(8, 1.2), 1.2)], rng)
-    ]
-    (one,) = track(scans, velocity_span_mps=0.35)
+    scans = scans_of([(walk(8, 1.2), 1.2)], rng)
+    (one,) = track(with_velocities(scans, lambda _: rng.uniform(-0.17, 0.17)), velocity_span_mps=0.35)
     assert one.velocity_mps[10:].mean() == pytest.approx(1.2, abs=0.1)
 
 

@@ -13,6 +13,10 @@ from doppelgait.processing.track_segments import SegmentationSettings, find_best
 SD_M = 0.065
 
 
+def noisy(track, seed):
+    return track + np.random.default_rng(seed).normal(0, SD_M, track.size)
+
+
 def change_points(segments):
     return [(left.stop_s + right.start_s) / 2 for left, right in pairwise(segments)]
 
@@ -69,13 +73,8 @@ def test_a_sinusoidal_speed_is_not_cut(period_s):
     times = np.arange(0, 12, 0.1)
     w = 2 * np.pi / period_s
     for seed in range(5):
-        track = (
-            18
-            - 1.2 * times
-            + min(0.06 / w, 0.1 / w**2) * np.cos(w * times + seed)
-            + np.random.default_rng(seed).normal(0, SD_M, times.size)
-        )
-        assert len(find_track_segments(times, track)) == 1
+        clean = 18 - 1.2 * times + min(0.06 / w, 0.1 / w**2) * np.cos(w * times + seed)
+        assert len(find_track_segments(times, noisy(clean, seed))) == 1
 
 
 @pytest.mark.parametrize("aspect_deg", [0, 30, 60, 90, 150])
@@ -87,7 +86,7 @@ def test_a_straight_walk_past_the_radar_is_one_segment(aspect_deg, range_m):
     near = range_m if aspect_deg > 30 and aspect_deg < 150 else range_m + 3.0
     clean = np.sqrt((near - along) ** 2 + across**2 + 0.09)
     for seed in range(4):
-        (segment,) = find_track_segments(times, clean + np.random.default_rng(seed).normal(0, SD_M, times.size))
+        (segment,) = find_track_segments(times, noisy(clean, seed))
         assert segment.usable
     (segment,) = find_track_segments(times, clean)
     velocity = 1.4 * np.cos(np.radians(aspect_deg)) * near / np.hypot(near, 0.3)
@@ -100,14 +99,9 @@ def test_a_straight_walk_past_the_radar_is_one_segment(aspect_deg, range_m):
 def test_a_sudden_change_of_speed_is_cut(jump_mps):
     """One that the merging of 0.15 m/s and the slow changes of 0.3 m/s^2 do not cover."""
     times = np.arange(0, 8, 0.1)
+    clean = 12 - 0.5 * times - jump_mps * np.maximum(times - 4, 0)
     for seed in range(8):
-        track = (
-            12
-            - 0.5 * times
-            - jump_mps * np.maximum(times - 4, 0)
-            + np.random.default_rng(seed).normal(0, SD_M, times.size)
-        )
-        assert change_points(find_track_segments(times, track)) == [pytest.approx(4.0, abs=0.4)]
+        assert change_points(find_track_segments(times, noisy(clean, seed))) == [pytest.approx(4.0, abs=0.4)]
 
 
 def lasting_errors(source, n, *, sd_m=0.02):

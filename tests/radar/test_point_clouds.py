@@ -4,9 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from doppelgait.cli.radar import app
+from command import run
 from doppelgait.core.errors import RecordingError
 from doppelgait.radar.point_clouds import collect_tracks, interpolate_ranges, read_points, tabulate_tracks
 from doppelgait.testing.tracking import compare_tracks
@@ -92,6 +91,8 @@ def test_gaps_turns_and_signs(tmp_path):
     flipped = tabulate_tracks(collect_tracks(read_points(path, approaching_positive=True)))
     plain = tabulate_tracks(collect_tracks(read_points(path)))
     assert flipped["torso_velocity_mps"].to_numpy() == pytest.approx(-plain["torso_velocity_mps"].to_numpy())
+    with pytest.raises(RecordingError, match="frame_period_s = -1"):
+        read_points(path, frame_period_s=-1)
     points = read_points(path)
     broken = collect_tracks(points[(points["time_s"] < 1) | (points["time_s"] > 1.9)])
     found = interpolate_ranges(broken, [0.5, 1.5, 3.0])
@@ -107,52 +108,39 @@ def test_gaps_turns_and_signs(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("name", "text", "message"),
     [
-        ("", "cannot be read as CSV"),
-        ("x,y,doppler,track\n", "holds no points"),
-        ("x,y,track\n1,2,3\n", "has no column for doppler_mps; it has x, y, track. Known names of doppler_mps are"),
-        ("x,y,v,track\n1,2,3,4\n", "has no times; set frame_period_s"),
-        ("time,x,y,v,track\n0,1,a,3,4\n", "line 2, y: 'a' is no number"),
-        ("time,x,y,v,track\n0,1,1,inf,4\n", "line 2, v"),
-        ("time,x,y,v,track\n1,1,1,1,4\n0,1,1,1,4\n", "point 2 is earlier"),
-        ("time,x,y,v,track\n1,1\n0,1,1,1,4,5,6\n", "cannot be read as CSV"),
+        ("a.csv", "", "cannot be read as CSV"),
+        ("a.csv", "x,y,doppler,track\n", "holds no points"),
+        ("a.csv", "x,y,track\n1,2,3\n", "no column for doppler_mps; it has x, y, track. Known names of"),
+        ("a.csv", "x,y,v,track\n1,2,3,4\n", "has no times; set frame_period_s"),
+        ("a.csv", "time,x,y,v,track\n0,1,a,3,4\n", "line 2, y: 'a' is no number"),
+        ("a.csv", "time,x,y,v,track\n0,1,1,inf,4\n", "line 2, v"),
+        ("a.csv", "time,x,y,v,track\n1,1,1,1,4\n0,1,1,1,4\n", "point 2 is earlier"),
+        ("a.csv", "time,x,y,v,track\n1,1\n0,1,1,1,4,5,6\n", "cannot be read as CSV"),
+        ("a.json", "{", "the file is no JSON"),
+        ("a.json", "[]", "the file is not as of the Industrial Visualizer"),
+        ("a.json", '{"data": []}', "holds no points"),
+        ("a.json", '{"data": [{"frameData": {"pointCloud": [[1,2]]}, "timestamp": 1}]}', "frame 1 is no JSON of"),
+        ("a.json", '{"data": [{"frameData": {"pointCloud": [[1,2,3,4,5,6,7]]}}]}', "frame 1 is not as of .*timestamp"),
+        ("a.json", '{"data": [{"frameData": {"pointCloud": [[1,2,3,NaN,5,6,7]]}, "timestamp": 1}]}', "no doppler_mps"),
+        ("b.json", None, "no such file"),
     ],
 )
-def test_tables_that_are_wrong(tmp_path, text, message):
-    (tmp_path / "a.csv").write_text(text)
+def test_files_that_are_wrong(tmp_path, name, text, message):
+    if text is not None:
+        (tmp_path / name).write_text(text)
     with pytest.raises(RecordingError, match=message) as caught:
-        read_points(tmp_path / "a.csv")
+        read_points(tmp_path / name)
     assert str(tmp_path) in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("{", "the file is no JSON"),
-        ("[]", "the file is not as of the Industrial Visualizer"),
-        ('{"data": []}', "holds no points"),
-        ('{"data": [{"frameData": {"pointCloud": [[1, 2]]}, "timestamp": 1}]}', "frame 1 is no JSON of points with 7"),
-        ('{"data": [{"frameData": {"pointCloud": [[1,2,3,4,5,6,7]]}}]}', "frame 1 is not as of .*timestamp"),
-        ('{"data": [{"frameData": {"pointCloud": [[1,2,3,NaN,5,6,7]]}, "timestamp": 1}]}', "no doppler_mps"),
-    ],
-)
-def test_json_that_is_wrong(tmp_path, text, message):
-    (tmp_path / "a.json").write_text(text)
-    with pytest.raises(RecordingError, match=message):
-        read_points(tmp_path / "a.json")
-    with pytest.raises(RecordingError, match="no such file"):
-        read_points(tmp_path / "b.json")
-    with pytest.raises(RecordingError, match="frame_period_s = -1"):
-        read_points(tmp_path / "a.json", frame_period_s=-1)
 
 
 def test_the_command_prints_the_table(tmp_path):
     turns = "\n".join(f"{n / 20},{np.cos(n / 9):.4f},{3 + np.sin(n / 9):.4f},0.1,1" for n in range(60))
     (tmp_path / "turns.csv").write_text(f"time,x,y,v,track\n{turns}\n")
-    rows = json.loads(CliRunner().invoke(app, ["points", str(tmp_path / "turns.csv"), "--json"]).stdout)
+    rows = json.loads(run("radar", "points", tmp_path / "turns.csv", "--json").stdout)
     assert rows[0]["ground_speed_mps"] is None
     path = write_csv(tmp_path / "a.csv")
-    rows = json.loads(CliRunner().invoke(app, ["points", str(path), "--json"]).stdout)
+    rows = json.loads(run("radar", "points", path, "--json").stdout)
     assert [row["track"] for row in rows] == [3, 4]
-    assert "torso_velocity_mps" in CliRunner().invoke(app, ["points", str(path)]).stdout
+    assert "torso_velocity_mps" in run("radar", "points", path).stdout

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingError
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
@@ -77,6 +77,12 @@ def test_pulse_numbers_e11(change, sigma_ns, b3_ghz, b10_ghz, resolution_cm):
         ("x4", {"burst_pulses": 64}, "burst_pulses and burst_period_s belong together"),
         ("x4", {"burst_pulses": 64, "burst_period_s": 0.05}, "shorter than a burst of 64 frames"),
         ("x4", {"burst_pulses": 1, "burst_period_s": 0.05}, "burst_pulses"),
+        ("x4", {"prf_hz": 1e6}, r"prf_hz 1000000.0 leaves no whole pulse.*: at most 15187500.0 \* 0.95 of the frame"),
+        ("x4", {"range_start_m": 12.0}, r"range_stop_m 9.664 must be larger than range_start_m 12"),
+        ("x4", {"decimation": 0}, r"decimation: 0 .*greater than or equal to 1"),
+        ("x4", {"bandwidth_level_db": 6}, r"bandwidth_level_db: 6 .*3 or 10"),
+        ("x4", {"carrier_hz": float("inf")}, r"carrier_hz: inf .*finite"),
+        ("x4", {"noise_figure_db": -1.0}, r"noise_figure_db: -1.0"),
     ],
 )
 def test_radars_that_cannot_be(preset, changes, message):
@@ -154,28 +160,28 @@ def recording():
     return replace(made, seed=4)
 
 
-def test_round_trip_is_exact(recording, tmp_path):
-    path = tmp_path / "walk.h5"
+@pytest.fixture(scope="module")
+def walk_file(recording, tmp_path_factory):
+    path = tmp_path_factory.mktemp("recording") / "walk.h5"
     write_recording(recording, path)
-    again = read_recording(path)
+    return path
+
+
+def test_round_trip_is_exact(recording, walk_file):
+    again = read_recording(walk_file)
     xr.testing.assert_identical(again.baseband, recording.baseband)
     assert again.radar == recording.radar
-    assert (again.noise_power_v2, again.snr_frame_db, again.seed) == (
-        recording.noise_power_v2,
-        recording.snr_frame_db,
-        4,
-    )
+    assert (again.noise_power_v2, again.snr_frame_db) == (recording.noise_power_v2, recording.snr_frame_db)
+    assert again.seed == 4
     assert again.source == "walk.h5"
     assert again.radar_position_m == recording.radar_position_m == (0.0, 0.0, 1.0)
     assert len(again.truth) == 2
     for found, wanted in zip(again.truth, recording.truth, strict=True):
         for name in vars(wanted):
-            if name == "scatterers":
-                continue
             if name == "body":
                 xr.testing.assert_identical(found.body, wanted.body)
-                continue
-            np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
+            elif name != "scatterers":
+                np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
         for name in ("range", "radial_velocity", "aspect", "rcs"):
             np.testing.assert_array_equal(found.scatterers[name], wanted.scatterers[name])
         for name in ("marker", "part", "target"):
@@ -194,110 +200,33 @@ def test_round_trip_of_a_measured_recording_without_truth_seed_or_noise_level(re
     assert again.radar_position_m is None
 
 
-def test_layout_is_that_of_the_charter_and_plain_h5py_reads_it(recording, tmp_path):
-    path = tmp_path / "walk.h5"
-    write_recording(recording, path)
-    with h5py.File(path, "r") as file:
+def test_plain_h5py_reads_units_and_facts(walk_file):
+    with h5py.File(walk_file, "r") as file:
+        units = {name: file[name].attrs["units"] for name in ("baseband", "slow_time_s", "range_m")}
+        assert units == {"baseband": "V", "slow_time_s": "s", "range_m": "m"}
         assert file["baseband"].dtype == np.dtype("<c8")
-        assert file["baseband"].shape == (1000, 188)
-        assert file["slow_time_s"].shape == (1000,)
-        assert file["range_m"].shape == (188,)
-        assert {name: file[name].attrs["units"] for name in ("baseband", "slow_time_s", "range_m")} == {
-            "baseband": "V",
-            "slow_time_s": "s",
-            "range_m": "m",
-        }
-        assert json.loads(file.attrs["radar"])["prf_hz"] == 1000
         assert file.attrs["seed"] == 4
         assert sorted(file["truth"]) == ["0", "1"]
-        first = file["truth/0"]
-        assert first["range_m"].shape == first["radial_velocity_mps"].shape == (1000, 20)
-        assert first.attrs["label"] == "human"
-        assert first.attrs["gait"] == "walk"
-        for name in ("step_frequency_hz", "stride_frequency_hz", "gait_frequency_hz"):
-            assert first.attrs[name] > 0
-        assert first.attrs["gait_frequency_hz"] == pytest.approx(2 * first.attrs["stride_frequency_hz"])
+        assert file["truth/0"].attrs["step_frequency_hz"] > 0
 
 
-def test_result_layout_is_that_of_the_charter(recording, tmp_path):
-    path = tmp_path / "result.h5"
+def test_plain_h5py_reads_the_axes_of_a_result(recording, tmp_path):
     results = analyze(recording, gate="truth")
-    write_results(path, recording, results)
-    with h5py.File(path, "r") as file:
+    write_results(tmp_path / "result.h5", recording, results)
+    with h5py.File(tmp_path / "result.h5", "r") as file:
         assert sorted(file["targets"]) == ["0", "1"]
         first = file["targets/0"]
-        assert first["signature"].shape == results[0].signature.shape
-        assert first["cadence_map"].shape == results[0].cadence_map.shape
-        assert first["signature"].shape == (first["time_s"].size, first["doppler_hz"].size)
-        assert first["cadence_map"].shape == (first["cadence_hz"].size, first["doppler_hz"].size)
         np.testing.assert_array_equal(first["doppler_hz"][:], results[0].signature["doppler"])
         np.testing.assert_array_equal(first["cadence_hz"][:], results[0].cadence_map["cadence"])
         assert first.attrs["gate"] == "truth"
-        assert first.attrs["torso_velocity_mps"] == results[0].features.torso_velocity_mps
 
 
-def test_no_time_of_writing_is_stored(recording, tmp_path):
-    write_recording(recording, tmp_path / "a.h5")
+def test_no_time_of_writing_is_stored(walk_file):
     names = []
-    with h5py.File(tmp_path / "a.h5", "r") as file:
+    with h5py.File(walk_file, "r") as file:
         file.visit(names.append)
         times = {name: h5py.h5g.get_objinfo(file.id, name.encode()).mtime for name in names}
     assert not any(times.values())  # a stored time of writing would differ tomorrow
-
-
-def test_a_foreign_file_is_a_recording_error_that_names_it(tmp_path):
-    (tmp_path / "movie.h5").write_bytes(b"\x89HDF\r\n")
-    with pytest.raises(RecordingError, match="movie"):
-        read_recording(tmp_path / "movie.h5")
-    with h5py.File(tmp_path / "foreign.h5", "w") as file:
-        file["data"] = np.arange(5)
-    with pytest.raises(RecordingError, match=r"foreign\.h5.*format"):
-        read_recording(tmp_path / "foreign.h5")
-
-
-@pytest.fixture(scope="module")
-def small_file(tmp_path_factory):
-    t = np.arange(0, 0.2, 0.01)
-    motion = make_motion(np.stack([t, 0 * t, 1 + 0 * t], axis=-1)[:, None], rate_hz=100, markers=["a"], parts=["torso"])
-    path = tmp_path_factory.mktemp("recording") / "small.h5"
-    scene = Scene([Target(motion, label="human", range_m=3.0)], duration_s=0.15)
-    write_recording(simulate(scene, Radar.preset("x4", range_start_m=2.5, range_stop_m=3.5)), path)
-    return path
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda f: f.attrs.__setitem__("radar", "not JSON"),
-        lambda f: f.attrs.__setitem__("radar", "[1, 2]"),
-        lambda f: f.attrs.__setitem__("radar", "12"),
-        lambda f: f.attrs.__setitem__("radar", "{}"),
-        lambda f: f.attrs.__setitem__("radar", 3.5),
-        lambda f: f.attrs.__setitem__("format_version", 99),
-        lambda f: f.attrs.__setitem__("format_version", "new"),
-        lambda f: f.attrs.__delitem__("format_version"),
-        lambda f: f.__delitem__("baseband"),
-        lambda f: f.__delitem__("range_m"),
-        lambda f: (f.__delitem__("range_m"), f.__setitem__("range_m", np.arange(3.0))),
-        lambda f: (f.__delitem__("baseband"), f.create_group("baseband")),
-        lambda f: (f.__delitem__("baseband"), f.__setitem__("baseband", np.zeros(5, np.complex64))),
-        lambda f: (f.__delitem__("slow_time_s"), f.__setitem__("slow_time_s", "text")),
-        lambda f: f["truth/0"].attrs.__delitem__("label"),
-        lambda f: f["truth/0"].attrs.__setitem__("part", "no JSON"),
-        lambda f: f["truth/0"].attrs.__setitem__("part", "3"),
-        lambda f: f["truth/0"].attrs.__setitem__("height_m", [1.0, 2.0]),
-        lambda f: f["truth/0"].__delitem__("range_m"),
-        lambda f: f["truth"].create_group("first"),
-        lambda f: (f.__delitem__("truth"), f.__setitem__("truth", 3)),
-    ],
-)
-def test_recordings_with_wrong_content_are_recording_errors(small_file, tmp_path, change):
-    path = tmp_path / "wrong.h5"
-    path.write_bytes(small_file.read_bytes())
-    with h5py.File(path, "r+") as file:
-        change(file)
-    with pytest.raises(RecordingError, match=r"wrong\.h5"):
-        read_recording(path)
 
 
 def test_noise_without_a_generator_is_refused():

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingError
-from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import Radar, Recording, open_stream, read_recording, write_arrays, write_recording
 from doppelgait.radar.frames import (
     END_RECORD,
@@ -29,6 +28,7 @@ from doppelgait.radar.frames import (
     make_recording_header,
     write_frames,
 )
+from doppelgait.radar.simulate import label_baseband
 from doppelgait.radar.streams import Stream
 from doppelgait.radar.xethru.writer import write_xethru_recording
 
@@ -41,8 +41,7 @@ def make_recording(n_frames: int = N_FRAMES, **changes: object) -> Recording:
     rng = np.random.default_rng(7)
     shape = (n_frames, radar.n_range_bins)
     rows = (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
-    coords = {"slow_time": radar.frame_time_s(np.arange(n_frames)), "range": radar.range_axis_m()}
-    return Recording.from_baseband(make_array(BASEBAND, rows, coords), radar)
+    return Recording.from_baseband(label_baseband(rows, radar.frame_time_s(np.arange(n_frames)), radar), radar)
 
 
 RECORDING = make_recording()
@@ -156,14 +155,12 @@ def test_a_file_of_frames_is_read_and_streamed_as_written(tmp_path):
 
 
 def test_any_recording_is_streamed(tmp_path):
-    write_recording(RECORDING, tmp_path / "walk.h5")
-    assert_whole(*take(open_stream(tmp_path / "walk.h5", timeout_s=0))[:2])
-    write_arrays(RECORDING, tmp_path / "walk.npz")
-    assert_whole(*take(open_stream(tmp_path / "walk.npz"))[:2])
+    for name, write in (("walk.h5", write_recording), ("walk.npz", write_arrays)):
+        write(RECORDING, tmp_path / name)
+        assert_whole(*take(open_stream(tmp_path / name, timeout_s=0))[:2])
     folder = write_xethru_recording(RECORDING, tmp_path, data_type="radar_baseband_float", **SESSION)
-    streams = [open_stream(one, timeout_s=0) for one in (folder, folder / "xethru_recording_meta.dat")]
-    for stream in streams:
-        assert len(take(stream)[0]) == N_FRAMES
+    for path in (folder, folder / "xethru_recording_meta.dat"):
+        assert len(take(open_stream(path, timeout_s=0))[0]) == N_FRAMES
 
 
 def test_a_file_of_something_else_is_refused(tmp_path):
@@ -223,11 +220,16 @@ def test_a_growing_file_of_frames_ends_with_its_end_record(tmp_path):
     assert_whole(*take(open_stream(path))[:2])
 
 
+def write_xethru_data(folder: Path, n_frames: int) -> Path:
+    """Write a recording as XeThru files; the data file."""
+    options = {"data_type": "radar_baseband_float", **SESSION}
+    (data,) = write_xethru_recording(make_recording(n_frames), folder, **options).glob("xethru_radar_baseband_*.dat")
+    return data
+
+
 def test_a_growing_xethru_file_gives_what_its_reader_gives(tmp_path):
-    recording = make_recording(60)
-    folder = write_xethru_recording(recording, tmp_path, data_type="radar_baseband_float", **SESSION)
-    (data,) = folder.glob("xethru_radar_baseband_*.dat")
-    wanted = read_recording(folder)
+    data = write_xethru_data(tmp_path, 60)
+    wanted = read_recording(data.parent)
     grown = tmp_path / data.name
     grow(grown, data.read_bytes())
     stream = open_stream(grown, timeout_s=1.0)
@@ -246,9 +248,7 @@ def test_a_growing_xethru_file_gives_what_its_reader_gives(tmp_path):
 
 
 def test_a_xethru_record_that_declares_gigabytes_is_refused(tmp_path):
-    recording = make_recording(3)
-    folder = write_xethru_recording(recording, tmp_path, data_type="radar_baseband_float", **SESSION)
-    (data,) = folder.glob("xethru_radar_baseband_*.dat")
+    data = write_xethru_data(tmp_path, 3)
     content = bytearray(data.read_bytes())
     struct.pack_into("<I", content, 4, 2**31)
     data.write_bytes(content)

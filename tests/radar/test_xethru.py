@@ -1,4 +1,4 @@
-"""XeThru records and meta files against layouts packed by hand, and the recorder's rules of names and splitting."""
+"""XeThru records and meta files against layouts packed by hand, names, chains of folders and several files."""
 
 import struct
 from collections.abc import Iterator
@@ -11,8 +11,8 @@ import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning, OutputError, RecordingError
 from doppelgait.radar.xethru import TimedRecord, make_records, read_xethru, sniff_xethru, write_xethru
-from doppelgait.radar.xethru.records import DATA_TYPES, META_NAME, find_data_type_by_file, parse_records
-from xethru_recorder import Splitting, record_xethru
+from doppelgait.radar.xethru.records import DATA_TYPES, META_NAME, find_data_type_by_file, pack_meta, parse_records
+from xethru_files import add_user_headers, write_chain
 
 START = datetime(2026, 11, 21, 1, 8, 48, 634_000, tzinfo=UTC)
 START_MS = 1_795_223_328_634
@@ -138,8 +138,6 @@ def test_names_show_the_time_of_the_zone_and_the_meta_the_instant(tmp_path: Path
 
 def test_two_types_and_a_user_header(tmp_path: Path) -> None:
     iq = make_records("baseband_iq", **PROFILE, i=[1], q=[2]).tobytes()
-    records = [TimedRecord(5, "datafloat", packet(0)), TimedRecord(6, "baseband_iq", iq)]
-    folder = record_xethru(tmp_path, records, start_time=START, session_id="S", user_header=b"HEAD", stop_ms=9)
     rows = [
         entry(5, 1, 0xFFFFFFFF - 1024, 4, 0, 0, 4), entry(5, 1, 1024, 28, 0, 4, 32),
         entry(6, 1, 0xFFFFFFFF - 2, 4, 1, 0, 36), entry(6, 1, 2, 32, 1, 4, 68),
@@ -147,46 +145,28 @@ def test_two_types_and_a_user_header(tmp_path: Path) -> None:
     ]  # fmt: skip
     names = ["xethru_datafloat_20261121_010848.dat", "xethru_baseband_iq_20261121_010848.dat"]
     wanted = meta_by_hand(rows, names, mask=1026, total=68, largest=32, stop_ms=9)
-    assert (folder / META_NAME).read_bytes() == wanted
-    back = read_xethru(folder)
+    (tmp_path / META_NAME).write_bytes(wanted)
+    for name, content in zip(names, (packet(0), iq), strict=True):
+        (tmp_path / name).write_bytes(b"HEAD" + content)
+    back = read_xethru(tmp_path)
+    assert pack_meta(back.metas[0]) == wanted
     assert back.user_headers == {"datafloat": b"HEAD", "baseband_iq": b"HEAD"}
     assert back.streams["baseband_iq"].records["q"].tolist() == [[2.0]]
     assert back.streams["datafloat"].time_ms.tolist() == [5]
 
 
-def test_files_split_by_length_and_by_time(tmp_path: Path) -> None:
-    times = [0, 400, 800, 1200, 1600, 2000]
-    by_bytes = record_xethru(
-        tmp_path, some(times), start_time=START, session_id="b", splitting=Splitting(file_bytes=56)
-    )
-    assert sorted(p.name for p in by_bytes.iterdir() if p.name != META_NAME) == [
-        "xethru_datafloat_20261121_010848.dat", "xethru_datafloat_20261121_010849.dat",
-        "xethru_datafloat_20261121_010850.dat",
-    ]  # fmt: skip
-    by_time = record_xethru(tmp_path, some(times), start_time=START, session_id="t", splitting=Splitting(file_ms=1000))
-    meta = read_xethru(by_time).metas[0]
-    assert meta.records["file"].tolist() == [0, 0, 0, 1, 1, 1]
-    assert len(read_xethru(by_time).streams["datafloat"]) == 6
+def test_a_type_in_several_files_is_one_stream(tmp_path: Path) -> None:
+    names = ["xethru_datafloat_20261121_010848.dat", "xethru_datafloat_20261121_010849.dat"]
+    rows = [entry(400 * k, 1, 1024, 28, k // 2, 28 * (k % 2), 28 * k + 28) for k in range(4)]
+    (tmp_path / META_NAME).write_bytes(meta_by_hand(rows, names, mask=1024, total=112, largest=28, stop_ms=1200))
+    for k, name in enumerate(names):
+        (tmp_path / name).write_bytes(packet(2 * k) + packet(2 * k + 1))
+    stream = read_xethru(tmp_path).streams["datafloat"]
+    assert (stream.records["info"].tolist(), stream.time_ms.tolist()) == ([0, 1, 2, 3], [0, 400, 800, 1200])
 
 
-def test_a_name_that_is_taken_gets_the_millisecond_of_closing(tmp_path: Path) -> None:
-    folder = record_xethru(
-        tmp_path,
-        some([0, 20, 40]),
-        start_time=START,
-        session_id="S",
-        splitting=Splitting(file_bytes=28),
-        rename_lag_ms=1,
-    )
-    wanted = ("xethru_datafloat_20261121_010848.dat", "xethru_datafloat_20261121_010848_655ms.dat",
-              "xethru_datafloat_20261121_010848_675ms.dat")  # fmt: skip
-    assert read_xethru(folder).metas[0].file_names == wanted
-
-
-def test_folders_split_and_chained(tmp_path: Path) -> None:
-    records = some([0, 700, 1400, 2100, 2800])
-    folder = record_xethru(tmp_path, records, start_time=START, session_id="S", splitting=Splitting(folder_ms=1000))
-    assert sorted(p.name for p in folder.iterdir()) == [f"{folder.name}_{k}" for k in range(3)]
+def test_folders_that_are_chained(tmp_path: Path) -> None:
+    folder = write_chain(tmp_path, some([0, 700, 1400, 2100, 2800]), start_time=START, per_folder=2)
     back = read_xethru(folder)
     assert [meta.next_meta for meta in back.metas] == [f"../{folder.name}_{k}/{META_NAME}" for k in (1, 2)] + [""]
     assert [meta.start_ms - START_MS for meta in back.metas] == [0, 1400, 2800]
@@ -241,7 +221,8 @@ def test_text_types_are_read_line_by_line(tmp_path: Path) -> None:
 
 def test_types_without_known_layout_come_as_bytes(tmp_path: Path) -> None:
     records = [TimedRecord(k, "vitalsigns", bytes([k]) * (k + 3)) for k in range(3)]
-    folder = record_xethru(tmp_path, records, start_time=START, session_id="S", user_header=b"HI")
+    folder = write_xethru(tmp_path, records, start_time=START, session_id="S")
+    add_user_headers(folder, b"HI")
     assert read_xethru(folder).streams["vitalsigns"].raw == (b"\0" * 3, b"\1" * 4, b"\2" * 5)
     data = next(folder.glob("*vital*"))
     data.write_bytes(data.read_bytes()[:-1])

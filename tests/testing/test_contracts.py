@@ -10,22 +10,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
 from doppelgait.features import FEATURES
 from doppelgait.radar import WAVEFORMS, Radar, Waveform, compute_scatterer_arrays
-from doppelgait.radar.impairments import (
-    IMPAIRMENTS,
-    Adc,
-    ColouredNoise,
-    DcLeak,
-    DroppedFrames,
-    FrameJitter,
-    Interference,
-    IqImbalance,
-    Leakage,
-    PhaseNoise,
-    Spur,
-    StaticClutter,
-    ThermalNoise,
-    X4Counts,
-)
+from doppelgait.radar.impairments import IMPAIRMENTS, make_impairment
 from doppelgait.radar.waveforms.pulses import Impulse
 from doppelgait.radar.waveforms.sweep import Fmcw
 from doppelgait.testing import check_feature, check_impairment, check_waveform
@@ -179,19 +164,21 @@ def test_a_small_waveform_needs_two_methods(register):
     check_waveform("triangle", Radar(waveform={"kind": "triangle", "width_m": 0.7}, sample_rate_hz=3e9, **COMMON))
 
 
-IMPAIRED = (
-    Adc(), DcLeak(), DroppedFrames(probability=0.2), FrameJitter(), Interference(rate_hz=50), IqImbalance(), Leakage(),
-    PhaseNoise(density_dbc_per_hz=-80), StaticClutter(rcs_per_metre_m2=0.1), ThermalNoise(),
-    ColouredNoise(levels=((1.0, -90.0), (50.0, -110.0))), Spur(),
-)  # fmt: skip
+IMPAIRED = {
+    "adc": {}, "dc_leak": {}, "dropped_frames": {"probability": 0.2}, "frame_jitter": {},
+    "interference": {"rate_hz": 50}, "iq_imbalance": {}, "leakage": {}, "phase_noise": {"density_dbc_per_hz": -80},
+    "static_clutter": {"rcs_per_metre_m2": 0.1}, "thermal_noise": {},
+    "coloured_noise": {"levels": [[1.0, -90.0], [50.0, -110.0]]}, "spur": {},
+}  # fmt: skip
 
 
 def test_every_impairment_keeps_its_contract():
-    assert {spec.kind for spec in IMPAIRED} | {"x4_counts"} == set(IMPAIRMENTS)
-    for spec in IMPAIRED:
+    assert {*IMPAIRED, "x4_counts"} == set(IMPAIRMENTS)
+    for name, parameters in IMPAIRED.items():
         for kind in RADARS:
+            spec = make_impairment({"kind": name, **parameters})
             check_impairment(spec, Radar(waveform=kind, **COMMON, **RADARS[kind]))
-    check_impairment(X4Counts(pulses_per_step=5), Radar.preset("x4"))
+    check_impairment(make_impairment({"kind": "x4_counts", "pulses_per_step": 5}), Radar.preset("x4"))
 
 
 class Broken(FrozenModel):

@@ -1,6 +1,7 @@
 """Contract checks of radar readers and writers: every built-in passes, and a broken one is caught."""
 
 import json
+from contextlib import nullcontext
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -13,10 +14,9 @@ from acconeer_file import write_file as write_acconeer
 from beat import write_glasgow
 from damage import outcomes
 from doppelgait.core.errors import RecordingError
-from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import RADAR_READERS, RADAR_WRITERS, Radar, Recording, read_recording, write_recording
 from doppelgait.radar.measured import label_measured, make_cw_radar
-from doppelgait.radar.recording import make_baseband_facts
+from doppelgait.radar.simulate import label_baseband
 from doppelgait.testing import check_radar_reader, check_radar_writer
 
 
@@ -24,8 +24,7 @@ def _recording(n_bins=6, prf_hz=25.0):
     rng = np.random.default_rng(4)
     radar = Radar.preset("x4", prf_hz=prf_hz, range_start_m=0.5, range_stop_m=0.5 + n_bins * 0.0514)
     values = (rng.normal(size=(30, n_bins)) + 1j * rng.normal(size=(30, n_bins))).astype(np.complex64)
-    coords = {"slow_time": np.arange(30) / prf_hz, "range": radar.range_axis_m()}
-    return Recording.from_baseband(make_array(BASEBAND, values, coords, make_baseband_facts(radar)), radar, seed=3)
+    return Recording.from_baseband(label_baseband(values, np.arange(30) / prf_hz, radar), radar, seed=3)
 
 
 XETHRU = {"start_time": datetime(2020, 5, 1, 12, tzinfo=UTC), "session_id": "a"}
@@ -129,19 +128,8 @@ def _read_safely(path, *, prf_hz=100.0):
         raise RecordingError(f"{path}: {error}") from None
 
 
-def _read_positional(path, prf_hz=100.0):
-    return _read_safely(path, prf_hz=prf_hz)
-
-
 RATES_HZ = iter(range(100, 200))
-
-
-def _read_another_time(path):
-    return _read_safely(path, prf_hz=float(next(RATES_HZ)))
-
-
-def _sniff_walk(path, head):
-    return head[:4] == b"WALK"
+SNIFF = {"sniff": lambda path, head: head[:4] == b"WALK"}
 
 
 @pytest.mark.parametrize(
@@ -149,22 +137,23 @@ def _sniff_walk(path, head):
     [
         (_read_safely, {}, None),
         (_read_walk, {}, r"damaged file \(half\) raises ValueError|damaged file \(noise\)|not a RecordingError"),
-        (_read_positional, {}, r"options \['prf_hz'\] are not keyword-only"),
-        (_read_another_time, {}, "gives another recording"),
+        (
+            lambda path, prf_hz=100.0: _read_safely(path, prf_hz=prf_hz),
+            {},
+            r"are not keyword-only",
+        ),
+        (lambda path: _read_safely(path, prf_hz=float(next(RATES_HZ))), {}, "gives another recording"),
         (_read_safely, {"sniff": lambda path, head: False}, "recognised by no reader"),
         (_read_safely, {"sniff": lambda path, head: True}, "not its own"),
         (_read_safely, {"sniff": lambda path, head: head[0] == b"W"[0]}, "sniff raises"),
     ],
 )
 def test_a_broken_radar_reader_is_caught(register, tmp_path, read, facts, message):
-    register("radar_reader", "walk", **{"sniff": _sniff_walk, "suffixes": (".walk",), **facts})(read)
+    register("radar_reader", "walk", suffixes=(".walk",), **{**SNIFF, **facts})(read)
     (tmp_path / "data").mkdir()
     path = tmp_path / "data" / "a.walk"
     path.write_bytes(b"WALK" + np.arange(65, dtype=np.complex64).tobytes())
-    if message is None:
-        check_radar_reader("walk", path)
-        return
-    with pytest.raises(AssertionError, match=message):
+    with pytest.raises(AssertionError, match=message) if message else nullcontext():
         check_radar_reader("walk", path)
 
 

@@ -15,27 +15,30 @@ from damage import mutate, outcomes, read_or_refusal
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.radar.xethru import TimedRecord, make_records, read_xethru, read_xethru_recording, write_xethru
 from doppelgait.radar.xethru.records import META_NAME
-from xethru_recorder import Splitting, record_xethru
+from xethru_files import add_user_headers, write_chain
 
 START = datetime(2026, 11, 21, 1, 8, 48, tzinfo=UTC)
 HEAD = {"bin_length_m": 0.05144033, "sample_rate_hz": 2.916e9, "carrier_hz": 7.29e9, "range_start_m": 0.4}
 
 
-def good(folder: Path, *, splitting: Splitting | None = None) -> Path:
+def good(folder: Path, *, per_folder: int | None = None) -> Path:
     records = []
     for k in range(8):
         one = make_records("baseband_iq", **HEAD, frame_counter=k + 1, i=np.arange(5) + k, q=np.arange(5))
         records.append(TimedRecord(10 * k, "baseband_iq", one.tobytes()))
         records.append(TimedRecord(10 * k, "vitalsigns", bytes(range(k, k + 9))))
         records.append(TimedRecord(10 * k, "datastring", f"now;{k}\n".encode()))
-    return record_xethru(
-        folder, records, start_time=START, session_id="S", user_header=b"HI", splitting=splitting or Splitting()
-    )
+    if per_folder:
+        made = write_chain(folder, records, start_time=START, per_folder=per_folder)
+    else:
+        made = write_xethru(folder, records, start_time=START, session_id="S")
+    add_user_headers(made, b"HI")
+    return made
 
 
-@pytest.mark.parametrize("splitting", [Splitting(), Splitting(folder_bytes=200)])
-def test_any_damage_to_folders_and_lone_files_is_read_or_refused(tmp_path: Path, splitting: Splitting) -> None:
-    folder, rng = good(tmp_path, splitting=splitting), np.random.default_rng(2018)
+@pytest.mark.parametrize("per_folder", [None, 6])
+def test_any_damage_to_folders_and_lone_files_is_read_or_refused(tmp_path: Path, per_folder: int | None) -> None:
+    folder, rng = good(tmp_path, per_folder=per_folder), np.random.default_rng(2018)
     read = partial(read_xethru_recording, data_type="baseband_iq", prf_hz=100.0)
     refusals = []
     for file in sorted(path for path in folder.rglob("*") if path.is_file()):
@@ -158,7 +161,7 @@ def test_an_empty_data_file(tmp_path: Path) -> None:
 
 
 def test_a_chain_that_bites_its_tail_or_leaves_is_refused(tmp_path: Path) -> None:
-    folder = good(tmp_path, splitting=Splitting(folder_bytes=250))
+    folder = good(tmp_path, per_folder=9)
     parts = sorted(folder.iterdir())
     assert len(parts) == 3
     last = parts[1] / META_NAME

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
-from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import Radar, Recording
+from doppelgait.radar.simulate import label_baseband
 from doppelgait.radar.slow_time import measure_clock_rate_hz
 from doppelgait.radar.xethru import (
     TimedRecord,
@@ -44,8 +44,7 @@ def simulated(preset: str, *, prf_hz: float = 500.0, n_pulses: int = 200) -> Rec
     values = 1e-3 * np.exp(-0.5 * ((range_m - at_m) / 0.1) ** 2 - 4j * np.pi * at_m / radar.wavelength_m)
     rng = np.random.default_rng(3)
     values = values + 1e-5 * (rng.normal(size=values.shape) + 1j * rng.normal(size=values.shape))
-    baseband = make_array(BASEBAND, values.astype(np.complex64), {"slow_time": time_s, "range": range_m})
-    return Recording.from_baseband(baseband, radar)
+    return Recording.from_baseband(label_baseband(values.astype(np.complex64), time_s, radar), radar)
 
 
 def there_and_back(recording: Recording, folder: Path, preset: str, name: str, **options: Any) -> Recording:

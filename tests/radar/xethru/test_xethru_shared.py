@@ -1,5 +1,6 @@
 """XeThru files of the vendor's recorder and of real radars."""
 
+from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,9 @@ from doppelgait.radar.xethru import (
     read_xethru,
     read_xethru_recording,
     sniff_xethru,
+    write_xethru,
 )
-from doppelgait.radar.xethru.records import TYPES_BY_MASK
-from xethru_recorder import Splitting, record_xethru
+from doppelgait.radar.xethru.records import META_NAME, TYPES_BY_MASK, Meta, pack_meta
 
 pytestmark = pytest.mark.shared
 
@@ -46,20 +47,22 @@ DOCUMENTED: dict[str, dict[str, dict[str, Any]]] = {
 }
 """What the recorder was fed with, by the notes that go with the files."""
 COUNTS = {"datafloat_file_split": 7, "datafloat_directory_split": 7, "datafloat_user_header": 3}
-SPLITTING = {
-    "datafloat_file_split": Splitting(file_bytes=56), "datafloat_directory_split": Splitting(folder_bytes=56),
-}  # fmt: skip
-GOLDEN = [*DOCUMENTED, "pulsedoppler_float", "sleep_csv"]
 
 
-def golden(shared: Path, name: str) -> Path:
-    return next((shared / "data/radar/x4_golden" / name).glob("xethru_recording_*"))
+REAL = {"x4_baseband_iq_novelda": 2, "x4_datafloat_marcusm111": 8}
+"""Recordings of real radars, and the hours of their zones."""
+FOLDERS = [*DOCUMENTED, "pulsedoppler_float", "sleep_csv", *REAL]
+WHOLE = [name for name in FOLDERS if not name.endswith(("_split", "_user_header"))]
+
+
+def find(shared: Path, name: str) -> Path:
+    return next((shared / "data/radar" / ("" if name in REAL else "x4_golden") / name).glob("xethru_recording_*"))
 
 
 @pytest.mark.parametrize("name", DOCUMENTED)
 def test_golden_values(shared: Path, name: str) -> None:
-    recording = read_xethru(golden(shared, name))
-    assert sniff_xethru(golden(shared, name))
+    recording = read_xethru(find(shared, name))
+    assert sniff_xethru(find(shared, name))
     assert recording.session_id == "S"
     assert recording.profile_id == 0
     assert set(recording.streams) == set(DOCUMENTED[name])
@@ -74,76 +77,45 @@ def test_golden_values(shared: Path, name: str) -> None:
 
 
 def test_golden_text_and_matrices(shared: Path) -> None:
-    sleep = read_xethru(golden(shared, "sleep_csv")).streams["sleep"]
+    sleep = read_xethru(find(shared, "sleep_csv")).streams["sleep"]
     assert sleep.lines[0].startswith("TimeStamp;FrameCounter;State")
     assert [line.split(";")[3] for line in sleep.lines[1:]] == ["12.5", "12.5"]
-    matrices = read_xethru(golden(shared, "pulsedoppler_float")).streams["pulsedoppler_float"].records
+    matrices = read_xethru(find(shared, "pulsedoppler_float")).streams["pulsedoppler_float"].records
     assert matrices["power"].shape == (3 * 2 * 4, 5)
     assert set(matrices["instance"].tolist()) == {0, 1}
     assert set(matrices["range_index"].tolist()) == {0, 1, 2, 3}
 
 
-def written_again(folder: Path, name: str, zone_h: int, into: Path) -> Path:
-    """The same records, times, start and session id through our writer."""
-    content = read_xethru(folder)
-    metas = content.metas
-    start_ms = metas[0].start_ms
-    places = sorted(path.parent for path in folder.rglob("xethru_recording_meta.dat"))
-    header = next(iter(content.user_headers.values()), b"")
-    zone = timezone(timedelta(hours=zone_h))
-    return record_xethru(
-        into,
-        [record for place, meta in zip(places, metas, strict=True) for record in timed_records(place, meta, start_ms)],
-        start_time=datetime.fromtimestamp(0, zone) + timedelta(milliseconds=start_ms),
-        session_id=content.session_id,
-        stop_ms=[int(meta.trailer_ms or 0) + meta.start_ms - start_ms for meta in metas],
-        duration_ms=metas[-1].duration_ms + metas[-1].start_ms - start_ms,
-        profile_id=content.profile_id,
-        user_header=header,
-        splitting=SPLITTING.get(name, Splitting()),
-        rename_lag_ms=1,
-    )
+@pytest.mark.parametrize("name", FOLDERS)
+def test_meta_files_are_packed_byte_for_byte(shared: Path, name: str) -> None:
+    found = {pack_meta(meta) for meta in read_xethru(find(shared, name)).metas}
+    assert found == {path.read_bytes() for path in find(shared, name).rglob(META_NAME)}
 
 
-def timed_records(place: Path, meta: Any, start_ms: int) -> list[TimedRecord]:
+def timed_records(folder: Path, meta: Meta) -> list[TimedRecord]:
     found = []
     for entry in meta.records:
-        kind = TYPES_BY_MASK.get(int(entry["data_type"]))
-        if kind is not None:
-            data = (place / meta.file_names[entry["file"]]).read_bytes()
-            content = data[entry["offset"] : entry["offset"] + entry["size"]]
-            found.append(TimedRecord(int(entry["time_ms"]) + meta.start_ms - start_ms, kind.name, content))
+        data = (folder / meta.file_names[entry["file"]]).read_bytes()
+        content = data[entry["offset"] : entry["offset"] + entry["size"]]
+        found.append(TimedRecord(int(entry["time_ms"]), TYPES_BY_MASK[int(entry["data_type"])].name, content))
     return found
 
 
-def check_bytes(folder: Path, again: Path) -> None:
-    found, wanted = (
-        {str(path.relative_to(one.parent)): path.read_bytes() for path in one.rglob("*") if path.is_file()}
-        for one in (again, folder)
-    )
-    assert found == wanted
-
-
-@pytest.mark.parametrize("name", GOLDEN)
-def test_golden_files_byte_for_byte(shared: Path, tmp_path: Path, name: str) -> None:
-    check_bytes(golden(shared, name), written_again(golden(shared, name), name, 0, tmp_path))
-
-
-def novelda(shared: Path) -> Path:
-    return next((shared / "data/radar/x4_baseband_iq_novelda").glob("xethru_recording_*"))
-
-
-def marcus(shared: Path) -> Path:
-    return next((shared / "data/radar/x4_datafloat_marcusm111").glob("xethru_recording_*"))
-
-
-@pytest.mark.parametrize(("folder", "zone_h"), [(novelda, 2), (marcus, 8)])
-def test_real_files_byte_for_byte(shared: Path, tmp_path: Path, folder: Any, zone_h: int) -> None:
-    check_bytes(folder(shared), written_again(folder(shared), "", zone_h, tmp_path))
+@pytest.mark.parametrize("name", WHOLE)
+def test_the_same_records_are_written_byte_for_byte(shared: Path, tmp_path: Path, name: str) -> None:
+    folder, zone = find(shared, name), timezone(timedelta(hours=REAL.get(name, 0)))
+    (meta,) = read_xethru(folder).metas
+    start_time = datetime.fromtimestamp(0, zone) + timedelta(milliseconds=meta.start_ms)
+    options = {"start_time": start_time, "session_id": meta.session_id, "stop_ms": meta.trailer_ms}
+    again = write_xethru(tmp_path, timed_records(folder, meta), **options)
+    wanted = {path.name: path.read_bytes() for path in folder.iterdir()}
+    wanted[META_NAME] = pack_meta(replace(meta, duration_ms=meta.trailer_ms, profile_id=0))  # else as the recorder's
+    assert again.name == folder.name
+    assert {path.name: path.read_bytes() for path in again.iterdir()} == wanted
 
 
 def test_the_vendors_baseband_recording(shared: Path) -> None:
-    recording = read_xethru_recording(novelda(shared))
+    recording = read_xethru_recording(find(shared, "x4_baseband_iq_novelda"))
     assert recording.baseband.shape == (514, 54)
     range_m = recording.baseband.range.values
     assert range_m[0] == pytest.approx(0.334321, abs=1e-6)
@@ -160,7 +132,7 @@ def test_the_vendors_baseband_recording(shared: Path) -> None:
 
 def test_noise_of_the_vendors_baseband_is_correlated_as_the_chips_taps_foretell(shared: Path) -> None:
     """Far from the person, after five differences in slow time, when the person keeps still."""
-    recording = read_xethru_recording(novelda(shared))
+    recording = read_xethru_recording(find(shared, "x4_baseband_iq_novelda"))
     values = np.diff(recording.baseband.values.astype(complex), n=5, axis=0)
     energy = np.sum(np.abs(values[:, :27]) ** 2, axis=1)
     values = values[energy < np.quantile(energy, 0.3), 27:]
@@ -170,7 +142,7 @@ def test_noise_of_the_vendors_baseband_is_correlated_as_the_chips_taps_foretell(
 
 
 def test_the_raw_recording(shared: Path) -> None:
-    folder = marcus(shared)
+    folder = find(shared, "x4_datafloat_marcusm111")
     raw: XethruRecording = read_xethru(folder)
     records = raw.streams["datafloat"].records
     assert (len(records), records["values"].shape[1]) == (1518, 182)
