@@ -39,6 +39,12 @@ DATASET = FileKind("doppelgait-dataset", SCHEMA_VERSION, "a dataset", DatasetErr
 SUMS = "SHA256SUMS"
 """File with the hash of every file of a finished dataset, in the format of ``sha256sum -c``. It is written last."""
 LOG = "build.jsonl"
+SINGLE_FILES: tuple[str, ...] = (
+    "README.md",
+    "dataset.json",
+    "index.parquet",
+    *(f"splits/{split}.txt" for split in SPLITS),
+)
 
 DATA_VERSION = 15
 """Version of the bytes that a configuration produces. It is part of every dataset's identity and is raised by hand when
@@ -186,8 +192,7 @@ def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_fa
 def write_sums(target: Path, shards: Mapping[str, str]) -> None:
     """Write the list of the hashes of all files."""
     hashes = {f"shards/{name}.h5": sha256 for name, sha256 in shards.items()}
-    single = ("README.md", "dataset.json", "index.parquet", *(f"splits/{split}.txt" for split in SPLITS))
-    for name in (*single, *(f"shards/{name}.json" for name in shards)):
+    for name in (*SINGLE_FILES, *(f"shards/{name}.json" for name in shards)):
         hashes[name] = hash_file(target / name)
     log, done = target / LOG, False
     while not done:

@@ -1,16 +1,11 @@
 """Leakage test: classes predicted from nuisance parameters.
 
-The classifier is a Bayes classifier on cells: quantile bins of every parameter and coarser ones of
-every pair, their log-likelihood ratios added up. Each parameter and pair counts by how much of its
-G statistic exceeds twice its degrees of freedom, so that parameters without information have no
-effect. Cells do not depend on the labels; training is counting, and a thousand permutations of the
-labels, each with a new training, are a few matrix products.
+A Bayes classifier adds the log-likelihood ratios of cells: quantile bins of every parameter and coarser ones of every
+pair. Each term counts by how much of its G statistic exceeds twice its degrees of freedom, so that parameters without
+information have no effect. Training is counting: a thousand permutations of the labels are a few matrix products.
 
-False alarms: one statistic, the accuracy of all parameters together, is compared with that of
-permuted labels, so that the number of parameters needs no correction. A leak needs an accuracy that
-fewer than one in 10 000 permutations reach. A table without a leak is therefore called leaky in
-less than one case in 10 000, whatever its size; the test of a plan is one such comparison, that of
-a dataset with an empty class is two.
+One statistic, the accuracy of all parameters together, is compared with that of permuted labels, so that the number of
+parameters needs no correction. A table without a leak is called leaky in less than one case in 10 000.
 """
 
 from __future__ import annotations
@@ -26,14 +21,14 @@ import pandas as pd
 
 from doppelgait.dataset.plan import collect_nuisance
 from doppelgait.dataset.resolve import ExampleSpec
-from doppelgait.dataset.verify.contents import Check, Contents
+from doppelgait.dataset.verify.contents import Contents, Finding
 
 Float32Array = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
 
 FOLDS = 5
 BINS, PAIR_BINS = 6, 3
-MOST_PAIRED = 40
+MAX_PAIRED = 40
 """Number of parameters above which no pairs are used."""
 PRIOR_ROWS = 2.0
 """Prior number of rows of every class, distributed like all rows."""
@@ -41,11 +36,11 @@ ABOVE_CHANCE = 0.1
 """Allowed accuracy as a fraction of the distance from chance to 1: balanced accuracy 0.55 for two classes, 0.4 for
 three."""
 LEVEL = 1e-4
-PERMUTATIONS, MOST_PERMUTATIONS = 1000, 10_000
+PERMUTATIONS, MAX_PERMUTATIONS = 1000, 10_000
 """Numbers of permutations. The second is used if no permutation of the first does as well: 1 in 10 001 is below the
 level."""
 AT_A_TIME = 100
-LEAST_GROUPS = 5
+MIN_GROUPS = 5
 
 
 @dataclass(frozen=True)
@@ -81,46 +76,34 @@ class Cells:
 
 def guess_classes(table: pd.DataFrame, rng: np.random.Generator, *, only_leaks: bool = False) -> Guess:
     """Guess ``label`` from all columns but ``group``, which folds keep together."""
-    names = [str(name) for name in table.columns if name not in ("label", "group")]
+    columns = table.drop(columns=["label", "group"])
     labels, _ = pd.factorize(table["label"], sort=True)
     groups, _ = pd.factorize(table["group"])
     n_classes = int(labels.max()) + 1
     allowed = 1.0 / n_classes + ABOVE_CHANCE * (1.0 - 1.0 / n_classes)
-    fewest = min(len(set(groups[labels == n].tolist())) for n in range(n_classes))
-    if fewest < LEAST_GROUPS:
-        words = f"too few groups: {fewest} in the smallest class, {LEAST_GROUPS} are needed"
-        return Guess(len(table), len(names), float("nan"), allowed, reason=words)
+    fewest = int(table.groupby("label")["group"].nunique().min())
+    if fewest < MIN_GROUPS:
+        words = f"too few groups: {fewest} in the smallest class, {MIN_GROUPS} are needed"
+        return Guess(*columns.shape, float("nan"), allowed, reason=words)
     folds = rng.permutation(int(groups.max()) + 1)[groups] % FOLDS
-    columns = [table[name] for name in names]
-    cells = make_cells(columns)
+    cells = make_cells([columns[name] for name in columns])
     accuracy = float(score_folds(cells, folds, labels[:, None])[0])
     if only_leaks and not accuracy > allowed:  # whatever a thousand permutations show, it is no leak
-        return Guess(len(table), len(names), accuracy, allowed)
-    p_value = _p_value(accuracy, cells, folds, labels, groups, rng)
-    alone = [
-        (name, float(score_folds(make_cells([c]), folds, labels[:, None])[0]))
-        for name, c in zip(names, columns, strict=True)
-    ]
-    telling = sorted(alone, key=lambda entry: -entry[1])
-    return Guess(len(table), len(names), accuracy, allowed, p_value, tuple(telling))
-
-
-def _p_value(
-    accuracy: float, cells: Cells, folds: IntArray, labels: IntArray, groups: IntArray, rng: np.random.Generator
-) -> float:
-    """Return the share of permutations that do as well, this one counted."""
-    made = better = 0
-    while made < PERMUTATIONS or (not better and made < MOST_PERMUTATIONS):
+        return Guess(*columns.shape, accuracy, allowed)
+    better, made = 0, 0
+    while made < PERMUTATIONS or (not better and made < MAX_PERMUTATIONS):
         permuted = np.column_stack([permute_labels(labels, groups, rng) for _ in range(min(AT_A_TIME, PERMUTATIONS))])
         better += int((score_folds(cells, folds, permuted) >= accuracy - 1e-12).sum())
         made += permuted.shape[1]
-    return (better + 1) / (made + 1)
+    alone = {str(name): float(score_folds(make_cells([columns[name]]), folds, labels[:, None])[0]) for name in columns}
+    telling = sorted(alone.items(), key=lambda entry: -entry[1])
+    return Guess(*columns.shape, accuracy, allowed, (better + 1) / (made + 1), tuple(telling))
 
 
 def make_cells(columns: Sequence[pd.Series]) -> Cells:
     """Return the cells of every column and of every pair."""
     terms = [bin_values(column, BINS) for column in columns]
-    if len(columns) <= MOST_PAIRED:
+    if len(columns) <= MAX_PAIRED:
         coarse = [bin_values(column, PAIR_BINS) for column in columns]
         terms += [one * (PAIR_BINS + 1) + two for one, two in combinations(coarse, 2)]
     parts, starts, first = [], [], 0
@@ -220,53 +203,60 @@ RCS_FIX = (
 )
 UNJUDGED = ("gate_error_m", "index.gate_error_m")
 """Range error of the gates, which no key of a plan can make class-dependent."""
-MOST_ROWS = 2000
+MAX_ROWS = 2000
 SHOWN_PARAMETERS = 3
 
 
-def check_nuisance(contents: Contents, examples: Sequence[ExampleSpec], rng: np.random.Generator) -> Check:
+def check_nuisance(contents: Contents) -> Finding:
     """Check that nuisance parameters do not predict the class."""
-    index = contents.index
+    index, rng = contents.index, contents.random["guess"]
     leaks = (contents.description.get("config") or {}).get("dataset", {}).get("leaks", ())
-    if examples:
-        table = tabulate_nuisances(index, examples)
-    elif len(index) <= MOST_ROWS:
+    if contents.examples:
+        table = tabulate_nuisances(index, contents.examples)
+    elif len(index) <= MAX_ROWS:
         table = _select_measured(index)
     else:
-        table = _select_measured(index.iloc[np.sort(rng.choice(len(index), MOST_ROWS, replace=False))])
+        table = _select_measured(index.iloc[np.sort(rng.choice(len(index), MAX_ROWS, replace=False))])
     table = drop_leaks(table, (*leaks, *UNJUDGED))
     declared = f"; not judged, leaks that the plan names: {', '.join(leaks)}" if leaks else ""
     # compare classes with targets by all parameters, and all classes by the parameters that an empty room has
-    empty = table["empty"].to_numpy(dtype=bool)
-    table = table.drop(columns="empty")
-    questions = [("classes with a target" if empty.any() else "classes", select_varying(table[~empty]))]
+    empty = table.pop("empty").to_numpy(dtype=bool)
+    questions = {"classes with a target" if empty.any() else "classes": select_varying(table[~empty])}
     if empty.any():
         seen = [name for name in table.columns if not str(name).removeprefix("index.").startswith(UNSEEN)]
-        questions.append(("all classes", select_varying(table[seen])))
-    findings = [
-        (words, guess_classes(part, rng))
-        for words, part in questions
-        if part["label"].nunique() > 1 and len(part.columns) > 2
-    ]
-    if not findings:
-        return Check("nuisance", "not applicable", f"one class, or no nuisance parameter that differs{declared}")
-    numbers = {words: guess.as_dict() for words, guess in findings}
-    told = [describe_guess(words, guess, table) for words, guess in findings if guess.leaks]
-    if told:
-        by_mass = "target.rcs.total_m2" not in table and any("rcs_total_m2" in words for words in told)
-        words = "; ".join([*told, *([RCS_FIX] if by_mass else [])]) + declared
-        return Check("nuisance", "warning" if contents.measured else "failed", words, numbers)
-    unclear = [f"{words}: {guess.reason}" for words, guess in findings if guess.reason]
-    if len(unclear) == len(findings):
-        return Check("nuisance", "not applicable", "; ".join(unclear) + declared, numbers)
+        questions["all classes"] = select_varying(table[seen])
+    guesses = {words: guess_classes(part, rng) for words, part in questions.items() if _has_question(part)}
+    if not guesses:
+        return Finding("not applicable", f"one class, or no nuisance parameter that differs{declared}")
+    numbers = {words: guess.as_dict() for words, guess in guesses.items()}
+    predicted = [describe_guess(words, guess, table) for words, guess in guesses.items() if guess.leaks]
+    if predicted:
+        if "target.rcs.total_m2" not in table and any("rcs_total_m2" in words for words in predicted):
+            predicted.append(RCS_FIX)
+        return Finding("warning" if contents.measured else "failed", "; ".join(predicted) + declared, numbers)
+    unclear = "; ".join(f"{words}: {guess.reason}" for words, guess in guesses.items() if guess.reason)
     listed = "; ".join(
         f"{words} from {guess.n_parameters} parameters of {guess.n_rows} rows: balanced accuracy {guess.accuracy:.2f} "
         f"(p = {guess.p_value:.2g})"
-        for words, guess in findings
+        for words, guess in guesses.items()
         if not guess.reason
     )
-    words = f"{listed}{'; not judged: ' + '; '.join(unclear) if unclear else ''}{declared}"
-    return Check("nuisance", "passed", words, numbers)
+    if not listed:
+        return Finding("not applicable", unclear + declared, numbers)
+    return Finding("passed", f"{listed}{'; not judged: ' if unclear else ''}{unclear}{declared}", numbers)
+
+
+def _has_question(table: pd.DataFrame) -> bool:
+    """Return True for two classes or more and a parameter that varies."""
+    return table["label"].nunique() > 1 and len(table.columns) > 2
+
+
+def find_leak(words: str, table: pd.DataFrame, rng: np.random.Generator) -> str:
+    """Describe the leak of a table with varying parameters, or ""."""
+    if not _has_question(table):
+        return ""
+    guess = guess_classes(table, rng, only_leaks=True)
+    return describe_guess(words, guess, table) if guess.leaks else ""
 
 
 def drop_leaks(table: pd.DataFrame, leaks: Sequence[str]) -> pd.DataFrame:

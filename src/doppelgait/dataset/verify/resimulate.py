@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import groupby, islice
 from typing import Any
 
 import numpy as np
@@ -16,20 +16,18 @@ import pandas as pd
 
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.dataset.config import list_some
-from doppelgait.dataset.plan import PlannedExample
 from doppelgait.dataset.shard import BuildContext, build_planned
 from doppelgait.dataset.shard_files import INDEX_NAMES, Arrays, decode
-from doppelgait.dataset.verify.contents import Check, Contents
+from doppelgait.dataset.verify.contents import MIN_PER_CLASS, Contents, Finding, judge
 from doppelgait.dataset.verify.truth import SNR_TOLERANCE_DB
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import run_simulation
 
-LEAST_PER_CLASS = 3
 ARRAY_TOLERANCE, HALF_TOLERANCE = 1e-4, 2e-2
 """Relative L2 of an array. Single precision keeps 6e-8 and sums over thousands of pulses about 1e-6; float16 of
 10 log10 has steps of up to 3 % of the power, so that a cell on an edge moves by as much."""
 FEATURE_TOLERANCE = 1e-2
-MOST_OTHER = 0.05
+MAX_OTHER = 0.05
 """Share of rows in which features may differ by more, because a decision between two nearly equal candidates can
 change."""
 NAMES = ("label", "split", "subject", "others", "group", "source", "recording", "motion")
@@ -50,45 +48,28 @@ class Difference:
     reason: str = ""
 
 
-def choose(contents: Contents, share: float, rng: np.random.Generator) -> list[PlannedExample]:
-    """Choose a share of the examples, at least three per class."""
-    if contents.plan is None or not share > 0:
-        return []
-    present = set(contents.index["scene_id"])
-    chosen: list[PlannedExample] = []
-    for number in range(len(contents.plan.config.classes)):
-        members = [e for e in contents.plan.examples if e.class_number == number and e.id in present]
-        count = min(len(members), max(LEAST_PER_CLASS, math.ceil(share * len(members))))
-        chosen += [members[n] for n in sorted(rng.choice(len(members), count, replace=False))] if members else []
-    return chosen
-
-
-def check_resimulation(contents: Contents, chosen: Sequence[PlannedExample], tick: Callable[[], None]) -> Check:
+def check_resimulation(contents: Contents) -> Finding:
     """Compare examples that are made again with the stored ones."""
-    if contents.plan is None or contents.unlike or not chosen:
-        reason = contents.no_plan or contents.unlike or "none was requested, or none exists"
-        status: Any = (
-            contents.no_plan_status if contents.plan is None else "skipped" if contents.unlike else "not applicable"
-        )
-        return Check("re-simulation", status, f"nothing made again: {reason}")
-    context = BuildContext(contents.plan.config, str(contents.plan.folder), str(contents.directory))
+    plan, chosen = contents.require_plan(), contents.chosen
+    if not chosen:
+        return Finding("not applicable", "nothing made again: none was requested, or none exists")
+    context = BuildContext(plan.config, str(plan.folder), str(contents.directory))
     found: list[Difference] = []
     for entry in chosen:
-        tick()
+        contents.tick()
         rows = contents.index[contents.index["scene_id"] == entry.id]
         (made,) = build_planned([entry], context)
         if isinstance(made, Exception):
             found.append(Difference(entry.id, False, reason=f"cannot be made again: {made}"))
-            continue
-        if [row["id"] for row in made.rows] != rows["id"].tolist():
+        elif [row["id"] for row in made.rows] != rows["id"].tolist():
             found.append(Difference(entry.id, False, reason="has other rows"))
-            continue
-        found += [_compare(contents, rows.iloc[n], row, arrays) for n, (row, arrays) in enumerate(made)]
+        else:
+            found += [_compare(contents, rows.iloc[n], row, arrays) for n, (row, arrays) in enumerate(made)]
     identical = sum(difference.identical for difference in found)
     reasons = [f"{d.id}: {d.reason}" for d in found if d.reason]
     off = [f"{d.id}: array off by {d.array_l2:.1f} times the tolerance" for d in found if d.array_l2 > 1]
     turned = [f"{d.id}: features off by {100 * d.feature:.2g} %" for d in found if d.feature > FEATURE_TOLERANCE]
-    if len(turned) > MOST_OTHER * len(found):
+    if len(turned) > MAX_OTHER * len(found):
         off += turned
     numbers = {
         "examples": len(chosen),
@@ -98,32 +79,21 @@ def check_resimulation(contents: Contents, chosen: Sequence[PlannedExample], tic
         "features_off": len(turned),
         "largest_feature_difference": max((d.feature for d in found if math.isfinite(d.feature)), default=0.0),
     }
-    if reasons or off:
-        return Check("re-simulation", "failed", list_some([*reasons, *off]), numbers)
-    if identical == len(found):
-        return Check("re-simulation", "passed", f"{len(chosen)} examples made again: identical bytes", numbers)
+    if reasons or off or identical == len(found):
+        return judge(list_some([*reasons, *off]), f"{len(chosen)} examples made again: identical bytes", numbers)
     words = (
         f"{len(chosen)} examples made again: {identical} of {len(found)} rows identical, of the others {len(turned)} "
         f"with features off by more than {100 * FEATURE_TOLERANCE:g} %, arrays within tolerance (another processor or "
         f"library? made with doppelgait {contents.description.get('doppelgait_version')})"
     )
-    return Check("re-simulation", "warning" if turned else "passed", words, numbers)
+    return Finding("warning" if turned else "passed", words, numbers)
 
 
 def _compare(contents: Contents, there: pd.Series, row: dict[str, Any], arrays: Arrays) -> Difference:
-    equal_row = all(_is_same(there.get(INDEX_NAMES.get(name, name)), value) for name, value in row.items())
-    other = [name for name in NAMES if not _is_same(there.get(name), row[name])]
-    for name, made in row.items():
-        if name.startswith(FACTS):
-            exact = isinstance(made, str) or made is None
-            far = (
-                not _is_same(there.get(name), made)
-                if exact
-                else _compare_numbers(made, there.get(name)) > FEATURE_TOLERANCE
-            )
-            other += [name] if far else []
-    features = [*(f"feature_{name}" for name in FEATURE_UNITS), "gait_frequency_hz"]
-    feature = max(_compare_numbers(row[name], there.get(name)) for name in features)
+    off = {name: _compare_values(made, there.get(INDEX_NAMES.get(name, name))) for name, made in row.items()}
+    wrong = [name for name in NAMES if off[name] > 0]
+    wrong += [name for name, value in off.items() if name.startswith(FACTS) and value > FEATURE_TOLERANCE]
+    feature = max(off[name] for name in (*(f"feature_{name}" for name in FEATURE_UNITS), "gait_frequency_hz"))
     files, worst, equal_arrays = contents.dataset.files, 0.0, True
     for name, values in arrays.items():
         stored = files.read(str(there["shard"]), name, int(there["row"]))
@@ -138,45 +108,32 @@ def _compare(contents: Contents, there: pd.Series, row: dict[str, Any], arrays: 
         size = float(np.linalg.norm(one))  # relative L2 in linear units, over the tolerance of the precision
         worst = max(worst, float(np.linalg.norm(two - one)) / (size if size > 0 else 1.0) / tolerance)
     files.close()
-    reason = f"{other[0]} is {there.get(other[0])}, made again {row[other[0]]}" if other else ""
-    return Difference(row["id"], equal_row and equal_arrays, worst, feature, reason)
+    reason = f"{wrong[0]} is {there.get(wrong[0])}, made again {row[wrong[0]]}" if wrong else ""
+    return Difference(row["id"], equal_arrays and not any(off.values()), worst, feature, reason)
 
 
-def _is_same(there: Any, made: Any) -> bool:
-    """Return True for equal values, unknown being None or NaN."""
-    if there is None or there != there:
-        return made is None
-    return bool(there == made)
+def _compare_values(made: Any, there: Any) -> float:
+    """Return the relative difference of two values, infinite for texts and where one is unknown (None or NaN)."""
+    stored = None if there is None or there != there else there
+    if made == stored:
+        return 0.0
+    if made is None or stored is None or isinstance(made, str):
+        return math.inf
+    return float(abs(made - stored) / max(abs(made), abs(stored)))
 
 
-def _compare_numbers(made: Any, there: Any) -> float:
-    """Return the relative difference of two numbers, infinite if one is unknown."""
-    unknown = (made is None, there is None or there != there)
-    if any(unknown):
-        return 0.0 if all(unknown) else math.inf
-    size = max(abs(made), abs(there))
-    return float(abs(made - there) / size) if size > 0 else 0.0
-
-
-def check_measured_snr(contents: Contents, chosen: Sequence[PlannedExample], tick: Callable[[], None]) -> Check:
+def check_measured_snr(contents: Contents) -> Finding:
     """Compare SNR_frame of a few examples with the index."""
     # signal: time mean of the strongest range bin's power without noise
-    if contents.plan is None or contents.unlike:
-        status: Any = contents.no_plan_status if contents.plan is None else "skipped"
-        return Check("measured SNR", status, contents.no_plan or contents.unlike)
-    few = [
-        entry
-        for number in sorted({e.class_number for e in chosen})
-        for entry in [e for e in chosen if e.class_number == number][:LEAST_PER_CLASS]
-    ]
-    known = contents.index.drop_duplicates("scene_id").set_index("scene_id")["snr_frame_db"]
-    errors, tolerance_db = {}, {}
-    for entry in few:
-        tick()
-        stated = known.get(entry.id)
-        if stated is None or stated != stated:
+    plan = contents.require_plan()
+    by_class = groupby(contents.chosen, key=lambda entry: entry.class_number)
+    stated_db = contents.index.drop_duplicates("scene_id").set_index("scene_id")["snr_frame_db"].dropna()
+    errors_db, wrong = [], []
+    for entry in (entry for _, group in by_class for entry in islice(group, MIN_PER_CLASS)):
+        contents.tick()
+        if entry.id not in stated_db:
             continue
-        run = contents.plan.example(entry.number).run
+        run = plan.example(entry.number).run
         bodies = tuple(target for target in run.scene.targets if not target.background)
         alone = {"impairments": (), "scene": run.scene.model_copy(update={"targets": bodies})}
         run = run.model_copy(update=alone)
@@ -184,18 +141,17 @@ def check_measured_snr(contents: Contents, chosen: Sequence[PlannedExample], tic
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DoppelgaitWarning)
             both, echoes = (
-                run_simulation(spec, folder=contents.plan.folder, angles=False).baseband.values for spec in (run, quiet)
+                run_simulation(spec, folder=plan.folder, angles=False).baseband.values for spec in (run, quiet)
             )
         signal_v2 = float(np.mean(np.max(np.abs(echoes) ** 2, axis=1)))
         noise_v2 = float(np.mean(np.abs(both - echoes) ** 2))
         snr_db = 10.0 * math.log10(signal_v2 / noise_v2) if signal_v2 > 0 and noise_v2 > 0 else math.nan
-        errors[entry.id] = snr_db - float(stated)
-        tolerance_db[entry.id] = max(SNR_TOLERANCE_DB, 4.0 * 10.0 / math.log(10.0) / math.sqrt(both.size))
-    if not errors:
-        return Check("measured SNR", "not applicable", "no example to measure, or none with a known SNR")
-    wrong = [f"{name} by {error:+.1f} dB" for name, error in errors.items() if not abs(error) <= tolerance_db[name]]
-    numbers = {"examples": len(errors), "largest_error_db": max(abs(error) for error in errors.values())}
-    if wrong:
-        return Check("measured SNR", "failed", f"SNR_frame of the index is off: {list_some(wrong)}", numbers)
-    words = f"{len(errors)} examples: SNR_frame as in the index, off by {numbers['largest_error_db']:.2f} dB at most"
-    return Check("measured SNR", "passed", words, numbers)
+        errors_db.append(snr_db - float(stated_db[entry.id]))
+        if not abs(errors_db[-1]) <= max(SNR_TOLERANCE_DB, 4.0 * 10.0 / math.log(10.0) / math.sqrt(both.size)):
+            wrong.append(f"{entry.id} by {errors_db[-1]:+.1f} dB")
+    if not errors_db:
+        return Finding("not applicable", "no example to measure, or none with a known SNR")
+    largest_db = max(map(abs, errors_db))
+    numbers = {"examples": len(errors_db), "largest_error_db": largest_db}
+    words = f"{len(errors_db)} examples: SNR_frame as in the index, off by {largest_db:.2f} dB at most"
+    return judge(f"SNR_frame of the index is off: {list_some(wrong)}" if wrong else "", words, numbers)
