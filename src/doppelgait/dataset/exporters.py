@@ -21,8 +21,7 @@ from doppelgait.core.labels import COORDINATE_UNITS
 from doppelgait.core.plugins import plugin
 from doppelgait.dataset.example import parse_unit, read_radar
 from doppelgait.dataset.export import flatten_index, iterate_splits, make_file_name, read_arrays
-from doppelgait.dataset.learning import stack
-from doppelgait.dataset.open import Dataset
+from doppelgait.dataset.open import Dataset, stack
 from doppelgait.dataset.shard_files import AXIS_UNITS, name_axis
 from doppelgait.radar.readers.sigmf import write_sigmf
 from doppelgait.radar.recording import Recording, TargetTruth

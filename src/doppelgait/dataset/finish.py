@@ -39,12 +39,8 @@ DATASET = FileKind("doppelgait-dataset", SCHEMA_VERSION, "a dataset", DatasetErr
 SUMS = "SHA256SUMS"
 """File with the hash of every file of a finished dataset, in the format of ``sha256sum -c``. It is written last."""
 LOG = "build.jsonl"
-SINGLE_FILES: tuple[str, ...] = (
-    "README.md",
-    "dataset.json",
-    "index.parquet",
-    *(f"splits/{split}.txt" for split in SPLITS),
-)
+SPLIT_LISTS = ("splits/train.txt", "splits/validation.txt", "splits/test.txt")
+SINGLE_FILES = ("README.md", "dataset.json", "index.parquet", *SPLIT_LISTS)
 
 DATA_VERSION = 15
 """Version of the bytes that a configuration produces. It is part of every dataset's identity and is raised by hand when

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
@@ -11,12 +12,14 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+import xarray as xr
 
 from doppelgait.core.config import convert_to_json, validate
 from doppelgait.core.documents import CELL_BYTES, check_cost, parse_json
 from doppelgait.core.errors import DatasetError
+from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.notebook import show_html, show_text
-from doppelgait.core.rng import RandomSource
+from doppelgait.core.rng import RandomSource, Streams, as_generator
 from doppelgait.dataset.config import SPLITS, PlanConfig
 from doppelgait.dataset.example import (
     Example,
@@ -30,19 +33,21 @@ from doppelgait.dataset.example import (
 )
 from doppelgait.dataset.finish import DATASET
 from doppelgait.dataset.learning import (
-    AXIS_COLUMNS,
+    Array,
     As,
     LabelledArrays,
     balanced_weights,
-    batches_of,
-    collect_arrays,
+    epoch_rows,
+    make_picture,
     picture_format,
+    shuffled_rows,
 )
 from doppelgait.dataset.query import select_rows
 from doppelgait.dataset.resolve import ExampleSpec, resolve_example
 from doppelgait.dataset.shard_files import INDEX_NAMES, ShardFiles, decode
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.result import Result
+from doppelgait.processing.patches import Patch
 
 if TYPE_CHECKING:
     from doppelgait.dataset.torch_data import IterableExamples, TorchExamples
@@ -119,7 +124,7 @@ def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
             raise ValueError(f"index.parquet: {name} {strange[0]!r} is not one of {', '.join(known)}")
 
 
-Array = npt.NDArray[Any]
+MB = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +191,7 @@ class Dataset:
         return self.example(int(found[0]))
 
     def _select_rows(self, chosen: npt.NDArray[np.bool_]) -> Dataset:
-        return Dataset(self.directory, self.description, self.index[chosen].reset_index(drop=True), self.files)
+        return replace(self, index=self.index[chosen].reset_index(drop=True))
 
     def select(self, query: str) -> Dataset:
         """Select the examples that fulfil a query.
@@ -346,7 +351,28 @@ class Dataset:
         DatasetError
             If the field is not kept or has no picture, or the arrays would take more than ``memory_mb``.
         """
-        return collect_arrays(self, field, as_, memory_mb)
+        self.check_fields([field])
+        patch = picture_format(as_, [field])
+        if patch is None:
+            shapes = [self.shape(number, field) or () for number in range(len(self))]
+            facts = self.description["fields"][field]
+            dtype = np.dtype(facts["dtype"] if facts.get("scale", "linear") == "linear" else np.float32)
+        else:
+            shapes = [(patch.n_velocity, patch.n_time)] * len(self)
+            dtype = np.dtype(np.float32)
+        need_mb = sum(map(math.prod, shapes)) * dtype.itemsize / MB
+        if not need_mb <= memory_mb:
+            raise DatasetError(
+                f"arrays: {field} of {len(self):,} rows would take {need_mb:,.1f} MB, memory_mb is {memory_mb:,g}; "
+                "select fewer rows, use batches() or torch(), or raise memory_mb"
+            )
+        values: Array | list[Array]
+        values = np.empty((len(self), *shapes[0]), dtype) if len({*shapes}) == 1 else [np.empty(0)] * len(self)
+        for number in range(len(self)):
+            raise_if_stopped()
+            values[number] = read_fields(self, [field], patch, number)[field]
+        group = "group" if "group" in self.index else "subject"  # schema version 1 had one target per scene
+        return LabelledArrays(values, *(self.index[name].to_numpy(dtype=str) for name in ("label", group, "id")))
 
     def batches(
         self,
@@ -384,7 +410,19 @@ class Dataset:
         DatasetError
             If a field is not kept or has no picture, ``rng`` is missing, or arrays of a batch differ in shape.
         """
-        return batches_of(self, fields, batch_size, rng, shuffle=shuffle, as_=as_)
+        self.check_fields(fields)
+        patch = picture_format(as_, fields)
+        if batch_size < 1:
+            raise DatasetError(f"batch_size: {batch_size} is not allowed; it must be 1 or larger")
+        rows, numbers = np.arange(len(self)), self.class_numbers()
+        if shuffle:
+            if rng is None:
+                raise DatasetError("batches: shuffling needs rng, for example doppelgait.rng(1); or shuffle=False")
+            rows = shuffled_rows(self.index, as_generator(rng, "batches"))
+        return (
+            {**{name: stack(self, name, part, patch) for name in fields}, "label": numbers[part], "number": part}
+            for part in (rows[first : first + batch_size] for first in range(0, len(rows), batch_size))
+        )
 
     def torch(
         self,
@@ -417,13 +455,16 @@ class Dataset:
         DatasetError
             If torch is not installed, or a field is not kept or has no picture.
         """
-        from doppelgait.dataset.torch_data import TorchExamples
+        from doppelgait.dataset.torch_data import TorchExamples, check_request
 
         self.check_fields(fields)
+        patch = picture_format(as_, fields)
+        check_request(fields, target)
         # send workers only the data that reading the arrays needs
-        columns = [name for name in ("id", "label", "shard", "row", *AXIS_COLUMNS) if name in self.index]
-        slim = Dataset(self.directory, self.description, self.index[columns], self.files)
-        return TorchExamples(slim, tuple(fields), picture_format(as_, fields), transform, target)
+        columns = [name for name in ("id", "shard", "row", *AXIS_COLUMNS) if name in self.index]
+        slim = replace(self, index=self.index[columns])
+        targets = self.class_numbers() if target == "label" else np.arange(len(self))
+        return TorchExamples(partial(read_fields, slim, tuple(fields), patch), targets, transform)
 
     def torch_iterable(
         self,
@@ -463,7 +504,42 @@ class Dataset:
         """
         from doppelgait.dataset.torch_data import IterableExamples
 
-        return IterableExamples(self.torch(fields, as_=as_, transform=transform, target=target), seed)
+        examples = self.torch(fields, as_=as_, transform=transform, target=target)
+        Streams(0 if seed is None else seed)  # check here and not in a worker
+        return IterableExamples(examples, partial(epoch_rows, self.index[["shard"]], seed))
+
+
+AXIS_COLUMNS = ("scene_id", "prf_hz", "carrier_hz")
+"""Columns of the index that the axes of a signature need."""
+
+
+def read_signature(dataset: Dataset, number: int) -> xr.DataArray | None:
+    """Read a row's signature alone, None if absent."""
+    index = dataset.index
+    row = convert_to_json({name: index[name].iloc[number] for name in ("id", *AXIS_COLUMNS) if name in index})
+    facts = {"signature": dataset.description["fields"]["signature"]}
+    carrier_hz = read_carrier_hz(dataset.description, row)
+    return label_arrays(facts, row, partial(dataset.stored, number), carrier_hz=carrier_hz).get("signature")
+
+
+def stack(dataset: Dataset, field: str, rows: npt.NDArray[np.int64], patch: Patch | None = None) -> Array:
+    """Stack the arrays or pictures of rows as one, (row, ...)."""
+    values = [read_fields(dataset, [field], patch, int(row))[field] for row in rows]
+    for row, value in zip(rows, values, strict=True):
+        if value.shape != values[0].shape:
+            first, other = dataset.index["id"].iloc[[rows[0], row]]
+            raise DatasetError(
+                f"{field}: {first} has the shape {values[0].shape}, {other} {value.shape}; select examples of one "
+                "shape, read them one by one, or read signatures as pictures (as_='picture')"
+            )
+    return np.stack(values)
+
+
+def read_fields(dataset: Dataset, fields: Sequence[str], patch: Patch | None, number: int) -> dict[str, Array]:
+    """Read the fields of a row, as arrays or as pictures."""
+    if patch is None:
+        return {name: dataset.array(name, number) for name in fields}
+    return {name: make_picture(read_signature(dataset, number), patch) for name in fields}
 
 
 def open_dataset(directory: str | Path) -> Dataset:

@@ -8,15 +8,18 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy.typing as npt
+
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, warn_caller
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.example import Example, label_arrays
-from doppelgait.dataset.learning import As, picture_format
+from doppelgait.dataset.learning import As, make_picture, picture_format
 from doppelgait.dataset.motions import expand_folders
 from doppelgait.dataset.plan import Plan, PlannedExample
 from doppelgait.dataset.resolve import resolve_example
 from doppelgait.dataset.shard import BuildContext, build_planned
 from doppelgait.dataset.shard_files import INDEX_NAMES, describe_fields
+from doppelgait.processing.patches import Patch
 
 if TYPE_CHECKING:
     from doppelgait.dataset.torch_data import TorchStream
@@ -139,9 +142,21 @@ class ExampleStream:
         for name in fields:
             if name not in known:
                 raise DatasetError(f"fields: the plan keeps no {name!r}; it keeps {', '.join(known) or 'no arrays'}")
-        from doppelgait.dataset.torch_data import TorchStream
+        from doppelgait.dataset.torch_data import TorchStream, check_request
 
-        return TorchStream(self, tuple(fields), picture_format(as_, fields), transform, target)
+        check_request(fields, target)
+        read = partial(self._read_arrays, tuple(fields), picture_format(as_, fields), target)
+        return TorchStream(read, transform)
+
+    def _read_arrays(
+        self, fields: Sequence[str], patch: Patch | None, target: str, worker: int, workers: int
+    ) -> Iterator[tuple[dict[str, npt.NDArray[Any]], int]]:
+        for number, example in self.part(worker, workers).iterate_numbered():
+            if patch is None:
+                arrays = {name: example.arrays[name].values for name in fields}
+            else:
+                arrays = {name: make_picture(example.arrays.get(name), patch) for name in fields}
+            yield arrays, number if target == "index" else self.class_number(example.label)
 
 
 def stream_examples(
