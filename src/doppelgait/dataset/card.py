@@ -327,8 +327,7 @@ def count_examples(index: pd.DataFrame) -> pd.DataFrame:
     """Count the examples by class and split."""
     if index.empty:
         return pd.DataFrame({"label": []})
-    counts = index.groupby(["label", "split"]).size().unstack(fill_value=0)
-    return counts.reset_index()
+    return index.groupby(["label", "split"]).size().unstack(fill_value=0).reset_index()
 
 
 def tabulate_features(index: pd.DataFrame) -> pd.DataFrame:

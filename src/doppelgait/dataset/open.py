@@ -58,46 +58,40 @@ TEXT_COLUMNS = ("id", "label", "split", "shard")
 
 def check_description(description: Any) -> None:
     """Check the content of ``dataset.json``."""
+
+    def require(fits: bool, key: str, words: str) -> None:
+        if not fits:
+            raise ValueError(f"dataset.json: {key} must be {words}")
+
     if not isinstance(description, Mapping):
         raise ValueError("dataset.json: must be a table")
-    for key, kind, words in (
-        ("name", str, "a text"),
-        ("id", str, "a text"),
-        ("schema_version", int, "a whole number"),
-        ("classes", Mapping, "a table of class numbers"),
-        ("fields", Mapping, "a table of arrays"),
-    ):
-        if not isinstance(description.get(key), kind) or isinstance(description[key], bool):
-            raise ValueError(f"dataset.json: {key} must be {words}")
-    if description.get("origin", "simulated") == "simulated":
-        _check_plan(description.get("config") or {})
+    for key in ("name", "id"):
+        require(isinstance(description.get(key), str), key, "a text")
+    require(type(description.get("schema_version")) is int, "schema_version", "a whole number")
+    require(isinstance(description.get("classes"), Mapping), "classes", "a table of class numbers")
+    require(isinstance(description.get("fields"), Mapping), "fields", "a table of arrays")
     for label, number in description["classes"].items():
-        if not isinstance(number, int) or isinstance(number, bool):
-            raise ValueError(f"dataset.json: classes.{label} must be a whole number")
+        require(type(number) is int, f"classes.{label}", "a whole number")
     for name, facts in description["fields"].items():
-        if not isinstance(facts, Mapping):
-            raise ValueError(f"dataset.json: fields.{name} must be a table with dims, units and dtype")
+        require(isinstance(facts, Mapping), f"fields.{name}", "a table with dims, units and dtype")
         dims = facts.get("dims")
-        if not isinstance(dims, list) or not all(isinstance(dim, str) for dim in dims) or len({*dims}) < len(dims):
-            raise ValueError(f"dataset.json: fields.{name}.dims must be a list of different texts")
+        different = isinstance(dims, list) and all(isinstance(dim, str) for dim in dims) and len({*dims}) == len(dims)
+        require(different, f"fields.{name}.dims", "a list of different texts")
         for key in ("units", "dtype"):
-            if not isinstance(facts.get(key), str):
-                raise ValueError(f"dataset.json: fields.{name}.{key} must be a text")
-
-
-def _check_plan(config: Any) -> None:
-    # the other keys are needed only to simulate an example again
-    if not isinstance(config, Mapping):
-        raise ValueError("dataset.json: config must be a table")
+            require(isinstance(facts.get(key), str), f"fields.{name}.{key}", "a text")
+    if description.get("origin", "simulated") != "simulated":
+        return
+    # the other keys of the plan are needed only to simulate an example again
+    config = description.get("config") or {}
+    require(isinstance(config, Mapping), "config", "a table")
     sections = config.get("classes", [])
-    if not isinstance(sections, list) or not all(isinstance(one, Mapping) and "label" in one for one in sections):
-        raise ValueError("dataset.json: config.classes must be a list of tables with label")
-    numbers = config.get("dataset", {} if not sections else None)
-    if not isinstance(numbers, Mapping):
-        raise ValueError("dataset.json: config.dataset must be a table")
+    listed = isinstance(sections, list) and all(isinstance(one, Mapping) and "label" in one for one in sections)
+    require(listed, "config.classes", "a list of tables with label")
+    numbers: Any = config.get("dataset", {} if not sections else None)
+    require(isinstance(numbers, Mapping), "config.dataset", "a table")
     counts = [one.get("examples") for one in sections] + [numbers.get(key) for key in ("examples_per_class", "seed")]
-    if not all(count is None or (isinstance(count, int) and count >= 0) for count in counts):
-        raise ValueError("dataset.json: seed and numbers of examples in config must be whole numbers")
+    whole = all(count is None or (isinstance(count, int) and count >= 0) for count in counts)
+    require(whole, "config: seed and numbers of examples", "whole numbers")
 
 
 def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
@@ -229,10 +223,7 @@ class Dataset:
         return build_feature_matrix(self.index, names, without_flags)
 
     def array(self, field: str, number: int) -> Array:
-        """Return an array of the ``number``-th example, in linear units.
-
-        The array of a target without a track is empty.
-        """
+        """Return an array of an example, in linear units; that of a target without a track is empty."""
         self.check_fields([field])
         values = self.stored(number, field)
         if values is None:
@@ -246,8 +237,7 @@ class Dataset:
 
     def example(self, number: int) -> Example:
         """Return the ``number``-th example of this part with labelled arrays."""
-        row = convert_to_json(self.index.iloc[number].to_dict())
-        fields = self.description["fields"]
+        row, fields = convert_to_json(self.index.iloc[number].to_dict()), self.description["fields"]
         carrier_hz = read_carrier_hz(self.description, row) if fields else float("nan")
         arrays = label_arrays(fields, row, partial(self.stored, number), carrier_hz=carrier_hz)
         return Example(row, arrays, partial(self.specification, number))
@@ -255,12 +245,8 @@ class Dataset:
     def specification(self, number: int, *, folder: str | Path | None = None) -> ExampleSpec:
         """Return the specification of the ``number``-th example's simulation.
 
-        :meth:`result` is the outcome of its analysis.
-
         Parameters
         ----------
-        number : int
-            Row of this part.
         folder : path, optional
             Folder that relative motion paths start from; the working folder by default.
 
@@ -282,18 +268,12 @@ class Dataset:
         return validate(PlanConfig, self.description.get("config") or {}, where="dataset.json")
 
     def result(self, number: int) -> Result:
-        """Return the result of the ``number``-th example with its settings.
-
-        Its truth is :attr:`Example.truth`.
-        """
+        """Return the result of the ``number``-th example with its settings."""
         example = self.example(number)
         return example.result(read_analysis(self.description, example.row))
 
     def stored(self, number: int, name: str) -> Array | None:
-        """Return a stored array or axis of an example.
-
-        The name is that in the shard. The result is None if it does not exist.
-        """
+        """Return an array or axis of an example by its name in the shard, or None."""
         shards, rows = self._places
         return self.files.read(shards[number], name, rows[number])
 
@@ -320,9 +300,8 @@ class Dataset:
         Returns
         -------
         dict
-            By label, in the order of the class numbers: n / (number of classes with rows * rows of
-            the class), as scikit-learn's ``class_weight="balanced"``; 0 for a class without rows
-            here. ``torch.tensor([*weights.values()])`` is the ``weight`` of a loss in torch.
+            By label, in the order of the class numbers: that of scikit-learn's ``class_weight="balanced"``; 0 for a
+            class without rows here. ``torch.tensor([*weights.values()])`` is the ``weight`` of a loss in torch.
         """
         classes: Mapping[str, int] = self.description["classes"]
         counts = np.bincount(self.class_numbers(), minlength=1 + max(classes.values(), default=-1))
@@ -432,9 +411,7 @@ class Dataset:
         transform: Callable[[Any], Any] | None = None,
         target: Literal["label", "index"] = "label",
     ) -> TorchExamples:
-        """Return the examples as a ``torch.utils.data.Dataset``.
-
-        It works with any number of workers.
+        """Return the examples as a ``torch.utils.data.Dataset``, for any number of workers.
 
         Parameters
         ----------
@@ -477,28 +454,18 @@ class Dataset:
     ) -> IterableExamples:
         """Return the examples as a ``torch.utils.data.IterableDataset``.
 
-        The workers of a loader share the examples: every example is returned once per epoch, for
-        any number of workers. Shard files are read one group after another, which suits datasets
+        Items, other parameters and errors are as those of :meth:`torch`. The workers of a loader share the examples:
+        every example is returned once per epoch. Shard files are read one group after another, which suits datasets
         that are larger than memory.
 
         Parameters
         ----------
         seed : int or None
-            Seed of the order, which depends only on seed and epoch; None for the order of the
-            index. Call ``set_epoch(n)`` before every epoch for another order; this holds for
-            persistent workers, too.
-        fields, as_, transform, target
-            As of :meth:`torch`.
-
-        Returns
-        -------
-        torch.utils.data.IterableDataset
-            Items as those of :meth:`torch`.
+            Seed of the order, which depends only on seed and epoch; None for the order of the index. Call
+            ``set_epoch(n)`` before every epoch for another order; this holds for persistent workers, too.
 
         Raises
         ------
-        DatasetError
-            If torch is not installed, or a field is not kept or has no picture.
         ConfigError
             If the seed or an epoch is no integer or below 0.
         """
