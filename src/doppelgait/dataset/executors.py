@@ -33,10 +33,8 @@ if TYPE_CHECKING:
     Results = Generator[tuple[Shard, dict[str, Any]], None, None]
 
 
-MAX_LOSSES = 5
-"""Maximum number of consecutive worker losses without a finished shard between them."""
-STOP_SECONDS = 0.1
-"""Interval, s, at which a stop request is checked."""
+MAX_LOSSES = 5  # maximum number of consecutive worker losses without a finished shard between them
+STOP_SECONDS = 0.1  # interval, s, at which a stop request is checked
 
 
 class WorkersLostError(Exception):
@@ -63,14 +61,12 @@ def restart_lost_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequ
                 ) from None
 
 
-UNGUARDED = 87
-"""Exit status of a worker that starts a build when its main script is imported."""
+UNGUARDED = 87  # exit status of a worker that starts a build when its main script is imported
 UNGUARDED_WORDS = (
     "the script starts the build again when a worker imports it; put its calls under "
     'if __name__ == "__main__": or build with executor="serial"'
 )
-END_SECONDS = 10
-"""Time, s, that a worker may take to end before it is killed."""
+END_SECONDS = 10  # time, s, that a worker may take to end before it is killed
 
 
 def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
@@ -148,8 +144,7 @@ CONNECT_SECONDS = 20
 DASK_LOOK_SECONDS = 20
 """Interval, s, at which a local cluster is checked for workers; Dask does not restart a worker that dies at its
 start."""
-RESULT_SECONDS = 20.0
-"""Timeout, s, for the transfer of a record from its worker."""
+RESULT_SECONDS = 20.0  # timeout, s, for the transfer of a record from its worker
 PRELOAD = "from doppelgait.core import worker; worker.prepare_worker()"
 
 

@@ -93,8 +93,7 @@ FAILURES_KEPT = 100
 LONG_COLUMNS = ("motion", "environment", "impairments", "shard_sha256")
 """Columns with long texts that neither card nor lists need."""
 TEXT, NUMBER, INTEGER = "string", "float64", "int64"
-TEXT_COLUMNS = ("truth_gait", "quality_verdict")
-"""Columns that are text even if every row is empty."""
+TEXT_COLUMNS = ("truth_gait", "quality_verdict")  # columns that are text even if every row is empty
 
 
 @dataclass

@@ -69,8 +69,7 @@ def picture_format(as_: As, fields: Sequence[str]) -> Patch | None:
     return as_ if isinstance(as_, Patch) else Patch()
 
 
-POOL_SHARDS = MAX_OPEN // 2
-"""Number of shards that are shuffled together."""
+POOL_SHARDS = MAX_OPEN // 2  # number of shards that are shuffled together
 
 
 def shuffled_rows(index: pd.DataFrame, rng: np.random.Generator) -> npt.NDArray[np.int64]:

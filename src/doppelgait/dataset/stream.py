@@ -30,9 +30,7 @@ MAX_FAILURES = 10
 
 @dataclass(frozen=True)
 class ExampleStream:
-    """Endless examples of a plan, in number order.
-
-    Every iteration starts at the first number.
+    """Endless examples of a plan, in number order; every iteration starts at the first number.
 
     Parameters
     ----------
@@ -40,10 +38,8 @@ class ExampleStream:
         With its folders expanded.
     folder : Path
         Folder that relative motion paths start from.
-    start : int
-        First number.
-    step : int
-        From one number to the next.
+    start, step : int
+        First number, and step from one number to the next.
     """
 
     config: PlanConfig
@@ -55,9 +51,7 @@ class ExampleStream:
         return (example for _, example in self.iterate_numbered())
 
     def iterate_numbered(self) -> Iterator[tuple[int, Example]]:
-        """Yield examples with their numbers.
-
-        A scene of several targets gives one example each.
+        """Yield examples with their numbers; a scene of several targets gives one example each.
 
         An example that fails is left out with a :class:`DoppelgaitWarning`.
 
@@ -99,10 +93,7 @@ class ExampleStream:
         return labels.index(label)
 
     def part(self, number: int, count: int) -> ExampleStream:
-        """Return the share of one of ``count`` workers.
-
-        All shares together are this stream, without duplicates.
-        """
+        """Return the share of one of ``count`` workers; all shares together are this stream, without duplicates."""
         if not 0 <= number < count:
             raise DatasetError(f"worker: ({number}, {count}) is not allowed; it must be (k, n) with k from 0 to n - 1")
         return replace(self, start=self.start + number * self.step, step=self.step * count)
@@ -115,23 +106,14 @@ class ExampleStream:
         transform: Callable[[Any], Any] | None = None,
         target: Literal["label", "index"] = "label",
     ) -> TorchStream:
-        """Return the stream as a ``torch.utils.data.IterableDataset``.
+        """Return the stream as a ``torch.utils.data.IterableDataset``; the workers of a loader share its numbers.
 
-        The workers of a loader share its numbers.
+        Items and other parameters are as those of :meth:`doppelgait.dataset.Dataset.torch`.
 
         Parameters
         ----------
-        as_ : {"array", "picture"} or Patch
-            As of :meth:`doppelgait.dataset.Dataset.batches`.
-        transform : callable, optional
-            Applied to what is returned for the fields.
         target : {"label", "index"}
             Number of the class in the order of the plan, or number of the example.
-
-        Returns
-        -------
-        torch.utils.data.IterableDataset
-            Items as from :meth:`doppelgait.dataset.Dataset.torch`.
 
         Raises
         ------

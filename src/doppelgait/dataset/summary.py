@@ -19,8 +19,7 @@ from doppelgait.dataset.shard import BuildContext, build_shard
 from doppelgait.dataset.splits import parse_source
 
 PILOT_EXAMPLES = 8
-ROW_BYTES = 5000
-"""An index row and its copy in the shard's record."""
+ROW_BYTES = 5000  # an index row and its copy in the shard's record
 
 
 @dataclass(frozen=True)

@@ -99,10 +99,8 @@ class Verification:
         return {**asdict(self), "directory": str(self.directory), **outcome}
 
 
-MAX_EXAMPLES = 2000
-"""Largest number of examples that are resolved again."""
-MIN_PER_CLASS = 3
-"""Smallest number of examples of a class that are made again."""
+MAX_EXAMPLES = 2000  # largest number of examples that are resolved again
+MIN_PER_CLASS = 3  # smallest number of examples of a class that are made again
 
 
 @dataclass(frozen=True)

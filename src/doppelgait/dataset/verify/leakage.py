@@ -28,10 +28,8 @@ IntArray = npt.NDArray[np.int64]
 
 FOLDS = 5
 BINS, PAIR_BINS = 6, 3
-MAX_PAIRED = 40
-"""Number of parameters above which no pairs are used."""
-PRIOR_ROWS = 2.0
-"""Prior number of rows of every class, distributed like all rows."""
+MAX_PAIRED = 40  # number of parameters above which no pairs are used
+PRIOR_ROWS = 2.0  # prior number of rows of every class, distributed like all rows
 ABOVE_CHANCE = 0.1
 """Allowed accuracy as a fraction of the distance from chance to 1: balanced accuracy 0.55 for two classes, 0.4 for
 three."""

@@ -26,8 +26,7 @@ from doppelgait.motion.motion import Motion
 from doppelgait.scene.placement import place
 from doppelgait.scene.rcs import total_rcs_m2
 
-MAX_PLACED = 200
-"""Maximum number of examples with a generated motion, which the body mass needs."""
+MAX_PLACED = 200  # maximum number of examples with a generated motion, which the body mass needs
 
 
 def refuse_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
@@ -80,8 +79,7 @@ def warn_of_default_rcs(
         warn_caller(f"{leak}; {RCS_FIX}")
 
 
-MAX_READ = 20
-"""Number of motion files that are read for their warnings."""
+MAX_READ = 20  # number of motion files that are read for their warnings
 OF_A_CLIP = ("kind", "path", "hybrid", "segment", "loop_to_s", "loop_variation")
 """Keys of a motion without effect on what is read of its file."""
 

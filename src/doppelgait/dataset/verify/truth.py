@@ -127,8 +127,7 @@ def expected_aspect_deg(example: ExampleSpec, row: Mapping[str, Any]) -> float:
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).mean())
 
 
-MAX_LIMITED = 0.05
-"""Share of a class's rows that a limit of the radar may affect without a warning."""
+MAX_LIMITED = 0.05  # share of a class's rows that a limit of the radar may affect without a warning
 
 
 def check_feasibility(contents: Contents) -> Finding:
