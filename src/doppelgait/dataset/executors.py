@@ -62,10 +62,6 @@ def restart_lost_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequ
 
 
 UNGUARDED = 87  # exit status of a worker that starts a build when its main script is imported
-UNGUARDED_WORDS = (
-    "the script starts the build again when a worker imports it; put its calls under "
-    'if __name__ == "__main__": or build with executor="serial"'
-)
 END_SECONDS = 10  # time, s, that a worker may take to end before it is killed
 
 
@@ -135,7 +131,10 @@ def _start_workers(work: Work, workers: int) -> Iterator[list[Connection]]:
                 process.kill()
                 process.join()
         if any(process.exitcode == UNGUARDED for process in processes):
-            raise DatasetError(UNGUARDED_WORDS)
+            raise DatasetError(
+                "the script starts the build again when a worker imports it; put its calls under "
+                'if __name__ == "__main__": or build with executor="serial"'
+            )
 
 
 MAX_QUEUED = 256

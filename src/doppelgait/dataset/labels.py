@@ -17,7 +17,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, NoReturn
 
-from doppelgait.core.config import apply_overrides
+from doppelgait.core.config import apply_overrides, read_toml
 from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.files import hash_file
 from doppelgait.dataset.config import SPLITS, list_some, parse_gate
@@ -347,15 +347,7 @@ class NameForm:
     citation: str = ""
 
 
-NAME_FORMS = {
-    "glasgow": NameForm(
-        "**/{label}P{subject}A*R*.dat",
-        {"1": "walking", "2": "sitting down", "3": "standing up", "4": "picking up", "5": "drinking", "6": "falling"},
-        "Fioranelli, F., Shah, S. A., Li, H., Shrestha, A., Yang, S., Le Kernec, J. (2019) Radar signatures of human "
-        "activities. University of Glasgow. DOI 10.5525/gla.researchdata.848",
-    )
-}
-"""Templates of published sets by name; the six activities are from the description of the set."""
+NAME_FORMS = {name: NameForm(**facts) for name, facts in read_toml(Path(__file__).with_name("names.toml"))[0].items()}
 
 
 def read_names(folder: str | Path, names: str, *, gate: GateChoice = "track") -> list[LabelEntry]:

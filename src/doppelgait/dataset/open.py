@@ -243,7 +243,7 @@ class Dataset:
         return Example(row, arrays, partial(self.specification, number))
 
     def specification(self, number: int, *, folder: str | Path | None = None) -> ExampleSpec:
-        """Return the specification of the ``number``-th example's simulation.
+        """Return the specification of the ``number``-th example's simulation; :meth:`result` is the outcome.
 
         Parameters
         ----------
@@ -268,7 +268,7 @@ class Dataset:
         return validate(PlanConfig, self.description.get("config") or {}, where="dataset.json")
 
     def result(self, number: int) -> Result:
-        """Return the result of the ``number``-th example with its settings."""
+        """Return the result of the ``number``-th example with its settings; its truth is :attr:`Example.truth`."""
         example = self.example(number)
         return example.result(read_analysis(self.description, example.row))
 
@@ -300,8 +300,9 @@ class Dataset:
         Returns
         -------
         dict
-            By label, in the order of the class numbers: that of scikit-learn's ``class_weight="balanced"``; 0 for a
-            class without rows here. ``torch.tensor([*weights.values()])`` is the ``weight`` of a loss in torch.
+            By label, in the order of the class numbers: n / (number of classes with rows * rows of the class), as
+            scikit-learn's ``class_weight="balanced"``; 0 for a class without rows here.
+            ``torch.tensor([*weights.values()])`` is the ``weight`` of a loss in torch.
         """
         classes: Mapping[str, int] = self.description["classes"]
         counts = np.bincount(self.class_numbers(), minlength=1 + max(classes.values(), default=-1))

@@ -15,7 +15,7 @@ import pandas as pd
 from doppelgait.core.config import validate
 from doppelgait.core.errors import DatasetError, DoppelgaitError
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.finish import DATA_VERSION, SCHEMA_VERSION, read_description
+from doppelgait.dataset.finish import SCHEMA_VERSION, read_description
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.plan import Plan, PlannedExample, plan_dataset
 from doppelgait.dataset.resolve import ExampleSpec
@@ -140,28 +140,17 @@ class Contents:
         """True if it was imported from recordings of a radar."""
         return self.description.get("origin") == "imported"
 
-    @property
-    def unlike(self) -> str:
-        """Reason why this version cannot reproduce the bytes, or an empty text."""
-        version = self.description.get("data_version")
-        if version == DATA_VERSION:
-            return ""
-        return f"made with data version {version}, this doppelgait makes {DATA_VERSION}"
-
     @cached_property
     def random(self) -> dict[str, np.random.Generator]:
         """Independent random numbers by their use."""
-        uses = ("sample", "draws", "pairs", "guess")
-        return dict(zip(uses, self.rng.spawn(len(uses)), strict=True))
+        return dict(zip(("sample", "draws", "pairs", "guess"), self.rng.spawn(4), strict=True))
 
     @cached_property
     def chosen(self) -> list[PlannedExample]:
         """Examples to make again: a share, at least three per class."""
-
-        def count(members: int) -> int:
-            return max(MIN_PER_CLASS, math.ceil(self.share * members))
-
-        return self._sample(self.random["sample"], count) if self.share > 0 else []
+        if not self.share > 0:
+            return []
+        return self._sample(self.random["sample"], lambda n: max(MIN_PER_CLASS, math.ceil(self.share * n)))
 
     @cached_property
     def examples(self) -> list[ExampleSpec]:

@@ -104,13 +104,9 @@ def make_cells(columns: Sequence[pd.Series]) -> Cells:
     if len(columns) <= MAX_PAIRED:
         coarse = [bin_values(column, PAIR_BINS) for column in columns]
         terms += [one * (PAIR_BINS + 1) + two for one, two in combinations(coarse, 2)]
-    parts, starts, first = [], [], 0
-    for term in terms:
-        _, place = np.unique(term, return_inverse=True)
-        parts.append((place[:, None] == np.arange(place.max() + 1)).astype(np.float32))
-        starts.append(first)
-        first += parts[-1].shape[1]
-    return Cells(np.hstack(parts), np.array(starts, dtype=np.int64))
+    blocks = [(term[:, None] == np.unique(term)).astype(np.float32) for term in terms]
+    ends = np.cumsum([block.shape[1] for block in blocks])
+    return Cells(np.hstack(blocks), np.append(0, ends[:-1]))
 
 
 def bin_values(column: pd.Series, count: int) -> IntArray:
@@ -131,13 +127,12 @@ def score_folds(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[
     """Return the folds' mean balanced accuracy per label column."""
     # Each fold is guessed from the others; labels have the shape (n, n_columns).
     n_classes = int(labels.max()) + 1
-    found = []
-    for fold in range(FOLDS):
-        test = folds == fold
+    accuracies = []
+    for test in (folds == fold for fold in range(FOLDS)):
         if test.any() and not test.all():
             levels = _compute_log_ratios(cells, test, labels[~test], n_classes)
-            found.append(balanced_accuracy(labels[test], levels.argmax(axis=0), n_classes))
-    return np.asarray(np.mean(found, axis=0))
+            accuracies.append(balanced_accuracy(labels[test], levels.argmax(axis=0), n_classes))
+    return np.asarray(np.mean(accuracies, axis=0))
 
 
 def _compute_log_ratios(cells: Cells, test: npt.NDArray[np.bool_], labels: IntArray, n_classes: int) -> Float32Array:
@@ -160,13 +155,9 @@ def _compute_log_ratios(cells: Cells, test: npt.NDArray[np.bool_], labels: IntAr
 
 def balanced_accuracy(labels: IntArray, guesses: IntArray, n_classes: int) -> npt.NDArray[np.float64]:
     """Return the mean accuracy over occurring classes, per column."""
-    hits, present = np.zeros(labels.shape[1]), np.zeros(labels.shape[1])
-    for number in range(n_classes):
-        member = labels == number
-        count = member.sum(axis=0)
-        hits += (member & (guesses == number)).sum(axis=0) / np.maximum(count, 1)
-        present += count > 0
-    return np.asarray(hits / present)
+    members = labels == np.arange(n_classes)[:, None, None]
+    counts, hits = members.sum(axis=1), (members & (labels == guesses)).sum(axis=1)
+    return np.asarray((hits / np.maximum(counts, 1)).sum(axis=0) / (counts > 0).sum(axis=0))
 
 
 def permute_labels(labels: IntArray, groups: IntArray, rng: np.random.Generator) -> IntArray:
@@ -176,10 +167,10 @@ def permute_labels(labels: IntArray, groups: IntArray, rng: np.random.Generator)
     low, high = np.full(n_groups, labels.max()), np.zeros(n_groups, dtype=labels.dtype)
     np.minimum.at(low, groups, labels)
     np.maximum.at(high, groups, labels)
-    swapped = low.copy()
-    swapped[low == high] = rng.permutation(low[low == high])
-    pure = (low == high)[groups]
-    permuted = np.where(pure, swapped[groups], labels)
+    one_label = low == high
+    low[one_label] = rng.permutation(low[one_label])
+    pure = one_label[groups]
+    permuted = np.where(pure, low[groups], labels)
     mixed = np.flatnonzero(~pure)
     in_order = mixed[np.argsort(groups[mixed], kind="stable")]
     permuted[in_order] = labels[mixed[np.lexsort((rng.random(mixed.size), groups[mixed]))]]
@@ -316,20 +307,17 @@ def _select_measured(rows: pd.DataFrame) -> pd.DataFrame:
 
 def describe_guess(words: str, guess: Guess, table: pd.DataFrame) -> str:
     """Describe a leak: accuracy, limit, and the most predictive parameters by class."""
+
+    def describe(known: pd.Series) -> str:
+        """Return the median of numbers, else the most frequent value."""
+        if known.empty:
+            return "none"
+        return f"{known.median():.3g}" if pd.api.types.is_numeric_dtype(known) else str(known.mode().iloc[0])
+
     telling = []
     for name, alone in guess.telling[:SHOWN_PARAMETERS]:
-        # The parameter in every class: the median of numbers, else the most frequent value.
-        per_class: list[str] = []
-        for label, part in table.groupby("label")[name]:
-            known: Any = part.dropna()
-            if known.empty:
-                value = "none"
-            elif pd.api.types.is_numeric_dtype(known):
-                value = f"{float(known.median()):.3g}"
-            else:
-                value = str(known.mode().iloc[0])
-            per_class.append(f"{label} {value}")
-        telling.append(f"{name.removeprefix('index.')} ({', '.join(per_class)}; alone {alone:.2f})")
+        per_class = ", ".join(f"{label} {describe(part.dropna())}" for label, part in table.groupby("label")[name])
+        telling.append(f"{name.removeprefix('index.')} ({per_class}; alone {alone:.2f})")
     return (
         f"nuisance parameters alone predict {words}: balanced accuracy {guess.accuracy:.2f} (allowed "
         f"{guess.allowed:.2f}), p = {guess.p_value:.1g}; most predictive: {', '.join(telling)}"

@@ -13,7 +13,7 @@ import xarray as xr
 
 from doppelgait.core.errors import ConfigError, OutputError
 from doppelgait.dataset.config import Progress
-from doppelgait.dataset.finish import list_shard_names, make_index, read_records
+from doppelgait.dataset.finish import DATA_VERSION, list_shard_names, make_index, read_records
 from doppelgait.dataset.verify import integrity, resimulate, truth
 from doppelgait.dataset.verify.contents import (
     Check,
@@ -66,13 +66,17 @@ CHECKS = (
 
 def run_check(row: Row, contents: Contents) -> Check:
     """Run a check, or state which of its needs is not met."""
-    unmet: dict[Need, Finding | None] = {
-        "plan": Finding(contents.no_plan_status, contents.no_plan) if contents.plan is None else None,
-        "version": Finding("skipped", contents.unlike) if contents.unlike else None,
-        "simulated": Finding("not applicable", "imported recordings have no truth") if contents.measured else None,
-    }
-    finding = next((unmet[need] for need in row.needs if unmet[need]), None)
-    return Check(row.name, *(finding or row.find(contents)))
+    version = contents.description.get("data_version")
+    unmet: dict[Need, Finding] = {}
+    if contents.plan is None:
+        unmet["plan"] = Finding(contents.no_plan_status, contents.no_plan)
+    if version != DATA_VERSION:
+        words = f"made with data version {version}, this doppelgait makes {DATA_VERSION}"
+        unmet["version"] = Finding("skipped", words)
+    if contents.measured:
+        unmet["simulated"] = Finding("not applicable", "imported recordings have no truth")
+    obstacle = next((unmet[need] for need in row.needs if need in unmet), None)
+    return Check(row.name, *(obstacle or row.find(contents)))
 
 
 def verify_dataset(
