@@ -14,7 +14,7 @@ import xarray as xr
 from doppelgait.core.errors import ConfigError, OutputError
 from doppelgait.dataset.config import Progress
 from doppelgait.dataset.finish import DATA_VERSION, list_shard_names, make_index, read_records
-from doppelgait.dataset.verify import integrity, resimulate, truth
+from doppelgait.dataset.verify import integrity, truth
 from doppelgait.dataset.verify.contents import (
     Check,
     Contents,
@@ -50,8 +50,8 @@ CHECKS = (
     Row("identity", integrity.check_identity, ("plan", "version")),
     Row("rows", integrity.check_rows, ("plan",)),
     Row("class balance", integrity.check_balance),
-    Row("re-simulation", resimulate.check_resimulation, ("plan", "version")),
-    Row("measured SNR", resimulate.check_measured_snr, ("plan", "version")),
+    Row("re-simulation", truth.check_resimulation, ("plan", "version")),
+    Row("measured SNR", truth.check_measured_snr, ("plan", "version")),
     Row("torso velocity", truth.check_velocity),
     Row("gait frequency", truth.check_gait_frequency),
     Row("planned SNR", truth.check_snr),
