@@ -1,4 +1,4 @@
-"""Labels of recordings: file ``labels.csv``, whose every mistake is reported, or names of files and folders."""
+"""Labels of recordings: a file of labels, whose every mistake is reported, or names of files."""
 
 from __future__ import annotations
 

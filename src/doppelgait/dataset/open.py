@@ -223,7 +223,7 @@ class Dataset:
         return build_feature_matrix(self.index, names, without_flags)
 
     def array(self, field: str, number: int) -> Array:
-        """Return an array of an example, in linear units; that of a target without a track is empty."""
+        """Return an array of an example in linear units, empty for a target without a track."""
         self.check_fields([field])
         values = self.stored(number, field)
         if values is None:
@@ -243,7 +243,7 @@ class Dataset:
         return Example(row, arrays, partial(self.specification, number))
 
     def specification(self, number: int, *, folder: str | Path | None = None) -> ExampleSpec:
-        """Return the specification of the ``number``-th example's simulation; :meth:`result` is the outcome.
+        """Return the specification of an example's simulation; :meth:`result` is its outcome.
 
         Parameters
         ----------
@@ -268,12 +268,12 @@ class Dataset:
         return validate(PlanConfig, self.description.get("config") or {}, where="dataset.json")
 
     def result(self, number: int) -> Result:
-        """Return the result of the ``number``-th example with its settings; its truth is :attr:`Example.truth`."""
+        """Return the result of an example with its settings; its truth is :attr:`Example.truth`."""
         example = self.example(number)
         return example.result(read_analysis(self.description, example.row))
 
     def stored(self, number: int, name: str) -> Array | None:
-        """Return an array or axis of an example by its name in the shard, or None."""
+        """Return a stored array or axis of an example by its name, or None."""
         shards, rows = self._places
         return self.files.read(shards[number], name, rows[number])
 
@@ -300,8 +300,8 @@ class Dataset:
         Returns
         -------
         dict
-            By label, in the order of the class numbers: n / (number of classes with rows * rows of the class), as
-            scikit-learn's ``class_weight="balanced"``; 0 for a class without rows here.
+            By label, in the order of the class numbers: n / (number of classes with rows * rows of
+            the class), as scikit-learn's ``class_weight="balanced"``; 0 for a class without rows.
             ``torch.tensor([*weights.values()])`` is the ``weight`` of a loss in torch.
         """
         classes: Mapping[str, int] = self.description["classes"]
@@ -455,15 +455,15 @@ class Dataset:
     ) -> IterableExamples:
         """Return the examples as a ``torch.utils.data.IterableDataset``.
 
-        Items, other parameters and errors are as those of :meth:`torch`. The workers of a loader share the examples:
-        every example is returned once per epoch. Shard files are read one group after another, which suits datasets
-        that are larger than memory.
+        Items, other parameters and errors are as those of :meth:`torch`. The workers of a loader share
+        the examples: every example is returned once per epoch. Shard files are read one group after
+        another, which suits datasets that are larger than memory.
 
         Parameters
         ----------
         seed : int or None
-            Seed of the order, which depends only on seed and epoch; None for the order of the index. Call
-            ``set_epoch(n)`` before every epoch for another order; this holds for persistent workers, too.
+            Seed of the order, which depends only on seed and epoch; None for the order of the index.
+            Call ``set_epoch(n)`` before every epoch for another one, also with persistent workers.
 
         Raises
         ------

@@ -82,7 +82,7 @@ class IterableExamples(IterableDataset[Item]):  # type: ignore[misc, unused-igno
 
 
 class TorchStream(IterableDataset[Item]):  # type: ignore[misc, unused-ignore]  # torch may be missing
-    """Endless dataset with arrays and targets, by (worker, workers), that a loader's workers share."""
+    """Endless dataset, read by (worker, workers), that a loader's workers share."""
 
     def __init__(self, read: Callable[[int, int], Iterator[tuple[Arrays, int]]], transform: Transform | None) -> None:
         self.read, self.transform = read, transform

@@ -1,11 +1,13 @@
 """Leakage test: classes predicted from nuisance parameters.
 
-A Bayes classifier adds the log-likelihood ratios of cells: quantile bins of every parameter and coarser ones of every
-pair. Each term counts by how much of its G statistic exceeds twice its degrees of freedom, so that parameters without
-information have no effect. Training is counting: a thousand permutations of the labels are a few matrix products.
+A Bayes classifier adds the log-likelihood ratios of cells: quantile bins of every parameter and
+coarser ones of every pair. Each term counts by how much of its G statistic exceeds twice its degrees
+of freedom, so that parameters without information have no effect. Training is counting: a thousand
+permutations of the labels are a few matrix products.
 
-One statistic, the accuracy of all parameters together, is compared with that of permuted labels, so that the number of
-parameters needs no correction. A table without a leak is called leaky in less than one case in 10 000.
+One statistic, the accuracy of all parameters together, is compared with that of permuted labels, so
+that the number of parameters needs no correction. A table without a leak is called leaky in less than
+one case in 10 000.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Checks of features against truth, class by class, and of rows against a repeated simulation.
 
-A check of a class fails where fewer than :data:`MIN_SHARE` of its rows are within the tolerance, by a one-sided
-binomial test at 0.1 %. A wrong sign, unit, label or truth hits nearly every row and fails from seven rows on; single
-wrong estimates never do. How often the estimators are right is another question; see :mod:`doppelgait.features`.
+A check of a class fails where fewer than :data:`MIN_SHARE` of its rows are within the tolerance, by a
+one-sided binomial test at 0.1 %. A wrong sign, unit, label or truth hits nearly every row and fails from
+seven rows on; single wrong estimates never do. :mod:`doppelgait.features` has the rates of the estimators.
 """
 
 from __future__ import annotations
@@ -264,8 +264,9 @@ def _compare(contents: Contents, there: pd.Series, row: dict[str, Any], arrays: 
         facts = contents.description["fields"].get(name, {})
         tolerance = HALF_TOLERANCE if facts.get("scale") == "db" else ARRAY_TOLERANCE
         one, two = decode(stored, facts), decode(values, facts)
-        size = float(np.linalg.norm(one))  # relative L2 in linear units, over the tolerance of the precision
-        worst = max(worst, float(np.linalg.norm(two - one)) / (size if size > 0 else 1.0) / tolerance)
+        # relative L2 in linear units, over the tolerance of the precision
+        size = float(np.linalg.norm(one)) or 1.0
+        worst = max(worst, float(np.linalg.norm(two - one)) / size / tolerance)
     files.close()
     reason = f"{wrong[0]} is {there.get(wrong[0])}, made again {row[wrong[0]]}" if wrong else ""
     return Difference(row["id"], equal_arrays and not any(off.values()), worst, feature, reason)
