@@ -37,17 +37,17 @@ def walkers(n=40, **changes):
 
 
 def test_honest_features_pass_and_their_rms_is_right():
-    found = truth.check_velocity(walkers())
+    found = truth.check_velocity(contents(walkers()))
     assert found.status == "passed"
     assert found.numbers["dog"]["rms"] == pytest.approx(0.02)
     assert found.numbers["dog"] == {"rows": 20, "share_inside": 1.0, "rms": pytest.approx(0.02)}
-    assert truth.check_gait_frequency(walkers()).status == "passed"
+    assert truth.check_gait_frequency(contents(walkers())).status == "passed"
 
 
 def test_a_class_whose_sign_is_wrong_fails_and_the_other_does_not():
     table = walkers()
     table.loc[table["label"] == "dog", "feature_torso_velocity_mps"] *= -1
-    found = truth.check_velocity(table)
+    found = truth.check_velocity(contents(table))
     assert found.status == "failed"
     assert found.summary.startswith("off as a whole: dog;")
     assert found.numbers["human"]["share_inside"] == 1.0
@@ -56,16 +56,17 @@ def test_a_class_whose_sign_is_wrong_fails_and_the_other_does_not():
 def test_single_wrong_estimates_do_not_fail_a_class():
     table = walkers()
     table.loc[:7, "gait_frequency_hz"] *= 2
-    assert truth.check_gait_frequency(table).status == "passed"
+    assert truth.check_gait_frequency(contents(table)).status == "passed"
     table["gait_frequency_hz"] *= 0.5
-    assert truth.check_gait_frequency(table).status == "failed"
+    assert truth.check_gait_frequency(contents(table)).status == "failed"
 
 
 def test_flagged_and_noisy_gait_frequencies_are_not_judged():
     table = walkers(gait_frequency_hz=np.full(40, 9.0), quality_flags=["x;low_confidence"] * 40)
-    assert truth.check_gait_frequency(table).status == "not applicable"
-    assert truth.check_gait_frequency(table.assign(quality_flags="", quality_snr_mu_db=9.9)).status == "not applicable"
-    assert truth.check_gait_frequency(table.assign(quality_flags="")).status == "failed"
+    assert truth.check_gait_frequency(contents(table)).status == "not applicable"
+    noisy = contents(table.assign(quality_flags="", quality_snr_mu_db=9.9))
+    assert truth.check_gait_frequency(noisy).status == "not applicable"
+    assert truth.check_gait_frequency(contents(table.assign(quality_flags=""))).status == "failed"
 
 
 @pytest.mark.parametrize(("hits", "rows", "off"), [(0, 6, False), (0, 7, True), (20, 40, False), (15, 40, True)])
@@ -191,12 +192,11 @@ def test_equal_features_in_two_splits_are_found_where_no_signature_is_kept():
     names = [f"feature_{name}" for name in duplicates.FEATURE_UNITS]
     table = pd.DataFrame(rng.normal(size=(6, 6)), columns=names)
     table["split"], table["id"], table["source"] = ["train"] * 3 + ["test"] * 3, list("abcdef"), "model"
-    arguments = (np.random.default_rng(3), lambda: None)
-    assert duplicates.check_duplicates(contents(table), *arguments).status == "passed"
+    assert duplicates.check_duplicates(contents(table)).status == "passed"
     table.loc[1, names] = table.loc[0, names]  # both in train: no leak
-    assert duplicates.check_duplicates(contents(table), *arguments).status == "passed"
+    assert duplicates.check_duplicates(contents(table)).status == "passed"
     table.loc[4, names] = table.loc[0, names]
-    found = duplicates.check_duplicates(contents(table), *arguments)
+    found = duplicates.check_duplicates(contents(table))
     assert found.status == "failed"
     assert "a (train) and e (test) identical" in found.summary
 
@@ -234,7 +234,7 @@ def test_a_value_that_only_one_class_has_is_found():
 
 def test_rows_of_one_group_are_one_observation(monkeypatch):
     """Each group has values of its own: rows of a group in two folds would give its class away."""
-    monkeypatch.setattr(leakage, "MOST_PERMUTATIONS", leakage.PERMUTATIONS)  # the accuracy is looked at
+    monkeypatch.setattr(leakage, "MAX_PERMUTATIONS", leakage.PERMUTATIONS)  # the accuracy is looked at
     together, apart = [], []
     for seed in range(6):
         values = np.random.default_rng(seed).normal(size=(2, 20)).repeat(6, axis=1)
@@ -323,7 +323,7 @@ def test_bins_are_quantiles_and_missing_values_have_their_own():
 def test_chance_is_called_chance_as_often_as_it_should(monkeypatch):
     """P-values of tables without a leak are uniform or, for ties, larger."""
     monkeypatch.setattr(leakage, "PERMUTATIONS", 49)
-    monkeypatch.setattr(leakage, "MOST_PERMUTATIONS", 49)
+    monkeypatch.setattr(leakage, "MAX_PERMUTATIONS", 49)
     p = np.array([leakage.guess_classes(parameters(50, seed=n), np.random.default_rng(n)).p_value for n in range(200)])
     assert np.mean(p <= 0.1) < 0.17  # 0.1 + 3.3 standard deviations
     assert np.mean(p <= 0.5) < 0.62

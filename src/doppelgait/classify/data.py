@@ -21,8 +21,7 @@ from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.example import find_feature_columns, read_carrier_hz
-from doppelgait.dataset.learning import read_signature
-from doppelgait.dataset.open import Dataset
+from doppelgait.dataset.open import Dataset, read_signature
 from doppelgait.dataset.verify.contents import Contents, read_plan
 from doppelgait.dataset.verify.leakage import MEASURED, UNSEEN, round_values, tabulate_nuisances
 from doppelgait.processing.patches import Patch, levels_of

@@ -365,7 +365,7 @@ def _import_test(
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.dataset import open_dataset
     from doppelgait.dataset.importing import ImportConfig, import_dataset
-    from doppelgait.dataset.names import label_entries
+    from doppelgait.dataset.labels import label_entries
 
     if folder is None or names is None:
         raise ConfigError("--names, --label and --option need --test FOLDER and --names")

@@ -430,7 +430,7 @@ def import_recordings(
     """
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.dataset.importing import ImportConfig, import_dataset
-    from doppelgait.dataset.names import label_entries
+    from doppelgait.dataset.labels import label_entries
 
     named = {"gate": gate, "window_s": window_s, "hop_s": hop_s, "split": split}
     table = apply_overrides({key: value for key, value in named.items() if value is not None}, changes or [])

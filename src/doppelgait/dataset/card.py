@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from doppelgait import __version__
+from doppelgait.core.config import read_toml
 from doppelgait.dataset.config import ImportConfig, PlanConfig, list_some
 from doppelgait.dataset.feasibility import LIMITS, format_limit_keys, limits_of_index
 from doppelgait.features import FEATURE_UNITS
+
+TEXTS: dict[str, Any] = read_toml(Path(__file__).with_name("card.toml"))[0]
 
 FREE = re.compile(
     r"(cc0|cc[ -]by|cc[ -]by[ -]sa|odc[ -]by|odbl|pddl|mit|isc|unlicense|bsd[ -][0-4][ -]clause|apache([ -]2\.0)?"
@@ -48,186 +52,69 @@ def list_blocked_recordings(index: pd.DataFrame) -> list[str]:
 def release_warning(licences: pd.DataFrame) -> str:
     """Return a sentence on the licences that block a release, or ""."""
     blocked = int(licences["blocked"].sum())
-    if not blocked:
-        return ""
-    return (
-        f"**Not for release**: {blocked} of {len(licences)} recordings are non-commercial or of unknown licence; "
-        "`dataset export --release` refuses this dataset."
-    )
-
-
-CARD = """---
-pretty_name: {name}
-{front}configs:
-  - config_name: default
-    data_files: index.parquet
----
-
-# {name}
-
-{summary}
-
-## Counts
-
-{counts}
-
-{subjects}
-
-## Features (median, 5 % to 95 %) by class
-
-{features}
-
-`step_length_m` is |v_m| / f_mu, radial. For asymmetric gaits (gallop) it is the stride length.
-
-{making}## Files
-
-- `index.parquet`: one row per {rows}
-- `splits/*.txt`: identifiers, one a line.
-- `shards/*.h5`: arrays by row, see `fields` in `dataset.json`; axes are stored next to them (`signature_time_s`).
-{files}## Limits
-
-{limits}
-"""
-
-
-def _fill(index: pd.DataFrame, **texts: str) -> str:
-    counts, features = format_markdown_table(count_examples(index)), format_markdown_table(tabulate_features(index))
-    return CARD.format(counts=counts, features=features, **texts)
-
-
-RADAR_SENTENCE = "point scatterers on moving bodies, pulse-Doppler radar, receiver noise."
-
-TRUTH_GATE = (
-    "The gate comes from the true range of the body plus a random error of {error} m (standard deviation), the same "
-    "for every class; no other truth reaches a feature."
-)
-TRACK_GATE = (
-    "The gate was found without the truth, as in a measured recording; the truth only assigns tracks to targets. A "
-    "target that no track follows has no features and the flag `not_tracked`."
-)
-
-MODEL_SENTENCES = {
-    "boulic": "Human motion: model of Boulic et al. 1990 as implemented by Chen 2011.",
-    "human": "Human motion: a walking and running model of 31 points; docs/motion.md describes its equations and "
-    "assumptions.",
-    "quadruped": ("Dog motion: a simplified quadruped with parameters from one measured dog and published gait laws."),
-    "none": "Examples of empty scenes contain the noise, clutter and background of the scene; their gate follows no "
-    "target.",
-}
-"""Descriptions of the motion models for the card, by kind."""
-
-SIMULATED_ROWS = """\
-target: labels, split, subject, source, recording, licence, resolved parameters, truth
-  (`truth_*`), features (`feature_*`, `extended_*`), their standard deviations (`sd_*`), diagnostics (`quality_*`),
-  `quality_flags` with the reason for a missing value. Targets of one scene share `scene_id` and split."""
-SIMULATED_FILES = """\
-- `dataset.json`: identity, classes, the whole configuration. The same configuration gives the same bytes.
-
-SNR: `snr_frame_db` is the time mean of the strongest range bin's power over the noise power, before
-any transform; `quality_snr_mu_db` is that of the signature.
-{gate}
-
-"""
-MAKE_AGAIN = """
-
-## Build it again
-
-    doppelgait dataset build PLAN.toml -o {name}
-
-with the `config` of `dataset.json` as the plan; `doppelgait dataset verify {name}` proves that it is the same."""
+    return TEXTS["blocked"].format(blocked=blocked, recordings=len(licences)) if blocked else ""
 
 
 def format_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
     """Write the Markdown card of a simulated dataset."""
-    name, total = plan.dataset.name, len(index)
+    name, rows, texts = plan.dataset.name, len(index), TEXTS["simulated"]
     sizes = [("n<1K", 1e3), ("1K<n<10K", 1e4), ("10K<n<100K", 1e5), ("100K<n<1M", 1e6)]  # in the notation of data hubs
-    size = next((words for words, limit in sizes if total < limit), "n>1M")
-    front = (
-        f"{'license: other' + chr(10) if len(list_licences(index)) else ''}task_categories: [other]\n"
-        f"tags: [radar, micro-doppler, gait, synthetic]\nsize_categories: [{size}]\n"
-    )
+    size = next((words for words, limit in sizes if rows < limit), "n>1M")
     recorded = index if index.empty else index[index["source"] == "recording"]
-    subjects = ["Examples of one subject, and of all who share a scene with it, are in one split."]
-    if len(recorded) < total:
-        subjects.append("A model's parameter draw is its own subject.")
+    subjects = [texts["subjects"]]
+    if len(recorded) < rows:
+        subjects.append(texts["subjects_of_models"])
     if len(recorded) and recorded["subject"].str.startswith("file/").any():
-        subjects.append(
-            "A motion file without an entry `subject` in `[[sources]]` is one subject, even if several people move in "
-            "it: two recordings of the same person or animal may be in different splits."
-        )
+        subjects.append(texts["subjects_of_files"])
     kinds = [] if index.empty else sorted(set(index["motion_kind"]) - {"file"})
-    law = "total sampled from the same assumed distribution for every class"
-    rcs = plan.target.get("rcs", {})
-    if "total_m2" not in rcs and "choice" not in rcs:
-        law = "by body mass, assumed for dogs; the echo power therefore differs between classes"
-    if "target.rcs" in plan.dataset.leaks:
-        law = "set by class: a leak (see above)"
+    rcs, leaks = plan.target.get("rcs", {}), plan.dataset.leaks
+    law = "distribution" if "total_m2" in rcs or "choice" in rcs else "mass"
     simplifications = ["occlusion as set in the plan" if "occlusion" in rcs else "no occlusion"]
     if plan.environment in (None, [], {}):
         simplifications.append("no multipath")
     if plan.impairments in (None, [], {}):
         simplifications.append("no clutter or receiver faults except those of the radar's preset")
-    limits = "\n".join(
-        [
-            f"- Isotropic point scatterers, {', '.join(simplifications)}.",
-            *(f"- {MODEL_SENTENCES.get(kind, f'Motion model `{kind}`.')}" for kind in kinds),
-            f"- Radar cross section: {law}.",
-            "- The assumptions about bodies, rooms and the receiver are randomised, not measured in your room.",
-            *_radar_limits(index),
-        ]
-    )
-    gate = TRACK_GATE if plan.dataset.gate == "track" else TRUTH_GATE.format(error=plan.dataset.gate_error_sd_m)
-    return _fill(
+    listed = [f"- `{leak}`: {TEXTS['leaks'].get(leak, TEXTS['leaks']['other'])}." for leak in leaks]
+    license_line = "license: other\n" if len(list_licences(index)) else ""
+    return _fill_card(
         index,
         name=name,
-        front=front,
+        front=license_line + texts["front"].format(size=size),
         subjects=" ".join(subjects),
-        making=_format_leaks(plan.dataset.leaks),
-        rows=SIMULATED_ROWS,
-        summary=f"{total} simulated micro-Doppler examples made by doppelgait {__version__}, dataset id `{identity}`.\n"
-        + _describe_origin(plan, index, recorded),
-        files=SIMULATED_FILES.format(gate=gate),
-        limits=limits + MAKE_AGAIN.format(name=name),
+        making=TEXTS["leaks"]["section"].format(leaks="\n".join(listed)) if listed else "",
+        rows=texts["rows"],
+        summary=texts["summary"].format(
+            rows=rows, version=__version__, identity=identity, origin=_describe_origin(plan, index, recorded)
+        ),
+        files=texts["files"].format(gate=TEXTS["gates"][plan.dataset.gate].format(error=plan.dataset.gate_error_sd_m)),
+        limits=texts["limits"].format(
+            simplifications=", ".join(simplifications),
+            models="".join(f"- {TEXTS['models'].get(kind, f'Motion model `{kind}`.')}\n" for kind in kinds),
+            law=TEXTS["laws"]["leak" if "target.rcs" in leaks else law],
+            radar=_describe_radar_limits(index),
+            name=name,
+        ),
     )
 
 
-def _radar_limits(index: pd.DataFrame) -> list[str]:
-    counts = limits_of_index(index)
+def _fill_card(index: pd.DataFrame, **texts: str) -> str:
+    counts, features = format_markdown_table(count_examples(index)), format_markdown_table(tabulate_features(index))
+    return str(TEXTS["card"].format(counts=counts, features=features, **texts))
+
+
+def _describe_radar_limits(index: pd.DataFrame) -> str:
+    counts, texts = limits_of_index(index), TEXTS["radar_limits"]
     reached = [name for name in LIMITS if any(row[name] for row in counts)]
     if not reached:
-        return ["- Radar: no row aliases in Doppler, leaves the frame or has a truncated gate."]
+        return str(texts["none"])
     table = format_markdown_table(pd.DataFrame(counts).sort_values("class")[["class", "rows", *reached]])
-    return [
-        "- Radar: the table counts rows that reach a limit; a row can reach several. A limit that any body of a",
-        "  scene reaches counts for every row of the scene; a truncated gate counts for its own row.",
-        f"  Keys of the plan to change: {format_limit_keys(reached)}.",
-        "",
-        table,
-    ]
-
-
-LEAK_SENTENCES = {
-    "radar.prf_hz": "the frame rate is the lowest without aliasing for each example, so that it reveals the speed",
-    "scene.duration_s": "every example is as long as its recording",
-}
-"""Sentences on what each leak of a plan reveals; keys of ``target`` differ by class."""
-
-
-def _format_leaks(leaks: Sequence[str]) -> str:
-    if not leaks:
-        return ""
-    named = [f"- `{leak}`: {LEAK_SENTENCES.get(leak, 'set by class, so that it reveals the class')}." for leak in leaks]
-    return (
-        "## Leaks\n\nThis dataset reproduces a published one, including values that reveal the class. A "
-        "score on it does not "
-        "measure how well people and animals are distinguished.\n\n" + "\n".join(named) + "\n\n"
-    )
+    return str(texts["table"].format(keys=format_limit_keys(reached), table=table))
 
 
 def _describe_origin(plan: PlanConfig, index: pd.DataFrame, recorded: pd.DataFrame) -> str:
+    texts = TEXTS["simulated"]
     if recorded.empty:
-        return f"Everything is simulated: {RADAR_SENTENCE} It contains no recording of a person or animal."
-    others = "" if len(recorded) == len(index) else " The motion of the other examples is generated by models."
+        return str(texts["no_recording"].format(radar=texts["radar"]))
     table = list_licences(index)
     labels = {str(name): ", ".join(sorted(group["label"].unique())) for name, group in recorded.groupby("recording")}
     files = [
@@ -236,51 +123,32 @@ def _describe_origin(plan: PlanConfig, index: pd.DataFrame, recorded: pd.DataFra
     ]
     warning = release_warning(table)
     cited = dict.fromkeys(entry.citation for entry in plan.sources if entry.citation)
-    return (
-        f"The radar is simulated: {RADAR_SENTENCE} The motion of {len(recorded)} examples is from recordings of "
-        f"people or animals.{others}\n\n## Recordings\n\nMotion files and the number of examples made from each; "
-        f"their licences apply to this dataset.{f'{chr(10) * 2}{warning}' if warning else ''}\n\n"
-        + "\n".join(files)
-        + ("\n\n## Citations\n" + "".join(f"\n- {text}" for text in cited) if cited else "")
+    return str(
+        texts["recordings"].format(
+            radar=texts["radar"],
+            count=len(recorded),
+            others="" if len(recorded) == len(index) else texts["others"],
+            warning=f"\n\n{warning}" if warning else "",
+            files="\n".join(files),
+            citations="\n\n## Citations\n" + "".join(f"\n- {text}" for text in cited) if cited else "",
+        )
     )
-
-
-IMPORTED_ROWS = """recording{or_window}: label, split, subject, recording with its SHA-256, licence,
-  features (`feature_*`, `extended_*`), their standard deviations (`sd_*`), diagnostics (`quality_*`), `quality_flags`
-  with the reason for a missing value, `warnings`, and `notes` on values that a file does not state. `truth_*` and
-  `meta_*` are columns of the labels: measured by hand, not by doppelgait."""
-IMPORTED_MAKING = """## Recordings
-
-{sources}
-
-## Processing
-
-{gate} {windows} A row without a target has no features and the flag `not_tracked`; it is kept, so
-that scores count it. If the scene is labelled as empty, the flag is `nobody:nothing_found`.
-
-"""
-IMPORTED_LIMITS = """- Labels are provided by the user and are not verified.
-- Unknown values of a measured scene are empty: noise, range of the body, speed, aspect.
-- Radars: {radars}. Properties of the radar (carrier, pulse rate, range) may predict the class."""
 
 
 def import_card(
     index: pd.DataFrame, *, name: str, identity: str, config: ImportConfig, labels: str, n_failed: int
 ) -> str:
     """Write the Markdown card of an imported dataset."""
-    failed = "It contains every labelled recording."
+    texts, complete = TEXTS["imported"], TEXTS["imported"]["complete"]
     if n_failed:
         noun = "recording or window" if n_failed == 1 else "recordings or windows"
-        failed = f"**Incomplete**: {n_failed} {noun} could not be read or analysed; the reasons are in `shards/*.json`."
-    subjects = ["All rows of a recording, of a subject, and of subjects that share a recording are in one split."]
+        complete = texts["incomplete"].format(count=n_failed, noun=noun)
+    subjects = [texts["subjects"]]
     if index["subject"].str.startswith("file/").any():
-        subjects.append(
-            "A recording without a subject counts as a subject of its own: two recordings of the same person or animal "
-            "may be in different splits."
-        )
+        subjects.append(texts["subjects_of_files"])
     if isinstance(config.split, dict):
         shares = ", ".join(f"{split} {share:g}" for split, share in config.split.items())
-        subjects.append(f"The subjects of every class were assigned at random by shares: {shares}; seed {config.seed}.")
+        subjects.append(texts["subjects_at_random"].format(shares=shares, seed=config.seed))
     table = list_licences(index)
     counts = table.groupby("licence")["recording"].nunique()
     sources = [f"- {licence or 'licence unknown'}: {count} recordings" for licence, count in counts.items()]
@@ -288,38 +156,32 @@ def import_card(
         sources = [warning, "", *sources]
     if cited := [text for text in index["citation"].unique() if text]:
         sources += ["", "Citations:", "", *(f"- {text}" for text in cited)]
-    tracked = int((index["gate"] == "track").sum())
-    gates = []
-    if tracked:
-        gates.append(
-            f"{tracked} rows: targets were detected and tracked; the label was assigned to the track with the longest "
-            "duration weighted by confidence, and features are those of its longest steady segment. "
-            f"{int((index['n_tracks'] > 1).sum())} rows have further tracks (`n_tracks`), which are not in this "
-            "dataset."
-        )
+    tracked, several = int((index["gate"] == "track").sum()), int((index["n_tracks"] > 1).sum())
+    gates = [texts["tracked"].format(tracked=tracked, several=several)] if tracked else []
     if tracked < len(index):
-        gates.append(f"{len(index) - tracked} rows: the gate was set by hand, from one range to another.")
-    windows = "Each row is one recording, or the part of it that its line names."
+        gates.append(texts["by_hand"].format(rows=len(index) - tracked))
+    windows = texts["no_windows"]
     if config.window_s is not None:
-        windows = (
-            f"Recordings were split into windows of {config.window_s:g} s, one every {config.step_s:g} s, each "
-            "analysed separately; windows of one recording share `scene_id`."
-        )
+        windows = texts["windows"].format(window_s=config.window_s, step_s=config.step_s)
     kinds = (index["carrier_hz"] / 1e9).map("{:g} GHz".format) + index["prf_hz"].map(" at {:.4g} Hz".format)
     radars = [f"{kind} ({count} rows)" for kind, count in kinds.value_counts(sort=False).items()]
-    shown = list_some(radars, 8)
-    making = IMPORTED_MAKING.format(sources="\n".join(sources), gate="\n".join(gates), windows=windows)
-    return _fill(
+    return _fill_card(
         index,
         name=name,
+        front=texts["front"],
         subjects=" ".join(subjects),
-        making=making,
+        making=texts["making"].format(sources="\n".join(sources), gate="\n".join(gates), windows=windows),
+        rows=texts["rows"].format(or_window=" or window" if config.window_s is not None else ""),
+        summary=texts["summary"].format(
+            rows=len(index),
+            recordings=index["recording"].nunique(),
+            labels=labels,
+            version=__version__,
+            identity=identity,
+            complete=complete,
+        ),
         files="\n",
-        front="license: other\ntask_categories: [other]\ntags: [radar, micro-doppler, gait, measured]\n",
-        summary=f"{len(index)} rows from {index['recording'].nunique()} radar recordings of the user, labelled by "
-        f"`{labels}`, imported by doppelgait {__version__};\ndataset id `{identity}`. {failed}",
-        rows=IMPORTED_ROWS.format(or_window=" or window" if config.window_s is not None else ""),
-        limits=IMPORTED_LIMITS.format(radars=shown),
+        limits=texts["limits"].format(radars=list_some(radars, 8)),
     )
 
 
@@ -327,8 +189,7 @@ def count_examples(index: pd.DataFrame) -> pd.DataFrame:
     """Count the examples by class and split."""
     if index.empty:
         return pd.DataFrame({"label": []})
-    counts = index.groupby(["label", "split"]).size().unstack(fill_value=0)
-    return counts.reset_index()
+    return index.groupby(["label", "split"]).size().unstack(fill_value=0).reset_index()
 
 
 def tabulate_features(index: pd.DataFrame) -> pd.DataFrame:

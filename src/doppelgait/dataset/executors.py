@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
+import re
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -32,8 +33,8 @@ if TYPE_CHECKING:
     Results = Generator[tuple[Shard, dict[str, Any]], None, None]
 
 
-MAX_LOSSES = 5
-"""Maximum number of consecutive worker losses without a finished shard between them."""
+MAX_LOSSES = 5  # maximum number of consecutive worker losses without a finished shard between them
+STOP_SECONDS = 0.1  # interval, s, at which a stop request is checked
 
 
 class WorkersLostError(Exception):
@@ -60,16 +61,8 @@ def restart_lost_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequ
                 ) from None
 
 
-UNGUARDED = 87
-"""Exit status of a worker that starts a build when its main script is imported."""
-UNGUARDED_WORDS = (
-    "the script starts the build again when a worker imports it; put its calls under "
-    'if __name__ == "__main__": or build with executor="serial"'
-)
-LOOK_SECONDS = 0.1
-"""Interval, s, at which a stop request is checked."""
-END_SECONDS = 10
-"""Time, s, that a worker may take to end before it is killed."""
+UNGUARDED = 87  # exit status of a worker that starts a build when its main script is imported
+END_SECONDS = 10  # time, s, that a worker may take to end before it is killed
 
 
 def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
@@ -98,7 +91,7 @@ def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
             if not busy:
                 return
             answers = []
-            for pipe in cast("list[Connection]", wait_for_pipes(list(busy), LOOK_SECONDS)):
+            for pipe in cast("list[Connection]", wait_for_pipes(list(busy), STOP_SECONDS)):
                 try:
                     answers.append((busy[pipe], pipe.recv()))
                 except (EOFError, OSError):
@@ -112,21 +105,22 @@ def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
 def _start_workers(work: Work, workers: int) -> Iterator[list[Connection]]:
     """Yield pipes to worker processes that end with the block."""
     spawn = multiprocessing.get_context("spawn")
-    ends = [spawn.Pipe() for _ in range(workers)]
-    pipes = [here for here, _ in ends]
-    theirs = [there for _, there in ends]
+    pipes, theirs = zip(*(spawn.Pipe() for _ in range(workers)), strict=True)
     # the fork server, one process that forks itself
-    groups = [ends] if sys.platform == "linux" else [[end] for end in ends]
-    processes = [spawn.Process(target=serve, args=([end for _, end in group],), daemon=True) for group in groups]
+    size = workers if sys.platform == "linux" else 1
+    processes = [
+        spawn.Process(target=serve, args=(theirs[first : first + size],), daemon=True)
+        for first in range(0, workers, size)
+    ]
     try:
         with mark_workers(), ignore_ctrl_c():
             for process in processes:
                 process.start()
-        for there in theirs:
-            there.close()  # otherwise the pipe would not close when the worker ends
-        for group in groups:
+        for pipe in theirs:
+            pipe.close()  # otherwise the pipe would not close when the worker ends
+        for pipe in pipes[::size]:
             with suppress(OSError):  # a dead worker is detected when the first result is read
-                group[0][0].send(work)
+                pipe.send(work)
         yield list(pipes)
     finally:
         for pipe in pipes:
@@ -137,19 +131,19 @@ def _start_workers(work: Work, workers: int) -> Iterator[list[Connection]]:
                 process.kill()
                 process.join()
         if any(process.exitcode == UNGUARDED for process in processes):
-            raise DatasetError(UNGUARDED_WORDS)
+            raise DatasetError(
+                "the script starts the build again when a worker imports it; put its calls under "
+                'if __name__ == "__main__": or build with executor="serial"'
+            )
 
 
 MAX_QUEUED = 256
 """Maximum number of submitted shards; enough for every worker of a large cluster to have its next shard."""
 CONNECT_SECONDS = 20
-STOP_SECONDS = 0.2
-"""Interval, s, at which a stop request is checked."""
 DASK_LOOK_SECONDS = 20
 """Interval, s, at which a local cluster is checked for workers; Dask does not restart a worker that dies at its
 start."""
-RESULT_SECONDS = 20.0
-"""Timeout, s, for the transfer of a record from its worker."""
+RESULT_SECONDS = 20.0  # timeout, s, for the transfer of a record from its worker
 PRELOAD = "from doppelgait.core import worker; worker.prepare_worker()"
 
 
@@ -184,14 +178,14 @@ def run_dask(work: Work, shards: Sequence[Shard], address: str, workers: int) ->
 def _wait_for_some(client: Client, running: dict[DaskFuture[Any], Any], *, is_local: bool) -> list[DaskFuture[Any]]:
     from distributed import wait
 
-    look = time.monotonic() + DASK_LOOK_SECONDS
+    began = time.monotonic()
     while True:
         raise_if_stopped()
         try:
             return list(wait(list(running), timeout=STOP_SECONDS, return_when="FIRST_COMPLETED").done)
         except TimeoutError:
-            if is_local and time.monotonic() > look:
-                look = time.monotonic() + DASK_LOOK_SECONDS
+            if is_local and time.monotonic() > began + DASK_LOOK_SECONDS:
+                began = time.monotonic()
                 if not client.nthreads():
                     raise WorkersLostError from None
 
@@ -242,10 +236,13 @@ def run_shards(
     count = min(workers or os.cpu_count() or 1, max(len(shards), 1))
     if executor == "serial" or (executor == "processes" and count == 1):
         return ((shard, work(shard)) for shard in shards)
-    if executor == "processes":
-        return restart_lost_workers(lambda left: run_processes(work, left, min(count, len(left))), shards)
-    address = executor.removeprefix("dask").removeprefix("://")
-    return restart_lost_workers(lambda left: run_dask(work, left, address, min(count, len(left))), shards)
+
+    def run(left: Sequence[Shard]) -> Results:
+        if executor == "processes":
+            return run_processes(work, left, min(count, len(left)))
+        return run_dask(work, left, executor.removeprefix("dask").removeprefix("://"), min(count, len(left)))
+
+    return restart_lost_workers(run, shards)
 
 
 def check_executor(executor: str) -> None:
@@ -253,7 +250,5 @@ def check_executor(executor: str) -> None:
     # a worker that imports a main script without a guard ends here
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         os._exit(UNGUARDED)
-    host, colon, port = executor.removeprefix("dask://").rpartition(":")
-    at_address = executor.startswith("dask://") and host and colon and port.isdecimal()
-    if executor not in EXECUTORS[:3] and not at_address:
+    if executor not in EXECUTORS[:3] and not re.fullmatch(r"dask://.+:\d+", executor):
         raise ConfigError(f"executor {executor!r}: is unknown; known are {', '.join(EXECUTORS)}")

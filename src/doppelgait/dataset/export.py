@@ -61,12 +61,9 @@ def export_dataset(
     on_progress: Progress | None = None,
 ) -> ExportReport:
     """Write a dataset, or part of it, in another form."""
-    # The folder, which must not exist, appears complete or not at all. Next to the data are
-    # ``dataset.json``, with what was exported under ``export``, and ``source-card.md``, the card of
-    # the source dataset. Arrays are in linear units and single precision. By default no fields are
-    # written into tables, the baseband into SigMF and all fields into the others. For a release,
-    # every licence of the sources must allow redistribution. The form is the name of an exporter,
-    # or a table of its parameters: {"kind": "webdataset", "examples_per_tar": 500}.
+    # Next to the data are ``dataset.json``, with what was exported under ``export``, and ``source-card.md``, the card
+    # of the source dataset. Arrays are in linear units and single precision. The form is the name of an exporter, or a
+    # table of its parameters: {"kind": "webdataset", "examples_per_tar": 500}.
     target = Path(destination)
     parameters = EXPORTERS.parse(form)
     exporter = EXPORTERS.of(parameters)
@@ -144,7 +141,7 @@ def iterate_splits(dataset: Dataset) -> Iterator[tuple[str, npt.NDArray[np.int64
 
 def flatten_index(dataset: Dataset) -> pd.DataFrame:
     """Return the index with ``class_number``, without positions in shard files."""
-    table = dataset.index.drop(columns=[name for name in PLACES if name in dataset.index])
+    table = dataset.index.drop(columns=list(PLACES), errors="ignore")
     table.insert(list(table.columns).index("label") + 1, "class_number", dataset.class_numbers())
     return table
 
@@ -156,8 +153,7 @@ def read_arrays(dataset: Dataset, row: int, fields: tuple[str, ...]) -> dict[str
         arrays[name] = dataset.array(name, row)
         for dim in dataset.description["fields"][name]["dims"]:
             axis = name_axis(name, dim)
-            values = None if axis is None else dataset.stored(row, axis)
-            if axis is not None and values is not None:
+            if axis is not None and (values := dataset.stored(row, axis)) is not None:
                 arrays[axis] = values
     return arrays
 

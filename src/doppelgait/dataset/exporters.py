@@ -6,6 +6,7 @@ import io
 import json
 import tarfile
 from collections.abc import Callable
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -21,8 +22,7 @@ from doppelgait.core.labels import COORDINATE_UNITS
 from doppelgait.core.plugins import plugin
 from doppelgait.dataset.example import parse_unit, read_radar
 from doppelgait.dataset.export import flatten_index, iterate_splits, make_file_name, read_arrays
-from doppelgait.dataset.learning import stack
-from doppelgait.dataset.open import Dataset
+from doppelgait.dataset.open import Dataset, stack
 from doppelgait.dataset.shard_files import AXIS_UNITS, name_axis
 from doppelgait.radar.readers.sigmf import write_sigmf
 from doppelgait.radar.recording import Recording, TargetTruth
@@ -100,21 +100,21 @@ def write_parquet(
     table = flatten_index(dataset)
     # use the whole index: a column that is empty in one split keeps its type
     schema = pa.Schema.from_pandas(table, preserve_index=False)
-    size = parameters.rows_per_group
+
+    def make_group(rows: npt.NDArray[np.int64]) -> pa.Table:
+        group = pa.Table.from_pandas(table.iloc[rows], schema=schema, preserve_index=False)
+        for name, column in _make_array_columns(dataset, rows, fields).items():
+            group = group.append_column(name, column)
+        return _add_units(group, dataset)
+
+    size = parameters.rows_per_group if fields else len(table)
     for split, rows in iterate_splits(dataset):
-        writer = None
-        try:
-            for part in [rows[first : first + size] for first in range(0, rows.size, size)] if fields else [rows]:
-                group = pa.Table.from_pandas(table.iloc[part], schema=schema, preserve_index=False)
-                for name, column in _make_array_columns(dataset, part, fields).items():
-                    group = group.append_column(name, column)
-                group = _add_units(group, dataset)
-                writer = writer or pq.ParquetWriter(folder / f"{split}.parquet", group.schema, compression="zstd")
+        groups = (make_group(rows[first : first + size]) for first in range(0, rows.size, size))
+        first_group = next(groups)
+        with pq.ParquetWriter(folder / f"{split}.parquet", first_group.schema, compression="zstd") as writer:
+            for group in chain([first_group], groups):
                 writer.write_table(group)
-                done(len(part))
-        finally:
-            if writer is not None:
-                writer.close()
+                done(len(group))
 
 
 def _make_array_columns(
@@ -203,25 +203,25 @@ def write_zarr(
             group = root.create_group(f"{split}/{name}")
             if len({dataset.shape(int(row), name) for row in rows}) == 1:
                 _write_stacked(group, dataset, name, rows, parameters.examples_per_file)
-            else:
-                facts = dataset.description["fields"][name]
-                for row in map(int, rows):
-                    own = group.create_group(make_file_name(str(dataset.index["id"].iat[row])))
-                    for dim in facts["dims"]:
-                        axis = _read_axis(dataset, name, dim, row)
-                        if axis is not None:
-                            _write_whole(own, dim, axis, (dim,), {"units": COORDINATE_UNITS[dim]})
-                    _write_whole(own, name, dataset.array(name, row), tuple(facts["dims"]), {"units": facts["units"]})
+                continue
+            facts = dataset.description["fields"][name]
+            for row in map(int, rows):
+                own = group.create_group(make_file_name(str(dataset.index["id"].iat[row])))
+                arrays = read_arrays(dataset, row, (name,))
+                for dim in facts["dims"]:
+                    if (axis := arrays.get(name_axis(name, dim) or "")) is not None:
+                        _write_whole(own, dim, axis, (dim,), COORDINATE_UNITS[dim])
+                _write_whole(own, name, arrays[name], tuple(facts["dims"]), facts["units"])
         done(rows.size)
 
 
 def _write_column(group: Any, name: str, values: pd.Series[Any]) -> None:
     if pd.api.types.is_numeric_dtype(values):
-        attributes = {"units": parse_unit(name)} if pd.api.types.is_float_dtype(values) else {}
-        _write_whole(group, name, values.to_numpy(), ("example",), attributes)
+        unit = parse_unit(name) if pd.api.types.is_float_dtype(values) else None
+        _write_whole(group, name, values.to_numpy(), ("example",), unit)
     else:
         texts = values.fillna("").to_numpy(dtype=object).astype(np.dtypes.StringDType())
-        _write_whole(group, name, texts, ("example",), {})
+        _write_whole(group, name, texts, ("example",))
 
 
 def _write_stacked(
@@ -230,14 +230,14 @@ def _write_stacked(
     _write_column(group, "id", dataset.index["id"].iloc[rows])
     facts = dataset.description["fields"][field]
     for dim in facts["dims"]:
-        axes = [values for row in rows if (values := _read_axis(dataset, field, dim, int(row))) is not None]
-        if len(axes) < rows.size:
+        name = name_axis(field, dim)
+        axes: list[Any] = [] if name is None else [dataset.stored(int(row), name) for row in rows]
+        if not axes or any(values is None for values in axes):
             continue  # scatterers have no axis
-        attributes = {"units": COORDINATE_UNITS[dim]}
         if all(np.array_equal(values, axes[0]) for values in axes):
-            _write_whole(group, dim, axes[0], (dim,), attributes)
+            _write_whole(group, dim, axes[0], (dim,), COORDINATE_UNITS[dim])
         else:
-            _write_whole(group, f"{dim}_{AXIS_UNITS[dim]}", np.stack(axes), ("example", dim), attributes)
+            _write_whole(group, f"{dim}_{AXIS_UNITS[dim]}", np.stack(axes), ("example", dim), COORDINATE_UNITS[dim])
     target: Any = None
     for first in range(0, rows.size, examples_per_file):
         block = stack(dataset, field, rows[first : first + examples_per_file])
@@ -255,24 +255,10 @@ def _write_stacked(
         target[first : first + len(block)] = block
 
 
-def _read_axis(dataset: Dataset, field: str, dim: str, row: int) -> npt.NDArray[Any] | None:
-    name = name_axis(field, dim)
-    return None if name is None else dataset.stored(row, name)
-
-
-def _write_whole(
-    group: Any, name: str, values: npt.NDArray[Any], dims: tuple[str, ...], attributes: dict[str, str]
-) -> None:
+def _write_whole(group: Any, name: str, values: Any, dims: tuple[str, ...], unit: str | None = None) -> None:
     """Write a small array as one chunk."""
-    array = group.create_array(
-        name,
-        shape=values.shape,
-        dtype=values.dtype,
-        chunks=tuple(max(1, n) for n in values.shape),
-        dimension_names=dims,
-        attributes=attributes,
-    )
-    array[...] = values
+    chunks, attributes = tuple(max(1, n) for n in values.shape), {} if unit is None else {"units": unit}
+    group.create_array(name, data=values, chunks=chunks, dimension_names=dims, attributes=attributes)
 
 
 @plugin("exporter", parameters=Sigmf, allowed=("baseband",), default=("baseband",), least=1)

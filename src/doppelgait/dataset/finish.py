@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
@@ -39,18 +40,14 @@ DATASET = FileKind("doppelgait-dataset", SCHEMA_VERSION, "a dataset", DatasetErr
 SUMS = "SHA256SUMS"
 """File with the hash of every file of a finished dataset, in the format of ``sha256sum -c``. It is written last."""
 LOG = "build.jsonl"
+SPLIT_LISTS = ("splits/train.txt", "splits/validation.txt", "splits/test.txt")
+SINGLE_FILES = ("README.md", "dataset.json", "index.parquet", *SPLIT_LISTS)
 
 DATA_VERSION = 15
-"""Version of the bytes that a configuration produces. It is part of every dataset's identity and is raised by hand when
-the same configuration gives other bytes (a random draw, a kernel, a stored type), so that a dataset never mixes
-examples of two versions. 1: first form. 2: compiled kernels for geometry, noise and signature; splits by subject names.
-3: another order of operations in amplitudes, tracks, the short-time transform and the cadence map; features from the
-columns of the lossless hop. 4: gait frequency from limbs, harmonics and a decision between step and stride. 5: rows by
-target, splits by groups. 6: alignment by cubic convolution; the last bits of features. 8: samples as float32 planes in
-rooms and behind impairments. 9: the human motion model. 10: noise of swept-threshold counters and its correlation over
-range; integration over a frame, and averages within it; echoes of earlier pulses; where ellipsoids reflect, and the
-shapes of torsos; spreading loss behind walls. 11: gait frequency, targets and segments. 12: signatures in half
-precision; last bits of most steps, after optimisation. 14: noise in rooms. 15: bodies of surfaces."""
+"""Version of the bytes that a configuration produces. It is part of every dataset's identity and is
+raised by hand when the same configuration gives other bytes (a random draw, a kernel, a stored type),
+so that a dataset never mixes examples of two versions. 15: bodies of surfaces; lines of the changelog
+that begin with **data** describe the changes."""
 
 
 def plan_plugins(plan: PlanConfig, folder: Path) -> list[dict[str, Any]]:
@@ -96,8 +93,7 @@ FAILURES_KEPT = 100
 LONG_COLUMNS = ("motion", "environment", "impairments", "shard_sha256")
 """Columns with long texts that neither card nor lists need."""
 TEXT, NUMBER, INTEGER = "string", "float64", "int64"
-TEXT_COLUMNS = ("truth_gait", "quality_verdict")
-"""Columns that are text even if every row is empty."""
+TEXT_COLUMNS = ("truth_gait", "quality_verdict")  # columns that are text even if every row is empty
 
 
 @dataclass
@@ -186,8 +182,7 @@ def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_fa
 def write_sums(target: Path, shards: Mapping[str, str]) -> None:
     """Write the list of the hashes of all files."""
     hashes = {f"shards/{name}.h5": sha256 for name, sha256 in shards.items()}
-    single = ("README.md", "dataset.json", "index.parquet", *(f"splits/{split}.txt" for split in SPLITS))
-    for name in (*single, *(f"shards/{name}.json" for name in shards)):
+    for name in (*SINGLE_FILES, *(f"shards/{name}.json" for name in shards)):
         hashes[name] = hash_file(target / name)
     log, done = target / LOG, False
     while not done:
@@ -252,11 +247,7 @@ def write_splits(folder: Path, index: pd.DataFrame) -> None:
 
 def count_shards(names: Iterable[str]) -> dict[str, int]:
     """Count the shards of every split by their names."""
-    counts: dict[str, int] = {}
-    for name in names:
-        split = name.partition("-")[0]
-        counts[split] = counts.get(split, 0) + 1
-    return counts
+    return dict(Counter(name.partition("-")[0] for name in names))
 
 
 def list_shard_names(counts: Mapping[str, int]) -> list[str]:
@@ -270,31 +261,25 @@ def list_shard_names(counts: Mapping[str, int]) -> list[str]:
     return [f"{split}-{n:05d}-of-{count:05d}" for split, count in counts.items() for n in range(count)]
 
 
+RECORD_KINDS = {"shard": str, "sha256": str, "rows": list, "bytes": int, "failures": list, "contents_sha256": str}
+"""Keys and types of a shard's record; only the last key may be missing."""
+
+
 def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
     """Yield shard records, reading one at a time."""
     for name in names:
         raise_if_stopped()
-        place = target / "shards" / f"{name}.json"
-        record = parse_json(place.read_text())
-        fault = _find_fault(record)
-        if fault is not None:
-            raise DatasetError(f"{place}: {fault} is missing or damaged; remove the shard and build the dataset again")
+        path = target / "shards" / f"{name}.json"
+        record = parse_json(path.read_text())
+        fault = "record"
+        if isinstance(record, Mapping):
+            fault = next((key for key, kind in RECORD_KINDS.items() if type(record.get(key, "")) is not kind), "")
+            rows = () if fault else record["rows"]
+            if not all(isinstance(row, Mapping) and isinstance(row.get("label"), str) for row in rows):
+                fault = "rows"
+        if fault:
+            raise DatasetError(f"{path}: {fault} is missing or damaged; remove the shard and build the dataset again")
         yield record
-
-
-def _find_fault(record: Any) -> str | None:
-    """Return the first damaged key of a record, or None."""
-    if not isinstance(record, Mapping):
-        return "record"
-    for key, kind in RECORD_KINDS.items():
-        if type(record.get(key, "")) is not kind:
-            return key
-    rows_are_labelled = all(isinstance(row, Mapping) and isinstance(row.get("label"), str) for row in record["rows"])
-    return None if rows_are_labelled else "rows"
-
-
-RECORD_KINDS = {"shard": str, "sha256": str, "rows": list, "bytes": int, "failures": list, "contents_sha256": str}
-"""Keys and types of a shard's record; only the last key may be missing."""
 
 
 def tally(records: Iterable[Record]) -> Totals:
@@ -310,10 +295,10 @@ def tally(records: Iterable[Record]) -> Totals:
         for row in record["rows"]:
             labels.add(row["label"])
             for name, value in row.items():
-                if isinstance(value, str) and totals.columns.get(name) != TEXT:
+                if isinstance(value, str) or name in TEXT_COLUMNS:
                     totals.columns[name] = TEXT
-                elif name not in totals.columns:
-                    totals.columns[name] = TEXT if name in TEXT_COLUMNS else INTEGER if name == "row" else NUMBER
+                else:
+                    totals.columns.setdefault(name, INTEGER if name == "row" else NUMBER)
     totals.columns["shard_sha256"] = TEXT
     totals.labels = sorted(labels)
     totals.contents_sha256 = contents.hexdigest()
@@ -323,8 +308,7 @@ def tally(records: Iterable[Record]) -> Totals:
 def make_index(records: Iterable[Record]) -> pd.DataFrame:
     """Make the index table, one row per target."""
     kept = list(records)
-    columns = tally(kept).columns
-    frame: pd.DataFrame = _make_table(list(_rows(kept)), columns).to_pandas()
+    frame: pd.DataFrame = _make_table(_iterate_rows(kept), tally(kept).columns).to_pandas()
     return frame
 
 
@@ -332,25 +316,23 @@ def write_index(path: Path, records: Iterable[Record], columns: Mapping[str, str
     """Write the index as Parquet, block by block."""
     import pyarrow.parquet as pq
 
-    rows, schema = _rows(records), _make_table([], columns).schema.with_metadata({"dataset": identity})
+    rows, schema = _iterate_rows(records), _make_table([], columns).schema.with_metadata({"dataset": identity})
     with open_atomically(path, os_errors=True) as partial, pq.ParquetWriter(partial, schema) as writer:
-        while part := list(islice(rows, ROWS_AT_A_TIME)):
-            writer.write_table(_make_table(part, columns).cast(schema))
+        while block := list(islice(rows, ROWS_AT_A_TIME)):
+            writer.write_table(_make_table(block, columns).cast(schema))
 
 
-def _rows(records: Iterable[Record]) -> Iterator[dict[str, Any]]:
-    for record in records:
-        for row in record["rows"]:
-            yield {**row, "shard_sha256": record["sha256"]}
+def _iterate_rows(records: Iterable[Record]) -> Iterator[dict[str, Any]]:
+    return ({**row, "shard_sha256": record["sha256"]} for record in records for row in record["rows"])
 
 
-def _make_table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> pa.Table:
+def _make_table(rows: Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -> pa.Table:
     import pyarrow as pa
 
-    arrays = []
+    block, arrays = list(rows), {}
     for name, kind in columns.items():
-        values = [row.get(name) for row in rows]
+        values = [row.get(name) for row in block]
         if kind == NUMBER:
-            values = [None if v is None else float(v) for v in values]
-        arrays.append(pa.array(values, type=pa.type_for_alias(kind)))
-    return pa.Table.from_arrays(arrays, names=[INDEX_NAMES.get(name, name) for name in columns])
+            values = [None if value is None else float(value) for value in values]
+        arrays[INDEX_NAMES.get(name, name)] = pa.array(values, type=pa.type_for_alias(kind))
+    return pa.table(arrays)

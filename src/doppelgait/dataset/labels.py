@@ -1,4 +1,4 @@
-"""File of labels, ``labels.csv``: parser that reports every mistake."""
+"""Labels of recordings: a file of labels, whose every mistake is reported, or names of files."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ import io
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
+from fnmatch import fnmatchcase
 from functools import cache, partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from doppelgait.core.config import apply_overrides
+from doppelgait.core.config import apply_overrides, read_toml
 from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.files import hash_file
 from doppelgait.dataset.config import SPLITS, list_some, parse_gate
@@ -107,17 +108,8 @@ def hash_recording(folder: Path, recording: str) -> str:
 DELIMITERS = ",;\t"
 
 
-@dataclass(frozen=True)
-class LabelTable:
-    """Lines of a label file."""
-
-    name: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[int, dict[str, str]], ...]
-
-
-def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
-    """Read a CSV file with column names in the first line."""
+def read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
+    """Read lines of a CSV file and their numbers; the first line names the columns."""
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -126,78 +118,64 @@ def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
     try:
         text = content.decode("utf-16" if wide else "utf-8-sig")
     except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise ConfigError(
-            f"{path}: line {line} is not {'UTF-16' if wide else 'UTF-8'} text; save it as CSV in UTF-8"
-        ) from None
-    firsts = {one: _split_cells(path, text, one, most=1) for one in DELIMITERS}
-    headers = {one: lines[0][1] if lines else [] for one, lines in firsts.items()}
-    fitting = [one for one, header in headers.items() if set(needed) <= {name.lower() for name in header}]
-    delimiter = fitting[0] if fitting else max(headers, key=lambda one: len(headers[one]))
-    lines = _split_cells(path, text, delimiter)
+        line, code = content[: error.start].count(b"\n") + 1, "UTF-16" if wide else "UTF-8"
+        raise ConfigError(f"{path}: line {line} is not {code} text; save it as CSV in UTF-8") from None
+    headers = {sign: next(_split_cells(path, text, sign), (1, []))[1] for sign in DELIMITERS}
+    fitting = (sign for sign, header in headers.items() if set(NEEDED) <= {name.lower() for name in header})
+    delimiter = next(fitting, max(headers, key=lambda sign: len(headers[sign])))
+    lines = list(_split_cells(path, text, delimiter))
     if not lines:
-        raise ConfigError(f"{path}: is empty; the first line names the columns: {','.join(needed)},subject,...")
-    _, header = lines[0]
-    width = max((n for n, name in enumerate(header, start=1) if name), default=0)
-    columns = tuple(name.lower() for name in header[:width])
-    for name in needed:
+        raise ConfigError(f"{path}: is empty; the first line names the columns: {','.join(NEEDED)},subject,...")
+    columns = [name.lower() for name in _strip_end(lines[0][1], 0)]
+    for name in NEEDED:
         if name not in columns:
             shown = ", ".join(name or "(no name)" for name in columns)
             raise ConfigError(
-                f"{path}: line 1 names no column {name!r}; it names {shown}; {' and '.join(needed)} are needed"
+                f"{path}: line 1 names no column {name!r}; it names {shown}; {' and '.join(NEEDED)} are needed"
             )
     for place, name in enumerate(columns):
         if not name:
             raise ConfigError(f"{path}: column {place + 1} has no name in line 1; name it or delete it")
         if name in columns[:place]:
             raise ConfigError(f"{path}: line 1 names the column {name!r} twice")
+    if not lines[1:]:
+        raise ConfigError(f"{path}: has no line after the column names")
     rows = []
     for line, cells in lines[1:]:
-        while len(cells) > width and not cells[-1]:
-            cells.pop()  # spreadsheets add delimiters at the end
-        if len(cells) != width:
+        kept = _strip_end(cells, len(columns))
+        if len(kept) != len(columns):
             raise ConfigError(
-                f"{path}: line {line} has {len(cells)} cells, the first line names {width} columns; put text that "
-                "holds the delimiter between double quotes"
+                f"{path}: line {line} has {len(kept)} cells, the first line names {len(columns)} columns; put text "
+                "that holds the delimiter between double quotes"
             )
-        rows.append((line, dict(zip(columns, cells, strict=True))))
-    if not rows:
-        raise ConfigError(f"{path}: has no line after the column names")
-    return LabelTable(path.name, columns, tuple(rows))
+        rows.append((line, dict(zip(columns, kept, strict=True))))
+    return rows
 
 
-def _split_cells(path: Path, text: str, delimiter: str, *, most: int | None = None) -> list[tuple[int, list[str]]]:
-    """Split a CSV text into non-empty lines with their numbers."""
+def _split_cells(path: Path, text: str, delimiter: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the cells of non-empty lines with the numbers of the lines."""
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True)
-    lines: list[tuple[int, list[str]]] = []
     before = 0
     try:
         for cells in reader:
             stripped = [cell.strip() for cell in cells]
             if any(stripped):
-                lines.append((before + 1, stripped))
+                yield before + 1, stripped
             before = reader.line_num
-            if most is not None and len(lines) >= most:
-                break
     except csv.Error as error:
         raise ConfigError(f"{path}: line {before + 1} is not CSV: {error}") from None
-    return lines
 
 
-COLUMNS = (
-    "file",
-    "label",
-    "subject",
-    "split",
-    "start_s",
-    "stop_s",
-    "gate",
-    "nobody",
-    "licence",
-    "citation",
-    "session",
-)
+def _strip_end(cells: list[str], width: int) -> list[str]:
+    """Remove the empty cells behind ``width`` that spreadsheets add at the end."""
+    while len(cells) > width and not cells[-1]:
+        cells = cells[:-1]
+    return cells
+
+
 NEEDED = ("file", "label")
+TEXTS = ("subject", "split", "session", "licence", "citation")
+COLUMNS = (*NEEDED, *TEXTS, "start_s", "stop_s", "gate", "nobody")
 OPTION, TRUTH, META = "option.", "truth_", "meta_"
 TEXT_TRUTHS = ("truth_gait",)
 YES, NO = ("yes", "true", "1", "x"), ("no", "false", "0", "")
@@ -229,40 +207,36 @@ class LabelEntry:
     # Columns that are stored unchanged: ``meta_*`` (text) and ``truth_*`` (numbers or None).
     further: Mapping[str, Any] = field(default_factory=dict)
 
-    def overlaps(self, other: LabelEntry) -> bool:
-        """Return True if both mean the same time and place."""
-        same_place = self.gate == other.gate and self.options == other.options
-        return same_place and (self.start_s or 0.0) < _read_end_s(other) and (other.start_s or 0.0) < _read_end_s(self)
-
-
-def _read_end_s(entry: LabelEntry) -> float:
-    return math.inf if entry.stop_s is None else entry.stop_s
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """Start and end in the recording."""
+        return self.start_s or 0.0, math.inf if self.stop_s is None else self.stop_s
 
 
 def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "track") -> list[LabelEntry]:
     """Read a label file, entries in line order."""
-    table = read_table(Path(path), needed=NEEDED)
+    source, rows = Path(path), read_rows(Path(path))
     names = {}
-    for column in table.columns:
+    for column in rows[0][1]:
         own = column.startswith((OPTION, TRUTH, META)) and not column.endswith((OPTION, TRUTH, META))
         close = get_close_matches(column, COLUMNS, n=1, cutoff=NEAR_COLUMN)
         if close and not own and column not in COLUMNS:
             raise ConfigError(
-                f"{table.name}: line 1, column {column!r}: is not known; rename it {close[0]}, or {META}{column} to "
+                f"{source.name}: line 1, column {column!r}: is not known; rename it {close[0]}, or {META}{column} to "
                 "keep it"
             )
         names[column] = column if own or column in COLUMNS else META + column
     find = cache(partial(find_recordings, Path(folder)))
     entries: list[LabelEntry] = []
     faults = []
-    for line, cells in table.rows:
+    for line, cells in rows:
         try:
             entries += _make_entries(line, {names[column]: cell for column, cell in cells.items()}, find, gate)
         except ConfigError as error:
             faults.append(f"line {line}, {error}")
     faults += islice(_find_conflicts(entries), MOST_CONFLICTS)
     if faults:
-        raise ConfigError(f"{table.name}: {list_some(faults, SHOWN_FAULTS, '; ')}")
+        raise ConfigError(f"{source.name}: {list_some(faults, SHOWN_FAULTS, '; ')}")
     first: dict[str, int] = {}
     for entry in entries:
         first.setdefault(entry.label, entry.line)
@@ -271,7 +245,7 @@ def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "tra
         if close := get_close_matches(label.lower(), folded, n=1, cutoff=NEAR_LABEL):
             other = folded[close[0]]
             warn_caller(
-                f"{table.name}: labels {other!r} (line {first[other]}) and {label!r} (line {line}) are near in "
+                f"{source.name}: labels {other!r} (line {first[other]}) and {label!r} (line {line}) are near in "
                 "spelling and count as two classes"
             )
         folded[label.lower()] = label
@@ -281,19 +255,28 @@ def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "tra
 def _make_entries(
     line: int, cells: Mapping[str, str], find: Callable[[str], list[str]], gate: GateChoice
 ) -> list[LabelEntry]:
-    label = cells["label"]
-    if not LABEL.fullmatch(label):
-        raise ConfigError(f"label: {label!r} is not allowed; it needs one or more letters, digits, spaces, _ . or -")
-    start_s, stop_s = (_number(name, cells.get(name, "")) for name in ("start_s", "stop_s"))
+    def refuse(name: str, words: str) -> NoReturn:
+        raise ConfigError(f"{name}: {cells[name]!r} is not allowed; {words}")
+
+    def read_number(name: str) -> float | None:
+        try:
+            value = float(cells.get(name) or 0.0)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            refuse(name, "it must be a number with a decimal point, or empty")
+        return value if cells.get(name) else None
+
+    if not LABEL.fullmatch(cells["label"]):
+        refuse("label", "it needs one or more letters, digits, spaces, _ . or -")
+    start_s, stop_s = read_number("start_s"), read_number("stop_s")
     for name, value in (("start_s", start_s), ("stop_s", stop_s)):
         if value is not None and value < 0:
-            raise ConfigError(
-                f"{name}: {cells[name]!r} is not allowed; it must be 0 s or more, from the start of the recording"
-            )
+            refuse(name, "it must be 0 s or more, from the start of the recording")
     if stop_s is not None and stop_s <= (start_s or 0.0):
         raise ConfigError(f"stop_s: {stop_s:g} is not allowed; it must be after start_s = {start_s or 0.0:g}")
-    if "split" in cells and cells["split"] not in SPLITS:
-        raise ConfigError(f"split: {cells['split']!r} is not allowed; allowed are {', '.join(SPLITS)}")
+    if cells.get("split", SPLITS[0]) not in SPLITS:
+        refuse("split", f"allowed are {', '.join(SPLITS)}")
     if not cells["file"]:
         raise ConfigError("file: is empty")
     try:
@@ -302,44 +285,25 @@ def _make_entries(
         raise ConfigError(f"file: {error}") from None
     is_empty = cells.get("nobody", "").lower()
     if is_empty not in YES + NO:
-        raise ConfigError(f"nobody: {cells['nobody']!r} is not allowed; allowed are yes, no or nothing")
-    changes = [
-        f"{name.removeprefix(OPTION)}={cell}" for name, cell in cells.items() if name.startswith(OPTION) and cell
-    ]
+        refuse("nobody", "allowed are yes, no or nothing")
+    options = {name.removeprefix(OPTION): cell for name, cell in cells.items() if name.startswith(OPTION) and cell}
     further: dict[str, Any] = {
         name: cell for name, cell in cells.items() if name.startswith(META) or name in TEXT_TRUTHS
     }
-    for name, cell in cells.items():
-        if name.startswith(TRUTH) and name not in TEXT_TRUTHS:
-            further[name] = _number(name, cell)
-    texts = {name: cells.get(name, "") for name in ("subject", "split", "session", "licence", "citation")}
-    return [
-        LabelEntry(
-            line,
-            recording,
-            label,
-            parse_gate(cells.get("gate") or gate, where="gate"),
-            start_s,
-            stop_s,
-            **texts,
-            nobody=is_empty in YES,
-            options=apply_overrides({}, changes),
-            further=further,
-        )
-        for recording in recordings
-    ]
-
-
-def _number(name: str, cell: str) -> float | None:
-    if not cell:
-        return None
-    try:
-        value = float(cell)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ConfigError(f"{name}: {cell!r} is not allowed; it must be a number with a decimal point, or empty")
-    return value
+    further |= {name: read_number(name) for name in cells if name.startswith(TRUTH) and name not in TEXT_TRUTHS}
+    entry = LabelEntry(
+        line,
+        "",
+        cells["label"],
+        parse_gate(cells.get("gate") or gate, where="gate"),
+        start_s,
+        stop_s,
+        **{name: cells.get(name, "") for name in TEXTS},
+        nobody=is_empty in YES,
+        options=apply_overrides({}, [f"{name}={cell}" for name, cell in options.items()]),
+        further=further,
+    )
+    return [replace(entry, recording=recording) for recording in recordings]
 
 
 def _find_conflicts(entries: Sequence[LabelEntry]) -> Iterator[str]:
@@ -348,24 +312,135 @@ def _find_conflicts(entries: Sequence[LabelEntry]) -> Iterator[str]:
     for entry in entries:
         by_recording.setdefault(entry.recording, []).append(entry)
     for same in by_recording.values():
-        going_on: list[LabelEntry] = []
+        running: list[LabelEntry] = []  # entries that have not ended
         parts: dict[str, LabelEntry] = {}
-        for entry in sorted(same, key=lambda one: one.start_s or 0.0):
-            part = str((entry.start_s or 0.0, entry.stop_s, entry.gate, sorted(entry.options.items())))
-            if (other := parts.setdefault(part, entry)) is not entry:
-                first, second = sorted((other, entry), key=lambda one: one.line)
+        for entry in sorted(same, key=lambda entry: entry.span_s[0]):
+            other = parts.setdefault(str((entry.span_s, entry.gate, sorted(entry.options.items()))), entry)
+            if other is not entry:
+                first, second = sorted((other, entry), key=lambda entry: entry.line)
                 yield (
                     f"line {second.line}, file: {second.recording!r} is already in line {first.line}; each part of a "
                     "recording can be listed once"
                 )
                 continue
-            going_on = [other for other in going_on if (entry.start_s or 0.0) < _read_end_s(other)]
-            for other in going_on:
-                if not entry.overlaps(other) or entry.label == other.label:
-                    continue
-                first, second = sorted((other, entry), key=lambda one: one.line)
-                yield (
-                    f"line {second.line}, file: {second.recording!r} is {second.label!r} and in line {first.line} "
-                    f"{first.label!r} at the same time; give each its own start_s and stop_s, or its own gate"
-                )
-            going_on.append(entry)
+            running = [other for other in running if entry.span_s[0] < other.span_s[1]]
+            for other in running:
+                if (other.gate, other.options) == (entry.gate, entry.options) and other.label != entry.label:
+                    first, second = sorted((other, entry), key=lambda entry: entry.line)
+                    yield (
+                        f"line {second.line}, file: {second.recording!r} is {second.label!r} and in line {first.line} "
+                        f"{first.label!r} at the same time; give each its own start_s and stop_s, or its own gate"
+                    )
+            running.append(entry)
+
+
+PARTS = ("label", "subject", "session")
+TOKEN = re.compile(r"\{(\w+)\}|(\*\*/)|(\*)")
+
+
+@dataclass(frozen=True)
+class NameForm:
+    """File name template of a published set."""
+
+    template: str
+    labels: Mapping[str, str] = field(default_factory=dict)
+    citation: str = ""
+
+
+NAME_FORMS = {name: NameForm(**facts) for name, facts in read_toml(Path(__file__).with_name("names.toml"))[0].items()}
+
+
+def read_names(folder: str | Path, names: str, *, gate: GateChoice = "track") -> list[LabelEntry]:
+    """Read labels and subjects from file names."""
+    source = Path(folder)
+    if not source.is_dir():
+        raise ConfigError(f"{source}: no such folder of recordings")
+    form = NAME_FORMS.get(names) or NameForm(names)
+    pattern, suffix = _compile(names, form.template), Path(form.template).suffix
+    files = (path for path in source.rglob("*") if path.is_file() and path.name.endswith(suffix))
+    paths = sorted(path.relative_to(source).as_posix() for path in files)
+    entries: list[LabelEntry] = []
+    unfit, unknown = [], []
+    for path in paths:
+        found = pattern.fullmatch(path)
+        if found is None:
+            unfit.append(path)
+            continue
+        parts = found.groupdict()
+        label = form.labels.get(parts["label"], "" if form.labels else parts["label"])
+        if not LABEL.fullmatch(label):
+            unknown.append(f"{path} ({parts['label']!r})")
+            continue
+        facts: dict[str, Any] = {**parts, "label": label, "gate": gate, "citation": form.citation}
+        entries.append(LabelEntry(len(entries) + 1, path, **facts))
+    if unknown:
+        allowed = (
+            ", ".join(f"{code} ({label})" for code, label in form.labels.items())
+            or "letters, digits, spaces, _ . and -; rename it, or write a file of labels"
+        )
+        raise ConfigError(f"{source}: {list_some(unknown, SHOWN_FAULTS)}: is no label; allowed are {allowed}")
+    if not entries:
+        seen = f"{len(unfit)} files end in {suffix!r}, the first is {unfit[0]}" if unfit else f"none ends in {suffix!r}"
+        raise ConfigError(f"{source}: no file fits {form.template}: {seen}")
+    if unfit:
+        listed = list_some(unfit, SHOWN_FAULTS)
+        warn_caller(f"{source}: {len(unfit)} files do not fit {form.template} and are left out: {listed}")
+    return entries
+
+
+def label_entries(
+    folder: Path,
+    labels: Path | None,
+    names: str | None,
+    classes: Sequence[str],
+    *,
+    gate: GateChoice,
+    options: Mapping[str, Any] | None = None,
+) -> Path | list[LabelEntry]:
+    """Choose labels of files or names, with classes."""
+    if labels is not None and names is None and not (classes or options):
+        return labels
+    if (labels is None) == (names is None):
+        raise ConfigError("set --labels, or set --names if the file names contain the labels")
+    entries = (
+        read_labels(labels, folder, gate=gate) if labels is not None else read_names(folder, names or "", gate=gate)
+    )
+    return [replace(one, options={**(options or {}), **one.options}) for one in relabel(entries, classes)]
+
+
+def relabel(entries: Sequence[LabelEntry], classes: Sequence[str]) -> list[LabelEntry]:
+    """Rename labels, or leave their recordings out."""
+    labels = list(dict.fromkeys(entry.label for entry in entries))
+    there = f"the labels are {', '.join(labels)}"
+    renamed: dict[str, str] = {}
+    for text in classes:
+        old, sign, new = (part.strip() for part in text.partition("="))
+        if not sign or not old or (new and not LABEL.fullmatch(new)):
+            raise ConfigError(
+                f"--label {text!r} is not allowed; it must be LABEL=CLASS, with nothing after = to leave out"
+            )
+        fitting = [label for label in labels if fnmatchcase(label, old)]
+        if not fitting:
+            raise ConfigError(f"--label {text!r}: fits no label; {there}")
+        renamed = {**dict.fromkeys(fitting, new), **renamed}
+    left = [replace(entry, label=renamed.get(entry.label, entry.label)) for entry in entries]
+    if not any(entry.label for entry in left):
+        raise ConfigError(f"--label {', '.join(classes)}: leaves out every recording; {there}")
+    return [entry for entry in left if entry.label]
+
+
+def _compile(names: str, template: str) -> re.Pattern[str]:
+    known = f"known are {', '.join(NAME_FORMS)}, or a template such as {{label}}/{{subject}}_*.png"
+    parts = [match[1] for match in TOKEN.finditer(template) if match[1]]
+    if "label" not in parts:
+        raise ConfigError(f"--names {names!r} is not allowed: it has no {{label}}; {known}")
+    if wrong := [part for part in parts if part not in PARTS or parts.count(part) > 1]:
+        raise ConfigError(
+            f"--names {names!r} is not allowed: {{{wrong[0]}}} must be one of {', '.join(PARTS)}, each once; {known}"
+        )
+    text, end = "", 0
+    for match in TOKEN.finditer(template):
+        text += re.escape(template[end : match.start()])
+        text += f"(?P<{match[1]}>[^/]+?)" if match[1] else "(?:.*/)?" if match[2] else "[^/]*"
+        end = match.end()
+    return re.compile(text + re.escape(template[end:]))

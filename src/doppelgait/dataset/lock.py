@@ -108,8 +108,8 @@ def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
 
 def list_running_builds(directory: Path) -> list[Holder]:
     """List active builds in a folder, from their locks."""
-    found = (read_lock(path) for path in sorted(directory.glob(PATTERN)))
-    return [holder for holder in found if holder is not None and holder.alive]
+    holders = map(read_lock, sorted(directory.glob(PATTERN)))
+    return [holder for holder in holders if holder is not None and holder.alive]
 
 
 def read_lock(path: Path) -> Holder | None:
@@ -170,7 +170,7 @@ def _is_running(pid: int) -> bool:
     except ProcessLookupError:
         return False
     except PermissionError:
-        return True
+        pass
     return True
 
 

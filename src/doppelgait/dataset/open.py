@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
@@ -11,12 +12,14 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+import xarray as xr
 
 from doppelgait.core.config import convert_to_json, validate
 from doppelgait.core.documents import CELL_BYTES, check_cost, parse_json
 from doppelgait.core.errors import DatasetError
+from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.notebook import show_html, show_text
-from doppelgait.core.rng import RandomSource
+from doppelgait.core.rng import RandomSource, Streams, as_generator
 from doppelgait.dataset.config import SPLITS, PlanConfig
 from doppelgait.dataset.example import (
     Example,
@@ -30,19 +33,21 @@ from doppelgait.dataset.example import (
 )
 from doppelgait.dataset.finish import DATASET
 from doppelgait.dataset.learning import (
-    AXIS_COLUMNS,
+    Array,
     As,
     LabelledArrays,
     balanced_weights,
-    batches_of,
-    collect_arrays,
+    epoch_rows,
+    make_picture,
     picture_format,
+    shuffled_rows,
 )
 from doppelgait.dataset.query import select_rows
 from doppelgait.dataset.resolve import ExampleSpec, resolve_example
 from doppelgait.dataset.shard_files import INDEX_NAMES, ShardFiles, decode
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.result import Result
+from doppelgait.processing.patches import Patch
 
 if TYPE_CHECKING:
     from doppelgait.dataset.torch_data import IterableExamples, TorchExamples
@@ -53,46 +58,40 @@ TEXT_COLUMNS = ("id", "label", "split", "shard")
 
 def check_description(description: Any) -> None:
     """Check the content of ``dataset.json``."""
+
+    def require(fits: bool, key: str, words: str) -> None:
+        if not fits:
+            raise ValueError(f"dataset.json: {key} must be {words}")
+
     if not isinstance(description, Mapping):
         raise ValueError("dataset.json: must be a table")
-    for key, kind, words in (
-        ("name", str, "a text"),
-        ("id", str, "a text"),
-        ("schema_version", int, "a whole number"),
-        ("classes", Mapping, "a table of class numbers"),
-        ("fields", Mapping, "a table of arrays"),
-    ):
-        if not isinstance(description.get(key), kind) or isinstance(description[key], bool):
-            raise ValueError(f"dataset.json: {key} must be {words}")
-    if description.get("origin", "simulated") == "simulated":
-        _check_plan(description.get("config") or {})
+    for key in ("name", "id"):
+        require(isinstance(description.get(key), str), key, "a text")
+    require(type(description.get("schema_version")) is int, "schema_version", "a whole number")
+    require(isinstance(description.get("classes"), Mapping), "classes", "a table of class numbers")
+    require(isinstance(description.get("fields"), Mapping), "fields", "a table of arrays")
     for label, number in description["classes"].items():
-        if not isinstance(number, int) or isinstance(number, bool):
-            raise ValueError(f"dataset.json: classes.{label} must be a whole number")
+        require(type(number) is int, f"classes.{label}", "a whole number")
     for name, facts in description["fields"].items():
-        if not isinstance(facts, Mapping):
-            raise ValueError(f"dataset.json: fields.{name} must be a table with dims, units and dtype")
+        require(isinstance(facts, Mapping), f"fields.{name}", "a table with dims, units and dtype")
         dims = facts.get("dims")
-        if not isinstance(dims, list) or not all(isinstance(dim, str) for dim in dims) or len({*dims}) < len(dims):
-            raise ValueError(f"dataset.json: fields.{name}.dims must be a list of different texts")
+        different = isinstance(dims, list) and all(isinstance(dim, str) for dim in dims) and len({*dims}) == len(dims)
+        require(different, f"fields.{name}.dims", "a list of different texts")
         for key in ("units", "dtype"):
-            if not isinstance(facts.get(key), str):
-                raise ValueError(f"dataset.json: fields.{name}.{key} must be a text")
-
-
-def _check_plan(config: Any) -> None:
-    # the other keys are needed only to simulate an example again
-    if not isinstance(config, Mapping):
-        raise ValueError("dataset.json: config must be a table")
+            require(isinstance(facts.get(key), str), f"fields.{name}.{key}", "a text")
+    if description.get("origin", "simulated") != "simulated":
+        return
+    # the other keys of the plan are needed only to simulate an example again
+    config = description.get("config") or {}
+    require(isinstance(config, Mapping), "config", "a table")
     sections = config.get("classes", [])
-    if not isinstance(sections, list) or not all(isinstance(one, Mapping) and "label" in one for one in sections):
-        raise ValueError("dataset.json: config.classes must be a list of tables with label")
-    numbers = config.get("dataset", {} if not sections else None)
-    if not isinstance(numbers, Mapping):
-        raise ValueError("dataset.json: config.dataset must be a table")
+    listed = isinstance(sections, list) and all(isinstance(one, Mapping) and "label" in one for one in sections)
+    require(listed, "config.classes", "a list of tables with label")
+    numbers: Any = config.get("dataset", {} if not sections else None)
+    require(isinstance(numbers, Mapping), "config.dataset", "a table")
     counts = [one.get("examples") for one in sections] + [numbers.get(key) for key in ("examples_per_class", "seed")]
-    if not all(count is None or (isinstance(count, int) and count >= 0) for count in counts):
-        raise ValueError("dataset.json: seed and numbers of examples in config must be whole numbers")
+    whole = all(count is None or (isinstance(count, int) and count >= 0) for count in counts)
+    require(whole, "config: seed and numbers of examples", "whole numbers")
 
 
 def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
@@ -119,7 +118,7 @@ def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
             raise ValueError(f"index.parquet: {name} {strange[0]!r} is not one of {', '.join(known)}")
 
 
-Array = npt.NDArray[Any]
+MB = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +185,7 @@ class Dataset:
         return self.example(int(found[0]))
 
     def _select_rows(self, chosen: npt.NDArray[np.bool_]) -> Dataset:
-        return Dataset(self.directory, self.description, self.index[chosen].reset_index(drop=True), self.files)
+        return replace(self, index=self.index[chosen].reset_index(drop=True))
 
     def select(self, query: str) -> Dataset:
         """Select the examples that fulfil a query.
@@ -224,10 +223,7 @@ class Dataset:
         return build_feature_matrix(self.index, names, without_flags)
 
     def array(self, field: str, number: int) -> Array:
-        """Return an array of the ``number``-th example, in linear units.
-
-        The array of a target without a track is empty.
-        """
+        """Return an array of an example in linear units, empty for a target without a track."""
         self.check_fields([field])
         values = self.stored(number, field)
         if values is None:
@@ -241,21 +237,16 @@ class Dataset:
 
     def example(self, number: int) -> Example:
         """Return the ``number``-th example of this part with labelled arrays."""
-        row = convert_to_json(self.index.iloc[number].to_dict())
-        fields = self.description["fields"]
+        row, fields = convert_to_json(self.index.iloc[number].to_dict()), self.description["fields"]
         carrier_hz = read_carrier_hz(self.description, row) if fields else float("nan")
         arrays = label_arrays(fields, row, partial(self.stored, number), carrier_hz=carrier_hz)
         return Example(row, arrays, partial(self.specification, number))
 
     def specification(self, number: int, *, folder: str | Path | None = None) -> ExampleSpec:
-        """Return the specification of the ``number``-th example's simulation.
-
-        :meth:`result` is the outcome of its analysis.
+        """Return the specification of an example's simulation; :meth:`result` is its outcome.
 
         Parameters
         ----------
-        number : int
-            Row of this part.
         folder : path, optional
             Folder that relative motion paths start from; the working folder by default.
 
@@ -277,18 +268,12 @@ class Dataset:
         return validate(PlanConfig, self.description.get("config") or {}, where="dataset.json")
 
     def result(self, number: int) -> Result:
-        """Return the result of the ``number``-th example with its settings.
-
-        Its truth is :attr:`Example.truth`.
-        """
+        """Return the result of an example with its settings; its truth is :attr:`Example.truth`."""
         example = self.example(number)
         return example.result(read_analysis(self.description, example.row))
 
     def stored(self, number: int, name: str) -> Array | None:
-        """Return a stored array or axis of an example.
-
-        The name is that in the shard. The result is None if it does not exist.
-        """
+        """Return a stored array or axis of an example by its name, or None."""
         shards, rows = self._places
         return self.files.read(shards[number], name, rows[number])
 
@@ -316,8 +301,8 @@ class Dataset:
         -------
         dict
             By label, in the order of the class numbers: n / (number of classes with rows * rows of
-            the class), as scikit-learn's ``class_weight="balanced"``; 0 for a class without rows
-            here. ``torch.tensor([*weights.values()])`` is the ``weight`` of a loss in torch.
+            the class), as scikit-learn's ``class_weight="balanced"``; 0 for a class without rows.
+            ``torch.tensor([*weights.values()])`` is the ``weight`` of a loss in torch.
         """
         classes: Mapping[str, int] = self.description["classes"]
         counts = np.bincount(self.class_numbers(), minlength=1 + max(classes.values(), default=-1))
@@ -346,7 +331,28 @@ class Dataset:
         DatasetError
             If the field is not kept or has no picture, or the arrays would take more than ``memory_mb``.
         """
-        return collect_arrays(self, field, as_, memory_mb)
+        self.check_fields([field])
+        patch = picture_format(as_, [field])
+        if patch is None:
+            shapes = [self.shape(number, field) or () for number in range(len(self))]
+            facts = self.description["fields"][field]
+            dtype = np.dtype(facts["dtype"] if facts.get("scale", "linear") == "linear" else np.float32)
+        else:
+            shapes = [(patch.n_velocity, patch.n_time)] * len(self)
+            dtype = np.dtype(np.float32)
+        need_mb = sum(map(math.prod, shapes)) * dtype.itemsize / MB
+        if not need_mb <= memory_mb:
+            raise DatasetError(
+                f"arrays: {field} of {len(self):,} rows would take {need_mb:,.1f} MB, memory_mb is {memory_mb:,g}; "
+                "select fewer rows, use batches() or torch(), or raise memory_mb"
+            )
+        values: Array | list[Array]
+        values = np.empty((len(self), *shapes[0]), dtype) if len({*shapes}) == 1 else [np.empty(0)] * len(self)
+        for number in range(len(self)):
+            raise_if_stopped()
+            values[number] = read_fields(self, [field], patch, number)[field]
+        group = "group" if "group" in self.index else "subject"  # schema version 1 had one target per scene
+        return LabelledArrays(values, *(self.index[name].to_numpy(dtype=str) for name in ("label", group, "id")))
 
     def batches(
         self,
@@ -384,7 +390,19 @@ class Dataset:
         DatasetError
             If a field is not kept or has no picture, ``rng`` is missing, or arrays of a batch differ in shape.
         """
-        return batches_of(self, fields, batch_size, rng, shuffle=shuffle, as_=as_)
+        self.check_fields(fields)
+        patch = picture_format(as_, fields)
+        if batch_size < 1:
+            raise DatasetError(f"batch_size: {batch_size} is not allowed; it must be 1 or larger")
+        rows, numbers = np.arange(len(self)), self.class_numbers()
+        if shuffle:
+            if rng is None:
+                raise DatasetError("batches: shuffling needs rng, for example doppelgait.rng(1); or shuffle=False")
+            rows = shuffled_rows(self.index, as_generator(rng, "batches"))
+        return (
+            {**{name: stack(self, name, part, patch) for name in fields}, "label": numbers[part], "number": part}
+            for part in (rows[first : first + batch_size] for first in range(0, len(rows), batch_size))
+        )
 
     def torch(
         self,
@@ -394,9 +412,7 @@ class Dataset:
         transform: Callable[[Any], Any] | None = None,
         target: Literal["label", "index"] = "label",
     ) -> TorchExamples:
-        """Return the examples as a ``torch.utils.data.Dataset``.
-
-        It works with any number of workers.
+        """Return the examples as a ``torch.utils.data.Dataset``, for any number of workers.
 
         Parameters
         ----------
@@ -417,13 +433,16 @@ class Dataset:
         DatasetError
             If torch is not installed, or a field is not kept or has no picture.
         """
-        from doppelgait.dataset.torch_data import TorchExamples
+        from doppelgait.dataset.torch_data import TorchExamples, check_request
 
         self.check_fields(fields)
+        patch = picture_format(as_, fields)
+        check_request(fields, target)
         # send workers only the data that reading the arrays needs
-        columns = [name for name in ("id", "label", "shard", "row", *AXIS_COLUMNS) if name in self.index]
-        slim = Dataset(self.directory, self.description, self.index[columns], self.files)
-        return TorchExamples(slim, tuple(fields), picture_format(as_, fields), transform, target)
+        columns = [name for name in ("id", "shard", "row", *AXIS_COLUMNS) if name in self.index]
+        slim = replace(self, index=self.index[columns])
+        targets = self.class_numbers() if target == "label" else np.arange(len(self))
+        return TorchExamples(partial(read_fields, slim, tuple(fields), patch), targets, transform)
 
     def torch_iterable(
         self,
@@ -436,34 +455,59 @@ class Dataset:
     ) -> IterableExamples:
         """Return the examples as a ``torch.utils.data.IterableDataset``.
 
-        The workers of a loader share the examples: every example is returned once per epoch, for
-        any number of workers. Shard files are read one group after another, which suits datasets
-        that are larger than memory.
+        Items, other parameters and errors are as those of :meth:`torch`. The workers of a loader share
+        the examples: every example is returned once per epoch. Shard files are read one group after
+        another, which suits datasets that are larger than memory.
 
         Parameters
         ----------
         seed : int or None
-            Seed of the order, which depends only on seed and epoch; None for the order of the
-            index. Call ``set_epoch(n)`` before every epoch for another order; this holds for
-            persistent workers, too.
-        fields, as_, transform, target
-            As of :meth:`torch`.
-
-        Returns
-        -------
-        torch.utils.data.IterableDataset
-            Items as those of :meth:`torch`.
+            Seed of the order, which depends only on seed and epoch; None for the order of the index.
+            Call ``set_epoch(n)`` before every epoch for another one, also with persistent workers.
 
         Raises
         ------
-        DatasetError
-            If torch is not installed, or a field is not kept or has no picture.
         ConfigError
             If the seed or an epoch is no integer or below 0.
         """
         from doppelgait.dataset.torch_data import IterableExamples
 
-        return IterableExamples(self.torch(fields, as_=as_, transform=transform, target=target), seed)
+        examples = self.torch(fields, as_=as_, transform=transform, target=target)
+        Streams(0 if seed is None else seed)  # check here and not in a worker
+        return IterableExamples(examples, partial(epoch_rows, self.index[["shard"]], seed))
+
+
+AXIS_COLUMNS = ("scene_id", "prf_hz", "carrier_hz")
+"""Columns of the index that the axes of a signature need."""
+
+
+def read_signature(dataset: Dataset, number: int) -> xr.DataArray | None:
+    """Read a row's signature alone, None if absent."""
+    index = dataset.index
+    row = convert_to_json({name: index[name].iloc[number] for name in ("id", *AXIS_COLUMNS) if name in index})
+    facts = {"signature": dataset.description["fields"]["signature"]}
+    carrier_hz = read_carrier_hz(dataset.description, row)
+    return label_arrays(facts, row, partial(dataset.stored, number), carrier_hz=carrier_hz).get("signature")
+
+
+def stack(dataset: Dataset, field: str, rows: npt.NDArray[np.int64], patch: Patch | None = None) -> Array:
+    """Stack the arrays or pictures of rows as one, (row, ...)."""
+    values = [read_fields(dataset, [field], patch, int(row))[field] for row in rows]
+    for row, value in zip(rows, values, strict=True):
+        if value.shape != values[0].shape:
+            first, other = dataset.index["id"].iloc[[rows[0], row]]
+            raise DatasetError(
+                f"{field}: {first} has the shape {values[0].shape}, {other} {value.shape}; select examples of one "
+                "shape, read them one by one, or read signatures as pictures (as_='picture')"
+            )
+    return np.stack(values)
+
+
+def read_fields(dataset: Dataset, fields: Sequence[str], patch: Patch | None, number: int) -> dict[str, Array]:
+    """Read the fields of a row, as arrays or as pictures."""
+    if patch is None:
+        return {name: dataset.array(name, number) for name in fields}
+    return {name: make_picture(read_signature(dataset, number), patch) for name in fields}
 
 
 def open_dataset(directory: str | Path) -> Dataset:

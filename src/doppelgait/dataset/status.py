@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -13,8 +12,6 @@ from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.finish import list_shard_names, read_description
 from doppelgait.dataset.lock import PATTERN, list_running_builds, read_lock
 
-__all__ = ["ShardStatus", "Status", "read_dataset_status", "read_description"]
-
 
 @dataclass(frozen=True)
 class ShardStatus:
@@ -23,9 +20,7 @@ class ShardStatus:
     name: str
     state: Literal["done", "missing", "damaged"]
     n_examples: int = 0
-    n_rows: int = 0
     n_failed: int = 0
-    bytes: int = 0
 
 
 @dataclass(frozen=True)
@@ -91,14 +86,11 @@ def _read_shard_status(folder: Path, name: str, identity: str | None, *, quick: 
     path = folder / "shards" / f"{name}.h5"
     try:
         record = parse_json(path.with_suffix(".json").read_text())
-        size = os.stat(path).st_size
-        whole = identity in (None, record.get("dataset")) and size == record["bytes"]
+        whole = path.stat().st_size == record["bytes"] and identity in (None, record.get("dataset"))
         whole = whole and (quick or hash_file(path) == record["sha256"])
-        examples = {row["scene_id"] for row in record["rows"]}
-        counts = (len(examples), len(record["rows"]), len(record["failures"]))
+        counts = (len({row["scene_id"] for row in record["rows"]}), len(record["failures"]))
     except FileNotFoundError as error:
-        record_only = str(error.filename) == str(path)
-        return ShardStatus(name, "damaged" if record_only else "missing")
+        return ShardStatus(name, "damaged" if str(error.filename) == str(path) else "missing")
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return ShardStatus(name, "damaged")
-    return ShardStatus(name, "done", *counts, size) if whole else ShardStatus(name, "damaged")
+        whole = False
+    return ShardStatus(name, "done", *counts) if whole else ShardStatus(name, "damaged")

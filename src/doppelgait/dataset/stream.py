@@ -8,15 +8,18 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy.typing as npt
+
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, warn_caller
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.example import Example, label_arrays
-from doppelgait.dataset.learning import As, picture_format
+from doppelgait.dataset.learning import As, make_picture, picture_format
 from doppelgait.dataset.motions import expand_folders
 from doppelgait.dataset.plan import Plan, PlannedExample
 from doppelgait.dataset.resolve import resolve_example
 from doppelgait.dataset.shard import BuildContext, build_planned
 from doppelgait.dataset.shard_files import INDEX_NAMES, describe_fields
+from doppelgait.processing.patches import Patch
 
 if TYPE_CHECKING:
     from doppelgait.dataset.torch_data import TorchStream
@@ -27,9 +30,7 @@ MAX_FAILURES = 10
 
 @dataclass(frozen=True)
 class ExampleStream:
-    """Endless examples of a plan, in number order.
-
-    Every iteration starts at the first number.
+    """Endless examples of a plan, in number order; every iteration starts at the first number.
 
     Parameters
     ----------
@@ -37,10 +38,8 @@ class ExampleStream:
         With its folders expanded.
     folder : Path
         Folder that relative motion paths start from.
-    start : int
-        First number.
-    step : int
-        From one number to the next.
+    start, step : int
+        First number, and step from one number to the next.
     """
 
     config: PlanConfig
@@ -52,9 +51,7 @@ class ExampleStream:
         return (example for _, example in self.iterate_numbered())
 
     def iterate_numbered(self) -> Iterator[tuple[int, Example]]:
-        """Yield examples with their numbers.
-
-        A scene of several targets gives one example each.
+        """Yield examples with their numbers; a scene of several targets gives one example each.
 
         An example that fails is left out with a :class:`DoppelgaitWarning`.
 
@@ -96,10 +93,7 @@ class ExampleStream:
         return labels.index(label)
 
     def part(self, number: int, count: int) -> ExampleStream:
-        """Return the share of one of ``count`` workers.
-
-        All shares together are this stream, without duplicates.
-        """
+        """Return the share of one of ``count`` workers; all shares together are this stream, without duplicates."""
         if not 0 <= number < count:
             raise DatasetError(f"worker: ({number}, {count}) is not allowed; it must be (k, n) with k from 0 to n - 1")
         return replace(self, start=self.start + number * self.step, step=self.step * count)
@@ -112,23 +106,14 @@ class ExampleStream:
         transform: Callable[[Any], Any] | None = None,
         target: Literal["label", "index"] = "label",
     ) -> TorchStream:
-        """Return the stream as a ``torch.utils.data.IterableDataset``.
+        """Return the stream as a ``torch.utils.data.IterableDataset``; the workers of a loader share its numbers.
 
-        The workers of a loader share its numbers.
+        Items and other parameters are as those of :meth:`doppelgait.dataset.Dataset.torch`.
 
         Parameters
         ----------
-        as_ : {"array", "picture"} or Patch
-            As of :meth:`doppelgait.dataset.Dataset.batches`.
-        transform : callable, optional
-            Applied to what is returned for the fields.
         target : {"label", "index"}
             Number of the class in the order of the plan, or number of the example.
-
-        Returns
-        -------
-        torch.utils.data.IterableDataset
-            Items as from :meth:`doppelgait.dataset.Dataset.torch`.
 
         Raises
         ------
@@ -139,9 +124,21 @@ class ExampleStream:
         for name in fields:
             if name not in known:
                 raise DatasetError(f"fields: the plan keeps no {name!r}; it keeps {', '.join(known) or 'no arrays'}")
-        from doppelgait.dataset.torch_data import TorchStream
+        from doppelgait.dataset.torch_data import TorchStream, check_request
 
-        return TorchStream(self, tuple(fields), picture_format(as_, fields), transform, target)
+        check_request(fields, target)
+        read = partial(self._read_arrays, tuple(fields), picture_format(as_, fields), target)
+        return TorchStream(read, transform)
+
+    def _read_arrays(
+        self, fields: Sequence[str], patch: Patch | None, target: str, worker: int, workers: int
+    ) -> Iterator[tuple[dict[str, npt.NDArray[Any]], int]]:
+        for number, example in self.part(worker, workers).iterate_numbered():
+            if patch is None:
+                arrays = {name: example.arrays[name].values for name in fields}
+            else:
+                arrays = {name: make_picture(example.arrays.get(name), patch) for name in fields}
+            yield arrays, number if target == "index" else self.class_number(example.label)
 
 
 def stream_examples(

@@ -19,8 +19,7 @@ from doppelgait.dataset.shard import BuildContext, build_shard
 from doppelgait.dataset.splits import parse_source
 
 PILOT_EXAMPLES = 8
-ROW_BYTES = 5000
-"""An index row and its copy in the shard's record."""
+ROW_BYTES = 5000  # an index row and its copy in the shard's record
 
 
 @dataclass(frozen=True)
@@ -44,66 +43,67 @@ class PlanSummary:
 
 def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_EXAMPLES) -> PlanSummary:
     """Summarise a plan: examples, subjects, files and duration."""
-    shards, sections = list(plan.shards()), list(enumerate(plan.config.classes))
-    of_split = Counter((entry.class_number, entry.split) for entry in plan.examples)
+    sections = list(enumerate(plan.config.classes))
+    examples = Counter((entry.class_number, entry.split) for entry in plan.examples)
     counts = [
-        {"class": section.label, **{split: of_split[number, split] for split in SPLITS}} for number, section in sections
+        {"class": section.label, **{split: examples[number, split] for split in SPLITS}} for number, section in sections
     ]
     different = {(e.class_number, parse_source(e.subjects[0]), e.split, e.subjects[0]) for e in plan.examples}
-    of_source = Counter((number, source, split) for number, source, split, _ in different)
+    sources = Counter(key[:3] for key in different)
     subjects = [
-        {"class": section.label, "source": source, **{split: of_source[number, source, split] for split in SPLITS}}
+        {"class": section.label, "source": source, **{split: sources[number, source, split] for split in SPLITS}}
         for number, section in sections
         for source in ("model", "recording")
-        if any(of_source[number, source, split] for split in SPLITS)
+        if any(sources[number, source, split] for split in SPLITS)
     ]
     files = []
     if any(parse_source(subject) != "model" for entry in plan.examples for subject in entry.subjects):
-        made = (
-            run.scene.targets[: len(rows)]
-            for run, rows in ((e.run, e.rows) for e in map(plan.example, range(len(plan.examples))))
+        used = Counter(
+            path
+            for example in map(plan.example, range(len(plan.examples)))
+            for target in example.run.scene.targets[: len(example.rows)]
+            for path in list_recording_paths(target.motion)
         )
-        used = Counter(path for targets in made for target in targets for path in list_recording_paths(target.motion))
         for recording, count in sorted(used.items()):
             subject = find_subject({"kind": "file", "path": recording}, "", plan.config.sources)
             entry = find_source_entry(recording, plan.config.sources)
             licence = entry.licence if entry is not None and entry.licence else "unknown"
             files.append({"file": recording, "subject": subject, "examples": count, "licence": licence})
-    estimate: dict[str, Any] = {}
-    if pilot:
-        total = len(plan.examples)
-        count = min(pilot, total)
-        entries = tuple(plan.examples[place * total // count] for place in range(count))
-        with tempfile.TemporaryDirectory() as directory:
-            (Path(directory) / "shards").mkdir()
-            context = BuildContext(plan.config, str(plan.folder), directory)
-            context.make(entries[:1])  # the first one loads the libraries
-            began = time.process_time()
-            record = build_shard(Shard("pilot", shards[0].split, entries), context)
-            seconds = (time.process_time() - began) / count
-            size = record["bytes"] / count
-        processors = os.cpu_count() or 1
-        estimate = {
-            "pilot_examples": count,
-            "pilot_failures": len(record["failures"]),
-            "pilot_failure": next((f"{one['id']}: {one['reason']}" for one in record["failures"]), ""),
-            "seconds_per_example": seconds,
-            "bytes_per_example": size,
-            "total_bytes": (size + ROW_BYTES) * total,
-            "processors": processors,
-            "total_seconds": seconds * total / processors,
-        }
     return PlanSummary(
         name=plan.config.dataset.name,
         dataset_id=identity,
         n_examples=len(plan.examples),
-        n_shards=len(shards),
+        n_shards=sum(1 for _ in plan.shards()),
         counts=counts,
         subjects=subjects,
         files=files,
         n_checked=n_checked,
-        estimate=estimate,
+        estimate=_estimate_cost(plan, min(pilot, len(plan.examples))) if pilot else {},
     )
+
+
+def _estimate_cost(plan: Plan, count: int) -> dict[str, Any]:
+    """Build ``count`` examples for an estimate of time and size."""
+    total = len(plan.examples)
+    entries = tuple(plan.examples[place * total // count] for place in range(count))
+    with tempfile.TemporaryDirectory() as directory:
+        (Path(directory) / "shards").mkdir()
+        context = BuildContext(plan.config, str(plan.folder), directory)
+        context.make(entries[:1])  # the first one loads the libraries
+        began = time.process_time()
+        record = build_shard(Shard("pilot", entries[0].split, entries), context)
+        seconds = (time.process_time() - began) / count
+    size, processors = record["bytes"] / count, os.cpu_count() or 1
+    return {
+        "pilot_examples": count,
+        "pilot_failures": len(record["failures"]),
+        "pilot_failure": next((f"{failure['id']}: {failure['reason']}" for failure in record["failures"]), ""),
+        "seconds_per_example": seconds,
+        "bytes_per_example": size,
+        "total_bytes": (size + ROW_BYTES) * total,
+        "processors": processors,
+        "total_seconds": seconds * total / processors,
+    }
 
 
 def write_specs(plan: Plan, path: Path) -> None:

@@ -13,7 +13,7 @@ from command import run
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset import open_dataset
 from doppelgait.dataset.importing import ImportConfig, import_dataset, import_id
-from doppelgait.dataset.names import label_entries, relabel
+from doppelgait.dataset.labels import label_entries, relabel
 
 
 @pytest.fixture(scope="module")

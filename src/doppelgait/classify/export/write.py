@@ -213,8 +213,7 @@ def remove_running_mean(samples: npt.NDArray[np.complex128], device: Device) -> 
 
 def collect_levels(folder: Path, patch: Patch, n_columns: int, most: int) -> list[Levels]:
     """Collect levels of held-out rows, truncated to the window."""
-    from doppelgait.dataset.learning import read_signature
-    from doppelgait.dataset.open import open_dataset
+    from doppelgait.dataset.open import open_dataset, read_signature
 
     dataset = open_dataset(folder)
     dataset.check_fields(["signature"])

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -14,14 +15,26 @@ import pandas as pd
 from doppelgait.core.config import validate
 from doppelgait.core.errors import DatasetError, DoppelgaitError
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.finish import DATA_VERSION, SCHEMA_VERSION
+from doppelgait.dataset.finish import SCHEMA_VERSION, read_description
 from doppelgait.dataset.open import Dataset
-from doppelgait.dataset.plan import Plan, plan_dataset
+from doppelgait.dataset.plan import Plan, PlannedExample, plan_dataset
 from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.dataset.shard_files import ShardFiles
-from doppelgait.dataset.status import read_description
 
 Status = Literal["passed", "warning", "failed", "skipped", "not applicable"]
+
+
+class Finding(NamedTuple):
+    """Result of a check, which the table of checks names."""
+
+    status: Status
+    summary: str
+    numbers: dict[str, Any] = {}  # noqa: RUF012
+
+
+def judge(fault: str, summary: str, numbers: dict[str, Any] | None = None) -> Finding:
+    """Return a failure for a fault, or else ``summary`` as passed."""
+    return Finding("failed" if fault else "passed", fault or summary, numbers or {})
 
 
 @dataclass(frozen=True)
@@ -67,14 +80,13 @@ class Verification:
     @property
     def passed(self) -> bool:
         """True if no check failed or was skipped."""
-        return not any(check.status in ("failed", "skipped") for check in self.checks)
+        return self.verdict == "passed"
 
     @property
     def verdict(self) -> Literal["passed", "failed", "not proven"]:
         """``not proven`` if no check failed but some were skipped."""
-        if any(check.status == "failed" for check in self.checks):
-            return "failed"
-        return "passed" if self.passed else "not proven"
+        found = {check.status for check in self.checks}
+        return "failed" if "failed" in found else "not proven" if "skipped" in found else "passed"
 
     def check(self, name: str) -> Check:
         """Return the check of a name."""
@@ -87,8 +99,8 @@ class Verification:
         return {**asdict(self), "directory": str(self.directory), **outcome}
 
 
-MAX_EXAMPLES = 2000
-"""Largest number of examples that are resolved again."""
+MAX_EXAMPLES = 2000  # largest number of examples that are resolved again
+MIN_PER_CLASS = 3  # smallest number of examples of a class that are made again
 
 
 @dataclass(frozen=True)
@@ -101,12 +113,22 @@ class Contents:
     failed: Mapping[str, str]
     plan: Plan | None
     no_plan: str
+    missing_shards: int = 0
+    share: float = 0.0  # of the examples to make again
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    tick: Callable[[], None] = lambda: None
 
     @cached_property
     def dataset(self) -> Dataset:
         """The dataset opened, with the rows that are here."""
         files = ShardFiles(self.directory / "shards", self.description["id"])
         return Dataset(self.directory, dict(self.description), self.index, files)
+
+    def require_plan(self) -> Plan:
+        """Return the plan, which the table of checks asks for first."""
+        if self.plan is None:
+            raise DatasetError(self.no_plan)
+        return self.plan
 
     @property
     def no_plan_status(self) -> Status:
@@ -118,27 +140,44 @@ class Contents:
         """True if it was imported from recordings of a radar."""
         return self.description.get("origin") == "imported"
 
-    @property
-    def unlike(self) -> str:
-        """Reason why this version cannot reproduce the bytes, or an empty text."""
-        version = self.description.get("data_version")
-        if version == DATA_VERSION:
-            return ""
-        return f"made with data version {version}, this doppelgait makes {DATA_VERSION}"
+    @cached_property
+    def random(self) -> dict[str, np.random.Generator]:
+        """Independent random numbers by their use."""
+        return dict(zip(("sample", "draws", "pairs", "guess"), self.rng.spawn(4), strict=True))
+
+    @cached_property
+    def chosen(self) -> list[PlannedExample]:
+        """Examples to make again: a share, at least three per class."""
+        if not self.share > 0:
+            return []
+        return self._sample(self.random["sample"], lambda n: max(MIN_PER_CLASS, math.ceil(self.share * n)))
+
+    @cached_property
+    def examples(self) -> list[ExampleSpec]:
+        """Random examples, resolved again."""
+        return self.resolve_sample(self.random["draws"])
 
     def resolve_sample(self, rng: np.random.Generator, *, most: int = MAX_EXAMPLES) -> list[ExampleSpec]:
         """Resolve random examples again, as many of every class."""
         if self.plan is None:
             return []
-        present = set(self.index["scene_id"])
-        chosen: list[int] = []
-        entries = [entry for entry in self.plan.examples if entry.id in present]
-        numbers = {entry.class_number for entry in entries}
-        for number in sorted(numbers):
-            members = [entry.number for entry in entries if entry.class_number == number]
-            count = min(most // len(numbers), len(members))
-            chosen += sorted(int(n) for n in rng.choice(members, count, replace=False))
-        return [self.plan.example(number) for number in chosen]
+        n_classes = len({entry.class_number for entry in self._present})
+        sampled = self._sample(rng, lambda _: most // n_classes)
+        return [self.plan.example(entry.number) for entry in sampled]
+
+    def _sample(self, rng: np.random.Generator, count: Callable[[int], int]) -> list[PlannedExample]:
+        """Sample examples that are here, by class ``count(members)`` of them."""
+        chosen: list[PlannedExample] = []
+        for number in sorted({entry.class_number for entry in self._present}):
+            members = [entry for entry in self._present if entry.class_number == number]
+            size = min(count(len(members)), len(members))
+            chosen += [members[n] for n in sorted(rng.choice(len(members), size, replace=False))]
+        return chosen
+
+    @cached_property
+    def _present(self) -> list[PlannedExample]:
+        ids = set(self.index["scene_id"])
+        return [] if self.plan is None else [entry for entry in self.plan.examples if entry.id in ids]
 
 
 def read_known_description(directory: Path) -> dict[str, Any]:
@@ -164,10 +203,3 @@ def read_plan(description: Mapping[str, Any], folder: Path) -> tuple[Plan | None
         return plan_dataset(validate(PlanConfig, description["config"], where="dataset.json"), folder=folder), ""
     except DoppelgaitError as error:
         return None, f"no plan: {error}; if the plan's files are elsewhere, state their folder with --motion-folder"
-
-
-def convert_to_plain(values: pd.Series | None) -> list[Any]:
-    """Convert a column to plain Python values, None for unknown."""
-    if values is None:
-        return []
-    return [None if value is None or value != value else value for value in values.tolist()]

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from doppelgait.dataset.config import SPLITS, list_some
 from doppelgait.dataset.shard_files import decode
 from doppelgait.dataset.splits import list_names
-from doppelgait.dataset.verify.contents import Check, Contents
+from doppelgait.dataset.verify.contents import Contents, Finding, judge
 from doppelgait.features import FEATURE_UNITS
 
 Float32Array = npt.NDArray[np.float32]
@@ -22,9 +24,9 @@ SHAPE = (24, 32)
 ALIKE = 0.999
 CANDIDATE = 0.98
 """Correlation of the small pictures above which two signatures are compared in full."""
-MOST_CANDIDATES = 2000
+MAX_CANDIDATES = 2000
 BLOCK = 2048
-MOST_COMPARED = 60_000
+MAX_COMPARED = 60_000
 """Maximum number of rows that are compared for similarity; a larger dataset is sampled at random. All rows are compared
 for identity."""
 
@@ -33,67 +35,57 @@ KINDS = {"group": "groups", "subject": "subjects", "recording": "recordings", "s
 Pair = tuple[float, int, int]
 
 
-def check_groups(contents: Contents) -> Check:
+def check_groups(contents: Contents) -> Finding:
     """Check that no subject or other group crosses splits."""
     # of a blended motion every subject and every recording counts
     index = contents.index
     torn: dict[str, list[str]] = {}
     for key in KINDS:
-        splits: dict[str, set[str]] = {}
-        for names, split in zip(list_names(index, key), index["split"], strict=True):
-            for name in names:
-                splits.setdefault(name, set()).add(split)
-        found = [f"{name} ({', '.join(sorted(within))})" for name, within in sorted(splits.items()) if len(within) > 1]
+        names = pd.DataFrame({"name": list(list_names(index, key)), "split": index["split"]}).explode("name")
+        splits = names.groupby("name")["split"].unique()
+        found = [f"{name} ({', '.join(sorted(within))})" for name, within in splits.items() if len(within) > 1]
         if found:
             torn[key] = found
     numbers = {"in_two_splits": torn, "groups": int(index["group"].nunique())}
     if torn:
-        words = "; ".join(f"{KINDS[key]} in more than one split: {list_some(names)}" for key, names in torn.items())
-        return Check("groups", "failed", words, numbers)
+        listed = (f"{KINDS[key]} in more than one split: {list_some(names)}" for key, names in torn.items())
+        return Finding("failed", "; ".join(listed), numbers)
     models = index[index["source"] == "model"]
     same = int((models.groupby("motion")["split"].transform("nunique") > 1).sum()) if len(models) else 0
     if same:
         words = f"{same} rows of models have the parameters of a row in another split; sample their parameters"
-        return Check("groups", "warning", words, {**numbers, "same_walkers": same})
-    return Check("groups", "passed", f"{numbers['groups']} groups, each in one split", numbers)
+        return Finding("warning", words, {**numbers, "same_walkers": same})
+    return Finding("passed", f"{numbers['groups']} groups, each in one split", numbers)
 
 
-def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callable[[], None]) -> Check:
+def check_duplicates(contents: Contents) -> Finding:
     """Find signatures that occur in two splits."""
     # identical: equal bytes, of all rows; near: differing in level and rounding only
-    splits = contents.index["split"].to_numpy(dtype=str)
+    index = contents.index
+    splits = index["split"].to_numpy(dtype=str)
     if len(set(splits)) < 2:
-        return Check("duplicates", "not applicable", "rows of one split only")
+        return Finding("not applicable", "rows of one split only")
     if "signature" not in contents.description["fields"]:
-        columns = [f"feature_{name}" for name in FEATURE_UNITS]
-        values = contents.index[columns].to_numpy(dtype=np.float64)
-        known = np.isfinite(values[:, :2]).all(axis=1)
-        digests = {int(n): values[n].tobytes() for n in np.flatnonzero(known)}
+        values = index[[f"feature_{name}" for name in FEATURE_UNITS]].to_numpy(dtype=np.float64)
+        known = np.flatnonzero(np.isfinite(values[:, :2]).all(axis=1))
+        digests = {int(n): values[n].tobytes() for n in known}
         same = _find_equal(digests, splits)
-        numbers: dict[str, Any] = {"rows": len(digests), "compared_for_likeness": len(digests), "identical": len(same)}
-        check = _check(contents, same, [], numbers)
-        words = check.summary.replace("signatures", "rows' features")
-        words = words.replace(", no near-identical ones in different splits", "")
-        return Check(check.name, check.status, f"no signatures are kept; of the features: {words}", numbers)
-    count = len(splits)
-    chosen = np.sort(rng.choice(count, min(count, MOST_COMPARED), replace=False))
-    digests, pictures = _read(contents, set(chosen.tolist()), tick)
+        numbers: dict[str, Any] = {"rows": known.size, "compared_for_likeness": known.size, "identical": len(same)}
+        fault = _describe_pairs(index, [(first, second, "identical") for first, second in same])
+        found = judge(fault, f"no identical ones among {known.size} rows' features", numbers)
+        return found._replace(summary=f"no signatures are kept; of the features: {found.summary}")
+    chosen = contents.random["pairs"].choice(len(index), min(len(index), MAX_COMPARED), replace=False)
+    digests, pictures = _read(contents, set(chosen.tolist()))
     same = _find_equal(digests, splits)
-    has_target = (contents.index["source"] != "none").to_numpy(dtype=bool)
-    rows = np.array([n for n in chosen if has_target[n] and n in pictures], dtype=np.int64)
+    has_target = (index["source"] != "none").to_numpy(dtype=bool)
+    rows = np.array([n for n in sorted(pictures) if has_target[n]], dtype=np.int64)
     # for every row the most similar row in each later split, if it is similar enough
-    parts = {split: rows[splits[rows] == split] for split in SPLITS}
-    found = [
-        pair
-        for place, split in enumerate(SPLITS)
-        for other in SPLITS[place + 1 :]
-        if len(parts[split]) and len(parts[other])
-        for pair in _find_nearest(parts[other], parts[split], pictures)
-    ]
-    candidates = sorted(found, reverse=True)[:MOST_CANDIDATES]
-    near, identical, dataset = [], set(same), contents.dataset
+    parts = [part for split in SPLITS if len(part := rows[splits[rows] == split])]
+    nearest = [pair for part, later in combinations(parts, 2) for pair in _find_nearest(later, part, pictures)]
+    candidates = sorted(nearest, reverse=True)[:MAX_CANDIDATES]
+    near, dataset, identical = [], contents.dataset, {frozenset(pair) for pair in same}
     for _, first, second in candidates:
-        if (first, second) in identical or (second, first) in identical:
+        if frozenset((first, second)) in identical:
             continue
         one, two = (np.sqrt(np.maximum(dataset.array("signature", n), 0.0)) for n in (first, second))
         if one.shape == two.shape:
@@ -101,43 +93,37 @@ def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callabl
             if correlation > ALIKE:
                 near.append((correlation, first, second))
     dataset.files.close()
-    near.sort(reverse=True)
     numbers = {
-        "rows": count,
+        "rows": len(index),
         "compared_for_likeness": len(rows),
         "candidates": len(candidates),
         "identical": len(same),
         "near_identical": len(near),
         "most_alike": max((value for value, *_ in candidates), default=None),
     }
-    return _check(contents, same, near, numbers)
-
-
-def _check(contents: Contents, same: Sequence[tuple[int, int]], near: Sequence[Pair], numbers: dict[str, Any]) -> Check:
     pairs = [(first, second, "identical") for first, second in same]
-    pairs += [(first, second, f"{value:.5f}") for value, first, second in near]
-    if pairs:
-        ids, splits = contents.index["id"].to_numpy(dtype=str), contents.index["split"].to_numpy(dtype=str)
-        listed = [f"{ids[a]} ({splits[a]}) and {ids[b]} ({splits[b]}) {how}" for a, b, how in pairs]
-        return Check("duplicates", "failed", f"in different splits: {list_some(listed)}", numbers)
-    words = f"no identical ones among {numbers['rows']} signatures, no near-identical ones in different splits"
-    if numbers["compared_for_likeness"] < numbers["rows"]:
-        words += f" among {numbers['compared_for_likeness']} of them"
-    return Check("duplicates", "passed", words, numbers)
+    pairs += [(first, second, f"{value:.5f}") for value, first, second in sorted(near, reverse=True)]
+    words = f"no identical ones among {len(index)} signatures, no near-identical ones in different splits"
+    if len(rows) < len(index):
+        words += f" among {len(rows)} of them"
+    return judge(_describe_pairs(index, pairs), words, numbers)
 
 
-def _read(
-    contents: Contents, chosen: set[int], tick: Callable[[], None]
-) -> tuple[dict[int, bytes], dict[int, Float32Array]]:
+def _describe_pairs(index: pd.DataFrame, pairs: Sequence[tuple[int, int, str]]) -> str:
+    ids, splits = index["id"].to_numpy(dtype=str), index["split"].to_numpy(dtype=str)
+    listed = [f"{ids[a]} ({splits[a]}) and {ids[b]} ({splits[b]}) {how}" for a, b, how in pairs]
+    return f"in different splits: {list_some(listed)}" if listed else ""
+
+
+def _read(contents: Contents, chosen: set[int]) -> tuple[dict[int, bytes], dict[int, Float32Array]]:
     """Hash every row's signature, and picture the chosen rows."""
     files, facts = contents.dataset.files, contents.description["fields"]["signature"]
-    shards, rows = contents.index["shard"].tolist(), contents.index["row"].tolist()
     digests: dict[int, bytes] = {}
     pictures: dict[int, Float32Array] = {}
     last = None
-    for number, (shard, row) in enumerate(zip(shards, rows, strict=True)):
+    for number, (shard, row) in enumerate(zip(contents.index["shard"], contents.index["row"], strict=True)):
         if shard != last:
-            tick()
+            contents.tick()
             last = shard
         stored = files.read(shard, "signature", int(row))
         if stored is None or stored.size == 0:

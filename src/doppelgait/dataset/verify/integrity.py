@@ -2,264 +2,284 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from doppelgait.core.config import validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.files import hash_file
 from doppelgait.core.own_hdf5 import get_own_member, open_hdf5
-from doppelgait.dataset.config import SPLITS, PlanConfig, list_some
-from doppelgait.dataset.finish import LOG, SUMS, compute_dataset_id, count_shards, format_checksums
+from doppelgait.dataset.config import SPLITS, list_some
+from doppelgait.dataset.finish import (
+    LOG,
+    SINGLE_FILES,
+    SUMS,
+    compute_dataset_id,
+    count_shards,
+    format_checksums,
+    list_shard_names,
+)
 from doppelgait.dataset.lock import list_running_builds
+from doppelgait.dataset.open import check_index as check_index_columns
+from doppelgait.dataset.open import read_index
 from doppelgait.dataset.shard_files import INDEX_NAMES, ShardFiles, describe_fields, hash_contents
-from doppelgait.dataset.verify.contents import Check, Contents, convert_to_plain
+from doppelgait.dataset.verify.contents import Contents, Finding, judge
 
 
-@dataclass(frozen=True)
-class ShardFindings:
-    """Findings about the shards."""
+@dataclass
+class Files:
+    """Files of a dataset, its shards compared with their records and these with the index."""
 
-    whole: tuple[str, ...]
-    missing: tuple[str, ...]
-    damaged: dict[str, str]
-    unlisted: dict[str, str]
-    failed: dict[str, str]
-    hashes: dict[str, str]
-    contents: list[str]
+    directory: Path
+    description: Mapping[str, Any]
+    index: pd.DataFrame | None = None
+    fault: str = ""  # of the index
+    whole: list[str] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+    damaged: dict[str, str] = field(default_factory=dict)
+    different: dict[str, str] = field(default_factory=dict)  # from the index
+    failed: dict[str, str] = field(default_factory=dict)  # examples
+    hashes: dict[str, str] = field(default_factory=dict)
+    contents: list[str] = field(default_factory=list)
+
+    @property
+    def complete(self) -> bool:
+        """True if the dataset is marked as complete."""
+        return bool(self.description.get("complete"))
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all shards."""
+        return list_shard_names(self.description["shards"])
 
 
-def look_at_shards(
-    directory: Path, identity: str, names: Sequence[str], index: pd.DataFrame | None, tick: Callable[[], None]
-) -> ShardFindings:
-    """Compare shards with their records, and these with the index."""
-    findings = ShardFindings((), (), {}, {}, {}, {}, [])
-    files = ShardFiles(directory / "shards", identity)
-    places = {} if index is None else index.groupby("shard", sort=False).indices
-    whole, missing = [], []
-    for name in names:
+def read_files(directory: Path, description: Mapping[str, Any], tick: Callable[[], None]) -> Files:
+    """Read index and shards, and compare them."""
+    files = Files(directory, description)
+    path, identity = directory / "index.parquet", str(description["id"])
+    if path.exists():
+        try:
+            index = read_index(path, identity)
+            check_index_columns(index, description["classes"])
+            files.index = index
+        except Exception as error:  # Arrow raises various errors for damaged files
+            files.fault = f"index.parquet cannot be read: {' '.join(str(error).split())}"
+    elif files.complete:
+        files.fault = "index.parquet is missing, though the dataset is marked as complete"
+    places: dict[Any, Any] = {} if files.index is None else files.index.groupby("shard", sort=False).indices
+    reader = ShardFiles(directory / "shards", identity)
+    for name in files.names:
         tick()
         path = directory / "shards" / f"{name}.h5"
+        rows = places.get(name, np.empty(0, dtype=int))
         if not path.exists() and not path.with_suffix(".json").exists():
-            missing.append(name)
-            if len(places.get(name, ())):
-                findings.unlisted[name] = "the index has rows of it, the shard is not there"
+            files.missing.append(name)
+            if rows.size:
+                files.different[name] = "the index has rows of it, the shard is not there"
             continue
-        record, reason = _record(path, identity, files, findings)
-        if record is None:
-            findings.damaged[name] = reason
+        try:
+            files.hashes[name] = hash_file(path)
+            record = parse_json(path.with_suffix(".json").read_text())
+            fault = _find_fault(path, record, files.hashes[name], reader)
+            if not fault:
+                files.failed |= {failure["id"]: failure["reason"] for failure in record["failures"]}
+                files.contents.append(record["contents_sha256"])
+        except FileNotFoundError as error:
+            fault = f"{Path(error.filename).name} is missing"
+        except Exception as error:  # HDF5 and JSON raise various errors for damaged files
+            fault = f"cannot be read: {error}"
+        if fault:
+            files.damaged[name] = fault
             continue
-        whole.append(name)
-        if index is not None:
-            difference = _describe_difference(index.iloc[places.get(name, [])], record)
-            if difference:
-                findings.unlisted[name] = difference
-    if index is not None:
-        for name in sorted(set(map(str, places)) - set(names)):
-            findings.unlisted[name] = "the index has rows of it, the plan has no such shard"
-        rows = np.concatenate([places[name] for name in names if name in places] or [np.empty(0, dtype=int)])
-        if not findings.unlisted and not np.array_equal(rows, np.arange(rows.size)):
-            findings.unlisted["index.parquet"] = "its rows are in another order than the shards"
-    return replace(findings, whole=tuple(whole), missing=tuple(missing))
+        files.whole.append(name)
+        if files.index is not None and (difference := _describe_difference(files.index.iloc[rows], record)):
+            files.different[name] = difference
+    for name in sorted(set(map(str, places)) - set(files.names)):
+        files.different[name] = "the index has rows of it, the plan has no such shard"
+    order = np.concatenate([places[name] for name in files.names if name in places] or [np.empty(0, dtype=int)])
+    if not files.different and not np.array_equal(order, np.arange(order.size)):
+        files.different["index.parquet"] = "its rows are in another order than the shards"
+    return files
 
 
-def _record(path: Path, identity: str, files: ShardFiles, findings: ShardFindings) -> tuple[dict[str, Any] | None, str]:
-    """Return an intact shard's record, or its fault."""
-    try:
-        findings.hashes[path.stem] = hash_file(path)
-        record = parse_json(path.with_suffix(".json").read_text())
-        if record["dataset"] != identity:
-            return None, f"is of dataset {record['dataset']}"
-        if findings.hashes[path.stem] != record["sha256"]:
-            return None, "the file is not the one that its record describes (another hash)"
-        rows = record["rows"]
-        with open_hdf5(path, members=False) as file:
-            ids = [text.decode() for text in get_own_member(file, "id")[:]]
-            split = str(file.attrs["split"])
-        if ids != [row["id"] for row in rows]:
-            return None, "holds other ids than its record"
-        if [row["row"] for row in rows] != list(range(len(ids))) or {row["shard"] for row in rows} - {path.stem}:
-            return None, "its record counts the rows differently"
-        if {row["split"] for row in rows} - {split} or not path.stem.startswith(f"{split}-"):
-            return None, f"is of split {split} and has rows of another"
-        contents = hash_contents(rows, (files.read_row(path.stem, number) for number in range(len(rows))))
-        files.close()
-        if contents != record["contents_sha256"]:
-            return None, "specification, whole numbers or arrays are not those that its record was made of"
-        failures = {failure["id"]: failure["reason"] for failure in record["failures"]}
-    except FileNotFoundError as error:
-        return None, f"{Path(error.filename).name} is missing"
-    except Exception as error:  # HDF5 and JSON raise various errors for damaged files
-        return None, f"cannot be read: {error}"
-    findings.contents.append(contents)
-    findings.failed.update(failures)
-    return record, ""
+def _find_fault(path: Path, record: Mapping[str, Any], sha256: str, reader: ShardFiles) -> str:
+    """Return the first fault of a shard or its record, or ""."""
+    if record["dataset"] != reader.identity:
+        return f"is of dataset {record['dataset']}"
+    if sha256 != record["sha256"]:
+        return "the file is not the one that its record describes (another hash)"
+    rows = record["rows"]
+    with open_hdf5(path, members=False) as file:
+        ids = [text.decode() for text in get_own_member(file, "id")[:]]
+        split = str(file.attrs["split"])
+    if ids != [row["id"] for row in rows]:
+        return "holds other ids than its record"
+    if [row["row"] for row in rows] != list(range(len(ids))) or {row["shard"] for row in rows} - {path.stem}:
+        return "its record counts the rows differently"
+    if {row["split"] for row in rows} - {split} or not path.stem.startswith(f"{split}-"):
+        return f"is of split {split} and has rows of another"
+    contents = hash_contents(rows, (reader.read_row(path.stem, number) for number in range(len(rows))))
+    reader.close()
+    if contents != record["contents_sha256"]:
+        return "specification, whole numbers or arrays are not those that its record was made of"
+    return ""
 
 
 def _describe_difference(part: pd.DataFrame, record: Mapping[str, Any]) -> str:
     """Describe the first difference of index rows and a record, or ""."""
     rows = record["rows"]
     ids = [row["id"] for row in rows]
-    if part["id"].tolist() != ids:
-        return (
-            f"the index has rows {list_some(part['id'].tolist()) or 'none'} of it, the shard {list_some(ids) or 'none'}"
-        )
+    listed = part["id"].tolist()
+    if listed != ids:
+        return f"the index has rows {list_some(listed) or 'none'} of it, the shard {list_some(ids) or 'none'}"
     if len(part) and set(part["shard_sha256"]) != {record["sha256"]}:
         return "the index has another hash of it"
     for column in dict.fromkeys(name for row in rows for name in row):
+        stored = part.get(INDEX_NAMES.get(column, column), pd.Series([None] * len(rows)))
+        found = [None if value != value else value for value in stored.tolist()]
         expected = [row.get(column) for row in rows]
-        name = INDEX_NAMES.get(column, column)
-        found = convert_to_plain(part[name]) if name in part.columns else [None] * len(rows)
         if found != expected:
-            place = next(n for n, (a, b) in enumerate(zip(found, expected, strict=True)) if a != b)
-            return f"{column} of {ids[place]} is {found[place]} in the index, {expected[place]} in the shard's record"
+            name, *values = next(cells for cells in zip(ids, found, expected, strict=True) if cells[1] != cells[2])
+            return f"{column} of {name} is {values[0]} in the index, {values[1]} in the shard's record"
     return ""
 
 
-def check_shards(findings: ShardFindings, *, complete: bool) -> Check:
-    """Check the shards against their records."""
-    total = len(findings.whole) + len(findings.missing) + len(findings.damaged)
-    numbers = {
-        "shards": total,
-        "whole": len(findings.whole),
-        "missing": list(findings.missing),
-        "damaged": findings.damaged,
-    }
-    parts = [f"{len(findings.whole)} of {total} shards are there and whole"]
-    if findings.damaged:
-        parts.append("damaged: " + list_some([f"{name} ({reason})" for name, reason in findings.damaged.items()]))
-    if findings.missing:
-        words = "missing, though the dataset is marked as complete" if complete else "not built yet"
-        parts.append(f"{words}: {list_some(findings.missing)}")
-    wrong = bool(findings.damaged) or (complete and bool(findings.missing))
-    return Check("shards", "failed" if wrong else "passed", "; ".join(parts), numbers)
-
-
-def check_index(findings: ShardFindings, index: pd.DataFrame | None, reason: str) -> Check:
-    """Check the index against the records, value by value."""
-    if index is None:
-        status: Any = "failed" if reason else "skipped"
-        return Check("index", status, reason or "no index.parquet yet; the rows are those of the shards' records")
-    numbers = {"rows": len(index), "columns": len(index.columns), "different": findings.unlisted}
-    if findings.unlisted:
-        listed = list_some([f"{name}: {difference}" for name, difference in findings.unlisted.items()])
-        return Check("index", "failed", listed, numbers)
-    return Check("index", "passed", f"{len(index)} rows, each value as in the shards' records", numbers)
-
-
-def check_split_lists(directory: Path, index: pd.DataFrame | None) -> Check:
-    """Check ``splits/*.txt`` against the index."""
-    if index is None:
-        return Check("splits", "skipped", "no index.parquet yet, so no lists")
-    wrong, counts = [], {}
-    for split in SPLITS:
-        path = directory / "splits" / f"{split}.txt"
-        ids = index["id"][index["split"] == split].tolist() if len(index) else []
-        counts[split] = len(ids)
-        try:
-            found = path.read_text().splitlines()
-        except (OSError, UnicodeDecodeError):
-            wrong.append(f"splits/{split}.txt cannot be read")
-            continue
-        if found != ids:
-            other = sorted(set(found) ^ set(ids))
-            wrong.append(f"splits/{split}.txt differs from the index: {list_some(other) if other else 'another order'}")
-    known = set(index["split"]) - set(SPLITS) if len(index) else set()
-    wrong += [f"the index has a split {name!r}" for name in sorted(known)]
-    listed = ", ".join(f"{split} {count}" for split, count in counts.items())
-    return Check(
-        "splits", "failed" if wrong else "passed", "; ".join(wrong) or f"lists as in the index: {listed}", counts
-    )
-
-
-def check_files(directory: Path, names: Sequence[str], shards: Mapping[str, str], *, complete: bool) -> Check:
+def check_files(files: Files) -> Finding:
     """Check the hash of every file, and their list."""
-    path = directory / SUMS
-    if not path.exists():
-        words = f"{SUMS} is missing" + (", though the dataset says it is complete; build it again" if complete else "")
-        return Check("files", "failed" if complete else "skipped", words)
-    listed = [line.partition("  ") for line in path.read_bytes().decode(errors="replace").splitlines()]
+    directory = files.directory
+    if not (directory / SUMS).exists():
+        if files.complete:
+            return Finding("failed", f"{SUMS} is missing, though the dataset says it is complete; build it again")
+        return Finding("skipped", f"{SUMS} is missing")
+    content = (directory / SUMS).read_bytes()
+    listed = [line.partition("  ") for line in content.decode(errors="replace").splitlines()]
     stated = {name: sha256 for sha256, _, name in listed}
-    single = (LOG, "README.md", "dataset.json", "index.parquet", *(f"splits/{split}.txt" for split in SPLITS))
-    known = {f"shards/{name}.h5": sha256 for name, sha256 in shards.items()}
+    known = {f"shards/{name}.h5": sha256 for name, sha256 in files.hashes.items()}
     wrong = []
-    for name in dict.fromkeys((*single, *(f"shards/{name}.{kind}" for name in names for kind in ("h5", "json")))):
+    for name in (LOG, *SINGLE_FILES, *(f"shards/{name}.{kind}" for name in files.names for kind in ("h5", "json"))):
         try:
-            found = known.get(name) or hash_file(directory / name)
+            known[name] = known.get(name) or hash_file(directory / name)
         except OSError:
             if name != LOG or name in stated:
                 wrong.append(f"{name} cannot be read")
         else:
-            known[name] = found
             if name not in stated:
                 wrong.append(f"{SUMS} has no {name}")
-            elif stated[name] != found:
+            elif stated[name] != known[name]:
                 wrong.append(f"{name} is not the file that the dataset was finished with")
-    if not wrong and path.read_bytes() != format_checksums(known).encode():
+    if not wrong and content != format_checksums(known).encode():
         wrong.append(f"{SUMS} is damaged")
     numbers = {"files": len(known), "different": len(wrong)}
     if wrong:
-        return Check("files", "failed", f"{list_some(wrong)}; build the dataset again", numbers)
-    ours = {*known, SUMS}
-    there = sorted(path.relative_to(directory).as_posix() for path in directory.rglob("*") if not path.is_dir())
-    foreign = [name for name in there if name not in ours and not name.endswith((".partial", ".lock"))]
+        return Finding("failed", f"{list_some(wrong)}; build the dataset again", numbers)
+    there = {path.relative_to(directory).as_posix() for path in directory.rglob("*") if not path.is_dir()}
+    foreign = [name for name in sorted(there - {*known, SUMS}) if not name.endswith((".partial", ".lock"))]
     if foreign:
-        return Check("files", "warning", f"no part of the dataset: {list_some(foreign)}", numbers)
-    return Check("files", "passed", f"{len(known)} files, each with the hash it was finished with", numbers)
+        return Finding("warning", f"no part of the dataset: {list_some(foreign)}", numbers)
+    return Finding("passed", f"{len(known)} files, each with the hash it was finished with", numbers)
 
 
-def check_leftovers(directory: Path) -> Check:
+def check_shards(files: Files) -> Finding:
+    """Check the shards against their records."""
+    names = files.names
+    numbers = {"shards": len(names), "whole": len(files.whole), "missing": files.missing, "damaged": files.damaged}
+    parts = [f"{len(files.whole)} of {len(names)} shards are there and whole"]
+    if files.damaged:
+        parts.append("damaged: " + list_some([f"{name} ({reason})" for name, reason in files.damaged.items()]))
+    if files.missing:
+        words = "missing, though the dataset is marked as complete" if files.complete else "not built yet"
+        parts.append(f"{words}: {list_some(files.missing)}")
+    wrong = files.damaged or (files.complete and files.missing)
+    return Finding("failed" if wrong else "passed", "; ".join(parts), numbers)
+
+
+def check_contents(files: Files) -> Finding:
+    """Check the hash of all contents against that of the finished dataset."""
+    if files.missing or files.damaged or not files.complete:
+        return Finding("failed" if files.complete else "skipped", "not every shard is there, or not complete")
+    digest = hashlib.sha256("".join(files.contents).encode()).hexdigest()
+    is_same = digest == files.description.get("contents_sha256")
+    words = f"{digest[:16]}: specification, whole numbers and arrays as when the dataset was finished"
+    return judge("" if is_same else "not what the dataset was finished with: build it again", words)
+
+
+def check_index(files: Files) -> Finding:
+    """Check the index against the records, value by value."""
+    if files.index is None:
+        words = "no index.parquet yet; the rows are those of the shards' records"
+        return Finding("failed" if files.fault else "skipped", files.fault or words)
+    numbers = {"rows": len(files.index), "columns": len(files.index.columns), "different": files.different}
+    fault = list_some([f"{name}: {difference}" for name, difference in files.different.items()])
+    return judge(fault, f"{len(files.index)} rows, each value as in the shards' records", numbers)
+
+
+def check_split_lists(files: Files) -> Finding:
+    """Check ``splits/*.txt`` against the index."""
+    if files.index is None:
+        return Finding("skipped", "no index.parquet yet, so no lists")
+    splits: dict[Any, list[str]] = {split: [] for split in SPLITS}
+    if len(files.index):
+        splits |= files.index.groupby("split", observed=True)["id"].agg(list).to_dict()
+    wrong = [f"the index has a split {name!r}" for name in sorted(set(splits) - set(SPLITS))]
+    for split in SPLITS:
+        try:
+            listed = (files.directory / "splits" / f"{split}.txt").read_text().splitlines()
+        except (OSError, UnicodeDecodeError):
+            wrong.append(f"splits/{split}.txt cannot be read")
+            continue
+        if listed != splits[split]:
+            other = list_some(sorted(set(listed) ^ set(splits[split]))) or "another order"
+            wrong.append(f"splits/{split}.txt differs from the index: {other}")
+    counts = {split: len(splits[split]) for split in SPLITS}
+    words = ", ".join(f"{split} {count}" for split, count in counts.items())
+    return judge("; ".join(wrong), f"lists as in the index: {words}", counts)
+
+
+def check_leftovers(files: Files) -> Finding:
     """Check for half-written files."""
-    running = [str(holder) for holder in list_running_builds(directory)]
-    found = sorted(str(path.relative_to(directory)) for path in directory.rglob("*.partial"))
-    numbers = {"partial": found, "running": running}
+    running = [str(holder) for holder in list_running_builds(files.directory)]
+    partial = sorted(str(path.relative_to(files.directory)) for path in files.directory.rglob("*.partial"))
+    numbers = {"partial": partial, "running": running}
     if running:
-        return Check("leftovers", "skipped", f"a build is at work here: {list_some(running)}", numbers)
-    if found:
-        return Check("leftovers", "failed", f"half-written files: {list_some(found)}; run dataset status", numbers)
-    return Check("leftovers", "passed", "no half-written file", numbers)
+        return Finding("skipped", f"a build is at work here: {list_some(running)}", numbers)
+    fault = f"half-written files: {list_some(partial)}; run dataset status" if partial else ""
+    return judge(fault, "no half-written file", numbers)
 
 
-MOST_LOST = 0.05
+MAX_LOST = 0.05
 """Maximum share of failed examples of a class in a split. Failures that depend on the motion would bias the class."""
 
 
-def check_identity(contents: Contents) -> Check:
+def check_identity(contents: Contents) -> Finding:
     """Hash configuration and source files again to check the ``id``."""
-    if contents.plan is None or contents.unlike:
-        status = contents.no_plan_status if contents.plan is None else "skipped"
-        return Check("identity", status, contents.no_plan or f"cannot be hashed again: {contents.unlike}")
-    stated = contents.description["id"]
+    plan, stated = contents.require_plan(), contents.description
     try:
-        config = validate(PlanConfig, contents.description["config"], where="dataset.json")
-        found = compute_dataset_id(config, contents.plan.folder)
+        identity = compute_dataset_id(plan.config, plan.folder)
     except DoppelgaitError as error:
-        return Check("identity", "skipped", f"cannot be hashed again: {error}")
-    wrong = [] if found == stated else [f"id is {stated}, configuration and source files give {found}"]
-    shards = count_shards(shard.name for shard in contents.plan.shards())
-    for name, value in {"shards": shards, "fields": describe_fields(config.dataset.fields)}.items():
-        if contents.description[name] != value:
-            wrong.append(f"{name} is {contents.description[name]}, the configuration gives {value}")
-    numbers = {"stated": stated, "found": found}
-    summary = f"{stated}, as configuration and source files give it"
-    return Check("identity", "failed" if wrong else "passed", "; ".join(wrong) or summary, numbers)
+        return Finding("skipped", f"cannot be hashed again: {error}")
+    wrong = []
+    if identity != stated["id"]:
+        wrong.append(f"id is {stated['id']}, configuration and source files give {identity}")
+    shards = count_shards(shard.name for shard in plan.shards())
+    for name, value in {"shards": shards, "fields": describe_fields(plan.config.dataset.fields)}.items():
+        if stated[name] != value:
+            wrong.append(f"{name} is {stated[name]}, the configuration gives {value}")
+    numbers = {"stated": stated["id"], "found": identity}
+    return judge("; ".join(wrong), f"{identity}, as configuration and source files give it", numbers)
 
 
-def check_rows(contents: Contents) -> Check:
+def check_rows(contents: Contents) -> Finding:
     """Check label, split, group and subjects of every row."""
-    if contents.plan is None:
-        return Check("rows", contents.no_plan_status, contents.no_plan)
-    planned = {}
-    for entry in contents.plan.examples:
-        label = contents.plan.config.classes[entry.class_number].label
-        planned[entry.id] = (label, entry.split, entry.group, entry.subjects[0])
+    plan = contents.require_plan()
+    labels = [section.label for section in plan.config.classes]
+    planned = {e.id: (labels[e.class_number], e.split, e.group, e.subjects[0]) for e in plan.examples}
     wrong = []
     columns = ("id", "scene_id", "label", "split", "group", "subject")
     for name, scene, *found in zip(*(contents.index[column].tolist() for column in columns), strict=True):
@@ -269,38 +289,36 @@ def check_rows(contents: Contents) -> Check:
         elif tuple(found) != expected and (name == scene or tuple(found[1:3]) != expected[1:3]):
             wrong.append(f"{name}: is {'/'.join(found)}, planned {'/'.join(expected)}")
     numbers = {"rows": len(contents.index), "different": len(wrong)}
-    summary = list_some(wrong) or f"{len(contents.index)} rows with label, split, group and subject as planned"
-    return Check("rows", "failed" if wrong else "passed", summary, numbers)
+    words = f"{len(contents.index)} rows with label, split, group and subject as planned"
+    return judge(list_some(wrong), words, numbers)
 
 
-def check_balance(contents: Contents, *, missing_shards: int) -> Check:
+def check_balance(contents: Contents) -> Finding:
     """Check the examples of every class in every split."""
-    if contents.plan is None:
-        found: Any = contents.index.groupby(["label", "split"]).size() if len(contents.index) else {}
-        there = {f"{label}/{split}": int(count) for (label, split), count in dict(found).items()}
+    index, plan = contents.index, contents.plan
+    if plan is None:
+        found: dict[Any, int] = index.groupby(["label", "split"]).size().to_dict()
+        there = {f"{label}/{split}": count for (label, split), count in found.items()}
         words = f"{contents.no_plan}; found " + ", ".join(f"{name} {count}" for name, count in there.items())
-        return Check("class balance", contents.no_plan_status, words, {"counts": there})
-    if missing_shards:
-        words = f"{missing_shards} shards are not here; {len(set(contents.index['scene_id']))} examples are"
-        return Check("class balance", "skipped", words)
-    labels = [section.label for section in contents.plan.config.classes]
-    present = set(contents.index["scene_id"])
-    planned = Counter((labels[e.class_number], e.split) for e in contents.plan.examples)
-    lost = [(labels[e.class_number], e) for e in contents.plan.examples if e.id not in present]
-    gone = Counter((label, entry.split) for label, entry in lost)
-    silent = [entry.id for _, entry in lost if entry.id not in contents.failed]
+        return Finding(contents.no_plan_status, words, {"counts": there})
+    present = set(index["scene_id"])
+    if contents.missing_shards:
+        return Finding("skipped", f"{contents.missing_shards} shards are not here; {len(present)} examples are")
+    labels = [section.label for section in plan.config.classes]
+    planned = Counter((labels[e.class_number], e.split) for e in plan.examples)
+    lost = [entry for entry in plan.examples if entry.id not in present]
+    gone = Counter((labels[e.class_number], e.split) for e in lost)
+    silent = [entry.id for entry in lost if entry.id not in contents.failed]
     counts = {label: {split: planned[label, split] - gone[label, split] for split in SPLITS} for label in labels}
     numbers: dict[str, Any] = {"counts": counts, "failed": dict(contents.failed), "absent": silent}
     if silent:
-        return Check("class balance", "failed", f"neither present nor listed as failed: {list_some(silent)}", numbers)
-    listed = "; ".join(f"{label} " + " ".join(f"{n}" for n in row.values()) for label, row in counts.items())
+        return Finding("failed", f"neither present nor listed as failed: {list_some(silent)}", numbers)
     if not lost:
-        return Check("class balance", "passed", f"as planned in train, validation, test: {listed}", numbers)
-    bent = [f"{label} in {split}" for (label, split), n in gone.items() if n > MOST_LOST * planned[label, split]]
+        listed = "; ".join(f"{label} {' '.join(map(str, row.values()))}" for label, row in counts.items())
+        return Finding("passed", f"as planned in train, validation, test: {listed}", numbers)
     reasons = list_some([f"{name}: {reason}" for name, reason in list(contents.failed.items())[:2]])
-    words = (
-        f"{len(lost)} examples failed ({reasons}), of {list_some(bent)} more than {100 * MOST_LOST:.0f} %"
-        if bent
-        else (f"{len(lost)} examples failed ({reasons})")
-    )
-    return Check("class balance", "failed" if bent else "warning", words, numbers)
+    words = f"{len(lost)} examples failed ({reasons})"
+    bent = [f"{label} in {split}" for (label, split), n in gone.items() if n > MAX_LOST * planned[label, split]]
+    if bent:
+        return Finding("failed", f"{words}, of {list_some(bent)} more than {100 * MAX_LOST:.0f} %", numbers)
+    return Finding("warning", words, numbers)

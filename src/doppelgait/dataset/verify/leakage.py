@@ -1,16 +1,13 @@
 """Leakage test: classes predicted from nuisance parameters.
 
-The classifier is a Bayes classifier on cells: quantile bins of every parameter and coarser ones of
-every pair, their log-likelihood ratios added up. Each parameter and pair counts by how much of its
-G statistic exceeds twice its degrees of freedom, so that parameters without information have no
-effect. Cells do not depend on the labels; training is counting, and a thousand permutations of the
-labels, each with a new training, are a few matrix products.
+A Bayes classifier adds the log-likelihood ratios of cells: quantile bins of every parameter and
+coarser ones of every pair. Each term counts by how much of its G statistic exceeds twice its degrees
+of freedom, so that parameters without information have no effect. Training is counting: a thousand
+permutations of the labels are a few matrix products.
 
-False alarms: one statistic, the accuracy of all parameters together, is compared with that of
-permuted labels, so that the number of parameters needs no correction. A leak needs an accuracy that
-fewer than one in 10 000 permutations reach. A table without a leak is therefore called leaky in
-less than one case in 10 000, whatever its size; the test of a plan is one such comparison, that of
-a dataset with an empty class is two.
+One statistic, the accuracy of all parameters together, is compared with that of permuted labels, so
+that the number of parameters needs no correction. A table without a leak is called leaky in less than
+one case in 10 000.
 """
 
 from __future__ import annotations
@@ -26,26 +23,24 @@ import pandas as pd
 
 from doppelgait.dataset.plan import collect_nuisance
 from doppelgait.dataset.resolve import ExampleSpec
-from doppelgait.dataset.verify.contents import Check, Contents
+from doppelgait.dataset.verify.contents import Contents, Finding
 
 Float32Array = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
 
 FOLDS = 5
 BINS, PAIR_BINS = 6, 3
-MOST_PAIRED = 40
-"""Number of parameters above which no pairs are used."""
-PRIOR_ROWS = 2.0
-"""Prior number of rows of every class, distributed like all rows."""
+MAX_PAIRED = 40  # number of parameters above which no pairs are used
+PRIOR_ROWS = 2.0  # prior number of rows of every class, distributed like all rows
 ABOVE_CHANCE = 0.1
 """Allowed accuracy as a fraction of the distance from chance to 1: balanced accuracy 0.55 for two classes, 0.4 for
 three."""
 LEVEL = 1e-4
-PERMUTATIONS, MOST_PERMUTATIONS = 1000, 10_000
+PERMUTATIONS, MAX_PERMUTATIONS = 1000, 10_000
 """Numbers of permutations. The second is used if no permutation of the first does as well: 1 in 10 001 is below the
 level."""
 AT_A_TIME = 100
-LEAST_GROUPS = 5
+MIN_GROUPS = 5
 
 
 @dataclass(frozen=True)
@@ -81,55 +76,39 @@ class Cells:
 
 def guess_classes(table: pd.DataFrame, rng: np.random.Generator, *, only_leaks: bool = False) -> Guess:
     """Guess ``label`` from all columns but ``group``, which folds keep together."""
-    names = [str(name) for name in table.columns if name not in ("label", "group")]
+    columns = table.drop(columns=["label", "group"])
     labels, _ = pd.factorize(table["label"], sort=True)
     groups, _ = pd.factorize(table["group"])
     n_classes = int(labels.max()) + 1
     allowed = 1.0 / n_classes + ABOVE_CHANCE * (1.0 - 1.0 / n_classes)
-    fewest = min(len(set(groups[labels == n].tolist())) for n in range(n_classes))
-    if fewest < LEAST_GROUPS:
-        words = f"too few groups: {fewest} in the smallest class, {LEAST_GROUPS} are needed"
-        return Guess(len(table), len(names), float("nan"), allowed, reason=words)
+    fewest = int(table.groupby("label")["group"].nunique().min())
+    if fewest < MIN_GROUPS:
+        words = f"too few groups: {fewest} in the smallest class, {MIN_GROUPS} are needed"
+        return Guess(*columns.shape, float("nan"), allowed, reason=words)
     folds = rng.permutation(int(groups.max()) + 1)[groups] % FOLDS
-    columns = [table[name] for name in names]
-    cells = make_cells(columns)
+    cells = make_cells([columns[name] for name in columns])
     accuracy = float(score_folds(cells, folds, labels[:, None])[0])
     if only_leaks and not accuracy > allowed:  # whatever a thousand permutations show, it is no leak
-        return Guess(len(table), len(names), accuracy, allowed)
-    p_value = _p_value(accuracy, cells, folds, labels, groups, rng)
-    alone = [
-        (name, float(score_folds(make_cells([c]), folds, labels[:, None])[0]))
-        for name, c in zip(names, columns, strict=True)
-    ]
-    telling = sorted(alone, key=lambda entry: -entry[1])
-    return Guess(len(table), len(names), accuracy, allowed, p_value, tuple(telling))
-
-
-def _p_value(
-    accuracy: float, cells: Cells, folds: IntArray, labels: IntArray, groups: IntArray, rng: np.random.Generator
-) -> float:
-    """Return the share of permutations that do as well, this one counted."""
-    made = better = 0
-    while made < PERMUTATIONS or (not better and made < MOST_PERMUTATIONS):
+        return Guess(*columns.shape, accuracy, allowed)
+    better, made = 0, 0
+    while made < PERMUTATIONS or (not better and made < MAX_PERMUTATIONS):
         permuted = np.column_stack([permute_labels(labels, groups, rng) for _ in range(min(AT_A_TIME, PERMUTATIONS))])
         better += int((score_folds(cells, folds, permuted) >= accuracy - 1e-12).sum())
         made += permuted.shape[1]
-    return (better + 1) / (made + 1)
+    alone = {str(name): float(score_folds(make_cells([columns[name]]), folds, labels[:, None])[0]) for name in columns}
+    telling = sorted(alone.items(), key=lambda entry: -entry[1])
+    return Guess(*columns.shape, accuracy, allowed, (better + 1) / (made + 1), tuple(telling))
 
 
 def make_cells(columns: Sequence[pd.Series]) -> Cells:
     """Return the cells of every column and of every pair."""
     terms = [bin_values(column, BINS) for column in columns]
-    if len(columns) <= MOST_PAIRED:
+    if len(columns) <= MAX_PAIRED:
         coarse = [bin_values(column, PAIR_BINS) for column in columns]
         terms += [one * (PAIR_BINS + 1) + two for one, two in combinations(coarse, 2)]
-    parts, starts, first = [], [], 0
-    for term in terms:
-        _, place = np.unique(term, return_inverse=True)
-        parts.append((place[:, None] == np.arange(place.max() + 1)).astype(np.float32))
-        starts.append(first)
-        first += parts[-1].shape[1]
-    return Cells(np.hstack(parts), np.array(starts, dtype=np.int64))
+    blocks = [(term[:, None] == np.unique(term)).astype(np.float32) for term in terms]
+    ends = np.cumsum([block.shape[1] for block in blocks])
+    return Cells(np.hstack(blocks), np.append(0, ends[:-1]))
 
 
 def bin_values(column: pd.Series, count: int) -> IntArray:
@@ -150,13 +129,12 @@ def score_folds(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[
     """Return the folds' mean balanced accuracy per label column."""
     # Each fold is guessed from the others; labels have the shape (n, n_columns).
     n_classes = int(labels.max()) + 1
-    found = []
-    for fold in range(FOLDS):
-        test = folds == fold
+    accuracies = []
+    for test in (folds == fold for fold in range(FOLDS)):
         if test.any() and not test.all():
             levels = _compute_log_ratios(cells, test, labels[~test], n_classes)
-            found.append(balanced_accuracy(labels[test], levels.argmax(axis=0), n_classes))
-    return np.asarray(np.mean(found, axis=0))
+            accuracies.append(balanced_accuracy(labels[test], levels.argmax(axis=0), n_classes))
+    return np.asarray(np.mean(accuracies, axis=0))
 
 
 def _compute_log_ratios(cells: Cells, test: npt.NDArray[np.bool_], labels: IntArray, n_classes: int) -> Float32Array:
@@ -179,13 +157,9 @@ def _compute_log_ratios(cells: Cells, test: npt.NDArray[np.bool_], labels: IntAr
 
 def balanced_accuracy(labels: IntArray, guesses: IntArray, n_classes: int) -> npt.NDArray[np.float64]:
     """Return the mean accuracy over occurring classes, per column."""
-    hits, present = np.zeros(labels.shape[1]), np.zeros(labels.shape[1])
-    for number in range(n_classes):
-        member = labels == number
-        count = member.sum(axis=0)
-        hits += (member & (guesses == number)).sum(axis=0) / np.maximum(count, 1)
-        present += count > 0
-    return np.asarray(hits / present)
+    members = labels == np.arange(n_classes)[:, None, None]
+    counts, hits = members.sum(axis=1), (members & (labels == guesses)).sum(axis=1)
+    return np.asarray((hits / np.maximum(counts, 1)).sum(axis=0) / (counts > 0).sum(axis=0))
 
 
 def permute_labels(labels: IntArray, groups: IntArray, rng: np.random.Generator) -> IntArray:
@@ -195,10 +169,10 @@ def permute_labels(labels: IntArray, groups: IntArray, rng: np.random.Generator)
     low, high = np.full(n_groups, labels.max()), np.zeros(n_groups, dtype=labels.dtype)
     np.minimum.at(low, groups, labels)
     np.maximum.at(high, groups, labels)
-    swapped = low.copy()
-    swapped[low == high] = rng.permutation(low[low == high])
-    pure = (low == high)[groups]
-    permuted = np.where(pure, swapped[groups], labels)
+    one_label = low == high
+    low[one_label] = rng.permutation(low[one_label])
+    pure = one_label[groups]
+    permuted = np.where(pure, low[groups], labels)
     mixed = np.flatnonzero(~pure)
     in_order = mixed[np.argsort(groups[mixed], kind="stable")]
     permuted[in_order] = labels[mixed[np.lexsort((rng.random(mixed.size), groups[mixed]))]]
@@ -220,53 +194,60 @@ RCS_FIX = (
 )
 UNJUDGED = ("gate_error_m", "index.gate_error_m")
 """Range error of the gates, which no key of a plan can make class-dependent."""
-MOST_ROWS = 2000
+MAX_ROWS = 2000
 SHOWN_PARAMETERS = 3
 
 
-def check_nuisance(contents: Contents, examples: Sequence[ExampleSpec], rng: np.random.Generator) -> Check:
+def check_nuisance(contents: Contents) -> Finding:
     """Check that nuisance parameters do not predict the class."""
-    index = contents.index
+    index, rng = contents.index, contents.random["guess"]
     leaks = (contents.description.get("config") or {}).get("dataset", {}).get("leaks", ())
-    if examples:
-        table = tabulate_nuisances(index, examples)
-    elif len(index) <= MOST_ROWS:
+    if contents.examples:
+        table = tabulate_nuisances(index, contents.examples)
+    elif len(index) <= MAX_ROWS:
         table = _select_measured(index)
     else:
-        table = _select_measured(index.iloc[np.sort(rng.choice(len(index), MOST_ROWS, replace=False))])
+        table = _select_measured(index.iloc[np.sort(rng.choice(len(index), MAX_ROWS, replace=False))])
     table = drop_leaks(table, (*leaks, *UNJUDGED))
     declared = f"; not judged, leaks that the plan names: {', '.join(leaks)}" if leaks else ""
     # compare classes with targets by all parameters, and all classes by the parameters that an empty room has
-    empty = table["empty"].to_numpy(dtype=bool)
-    table = table.drop(columns="empty")
-    questions = [("classes with a target" if empty.any() else "classes", select_varying(table[~empty]))]
+    empty = table.pop("empty").to_numpy(dtype=bool)
+    questions = {"classes with a target" if empty.any() else "classes": select_varying(table[~empty])}
     if empty.any():
         seen = [name for name in table.columns if not str(name).removeprefix("index.").startswith(UNSEEN)]
-        questions.append(("all classes", select_varying(table[seen])))
-    findings = [
-        (words, guess_classes(part, rng))
-        for words, part in questions
-        if part["label"].nunique() > 1 and len(part.columns) > 2
-    ]
-    if not findings:
-        return Check("nuisance", "not applicable", f"one class, or no nuisance parameter that differs{declared}")
-    numbers = {words: guess.as_dict() for words, guess in findings}
-    told = [describe_guess(words, guess, table) for words, guess in findings if guess.leaks]
-    if told:
-        by_mass = "target.rcs.total_m2" not in table and any("rcs_total_m2" in words for words in told)
-        words = "; ".join([*told, *([RCS_FIX] if by_mass else [])]) + declared
-        return Check("nuisance", "warning" if contents.measured else "failed", words, numbers)
-    unclear = [f"{words}: {guess.reason}" for words, guess in findings if guess.reason]
-    if len(unclear) == len(findings):
-        return Check("nuisance", "not applicable", "; ".join(unclear) + declared, numbers)
+        questions["all classes"] = select_varying(table[seen])
+    guesses = {words: guess_classes(part, rng) for words, part in questions.items() if _has_question(part)}
+    if not guesses:
+        return Finding("not applicable", f"one class, or no nuisance parameter that differs{declared}")
+    numbers = {words: guess.as_dict() for words, guess in guesses.items()}
+    predicted = [describe_guess(words, guess, table) for words, guess in guesses.items() if guess.leaks]
+    if predicted:
+        if "target.rcs.total_m2" not in table and any("rcs_total_m2" in words for words in predicted):
+            predicted.append(RCS_FIX)
+        return Finding("warning" if contents.measured else "failed", "; ".join(predicted) + declared, numbers)
+    unclear = "; ".join(f"{words}: {guess.reason}" for words, guess in guesses.items() if guess.reason)
     listed = "; ".join(
         f"{words} from {guess.n_parameters} parameters of {guess.n_rows} rows: balanced accuracy {guess.accuracy:.2f} "
         f"(p = {guess.p_value:.2g})"
-        for words, guess in findings
+        for words, guess in guesses.items()
         if not guess.reason
     )
-    words = f"{listed}{'; not judged: ' + '; '.join(unclear) if unclear else ''}{declared}"
-    return Check("nuisance", "passed", words, numbers)
+    if not listed:
+        return Finding("not applicable", unclear + declared, numbers)
+    return Finding("passed", f"{listed}{'; not judged: ' if unclear else ''}{unclear}{declared}", numbers)
+
+
+def _has_question(table: pd.DataFrame) -> bool:
+    """Return True for two classes or more and a parameter that varies."""
+    return table["label"].nunique() > 1 and len(table.columns) > 2
+
+
+def find_leak(words: str, table: pd.DataFrame, rng: np.random.Generator) -> str:
+    """Describe the leak of a table with varying parameters, or ""."""
+    if not _has_question(table):
+        return ""
+    guess = guess_classes(table, rng, only_leaks=True)
+    return describe_guess(words, guess, table) if guess.leaks else ""
 
 
 def drop_leaks(table: pd.DataFrame, leaks: Sequence[str]) -> pd.DataFrame:
@@ -328,20 +309,17 @@ def _select_measured(rows: pd.DataFrame) -> pd.DataFrame:
 
 def describe_guess(words: str, guess: Guess, table: pd.DataFrame) -> str:
     """Describe a leak: accuracy, limit, and the most predictive parameters by class."""
+
+    def describe(known: pd.Series) -> str:
+        """Return the median of numbers, else the most frequent value."""
+        if known.empty:
+            return "none"
+        return f"{known.median():.3g}" if pd.api.types.is_numeric_dtype(known) else str(known.mode().iloc[0])
+
     telling = []
     for name, alone in guess.telling[:SHOWN_PARAMETERS]:
-        # The parameter in every class: the median of numbers, else the most frequent value.
-        per_class: list[str] = []
-        for label, part in table.groupby("label")[name]:
-            known: Any = part.dropna()
-            if known.empty:
-                value = "none"
-            elif pd.api.types.is_numeric_dtype(known):
-                value = f"{float(known.median()):.3g}"
-            else:
-                value = str(known.mode().iloc[0])
-            per_class.append(f"{label} {value}")
-        telling.append(f"{name.removeprefix('index.')} ({', '.join(per_class)}; alone {alone:.2f})")
+        per_class = ", ".join(f"{label} {describe(part.dropna())}" for label, part in table.groupby("label")[name])
+        telling.append(f"{name.removeprefix('index.')} ({per_class}; alone {alone:.2f})")
     return (
         f"nuisance parameters alone predict {words}: balanced accuracy {guess.accuracy:.2f} (allowed "
         f"{guess.allowed:.2f}), p = {guess.p_value:.1g}; most predictive: {', '.join(telling)}"

@@ -17,9 +17,8 @@ from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.dataset.verify.leakage import (
     RCS_FIX,
     UNJUDGED,
-    describe_guess,
     drop_leaks,
-    guess_classes,
+    find_leak,
     select_varying,
     tabulate_examples,
 )
@@ -27,26 +26,18 @@ from doppelgait.motion.motion import Motion
 from doppelgait.scene.placement import place
 from doppelgait.scene.rcs import total_rcs_m2
 
-MOST_PLACED = 200
-"""Maximum number of examples with a generated motion, which the body mass needs."""
+MAX_PLACED = 200  # maximum number of examples with a generated motion, which the body mass needs
 
 
 def refuse_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
     """Raise a :class:`DatasetError` if nuisance parameters predict the class."""
-    # the range error of the gates is not judged: no key can make it differ by class
-    moving = [e for e in examples if all(row.source != "none" for row in e.rows)]
-    table = (
-        select_varying(drop_leaks(tabulate_examples(moving), (*leaks, *UNJUDGED)))
-        if moving
-        else pd.DataFrame({"label": []})
-    )
-    if table["label"].nunique() < 2 or len(table.columns) < 3:
+    moving = [example for example in examples if all(row.source != "none" for row in example.rows)]
+    if not moving:
         return
-    guess = guess_classes(table, rng, only_leaks=True)
-    if guess.leaks:
-        raise DatasetError(
-            f"{describe_guess('classes', guess, table)}; sample them from one distribution for every class"
-        )
+    # the range error of the gates is not judged: no key can make it differ by class
+    table = select_varying(drop_leaks(tabulate_examples(moving), (*leaks, *UNJUDGED)))
+    if leak := find_leak("classes", table, rng):
+        raise DatasetError(f"{leak}; sample them from one distribution for every class")
 
 
 def warn_of_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
@@ -67,7 +58,7 @@ def warn_of_default_rcs(
     labels = {example.label for example in examples}
     for label in sorted(labels):  # of every class: a rare one needs as many
         members = [example for example in examples if example.label == label]
-        for example in members[:: -(-len(members) * len(labels) // MOST_PLACED)]:
+        for example in members[:: -(-len(members) * len(labels) // MAX_PLACED)]:
             specs = [target.rcs for target in example.run.scene.targets if not target.background]
             masses_kg = [0.0] * len(specs)
             if any(spec.total_m2 is None for spec in specs):
@@ -78,23 +69,17 @@ def warn_of_default_rcs(
                         observed = place(example.run.scene, example.run.streams, folder=folder).observed
                 except DoppelgaitError:  # the build leaves the example out, too, and reports the reason
                     continue
-                masses_kg = [one.motion.facts.mass_kg for one in observed]
-            for row, spec, mass_kg in zip(example.rows, specs, masses_kg, strict=True):
-                if row.source != "none":
-                    rcs_m2 = total_rcs_m2(spec, mass_kg)
-                    records.append({"label": row.label, "group": example.group, "rcs_total_m2": rcs_m2})
-    if not unstated:
-        return
-    table = pd.DataFrame(records, columns=["label", "group", "rcs_total_m2"])
-    if table["label"].nunique() < 2 or table["rcs_total_m2"].nunique() < 2:
-        return
-    guess = guess_classes(table, rng, only_leaks=True)
-    if guess.leaks:
-        warn_caller(f"{describe_guess('classes', guess, table)}; {RCS_FIX}")
+                masses_kg = [target.motion.facts.mass_kg for target in observed]
+            records += [
+                {"label": row.label, "group": example.group, "rcs_total_m2": total_rcs_m2(spec, mass_kg)}
+                for row, spec, mass_kg in zip(example.rows, specs, masses_kg, strict=True)
+                if row.source != "none"
+            ]
+    if unstated and records and (leak := find_leak("classes", pd.DataFrame(records), rng)):
+        warn_caller(f"{leak}; {RCS_FIX}")
 
 
-MOST_READ = 20
-"""Number of motion files that are read for their warnings."""
+MAX_READ = 20  # number of motion files that are read for their warnings
 OF_A_CLIP = ("kind", "path", "hybrid", "segment", "loop_to_s", "loop_variation")
 """Keys of a motion without effect on what is read of its file."""
 
@@ -105,7 +90,7 @@ def warn_of_recordings(examples: Sequence[ExampleSpec], *, folder: Path) -> None
 
     motions = [target.motion for example in examples for target in example.run.scene.targets]
     files = {m["path"]: m for m in reversed(motions) if isinstance(m, Mapping) and m.get("kind") == "file"}
-    for path, motion in sorted(files.items())[:MOST_READ]:
+    for path, motion in sorted(files.items())[:MAX_READ]:
         options = {name: value for name, value in motion.items() if name not in OF_A_CLIP}
         with suppress(DoppelgaitError):  # the build leaves the example out, and reports the reason
             read(folder / path, **options)

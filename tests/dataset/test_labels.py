@@ -3,8 +3,7 @@
 import pytest
 
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
-from doppelgait.dataset.labels import find_recordings, list_recording_files
-from doppelgait.dataset.names import label_entries, read_names, relabel
+from doppelgait.dataset.labels import find_recordings, label_entries, list_recording_files, read_names, relabel
 
 
 def touch(folder, *names):
