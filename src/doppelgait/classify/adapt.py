@@ -17,8 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.classify.data import Rows, take_rows
-from doppelgait.classify.learned import FloatArray, Inputs, IntArray, log_softmax
+from doppelgait.classify.learned import FloatArray, Inputs, IntArray
 from doppelgait.classify.model import Calibration, Model, blocked_rows, conditions_of_rows, mark_outside, row_weights
+from doppelgait.classify.scorer import log_softmax
 from doppelgait.classify.scores import balanced_accuracy, bin_reliability, expected_calibration_error
 from doppelgait.core.errors import DatasetError
 
@@ -219,7 +220,7 @@ def adapt_to_nameless_rows(
 
 def _select_decidable(model: Model, rows: Rows, values: Inputs) -> tuple[IntArray, list[str]]:
     """Return the rows that the model decides on."""
-    blocked = blocked_rows(rows, np.arange(len(rows)), values, model)
+    blocked = blocked_rows(rows, values, model)
     if not blocked.any():
         return np.arange(len(rows)), []
     outside = {

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -55,6 +55,9 @@ class Rows:
 
     def __len__(self) -> int:
         return len(self.labels)
+
+
+AnyRows = TypeVar("AnyRows", bound=Rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,11 +154,17 @@ def collect_inputs(
     return Table(np.column_stack(list(values.values())), tuple(values))
 
 
+def read_numbers(column: Any) -> FloatArray:
+    """Convert a column to numbers, NaN for everything else."""
+    numbers = pd.to_numeric(pd.Series(column), errors="coerce")
+    return np.asarray(numbers.to_numpy(dtype=np.float64, na_value=np.nan), dtype=np.float64)
+
+
 def convert_features(columns: Mapping[str, Any], wavelength_m: FloatArray) -> dict[str, FloatArray]:
     """Convert feature values to the inputs of a model."""
     found = {}
     for name, column in columns.items():
-        values = pd.to_numeric(pd.Series(column), errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+        values = read_numbers(column)
         values = np.where(np.isfinite(values), values, np.nan)
         if name == VELOCITY:
             found[SPEED] = np.abs(values)
@@ -169,7 +178,7 @@ def convert_features(columns: Mapping[str, Any], wavelength_m: FloatArray) -> di
 def wavelengths_m(rows: Rows) -> FloatArray:
     """Return the wavelength of every row; NaN where unknown."""
     carriers = [
-        pd.to_numeric(part.index["carrier_hz"], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+        read_numbers(part.index["carrier_hz"])
         if "carrier_hz" in part.index
         else np.array(
             [read_carrier_hz(part.description, convert_to_json(row)) for row in part.index.to_dict("records")]
@@ -211,9 +220,9 @@ def collect_nuisances(rows: Rows, motion_folder: Path) -> Table:
     return Table(values, tuple(kept), "; ".join(notes))
 
 
-def take_rows(rows: Rows, part: IntArray) -> Rows:
-    """Select rows."""
-    columns = {name: getattr(rows, name)[part] for name in ("origin", "place", "labels", "groups")}
+def take_rows(rows: AnyRows, part: npt.NDArray[Any]) -> AnyRows:
+    """Select rows by number or mask."""
+    columns = {name: values[part] for name, values in vars(rows).items() if isinstance(values, np.ndarray)}
     return replace(rows, index=rows.index.iloc[part].reset_index(drop=True), **columns)
 
 

@@ -10,23 +10,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from doppelgait import __version__
-from doppelgait.classify.data import Rows, Table, select_split
+from doppelgait.classify.data import Rows, Table, select_split, take_rows
 from doppelgait.classify.learned import IntArray, LabelledRows, Learned, select_features
 from doppelgait.classify.model import (
     Calibration,
     Facts,
     Model,
-    blocked_rows,
     calibrate,
     conditions_of_rows,
     find_detection_threshold,
     find_training_conditions,
     row_weights,
 )
-from doppelgait.classify.scores import DETECTED_SHARE, Answers
+from doppelgait.classify.scores import DETECTED_SHARE, Answers, answer_rows
 from doppelgait.classify.training import BASELINES, MEMBERS, find_kind, fit, join, learn_novelty, standardise_columns
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.interrupt import raise_if_stopped
@@ -212,14 +210,7 @@ def run_model(
         model = learn(rows, table, name, fold, seed=seed, members=[[each[number] for each in kind] for kind in members])
         models.append(model)
         if fold.test.size:
-            values, index = table.values[fold.test], rows.index.iloc[fold.test]
-            probability = model.probability(values)
-            blocked = blocked_rows(rows, fold.test, values, model)
-            threshold = np.nan if model.facts.alarm_threshold is None else model.facts.alarm_threshold
-            thresholds = np.full(fold.test.size, threshold)
-            decided = ~blocked & (probability.max(axis=1) >= model.facts.abstain_below)
-            labels, groups = rows.labels[fold.test], rows.groups[fold.test]
-            parts.append(Answers(index, labels, groups, rows.classes, probability, thresholds, decided, rows.alarm))
+            parts.append(answer_rows(model, take_rows(rows, fold.test), table.values[fold.test]))
             shuffled = name not in BASELINES and not members  # those of an ensemble are shown
             importance.append(_compute_importance(rows, table, model, fold, seed) if shuffled else {})
         held = model.probability(table.values[fold.held])[np.arange(fold.held.size), rows.labels[fold.held]]
@@ -227,11 +218,12 @@ def run_model(
         tick(number + 1)
     mean = {key: float(np.mean([part[key] for part in importance])) for key in importance[0]}
     # The answers of all folds, in the order of the rows.
-    order = np.argsort(np.concatenate([fold.test for fold in folds if fold.test.size]), kind="stable")
-    names = ("labels", "groups", "probability", "threshold", "decided")
-    columns = {key: np.concatenate([getattr(part, key) for part in parts])[order] for key in names}
-    index = pd.concat([part.index for part in parts]).iloc[order]
-    answers = Answers(index=index, classes=rows.classes, alarm=rows.alarm, **columns)
+    tested = np.concatenate([fold.test for fold in folds])
+    columns: dict[str, Any] = {
+        key: np.concatenate([getattr(part, key) for part in parts])[np.argsort(tested, kind="stable")]
+        for key in ("probability", "threshold", "decided")
+    }
+    answers = Answers(**vars(take_rows(rows, np.sort(tested))), **columns)
     return Run(answers, models, float(np.mean(losses)), mean)
 
 

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from doppelgait.classify.data import ALARM_CLASS, Rows, collect_inputs
-from doppelgait.classify.learned import FloatArray, IntArray
+from doppelgait.classify.data import Rows, collect_inputs, read_numbers, take_rows
+from doppelgait.classify.learned import FloatArray, Inputs, IntArray
 from doppelgait.classify.model import Model, blocked_rows, find_detection_threshold, row_weights
 
 Groups = npt.NDArray[np.str_]
@@ -32,12 +32,6 @@ class Interval(NamedTuple):
     low: float
     high: float
     method: str
-
-
-def count_confusion(labels: IntArray, guesses: IntArray, n_classes: int) -> IntArray:
-    """Count rows by true (first axis) and predicted class."""
-    counts = np.bincount(labels * n_classes + guesses, minlength=n_classes**2)
-    return counts.reshape(n_classes, n_classes).astype(np.int64)
 
 
 def compute_recalls(labels: IntArray, right: Bools, n_classes: int) -> FloatArray:
@@ -129,22 +123,6 @@ def auc_interval(
     return float(low), float(high)
 
 
-def roc(scores: FloatArray, positive: Bools) -> tuple[FloatArray, FloatArray]:
-    """Return false and true positive rates."""
-    order = np.argsort(-scores, kind="stable")
-    last = np.append(np.flatnonzero(np.diff(scores[order])), scores.size - 1)
-    hits, alarms = np.cumsum(positive[order])[last], np.cumsum(~positive[order])[last]
-    found = [np.concatenate([[0.0], counts / max(counts[-1], 1)]) for counts in (alarms, hits)]
-    return found[0], found[1]
-
-
-def brier(probability: FloatArray, labels: IntArray, weights: FloatArray) -> float:
-    """Return the Brier score, from 0 to 1."""
-    wrong = probability.copy()
-    wrong[np.arange(labels.size), labels] -= 1.0
-    return float(np.average(0.5 * (wrong**2).sum(axis=1), weights=weights))
-
-
 def bin_reliability(confidence: FloatArray, right: Bools, weights: FloatArray, lowest: float) -> list[dict[str, float]]:
     """Return confidence and accuracy in bins of confidence."""
     edges = np.linspace(lowest, 1.0, CALIBRATION_BINS + 1)
@@ -175,18 +153,13 @@ NOT_ALL = "not all classes are tested"
 """Entry instead of an interval if only recalls exist, but no balanced accuracy."""
 
 
-@dataclass(frozen=True, eq=False)
-class Answers:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Answers(Rows):
     """Predictions of a model for test rows."""
 
-    index: pd.DataFrame
-    labels: IntArray
-    groups: Groups
-    classes: tuple[str, ...]
     probability: FloatArray
     threshold: FloatArray
     decided: Bools
-    alarm: str = ALARM_CLASS
 
     @property
     def guesses(self) -> IntArray:
@@ -199,95 +172,97 @@ class Answers:
         return np.asarray(self.guesses == self.labels)
 
 
+def answer_rows(model: Model, rows: Rows, values: Inputs) -> Answers:
+    """Predict rows, and decide where nothing prevents it."""
+    probability, threshold = model.probability(values), model.facts.alarm_threshold
+    return Answers(
+        **vars(rows),
+        probability=probability,
+        threshold=np.full(len(rows), np.nan if threshold is None else threshold),
+        decided=~blocked_rows(rows, values, model) & (probability.max(axis=1) >= model.facts.abstain_below),
+    )
+
+
 def compute_scores(answers: Answers, *, seed: int) -> dict[str, Any]:
     """Compute every overall score of a model, for JSON."""
-    n_classes = len(answers.classes)
-    weights = row_weights(answers.labels, n_classes)
+    from sklearn.metrics import confusion_matrix
+
+    classes, n_classes, labels = answers.classes, len(answers.classes), answers.labels
+    weights = row_weights(labels, n_classes)
     bins = bin_reliability(answers.probability.max(axis=1), answers.right, weights, 1.0 / n_classes)
-    detected = answers.classes
+    recalls = {name: score_share(answers.right[:0], answers.groups[:0]) for name in classes} | score_recalls(answers)
+    wrong = answers.probability - np.eye(n_classes)[labels]
+    detected = classes
     if n_classes <= 2:  # one curve, of the alarm class if it exists
-        detected = (answers.alarm,) if answers.alarm in answers.classes else answers.classes[:1]
-    curves: dict[str, dict[str, Any]] = {}
-    for name in detected:
-        number = answers.classes.index(name)
-        probability, positive = answers.probability[:, number], answers.labels == number
-        if not 0 < positive.sum() < positive.size:
-            curves[name] = {"auc": float("nan"), "low": None, "high": None, "false": [], "true": []}
-            continue
-        low, high = auc_interval(probability, positive, answers.groups, np.random.default_rng(seed)) or (None, None)
-        false, true = roc(probability, positive)
-        kept = np.unique(np.linspace(0, false.size - 1, MOST_POINTS).round().astype(int))
-        area, points = auc(probability, positive), {"false": false[kept].tolist(), "true": true[kept].tolist()}
-        curves[name] = {"auc": area, "low": low, "high": high, **points}
+        detected = (answers.alarm,) if answers.alarm in classes else classes[:1]
     return {
-        "balanced_accuracy": _score_balanced(answers, np.ones(len(answers.labels), dtype=bool), seed),
+        "balanced_accuracy": _score_balanced(answers, seed),
         "accuracy": float(answers.right.mean()),
-        "recall": {name: _score_share(answers, answers.labels == n) for n, name in enumerate(answers.classes)},
-        "confusion": count_confusion(answers.labels, answers.guesses, n_classes).tolist(),
-        "roc": curves,
-        "brier": brier(answers.probability, answers.labels, weights),
+        "recall": recalls,
+        "confusion": confusion_matrix(labels, answers.guesses, labels=range(n_classes)).tolist(),
+        "roc": {name: _compute_curve(answers, classes.index(name), seed) for name in detected},
+        "brier": float(np.average(0.5 * (wrong**2).sum(axis=1), weights=weights)),
         "expected_calibration_error": expected_calibration_error(bins),
         "reliability": bins,
         "alarm": find_alarm_point(answers),
         "decided": {
             "share": float(answers.decided.mean()),
             "n": int(answers.decided.sum()),
-            "balanced_accuracy": _score_balanced(answers, answers.decided, seed),
+            "balanced_accuracy": _score_balanced(take_rows(answers, answers.decided), seed),
         },
     }
 
 
-def _score_balanced(answers: Answers, chosen: Bools, seed: int) -> dict[str, Any]:
-    labels, right = answers.labels[chosen], answers.right[chosen]
-    n_classes = len(answers.classes)
+def _compute_curve(answers: Answers, number: int, seed: int) -> dict[str, Any]:
+    """Return the ROC curve of a class, with the interval of its area."""
+    from sklearn.metrics import roc_curve
+
+    probability, positive = answers.probability[:, number], answers.labels == number
+    if not 0 < positive.sum() < positive.size:
+        return {"auc": float("nan"), "low": None, "high": None, "false": [], "true": []}
+    low, high = auc_interval(probability, positive, answers.groups, np.random.default_rng(seed)) or (None, None)
+    false, true, _ = roc_curve(positive, probability, drop_intermediate=False)
+    kept = np.unique(np.linspace(0, false.size - 1, MOST_POINTS).round().astype(int))
+    points = {"false": false[kept].tolist(), "true": true[kept].tolist()}
+    return {"auc": auc(probability, positive), "low": low, "high": high, **points}
+
+
+def _score_balanced(answers: Answers, seed: int) -> dict[str, Any]:
+    labels, right, n_classes = answers.labels, answers.right, len(answers.classes)
     if np.unique(labels).size < n_classes:
         return {"value": None, "low": None, "high": None, "interval": NOT_ALL}
-    found = balanced_interval(labels, right, answers.groups[chosen], n_classes, np.random.default_rng(seed))
+    found = balanced_interval(labels, right, answers.groups, n_classes, np.random.default_rng(seed))
     value = balanced_accuracy(labels, right, n_classes)
     return {"value": value, "low": found.low, "high": found.high, "interval": found.method}
 
 
-def _score_share(answers: Answers, chosen: Bools) -> dict[str, Any]:
-    """Return the accuracy of some rows with its exact interval."""
-    low, high = wilson_interval(answers.right[chosen], answers.groups[chosen])
-    count = int(chosen.sum())
-    return {
-        "value": float(answers.right[chosen].mean()) if count else float("nan"),
-        "low": low,
-        "high": high,
-        "n": count,
-        "movers": int(np.unique(answers.groups[chosen]).size),
-    }
+def score_share(right: Bools, groups: Groups) -> dict[str, Any]:
+    """Return a share of rows with its exact interval."""
+    low, high = wilson_interval(right, groups)
+    value = float(right.mean()) if right.size else float("nan")
+    return {"value": value, "low": low, "high": high, "n": right.size, "movers": np.unique(groups).size}
+
+
+def score_recalls(answers: Answers, hits: Bools | None = None) -> dict[str, Any]:
+    """Return the share of every present class that is right, or is hit."""
+    hits = answers.right if hits is None else hits
+    members = {name: answers.labels == number for number, name in enumerate(answers.classes)}
+    return {name: score_share(hits[own], answers.groups[own]) for name, own in members.items() if own.any()}
 
 
 def find_alarm_point(answers: Answers) -> dict[str, Any] | None:
-    """Compute alarm rates at 95 % detection, or None."""
-    # ``held``: with the threshold of the held-out rows, as in use
+    """Compute the share of every class that triggers at 95 % detection, or None."""
     if answers.alarm not in answers.classes:
         return None
     number = answers.classes.index(answers.alarm)
     probability, positive = answers.probability[:, number], answers.labels == number
     if not 0 < positive.sum() < positive.size:
         return None
-    own = find_detection_threshold(probability, positive, DETECTED_SHARE)
-    found: dict[str, Any] = {
-        "detected_share": DETECTED_SHARE,
-        "curve": _compute_alarm_rates(answers, probability >= own),
-    }
+    thresholds = {"curve": np.full(len(answers), find_detection_threshold(probability, positive, DETECTED_SHARE))}
     if np.isfinite(answers.threshold).all():
-        found["held"] = _compute_alarm_rates(answers, probability >= answers.threshold)
-    return found
-
-
-def _compute_alarm_rates(answers: Answers, triggers: Bools) -> dict[str, Any]:
-    """Return the share of every class that triggers."""
-    found = {}
-    for number, name in enumerate(answers.classes):
-        member = answers.labels == number
-        if member.any():
-            low, high = wilson_interval(triggers[member], answers.groups[member])
-            found[name] = {"value": float(triggers[member].mean()), "low": low, "high": high, "n": int(member.sum())}
-    return found
+        thresholds["held"] = answers.threshold  # of the held-out rows, as in use
+    rates = {key: score_recalls(answers, probability >= threshold) for key, threshold in thresholds.items()}
+    return {"detected_share": DETECTED_SHARE, **rates}
 
 
 @dataclass(frozen=True)
@@ -318,7 +293,7 @@ def find_condition_values(index: pd.DataFrame, condition: Condition) -> tuple[st
     for column in condition.columns:
         if column not in index:
             continue
-        values = pd.to_numeric(index[column], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+        values = read_numbers(index[column])
         values = np.where(np.isfinite(values), values, np.nan)
         if np.isfinite(values).mean() < 0.5:
             continue
@@ -344,21 +319,10 @@ def score_bins(answers: Answers, values: FloatArray, edges: FloatArray, *, seed:
     """Return balanced accuracy and recalls in bins of a condition."""
     found = []
     for low, high in pairwise(edges.tolist()):
-        inside = (values >= low) & (values < high)
-        if inside.any():
-            found.append(
-                {
-                    "from": float(low),
-                    "to": float(high),
-                    "n": int(inside.sum()),
-                    **_score_balanced(answers, inside, seed),
-                    "recall": {
-                        name: _score_share(answers, inside & (answers.labels == n))
-                        for n, name in enumerate(answers.classes)
-                        if (inside & (answers.labels == n)).any()
-                    },
-                }
-            )
+        inside = take_rows(answers, (values >= low) & (values < high))
+        if len(inside):
+            span = {"from": float(low), "to": float(high), "n": len(inside)}
+            found.append({**span, **_score_balanced(inside, seed), "recall": score_recalls(inside)})
     return found
 
 
@@ -369,40 +333,25 @@ MOST_VALUES = 40
 def score_groups(answers: Answers, texts: npt.NDArray[np.str_]) -> list[dict[str, Any]]:
     """Return every class's accuracy per value of a column."""
     return [
-        {"value": value, "label": name, **{f"share_{k}" if k == "value" else k: v for k, v in shares.items()}}
+        {"value": value, "label": name, **{f"share_{k}" if k == "value" else k: v for k, v in share.items()}}
         for value in np.unique(texts).tolist()
-        for number, name in enumerate(answers.classes)
-        if (member := (texts == value) & (answers.labels == number)).any()
-        for shares in (_score_share(answers, member),)
+        for name, share in score_recalls(take_rows(answers, texts == value)).items()
     ]
 
 
-def open_set_scores(model: Model, tested: Any, unknown: Rows) -> dict[str, Any]:
+def open_set_scores(model: Model, tested: Inputs, unknown: Rows) -> dict[str, Any]:
     """Score the abstention from every unknown kind."""
-    table = collect_inputs(unknown, model.facts.features)
-    known_rank, known_sure = _score_novelty(model, tested)
-    rank, sure = _score_novelty(model, table.values)
-    blocked = blocked_rows(unknown, np.arange(len(unknown)), table.values, model)
-    decided = ~blocked & (sure >= model.facts.abstain_below)
-    guesses = model.probability(table.values).argmax(axis=1)
-    found: dict[str, Any] = {}
-    labels = unknown.index["label"].to_numpy(dtype=str)
-    for label in np.unique(labels):
-        own = labels == label
-        novel = np.concatenate([np.zeros(len(known_sure), dtype=bool), np.ones(int(own.sum()), dtype=bool)])
-        shares = {
-            name: float((decided & (guesses == number))[own].mean()) for number, name in enumerate(unknown.classes)
-        }
-        found[str(label)] = {
-            "n": int(own.sum()),
-            "auc": None if rank is None or known_rank is None else auc(np.concatenate([known_rank, rank[own]]), novel),
-            "auc_of_probability": auc(-np.concatenate([known_sure, sure[own]]), novel),
-            "decided": shares,
-        }
+    values = collect_inputs(unknown, model.facts.features).values
+    answers, kinds, found = answer_rows(model, unknown, values), unknown.index["label"].to_numpy(dtype=str), {}
+    doubt = [-model.probability(tested).max(axis=1), -answers.probability.max(axis=1)]
+    distance = None if model.novelty is None else [model.novelty.distance(each) for each in (tested, values)]
+    for kind in np.unique(kinds):
+        own = take_rows(answers, kinds == kind)
+        novel = np.arange(len(tested) + len(own)) >= len(tested)
+        areas = [
+            None if known is None else auc(np.concatenate([known[0], known[1][kinds == kind]]), novel)
+            for known in (distance, doubt)
+        ]
+        shares = {name: float((own.decided & (own.guesses == n)).mean()) for n, name in enumerate(own.classes)}
+        found[str(kind)] = {"n": len(own), "auc": areas[0], "auc_of_probability": areas[1], "decided": shares}
     return found
-
-
-def _score_novelty(model: Model, values: Any) -> tuple[FloatArray | None, FloatArray]:
-    """Return distance if measured, and highest probability."""
-    far = None if model.novelty is None else model.novelty.distance(values)
-    return far, np.asarray(model.probability(values).max(axis=1))

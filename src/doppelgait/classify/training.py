@@ -21,11 +21,11 @@ from doppelgait.classify.learned import (
     Network,
     Novelty,
     Trees,
-    log_from,
     select_features,
     select_levels,
 )
 from doppelgait.classify.model import calibrate, row_weights
+from doppelgait.classify.scorer import take_logarithms
 from doppelgait.core.errors import ConfigError, DatasetError, warn_caller
 from doppelgait.core.plugins import Group, plugin
 from doppelgait.core.worker import limit_blas_threads
@@ -209,7 +209,7 @@ def standardise_columns(values: Inputs) -> tuple[FloatArray, IntArray, FloatArra
     known = [column[~np.isnan(column)] for column in values.T]
     floor = np.array([LOG_FLOOR * np.median(column) if column.size and column.min() >= 0 else 0.0 for column in known])
     imputer, scaler = SimpleImputer(strategy="median", add_indicator=True, keep_empty_features=True), StandardScaler()
-    columns = scaler.fit_transform(imputer.fit_transform(log_from(values, floor)))
+    columns = scaler.fit_transform(imputer.fit_transform(take_logarithms(values, floor)))
     told = np.asarray(imputer.indicator_.features_, dtype=np.int64)
     return imputer.statistics_, told, scaler.mean_, scaler.scale_, floor, columns
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from doppelgait import __version__
-from doppelgait.classify.learned import Columns, Constant, Ensemble, Kernel, Learned, Linear, Network, Trees
+from doppelgait.classify.learned import Constant, Ensemble, Kernel, Learned, Linear, Network, Trees
 from doppelgait.classify.model import Model
 from doppelgait.core.errors import ConfigError
 
@@ -103,7 +103,7 @@ class _Graph:
             parts.append(self.add("Mul", [answer, self.add_constant(weight, f"{own}_weight")]))
         return self.add("LogSoftmax", [self.add("Sum", parts)], axis=1)
 
-    def add_standardisation(self, learned: Columns, name: str) -> str:
+    def add_standardisation(self, learned: Linear | Kernel, name: str) -> str:
         double = self.onnx.TensorProto.DOUBLE
         values = self.doubles = self.doubles or self.add("Cast", [self.features()], to=double)
         unknown = self.add("IsNaN", [values])

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait import __version__
-from doppelgait.classify.export import scorer
+from doppelgait.classify import scorer
 from doppelgait.classify.export.c_code import TEXTS, Sources
 from doppelgait.classify.export.device import CSettings, Device, list_parts, plan_device, quantise, select_networks
 from doppelgait.classify.learned import Ensemble, FloatArray, Network, join_inputs
