@@ -5,6 +5,7 @@ The intervals allow for rows of one target that are not independent.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -354,4 +355,33 @@ def open_set_scores(model: Model, tested: Inputs, unknown: Rows) -> dict[str, An
         ]
         shares = {name: float((own.decided & (own.guesses == n)).mean()) for n, name in enumerate(own.classes)}
         found[str(kind)] = {"n": len(own), "auc": areas[0], "auc_of_probability": areas[1], "decided": shares}
+    return found
+
+
+def score_conditions(answers: Mapping[str, Answers], notes: list[str], seed: int) -> dict[str, Any]:
+    """Compute the accuracy of every model by known, varying condition."""
+    index, found = next(iter(answers.values())).index, {}
+    for condition in CONDITIONS:
+        column, values = find_condition_values(index, condition)
+        edges = make_bin_edges(values, condition.step)
+        if not column:
+            notes.append(f"accuracy against {condition.words}: none of {', '.join(condition.columns)} is known")
+            continue
+        if edges.size < 3:
+            notes.append(f"accuracy against {condition.words}: {column} is {edges[0]:g} to {edges[-1]:g} in all rows")
+        curves = {
+            name: score_bins(part, values, edges, seed=seed) for name, part in answers.items() if name != "chance"
+        }
+        found[condition.name] = {"words": condition.words, "column": column, "models": curves}
+    return found
+
+
+def score_breakdowns(answers: Mapping[str, Answers]) -> dict[str, Any]:
+    """Compute the accuracy of every class and model by columns with a few different values."""
+    index, found = next(iter(answers.values())).index, {}
+    for column in BREAKDOWNS:
+        if column in index:
+            texts = index[column].fillna("unknown").astype(str).to_numpy(dtype=str)
+            if 2 <= np.unique(texts).size <= MOST_VALUES:
+                found[column] = {name: score_groups(part, texts) for name, part in answers.items()}
     return found
