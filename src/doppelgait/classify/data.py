@@ -86,21 +86,19 @@ def collect_rows(dataset: Dataset, other: Dataset | None = None) -> Rows:
             f"{other.directory}: has the classes {', '.join(further)}, which {dataset.directory} does not have; "
             f"a model of it has {', '.join(known)}"
         )
-    group = "group" if "group" in index else "subject"
+    origin = np.repeat(np.arange(len(datasets)), [len(part) for part in datasets])
     # Groups by name. A sampled body differs between datasets, a recording does not.
-    names = [part.index[group].to_numpy(dtype=str) for part in datasets]
-    marked = [
-        np.array([f"{number}:{name}" if number and name.startswith("model/") else name for name in part], dtype=str)
-        for number, part in enumerate(names)
-    ]
+    group = "group" if "group" in index else "subject"
+    names = np.concatenate([part.index[group].to_numpy(dtype=str) for part in datasets])
+    sampled = (origin > 0) & np.char.startswith(names, "model/")
     return Rows(
         datasets=datasets,
         index=index,
-        origin=np.repeat(np.arange(len(datasets)), [len(part) for part in datasets]),
+        origin=origin,
         place=np.concatenate([np.arange(len(part)) for part in datasets]),
         classes=tuple(known),
         labels=index["label"].map({label: number for number, label in enumerate(known)}).to_numpy(dtype=np.int64),
-        groups=np.concatenate(marked),
+        groups=np.where(sampled, np.char.add("1:", names), names),
     )
 
 
@@ -207,15 +205,16 @@ def collect_nuisances(rows: Rows, motion_folder: Path) -> Table:
     table = pd.concat([part[shared] for part in parts], ignore_index=True)
     if (rows.index["source"] == "none").any():
         shared = [name for name in shared if not str(name).removeprefix("index.").startswith(UNSEEN)]
-    encoded: dict[str, FloatArray] = {}
+    kept: dict[str, FloatArray] = {}
     for name in shared:
         column = table[name]
         if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
-            encoded[str(name)] = np.asarray(round_values(column.astype(np.float64)).to_numpy(), dtype=np.float64)
+            values = np.asarray(round_values(column.astype(np.float64)).to_numpy(), dtype=np.float64)
         else:
             codes = pd.factorize(column.where(column.isna(), column.astype(str)), sort=True)[0]
-            encoded[str(name)] = np.where(codes < 0, np.nan, codes.astype(np.float64))
-    kept = {name: values for name, values in encoded.items() if np.unique(values[~np.isnan(values)]).size > 1}
+            values = np.where(codes < 0, np.nan, codes.astype(np.float64))
+        if np.unique(values[~np.isnan(values)]).size > 1:
+            kept[str(name)] = values
     values = np.column_stack(list(kept.values())) if kept else np.zeros((len(rows), 0))
     return Table(values, tuple(kept), "; ".join(notes))
 

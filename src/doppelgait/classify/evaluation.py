@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -294,13 +295,8 @@ def learn(
         if np.isfinite(found):
             threshold, people = found, int(np.unique(rows.groups[fold.held][is_alarm]).size)
     # Span of every feature, NaN if never known, and the share of rows in which it is unknown.
-    lowest, highest, unknown = np.full(len(table.names), np.nan), np.full(len(table.names), np.nan), np.zeros(0)
-    if table.names:
-        values = select_features(train.values)
-        unknown = np.isnan(values).mean(axis=0)
-        known = unknown < 1
-        lowest[known] = np.nanmin(values[:, known], axis=0)
-        highest[known] = np.nanmax(values[:, known], axis=0)
+    values = select_features(train.values) if table.names else np.zeros((train.labels.size, 0))
+    spans = [reduce(values, initial=np.nan) for reduce in (np.fmin.reduce, np.fmax.reduce)]
     first = rows.datasets[0].description
     config = first.get("config") or {}
     facts = Facts(
@@ -320,9 +316,8 @@ def learn(
     ).model_copy(update={"alarm_threshold": threshold, "alarm_people": people})
     novelty = None
     if table.names and name not in BASELINES:
-        plain = train._replace(values=select_features(train.values))
-        novelty = learn_novelty(standardise_columns(plain.values), plain, held)
-    return Model(facts, learned, calibration, lowest, highest, unknown, novelty)
+        novelty = learn_novelty(standardise_columns(values), LabelledRows(values, train.labels), held)
+    return Model(facts, learned, calibration, spans[0], spans[1], np.isnan(values).mean(axis=0), novelty)
 
 
 def _compute_importance(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -> dict[str, float]:
@@ -624,11 +619,11 @@ def _collect_test_rows(
 
 def _choose_alarm_class(rows: Rows, alarm_class: str | None, *, needed: bool) -> str:
     """Return the class of the alarm, if named or needed."""
-    if alarm_class is not None and alarm_class not in rows.classes:
-        raise ConfigError(f"--alarm-class {alarm_class}: is no class; there are {', '.join(rows.classes)}")
-    alarm = alarm_class or rows.alarm
+    alarm, classes = alarm_class or rows.alarm, ", ".join(rows.classes)
+    if alarm_class is not None and alarm not in rows.classes:
+        raise ConfigError(f"--alarm-class {alarm_class}: is no class; there are {classes}")
     if needed and alarm not in rows.classes:
-        raise ConfigError(f"--alarm: no class {alarm}; name one of {', '.join(rows.classes)} by --alarm-class")
+        raise ConfigError(f"--alarm: no class {alarm}; name one of {classes} by --alarm-class")
     return alarm
 
 
@@ -661,9 +656,10 @@ def _find_outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]
 def _load_tables(
     rows: Rows, models: Sequence[str] | None, motion_folder: Path | None
 ) -> tuple[dict[str, Table], list[str]]:
+    """Collect the inputs of every model, with notes on those that have none."""
     from doppelgait.classify.network import NO_TORCH, is_torch_installed
 
-    made: dict[str, Table] = {}
+    load = cache(lambda features: collect_inputs(rows, features, motion_folder=motion_folder))
     tables: dict[str, Table] = {}
     skipped = []
     wanted = list(dict.fromkeys(models or DEFAULT))
@@ -674,20 +670,16 @@ def _load_tables(
         try:
             if kind.learner == "network" and not is_torch_installed():
                 raise DatasetError(NO_TORCH)
-            if name == "ensemble":
-                members = [tables[each] for each in MEMBERS if each in tables]
-                if len(members) < 2:
-                    raise DatasetError(f"{rows.datasets[0].directory}: fewer than two of {', '.join(MEMBERS)}")
-                pictures = [table.values for table in members if not table.names]
-                values = join_inputs(members[0].values, pictures[0]) if pictures else members[0].values
-                tables[name] = Table(values, members[0].names)
+            if name != "ensemble":
+                tables[name] = load(kind.features)
                 continue
-            if kind.features not in made:
-                made[kind.features] = collect_inputs(rows, kind.features, motion_folder=motion_folder)
+            members = [tables[each] for each in MEMBERS if each in tables]
+            if len(members) < 2:
+                raise DatasetError(f"{rows.datasets[0].directory}: fewer than two of {', '.join(MEMBERS)}")
+            first, *_, last = members  # signatures are last
+            tables[name] = first if last.names else Table(join_inputs(first.values, last.values), first.names)
         except DatasetError as error:
             if models is not None and name in models:
                 raise
             skipped.append(f"{name} left out: {error}")
-            continue
-        tables[name] = made[kind.features]
-    return tables, [*(part.note for part in made.values() if part.note), *skipped]
+    return tables, [*dict.fromkeys(table.note for table in tables.values() if table.note), *skipped]

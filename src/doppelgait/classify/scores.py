@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,14 +25,6 @@ LEVEL = 0.95
 REPLICATES = 2000
 FEW_GROUPS = 20  # number of targets in a class below which the interval is exact
 CALIBRATION_BINS = 15
-
-
-class Interval(NamedTuple):
-    """A 95 % interval and its method: ``exact`` or ``bootstrap``."""
-
-    low: float
-    high: float
-    method: str
 
 
 def compute_recalls(labels: IntArray, right: Bools, n_classes: int) -> FloatArray:
@@ -63,25 +55,24 @@ def wilson_interval(right: Bools, groups: Groups, level: float = LEVEL) -> tuple
     return clopper_pearson_interval(float(right.mean()) * count, float(count), level) if count else (0.0, 1.0)
 
 
-def balanced_interval(
+def score_balanced(
     labels: IntArray, right: Bools, groups: Groups, n_classes: int, rng: np.random.Generator
-) -> Interval:
-    """Return the interval of the balanced accuracy."""
-    present = np.unique(labels)
-    if not present.size:
-        return Interval(0.0, 1.0, "exact")
-    members = [labels == number for number in present]
+) -> dict[str, Any]:
+    """Return the balanced accuracy with its interval, ``bootstrap`` or ``exact``."""
+    members = [labels == number for number in range(n_classes)]
+    if not all(member.any() for member in members):
+        return {"value": None, "low": None, "high": None, "interval": NOT_ALL}
     plain = all(np.unique(groups[member]).size >= FEW_GROUPS and 0 < right[member].mean() < 1 for member in members)
     if plain:
         weights = weight_groups(labels, groups, rng)
         hits = np.stack([weights[:, member] @ right[member].astype(np.float64) for member in members])
         counts = np.stack([weights[:, member].sum(axis=1) for member in members])
         low, high = np.quantile((hits / np.maximum(counts, 1e-12)).mean(axis=0), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-        return Interval(float(low), float(high), "bootstrap")
-    level = 1.0 - (1.0 - LEVEL) / present.size
-    bounds = [wilson_interval(right[member], groups[member], level) for member in members]
-    low, high = np.mean(bounds, axis=0)
-    return Interval(float(low), float(high), "exact")
+    else:
+        level = 1.0 - (1.0 - LEVEL) / n_classes
+        low, high = np.mean([wilson_interval(right[member], groups[member], level) for member in members], axis=0)
+    ends = {"low": float(low), "high": float(high), "interval": "bootstrap" if plain else "exact"}
+    return {"value": balanced_accuracy(labels, right, n_classes), **ends}
 
 
 def weight_groups(labels: IntArray, groups: Groups, rng: np.random.Generator, *, count: int = REPLICATES) -> FloatArray:
@@ -112,15 +103,18 @@ def auc(scores: FloatArray, positive: Bools, weights: FloatArray | None = None) 
     return float((above * (np.cumsum(below) - below / 2.0)).sum() / total)
 
 
-def auc_interval(
-    scores: FloatArray, positive: Bools, groups: Groups, rng: np.random.Generator
-) -> tuple[float, float] | None:
+def auc_interval(scores: FloatArray, positive: Bools, groups: Groups, *, seed: int) -> tuple[float, float] | None:
     """Return the AUC's bootstrap interval over targets, or None."""
     few = min(np.unique(groups[positive]).size, np.unique(groups[~positive]).size) < FEW_GROUPS
     if few or auc(scores, positive) in (0.0, 1.0):
         return None
-    weights = weight_groups(positive.astype(np.int64), groups, rng, count=500)
-    low, high = np.quantile([auc(scores, positive, row) for row in weights], [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return bootstrap_auc(scores, positive, groups, seed=seed, count=500)
+
+
+def bootstrap_auc(scores: FloatArray, positive: Bools, groups: Groups, *, seed: int, count: int) -> tuple[float, float]:
+    """Return the ends of the AUC's interval over resampled groups."""
+    weights = weight_groups(positive.astype(np.int64), groups, np.random.default_rng(seed), count=count)
+    low, high = np.nanquantile([auc(scores, positive, row) for row in weights], [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return float(low), float(high)
 
 
@@ -221,7 +215,7 @@ def _compute_curve(answers: Answers, number: int, seed: int) -> dict[str, Any]:
     probability, positive = answers.probability[:, number], answers.labels == number
     if not 0 < positive.sum() < positive.size:
         return {"auc": float("nan"), "low": None, "high": None, "false": [], "true": []}
-    low, high = auc_interval(probability, positive, answers.groups, np.random.default_rng(seed)) or (None, None)
+    low, high = auc_interval(probability, positive, answers.groups, seed=seed) or (None, None)
     false, true, _ = roc_curve(positive, probability, drop_intermediate=False)
     kept = np.unique(np.linspace(0, false.size - 1, MOST_POINTS).round().astype(int))
     points = {"false": false[kept].tolist(), "true": true[kept].tolist()}
@@ -229,12 +223,8 @@ def _compute_curve(answers: Answers, number: int, seed: int) -> dict[str, Any]:
 
 
 def _score_balanced(answers: Answers, seed: int) -> dict[str, Any]:
-    labels, right, n_classes = answers.labels, answers.right, len(answers.classes)
-    if np.unique(labels).size < n_classes:
-        return {"value": None, "low": None, "high": None, "interval": NOT_ALL}
-    found = balanced_interval(labels, right, answers.groups, n_classes, np.random.default_rng(seed))
-    value = balanced_accuracy(labels, right, n_classes)
-    return {"value": value, "low": found.low, "high": found.high, "interval": found.method}
+    rng = np.random.default_rng(seed)
+    return score_balanced(answers.labels, answers.right, answers.groups, len(answers.classes), rng)
 
 
 def score_share(right: Bools, groups: Groups) -> dict[str, Any]:
