@@ -16,6 +16,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait import __version__
+from doppelgait.classify import scores, training
 from doppelgait.classify.adapt import adapt_to_nameless_rows, adapt_to_rows
 from doppelgait.classify.alarm import Day, run_day, score_day
 from doppelgait.classify.data import Rows, Table, collect_inputs, collect_rows, select_split, take_rows, unknown_rows
@@ -34,26 +35,8 @@ from doppelgait.classify.model import (
     mark_outside,
     row_weights,
 )
-from doppelgait.classify.scores import (
-    DETECTED_SHARE,
-    Answers,
-    answer_rows,
-    balanced_accuracy,
-    compute_scores,
-    open_set_scores,
-    score_breakdowns,
-    score_conditions,
-)
-from doppelgait.classify.training import (
-    BASELINES,
-    DEFAULT,
-    MEMBERS,
-    find_kind,
-    fit,
-    join,
-    learn_novelty,
-    standardise_columns,
-)
+from doppelgait.classify.scores import DETECTED_SHARE, Answers
+from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS
 from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.interrupt import raise_if_stopped
@@ -257,7 +240,7 @@ def run_model(
         model = learn(rows, table, name, fold, seed=seed, members=[[each[number] for each in kind] for kind in members])
         models.append(model)
         if fold.test.size:
-            parts.append(answer_rows(model, take_rows(rows, fold.test), table.values[fold.test]))
+            parts.append(scores.answer_rows(model, take_rows(rows, fold.test), table.values[fold.test]))
             shuffled = name not in BASELINES and not members  # those of an ensemble are shown
             importance.append(_compute_importance(rows, table, model, fold, seed) if shuffled else {})
         held = model.probability(table.values[fold.held])[np.arange(fold.held.size), rows.labels[fold.held]]
@@ -278,12 +261,14 @@ def learn(
     rows: Rows, table: Table, name: str, fold: Fold, *, seed: int, members: Sequence[Sequence[Model]] = ()
 ) -> Model:
     """Train a model on a fold and calibrate it."""
-    kind, n_classes = find_kind(name), len(rows.classes)
+    kind, n_classes = training.find_kind(name), len(rows.classes)
     train, held = (LabelledRows(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
     if members:
-        learned: Learned = join([[each.learned for each in kind] for kind in members], held, n_classes=n_classes)
+        learned: Learned = training.join(
+            [[each.learned for each in kind] for kind in members], held, n_classes=n_classes
+        )
     else:
-        learned = fit(kind, train, held, n_classes=n_classes, seed=seed)
+        learned = training.fit(kind, train, held, n_classes=n_classes, seed=seed)
     calibration = Calibration(1.0, np.zeros(n_classes), 0)
     if kind.learner != "majority" and held.labels.size:
         calibration = calibrate(learned.log_probability(held.values), held.labels)
@@ -316,7 +301,7 @@ def learn(
     ).model_copy(update={"alarm_threshold": threshold, "alarm_people": people})
     novelty = None
     if table.names and name not in BASELINES:
-        novelty = learn_novelty(standardise_columns(values), LabelledRows(values, train.labels), held)
+        novelty = training.learn_novelty(training.standardise_columns(values), LabelledRows(values, train.labels), held)
     return Model(facts, learned, calibration, spans[0], spans[1], np.isnan(values).mean(axis=0), novelty)
 
 
@@ -350,10 +335,10 @@ def make_document(
     tested = {name: int((next(iter(answers.values())).labels == n).sum()) for n, name in enumerate(rows.classes)}
     said = [*notes, *(f"no target of class {name} is tested" for name, count in tested.items() if not count)]
     for name, run in runs.items():
-        kind = find_kind(name)
+        kind = training.find_kind(name)
         models[name] = {
             "kind": {"features": kind.features, "learner": kind.learner, "baseline": name in BASELINES},
-            **compute_scores(run.answers, seed=seed),
+            **scores.compute_scores(run.answers, seed=seed),
             "held_log_loss": run.held_loss if np.isfinite(run.held_loss) else None,
             "calibrated": run.calibrated,
             "importance": run.importance,
@@ -372,8 +357,8 @@ def make_document(
         ],
         "tested": tested,
         "models": models,
-        "conditions": score_conditions(answers, said, seed),
-        "breakdowns": score_breakdowns({name: part for name, part in answers.items() if name not in BASELINES}),
+        "conditions": scores.score_conditions(answers, said, seed),
+        "breakdowns": scores.score_breakdowns({name: part for name, part in answers.items() if name not in BASELINES}),
         "notes": said,
     }
     plain: dict[str, Any] = convert_to_json(document)
@@ -538,20 +523,21 @@ def evaluate(
     document = make_document(rows, folds, runs, notes, seed=seed)
     document |= {"n_seeds": n_seeds, "kept": best, "outside_conditions": outside}
     for name in trained if n_seeds > 1 else ():
-        scores = [balanced_accuracy(a.labels, a.right, len(a.classes)) for a in (run.answers for run in by_seed[name])]
-        document["models"][name]["seeds"] = [score if np.isfinite(score) else None for score in scores]
+        by_answers = [run.answers for run in by_seed[name]]
+        values = [scores.balanced_accuracy(each.labels, each.right, len(each.classes)) for each in by_answers]
+        document["models"][name]["seeds"] = [value if np.isfinite(value) else None for value in values]
     kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
     part = folds[0].test
     for name in trained if own is not None or strangers is not None else ():
-        entry, values, remarks = document["models"][name], tables[name].values[part], list[str]()
+        entry, tested, remarks = document["models"][name], tables[name].values[part], list[str]()
         if nameless is not None:
             inputs = collect_inputs(nameless, kept[name].facts.features).values
             kept[name], remarks = adapt_to_nameless_rows(kept[name], nameless, inputs, own_shares)
         elif own is not None:
-            tested, rng = take_rows(rows, part), np.random.default_rng(seed)
-            kept[name], entry["adaptation"], remarks = adapt_to_rows(kept[name], tested, values, rng)
+            found = adapt_to_rows(kept[name], take_rows(rows, part), tested, np.random.default_rng(seed))
+            kept[name], entry["adaptation"], remarks = found
         if strangers is not None:
-            entry["unknown"] = open_set_scores(kept[name], values, strangers)
+            entry["unknown"] = scores.open_set_scores(kept[name], tested, strangers)
         document["notes"] += [f"{name}: {remark}" for remark in remarks]
     if day is not None and best is not None and best in kept:
         document["alarm_day"] = {"model": best, **score_day(day, run_day(day, kept[best]), kept[best])}
@@ -666,7 +652,7 @@ def _load_tables(
     if "ensemble" in wanted:  # the ensemble follows its members
         wanted = [*(name for name in dict.fromkeys([*wanted, *MEMBERS]) if name != "ensemble"), "ensemble"]
     for name in [*BASELINES, *wanted]:
-        kind = find_kind(name)
+        kind = training.find_kind(name)
         try:
             if kind.learner == "network" and not is_torch_installed():
                 raise DatasetError(NO_TORCH)

@@ -169,9 +169,7 @@ class Ensemble:
 
 def join_inputs(features: Inputs, pictures: Inputs) -> Inputs:
     """Join features (n, d) and levels (n,)."""
-    values = np.empty((len(features), features.shape[1] + 1), dtype=object)
-    values[:, :-1], values[:, -1] = features, pictures
-    return values
+    return np.column_stack([features.astype(object), pictures])
 
 
 def select_features(values: Inputs) -> Inputs:
