@@ -36,7 +36,6 @@ ENVELOPE = "extended_doppler_bandwidth_envelope_hz"
 ENVELOPE_WIDTH = "extended_doppler_bandwidth_envelope_mps"
 """Models use Doppler bandwidths as radial velocities, independent of the carrier."""
 
-
 ALARM_CLASS = "human"  # class of the alarm by default
 
 

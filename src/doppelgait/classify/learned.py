@@ -162,8 +162,7 @@ class Ensemble:
         """Return log-probabilities, shape (n, n_classes)."""
         total = np.zeros((len(values), self.shifts.shape[1]))
         for member, weight, slope, shift in zip(self.members, self.weights, self.slopes, self.shifts, strict=True):
-            seen = select_levels(values) if isinstance(member, Network) else select_features(values)
-            total += weight * log_softmax(slope * member.log_probability(seen) + shift)
+            total += weight * log_softmax(slope * member.log_probability(select_inputs(member, values)) + shift)
         return log_softmax(total)
 
 
@@ -180,6 +179,11 @@ def select_features(values: Inputs) -> Inputs:
 def select_levels(values: Inputs) -> Inputs:
     """Return the levels at the end of rows."""
     return values[:, -1]
+
+
+def select_inputs(learned: Learned, values: Inputs) -> Inputs:
+    """Return what a member of an ensemble uses of rows."""
+    return select_levels(values) if isinstance(learned, Network) else select_features(values)
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,6 +32,33 @@ from doppelgait.dataset.learning import balanced_weights
 LEAST_ROWS = 5  # minimum number of rows of every class for a calibration
 STEEPEST = 20.0
 
+TOLERANCE = {"carrier_hz": (0.9, 1.1), "prf_hz": (0.9, 1.1), "observation_s": (0.8, 4.0)}
+"""Factors of the lowest and of the highest value of the training data. A radar of another band or pulse rate is a
+different radar. A longer observation is better, so that its upper tolerance is larger."""
+
+Conditions = Mapping[str, tuple[float, float]]
+
+ABSTAIN_BELOW = 0.8
+BLOCKING = (
+    "no_signal",
+    "no_direction",
+    "not_tracked",
+    "keeps_still:*",
+    "no_steady_piece:*",
+    "aspect_beyond_75_deg:*",
+    "gates_overlap",
+    "reflection_of:*",
+    "folded_echo_of:*",
+    "not_a_moving_body:*",
+    "unknown_target:*",
+    "clutter_removal_took_*",
+    "doppler_band_full:*",
+    "*:columns_do_not_overlap",
+)
+"""Flags that prevent a decision, * for anything: no target, no gait or direction, an echo, no body, too few columns."""
+OUTSIDE = 0.25  # a feature may lie outside the training range by this share of its span
+RARELY = 0.01  # share of unknown training values below which a feature must be known
+
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
@@ -84,13 +111,6 @@ def find_detection_threshold(probability: FloatArray, positive: npt.NDArray[np.b
     if not found.size:
         return float("nan")
     return float(found[int(np.ceil(share * found.size - 1e-9)) - 1])
-
-
-TOLERANCE = {"carrier_hz": (0.9, 1.1), "prf_hz": (0.9, 1.1), "observation_s": (0.8, 4.0)}
-"""Factors of the lowest and of the highest value of the training data. A radar of another band or pulse rate is a
-different radar. A longer observation is better, so that its upper tolerance is larger."""
-
-Conditions = Mapping[str, tuple[float, float]]
 
 
 def read_wavelength_m(signature: xr.DataArray) -> float:
@@ -174,28 +194,6 @@ def describe_outside_conditions(found: Mapping[str, float], trained: Conditions)
 def format_span(low: float, high: float) -> str:
     """Format a span, or one number if both ends agree."""
     return f"{low:.4g}" if f"{low:.4g}" == f"{high:.4g}" else f"{low:.4g} to {high:.4g}"
-
-
-ABSTAIN_BELOW = 0.8
-BLOCKING = (
-    "no_signal",
-    "no_direction",
-    "not_tracked",
-    "keeps_still:*",
-    "no_steady_piece:*",
-    "aspect_beyond_75_deg:*",
-    "gates_overlap",
-    "reflection_of:*",
-    "folded_echo_of:*",
-    "not_a_moving_body:*",
-    "unknown_target:*",
-    "clutter_removal_took_*",
-    "doppler_band_full:*",
-    "*:columns_do_not_overlap",
-)
-"""Flags that prevent a decision, * for anything: no target, no gait or direction, an echo, no body, too few columns."""
-OUTSIDE = 0.25  # a feature may lie outside the training range by this share of its span
-RARELY = 0.01  # share of unknown training values below which a feature must be known
 
 
 class Facts(FrozenModel):

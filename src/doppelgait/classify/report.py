@@ -37,6 +37,32 @@ ALONE = "the only class present"
 
 Document = Mapping[str, Any]
 
+FORMAT, FORMAT_VERSION = "doppelgait-evaluation", 1
+LISTING = "report.json"
+
+SCORES_TEXT = (
+    "<p>Balanced accuracy with its 95 % interval over targets (bootstrap; exact where there are few targets or no "
+    "errors). <i>Decided</i>: rows that the model does not abstain from, and its balanced accuracy among them. Grey: "
+    "baselines: the most frequent class (chance); the parameters that must not predict the class (nuisance); the speed "
+    "alone.</p>"
+)
+ADAPTATION_TEXT = (
+    "<h2>Adapted to own recordings</h2><p>Balanced accuracy and expected calibration error on targets of which no "
+    "recording was used, after so many recordings of each class were: mean of 50 draws, 80 % of them lie within the "
+    "range. The scored targets depend on the count: compare with the score of the same targets before. Without "
+    "labels: the same recordings without their classes, assuming that "
+    "the classes are as frequent as each other among them. A saved model is adapted to all of them.</p>"
+)
+UNKNOWN_TEXT = (
+    "<h2>Kinds outside the training data</h2><p>Kinds outside the training data, for which no class is correct: how "
+    "well the distance from these data, and the lack of certainty, separate them from the tested rows (area under the "
+    "ROC curve, 0.5: not at all), and the share with a decision for a class.</p>"
+)
+ALARM_TEXT = (
+    "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 % of its class: by "
+    "the rows held back for calibration, as in use, and read off the ROC curve of the tested rows.</p>"
+)
+
 
 def make_figures(document: Document) -> Iterator[tuple[str, str, Figure]]:
     """Yield name, caption and figure, one after the other."""
@@ -235,33 +261,6 @@ def plot_importance(name: str, importance: Mapping[str, float]) -> Figure:
     draw_grid(axes)
     name_axes(axes, title=f"Most important features, {name}", x="increase of the log loss (nat)", y="")
     return figure
-
-
-FORMAT, FORMAT_VERSION = "doppelgait-evaluation", 1
-LISTING = "report.json"
-
-SCORES_TEXT = (
-    "<p>Balanced accuracy with its 95 % interval over targets (bootstrap; exact where there are few targets or no "
-    "errors). <i>Decided</i>: rows that the model does not abstain from, and its balanced accuracy among them. Grey: "
-    "baselines: the most frequent class (chance); the parameters that must not predict the class (nuisance); the speed "
-    "alone.</p>"
-)
-ADAPTATION_TEXT = (
-    "<h2>Adapted to own recordings</h2><p>Balanced accuracy and expected calibration error on targets of which no "
-    "recording was used, after so many recordings of each class were: mean of 50 draws, 80 % of them lie within the "
-    "range. The scored targets depend on the count: compare with the score of the same targets before. Without "
-    "labels: the same recordings without their classes, assuming that "
-    "the classes are as frequent as each other among them. A saved model is adapted to all of them.</p>"
-)
-UNKNOWN_TEXT = (
-    "<h2>Kinds outside the training data</h2><p>Kinds outside the training data, for which no class is correct: how "
-    "well the distance from these data, and the lack of certainty, separate them from the tested rows (area under the "
-    "ROC curve, 0.5: not at all), and the share with a decision for a class.</p>"
-)
-ALARM_TEXT = (
-    "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 % of its class: by "
-    "the rows held back for calibration, as in use, and read off the ROC curve of the tested rows.</p>"
-)
 
 
 def check_folder(folder: Path) -> Path:

@@ -25,6 +25,14 @@ LEVEL = 0.95
 REPLICATES = 2000
 FEW_GROUPS = 20  # number of targets in a class below which the interval is exact
 CALIBRATION_BINS = 15
+DETECTED_SHARE = 0.95
+MOST_POINTS = 200  # maximum number of stored points of a ROC curve
+MOST_BINS = 12
+NOT_ALL = "not all classes are tested"
+"""Entry instead of an interval if only recalls exist, but no balanced accuracy."""
+
+BREAKDOWNS = ("truth_gait", "motion_kind", "source", "subject", "session")
+MOST_VALUES = 40
 
 
 def compute_recalls(labels: IntArray, right: Bools, n_classes: int) -> FloatArray:
@@ -139,13 +147,6 @@ def bin_reliability(confidence: FloatArray, right: Bools, weights: FloatArray, l
 def expected_calibration_error(bins: list[dict[str, float]]) -> float:
     """Return the expected calibration error over bins of :func:`bin_reliability`."""
     return float(sum(entry["share"] * abs(entry["confidence"] - entry["accuracy"]) for entry in bins))
-
-
-DETECTED_SHARE = 0.95
-MOST_POINTS = 200  # maximum number of stored points of a ROC curve
-MOST_BINS = 12
-NOT_ALL = "not all classes are tested"
-"""Entry instead of an interval if only recalls exist, but no balanced accuracy."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -315,10 +316,6 @@ def score_bins(answers: Answers, values: FloatArray, edges: FloatArray, *, seed:
             span = {"from": float(low), "to": float(high), "n": len(inside)}
             found.append({**span, **_score_balanced(inside, seed), "recall": score_recalls(inside)})
     return found
-
-
-BREAKDOWNS = ("truth_gait", "motion_kind", "source", "subject", "session")
-MOST_VALUES = 40
 
 
 def score_groups(answers: Answers, texts: npt.NDArray[np.str_]) -> list[dict[str, Any]]:
