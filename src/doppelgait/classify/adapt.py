@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.classify import scores
 from doppelgait.classify.data import Rows, take_rows
 from doppelgait.classify.learned import FloatArray, Inputs, IntArray
 from doppelgait.classify.model import Calibration, Model, blocked_rows, conditions_of_rows, mark_outside, row_weights
 from doppelgait.classify.scorer import log_softmax
-from doppelgait.classify.scores import balanced_accuracy, bin_reliability, expected_calibration_error
 from doppelgait.core.errors import DatasetError
 
+Likelihood = Callable[[FloatArray], Any]
 COUNTS = (0, 1, 2, 5, 10, 20)  # numbers of recordings per class in the curve of score_adaptation
 REPEATS = 50
 SLOPE_SD, SHIFT_SD = 0.5, 2.0
@@ -31,7 +32,7 @@ a shift within 2 of log odds, in two of three cases. One recording then has abou
 twenty recordings dominate. The number of rows of a recording has no effect on its weight."""
 
 
-def adapt(model: Model, values: Inputs, labels: IntArray, recordings: npt.NDArray[np.str_]) -> Model:
+def adapt(model: Model, values: Inputs, labels: IntArray, recordings: scores.Groups) -> Model:
     """Adapt a model's probabilities to labelled recordings."""
     if not labels.size:
         return model
@@ -49,7 +50,7 @@ def adapt(model: Model, values: Inputs, labels: IntArray, recordings: npt.NDArra
 
 
 def adapt_unlabelled(
-    model: Model, values: Inputs, recordings: npt.NDArray[np.str_], shares: npt.ArrayLike | None = None
+    model: Model, values: Inputs, recordings: scores.Groups, shares: npt.ArrayLike | None = None
 ) -> Model:
     """Adapt a model's probabilities to recordings without labels, with shares (n_classes,) of the classes."""
     if not len(values):
@@ -60,13 +61,13 @@ def adapt_unlabelled(
     return _adapt(model, values, lambda log_p: n * (share @ np.log(weights @ np.exp(log_p) / n)), sloped=False)
 
 
-def _weight_recordings(recordings: npt.NDArray[np.str_]) -> FloatArray:
+def _weight_recordings(recordings: scores.Groups) -> FloatArray:
     """Return row weights that sum to 1 over each recording."""
     _, number, counts = np.unique(recordings, return_inverse=True, return_counts=True)
     return np.asarray(1.0 / counts[number], dtype=np.float64)
 
 
-def _adapt(model: Model, values: Inputs, likelihood: Callable[[FloatArray], Any], *, sloped: bool) -> Model:
+def _adapt(model: Model, values: Inputs, likelihood: Likelihood, *, sloped: bool) -> Model:
     """Apply slope and shift of maximum posterior probability after a model's calibration."""
     # p' = softmax(slope log p + shift)
     from scipy.optimize import minimize
@@ -81,7 +82,8 @@ def _adapt(model: Model, values: Inputs, likelihood: Callable[[FloatArray], Any]
         prior = (log_slope / SLOPE_SD) ** 2 + ((shift / SHIFT_SD) ** 2).sum()
         return float(prior / 2.0 - likelihood(log_softmax(np.exp(log_slope) * log_p + np.append(0.0, shift))))
 
-    log_slope, shift = split(minimize(loss, np.zeros(log_p.shape[1] - (not sloped)), method="L-BFGS-B").x)
+    start = np.zeros(log_p.shape[1] - (not sloped))
+    log_slope, shift = split(minimize(loss, start, method="L-BFGS-B").x)
     slope, before, facts = float(np.exp(log_slope)), model.calibration, model.facts
     moved = slope * before.shift + np.append(0.0, shift)
     threshold = facts.alarm_threshold
@@ -95,7 +97,7 @@ def _adapt(model: Model, values: Inputs, likelihood: Callable[[FloatArray], Any]
     return replace(model, calibration=calibration, facts=facts)
 
 
-def list_row_recordings(rows: Rows) -> npt.NDArray[np.str_]:
+def list_row_recordings(rows: Rows) -> scores.Groups:
     """Return every row's recording, its id where unnamed."""
     ids = rows.index["id"].astype(str)
     named = rows.index["recording"].fillna("").astype(str) if "recording" in rows.index else ids
@@ -134,21 +136,23 @@ def score_adaptation(
         samples = [sample_own_rows(rows, n, rng) for _ in range(REPEATS if n else 1)]
         if any(sample is None for sample in samples):
             continue
-        scores, answers = [], []
+        draws, answers = [], []
         for own, scored in filter(None, samples):
             labels = rows.labels[scored]
             adapted = adapt(model, values[own], rows.labels[own], recordings[own])
             blind = adapt_unlabelled(model, values[own], recordings[own])
             found = [each.probability(values[scored]) for each in (adapted, model, blind)]
-            accuracies = [balanced_accuracy(labels, each.argmax(axis=1) == labels, count) for each in found]
-            scores.append([*accuracies, np.unique(rows.groups[scored]).size])
-            answers.append((found[0].max(axis=1), found[0].argmax(axis=1) == labels, row_weights(labels, count)))
-        low, high = np.quantile([score[0] for score in scores], (0.1, 0.9))
-        confidence, right, weights = (np.concatenate(part) for part in zip(*answers, strict=True))
-        bins = bin_reliability(confidence, right, weights, 1.0 / count)
-        means = zip(("balanced_accuracy", "before", "unlabelled", "movers"), np.mean(scores, axis=0), strict=True)
-        point = {"n": n, **{name: float(mean) for name, mean in means}, "low": float(low), "high": float(high)}
-        curve.append(point | {"expected_calibration_error": expected_calibration_error(bins), "reliability": bins})
+            right = [each.argmax(axis=1) == labels for each in found]
+            accuracies = [scores.balanced_accuracy(labels, each, count) for each in right]
+            draws.append([*accuracies, np.unique(rows.groups[scored]).size])
+            answers.append((found[0].max(axis=1), right[0], row_weights(labels, count)))
+        accuracy, before, unlabelled, n_targets = np.mean(draws, axis=0).tolist()
+        low, high = np.quantile([draw[0] for draw in draws], (0.1, 0.9)).tolist()
+        sure, hits, weights = (np.concatenate(part) for part in zip(*answers, strict=True))
+        bins = scores.bin_reliability(sure, hits, weights, 1.0 / count)
+        point = {"n": n, "balanced_accuracy": accuracy, "low": low, "high": high, "before": before}
+        point |= {"unlabelled": unlabelled, "movers": n_targets, "reliability": bins}
+        curve.append(point | {"expected_calibration_error": scores.expected_calibration_error(bins)})
     return curve
 
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from doppelgait import __version__
@@ -20,7 +19,16 @@ from doppelgait.classify import scores, training
 from doppelgait.classify.adapt import adapt_to_nameless_rows, adapt_to_rows
 from doppelgait.classify.alarm import Day, run_day, score_day
 from doppelgait.classify.data import Rows, Table, collect_inputs, collect_rows, select_split, take_rows, unknown_rows
-from doppelgait.classify.learned import LEAST_FAR, IntArray, LabelledRows, Learned, join_inputs, select_features
+from doppelgait.classify.learned import (
+    LEAST_FAR,
+    FloatArray,
+    Inputs,
+    IntArray,
+    LabelledRows,
+    Learned,
+    join_inputs,
+    select_features,
+)
 from doppelgait.classify.model import (
     LEAST_ROWS,
     Calibration,
@@ -65,7 +73,8 @@ def choose_folds(
     rows: Rows, *, n_folds: int | None = None, left_out: str | None = None, seed: int
 ) -> tuple[list[Fold], list[str]]:
     """Return the folds of a cross-validation, or the dataset's own splits, with notes."""
-    options = [name for name, value in (("--cv", n_folds), ("--leave-out", left_out)) if value is not None]
+    values = {"--cv": n_folds, "--leave-out": left_out}
+    options = [name for name, value in values.items() if value is not None]
     options += ["--test"] if len(rows.datasets) > 1 else []
     if len(options) > 1:
         raise ConfigError(f"{' and '.join(options)}: use one of them")
@@ -149,7 +158,7 @@ def leave_out(rows: Rows, column: str, *, seed: int) -> tuple[list[Fold], list[s
     return folds, notes
 
 
-def _count_fewest_groups(labels: IntArray, groups: npt.NDArray[np.str_]) -> int:
+def _count_fewest_groups(labels: IntArray, groups: scores.Groups) -> int:
     return min(np.unique(groups[labels == number]).size for number in np.unique(labels))
 
 
@@ -167,7 +176,8 @@ def hold_back(rows: Rows, learn: IntArray, seed: int) -> tuple[IntArray, IntArra
 
 
 def _check_all_classes(rows: Rows, learn: IntArray, words: str) -> None:
-    missing = [name for number, name in enumerate(rows.classes) if not (rows.labels[learn] == number).any()]
+    present = np.unique(rows.labels[learn])
+    missing = [name for number, name in enumerate(rows.classes) if number not in present]
     if missing:
         raise DatasetError(f"{words} has no row of {', '.join(missing)}: these classes cannot be trained")
 
@@ -242,18 +252,19 @@ def run_model(
         if fold.test.size:
             parts.append(scores.answer_rows(model, take_rows(rows, fold.test), table.values[fold.test]))
             shuffled = name not in BASELINES and not members  # those of an ensemble are shown
-            importance.append(_compute_importance(rows, table, model, fold, seed) if shuffled else {})
-        held = model.probability(table.values[fold.held])[np.arange(fold.held.size), rows.labels[fold.held]]
-        losses.append(float(-np.log(np.maximum(held, LEAST_PROBABILITY)).mean()) if held.size else np.inf)
+            importance.append(_rank_features(rows, table, model, fold, seed) if shuffled else {})
+        own = _compute_losses(model, table.values[fold.held], rows.labels[fold.held])
+        losses.append(float(own.mean()) if own.size else np.inf)
         tick(number + 1)
     mean = {key: float(np.mean([part[key] for part in importance])) for key in importance[0]}
     # The answers of all folds, in the order of the rows.
     tested = np.concatenate([fold.test for fold in folds])
+    order = np.argsort(tested, kind="stable")
     columns: dict[str, Any] = {
-        key: np.concatenate([getattr(part, key) for part in parts])[np.argsort(tested, kind="stable")]
+        key: np.concatenate([getattr(part, key) for part in parts])[order]
         for key in ("probability", "threshold", "decided")
     }
-    answers = Answers(**vars(take_rows(rows, np.sort(tested))), **columns)
+    answers = Answers(**vars(take_rows(rows, tested[order])), **columns)
     return Run(answers, models, float(np.mean(losses)), mean)
 
 
@@ -274,8 +285,9 @@ def learn(
         calibration = calibrate(learned.log_probability(held.values), held.labels)
     threshold = people = None
     if rows.alarm in rows.classes:
-        is_alarm = held.labels == rows.classes.index(rows.alarm)
-        probability = calibration(learned.log_probability(held.values))[:, rows.classes.index(rows.alarm)]
+        number = rows.classes.index(rows.alarm)
+        is_alarm = held.labels == number
+        probability = calibration(learned.log_probability(held.values))[:, number]
         found = find_detection_threshold(probability, is_alarm, DETECTED_SHARE)
         if np.isfinite(found):
             threshold, people = found, int(np.unique(rows.groups[fold.held][is_alarm]).size)
@@ -305,14 +317,19 @@ def learn(
     return Model(facts, learned, calibration, spans[0], spans[1], np.isnan(values).mean(axis=0), novelty)
 
 
-def _compute_importance(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -> dict[str, float]:
+def _compute_losses(model: Model, values: Inputs, labels: IntArray) -> FloatArray:
+    """Return the log loss of every row."""
+    found = model.probability(values)[np.arange(labels.size), labels]
+    return np.asarray(-np.log(np.maximum(found, LEAST_PROBABILITY)))
+
+
+def _rank_features(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -> dict[str, float]:
     """Compute the log-loss rise when features are shuffled."""
     values, labels = table.values[fold.test], rows.labels[fold.test]
     weights = row_weights(labels, len(rows.classes))
 
     def loss(inputs: Any) -> float:
-        found = model.probability(inputs)[np.arange(labels.size), labels]
-        return float(-(weights * np.log(np.maximum(found, LEAST_PROBABILITY))).mean())
+        return float((weights * _compute_losses(model, inputs, labels)).mean())
 
     generator, whole = np.random.default_rng(seed), loss(values) if table.names else 0.0
     lost = {}
@@ -333,7 +350,8 @@ def make_document(
     """Collect all models' scores for JSON, None for unknown."""
     answers, models = {name: run.answers for name, run in runs.items()}, {}
     tested = {name: int((next(iter(answers.values())).labels == n).sum()) for n, name in enumerate(rows.classes)}
-    said = [*notes, *(f"no target of class {name} is tested" for name, count in tested.items() if not count)]
+    absent = [name for name, count in tested.items() if not count]
+    said = [*notes, *(f"no target of class {name} is tested" for name in absent)]
     for name, run in runs.items():
         kind = training.find_kind(name)
         models[name] = {
@@ -534,8 +552,9 @@ def evaluate(
             inputs = collect_inputs(nameless, kept[name].facts.features).values
             kept[name], remarks = adapt_to_nameless_rows(kept[name], nameless, inputs, own_shares)
         elif own is not None:
-            found = adapt_to_rows(kept[name], take_rows(rows, part), tested, np.random.default_rng(seed))
-            kept[name], entry["adaptation"], remarks = found
+            rng = np.random.default_rng(seed)
+            adapted = adapt_to_rows(kept[name], take_rows(rows, part), tested, rng)
+            kept[name], entry["adaptation"], remarks = adapted
         if strangers is not None:
             entry["unknown"] = scores.open_set_scores(kept[name], tested, strangers)
         document["notes"] += [f"{name}: {remark}" for remark in remarks]
@@ -544,9 +563,7 @@ def evaluate(
     return Evaluation(document, tabulate_answers(runs), best, kept)
 
 
-def _list_limits(
-    rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], outside: Mapping[str, Mapping[str, Any]]
-) -> list[str]:
+def _list_limits(rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], outside: Mapping[str, Any]) -> list[str]:
     """List what too few held-out rows, a missing class or other conditions prevent."""
     notes = []
     bare = [name for name, run in runs.items() if not run.calibrated]

@@ -186,7 +186,8 @@ def load_model(path: str | Path) -> Model:
         calibration = Calibration(slope, shift, int(document["calibration_rows"]))
         novelty = None
         if any(name.startswith("novelty.") for name in arrays):  # older models have none
-            novelty = Novelty(**{part.name: arrays[f"novelty.{part.name}"] for part in fields(Novelty)})
+            names = [part.name for part in fields(Novelty)]
+            novelty = Novelty(**{name: arrays[f"novelty.{name}"] for name in names})
         spans = (arrays["lowest"], arrays["highest"], arrays["unknown"])
         model = Model(facts, learned, calibration, *spans, novelty)
         _check_model(model)
@@ -255,7 +256,7 @@ def _check_shapes(arrays: Mapping[str, Any], shapes: Mapping[str, str], sizes: d
 
 def _check_learned(learned: Any, sizes: Mapping[str, int]) -> None:
     """Check the numbers of a trained model and their shapes."""
-    for name, values in vars(learned).items():  # refuse NaN, infinity and numbers that overflow a sum
+    for name, values in vars(learned).items():  # refuse NaN, infinity and overflow of a sum
         for array in values if isinstance(values, tuple) else (values,):
             if isinstance(array, np.ndarray):
                 # a threshold of a tree may be infinite
@@ -310,8 +311,8 @@ def _check_layers(learned: Network) -> int:
     n_in, highest = 1, 1.0  # of levels, 0 to 1, and of every layer
     for number, layer in enumerate(zip(learned.kernels, learned.scales, learned.biases, strict=True)):
         sizes = {"i": n_in, "3": 3}
-        named = dict(zip((f"{name}.{number}" for name in ("kernel", "scale", "bias")), layer, strict=True))
-        _check_shapes(named, dict(zip(named, ("oi33", "o", "o"), strict=True)), sizes)
+        shapes = {f"kernel.{number}": "oi33", f"scale.{number}": "o", f"bias.{number}": "o"}
+        _check_shapes(dict(zip(shapes, layer, strict=True)), shapes, sizes)
         n_in = sizes["o"]
         kernel, scale, bias = (np.abs(values.astype(np.float64)) for values in layer)
         highest = float(highest * np.max(kernel.sum(axis=(1, 2, 3)) * np.maximum(scale, 1.0), initial=1.0))

@@ -46,7 +46,7 @@ class Scorer:
         else:
             self._members = [(document, arrays)]
         self._joined = document["learned"] == "ensemble"
-        self.patch = next((form["patch"] for form, _ in self._members if form["learned"] == "network"), None)
+        self.patch = next((form["patch"] for form, _ in self._members if form["patch"]), None)
 
     def probability(self, features: npt.ArrayLike | None = None, whole: Sequence[Array | None] | None = None) -> Array:
         """Return calibrated probabilities (n, n_classes) for equally frequent classes.
@@ -115,7 +115,8 @@ def standardise(own: Arrays, values: Array) -> Array:
 
 def linear(own: Arrays, values: Array) -> Array:
     """Return log-probabilities of logistic regression."""
-    return log_softmax(standardise({"floor": np.zeros(0), **own}, values) @ own["weight"].T + own["bias"])
+    columns = standardise({"floor": np.zeros(0), **own}, values)
+    return log_softmax(columns @ own["weight"].T + own["bias"])
 
 
 def kernel(own: Arrays, values: Array) -> Array:
@@ -125,13 +126,14 @@ def kernel(own: Arrays, values: Array) -> Array:
     for first in range(0, len(columns), ROWS_AT_A_TIME):
         rows = columns[first : first + ROWS_AT_A_TIME]
         squared = (rows**2).sum(axis=1)[:, None] + norm - 2.0 * rows @ own["support"].T
-        scores[first : first + len(rows)] = np.exp(-np.maximum(squared, 0.0)) @ own["weight"].T + own["bias"]
-    return log_softmax(scores)
+        scores[first : first + len(rows)] = np.exp(-np.maximum(squared, 0.0)) @ own["weight"].T
+    return log_softmax(scores + own["bias"])
 
 
 def trees(own: Arrays, values: Array) -> Array:
     """Return log-probabilities of boosted trees."""
-    node, rows = np.tile(own["root"].astype(int).ravel(), (len(values), 1)), np.arange(len(values))[:, None]
+    rows = np.arange(len(values))[:, None]
+    node = np.tile(own["root"].astype(int).ravel(), (len(values), 1))
     while (inner := own["feature"][node] >= 0).any():
         seen = values[rows, np.maximum(own["feature"][node], 0)]
         goes_left = np.where(np.isnan(seen), own["unknown_left"][node] > 0, seen <= own["threshold"][node])
@@ -145,7 +147,8 @@ def network(own: Arrays, patch: Mapping[str, Any], whole: Sequence[Array | None]
     for row, signature_levels in enumerate(whole):
         if signature_levels is not None:
             pictures = covering(signature_levels, patch)
-            answers[row] = of_pictures(own, np.concatenate([pictures, pictures[:, ::-1]])).mean(axis=0)
+            pictures = np.concatenate([pictures, pictures[:, ::-1]])
+            answers[row] = of_pictures(own, pictures).mean(axis=0)
     return log_softmax(answers)
 
 

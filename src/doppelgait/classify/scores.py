@@ -121,7 +121,8 @@ def auc_interval(scores: FloatArray, positive: Bools, groups: Groups, *, seed: i
 
 def bootstrap_auc(scores: FloatArray, positive: Bools, groups: Groups, *, seed: int, count: int) -> tuple[float, float]:
     """Return the ends of the AUC's interval over resampled groups."""
-    weights = weight_groups(positive.astype(np.int64), groups, np.random.default_rng(seed), count=count)
+    rng = np.random.default_rng(seed)
+    weights = weight_groups(positive.astype(np.int64), groups, rng, count=count)
     low, high = np.nanquantile([auc(scores, positive, row) for row in weights], [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return float(low), float(high)
 
@@ -231,15 +232,16 @@ def _score_balanced(answers: Answers, seed: int) -> dict[str, Any]:
 def score_share(right: Bools, groups: Groups) -> dict[str, Any]:
     """Return a share of rows with its exact interval."""
     low, high = wilson_interval(right, groups)
-    value = float(right.mean()) if right.size else float("nan")
-    return {"value": value, "low": low, "high": high, "n": right.size, "movers": np.unique(groups).size}
+    counts = {"n": right.size, "movers": np.unique(groups).size}
+    return {"value": float(right.mean()) if right.size else float("nan"), "low": low, "high": high, **counts}
 
 
 def score_recalls(answers: Answers, hits: Bools | None = None) -> dict[str, Any]:
     """Return the share of every present class that is right, or is hit."""
     hits = answers.right if hits is None else hits
     members = {name: answers.labels == number for number, name in enumerate(answers.classes)}
-    return {name: score_share(hits[own], answers.groups[own]) for name, own in members.items() if own.any()}
+    present = {name: own for name, own in members.items() if own.any()}
+    return {name: score_share(hits[own], answers.groups[own]) for name, own in present.items()}
 
 
 def find_alarm_point(answers: Answers) -> dict[str, Any] | None:
@@ -321,7 +323,7 @@ def score_bins(answers: Answers, values: FloatArray, edges: FloatArray, *, seed:
 def score_groups(answers: Answers, texts: npt.NDArray[np.str_]) -> list[dict[str, Any]]:
     """Return every class's accuracy per value of a column."""
     return [
-        {"value": value, "label": name, **{f"share_{k}" if k == "value" else k: v for k, v in share.items()}}
+        {**share, "value": value, "label": name, "share_value": share["value"]}
         for value in np.unique(texts).tolist()
         for name, share in score_recalls(take_rows(answers, texts == value)).items()
     ]
@@ -337,8 +339,8 @@ def open_set_scores(model: Model, tested: Inputs, unknown: Rows) -> dict[str, An
         own = take_rows(answers, kinds == kind)
         novel = np.arange(len(tested) + len(own)) >= len(tested)
         areas = [
-            None if known is None else auc(np.concatenate([known[0], known[1][kinds == kind]]), novel)
-            for known in (distance, doubt)
+            None if far is None else auc(np.concatenate([far[0], far[1][kinds == kind]]), novel)
+            for far in (distance, doubt)
         ]
         shares = {name: float((own.decided & (own.guesses == n)).mean()) for n, name in enumerate(own.classes)}
         found[str(kind)] = {"n": len(own), "auc": areas[0], "auc_of_probability": areas[1], "decided": shares}
