@@ -51,7 +51,7 @@ class Constant:
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """What standardises features (n, d) to columns (n, d + m)."""
+    """Standardisation of features (n, d) to columns (n, d + m)."""
 
     median: FloatArray  # (d,), of the logarithm where there is a floor
     told: IntArray  # (m,), features with a further column that marks them as unknown

@@ -366,7 +366,7 @@ def score_conditions(answers: Mapping[str, Answers], notes: list[str], seed: int
 
 
 def score_breakdowns(answers: Mapping[str, Answers]) -> dict[str, Any]:
-    """Compute the accuracy of every class and model by columns with a few different values."""
+    """Compute every accuracy by columns with a few different values."""
     index, found = next(iter(answers.values())).index, {}
     for column in BREAKDOWNS:
         if column in index:
