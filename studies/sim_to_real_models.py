@@ -16,7 +16,7 @@ from sim_to_real_inputs import SIX, Inputs
 from xband_measures import FloatArray
 
 from doppelgait.classify.learned import Inputs as Values
-from doppelgait.classify.learned import LabelledRows, Learned, Linear, Network, join_inputs, standardise
+from doppelgait.classify.learned import LabelledRows, Learned, Linear, Network, join_inputs
 from doppelgait.classify.model import Calibration, calibrate
 from doppelgait.classify.network import Training, train_network
 from doppelgait.classify.scores import auc, balanced_accuracy
@@ -144,7 +144,7 @@ def novelty_of(fitted: Mapping[str, Fitted], learn: Inputs, held: Inputs) -> Cal
     """
     linear = fitted["extended, logistic"]
     views: list[Callable[[Inputs], FloatArray]] = [
-        lambda inputs: standardise(inputs.matrix(linear.names), cast(Linear, linear.learned))
+        lambda inputs: cast(Linear, linear.learned).standardise(inputs.matrix(linear.names))
     ]
     if "network" in fitted:
         views.append(lambda inputs: last_layer(cast(Network, fitted["network"].learned), inputs.levels))

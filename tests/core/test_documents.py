@@ -93,7 +93,7 @@ def test_a_users_file_gives_one_error_that_names_it(tmp_path: Path) -> None:
 
 def test_only_the_module_of_documents_parses_json_and_toml() -> None:
     """Text that the package wrote into itself is free: shipped models, object code."""
-    free = {"core/documents.py", "classify/model_file.py", "classify/export/scorer.py"}
+    free = {"core/documents.py", "classify/model_file.py", "classify/scorer.py"}
     package = ROOT / "src" / "doppelgait"
     found = {
         str(path.relative_to(package))

@@ -9,19 +9,21 @@ the recordings.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.classify import scores
 from doppelgait.classify.data import Rows, take_rows
-from doppelgait.classify.learned import FloatArray, Inputs, IntArray, log_softmax
+from doppelgait.classify.learned import FloatArray, Inputs, IntArray
 from doppelgait.classify.model import Calibration, Model, blocked_rows, conditions_of_rows, mark_outside, row_weights
-from doppelgait.classify.scores import balanced_accuracy, bin_reliability, expected_calibration_error
+from doppelgait.classify.scorer import log_softmax
 from doppelgait.core.errors import DatasetError
 
+Likelihood = Callable[[FloatArray], Any]
 COUNTS = (0, 1, 2, 5, 10, 20)  # numbers of recordings per class in the curve of score_adaptation
 REPEATS = 50
 SLOPE_SD, SHIFT_SD = 0.5, 2.0
@@ -30,11 +32,8 @@ a shift within 2 of log odds, in two of three cases. One recording then has abou
 twenty recordings dominate. The number of rows of a recording has no effect on its weight."""
 
 
-def adapt(model: Model, values: Inputs, labels: IntArray, recordings: npt.NDArray[np.str_]) -> Model:
+def adapt(model: Model, values: Inputs, labels: IntArray, recordings: scores.Groups) -> Model:
     """Adapt a model's probabilities to labelled recordings."""
-    # p' = softmax(slope log p + shift), of maximum posterior probability
-    from scipy.optimize import minimize
-
     if not labels.size:
         return model
     classes = model.facts.classes
@@ -44,73 +43,65 @@ def adapt(model: Model, values: Inputs, labels: IntArray, recordings: npt.NDArra
             f"own recordings contain no {', '.join(missing)}; add some of every class ({', '.join(classes)}), or label "
             "all of them unlabelled"
         )
-    log_p = np.log(np.maximum(model.probability(values), 1e-12))
     share = _weight_recordings(recordings)
     of_class = np.bincount(labels, weights=share, minlength=len(classes))
     weights = share * of_class.sum() / (len(classes) * of_class[labels])
-
-    def loss(parameters: FloatArray) -> float:
-        shift = np.concatenate([[0.0], parameters[1:]])
-        found = log_softmax(np.exp(parameters[0]) * log_p + shift)[np.arange(labels.size), labels]
-        prior = (parameters[0] / SLOPE_SD) ** 2 + ((parameters[1:] / SHIFT_SD) ** 2).sum()
-        return float(-(weights * found).sum() + prior / 2.0)
-
-    best = minimize(loss, np.zeros(log_p.shape[1]), method="L-BFGS-B").x
-    return _shift_calibration(model, float(np.exp(best[0])), best[1:], labels.size)
+    return _adapt(model, values, lambda log_p: (weights * log_p[np.arange(labels.size), labels]).sum(), sloped=True)
 
 
 def adapt_unlabelled(
-    model: Model, values: Inputs, recordings: npt.NDArray[np.str_], shares: npt.ArrayLike | None = None
+    model: Model, values: Inputs, recordings: scores.Groups, shares: npt.ArrayLike | None = None
 ) -> Model:
-    """Adapt a model's probabilities to recordings without labels."""
-    # each recording has the same weight for any number of rows; shares (n_classes,)
-    from scipy.optimize import minimize
-
-    log_p = np.log(np.maximum(model.probability(values), 1e-12))
-    if not len(log_p):
+    """Adapt a model's probabilities to recordings without labels, with shares (n_classes,) of the classes."""
+    if not len(values):
         return model
-    count = log_p.shape[1]
+    weights, count = _weight_recordings(recordings), len(model.facts.classes)
+    n = float(weights.sum())
     share = np.full(count, 1.0 / count) if shares is None else np.asarray(shares, dtype=np.float64)
-
-    weights = _weight_recordings(recordings)
-    n_recordings = float(weights.sum())
-
-    def loss(parameters: FloatArray) -> float:
-        mean = weights @ np.exp(log_softmax(log_p + np.concatenate([[0.0], parameters]))) / n_recordings
-        return float(-n_recordings * (share @ np.log(mean)) + ((parameters / SHIFT_SD) ** 2).sum() / 2.0)
-
-    best = minimize(loss, np.zeros(count - 1), method="L-BFGS-B").x
-    return _shift_calibration(model, 1.0, best, len(log_p))
+    return _adapt(model, values, lambda log_p: n * (share @ np.log(weights @ np.exp(log_p) / n)), sloped=False)
 
 
-def _weight_recordings(recordings: npt.NDArray[np.str_]) -> FloatArray:
+def _weight_recordings(recordings: scores.Groups) -> FloatArray:
     """Return row weights that sum to 1 over each recording."""
     _, number, counts = np.unique(recordings, return_inverse=True, return_counts=True)
     return np.asarray(1.0 / counts[number], dtype=np.float64)
 
 
-def _shift_calibration(model: Model, slope: float, shift: FloatArray, n_own: int) -> Model:
-    """Apply slope and shift after a model's calibration."""
-    before, facts = model.calibration, model.facts
-    moved = slope * before.shift + np.concatenate([[0.0], shift])
-    calibration = Calibration(slope * before.slope, moved - moved[0], before.n_rows)
+def _adapt(model: Model, values: Inputs, likelihood: Likelihood, *, sloped: bool) -> Model:
+    """Apply slope and shift of maximum posterior probability after a model's calibration."""
+    # p' = softmax(slope log p + shift)
+    from scipy.optimize import minimize
+
+    log_p = np.log(np.maximum(model.probability(values), 1e-12))
+
+    def split(parameters: FloatArray) -> tuple[float, FloatArray]:
+        return float(parameters[0]) if sloped else 0.0, parameters[1:] if sloped else parameters
+
+    def loss(parameters: FloatArray) -> float:
+        log_slope, shift = split(parameters)
+        prior = (log_slope / SLOPE_SD) ** 2 + ((shift / SHIFT_SD) ** 2).sum()
+        return float(prior / 2.0 - likelihood(log_softmax(np.exp(log_slope) * log_p + np.append(0.0, shift))))
+
+    start = np.zeros(log_p.shape[1] - (not sloped))
+    log_slope, shift = split(minimize(loss, start, method="L-BFGS-B").x)
+    slope, before, facts = float(np.exp(log_slope)), model.calibration, model.facts
+    moved = slope * before.shift + np.append(0.0, shift)
     threshold = facts.alarm_threshold
     if threshold is not None and facts.alarm is not None:
         towards = float(shift[0]) * (1.0 if facts.classes.index(facts.alarm) else -1.0)
         limited = min(max(threshold, 1e-12), 1.0 - 1e-12)
         odds = slope * math.log(limited / (1.0 - limited)) + towards
         threshold = 1.0 / (1.0 + math.exp(-odds)) if len(facts.classes) == 2 else None
-    facts = facts.model_copy(update={"n_own": facts.n_own + int(n_own), "alarm_threshold": threshold})
+    facts = facts.model_copy(update={"n_own": facts.n_own + len(log_p), "alarm_threshold": threshold})
+    calibration = Calibration(slope * before.slope, moved - moved[0], before.n_rows)
     return replace(model, calibration=calibration, facts=facts)
 
 
-def list_row_recordings(rows: Rows) -> npt.NDArray[np.str_]:
+def list_row_recordings(rows: Rows) -> scores.Groups:
     """Return every row's recording, its id where unnamed."""
-    named = rows.index["recording"].fillna("").astype(str) if "recording" in rows.index else None
-    if named is not None and (named != "").all():
-        return named.to_numpy(dtype=str)
     ids = rows.index["id"].astype(str)
-    return (ids if named is None else named.where(named != "", ids)).to_numpy(dtype=str)
+    named = rows.index["recording"].fillna("").astype(str) if "recording" in rows.index else ids
+    return named.where(named != "", ids).to_numpy(dtype=str)
 
 
 def sample_own_rows(rows: Rows, n: int, rng: np.random.Generator) -> tuple[IntArray, IntArray] | None:
@@ -137,96 +128,78 @@ def sample_own_rows(rows: Rows, n: int, rng: np.random.Generator) -> tuple[IntAr
 
 
 def score_adaptation(
-    model: Model,
-    rows: Rows,
-    values: Inputs,
-    rng: np.random.Generator,
-    *,
-    counts: Sequence[int] = COUNTS,
+    model: Model, rows: Rows, values: Inputs, rng: np.random.Generator, *, counts: Sequence[int] = COUNTS
 ) -> list[dict[str, Any]]:
     """Score a model against the number of own recordings."""
     curve, recordings, count = [], list_row_recordings(rows), len(rows.classes)
     for n in counts:
-        found = [sample_own_rows(rows, n, rng) for _ in range(REPEATS if n else 1)]
-        if any(sample is None for sample in found):
+        samples = [sample_own_rows(rows, n, rng) for _ in range(REPEATS if n else 1)]
+        if any(sample is None for sample in samples):
             continue
-        scores, sure, hits, shares = [], [], [], []
-        for own, scored in (sample for sample in found if sample is not None):
+        draws, answers = [], []
+        for own, scored in filter(None, samples):
             labels = rows.labels[scored]
             adapted = adapt(model, values[own], rows.labels[own], recordings[own])
             blind = adapt_unlabelled(model, values[own], recordings[own])
-            probability: npt.NDArray[np.float64] = adapted.probability(values[scored])
-            right = [probability.argmax(axis=1) == labels]
-            right += [other.probability(values[scored]).argmax(axis=1) == labels for other in (model, blind)]
-            scores.append(
-                [*(balanced_accuracy(labels, each, count) for each in right), np.unique(rows.groups[scored]).size]
-            )
-            sure.append(probability.max(axis=1))
-            hits.append(right[0])
-            shares.append(row_weights(labels, count))
-        accuracy, before, unlabelled, n_targets = np.mean(scores, axis=0)
-        low, high = np.quantile([score[0] for score in scores], (0.1, 0.9))
-        bins = bin_reliability(np.concatenate(sure), np.concatenate(hits), np.concatenate(shares), 1.0 / count)
-        curve.append(
-            {
-                "n": n,
-                "balanced_accuracy": float(accuracy),
-                "low": float(low),
-                "high": float(high),
-                "before": float(before),
-                "unlabelled": float(unlabelled),
-                "movers": float(n_targets),
-                "expected_calibration_error": expected_calibration_error(bins),
-                "reliability": bins,
-            }
-        )
+            found = [each.probability(values[scored]) for each in (adapted, model, blind)]
+            right = [each.argmax(axis=1) == labels for each in found]
+            accuracies = [scores.balanced_accuracy(labels, each, count) for each in right]
+            draws.append([*accuracies, np.unique(rows.groups[scored]).size])
+            answers.append((found[0].max(axis=1), right[0], row_weights(labels, count)))
+        accuracy, before, unlabelled, n_targets = np.mean(draws, axis=0).tolist()
+        low, high = np.quantile([draw[0] for draw in draws], (0.1, 0.9)).tolist()
+        sure, hits, weights = (np.concatenate(part) for part in zip(*answers, strict=True))
+        bins = scores.bin_reliability(sure, hits, weights, 1.0 / count)
+        point = {"n": n, "balanced_accuracy": accuracy, "low": low, "high": high, "before": before}
+        point |= {"unlabelled": unlabelled, "movers": n_targets, "reliability": bins}
+        curve.append(point | {"expected_calibration_error": scores.expected_calibration_error(bins)})
     return curve
 
 
 def adapt_to_rows(
     model: Model, rows: Rows, values: Inputs, rng: np.random.Generator
 ) -> tuple[Model, list[dict[str, Any]], list[str]]:
-    """Adapt a model to labelled rows."""
-    used, notes = _select_decidable(model, rows, values)
-    part, inputs = take_rows(rows, used), values[used]
-    if np.unique(part.labels).size < len(rows.classes):
+    """Adapt a model to labelled rows, with the curve of its scores and remarks."""
+    rows, values, notes = _select_decidable(model, rows, values)
+    if np.unique(rows.labels).size < len(rows.classes):
         return model, [], [*notes, "not adapted: a class has no own recording left"]
-    curve = score_adaptation(model, part, inputs, rng)
+    curve = score_adaptation(model, rows, values, rng)
     if gone := [str(n) for n in COUNTS if n not in {point["n"] for point in curve}]:
         notes.append(
             f"no score after {', '.join(gone)} own recordings of a class: too few, or no target would be left to score"
         )
-    if "subject" in part.index and part.index["subject"].astype(str).str.startswith("file/").all():
+    if "subject" in rows.index and rows.index["subject"].astype(str).str.startswith("file/").all():
         notes.append(
             "own recordings name no subject: each counts as a separate target, though a target may be in several"
         )
-    return adapt(model, inputs, part.labels, list_row_recordings(part)), curve, notes
+    return adapt(model, values, rows.labels, list_row_recordings(rows)), curve, notes
 
 
 def adapt_to_nameless_rows(
     model: Model, rows: Rows, values: Inputs, shares: Mapping[str, float] | None
 ) -> tuple[Model, list[str]]:
     """Adapt a model to rows without labels, with remarks."""
-    used, notes = _select_decidable(model, rows, values)
-    if not used.size:
+    rows, values, notes = _select_decidable(model, rows, values)
+    if not len(rows):
         return model, [*notes, "not adapted: no own row is left"]
-    assumed = {name: 1.0 / len(rows.classes) for name in rows.classes} if shares is None else shares
-    names = list_row_recordings(take_rows(rows, used))
+    assumed = shares or {name: 1.0 / len(rows.classes) for name in rows.classes}
+    names = list_row_recordings(rows)
     words = ", ".join(f"{share:.0%} {name}" for name, share in assumed.items())
     notes.append(f"adapted to {np.unique(names).size} recordings without labels, as if {words}; scores are from before")
-    return adapt_unlabelled(model, values[used], names, [assumed[name] for name in rows.classes]), notes
+    return adapt_unlabelled(model, values, names, [assumed[name] for name in rows.classes]), notes
 
 
-def _select_decidable(model: Model, rows: Rows, values: Inputs) -> tuple[IntArray, list[str]]:
-    """Return the rows that the model decides on."""
-    blocked = blocked_rows(rows, np.arange(len(rows)), values, model)
-    if not blocked.any():
-        return np.arange(len(rows)), []
-    outside = {
-        name: mark_outside(found, name, model.facts.conditions) for name, found in conditions_of_rows(rows).items()
-    }
-    worst = [f"{name} outside the training range in {int(far.sum())}" for name, far in outside.items() if far.any()]
-    words = f" ({', '.join(worst)})" if worst else ""
-    return np.flatnonzero(~blocked), [
-        f"{int(blocked.sum())} of {len(rows)} own rows are not used, because the model makes no decision on them{words}"
-    ]
+def _select_decidable(model: Model, rows: Rows, values: Inputs) -> tuple[Rows, Inputs, list[str]]:
+    """Select the rows that the model decides on, with a remark on the others."""
+    blocked, notes = blocked_rows(rows, values, model), []
+    if blocked.any():
+        outside = {
+            name: int(mark_outside(found, name, model.facts.conditions).sum())
+            for name, found in conditions_of_rows(rows).items()
+        }
+        worst = ", ".join(f"{name} outside the training range in {count}" for name, count in outside.items() if count)
+        notes.append(
+            f"{int(blocked.sum())} of {len(rows)} own rows are not used, because the model makes no decision on them"
+            + (f" ({worst})" if worst else "")
+        )
+    return take_rows(rows, ~blocked), values[~blocked], notes

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -35,7 +35,6 @@ ENVELOPE = "extended_doppler_bandwidth_envelope_hz"
 ENVELOPE_WIDTH = "extended_doppler_bandwidth_envelope_mps"
 """Models use Doppler bandwidths as radial velocities, independent of the carrier."""
 
-
 ALARM_CLASS = "human"  # class of the alarm by default
 
 
@@ -54,6 +53,9 @@ class Rows:
 
     def __len__(self) -> int:
         return len(self.labels)
+
+
+AnyRows = TypeVar("AnyRows", bound=Rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,21 +84,19 @@ def collect_rows(dataset: Dataset, other: Dataset | None = None) -> Rows:
             f"{other.directory}: has the classes {', '.join(further)}, which {dataset.directory} does not have; "
             f"a model of it has {', '.join(known)}"
         )
-    group = "group" if "group" in index else "subject"
+    origin = np.repeat(np.arange(len(datasets)), [len(part) for part in datasets])
     # Groups by name. A sampled body differs between datasets, a recording does not.
-    names = [part.index[group].to_numpy(dtype=str) for part in datasets]
-    marked = [
-        np.array([f"{number}:{name}" if number and name.startswith("model/") else name for name in part], dtype=str)
-        for number, part in enumerate(names)
-    ]
+    group = "group" if "group" in index else "subject"
+    names = np.concatenate([part.index[group].to_numpy(dtype=str) for part in datasets])
+    sampled = (origin > 0) & np.char.startswith(names, "model/")
     return Rows(
         datasets=datasets,
         index=index,
-        origin=np.repeat(np.arange(len(datasets)), [len(part) for part in datasets]),
+        origin=origin,
         place=np.concatenate([np.arange(len(part)) for part in datasets]),
         classes=tuple(known),
         labels=index["label"].map({label: number for number, label in enumerate(known)}).to_numpy(dtype=np.int64),
-        groups=np.concatenate(marked),
+        groups=np.where(sampled, np.char.add("1:", names), names),
     )
 
 
@@ -150,11 +150,17 @@ def collect_inputs(
     return Table(np.column_stack(list(values.values())), tuple(values))
 
 
+def read_numbers(column: Any) -> FloatArray:
+    """Convert a column to numbers, NaN for everything else."""
+    numbers = pd.to_numeric(pd.Series(column), errors="coerce")
+    return np.asarray(numbers.to_numpy(dtype=np.float64, na_value=np.nan), dtype=np.float64)
+
+
 def convert_features(columns: Mapping[str, Any], wavelength_m: FloatArray) -> dict[str, FloatArray]:
     """Convert feature values to the inputs of a model."""
     found = {}
     for name, column in columns.items():
-        values = pd.to_numeric(pd.Series(column), errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+        values = read_numbers(column)
         values = np.where(np.isfinite(values), values, np.nan)
         if name == VELOCITY:
             found[SPEED] = np.abs(values)
@@ -168,7 +174,7 @@ def convert_features(columns: Mapping[str, Any], wavelength_m: FloatArray) -> di
 def wavelengths_m(rows: Rows) -> FloatArray:
     """Return the wavelength of every row; NaN where unknown."""
     carriers = [
-        pd.to_numeric(part.index["carrier_hz"], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+        read_numbers(part.index["carrier_hz"])
         if "carrier_hz" in part.index
         else np.array(
             [read_carrier_hz(part.description, convert_to_json(row)) for row in part.index.to_dict("records")]
@@ -197,22 +203,23 @@ def collect_nuisances(rows: Rows, motion_folder: Path) -> Table:
     table = pd.concat([part[shared] for part in parts], ignore_index=True)
     if (rows.index["source"] == "none").any():
         shared = [name for name in shared if not str(name).removeprefix("index.").startswith(UNSEEN)]
-    encoded: dict[str, FloatArray] = {}
+    kept: dict[str, FloatArray] = {}
     for name in shared:
         column = table[name]
         if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
-            encoded[str(name)] = np.asarray(round_values(column.astype(np.float64)).to_numpy(), dtype=np.float64)
+            values = np.asarray(round_values(column.astype(np.float64)).to_numpy(), dtype=np.float64)
         else:
             codes = pd.factorize(column.where(column.isna(), column.astype(str)), sort=True)[0]
-            encoded[str(name)] = np.where(codes < 0, np.nan, codes.astype(np.float64))
-    kept = {name: values for name, values in encoded.items() if np.unique(values[~np.isnan(values)]).size > 1}
+            values = np.where(codes < 0, np.nan, codes.astype(np.float64))
+        if np.unique(values[~np.isnan(values)]).size > 1:
+            kept[str(name)] = values
     values = np.column_stack(list(kept.values())) if kept else np.zeros((len(rows), 0))
     return Table(values, tuple(kept), "; ".join(notes))
 
 
-def take_rows(rows: Rows, part: IntArray) -> Rows:
-    """Select rows."""
-    columns = {name: getattr(rows, name)[part] for name in ("origin", "place", "labels", "groups")}
+def take_rows(rows: AnyRows, part: npt.NDArray[Any]) -> AnyRows:
+    """Select rows by number or mask."""
+    columns = {name: values[part] for name, values in vars(rows).items() if isinstance(values, np.ndarray)}
     return replace(rows, index=rows.index.iloc[part].reset_index(drop=True), **columns)
 
 

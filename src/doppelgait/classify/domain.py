@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
-from doppelgait.classify.scores import auc, weight_groups
+from doppelgait.classify.scores import auc, bootstrap_auc
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.units import FloatArray, power_to_db
@@ -94,50 +95,41 @@ def split_windows(recording: Recording, *, most: int = WINDOW) -> npt.NDArray[np
 def measure_windows(recording: Recording) -> list[Statistics]:
     """Return the statistics of windows for the classifier."""
     windows, samples = split_windows(recording), recording.samples.matrix
-    chosen = np.unique(np.linspace(0, len(windows) - 1, min(len(windows), MOST_WINDOWS)).astype(int))
-    parts = windows[chosen]
+    parts = windows[np.unique(np.linspace(0, len(windows) - 1, min(len(windows), MOST_WINDOWS)).astype(int))]
     f_hz, power, spectra = compute_windowed_power(parts, recording.radar.prf_hz)
-    order = np.argsort(f_hz)
     full = max(float(np.abs(samples.real).max()), float(np.abs(samples.imag).max()))
-    rows = []
-    for part, cells, spectrum in zip(parts, power, spectra, strict=True):
-        rest = part - part.mean(axis=0)
-        moving = np.mean(np.abs(rest) ** 2, axis=0)
-        row: Statistics = {}
-        quantiles = (0.1, 0.5, 0.9) if moving.size >= 4 else (0.5,)
-        for share in quantiles:
-            row[f"static level, {100 * share:.0f} % of the bins"] = _db(
-                np.quantile(np.abs(part.mean(axis=0)) ** 2, share)
-            )
-            row[f"moving level, {100 * share:.0f} % of the bins"] = _db(np.quantile(moving, share))
-        row["largest value"] = _db(max(np.abs(part.real).max(), np.abs(part.imag).max()) ** 2)
-        if moving.size < 4:
-            row["constant, I"], row["constant, Q"] = float(part.real.mean()), float(part.imag.mean())
-        shape = np.median(cells[order] / np.maximum(cells.mean(axis=0), 1e-300), axis=1)
-        for band, values in enumerate(np.array_split(shape, BANDS)):
-            row[f"Doppler band {band + 1} of {BANDS}"] = _db(np.mean(values))
-        best = spectrum[:, np.argmax(moving)]
-        square = np.sum(best[1:] * best[1:][::-1]) / max(float(np.sum(np.abs(best[1:]) ** 2)), 1e-300)
-        row["circularity, I over Q"], row["circularity, I times Q"] = float(square.real), float(square.imag)
-        row["spread of the size"] = float(
-            np.mean(np.abs(rest) ** 4) / max(float(np.mean(np.abs(rest) ** 2)) ** 2, 1e-300)
-        )
-        row["values at the largest"] = float(np.mean(np.maximum(np.abs(part.real), np.abs(part.imag)) > 0.999 * full))
-        steps = np.diff(part, axis=0)
-        row["repeated pulses"] = float(np.mean(np.abs(steps).max(axis=1) == 0))
-        if moving.size >= 4:
-            size = np.sqrt(np.maximum(np.mean(np.abs(steps) ** 2, axis=0), 1e-300))
-            unit = steps / size
-            for lag in (1, 2):
-                row[f"correlation, {lag} bin{'s' * (lag > 1)} apart"] = float(
-                    np.median(np.mean(unit[:, lag:] * unit[:, :-lag].conj(), axis=0).real)
-                )
-        rows.append(row)
-    return rows
+    means, steps = parts.mean(axis=1), np.diff(parts, axis=1)
+    rest, size = np.abs(parts - means[:, None]), np.maximum(np.abs(parts.real), np.abs(parts.imag))
+    moving = np.mean(rest**2, axis=1)
+    many = moving.shape[1] >= 4
+    found: dict[str, FloatArray] = {}
+    for share in (0.1, 0.5, 0.9) if many else (0.5,):
+        for name, level in (("static", np.abs(means) ** 2), ("moving", moving)):
+            found[f"{name} level, {100 * share:.0f} % of the bins"] = _db(np.quantile(level, share, axis=1))
+    found["largest value"] = _db(size.max(axis=(1, 2)) ** 2)
+    if not many:
+        constant = parts.mean(axis=(1, 2))
+        found["constant, I"], found["constant, Q"] = constant.real, constant.imag
+    relative = power[:, np.argsort(f_hz)] / np.maximum(power.mean(axis=1, keepdims=True), 1e-300)
+    for band, values in enumerate(np.array_split(np.median(relative, axis=2), BANDS, axis=1)):
+        found[f"Doppler band {band + 1} of {BANDS}"] = _db(np.mean(values, axis=1))
+    best = spectra[np.arange(len(parts)), 1:, np.argmax(moving, axis=1)]
+    square = np.sum(best * best[:, ::-1], axis=1) / np.maximum(np.sum(np.abs(best) ** 2, axis=1), 1e-300)
+    found["circularity, I over Q"], found["circularity, I times Q"] = square.real, square.imag
+    spread = np.maximum(np.mean(rest**2, axis=(1, 2)) ** 2, 1e-300)
+    found["spread of the size"] = np.mean(rest**4, axis=(1, 2)) / spread
+    found["values at the largest"] = np.mean(size > 0.999 * full, axis=(1, 2))
+    found["repeated pulses"] = np.mean(np.abs(steps).max(axis=2) == 0, axis=1)
+    if many:
+        unit = steps / np.sqrt(np.maximum(np.mean(np.abs(steps) ** 2, axis=1, keepdims=True), 1e-300))
+        for lag, words in ((1, "1 bin"), (2, "2 bins")):
+            products = np.mean(unit[:, :, lag:] * unit[:, :, :-lag].conj(), axis=1).real
+            found[f"correlation, {words} apart"] = np.median(products, axis=1)
+    return [dict(zip(found, row, strict=True)) for row in np.column_stack(list(found.values())).tolist()]
 
 
-def _db(power: Any) -> float:
-    return float(power_to_db(max(float(power), 1e-30)))
+def _db(power: FloatArray) -> FloatArray:
+    return np.asarray(power_to_db(np.maximum(power, 1e-30)), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -167,8 +159,8 @@ def compare_recordings(real: Sequence[Recording], synthetic: Sequence[Recording]
             labels += [label] * len(found)
             part = np.arange(len(found)) * FOLDS // len(found) if few else np.zeros(len(found), dtype=int)
             groups += [f"{label}-{number:05d}-{k}" for k in part]
-    names = [name for name in rows[0] if all(name in row for row in rows)]
-    values = np.array([[row[name] for name in names] for row in rows])
+    table = pd.DataFrame(rows).dropna(axis="columns")
+    names, values = [str(name) for name in table], table.to_numpy(dtype=np.float64)
     positive, group = np.array(labels) == 1, np.array(groups)
     shape = np.array([not name.startswith(LEVELS) for name in names])
     everything = np.ones_like(shape)
@@ -177,12 +169,10 @@ def compare_recordings(real: Sequence[Recording], synthetic: Sequence[Recording]
         key: _score_held_out(values[:, columns], positive, group, kind=kind, seed=seed)
         for key, (kind, columns) in wanted.items()
     }
-    weights = weight_groups(positive.astype(np.int64), group, np.random.default_rng(seed), count=REPLICATES)
-    intervals = {}
-    for key in ("all", "shape"):
-        resampled = [auc(scores[key], positive, row) for row in weights]
-        low, high = np.nanquantile(resampled, (0.025, 0.975))
-        intervals[key] = (auc(scores[key], positive), float(low), float(high))
+    intervals = {
+        key: (auc(scores[key], positive), *bootstrap_auc(scores[key], positive, group, seed=seed, count=REPLICATES))
+        for key in ("all", "shape")
+    }
     distances = {}
     for name, column in zip(names, values.T, strict=True):
         spread = math.sqrt((column[positive].var() + column[~positive].var()) / 2.0)
@@ -201,22 +191,19 @@ def _score_held_out(
     """Return window scores from models trained without the window's group."""
     from sklearn.ensemble import HistGradientBoostingClassifier
     from sklearn.linear_model import LogisticRegression
-    from sklearn.model_selection import StratifiedGroupKFold
+    from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
-    def make() -> Any:
-        if kind == "linear":
-            return make_pipeline(StandardScaler(), LogisticRegression(max_iter=1000))
-        return HistGradientBoostingClassifier(max_iter=100, learning_rate=0.1, max_depth=3, random_state=seed)
-
-    scores = np.zeros(positive.size)
     folds = min(FOLDS, *(np.unique(groups[side]).size for side in (positive, ~positive)))
     if folds < 2:
         raise AnalysisError("nothing can be held out: two windows of real recordings and two of simulated are needed")
-    for train, test in StratifiedGroupKFold(folds, shuffle=True, random_state=seed).split(values, positive, groups):
-        scores[test] = make().fit(values[train], positive[train]).decision_function(values[test])
-    return scores
+    model: Any = make_pipeline(StandardScaler(), LogisticRegression(max_iter=1000))
+    if kind == "boosting":
+        model = HistGradientBoostingClassifier(max_iter=100, learning_rate=0.1, max_depth=3, random_state=seed)
+    splitter = StratifiedGroupKFold(folds, shuffle=True, random_state=seed)
+    scores = cross_val_predict(model, values, positive, groups=groups, cv=splitter, method="decision_function")
+    return np.asarray(scores, dtype=np.float64)
 
 
 def plot_recording(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
@@ -234,19 +221,16 @@ def plot_recording(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
 def comparison_rows(found: Mapping[str, Comparison], most: int = 12) -> list[dict[str, str]]:
     """Tabulate AUC, what was held out, and distances."""
     last = list(found.values())[-1]
-    first_rows = [
-        {
-            "": words,
-            **{name: "{:.2f} ({:.2f} to {:.2f})".format(*getattr(one, key)) for name, one in found.items()},
-        }
+    rows = [
+        {"": words} | {name: "{:.2f} ({:.2f} to {:.2f})".format(*getattr(one, key)) for name, one in found.items()}
         for words, key in (("AUC, all statistics", "auc"), ("AUC, without levels", "auc_of_shape"))
     ]
-    first_rows.append({"": "AUC, linear", **{name: f"{one.auc_linear:.2f}" for name, one in found.items()}})
-    first_rows.append({"": "tested on unseen", **{name: one.held_out for name, one in found.items()}})
+    rows.append({"": "AUC, linear"} | {name: f"{one.auc_linear:.2f}" for name, one in found.items()})
+    rows.append({"": "tested on unseen"} | {name: one.held_out for name, one in found.items()})
     for statistic in list(last.distances)[:most]:
         cells = {
             name: "{:.2f} ({:.2f})".format(*one.distances[statistic]) if statistic in one.distances else "-"
             for name, one in found.items()
         }
-        first_rows.append({"": statistic, **cells})
-    return first_rows
+        rows.append({"": statistic, **cells})
+    return rows

@@ -1,9 +1,13 @@
-"""Evaluation of models: scores, accuracy by condition, trained models."""
+"""Evaluation of models: folds, training and testing on them, and all scores.
+
+Every target, and all targets that share a scene, are on one side of a fold.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,133 +15,388 @@ import numpy as np
 import pandas as pd
 
 from doppelgait import __version__
+from doppelgait.classify import scores, training
 from doppelgait.classify.adapt import adapt_to_nameless_rows, adapt_to_rows
 from doppelgait.classify.alarm import Day, run_day, score_day
-from doppelgait.classify.data import Rows, Table, collect_inputs, collect_rows, take_rows, unknown_rows
-from doppelgait.classify.learned import LEAST_FAR, join_inputs
+from doppelgait.classify.data import Rows, Table, collect_inputs, collect_rows, select_split, take_rows, unknown_rows
+from doppelgait.classify.learned import (
+    LEAST_FAR,
+    FloatArray,
+    Inputs,
+    IntArray,
+    LabelledRows,
+    Learned,
+    join_inputs,
+    select_features,
+)
 from doppelgait.classify.model import (
     LEAST_ROWS,
+    Calibration,
+    Facts,
     Model,
     accepted_range,
+    calibrate,
     conditions_of_rows,
+    find_detection_threshold,
     find_training_conditions,
     format_span,
     mark_outside,
+    row_weights,
 )
-from doppelgait.classify.runs import (
-    Fold,
-    Run,
-    hold_back,
-    leave_out,
-    refuse_shared,
-    run_all,
-    split_into_folds,
-    use_own_splits,
-)
-from doppelgait.classify.scores import (
-    BREAKDOWNS,
-    CONDITIONS,
-    MOST_VALUES,
-    Answers,
-    balanced_accuracy,
-    compute_scores,
-    find_condition_values,
-    make_bin_edges,
-    open_set_scores,
-    score_bins,
-    score_groups,
-)
-from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS, find_kind
+from doppelgait.classify.scores import DETECTED_SHARE, Answers
+from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS
 from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.dataset.open import Dataset
+from doppelgait.dataset.splits import list_names, parse_source
 
 UNLABELLED = "unlabelled"  # label of the user's recordings with unknown content
+SHUFFLES = 5  # shuffles of a feature for its importance
+LEAST_PROBABILITY = 1e-12
+HELD_FOLDS = 5
+"""One in so many groups is held back for calibration where there is no validation split."""
+MOST_LEFT_OUT = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """Rows for training, validation and testing."""
+
+    name: str
+    train: IntArray
+    held: IntArray
+    test: IntArray
+
+
+def choose_folds(
+    rows: Rows, *, n_folds: int | None = None, left_out: str | None = None, seed: int
+) -> tuple[list[Fold], list[str]]:
+    """Return the folds of a cross-validation, or the dataset's own splits, with notes."""
+    values = {"--cv": n_folds, "--leave-out": left_out}
+    options = [name for name, value in values.items() if value is not None]
+    options += ["--test"] if len(rows.datasets) > 1 else []
+    if len(options) > 1:
+        raise ConfigError(f"{' and '.join(options)}: use one of them")
+    if n_folds is not None:
+        return split_into_folds(rows, n_folds, seed=seed), []
+    if left_out is not None:
+        return leave_out(rows, left_out, seed=seed)
+    fold, notes = use_own_splits(rows, seed=seed)
+    return [fold], notes
+
+
+def use_own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
+    """Return the dataset's own splits."""
+    first = rows.datasets[0].directory
+    train, held, notes = select_split(rows, "train"), select_split(rows, "validation"), []
+    _check_all_classes(rows, train, f"{first}: the split train")
+    if not held.size:
+        train, held = hold_back(rows, train, seed)
+        notes.append(f"no validation split: {held.size} rows of train were held back for calibration")
+    if len(rows.datasets) == 1:
+        test, words = select_split(rows, "test"), f"{first}: has no rows in the split test"
+        if not test.size:
+            raise DatasetError(f"{words}; give another dataset (--test) or cross-validate (--cv 5)")
+        return Fold("test split", train, held, test), notes
+    other = np.flatnonzero(rows.origin == 1)
+    trained = np.concatenate([train, held])
+    known = np.isin(rows.groups[other], rows.groups[trained])
+    for column in ("subject", "recording", "motion"):
+        names = list_names(rows.index, column)
+        seen = {name for number in trained for name in names[number]}
+        if column == "subject":  # a sampled body is another one in every dataset
+            seen = {name for name in seen if parse_source(name) != "model"}
+        known |= np.array([not seen.isdisjoint(names[number]) for number in other], dtype=bool)
+    if "scene_id" in rows.index:
+        scenes = rows.index["scene_id"].iloc[other]
+        known |= scenes.isin(scenes[known].dropna()).to_numpy(dtype=bool)
+    if known.any():
+        notes.append(
+            f"{int(known.sum())} of {other.size} rows of the test dataset left out: targets of the training data"
+        )
+    if known.all():
+        raise DatasetError(f"{rows.datasets[1].directory}: all of its targets are in the training data, no row is left")
+    return Fold("other dataset", train, held, other[~known]), notes
+
+
+def split_into_folds(rows: Rows, n_folds: int, *, seed: int) -> list[Fold]:
+    """Split all rows into stratified folds of whole groups."""
+    from sklearn.model_selection import StratifiedGroupKFold
+
+    fewest = _count_fewest_groups(rows.labels, rows.groups)
+    if not 2 <= n_folds <= fewest:
+        raise ConfigError(f"--cv {n_folds}: must be from 2 to {fewest}, the targets of the smallest class")
+    splitter = StratifiedGroupKFold(n_folds, shuffle=True, random_state=seed)
+    folds = []
+    for number, (learn, test) in enumerate(splitter.split(rows.labels, rows.labels, rows.groups)):
+        folds.append(Fold(f"fold {number}", *hold_back(rows, learn, seed), test))
+        _check_all_classes(rows, folds[-1].train, folds[-1].name)
+    return folds
+
+
+def leave_out(rows: Rows, column: str, *, seed: int) -> tuple[list[Fold], list[str]]:
+    """Make folds that each leave out a column's value."""
+    if column not in rows.index:
+        raise ConfigError(
+            f"--leave-out {column}: the index has no such column; for example source, subject, motion_kind"
+        )
+    values = rows.index[column].fillna("unknown").astype(str).to_numpy(dtype=str)
+    names = np.unique(values)
+    if not 2 <= names.size <= MOST_LEFT_OUT:
+        raise ConfigError(f"--leave-out {column}: has {names.size} values; it must have 2 to {MOST_LEFT_OUT}")
+    folds, notes = [], []
+    for name in names.tolist():
+        test = np.flatnonzero(values == name)
+        learn = np.flatnonzero((values != name) & ~np.isin(rows.groups, rows.groups[test]))
+        if np.unique(rows.labels[learn]).size < len(rows.classes):
+            notes.append(f"{column} {name}: not left out, a class has nothing else to learn from")
+        else:
+            folds.append(Fold(f"without {name}", *hold_back(rows, learn, seed), test))
+    if not folds:
+        raise ConfigError(f"--leave-out {column}: {'; '.join(notes)}")
+    return folds, notes
+
+
+def _count_fewest_groups(labels: IntArray, groups: scores.Groups) -> int:
+    return min(np.unique(groups[labels == number]).size for number in np.unique(labels))
+
+
+def hold_back(rows: Rows, learn: IntArray, seed: int) -> tuple[IntArray, IntArray]:
+    """Hold back a fifth of the groups for calibration."""
+    from sklearn.model_selection import StratifiedGroupKFold
+
+    labels, groups = rows.labels[learn], rows.groups[learn]
+    fewest = _count_fewest_groups(labels, groups)
+    if fewest < HELD_FOLDS:
+        return learn, np.empty(0, dtype=np.int64)
+    splitter = StratifiedGroupKFold(HELD_FOLDS, shuffle=True, random_state=seed)
+    train, held = next(iter(splitter.split(labels, labels, groups)))
+    return learn[train], learn[held]
+
+
+def _check_all_classes(rows: Rows, learn: IntArray, words: str) -> None:
+    present = np.unique(rows.labels[learn])
+    missing = [name for number, name in enumerate(rows.classes) if number not in present]
+    if missing:
+        raise DatasetError(f"{words} has no row of {', '.join(missing)}: these classes cannot be trained")
+
+
+def refuse_shared(rows: Rows, folds: Sequence[Fold]) -> None:
+    """Refuse folds with a group on two sides."""
+    for fold in folds:
+        trained = np.concatenate([fold.train, fold.held])
+        both = np.intersect1d(rows.groups[trained], rows.groups[fold.test])
+        if both.size:
+            raise DatasetError(f"{fold.name}: {both[0]} is in the training and in the test data; split by target")
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Results of one model over all folds."""
+
+    answers: Answers
+    models: list[Model]
+    held_loss: float
+    importance: dict[str, float]
+
+    @property
+    def calibrated(self) -> bool:
+        """True if a calibration was fitted in every fold."""
+        return all(model.calibration.n_rows > 0 for model in self.models)
+
+
+def run_all(
+    rows: Rows,
+    tables: Mapping[str, Table],
+    folds: Sequence[Fold],
+    *,
+    seed: int,
+    n_seeds: int,
+    on_progress: Callable[[int, int], None] | None,
+) -> tuple[dict[str, Run], dict[str, list[Run]]]:
+    """Train and test all models, with every seed."""
+    # train all models for one seed after another, and the baselines once
+    jobs = [(name, seed + k) for k in range(n_seeds) for name in tables if k == 0 or name not in BASELINES]
+    by_seed: dict[str, list[Run]] = {name: [] for name in tables}
+    for number, (name, own_seed) in enumerate(jobs):
+
+        def tick(done: int, before: int = number * len(folds)) -> None:
+            if on_progress is not None:
+                on_progress(before + done, len(jobs) * len(folds))
+
+        members = [[by_seed[each][-1].models] for each in MEMBERS if by_seed.get(each)] if name == "ensemble" else []
+        by_seed[name].append(run_model(rows, tables[name], name, folds, own_seed, tick, members))
+    runs = {name: found[0] for name, found in by_seed.items()}
+    if "ensemble" in runs and n_seeds > 1:
+        members = [[run.models for run in by_seed[each]] for each in MEMBERS if each in by_seed]
+        runs["ensemble"] = run_model(rows, tables["ensemble"], "ensemble", folds, seed, lambda done: None, members)
+    return runs, by_seed
+
+
+def run_model(
+    rows: Rows,
+    table: Table,
+    name: str,
+    folds: Sequence[Fold],
+    seed: int,
+    tick: Callable[[int], None],
+    members: Sequence[Sequence[Sequence[Model]]] = (),
+) -> Run:
+    """Train on every fold and predict its test rows."""
+    # an ensemble combines its ``members``, of the same folds, by kind, seed and fold
+    models, parts, losses, importance = [], [], [], []
+    for number, fold in enumerate(folds):
+        model = learn(rows, table, name, fold, seed=seed, members=[[each[number] for each in kind] for kind in members])
+        models.append(model)
+        if fold.test.size:
+            parts.append(scores.answer_rows(model, take_rows(rows, fold.test), table.values[fold.test]))
+            shuffled = name not in BASELINES and not members  # those of an ensemble are shown
+            importance.append(_rank_features(rows, table, model, fold, seed) if shuffled else {})
+        own = _compute_losses(model, table.values[fold.held], rows.labels[fold.held])
+        losses.append(float(own.mean()) if own.size else np.inf)
+        tick(number + 1)
+    mean = {key: float(np.mean([part[key] for part in importance])) for key in importance[0]}
+    # The answers of all folds, in the order of the rows.
+    tested = np.concatenate([fold.test for fold in folds])
+    order = np.argsort(tested, kind="stable")
+    columns: dict[str, Any] = {
+        key: np.concatenate([getattr(part, key) for part in parts])[order]
+        for key in ("probability", "threshold", "decided")
+    }
+    answers = Answers(**vars(take_rows(rows, tested[order])), **columns)
+    return Run(answers, models, float(np.mean(losses)), mean)
+
+
+def learn(
+    rows: Rows, table: Table, name: str, fold: Fold, *, seed: int, members: Sequence[Sequence[Model]] = ()
+) -> Model:
+    """Train a model on a fold and calibrate it."""
+    kind, n_classes = training.find_kind(name), len(rows.classes)
+    train, held = (LabelledRows(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
+    if members:
+        learned: Learned = training.join(
+            [[each.learned for each in kind] for kind in members], held, n_classes=n_classes
+        )
+    else:
+        learned = training.fit(kind, train, held, n_classes=n_classes, seed=seed)
+    calibration = Calibration(1.0, np.zeros(n_classes), 0)
+    if kind.learner != "majority" and held.labels.size:
+        calibration = calibrate(learned.log_probability(held.values), held.labels)
+    threshold = people = None
+    if rows.alarm in rows.classes:
+        number = rows.classes.index(rows.alarm)
+        is_alarm = held.labels == number
+        probability = calibration(learned.log_probability(held.values))[:, number]
+        found = find_detection_threshold(probability, is_alarm, DETECTED_SHARE)
+        if np.isfinite(found):
+            threshold, people = found, int(np.unique(rows.groups[fold.held][is_alarm]).size)
+    # Span of every feature, NaN if never known, and the share of rows in which it is unknown.
+    values = select_features(train.values) if table.names else np.zeros((train.labels.size, 0))
+    spans = [reduce(values, initial=np.nan) for reduce in (np.fmin.reduce, np.fmax.reduce)]
+    first = rows.datasets[0].description
+    config = first.get("config") or {}
+    facts = Facts(
+        name=name,
+        features=f"{kind.features}+signature" if members and table.values.dtype == object else kind.features,
+        names=table.names,
+        classes=rows.classes,
+        dataset_id=str(first["id"]),
+        dataset_name=str(first.get("name", "")),
+        version=__version__,
+        n_train=fold.train.size,
+        n_held=fold.held.size,
+        seed=seed,
+        analysis=dict(config.get("analysis") or {}),
+        conditions=find_training_conditions(conditions_of_rows(rows), fold.train),
+        alarm=rows.alarm if rows.alarm in rows.classes else None,
+    ).model_copy(update={"alarm_threshold": threshold, "alarm_people": people})
+    novelty = None
+    if table.names and name not in BASELINES:
+        novelty = training.learn_novelty(training.standardise_columns(values), LabelledRows(values, train.labels), held)
+    return Model(facts, learned, calibration, spans[0], spans[1], np.isnan(values).mean(axis=0), novelty)
+
+
+def _compute_losses(model: Model, values: Inputs, labels: IntArray) -> FloatArray:
+    """Return the log loss of every row."""
+    found = model.probability(values)[np.arange(labels.size), labels]
+    return np.asarray(-np.log(np.maximum(found, LEAST_PROBABILITY)))
+
+
+def _rank_features(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -> dict[str, float]:
+    """Compute the log-loss rise when features are shuffled."""
+    values, labels = table.values[fold.test], rows.labels[fold.test]
+    weights = row_weights(labels, len(rows.classes))
+
+    def loss(inputs: Any) -> float:
+        return float((weights * _compute_losses(model, inputs, labels)).mean())
+
+    generator, whole = np.random.default_rng(seed), loss(values) if table.names else 0.0
+    lost = {}
+    for number, name in enumerate(table.names):
+        raise_if_stopped()
+        found = []
+        for _ in range(SHUFFLES):
+            shuffled = values.copy()
+            shuffled[:, number] = generator.permutation(shuffled[:, number])
+            found.append(loss(shuffled) - whole)
+        lost[name] = float(np.mean(found))
+    return dict(sorted(lost.items(), key=lambda entry: -entry[1]))
 
 
 def make_document(
-    rows: Rows, folds: Sequence[Fold], answers: Mapping[str, Answers], notes: Sequence[str], *, seed: int
+    rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], notes: Sequence[str], *, seed: int
 ) -> dict[str, Any]:
     """Collect all models' scores for JSON, None for unknown."""
-    tested = next(iter(answers.values()))
-    said = list(notes) + [
-        f"no target of class {name} is tested"
-        for number, name in enumerate(rows.classes)
-        if not (tested.labels == number).any()
-    ]
-    models = {}
-    for name, found in answers.items():
-        kind = find_kind(name)
-        facts = {"features": kind.features, "learner": kind.learner, "baseline": name in BASELINES}
-        models[name] = {"kind": facts, **compute_scores(found, seed=seed)}
-    fold_facts = []
-    for fold in folds:
-        parts = {key: getattr(fold, key) for key in ("train", "held", "test")}
-        counts = {key: {"n": int(p.size), "movers": int(np.unique(rows.groups[p]).size)} for key, p in parts.items()}
-        fold_facts.append({"name": fold.name, **counts})
-    breakdowns = {}
-    for column in BREAKDOWNS:
-        if column not in tested.index:
-            continue
-        texts = tested.index[column].fillna("unknown").astype(str).to_numpy(dtype=str)
-        if 2 <= np.unique(texts).size <= MOST_VALUES:  # plot only columns with a few different values
-            shares = {name: score_groups(part, texts) for name, part in answers.items() if name not in BASELINES}
-            breakdowns[column] = shares
+    answers, models = {name: run.answers for name, run in runs.items()}, {}
+    tested = {name: int((next(iter(answers.values())).labels == n).sum()) for n, name in enumerate(rows.classes)}
+    absent = [name for name, count in tested.items() if not count]
+    said = [*notes, *(f"no target of class {name} is tested" for name in absent)]
+    for name, run in runs.items():
+        kind = training.find_kind(name)
+        models[name] = {
+            "kind": {"features": kind.features, "learner": kind.learner, "baseline": name in BASELINES},
+            **scores.compute_scores(run.answers, seed=seed),
+            "held_log_loss": run.held_loss if np.isfinite(run.held_loss) else None,
+            "calibrated": run.calibrated,
+            "importance": run.importance,
+        }
+    sides = [{key: getattr(fold, key) for key in ("train", "held", "test")} for fold in folds]
     document = {
         "doppelgait_version": __version__,
         "seed": seed,
         "classes": list(rows.classes),
-        "dataset": _describe_dataset(rows, 0),
-        "test_dataset": _describe_dataset(rows, 1) if len(rows.datasets) > 1 else None,
-        "folds": fold_facts,
-        "tested": {name: int((tested.labels == n).sum()) for n, name in enumerate(rows.classes)},
+        "dataset": _describe_dataset(rows.datasets[0]),
+        "test_dataset": _describe_dataset(rows.datasets[1]) if len(rows.datasets) > 1 else None,
+        "folds": [
+            {"name": fold.name}
+            | {key: {"n": part.size, "movers": np.unique(rows.groups[part]).size} for key, part in side.items()}
+            for fold, side in zip(folds, sides, strict=True)
+        ],
+        "tested": tested,
         "models": models,
-        "conditions": _compute_accuracy_by_condition(answers, said, seed),
-        "breakdowns": breakdowns,
+        "conditions": scores.score_conditions(answers, said, seed),
+        "breakdowns": scores.score_breakdowns({name: part for name, part in answers.items() if name not in BASELINES}),
         "notes": said,
     }
     plain: dict[str, Any] = convert_to_json(document)
     return plain
 
 
-def _describe_dataset(rows: Rows, number: int) -> dict[str, Any]:
-    part = rows.datasets[number]
-    return {
-        "directory": str(part.directory),
-        "id": part.description.get("id"),
-        "name": part.description.get("name"),
-        "origin": part.description.get("origin", "simulated"),
-        "n_rows": len(part),
-        "config": part.description.get("config"),
-    }
+def _describe_dataset(part: Dataset) -> dict[str, Any]:
+    known = {key: part.description.get(key) for key in ("id", "name", "config")}
+    origin = part.description.get("origin", "simulated")
+    return {"directory": str(part.directory), "origin": origin, "n_rows": len(part), **known}
 
 
-def _compute_accuracy_by_condition(answers: Mapping[str, Answers], notes: list[str], seed: int) -> dict[str, Any]:
-    """Compute the accuracy of every model by known, varying condition."""
-    tested, found = next(iter(answers.values())), {}
-    for condition in CONDITIONS:
-        column, values = find_condition_values(tested.index, condition)
-        edges = make_bin_edges(values, condition.step)
-        if not column:
-            notes.append(f"accuracy against {condition.words}: none of {', '.join(condition.columns)} is known")
-            continue
-        if edges.size < 3:
-            notes.append(f"accuracy against {condition.words}: {column} is {edges[0]:g} to {edges[-1]:g} in all rows")
-        curves = {
-            name: score_bins(part, values, edges, seed=seed) for name, part in answers.items() if name != "chance"
-        }
-        found[condition.name] = {"words": condition.words, "column": column, "models": curves}
-    return found
-
-
-def tabulate_answers(rows: Rows, answers: Mapping[str, Answers]) -> pd.DataFrame:
+def tabulate_answers(runs: Mapping[str, Run]) -> pd.DataFrame:
     """Tabulate probabilities, class and decision per tested row."""
-    tested = next(iter(answers.values()))
+    tested = next(iter(runs.values())).answers
     columns: dict[str, Any] = {"id": tested.index["id"], "label": tested.index["label"], "mover": tested.groups}
-    for name, found in answers.items():
-        for number, label in enumerate(rows.classes):
+    for name, found in ((name, run.answers) for name, run in runs.items()):
+        for number, label in enumerate(found.classes):
             columns[f"{name}:{label}"] = np.round(found.probability[:, number], 6)
-        columns[f"{name}:class"] = np.array(rows.classes)[found.guesses]
+        columns[f"{name}:class"] = np.array(found.classes)[found.guesses]
         columns[f"{name}:decided"] = found.decided
     return pd.DataFrame({key: np.asarray(values) for key, values in columns.items()})
 
@@ -259,75 +518,71 @@ def evaluate(
     for option, other_data in (("--adapt", own), ("--unknown", unknown)):
         if other_data is not None and (n_folds or left_out):
             raise ConfigError(f"{option}: needs one model for all rows; leave --cv and --leave-out out")
-    folds, notes = _choose_folds(rows, n_folds, left_out, seed)
+    folds, notes = choose_folds(rows, n_folds=n_folds, left_out=left_out, seed=seed)
     refuse_shared(rows, folds)
     tables, skipped = _load_tables(rows, models, motion_folder)
-    if not any(name not in BASELINES for name in tables):
+    trained = [name for name in tables if name not in BASELINES]
+    if not trained:
         raise DatasetError(f"{dataset.directory}: no model can be trained: {'; '.join(skipped)}")
     whole = folds
     if keep and (n_folds or left_out):
         train, held = hold_back(rows, np.arange(len(rows)), seed)
         whole = [*folds, Fold("all rows", train, held, np.empty(0, dtype=np.int64))]
-    if keep:
-        # Refuse to keep the best of several models if no held-out rows exist.
-        names = [name for name in tables if name not in BASELINES]
-        if len(names) > 1 and "ensemble" not in names and not all(fold.held.size for fold in whole):
-            raise ConfigError(
-                f"--save: no rows can be held out to choose among {', '.join(names)}: a class has too few targets; "
-                "name the one model to keep (--models), or add more data"
-            )
+    # Refuse to keep the best of several models if no held-out rows exist.
+    if keep and len(trained) > 1 and "ensemble" not in trained and not all(fold.held.size for fold in whole):
+        raise ConfigError(
+            f"--save: no rows can be held out to choose among {', '.join(trained)}: a class has too few targets; "
+            "name the one model to keep (--models), or add more data"
+        )
     runs, by_seed = run_all(rows, tables, whole, seed=seed, n_seeds=n_seeds, on_progress=on_progress)
-    trained = [name for name in runs if name not in BASELINES]
     best = _choose_best({name: by_seed[name] for name in trained})
-    answers = {name: run.answers for name, run in runs.items()}
     outside = _find_outside(rows, folds)
-    said = [*notes, *skipped]
-    bare = [name for name in trained if not runs[name].calibrated]
+    notes += [*skipped, *_list_limits(rows, folds, {name: runs[name] for name in trained}, outside)]
+    document = make_document(rows, folds, runs, notes, seed=seed)
+    document |= {"n_seeds": n_seeds, "kept": best, "outside_conditions": outside}
+    for name in trained if n_seeds > 1 else ():
+        by_answers = [run.answers for run in by_seed[name]]
+        values = [scores.balanced_accuracy(each.labels, each.right, len(each.classes)) for each in by_answers]
+        document["models"][name]["seeds"] = [value if np.isfinite(value) else None for value in values]
+    kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
+    part = folds[0].test
+    for name in trained if own is not None or strangers is not None else ():
+        entry, tested, remarks = document["models"][name], tables[name].values[part], list[str]()
+        if nameless is not None:
+            inputs = collect_inputs(nameless, kept[name].facts.features).values
+            kept[name], remarks = adapt_to_nameless_rows(kept[name], nameless, inputs, own_shares)
+        elif own is not None:
+            rng = np.random.default_rng(seed)
+            adapted = adapt_to_rows(kept[name], take_rows(rows, part), tested, rng)
+            kept[name], entry["adaptation"], remarks = adapted
+        if strangers is not None:
+            entry["unknown"] = scores.open_set_scores(kept[name], tested, strangers)
+        document["notes"] += [f"{name}: {remark}" for remark in remarks]
+    if day is not None and best is not None and best in kept:
+        document["alarm_day"] = {"model": best, **score_day(day, run_day(day, kept[best]), kept[best])}
+    return Evaluation(document, tabulate_answers(runs), best, kept)
+
+
+def _list_limits(rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], outside: Mapping[str, Any]) -> list[str]:
+    """List what too few held-out rows, a missing class or other conditions prevent."""
+    notes = []
+    bare = [name for name, run in runs.items() if not run.calibrated]
     if bare:
-        said.append(f"{', '.join(bare)}: not calibrated, because a class has fewer than {LEAST_ROWS} held-out rows")
+        notes.append(f"{', '.join(bare)}: not calibrated, because a class has fewer than {LEAST_ROWS} held-out rows")
     if rows.alarm not in rows.classes:
-        said.append(f"no class {rows.alarm}, so that no model has an alarm; name its class by --alarm-class")
+        notes.append(f"no class {rows.alarm}, so that no model has an alarm; name its class by --alarm-class")
     fewest = min(fold.held.size for fold in folds)
     if fewest < LEAST_FAR:
-        said.append(
+        notes.append(
             f"{fewest} held-out rows: no model can reject targets by their distance from the training data; this needs "
             f"{LEAST_FAR}"
         )
-    said += [
+    return notes + [
         f"{name}: {part['n']} of {part['of']} tested rows have {format_span(*part['tested'])}, outside the "
         f"accepted range, {format_span(*accepted_range(name, *part['learnt']))} (training range "
         f"{format_span(*part['learnt'])}): no decision there; other scores count them"
         for name, part in outside.items()
     ]
-    document = make_document(rows, folds, answers, said, seed=seed)
-    for name, run in runs.items():
-        document["models"][name]["held_log_loss"] = run.held_loss if np.isfinite(run.held_loss) else None
-        document["models"][name]["calibrated"] = run.calibrated
-        document["models"][name]["importance"] = run.importance
-        if n_seeds > 1 and name not in BASELINES:
-            by_answers = [each.answers for each in by_seed[name]]
-            values = [balanced_accuracy(each.labels, each.right, len(each.classes)) for each in by_answers]
-            document["models"][name]["seeds"] = [value if np.isfinite(value) else None for value in values]
-    document |= {"n_seeds": n_seeds, "kept": best, "outside_conditions": outside}
-    kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
-    if own is not None or strangers is not None:
-        part = folds[0].test
-        for name in trained:
-            further, kept[name], notes = _score_further(
-                kept[name],
-                take_rows(rows, part),
-                tables[name].values[part],
-                strangers,
-                nameless,
-                seed=seed,
-                adapted=own is not None,
-                shares=own_shares,
-            )
-            document["models"][name] |= further
-            document["notes"] += [f"{name}: {note}" for note in notes]
-    if day is not None and best is not None and best in kept:
-        document["alarm_day"] = {"model": best, **score_day(day, run_day(day, kept[best]), kept[best])}
-    return Evaluation(document, tabulate_answers(rows, answers), best, kept)
 
 
 def _collect_test_rows(
@@ -367,11 +622,11 @@ def _collect_test_rows(
 
 def _choose_alarm_class(rows: Rows, alarm_class: str | None, *, needed: bool) -> str:
     """Return the class of the alarm, if named or needed."""
-    if alarm_class is not None and alarm_class not in rows.classes:
-        raise ConfigError(f"--alarm-class {alarm_class}: is no class; there are {', '.join(rows.classes)}")
-    alarm = alarm_class or rows.alarm
+    alarm, classes = alarm_class or rows.alarm, ", ".join(rows.classes)
+    if alarm_class is not None and alarm not in rows.classes:
+        raise ConfigError(f"--alarm-class {alarm_class}: is no class; there are {classes}")
     if needed and alarm not in rows.classes:
-        raise ConfigError(f"--alarm: no class {alarm}; name one of {', '.join(rows.classes)} by --alarm-class")
+        raise ConfigError(f"--alarm: no class {alarm}; name one of {classes} by --alarm-class")
     return alarm
 
 
@@ -382,30 +637,6 @@ def _choose_best(trained: Mapping[str, Sequence[Run]]) -> str | None:
     losses = {name: float(np.mean([run.held_loss for run in runs])) for name, runs in trained.items()}
     best = min(losses, key=lambda name: losses[name])
     return best if len(trained) == 1 or np.isfinite(losses[best]) else None
-
-
-def _score_further(
-    model: Model,
-    tested: Rows,
-    values: Any,
-    strangers: Rows | None,
-    nameless: Rows | None,
-    *,
-    seed: int,
-    adapted: bool,
-    shares: Mapping[str, float] | None,
-) -> tuple[dict[str, Any], Model, list[str]]:
-    """Score adaptation, then abstention on unknown kinds, with remarks."""
-    found: dict[str, Any] = {}
-    notes: list[str] = []
-    if adapted and nameless is None:
-        model, found["adaptation"], notes = adapt_to_rows(model, tested, values, np.random.default_rng(seed))
-    elif nameless is not None:
-        inputs = collect_inputs(nameless, model.facts.features).values
-        model, notes = adapt_to_nameless_rows(model, nameless, inputs, shares)
-    if strangers is not None:
-        found["unknown"] = open_set_scores(model, values, strangers)
-    return found, model, notes
 
 
 def _find_outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]]:
@@ -425,49 +656,33 @@ def _find_outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]
     return outside
 
 
-def _choose_folds(rows: Rows, n_folds: int | None, left_out: str | None, seed: int) -> tuple[list[Fold], list[str]]:
-    options = [name for name, value in (("--cv", n_folds), ("--leave-out", left_out)) if value is not None]
-    options += ["--test"] if len(rows.datasets) > 1 else []
-    if len(options) > 1:
-        raise ConfigError(f"{' and '.join(options)}: use one of them")
-    if n_folds is not None:
-        return split_into_folds(rows, n_folds, seed=seed), []
-    if left_out is not None:
-        return leave_out(rows, left_out, seed=seed)
-    fold, notes = use_own_splits(rows, seed=seed)
-    return [fold], notes
-
-
 def _load_tables(
     rows: Rows, models: Sequence[str] | None, motion_folder: Path | None
 ) -> tuple[dict[str, Table], list[str]]:
+    """Collect the inputs of every model, with notes on those that have none."""
     from doppelgait.classify.network import NO_TORCH, is_torch_installed
 
-    made: dict[str, Table] = {}
+    load = cache(lambda features: collect_inputs(rows, features, motion_folder=motion_folder))
     tables: dict[str, Table] = {}
     skipped = []
     wanted = list(dict.fromkeys(models or DEFAULT))
     if "ensemble" in wanted:  # the ensemble follows its members
         wanted = [*(name for name in dict.fromkeys([*wanted, *MEMBERS]) if name != "ensemble"), "ensemble"]
     for name in [*BASELINES, *wanted]:
-        kind = find_kind(name)
+        kind = training.find_kind(name)
         try:
             if kind.learner == "network" and not is_torch_installed():
                 raise DatasetError(NO_TORCH)
-            if name == "ensemble":
-                members = [tables[each] for each in MEMBERS if each in tables]
-                if len(members) < 2:
-                    raise DatasetError(f"{rows.datasets[0].directory}: fewer than two of {', '.join(MEMBERS)}")
-                pictures = [table.values for table in members if not table.names]
-                values = join_inputs(members[0].values, pictures[0]) if pictures else members[0].values
-                tables[name] = Table(values, members[0].names)
+            if name != "ensemble":
+                tables[name] = load(kind.features)
                 continue
-            if kind.features not in made:
-                made[kind.features] = collect_inputs(rows, kind.features, motion_folder=motion_folder)
+            members = [tables[each] for each in MEMBERS if each in tables]
+            if len(members) < 2:
+                raise DatasetError(f"{rows.datasets[0].directory}: fewer than two of {', '.join(MEMBERS)}")
+            first, *_, last = members  # signatures are last
+            tables[name] = first if last.names else Table(join_inputs(first.values, last.values), first.names)
         except DatasetError as error:
             if models is not None and name in models:
                 raise
             skipped.append(f"{name} left out: {error}")
-            continue
-        tables[name] = made[kind.features]
-    return tables, [*(part.note for part in made.values() if part.note), *skipped]
+    return tables, [*dict.fromkeys(table.note for table in tables.values() if table.note), *skipped]

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.classify import scorer
+from doppelgait.classify.scorer import log_softmax
 from doppelgait.core.worker import limit_blas_threads
 from doppelgait.processing.patches import Levels, Patch, compute_layers, cut_pictures
 
@@ -21,11 +23,6 @@ Inputs = npt.NDArray[Any]
 """Features (n, d), float64 with NaN for unknown; or levels (n,), objects, None for unknown."""
 
 PICTURES_AT_A_TIME = 32
-ROWS_AT_A_TIME = 64
-"""Number of rows in a block of a kernel, so that the distances to a thousand support vectors fit the processor
-cache."""
-
-
 NOVEL_BELOW = 0.02
 """Rank below which no decision is made. The value was set in advance, so that one in fifty targets of the known kinds
 is rejected."""
@@ -41,33 +38,6 @@ class LabelledRows(NamedTuple):
     labels: IntArray
 
 
-def log_softmax(scores: FloatArray) -> FloatArray:
-    """Convert scores (n, n_classes) to log-probabilities."""
-    shifted = scores - scores.max(axis=1, keepdims=True)
-    return np.asarray(shifted - np.log(np.exp(shifted).sum(axis=1, keepdims=True)))
-
-
-def normalise_scores(scores: FloatArray) -> FloatArray:
-    """Convert scores to log-probabilities; one score means two classes."""
-    return log_softmax(np.hstack([np.zeros_like(scores), scores]) if scores.shape[1] == 1 else scores)
-
-
-def log_from(values: Inputs, floor: FloatArray) -> FloatArray:
-    """Take the logarithm of features above a positive floor."""
-    if not floor.size:
-        return np.asarray(values, dtype=np.float64)
-    raised = np.maximum(values, np.where(floor > 0, floor, -np.inf))  # NaN stays
-    return np.where(floor > 0, np.log(np.where(floor > 0, raised, 1.0)), raised)
-
-
-def standardise(values: Inputs, learned: Columns) -> FloatArray:
-    """Standardise features (n, d) to a model's columns (n, d + m)."""
-    unknown = np.isnan(values)
-    filled = np.where(unknown, learned.median, log_from(values, learned.floor))
-    columns = np.hstack([filled, unknown[:, learned.told].astype(np.float64)])
-    return np.asarray((columns - learned.mean) / learned.scale)
-
-
 @dataclass(frozen=True, eq=False)
 class Constant:
     """Constant probabilities."""
@@ -80,30 +50,36 @@ class Constant:
 
 
 @dataclass(frozen=True, eq=False)
-class Linear:
-    """Logistic regression on standardised features."""
+class Columns:
+    """Standardisation of features (n, d) to columns (n, d + m)."""
 
     median: FloatArray  # (d,), of the logarithm where there is a floor
     told: IntArray  # (m,), features with a further column that marks them as unknown
     mean: FloatArray  # (d + m,)
     scale: FloatArray
+
+    def standardise(self, values: Inputs) -> FloatArray:
+        """Return the columns of features."""
+        return scorer.standardise(vars(self), values)
+
+
+@dataclass(frozen=True, eq=False)
+class Linear(Columns):
+    """Logistic regression on standardised features."""
+
     weight: FloatArray  # (n_classes, d + m)
     bias: FloatArray
     floor: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def log_probability(self, values: Inputs) -> FloatArray:
         """Return log-probabilities, shape (n, n_classes)."""
-        return log_softmax(standardise(values, self) @ self.weight.T + self.bias)
+        return scorer.linear(vars(self), values)
 
 
 @dataclass(frozen=True, eq=False)
-class Kernel:
+class Kernel(Columns):
     """Support vector machines with the kernel exp(-distance²)."""
 
-    median: FloatArray
-    told: IntArray
-    mean: FloatArray
-    scale: FloatArray
     floor: FloatArray
     support: FloatArray
     weight: FloatArray
@@ -111,14 +87,8 @@ class Kernel:
 
     def log_probability(self, values: Inputs) -> FloatArray:
         """Return log-probabilities, shape (n, n_classes)."""
-        columns, norm = standardise(values, self), (self.support**2).sum(axis=1)
-        scores = np.zeros((len(columns), self.bias.size))
         with limit_blas_threads():
-            for first in range(0, len(columns), ROWS_AT_A_TIME):
-                rows = columns[first : first + ROWS_AT_A_TIME]
-                squared = (rows**2).sum(axis=1)[:, None] + norm - 2.0 * rows @ self.support.T
-                scores[first : first + len(rows)] = np.exp(-np.maximum(squared, 0.0)) @ self.weight.T + self.bias
-        return normalise_scores(scores)
+            return scorer.kernel(vars(self), values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,14 +106,7 @@ class Trees:
 
     def log_probability(self, values: Inputs) -> FloatArray:
         """Return log-probabilities, shape (n, n_classes)."""
-        node = np.tile(self.root.ravel(), (len(values), 1))
-        rows = np.arange(len(values))[:, None]
-        while (inner := self.feature[node] >= 0).any():
-            seen = values[rows, np.maximum(self.feature[node], 0)]
-            goes_left = np.where(np.isnan(seen), self.unknown_left[node] > 0, seen <= self.threshold[node])
-            node = np.where(inner, np.where(goes_left, self.left[node], self.right[node]), node)
-        scores = self.start + self.value[node].reshape(len(values), *self.root.shape).sum(axis=1)
-        return normalise_scores(scores)
+        return scorer.trees(vars(self), values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,16 +162,13 @@ class Ensemble:
         """Return log-probabilities, shape (n, n_classes)."""
         total = np.zeros((len(values), self.shifts.shape[1]))
         for member, weight, slope, shift in zip(self.members, self.weights, self.slopes, self.shifts, strict=True):
-            seen = select_levels(values) if isinstance(member, Network) else select_features(values)
-            total += weight * log_softmax(slope * member.log_probability(seen) + shift)
+            total += weight * log_softmax(slope * member.log_probability(select_inputs(member, values)) + shift)
         return log_softmax(total)
 
 
 def join_inputs(features: Inputs, pictures: Inputs) -> Inputs:
     """Join features (n, d) and levels (n,)."""
-    values = np.empty((len(features), features.shape[1] + 1), dtype=object)
-    values[:, :-1], values[:, -1] = features, pictures
-    return values
+    return np.column_stack([features.astype(object), pictures])
 
 
 def select_features(values: Inputs) -> Inputs:
@@ -221,17 +181,18 @@ def select_levels(values: Inputs) -> Inputs:
     return values[:, -1]
 
 
+def select_inputs(learned: Learned, values: Inputs) -> Inputs:
+    """Return what a member of an ensemble uses of rows."""
+    return select_levels(values) if isinstance(learned, Network) else select_features(values)
+
+
 @dataclass(frozen=True, eq=False)
-class Novelty:
+class Novelty(Columns):
     """Distance of features from the nearest class, and its ranks.
     Mahalanobis: d² = min_k (x - m_k)' C⁻¹ (x - m_k) with the class means m_k and the covariance C
     about them (Lee et al. 2018), of the columns of :class:`Linear`.
     """
 
-    median: FloatArray
-    told: IntArray
-    mean: FloatArray
-    scale: FloatArray
     floor: FloatArray
     centre: FloatArray
     whitening: FloatArray
@@ -239,7 +200,7 @@ class Novelty:
 
     def distance(self, values: Inputs) -> FloatArray:
         """Return every row's distance from the nearest class."""
-        columns = standardise(select_features(values), self) @ self.whitening
+        columns = self.standardise(select_features(values)) @ self.whitening
         apart = columns[:, None, :] - self.centre @ self.whitening
         return np.asarray(np.sqrt((apart**2).sum(axis=2).min(axis=1)))
 
@@ -250,4 +211,3 @@ class Novelty:
 
 
 Learned = Constant | Linear | Kernel | Trees | Network | Ensemble
-Columns = Linear | Kernel | Novelty  # models of standardised columns

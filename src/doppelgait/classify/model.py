@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 import xarray as xr
 from pydantic import Field
 
-from doppelgait.classify.data import Rows, wavelengths_m
+from doppelgait.classify.data import Rows, read_numbers, wavelengths_m
 from doppelgait.classify.learned import (
     NOVEL_BELOW,
     FloatArray,
@@ -22,9 +21,9 @@ from doppelgait.classify.learned import (
     IntArray,
     Learned,
     Novelty,
-    log_softmax,
     select_features,
 )
+from doppelgait.classify.scorer import log_softmax
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.notebook import show_html, show_text
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
@@ -32,6 +31,33 @@ from doppelgait.dataset.learning import balanced_weights
 
 LEAST_ROWS = 5  # minimum number of rows of every class for a calibration
 STEEPEST = 20.0
+
+TOLERANCE = {"carrier_hz": (0.9, 1.1), "prf_hz": (0.9, 1.1), "observation_s": (0.8, 4.0)}
+"""Factors of the lowest and of the highest value of the training data. A radar of another band or pulse rate is a
+different radar. A longer observation is better, so that its upper tolerance is larger."""
+
+Conditions = Mapping[str, tuple[float, float]]
+
+ABSTAIN_BELOW = 0.8
+BLOCKING = (
+    "no_signal",
+    "no_direction",
+    "not_tracked",
+    "keeps_still:*",
+    "no_steady_piece:*",
+    "aspect_beyond_75_deg:*",
+    "gates_overlap",
+    "reflection_of:*",
+    "folded_echo_of:*",
+    "not_a_moving_body:*",
+    "unknown_target:*",
+    "clutter_removal_took_*",
+    "doppler_band_full:*",
+    "*:columns_do_not_overlap",
+)
+"""Flags that prevent a decision, * for anything: no target, no gait or direction, an echo, no body, too few columns."""
+OUTSIDE = 0.25  # a feature may lie outside the training range by this share of its span
+RARELY = 0.01  # share of unknown training values below which a feature must be known
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,13 +113,6 @@ def find_detection_threshold(probability: FloatArray, positive: npt.NDArray[np.b
     return float(found[int(np.ceil(share * found.size - 1e-9)) - 1])
 
 
-TOLERANCE = {"carrier_hz": (0.9, 1.1), "prf_hz": (0.9, 1.1), "observation_s": (0.8, 4.0)}
-"""Factors of the lowest and of the highest value of the training data. A radar of another band or pulse rate is a
-different radar. A longer observation is better, so that its upper tolerance is larger."""
-
-Conditions = Mapping[str, tuple[float, float]]
-
-
 def read_wavelength_m(signature: xr.DataArray) -> float:
     """Return the wavelength of a signature in m, or NaN."""
     # without the attribute it follows from the axes by v = f wavelength / 2
@@ -126,18 +145,15 @@ def collect_conditions(columns: Mapping[str, Any], signature: xr.DataArray) -> d
 
 def conditions_of_rows(rows: Rows) -> dict[str, FloatArray]:
     """Return every row's conditions, NaN for unknown."""
-    observed_s = _read_column(rows.index, "quality_observation_s")
+    names = ("quality_observation_s", "observation_s", "prf_hz")
+    observed_s, asked_s, prf_hz = (
+        read_numbers(rows.index[name]) if name in rows.index else np.full(len(rows), np.nan) for name in names
+    )
     return {
         "carrier_hz": SPEED_OF_LIGHT_MPS / wavelengths_m(rows),
-        "prf_hz": _read_column(rows.index, "prf_hz"),
-        "observation_s": np.where(np.isnan(observed_s), _read_column(rows.index, "observation_s"), observed_s),
+        "prf_hz": prf_hz,
+        "observation_s": np.where(np.isnan(observed_s), asked_s, observed_s),
     }
-
-
-def _read_column(index: pd.DataFrame, column: str) -> FloatArray:
-    if column not in index:
-        return np.full(len(index), np.nan)
-    return pd.to_numeric(index[column], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
 
 
 def find_training_conditions(found: Mapping[str, FloatArray], train: IntArray) -> dict[str, tuple[float, float]]:
@@ -178,28 +194,6 @@ def describe_outside_conditions(found: Mapping[str, float], trained: Conditions)
 def format_span(low: float, high: float) -> str:
     """Format a span, or one number if both ends agree."""
     return f"{low:.4g}" if f"{low:.4g}" == f"{high:.4g}" else f"{low:.4g} to {high:.4g}"
-
-
-ABSTAIN_BELOW = 0.8
-BLOCKING = (
-    "no_signal",
-    "no_direction",
-    "not_tracked",
-    "keeps_still:*",
-    "no_steady_piece:*",
-    "aspect_beyond_75_deg:*",
-    "gates_overlap",
-    "reflection_of:*",
-    "folded_echo_of:*",
-    "not_a_moving_body:*",
-    "unknown_target:*",
-    "clutter_removal_took_*",
-    "doppler_band_full:*",
-    "*:columns_do_not_overlap",
-)
-"""Flags that prevent a decision, * for anything: no target, no gait or direction, an echo, no body, too few columns."""
-OUTSIDE = 0.25  # a feature may lie outside the training range by this share of its span
-RARELY = 0.01  # share of unknown training values below which a feature must be known
 
 
 class Facts(FrozenModel):
@@ -327,12 +321,12 @@ def find_blocking_flag(flags: Iterable[str], patterns: Sequence[str]) -> str | N
     return next((flag for flag in flags if any(fnmatchcase(flag, pattern) for pattern in patterns)), None)
 
 
-def blocked_rows(rows: Rows, part: npt.NDArray[np.int64], values: Any, model: Model) -> npt.NDArray[np.bool_]:
+def blocked_rows(rows: Rows, values: Inputs, model: Model) -> npt.NDArray[np.bool_]:
     """Mark rows without a decision whatever the probability, shape (n,)."""
-    texts = rows.index["quality_flags"].iloc[part].fillna("").tolist()
+    texts = rows.index["quality_flags"].fillna("").tolist()
     flagged = [find_blocking_flag(text.split(";"), BLOCKING) is not None for text in texts]
     blocked = np.array(flagged, dtype=bool) | model.mark_outside(values).any(axis=1)
     blocked |= model.rank(values) < model.facts.novel_below
     for condition, found in conditions_of_rows(rows).items():
-        blocked |= mark_outside(found[part], condition, model.facts.conditions)
+        blocked |= mark_outside(found, condition, model.facts.conditions)
     return np.asarray(blocked)

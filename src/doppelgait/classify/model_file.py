@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.classify.data import BANDWIDTH, ENVELOPE_WIDTH, SPEED, VELOCITY, WIDTH
-from doppelgait.classify.learned import Constant, Ensemble, Kernel, Learned, Linear, Network, Novelty, Trees
+from doppelgait.classify.learned import Columns, Constant, Ensemble, Kernel, Learned, Linear, Network, Novelty, Trees
 from doppelgait.classify.model import Calibration, Facts, Model, mark_outside
 from doppelgait.core.config import validate
 from doppelgait.core.documents import parse_json
@@ -44,6 +44,18 @@ KINDS: dict[str, type[Any]] = {"constant": Constant, "linear": Linear, "kernel":
 FEATURES = {SPEED, WIDTH, ENVELOPE_WIDTH, "gait_frequency_hz", *FEATURE_UNITS} - {VELOCITY, BANDWIDTH}
 """Features of an analysis, in addition to the registered extended features."""
 INTEGERS = {"told", "feature", "unknown_left", "left", "right", "root"}
+_COLUMNS = {"told": "t", "median": "f", "mean": "k", "scale": "k"}
+SHAPES: dict[type[Any], dict[str, str]] = {
+    Constant: {"log_share": "c"},
+    Linear: {**_COLUMNS, "weight": "ck", "bias": "c"},
+    Kernel: {**_COLUMNS, "support": "sk", "weight": "us", "bias": "u"},
+    Trees: {**dict.fromkeys(("feature", "threshold", "value", "unknown_left", "left", "right"), "n"), "root": "ru"}
+    | {"start": "u"},
+    Network: {"weight": "ci", "bias": "c"},
+    Ensemble: {"shifts": "mc", "weights": "m", "slopes": "m"},
+    Novelty: {**_COLUMNS, "centre": "gk", "whitening": "kk", "held": "h"},
+}
+"""Shapes of arrays. c: classes, u: scores (one for two classes), f: features, k: their columns, i: channels."""
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -174,7 +186,8 @@ def load_model(path: str | Path) -> Model:
         calibration = Calibration(slope, shift, int(document["calibration_rows"]))
         novelty = None
         if any(name.startswith("novelty.") for name in arrays):  # older models have none
-            novelty = Novelty(**{part.name: arrays[f"novelty.{part.name}"] for part in fields(Novelty)})
+            names = [part.name for part in fields(Novelty)]
+            novelty = Novelty(**{name: arrays[f"novelty.{name}"] for name in names})
         spans = (arrays["lowest"], arrays["highest"], arrays["unknown"])
         model = Model(facts, learned, calibration, *spans, novelty)
         _check_model(model)
@@ -209,106 +222,82 @@ def _check_model(model: Model) -> None:
     """Check that all parts of a model fit together."""
     from doppelgait.features.extended import list_features
 
-    n_classes, n_features = len(model.facts.classes), len(model.facts.names)
-    _check_shape(model.calibration.shift.shape, (n_classes,), "calibration.shift")
-    for name in ("lowest", "highest", "unknown"):
-        _check_shape(getattr(model, name).shape, (n_features,), name)
-    if not (0 < model.calibration.slope < LARGEST and (np.abs(model.calibration.shift) < LARGEST).all()):
+    facts, calibration = model.facts, model.calibration
+    sizes = {"c": len(facts.classes), "f": len(facts.names)}
+    _check_shapes({"calibration.shift": calibration.shift}, {"calibration.shift": "c"}, sizes)
+    _check_shapes(vars(model), dict.fromkeys(("lowest", "highest", "unknown"), "f"), sizes)
+    if not (0 < calibration.slope < LARGEST and (np.abs(calibration.shift) < LARGEST).all()):
         raise ValueError("its calibration is no number above 0, or too large")
-    if model.facts.alarm is not None and model.facts.alarm not in model.facts.classes:
-        raise ValueError(f"its alarm is for {model.facts.alarm!r}, which is not one of its classes")
+    if facts.alarm is not None and facts.alarm not in facts.classes:
+        raise ValueError(f"its alarm is for {facts.alarm!r}, which is not one of its classes")
     # A model must not use values that no analysis measures, such as a plan's nuisance parameters.
     measured = FEATURES | {f"extended_{name}" for name, _, _ in list_features()}
-    wrong = [name for name in model.facts.names if name not in measured]
+    wrong = [name for name in facts.names if name not in measured]
     if wrong:
         raise ValueError(
             f"uses the feature {wrong[0]!r}, which no analysis measures; allowed are the six features, "
             "gait_frequency_hz and the registered extended features"
         )
     if model.novelty is not None:
-        columns = _check_columns(model.novelty, n_features)
-        _check_shape(model.novelty.centre.shape[1:], (columns,), "novelty.centre")
-        _check_shape(model.novelty.whitening.shape, (columns, columns), "novelty.whitening")
-        if not len(model.novelty.centre) or model.novelty.held.ndim != 1 or (np.diff(model.novelty.held) < 0).any():
+        _check_learned(model.novelty, sizes)
+        if not len(model.novelty.centre) or (np.diff(model.novelty.held) < 0).any():
             raise ValueError("novelty has no class, or ranks that fall")
-        _check_numbers(model.novelty)
-    _check_learned(model.learned, n_classes, n_features)
+    _check_learned(model.learned, sizes)
 
 
-def _check_learned(learned: Any, n_classes: int, n_features: int) -> None:
+def _check_shapes(arrays: Mapping[str, Any], shapes: Mapping[str, str], sizes: dict[str, int]) -> None:
+    """Check shapes, a letter for each size; a letter not in ``sizes`` stands for the size where it is first used."""
+    for name, letters in shapes.items():
+        found = arrays[name].shape
+        expected = tuple(sizes.setdefault(*pair) for pair in zip(letters, (*found, 0, 0), strict=False))
+        if found != expected:
+            raise ValueError(f"{name} has the shape {found}, expected is {expected}")
+
+
+def _check_learned(learned: Any, sizes: Mapping[str, int]) -> None:
     """Check the numbers of a trained model and their shapes."""
-    _check_numbers(learned)
-    match learned:
-        case Constant():
-            _check_shape(learned.log_share.shape, (n_classes,), "log_share")
-        case Linear():
-            _check_shape(learned.weight.shape, (n_classes, _check_columns(learned, n_features)), "weight")
-            _check_shape(learned.bias.shape, (n_classes,), "bias")
-        case Kernel():
-            n_scores, n_support = 1 if n_classes == 2 else n_classes, len(learned.support)
-            _check_shape(learned.support.shape, (n_support, _check_columns(learned, n_features)), "support")
-            _check_shape(learned.weight.shape, (n_scores, n_support), "weight")
-            _check_shape(learned.bias.shape, (n_scores,), "bias")
-        case Trees():
-            _check_trees(learned, n_classes, n_features)
-        case Network():
-            _check_network(learned, n_classes)
-        case Ensemble():
-            _check_ensemble(learned, n_classes, n_features)
-
-
-def _check_numbers(learned: Any) -> None:
-    """Refuse NaN, infinity and numbers that overflow a sum."""
-    for name, values in vars(learned).items():
+    for name, values in vars(learned).items():  # refuse NaN, infinity and overflow of a sum
         for array in values if isinstance(values, tuple) else (values,):
             if isinstance(array, np.ndarray):
                 # a threshold of a tree may be infinite
                 bad = np.isnan(array) if name == "threshold" else ~(np.abs(array.astype(np.float64)) < LARGEST)
                 if bad.any():
                     raise ValueError(f"{name} holds NaN, infinity or more than {LARGEST:g}")
+    own = {**sizes, "u": 1 if sizes["c"] == 2 else sizes["c"]}
+    match learned:
+        case Columns():
+            own["k"] = own["f"] + learned.told.size
+        case Ensemble():
+            own["m"] = len(learned.members)
+            if not 0 < own["m"] <= MOST_MEMBERS:
+                raise ValueError(f"has {own['m']} members, allowed are 1 to {MOST_MEMBERS}")
+        case Network():
+            own["i"] = _check_layers(learned)
+    _check_shapes(vars(learned), SHAPES[type(learned)], own)
+    match learned:
+        case Linear() | Kernel() | Novelty():
+            _check_columns(learned, own["f"])
+        case Trees():
+            _check_trees(learned, own["f"])
+        case Ensemble():
+            for name in ("weights", "slopes"):
+                if not (getattr(learned, name) > 0).all():
+                    raise ValueError(f"{name} holds numbers that are not above 0")
+            for member in learned.members:
+                _check_learned(member, sizes)
 
 
-def _check_ensemble(learned: Any, n_classes: int, n_features: int) -> None:
-    count = len(learned.members)
-    if not 0 < count <= MOST_MEMBERS:
-        raise ValueError(f"has {count} members, allowed are 1 to {MOST_MEMBERS}")
-    _check_shape(learned.shifts.shape, (count, n_classes), "shifts")
-    for name in ("weights", "slopes"):
-        values = getattr(learned, name)
-        _check_shape(values.shape, (count,), name)
-        if not (values > 0).all():
-            raise ValueError(f"{name} holds numbers that are not above 0")
-    for member in learned.members:
-        _check_learned(member, n_classes, n_features)
-
-
-def _check_shape(found: tuple[int, ...], expected: tuple[int, ...], name: str) -> None:
-    if found != expected:
-        raise ValueError(f"{name} has the shape {found}, expected is {expected}")
-
-
-def _check_columns(learned: Any, n_features: int) -> int:
-    """Check what standardises features; return the number of columns."""
-    columns: int = n_features + learned.told.size
-    _check_shape(learned.told.shape, (learned.told.size,), "told")
-    _check_shape(learned.median.shape, (n_features,), "median")
-    for name in ("mean", "scale"):
-        _check_shape(getattr(learned, name).shape, (columns,), name)
+def _check_columns(learned: Linear | Kernel | Novelty, n_features: int) -> None:
     if learned.floor.size:
-        _check_shape(learned.floor.shape, (n_features,), "floor")
+        _check_shapes(vars(learned), {"floor": "f"}, {"f": n_features})
     if not (learned.scale > 1.0 / LARGEST).all():
         raise ValueError("scale holds numbers that are not above 0")
     if learned.told.size and not (learned.told.min() >= 0 and learned.told.max() < n_features):
         raise ValueError("told names features that are not there")
-    return columns
 
 
-def _check_trees(learned: Any, n_classes: int, n_features: int) -> None:
+def _check_trees(learned: Trees, n_features: int) -> None:
     count = learned.feature.size
-    for name in ("feature", "threshold", "value", "unknown_left", "left", "right"):
-        _check_shape(getattr(learned, name).shape, (count,), name)
-    _check_shape(learned.root.shape[1:], (1 if n_classes == 2 else n_classes,), "root")
-    _check_shape(learned.start.shape, learned.root.shape[1:], "start")
     inner, own = learned.feature >= 0, np.arange(count)
     for child in (learned.left, learned.right):
         if (child[inner] <= own[inner]).any() or (child[inner] >= count).any():
@@ -317,22 +306,22 @@ def _check_trees(learned: Any, n_classes: int, n_features: int) -> None:
         raise ValueError("its trees use features or nodes that do not exist")
 
 
-def _check_network(learned: Any, n_classes: int) -> None:
+def _check_layers(learned: Network) -> int:
+    """Check the layers of a network; return the number of channels of the last one."""
     n_in, highest = 1, 1.0  # of levels, 0 to 1, and of every layer
-    layers = zip(learned.kernels, learned.scales, learned.biases, strict=True)
-    for number, (kernel, scale, bias) in enumerate(layers):
-        _check_shape(kernel.shape[1:], (n_in, 3, 3), f"kernel.{number}")
-        n_in = kernel.shape[0]
-        _check_shape(scale.shape, (n_in,), f"scale.{number}")
-        _check_shape(bias.shape, (n_in,), f"bias.{number}")
-        sums = np.abs(kernel.astype(np.float64)).sum(axis=(1, 2, 3)) * np.maximum(np.abs(scale.astype(np.float64)), 1.0)
-        highest = float(highest * np.max(sums, initial=1.0) + np.abs(bias.astype(np.float64)).max(initial=0.0))
-    _check_shape(learned.weight.shape, (n_classes, n_in), "weight")
-    _check_shape(learned.bias.shape, (n_classes,), "bias")
+    for number, layer in enumerate(zip(learned.kernels, learned.scales, learned.biases, strict=True)):
+        sizes = {"i": n_in, "3": 3}
+        shapes = {f"kernel.{number}": "oi33", f"scale.{number}": "o", f"bias.{number}": "o"}
+        _check_shapes(dict(zip(shapes, layer, strict=True)), shapes, sizes)
+        n_in = sizes["o"]
+        kernel, scale, bias = (np.abs(values.astype(np.float64)) for values in layer)
+        highest = float(highest * np.max(kernel.sum(axis=(1, 2, 3)) * np.maximum(scale, 1.0), initial=1.0))
+        highest += float(bias.max(initial=0.0))
     if not highest * np.abs(learned.weight.astype(np.float64)).sum() < LARGEST_SCORE:
         raise ValueError("its numbers are too large")
     if min(learned.patch.n_velocity, learned.patch.n_time) % 2 ** len(learned.kernels):
         raise ValueError("its pictures cannot be halved as often as it has layers")
+    return n_in
 
 
 def read_model_cards() -> dict[str, dict[str, Any]]:

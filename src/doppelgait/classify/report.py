@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -36,71 +37,100 @@ ALONE = "the only class present"
 
 Document = Mapping[str, Any]
 
+FORMAT, FORMAT_VERSION = "doppelgait-evaluation", 1
+LISTING = "report.json"
+
+SCORES_TEXT = (
+    "<p>Balanced accuracy with its 95 % interval over targets (bootstrap; exact where there are few targets or no "
+    "errors). <i>Decided</i>: rows that the model does not abstain from, and its balanced accuracy among them. Grey: "
+    "baselines: the most frequent class (chance); the parameters that must not predict the class (nuisance); the speed "
+    "alone.</p>"
+)
+ADAPTATION_TEXT = (
+    "<h2>Adapted to own recordings</h2><p>Balanced accuracy and expected calibration error on targets of which no "
+    "recording was used, after so many recordings of each class were: mean of 50 draws, 80 % of them lie within the "
+    "range. The scored targets depend on the count: compare with the score of the same targets before. Without "
+    "labels: the same recordings without their classes, assuming that "
+    "the classes are as frequent as each other among them. A saved model is adapted to all of them.</p>"
+)
+UNKNOWN_TEXT = (
+    "<h2>Kinds outside the training data</h2><p>Kinds outside the training data, for which no class is correct: how "
+    "well the distance from these data, and the lack of certainty, separate them from the tested rows (area under the "
+    "ROC curve, 0.5: not at all), and the share with a decision for a class.</p>"
+)
+ALARM_TEXT = (
+    "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 % of its class: by "
+    "the rows held back for calibration, as in use, and read off the ROC curve of the tested rows.</p>"
+)
+
 
 def make_figures(document: Document) -> Iterator[tuple[str, str, Figure]]:
     """Yield name, caption and figure, one after the other."""
+    models = document["models"]
     yield "scores", "Balanced accuracy of every model with its 95 % interval.", score_bars(document)
     words = "Number of rows by true and by predicted class; the colour is the share of the true class."
     yield "confusion", words, plot_confusion(document)
-    for name in next(iter(document["models"].values()))["roc"]:
-        file_name = "".join(c if c.isalnum() else "-" for c in name)
+    for name in next(iter(models.values()))["roc"]:
         words = f"{name} against all others: share detected against share falsely detected."
-        yield f"roc-{file_name}", words, plot_roc(document, name)
+        yield f"roc-{''.join(c if c.isalnum() else '-' for c in name)}", words, plot_roc(document, name)
     words = (
         "Share of correct rows against confidence; calibrated probabilities lie on the diagonal. The larger the dot, "
         "the more rows."
     )
     yield "reliability", words, plot_reliability(document)
-    if any(model.get("adaptation") for model in document["models"].values()):
+    if any(model.get("adaptation") for model in models.values()):
         words = "Accuracy by own recordings (band: 80 % of the draws), and calibration before and after."
         yield "adaptation", words, plot_adaptation(document)
-    for condition in document["conditions"]:
-        quantity = document["conditions"][condition]["words"]
-        words = f"Balanced accuracy by {quantity}, with 95 % intervals; n: rows. Hollow: recall of {ALONE}."
-        yield f"accuracy-{condition}", words, plot_condition(document, condition)
-    for name, model in document["models"].items():
+    for name, condition in document["conditions"].items():
+        words = f"Balanced accuracy by {condition['words']}, with 95 % intervals; n: rows. Hollow: recall of {ALONE}."
+        yield f"accuracy-{name}", words, plot_condition(document, name)
+    for name, model in models.items():
         if model["importance"] and not model["kind"]["baseline"]:
             words = f"{name}: increase of the log loss when a feature is shuffled."
             yield f"importance-{name}", words, plot_importance(name, model["importance"])
 
 
 def _choose_line_styles(document: Document) -> dict[str, dict[str, Any]]:
-    trained = [name for name, model in document["models"].items() if not model["kind"]["baseline"]]
     looks: dict[str, dict[str, Any]] = {
         name: {"color": BASELINE_COLOUR, "linestyle": style} for name, style in BASELINE_STYLES.items()
     }
-    for number, name in enumerate(trained):
-        looks[name] = {"color": SERIES_COLOURS[number % len(SERIES_COLOURS)], "linestyle": "-"}
+    trained = [name for name, model in document["models"].items() if not model["kind"]["baseline"]]
+    for name, colour in zip(trained, cycle(SERIES_COLOURS), strict=False):
+        looks[name] = {"color": colour, "linestyle": "-"}
     return looks
+
+
+def _finish(axes: Axes, title: str, x: str, y: str, **legend: Any) -> None:
+    """Draw the grid, name the axes and place the legend."""
+    draw_grid(axes)
+    name_axes(axes, title=title, x=x, y=y)
+    place_legend(axes, **legend)
 
 
 def score_bars(document: Document) -> Figure:
     """Plot the balanced accuracy of every model with its interval."""
     looks, models = _choose_line_styles(document), document["models"]
     figure, axes = make_axes(width_in=8.0, height_in=1.2 + 0.42 * len(models))
+    style: dict[str, Any] = {"fmt": "o", "lw": 2.0, "capsize": 4}
     for place, (name, model) in enumerate(reversed(models.items())):
-        found = model["balanced_accuracy"]
+        found, colour = model["balanced_accuracy"], looks[name]["color"]
         if found["value"] is None:
-            _plot_hollow(
-                axes, [(share["value"], place) for share in _select_known_shares(model["recall"])], looks[name]["color"]
-            )
+            _plot_hollow(axes, [(value, place) for value in _list_recalls(model)], colour)
             continue
         spread = [[found["value"] - found["low"]], [found["high"] - found["value"]]]
-        axes.errorbar([found["value"]], [place], xerr=spread, fmt="o", color=looks[name]["color"], lw=2.0, capsize=4)
+        axes.errorbar([found["value"]], [place], xerr=spread, color=colour, **style)
     axes.set_yticks(range(len(models)), labels=list(reversed(models)))
-    axes.errorbar([], [], xerr=[], fmt="o", color="black", lw=2.0, capsize=4, label="value and 95 % interval")
+    axes.errorbar([], [], xerr=[], color="black", label="value and 95 % interval", **style)
     axes.axvline(1.0 / len(document["classes"]), color="black", ls=":", lw=1.0, label="chance")
     if any(model["balanced_accuracy"]["value"] is None for model in models.values()):
         axes.plot([], [], "D", mfc="none", color="black", label=f"recall of {ALONE}")
     axes.set(xlim=(0.0, 1.02), ylim=(-0.6, len(models) - 0.4))
-    draw_grid(axes)
-    name_axes(axes, title="Balanced accuracy of every model", x="balanced accuracy", y="")
-    place_legend(axes)
+    _finish(axes, "Balanced accuracy of every model", "balanced accuracy", "")
     return figure
 
 
-def _select_known_shares(recall: Mapping[str, Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    return [share for share in recall.values() if share["value"] is not None]
+def _list_recalls(found: Mapping[str, Any]) -> list[float]:
+    return [share["value"] for share in found["recall"].values() if share["value"] is not None]
 
 
 def _plot_hollow(axes: Axes, points: Sequence[tuple[float, float]], colour: str) -> None:
@@ -143,35 +173,30 @@ def plot_roc(document: Document, label: str) -> Figure:
             axes.plot(curve["false"], curve["true"], lw=1.8, label=f"{name}, AUC {curve['auc']:.3f}", **looks[name])
     axes.axhline(0.95, color="black", lw=0.8, ls=":", label="95 % detected")
     axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.03))
-    draw_grid(axes)
-    name_axes(
-        axes,
-        title=f"{label} against all other classes",
-        x="share of the other classes, falsely detected",
-        y=f"share of {label}, detected",
-    )
-    place_legend(axes, columns=2)
+    others = "share of the other classes, falsely detected"
+    _finish(axes, f"{label} against all other classes", others, f"share of {label}, detected", columns=2)
     return figure
+
+
+def _plot_calibrated(axes: Axes, document: Document) -> None:
+    lowest = 1.0 / len(document["classes"])
+    axes.plot([lowest, 1.0], [lowest, 1.0], color="black", ls=":", lw=1.0, label="calibrated")
 
 
 def plot_reliability(document: Document) -> Figure:
     """Plot accuracy against confidence of all models but the baselines."""
     looks = _choose_line_styles(document)
     figure, axes = make_axes(width_in=7.0, height_in=6.0)
-    lowest = 1.0 / len(document["classes"])
-    axes.plot([lowest, 1.0], [lowest, 1.0], color="black", ls=":", lw=1.0, label="calibrated")
+    _plot_calibrated(axes, document)
     for name, model in document["models"].items():
         if model["kind"]["baseline"]:
             continue
-        bins = model["reliability"]
-        x, y = ([entry[key] for entry in bins] for key in ("confidence", "accuracy"))
+        x, y, shares = ([entry[key] for entry in model["reliability"]] for key in ("confidence", "accuracy", "share"))
         error, brier = model["expected_calibration_error"], model["brier"]
         text = f"{name}: calibration error {error:.3f}, Brier score {brier:.3f}"
         axes.plot(x, y, lw=1.4, label=text, **looks[name])
-        axes.scatter(x, y, s=[20.0 + 200.0 * entry["share"] for entry in bins], color=looks[name]["color"], alpha=0.7)
-    draw_grid(axes)
-    name_axes(axes, title="Calibration", x=CONFIDENCE_LABEL, y=CORRECT_LABEL)
-    place_legend(axes, columns=1)
+        axes.scatter(x, y, s=[20.0 + 200.0 * share for share in shares], color=looks[name]["color"], alpha=0.7)
+    _finish(axes, "Calibration", CONFIDENCE_LABEL, CORRECT_LABEL, columns=1)
     return figure
 
 
@@ -182,26 +207,22 @@ def plot_adaptation(document: Document) -> Figure:
     axes, calibrated = figure.subplots(1, 2)
     shown = {name: model["adaptation"] for name, model in document["models"].items() if model.get("adaptation")}
     for name, points in shown.items():
-        counts, low, high = (np.array([point[key] for point in points]) for key in ("n", "low", "high"))
-        axes.plot(counts, [point["balanced_accuracy"] for point in points], marker="o", label=name, **looks[name])
+        keys = ("n", "low", "high", "balanced_accuracy", "unlabelled")
+        counts, low, high, accuracy, unlabelled = ([point[key] for point in points] for key in keys)
+        axes.plot(counts, accuracy, marker="o", label=name, **looks[name])
         axes.fill_between(counts, low, high, color=looks[name]["color"], alpha=0.12, lw=0)
-        axes.plot(counts, [point["unlabelled"] for point in points], color=looks[name]["color"], ls=":")
+        axes.plot(counts, unlabelled, color=looks[name]["color"], ls=":")
     axes.plot([], [], color="black", ls=":", label="without labels")
+    axes.fill_between([], [], [], color="black", alpha=0.12, lw=0, label="80 % of the draws")
     best = document["kept"] if document["kept"] in shown else next(iter(shown))
-    lowest = 1.0 / len(document["classes"])
-    calibrated.plot([lowest, 1.0], [lowest, 1.0], color="black", ls=":", lw=1.0, label="calibrated")
+    _plot_calibrated(calibrated, document)
     for point, colour in zip((shown[best][0], shown[best][-1]), SERIES_COLOURS, strict=False):
         x, y = ([entry[key] for entry in point["reliability"]] for key in ("confidence", "accuracy"))
-        error = point["expected_calibration_error"]
-        calibrated.plot(
-            x, y, marker="o", color=colour, label=f"{point['n']} own recordings: calibration error {error:.3f}"
-        )
-    axes.fill_between([], [], [], color="black", alpha=0.12, lw=0, label="80 % of the draws")
-    name_axes(axes, title="Adaptation", x="own recordings of each class", y="balanced accuracy")
-    name_axes(calibrated, title=f"Calibration of {best}", x=CONFIDENCE_LABEL, y=CORRECT_LABEL)
-    for panel in (axes, calibrated):
-        draw_grid(panel)
-        place_legend(panel, "panel", columns=2)
+        text = f"{point['n']} own recordings: calibration error {point['expected_calibration_error']:.3f}"
+        calibrated.plot(x, y, marker="o", color=colour, label=text)
+    _finish(axes, "Adaptation", "own recordings of each class", "balanced accuracy", where="panel", columns=2)
+    title = f"Calibration of {best}"
+    _finish(calibrated, title, CONFIDENCE_LABEL, CORRECT_LABEL, where="panel", columns=2)
     return figure
 
 
@@ -213,21 +234,21 @@ def plot_condition(document: Document, condition: str) -> Figure:
     for number, (name, bins) in enumerate(facts["models"].items()):
         step = bins[0]["to"] - bins[0]["from"]
         shift = step * (number - (count - 1) / 2.0) * 0.5 / max(count, 1)
-        middle = {id(entry): (entry["from"] + entry["to"]) / 2.0 + shift for entry in bins}
-        whole = [entry for entry in bins if entry["value"] is not None]
+        whole = []
         for entry in bins:
+            middle = (entry["from"] + entry["to"]) / 2.0 + shift
             if entry["value"] is None:
-                shares = [(middle[id(entry)], share["value"]) for share in _select_known_shares(entry["recall"])]
-                _plot_hollow(axes, shares, looks[name]["color"])
-        x, y = np.array([middle[id(entry)] for entry in whole]), np.array([entry["value"] for entry in whole])
-        spread = np.abs(np.array([[entry["low"], entry["high"]] for entry in whole]).reshape(-1, 2).T - y)
-        axes.errorbar(x, y, yerr=spread, lw=1.4, elinewidth=0.8, capsize=2, marker="o", ms=4, label=name, **looks[name])
+                _plot_hollow(axes, [(middle, value) for value in _list_recalls(entry)], looks[name]["color"])
+            else:
+                whole.append([middle, *(entry[key] for key in ("value", "low", "high"))])
+        x, y, *ends = np.reshape(whole, (-1, 4)).T
+        style = {"lw": 1.4, "elinewidth": 0.8, "capsize": 2, "marker": "o", "ms": 4, **looks[name]}
+        axes.errorbar(x, y, yerr=np.abs(ends - y), label=name, **style)
     for entry in next(iter(facts["models"].values())):
         axes.text((entry["from"] + entry["to"]) / 2.0, -0.09, f"n = {entry['n']}", fontsize=8, ha="center")
     axes.set_ylim(-0.12, 1.05)
-    draw_grid(axes)
-    name_axes(axes, title=f"Accuracy by {facts['words'].rpartition(' (')[0]}", x=facts["words"], y="balanced accuracy")
-    place_legend(axes, columns=4)
+    title = f"Accuracy by {facts['words'].rpartition(' (')[0]}"
+    _finish(axes, title, facts["words"], "balanced accuracy", columns=4)
     return figure
 
 
@@ -235,32 +256,11 @@ def plot_importance(name: str, importance: Mapping[str, float]) -> Figure:
     """Plot the most important features."""
     shown = list(importance.items())[:MOST_FEATURES]
     figure, axes = make_axes(width_in=8.0, height_in=1.2 + 0.28 * len(shown))
-    words: Callable[[str], str] = lambda text: label_quantity(text.removeprefix("extended_"))  # noqa: E731
-    axes.barh([words(key) for key, _ in reversed(shown)], [value for _, value in reversed(shown)], color=BLUE)
+    names = [label_quantity(key.removeprefix("extended_")) for key, _ in reversed(shown)]
+    axes.barh(names, [value for _, value in reversed(shown)], color=BLUE)
     draw_grid(axes)
     name_axes(axes, title=f"Most important features, {name}", x="increase of the log loss (nat)", y="")
     return figure
-
-
-FORMAT, FORMAT_VERSION = "doppelgait-evaluation", 1
-LISTING = "report.json"
-
-ADAPTATION_TEXT = (
-    "<h2>Adapted to own recordings</h2><p>Balanced accuracy and expected calibration error on targets of which no "
-    "recording was used, after so many recordings of each class were: mean of 50 draws, 80 % of them lie within the "
-    "range. The scored targets depend on the count: compare with the score of the same targets before. Without "
-    "labels: the same recordings without their classes, assuming that "
-    "the classes are as frequent as each other among them. A saved model is adapted to all of them.</p>"
-)
-UNKNOWN_TEXT = (
-    "<h2>Kinds outside the training data</h2><p>Kinds outside the training data, for which no class is correct: how "
-    "well the distance from these data, and the lack of certainty, separate them from the tested rows (area under the "
-    "ROC curve, 0.5: not at all), and the share with a decision for a class.</p>"
-)
-ALARM_TEXT = (
-    "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 % of its class: by "
-    "the rows held back for calibration, as in use, and read off the ROC curve of the tested rows.</p>"
-)
 
 
 def check_folder(folder: Path) -> Path:
@@ -332,26 +332,19 @@ def write_report(found: Evaluation, folder: str | Path, *, figure_format: str = 
     return [target / name for name in [*(name for name, _ in pictures), *vectors, *texts]]
 
 
-def make_page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> str:
+def make_page(document: Document, pictures: Sequence[tuple[str, str]]) -> str:
     """Format the page as HTML."""
     data, other = document["dataset"], document["test_dataset"]
     tested = ", ".join(f"{count} {name}" for name, count in document["tested"].items())
-    rows = []
-    for fold in document["folds"]:
-        words = {key: f"{fold[key]['n']} of {fold[key]['movers']} targets" for key in ("train", "held", "test")}
-        rows.append({"fold": fold["name"], **words})
-    plans = []
-    for facts, role in ((data, "trained on"), (other, "tested on")):
-        if facts is not None:
-            name, identity = escape(str(facts["name"])), escape(str(facts["id"]))
-            plans.append(f"<h2>Plan, {role}: {name}, id {identity}</h2>")
-            if facts["config"] is None:
-                plans[-1] += f"<p>It has no plan ({escape(facts['origin'])}).</p>"
-            else:
-                plans[-1] += f"<pre>{escape(json.dumps(facts['config'], indent=1))}</pre>"
+    folds = [
+        {"fold": fold["name"]}
+        | {key: f"{fold[key]['n']} of {fold[key]['movers']} targets" for key in ("train", "held", "test")}
+        for fold in document["folds"]
+    ]
+    grey = {name for name, model in document["models"].items() if model["kind"]["baseline"]}
+    scores, *sections = _list_sections(document)
     # Show details of the best model, or of the first trained model if no model is the best.
-    trained = [name for name, model in document["models"].items() if not model["kind"]["baseline"]]
-    best, details = str(document["kept"] or trained[0]), []
+    best, details = str(document["kept"] or next(name for name in document["models"] if name not in grey)), []
     for column, models in document["breakdowns"].items():
         shares = [
             {
@@ -359,54 +352,27 @@ def make_page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) 
                 "is": entry["label"],
                 "rows": entry["n"],
                 "targets": entry["movers"],
-                "share right": f"{format_number(entry['share_value'])} ({format_number(entry['low'])} to "
-                f"{format_number(entry['high'])})",
+                "share right": format_interval({**entry, "value": entry["share_value"]}),
             }
             for entry in models[best]
         ]
         details += [f"<h2>{escape(best)} by {escape(column)}</h2>", format_table(shares)]
-    baselines = {name for name, model in document["models"].items() if model["kind"]["baseline"]}
-    alarms, own = format_alarm_table(document), format_adaptation_table(document)
-    strangers = format_unknown_table(document)
     parts = [
         f"<h1>{escape(str(data['name']))}: classification</h1>",
         f"<p>Trained on {_describe(data)}; tested on {_describe(other) if other else 'rows of it'}: {escape(tested)}. "
         f"No tested target is in the training data. doppelgait {escape(document['doppelgait_version'])}, seed "
         f"{document['seed']}.</p>",
         *(f'<p class="note">{escape(note)}</p>' for note in document["notes"]),
-        format_table(
-            [{str(key): text for key, text in row.items()} for row in score_table(document)],
-            grey=baselines,
-        ),
-        "<p>Balanced accuracy with its 95 % interval over targets (bootstrap; exact where there are few targets or no "
-        "errors). <i>Decided</i>: rows that the model does not abstain from, and its balanced accuracy among them. "
-        "Grey: baselines: the most frequent class (chance); the parameters that must not "
-        "predict the class (nuisance); the speed alone.</p>",
-        *([ALARM_TEXT, format_table(alarms, grey=baselines)] if alarms else []),
-        *_format_day_parts(document),
-        *([ADAPTATION_TEXT, format_table(own)] if own else []),
-        *([UNKNOWN_TEXT, format_table(strangers)] if strangers else []),
+        format_table(scores[1], grey=grey),
+        SCORES_TEXT,
+        *(part for words, rows in sections for part in (words, format_table(rows, grey=grey)) if part),
         *(format_figure(name, words) for name, words in pictures),
         *details,
         "<h2>Training and test data</h2>",
-        format_table(rows),
-        *plans,
+        format_table(folds),
+        *(_format_plan(facts, role) for facts, role in ((data, "trained on"), (other, "tested on")) if facts),
     ]
     return format_page(f"{data['name']}: classification", parts)
-
-
-def _format_day_parts(document: Mapping[str, Any]) -> list[str]:
-    """Format the alarm over a day; empty without one."""
-    found = document.get("alarm_day")
-    if found is None:
-        return []
-    words = (
-        f"<h2>The alarm over a day: {escape(found['day'])}</h2><p>{escape(found['model'])} triggers for "
-        f"{escape(found['alarm'])}. False triggers with intervals of 95 % (weighted Poisson counts), over simulated "
-        f"episodes, {found['repeats']} of each kind; missed: episodes that should trigger and do not; time from the "
-        "start of an episode.</p>"
-    )
-    return [words, format_table(format_day(found)), format_table(format_episodes(found))]
 
 
 def _describe(facts: Mapping[str, Any]) -> str:
@@ -414,39 +380,49 @@ def _describe(facts: Mapping[str, Any]) -> str:
     return f"{name} ({facts['n_rows']} rows, {escape(facts['origin'])}, id {identity})"
 
 
-def list_tables(document: Mapping[str, Any]) -> list[list[dict[str, str]]]:
+def _format_plan(facts: Mapping[str, Any], role: str) -> str:
+    plan = f"<pre>{escape(json.dumps(facts['config'], indent=1))}</pre>"
+    if facts["config"] is None:
+        plan = f"<p>It has no plan ({escape(facts['origin'])}).</p>"
+    return f"<h2>Plan, {role}: {escape(str(facts['name']))}, id {escape(str(facts['id']))}</h2>{plan}"
+
+
+def _list_sections(document: Document) -> list[tuple[str, list[dict[str, str]]]]:
+    """List the tables of an evaluation that have rows, with a text before each."""
+    sections = [("", score_table(document)), (ALARM_TEXT, format_alarm_table(document))]
+    if day := document.get("alarm_day"):
+        words = (
+            f"<h2>The alarm over a day: {escape(day['day'])}</h2><p>{escape(day['model'])} triggers for "
+            f"{escape(day['alarm'])}. False triggers with intervals of 95 % (weighted Poisson counts), over simulated "
+            f"episodes, {day['repeats']} of each kind; missed: episodes that should trigger and do not; time from the "
+            "start of an episode.</p>"
+        )
+        sections += [(words, format_day(day)), ("", format_episodes(day))]
+    sections.append((ADAPTATION_TEXT, format_adaptation_table(document)))
+    sections.append((UNKNOWN_TEXT, format_unknown_table(document)))
+    return [section for section in sections if section[1]]
+
+
+def list_tables(document: Document) -> list[list[dict[str, str]]]:
     """List the tables of an evaluation for a terminal."""
-    day = document.get("alarm_day")
-    tables = [
-        score_table(document),
-        format_alarm_table(document),
-        format_adaptation_table(document),
-        format_unknown_table(document),
-        *([] if day is None else [format_day(day), format_episodes(day)]),
-    ]
-    return [rows for rows in tables if rows]
+    return [rows for _, rows in _list_sections(document)]
 
 
-def score_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
+def score_table(document: Document) -> list[dict[str, str]]:
     """Format a row of scores per model."""
     rows = []
     for name, model in document["models"].items():
-        found, decided = model["balanced_accuracy"], model["decided"]
-        curves = [curve["auc"] for curve in model["roc"].values() if curve["auc"] is not None]
-        rows.append(
-            {
-                "model": name,
-                "balanced accuracy": format_interval(found),
-                **({"over seeds": _format_over_seeds(model.get("seeds"))} if document.get("n_seeds", 1) > 1 else {}),
-                **{f"recall {label}": format_number(share["value"]) for label, share in model["recall"].items()},
-                "AUC": format_number(sum(curves) / len(curves) if curves else None),
-                "Brier": format_number(model["brier"]),
-                "ECE": format_number(model["expected_calibration_error"]),
-                "decided": ": ".join(
-                    [format_number(decided["share"], 2), format_number(decided["balanced_accuracy"]["value"])]
-                ),
-            }
-        )
+        decided = model["decided"]
+        areas = [curve["auc"] for curve in model["roc"].values() if curve["auc"] is not None]
+        row = {"model": name, "balanced accuracy": format_interval(model["balanced_accuracy"])}
+        if document.get("n_seeds", 1) > 1:
+            row["over seeds"] = _format_over_seeds(model.get("seeds"))
+        row |= {f"recall {label}": format_number(share["value"]) for label, share in model["recall"].items()}
+        row["AUC"] = format_number(sum(areas) / len(areas) if areas else None)
+        row["Brier"] = format_number(model["brier"])
+        row["ECE"] = format_number(model["expected_calibration_error"])
+        accuracy = format_number(decided["balanced_accuracy"]["value"])
+        rows.append(row | {"decided": f"{format_number(decided['share'], 2)}: {accuracy}"})
     return rows
 
 
@@ -457,50 +433,49 @@ def _format_over_seeds(values: Sequence[float | None] | None) -> str:
     return f"{np.mean(known):.3f} ({min(known):.3f} to {max(known):.3f})" if known else "-"
 
 
-def format_alarm_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
+def format_alarm_table(document: Document) -> list[dict[str, str]]:
     """Format the alarm rates of every class, by model."""
-    rows = []
-    for name, model in document["models"].items():
-        alarm = model["alarm"]
-        for kind, words in (("held", "held rows"), ("curve", "its own curve")):
-            if alarm is not None and kind in alarm:
-                shares = {label: format_interval(share) for label, share in alarm[kind].items()}
-                rows.append({"model": name, "threshold from": words, **shares})
-    return rows
+    sources = {"held": "held rows", "curve": "its own curve"}
+    return [
+        {"model": name, "threshold from": words}
+        | {label: format_interval(share) for label, share in model["alarm"][key].items()}
+        for name, model in document["models"].items()
+        for key, words in sources.items()
+        if key in (model["alarm"] or ())
+    ]
 
 
-def format_adaptation_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
+def format_adaptation_table(document: Document) -> list[dict[str, str]]:
     """Format scores by number of own recordings; empty without any."""
-    rows = []
-    for name, model in document["models"].items():
-        for point in model.get("adaptation", []):
-            span = f"{format_number(point['low'])} to {format_number(point['high'])}"
-            rows.append(
-                {
-                    "model": name,
-                    "own recordings of a class": str(point["n"]),
-                    "balanced accuracy": f"{format_number(point['balanced_accuracy'])} ({span})",
-                    "same targets before": format_number(point["before"]),
-                    "without labels": format_number(point["unlabelled"]),
-                    "targets": f"{point['movers']:.0f}",
-                    "ECE": format_number(point["expected_calibration_error"]),
-                }
-            )
-    return rows
+    return [
+        {
+            "model": name,
+            "own recordings of a class": str(point["n"]),
+            "balanced accuracy": format_interval({**point, "value": point["balanced_accuracy"]}),
+            "same targets before": format_number(point["before"]),
+            "without labels": format_number(point["unlabelled"]),
+            "targets": f"{point['movers']:.0f}",
+            "ECE": format_number(point["expected_calibration_error"]),
+        }
+        for name, model in document["models"].items()
+        for point in model.get("adaptation", [])
+    ]
 
 
-def format_unknown_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
+def format_unknown_table(document: Document) -> list[dict[str, str]]:
     """Format the abstention from unknown kinds; empty without any."""
-    rows = []
-    for name, model in document["models"].items():
-        for label, found in model.get("unknown", {}).items():
-            called = {f"called {other}": format_number(share) for other, share in found["decided"].items()}
-            areas = {
-                "AUC of the distance": format_number(found["auc"]),
-                "AUC of doubt": format_number(found["auc_of_probability"]),
-            }
-            rows.append({"model": name, "kind": label, "rows": str(found["n"]), **areas, **called})
-    return rows
+    return [
+        {
+            "model": name,
+            "kind": label,
+            "rows": str(found["n"]),
+            "AUC of the distance": format_number(found["auc"]),
+            "AUC of doubt": format_number(found["auc_of_probability"]),
+        }
+        | {f"called {other}": format_number(share) for other, share in found["decided"].items()}
+        for name, model in document["models"].items()
+        for label, found in model.get("unknown", {}).items()
+    ]
 
 
 def format_number(value: float | None, digits: int = 3) -> str:

@@ -5,16 +5,17 @@ The intervals allow for rows of one target that are not independent.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from doppelgait.classify.data import ALARM_CLASS, Rows, collect_inputs
-from doppelgait.classify.learned import FloatArray, IntArray
+from doppelgait.classify.data import Rows, collect_inputs, read_numbers, take_rows
+from doppelgait.classify.learned import FloatArray, Inputs, IntArray
 from doppelgait.classify.model import Model, blocked_rows, find_detection_threshold, row_weights
 
 Groups = npt.NDArray[np.str_]
@@ -24,20 +25,14 @@ LEVEL = 0.95
 REPLICATES = 2000
 FEW_GROUPS = 20  # number of targets in a class below which the interval is exact
 CALIBRATION_BINS = 15
+DETECTED_SHARE = 0.95
+MOST_POINTS = 200  # maximum number of stored points of a ROC curve
+MOST_BINS = 12
+NOT_ALL = "not all classes are tested"
+"""Entry instead of an interval if only recalls exist, but no balanced accuracy."""
 
-
-class Interval(NamedTuple):
-    """A 95 % interval and its method: ``exact`` or ``bootstrap``."""
-
-    low: float
-    high: float
-    method: str
-
-
-def count_confusion(labels: IntArray, guesses: IntArray, n_classes: int) -> IntArray:
-    """Count rows by true (first axis) and predicted class."""
-    counts = np.bincount(labels * n_classes + guesses, minlength=n_classes**2)
-    return counts.reshape(n_classes, n_classes).astype(np.int64)
+BREAKDOWNS = ("truth_gait", "motion_kind", "source", "subject", "session")
+MOST_VALUES = 40
 
 
 def compute_recalls(labels: IntArray, right: Bools, n_classes: int) -> FloatArray:
@@ -68,25 +63,24 @@ def wilson_interval(right: Bools, groups: Groups, level: float = LEVEL) -> tuple
     return clopper_pearson_interval(float(right.mean()) * count, float(count), level) if count else (0.0, 1.0)
 
 
-def balanced_interval(
+def score_balanced(
     labels: IntArray, right: Bools, groups: Groups, n_classes: int, rng: np.random.Generator
-) -> Interval:
-    """Return the interval of the balanced accuracy."""
-    present = np.unique(labels)
-    if not present.size:
-        return Interval(0.0, 1.0, "exact")
-    members = [labels == number for number in present]
+) -> dict[str, Any]:
+    """Return the balanced accuracy with its interval, ``bootstrap`` or ``exact``."""
+    members = [labels == number for number in range(n_classes)]
+    if not all(member.any() for member in members):
+        return {"value": None, "low": None, "high": None, "interval": NOT_ALL}
     plain = all(np.unique(groups[member]).size >= FEW_GROUPS and 0 < right[member].mean() < 1 for member in members)
     if plain:
         weights = weight_groups(labels, groups, rng)
         hits = np.stack([weights[:, member] @ right[member].astype(np.float64) for member in members])
         counts = np.stack([weights[:, member].sum(axis=1) for member in members])
         low, high = np.quantile((hits / np.maximum(counts, 1e-12)).mean(axis=0), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-        return Interval(float(low), float(high), "bootstrap")
-    level = 1.0 - (1.0 - LEVEL) / present.size
-    bounds = [wilson_interval(right[member], groups[member], level) for member in members]
-    low, high = np.mean(bounds, axis=0)
-    return Interval(float(low), float(high), "exact")
+    else:
+        level = 1.0 - (1.0 - LEVEL) / n_classes
+        low, high = np.mean([wilson_interval(right[member], groups[member], level) for member in members], axis=0)
+    ends = {"low": float(low), "high": float(high), "interval": "bootstrap" if plain else "exact"}
+    return {"value": balanced_accuracy(labels, right, n_classes), **ends}
 
 
 def weight_groups(labels: IntArray, groups: Groups, rng: np.random.Generator, *, count: int = REPLICATES) -> FloatArray:
@@ -117,32 +111,20 @@ def auc(scores: FloatArray, positive: Bools, weights: FloatArray | None = None) 
     return float((above * (np.cumsum(below) - below / 2.0)).sum() / total)
 
 
-def auc_interval(
-    scores: FloatArray, positive: Bools, groups: Groups, rng: np.random.Generator
-) -> tuple[float, float] | None:
+def auc_interval(scores: FloatArray, positive: Bools, groups: Groups, *, seed: int) -> tuple[float, float] | None:
     """Return the AUC's bootstrap interval over targets, or None."""
     few = min(np.unique(groups[positive]).size, np.unique(groups[~positive]).size) < FEW_GROUPS
     if few or auc(scores, positive) in (0.0, 1.0):
         return None
-    weights = weight_groups(positive.astype(np.int64), groups, rng, count=500)
-    low, high = np.quantile([auc(scores, positive, row) for row in weights], [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return bootstrap_auc(scores, positive, groups, seed=seed, count=500)
+
+
+def bootstrap_auc(scores: FloatArray, positive: Bools, groups: Groups, *, seed: int, count: int) -> tuple[float, float]:
+    """Return the ends of the AUC's interval over resampled groups."""
+    rng = np.random.default_rng(seed)
+    weights = weight_groups(positive.astype(np.int64), groups, rng, count=count)
+    low, high = np.nanquantile([auc(scores, positive, row) for row in weights], [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return float(low), float(high)
-
-
-def roc(scores: FloatArray, positive: Bools) -> tuple[FloatArray, FloatArray]:
-    """Return false and true positive rates."""
-    order = np.argsort(-scores, kind="stable")
-    last = np.append(np.flatnonzero(np.diff(scores[order])), scores.size - 1)
-    hits, alarms = np.cumsum(positive[order])[last], np.cumsum(~positive[order])[last]
-    found = [np.concatenate([[0.0], counts / max(counts[-1], 1)]) for counts in (alarms, hits)]
-    return found[0], found[1]
-
-
-def brier(probability: FloatArray, labels: IntArray, weights: FloatArray) -> float:
-    """Return the Brier score, from 0 to 1."""
-    wrong = probability.copy()
-    wrong[np.arange(labels.size), labels] -= 1.0
-    return float(np.average(0.5 * (wrong**2).sum(axis=1), weights=weights))
 
 
 def bin_reliability(confidence: FloatArray, right: Bools, weights: FloatArray, lowest: float) -> list[dict[str, float]]:
@@ -168,25 +150,13 @@ def expected_calibration_error(bins: list[dict[str, float]]) -> float:
     return float(sum(entry["share"] * abs(entry["confidence"] - entry["accuracy"]) for entry in bins))
 
 
-DETECTED_SHARE = 0.95
-MOST_POINTS = 200  # maximum number of stored points of a ROC curve
-MOST_BINS = 12
-NOT_ALL = "not all classes are tested"
-"""Entry instead of an interval if only recalls exist, but no balanced accuracy."""
-
-
-@dataclass(frozen=True, eq=False)
-class Answers:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Answers(Rows):
     """Predictions of a model for test rows."""
 
-    index: pd.DataFrame
-    labels: IntArray
-    groups: Groups
-    classes: tuple[str, ...]
     probability: FloatArray
     threshold: FloatArray
     decided: Bools
-    alarm: str = ALARM_CLASS
 
     @property
     def guesses(self) -> IntArray:
@@ -199,95 +169,94 @@ class Answers:
         return np.asarray(self.guesses == self.labels)
 
 
+def answer_rows(model: Model, rows: Rows, values: Inputs) -> Answers:
+    """Predict rows, and decide where nothing prevents it."""
+    probability, threshold = model.probability(values), model.facts.alarm_threshold
+    return Answers(
+        **vars(rows),
+        probability=probability,
+        threshold=np.full(len(rows), np.nan if threshold is None else threshold),
+        decided=~blocked_rows(rows, values, model) & (probability.max(axis=1) >= model.facts.abstain_below),
+    )
+
+
 def compute_scores(answers: Answers, *, seed: int) -> dict[str, Any]:
     """Compute every overall score of a model, for JSON."""
-    n_classes = len(answers.classes)
-    weights = row_weights(answers.labels, n_classes)
+    from sklearn.metrics import confusion_matrix
+
+    classes, n_classes, labels = answers.classes, len(answers.classes), answers.labels
+    weights = row_weights(labels, n_classes)
     bins = bin_reliability(answers.probability.max(axis=1), answers.right, weights, 1.0 / n_classes)
-    detected = answers.classes
+    recalls = {name: score_share(answers.right[:0], answers.groups[:0]) for name in classes} | score_recalls(answers)
+    wrong = answers.probability - np.eye(n_classes)[labels]
+    detected = classes
     if n_classes <= 2:  # one curve, of the alarm class if it exists
-        detected = (answers.alarm,) if answers.alarm in answers.classes else answers.classes[:1]
-    curves: dict[str, dict[str, Any]] = {}
-    for name in detected:
-        number = answers.classes.index(name)
-        probability, positive = answers.probability[:, number], answers.labels == number
-        if not 0 < positive.sum() < positive.size:
-            curves[name] = {"auc": float("nan"), "low": None, "high": None, "false": [], "true": []}
-            continue
-        low, high = auc_interval(probability, positive, answers.groups, np.random.default_rng(seed)) or (None, None)
-        false, true = roc(probability, positive)
-        kept = np.unique(np.linspace(0, false.size - 1, MOST_POINTS).round().astype(int))
-        area, points = auc(probability, positive), {"false": false[kept].tolist(), "true": true[kept].tolist()}
-        curves[name] = {"auc": area, "low": low, "high": high, **points}
+        detected = (answers.alarm,) if answers.alarm in classes else classes[:1]
     return {
-        "balanced_accuracy": _score_balanced(answers, np.ones(len(answers.labels), dtype=bool), seed),
+        "balanced_accuracy": _score_balanced(answers, seed),
         "accuracy": float(answers.right.mean()),
-        "recall": {name: _score_share(answers, answers.labels == n) for n, name in enumerate(answers.classes)},
-        "confusion": count_confusion(answers.labels, answers.guesses, n_classes).tolist(),
-        "roc": curves,
-        "brier": brier(answers.probability, answers.labels, weights),
+        "recall": recalls,
+        "confusion": confusion_matrix(labels, answers.guesses, labels=range(n_classes)).tolist(),
+        "roc": {name: _compute_curve(answers, classes.index(name), seed) for name in detected},
+        "brier": float(np.average(0.5 * (wrong**2).sum(axis=1), weights=weights)),
         "expected_calibration_error": expected_calibration_error(bins),
         "reliability": bins,
         "alarm": find_alarm_point(answers),
         "decided": {
             "share": float(answers.decided.mean()),
             "n": int(answers.decided.sum()),
-            "balanced_accuracy": _score_balanced(answers, answers.decided, seed),
+            "balanced_accuracy": _score_balanced(take_rows(answers, answers.decided), seed),
         },
     }
 
 
-def _score_balanced(answers: Answers, chosen: Bools, seed: int) -> dict[str, Any]:
-    labels, right = answers.labels[chosen], answers.right[chosen]
-    n_classes = len(answers.classes)
-    if np.unique(labels).size < n_classes:
-        return {"value": None, "low": None, "high": None, "interval": NOT_ALL}
-    found = balanced_interval(labels, right, answers.groups[chosen], n_classes, np.random.default_rng(seed))
-    value = balanced_accuracy(labels, right, n_classes)
-    return {"value": value, "low": found.low, "high": found.high, "interval": found.method}
+def _compute_curve(answers: Answers, number: int, seed: int) -> dict[str, Any]:
+    """Return the ROC curve of a class, with the interval of its area."""
+    from sklearn.metrics import roc_curve
+
+    probability, positive = answers.probability[:, number], answers.labels == number
+    if not 0 < positive.sum() < positive.size:
+        return {"auc": float("nan"), "low": None, "high": None, "false": [], "true": []}
+    low, high = auc_interval(probability, positive, answers.groups, seed=seed) or (None, None)
+    false, true, _ = roc_curve(positive, probability, drop_intermediate=False)
+    kept = np.unique(np.linspace(0, false.size - 1, MOST_POINTS).round().astype(int))
+    points = {"false": false[kept].tolist(), "true": true[kept].tolist()}
+    return {"auc": auc(probability, positive), "low": low, "high": high, **points}
 
 
-def _score_share(answers: Answers, chosen: Bools) -> dict[str, Any]:
-    """Return the accuracy of some rows with its exact interval."""
-    low, high = wilson_interval(answers.right[chosen], answers.groups[chosen])
-    count = int(chosen.sum())
-    return {
-        "value": float(answers.right[chosen].mean()) if count else float("nan"),
-        "low": low,
-        "high": high,
-        "n": count,
-        "movers": int(np.unique(answers.groups[chosen]).size),
-    }
+def _score_balanced(answers: Answers, seed: int) -> dict[str, Any]:
+    rng = np.random.default_rng(seed)
+    return score_balanced(answers.labels, answers.right, answers.groups, len(answers.classes), rng)
+
+
+def score_share(right: Bools, groups: Groups) -> dict[str, Any]:
+    """Return a share of rows with its exact interval."""
+    low, high = wilson_interval(right, groups)
+    counts = {"n": right.size, "movers": np.unique(groups).size}
+    return {"value": float(right.mean()) if right.size else float("nan"), "low": low, "high": high, **counts}
+
+
+def score_recalls(answers: Answers, hits: Bools | None = None) -> dict[str, Any]:
+    """Return the share of every present class that is right, or is hit."""
+    hits = answers.right if hits is None else hits
+    members = {name: answers.labels == number for number, name in enumerate(answers.classes)}
+    present = {name: own for name, own in members.items() if own.any()}
+    return {name: score_share(hits[own], answers.groups[own]) for name, own in present.items()}
 
 
 def find_alarm_point(answers: Answers) -> dict[str, Any] | None:
-    """Compute alarm rates at 95 % detection, or None."""
-    # ``held``: with the threshold of the held-out rows, as in use
+    """Compute the share of every class that triggers at 95 % detection, or None."""
     if answers.alarm not in answers.classes:
         return None
     number = answers.classes.index(answers.alarm)
     probability, positive = answers.probability[:, number], answers.labels == number
     if not 0 < positive.sum() < positive.size:
         return None
-    own = find_detection_threshold(probability, positive, DETECTED_SHARE)
-    found: dict[str, Any] = {
-        "detected_share": DETECTED_SHARE,
-        "curve": _compute_alarm_rates(answers, probability >= own),
-    }
+    thresholds = {"curve": np.full(len(answers), find_detection_threshold(probability, positive, DETECTED_SHARE))}
     if np.isfinite(answers.threshold).all():
-        found["held"] = _compute_alarm_rates(answers, probability >= answers.threshold)
-    return found
-
-
-def _compute_alarm_rates(answers: Answers, triggers: Bools) -> dict[str, Any]:
-    """Return the share of every class that triggers."""
-    found = {}
-    for number, name in enumerate(answers.classes):
-        member = answers.labels == number
-        if member.any():
-            low, high = wilson_interval(triggers[member], answers.groups[member])
-            found[name] = {"value": float(triggers[member].mean()), "low": low, "high": high, "n": int(member.sum())}
-    return found
+        thresholds["held"] = answers.threshold  # of the held-out rows, as in use
+    rates = {key: score_recalls(answers, probability >= threshold) for key, threshold in thresholds.items()}
+    return {"detected_share": DETECTED_SHARE, **rates}
 
 
 @dataclass(frozen=True)
@@ -318,7 +287,7 @@ def find_condition_values(index: pd.DataFrame, condition: Condition) -> tuple[st
     for column in condition.columns:
         if column not in index:
             continue
-        values = pd.to_numeric(index[column], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+        values = read_numbers(index[column])
         values = np.where(np.isfinite(values), values, np.nan)
         if np.isfinite(values).mean() < 0.5:
             continue
@@ -344,65 +313,64 @@ def score_bins(answers: Answers, values: FloatArray, edges: FloatArray, *, seed:
     """Return balanced accuracy and recalls in bins of a condition."""
     found = []
     for low, high in pairwise(edges.tolist()):
-        inside = (values >= low) & (values < high)
-        if inside.any():
-            found.append(
-                {
-                    "from": float(low),
-                    "to": float(high),
-                    "n": int(inside.sum()),
-                    **_score_balanced(answers, inside, seed),
-                    "recall": {
-                        name: _score_share(answers, inside & (answers.labels == n))
-                        for n, name in enumerate(answers.classes)
-                        if (inside & (answers.labels == n)).any()
-                    },
-                }
-            )
+        inside = take_rows(answers, (values >= low) & (values < high))
+        if len(inside):
+            span = {"from": float(low), "to": float(high), "n": len(inside)}
+            found.append({**span, **_score_balanced(inside, seed), "recall": score_recalls(inside)})
     return found
-
-
-BREAKDOWNS = ("truth_gait", "motion_kind", "source", "subject", "session")
-MOST_VALUES = 40
 
 
 def score_groups(answers: Answers, texts: npt.NDArray[np.str_]) -> list[dict[str, Any]]:
     """Return every class's accuracy per value of a column."""
     return [
-        {"value": value, "label": name, **{f"share_{k}" if k == "value" else k: v for k, v in shares.items()}}
+        {**share, "value": value, "label": name, "share_value": share["value"]}
         for value in np.unique(texts).tolist()
-        for number, name in enumerate(answers.classes)
-        if (member := (texts == value) & (answers.labels == number)).any()
-        for shares in (_score_share(answers, member),)
+        for name, share in score_recalls(take_rows(answers, texts == value)).items()
     ]
 
 
-def open_set_scores(model: Model, tested: Any, unknown: Rows) -> dict[str, Any]:
+def open_set_scores(model: Model, tested: Inputs, unknown: Rows) -> dict[str, Any]:
     """Score the abstention from every unknown kind."""
-    table = collect_inputs(unknown, model.facts.features)
-    known_rank, known_sure = _score_novelty(model, tested)
-    rank, sure = _score_novelty(model, table.values)
-    blocked = blocked_rows(unknown, np.arange(len(unknown)), table.values, model)
-    decided = ~blocked & (sure >= model.facts.abstain_below)
-    guesses = model.probability(table.values).argmax(axis=1)
-    found: dict[str, Any] = {}
-    labels = unknown.index["label"].to_numpy(dtype=str)
-    for label in np.unique(labels):
-        own = labels == label
-        novel = np.concatenate([np.zeros(len(known_sure), dtype=bool), np.ones(int(own.sum()), dtype=bool)])
-        shares = {
-            name: float((decided & (guesses == number))[own].mean()) for number, name in enumerate(unknown.classes)
-        }
-        found[str(label)] = {
-            "n": int(own.sum()),
-            "auc": None if rank is None or known_rank is None else auc(np.concatenate([known_rank, rank[own]]), novel),
-            "auc_of_probability": auc(-np.concatenate([known_sure, sure[own]]), novel),
-            "decided": shares,
-        }
+    values = collect_inputs(unknown, model.facts.features).values
+    answers, kinds, found = answer_rows(model, unknown, values), unknown.index["label"].to_numpy(dtype=str), {}
+    doubt = [-model.probability(tested).max(axis=1), -answers.probability.max(axis=1)]
+    distance = None if model.novelty is None else [model.novelty.distance(each) for each in (tested, values)]
+    for kind in np.unique(kinds):
+        own = take_rows(answers, kinds == kind)
+        novel = np.arange(len(tested) + len(own)) >= len(tested)
+        areas = [
+            None if far is None else auc(np.concatenate([far[0], far[1][kinds == kind]]), novel)
+            for far in (distance, doubt)
+        ]
+        shares = {name: float((own.decided & (own.guesses == n)).mean()) for n, name in enumerate(own.classes)}
+        found[str(kind)] = {"n": len(own), "auc": areas[0], "auc_of_probability": areas[1], "decided": shares}
     return found
 
 
-def _score_novelty(model: Model, values: Any) -> tuple[FloatArray | None, FloatArray]:
-    """Return distance if measured, and highest probability."""
-    far = None if model.novelty is None else model.novelty.distance(values)
-    return far, np.asarray(model.probability(values).max(axis=1))
+def score_conditions(answers: Mapping[str, Answers], notes: list[str], seed: int) -> dict[str, Any]:
+    """Compute the accuracy of every model by known, varying condition."""
+    index, found = next(iter(answers.values())).index, {}
+    for condition in CONDITIONS:
+        column, values = find_condition_values(index, condition)
+        edges = make_bin_edges(values, condition.step)
+        if not column:
+            notes.append(f"accuracy against {condition.words}: none of {', '.join(condition.columns)} is known")
+            continue
+        if edges.size < 3:
+            notes.append(f"accuracy against {condition.words}: {column} is {edges[0]:g} to {edges[-1]:g} in all rows")
+        curves = {
+            name: score_bins(part, values, edges, seed=seed) for name, part in answers.items() if name != "chance"
+        }
+        found[condition.name] = {"words": condition.words, "column": column, "models": curves}
+    return found
+
+
+def score_breakdowns(answers: Mapping[str, Answers]) -> dict[str, Any]:
+    """Compute every accuracy by columns with a few different values."""
+    index, found = next(iter(answers.values())).index, {}
+    for column in BREAKDOWNS:
+        if column in index:
+            texts = index[column].fillna("unknown").astype(str).to_numpy(dtype=str)
+            if 2 <= np.unique(texts).size <= MOST_VALUES:
+                found[column] = {name: score_groups(part, texts) for name, part in answers.items()}
+    return found

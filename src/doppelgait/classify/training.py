@@ -18,32 +18,17 @@ from doppelgait.classify.learned import (
     LabelledRows,
     Learned,
     Linear,
-    Network,
     Novelty,
     Trees,
-    log_from,
     select_features,
+    select_inputs,
     select_levels,
 )
 from doppelgait.classify.model import calibrate, row_weights
+from doppelgait.classify.scorer import take_logarithms
 from doppelgait.core.errors import ConfigError, DatasetError, warn_caller
 from doppelgait.core.plugins import Group, plugin
 from doppelgait.core.worker import limit_blas_threads
-
-
-class Trainer(Protocol):
-    """A plug-in of the group ``classifier``: a function that trains."""
-
-    def __call__(self, train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Learned:
-        """Train on ``train``."""
-        # the rows in ``held``, of other targets, only decide when to stop
-
-
-CLASSIFIERS: Group[Trainer] = Group(
-    "classifier", built_in=("doppelgait.classify.training", "doppelgait.classify.network")
-)
-"""Classifiers by name. Facts: ``features`` (``six``, ``extended``, ``speed``, ``signature``, ...) are its inputs,
-``learner`` its name in reports, ``baseline`` marks one that is for comparison only."""
 
 BUILT_IN = (
     "six-logistic",
@@ -61,14 +46,6 @@ DEFAULT = ("six-logistic", *MEMBERS, "ensemble")  # models that are trained wher
 BASELINES = ("chance", "nuisance", "speed")
 """Reported with every score: the most frequent class, the nuisance parameters alone, and the speed alone."""
 
-
-class Kind(NamedTuple):
-    """Inputs and training method of a model."""
-
-    features: str
-    learner: str
-
-
 BOOSTING = {
     "max_iter": 150,
     "learning_rate": 0.08,
@@ -79,18 +56,15 @@ BOOSTING = {
 }
 """Chosen once, before any test set was used."""
 
-
 LOG_FLOOR = 0.03
 """Smallest value that the logarithm distinguishes, over the median. A round number for the scale of what is nearly
 zero, assumed; recordings of both halves were in view when it was set."""
-
 SVM_GAMMA, SVM_C = 0.5, 30.0
 """Kernel exp(-SVM_GAMMA / number of columns * distance²) and cost of an error. Measured: the highest balanced accuracy
 of 6 x 7 pairs, 0.03 to 3 and 0.3 to 1000, when four datasets of models were cross-validated by bodies (95.4 %; 0.3 to
 1 and 10 to 100 gave 95.2 or more, logistic regression 94.3). The log loss there favours ever more linear machines."""
 SVM_MOST_ROWS = 20_000
 """Measured on one busy core: 3 s with 10 000 rows of two classes, 20 s with 20 000."""
-
 LEVELS = 500  # maximum number of stored quantiles of the held-out distances
 SHRINKAGE = 0.05
 """Share of the identity in the covariance of the standardised columns, assumed: a column without spread in training
@@ -100,6 +74,28 @@ _OTHER_TREES = (
     "scikit-learn {version} stores the trees of HistGradientBoostingClassifier in another form ({reason}); install "
     "another version, or train models without trees: --models six-logistic"
 )
+
+
+class Trainer(Protocol):
+    """A plug-in of the group ``classifier``: a function that trains."""
+
+    def __call__(self, train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Learned:
+        """Train on ``train``."""
+        # the rows in ``held``, of other targets, only decide when to stop
+
+
+CLASSIFIERS: Group[Trainer] = Group(
+    "classifier", built_in=("doppelgait.classify.training", "doppelgait.classify.network")
+)
+"""Classifiers by name. Facts: ``features`` (``six``, ``extended``, ``speed``, ``signature``, ...) are its inputs,
+``learner`` its name in reports, ``baseline`` marks one that is for comparison only."""
+
+
+class Kind(NamedTuple):
+    """Inputs and training method of a model."""
+
+    features: str
+    learner: str
 
 
 def find_kind(name: str) -> Kind:
@@ -135,8 +131,8 @@ def join(members: Sequence[Sequence[Learned]], held: LabelledRows, *, n_classes:
     for kind in members:
         found: dict[bytes, tuple[Learned, FloatArray]] = {}
         for number, member in enumerate(kind):
-            view = select_levels if isinstance(member, Network) else select_features
-            answers = member.log_probability(view(held.values)) if held.labels.size else np.zeros((0, n_classes))
+            values = select_inputs(member, held.values)
+            answers = member.log_probability(values) if held.labels.size else np.zeros((0, n_classes))
             found.setdefault(answers.tobytes() or bytes([number]), (member, answers))
         for member, answers in found.values():
             joined.append(member)
@@ -209,7 +205,7 @@ def standardise_columns(values: Inputs) -> tuple[FloatArray, IntArray, FloatArra
     known = [column[~np.isnan(column)] for column in values.T]
     floor = np.array([LOG_FLOOR * np.median(column) if column.size and column.min() >= 0 else 0.0 for column in known])
     imputer, scaler = SimpleImputer(strategy="median", add_indicator=True, keep_empty_features=True), StandardScaler()
-    columns = scaler.fit_transform(imputer.fit_transform(log_from(values, floor)))
+    columns = scaler.fit_transform(imputer.fit_transform(take_logarithms(values, floor)))
     told = np.asarray(imputer.indicator_.features_, dtype=np.int64)
     return imputer.statistics_, told, scaler.mean_, scaler.scale_, floor, columns
 

@@ -20,12 +20,11 @@ from threadpoolctl import threadpool_limits
 
 from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, collect_inputs, collect_rows
 from doppelgait.classify.decide import TargetInputs, classify, decide
-from doppelgait.classify.evaluation import evaluate
+from doppelgait.classify.evaluation import evaluate, leave_out, split_into_folds, use_own_splits
 from doppelgait.classify.learned import LabelledRows
 from doppelgait.classify.model import row_weights
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.classify.report import format_adaptation_table, format_unknown_table, make_figures, write_report
-from doppelgait.classify.runs import leave_out, split_into_folds, use_own_splits
 from doppelgait.classify.training import BOOSTING, SVM_C, SVM_GAMMA, Kind, fit
 from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.dataset.open import Dataset

@@ -140,6 +140,9 @@ class Sources:
         self._tables.append(f"static const {kind} {name}[{flat.size}] = {{\n{_wrap(words)}\n}};")
         return name
 
+    def _add_arrays(self, name: str, kind: str, **values: Any) -> list[str]:
+        return [self._add_array(f"{name}_{key}", kind, each) for key, each in values.items()]
+
     def _make_tables(self) -> str:
         facts, device, rows = self.model.facts, self.device, []
         named = ", ".join(f'"{name}"' for name in facts.classes)
@@ -147,101 +150,89 @@ class Sources:
         if facts.names:
             words = _wrap([f'"{name}"' for name in facts.names])
             self._tables.append(f"const char *const dg_feature_names[DG_FEATURES] = {{\n{words}\n}};")
-        makers: dict[type, Any] = {
-            Constant: self._add_shares,
-            Linear: self._add_columns,
-            Kernel: self._add_columns,
-            Trees: self._add_trees,
-            Network: self._add_network,
-            IntegerNetwork: self._add_network,
-        }
         for number, (learned, weight, slope, shift) in enumerate(self.parts):
-            kind, model = makers[type(learned)](learned, f"m{number}")
+            kind, model = self._add_member(learned, f"m{number}")
             moved = self._add_array(f"m{number}_shift", "float", shift)
             rows.append(f"    {{{kind}, {model}, {_format_float(weight)}, {_format_float(slope)}, {moved}}}")
         self._tables.append("static const dg_part parts[DG_MEMBERS] = {\n" + ",\n".join(rows) + "\n};")
         if facts.names or len(self.networks) == len(self.parts):
-            self._tables.append(
-                f"static const float calibration_slope = {_format_float(self.model.calibration.slope)};"
-            )
+            text = _format_float(self.model.calibration.slope)
+            self._tables.append(f"static const float calibration_slope = {text};")
             self._add_array("calibration_shift", "float", self.model.calibration.shift)
         if device is not None:
-            turns = 2.0 * np.pi * np.arange(device.n_doppler) / device.n_doppler
             self._add_array("taper", "float", device.taper)
             # store integer and fraction separately: the rounding of their sum would be visible next to a strong row
             self._add_array("edge_rows", "int16_t", np.floor(device.row_edges))
             self._add_array("edge_parts", "float", device.row_edges - np.floor(device.row_edges))
             self._add_array("picture_starts", "int16_t", device.picture_starts)
             self._add_array("factors", "int16_t", device.factors)
-            pairs = [
-                f"{{{_format_float(c)}, {_format_float(s)}}}" for c, s in zip(np.cos(turns), np.sin(turns), strict=True)
-            ]
+            turns = np.exp(2j * np.pi * np.arange(device.n_doppler) / device.n_doppler)
+            pairs = _wrap([f"{{{_format_float(each.real)}, {_format_float(each.imag)}}}" for each in turns])
             self.flash_bytes += 8 * turns.size
-            self._tables.append(f"static const float turns[DG_DOPPLER][2] = {{\n{_wrap(pairs)}\n}};")
+            self._tables.append(f"static const float turns[DG_DOPPLER][2] = {{\n{pairs}\n}};")
         return "\n\n".join(self._tables)
+
+    def _add_member(self, learned: Any, name: str) -> tuple[int, str]:
+        """Add the tables of a trained model; return the number of its kind and its pointer."""
+        match learned:
+            case Constant():
+                return 0, self._add_array(f"{name}_shares", "float", learned.log_share)
+            case Linear() | Kernel():
+                return 1, self._add_struct("dg_columns", name, self._add_columns(learned, name))
+            case Trees():
+                return 2, self._add_struct("dg_trees", name, self._add_trees(learned, name))
+            case _:
+                return 3, self._add_struct("dg_network", name, self._add_network(learned, name))
 
     def _add_struct(self, kind: str, name: str, values: Iterable[Any]) -> str:
         self._tables.append(f"static const {kind} {name} = {{{', '.join(map(str, values))}}};")
         return f"&{name}"
 
-    def _add_shares(self, learned: Constant, name: str) -> tuple[int, str]:
-        return 0, self._add_array(f"{name}_shares", "float", learned.log_share)
-
-    def _add_columns(self, learned: Linear | Kernel, name: str) -> tuple[int, str]:
+    def _add_columns(self, learned: Linear | Kernel, name: str) -> list[Any]:
         floor = learned.floor if learned.floor.size else np.zeros(learned.median.size)
         told = self._add_array(f"{name}_told", "int16_t", learned.told) if learned.told.size else "0"
         standard = {"floor": floor, "median": learned.median, "mean": learned.mean, "scale": learned.scale}
-        arrays = [self._add_array(f"{name}_{key}", "float", values) for key, values in standard.items()]
+        arrays = self._add_arrays(name, "float", **standard)
         support, count = "0", 0
         if isinstance(learned, Kernel):
             support, count = self._add_array(f"{name}_support", "float", learned.support), len(learned.support)
-        scored = [self._add_array(f"{name}_{key}", "float", getattr(learned, key)) for key in ("weight", "bias")]
-        values = [*arrays, told, learned.told.size, support, *scored, count, learned.bias.size]
-        return 1, self._add_struct("dg_columns", name, values)
+        scored = self._add_arrays(name, "float", weight=learned.weight, bias=learned.bias)
+        return [*arrays, told, learned.told.size, support, *scored, count, learned.bias.size]
 
-    def _add_trees(self, learned: Trees, name: str) -> tuple[int, str]:
+    def _add_trees(self, learned: Trees, name: str) -> list[Any]:
         inner = learned.feature >= 0
         value = np.where(inner, np.clip(round_threshold(learned.threshold), -3e38, 3e38), learned.value)
         arrays = [
-            self._add_array(f"{name}_feature", "int16_t", learned.feature),
-            self._add_array(f"{name}_value", "float", value),
-            self._add_array(f"{name}_unknown_left", "uint8_t", learned.unknown_left),
-            *(self._add_array(f"{name}_{key}", "dg_node", getattr(learned, key)) for key in ("left", "right", "root")),
+            *self._add_arrays(name, "int16_t", feature=learned.feature),
+            *self._add_arrays(name, "float", value=value),
+            *self._add_arrays(name, "uint8_t", unknown_left=learned.unknown_left),
+            *self._add_arrays(name, "dg_node", left=learned.left, right=learned.right, root=learned.root),
         ]
-        start = self._add_array(f"{name}_start", "float", learned.start)
-        return 2, self._add_struct("dg_trees", name, [*arrays, *learned.root.shape, start])
+        return [*arrays, *learned.root.shape, *self._add_arrays(name, "float", start=learned.start)]
 
-    def _add_network(self, learned: Network, name: str) -> tuple[int, str]:
+    def _add_network(self, learned: Network, name: str) -> list[Any]:
         rows = []
-        for n, layer in enumerate(zip(learned.kernels, learned.scales, learned.biases, strict=True)):
-            kernel: Any
-            others: list[Any]
-            if isinstance(learned, IntegerNetwork):
-                kernel, multiplier, offset, shift = learned.layers[n]
-                others = [
-                    self._add_array(f"{name}_multiplier{n}", "int32_t", multiplier),
-                    self._add_array(f"{name}_offset{n}", "int64_t", offset),
-                    shift,
-                ]
-            else:
-                kernel, scale, bias = layer
-                others = [
-                    self._add_array(f"{name}_scale{n}", "float", scale),
-                    self._add_array(f"{name}_bias{n}", "float", bias),
-                ]
-            weights = self._add_array(f"{name}_kernel{n}", "dg_weight", kernel.transpose(0, 2, 3, 1))
-            rows.append(f"    {{{', '.join(map(str, [weights, *others, kernel.shape[1], kernel.shape[0]]))}}}")
-        self._tables.append(f"static const dg_layer {name}_layers[DG_LAYERS] = {{\n" + ",\n".join(rows) + "\n};")
         size = learned.patch.n_velocity * learned.patch.n_time / 4 ** len(learned.kernels)
         last: tuple[Any, Any] = (learned.weight, np.full(learned.bias.size, 1.0 / size))
         if isinstance(learned, IntegerNetwork):
             last = (learned.last_weight, learned.last_scale)
-        arrays = [
-            self._add_array(f"{name}_weight", "dg_weight", last[0]),
-            self._add_array(f"{name}_scale", "float", last[1]),
-            self._add_array(f"{name}_bias", "float", learned.bias),
-        ]
-        return 3, self._add_struct("dg_network", name, [f"{name}_layers", *arrays])
+        for n in range(len(learned.kernels)):
+            kernel: Any = learned.kernels[n]
+            if isinstance(learned, IntegerNetwork):
+                kernel, multiplier, offset, shift = learned.layers[n]
+                others = [
+                    *self._add_arrays(name, "int32_t", **{f"multiplier{n}": multiplier}),
+                    *self._add_arrays(name, "int64_t", **{f"offset{n}": offset}),
+                    str(shift),
+                ]
+            else:
+                scales = {f"scale{n}": learned.scales[n], f"bias{n}": learned.biases[n]}
+                others = self._add_arrays(name, "float", **scales)
+            weights = self._add_array(f"{name}_kernel{n}", "dg_weight", kernel.transpose(0, 2, 3, 1))
+            rows.append(f"    {{{', '.join([weights, *others, str(kernel.shape[1]), str(kernel.shape[0])])}}}")
+        self._tables.append(f"static const dg_layer {name}_layers[DG_LAYERS] = {{\n" + ",\n".join(rows) + "\n};")
+        weight = self._add_arrays(name, "dg_weight", weight=last[0])
+        return [f"{name}_layers", *weight, *self._add_arrays(name, "float", scale=last[1], bias=learned.bias)]
 
 
 def _read(name: str) -> str:
@@ -249,9 +240,7 @@ def _read(name: str) -> str:
 
 
 def _format_float(value: float) -> str:
-    text = repr(float(np.float32(value)))
-    short = str(np.float32(value))
-    text = short if np.float32(float(short)) == np.float32(value) else text
+    text = str(np.float32(value))
     return f"{text}f" if "." in text or "e" in text else f"{text}.0f"
 
 

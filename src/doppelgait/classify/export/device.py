@@ -23,6 +23,10 @@ from doppelgait.processing.patches import Levels, Patch, convolve_and_pool, cut_
 
 SAME = 1.01  # maximum ratio of the limits of a condition that counts as one number
 
+LARGEST = 127
+MULTIPLIER_BITS = 30
+FURTHEST_SHIFT = 40
+
 
 @dataclass(frozen=True)
 class CSettings:
@@ -193,11 +197,6 @@ def count_work(device: Device, networks: list[Network]) -> dict[str, float]:
         "network_per_window": 2.0 * len(device.picture_starts) * picture,
         "network_per_s": 2.0 * len(device.picture_starts) * picture * device.prf_hz / (device.hop * device.n_stft),
     }
-
-
-LARGEST = 127
-MULTIPLIER_BITS = 30
-FURTHEST_SHIFT = 40
 
 
 class IntegerLayer(NamedTuple):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from doppelgait import __version__
-from doppelgait.classify.learned import Columns, Constant, Ensemble, Kernel, Learned, Linear, Network, Trees
+from doppelgait.classify.learned import Constant, Ensemble, Kernel, Learned, Linear, Network, Trees
 from doppelgait.classify.model import Model
 from doppelgait.core.errors import ConfigError
 
@@ -60,6 +60,10 @@ class _Graph:
         self.constants.append(self.onnx.numpy_helper.from_array(np.ascontiguousarray(values, dtype=dtype), name))
         return name
 
+    def combine(self, kind: str, value: str, constant: Any, name: str, dtype: Any = np.float64) -> str:
+        """Add a node of a value and a constant."""
+        return self.add(kind, [value, self.add_constant(constant, name, dtype)])
+
     def member(self, learned: Learned, name: str) -> str:
         """Add a trained model; return its log-probabilities in double precision."""
         match learned:
@@ -77,8 +81,8 @@ class _Graph:
                 return self.add_ensemble(learned, name)
 
     def calibrated(self, log_probability: str, slope: float, shift: Any, name: str) -> str:
-        scaled = self.add("Mul", [log_probability, self.add_constant(slope, f"{name}_slope")])
-        return self.add("LogSoftmax", [self.add("Add", [scaled, self.add_constant(shift, f"{name}_shift")])], axis=1)
+        scaled = self.combine("Mul", log_probability, slope, f"{name}_slope")
+        return self.add("LogSoftmax", [self.combine("Add", scaled, shift, f"{name}_shift")], axis=1)
 
     def features(self) -> str:
         if not self.model.facts.names:
@@ -88,9 +92,8 @@ class _Graph:
 
     def shares(self, learned: Constant, name: str) -> str:
         used = self.features()
-        count = self.add(
-            "Slice", [self.add("Shape", [used]), *(self.add_constant([k], "at", np.int64) for k in (0, 1))]
-        )
+        ends = [self.add_constant([k], "at", np.int64) for k in (0, 1)]
+        count = self.add("Slice", [self.add("Shape", [used]), *ends])
         shape = self.add("Concat", [count, self.add_constant([learned.log_share.size], "classes", np.int64)], axis=0)
         return self.add("Expand", [self.add_constant(learned.log_share, name), shape])
 
@@ -100,35 +103,34 @@ class _Graph:
         for number, (member, weight, slope, shift) in enumerate(joined):
             own = f"{name}_{number}"
             answer = self.calibrated(self.member(member, own), slope, shift, own)
-            parts.append(self.add("Mul", [answer, self.add_constant(weight, f"{own}_weight")]))
+            parts.append(self.combine("Mul", answer, weight, f"{own}_weight"))
         return self.add("LogSoftmax", [self.add("Sum", parts)], axis=1)
 
-    def add_standardisation(self, learned: Columns, name: str) -> str:
+    def add_standardisation(self, learned: Linear | Kernel, name: str) -> str:
         double = self.onnx.TensorProto.DOUBLE
         values = self.doubles = self.doubles or self.add("Cast", [self.features()], to=double)
         unknown = self.add("IsNaN", [values])
         filled = values
         if learned.floor.size:
             has = learned.floor > 0
-            raised = self.add("Max", [values, self.add_constant(np.where(has, learned.floor, 1.0), f"{name}_floor")])
+            raised = self.combine("Max", values, np.where(has, learned.floor, 1.0), f"{name}_floor")
             log = self.add("Log", [raised])
             filled = self.add("Where", [self.add_constant(has, f"{name}_has_floor", np.bool_), log, values])
         columns = self.add("Where", [unknown, self.add_constant(learned.median, f"{name}_median"), filled])
         if learned.told.size:
             told = self.add("Gather", [unknown, self.add_constant(learned.told, f"{name}_told", np.int64)], axis=1)
             columns = self.add("Concat", [columns, self.add("Cast", [told], to=double)], axis=1)
-        centred = self.add("Sub", [columns, self.add_constant(learned.mean, f"{name}_mean")])
-        return self.add("Div", [centred, self.add_constant(learned.scale, f"{name}_scale")])
+        centred = self.combine("Sub", columns, learned.mean, f"{name}_mean")
+        return self.combine("Div", centred, learned.scale, f"{name}_scale")
 
     def add_scores(self, columns: str, weight: Any, bias: Any, name: str) -> str:
-        product = self.add("MatMul", [columns, self.add_constant(weight.T, f"{name}_weight")])
-        scores = self.add("Add", [product, self.add_constant(bias, f"{name}_bias")])
-        return self.add_log_softmax(scores, len(bias))
+        product = self.combine("MatMul", columns, weight.T, f"{name}_weight")
+        return self.add_log_softmax(self.combine("Add", product, bias, f"{name}_bias"), len(bias))
 
     def add_log_softmax(self, scores: str, n_scores: int) -> str:
         """Normalise scores; one score means two classes."""
         if n_scores == 1:
-            zero = self.add("Mul", [scores, self.add_constant(0.0, "zero")])
+            zero = self.combine("Mul", scores, 0.0, "zero")
             scores = self.add("Concat", [zero, scores], axis=1)
         return self.add("LogSoftmax", [scores], axis=1)
 
@@ -185,22 +187,17 @@ class _Graph:
         flip = [self.add_constant([value], "flip", np.int64) for value in (-1, -(2**62), 2, -1)]
         mirrored = self.add("Slice", [flat, *flip])
         layer = self.add("Concat", [flat, mirrored], axis=0)
-        for number, (kernel, scale, bias) in enumerate(
-            zip(learned.kernels, learned.scales, learned.biases, strict=True)
-        ):
+        layers = zip(learned.kernels, learned.scales, learned.biases, strict=True)
+        for number, (kernel, scale, bias) in enumerate(layers):
             weights = self.add_constant(kernel, f"{name}_kernel_{number}", np.float32)
             layer = self.add("Conv", [layer, weights], kernel_shape=[3, 3], pads=[1, 1, 1, 1])
             layer = self.add("MaxPool", [layer], kernel_shape=[2, 2], strides=[2, 2])
             for kind, values in (("Mul", scale), ("Add", bias)):
-                layer = self.add(
-                    kind, [layer, self.add_constant(values[:, None, None], f"{name}_{number}", np.float32)]
-                )
+                layer = self.combine(kind, layer, values[:, None, None], f"{name}_{number}", np.float32)
             layer = self.add("Relu", [layer])
-        mean = self.add(
-            "Reshape", [self.add("GlobalAveragePool", [layer]), self.add_constant([0, -1], "shape", np.int64)]
-        )
-        product = self.add("MatMul", [mean, self.add_constant(learned.weight.T, f"{name}_weight", np.float32)])
-        scores = self.add("Add", [product, self.add_constant(learned.bias, f"{name}_bias", np.float32)])
+        mean = self.combine("Reshape", self.add("GlobalAveragePool", [layer]), [0, -1], "shape", np.int64)
+        product = self.combine("MatMul", mean, learned.weight.T, f"{name}_weight", np.float32)
+        scores = self.combine("Add", product, learned.bias, f"{name}_bias", np.float32)
         double = self.add("Cast", [scores], to=self.onnx.TensorProto.DOUBLE)
         answers = self.add("LogSoftmax", [double], axis=1)
         # (2, n, m, classes): the mean over mirror images and pictures

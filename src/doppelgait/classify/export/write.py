@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait import __version__
-from doppelgait.classify.export import scorer
+from doppelgait.classify import scorer
 from doppelgait.classify.export.c_code import TEXTS, Sources
 from doppelgait.classify.export.device import CSettings, Device, list_parts, plan_device, quantise, select_networks
 from doppelgait.classify.learned import Ensemble, FloatArray, Network, join_inputs
@@ -113,9 +113,7 @@ def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], 
     networks = [part[0] for part in list_parts(model) if isinstance(part[0], Network)]
     if settings.integers and not networks:
         raise ConfigError("--int8: this model has no network; features stay in float32")
-    samples: list[Any] = []
-    simulated: list[Any] = []
-    scaling: list[Any] = []
+    samples, simulated, scaling = list[Any](), list[Any](), list[Any]()
     if networks:
         device = plan_device(model, networks[0].patch, settings)
         samples = [walk_samples(rng, device) for _ in range(settings.n_examples)]
@@ -126,7 +124,7 @@ def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], 
             more = range(SCALE_EXAMPLES - len(simulated))
             scaling = [*simulated, *(convert_samples(walk_samples(rng, device), device) for _ in more)]
     levels = scaling[: settings.n_examples]
-    exact, found = model, dict[str, Any]()
+    exact = model
     if settings.integers:
         model = convert_to_integers(exact, scaling[:SCALE_EXAMPLES])
     sources = Sources(model, device)
@@ -139,36 +137,30 @@ def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], 
         values: npt.NDArray[Any] = features
         seen = np.zeros((len(features), 0))
         if networks:
-            whole = _wrap_objects([levels[n % len(levels)] for n in range(len(features))])
+            whole = np.fromiter((levels[n % len(levels)] for n in range(len(features))), dtype=object)
             own = [part[0].log_probability(whole) for part in list_parts(model) if isinstance(part[0], Network)]
             values, seen = join_inputs(features, whole), np.stack(own, axis=1)  # seen: (n, n_networks, n_classes)
         for each in zip(features, seen, model.probability(values), strict=True):
             words += [part.astype(np.float32) for part in each]
-    if settings.integers:
-        apart = np.abs(predict_network_probability(model, scaling) - predict_network_probability(exact, scaling))
-        found = {
-            "int8_examples": len(scaling),
-            "int8_mean_difference": float(apart.mean()),
-            "int8_largest_difference": float(apart.max()),
-        }
     files = {
         "doppelgait_model.h": sources.header().encode(),
         "doppelgait_model.c": sources.source().encode(),
         "selftest.c": (TEXTS / "selftest.c").read_bytes(),
         "golden.bin": b"".join(np.ascontiguousarray(part).tobytes() for part in words),
     }
-    return files, {"precision": "int8" if settings.integers else "float32", **sources.facts(), **found}
+    facts = {"precision": "int8" if settings.integers else "float32", **sources.facts()}
+    if settings.integers:
+        apart = np.abs(predict_network_probability(model, scaling) - predict_network_probability(exact, scaling))
+        facts |= {"int8_examples": len(scaling), "int8_mean_difference": float(apart.mean())}
+        facts["int8_largest_difference"] = float(apart.max())
+    return files, facts
 
 
 def convert_to_integers(model: Model, examples: list[Any]) -> Model:
     """Return a model with networks in integers."""
+    parts = [quantise(part[0], examples) if isinstance(part[0], Network) else part[0] for part in list_parts(model)]
     learned = model.learned
-    if isinstance(learned, Network):
-        return replace(model, learned=quantise(learned, examples))
-    if not isinstance(learned, Ensemble):
-        return model
-    members = tuple(quantise(each, examples) if isinstance(each, Network) else each for each in learned.members)
-    return replace(model, learned=replace(learned, members=members))
+    return replace(model, learned=replace(learned, members=tuple(parts)) if isinstance(learned, Ensemble) else parts[0])
 
 
 def walk_samples(rng: np.random.Generator, device: Device) -> Complex:
@@ -243,13 +235,6 @@ def predict_network_probability(model: Model, levels: list[Levels]) -> FloatArra
     part = select_networks(model)
     if part is None:
         raise ValueError("this model has no network")
-    whole = _wrap_objects(levels)
+    whole = np.fromiter(levels, dtype=object)
     joined = isinstance(part.learned, Ensemble)
     return part.probability(join_inputs(np.zeros((len(levels), 0)), whole) if joined else whole)
-
-
-def _wrap_objects(levels: list[Levels]) -> npt.NDArray[Any]:
-    whole = np.empty(len(levels), dtype=object)
-    for number, each in enumerate(levels):
-        whole[number] = each
-    return whole

@@ -16,28 +16,19 @@ import numpy as np
 import numpy.typing as npt
 
 NEWEST_FORMAT = 3
+ROWS_AT_A_TIME = 64
+"""Number of rows in a block of a kernel, so that the distances to a thousand support vectors fit the processor
+cache."""
 
 Array = npt.NDArray[Any]
 Arrays = Mapping[str, Array]
 
 
 class Scorer:
-    """Model of one file.
+    """Model of one file (``.npz``).
 
-    Parameters
-    ----------
-    path : path
-        Model file (``.npz``).
-
-    Attributes
-    ----------
-    classes : list of str
-    features : list of str
-        Names of the features in their order; empty for a model of signatures alone.
-    patch : dict or None
-        Format of the pictures; None for a model of features alone.
-    facts : dict
-        Training data, conditions, thresholds and so on.
+    ``classes`` and ``features`` are names in their order (no features: a model of signatures alone), ``patch`` is the
+    format of the pictures (None: a model of features alone), ``facts`` has training data, conditions, thresholds.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -55,21 +46,13 @@ class Scorer:
         else:
             self._members = [(document, arrays)]
         self._joined = document["learned"] == "ensemble"
-        self.patch = next((form["patch"] for form, _ in self._members if form["learned"] == "network"), None)
+        self.patch = next((form["patch"] for form, _ in self._members if form["patch"]), None)
 
     def probability(self, features: npt.ArrayLike | None = None, whole: Sequence[Array | None] | None = None) -> Array:
-        """Return calibrated probabilities for equally frequent classes.
+        """Return calibrated probabilities (n, n_classes) for equally frequent classes.
 
-        Parameters
-        ----------
-        features : array_like, shape (n, d), optional
-            In the order of ``features``; NaN for unknown.
-        whole : sequence of ndarray (n_velocity, any) or None, optional
-            Levels of every signature, of :func:`levels`.
-
-        Returns
-        -------
-        ndarray, shape (n, n_classes)
+        ``features`` (n, d) are in the order of ``Scorer.features``, NaN for unknown; ``whole`` has the levels of every
+        signature, of :func:`levels`, or None.
         """
         table = None if features is None else np.asarray(features, dtype=np.float64)
         answers = [self._member(form, own, table, whole) for form, own in self._members]
@@ -108,41 +91,54 @@ def _part(arrays: Arrays, start: str) -> Arrays:
 
 
 def log_softmax(scores: Array) -> Array:
-    """Convert scores (n, n_classes) to log-probabilities."""
+    """Convert scores (n, n_classes) to log-probabilities; one score means two classes."""
+    if scores.shape[1] == 1:
+        scores = np.hstack([np.zeros_like(scores), scores])
     shifted = scores - scores.max(axis=1, keepdims=True)
     return np.asarray(shifted - np.log(np.exp(shifted).sum(axis=1, keepdims=True)))
 
 
+def take_logarithms(values: Array, floor: Array) -> Array:
+    """Take the logarithm of features that have a floor above 0; NaN stays."""
+    if not floor.size:
+        return np.asarray(values, dtype=np.float64)
+    return np.where(floor > 0, np.log(np.maximum(values, np.where(floor > 0, floor, 1.0))), values)
+
+
 def standardise(own: Arrays, values: Array) -> Array:
     """Standardise features (n, d) to columns."""
-    floor = own["floor"] if own["floor"].size else np.zeros(values.shape[1])
-    raised = np.where(floor > 0, np.log(np.maximum(values, np.where(floor > 0, floor, 1.0))), values)
     unknown = np.isnan(values)
-    columns = np.hstack([np.where(unknown, own["median"], raised), unknown[:, own["told"].astype(int)]])
+    filled = np.where(unknown, own["median"], take_logarithms(values, own["floor"]))
+    columns = np.hstack([filled, unknown[:, own["told"].astype(int)]])
     return np.asarray((columns - own["mean"]) / own["scale"])
 
 
 def linear(own: Arrays, values: Array) -> Array:
     """Return log-probabilities of logistic regression."""
-    return log_softmax(standardise({"floor": np.zeros(0), **own}, values) @ own["weight"].T + own["bias"])
+    columns = standardise({"floor": np.zeros(0), **own}, values)
+    return log_softmax(columns @ own["weight"].T + own["bias"])
 
 
 def kernel(own: Arrays, values: Array) -> Array:
     """Return log-probabilities of support vector machines with the kernel exp(-distance²)."""
-    apart = standardise(own, values)[:, None, :] - own["support"]
-    scores = np.exp(-(apart**2).sum(axis=2)) @ own["weight"].T + own["bias"]
-    return log_softmax(scores if scores.shape[1] > 1 else np.hstack([0.0 * scores, scores]))
+    columns, norm = standardise(own, values), (own["support"] ** 2).sum(axis=1)
+    scores = np.zeros((len(columns), own["bias"].size))
+    for first in range(0, len(columns), ROWS_AT_A_TIME):
+        rows = columns[first : first + ROWS_AT_A_TIME]
+        squared = (rows**2).sum(axis=1)[:, None] + norm - 2.0 * rows @ own["support"].T
+        scores[first : first + len(rows)] = np.exp(-np.maximum(squared, 0.0)) @ own["weight"].T
+    return log_softmax(scores + own["bias"])
 
 
 def trees(own: Arrays, values: Array) -> Array:
     """Return log-probabilities of boosted trees."""
-    node, rows = np.tile(own["root"].astype(int).ravel(), (len(values), 1)), np.arange(len(values))[:, None]
+    rows = np.arange(len(values))[:, None]
+    node = np.tile(own["root"].astype(int).ravel(), (len(values), 1))
     while (inner := own["feature"][node] >= 0).any():
         seen = values[rows, np.maximum(own["feature"][node], 0)]
         goes_left = np.where(np.isnan(seen), own["unknown_left"][node] > 0, seen <= own["threshold"][node])
         node = np.where(inner, np.where(goes_left, own["left"][node], own["right"][node]), node)
-    scores = own["start"] + own["value"][node].reshape(len(values), *own["root"].shape).sum(axis=1)
-    return log_softmax(scores if scores.shape[1] > 1 else np.hstack([0.0 * scores, scores]))
+    return log_softmax(own["start"] + own["value"][node].reshape(len(values), *own["root"].shape).sum(axis=1))
 
 
 def network(own: Arrays, patch: Mapping[str, Any], whole: Sequence[Array | None]) -> Array:
@@ -151,7 +147,8 @@ def network(own: Arrays, patch: Mapping[str, Any], whole: Sequence[Array | None]
     for row, signature_levels in enumerate(whole):
         if signature_levels is not None:
             pictures = covering(signature_levels, patch)
-            answers[row] = of_pictures(own, np.concatenate([pictures, pictures[:, ::-1]])).mean(axis=0)
+            pictures = np.concatenate([pictures, pictures[:, ::-1]])
+            answers[row] = of_pictures(own, pictures).mean(axis=0)
     return log_softmax(answers)
 
 
@@ -191,23 +188,10 @@ def signature(
 ) -> tuple[Array, float, Array]:
     """Compute the short-time power of one gate (E-24, E-27).
 
-    Parameters
-    ----------
-    samples : ndarray of complex, shape (n_pulses, n_bins)
-        Range bins of the gate, without static echoes.
-    prf_hz, cpi_s, window_steepness : float
-        Pulse rate, and the model's analysis (``facts["analysis"]``; the defaults are those of doppelgait).
-    taper : ndarray, optional
-        Another window than the Gaussian one.
-    hop, n_doppler : int, optional
-        Number of pulses between columns, and length of the transform.
-
-    Returns
-    -------
-    power : ndarray, shape (n_columns, n_doppler)
-    column_s : float
-        Time from column to column.
-    doppler_hz : ndarray, shape (n_doppler,)
+    ``samples`` (n_pulses, n_bins) are the range bins without static echoes, ``cpi_s`` and ``window_steepness`` those of
+    ``facts["analysis"]``. ``taper`` is another window than the Gaussian one, ``hop`` the number of pulses between
+    columns, ``n_doppler`` the length of the transform. Returned are the power (n_columns, n_doppler), the time from
+    column to column in s, and the Doppler frequencies in Hz.
     """
     if taper is None:
         cpi = 2 * int(cpi_s * prf_hz / 2.0 + 1e-9) + 1
@@ -223,21 +207,10 @@ def signature(
 
 
 def levels(power: Array, patch: Mapping[str, Any], *, column_s: float, velocity_mps: Array) -> Array:
-    """Convert signature power to levels, 0 to 1.
+    """Convert signature power (n_columns, n_doppler) to levels (n_velocity, any), 0 to 1.
 
-    Parameters
-    ----------
-    power : ndarray, shape (n_columns, n_doppler)
-    patch : dict
-        Of the model.
-    column_s : float
-        Time from column to column.
-    velocity_mps : ndarray, shape (n_doppler,)
-        ``doppler_hz * wavelength_m / 2``, rising; approaching is positive.
-
-    Returns
-    -------
-    ndarray of float32, shape (n_velocity, any)
+    ``patch`` is that of the model, ``column_s`` the time from column to column. ``velocity_mps`` is ``doppler_hz *
+    wavelength_m / 2``, rising; approaching is positive.
     """
     rows = np.sort(power.mean(axis=0, dtype=np.float64))
     rows = rows[rows > 0]

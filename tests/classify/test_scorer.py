@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from doppelgait.classify.export import scorer
-from doppelgait.classify.export.scorer import Scorer
+from doppelgait.classify import scorer
 from doppelgait.classify.export.write import export_model
 from doppelgait.classify.learned import Constant
 from doppelgait.classify.model_file import MODEL
+from doppelgait.classify.scorer import Scorer
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.processing import Analysis, Gate, patches, signature
