@@ -106,16 +106,9 @@ def meta_by_hand(entries: list[bytes], names: list[str], *, mask: int, total: in
     head = struct.pack(
         "<IIqBIqqIqII", 0xA0B1C2D3, 13, START_MS, 1, stop_ms, total, 91 + len(table), mask, -1, largest, 0
     )
-    listed = b"".join(struct.pack("<I", len(n) + 1) + n.encode() + b"\0" for n in names)
-    return (
-        head
-        + b"\xcd" * 28
-        + struct.pack("<I", 2)
-        + b"S\0"
-        + table
-        + struct.pack("<IBI", stop_ms, 3, len(names))
-        + listed
-    )
+    trailer = struct.pack("<IBI", stop_ms, 3, len(names))
+    trailer += b"".join(struct.pack("<I", len(n) + 1) + n.encode() + b"\0" for n in names)
+    return head + b"\xcd" * 28 + struct.pack("<I", 2) + b"S\0" + table + trailer
 
 
 def test_files_are_as_documented_byte_for_byte(tmp_path: Path) -> None:
