@@ -149,7 +149,7 @@ def test_two_types_and_a_user_header(tmp_path: Path) -> None:
 
 
 def test_a_type_in_several_files_is_one_stream(tmp_path: Path) -> None:
-    names = ["xethru_datafloat_20261121_010848.dat", "xethru_datafloat_20261121_010849.dat"]
+    names = ["xethru_datafloat_20261121_010848.dat", "xethru_datafloat_20261121_010848_655ms.dat"]
     rows = [entry(400 * k, 1, 1024, 28, k // 2, 28 * (k % 2), 28 * k + 28) for k in range(4)]
     (tmp_path / META_NAME).write_bytes(meta_by_hand(rows, names, mask=1024, total=112, largest=28, stop_ms=1200))
     for k, name in enumerate(names):
