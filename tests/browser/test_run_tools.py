@@ -74,15 +74,8 @@ def test_the_analysis_is_changed_by_controls(page: Any, url: str, walk: Path) ->
 
 
 def test_an_error_stands_in_one_line_next_to_its_control(page: Any, url: str) -> None:
-    def answer(route: Any) -> None:  # a refusal is told in the console as an error, too
-        refused = route.fetch()
-        route.fulfill(status=200 if refused.ok else 422, body=refused.body(), headers=refused.headers)
-
     opened(page, url)
     before, height = look(page, "signature"), page.locator(".controls").bounding_box()["height"]
-    faults: list[str] = []
-    page.on("response", lambda response: faults.append(response.url) if not response.ok else None)
-    change(page, "gate-to", "1") if page.is_visible("#gate-to") else None
     page.select_option("#gate", "own")
     page.fill("#gate-from", "3")
     page.fill("#gate-to", "2")

@@ -56,16 +56,10 @@ def use_timer(monkeypatch: pytest.MonkeyPatch, *, fires: bool) -> None:
     monkeypatch.setattr(output, "Timer", make)
 
 
-def test_short_work_shows_no_bar(monkeypatch):
+@pytest.mark.parametrize("fires", [False, True])
+def test_only_longer_work_shows_a_bar(monkeypatch, fires):
     terminal = use_terminal(monkeypatch)
-    use_timer(monkeypatch, fires=False)
-    work(monkeypatch, 0.01)
-    assert terminal.getvalue() == ""
-
-
-def test_longer_work_shows_a_bar(monkeypatch):
-    terminal = use_terminal(monkeypatch)
-    use_timer(monkeypatch, fires=True)
-    work(monkeypatch, 0.5)
-    assert "counting" in terminal.getvalue()
-    assert "8/8" in terminal.getvalue()
+    use_timer(monkeypatch, fires=fires)
+    work(monkeypatch, 0.5 if fires else 0.01)
+    shown = terminal.getvalue()
+    assert ("counting" in shown, "8/8" in shown, bool(shown)) == (fires, fires, fires)

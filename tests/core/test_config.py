@@ -334,15 +334,12 @@ def test_missing_broken_and_binary_files_are_named(tmp_path, read):
         (["noise", "kind"], 'kind = "snr"'),
         (["targets", "motion", "speed_mps"], "speed_mps = 1.1"),
         (["noise"], "[noise]"),
+        (["radar", "colour"], ""),
     ],
 )
 def test_line_of_a_key(keys, line):
-    assert format_line_note(SCENE, keys) == f" (line {line_in(SCENE, line)})"
-
-
-def test_line_of_a_key_that_is_not_there():
-    assert format_line_note(SCENE, ["radar", "colour"]) == ""
-    assert format_line_note("", ["seed"]) == ""
+    assert format_line_note(SCENE, keys) == (f" (line {line_in(SCENE, line)})" if line else "")
+    assert format_line_note("", keys) == ""
     assert format_line_note('# seed = 1\nseed = 2  # seed = "x"\n', ["seed"]) == " (line 2)"
 
 

@@ -1,5 +1,7 @@
 """Labelled arrays: made, given new values, and read."""
 
+import re
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -63,8 +65,9 @@ def test_new_values_share_the_coordinates_and_leave_the_old_array_alone():
     assert old.values.any()
     xr.testing.assert_identical(new.coords.to_dataset(), old.coords.to_dataset())
     assert replace_array_values(old, np.zeros((5, 3))).attrs == old.attrs
-    with pytest.raises(ValueError, match="do not fit"):
-        replace_array_values(old, np.zeros(5))
+    for shape in ((5,), (4, 3)):
+        with pytest.raises(ValueError, match=rf"{re.escape(str(shape))} do not fit .*\(5, 3\)"):
+            replace_array_values(old, np.zeros(shape))
 
 
 def test_coordinates_can_be_taken_from_a_like_array():
@@ -117,8 +120,3 @@ def test_an_edit_of_one_array_reaches_no_other():
     new.coords["velocity"].attrs["units"] = "knots"
     assert made.coords["velocity"].values[0] == pytest.approx(-0.2)
     assert made.coords["velocity"].attrs == {"units": "m/s"}
-
-
-def test_values_of_another_shape_are_refused():
-    with pytest.raises(ValueError, match=r"\(4, 3\) do not fit .*\(5, 3\)"):
-        replace_array_values(signature(), np.zeros((4, 3)))

@@ -5,10 +5,9 @@ import zlib
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import doppelgait as dg
-from doppelgait.cli.app import app
+from command import run
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import PURPOSES, Streams
 from doppelgait.pipeline import Run, run_simulation
@@ -35,13 +34,6 @@ gain_db = [[1.0, 0.0], [20.0, -6.0]]
 """
 
 
-@pytest.fixture
-def scene_file(tmp_path):
-    path = tmp_path / "scene.toml"
-    path.write_text(SCENE)
-    return path
-
-
 def in_python(seed):
     streams, table = dg.rng(seed), tomllib.loads(SCENE)
     motion = dg.motion.boulic_walk(speed_mps=1.2, stride_variation=0.02, duration_s=0.4, rng=streams)
@@ -50,15 +42,14 @@ def in_python(seed):
     return dg.simulate(scene, dg.Radar.preset("x4", prf_hz=600), rng=streams, conditions=conditions)
 
 
-def test_the_same_seed_gives_the_same_bytes_from_toml_command_line_and_python(scene_file, tmp_path):
+def test_the_same_seed_gives_the_same_bytes_from_toml_command_line_and_python(tmp_path):
+    scene_file, out = tmp_path / "scene.toml", tmp_path / "recording.h5"
+    scene_file.write_text(SCENE)
     from_toml = run_simulation(Run.from_toml(scene_file)).baseband.values
     assert in_python(2018).baseband.values.tobytes() == from_toml.tobytes()
     assert in_python(2019).baseband.values.tobytes() != from_toml.tobytes()
-
-    out = tmp_path / "recording.h5"
     for seed in (2018, 2019):
-        made = CliRunner().invoke(app, ["simulate", str(scene_file), "--seed", str(seed), "-o", str(out)])
-        assert made.exit_code == 0, made.output
+        run("simulate", scene_file, "--seed", seed, "-o", out)
         assert (read_recording(out).baseband.values.tobytes() == from_toml.tobytes()) == (seed == 2018)
 
 

@@ -15,11 +15,6 @@ def test_wavelength_and_doppler_of_one_metre_per_second_e05():
     assert units.velocity_to_doppler_hz(-2.0, WAVELENGTH_M) == pytest.approx(-97.27, abs=5e-3)
 
 
-@pytest.mark.parametrize(("prf_hz", "v_mps"), [(300, 3.084), (1000, 10.28)])
-def test_unambiguous_velocity_e06(prf_hz, v_mps):
-    assert units.unambiguous_velocity_mps(prf_hz, WAVELENGTH_M) == pytest.approx(v_mps, rel=2e-4)
-
-
 def test_delay_is_two_way_e10():
     assert units.range_to_delay_s(299_792_458 / 2) == 1.0
     np.testing.assert_allclose(units.range_to_delay_s([1.5, 3.0]), [1.00069e-8, 2.00138e-8], rtol=1e-5)

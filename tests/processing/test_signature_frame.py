@@ -38,19 +38,16 @@ def test_the_noise_floor_of_a_cut_gate_is_that_of_a_whole_one(centre_m):
     assert noise_floor_v2(crop_to_frame(mu)[0]) == pytest.approx(expected, rel=0.03)
 
 
-def test_the_time_outside_is_left_out():
+def test_the_time_outside_is_left_out_and_a_gate_inside_is_left_as_it_is():
+    inside = noise_signature(5.0)
+    kept, share = crop_to_frame(inside)
+    assert kept is inside
+    assert share == 1.0
     mu = noise_signature(np.linspace(7.0, 12.0, 4000))
     kept, share = crop_to_frame(mu)
     assert kept.coords["gate_share"].values.min() >= 0.5
     assert kept.sizes["time"] == (mu.coords["gate_share"].values >= 0.5).sum()
     assert share == pytest.approx(mu.coords["gate_share"].values.mean())
-
-
-def test_a_gate_inside_is_left_as_it_is():
-    mu = noise_signature(5.0)
-    kept, share = crop_to_frame(mu)
-    assert kept is mu
-    assert share == 1.0
 
 
 def test_a_gate_that_is_hardly_ever_inside_is_refused():

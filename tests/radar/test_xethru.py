@@ -106,16 +106,9 @@ def meta_by_hand(entries: list[bytes], names: list[str], *, mask: int, total: in
     head = struct.pack(
         "<IIqBIqqIqII", 0xA0B1C2D3, 13, START_MS, 1, stop_ms, total, 91 + len(table), mask, -1, largest, 0
     )
-    listed = b"".join(struct.pack("<I", len(n) + 1) + n.encode() + b"\0" for n in names)
-    return (
-        head
-        + b"\xcd" * 28
-        + struct.pack("<I", 2)
-        + b"S\0"
-        + table
-        + struct.pack("<IBI", stop_ms, 3, len(names))
-        + listed
-    )
+    trailer = struct.pack("<IBI", stop_ms, 3, len(names))
+    trailer += b"".join(struct.pack("<I", len(n) + 1) + n.encode() + b"\0" for n in names)
+    return head + b"\xcd" * 28 + struct.pack("<I", 2) + b"S\0" + table + trailer
 
 
 def test_files_are_as_documented_byte_for_byte(tmp_path: Path) -> None:
@@ -156,7 +149,7 @@ def test_two_types_and_a_user_header(tmp_path: Path) -> None:
 
 
 def test_a_type_in_several_files_is_one_stream(tmp_path: Path) -> None:
-    names = ["xethru_datafloat_20261121_010848.dat", "xethru_datafloat_20261121_010849.dat"]
+    names = ["xethru_datafloat_20261121_010848.dat", "xethru_datafloat_20261121_010848_655ms.dat"]
     rows = [entry(400 * k, 1, 1024, 28, k // 2, 28 * (k % 2), 28 * k + 28) for k in range(4)]
     (tmp_path / META_NAME).write_bytes(meta_by_hand(rows, names, mask=1024, total=112, largest=28, stop_ms=1200))
     for k, name in enumerate(names):

@@ -39,7 +39,14 @@ INFINEON = {"device_config": {"fmcw_single_shape": {
     "start_frequency_Hz": 60e9, "end_frequency_Hz": 61e9, "num_chirps_per_frame": 4, "num_samples_per_chirp": 64,
     "chirp_repetition_time_s": 5e-4, "frame_repetition_time_s": 2e-3, "sample_rate_Hz": 2e6}}}  # fmt: skip
 PAIRS = np.random.default_rng(2).normal(scale=0.1, size=(200, 2))
-PLAIN = {
+FRAMES = np.random.default_rng(1).normal(size=(20, 256))
+MATLAB = {"Data_Matrix": FRAMES, "actual_fps": 25.0, "bin_length": 0.00643, "frame_start": 0.4}
+PLAIN = ("wav", "raw", "csv")
+FILES = {
+    "acconeer": ("walk.h5", write_acconeer),
+    "acconeer-a111": ("walk.h5", write_a111),
+    "glasgow": ("1P36A01R01.dat", lambda path: write_glasgow(path, np.ones((20, 64)))),
+    "matlab-rf": ("walk.mat", lambda path: savemat(path, MATLAB)),
     "wav": ("walk.wav", lambda path: wavfile.write(path, 100, PAIRS)),
     "raw": ("walk.cfile", lambda path: PAIRS.astype("<f4").tofile(path)),
     "csv": ("walk.csv", lambda path: np.savetxt(path, PAIRS, delimiter=",", header="i,q", comments="")),
@@ -57,10 +64,6 @@ def _sample_file(name, folder):
         (folder / "config.json").write_text(json.dumps(INFINEON))
         np.save(folder / "radar.npy", np.random.default_rng(1).uniform(size=(20, 3, 4, 64)).astype(np.float32))
         return folder / "radar.npy"
-    if name == "acconeer-a111":
-        return write_a111(folder / "walk.h5")
-    if name == "acconeer":
-        return write_acconeer(folder / "walk.h5")
     if name == "cw-text":
         for part in ("RE", "IM"):
             (folder / f"walk_{part}.txt").write_text("\n".join(str(2000 + n % 90) for n in range(512)))
@@ -69,15 +72,9 @@ def _sample_file(name, folder):
         (folder / "walk.json").write_text(json.dumps(CHIRPS))
         np.arange(4 * 8 * 64 * 2, dtype="<i2").tofile(folder / "walk.bin")
         return folder / "walk.bin"
-    if name == "glasgow":
-        return write_glasgow(folder / "1P36A01R01.dat", np.ones((20, 64)))
-    if name in PLAIN:
-        path = folder / PLAIN[name][0]
-        PLAIN[name][1](path)
-        return path
-    frames = np.random.default_rng(1).normal(size=(20, 256))
-    savemat(folder / "walk.mat", {"Data_Matrix": frames, "actual_fps": 25.0, "bin_length": 0.00643, "frame_start": 0.4})
-    return folder / "walk.mat"
+    file_name, write = FILES[name]
+    write(folder / file_name)
+    return folder / file_name
 
 
 def _options(name):

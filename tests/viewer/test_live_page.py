@@ -1,6 +1,5 @@
 """The page of a stream: what it shows, in fixed memory, without a change of the decisions."""
 
-import http.client
 import json
 from types import SimpleNamespace
 from urllib.parse import urlsplit
@@ -20,7 +19,7 @@ from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 from doppelgait.viewer.live_page import MOST_ROWS, SPAN_S, STEP_S, Rolling
 from doppelgait.viewer.server import serve_live
-from viewer_client import unpack
+from viewer_client import Client, unpack
 
 MODEL = load_shipped_model("x4")
 
@@ -104,17 +103,11 @@ def test_the_server_gives_the_page_to_its_own_address_alone(followed):
     with serve_live(followed[0]) as url:
         parts = urlsplit(url)
         assert parts.hostname == "127.0.0.1"
-
-        def ask(path):
-            connection = http.client.HTTPConnection(parts.hostname, parts.port, timeout=30)
-            connection.request("GET", path)
-            answer = connection.getresponse()
-            return answer.status, answer.read()
-
-        status, body = ask(f"{parts.path}api/live")
-        assert status == 200
-        assert unpack(body)[0]["source"] == "walk"
-        assert json.loads(ask(f"{parts.path}api/session")[1])["kind"] == "live"
-        assert ask(f"{parts.path}static/live_page.js")[0] == 200
-        assert ask("/api/live")[0] == 403
-        assert ask(f"{parts.path}api/live?x=1")[0] == 400
+        ask = Client(parts.port).ask
+        answer = ask(f"{parts.path}api/live")
+        assert answer.status == 200
+        assert unpack(answer.body)[0]["source"] == "walk"
+        assert json.loads(ask(f"{parts.path}api/session").body)["kind"] == "live"
+        assert ask(f"{parts.path}static/live_page.js").status == 200
+        assert ask("/api/live").status == 403
+        assert ask(f"{parts.path}api/live?x=1").status == 400

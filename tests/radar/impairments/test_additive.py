@@ -26,9 +26,8 @@ def test_thermal_noise_level_e18():
 
 
 @pytest.mark.parametrize("snr_db", [None, 10.0])
-def test_noise_of_a_recording_has_the_correlation_of_its_radar_e18c(snr_db):
+def test_noise_of_a_recording_has_the_correlation_of_its_radar_e18c(scene, snr_db):
     """At the radar's own level and at a stated one."""
-    scene = Scene([Target(boulic_walk(speed_mps=1.2, duration_s=3.0))])
     radar = Radar.preset("x4")
     noisy, quiet = (simulate(scene, radar, rng=rng(1), snr_db=db) for db in (snr_db, np.inf))
     difference = (noisy.baseband.values - quiet.baseband.values).astype(complex) / np.sqrt(noisy.noise_power_v2)
