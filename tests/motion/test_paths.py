@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from doppelgait.core.errors import ConfigError, MotionError
 from doppelgait.motion import make_motion, paths
 from doppelgait.motion.follow import follow, steady_speed_mps
 from doppelgait.motion.models import boulic_walk, quadruped_gait
@@ -378,3 +379,74 @@ def test_a_motion_lasts_until_its_path_ends_or_as_long_as_wanted(walk):
     assert follow(walk, paths.ArcPath(radius_m=1.0, turn_deg=90)).time_s[-1] == pytest.approx(1.309, abs=1 / 250)
     assert follow(walk, paths.StraightPath(), duration_s=2.0).time_s[-1] == pytest.approx(2.0)
     follow(walk, paths.StopAndGoPath(stops=[{"at_m": 3.0, "pause_s": 1.0}, {"at_m": 6.5, "pause_s": 1.0}]))
+
+
+# --- A walk about -------------------------------------------------------------------------------------------------
+
+ROOM = {"kind": "wander", "room_m": [0, 6, -2, 2], "leg_m": [1.0, 3.0]}
+
+
+def way_of(path, n=4000):
+    layout = paths.lay_out(paths.make_path(path))
+    curve = paths.join(layout.elements, start_m=layout.start_m, heading_rad=layout.heading_rad)
+    return paths.find_points(curve, np.linspace(0.0, curve.length_m, n)), curve.length_m / (n - 1)
+
+
+@pytest.mark.parametrize("way", [0.0, 0.3, 0.7, 1.0])
+def test_a_walk_about_stays_in_its_room_and_turns_without_jumps(way):
+    points, step_m = way_of(ROOM | {"way": way})
+    low, high = np.array(ROOM["room_m"]).reshape(2, 2).T
+    assert (points >= low - 1e-6).all()
+    assert (points <= high + 1e-6).all()
+    assert np.ptp(points, axis=0).min() > 2.0  # and goes everywhere
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    assert steps.max() <= step_m * (1 + 1e-9)  # a chord is shorter than its arc
+    assert steps.min() > 0.9 * step_m
+
+
+def test_a_walk_about_is_as_long_as_it_should_and_no_longer(walk):
+    paths_m = [paths.lay_out(paths.make_path(ROOM | {"length_m": 60.0, "way": way})) for way in np.linspace(0, 1, 25)]
+    lengths_m = [sum(element.length_m for element in layout.elements) for layout in paths_m]
+    assert min(lengths_m) >= 60.0
+    assert max(lengths_m) < 90.0
+    with pytest.raises(MotionError, match="path kind 'wander'"):
+        follow(walk, paths.make_path(ROOM | {"length_m": 3.0}), duration_s=8.0)
+
+
+def test_the_way_determines_a_walk_about_and_its_door_is_where_it_starts():
+    same, again, other = (way_of(ROOM | {"way": way, "door_m": [7.5, 0.5]})[0] for way in (0.2, 0.2, 0.3))
+    np.testing.assert_array_equal(same, again)
+    assert np.stack([same[0], other[0]]) == pytest.approx(np.array([[7.5, 0.5]] * 2))
+    assert np.abs(same - other).max() > 1.0
+
+
+def test_a_walk_about_rests_where_the_motion_gets_to(walk):
+    table = ROOM | {"rest_share": 1.0, "rest_s": [1.0, 1.5], "way": 0.4}
+    rests_m = [stop.at_m for stop in paths.lay_out(paths.make_path(table)).stops]
+    assert min(np.diff([0.0, *rests_m])) >= paths.REST_APART_M
+    resting = follow(walk, paths.make_path(table), duration_s=8.0)
+    assert resting.report["path"]["stops_m"] == pytest.approx([rests_m[0]], abs=0.4)  # at double support
+    speeds = np.hypot(*np.gradient(body_centre_m(resting)[:, :2], axis=0).T) * resting.rate_hz
+    assert (speeds < 0.02).mean() == pytest.approx(1.25 / 8.0, abs=0.06)
+    moving = follow(
+        walk, paths.make_path(table | {"room_m": [0, 9, -9, 9], "leg_m": [3.9, 4.0]}), duration_s=2.0
+    )  # no rest within reach
+    assert moving.duration_s == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [({"leg_m": [3, 1]}, "leg_m"), ({"room_m": [0, 1, 0, 6]}, "room_m"), ({"rest_s": [0, 1]}, "rest_s")],
+)
+def test_a_walk_about_that_is_impossible_is_refused(change, key):
+    with pytest.raises(ConfigError, match=key):
+        paths.make_path(ROOM | change)
+
+
+def test_a_polyline_with_a_stop_lasts_longer(walk):
+    table = {"kind": "polyline", "points_m": [[0, 0], [3, 0], [3, 2]]}
+    through = follow(walk, paths.make_path(table))
+    stopping = follow(walk, paths.make_path(table | {"stops": [{"at_m": 1.5, "pause_s": 1.0}]}))
+    ramp_s = math.pi * SPEED_MPS / 2.0
+    assert stopping.duration_s - through.duration_s == pytest.approx(1.0 + ramp_s, abs=0.02)
+    assert body_centre_m(stopping)[-1] == pytest.approx(body_centre_m(through)[-1], abs=0.1)

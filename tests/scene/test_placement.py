@@ -2,12 +2,14 @@
 
 from collections import Counter
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import doppelgait as dg
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.dataset.windows import cut_windows
 from doppelgait.motion.retime import Variation
 from doppelgait.pipeline import Run, run_simulation
 from doppelgait.scene import RcsSpec, Scene, Target, place, placement, side_by_side
@@ -181,3 +183,98 @@ def test_a_refused_target_of_many_scenes_is_named():
     )
     with pytest.raises(ConfigError, match=r"targets\.1\.motion: .*pace_sd = 0\.02 needs a random generator"):
         next(place_all(scenes, [None, None]))
+
+
+# --- Bodies that come and go --------------------------------------------------------------------------------------
+
+
+def visitor(**changes):
+    """A walker towards the radar from 6 m who is there from 1 s to 4 s of 6 s."""
+    table = {"start_position_m": (6.0, 0.0), "heading_deg": 180.0, "enter_s": 1.0, "leave_s": 4.0, **changes}
+    return Target({"kind": "boulic", "speed_mps": 1.2}, "human", **table)
+
+
+def test_a_body_that_comes_later_moves_as_it_would_from_the_start():
+    walk = dg.motion.boulic_walk(speed_mps=1.2, duration_s=3.0)
+    late = place(Scene([visitor().model_copy(update={"motion": walk})], duration_s=6.0)).targets[0]
+    early = place(Scene([Target(walk, start_position_m=(6.0, 0.0), heading_deg=180.0)], duration_s=3.0)).targets[0]
+    rate_hz, stays = late.motion.rate_hz, early.motion.position_m
+    first = round(1.0 * rate_hz)
+    np.testing.assert_array_equal(late.motion.position_m[first : first + len(stays)], stays)
+    away = late.motion.position_m[: first - 8], late.motion.position_m[first + len(stays) + 7 :]
+    assert all((part == part[:1]).all() for part in away)  # in its first or last posture, up to a few frames
+    assert all(np.abs(part[0] - at).max() < 0.1 for part, at in zip(away, stays[[0, -1]], strict=True))
+    assert late.motion.duration_s >= 6.0
+    assert late.ground_speed_mps == pytest.approx(early.ground_speed_mps)
+    left, moved = (next(iter(one.motion.facts.footfalls.values())) for one in (early, late))
+    assert np.array(moved) == pytest.approx(np.array(left) + 1.0)
+
+
+def test_the_middle_of_the_stay_is_where_a_body_with_a_range_is():
+    target = Target({"kind": "boulic", "speed_mps": 1.2}, range_m=4.0, enter_s=2.0, leave_s=4.0)
+    placed = place(Scene([target], duration_s=6.0))
+    track = dg.scene.compute_body_track(placed.targets[0], placed.scene, [2.0, 3.0, 4.0])
+    assert np.hypot(track.range_m, 0) == pytest.approx([5.2, 4.0, 2.8], abs=0.1)
+
+
+def test_a_body_is_seen_while_it_is_there_and_appears_without_a_click():
+    recording = dg.simulate(Scene([visitor()], duration_s=6.0), dg.Radar.preset("x4", prf_hz=600.0))
+    power = np.square(np.abs(recording.samples.matrix)).sum(axis=1)
+    time_s, (truth,) = recording.slow_time_s, recording.truth
+    there = (time_s >= 1.0) & (time_s <= 4.0)
+    assert (power[~there] == 0).all()
+    assert (power[(time_s > 1.05) & (time_s < 3.95)] > 0).all()
+    np.testing.assert_array_equal(np.isfinite(truth.centre_range_m), there)
+    assert truth.centre_velocity_mps[there].mean() == pytest.approx(1.2, abs=0.05)
+    assert np.abs(truth.centre_velocity_mps[there] - 1.2).max() < 0.3  # its own ripple, also where it comes and goes
+    assert np.isnan(truth.doppler_hz(0.04)[~there]).all()
+    assert len(truth.body["time"]) == pytest.approx(3.0 * 60, abs=2)
+    # at once, a body would be as bright beyond all speeds of limbs as a hundredth of itself
+    edge = np.abs(np.fft.fft(recording.samples.matrix[550:650] * np.hanning(100)[:, None], axis=0)) ** 2
+    assert edge[40:60].sum() < 1e-5 * edge.sum()
+
+
+def test_a_recording_of_a_visit_is_read_as_it_was_written(tmp_path):
+    recording = dg.simulate(Scene([visitor()], duration_s=6.0), dg.Radar.preset("x4", prf_hz=600.0))
+    dg.radar.write_recording(recording, tmp_path / "visit.h5")
+    again = dg.radar.read_recording(tmp_path / "visit.h5").truth[0]
+    np.testing.assert_array_equal(again.centre_range_m, recording.truth[0].centre_range_m)
+
+
+def test_the_gate_of_the_truth_is_that_of_the_stay():
+    scene, radar = Scene([visitor()], duration_s=6.0), dg.Radar.preset("x4", prf_hz=600.0)
+    (result,) = dg.analyze(dg.simulate(scene, radar), gate="truth")
+    (alone,) = dg.analyze(dg.simulate(Scene([visitor(enter_s=0.0, leave_s=None)], duration_s=3.0), radar), gate="truth")
+    assert (result.gate.start_s, result.gate.stop_s) == pytest.approx((1.0, 4.0), abs=0.01)
+    assert result.features.torso_velocity_mps == pytest.approx(alone.features.torso_velocity_mps, abs=0.05)
+    (empty, *_) = cut_windows(dg.simulate(scene, radar), 0.9, 0.9)
+    with pytest.raises(AnalysisError, match="has no truth of a body"):
+        dg.analyze(empty.recording, gate="truth")
+
+
+def test_who_leaves_after_the_end_does_not_fade():
+    recordings = [
+        dg.simulate(Scene([visitor(enter_s=0.0, leave_s=leave_s)], duration_s=3.0), dg.Radar.preset("x4", prf_hz=600.0))
+        for leave_s in (None, 50.0)
+    ]
+    np.testing.assert_array_equal(*(one.samples.matrix for one in recordings))
+
+
+def test_a_recording_may_be_shorter_than_the_scene_if_it_leaves():
+    motion = dg.motion.boulic_walk(duration_s=3.0)
+    with pytest.raises(ConfigError, match=r"lasts 3\.000 s, but the body is in the scene for 4 s; lower leave_s"):
+        place(Scene([Target(motion, enter_s=1.0, leave_s=5.0)], duration_s=6.0))
+    assert place(Scene([Target(motion, enter_s=2.0, leave_s=5.0)], duration_s=6.0)).observation_s == 6.0
+
+
+@pytest.mark.parametrize(
+    ("times", "duration_s", "message"),
+    [
+        ({"enter_s": 3.0}, None, "need the duration_s"),
+        ({"enter_s": 3.0, "leave_s": 3.2}, 6.0, "from 3 to 3.2 s"),
+        ({"enter_s": 7.0}, 6.0, "stays for 0.6 s or more, within duration_s"),
+    ],
+)
+def test_a_stay_that_is_none_is_refused(times, duration_s, message):
+    with pytest.raises(ConfigError, match=message):
+        Scene([Target("boulic", **times)], duration_s=duration_s)

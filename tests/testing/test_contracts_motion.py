@@ -23,6 +23,7 @@ TABLES = [
     {"kind": "arc", "radius_m": 2.0, "turn_deg": 150.0},
     {"kind": "polyline", "points_m": [[0, 0], [4, 0], [4, 4]]},
     {"kind": "stop_and_go", "stops": [{"at_m": 3.0, "pause_s": 1.0}]},
+    {"kind": "wander", "room_m": [0.0, 6.0, -2.0, 2.0], "way": 0.3},
     {"kind": "turn_around", "out_m": 3.0},
 ]
 FILES = {

@@ -220,10 +220,14 @@ def _find_pace(gait: Gait, path: Path, layout: Layout) -> Pace:
     """Return the pace on a path, with stops."""
     speed_mps = path.speed_mps or gait.speed_mps
     _check_speed(speed_mps, gait, "speed_mps")
-    if not layout.stops:
+    reach_m = math.inf
+    if layout.open_ended and layout.stops:  # half a stride before the end, for the standing posture
+        reach_m = gait.speed_mps * (gait.lasts_s - 0.5 / gait.motion.facts.stride_frequency_hz)
+    reached = [stop for stop in layout.stops if stop.at_m <= reach_m]
+    if not reached:
         return Pace(speed_mps)
     ramp_s = math.pi * speed_mps / (2 * layout.acceleration_mps2)
-    stops = tuple(Stop(_stop_phase_s(gait, s.at_m) * gait.speed_mps, s.pause_s, s.turn_rad) for s in layout.stops)
+    stops = tuple(Stop(_stop_phase_s(gait, s.at_m) * gait.speed_mps, s.pause_s, s.turn_rad) for s in reached)
     rests_m = [-speed_mps * ramp_s / 2, *(stop.at_m for stop in stops)]
     gap_m, needs_m = float(np.diff(rests_m).min()), speed_mps * ramp_s
     if gap_m < needs_m - 1e-9:
@@ -275,7 +279,7 @@ def _count_frames(course: Course, wanted_s: float | None) -> int:
     stops_s = sum(course.pace.ramp_s + stop.pause_s for stop in course.pace.stops)
     bound_s = gait.lasts_s * gait.speed_mps / slowest_mps + stops_s + 1.0
     motion_s = float(first_time_s(course.phase_time_s, gait.lasts_s * (1 - 1e-12), stop_s=bound_s)[0])
-    path_s = course.curve.length_m / course.pace.speed_mps
+    path_s = course.curve.length_m / course.pace.speed_mps + stops_s
     if wanted_s is None:
         return max(math.floor(min(motion_s, path_s) * rate_hz + 1e-6) + 1, 2)
     last = math.ceil(wanted_s * rate_hz - 1e-6)

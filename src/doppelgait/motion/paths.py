@@ -9,15 +9,16 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import Group, plugin
+from doppelgait.core.rng import Streams
 from doppelgait.core.units import FloatArray, arctangent, cosine, sine
 
 HEADING_WINDOW_M = 0.5
@@ -189,19 +190,25 @@ def make_arc(radius_m: float, turn_rad: float) -> CurveElement:
 
 TURN_S, ACCELERATION_MPS2 = 2.0, 1.0
 """Default time of a half turn on the spot and acceleration on stopping and starting (assumed)."""
+CORNER_M, MAX_CORNER_RAD, CORNERS_TAKE = 0.5, math.radians(150.0), 1.4
+"""Largest radius of the corners of a walk about, their largest turn, and the legs' length over that of the walk."""
+REST_APART_M, REST_MPS2 = 4.0, 2.0
+"""Least distance between rests of a walk about, and acceleration before and after them."""
+_ATTEMPTS = 60  # at a leg that stays in the room
 _SHORTEST_M = 1e-3
 ENDLESS = CurveElement(math.inf)
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Geometry of a path: elements, stops, acceleration and start."""
+    """Geometry of a path: elements, stops, acceleration and start. Open-ended: some stops may not be reached."""
 
     elements: tuple[CurveElement, ...]
     stops: tuple[Stop, ...] = ()
     acceleration_mps2: float = ACCELERATION_MPS2
     start_m: tuple[float, float] = (0.0, 0.0)
     heading_rad: float = 0.0
+    open_ended: bool = False
 
 
 class Path(FrozenModel):
@@ -216,6 +223,24 @@ class Path(FrozenModel):
     speed_mps: float | None = Field(default=None, gt=0, le=30)
     side_m: float = Field(default=0.0, ge=-10, le=10)
     ahead_m: float = Field(default=0.0, ge=-10, le=10)
+
+
+class StopSpec(FrozenModel):
+    """Stop on a path: distance from start and pause.
+
+    at_m: Distance along the path from its start to the stop.
+    pause_s: Time that the body stands at the stop.
+    """
+
+    at_m: float = Field(gt=0, le=1e5)
+    pause_s: float = Field(ge=0.1, le=120)
+
+
+def _check_order(stops: tuple[StopSpec, ...]) -> tuple[StopSpec, ...]:
+    for one, other in pairwise(stops):
+        if other.at_m <= one.at_m:
+            raise ValueError(f"at_m must rise from stop to stop, but {other.at_m:g} follows {one.at_m:g}")
+    return stops
 
 
 class StraightPath(Path):
@@ -248,27 +273,20 @@ class PolylinePath(Path):
 
     points_m: Two or more corners; the path starts at the first.
     corner_radius_m: Radius of the corners, 0.1 or more. Each arc must fit between its neighbours.
+    stops: Places and times of stops in order, at most 20.
+    acceleration_mps2: Maximum acceleration on stopping and starting.
     """
 
     kind: Literal["polyline"] = "polyline"
     points_m: tuple[tuple[float, float], ...] = Field(min_length=2, max_length=1000)
     corner_radius_m: float = Field(default=0.5, ge=0.1, le=1e4)
+    stops: Annotated[tuple[StopSpec, ...], AfterValidator(_check_order)] = Field(default=(), max_length=20)
+    acceleration_mps2: float = Field(default=ACCELERATION_MPS2, ge=0.1, le=20)
 
     @model_validator(mode="after")
     def _check_corners(self) -> PolylinePath:
         lay_out_polyline(self)
         return self
-
-
-class StopSpec(FrozenModel):
-    """Stop on a path: distance from start and pause.
-
-    at_m: Distance along the path from its start to the stop.
-    pause_s: Time that the body stands at the stop.
-    """
-
-    at_m: float = Field(gt=0, le=1e5)
-    pause_s: float = Field(ge=0.1, le=120)
 
 
 class StopAndGoPath(Path):
@@ -279,16 +297,48 @@ class StopAndGoPath(Path):
     """
 
     kind: Literal["stop_and_go"] = "stop_and_go"
-    stops: tuple[StopSpec, ...] = Field(min_length=1, max_length=20)
+    stops: Annotated[tuple[StopSpec, ...], AfterValidator(_check_order)] = Field(min_length=1, max_length=20)
     acceleration_mps2: float = Field(default=ACCELERATION_MPS2, ge=0.1, le=20)
 
-    @field_validator("stops")
-    @classmethod
-    def _check_order(cls, stops: tuple[StopSpec, ...]) -> tuple[StopSpec, ...]:
-        for one, other in pairwise(stops):
-            if other.at_m <= one.at_m:
-                raise ValueError(f"at_m must rise from stop to stop, but {other.at_m:g} follows {one.at_m:g}")
-        return stops
+
+class WanderPath(Path):
+    """Walk about in a room: random legs and corners, with rests.
+
+    Up to 2 m/s the body can stop within the least distance between two rests, 4 m.
+
+    room_m: Rectangle that corners stay in: x from, x to, y from, y to.
+    door_m: Point where the path starts, which may be outside; by default anywhere in the room.
+    leg_m: Shortest and longest leg.
+    rest_share: Share of the legs with a rest in their middle.
+    rest_s: Shortest and longest rest.
+    length_m: Length of the walk; a longer motion is refused.
+    acceleration_mps2: Maximum acceleration before and after a rest.
+    way: Number from 0 to 1 that the path is drawn from, so that a plan samples it: ``{ uniform = [0, 1] }``.
+    """
+
+    kind: Literal["wander"] = "wander"
+    room_m: tuple[float, float, float, float]
+    door_m: tuple[float, float] | None = None
+    leg_m: tuple[float, float] = (1.0, 4.0)
+    rest_share: float = Field(default=0.0, ge=0, le=1)
+    rest_s: tuple[float, float] = (1.0, 4.0)
+    length_m: float = Field(default=200.0, ge=1, le=2000)
+    acceleration_mps2: float = Field(default=REST_MPS2, ge=0.1, le=20)
+    way: float = Field(default=0.0, ge=0, le=1)
+
+    @model_validator(mode="after")
+    def _check_room(self) -> Self:
+        x0_m, x1_m, y0_m, y1_m = self.room_m
+        if not 0.5 <= self.leg_m[0] <= self.leg_m[1] <= 100:
+            raise ValueError(f"leg_m: must be 0.5 or more, the shortest first, not {list(self.leg_m)}")
+        if min(x1_m - x0_m, y1_m - y0_m) < 2 * self.leg_m[0]:
+            raise ValueError(
+                f"room_m: {list(self.room_m)} is x from, x to, y from, y to, {2 * self.leg_m[0]:g} m or more each way, "
+                "two of the shortest legs"
+            )
+        if not 0.1 <= self.rest_s[0] <= self.rest_s[1] <= 120:
+            raise ValueError(f"rest_s: must be from 0.1 to 120, the shortest first, not {list(self.rest_s)}")
+        return self
 
 
 class TurnAroundPath(Path):
@@ -347,30 +397,78 @@ def lay_out_turn(path: TurnAroundPath) -> Layout:
 @plugin("path", parameters=PolylinePath)
 def lay_out_polyline(path: PolylinePath) -> Layout:
     """Return legs and corner arcs of a polyline. If they do not fit, ValueError is raised."""
-    legs = np.diff(np.array(path.points_m), axis=0)
-    lengths = np.hypot(legs[:, 0], legs[:, 1])
+    lengths, headings, turns = _measure_legs(np.array(path.points_m))
     if lengths.min() < _SHORTEST_M:
         number = int(lengths.argmin())
         raise ValueError(f"points_m: {number} and {number + 1} are at the same place; leave one out")
-    headings = arctangent(legs[:, 1], legs[:, 0])
-    turns = (np.diff(headings) + np.pi) % (2 * np.pi) - np.pi
     if turns.size and np.abs(turns).max() > math.radians(175):
         number = int(np.abs(turns).argmax()) + 1
         raise ValueError(f'points_m: the path turns back at point {number}; use kind = "turn_around"')
-    cut = np.concatenate([[0.0], path.corner_radius_m * sine(np.abs(turns) / 2) / cosine(turns / 2), [0.0]])
-    left = lengths - cut[:-1] - cut[1:]
+    radii_m = np.full(turns.size, path.corner_radius_m)
+    left, cut = _cut_corners(lengths, turns, radii_m)
     if left.min() < -1e-9:
         number = int(left.argmin())
         raise ValueError(
             f"points_m: the corners at {number} and {number + 1} take {cut[number] + cut[number + 1]:.3g} m of the "
             f"{lengths[number]:.3g} m between them; lower corner_radius_m = {path.corner_radius_m:g} or move them apart"
         )
+    stops = tuple(Stop(stop.at_m, stop.pause_s) for stop in path.stops)
+    return Layout(_join_legs(left, turns, radii_m), stops, start_m=path.points_m[0], heading_rad=float(headings[0]))
+
+
+def _measure_legs(points_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    # lengths and headings of legs, and the turns between them
+    legs = np.diff(points_m, axis=0)
+    headings = arctangent(legs[:, 1], legs[:, 0])
+    return np.hypot(legs[:, 0], legs[:, 1]), headings, (np.diff(headings) + np.pi) % (2 * np.pi) - np.pi
+
+
+def _cut_corners(lengths: FloatArray, turns: FloatArray, radii_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    # what arcs leave of the legs, and what they take on either side of a corner
+    cut = np.concatenate([[0.0], radii_m * sine(np.abs(turns) / 2) / cosine(turns / 2), [0.0]])
+    return lengths - cut[:-1] - cut[1:], cut
+
+
+def _join_legs(left: FloatArray, turns: FloatArray, radii_m: FloatArray) -> tuple[CurveElement, ...]:
     elements = []
     for number, length in enumerate(left):
         elements += [CurveElement(float(length))] if length > 1e-9 else []
         bends = number < turns.size and abs(turns[number]) > 1e-9
-        elements += [make_arc(path.corner_radius_m, float(turns[number]))] if bends else []
-    return Layout(tuple(elements), start_m=path.points_m[0], heading_rad=float(headings[0]))
+        elements += [make_arc(float(radii_m[number]), float(turns[number]))] if bends else []
+    return tuple(elements)
+
+
+@plugin("path", parameters=WanderPath)
+def lay_out_wander(path: WanderPath) -> Layout:
+    """Return random legs and corners in a room, the sharp ones tighter."""
+    rng = Streams(int(path.way * 2**53)).generator("motion", "wander")
+    low_m, high_m = np.array(path.room_m).reshape(2, 2).T
+    points_m = [rng.uniform(low_m, high_m) if path.door_m is None else np.array(path.door_m)]
+    heading_rad, total_m = math.nan, 0.0
+    while total_m < CORNERS_TAKE * path.length_m:
+        for attempt in range(1, _ATTEMPTS):
+            leg_m = rng.uniform(*path.leg_m) if attempt % 10 else path.leg_m[0]
+            turn = rng.uniform(-1.0, 1.0)
+            toward_rad = math.pi * turn if math.isnan(heading_rad) else heading_rad + MAX_CORNER_RAD * turn
+            next_m = points_m[-1] + leg_m * cosine(np.array([toward_rad, toward_rad - np.pi / 2]))
+            if (next_m >= low_m).all() and (next_m <= high_m).all():
+                break
+        else:  # through the door, or out of a narrow corner
+            next_m = rng.uniform(low_m, high_m)
+        heading_rad = float(_measure_legs(np.array([points_m[-1], next_m]))[1][0])
+        total_m += math.dist(next_m, points_m[-1])
+        points_m.append(next_m)
+    lengths, headings, turns = _measure_legs(np.array(points_m))
+    tangent = np.abs(sine(turns / 2)) / np.maximum(cosine(turns / 2), 1e-3)
+    radii_m = np.minimum(CORNER_M, 0.45 * np.minimum(lengths[:-1], lengths[1:]) / np.maximum(tangent, 1e-9))
+    left, _ = _cut_corners(lengths, turns, radii_m)
+    middles_m = np.cumsum(left) - left / 2 + np.concatenate([[0.0], np.cumsum(radii_m * np.abs(turns))])
+    rests: list[Stop] = []
+    for at_m in middles_m[rng.random(left.size) < path.rest_share]:
+        if at_m - (rests[-1].at_m if rests else 0.0) >= REST_APART_M:
+            rests.append(Stop(float(at_m), float(rng.uniform(*path.rest_s))))
+    elements, start_m = _join_legs(left, turns, radii_m), (float(points_m[0][0]), float(points_m[0][1]))
+    return Layout(elements, tuple(rests), path.acceleration_mps2, start_m, float(headings[0]), open_ended=True)
 
 
 PATHS: Group[Callable[[Any], Layout]] = Group("path", built_in=("doppelgait.motion.paths",))

@@ -175,14 +175,13 @@ def compute_signatures(
     gates: list[tuple[Gate, str | None]]  # with target labels
     if isinstance(gate, Gate):
         gates = [(gate, None)]
-    elif not recording.truth:
+    elif not (bodies := [truth for truth in recording.truth if np.isfinite(truth.centre_range_m).any()]):
         raise AnalysisError(
-            f"{recording.source}: has no truth, so gate truth is not possible; use gate track, or give the range, "
-            "for example 1.2:2.8"
+            f"{recording.source}: has no truth of a body; use gate track or a range, for example 1.2:2.8"
         )
     else:
         about = partial(Gate.from_truth, wavelength_m=wavelength_m, error_m=gate_error_m)
-        gates = [(about(truth, times_s, settings), truth.label or None) for truth in recording.truth]
+        gates = [(about(truth, times_s, settings), truth.label or None) for truth in bodies]
     if settings.clutter != "none":  # static clutter is removed from the range bins that the gates touch
         range_m, sharp = frames.range_m, settings.sharp_edges
         touched = [own.touched_bins(*own.edges(range_m, times_s, sharp=sharp), range_m) for own, _ in gates]

@@ -347,7 +347,7 @@ def build_target_truth(
         motion=facts.source,
         height_m=facts.height_m,
         **frequencies_hz,
-        body=None if shown_s is None else place_points_at(placed, shown_s),  # type: ignore[arg-type]
+        body=None if shown_s is None else place_points_at(placed, shown_s[placed.is_there(shown_s)]),  # type: ignore[arg-type]
     )
 
 

@@ -29,8 +29,7 @@ from doppelgait.processing.parts import PARTS, locate_parts
 from doppelgait.processing.receiver import read_flags
 from doppelgait.processing.signature import compute_signature
 
-ALIGNED = "aligned"
-"""Attribute of a cadence map: True if its Doppler is relative to the main line (E-29)."""
+ALIGNED = "aligned"  # attribute of a cadence map: its Doppler is relative to the main line (E-29)
 SHARED = "other_bodies_share"  # share of the time that is left out of the analysis because of other bodies
 MAX_SHARED = 1.0 / 3.0  # with more, features of the rest may differ from those of the whole
 GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
@@ -38,8 +37,7 @@ OPPOSITE_MPS = 0.5
 """Lowest speed of a torso; limbs of a person who walks the other way do not stay above it."""
 STANDING_MPS = 0.3  # highest speed of feet on the ground, with the blur of the window
 MIN_COUNTED_S = 2.0  # shortest time without other bodies that is analysed alone
-MAX_TOGETHER = 8
-"""Targets that are measured together: more leave the cache of the processor and gain nothing."""
+MAX_TOGETHER = 8  # targets that are measured together: more leave the cache of the processor
 
 
 class Gated(NamedTuple):
@@ -62,6 +60,7 @@ class Target(NamedTuple):
 
 def compute_gated(clean: Frames, wavelength_m: float, gate: Gate, analysis: Analysis, label: str | None) -> Gated:
     """Compute the signature in a gate of frames without clutter."""
+    clean = gate.crop(clean) if gate.source == "truth" else clean  # a body that comes or goes: while it is there
     mu = compute_signature(clean, gate, analysis, wavelength_m=wavelength_m)
     return Gated(mu, gate, analysis, label, clean if analysis.parts else None)
 

@@ -170,8 +170,7 @@ class Gate:
     ) -> Self:
         """Make the gate around a body's true range, with a constant error like that of a tracker.
 
-        Span and Doppler band are those of the analysis. The report's method uses the span by class
-        and the true Doppler band instead, and needs ``wavelength_m``.
+        Span and Doppler band are those of the analysis; the report's method has its own.
         """
         span_m, band_hz = analysis.gate_span_m, analysis.gate_doppler_hz
         if analysis.method == "liland2018":
@@ -179,8 +178,10 @@ class Gate:
                 raise AnalysisError("the gate of method 'liland2018' uses the true Doppler band: set wavelength_m")
             span_m = LILAND_SPAN_M.get(truth.label, LILAND_SPAN_M["human"])
             doppler_hz = truth.doppler_hz(wavelength_m)
-            band_hz = (float(doppler_hz.min()), float(doppler_hz.max()))
-        return cls(np.asarray(time_s, dtype=float), truth.centre_range_m + error_m, span_m, band_hz, "truth")
+            band_hz = (float(np.nanmin(doppler_hz)), float(np.nanmax(doppler_hz)))
+        there = np.isfinite(truth.centre_range_m)  # a gate ends where the body goes
+        times_s, centre_m = np.asarray(time_s, dtype=float)[there], truth.centre_range_m[there]
+        return cls(times_s, centre_m + error_m, span_m, band_hz, "truth")
 
     @staticmethod
     def parse(

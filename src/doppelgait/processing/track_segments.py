@@ -20,8 +20,7 @@ TYPICAL_SPEED_MPS = 3.0
 UNKNOWN_SD = 1e3
 """Prior standard deviation of the squared range at a change point, in measurement errors."""
 ENVELOPE_SPAN_SD = 6.0
-ENVELOPE_POINTS = 25
-"""Number of values around the measured range at which histories are compared."""
+ENVELOPE_POINTS = 25  # number of values around the measured range at which histories are compared
 REFERENCE_STEP_S = 0.1
 HOPELESS = 1e3
 """Cost above the lowest one plus a change point at which a start is dropped: one range with an error of 30 sd."""

@@ -42,7 +42,7 @@ class TargetTruth:
     scatterers : Dataset (slow_time, scatterer)
         The target's rows of the scatterer table: range, radial velocity, aspect, radar cross section.
     centre_range_m, centre_velocity_mps, centre_aspect_rad : ndarray, shape (I,)
-        Body centre: range, radial velocity (positive approaching), aspect angle psi.
+        Body centre: range, radial velocity (positive approaching), aspect psi; NaN while it is away.
     ground_speed_mps : float
         Mean speed over ground during the observation.
     height_m : float
@@ -77,7 +77,7 @@ class TargetTruth:
     def doppler_hz(self, wavelength_m: float) -> npt.NDArray[np.float64]:
         """Return the true Doppler shift of every scatterer, 2 v_r / lambda, shape (I, L) (E-05)."""
         values = velocity_to_doppler_hz(np.asarray(self.table["radial_velocity"]), wavelength_m)
-        return np.asarray(values, dtype=np.float64)
+        return np.where(np.isnan(self.centre_range_m)[:, np.newaxis], np.nan, values)
 
     def during(self, pulses: slice, start_s: float, stop_s: float) -> TargetTruth:
         """Return the truth at a range of pulses, with unchanged means."""
@@ -467,6 +467,9 @@ def check_plausible(recording: Recording, where: str) -> None:
             shape = values.shape if name in CENTRE_ARRAYS else values.shape[:1]
             if name == "centre_aspect_rad":  # NaN while a body stands still
                 parts = [np.nan_to_num(values)]
+            elif name in CENTRE_ARRAYS and shape == times_s.shape == truth.centre_velocity_mps.shape:
+                away = np.isnan(np.fmax(truth.centre_range_m, truth.centre_velocity_mps))  # both are NaN
+                parts = [values[~away]]
             if shape != times_s.shape or not all((np.abs(part) <= most).all() for part in parts):
                 said = f"of shape {values.shape}" if shape != times_s.shape else "not finite or too large"
                 _refuse(where, f"{name} of truth {number}", said, f"one value a pulse, up to {most:g}, is allowed")

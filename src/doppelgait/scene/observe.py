@@ -15,7 +15,7 @@ from doppelgait._core import native
 from doppelgait.core.labels import SCATTERER_VARIABLES, ScattererTable, Signal, describe_points
 from doppelgait.core.lazy import LateRows, xr
 from doppelgait.core.samples import borrow_memory
-from doppelgait.core.units import FloatArray, arccosine, arcsine, arctangent
+from doppelgait.core.units import FloatArray, arccosine, arcsine, arctangent, cosine
 from doppelgait.motion.retime import Spline, check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.bodies import LEAST_COSINE
@@ -23,6 +23,8 @@ from doppelgait.scene.placement import PlacedScene, PlacedTarget, as_placed
 from doppelgait.scene.scatterers import Scatterers, View, compute_scatterers
 from doppelgait.scene.scene import Scene
 
+FADE_S = 0.3
+"""Time in which a body appears and vanishes, about that of a step through a door (assumed)."""
 ASPECT_MIN_SPEED_MPS = 0.05
 """Minimum speed, m/s, at which a scatterer has a direction of motion, and hence an aspect angle (E-04)."""
 
@@ -179,7 +181,18 @@ def make_scatterers(
 ) -> list[Scatterers]:
     """Make the scatterers of all targets, including random properties."""
     chance = {"wavelength_m": wavelength_m, "rng": rng}
-    return [_make_scatterers(target, placed.scene, times, chance) for target in placed.targets]
+    bodies = [_make_scatterers(target, placed.scene, times, chance) for target in placed.targets]
+    return [
+        _fade(body, target, times) if np.isfinite(target.stay_s).any() else body
+        for body, target in zip(bodies, placed.targets, strict=True)
+    ]
+
+
+def _fade(body: Scatterers, target: PlacedTarget, times: FloatArray) -> Scatterers:
+    # a body that appears or vanishes at once is a click at all frequencies
+    since_s = np.minimum(times - target.stay_s[0], target.stay_s[1] - times)
+    seen = 0.5 - 0.5 * cosine(np.pi * np.clip(since_s / FADE_S, 0.0, 1.0))
+    return replace(body, rcs_m2=body.rcs_m2 * np.square(seen)[:, None])
 
 
 def tabulate(
@@ -351,7 +364,7 @@ def fill_angles(
 def compute_body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.ArrayLike) -> LineOfSight:
     """Compute the line of sight of a target's body centre.
 
-    It is evaluated at the pulse times; each array has the shape (I,).
+    It is evaluated at the pulse times; each array has the shape (I,), NaN while the body is away.
 
     Examples
     --------
@@ -365,16 +378,17 @@ def compute_body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.Arra
     times = check_times(target.motion, np.asarray(slow_time_s, dtype=float))
     spline = fit_centre(target.motion)
     if scene.receiver_position_m is not None:
-        return bistatic_line_of_sight(
+        seen = bistatic_line_of_sight(
             *spline.at(times),
             transmitter_position_m=scene.radar_position_m,
             receiver_position_m=scene.receiver_position_m,
         )
+        return LineOfSight(*(np.where(target.is_there(times), part, np.nan) for part in vars(seen).values()))
     names = ("range", "radial_velocity", "aspect", "azimuth", "elevation")
     values = dict(zip(names, np.empty((len(names), times.size, 1)), strict=True))
     fill_ranges(spline, times, scene.radar_position_m, values["range"], values["radial_velocity"])
     fill_angles(spline, times, scene.radar_position_m, values)
-    return LineOfSight(*(part[:, 0] for part in values.values()))
+    return LineOfSight(*(np.where(target.is_there(times), part[:, 0], np.nan) for part in values.values()))
 
 
 def place_body_at(target: PlacedTarget, time_s: npt.ArrayLike) -> xr.DataArray:

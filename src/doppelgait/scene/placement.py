@@ -14,12 +14,14 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning, MotionError, warn_caller
 from doppelgait.core.notebook import show_html
 from doppelgait.core.rng import Streams
+from doppelgait.core.units import FloatArray
 from doppelgait.motion.follow import follow, steady_speed_mps
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.paths import StraightPath, TurnAroundPath
@@ -30,6 +32,8 @@ from doppelgait.scene.scene import DEFAULT_DURATION_S, Scene, Target
 BACKGROUND = -2
 """Target number of scatterers and reflections of background bodies; reflections of targets have -1."""
 
+GOES_ON_FRAMES = 8
+"""Frames for which a body that is away still moves: a kink of a cubic spline fades to 4e-5 over them."""
 KEPT_BYTES = 128 * 2**20
 """Maximum size of the cache of motions, bytes: about three hundred segments of motion capture."""
 
@@ -47,16 +51,24 @@ class PlacedTarget:
     number : int
         Number in the scatterer table: the index among the observed targets, -2 for background.
     motion : Motion
-        Motion after scaling, path, rotation and translation; it covers the observation. Its facts
-        are those of the whole motion.
+        Motion after scaling, path, rotation and translation; it covers the observation, and a body
+        that is not in the scene holds its first or last posture. Its facts are those of the whole
+        motion.
     ground_speed_mps : float
-        Speed along the path; without a path, net displacement divided by the observation time.
+        Speed along the path; without a path, net displacement divided by the time in the scene.
+    stay_s : (float, float)
+        Times at which the body comes and goes, infinite if it does not.
     """
 
     target: Target
     number: int
     motion: Motion
     ground_speed_mps: float
+    stay_s: tuple[float, float] = (-math.inf, math.inf)
+
+    def is_there(self, time_s: FloatArray) -> npt.NDArray[np.bool_]:
+        """Return at which times the body is in the scene."""
+        return np.asarray((time_s >= self.stay_s[0]) & (time_s <= self.stay_s[1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,30 +138,52 @@ def place_all(
 def _place_motions(scene: Scene, unscaled: list[Motion]) -> PlacedScene:
     motions = []
     for number, (target, motion) in enumerate(zip(scene.targets, unscaled, strict=True)):
+        stay_s = None if scene.duration_s is None else -float(np.subtract(*target.find_stay_s(scene.duration_s)))
         try:
-            motions.append(_scale(target, motion, scene.duration_s))
+            motions.append(_scale(target, motion, stay_s))
         except (ConfigError, MotionError) as error:
             raise type(error)(f"targets.{number}: {error}") from None
         lasts_s = motions[-1].duration_s
-        if scene.duration_s is not None and lasts_s < scene.duration_s - 1e-6:
+        if stay_s is not None and lasts_s < stay_s - 1e-6:
+            remedy = "duration_s" if stay_s == scene.duration_s else "leave_s - enter_s"
             raise ConfigError(
-                f"targets.{number}: its motion ({motion.facts.source}) lasts {lasts_s:.3f} s, but the scene "
-                f"{scene.duration_s} s; lower duration_s to {math.floor(lasts_s * 100) / 100} or less"
+                f"targets.{number}: its motion ({motion.facts.source}) lasts {lasts_s:.3f} s, but the body is in the "
+                f"scene for {stay_s:g} s; lower {remedy} to {math.floor(lasts_s * 100) / 100} or less"
             )
     observation_s = scene.duration_s or min(motion.duration_s for motion in motions)
-    numbers = iter(range(len(scene.targets)))
-    placed = tuple(
-        PlacedTarget(
-            target=target,
-            number=BACKGROUND if target.background else next(numbers),
-            motion=_place(target, motion, scene, observation_s),
-            ground_speed_mps=(
-                path.mean_speed_mps if (path := motion.facts.path) else travel_speed_mps(motion, first_s=observation_s)
-            ),
+    numbers, placed = iter(range(len(scene.targets))), []
+    for target, motion in zip(scene.targets, motions, strict=True):
+        enter_s, leave_s = target.find_stay_s(observation_s)
+        path, whole = motion.facts.path, _place(target, motion, scene, leave_s - enter_s)
+        placed.append(
+            PlacedTarget(
+                target=target,
+                number=BACKGROUND if target.background else next(numbers),
+                motion=_hold(whole, enter_s, leave_s, observation_s),
+                ground_speed_mps=path.mean_speed_mps if path else travel_speed_mps(motion, first_s=leave_s - enter_s),
+                stay_s=(enter_s or -math.inf, leave_s if leave_s < observation_s else math.inf),
+            )
         )
-        for target, motion in zip(scene.targets, motions, strict=True)
-    )
-    return PlacedScene(scene, placed, observation_s)
+    return PlacedScene(scene, tuple(placed), observation_s)
+
+
+def _hold(motion: Motion, enter_s: float, leave_s: float, observation_s: float) -> Motion:
+    # the first posture before the body comes, the last one after it has gone
+    if enter_s == 0 and leave_s == observation_s:
+        return motion
+    rate_hz, first_s = motion.rate_hz, float(motion.time_s[0])
+    before, stays = round(enter_s * rate_hz), math.ceil((leave_s - enter_s) * rate_hz - 1e-6) + 1
+    frames = np.arange(math.ceil(observation_s * rate_hz - 1e-6) + 2) - before
+    last = min(stays, motion.n_frames) - 1
+    held = np.clip(frames, 0, last)
+    # the body first goes on as it was, so that the spline is not bent where it is still seen
+    beyond = np.clip(frames - held, -GOES_ON_FRAMES, GOES_ON_FRAMES)[:, np.newaxis, np.newaxis]
+    steps_m = np.diff(motion.position_m[: last + 1], axis=0)
+    step_m = np.where(beyond < 0, steps_m[0], steps_m[-1])
+    facts = motion.facts
+    moved = {foot: [t - first_s + before / rate_hz for t in times] for foot, times in facts.footfalls.items()}
+    facts = replace(facts, footfalls=moved, file_time_s=facts.file_time_s - before / rate_hz)
+    return motion.remake(motion.position_m[held] + beyond * step_m, facts)
 
 
 def as_placed(scene: Scene | PlacedScene, streams: Streams | None = None) -> PlacedScene:

@@ -17,6 +17,8 @@ from doppelgait.motion.paths import Path, make_path
 from doppelgait.motion.retime import ScalingMode, Variation
 from doppelgait.scene.rcs import RCS, RcsSpec
 
+LEAST_STAY_S = 0.6
+"""Least time of a body in a scene: it appears for half of it and fades for the other half."""
 DEFAULT_DURATION_S = 5.0
 """Observation time of a scene in which all motions are models."""
 
@@ -83,8 +85,8 @@ class Target(FrozenModel):
     scaling : {"uniform", "froude", "z_only"}
         How ``height_m`` changes lengths and times (E-01).
     range_m : float, optional
-        Ground range of the body centre from the radar at the middle of the observation; by default
-        5 m, or the minimum range at which the body stays at least 2 m from the radar.
+        Ground range of the body centre from the radar at the middle of its time in the scene; by
+        default 5 m, or the minimum range at which the body stays at least 2 m from the radar.
     bearing_deg : float
         Direction of that point as seen from the radar, from +x towards +y.
     aspect_deg : float
@@ -99,6 +101,10 @@ class Target(FrozenModel):
         and ``heading_deg``, which must be set; a straight path by default.
     vary : Variation or table, optional
         Differences of the motion from its model or recording (:mod:`doppelgait.motion.retime`).
+    enter_s : float
+        Time at which the body comes into the scene and its motion starts. It appears within 0.3 s.
+    leave_s : float, optional
+        Time at which it goes out of the scene, fading within 0.3 s; by default it stays.
     background : bool
         True for a body that scatters but is not a target, such as a fan or a curtain. It has no
         truth and no result, and its scatterers have the target number -2.
@@ -133,6 +139,8 @@ class Target(FrozenModel):
     heading_deg: float | None = Field(default=None, ge=-360, le=360)
     path: SerializeAsAny[Path] | None = None
     vary: Variation | None = None
+    enter_s: float = Field(default=0.0, ge=0, le=3600)
+    leave_s: float | None = Field(default=None, gt=0, le=3600)
     background: bool = False
 
     if TYPE_CHECKING:
@@ -179,6 +187,10 @@ class Target(FrozenModel):
                 "a path needs start_position_m and heading_deg: its origin and the direction of its x axis"
             )
         return self
+
+    def find_stay_s(self, observation_s: float) -> tuple[float, float]:
+        """Return the times at which the body comes and goes."""
+        return self.enter_s, observation_s if self.leave_s is None else min(self.leave_s, observation_s)
 
 
 class Scene(FrozenModel):
@@ -252,6 +264,17 @@ class Scene(FrozenModel):
     def _has_duration(self) -> Self:
         if not self.targets and self.duration_s is None:
             raise ValueError("targets: must have at least 1 item ([[targets]]), or give duration_s for an empty room")
+        for number, target in enumerate(self.targets):
+            if target.enter_s == 0 and target.leave_s is None:
+                continue
+            if self.duration_s is None:
+                raise ValueError(f"targets.{number}: enter_s and leave_s need the duration_s of the scene")
+            enter_s, leave_s = target.find_stay_s(self.duration_s)
+            if leave_s - enter_s < LEAST_STAY_S:
+                raise ValueError(
+                    f"targets.{number}: is in the scene from {enter_s:g} to {leave_s:g} s; a body stays for "
+                    f"{LEAST_STAY_S:g} s or more, within duration_s"
+                )
         return self
 
     @classmethod

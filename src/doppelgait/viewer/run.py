@@ -30,12 +30,9 @@ from doppelgait.viewer.settings import CHANGEABLE, Changes, Settings
 Span = tuple[float, float]
 """Start and stop in s."""
 
-NEAR_M = 0.8
-"""Largest median distance of a gate from its body."""
-STILL = ("", "stand")
-"""Gaits without steps."""
-DIGITS = 6
-"""Decimals of a true speed; rounding errors of a motionless model become 0."""
+NEAR_M = 0.8  # largest median distance of a gate from its body
+STILL = ("", "stand")  # gaits without steps
+DIGITS = 6  # decimals of a true speed; rounding errors of a motionless model become 0
 
 
 def find_span(result: Result) -> Span:
@@ -57,12 +54,9 @@ def match_truths(recording: Recording, results: Sequence[Result]) -> list[Target
         elif result.gate.source == "given":
             # The body that is inside a fixed gate for most of the time; None where there are several or none.
             low_m, high_m = float(result.gate.low_m[0]), float(result.gate.high_m[0])
-            inside = [n for n, one in enumerate(recording.truth) if low_m < np.median(one.centre_range_m) < high_m]
-            touched = [
-                n
-                for n, one in enumerate(recording.truth)
-                if ((one.centre_range_m > low_m) & (one.centre_range_m < high_m)).any()
-            ]
+            ranges_m = [one.centre_range_m for one in recording.truth]
+            inside = [n for n, each_m in enumerate(ranges_m) if low_m < np.nanmedian(each_m) < high_m]
+            touched = [n for n, each_m in enumerate(ranges_m) if ((each_m > low_m) & (each_m < high_m)).any()]
             found[number] = inside[0] if len(inside) == 1 and touched == inside else None
         else:
             pairs.append((_distance_m(recording.truth[body], times_s, result, find_span(result)), number, body))
@@ -80,7 +74,7 @@ def _distance_m(truth: TargetTruth, times_s: npt.NDArray[np.float64], result: Re
     """Return a gate's median distance from a body."""
     chosen = _select_pulses(times_s, span)
     middle_m = result.gate.centre_at(times_s[chosen])
-    return float(np.median(np.abs(middle_m - truth.centre_range_m[chosen])))
+    return float(np.median(np.nan_to_num(np.abs(middle_m - truth.centre_range_m[chosen]), nan=np.inf)))
 
 
 def _select_pulses(times_s: npt.NDArray[np.float64], span: Span) -> npt.NDArray[np.bool_]:
@@ -101,7 +95,8 @@ def find_true_values(
 
 def compute_true_values(truth: TargetTruth, wavelength_m: float, during: npt.NDArray[np.bool_]) -> dict[str, Any]:
     """Return the true features and frequencies by their names."""
-    radial_mps = round(float(np.mean(truth.centre_velocity_mps[during])), DIGITS) + 0.0
+    seen_mps = truth.centre_velocity_mps[during]
+    radial_mps = round(float(np.nan_to_num(seen_mps).sum() / max(np.isfinite(seen_mps).sum(), 1)), DIGITS) + 0.0
     steps = truth.gait not in STILL and truth.gait_frequency_hz > 0
     ground = steps and truth.ground_speed_mps is not None
     return {
@@ -136,8 +131,7 @@ TRACK_FACTS = (
 """Quality of the whole track, repeated for each of its segments."""
 MOST_ANALYSES = 2
 """Largest number of stored analyses of a run, by gate and settings; an analysis of a minute at 1 kHz needs 150 MB."""
-MOST_KEPT = 20
-"""Largest number of other stored values of a run; each is a few numbers."""
+MOST_KEPT = 20  # largest number of other stored values of a run; each is a few numbers
 
 
 @dataclass(frozen=True)

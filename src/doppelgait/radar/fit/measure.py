@@ -329,9 +329,8 @@ def _find_quiet_windows(power: FloatArray, upper: Mask) -> Mask:
 
 
 def compute_quantile_ratio(count: int) -> float:
-    """Return the median ratio of noise powers' quantile to their mean.
-    The share of exponential powers below an order statistic is beta distributed: 9 % more for 18 powers than for many.
-    """
+    """Return the median ratio of noise powers' quantile to their mean."""
+    # the share of exponential powers below an order statistic is beta distributed: 9 % more for 18 powers than for many
     from scipy.stats import beta
 
     order = QUANTILE * (count - 1)
@@ -466,9 +465,8 @@ def _estimate_image(
 
 
 def convert_ratio(ratio: complex) -> tuple[float, float]:
-    r"""Return gain (dB) and phase error (deg) of Q.
-    From E y^2 / E |y|^2 = (1 - g^2 + 2 j g sin phi) / (1 + g^2) behind the channels.
-    """
+    """Return gain (dB) and phase error (deg) of Q."""
+    # from E y^2 / E |y|^2 = (1 - g^2 + 2 j g sin phi) / (1 + g^2) behind the channels
     in_phase, quadrature = (1.0 + ratio.real) / 2.0, (1.0 - ratio.real) / 2.0
     sine = ratio.imag / 2.0 / math.sqrt(max(in_phase * quadrature, 1e-12))
     gain_db = float(power_to_db(max(quadrature, 1e-9) / max(in_phase, 1e-9)))

@@ -21,8 +21,7 @@ from doppelgait.radar.parameters import Radar
 
 FrameFilter = Literal["hamming", "chip"]
 
-DECIMATION = 8
-"""Decimation of the chip."""
+DECIMATION = 8  # decimation of the chip
 HAMMING_TAPS = 27
 CHUNK_SAMPLES = 1 << 22
 """Number of RF samples per block, which limits the working memory to 100 MB for recordings of any length."""

@@ -25,8 +25,7 @@ from doppelgait.radar.xethru.records import (
     record_bytes,
 )
 
-MAX_PARTS = 10_000
-"""Maximum number of chained folders."""
+MAX_PARTS = 10_000  # maximum number of chained folders
 LONGEST_MS = 10 * 366 * 86_400_000
 """Maximum time from the start of the first part of a recording to that of the last, ms: ten years."""
 HEAD_BYTES = 64

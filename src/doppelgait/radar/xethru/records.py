@@ -23,8 +23,7 @@ VERSION = 13
 READ_VERSIONS = (12, 13, 14)
 NO_NEXT = -1
 
-RECORD, FILE_CLOSED, TRAILER = 1, 2, 3
-"""Kinds of table entries."""
+RECORD, FILE_CLOSED, TRAILER = 1, 2, 3  # kinds of table entries
 
 
 @lru_cache

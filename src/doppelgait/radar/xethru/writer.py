@@ -37,8 +37,7 @@ from doppelgait.radar.xethru.records import (
     pack_meta,
 )
 
-WRITING = ".writing"
-"""Ending of files that are still open."""
+WRITING = ".writing"  # ending of files that are still open
 MAX_TIME_MS = 2**32 - 1
 MAX_SESSION_ID = 100
 
