@@ -8,19 +8,10 @@ from scipy.linalg import expm
 
 from doppelgait.classify import timeline
 from doppelgait.classify.decide import Decision
-from doppelgait.classify.timeline import (
-    CHANGE_PER_S,
-    Links,
-    Tracks,
-    Window,
-    _ClassEvidence,
-    analyze_window,
-    check_window,
-    cut_windows,
-    join_decisions,
-)
+from doppelgait.classify.timeline import CHANGE_PER_S, Tracks, _ClassEvidence, check_window, join_decisions
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.rng import rng
+from doppelgait.dataset.windows import Links, Path, Window, analyze_window, cut_windows
 from doppelgait.motion import boulic_walk
 from doppelgait.pipeline import Result, simulate
 from doppelgait.processing import Analysis, Gate
@@ -82,7 +73,7 @@ def test_times_of_a_window_are_those_of_the_recording(walk):
 def test_windows_of_a_simulation_take_the_true_gate(walk):
     last = list(cut_windows(walk, 3.0, 0.75))[-1]
     (result,) = analyze_window(last, Analysis(), gate="truth")
-    path = timeline.Path.of(result, last)
+    path = Path.of(result, last)
     inside = path.time_s <= walk.slow_time_s[-1]
     true_m = np.interp(path.time_s, walk.slow_time_s, walk.truth[0].centre_range_m)
     np.testing.assert_allclose(path.range_m[inside], true_m[inside], atol=0.02)
@@ -195,6 +186,6 @@ def test_no_window_says_more_than_the_rows_of_its_calibration(monkeypatch):
     assert found.probability == pytest.approx(1 / 1.01)
 
 
-def test_the_alarm_is_that_of_the_window_before_there_is_evidence(monkeypatch):
+def test_the_alarm_needs_evidence_and_stays(monkeypatch):
     windows = [said(0.5, blocked=True, alarm=True), said(0.7, alarm=True), said(0.01, blocked=True), said(0.2)]
-    assert [one.alarm for one in decisions(monkeypatch, windows)] == [True, True, True, False]
+    assert [one.alarm for one in decisions(monkeypatch, windows)] == [False, True, True, True]

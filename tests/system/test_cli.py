@@ -281,4 +281,4 @@ def test_wrong_values_are_refused_in_plain_words(tmp_path, arguments, says):
 
 def test_the_help_of_a_plan_names_all_built_in_plans():
     said = " ".join(run("dataset", "plan", "--help").stdout.split())
-    assert ", ".join(plan_names()) in said
+    assert ", ".join(plan_names()) in said.replace("- ", "-")  # a line may end within a name

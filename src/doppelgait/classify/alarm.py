@@ -1,10 +1,8 @@
 """Metrics of an alarm over a day.
 
-These are false triggers, time to detect and missed entries. A day (:class:`Day`) is a list of kinds
-of episodes, each a scene file with distributions and its hours a day. Every episode is simulated
-several times and classified in windows as a stream is (:mod:`doppelgait.classify.timeline`). The
-alarm's score at a time is the highest fused probability of its class over the tracks that had
-evidence; it triggers where the score rises to the threshold.
+These are false triggers, time to detect and missed entries. A day is a plan of episodes, each with
+its hours a day. Every episode is simulated several times and classified as a stream is
+(:mod:`doppelgait.classify.timeline`). The alarm of a track stays once it is raised.
 """
 
 from __future__ import annotations
@@ -17,88 +15,55 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from doppelgait.classify.decide import read_training_analysis
 from doppelgait.classify.model import Model
 from doppelgait.classify.scores import clopper_pearson_interval
-from doppelgait.classify.timeline import TrackDecision, Tracks, analyze_window, check_window, cut_windows
-from doppelgait.core.config import FrozenModel, read_toml, validate
-from doppelgait.core.draws import resolve
+from doppelgait.classify.timeline import TrackDecision, Tracks, check_window
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.core.units import FloatArray
-from doppelgait.pipeline import simulate
-from doppelgait.pipeline.run import Run, parse_run
+from doppelgait.dataset.config import PlanConfig, load_plan
+from doppelgait.dataset.resolve import Compiled, find_class, resolve_example
+from doppelgait.dataset.windows import analyze_window, cut_windows
+from doppelgait.pipeline.run import Run, simulate_placed
+from doppelgait.radar import Recording
+from doppelgait.scene.placement import place
 
-BUILT_IN = Path(__file__).with_name("home-alarm-day.toml")
+DAY = "home-alarm-day"  # the built-in plan
 THRESHOLDS = (0.5, 0.8, 0.9, 0.95, 0.99)
 """Alarm thresholds that are scored in addition to that of the model."""
 
 
-class EpisodeSection(FrozenModel):
-    """A kind of episode.
-
-    label: Name of the kind.
-    should_trigger: Whether a person is present who should trigger the alarm.
-    animals: Number of animals in the episode, for triggers per animal-hour.
-    hours_per_day: Hours per day of such episodes: the weight of their false triggers.
-    duration_s: Length of one recording.
-    targets: Targets as in a scene file; values may be distributions.
-    environment: Effects as in a scene file, applied after those of all scenes; values may be
-        distributions.
-    """
-
-    label: str = Field(min_length=1)
-    should_trigger: bool = False
-    animals: int = Field(default=0, ge=0, le=10)
-    hours_per_day: float = Field(gt=0, le=24)
-    duration_s: float = Field(ge=3, le=600)
-    targets: list[dict[str, Any]]
-    environment: tuple[dict[str, Any], ...] = ()
-
-
-class Day(FrozenModel):
-    """A day of episodes.
-
-    name: Name of the day.
-    seed: Root of all random streams.
-    repeats: Number of recordings of each kind of episode.
-    scene: Keys that all scenes share, as in a scene file.
-    episodes: Kinds of episodes of the day.
-    """
-
-    name: str
-    seed: int = Field(default=2018, ge=0)
-    repeats: int = Field(default=10, ge=1, le=100_000)
-    scene: dict[str, Any]
-    episodes: tuple[EpisodeSection, ...] = Field(min_length=1)
-
-
 @dataclass(frozen=True)
 class Episode:
-    """Scores and triggers of the alarm in one recording."""
+    """Scores of the alarm in one recording, by track: times and scores."""
 
     label: str
-    times_s: FloatArray
-    scores: FloatArray
+    tracks: Mapping[int, tuple[FloatArray, FloatArray]]
 
     def find_triggers(self, threshold: float) -> FloatArray:
-        """Return the times of crossing a threshold upwards."""
-        over = self.scores >= threshold
-        return np.asarray(self.times_s[over & ~np.concatenate([[False], over[:-1]])], dtype=np.float64)
+        """Return the times at which the alarm of each track is raised: once, as it stays."""
+        over = [times_s[scores >= threshold] for times_s, scores in self.tracks.values()]
+        return np.array(sorted(times_s[0] for times_s in over if times_s.size), dtype=np.float64)
 
 
-def read_day(path: str | Path | None = None) -> Day:
-    """Read a day from a TOML file."""
-    file = BUILT_IN if path is None else Path(path)
-    table, text = read_toml(file)
-    return validate(Day, table, where=file.name, text=text)
+def load_day(plan: str | Path | None = None, repeats: int | None = None) -> tuple[PlanConfig, Path]:
+    """Load the plan of a day, and the folder of its motion files."""
+    day, folder = load_plan(plan or DAY)
+    if repeats is not None:
+        section = day.dataset.model_copy(update={"examples_per_class": repeats})
+        episodes = tuple(episode.model_copy(update={"examples": None}) for episode in day.episodes)
+        day = day.model_copy(update={"dataset": section, "episodes": episodes})
+    if not day.episodes:
+        raise ConfigError(f"{plan}: is a plan of classes; a day of an alarm needs [[episodes]]")
+    return day, folder
 
 
 def run_day(
-    day: Day,
+    day: PlanConfig,
     model: Model,
     *,
+    folder: Path | None = None,
     window_s: float | None = None,
     hop_s: float | None = None,
     on_progress: Callable[[int, int], None] | None = None,
@@ -114,70 +79,59 @@ def run_day(
     short = [section.label for section in day.episodes if section.duration_s < window_s]
     if short:
         raise ConfigError(
-            f"{day.name}: {', '.join(short)}: duration_s is below the window of {window_s:g} s; make it longer"
+            f"{day.dataset.name}: {', '.join(short)}: duration_s is below the window of {window_s:g} s; make it longer"
         )
-    found, total = [], day.repeats * len(day.episodes)
-    settings = read_training_analysis(model)
+    found, total = [], sum(map(day.count_class_examples, day.episodes))
+    settings, compiled = read_training_analysis(model), Compiled()
     for number in range(total):
-        section = day.episodes[number // day.repeats]
-        run = sample_scene(day, section, number)
+        run = resolve_example(day, number, folder or Path(), compiled=compiled).run
+        label = day.episodes[find_class(day, number)[0]].label
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DoppelgaitWarning)  # aliasing of a fan and of a runner's feet is expected
-            recording = simulate(run.scene, run.radar, rng=run.streams, conditions=run.conditions, angles=False)
+            recording = simulate_run(run, folder)
         tracks = Tracks(model)
         windows = (
             (window.stop_s, tracks.add(window, analyze_window(window, settings)))
             for window in cut_windows(recording, window_s, hop_s)
         )
-        found.append(Episode(section.label, *score_alarm(windows, alarm)))
+        found.append(Episode(label, score_alarm(windows, alarm)))
         if on_progress is not None:
             on_progress(number + 1, total)
     return found
 
 
-def sample_scene(day: Day, section: EpisodeSection, example: int) -> Run:
-    """Sample the scene of a recording of an episode."""
-    table: dict[str, Any] = {
-        **day.scene,
-        "duration_s": section.duration_s,
-        "targets": section.targets,
-        "environment": [*day.scene.get("environment", ()), *section.environment],
-    }
-    sampled = resolve(table, seed=day.seed, example=example, key="day", turn=example % day.repeats)
-    return parse_run({**sampled, "seed": day.seed, "example": example}, where=f"{day.name}, {section.label}")
+def simulate_run(run: Run, folder: Path | None) -> Recording:
+    """Simulate the recording of an episode."""
+    return simulate_placed(run, place(run.scene, run.streams, folder=folder), angles=False)
 
 
-def score_alarm(windows: Iterable[tuple[float, Sequence[TrackDecision]]], alarm: str) -> tuple[FloatArray, FloatArray]:
-    """Return window end times and the alarm's scores."""
-    kept: dict[int, float] = {}
-    times, scores = [], []
+def score_alarm(
+    windows: Iterable[tuple[float, Sequence[TrackDecision]]], alarm: str
+) -> dict[int, tuple[FloatArray, FloatArray]]:
+    """Return times and scores of every track with evidence."""
+    rows: dict[int, list[tuple[float, float]]] = {}
     for stop_s, decisions in windows:
-        best = 0.0
         for one in decisions:
             if not one.window.blocked:
-                kept[one.track] = one.probabilities[alarm]
-            alone = 0.0 if one.window.alarm is None else one.window.probabilities[alarm]
-            best = max(best, kept.get(one.track, alone))
-        times.append(stop_s)
-        scores.append(best)
-    return np.array(times, dtype=np.float64), np.array(scores, dtype=np.float64)
+                rows.setdefault(one.track, []).append((stop_s, one.probabilities[alarm]))
+    return {track: (np.array(seen)[:, 0], np.array(seen)[:, 1]) for track, seen in rows.items()}
 
 
-def score_day(day: Day, episodes: Sequence[Episode], model: Model) -> dict[str, Any]:
+def score_day(day: PlanConfig, episodes: Sequence[Episode], model: Model) -> dict[str, Any]:
     """Score the alarm over a day, by threshold."""
     own = model.facts.alarm_threshold
     chosen = sorted({*THRESHOLDS, *(() if own is None else (own,))})
     return {
-        "day": day.name,
+        "day": day.dataset.name,
         "alarm": model.facts.alarm,
-        "repeats": day.repeats,
+        "repeats": day.dataset.examples_per_class,
         "thresholds": [
             _score_at_threshold(day, episodes, threshold) | {"model": threshold == own} for threshold in chosen
         ],
     }
 
 
-def _score_at_threshold(day: Day, episodes: Sequence[Episode], threshold: float) -> dict[str, Any]:
+def _score_at_threshold(day: PlanConfig, episodes: Sequence[Episode], threshold: float) -> dict[str, Any]:
     by_label: dict[str, list[FloatArray]] = {}
     for one in episodes:
         by_label.setdefault(one.label, []).append(one.find_triggers(threshold))
@@ -263,7 +217,7 @@ def format_day(found: Mapping[str, Any]) -> list[dict[str, str]]:
 
 
 def format_episodes(found: Mapping[str, Any]) -> list[dict[str, str]]:
-    """Format recordings that triggered,, by kind."""
+    """Format recordings that triggered, by kind."""
     rows = []
     for number, kind in enumerate(found["thresholds"][0]["by_episode"]):
         row = {

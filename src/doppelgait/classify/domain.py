@@ -69,7 +69,7 @@ def simulate_like(
             scene = {**plan.scene, "duration_s": duration_s}
             of_one = plan.model_copy(update={"dataset": dataset, "radar": radar, "scene": scene})
             # beyond the examples of the plan the classes alternate
-            beyond = sum(plan.count_class_examples(section) for section in plan.classes) + number
+            beyond = sum(plan.count_class_examples(section) for section in plan.sections) + number
             run = resolve_example(of_one, beyond, folder or Path()).run
         made = run_simulation(run, folder=folder, angles=False)
         chosen = np.minimum(np.round(times_s * real.radar.prf_hz).astype(int), made.n_pulses - 1)

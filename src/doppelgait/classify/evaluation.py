@@ -17,7 +17,7 @@ import pandas as pd
 from doppelgait import __version__
 from doppelgait.classify import scores, training
 from doppelgait.classify.adapt import adapt_to_nameless_rows, adapt_to_rows
-from doppelgait.classify.alarm import Day, run_day, score_day
+from doppelgait.classify.alarm import run_day, score_day
 from doppelgait.classify.data import Rows, Table, collect_inputs, collect_rows, select_split, take_rows, unknown_rows
 from doppelgait.classify.learned import (
     LEAST_FAR,
@@ -48,6 +48,7 @@ from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS
 from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.interrupt import raise_if_stopped
+from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.splits import list_names, parse_source
 
@@ -441,7 +442,7 @@ def evaluate(
     n_seeds: int = 1,
     keep: bool = False,
     alarm_class: str | None = None,
-    day: Day | None = None,
+    day: PlanConfig | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Evaluation:
     """Train and score models.
@@ -485,7 +486,7 @@ def evaluate(
         After a cross-validation train each model once more, on all rows.
     alarm_class : str, optional
         Class that triggers the alarm; ``human`` by default.
-    day : Day, optional
+    day : PlanConfig, optional
         Score the alarm of the kept model over a day (:func:`doppelgait.classify.alarm.run_day`).
     on_progress : callable, optional
         Called with (models trained, models to train).

@@ -26,11 +26,11 @@ import numpy.typing as npt
 from doppelgait.classify.decide import read_training_analysis
 from doppelgait.classify.model import Model
 from doppelgait.classify.model_file import load_model_for_radar
-from doppelgait.classify.timeline import TrackDecision, Tracks, Window, analyze_window, check_window
+from doppelgait.classify.timeline import TrackDecision, Tracks, check_window
 from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.dataset.recorded import TOLERANCE
+from doppelgait.dataset.windows import TOLERANCE, Window, analyze_window
 from doppelgait.pipeline import Result, Tracking
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, Recording

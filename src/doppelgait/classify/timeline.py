@@ -1,20 +1,15 @@
-"""Decisions over time: windows, linked targets, fused evidence.
+"""Decisions over time: fused evidence of linked targets.
 
-A window of the recording (:func:`cut_windows`) or of a stream (:mod:`doppelgait.classify.live`) is
-analysed and classified like a separate recording. No data outside the window are used, so that a
-stream and its file give the same result, and an overlap of two bodies affects only its own windows.
-:class:`Tracks` then performs the steps that depend on the past:
+Windows of a recording or of a stream are analysed and linked to tracks
+(:mod:`doppelgait.dataset.windows`). :class:`Tracks` performs the steps that depend on the past:
 
-1. *Linking.* A target continues the track with the same path where the windows overlap, or with a path that leads to it
-   across a gap. One pass of the tracker over the whole recording would give tracks too, but it
-   smooths backwards, so that a stream could not have them.
-2. *Fusion.* The class of a track is a hidden Markov state that changes at :data:`CHANGE_PER_S` (mistaken links, another
-   person through the same door). Calibrated probabilities of a window are its likelihoods, up to a
-   factor, because they hold for equally frequent classes. A window that overlaps the one before is
-   new only in part, and its log likelihood counts by that part: hop / window in a steady stream. A
-   window that may not be decided (a flag, conditions or features that were not in the training
-   data) is no evidence.
-3. *Decision.* A class is decided when its fused probability reaches the model's limit, and stays until another class
+1. *Fusion.* The class of a track is a hidden Markov state that changes at :data:`CHANGE_PER_S`
+   (mistaken links, another person through the same door). Calibrated probabilities of a window are
+   its likelihoods, up to a factor, because they hold for equally frequent classes. A window that
+   overlaps the one before is new only in part, and its log likelihood counts by that part: hop /
+   window in a steady stream. A window that may not be decided (a flag, conditions or features that
+   were not in the training data) is no evidence.
+2. *Decision.* A class is decided when its fused probability reaches the model's limit, and stays until another class
    reaches it, so that the decision does not flicker.
 """
 
@@ -22,9 +17,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import count
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import Any, NamedTuple
 
@@ -34,41 +28,17 @@ from doppelgait.classify.decide import Decision, TargetInputs, choose_model, dec
 from doppelgait.classify.model import Model
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.units import FloatArray
-from doppelgait.dataset.recorded import TOLERANCE, cut
-from doppelgait.pipeline import Result, Tracking, analyze
+from doppelgait.dataset.windows import Links, Path, Window, analyze_window, cut_windows
+from doppelgait.pipeline import Result, Tracking
 from doppelgait.processing import Analysis
 from doppelgait.radar import Recording, read_recording
 
 CHANGE_PER_S = 0.02
 """Rate at which the class of a track changes. For two classes, evidence has a tenth of its weight after one minute."""
-LINK_M, LINK_GROWS_MPS = 0.6, 0.4
-"""Maximum distance at which a target continues a path, and its growth with the time without a detection."""
-LINK_MPS = 1.5  # largest jump of the radial speed across a gap
-COAST_S, LOST_S = 2.0, 6.0
-"""Time for which a path is extrapolated (as long as two bodies share a detection), and time after which it is lost."""
-LEAST_COMMON_S, STEP_S = 0.3, 0.1
 WINDOW_OBSERVATIONS = 1.5
 """Default window length as a multiple of the shortest training observation, because a track does not fill its
 window."""
 UNCALIBRATED = 10  # assumed number of calibration rows of uncalibrated probabilities
-TIMES = (
-    "start_s",
-    "stop_s",
-    "track_start_s",
-    "track_stop_s",
-    "track_confirmed_at_s",
-    "still_start_s",
-    "still_stop_s",
-)
-"""Times among the diagnostics of a result."""
-
-
-class Window(NamedTuple):
-    """Part of a recording, with times that start at 0."""
-
-    start_s: float
-    stop_s: float
-    recording: Recording
 
 
 @dataclass(frozen=True)
@@ -88,10 +58,9 @@ class TrackDecision:
     probabilities : mapping
         Fused, of every class, were all classes equally frequent.
     alarm : bool or None
-        True where the fused probability of the alarm's class reaches the model's threshold; as in
-        the last window that was evidence. Before the first one it is the alarm of the window alone,
-        which a flag does not keep from triggering. None where the model has no alarm, or no
-        threshold for such a radar.
+        True from the window on in which the fused probability of the alarm's class reaches the
+        model's threshold, as long as the track lasts; a window that is no evidence raises none.
+        None where the model has no alarm, or no threshold for such a radar.
     reason : str
         Reason why nothing is decided, or why this window is no evidence; empty otherwise.
     range_m, approach_mps : float
@@ -142,102 +111,6 @@ def check_window(window_s: float | None, hop_s: float | None, model: Model | Non
     return window_s, hop_s
 
 
-def cut_windows(recording: Recording, window_s: float, hop_s: float) -> Iterator[Window]:
-    """Split a recording into windows that start every hop."""
-    first_s = float(recording.slow_time_s[0])
-    for part in cut(recording, window_s=window_s, step_s=hop_s):
-        assert isinstance(part.recording, Recording)
-        start_s, content = first_s + part.start_s, part.recording
-        if recording.truth:
-            margin_s = TOLERANCE / recording.radar.prf_hz
-            first = int(np.searchsorted(recording.slow_time_s, start_s - margin_s))
-            pulses = slice(first, first + content.n_pulses)
-            truth = [one.during(pulses, start_s, start_s + window_s) for one in recording.truth]
-            content = replace(content, truth=truth)
-        yield Window(start_s, start_s + window_s, content)
-
-
-def analyze_window(
-    window: Window, analysis: Analysis, tracking: Tracking | None = None, gate: Any = "track"
-) -> list[Result]:
-    """Analyse a window; times refer to the recording."""
-    results = analyze(window.recording, gate=gate, analysis=analysis, tracking=tracking)
-    return [_delay_result(result, window.start_s) for result in results]
-
-
-def _delay_result(result: Result, by_s: float) -> Result:
-    quality = {name: v + by_s if name in TIMES and v is not None else v for name, v in result.quality.items()}
-    return replace(result, quality=quality, segments=tuple(_delay_result(one, by_s) for one in result.segments))
-
-
-# Linking -------------------------------------------------------------------------------------------------------------
-
-
-class Path(NamedTuple):
-    """Ranges of a target in one window, every tenth of a second."""
-
-    time_s: FloatArray
-    range_m: FloatArray
-
-    @classmethod
-    def of(cls, result: Result, window: Window) -> Path:
-        """Return a target's path from its gate."""
-        gate = result.gate
-        n_steps = max(math.ceil((gate.stop_s - gate.start_s) / STEP_S), 1)
-        own_s = np.linspace(gate.start_s, gate.stop_s, n_steps + 1)
-        return cls(own_s + window.start_s, gate.centre_at(own_s))
-
-    def approach_mps(self, *, at_end: bool) -> float:
-        """Return the radial speed at one end."""
-        part = slice(-6, None) if at_end else slice(None, 6)
-        times_s, range_m = self.time_s[part], self.range_m[part]
-        return -float((range_m[-1] - range_m[0]) / max(times_s[-1] - times_s[0], STEP_S))
-
-    def measure_distance_m(self, later: Path) -> float:
-        """Return the distance to a later path, m."""
-        common = later.time_s[(later.time_s >= self.time_s[0]) & (later.time_s <= self.time_s[-1])]
-        if common.size * STEP_S >= LEAST_COMMON_S:
-            apart = np.interp(common, self.time_s, self.range_m) - np.interp(common, later.time_s, later.range_m)
-            distance_m = float(np.abs(apart).mean())
-            return distance_m if distance_m <= LINK_M else math.inf
-        gap_s = max(float(later.time_s[0] - self.time_s[-1]), 0.0)
-        before_mps, after_mps = self.approach_mps(at_end=True), later.approach_mps(at_end=False)
-        distance_m = abs(float(later.range_m[0] - self.range_m[-1]) + before_mps * min(gap_s, COAST_S))
-        linked = distance_m <= LINK_M + LINK_GROWS_MPS * gap_s and abs(after_mps - before_mps) <= LINK_MPS
-        return distance_m if linked and gap_s <= LOST_S else math.inf
-
-
-class Links:
-    """Numbers of tracks for the targets of successive windows."""
-
-    def __init__(self) -> None:
-        self._paths: dict[int, Path] = {}
-        self._numbers = count()
-
-    def add(self, window: Window, results: Sequence[Result]) -> list[int]:
-        """Return the track of every target: the nearest pairs first."""
-        new = [Path.of(result, window) for result in results]
-        pairs = sorted(
-            (distance_m, number, n)
-            for number, path in self._paths.items()
-            for n, later in enumerate(new)
-            if (distance_m := path.measure_distance_m(later)) < math.inf
-        )
-        found: dict[int, int] = {}
-        for _, number, n in pairs:
-            if n not in found and number not in found.values():
-                found[n] = number
-        numbers = [found[n] if n in found else next(self._numbers) for n in range(len(new))]
-        self._paths.update(zip(numbers, new, strict=True))
-        self._paths = {n: path for n, path in self._paths.items() if window.stop_s - path.time_s[-1] <= LOST_S}
-        return numbers
-
-    @property
-    def kept(self) -> set[int]:
-        """Tracks that can be continued."""
-        return set(self._paths)
-
-
 # Fusion --------------------------------------------------------------------------------------------------------------
 
 
@@ -249,7 +122,7 @@ class _ClassEvidence:
     at_s: float
     covered_s: float = -math.inf
     decided: int | None = None
-    alarm: bool | None = None
+    alarm: bool = False
 
     def hand_over(self, time_s: float) -> None:
         """Predict the belief after a time, p -> 1/K + (p - 1/K) exp(-r K/(K-1) dt)."""
@@ -302,7 +175,7 @@ class Tracks:
             )
             belief.add_evidence(found / found.sum(), start_s, stop_s)
             if facts.alarm is not None and facts.alarm_threshold is not None:
-                belief.alarm = bool(belief.probability[facts.classes.index(facts.alarm)] >= facts.alarm_threshold)
+                belief.alarm |= bool(belief.probability[facts.classes.index(facts.alarm)] >= facts.alarm_threshold)
         best = int(belief.probability.argmax())
         if belief.probability[best] >= facts.abstain_below:
             belief.decided = best
@@ -318,7 +191,7 @@ class Tracks:
             label=None if belief.decided is None else facts.classes[belief.decided],
             probability=float(belief.probability[shown]),
             probabilities={name: float(p) for name, p in zip(facts.classes, belief.probability, strict=True)},
-            alarm=alone.alarm if belief.alarm is None else belief.alarm,
+            alarm=belief.alarm or (None if alone.alarm is None else False),
             reason=reason,
             range_m=float(path.range_m[-1]),
             approach_mps=path.approach_mps(at_end=True),

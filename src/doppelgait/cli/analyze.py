@@ -148,8 +148,9 @@ def _analyze_windows(
     as_json: bool,
 ) -> None:
     """Print every window's features, one row per target."""
-    from doppelgait.classify.timeline import Links, analyze_window, check_window, cut_windows
+    from doppelgait.classify.timeline import check_window
     from doppelgait.core.config import convert_to_json
+    from doppelgait.dataset.windows import Links, analyze_window, cut_windows
 
     window_s, hop_s = check_window(window_s, hop_s)
     links, rows, documents = Links(), [], []

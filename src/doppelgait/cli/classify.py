@@ -291,7 +291,7 @@ def evaluate(
     Example: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz;
     or doppelgait evaluate home-alarm --test glasgow --names glasgow --label walking=human --label '*=' -o report
     """
-    from doppelgait.classify.alarm import read_day
+    from doppelgait.classify.alarm import load_day
     from doppelgait.classify.evaluation import evaluate as run_evaluation
     from doppelgait.classify.model_file import save_model
     from doppelgait.classify.report import check_folder, list_tables, write_report
@@ -316,7 +316,7 @@ def evaluate(
             own=None if adapt is None else open_dataset(adapt),
             own_shares=_parse_shares(shares),
             alarm_class=alarm_class,
-            day=read_day() if alarm else None,
+            day=load_day()[0] if alarm else None,
             unknown=None if unknown is None else open_dataset(unknown),
             motion_folder=motion_folder,
             seed=seed,

@@ -24,7 +24,9 @@ app = typer.Typer(help="Plan, build, check and use labelled datasets.", no_args_
 
 PlanName = Annotated[
     str,
-    typer.Argument(help="Plan file (TOML) or built-in name: home-alarm, home-alarm-wide, liland2018, liland2018-fair."),
+    typer.Argument(
+        help="Plan file (TOML) or built-in: home-alarm, home-alarm-day, home-alarm-wide, liland2018, liland2018-fair."
+    ),
 ]
 Changes = Annotated[
     list[str] | None,

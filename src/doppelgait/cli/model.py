@@ -81,13 +81,11 @@ def export(
 def alarm(
     model: ModelArgument,
     day: Annotated[
-        Path | None, typer.Option("--day", help="Day of episodes, TOML file; by default the built-in home-alarm-day.")
+        str | None, typer.Option("--day", help="Plan of episodes, built-in name or file; by default home-alarm-day.")
     ] = None,
     repeats: Annotated[
         int | None,
-        typer.Option(
-            "--repeats", min=1, help="Recordings of each kind of episode; by default the number in the day file."
-        ),
+        typer.Option("--repeats", min=1, help="Recordings of each kind of episode; by default those of the plan."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -97,15 +95,13 @@ def alarm(
 
     Example: doppelgait model alarm x4 --repeats 50
     """
-    from doppelgait.classify.alarm import format_day, format_episodes, read_day, run_day, score_day
+    from doppelgait.classify.alarm import format_day, format_episodes, load_day, run_day, score_day
     from doppelgait.classify.model_file import open_model
 
-    chosen = read_day(day)
-    if repeats is not None:
-        chosen = chosen.model_copy(update={"repeats": repeats})
+    chosen, folder = load_day(day, repeats)
     loaded = open_model(model)
     with report_progress("days", quiet=as_json) as on_progress:
-        found = score_day(chosen, run_day(chosen, loaded, on_progress=on_progress), loaded)
+        found = score_day(chosen, run_day(chosen, loaded, folder=folder, on_progress=on_progress), loaded)
     if as_json:
         print_json(found)
         return

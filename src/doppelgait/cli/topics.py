@@ -7,10 +7,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from doppelgait.classify.alarm import Day, EpisodeSection
 from doppelgait.dataset.config import (
     ClassSection,
     DatasetSection,
+    EpisodeSection,
     FieldSpec,
     ImportConfig,
     PlanConfig,
@@ -95,7 +95,6 @@ def models_of(topic: str) -> Models:
             FolderMotion,
             Hybrid,
             ImportConfig,
-            Day,
             EpisodeSection,
         ),
         "files": _name(ArrayFacts, ChirpConfig, PictureSettings),

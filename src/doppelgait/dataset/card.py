@@ -75,6 +75,7 @@ def format_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
     if plan.impairments in (None, [], {}):
         simplifications.append("no clutter or receiver faults except those of the radar's preset")
     listed = [f"- `{leak}`: {TEXTS['leaks'].get(leak, TEXTS['leaks']['other'])}." for leak in leaks]
+    gate = "windows" if plan.episodes else plan.dataset.gate
     license_line = "license: other\n" if len(list_licences(index)) else ""
     return _fill_card(
         index,
@@ -86,7 +87,7 @@ def format_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
         summary=texts["summary"].format(
             rows=rows, version=__version__, identity=identity, origin=_describe_origin(plan, index, recorded)
         ),
-        files=texts["files"].format(gate=TEXTS["gates"][plan.dataset.gate].format(error=plan.dataset.gate_error_sd_m)),
+        files=texts["files"].format(gate=TEXTS["gates"][gate].format(**plan.dataset.model_dump())),
         limits=texts["limits"].format(
             simplifications=", ".join(simplifications),
             models="".join(f"- {TEXTS['models'].get(kind, f'Motion model `{kind}`.')}\n" for kind in kinds),

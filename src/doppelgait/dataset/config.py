@@ -89,7 +89,9 @@ class FieldSpec(FrozenModel):
     hop: Keep every ``hop``-th column (or pulse).
     """
 
-    name: Literal["signature", "cadence_map", "ti_frames", "baseband", "truth_range_m", "truth_radial_velocity_mps"]
+    name: Literal[
+        "signature", "cadence_map", "ti_frames", "pictures", "baseband", "truth_range_m", "truth_radial_velocity_mps"
+    ]
     dtype: Literal["full", "half"] | None = None
     hop: int = Field(default=1, ge=1, le=10_000)
 
@@ -102,8 +104,8 @@ class FieldSpec(FrozenModel):
     def _can_be(self) -> Self:
         if self.dtype == "half" and self.name not in ("signature", "cadence_map"):
             raise ValueError(f"dtype: 'half' is not allowed for {self.name}; it is for signature and cadence_map")
-        if self.hop > 1 and self.name == "cadence_map":
-            raise ValueError("hop: a cadence map has no columns in time; leave it out")
+        if self.hop > 1 and self.name in ("cadence_map", "pictures"):
+            raise ValueError(f"hop: {self.name} has no columns in time; leave it out")
         if self.hop > 1 and self.name == "baseband":
             raise ValueError(
                 "hop: keeping every n-th pulse of the baseband would alias; leave it out, or lower radar.prf_hz"
@@ -187,6 +189,8 @@ class DatasetSection(FrozenModel):
         has no features and the flag ``not_tracked``.
     gate_error_sd_m: Standard deviation of the range error of the truth gate, the same for every
         class.
+    window_s: Length of the windows of episodes, whose gates are always those of tracks.
+    hop_s: Time between the starts of consecutive windows of episodes.
     fields: Arrays to store in addition to the features: names, or tables (:class:`FieldSpec`).
     leaks: Keys that may reveal the class in this plan, to reproduce a published dataset:
         ``target.KEY`` may differ by class (``[classes.target]``), ``radar.prf_hz`` may be
@@ -202,6 +206,8 @@ class DatasetSection(FrozenModel):
     shard_size: int = Field(default=50, ge=1, le=100_000)
     gate: Literal["truth", "track"] = "truth"
     gate_error_sd_m: float = Field(default=0.2, ge=0, le=1)
+    window_s: float = Field(default=2.5, ge=0.5, le=600)
+    hop_s: float = Field(default=0.625, ge=0.05, le=600)
     fields: tuple[FieldSpec, ...] = (FieldSpec(name="signature"),)
     leaks: tuple[str, ...] = ()
 
@@ -260,14 +266,50 @@ class ClassSection(FrozenModel):
     @field_validator("label")
     @classmethod
     def _check_label(cls, label: str) -> str:
-        if not re.fullmatch(r"[A-Za-z0-9 _.-]+", label):
-            raise ValueError("may contain letters, digits, space and _ . - only")
-        return label
+        return _check_label(label)
 
     @field_validator("motion", mode="before")
     @classmethod
     def _parse_none(cls, motion: Any) -> Any:
         return {"kind": "none"} if motion == "none" else motion
+
+
+class EpisodeSection(FrozenModel):
+    """``[[episodes]]``: a kind of episode of life: bodies that come, move about and go.
+
+    Every track in every window of its recordings is a row. It has the label of the body that it
+    follows, or ``thing`` without one, and the number of its track.
+
+    label: Name of the kind; letters, digits, space and ``_ . -``.
+    targets: Targets as in a scene file, with label, motion and place, after the keys of
+        ``[target]``; values may be distributions.
+    duration_s: Length of one recording.
+    environment: Effects as in a scene file, applied after those of the plan.
+    examples: Number of recordings; ``dataset.examples_per_class`` by default.
+    should_trigger: Whether a person is present who should trigger the alarm.
+    animals: Number of animals that move, for triggers per animal-hour.
+    hours_per_day: Hours per day of such episodes: the weight of their false triggers.
+    """
+
+    label: str = Field(min_length=1)
+    targets: list[dict[str, Any]] | dict[str, Any]
+    duration_s: float = Field(ge=3, le=600)
+    environment: list[Any] | dict[str, Any] = Field(default_factory=list)
+    examples: int | None = Field(default=None, ge=1, le=10_000_000)
+    should_trigger: bool = False
+    animals: int = Field(default=0, ge=0, le=10)
+    hours_per_day: float = Field(default=1.0, gt=0, le=24)
+
+    @field_validator("label")
+    @classmethod
+    def _check_label(cls, label: str) -> str:
+        return _check_label(label)
+
+
+def _check_label(label: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9 _.-]+", label):
+        raise ValueError("may contain letters, digits, space and _ . - only")
+    return label
 
 
 class PlanConfig(FrozenModel):
@@ -279,6 +321,7 @@ class PlanConfig(FrozenModel):
 
     dataset: Name, size, seed, splits and stored arrays of the dataset.
     classes: Labels of the classes and motion of their targets.
+    episodes: Kinds of episodes, instead of classes; they have no companions.
     scene: Duration, and position and orientation of the radar: keys of a scene file other than
         ``targets``.
     target: Placement and radar cross section: keys of a scene file's ``[[targets]]`` without motion
@@ -303,7 +346,8 @@ class PlanConfig(FrozenModel):
     """
 
     dataset: DatasetSection
-    classes: tuple[ClassSection, ...] = Field(min_length=1)
+    classes: tuple[ClassSection, ...] = ()
+    episodes: tuple[EpisodeSection, ...] = ()
     scene: dict[str, Any] = Field(default_factory=dict)
     target: dict[str, Any] = Field(default_factory=dict)
     radar: dict[str, Any] = Field(default_factory=lambda: {"preset": "x4"})
@@ -317,9 +361,12 @@ class PlanConfig(FrozenModel):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        labels = [c.label for c in self.classes]
+        if bool(self.classes) == bool(self.episodes):
+            raise ValueError("classes, episodes: a plan has one of them: [[classes]] or [[episodes]]")
+        self._check_episodes()
+        labels = [section.label for section in self.sections]
         if len({label.replace(" ", "_") for label in labels}) < len(labels):
-            raise ValueError(f"classes: labels must differ by more than a space for a _, got {labels}")
+            raise ValueError(f"labels must differ by more than a space for a _, got {labels}")
         for number, section in enumerate(self.classes):
             for key in section.target:
                 if f"target.{key}" not in self.dataset.leaks:
@@ -345,7 +392,34 @@ class PlanConfig(FrozenModel):
             raise ValueError(f"scene.{min(unknown)}: unknown key; allowed are {', '.join(SCENE_KEYS)}")
         return self
 
-    def count_class_examples(self, section: ClassSection) -> int:
+    def _check_episodes(self) -> None:
+        fields = {spec.name for spec in self.dataset.fields}
+        if not self.episodes:
+            if "pictures" in fields and self.dataset.gate == "truth":
+                raise ValueError("dataset.fields: pictures need tracks: [[episodes]], or dataset.gate = 'track'")
+            return
+        if self.dataset.leaks:
+            raise ValueError("dataset.leaks: is for [[classes]]; the targets of episodes are not judged")
+        if "duration_s" in self.scene:
+            raise ValueError("scene.duration_s: belongs in [[episodes]]")
+        if self.companions:
+            raise ValueError("companions: belong among the targets of [[episodes]]")
+        if self.noise.get("kind", "thermal") != "thermal":
+            raise ValueError(f"noise.kind: {shorten(self.noise['kind'])} is not allowed here: episodes need 'thermal'")
+        if truth := sorted(name for name in fields if name.startswith("truth_")):
+            raise ValueError(f"dataset.fields: {truth[0]} is for [[classes]]; rows of episodes may follow no body")
+        window_s, hop_s = self.dataset.window_s, self.dataset.hop_s
+        if hop_s > window_s:
+            raise ValueError(f"dataset.hop_s: {hop_s:g} is longer than window_s = {window_s:g}")
+        if short := [one.label for one in self.episodes if one.duration_s < window_s]:
+            raise ValueError(f"episodes: {short[0]!r}: duration_s is below dataset.window_s = {window_s:g}")
+
+    @property
+    def sections(self) -> Sequence[ClassSection | EpisodeSection]:
+        """Classes, or kinds of episodes."""
+        return self.classes or self.episodes
+
+    def count_class_examples(self, section: ClassSection | EpisodeSection) -> int:
         """Return the number of examples of a class."""
         return section.examples or self.dataset.examples_per_class
 
@@ -361,7 +435,7 @@ def plan_names() -> list[str]:
     --------
     >>> import doppelgait as dg
     >>> dg.dataset.plan_names()
-    ['home-alarm', 'home-alarm-wide', 'liland2018', 'liland2018-fair']
+    ['home-alarm', 'home-alarm-day', 'home-alarm-wide', 'liland2018', 'liland2018-fair']
     """
     folder = resources.files("doppelgait.dataset") / "plans"
     return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))

@@ -335,7 +335,7 @@ def number_in_plan(config: Mapping[str, Any], scene_id: str) -> int | None:
     """Return an example's number in its plan."""
     label, _, within = scene_id.rpartition("-")
     first = 0
-    for section in config.get("classes", ()):
+    for section in config.get("classes") or config.get("episodes", ()):
         if str(section["label"]).replace(" ", "_") == label and within.isdigit():
             return first + int(within)
         first += section.get("examples") or config["dataset"]["examples_per_class"]

@@ -73,8 +73,9 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
     analysis = run.analysis.resolved("truth")
     rows = []
     for row, track in zip(example.rows, tracks, strict=True):
-        range_m = track.range_m + example.gate_error_m
-        cut = gate == "truth" and _leaves_frame(range_m, slow_time_s, radar, analysis)
+        there = np.isfinite(track.range_m)
+        range_m = track.range_m[there] + example.gate_error_m
+        cut = gate == "truth" and not example.is_episode and _leaves_frame(range_m, slow_time_s[there], radar, analysis)
         inside = (track.range_m >= radar.range_start_m) & (track.range_m <= radar.range_stop_m)
         lost = radar.waveform.ranged and not inside.any()
         own = {"outside the frame": lost, "gate cut off": cut}
@@ -84,7 +85,7 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
             snr_db = float(run.noise.snr_db)
         elif row.source != "none" and run.noise.kind == "thermal":
             snr_db = _expected_snr_db(table, radar)
-        rows.append(RowLimits(row.id, row.label, limits, float(track.range_m.mean()), snr_db))
+        rows.append(RowLimits(row.id, row.label, limits, float(track.range_m[there].mean()), snr_db))
     return rows
 
 

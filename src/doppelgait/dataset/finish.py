@@ -20,7 +20,7 @@ from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.plugins import identify_plugins
 from doppelgait.dataset.config import MAX_SHARDS, SPLITS, FieldSpec, PlanConfig, shorten
 from doppelgait.dataset.feasibility import limits_of_index
-from doppelgait.dataset.motions import list_motion_files
+from doppelgait.dataset.motions import list_labels, list_motion_files, list_motions
 from doppelgait.dataset.resolve import replace_radar_files, store_radar_files
 from doppelgait.dataset.shard_files import INDEX_NAMES, describe_fields
 from doppelgait.features import FEATURE_UNITS
@@ -82,7 +82,7 @@ def compute_dataset_id(plan: PlanConfig, folder: Path) -> str:
 
 
 def _list_motion_files(plan: PlanConfig) -> list[str]:
-    return list_motion_files([*(section.motion for section in plan.classes), {"companions": plan.companions}])
+    return list_motion_files([{"motions": list_motions(plan)}])
 
 
 Record = Mapping[str, Any]
@@ -152,9 +152,9 @@ def plan_header(plan: PlanConfig, identity: str, folder: Path) -> Header:
         id=identity,
         name=plan.dataset.name,
         origin="simulated",
-        labels=tuple(section.label for section in plan.classes),
+        labels=tuple(list_labels(plan)),
         fields=plan.dataset.fields,
-        n_examples=sum(plan.count_class_examples(section) for section in plan.classes),
+        n_examples=sum(plan.count_class_examples(section) for section in plan.sections),
         config=plan.model_dump(mode="json"),
         card=lambda index, n_failed: format_card(plan, identity, index),
         plugins=plan_plugins(plan, folder),

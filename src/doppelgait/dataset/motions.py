@@ -28,6 +28,7 @@ BOTH = " + "
 """Separator of the paths of a blended motion in the column ``recording``."""
 EMPTY_SCENE = "none"
 """Motion kind of an example without a target."""
+THING = "thing"  # label of tracks of no body: of confusers, echoes and noise
 PHANTOM_SPEED_MPS = {"uniform": [0.4, 2.0]}
 """Default speed of the gate of an example without a target."""
 
@@ -204,9 +205,31 @@ class FolderMotion(FrozenModel):
     options: dict[str, Any] = Field(default_factory=dict)
 
 
+def list_motions(plan: PlanConfig) -> list[Any]:
+    """List the tables of a plan that may name motion files."""
+    return [*(one.motion for one in plan.classes), *(one.targets for one in plan.episodes), plan.companions]
+
+
+def list_labels(plan: PlanConfig) -> list[str]:
+    """List the labels of a plan's rows: of classes, or of the bodies of episodes and of what is no body."""
+    if plan.classes:
+        return [section.label for section in plan.classes]
+    found: set[str] = set()
+
+    def walk(value: Any) -> None:
+        if isinstance(value, Mapping):
+            found.update(_list_strings(value.get("label")))
+            value = list(value.values())
+        for inner in value if isinstance(value, list) else []:
+            walk(inner)
+
+    walk([section.targets for section in plan.episodes])
+    return [*sorted(found - {THING}), THING]
+
+
 def has_folders(plan: PlanConfig) -> bool:
-    """Return True if a class's motion is a folder."""
-    return any(_has_folders(section.motion) for section in plan.classes)
+    """Return True if a motion of the plan is a folder."""
+    return any(map(_has_folders, list_motions(plan)))
 
 
 def _has_folders(value: Any) -> bool:
@@ -221,12 +244,12 @@ def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | No
         return plan
     seconds = plan.scene.get("duration_s")
     as_recorded = seconds is None and "scene.duration_s" in plan.dataset.leaks
-    if not as_recorded and not isinstance(seconds, int | float):
+    if plan.classes and not as_recorded and not isinstance(seconds, int | float):
         raise ConfigError(
             f"scene.duration_s: {shorten(seconds)} is not allowed with a folder of motion files; set a number of s"
         )
 
-    def expand(value: Any, key: str) -> Any:
+    def expand(value: Any, key: str, seconds: Any = seconds) -> Any:
         if isinstance(value, Mapping):
             if value.get("kind") == "folder":
                 spec = validate(FolderMotion, {k: v for k, v in value.items() if k != "kind"}, section=(key,))
@@ -234,14 +257,20 @@ def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | No
                     raise ConfigError(f"{key}.hybrid: {spec.hybrid!r} is not allowed without scene.duration_s")
                 length_s = 0.0 if seconds is None else float(seconds)  # a duration of 0 s disables looping
                 return {"cycle": _list_segments(spec, folder, length_s, key, plan.sources, on_progress)}
-            return {k: expand(v, f"{key}.{k}") for k, v in value.items()}
-        return [expand(v, f"{key}.{n}") for n, v in enumerate(value)] if isinstance(value, list) else value
+            return {k: expand(v, f"{key}.{k}", seconds) for k, v in value.items()}
+        if isinstance(value, list):
+            return [expand(v, f"{key}.{n}", seconds) for n, v in enumerate(value)]
+        return value
 
     classes = tuple(
         section.model_copy(update={"motion": expand(section.motion, f"classes.{number}.motion")})
         for number, section in enumerate(plan.classes)
     )
-    return plan.model_copy(update={"classes": classes})
+    episodes = []
+    for number, episode in enumerate(plan.episodes):
+        targets = expand(episode.targets, f"episodes.{number}.targets", episode.duration_s)
+        episodes.append(episode.model_copy(update={"targets": targets}))
+    return plan.model_copy(update={"classes": classes, "episodes": tuple(episodes)})
 
 
 def _list_segments(

@@ -84,7 +84,7 @@ def check_description(description: Any) -> None:
     # the other keys of the plan are needed only to simulate an example again
     config = description.get("config") or {}
     require(isinstance(config, Mapping), "config", "a table")
-    sections = config.get("classes", [])
+    sections = config.get("classes") or config.get("episodes", [])
     listed = isinstance(sections, list) and all(isinstance(one, Mapping) and "label" in one for one in sections)
     require(listed, "config.classes", "a list of tables with label")
     numbers: Any = config.get("dataset", {} if not sections else None)

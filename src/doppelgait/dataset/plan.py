@@ -11,8 +11,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.dataset.config import MAX_SHARDS, SPLITS, PlanConfig, Progress
-from doppelgait.dataset.motions import expand_folders, list_motion_files, refuse_copies, refuse_two_spellings
+from doppelgait.dataset.config import MAX_SHARDS, SPLITS, EpisodeSection, PlanConfig, Progress
+from doppelgait.dataset.motions import (
+    expand_folders,
+    list_motion_files,
+    list_motions,
+    refuse_copies,
+    refuse_two_spellings,
+)
 from doppelgait.dataset.resolve import (
     Compiled,
     ExampleSpec,
@@ -77,7 +83,7 @@ class Plan:
         """Yield shards of one split each, with interleaved classes."""
 
         def place(entry: PlannedExample) -> tuple[float, int]:
-            section = self.config.classes[entry.class_number]
+            section = self.config.sections[entry.class_number]
             return find_class(self.config, entry.number)[1] / self.config.count_class_examples(
                 section
             ), entry.class_number
@@ -116,13 +122,14 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     """
     source = folder or Path()
     expanded = expand_folders(store_radar_files(config, source), source, on_progress=on_progress)
-    files = list_motion_files([*(s.motion for s in expanded.classes), {"companions": expanded.companions}])
+    files = list_motion_files([{"motions": list_motions(expanded)}])
     refuse_two_spellings(files, source)
     refuse_copies(files, source, expanded.sources)
     scenes: list[tuple[str, ...]] = []
     compiled: Compiled = {}
-    for section in expanded.classes:
-        from_files = bool(expanded.companions) or bool(list_motion_files([section.motion]))
+    for section in expanded.sections:
+        motions = section.targets if isinstance(section, EpisodeSection) else section.motion
+        from_files = bool(expanded.companions) or bool(list_motion_files([{"motions": motions}]))
         for within in range(expanded.count_class_examples(section)):
             name = make_example_id(section.label, within)
             if not from_files:  # the subject of a model needs no sampling
@@ -132,17 +139,17 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
                 rows, _ = resolve_rows(expanded, len(scenes), source, make_sampler(expanded, len(scenes), compiled))
             except ConfigError as error:
                 raise ConfigError(f"class {section.label!r}: example {name}: {error}") from None
-            mine = [row.subject for row in rows]
+            mine = [row.subject for row in rows] or [f"model/{name}"]
             scenes.append((*mine, *(other for row in rows for other in row.others)))
     groups = group_subjects(scenes)
-    members: dict[str, list[str]] = {section.label: [] for section in expanded.classes}
+    members: dict[str, list[str]] = {section.label: [] for section in expanded.sections}
     for number, subjects in enumerate(scenes):
-        members[expanded.classes[find_class(expanded, number)[0]].label].append(groups[subjects[0]])
+        members[expanded.sections[find_class(expanded, number)[0]].label].append(groups[subjects[0]])
     splits = assign_splits(expanded.dataset, {label: list(dict.fromkeys(names)) for label, names in members.items()})
     examples = []
     for number, subjects in enumerate(scenes):
         place, within = find_class(expanded, number)
-        name, group = make_example_id(expanded.classes[place].label, within), groups[subjects[0]]
+        name, group = make_example_id(expanded.sections[place].label, within), groups[subjects[0]]
         examples.append(PlannedExample(number, place, name, splits[group], group, subjects))
     return Plan(expanded, source, tuple(examples))
 
@@ -169,11 +176,17 @@ def sample_examples(plan: Plan, most: int | None = None) -> Iterator[ExampleSpec
         yield plan.example(place * total // count)
 
 
+OWN = ("motion", "label")
+"""Keys of a target that may depend on its class."""
+
+
 def collect_nuisance(example: ExampleSpec, row: int = 0) -> dict[str, Any]:
     """Return all sampled values of a row except its motion, flat."""
     run = example.run.model_dump(mode="json", exclude={"seed", "example"})
     targets = run["scene"].pop("targets")
-    own = {name: value for name, value in targets[row].items() if name not in ("motion", "label")}
+    # the targets of an episode are what it is about; a law of the plan has their cross sections alone
+    stated = [target for target in targets if not target["background"]][row]
+    own = {name: stated[name] for name in stated if name == "rcs" or not (example.is_episode or name in OWN)}
     background = [target for target in targets if target["background"]]
     flat: dict[str, Any] = {"gate_error_m": example.gate_error_m}
 

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import read_axis
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.core.worker import limit_blas_threads
 from doppelgait.dataset.config import ImportConfig
 from doppelgait.dataset.shard import NOTHING, ExampleData, collect_messages, describe_failure
 from doppelgait.dataset.shard_files import encode_arrays
 from doppelgait.dataset.splits import PlannedEntry
+from doppelgait.dataset.windows import cut
 from doppelgait.pipeline import Result, analyze
 from doppelgait.pipeline.pictures import is_picture, read_picture
 from doppelgait.pipeline.result import read_signal
@@ -29,86 +27,6 @@ from doppelgait.pipeline.spectrogram import make_level_gate
 from doppelgait.pipeline.target import analyze_signature
 from doppelgait.radar import read_recording
 from doppelgait.radar.recording import Recording
-
-TOLERANCE = 0.01
-"""Tolerance of limits, as a fraction of the period of pulses (or bursts)."""
-
-
-@dataclass(frozen=True)
-class Part:
-    """Part of a recording, with times that start at 0."""
-
-    start_s: float
-    stop_s: float
-    recording: Recording | xr.DataArray
-
-
-@dataclass(frozen=True)
-class _Blocks:
-    """Pulses, or bursts of pulses, which are never split."""
-
-    starts_s: npt.NDArray[np.float64]
-    pulses: int
-    period_s: float
-
-    @property
-    def duration_s(self) -> float:
-        return self.starts_s.size * self.period_s
-
-    def between(self, start_s: float, stop_s: float) -> slice:
-        """Return pulses of blocks that begin in [start_s, stop_s)."""
-        margin_s = TOLERANCE * self.period_s
-        first, last = np.searchsorted(self.starts_s, [start_s - margin_s, stop_s - margin_s])
-        return slice(int(first) * self.pulses, int(last) * self.pulses)
-
-
-def cut(
-    recording: Recording | xr.DataArray,
-    *,
-    start_s: float | None = None,
-    stop_s: float | None = None,
-    window_s: float | None = None,
-    step_s: float | None = None,
-) -> list[Part]:
-    """Split a recording into parts."""
-    if isinstance(recording, xr.DataArray):
-        times_s, pulses = read_axis(recording, "time"), 1
-    else:
-        times_s = recording.slow_time_s.astype(np.float64)
-        pulses = recording.frames.slow_time.find_bursts().burst_pulses or 1
-    block_starts_s = times_s[: times_s.size // pulses * pulses : pulses] - times_s[0]
-    if block_starts_s.size < 2:
-        raise AnalysisError(f"has {block_starts_s.size} {'pulses' if pulses == 1 else 'bursts'}, at least 2 are needed")
-    blocks = _Blocks(block_starts_s, pulses, float(block_starts_s[-1] / (block_starts_s.size - 1)))
-    duration_s = blocks.duration_s
-    margin_s = TOLERANCE * blocks.period_s
-    begin, end = start_s or 0.0, duration_s if stop_s is None else stop_s
-    for name, value in (("start_s", begin + blocks.period_s), ("stop_s", end)):
-        if value > duration_s + margin_s:
-            limit_s = begin if name == "start_s" else end
-            raise AnalysisError(f"{name} = {limit_s:g}: the recording lasts {duration_s:.6g} s")
-    if window_s is None or step_s is None:
-        return [_make_part(recording, blocks, begin, end)]
-    count = int(np.floor((end - begin - window_s + margin_s) / step_s)) + 1
-    if count < 1:
-        raise AnalysisError(f"lasts {end - begin:.6g} s, less than a window of {window_s:g} s")
-    starts_s = (begin + n * step_s for n in range(count))
-    return [_make_part(recording, blocks, at, min(at + window_s, end)) for at in starts_s]
-
-
-def _make_part(recording: Recording | xr.DataArray, blocks: _Blocks, start_s: float, stop_s: float) -> Part:
-    chosen = blocks.between(start_s, stop_s)
-    if isinstance(recording, xr.DataArray):
-        cropped = recording.isel(time=chosen)
-        times = ("time", read_axis(cropped, "time") - read_axis(cropped, "time")[:1], cropped["time"].attrs)
-        return Part(start_s, stop_s, cropped.assign_coords(time=times))
-    part = recording.frames.take_pulses(chosen)
-    times_s = part.slow_time.time_s
-    if times_s.size < 2:
-        raise AnalysisError(f"{start_s:g} to {stop_s:g} s: holds {times_s.size} pulses, at least 2 are needed")
-    part = replace(part, slow_time=replace(part.slow_time, time_s=times_s - times_s[0]))
-    return Part(start_s, stop_s, recording.with_frames(part, truth=()))
-
 
 SEVERAL = "several_tracks:the_label_went_to_the_surest"
 
@@ -140,9 +58,8 @@ class RecordedExamples:
             recording, notes = _read(
                 self.folder, line.recording, self.hashes[line.recording], tuple(sorted(line.options.items()))
             )
-            parts = cut(
-                recording, start_s=line.start_s, stop_s=line.stop_s, window_s=config.window_s, step_s=config.step_s
-            )
+            limits = {"start_s": line.start_s, "stop_s": line.stop_s}
+            parts = [*cut(recording, window_s=config.window_s, step_s=config.step_s, **limits)]
         except Exception as error:
             fail(entry.id, error)
             return made

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -18,7 +18,7 @@ from doppelgait.core.documents import parse_json
 from doppelgait.core.draws import Turn, compile_draws, resolve
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
-from doppelgait.dataset.config import AUTO_PRF_REFUSED, ORACLE_REFUSED, PlanConfig, shorten
+from doppelgait.dataset.config import AUTO_PRF_REFUSED, ORACLE_REFUSED, EpisodeSection, PlanConfig, shorten
 from doppelgait.dataset.motions import (
     BOTH,
     EMPTY_SCENE,
@@ -29,7 +29,7 @@ from doppelgait.dataset.motions import (
     list_recording_paths,
 )
 from doppelgait.pipeline import Run, parse_run
-from doppelgait.pipeline.radar_table import FITTED_KEYS, FixedRadar, RadarFile, parse_radar
+from doppelgait.pipeline.radar_table import FixedRadar, RadarFile, parse_radar
 from doppelgait.radar.presets import read_preset
 
 UNSEEN_M2 = 1e-30
@@ -66,23 +66,24 @@ class ExampleSpec(FrozenModel):
     gate_error_m: float  # of the truth gates
     rows: tuple[RowSpec, ...]  # one per target, in the order of the scene's; one for an empty scene
     run: Run
+    is_episode: bool = False
 
     @property
     def label(self) -> str:
-        """Class of the first row."""
-        return self.rows[0].label
+        """Class of the first row, empty without one."""
+        return self.rows[0].label if self.rows else ""
 
 
 def find_class(plan: PlanConfig, number: int) -> tuple[int, int]:
     """Return an example's class number and number within the class."""
     rest = number
-    for place, section in enumerate(plan.classes):
+    for place, section in enumerate(plan.sections):
         count = plan.count_class_examples(section)
         if rest < count:
             return place, rest
         rest -= count
-    place = rest % len(plan.classes)
-    return place, plan.count_class_examples(plan.classes[place]) + rest // len(plan.classes)
+    place = rest % len(plan.sections)
+    return place, plan.count_class_examples(plan.sections[place]) + rest // len(plan.sections)
 
 
 def make_example_id(label: str, number: int) -> str:
@@ -95,7 +96,21 @@ def resolve_rows(
 ) -> tuple[tuple[RowSpec, ...], list[dict[str, Any]]]:
     """Return the rows of an example and their targets."""
     place, within = find_class(plan, number)
-    section, name = plan.classes[place], make_example_id(plan.classes[place].label, within)
+    section, name = plan.sections[place], make_example_id(plan.sections[place].label, within)
+    if isinstance(section, EpisodeSection):
+        bodies = draw(section.targets, "targets")
+        if not isinstance(bodies, list):
+            raise ConfigError(f"targets: {shorten(bodies)} is not allowed: must be a list of tables")
+        for count, body in enumerate(bodies):
+            key = f"episodes.{place}.targets.{count}"
+            if not isinstance(body, Mapping) or not (isinstance(label := body.get("label"), str) and label):
+                raise ConfigError(f"{key}: {shorten(body)} is not allowed: needs a label, a motion and a place")
+            if not isinstance(body.get("background", False), bool):
+                raise ConfigError(f"{key}.background: {shorten(body['background'])} is not allowed: true or false")
+            motion = body.get("motion")
+            motion = check_motion({"kind": motion} if isinstance(motion, str) else motion, folder, key=f"{key}.motion")
+            bodies[count] = {**draw(plan.target, f"targets.{count}.target"), **body, "motion": motion}
+        return _name_rows(plan, name, [body for body in bodies if not body.get("background")]), bodies
     key = f"classes.{place}.motion"
     try:
         motion = draw(section.motion, "motion")  # the key also names the random stream
@@ -106,13 +121,17 @@ def resolve_rows(
     motion = check_motion(motion, folder, key=key)
     alone = motion["kind"] == EMPTY_SCENE  # a row of an empty scene must not show a target
     targets: list[dict[str, Any]] = [{"label": section.label, "motion": motion}]
-    for count, companion in enumerate([] if alone else _sample_list(plan, draw, "companions")):
+    for count, companion in enumerate([] if alone else _sample_list(plan.companions, draw, "companions")):
         known = isinstance(companion, Mapping) and companion.get("label")
         if not known or not isinstance(companion.get("motion"), Mapping):
             raise ConfigError(f"companions.{count}: {shorten(companion)} is not allowed: needs label and motion")
         check_motion(companion["motion"], folder, key=f"companions.{count}.motion")
         placement = draw(plan.target, f"companions.{count}.target")
         targets.append({**placement, **companion})
+    return _name_rows(plan, name, targets), targets
+
+
+def _name_rows(plan: PlanConfig, name: str, targets: Sequence[Mapping[str, Any]]) -> tuple[RowSpec, ...]:
     rows = []
     for count, target in enumerate(targets):
         row_id = name if count == 0 else f"{name}-c{count}"
@@ -133,7 +152,7 @@ def resolve_rows(
                 licence=" AND ".join(licences) if all(licences) else "",
             )
         )
-    return tuple(rows), targets
+    return tuple(rows)
 
 
 def make_sampler(plan: PlanConfig, number: int, compiled: Compiled) -> Draw:
@@ -167,27 +186,36 @@ def resolve_example(
     """Resolve an example of a plan: sample every distribution."""
     place, within = find_class(plan, number)
     draw = make_sampler(plan, number, {} if compiled is None else compiled)
-    section = plan.classes[place]
+    section = plan.sections[place]
     name = make_example_id(section.label, within)
     try:
         rows, targets = resolve_rows(plan, number, folder, draw)
         run = _run_spec(plan, number, targets, folder, draw)
     except ConfigError as error:
-        raise ConfigError(f"class {section.label!r}: example {name}: {error}") from None
+        noun = "episode" if plan.episodes else "class"
+        raise ConfigError(f"{noun} {section.label!r}: example {name}: {error}") from None
     error_m = float(Streams(plan.dataset.seed, number).generator("gate").normal(0.0, plan.dataset.gate_error_sd_m))
-    return ExampleSpec.model_construct(id=name, split=split, group=group, gate_error_m=error_m, rows=rows, run=run)
+    facts: dict[str, Any] = {"split": split, "group": group, "gate_error_m": error_m, "is_episode": bool(plan.episodes)}
+    return ExampleSpec.model_construct(id=name, rows=rows, run=run, **facts)
 
 
 def _run_spec(plan: PlanConfig, number: int, targets: list[dict[str, Any]], folder: Path, draw: Draw) -> Run:
     # all but motions and the keys in ``dataset.leaks`` is sampled independently of the class
-    section = plan.classes[place := find_class(plan, number)[0]]
+    section = plan.sections[place := find_class(plan, number)[0]]
     fixed = _parse_fixed_radar(json.dumps(plan.radar, default=str), folder)
-    first = {**draw({**plan.target, **section.target}, "target"), **targets[0]}
-    if section.motion.get("kind") == EMPTY_SCENE or targets[0]["motion"]["kind"] == EMPTY_SCENE:
-        phantom = {"kind": "point", "speed_mps": targets[0]["motion"]["speed_mps"]}
-        first |= {"motion": phantom, "rcs": {"kind": "equal", "total_m2": UNSEEN_M2}}
-    scene = draw(plan.scene, "scene")
-    background = _sample_list(plan, draw, "background")
+    scene, changes = draw(plan.scene, "scene"), {}
+    environment = None if plan.environment is None else _sample_list(plan.environment, draw, "environment")
+    if isinstance(section, EpisodeSection):
+        scene = {**scene, "duration_s": section.duration_s}
+        environment = [*(environment or ()), *_sample_list(section.environment, draw, "episode.environment")]
+    else:
+        changes = section.target
+        first = {**draw({**plan.target, **section.target}, "target"), **targets[0]}
+        if section.motion.get("kind") == EMPTY_SCENE or targets[0]["motion"]["kind"] == EMPTY_SCENE:
+            phantom = {"kind": "point", "speed_mps": targets[0]["motion"]["speed_mps"]}
+            first |= {"motion": phantom, "rcs": {"kind": "equal", "total_m2": UNSEEN_M2}}
+        targets = [first, *targets[1:]]
+    background = _sample_list(plan.background, draw, "background")
     for count, target in enumerate(background):
         if not isinstance(target, Mapping) or not isinstance(target.get("motion"), Mapping):
             raise ConfigError(f"background.{count}: {shorten(target)} is not allowed: needs motion = {{ kind = ... }}")
@@ -196,11 +224,12 @@ def _run_spec(plan: PlanConfig, number: int, targets: list[dict[str, Any]], fold
     noise = draw(plan.noise, "noise")
     table = {
         **scene,
-        "targets": [first, *targets[1:], *({**target, "background": True} for target in background)],
+        "targets": [*targets, *({**target, "background": True} for target in background)],
         # sampling leaves a stored radar file unchanged: it has its own random streams
         "radar": fixed or draw(replace_radar_files(plan.radar), "radar"),
         "noise": {k: value for k, value in noise.items() if k != "snr_db" or noise.get("kind") == "snr"},
-        **{key: _sample_list(plan, draw, key) for key in FITTED_KEYS if getattr(plan, key) is not None},
+        **({} if environment is None else {"environment": environment}),
+        **({} if plan.impairments is None else {"impairments": _sample_list(plan.impairments, draw, "impairments")}),
         "analysis": draw(plan.analysis, "analysis"),
         "seed": plan.dataset.seed,
         "example": number,  # also names the streams of a preset's own distributions
@@ -210,11 +239,13 @@ def _run_spec(plan: PlanConfig, number: int, targets: list[dict[str, Any]], fold
     except ConfigError as error:  # with the keys of the plan
 
         def name_key(found: re.Match[str]) -> str:
+            if isinstance(section, EpisodeSection):
+                return f"episodes.{place}.{found[0]}"
             if found[1] != "0":
                 return f"{'companions' if int(found[1]) < len(targets) else 'background'}: {found[2]}"
             if found[2] == "motion":
                 return f"classes.{place}.motion"
-            return f"{f'classes.{place}.' if found[2] in section.target else ''}target.{found[2]}"
+            return f"{f'classes.{place}.' if found[2] in changes else ''}target.{found[2]}"
 
         raise ConfigError(re.sub(r"\btargets\.(\d+)\.(\w+)", name_key, str(error))) from None
     # check for forbidden values here, where every distribution is resolved
@@ -225,9 +256,9 @@ def _run_spec(plan: PlanConfig, number: int, targets: list[dict[str, Any]], fold
     return run
 
 
-def _sample_list(plan: PlanConfig, draw: Draw, key: str) -> list[Any]:
-    """Sample a list of the plan, leaving out what becomes ``{}``."""
-    entries = draw(getattr(plan, key), key)
+def _sample_list(values: Any, draw: Draw, key: str) -> list[Any]:
+    # without the entries that become {}
+    entries = draw(values, key)
     if not isinstance(entries, list):
         raise ConfigError(f"{key}: {shorten(entries)} is not allowed: must be a list of tables")
     return [entry for entry in entries if entry != {}]

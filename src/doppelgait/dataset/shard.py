@@ -23,10 +23,12 @@ from doppelgait.core.draws import replace_by_middle
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.worker import limit_blas_threads
-from doppelgait.dataset.config import FieldSpec, PlanConfig
+from doppelgait.dataset.config import DatasetSection, FieldSpec, PlanConfig
+from doppelgait.dataset.motions import THING
 from doppelgait.dataset.plan import PlannedExample, Shard
 from doppelgait.dataset.resolve import Compiled, ExampleSpec, resolve_example
 from doppelgait.dataset.shard_files import Arrays, encode_arrays, hash_contents, write_shard
+from doppelgait.dataset.windows import Links, analyze_window, cut_windows
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import Result, analyze
 from doppelgait.pipeline.analyze import analyze_together, compute_signatures
@@ -36,7 +38,7 @@ from doppelgait.pipeline.target import Gated
 from doppelgait.processing.config import plan_transform
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.scene import PlacedScene
-from doppelgait.scene.placement import place_all
+from doppelgait.scene.placement import place, place_all
 
 MAX_BATCH = 16
 """Maximum number of examples that are made together."""
@@ -58,19 +60,21 @@ def match_tracks(
     found: list[Result | None] = [None] * len(truths)
     pairs = []
     for number, truth in enumerate(truths):
-        for place, result in enumerate(results):
+        for order, result in enumerate(results):
             times_s = result.gate.time_s
             if times_s.size < 2 or times_s[-1] - times_s[0] < LEAST_SHARE * np.ptp(slow_time_s):
                 continue
             middle_m = (result.gate.low_m + result.gate.high_m) / 2.0
-            distance_m = float(np.abs(middle_m - np.interp(times_s, slow_time_s, truth.centre_range_m)).mean())
+            apart_m = np.abs(middle_m - np.interp(times_s, slow_time_s, truth.centre_range_m))
+            there = np.isfinite(apart_m)
+            distance_m = float(apart_m[there].mean()) if there.mean() > 0.5 else math.inf
             if distance_m <= MOST_APART_M:
-                pairs.append((distance_m, number, place))
+                pairs.append((distance_m, number, order))
     used: set[int] = set()
-    for _, number, place in sorted(pairs):
-        if found[number] is None and place not in used:
-            found[number] = results[place]
-            used.add(place)
+    for _, number, order in sorted(pairs):
+        if found[number] is None and order not in used:
+            found[number] = results[order]
+            used.add(order)
     return found
 
 
@@ -87,10 +91,10 @@ NOTHING = {
 """Columns of a row without a target; they exist even if no row has a target."""
 
 
-def describe_scene(example: ExampleSpec, recording: Recording) -> list[dict[str, Any]]:
-    """Return the columns of an example that need no analysis, by row."""
+def _describe_setting(example: ExampleSpec, recording: Recording) -> dict[str, Any]:
+    # the columns that all rows of an example share
     run, is_empty = example.run, all(row.source == "none" for row in example.rows)
-    scene = {
+    return {
         "carrier_hz": run.radar.carrier_hz,
         "prf_hz": recording.radar.prf_hz,
         "observation_s": (
@@ -102,12 +106,17 @@ def describe_scene(example: ExampleSpec, recording: Recording) -> list[dict[str,
         "impairments": _format_specs(run.impairments),
         "radar_height_m": run.scene.radar_position_m[2],
         "snr_frame_db": None if is_empty else recording.snr_frame_db,
-        "gate_error_m": example.gate_error_m,
+        "gate_error_m": None if example.is_episode else example.gate_error_m,
     }
-    rows = []
+
+
+def describe_scene(example: ExampleSpec, recording: Recording) -> list[dict[str, Any]]:
+    """Return the columns of an example that need no analysis, by row."""
+    run, scene, rows = example.run, _describe_setting(example, recording), []
     for number, row in enumerate(example.rows):
-        truth, motion = recording.truth[number], run.scene.targets[number].motion
+        truth, motion = recording.truth[number], run.scene.observed_targets[number].motion
         rcs_m2 = np.asarray(truth.table["rcs"])
+        there = np.isfinite(truth.centre_range_m)
         total_m2 = rcs_m2[: None if rcs_m2.strides[0] else 1].sum(axis=1)  # often the same at every pulse
         rows.append(
             {
@@ -124,8 +133,8 @@ def describe_scene(example: ExampleSpec, recording: Recording) -> list[dict[str,
                 "motion_kind": "none" if row.source == "none" else motion["kind"],
                 "motion": "" if row.source == "none" else format_canonical_json(motion),
                 **scene,
-                "rcs_total_m2": float(np.broadcast_to(total_m2, rcs_m2.shape[:1]).mean()),
-                **(make_truth_columns(truth) if row.source != "none" else dict.fromkeys(make_truth_columns(truth))),
+                "rcs_total_m2": float(np.broadcast_to(total_m2, rcs_m2.shape[:1])[there].mean()),
+                **(make_truth_columns(truth) if row.source != "none" else dict.fromkeys(TRUTH_COLUMNS)),
             }
         )
     return rows
@@ -135,20 +144,34 @@ def _format_specs(specs: Sequence[FrozenModel]) -> str:
     return json.dumps([spec.model_dump(mode="json") for spec in specs], sort_keys=True, separators=(",", ":"))
 
 
+TRUTH_COLUMNS = (
+    "truth_gait",
+    "truth_height_m",
+    "truth_ground_speed_mps",
+    "truth_radial_velocity_mps",
+    "truth_range_m",
+    "truth_aspect_deg",
+    "truth_gait_frequency_hz",
+    "truth_step_frequency_hz",
+    "truth_stride_frequency_hz",
+)
+
+
 def make_truth_columns(truth: TargetTruth) -> dict[str, Any]:
     """Return the columns ``truth_*``, of simulations only."""
     aspect_rad = truth.centre_aspect_rad[np.isfinite(truth.centre_aspect_rad)]  # undefined for a body without motion
-    return {
-        "truth_gait": truth.gait,
-        "truth_height_m": truth.height_m,
-        "truth_ground_speed_mps": truth.ground_speed_mps,
-        "truth_radial_velocity_mps": float(truth.centre_velocity_mps.mean()),
-        "truth_range_m": float(truth.centre_range_m.mean()),
-        "truth_aspect_deg": float(np.degrees(aspect_rad.mean())) if aspect_rad.size else math.nan,
-        "truth_gait_frequency_hz": truth.gait_frequency_hz,
-        "truth_step_frequency_hz": truth.step_frequency_hz,
-        "truth_stride_frequency_hz": truth.stride_frequency_hz,
-    }
+    values = (
+        truth.gait,
+        truth.height_m,
+        truth.ground_speed_mps,
+        float(np.nanmean(truth.centre_velocity_mps)),
+        float(np.nanmean(truth.centre_range_m)),
+        float(np.degrees(aspect_rad.mean())) if aspect_rad.size else math.nan,
+        truth.gait_frequency_hz,
+        truth.step_frequency_hz,
+        truth.stride_frequency_hz,
+    )
+    return dict(zip(TRUTH_COLUMNS, values, strict=True))
 
 
 @dataclass
@@ -271,11 +294,72 @@ def build_planned(entries: Sequence[PlannedExample], context: BuildContext) -> l
             resolve_example(context.config, e.number, folder, split=e.split, group=e.group, compiled=context.compiled)
             for e in entries
         ]
+        if context.config.episodes:
+            return [build_episode(spec, settings, folder) for spec in specs]
         return [*build_examples(specs, settings.fields, folder, gate=settings.gate)]
     except Exception as error:
         if len(entries) == 1:
             return [error]
         return [made for entry in entries for made in build_planned([entry], context)]
+
+
+def build_episode(example: ExampleSpec, settings: DatasetSection, folder: Path) -> ExampleData:
+    """Build the rows of an episode: every track of every window."""
+    made, links, run, missed = ExampleData(), Links(), example.run, set(range(len(example.rows)))
+    with limit_blas_threads(), collect_messages() as messages:
+        recording = simulate_placed(run, place(run.scene, run.streams, folder=folder), angles=False)
+        bodies, nothing = describe_scene(example, recording), _describe_thing(example, recording)
+        for number, window in enumerate(cut_windows(recording, settings.window_s, settings.hop_s)):
+            raise_if_stopped()
+            results = analyze_window(window, run.analysis)
+            times = {"window_start_s": window.start_s, "window_stop_s": window.stop_s}
+            for track, result in zip(links.add(window, results), results, strict=True):
+                body = find_body(result, window.recording)
+                missed -= {body}
+                columns = nothing if body is None else bodies[body] | make_truth_columns(window.recording.truth[body])
+                name = {"id": f"{example.id}-w{number:04d}-t{track}", **times, "track": track}
+                signals: dict[str, Any] = {spec.name: read_signal(result, spec.name) for spec in settings.fields}
+                signals |= {"baseband": window.recording.baseband} if "baseband" in signals else {}
+                made.rows.append(columns | result.to_row() | name)
+                made.arrays.append(encode_arrays(settings.fields, signals))
+        # bodies that no track followed, and a recording without a body and a track, are a row each
+        for columns in [bodies[body] for body in sorted(missed)] or ([] if made.rows else [nothing]):
+            made.rows.append({**columns, **NOTHING, "gate": "track", "flags": "not_tracked"})
+            made.arrays.append(encode_arrays(settings.fields, {spec.name: None for spec in settings.fields}))
+    warned = ";".join(dict.fromkeys(messages))
+    made.rows = [convert_to_json({**row, "warnings": warned}) for row in made.rows]
+    return made
+
+
+def _describe_thing(example: ExampleSpec, recording: Recording) -> dict[str, Any]:
+    # the columns of a track that follows no body
+    texts = dict.fromkeys(("others", "recording", "licence", "motion"), "")
+    return {
+        "id": example.id,
+        "scene_id": example.id,
+        "label": THING,
+        "split": example.split,
+        "subject": f"model/{example.id}",
+        "group": example.group,
+        "source": "none",
+        "motion_kind": "none",
+        **texts,
+        **_describe_setting(example, recording),
+        "rcs_total_m2": None,
+        **dict.fromkeys(TRUTH_COLUMNS),
+    }
+
+
+def find_body(result: Result, recording: Recording) -> int | None:
+    """Return the body that a track follows, or None."""
+    # it is the nearest one within MOST_APART_M, for most of the time
+    gate, found = result.gate, []
+    for number, truth in enumerate(recording.truth):
+        apart_m = np.abs(gate.centre_m - np.interp(gate.time_s, recording.slow_time_s, truth.centre_range_m))
+        there = np.isfinite(apart_m)
+        if there.mean() > 0.5 and (distance_m := float(np.median(apart_m[there]))) <= MOST_APART_M:
+            found.append((distance_m, number))
+    return min(found)[1] if found else None
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,7 @@ FIELDS: dict[str, dict[str, Any]] = {
     "signature": {"dims": ["time", "doppler"], "units": "V^2", "dtype": "float32"},
     "cadence_map": {"dims": ["cadence", "doppler"], "units": "1", "dtype": "float32"},
     "ti_frames": {"dims": ["time", "number"], "units": "m/s, m/s, V^2, 1", "dtype": "float32"},
+    "pictures": {"dims": ["picture", "slice", "column", "cell"], "units": "1", "dtype": "uint8", "scale": "byte"},
     "baseband": {"dims": ["slow_time", "range"], "units": "V", "dtype": "complex64"},
     "truth_range_m": {"dims": ["slow_time", "scatterer"], "units": "m", "dtype": "float32"},
     "truth_radial_velocity_mps": {"dims": ["slow_time", "scatterer"], "units": "m/s", "dtype": "float32"},
@@ -49,7 +50,9 @@ def describe_fields(specs: Sequence[FieldSpec]) -> dict[str, dict[str, Any]]:
     """Describe each field: dims, units, dtype, scale and hop."""
     facts: dict[str, dict[str, Any]] = {}
     for spec in specs:
-        kept = {"dtype": "float16", "scale": "db"} if spec.is_half else {"scale": "linear"}
+        kept = {"scale": FIELDS[spec.name].get("scale", "linear")}
+        if spec.is_half:
+            kept = {"dtype": "float16", "scale": "db"}
         facts[spec.name] = {**FIELDS[spec.name], **kept, "hop": spec.hop}
     return facts
 
@@ -57,6 +60,8 @@ def describe_fields(specs: Sequence[FieldSpec]) -> dict[str, dict[str, Any]]:
 def encode(values: npt.ArrayLike, spec: FieldSpec) -> Array:
     """Encode an array in its field's precision."""
     kept = np.asarray(values)[:: spec.hop]
+    if FIELDS[spec.name].get("scale") == "byte":
+        return np.round(255.0 * kept).astype(np.uint8)
     if not spec.is_half:
         return np.ascontiguousarray(kept.astype(np.dtype(FIELDS[spec.name]["dtype"]).newbyteorder("<"), copy=False))
     return np.maximum(10.0 * decimal_logarithm(kept), DB_FLOOR).astype("<f2")
@@ -67,6 +72,8 @@ def decode(values: npt.ArrayLike, facts: Mapping[str, Any]) -> Array:
     stored = np.asarray(values)
     if facts.get("scale", "linear") == "linear":
         return stored
+    if facts["scale"] == "byte":
+        return np.asarray(stored, dtype=np.float32) / np.float32(255.0)
     power = power_of_ten(stored.astype(np.float64) / 10.0)
     return np.where(stored <= DB_FLOOR, 0.0, power).astype(np.float32)
 
@@ -76,13 +83,13 @@ def name_axis(field: str, dim: str) -> str | None:
     return f"{field}_{dim}_{AXIS_UNITS[dim]}" if dim in AXIS_UNITS else None
 
 
-def encode_arrays(fields: Sequence[FieldSpec], signals: Mapping[str, xr.DataArray | Signal | None]) -> Arrays:
+def encode_arrays(fields: Sequence[FieldSpec], signals: Mapping[str, xr.DataArray | Signal | Array | None]) -> Arrays:
     """Encode one row's arrays with axes, empty for None."""
     stored: dict[str, Array] = {}
     for spec in fields:
         signal = signals[spec.name]
-        if signal is None:
-            stored[spec.name] = encode(np.empty((0, 0)), spec)
+        if signal is None or isinstance(signal, np.ndarray):  # pictures have no axes
+            stored[spec.name] = encode(np.empty((0, 0)) if signal is None else signal, spec)
             continue
         stored[spec.name] = encode(signal.values, spec)
         for place, dim in enumerate(FIELDS[spec.name]["dims"]):

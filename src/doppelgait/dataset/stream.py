@@ -14,7 +14,7 @@ from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, w
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.example import Example, label_arrays
 from doppelgait.dataset.learning import As, make_picture, picture_format
-from doppelgait.dataset.motions import expand_folders
+from doppelgait.dataset.motions import expand_folders, list_labels
 from doppelgait.dataset.plan import Plan, PlannedExample
 from doppelgait.dataset.resolve import resolve_example
 from doppelgait.dataset.shard import BuildContext, build_planned
@@ -85,7 +85,7 @@ class ExampleStream:
 
     def class_number(self, label: str) -> int:
         """Return a class's number in the plan's order."""
-        labels = [section.label for section in self.config.classes]
+        labels = list_labels(self.config)
         if label not in labels:
             raise DatasetError(
                 f"{label!r} is the label of a companion and no class of the plan; add a class of this name"
@@ -202,7 +202,7 @@ def stream_examples(
         if seed < 0:
             raise ConfigError(f"seed: {seed} is not allowed; it must be 0 or larger")
         config = config.model_copy(update={"dataset": config.dataset.model_copy(update={"seed": seed})})
-    planned = sum(config.count_class_examples(section) for section in config.classes)
+    planned = sum(config.count_class_examples(section) for section in config.sections)
     first = planned if start is None else start
     if first < 0:
         raise DatasetError(f"start: {first} is not allowed; it must be 0 or larger")

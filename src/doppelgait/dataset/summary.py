@@ -43,7 +43,7 @@ class PlanSummary:
 
 def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_EXAMPLES) -> PlanSummary:
     """Summarise a plan: examples, subjects, files and duration."""
-    sections = list(enumerate(plan.config.classes))
+    sections = list(enumerate(plan.config.sections))
     examples = Counter((entry.class_number, entry.split) for entry in plan.examples)
     counts = [
         {"class": section.label, **{split: examples[number, split] for split in SPLITS}} for number, section in sections

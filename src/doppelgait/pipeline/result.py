@@ -122,15 +122,15 @@ class Result:
     segments : tuple of Result
         For a tracked target, one result per segment of steady motion in the order of time. The
         values of the target are those of the longest segment.
+    pictures : ndarray, shape (pictures, slices, columns, cells), optional
+        Of a tracked target: levels from 0 to 1 about its range and velocity; not stored in files.
 
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> result.label, round(result.features.torso_velocity_mps, 1)
-    ('human', 1.2)
+    >>> recording = dg.simulate(dg.Scene([dg.Target("boulic", "human")], duration_s=3.0), "x4")
+    >>> dg.analyze(recording, gate="truth")[0].label
+    'human'
     """
 
     analysis: Analysis
@@ -147,6 +147,7 @@ class Result:
     arrays: Mapping[str, Any] = field(default_factory=dict)
     gate_limits: Gate | None = None
     segments: tuple[Result, ...] = ()
+    pictures: npt.NDArray[np.float32] | None = None
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Result):

@@ -77,6 +77,7 @@ class Verdict:
     kind: str = "body"
     flags: tuple[str, ...] = ()
     evidence: Mapping[str, float] = field(default_factory=dict)
+    pictures: Levels | None = None
 
 
 def judge(results: Sequence[Result], clean: Frames, analysis: Analysis, radar: Radar) -> list[Result]:
@@ -102,7 +103,8 @@ def judge(results: Sequence[Result], clean: Frames, analysis: Analysis, radar: R
             found = judge_fold(seen[n], seen[other], other, folding_m=folding_m, frame_stop_m=radar.range_stop_m)
         found = found or judge_reflection(seen[n], seen[other], other, _get_rhythms(results[n], results[other]))
         if found is not None:
-            verdicts[n] = replace(found, evidence={**verdicts[n].evidence, **found.evidence})
+            evidence = {**verdicts[n].evidence, **found.evidence}
+            verdicts[n] = replace(verdicts[n], kind=found.kind, flags=found.flags, evidence=evidence)
     return [mark_result(result, verdicts[n]) for n, result in enumerate(results)]
 
 
@@ -116,11 +118,11 @@ def judge_body(result: Result, strip: TrackStrip, slices: Levels) -> Verdict:
     several = float(result.quality.get("both_directions", several))  # without range, only this tells two from one
     found = {"body_probability": body, "more_than_one_probability": several}
     if 1.0 - body >= DEFINITE:
-        return Verdict("thing", ("not_a_moving_body:moves_like_a_thing",), found)
+        return Verdict("thing", ("not_a_moving_body:moves_like_a_thing",), found, pictures)
     flags = ("may_be_more_than_one_body",) if 1.0 - several <= DEFINITE else ()
     if body < DEFINITE:
-        return Verdict("unknown", ("unknown_target:body_or_thing", *flags), found)
-    return Verdict("body", flags, found)
+        return Verdict("unknown", ("unknown_target:body_or_thing", *flags), found, pictures)
+    return Verdict("body", flags, found, pictures)
 
 
 def compute_probabilities(values: Mapping[str, Any], pictures: Levels) -> tuple[float, float]:
@@ -149,8 +151,9 @@ def load_network() -> dict[str, Any]:
 def mark_result(result: Result, verdict: Verdict) -> Result:
     """Add verdict, evidence and flags to a target and its segments."""
     quality: dict[str, Any] = {**result.quality, "verdict": verdict.kind, **verdict.evidence}
-    segments = tuple(mark_result(segment, verdict) for segment in result.segments)
-    return replace(result, quality=quality, flags=(*result.flags, *verdict.flags), segments=segments)
+    segments = tuple(mark_result(segment, replace(verdict, pictures=None)) for segment in result.segments)
+    flags = (*result.flags, *verdict.flags)
+    return replace(result, quality=quality, flags=flags, segments=segments, pictures=verdict.pictures)
 
 
 def is_echo(result: Result, number: int) -> bool:

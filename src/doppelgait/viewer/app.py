@@ -162,8 +162,7 @@ MEDIA_TYPES = {
     ".png": "image/png",
 }
 PAYLOAD, JSON, WAV = "application/octet-stream", "application/json", "audio/wav"
-GONE = 499
-"""Status of a request after the client has disconnected; it is never shown."""
+GONE = 499  # status of a request after the client has disconnected; it is never shown
 
 
 def make_app(

@@ -222,8 +222,7 @@ def choose_evenly(rows: Rows, classes: Rows, lots: Rows, most: int) -> Rows:
     return np.sort(rows[order[within < share[classes[order]]]])
 
 
-THUMBNAIL = (112, 80)
-"""Cells of a thumbnail in time and velocity."""
+THUMBNAIL = (112, 80)  # cells of a thumbnail in time and velocity
 LEVELS = 255
 
 FloatArray = npt.NDArray[np.float64]

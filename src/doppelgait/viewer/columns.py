@@ -31,14 +31,12 @@ NOT_OFFERED = (
     "others",
 )
 """Columns that are not offered: long texts, and locations of arrays."""
-MOST_VALUES = 40
-"""Largest number of values of a category; all of them must fit into an address."""
+MOST_VALUES = 40  # largest number of values of a category; all of them must fit into an address
 NAMES = ("id", "scene_id", "group", "subject", "recording")
 """Columns of identifiers; they are no categories, even with few values."""
 RESERVED = ("sort", "descending", "offset", "limit", "x", "y", "text", "flag", "no_flag")
 """Parameters of requests; columns of these names would be ambiguous and are not offered."""
-UNKNOWN = "(none)"
-"""Value of a category in rows where it is unknown."""
+UNKNOWN = "(none)"  # value of a category in rows where it is unknown
 GROUPS = {
     "truth_": "truth",
     "feature_": "six features",

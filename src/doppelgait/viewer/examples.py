@@ -22,6 +22,7 @@ from doppelgait.dataset import Dataset, Example, PlanConfig
 from doppelgait.dataset.example import find_plan_number, suggest_names
 from doppelgait.dataset.resolve import find_class, list_radar_files, resolve_example
 from doppelgait.dataset.shard import make_truth_columns
+from doppelgait.dataset.windows import cut_windows
 from doppelgait.features import FEATURE_UNITS, GaitFeatures
 from doppelgait.pipeline import Result, run_simulation
 from doppelgait.pipeline import run as pipeline_run
@@ -36,12 +37,10 @@ from doppelgait.viewer.settings import Settings
 MOST_SAMPLES = 24_000_000
 """Largest number of pulses times samples or scatterers: 60 s at 1 kHz with 400 range bins."""
 MOST_SECONDS = 300.0
-BODY_SCATTERERS = 40
-"""Number of scatterers of one body; few motions have more."""
+BODY_SCATTERERS = 40  # number of scatterers of one body; few motions have more
 PATHS_PER_EFFECT = 3
 """Number of additional echoes per scatterer that an entry of the environment may cause."""
-PATH_KEYS = ("path", "skeleton")
-"""Options of a motion file that name a file."""
+PATH_KEYS = ("path", "skeleton")  # options of a motion file that name a file
 
 
 def check_size(run: pipeline_run.Run) -> None:
@@ -60,15 +59,13 @@ def check_size(run: pipeline_run.Run) -> None:
 
 def check_files(plan: PlanConfig, number: int, folder: Path | None) -> None:
     """Reject an example that uses files outside the user's folder."""
-    motion = resolve(
-        plan.classes[find_class(plan, number)[0]].motion,
-        seed=plan.dataset.seed,
-        example=number,
-        key="motion",
-        turn=find_class(plan, number)[1],
-    )
+    place, turn = find_class(plan, number)
+    motions: Any = [episode.targets for episode in plan.episodes]
+    if plan.classes:
+        seed, motion = plan.dataset.seed, plan.classes[place].motion
+        motions = resolve(motion, seed=seed, example=number, key="motion", turn=turn)
     named = [
-        *_find_motion_files([motion, plan.companions, plan.background]),
+        *_find_motion_files([motions, plan.companions, plan.background]),
         *[(file, "preset") for file in list_radar_files(plan.radar) if isinstance(file, str)],
     ]
     for name, start in named:
@@ -128,7 +125,8 @@ class ExampleRuns:
             raise DatasetError(f"example: no {example_id!r} in this dataset{suggest_names(example_id, index['id'])}")
         rows = found[:1]
         # All targets of a simulated scene; only this one of a recording, because the others are at later times.
-        if self.dataset.description.get("origin") != "imported" and "scene_id" in index:
+        # Other rows of a scene with tracks are of other times.
+        if self.dataset.description.get("origin") != "imported" and {"scene_id", "track"} & {*index} == {"scene_id"}:
             rows = np.flatnonzero((index["scene_id"] == index["scene_id"].iloc[found[0]]).to_numpy(dtype=bool))
         first = convert_to_json(self.dataset.index.iloc[rows[0]].to_dict())
         gate: GateName = "track" if first.get("gate") == "track" else "truth"
@@ -151,7 +149,10 @@ class ExampleRuns:
                 recording, _ = collect_warnings(lambda: run_simulation(spec.run, folder=self.folder))
             except DoppelgaitError as error:
                 raise DatasetError(self.describe_error(error)) from None
-            if first.get("source") == "none":
+            if spec.is_episode:  # the window of the row
+                windows, start_s = cut_windows(recording, plan.dataset.window_s, plan.dataset.hop_s), "window_start_s"
+                recording = next((w.recording for w in windows if w.start_s == first.get(start_s)), recording)
+            if spec.is_episode or first.get("source") == "none":
                 return recording
             # The truth differs from that of the dataset: a motion file has changed.
             truth = make_truth_columns(recording.truth[0])

@@ -19,15 +19,12 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 if TYPE_CHECKING:
     from doppelgait.viewer.app import App
 
-END_S = 1
-"""Longest time for requests in progress when the server stops."""
-QUEUE = 1024
-"""Number of connections in the queue of the system before the server accepts them."""
+END_S = 1  # longest time for requests in progress when the server stops
+QUEUE = 1024  # number of connections in the queue of the system before the server accepts them
 TAKEN_AT_ONCE = 16
 """Number of connections that are accepted at once, before excess ones are closed; each needs an open file."""
 OUT_OF_FILES = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
-QUIET_S = 60.0
-"""Time without a lack of open files after which the next lack is reported."""
+QUIET_S = 60.0  # time without a lack of open files after which the next lack is reported
 TOO_SLOW = b"HTTP/1.1 408 Request Timeout\r\nconnection: close\r\ncontent-length: 0\r\n\r\n"
 TOO_MANY = b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\nretry-after: 1\r\ncontent-length: 0\r\n\r\n"
 

@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.classify.model import Model
-from doppelgait.classify.timeline import TrackDecision, Window
+from doppelgait.classify.timeline import TrackDecision
 from doppelgait.core.labels import read_axis
+from doppelgait.dataset.windows import Window
 from doppelgait.pipeline import Result
 from doppelgait.viewer.payload import (
     describe_axis,
@@ -27,12 +28,10 @@ from doppelgait.viewer.payload import (
     pack,
 )
 
-SPAN_S, STEP_S = 30.0, 0.05
-"""Time span of the page, and width of a column."""
+SPAN_S, STEP_S = 30.0, 0.05  # time span of the page, and width of a column
 MOST_ROWS = 300
 """Largest number of range bins or Doppler cells of a column; more are combined by their maximum."""
-MOST_MARKS = 2000
-"""Largest number of decisions that are kept."""
+MOST_MARKS = 2000  # largest number of decisions that are kept
 
 
 class Rolling:

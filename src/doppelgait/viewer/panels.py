@@ -180,10 +180,8 @@ MOST_FRAMES = 600
 MOST_PER_REQUEST = 256
 MOST_PARTS = (300, 256)
 """Largest numbers of range bins and Doppler rows of a frame; more are combined by their maximum."""
-LOOKED_AT = 8
-"""Number of frames that determine the levels."""
-SLOW_PULSES = 3 * MIN_CPI_PULSES
-"""Fewest pulses of a frame's processing interval."""
+LOOKED_AT = 8  # number of frames that determine the levels
+SLOW_PULSES = 3 * MIN_CPI_PULSES  # fewest pulses of a frame's processing interval
 ONE_BIN = "this radar has no range: see its signature"
 IN_BURSTS = "this recording has bursts of pulses; its signature has one column per burst"
 

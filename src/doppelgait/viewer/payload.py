@@ -59,10 +59,8 @@ CODES = 65535
 DEEPEST_DB = 160.0
 """Range of encoded levels below the highest; steps of 160 dB / 65535 keep 0.01 dB, and lower levels are clipped."""
 MOST = (2000, 600)
-MEDIAN_OF = 500_000
-"""Approximate number of cells from which the median of a picture is computed."""
-AUTO_DB_RANGE = (20.0, 40.0)
-"""Smallest and largest initial range of levels, as in the figures."""
+MEDIAN_OF = 500_000  # approximate number of cells from which the median of a picture is computed
+AUTO_DB_RANGE = (20.0, 40.0)  # smallest and largest initial range of levels, as in the figures
 Axis = dict[str, Any]
 
 

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 
 ADDRESS = "127.0.0.1"
 TOKEN_BYTES = 24
-END_S = 2
-"""Longest time for the thread of a server to stop."""
+END_S = 2  # longest time for the thread of a server to stop
 NO_SERVER = "the viewer needs starlette and uvicorn, which are not installed: pip install 'doppelgait[viewer]'"
 
 

@@ -27,11 +27,9 @@ from doppelgait.radar.presets import list_preset_names
 from doppelgait.viewer.run import Run, collect_warnings
 from doppelgait.viewer.settings import Settings, parse_number
 
-BUILD_OF = {"dog": "standard", "cat": "cat"}
-"""Body build of the animals, by target."""
+BUILD_OF = {"dog": "standard", "cat": "cat"}  # body build of the animals, by target
 SIZE_OF = {"person": "height_m", "dog": "withers_m", "cat": "withers_m"}
-COMPANY_M = {"person": 1.75, "dog": 0.5}
-"""Size of a second target."""
+COMPANY_M = {"person": 1.75, "dog": 0.5}  # size of a second target
 
 
 @dataclass(frozen=True)
@@ -91,8 +89,7 @@ def seen_m(radar: str) -> tuple[float, float | None]:
 
 NEAREST_M = 1.0
 """Smallest distance of a body; nearer, it fills the beam, and passing dominates the SNR."""
-BESIDE_M = 1.0
-"""Distance of the paths of two targets."""
+BESIDE_M = 1.0  # distance of the paths of two targets
 STEP_M = 0.1
 
 
@@ -142,8 +139,7 @@ TARGETS = {
     "vacuum": "robot vacuum",
 }
 LEGGED = ("person", "dog", "cat")
-TOO_SLOW = ("x4-17fps",)
-"""Presets for breathing: their frame rate shows no gait."""
+TOO_SLOW = ("x4-17fps",)  # presets for breathing: their frame rate shows no gait
 
 
 @dataclass(frozen=True)

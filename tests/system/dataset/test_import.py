@@ -24,8 +24,9 @@ from doppelgait.dataset import open_dataset, recorded, shard
 from doppelgait.dataset.card import list_blocked_recordings
 from doppelgait.dataset.importing import ImportConfig, import_dataset, read_labels
 from doppelgait.dataset.labels import find_recordings, hash_recording, list_recording_files
-from doppelgait.dataset.recorded import cut, find_labelled_result
+from doppelgait.dataset.recorded import find_labelled_result
 from doppelgait.dataset.splits import plan_entries
+from doppelgait.dataset.windows import cut
 from doppelgait.motion import boulic_walk, quadruped_gait
 from doppelgait.pipeline import Result, analyze, simulate
 from doppelgait.processing import Analysis
@@ -302,7 +303,7 @@ def pulses(part):
 @pytest.mark.parametrize("begin_s", [0.0, 7.3])
 def test_windows_hold_the_pulses_of_their_time(begin_s):
     recording = counted(begin_s + np.arange(1000) / 100.0)
-    parts = cut(recording, start_s=1.0, stop_s=8.0, window_s=2.0, step_s=1.5)
+    parts = [*cut(recording, start_s=1.0, stop_s=8.0, window_s=2.0, step_s=1.5)]
     assert [(p.start_s, p.stop_s) for p in parts] == [(1.0, 3.0), (2.5, 4.5), (4.0, 6.0), (5.5, 7.5)]
     for part in parts:
         expected = [n for n in range(1000) if part.start_s - 1e-6 <= n / 100.0 < part.stop_s - 1e-6]
@@ -312,9 +313,9 @@ def test_windows_hold_the_pulses_of_their_time(begin_s):
 
 def test_a_recording_is_cut_into_all_that_fit():
     recording = counted(np.arange(1000) / 100.0)
-    assert len(cut(recording, window_s=2.5, step_s=2.5)) == 4
-    assert len(cut(recording, window_s=10.0, step_s=1.0)) == 1
-    assert len(cut(recording, window_s=0.1, step_s=0.1)) == 100
+    assert len([*cut(recording, window_s=2.5, step_s=2.5)]) == 4
+    assert len([*cut(recording, window_s=10.0, step_s=1.0)]) == 1
+    assert len([*cut(recording, window_s=0.1, step_s=0.1)]) == 100
     (whole,) = cut(replace(recording, truth=["what a simulation knows"]))
     assert whole.recording.truth == ()
     assert (whole.start_s, whole.stop_s) == (0.0, pytest.approx(10.0))
@@ -323,7 +324,7 @@ def test_a_recording_is_cut_into_all_that_fit():
 
 def test_bursts_are_not_cut():
     times_s = (0.2 * np.arange(15)[:, None] + np.arange(8)[None, :] / 3000.0).ravel()
-    parts = cut(counted(times_s, burst_pulses=8), window_s=1.0, step_s=1.0)
+    parts = [*cut(counted(times_s, burst_pulses=8), window_s=1.0, step_s=1.0)]
     assert [pulses(p).tolist() for p in parts] == [list(range(n, n + 40)) for n in (0, 40, 80)]
     assert parts[0].recording.baseband.attrs["burst_pulses"] == 8
 

@@ -16,7 +16,7 @@ import typer.main
 
 import processes
 from checkout import ROOT
-from doppelgait.classify.alarm import read_day
+from doppelgait.classify.alarm import load_day
 from doppelgait.cli.app import app
 from doppelgait.core import plugins
 from doppelgait.core.config import write_toml
@@ -70,7 +70,7 @@ def run_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path / "installed"))
     shutil.copytree(ROOT / "examples", tmp_path / "examples")  # the pages begin in a clone
-    day = read_day()
+    day, _ = load_day()
     short = day.model_copy(update={"episodes": tuple(one for one in day.episodes if one.duration_s <= 10)})
     (tmp_path / "short-day.toml").write_text(write_toml(short.model_dump(mode="json", exclude_none=True)))
     for group in plugins.list_plugin_groups().values():

@@ -281,6 +281,9 @@ def round_values(values: pd.Series) -> pd.Series:
 def tabulate_nuisances(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> pd.DataFrame:
     """Tabulate the nuisance parameters of examples that were resolved again."""
     flat = tabulate_examples(examples).drop(columns=["label", "group"])
+    if any(example.is_episode for example in examples):  # of each its first track; not every body has one
+        index = index.drop_duplicates("scene_id").assign(id=lambda rows: rows["scene_id"])
+        flat = flat[flat.index.isin(index["id"])]
     rows = index.drop_duplicates("id").set_index("id").loc[flat.index]
     stated = _select_measured(rows).rename(
         columns=lambda name: name if name in ("label", "group", "empty") else f"index.{name}"

@@ -114,6 +114,8 @@ def check_aspect(contents: Contents) -> Finding:
     first = contents.index[contents.index["id"] == contents.index["scene_id"]].drop_duplicates("id")
     rows: dict[str, Any] = {row["id"]: row for row in first.to_dict("records")}
     for example in contents.examples:
+        if example.is_episode:
+            continue
         target = example.run.scene.targets[0]
         placed = target.start_position_m is None and target.path is None and example.rows[0].source != "none"
         if placed and (row := rows.get(example.id)) is not None:
