@@ -47,8 +47,7 @@ body mass (Schultz, Burgener and King 1958). No measurement of a dog or a cat at
 is known: the same proportion is assumed for them.
 """
 
-MOST_NAMES = 8
-"""Maximum number of point names in a warning."""
+MOST_NAMES = 8  # maximum number of point names in a warning
 
 PART_WEIGHTS: dict[str, float] = {name: share for key, share in TABLES["shares"].items() for name in name_sides(key)}
 """Share of the total by body part (E-08)."""

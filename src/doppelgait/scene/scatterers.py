@@ -42,6 +42,7 @@ from doppelgait.scene.rcs import (
 )
 
 FloatArray = npt.NDArray[np.float64]
+BLOCK_PULSES = 8192  # of which a body is computed at a time
 
 
 @dataclass(frozen=True)
@@ -85,15 +86,10 @@ class View:
         """Ellipsoids at the frames of the motion."""
         return compute_ellipsoids(self.skeleton)
 
-    @cached_property
-    def body(self) -> Ellipsoids:
-        """Ellipsoids at the pulse times."""
-        return compute_ellipsoids(self.skeleton, self.time_s)
-
     def compute_sight_gain(self, points: Motion) -> FloatArray:
         """Compute the two-way gain past the body, (I, L)."""
-        own = find_own_points(points.position_m, self.frames)
-        return compute_visible_power(resample(points, self.time_s)[0], self.body, own, self.radar_position_m)
+        own, body = find_own_points(points.position_m, self.frames), compute_ellipsoids(self.skeleton, self.time_s)
+        return compute_visible_power(resample(points, self.time_s)[0], body, own, self.radar_position_m)
 
 
 class RcsKind(Protocol):
@@ -186,15 +182,21 @@ def scatter_surfaces(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray, Flo
     skeleton, radar_m, frames = view.skeleton, view.radar_position_m, view.frames
     surface = draw_surface(skeleton, view.rng)
     points = find_nearest_points(skeleton, frames, radar_m)
-    (_, rcs_m2), mean_m2 = see_ellipsoids(view.body, radar_m), mean_rcs_m2(frames)
-    position_m, phase_rad = points.position_m.copy(), np.zeros(rcs_m2.shape)
-    for n, limb in make_limbs(skeleton, surface, view.motion.facts.height_m).items():
+    limbs, mean_m2 = make_limbs(skeleton, surface, view.motion.facts.height_m), mean_rcs_m2(frames)
+    position_m, (rcs_m2, phase_rad) = points.position_m.copy(), np.zeros((2, view.time_s.size, mean_m2.size))
+    for first in range(0, view.time_s.size, BLOCK_PULSES):  # a body at all pulses of an hour would not fit
+        block = slice(first, first + BLOCK_PULSES)
+        body = compute_ellipsoids(skeleton, view.time_s[block])
+        rcs_m2[block] = see_ellipsoids(body, radar_m)[1]
+        for n, limb in limbs.items():
+            sight_m = radar_m - body.centre_m[:, n]
+            range_m = np.maximum(np.sqrt(np.square(sight_m).sum(axis=1)), 1e-9)
+            along = (sight_m * body.along[:, n]).sum(axis=1) / range_m
+            size_m, phase_rad[block, n] = limb.compute_field(along, range_m, view.wavelength_m)
+            rcs_m2[block, n] = size_m * size_m
+    for n, limb in limbs.items():
         position_m[:, n] = place_specular_points(frames, n, limb, radar_m)
-        sight_m = radar_m - view.body.centre_m[:, n]
-        range_m = np.maximum(np.sqrt(np.square(sight_m).sum(axis=1)), 1e-9)
-        along = (sight_m * view.body.along[:, n]).sum(axis=1) / range_m
-        size_m, phase_rad[:, n] = limb.compute_field(along, range_m, view.wavelength_m)
-        rcs_m2[:, n] = size_m * size_m
         mean_m2[n] = limb.compute_mean_rcs_m2(frames.along[:, n], view.wavelength_m)
     share = surface.power * (total_rcs_m2(spec, view.motion.facts.mass_kg) / float(mean_m2 @ surface.power))
-    return points.with_points(position_m, points.markers, points.parts), rcs_m2 * share, phase_rad
+    rcs_m2 *= share
+    return points.with_points(position_m, points.markers, points.parts), rcs_m2, phase_rad

@@ -19,8 +19,7 @@ from doppelgait.scene.rcs import RCS, RcsSpec
 
 LEAST_STAY_S = 0.6
 """Least time of a body in a scene: it appears for half of it and fades for the other half."""
-DEFAULT_DURATION_S = 5.0
-"""Observation time of a scene in which all motions are models."""
+DEFAULT_DURATION_S = 5.0  # observation time of a scene in which all motions are models
 
 
 def _parse_motion(value: Any) -> Any:

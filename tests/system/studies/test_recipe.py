@@ -39,7 +39,7 @@ def test_a_shifted_answer_is_adapted_in_the_table(study):
         "recording": [f"r{k // 2}" for k in range(240)], "truth_gait_frequency_hz": 3.0, "observation_s": 4.0,
         "truth_aspect_deg": 0.0, "quality_snr_mu_db": 20.0, "truth_ground_speed_mps": 3.0,
         "p:m": 1.0 / (1.0 + np.exp(-(np.where(human, 2.0, -2.0) + 3.0 + rng.normal(size=240)))),
-    })  # fmt: skip
+    }).rename_axis("id")  # fmt: skip
     lines = study.adaptation_table([rows, rows], "m").split("\n")[2:]
     numbers = [[float(cell.split()[0]) for cell in line.strip("| ").split("|")] for line in lines]
     assert [line[0] for line in numbers] == [0, 1, 2, 5, 10, 20]
