@@ -176,18 +176,16 @@ def sample_examples(plan: Plan, most: int | None = None) -> Iterator[ExampleSpec
         yield plan.example(place * total // count)
 
 
-OWN = ("motion", "label")
-"""Keys of a target that may depend on its class."""
-
-
 def collect_nuisance(example: ExampleSpec, row: int = 0) -> dict[str, Any]:
     """Return all sampled values of a row except its motion, flat."""
     run = example.run.model_dump(mode="json", exclude={"seed", "example"})
     targets = run["scene"].pop("targets")
-    # the targets of an episode are what it is about; a law of the plan has their cross sections alone
+    # the targets and the length of an episode are what it is about
     stated = [target for target in targets if not target["background"]][row]
-    own = {name: stated[name] for name in stated if name == "rcs" or not (example.is_episode or name in OWN)}
-    background = [target for target in targets if target["background"]]
+    own = {} if example.is_episode else {name: stated[name] for name in stated if name not in ("motion", "label")}
+    background = [target for target in targets if target["background"] and not example.is_episode]
+    if example.is_episode:
+        del run["scene"]["duration_s"]
     flat: dict[str, Any] = {"gate_error_m": example.gate_error_m}
 
     def walk(value: Any, key: str) -> None:

@@ -7,12 +7,13 @@ import pytest
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset import build_dataset, open_dataset, stream_examples
-from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.feasibility import find_limits
-from doppelgait.dataset.plan import plan_dataset
+from doppelgait.dataset.plan import collect_nuisance, plan_dataset, sample_examples
 from doppelgait.dataset.resolve import resolve_example
 from doppelgait.dataset.shard import build_episode, find_body
 from doppelgait.dataset.verify import verify_dataset
+from doppelgait.dataset.verify.plan_checks import refuse_leaks
 from doppelgait.dataset.windows import analyze_window, cut_windows
 from doppelgait.pipeline.run import simulate_placed
 from doppelgait.scene import place
@@ -84,14 +85,6 @@ def test_pictures_are_kept_to_the_byte(built):
     assert example.arrays["pictures"].max() == 1.0
 
 
-def test_the_same_episode_gives_the_same_rows(built):
-    plan = plan_dataset(PlanConfig(**PLAN))
-    made, again = (build_episode(plan.example(1), plan.config.dataset, plan.folder) for _ in range(2))
-    assert made.rows == again.rows
-    stored = built.index[built.index["scene_id"] == made.rows[0]["scene_id"]]
-    assert [row["id"] for row in made.rows] == stored["id"].tolist()
-
-
 def test_a_track_of_no_body_is_a_thing():
     plan = plan_dataset(PlanConfig(**PLAN | {"episodes": [EPISODES[0] | {"targets": [VACUUM]}]}))
     made = build_episode(plan.example(0), plan.config.dataset, plan.folder)
@@ -110,6 +103,13 @@ def test_a_body_that_no_track_followed_has_a_row():
         "breathing",
     )
     assert missed["truth_range_m"] == pytest.approx(4.0, abs=0.3)
+
+
+def test_kinds_of_other_lengths_and_targets_are_no_leak():
+    plan, _ = load_plan("home-alarm-day")
+    examples = [*sample_examples(plan_dataset(plan))]
+    refuse_leaks(examples, np.random.default_rng(0))
+    assert not {"scene.duration_s", "target.rcs.total_m2"} & {*collect_nuisance(examples[0])}
 
 
 def test_a_stream_numbers_the_labels_of_bodies_and_things():
