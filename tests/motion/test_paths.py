@@ -446,7 +446,7 @@ def test_a_walk_about_that_is_impossible_is_refused(change, key):
 def test_a_polyline_with_a_stop_lasts_longer(walk):
     table = {"kind": "polyline", "points_m": [[0, 0], [3, 0], [3, 2]]}
     through = follow(walk, paths.make_path(table))
-    stopping = follow(walk, paths.make_path(table | {"stops": [{"at_m": 1.5, "pause_s": 1.0}]}))
-    ramp_s = math.pi * SPEED_MPS / 2.0
-    assert stopping.duration_s - through.duration_s == pytest.approx(1.0 + ramp_s, abs=0.02)
+    table |= {"stops": [{"at_m": 1.5, "pause_s": 1.0}], "acceleration_mps2": 2.0}
+    stopping = follow(walk, paths.make_path(table))
+    assert stopping.duration_s - through.duration_s == pytest.approx(1.0 + math.pi * SPEED_MPS / 4.0, abs=0.02)
     assert body_centre_m(stopping)[-1] == pytest.approx(body_centre_m(through)[-1], abs=0.1)

@@ -192,8 +192,7 @@ TURN_S, ACCELERATION_MPS2 = 2.0, 1.0
 """Default time of a half turn on the spot and acceleration on stopping and starting (assumed)."""
 CORNER_M, MAX_CORNER_RAD, CORNERS_TAKE = 0.5, math.radians(150.0), 1.4
 """Largest radius of the corners of a walk about, their largest turn, and the legs' length over that of the walk."""
-REST_APART_M, REST_MPS2 = 4.0, 2.0
-"""Least distance between rests of a walk about, and acceleration before and after them."""
+REST_APART_M, REST_MPS2 = 4.0, 2.0  # least distance of rests of a walk about; acceleration at them
 _ATTEMPTS = 60  # at a leg that stays in the room
 _SHORTEST_M = 1e-3
 ENDLESS = CurveElement(math.inf)
@@ -201,7 +200,7 @@ ENDLESS = CurveElement(math.inf)
 
 @dataclass(frozen=True)
 class Layout:
-    """Geometry of a path: elements, stops, acceleration and start. Open-ended: some stops may not be reached."""
+    """Geometry of a path. Open-ended: some stops may not be reached."""
 
     elements: tuple[CurveElement, ...]
     stops: tuple[Stop, ...] = ()
@@ -413,7 +412,8 @@ def lay_out_polyline(path: PolylinePath) -> Layout:
             f"{lengths[number]:.3g} m between them; lower corner_radius_m = {path.corner_radius_m:g} or move them apart"
         )
     stops = tuple(Stop(stop.at_m, stop.pause_s) for stop in path.stops)
-    return Layout(_join_legs(left, turns, radii_m), stops, start_m=path.points_m[0], heading_rad=float(headings[0]))
+    elements, start_m = _join_legs(left, turns, radii_m), path.points_m[0]
+    return Layout(elements, stops, path.acceleration_mps2, start_m, float(headings[0]))
 
 
 def _measure_legs(points_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
