@@ -1,9 +1,12 @@
 """Train the models that ship with the package, on synthetic data alone.
 
     python tools/train_models.py [NAME ...] [--work FOLDER] [--examples N] [--workers 2]
+    python tools/train_models.py --tracks --work FOLDER
 
 Needs ``pip install 'doppelgait[torch]'`` and some 20 minutes of two cores. The plans are those of :func:`plan_of`; no
 recording is used. Written are ``src/doppelgait/classify/models/NAME.npz`` and the model card next to it, ``NAME.json``.
+With ``--tracks`` one network of tracks is trained on the windows of life of all radars (:func:`life_of`, some 4 hours)
+and put into all files; the models of windows in them stay.
 """
 
 from __future__ import annotations
@@ -11,15 +14,19 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from doppelgait.classify.data import collect_inputs, collect_rows, take_rows
-from doppelgait.classify.evaluation import evaluate
-from doppelgait.classify.model_file import save_model
+from doppelgait.classify.data import Rows, collect_inputs, collect_rows, take_rows
+from doppelgait.classify.evaluation import Fold, describe_model, evaluate, hold_back
+from doppelgait.classify.learned import LabelledRows
+from doppelgait.classify.model_file import load_shipped_model, save_model
+from doppelgait.classify.network import train_track_network
 from doppelgait.core.config import validate
 from doppelgait.dataset import build_dataset, load_plan, open_dataset
 from doppelgait.dataset.config import PlanConfig
@@ -48,6 +55,14 @@ RADARS: dict[str, dict[str, Any]] = {
     },
 }  # fmt: skip
 """Radar, observation, mid-track range (a body at 5 m/s crosses every frame) and examples of a class."""
+LIFE = "home-alarm-life"
+LIFE_CLASSES = ("human", "animal", "thing")
+RECORDINGS: dict[str, list[tuple[int, int, float]]] = {
+    "x4": [(101, 20, 0.625), (102, 20, 0.625), (103, 20, 1.25), (104, 20, 1.25), (105, 20, 1.25)],
+    "fmcw-24": [(201, 12, 1.25)],
+    "fmcw-60": [(301, 10, 1.25)],
+}
+"""Seed, recordings of every kind and hop in s of the datasets of life."""
 X4_ALONE = ("static_clutter", "dropped_frames")
 """Impairments of the X4 that no other radar has in this form."""
 TABLES = ("balanced_accuracy", "auc", "brier", "expected_calibration_error")
@@ -77,6 +92,18 @@ def plan_of(name: str, n_examples: int) -> PlanConfig:
         table["radar"] = own["radar"]
         table["impairments"] = [part for part in table["impairments"] if not _is_of_x4(part)]
     return validate(PlanConfig, table, where=f"plan of {name}")
+
+
+def life_of(name: str, seed: int, n_recordings: int, hop_s: float) -> PlanConfig:
+    """Return the plan of windows of life of a radar: that of the X4 with its antenna and clutter, others without."""
+    plan, _ = load_plan(LIFE)
+    table = plan.model_dump(mode="python")
+    table["dataset"] |= {"name": f"{LIFE}-{name}-{seed}", "seed": seed, "examples_per_class": n_recordings}
+    table["dataset"] |= {"hop_s": hop_s}
+    if name != "x4":
+        table["radar"] = RADARS[name]["radar"]
+        table["impairments"] = [part for part in table["impairments"] if not _is_of_x4(part)]
+    return validate(PlanConfig, table, where=f"plan of life of {name}")
 
 
 def _is_of_x4(part: dict[str, Any]) -> bool:
@@ -113,6 +140,49 @@ def train(dataset: Dataset, folder: Path, name: str) -> dict[str, Any]:
     }
 
 
+def train_tracks(work: Path, workers: int | None) -> None:
+    """Train the network of tracks on all datasets of life, and put it into the models of all radars."""
+    datasets, radars = [], []
+    for name, plans in RECORDINGS.items():
+        for plan in plans:
+            target = work / f"{LIFE}-{name}-{plan[0]}"
+            build_dataset(life_of(name, *plan), target, workers=workers, max_failed_share=0.02)
+            datasets.append(open_dataset(target))
+            radars.append(name)
+    rows = join_rows([collect_rows(dataset) for dataset in datasets])
+    table, of_radar = collect_inputs(rows, "track"), np.array(radars)[rows.origin]
+    train, held = hold_back(rows, np.arange(len(rows)), 0)
+    parts = [LabelledRows(table.values[part], rows.labels[part]) for part in (train, held)]
+    network = train_track_network(*parts, n_classes=len(LIFE_CLASSES), seed=0)
+    for name in RECORDINGS:
+        own = replace(rows, datasets=(datasets[radars.index(name)], *datasets))  # the first one describes the model
+        own = replace(own, origin=rows.origin + 1)
+        fold = Fold(name, train[of_radar[train] == name], held[of_radar[held] == name], np.empty(0, dtype=np.int64))
+        track = describe_model(own, table, "track-network", fold, network, seed=0)
+        path = MODELS / f"{name}.npz"
+        save_model(replace(load_shipped_model(name), track=track), path)
+        card = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+        card["track"] = {"datasets": [part.description["id"] for part in datasets], "n_train": track.facts.n_train}
+        card["track"] |= {"conditions": {key: list(span) for key, span in track.facts.conditions.items()}}
+        card |= {"size_kb": round(path.stat().st_size / 1000.0, 1)}
+        path.with_suffix(".json").write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
+
+
+def join_rows(parts: list[Rows]) -> Rows:
+    """Join the rows of datasets, whose scenes are all different."""
+    index = pd.concat([part.index for part in parts], ignore_index=True)
+    numbers = {label: number for number, label in enumerate(LIFE_CLASSES)}
+    return Rows(
+        datasets=tuple(part.datasets[0] for part in parts),
+        index=index,
+        origin=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
+        place=np.concatenate([part.place for part in parts]),
+        classes=LIFE_CLASSES,
+        labels=index["label"].map(numbers).to_numpy(dtype=np.int64),
+        groups=np.concatenate([np.char.add(f"{number}:", part.groups) for number, part in enumerate(parts)]),
+    )
+
+
 def main() -> None:
     """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -121,9 +191,13 @@ def main() -> None:
     parser.add_argument("--models", type=Path, default=MODELS, help="folder of the models")
     parser.add_argument("--examples", type=int, help="of a class, in place of those of RADARS")
     parser.add_argument("--workers", type=int)
+    parser.add_argument("--tracks", action="store_true", help="train the network of tracks alone")
     options = parser.parse_args()
     options.models.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as scratch:
+        if options.tracks:
+            train_tracks(options.work or Path(scratch), options.workers)
+            return
         for name in options.names:
             n_examples = options.examples or RADARS[name]["examples"]
             target = (options.work or Path(scratch)) / f"shipped-{name}-{n_examples}"

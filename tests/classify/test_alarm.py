@@ -1,5 +1,6 @@
 """Alarm metrics of a day: closed forms of intervals, triggers counted by hand, a day that runs."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,18 +10,22 @@ from scipy.stats import chi2
 from doppelgait.classify import classify_over_time, load_shipped_model
 from doppelgait.classify.alarm import (
     Episode,
+    answer_day,
+    answer_track,
+    build_day,
     estimate_weighted_count,
     format_day,
     format_episodes,
     load_day,
     run_day,
-    score_alarm,
     score_day,
-    simulate_run,
 )
 from doppelgait.core.errors import ConfigError
+from doppelgait.dataset import build_dataset, open_dataset
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.resolve import resolve_example
+from doppelgait.pipeline.run import simulate_placed
+from doppelgait.scene.placement import place
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, 20])
@@ -49,42 +54,44 @@ def test_several_triggers_of_one_recording_are_one_event():
     assert estimate_weighted_count([], []) == {"value": 0.0, "low": 0.0, "high": np.inf}
 
 
-def decision(track, probability, *, alone=0.5, blocked=False, alarm=True):
-    def both(p):
-        return {"human": p, "animal": 1 - p}
-
-    return SimpleNamespace(track=track, probabilities=both(probability),
-                           window=SimpleNamespace(blocked=blocked, alarm=alarm, probabilities=both(alone)))  # fmt: skip
-
-
-def test_a_window_that_is_no_evidence_raises_no_alarm():
-    found = score_alarm([
-        (4.0, [decision(0, 0.5, alone=0.9, blocked=True), decision(1, 0.5, alone=0.99, blocked=True, alarm=None)]),
-        (5.0, [decision(0, 0.7), decision(1, 0.2)]),
-        (6.0, [decision(0, 0.99, blocked=True)]),
-        (7.0, []),
-        (8.0, [decision(1, 0.3)]),
-    ], "human")  # fmt: skip
-    assert {track: times.tolist() for track, (times, _) in found.items()} == {0: [5.0], 1: [5.0, 8.0]}
-    assert [scores.tolist() for _, scores in found.values()] == [[0.7], [0.2, 0.3]]
-
-
-def test_two_alarms_with_an_empty_room_between_are_two():
-    windows = [(1.0, [decision(0, 0.99)]), (2.0, []), (3.0, [decision(1, 0.99)])]
-    assert Episode("x", score_alarm(windows, "human")).find_triggers(0.9).tolist() == [1.0, 3.0]
+def a_model(**facts):
+    model = SimpleNamespace(facts=SimpleNamespace(**facts))
+    model.of_tracks = model
+    return model
 
 
 @pytest.mark.release
-def test_triggers_at_the_models_threshold_are_the_rises_of_the_alarm_of_a_stream():
-    (day, folder), model = load_day(repeats=2), load_shipped_model("x4")
+@pytest.mark.parametrize("name", ["x4"])
+def test_triggers_at_the_models_threshold_are_the_rises_of_the_alarm_of_a_stream(name, tmp_path):
+    (day, folder), model = load_day(repeats=2), load_shipped_model(name)
     chosen = tuple(one for one in day.episodes if one.label == "a person and a dog cross the room")
-    day = day.model_copy(update={"episodes": chosen})
-    for number, episode in enumerate(run_day(day, model)):
-        raised = {}
-        for one in classify_over_time(simulate_run(resolve_example(day, number, folder).run, folder), model):
+    dataset = build_day(day.model_copy(update={"episodes": chosen}), model, tmp_path / "day", folder=folder)
+    for number, episode in enumerate(answer_day(dataset, partial(answer_track, model))):
+        run, raised = resolve_example(dataset.plan_config, number, folder).run, {}
+        recording = simulate_placed(run, place(run.scene, run.streams, folder=folder), angles=False)
+        for one in classify_over_time(recording, model):
             if one.alarm:
                 raised.setdefault(one.track, one.stop_s)
-        assert sorted(raised.values()) == episode.find_triggers(model.facts.alarm_threshold).tolist()
+        assert sorted(raised.values()) == episode.find_triggers(model.of_tracks.facts.alarm_threshold).tolist()
+
+
+def test_a_classifier_from_outside_is_scored_by_its_answers_to_tracks(tmp_path):
+    # ten lines: the louder the track, the likelier a person; every second window is no evidence
+    def by_level(dataset, rows):
+        snr_db = dataset.index["quality_snr_mu_db"].to_numpy(dtype=float)[rows]
+        return np.where(np.arange(len(rows)) % 2, np.nan, 1.0 / (1.0 + np.exp(-snr_db)))
+
+    target = {"label": "human", "range_m": 5.0, "motion": {"kind": "boulic", "speed_mps": 1.0}}
+    entry = {"label": "comes in", "should_trigger": True, "hours_per_day": 1, "duration_s": 4.0, "targets": [target]}
+    empty = {"label": "no one", "hours_per_day": 1, "duration_s": 4.0, "targets": []}
+    dataset = {"name": "d", "examples_per_class": 1, "fractions": {"test": 1.0}}
+    plan = {"dataset": dataset, "noise": {"kind": "thermal"}, "episodes": [entry, empty]}
+    build_dataset(PlanConfig.model_validate(plan), tmp_path / "d", executor="serial")
+    episodes = {one.label: one for one in answer_day(open_dataset(tmp_path / "d"), by_level)}
+    assert episodes["no one"].tracks == {}
+    ((times_s, scores),) = episodes["comes in"].tracks.values()
+    assert (np.diff(times_s) > 1.0).all()
+    assert (scores > 0.5).all()
 
 
 def test_a_track_raises_its_alarm_once_and_keeps_it():
@@ -105,7 +112,7 @@ def test_rates_by_hand():
     quiet, loud = ({0: (np.array([3.0, 4.0]), np.array([0.0, score]))} for score in (0.0, 0.9))
     made = [Episode("entry", loud), Episode("entry", quiet), Episode("dog", loud), Episode("dog", quiet),
             Episode("fan", loud), Episode("fan", loud)]  # fmt: skip
-    model = SimpleNamespace(facts=SimpleNamespace(alarm="human", alarm_threshold=0.6))
+    model = a_model(alarm="human", alarm_threshold=0.6)
     found = score_day(day, made, model)
     own = next(one for one in found["thresholds"] if one["model"])
     # 36 s of each kind: 1 of the dog is 100 an hour, of which 6 h; 2 of the fan 200 an hour, of which 3 h
@@ -118,7 +125,7 @@ def test_rates_by_hand():
     assert [row["threshold"] for row in format_day(found)][1] == "0.6 (the model's)"
     assert format_episodes(found)[2] == {
         "episode": "fan", "should trigger": "no", "recordings": "2", "at 0.5": "2", "at 0.6": "2", "at 0.8": "2",
-        "at 0.9": "2", "at 0.95": "0", "at 0.99": "0",
+        "at 0.9": "2", "at 0.95": "0", "at 0.99": "0", "at 0.999": "0", "at 0.9999": "0",
     }  # fmt: skip
 
 
@@ -146,7 +153,7 @@ def test_a_person_triggers_and_a_fan_does_not():
 
 
 def test_a_model_without_an_alarm_is_told():
-    model = SimpleNamespace(facts=SimpleNamespace(alarm=None, dataset_name="garden", classes=("cat", "dog")))
+    model = a_model(alarm=None, dataset_name="garden", classes=("cat", "dog"))
     with pytest.raises(
         ConfigError, match="model garden: has no alarm: its classes are cat, dog; train with --alarm-class"
     ):

@@ -3,12 +3,14 @@
 import io
 import json
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from doppelgait.classify.model_file import FOLDER, load_model
+from doppelgait.classify.model_file import FOLDER, load_model, save_model
 from doppelgait.core.errors import DatasetError
+from export_models import export_model_of, model_of_tracks
 
 SHIPPED = FOLDER / "x4.npz"
 
@@ -23,6 +25,20 @@ def changed(path, **changes):
 
 def test_the_shipped_model_with_its_own_arrays_is_read(tmp_path):
     assert load_model(changed(tmp_path / "m.npz")).facts.alarm == "human"
+
+
+def test_a_model_of_tracks_is_kept_next_to_one_of_windows(tmp_path):
+    track, rows = model_of_tracks()
+    model = replace(export_model_of("trees"), track=track)
+    again = load_model(save_model(model, tmp_path / "m.npz"))
+    assert again.of_tracks.facts == track.facts
+    assert np.array_equal(again.of_tracks.probability(rows.values), track.probability(rows.values))
+    assert save_model(again, tmp_path / "n.npz").read_bytes() == (tmp_path / "m.npz").read_bytes()
+    for field, change in (("forgetting_hz", -1.0), ("gate_bias", np.nan), ("embed_weight", 1e200)):
+        values = getattr(track.learned, field).astype(float) * 0 + change
+        damaged = replace(model, track=replace(track, learned=replace(track.learned, **{field: values})))
+        with pytest.raises(DatasetError, match="is not a model of doppelgait, or is damaged"):
+            load_model(save_model(damaged, tmp_path / "d.npz"))
 
 
 @pytest.mark.parametrize(

@@ -11,11 +11,12 @@ from doppelgait.classify.export.write import export_model
 from doppelgait.classify.learned import Constant
 from doppelgait.classify.model_file import MODEL
 from doppelgait.classify.scorer import Scorer
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.processing import Analysis, Gate, patches, signature
 from doppelgait.processing.patches import Patch
-from export_models import KINDS, export_model_of, inputs_of
+from export_models import KINDS, export_model_of, inputs_of, model_of_tracks
 
 
 @pytest.mark.parametrize("n_classes", [2, 3])
@@ -26,6 +27,24 @@ def test_the_exported_scorer_gives_the_probabilities_of_its_model(tmp_path, kind
     made = export_model(model, "numpy", tmp_path / "out")
     found = Scorer(made.folder / "model.npz").probability(features if model.facts.names else None, levels)
     assert np.allclose(found, model.probability(joined), atol=1e-6)
+
+
+def test_the_exported_scorer_follows_a_track_as_its_model_does(tmp_path):
+    track, rows = model_of_tracks()
+    model = replace(export_model_of("linear"), track=track)
+    made, memory, before_s = export_model(model, "numpy", tmp_path / "out"), None, 0.0
+    expected, scorer = track.probability(rows.values), Scorer(made.folder / "model.npz", "track")
+    for row, answer in zip(rows.values[3:6], expected[3:6], strict=True):
+        pictures, _, stop_s = row[-1]
+        memory, found = scorer.follow(memory, row[:-1].astype(float), pictures / 255.0, stop_s - before_s)
+        assert np.allclose(found, answer, atol=1e-6)
+        before_s = stop_s
+    assert np.allclose(expected[-1], track.calibration(np.log([[0.5, 0.5]])))  # no pictures, no evidence
+    assert not np.allclose(expected[4], track.probability(rows.values[4:5]))  # the past counts
+    with pytest.raises(ConfigError, match="--form c: linear follows tracks"):
+        export_model(track, "c", tmp_path / "c")
+    with pytest.warns(DoppelgaitWarning, match="--form onnx: decides about single windows"):
+        export_model(model, "onnx", tmp_path / "onnx")
 
 
 def test_a_share_that_is_constant(tmp_path):

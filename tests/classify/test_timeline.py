@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from doppelgait.classify import timeline
-from doppelgait.classify.decide import Decision
+from doppelgait.classify.decide import Decision, TargetInputs
 from doppelgait.classify.timeline import CHANGE_PER_S, Tracks, _ClassEvidence, check_window, join_decisions
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.rng import rng
@@ -18,6 +18,7 @@ from doppelgait.processing import Analysis, Gate
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 from export_models import ALARM_MODEL as MODEL
+from export_models import a_signature, model_of_tracks
 
 
 def window(start_s, length_s=4.0):
@@ -114,6 +115,30 @@ def test_a_path_leads_across_a_gap_but_not_to_another_place_or_for_long():
     assert Links.add(links, window(4.0), [later]) == [0]
     assert links.add(window(4.0), [target(2.0, 1.0)]) == [1]
     assert links.add(window(30.0), [target(7.5, 1.0)]) == [2]
+
+
+def test_a_network_of_tracks_remembers_what_may_be_decided():
+    model, rows = model_of_tracks()
+    signature, tracks, probabilities = a_signature(7.29e9, 500.0), Tracks(model), []
+    seen = [("", 1.0), ("gates_overlap", 1.0), ("", 9.0), ("", -1.0)]
+    for row, (flags, speed_mps) in zip(rows.values[:4], seen, strict=True):
+        names = {name: f"feature_{name}" for name in model.facts.names} | {"gait_frequency_hz": "gait_frequency_hz"}
+        columns = {names[name]: value for name, value in zip(model.facts.names, row[:-1], strict=True)}
+        columns |= {"feature_torso_velocity_mps": row[0], "feature_doppler_bandwidth_hz": row[1] / 0.0411 * 2}
+        columns |= {"quality_observation_s": 2.0, "quality_track_velocity_mps": speed_mps, "quality_flags": flags}
+        stop_s = 2.5 + 0.7 * len(probabilities)
+        alone, belief = tracks.follow(
+            0, TargetInputs(columns, signature, row[-1].pictures / 255.0), (stop_s - 2.5, stop_s)
+        )
+        probabilities.append(belief.probability)
+        assert alone.blocked == bool(flags or speed_mps > 3.3), alone.reason
+    assert probabilities[0].tolist() == probabilities[1].tolist() == probabilities[2].tolist()
+    values = rows.values[[0, 3]]
+    values[:, -1] = [
+        window._replace(track=0, stop_s=stop_s) for window, stop_s in zip(values[:, -1], (0.0, 2.1), strict=True)
+    ]
+    assert np.allclose(probabilities[3], model.probability(values)[1], atol=1e-3)
+    assert check_window(None, None, model) == (2.5, 0.625)
 
 
 def test_memory_of_links_and_beliefs_does_not_grow(monkeypatch):

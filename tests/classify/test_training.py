@@ -25,6 +25,7 @@ from doppelgait.processing.patches import Patch
 from doppelgait.testing import check_classifier
 
 
+@pytest.mark.filterwarnings("ignore:torch is not installed")  # its network of tracks is then smaller
 @pytest.mark.parametrize("name", [*(name for name in BUILT_IN if name != "signature-network"), *BASELINES])
 def test_built_in_classifiers_keep_the_contract(name):
     check_classifier(name)

@@ -2,20 +2,24 @@
 
 import math
 import os
+import warnings
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from doppelgait.classify.export.device import Device
 from doppelgait.classify.export.write import convert_samples, walk_samples
-from doppelgait.classify.learned import Ensemble, LabelledRows, Network, join_inputs
-from doppelgait.classify.model import Calibration, Facts, Model
+from doppelgait.classify.learned import Ensemble, LabelledRows, Network, Seen, join_inputs
+from doppelgait.classify.model import ECHOES, Calibration, Facts, Model
+from doppelgait.classify.network import TrackTraining, train_track_network
 from doppelgait.classify.training import train_boosting, train_logistic, train_svm
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.processing.config import Analysis, plan_transform
-from doppelgait.processing.patches import Patch, cut_pictures
+from doppelgait.processing.patches import N_CELLS, N_COLUMNS, N_SLICES, Patch, cut_pictures
 
 NAMES = (
     "torso_speed_mps", "doppler_bandwidth_mps", "step_length_m", "harmonic_ratio_2", "harmonic_ratio_3",
@@ -26,10 +30,11 @@ KINDS = ("linear", "trees", "kernel", "network", "ensemble")
 ALARM_MODEL = SimpleNamespace(
     facts=SimpleNamespace(
         classes=("human", "dog"), abstain_below=0.8, alarm="human", alarm_threshold=0.6,
-        conditions={"observation_s": (2.0, 4.0)},
+        conditions={"observation_s": (2.0, 4.0)}, window_s=None,
     ),
-    calibration=SimpleNamespace(n_rows=98),
+    calibration=SimpleNamespace(n_rows=98), learned=None,
 )  # fmt: skip
+ALARM_MODEL.of_tracks = ALARM_MODEL
 
 
 def random_features(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -61,6 +66,38 @@ def random_network(rng: np.random.Generator, n_classes: int, patch: Patch, chann
     factor = 1.5 / scores.std(axis=0).mean()
     bias = (-factor * scores.mean(axis=0)).astype(np.float32)
     return replace(found, weight=(factor * weight).astype(np.float32), bias=bias)
+
+
+def a_signature(carrier_hz: float, prf_hz: float, *, stated: bool = True) -> xr.DataArray:
+    """A signature of nothing but axes."""
+    doppler_hz = (np.arange(64) - 32) * prf_hz / 64
+    coords = {"doppler": doppler_hz, "velocity": ("doppler", doppler_hz * SPEED_OF_LIGHT_MPS / carrier_hz / 2)}
+    attrs = {"wavelength_m": SPEED_OF_LIGHT_MPS / carrier_hz} if stated else {}
+    return xr.DataArray(np.ones((3, 64)), dims=("time", "doppler"), coords=coords, attrs=attrs)
+
+
+def track_rows(rng: np.random.Generator, n: int) -> LabelledRows:
+    """Windows of tracks of two classes, three of each, the last one without pictures."""
+    labels, windows = np.arange(n) // 3 % 2, np.empty(n, dtype=object)
+    for number, label in enumerate(labels):
+        pictures = rng.integers(0, 60 + 60 * label, (1, N_SLICES, N_COLUMNS, N_CELLS), dtype=np.uint8)
+        windows[number] = Seen(pictures if number < n - 1 else None, number // 3, 0.7 * (number % 3))
+    features = random_features(rng, n)
+    features[:, 0] = np.exp(rng.normal(labels, 0.5))
+    return LabelledRows(join_inputs(features, windows), labels)
+
+
+def model_of_tracks(n: int = 30) -> tuple[Model, LabelledRows]:
+    """A model that follows tracks, trained for an epoch where torch is installed, and its rows."""
+    rows = track_rows(np.random.default_rng(5), n)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        network = train_track_network(rows, rows, n_classes=2, seed=0, settings=TrackTraining(epochs=1))
+    facts = export_model_of("linear").facts.model_copy(
+        update={"features": "track", "blocking": ECHOES, "window_s": 2.5}
+    )
+    facts = facts.model_copy(update={"conditions": facts.conditions | {"speed_mps": (0.0, 3.0)}})
+    return Model(facts, network, Calibration(1.3, np.array([0.0, 0.2]), 9), *(np.zeros(len(NAMES)),) * 3), rows
 
 
 def random_levels(rng: np.random.Generator, patch: Patch, n_time: int) -> np.ndarray:

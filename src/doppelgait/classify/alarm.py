@@ -1,36 +1,36 @@
 """Metrics of an alarm over a day.
 
 These are false triggers, time to detect and missed entries. A day is a plan of episodes, each with
-its hours a day. Every episode is simulated several times and classified as a stream is
-(:mod:`doppelgait.classify.timeline`). The alarm of a track stays once it is raised.
+its hours a day. It is built as a dataset of windows, whose tracks are classified as those of a
+stream are (:mod:`doppelgait.classify.timeline`). The alarm of a track stays once it is raised.
 """
 
 from __future__ import annotations
 
 import math
-import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from doppelgait.classify.decide import read_training_analysis
+from doppelgait.classify.decide import TargetInputs
 from doppelgait.classify.model import Model
 from doppelgait.classify.scores import clopper_pearson_interval
-from doppelgait.classify.timeline import TrackDecision, Tracks, check_window
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.classify.timeline import Tracks, check_window
+from doppelgait.core.config import convert_to_json
+from doppelgait.core.errors import ConfigError
 from doppelgait.core.units import FloatArray
-from doppelgait.dataset.config import PlanConfig, load_plan
-from doppelgait.dataset.resolve import Compiled, find_class, resolve_example
-from doppelgait.dataset.windows import analyze_window, cut_windows
-from doppelgait.pipeline.run import Run, simulate_placed
-from doppelgait.radar import Recording
-from doppelgait.scene.placement import place
+from doppelgait.dataset.build import build_dataset
+from doppelgait.dataset.config import FieldSpec, PlanConfig, load_plan
+from doppelgait.dataset.open import Dataset, open_dataset, read_signature
+from doppelgait.dataset.resolve import make_example_id
 
 DAY = "home-alarm-day"  # the built-in plan
-THRESHOLDS = (0.5, 0.8, 0.9, 0.95, 0.99)
+THRESHOLDS = (0.5, 0.8, 0.9, 0.95, 0.99, 0.999, 0.9999)
 """Alarm thresholds that are scored in addition to that of the model."""
 
 
@@ -64,66 +64,91 @@ def run_day(
     model: Model,
     *,
     folder: Path | None = None,
-    window_s: float | None = None,
-    hop_s: float | None = None,
+    workers: int | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> list[Episode]:
-    """Simulate a day and classify it in windows."""
-    alarm = model.facts.alarm
-    if alarm is None:
+    """Simulate a day as a dataset of windows, and classify it."""
+    with TemporaryDirectory() as scratch:
+        dataset = build_day(day, model, Path(scratch), folder=folder, workers=workers, on_progress=on_progress)
+        return answer_day(dataset, partial(answer_track, model))
+
+
+def build_day(
+    day: PlanConfig,
+    model: Model,
+    directory: Path,
+    *,
+    folder: Path | None = None,
+    workers: int | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Dataset:
+    """Build the dataset of a day, with the windows and the analysis of a model."""
+    facts = model.of_tracks.facts
+    if facts.alarm is None:
         raise ConfigError(
-            f"model {model.facts.dataset_name}: has no alarm: its classes are {', '.join(model.facts.classes)}; train "
-            "with --alarm-class"
+            f"model {facts.dataset_name}: has no alarm: its classes are {', '.join(facts.classes)}; train with "
+            "--alarm-class"
         )
-    window_s, hop_s = check_window(window_s, hop_s, model)
+    window_s, hop_s = check_window(None, None, model)
     short = [section.label for section in day.episodes if section.duration_s < window_s]
     if short:
         raise ConfigError(
             f"{day.dataset.name}: {', '.join(short)}: duration_s is below the window of {window_s:g} s; make it longer"
         )
-    found, total = [], sum(map(day.count_class_examples, day.episodes))
-    settings, compiled = read_training_analysis(model), Compiled()
-    for number in range(total):
-        run = resolve_example(day, number, folder or Path(), compiled=compiled).run
-        label = day.episodes[find_class(day, number)[0]].label
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DoppelgaitWarning)  # aliasing of a fan and of a runner's feet is expected
-            recording = simulate_run(run, folder)
-        tracks = Tracks(model)
-        windows = (
-            (window.stop_s, tracks.add(window, analyze_window(window, settings)))
-            for window in cut_windows(recording, window_s, hop_s)
-        )
-        found.append(Episode(label, score_alarm(windows, alarm)))
-        if on_progress is not None:
-            on_progress(number + 1, total)
-    return found
+    fields = tuple(FieldSpec(name=name) for name in ("pictures", "signature"))
+    section = day.dataset.model_copy(update={"window_s": window_s, "hop_s": hop_s, "fields": fields})
+    plan = day.model_copy(update={"dataset": section, "analysis": facts.analysis})
+    build_dataset(plan, directory, folder=folder, workers=workers, on_progress=on_progress)
+    return open_dataset(directory)
 
 
-def simulate_run(run: Run, folder: Path | None) -> Recording:
-    """Simulate the recording of an episode."""
-    return simulate_placed(run, place(run.scene, run.streams, folder=folder), angles=False)
+Answer = Callable[[Dataset, Sequence[int]], FloatArray]
+"""Classifier of a track: the dataset and the numbers of its rows in the order of time go in; out comes the probability
+of the class of the alarm after every window, NaN where it is no evidence."""
 
 
-def score_alarm(
-    windows: Iterable[tuple[float, Sequence[TrackDecision]]], alarm: str
-) -> dict[int, tuple[FloatArray, FloatArray]]:
-    """Return times and scores of every track with evidence."""
-    rows: dict[int, list[tuple[float, float]]] = {}
-    for stop_s, decisions in windows:
-        for one in decisions:
-            if not one.window.blocked:
-                rows.setdefault(one.track, []).append((stop_s, one.probabilities[alarm]))
-    return {track: (np.array(seen)[:, 0], np.array(seen)[:, 1]) for track, seen in rows.items()}
+def answer_day(dataset: Dataset, answer: Answer) -> list[Episode]:
+    """Classify the tracks of a dataset of episodes."""
+    labels = {
+        make_example_id(section.label, 0).rpartition("-")[0]: section.label for section in dataset.plan_config.episodes
+    }
+    episodes = []
+    for scene, rows in dataset.index.reset_index(drop=True).groupby("scene_id", sort=False):
+        label, tracks = labels[str(scene).rpartition("-")[0]], {}
+        for own in (one.sort_values("window_stop_s") for _, one in (rows.groupby("track") if "track" in rows else ())):
+            scores = answer(dataset, own.index.tolist())
+            kept = np.isfinite(scores)
+            if kept.any():
+                tracks[int(own["track"].iloc[0])] = (
+                    own["window_stop_s"].to_numpy(dtype=np.float64)[kept],
+                    scores[kept],
+                )
+        episodes.append(Episode(label, tracks))
+    return episodes
+
+
+def answer_track(model: Model, dataset: Dataset, rows: Sequence[int]) -> FloatArray:
+    """Return the probability of the class of a model's alarm after every window of a track, as a stream does."""
+    tracks, facts = Tracks(model), model.of_tracks.facts
+    alarm, found = facts.classes.index(str(facts.alarm)), []
+    for row in rows:
+        columns, signature = convert_to_json(dataset.index.iloc[row].to_dict()), read_signature(dataset, row)
+        if signature is None:
+            found.append(math.nan)
+            continue
+        seen = TargetInputs(columns, signature, dataset.array("pictures", row))
+        alone, belief = tracks.follow(0, seen, (columns["window_start_s"], columns["window_stop_s"]))
+        found.append(math.nan if alone.blocked else float(belief.probability[alarm]))
+    return np.array(found)
 
 
 def score_day(day: PlanConfig, episodes: Sequence[Episode], model: Model) -> dict[str, Any]:
     """Score the alarm over a day, by threshold."""
-    own = model.facts.alarm_threshold
+    own = model.of_tracks.facts.alarm_threshold
     chosen = sorted({*THRESHOLDS, *(() if own is None else (own,))})
     return {
         "day": day.dataset.name,
-        "alarm": model.facts.alarm,
+        "alarm": model.of_tracks.facts.alarm,
         "repeats": day.dataset.examples_per_class,
         "thresholds": [
             _score_at_threshold(day, episodes, threshold) | {"model": threshold == own} for threshold in chosen
@@ -203,7 +228,7 @@ def format_day(found: Mapping[str, Any]) -> list[dict[str, str]]:
         animal = one.get("false_per_animal_hour")
         rows.append(
             {
-                "threshold": f"{one['threshold']:.3g}" + (" (the model's)" if one["model"] else ""),
+                "threshold": f"{one['threshold']:.4g}" + (" (the model's)" if one["model"] else ""),
                 "false triggers a day": _format_interval(one["false_per_day"]),
                 "per animal-hour": "-" if animal is None else _format_interval(animal),
                 "missed entries": f"{one['missed']} of {one['entries']}"
@@ -226,7 +251,7 @@ def format_episodes(found: Mapping[str, Any]) -> list[dict[str, str]]:
             "recordings": str(kind["recordings"]),
         }
         for one in found["thresholds"]:
-            row[f"at {one['threshold']:.3g}"] = str(one["by_episode"][number]["triggered"])
+            row[f"at {one['threshold']:.4g}"] = str(one["by_episode"][number]["triggered"])
         rows.append(row)
     return rows
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from doppelgait.classify.learned import FloatArray, Inputs, IntArray, join_inputs
+from doppelgait.classify.learned import FloatArray, Inputs, IntArray, Seen, join_inputs
 from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.interrupt import raise_if_stopped
@@ -128,6 +128,9 @@ def collect_inputs(
     if features == "extended+signature":
         both = [collect_inputs(rows, part, patch=patch) for part in features.split("+")]
         return Table(join_inputs(both[0].values, both[1].values), both[0].names)
+    if features == "track":
+        table = collect_inputs(rows, "extended")
+        return Table(join_inputs(table.values, _collect_windows(rows)), table.names)
     if features == "nothing":
         return Table(np.zeros((len(rows), 0)), ())
     if features == "nuisance":
@@ -148,6 +151,25 @@ def collect_inputs(
     if features == "speed":
         values = {SPEED: values[SPEED]}
     return Table(np.column_stack(list(values.values())), tuple(values))
+
+
+def _collect_windows(rows: Rows) -> npt.NDArray[np.object_]:
+    """Collect pictures and place in time of every row, objects (n,); a row without a track is a track of its own."""
+    for dataset in rows.datasets:
+        dataset.check_fields(["pictures"])
+    given = read_numbers(rows.index["track"]) if "track" in rows.index else np.full(len(rows), np.nan)
+    named = zip(
+        rows.origin.tolist(), rows.index["scene_id"], given, np.isnan(given) * np.arange(len(rows)), strict=True
+    )
+    numbers = np.unique([" ".join(map(str, each)) for each in named], return_inverse=True)[1]
+    stops_s = read_numbers(rows.index["window_stop_s"]) if "window_stop_s" in rows.index else np.zeros(len(rows))
+    windows = np.empty(len(rows), dtype=object)
+    for number, (origin, place) in enumerate(zip(rows.origin.tolist(), rows.place.tolist(), strict=True)):
+        raise_if_stopped()
+        pictures = rows.datasets[origin].stored(place, "pictures")
+        empty = pictures is None or not pictures.size
+        windows[number] = Seen(None if empty else pictures, int(numbers[number]), float(stops_s[number]))
+    return windows
 
 
 def read_numbers(column: Any) -> FloatArray:

@@ -11,9 +11,8 @@ import numpy as np
 import xarray as xr
 
 from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, convert_features
-from doppelgait.classify.learned import Ensemble, Inputs, Network, join_inputs
+from doppelgait.classify.learned import Ensemble, Inputs, Network, Seen, TrackNetwork, join_inputs
 from doppelgait.classify.model import (
-    BLOCKING,
     Model,
     collect_conditions,
     describe_outside_conditions,
@@ -29,7 +28,7 @@ from doppelgait.dataset.example import find_feature_columns
 from doppelgait.pipeline import Result, Tracking, analyze, read_results
 from doppelgait.pipeline.result_files import is_result_file
 from doppelgait.processing import Analysis
-from doppelgait.processing.patches import levels_of
+from doppelgait.processing.patches import Levels, levels_of
 from doppelgait.radar import Recording, read_recording
 
 
@@ -91,6 +90,12 @@ class TargetInputs:
 
     columns: Mapping[str, Any]
     signature: xr.DataArray
+    pictures: Levels | None = None  # of a tracked target
+
+    @classmethod
+    def of(cls, result: Result) -> TargetInputs:
+        """Return those of a result."""
+        return cls(result.to_row(), result.signature, result.pictures)
 
     @property
     def flags(self) -> tuple[str, ...]:
@@ -103,6 +108,36 @@ class TargetInputs:
     def conditions(self) -> dict[str, float]:
         """Carrier, pulse rate and observation time; NaN for unknown."""
         return collect_conditions(self.columns, self.signature)
+
+    def collect_inputs(self, model: Model, number: int) -> Inputs:
+        """Return the inputs of a model, one row; ``number`` of the target is for errors."""
+        network = model.learned
+        if isinstance(network, Ensemble):
+            network = next((member for member in network.members if isinstance(member, Network)), network)
+        pictures = np.empty(1, dtype=object)
+        if isinstance(network, Network):
+            pictures[0] = levels_of(self.signature, network.patch)
+        elif isinstance(network, TrackNetwork):
+            pictures[0] = Seen(self.pictures, 0, 0.0)
+        if not model.facts.names:
+            return pictures
+        import pandas as pd
+
+        columns = {**find_feature_columns(pd.DataFrame(), "six"), "gait_frequency_hz": "gait_frequency_hz"}
+        extended = [name for name in model.facts.names if name.startswith("extended_")]
+        columns |= {name: name for name in (ENVELOPE if name == ENVELOPE_WIDTH else name for name in extended)}
+        missing = [name for name in columns.values() if name not in self.columns]
+        if missing:
+            raise AnalysisError(
+                f"target {number}: has no {missing[0]}, which {model.facts.name} uses; analyse with extended = "
+                "true and the standard method"
+            )
+        wavelength_m = np.array([read_wavelength_m(self.signature)])
+        features = convert_features({name: [self.columns[column]] for name, column in columns.items()}, wavelength_m)
+        if ENVELOPE in model.facts.names:  # a file of an older version
+            features[ENVELOPE] = features[ENVELOPE_WIDTH] * 2.0 / wavelength_m
+        values = np.array([[features[name][0] for name in model.facts.names]])
+        return join_inputs(values, pictures) if isinstance(network, Network | TrackNetwork) else values
 
 
 def classify(
@@ -170,7 +205,7 @@ def classify(
     if stored:
         for analysis_used in {format_canonical_json(result.analysis): result.analysis for result in results}.values():
             _warn_about_settings(analysis_used.model_dump(mode="json"), model)
-    return [decide(TargetInputs(r.to_row(), r.signature), model, number) for number, r in enumerate(results)]
+    return [decide(TargetInputs.of(r), model, number) for number, r in enumerate(results)]
 
 
 def choose_model(source: Recording | Sequence[Result]) -> Model:
@@ -190,43 +225,19 @@ def read_training_analysis(model: Model) -> Analysis:
 
 def decide(seen: TargetInputs, model: Model, number: int) -> Decision:
     """Decide the class of one target."""
+    values = seen.collect_inputs(model, number)
     outside: list[str] = []
-    network = model.learned
-    if isinstance(network, Ensemble):
-        network = next((member for member in network.members if isinstance(member, Network)), network)
-    pictures = np.empty(1, dtype=object)
-    if isinstance(network, Network):
-        pictures[0] = levels_of(seen.signature, network.patch)
-    values: Inputs = pictures
     if model.facts.names:
-        import pandas as pd
-
-        columns = {**find_feature_columns(pd.DataFrame(), "six"), "gait_frequency_hz": "gait_frequency_hz"}
-        extended = [name for name in model.facts.names if name.startswith("extended_")]
-        columns |= {name: name for name in (ENVELOPE if name == ENVELOPE_WIDTH else name for name in extended)}
-        missing = [name for name in columns.values() if name not in seen.columns]
-        if missing:
-            raise AnalysisError(
-                f"target {number}: has no {missing[0]}, which {model.facts.name} uses; analyse with extended = "
-                "true and the standard method"
-            )
-        wavelength_m = np.array([read_wavelength_m(seen.signature)])
-        features = convert_features({name: [seen.columns[column]] for name, column in columns.items()}, wavelength_m)
-        if ENVELOPE in model.facts.names:  # a file of an older version
-            features[ENVELOPE] = features[ENVELOPE_WIDTH] * 2.0 / wavelength_m
-        values = np.array([[features[name][0] for name in model.facts.names]])
         outside = model.describe_outside(values[0])
         rank = float(model.rank(values)[0])
         if rank < model.facts.novel_below:
             outside.append(
                 f"unlike the training data: {100 * rank:.1f} % of the held-out rows have the same or a larger distance"
             )
-        if isinstance(network, Network):
-            values = join_inputs(values, pictures)
     probability = model.probability(values)[0]
     best = int(probability.argmax())
     elsewhere = describe_outside_conditions(seen.conditions, model.facts.conditions)
-    flag = find_blocking_flag(seen.flags, (*model.facts.blocking, *BLOCKING))  # these flags apply to older models, too
+    flag = find_blocking_flag(seen.flags, model.blocking)
     reasons = [*([] if flag is None else [f"flag {flag}"]), *elsewhere, *outside]
     blocked = bool(reasons)
     if not blocked and not probability[best] >= model.facts.abstain_below:

@@ -26,10 +26,13 @@ from doppelgait.classify.learned import (
     IntArray,
     LabelledRows,
     Learned,
+    TrackNetwork,
     join_inputs,
     select_features,
 )
 from doppelgait.classify.model import (
+    BLOCKING,
+    ECHOES,
     LEAST_ROWS,
     Calibration,
     Facts,
@@ -252,7 +255,8 @@ def run_model(
         models.append(model)
         if fold.test.size:
             parts.append(scores.answer_rows(model, take_rows(rows, fold.test), table.values[fold.test]))
-            shuffled = name not in BASELINES and not members  # those of an ensemble are shown
+            # those of an ensemble are shown; for a network of tracks it would take hours
+            shuffled = name not in BASELINES and not members and not isinstance(model.learned, TrackNetwork)
             importance.append(_rank_features(rows, table, model, fold, seed) if shuffled else {})
         own = _compute_losses(model, table.values[fold.held], rows.labels[fold.held])
         losses.append(float(own.mean()) if own.size else np.inf)
@@ -281,6 +285,16 @@ def learn(
         )
     else:
         learned = training.fit(kind, train, held, n_classes=n_classes, seed=seed)
+    return describe_model(rows, table, name, fold, learned, seed=seed, joined=bool(members))
+
+
+def describe_model(
+    rows: Rows, table: Table, name: str, fold: Fold, learned: Learned, *, seed: int, joined: bool = False
+) -> Model:
+    """Calibrate what was trained on a fold, and describe its valid conditions."""
+    kind, n_classes = training.find_kind(name), len(rows.classes)
+    train, held = (LabelledRows(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
+    of_tracks = isinstance(learned, TrackNetwork)
     calibration = Calibration(1.0, np.zeros(n_classes), 0)
     if kind.learner != "majority" and held.labels.size:
         calibration = calibrate(learned.log_probability(held.values), held.labels)
@@ -289,9 +303,15 @@ def learn(
         number = rows.classes.index(rows.alarm)
         is_alarm = held.labels == number
         probability = calibration(learned.log_probability(held.values))[:, number]
+        groups = rows.groups[fold.held]
+        if of_tracks:  # an alarm stays, so that the highest probability of a target counts
+            groups, target = np.unique(groups[is_alarm], return_inverse=True)
+            highest = np.zeros(groups.size)
+            np.maximum.at(highest, target, probability[is_alarm])
+            probability, is_alarm = highest, np.ones(groups.size, dtype=bool)
         found = find_detection_threshold(probability, is_alarm, DETECTED_SHARE)
         if np.isfinite(found):
-            threshold, people = found, int(np.unique(rows.groups[fold.held][is_alarm]).size)
+            threshold, people = found, int(np.unique(groups[is_alarm]).size)
     # Span of every feature, NaN if never known, and the share of rows in which it is unknown.
     values = select_features(train.values) if table.names else np.zeros((train.labels.size, 0))
     spans = [reduce(values, initial=np.nan) for reduce in (np.fmin.reduce, np.fmax.reduce)]
@@ -299,7 +319,7 @@ def learn(
     config = first.get("config") or {}
     facts = Facts(
         name=name,
-        features=f"{kind.features}+signature" if members and table.values.dtype == object else kind.features,
+        features=f"{kind.features}+signature" if joined and table.values.dtype == object else kind.features,
         names=table.names,
         classes=rows.classes,
         dataset_id=str(first["id"]),
@@ -309,11 +329,13 @@ def learn(
         n_held=fold.held.size,
         seed=seed,
         analysis=dict(config.get("analysis") or {}),
-        conditions=find_training_conditions(conditions_of_rows(rows), fold.train),
+        conditions=find_training_conditions(conditions_of_rows(rows), fold.train, of_tracks=of_tracks),
+        blocking=ECHOES if of_tracks else BLOCKING,
+        window_s=config["dataset"]["window_s"] if of_tracks and config.get("episodes") else None,
         alarm=rows.alarm if rows.alarm in rows.classes else None,
     ).model_copy(update={"alarm_threshold": threshold, "alarm_people": people})
     novelty = None
-    if table.names and name not in BASELINES:
+    if table.names and name not in BASELINES and not of_tracks:
         novelty = training.learn_novelty(training.standardise_columns(values), LabelledRows(values, train.labels), held)
     return Model(facts, learned, calibration, spans[0], spans[1], np.isnan(values).mean(axis=0), novelty)
 

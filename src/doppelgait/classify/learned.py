@@ -20,7 +20,8 @@ from doppelgait.processing.patches import Levels, Patch, compute_layers, cut_pic
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Inputs = npt.NDArray[Any]
-"""Features (n, d), float64 with NaN for unknown; or levels (n,), objects, None for unknown."""
+"""Features (n, d), float64 with NaN for unknown; or levels (n,), objects, None for unknown; or objects (n, d + 1) whose
+last column has levels, or :class:`Seen`."""
 
 PICTURES_AT_A_TIME = 32
 NOVEL_BELOW = 0.02
@@ -149,6 +150,85 @@ class Network:
         return scores.astype(np.float64)
 
 
+class Seen(NamedTuple):
+    """Pictures of one window of a track, with its place in time."""
+
+    pictures: npt.NDArray[Any] | None  # (any, slices, times, velocities), levels 0 to 1 or, as stored, 0 to 255
+    track: int
+    stop_s: float
+
+
+EMPTY: scorer.Memory = (0.0, 0.0, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class TrackNetwork(Columns):
+    """Network over the windows of a track, with a learned sum as its memory (:func:`scorer.remember`)."""
+
+    floor: FloatArray
+    kernels: tuple[Levels, ...]
+    scales: tuple[Levels, ...]
+    biases: tuple[Levels, ...]
+    feature_weight: Levels
+    feature_bias: Levels
+    embed_weight: Levels
+    embed_bias: Levels
+    gate_weight: Levels
+    gate_bias: Levels
+    value_weight: Levels
+    value_bias: Levels
+    forgetting_hz: Levels
+    hidden_weight: Levels
+    hidden_bias: Levels
+    weight: Levels
+    bias: Levels
+
+    def log_probability(self, values: Inputs) -> FloatArray:
+        """Return log-probabilities (n, n_classes) after each window, of rows that end with :class:`Seen`."""
+        found = np.full((len(values), self.bias.size), -np.log(self.bias.size))
+        seen: list[Seen] = values[:, -1].tolist()
+        whole = np.array([each.pictures is not None for each in seen], dtype=bool)
+        embedding = self.embed(values[whole])
+        place = np.cumsum(whole) - 1
+        memories: dict[int, tuple[scorer.Memory, float]] = {}
+        for number in sorted(np.flatnonzero(whole), key=lambda n: (seen[n].track, seen[n].stop_s)):
+            _, track, stop_s = seen[number]
+            memory, before_s = memories.get(track, (EMPTY, stop_s))
+            memory, found[number] = self.remember(memory, embedding[place[number]], stop_s - before_s)
+            memories = {track: (memory, stop_s)}
+        return found
+
+    def embed(self, values: Inputs) -> FloatArray:
+        """Return the embeddings (n, e) of rows with pictures."""
+        parts = [np.zeros((0, self.embed_bias.size))]
+        for first in range(0, len(values), PICTURES_AT_A_TIME):
+            rows = values[first : first + PICTURES_AT_A_TIME]
+            pictures = [to_levels(each.pictures) for each in rows[:, -1]]
+            parts.append(scorer.embed(self._arrays, select_features(rows), pictures))
+        return np.concatenate(parts)
+
+    def remember(
+        self, memory: scorer.Memory, embedding: FloatArray, since_s: float
+    ) -> tuple[scorer.Memory, FloatArray]:
+        """Add a window to the memory of a track; return it and the log-probabilities (n_classes,)."""
+        return scorer.remember(self._arrays, memory, embedding, since_s)
+
+    @property
+    def _arrays(self) -> dict[str, Any]:
+        return vars(self) | name_layers(self)
+
+
+def to_levels(pictures: npt.NDArray[Any]) -> Levels:
+    """Convert stored pictures to levels, 0 to 1."""
+    return pictures.astype(np.float32) / (255.0 if pictures.dtype == np.uint8 else 1.0)
+
+
+def name_layers(learned: Network | TrackNetwork) -> dict[str, Levels]:
+    """Return the arrays of the convolutional layers by the names that they have in a file."""
+    layers = {"kernel": learned.kernels, "scale": learned.scales, "bias": learned.biases}
+    return {f"{name}.{n}": values for name, arrays in layers.items() for n, values in enumerate(arrays)}
+
+
 @dataclass(frozen=True, eq=False)
 class Ensemble:
     """Weighted mean of models' calibrated log-odds."""
@@ -167,8 +247,10 @@ class Ensemble:
 
 
 def join_inputs(features: Inputs, pictures: Inputs) -> Inputs:
-    """Join features (n, d) and levels (n,)."""
-    return np.column_stack([features.astype(object), pictures])
+    """Join features (n, d) and objects (n,), such as levels."""
+    joined = np.empty((len(features), features.shape[1] + 1), dtype=object)
+    joined[:, :-1], joined[:, -1] = features, pictures
+    return joined
 
 
 def select_features(values: Inputs) -> Inputs:
@@ -210,4 +292,4 @@ class Novelty(Columns):
         return np.asarray((farther + 1.0) / (self.held.size + 1.0))
 
 
-Learned = Constant | Linear | Kernel | Trees | Network | Ensemble
+Learned = Constant | Linear | Kernel | Trees | Network | TrackNetwork | Ensemble

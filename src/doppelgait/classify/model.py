@@ -21,6 +21,7 @@ from doppelgait.classify.learned import (
     IntArray,
     Learned,
     Novelty,
+    TrackNetwork,
     select_features,
 )
 from doppelgait.classify.scorer import log_softmax
@@ -32,9 +33,16 @@ from doppelgait.dataset.learning import balanced_weights
 LEAST_ROWS = 5  # minimum number of rows of every class for a calibration
 STEEPEST = 20.0
 
-TOLERANCE = {"carrier_hz": (0.9, 1.1), "prf_hz": (0.9, 1.1), "observation_s": (0.8, 4.0)}
+TOLERANCE = {
+    "carrier_hz": (0.9, 1.1),
+    "prf_hz": (0.9, 1.1),
+    "observation_s": (0.8, 4.0),
+    "speed_mps": (0.0, 1.1),
+    "snr": (0.5, math.inf),
+}
 """Factors of the lowest and of the highest value of the training data. A radar of another band or pulse rate is a
-different radar. A longer observation is better, so that its upper tolerance is larger."""
+different radar. A longer observation or a stronger echo is better."""
+OF_TRACKS = ("speed_mps", "snr")  # conditions of models of tracks alone
 
 Conditions = Mapping[str, tuple[float, float]]
 
@@ -56,6 +64,8 @@ BLOCKING = (
     "*:columns_do_not_overlap",
 )
 """Flags that prevent a decision, * for anything: no target, no gait or direction, an echo, no body, too few columns."""
+ECHOES = ("not_tracked", "no_signal", "gates_overlap", "reflection_of:*", "folded_echo_of:*")
+"""Flags that prevent a decision of a model of tracks, which has learned from windows with all the others."""
 OUTSIDE = 0.25  # a feature may lie outside the training range by this share of its span
 RARELY = 0.01  # share of unknown training values below which a feature must be known
 
@@ -135,30 +145,38 @@ def read_prf_hz(signature: xr.DataArray) -> float:
 
 def collect_conditions(columns: Mapping[str, Any], signature: xr.DataArray) -> dict[str, float]:
     """Return the observation conditions of a target; NaN for unknown."""
-    observed_s = columns.get("quality_observation_s")
+    keys = ("quality_observation_s", "quality_track_velocity_mps", "quality_snr_mu_db")
+    observed_s, speed_mps, snr_db = (math.nan if columns.get(key) is None else float(columns[key]) for key in keys)
     return {
         "carrier_hz": SPEED_OF_LIGHT_MPS / read_wavelength_m(signature),
         "prf_hz": read_prf_hz(signature),
-        "observation_s": math.nan if observed_s is None else float(observed_s),
+        "observation_s": observed_s,
+        "speed_mps": abs(speed_mps),
+        "snr": 10.0 ** (snr_db / 10.0),
     }
 
 
 def conditions_of_rows(rows: Rows) -> dict[str, FloatArray]:
     """Return every row's conditions, NaN for unknown."""
-    names = ("quality_observation_s", "observation_s", "prf_hz")
-    observed_s, asked_s, prf_hz = (
+    names = ("quality_observation_s", "observation_s", "prf_hz", "quality_track_velocity_mps", "quality_snr_mu_db")
+    observed_s, asked_s, prf_hz, speed_mps, snr_db = (
         read_numbers(rows.index[name]) if name in rows.index else np.full(len(rows), np.nan) for name in names
     )
     return {
         "carrier_hz": SPEED_OF_LIGHT_MPS / wavelengths_m(rows),
         "prf_hz": prf_hz,
         "observation_s": np.where(np.isnan(observed_s), asked_s, observed_s),
+        "speed_mps": np.abs(speed_mps),
+        "snr": 10.0 ** (snr_db / 10.0),
     }
 
 
-def find_training_conditions(found: Mapping[str, FloatArray], train: IntArray) -> dict[str, tuple[float, float]]:
-    """Return the training span of every known condition."""
-    known = {name: values[train][np.isfinite(values[train])] for name, values in found.items()}
+def find_training_conditions(
+    found: Mapping[str, FloatArray], train: IntArray, *, of_tracks: bool = False
+) -> dict[str, tuple[float, float]]:
+    """Return the training span of every known condition; those in OF_TRACKS for models of tracks alone."""
+    names = [name for name in found if of_tracks or name not in OF_TRACKS]
+    known = {name: found[name][train][np.isfinite(found[name][train])] for name in names}
     return {name: (float(values.min()), float(values.max())) for name, values in known.items() if values.size}
 
 
@@ -215,6 +233,7 @@ class Facts(FrozenModel):
     # No decision below this probability, or if a smaller share of the held-out rows is as far from the training data.
     abstain_below: float = Field(default=ABSTAIN_BELOW, ge=0, le=1)
     novel_below: float = Field(default=NOVEL_BELOW, ge=0, le=1)
+    window_s: float | None = Field(default=None, gt=0)  # length of the windows of the training data, if they were cut
     alarm: str | None = None
     # Probability of the alarm class that 95 % of its held-out rows reach, and number of targets.
     alarm_threshold: float | None = Field(default=None, ge=0, le=1)
@@ -235,6 +254,8 @@ class Model:
         Share of the training rows in which a feature is unknown.
     novelty : Novelty or None
         Distance from the training rows; None for models of signatures alone.
+    track : Model or None
+        Model that decides over the life of a track; None where the windows of a track are joined.
     """
 
     facts: Facts
@@ -244,6 +265,7 @@ class Model:
     highest: FloatArray
     unknown: FloatArray
     novelty: Novelty | None = None
+    track: Model | None = None
 
     def __repr__(self) -> str:
         return show_text("Model", self._shown())
@@ -280,9 +302,19 @@ class Model:
         """Return the share of held-out rows at least as far."""
         return np.ones(len(values)) if self.novelty is None else self.novelty.rank(values)
 
+    @property
+    def of_tracks(self) -> Model:
+        """Return the model that decides about the windows of tracks."""
+        return self.track or self
+
+    @property
+    def blocking(self) -> tuple[str, ...]:
+        """Patterns of the flags that prevent a decision; today's apply to older models, too."""
+        return self.facts.blocking if isinstance(self.learned, TrackNetwork) else (*self.facts.blocking, *BLOCKING)
+
     def mark_outside(self, values: Inputs) -> npt.NDArray[np.bool_]:
-        """Mark features outside the training range, shape (n, d)."""
-        if not self.facts.names:
+        """Mark features outside the training range, shape (n, d); none for networks of tracks, which limit them."""
+        if not self.facts.names or isinstance(self.learned, TrackNetwork):
             return np.zeros((len(values), 0), dtype=bool)
         values = select_features(values)
         low, high = self._accepted
@@ -291,6 +323,8 @@ class Model:
 
     def describe_outside(self, row: Inputs) -> list[str]:
         """Describe features of one row outside the training range."""
+        if isinstance(self.learned, TrackNetwork):
+            return []
         found, values = [], select_features(row[None])[0]
         low, high = self._accepted
         for n in np.flatnonzero(self.mark_outside(row[None])[0]):
@@ -324,7 +358,7 @@ def find_blocking_flag(flags: Iterable[str], patterns: Sequence[str]) -> str | N
 def blocked_rows(rows: Rows, values: Inputs, model: Model) -> npt.NDArray[np.bool_]:
     """Mark rows without a decision whatever the probability, shape (n,)."""
     texts = rows.index["quality_flags"].fillna("").tolist()
-    flagged = [find_blocking_flag(text.split(";"), BLOCKING) is not None for text in texts]
+    flagged = [find_blocking_flag(text.split(";"), model.blocking) is not None for text in texts]
     blocked = np.array(flagged, dtype=bool) | model.mark_outside(values).any(axis=1)
     blocked |= model.rank(values) < model.facts.novel_below
     for condition, found in conditions_of_rows(rows).items():

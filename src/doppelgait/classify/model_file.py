@@ -10,7 +10,7 @@ import io
 import json
 import zipfile
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -20,23 +20,36 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.classify.data import BANDWIDTH, ENVELOPE_WIDTH, SPEED, VELOCITY, WIDTH
-from doppelgait.classify.learned import Columns, Constant, Ensemble, Kernel, Learned, Linear, Network, Novelty, Trees
+from doppelgait.classify.learned import (
+    Columns,
+    Constant,
+    Ensemble,
+    Kernel,
+    Learned,
+    Linear,
+    Network,
+    Novelty,
+    TrackNetwork,
+    Trees,
+    name_layers,
+)
 from doppelgait.classify.model import Calibration, Facts, Model, mark_outside
 from doppelgait.core.config import validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import FileKind, open_atomically
 from doppelgait.features import FEATURE_UNITS
-from doppelgait.processing.patches import Patch
+from doppelgait.processing.patches import N_SLICES, Levels, Patch
 from doppelgait.radar import Radar
 
 FOLDER = Path(str(resources.files("doppelgait.classify") / "models"))
-MODEL = FileKind("doppelgait-model", 3, "a model of doppelgait", DatasetError)
+MODEL = FileKind("doppelgait-model", 4, "a model of doppelgait", DatasetError)
 """Versions of the format. 2: linear models have floors of logarithms; support vector machines exist. 3: ensembles
-exist."""
+exist. 4: networks of tracks exist; a model may have one next to it."""
 SUFFIX = ".npz"
+TRACK = "track."  # begins the names of the arrays of a model of tracks
 MAX_BYTES = 256_000_000  # maximum size of all arrays together; models of doppelgait are far smaller
-MOST_MEMBERS = 64
+MOST_MEMBERS, MOST_LAYERS = 64, 5
 SHOWN = 300  # maximum number of characters of a reason in an error
 LARGEST = 1e30  # maximum absolute value of the numbers of a model, except thresholds of trees
 LARGEST_SCORE = 1e37  # maximum absolute value of the numbers of a network, in single precision
@@ -52,6 +65,9 @@ SHAPES: dict[type[Any], dict[str, str]] = {
     Trees: {**dict.fromkeys(("feature", "threshold", "value", "unknown_left", "left", "right"), "n"), "root": "ru"}
     | {"start": "u"},
     Network: {"weight": "ci", "bias": "c"},
+    TrackNetwork: {**_COLUMNS, "feature_weight": "vk", "feature_bias": "v", "embed_weight": "ep", "embed_bias": "e"}
+    | {"gate_weight": "mq", "gate_bias": "m", "value_weight": "mq", "value_bias": "m", "forgetting_hz": "m"}
+    | {"hidden_weight": "ys", "hidden_bias": "y", "weight": "cy", "bias": "c"},
     Ensemble: {"shifts": "mc", "weights": "m", "slopes": "m"},
     Novelty: {**_COLUMNS, "centre": "gk", "whitening": "kk", "held": "h"},
 }
@@ -84,14 +100,20 @@ def save_model(model: Model, path: str | Path) -> Path:
     target = Path(path)
     if target.suffix.lower() != SUFFIX:
         raise ConfigError(f"{target}: a model's file must end in {SUFFIX}")
+    document, arrays = _pack_model(model)
+    facts = {"format": MODEL.format, "format_version": MODEL.version, **document}
+    text = np.frombuffer(json.dumps(facts, sort_keys=True, allow_nan=False).encode(), dtype=np.uint8)
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, model=text, **arrays)
+    with open_atomically(target) as partial:
+        partial.write_bytes(buffer.getvalue())
+    return target
+
+
+def _pack_model(model: Model) -> tuple[dict[str, Any], Arrays]:
+    """Return the facts of a model and its arrays; those of its model of tracks follow."""
     form, arrays = _pack(model.learned)
-    facts = {
-        "format": MODEL.format,
-        "format_version": MODEL.version,
-        **form,
-        "facts": model.facts.model_dump(mode="json"),
-        "calibration_rows": model.calibration.n_rows,
-    }
+    facts = {**form, "facts": model.facts.model_dump(mode="json"), "calibration_rows": model.calibration.n_rows}
     arrays |= {
         "calibration.slope": np.array([model.calibration.slope]),
         "calibration.shift": model.calibration.shift,
@@ -101,12 +123,31 @@ def save_model(model: Model, path: str | Path) -> Path:
     }
     if model.novelty is not None:
         arrays |= {f"novelty.{name}": values for name, values in vars(model.novelty).items()}
-    text = np.frombuffer(json.dumps(facts, sort_keys=True, allow_nan=False).encode(), dtype=np.uint8)
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, model=text, **arrays)
-    with open_atomically(target) as partial:
-        partial.write_bytes(buffer.getvalue())
-    return target
+    if model.track is not None:
+        facts["track"], own = _pack_model(model.track)
+        arrays |= {TRACK + name: values for name, values in own.items()}
+    return facts, arrays
+
+
+def _unpack_model(document: Mapping[str, Any], arrays: Arrays, path: str | Path) -> Model:
+    facts = validate(Facts, document["facts"], where=str(path))
+    own = {name: values for name, values in arrays.items() if not name.startswith(TRACK)}
+    learned = _unpack(document, own)
+    calibration = Calibration(
+        float(own["calibration.slope"][0]), own["calibration.shift"], int(document["calibration_rows"])
+    )
+    novelty = None
+    if any(name.startswith("novelty.") for name in own):  # older models have none
+        novelty = Novelty(**{each.name: own[f"novelty.{each.name}"] for each in fields(Novelty)})
+    model = Model(facts, learned, calibration, own["lowest"], own["highest"], own["unknown"], novelty)
+    _check_model(model)
+    if "track" not in document or "track" in document["track"]:
+        return model
+    rest = {name.removeprefix(TRACK): values for name, values in arrays.items() if name.startswith(TRACK)}
+    track = _unpack_model(document["track"], rest, path)
+    if not isinstance(track.learned, TrackNetwork):
+        raise ValueError("its model of tracks is none")
+    return replace(model, track=track)
 
 
 def _pack(learned: Learned) -> tuple[dict[str, Any], Arrays]:
@@ -119,11 +160,10 @@ def _pack(learned: Learned) -> tuple[dict[str, Any], Arrays]:
             forms.append(form)
             arrays |= {f"member.{number}.{name}": values for name, values in own.items()}
         return {"learned": "ensemble", "patch": None, "members": forms}, arrays
-    if isinstance(learned, Network):
-        layers = (("kernel", learned.kernels), ("scale", learned.scales), ("bias", learned.biases))
-        arrays = {f"{name}.{n}": layer for name, part in layers for n, layer in enumerate(part)}
-        arrays |= {"weight": learned.weight, "bias": learned.bias}
-        return {"learned": "network", "patch": learned.patch.model_dump(mode="json")}, arrays
+    if isinstance(learned, Network | TrackNetwork):
+        arrays = {name: values for name, values in vars(learned).items() if isinstance(values, np.ndarray)}
+        patch = learned.patch.model_dump(mode="json") if isinstance(learned, Network) else None
+        return {"learned": "track" if patch is None else "network", "patch": patch}, arrays | name_layers(learned)
     kind = next(name for name, known in KINDS.items() if isinstance(learned, known))
     return {"learned": kind, "patch": None}, dict(vars(learned))
 
@@ -138,11 +178,14 @@ def _unpack(form: Mapping[str, Any], arrays: Arrays) -> Learned:
                 raise ValueError("its members are ensembles")
             members.append(_unpack(own, part))
         return Ensemble(tuple(members), arrays["weights"], arrays["slopes"], arrays["shifts"])
-    if form["learned"] == "network":
+    if form["learned"] in ("network", "track"):
         count = sum(name.startswith("kernel.") for name in arrays)
         kernels, scales, biases = (
             tuple(arrays[f"{name}.{n}"] for n in range(count)) for name in ("kernel", "scale", "bias")
         )
+        if form["learned"] == "track":
+            rest = [each.name for each in fields(TrackNetwork) if each.name in arrays]
+            return TrackNetwork(kernels=kernels, scales=scales, biases=biases, **{name: arrays[name] for name in rest})
         spec = validate(Patch, form["patch"], where="patch")
         return Network(kernels, scales, biases, arrays["weight"], arrays["bias"], spec)
     kind = KINDS[form["learned"]]
@@ -180,17 +223,7 @@ def load_model(path: str | Path) -> Model:
         text, arrays = _read_arrays(Path(path))
         document = parse_json(text)
         MODEL.check(path, document)
-        facts = validate(Facts, document["facts"], where=str(path))
-        learned = _unpack(document, arrays)
-        slope, shift = float(arrays["calibration.slope"][0]), arrays["calibration.shift"]
-        calibration = Calibration(slope, shift, int(document["calibration_rows"]))
-        novelty = None
-        if any(name.startswith("novelty.") for name in arrays):  # older models have none
-            names = [part.name for part in fields(Novelty)]
-            novelty = Novelty(**{name: arrays[f"novelty.{name}"] for name in names})
-        spans = (arrays["lowest"], arrays["highest"], arrays["unknown"])
-        model = Model(facts, learned, calibration, *spans, novelty)
-        _check_model(model)
+        model = _unpack_model(document, arrays, path)
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from None
     except ConfigError as error:
@@ -256,15 +289,11 @@ def _check_shapes(arrays: Mapping[str, Any], shapes: Mapping[str, str], sizes: d
 
 def _check_learned(learned: Any, sizes: Mapping[str, int]) -> None:
     """Check the numbers of a trained model and their shapes."""
-    for name, values in vars(learned).items():  # refuse NaN, infinity and overflow of a sum
-        for array in values if isinstance(values, tuple) else (values,):
-            if isinstance(array, np.ndarray):
-                # a threshold of a tree may be infinite
-                bad = np.isnan(array) if name == "threshold" else ~(np.abs(array.astype(np.float64)) < LARGEST)
-                if bad.any():
-                    raise ValueError(f"{name} holds NaN, infinity or more than {LARGEST:g}")
+    _check_numbers(learned)
     own = {**sizes, "u": 1 if sizes["c"] == 2 else sizes["c"]}
     match learned:
+        case TrackNetwork():
+            own |= _check_track_network(learned, own["f"])
         case Columns():
             own["k"] = own["f"] + learned.told.size
         case Ensemble():
@@ -272,10 +301,12 @@ def _check_learned(learned: Any, sizes: Mapping[str, int]) -> None:
             if not 0 < own["m"] <= MOST_MEMBERS:
                 raise ValueError(f"has {own['m']} members, allowed are 1 to {MOST_MEMBERS}")
         case Network():
-            own["i"] = _check_layers(learned)
+            own["i"] = _check_layers(learned, 1, learned.weight)
+            if min(learned.patch.n_velocity, learned.patch.n_time) % 2 ** len(learned.kernels):
+                raise ValueError("its pictures cannot be halved as often as it has layers")
     _check_shapes(vars(learned), SHAPES[type(learned)], own)
     match learned:
-        case Linear() | Kernel() | Novelty():
+        case Linear() | Kernel() | Novelty() | TrackNetwork():
             _check_columns(learned, own["f"])
         case Trees():
             _check_trees(learned, own["f"])
@@ -287,7 +318,27 @@ def _check_learned(learned: Any, sizes: Mapping[str, int]) -> None:
                 _check_learned(member, sizes)
 
 
-def _check_columns(learned: Linear | Kernel | Novelty, n_features: int) -> None:
+def _check_numbers(learned: Any) -> None:
+    """Refuse NaN, infinity and overflow of a sum."""
+    for name, values in vars(learned).items():
+        for array in values if isinstance(values, tuple) else (values,):
+            if isinstance(array, np.ndarray):
+                # a threshold of a tree may be infinite
+                bad = np.isnan(array) if name == "threshold" else ~(np.abs(array.astype(np.float64)) < LARGEST)
+                if bad.any():
+                    raise ValueError(f"{name} holds NaN, infinity or more than {LARGEST:g}")
+
+
+def _check_track_network(learned: TrackNetwork, n_features: int) -> dict[str, int]:
+    """Check the layers and rates of a network of tracks; return its sizes."""
+    channels, features = _check_layers(learned, N_SLICES, learned.embed_weight), len(learned.feature_bias)
+    if not (learned.forgetting_hz >= 0).all() or len(learned.kernels) > MOST_LAYERS:
+        raise ValueError(f"forgets at rates below 0, or has more than {MOST_LAYERS} layers")
+    sizes = {"k": n_features + learned.told.size, "v": features, "p": 2 * channels + features}
+    return sizes | {"q": len(learned.embed_bias) + 2, "m": len(learned.gate_bias), "s": 3 * len(learned.gate_bias)}
+
+
+def _check_columns(learned: Linear | Kernel | Novelty | TrackNetwork, n_features: int) -> None:
     if learned.floor.size:
         _check_shapes(vars(learned), {"floor": "f"}, {"f": n_features})
     if not (learned.scale > 1.0 / LARGEST).all():
@@ -306,9 +357,9 @@ def _check_trees(learned: Trees, n_features: int) -> None:
         raise ValueError("its trees use features or nodes that do not exist")
 
 
-def _check_layers(learned: Network) -> int:
-    """Check the layers of a network; return the number of channels of the last one."""
-    n_in, highest = 1, 1.0  # of levels, 0 to 1, and of every layer
+def _check_layers(learned: Network | TrackNetwork, n_in: int, weight: Levels) -> int:
+    """Check the layers of a network and the weights after them; return the number of channels of the last one."""
+    highest = 1.0  # of levels, 0 to 1, and of every layer
     for number, layer in enumerate(zip(learned.kernels, learned.scales, learned.biases, strict=True)):
         sizes = {"i": n_in, "3": 3}
         shapes = {f"kernel.{number}": "oi33", f"scale.{number}": "o", f"bias.{number}": "o"}
@@ -317,10 +368,8 @@ def _check_layers(learned: Network) -> int:
         kernel, scale, bias = (np.abs(values.astype(np.float64)) for values in layer)
         highest = float(highest * np.max(kernel.sum(axis=(1, 2, 3)) * np.maximum(scale, 1.0), initial=1.0))
         highest += float(bias.max(initial=0.0))
-    if not highest * np.abs(learned.weight.astype(np.float64)).sum() < LARGEST_SCORE:
+    if not highest * np.abs(weight.astype(np.float64)).sum() < LARGEST_SCORE:
         raise ValueError("its numbers are too large")
-    if min(learned.patch.n_velocity, learned.patch.n_time) % 2 ** len(learned.kernels):
-        raise ValueError("its pictures cannot be halved as often as it has layers")
     return n_in
 
 

@@ -1,4 +1,4 @@
-"""A small convolutional network for signatures, trained with torch.
+"""Convolutional networks for signatures and for the windows of tracks, trained with torch.
 
 No other module of this package needs torch.
 """
@@ -6,25 +6,42 @@ No other module of this package needs torch.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from pydantic import Field
 
-from doppelgait.classify.learned import FloatArray, Inputs, LabelledRows, Network
+from doppelgait.classify import scorer
+from doppelgait.classify.learned import (
+    FloatArray,
+    Inputs,
+    IntArray,
+    LabelledRows,
+    Network,
+    Seen,
+    TrackNetwork,
+    select_features,
+    to_levels,
+)
 from doppelgait.classify.model import row_weights
 from doppelgait.core.config import FrozenModel
-from doppelgait.core.errors import DatasetError
+from doppelgait.core.errors import DatasetError, warn_caller
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.plugins import plugin
-from doppelgait.processing.patches import Levels, Patch, cut
+from doppelgait.processing.patches import N_SLICES, Levels, Patch, cut
 
 NO_TORCH = "torch is not installed, which signature-network needs to train: pip install 'doppelgait[torch]'"
 CHANNELS = (8, 16, 32, 64)
 NORM_EPSILON = 1e-5
 AT_A_TIME = 256
+TRACK_CHANNELS, N_FEATURES, N_EMBEDDING, N_MEMORY = (24, 32, 48, 64), 64, 48, 16
+LOG_HZ = (-5.0, -1.5)  # logarithms of the rates of forgetting before training: 1 / 148 s to 1 / 4.5 s
+FORGETTING_HZ = 0.02  # rate of forgetting of a sum of log-odds
+MOST_WEIGHT, MOST_GRADIENT, FLOOR_SHARE = 5.0, 2.0, 0.7
+"""Limits of the weight of a row and of a gradient, and share of the tracks whose floor is raised."""
 
 
 class Training(FrozenModel):
@@ -124,13 +141,18 @@ def train_network(
     return _to_arrays(best, spec)
 
 
-def build_model(torch: Any, n_classes: int, dropout: float) -> Any:
-    """Build the untrained network."""
-    nn, layers, n_in = torch.nn, [], 1
-    for n_out in CHANNELS:
+def _build_layers(nn: Any, channels: Sequence[int]) -> list[Any]:
+    layers = []
+    for n_in, n_out in pairwise(channels):
         layers += [nn.Conv2d(n_in, n_out, 3, padding=1, bias=False), nn.MaxPool2d(2)]
         layers += [nn.BatchNorm2d(n_out, eps=NORM_EPSILON), nn.ReLU()]
-        n_in = n_out
+    return layers
+
+
+def build_model(torch: Any, n_classes: int, dropout: float) -> Any:
+    """Build the untrained network."""
+    nn, n_in = torch.nn, CHANNELS[-1]
+    layers = _build_layers(nn, (1, *CHANNELS))
     layers += [nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Dropout(dropout), nn.Linear(n_in, n_classes)]
     return nn.Sequential(*layers)
 
@@ -228,14 +250,224 @@ def _compute_validation_loss(
 
 
 def _to_arrays(state: Mapping[str, Any], spec: Patch) -> Network:
-    """Convert to plain arrays, with batch normalisation as scale and bias."""
+    """Convert to plain arrays."""
+    last = f"{4 * len(CHANNELS) + 3}"
+    weight, bias = (state[f"{last}.{name}"].cpu().contiguous().numpy() for name in ("weight", "bias"))
+    kernels, scales, biases = _read_layers(state, len(CHANNELS))
+    return Network(kernels, scales, biases, weight, bias, spec)
+
+
+def _read_layers(
+    state: Mapping[str, Any], n_layers: int
+) -> tuple[tuple[Levels, ...], tuple[Levels, ...], tuple[Levels, ...]]:
+    """Return kernels, scales and biases of layers, with batch normalisation as scale and bias."""
     arrays = {name: values.cpu().contiguous().numpy() for name, values in state.items()}
     kernels, scales, biases = [], [], []
-    for number in range(len(CHANNELS)):
+    for number in range(n_layers):
         norm = f"{4 * number + 2}"
         scale = arrays[f"{norm}.weight"] / np.sqrt(arrays[f"{norm}.running_var"] + NORM_EPSILON)
         kernels.append(arrays[f"{4 * number}.weight"])
         scales.append(scale)
         biases.append(arrays[f"{norm}.bias"] - arrays[f"{norm}.running_mean"] * scale)
-    last = f"{4 * len(CHANNELS) + 3}"
-    return Network(tuple(kernels), tuple(scales), tuple(biases), arrays[f"{last}.weight"], arrays[f"{last}.bias"], spec)
+    return tuple(kernels), tuple(scales), tuple(biases)
+
+
+# Networks of tracks --------------------------------------------------------------------------------------------------
+
+
+class TrackTraining(FrozenModel):
+    """Training and augmentation settings of a network of tracks."""
+
+    epochs: int = Field(default=12, ge=1)
+    batch_tracks: int = Field(default=12, ge=1)
+    most_windows: int = Field(default=16, ge=1)  # of a track in one step
+    learning_rate: float = Field(default=3e-3, gt=0)
+    weight_decay: float = Field(default=1e-2, ge=0)
+    dropout: float = Field(default=0.2, ge=0, lt=1)
+    # Levels of a whole track are shifted, their floor is raised, and values are hidden.
+    gain: float = Field(default=0.08, ge=0)
+    floor: float = Field(default=0.45, ge=0, lt=1)
+    hidden: float = Field(default=0.1, ge=0, lt=1)
+    window_share: float = Field(default=0.3, ge=0)  # weight of the answers to single windows
+
+
+@plugin("classifier", "track-network", features="track", learner="track")
+def train_track_network(
+    train: LabelledRows,
+    held: LabelledRows,
+    *,
+    n_classes: int,
+    seed: int,
+    settings: TrackTraining | None = None,
+) -> TrackNetwork:
+    """Train a network on the windows of tracks: every answer after a window counts.
+
+    Without torch, features alone are used: the log-odds of a logistic regression are summed.
+    """
+    from doppelgait.classify.training import standardise_columns
+
+    kept = np.array([each.pictures is not None for each in train.values[:, -1]], dtype=bool)
+    train = LabelledRows(train.values[kept], train.labels[kept])
+    if not train.labels.size:
+        raise DatasetError("no training row has pictures of a track; build the dataset with the field pictures")
+    *standard, whole = standardise_columns(select_features(train.values))
+    columns: Levels = np.clip(whole, -scorer.FARTHEST_SD, scorer.FARTHEST_SD).astype(np.float32)
+    names = ("median", "told", "mean", "scale", "floor")
+    own: dict[str, Any] = dict(zip(names, standard, strict=True))
+    if not is_torch_installed():
+        warn_caller(f"{NO_TORCH.replace('signature', 'track')}. Without it the model is smaller: it uses no pictures")
+        return TrackNetwork(**own, **_sum_log_odds(columns, train.labels, n_classes))
+    import torch
+
+    settings = settings or TrackTraining()
+    with _make_deterministic(torch, seed):
+        model = _build_track_model(torch, columns.shape[1], n_classes, settings.dropout)
+        _train_tracks(torch, model, columns, train, np.random.default_rng(seed), settings, n_classes)
+    return TrackNetwork(**own, **_read_track_model(model.eval()))
+
+
+def _list_tracks(seen: list[Seen]) -> list[IntArray]:
+    """Return the rows of every track in the order of time."""
+    order = sorted(range(len(seen)), key=lambda n: (seen[n].track, seen[n].stop_s))
+    numbers = np.array([seen[n].track for n in order])
+    return np.split(np.array(order, dtype=np.int64), np.flatnonzero(np.diff(numbers)) + 1)
+
+
+def _build_track_model(torch: Any, n_columns: int, n_classes: int, dropout: float) -> Any:
+    nn, n_in = torch.nn, TRACK_CHANNELS[-1]
+    return nn.ModuleDict(
+        {
+            "convolution": nn.Sequential(*_build_layers(nn, (N_SLICES, *TRACK_CHANNELS))),
+            "feature": nn.Linear(n_columns, N_FEATURES),
+            "dropout": nn.Dropout(dropout),
+            "embed": nn.Linear(2 * n_in + N_FEATURES, N_EMBEDDING),
+            "window": nn.Linear(N_EMBEDDING, n_classes),
+            "gate": nn.Linear(N_EMBEDDING + 2, N_MEMORY),
+            "value": nn.Linear(N_EMBEDDING + 2, N_MEMORY),
+            "forgetting": nn.ParameterList([nn.Parameter(torch.linspace(*LOG_HZ, N_MEMORY))]),
+            "hidden": nn.Linear(3 * N_MEMORY, N_EMBEDDING),
+            "output": nn.Linear(N_EMBEDDING, n_classes),
+        }
+    )
+
+
+def _train_tracks(
+    torch: Any,
+    model: Any,
+    columns: Levels,
+    train: LabelledRows,
+    rng: np.random.Generator,
+    settings: TrackTraining,
+    n_classes: int,
+) -> None:
+    tracks, seen = _list_tracks(train.values[:, -1].tolist()), train.values[:, -1]
+    n_steps = -(-len(tracks) // settings.batch_tracks) * settings.epochs
+    optimiser = torch.optim.AdamW(model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
+    rate = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings.learning_rate, total_steps=n_steps)
+    weights = np.minimum(row_weights(train.labels, n_classes), MOST_WEIGHT)
+    cross_entropy = torch.nn.functional.cross_entropy
+    model.train()
+    for _ in range(settings.epochs):
+        order = rng.permutation(len(tracks))
+        for first in range(0, order.size, settings.batch_tracks):
+            raise_if_stopped()
+            batch = [_cut_track(tracks[n], rng, settings) for n in order[first : first + settings.batch_tracks]]
+            rows, sizes = np.concatenate(batch), np.array([part.size for part in batch])
+            if rows.size > 1:  # batch normalisation needs two
+                pictures, shown = _augment_tracks(seen[rows], columns[rows], sizes, rng, settings)
+                windows, answers = _answer_tracks(torch, model, pictures, shown, seen[rows], sizes)
+                labels = torch.from_numpy(train.labels[rows])
+                weight = torch.from_numpy(weights[rows] / np.sqrt(np.repeat(sizes, sizes))).float()
+                losses = cross_entropy(answers, labels, reduction="none")
+                losses = losses + settings.window_share * cross_entropy(windows, labels, reduction="none")
+                optimiser.zero_grad()
+                ((losses * weight).sum() / weight.sum()).backward()
+                torch.nn.utils.clip_grad_norm_(model.parameters(), MOST_GRADIENT)
+                optimiser.step()
+            rate.step()
+
+
+def _cut_track(rows: IntArray, rng: np.random.Generator, settings: TrackTraining) -> IntArray:
+    """Select windows of a long track, half of the time its first ones, and each or every second one."""
+    rows = rows[:: int(rng.integers(1, 3))]
+    spare = max(rows.size - settings.most_windows, 0)
+    start = int(rng.integers(spare + 1)) if rng.random() < 0.5 else 0
+    return rows[start : start + settings.most_windows]
+
+
+def _augment_tracks(
+    seen: Inputs, columns: Levels, sizes: IntArray, rng: np.random.Generator, settings: TrackTraining
+) -> tuple[Levels, Levels]:
+    """Augment the pictures (n, slices, times, velocities) of every track alike; hide some of the columns (n, k)."""
+    n_tracks, shape = sizes.size, (-1, 1, 1, 1)
+    levels = np.stack([to_levels(each.pictures[0]) for each in seen])
+    floor = rng.uniform(0.0, settings.floor, n_tracks) * (rng.random(n_tracks) < FLOOR_SHARE)
+    raised = np.repeat(floor, sizes).reshape(shape).astype(np.float32)
+    gain = np.repeat(rng.uniform(-settings.gain, settings.gain, n_tracks), sizes).reshape(shape).astype(np.float32)
+    noise = (raised > 0) * rng.random(levels.shape, dtype=np.float32) * np.float32(settings.gain)
+    levels = np.clip(np.maximum(levels + gain * (levels > 0), raised + noise), 0.0, 1.0)
+    return levels, np.where(rng.random(columns.shape) < settings.hidden, np.float32(0.0), columns)
+
+
+def _answer_tracks(
+    torch: Any, model: Any, pictures: Levels, columns: Levels, seen: Inputs, sizes: IntArray
+) -> tuple[Any, Any]:
+    """Return scores (n, n_classes) of every window alone, and of its track up to it."""
+    layer = model["convolution"](torch.from_numpy(pictures))
+    feature = torch.relu(model["feature"](torch.from_numpy(columns)))
+    pooled = torch.cat([layer.mean((2, 3)), layer.amax((2, 3)), feature], 1)
+    embedding = torch.relu(model["embed"](model["dropout"](pooled)))
+    first = np.cumsum(sizes) - sizes
+    since_s = np.diff(np.array([each.stop_s for each in seen]), prepend=0.0)
+    since_s[first] = 0.0
+    count = np.arange(len(seen)) - np.repeat(first, sizes)
+    extra = np.column_stack([np.minimum(since_s, scorer.LONGEST_S), np.log(count + 1.0)])
+    inputs = torch.cat([embedding, torch.from_numpy(extra).float()], 1)
+    weight = torch.exp(model["gate"](inputs).clamp(-scorer.MOST_LOG, scorer.MOST_LOG))
+    content = weight * model["value"](inputs)
+    kept = torch.exp(-torch.from_numpy(since_s).float()[:, None] * torch.exp(model["forgetting"][0]))
+    # all tracks at once, step by step: a track that has ended repeats its last window, which is not read again
+    steps = first[:, None] + np.minimum(np.arange(sizes.max()), sizes[:, None] - 1)
+    total = weights = torch.zeros(sizes.size, weight.shape[1])
+    sums = []
+    for rows in steps.T:
+        total, weights = kept[rows] * total + content[rows], kept[rows] * weights + weight[rows]
+        sums.append(torch.cat([total / weights, torch.log(weights), total / scorer.SCALE], 1))
+    own = np.repeat(np.arange(sizes.size), sizes)
+    memory = torch.stack(sums)[torch.from_numpy(count), torch.from_numpy(own)]
+    return model["window"](embedding), model["output"](torch.relu(model["hidden"](memory)))
+
+
+def _read_track_model(model: Any) -> dict[str, Any]:
+    """Return the arrays of a network of tracks."""
+    layers = _read_layers(model["convolution"].state_dict(), len(TRACK_CHANNELS))
+    arrays: dict[str, Any] = dict(zip(("kernels", "scales", "biases"), layers, strict=True))
+    for name in ("feature", "embed", "gate", "value", "hidden", "output"):
+        start = "" if name == "output" else f"{name}_"
+        arrays |= {f"{start}{kind}": values.detach().numpy() for kind, values in model[name].named_parameters()}
+    return arrays | {"forgetting_hz": np.exp(model["forgetting"][0].detach().numpy())}
+
+
+def _sum_log_odds(columns: Levels, labels: IntArray, n_classes: int) -> dict[str, Any]:
+    """Return the arrays of a network that sums the log-odds of a logistic regression, without layers for pictures."""
+    from sklearn.linear_model import LogisticRegression
+
+    model = LogisticRegression(max_iter=2000).fit(columns, labels, sample_weight=row_weights(labels, n_classes))
+    weight, bias = model.coef_, model.intercept_
+    if n_classes == 2:
+        weight, bias = np.vstack([-weight, weight]) / 2.0, np.append(-bias, bias) / 2.0
+    both, n = np.hstack([np.eye(n_classes), -np.eye(n_classes)]), n_classes  # positive and negative parts of scores
+    nothing = np.zeros((n, 2 * n + 2))
+    return {
+        **dict.fromkeys(("kernels", "scales", "biases"), ()),
+        **{"feature_weight": both.T @ weight, "feature_bias": both.T @ bias},
+        **{"embed_weight": np.hstack([np.zeros((2 * n, 2 * N_SLICES)), np.eye(2 * n)]), "embed_bias": np.zeros(2 * n)},
+        **{"gate_weight": nothing, "gate_bias": np.zeros(n)},
+        **{"value_weight": np.hstack([both, np.zeros((n, 2))]), "value_bias": np.zeros(n)},
+        "forgetting_hz": np.full(n, FORGETTING_HZ),
+        **{
+            "hidden_weight": np.hstack([np.zeros((2 * n, 2 * n)), both.T * scorer.SCALE]),
+            "hidden_bias": np.zeros(2 * n),
+        },
+        **{"weight": both, "bias": np.zeros(n)},
+    }

@@ -15,13 +15,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-NEWEST_FORMAT = 3
+NEWEST_FORMAT = 4
 ROWS_AT_A_TIME = 64
 """Number of rows in a block of a kernel, so that the distances to a thousand support vectors fit the processor
 cache."""
+FARTHEST_SD, LONGEST_S, MOST_LOG, SCALE = 4.0, 6.0, 8.0, 10.0
+"""Of networks of tracks: limits of standardised features, pauses and logarithms of weights, and scale of the sum."""
 
 Array = npt.NDArray[Any]
 Arrays = Mapping[str, Array]
+Memory = tuple[Any, Any, int]
 
 
 class Scorer:
@@ -29,14 +32,17 @@ class Scorer:
 
     ``classes`` and ``features`` are names in their order (no features: a model of signatures alone), ``patch`` is the
     format of the pictures (None: a model of features alone), ``facts`` has training data, conditions, thresholds.
+    ``part="track"`` is the model of tracks in a file that has one, see :meth:`follow`.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, part: str = "") -> None:
         with np.load(Path(path), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         document = json.loads(arrays.pop("model").tobytes().decode())
         if document["format"] != "doppelgait-model" or document["format_version"] > NEWEST_FORMAT:
             raise ValueError(f"{path}: this scorer reads format doppelgait-model up to version {NEWEST_FORMAT}")
+        if part:
+            document, arrays = document[part], dict(_part(arrays, f"{part}."))
         self.facts = document["facts"]
         self.classes, self.features = self.facts["classes"], self.facts["names"]
         self._arrays = arrays
@@ -61,8 +67,23 @@ class Scorer:
             found = log_softmax(sum(w * log_softmax(slope * each + shift) for w, slope, shift, each in joined))
         else:
             found = answers[0]
+        return self._calibrate(found)
+
+    def _calibrate(self, log_probability: Array) -> Array:
         slope, shift = self._arrays["calibration.slope"][0], self._arrays["calibration.shift"]
-        return np.asarray(np.exp(log_softmax(slope * found + shift)))
+        return np.asarray(np.exp(log_softmax(slope * log_probability + shift)))
+
+    def follow(
+        self, memory: Memory | None, features: npt.ArrayLike, pictures: Array, since_s: float
+    ) -> tuple[Memory, Array]:
+        """Add a window to a network of tracks; return its memory and the probabilities (n_classes,) of the track.
+
+        ``features`` (d,) and ``pictures`` (any, slices, times, velocities) are of the window, ``memory`` is None for
+        the first one, ``since_s`` the time since the end of the window before, 0 for the first.
+        """
+        embedding = embed(self._arrays, np.asarray(features, dtype=np.float64)[None], [pictures])[0]
+        memory, answer = remember(self._arrays, memory or (0.0, 0.0, 0), embedding, since_s)
+        return memory, self._calibrate(answer[None])[0]
 
     def decide(self, probability: Array) -> list[str | None]:
         """Return a class per row, None below the threshold.
@@ -74,6 +95,8 @@ class Scorer:
 
     def _member(self, form: Mapping[str, Any], own: Arrays, features: Array | None, whole: Any) -> Array:
         kind = form["learned"]
+        if kind == "track":
+            raise ValueError("this model follows the windows of tracks: Scorer.follow")
         if kind == "network":
             if whole is None:
                 raise ValueError("this model needs levels of signatures")
@@ -154,16 +177,50 @@ def network(own: Arrays, patch: Mapping[str, Any], whole: Sequence[Array | None]
 
 def of_pictures(own: Arrays, pictures: Array) -> Array:
     """Return log-probabilities of pictures (n, n_velocity, n_time)."""
-    layer = np.asarray(pictures, dtype=np.float32)[:, None]
+    layer = convolve(own, np.asarray(pictures, dtype=np.float32)[:, None])
+    return log_softmax((layer.mean(axis=(2, 3)) @ own["weight"].T + own["bias"]).astype(np.float64))
+
+
+def convolve(own: Arrays, layer: Array) -> Array:
+    """Compute the convolutional layers of pictures (n, n_channels, height, width)."""
     for number in range(sum(name.startswith("kernel.") for name in own)):
-        weights, scale, bias = (own[f"{part}.{number}"] for part in ("kernel", "scale", "bias"))
+        weights, scale, bias = (own[f"{kind}.{number}"] for kind in ("kernel", "scale", "bias"))
         padded = np.pad(layer, ((0, 0), (0, 0), (1, 1), (1, 1)))
         windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(2, 3))
         layer = np.einsum("nchwij,ocij->nohw", windows, weights, optimize=True)
         n, channels, height, width = layer.shape
         layer = layer.reshape(n, channels, height // 2, 2, width // 2, 2).max(axis=(3, 5))
         layer = np.maximum(layer * scale[:, None, None] + bias[:, None, None], 0.0)
-    return log_softmax((layer.mean(axis=(2, 3)) @ own["weight"].T + own["bias"]).astype(np.float64))
+    return layer
+
+
+def embed(own: Arrays, features: Array, pictures: Sequence[Array]) -> Array:
+    """Return the embedding (n, e) of windows of a track: pictures (any, slices, times, velocities), 0 to 1, of each."""
+    counts = [len(each) for each in pictures]
+    layer = convolve(own, np.concatenate(pictures).astype(np.float32))
+    pooled = np.hstack([layer.mean(axis=(2, 3)), layer.max(axis=(2, 3))])
+    pooled = np.add.reduceat(pooled, np.cumsum([0, *counts[:-1]]), axis=0) / np.array(counts)[:, None]
+    columns = np.clip(standardise(own, features), -FARTHEST_SD, FARTHEST_SD)
+    columns = np.maximum(columns @ own["feature_weight"].T + own["feature_bias"], 0.0)
+    scores = np.hstack([pooled, columns]) @ own["embed_weight"].T + own["embed_bias"]
+    return np.asarray(np.maximum(scores, 0.0))
+
+
+def remember(own: Arrays, memory: Memory, embedding: Array, since_s: float) -> tuple[Memory, Array]:
+    """Add a window's embedding (e,) to the memory of a track; return it, and the log-probabilities (n_classes,).
+
+    The memory is a sum with forgetting, its weights, and the number of windows; it begins as (0, 0, 0). ``since_s`` is
+    the time since the end of the window before, 0 for the first.
+    """
+    total, weights, count = memory
+    inputs = np.append(embedding, [min(since_s, LONGEST_S), np.log(count + 1.0)])
+    weight = np.exp(np.clip(own["gate_weight"] @ inputs + own["gate_bias"], -MOST_LOG, MOST_LOG))
+    kept = np.exp(-since_s * own["forgetting_hz"])
+    weights = kept * weights + weight
+    total = kept * total + weight * (own["value_weight"] @ inputs + own["value_bias"])
+    summary = np.concatenate([total / weights, np.log(weights), total / SCALE])
+    hidden = np.maximum(own["hidden_weight"] @ summary + own["hidden_bias"], 0.0)
+    return (total, weights, count + 1), log_softmax((own["weight"] @ hidden + own["bias"])[None])[0]
 
 
 def covering(whole: Array, patch: Mapping[str, Any]) -> Array:

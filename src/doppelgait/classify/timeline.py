@@ -3,12 +3,14 @@
 Windows of a recording or of a stream are analysed and linked to tracks
 (:mod:`doppelgait.dataset.windows`). :class:`Tracks` performs the steps that depend on the past:
 
-1. *Fusion.* The class of a track is a hidden Markov state that changes at :data:`CHANGE_PER_S`
-   (mistaken links, another person through the same door). Calibrated probabilities of a window are
-   its likelihoods, up to a factor, because they hold for equally frequent classes. A window that
-   overlaps the one before is new only in part, and its log likelihood counts by that part: hop /
-   window in a steady stream. A window that may not be decided (a flag, conditions or features that
-   were not in the training data) is no evidence.
+1. *Memory.* A network of tracks (:class:`doppelgait.classify.learned.TrackNetwork`) has its own, a
+   learned sum of what the windows show. The answers of a model of windows are fused: the class of a
+   track is a hidden Markov state that changes at :data:`CHANGE_PER_S` (mistaken links, another
+   person through the same door). Calibrated probabilities of a window are its likelihoods, up to a
+   factor, because they hold for equally frequent classes. A window that overlaps the one before is
+   new only in part, and its log likelihood counts by that part: hop / window in a steady stream. A
+   window that may not be decided (a flag, conditions or features that were not in the training
+   data) is no evidence for either.
 2. *Decision.* A class is decided when its fused probability reaches the model's limit, and stays until another class
    reaches it, so that the decision does not flicker.
 """
@@ -25,7 +27,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from doppelgait.classify.decide import Decision, TargetInputs, choose_model, decide, read_training_analysis
+from doppelgait.classify.learned import EMPTY, Inputs, TrackNetwork
 from doppelgait.classify.model import Model
+from doppelgait.classify.scorer import Memory
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.units import FloatArray
 from doppelgait.dataset.windows import Links, Path, Window, analyze_window, cut_windows
@@ -101,10 +105,11 @@ class Span(NamedTuple):
 def check_window(window_s: float | None, hop_s: float | None, model: Model | None = None) -> tuple[float, float]:
     """Return window and hop, with defaults for what is None."""
     if window_s is None:
-        conditions = {} if model is None else model.facts.conditions
-        window_s = (
-            round(WINDOW_OBSERVATIONS * conditions["observation_s"][0], 3) if "observation_s" in conditions else 4.0
-        )
+        facts = None if model is None else model.of_tracks.facts
+        window_s = None if facts is None else facts.window_s
+    if window_s is None:
+        observed_s = (None if facts is None else facts.conditions.get("observation_s")) or (4.0 / WINDOW_OBSERVATIONS,)
+        window_s = round(WINDOW_OBSERVATIONS * observed_s[0], 3)
     hop_s = window_s / 4.0 if hop_s is None else hop_s
     if not 0 < hop_s <= window_s < math.inf:
         raise ConfigError(f"window {window_s:g} s, hop {hop_s:g} s: must fulfil 0 < hop <= window, for example 4 and 1")
@@ -123,6 +128,13 @@ class _ClassEvidence:
     covered_s: float = -math.inf
     decided: int | None = None
     alarm: bool = False
+    memory: Memory = EMPTY
+
+    def remember(self, model: Model, network: TrackNetwork, values: Inputs, stop_s: float) -> None:
+        """Add a window to the memory of a network."""
+        since_s = stop_s - self.covered_s if self.memory[2] else 0.0
+        self.memory, log_probability = network.remember(self.memory, network.embed(values)[0], since_s)
+        self.probability, self.covered_s = model.calibration(log_probability[None])[0], stop_s
 
     def hand_over(self, time_s: float) -> None:
         """Predict the belief after a time, p -> 1/K + (p - 1/K) exp(-r K/(K-1) dt)."""
@@ -143,7 +155,7 @@ class Tracks:
     """Decisions on the tracks of a recording or stream."""
 
     def __init__(self, model: Model) -> None:
-        self.model = model
+        self.model = model = model.of_tracks
         self.links = Links()
         self._beliefs: dict[int, _ClassEvidence] = {}
         rows = model.calibration.n_rows or UNCALIBRATED
@@ -151,52 +163,56 @@ class Tracks:
 
     def add(self, window: Window, results: Sequence[Result]) -> list[TrackDecision]:
         """Decide about every target of the next window."""
-        numbers = self.links.add(window, results)
-        decisions = [
-            self._decide(number, window, result, decide(TargetInputs(result.to_row(), result.signature), self.model, n))
-            for n, (number, result) in enumerate(zip(numbers, results, strict=True))
-        ]
+        numbers, facts, decisions = self.links.add(window, results), self.model.facts, []
+        for target, (number, result) in enumerate(zip(numbers, results, strict=True)):
+            alone, belief = self.follow(number, TargetInputs.of(result), (window.start_s, window.stop_s), target)
+            best = int(belief.probability.argmax())
+            if belief.probability[best] >= facts.abstain_below:
+                belief.decided = best
+            reason = alone.reason if alone.blocked else ""
+            if belief.decided is None and not reason:
+                reason = f"probability {belief.probability[best]:.2f} is below {facts.abstain_below:g}"
+            shown, path = best if belief.decided is None else belief.decided, Path.of(result, window)
+            decisions.append(
+                TrackDecision(
+                    track=number,
+                    start_s=window.start_s,
+                    stop_s=window.stop_s,
+                    label=None if belief.decided is None else facts.classes[belief.decided],
+                    probability=float(belief.probability[shown]),
+                    probabilities={name: float(p) for name, p in zip(facts.classes, belief.probability, strict=True)},
+                    alarm=belief.alarm or (None if alone.alarm is None else False),
+                    reason=reason,
+                    range_m=float(path.range_m[-1]),
+                    approach_mps=path.approach_mps(at_end=True),
+                    window=alone,
+                )
+            )
         self._beliefs = {number: self._beliefs[number] for number in self._beliefs.keys() & self.links.kept}
         return decisions
 
-    def _decide(self, number: int, window: Window, result: Result, alone: Decision) -> TrackDecision:
-        facts = self.model.facts
-        belief = self._beliefs.get(number)
-        if belief is None:
-            n_classes = len(facts.classes)
-            belief = self._beliefs[number] = _ClassEvidence(np.full(n_classes, 1.0 / n_classes), window.stop_s)
-        belief.hand_over(window.stop_s)
-        if not alone.blocked:
+    def follow(
+        self, number: int, seen: TargetInputs, edges_s: tuple[float, float], target: int = 0
+    ) -> tuple[Decision, _ClassEvidence]:
+        """Add a window from its start to its stop to a track; return the decision about it alone, and the belief."""
+        facts, network = self.model.facts, self.model.learned
+        alone, n_classes = decide(seen, self.model, target), len(facts.classes)
+        belief = self._beliefs.setdefault(number, _ClassEvidence(np.full(n_classes, 1.0 / n_classes), edges_s[1]))
+        if not isinstance(network, TrackNetwork):
+            belief.hand_over(edges_s[1])
+        if alone.blocked:
+            return alone, belief
+        if isinstance(network, TrackNetwork):
+            belief.remember(self.model, network, seen.collect_inputs(self.model, target), edges_s[1])
+        else:
             # limit the evidence of a window by the number of its calibration rows
             found = np.maximum(np.array([alone.probabilities[name] for name in facts.classes]), self._least)
-            start_s, stop_s = (
-                float(result.quality.get(name) or edge)
-                for name, edge in (("start_s", window.start_s), ("stop_s", window.stop_s))
-            )
+            own_s = [seen.columns.get(f"quality_{name}_s") for name in ("start", "stop")]
+            start_s, stop_s = (float(own or edge) for own, edge in zip(own_s, edges_s, strict=True))
             belief.add_evidence(found / found.sum(), start_s, stop_s)
-            if facts.alarm is not None and facts.alarm_threshold is not None:
-                belief.alarm |= bool(belief.probability[facts.classes.index(facts.alarm)] >= facts.alarm_threshold)
-        best = int(belief.probability.argmax())
-        if belief.probability[best] >= facts.abstain_below:
-            belief.decided = best
-        reason = alone.reason if alone.blocked else ""
-        if belief.decided is None and not reason:
-            reason = f"probability {belief.probability[best]:.2f} is below {facts.abstain_below:g}"
-        shown = best if belief.decided is None else belief.decided
-        path = Path.of(result, window)
-        return TrackDecision(
-            track=number,
-            start_s=window.start_s,
-            stop_s=window.stop_s,
-            label=None if belief.decided is None else facts.classes[belief.decided],
-            probability=float(belief.probability[shown]),
-            probabilities={name: float(p) for name, p in zip(facts.classes, belief.probability, strict=True)},
-            alarm=belief.alarm or (None if alone.alarm is None else False),
-            reason=reason,
-            range_m=float(path.range_m[-1]),
-            approach_mps=path.approach_mps(at_end=True),
-            window=alone,
-        )
+        if facts.alarm is not None and facts.alarm_threshold is not None:
+            belief.alarm |= bool(belief.probability[facts.classes.index(facts.alarm)] >= facts.alarm_threshold)
+        return alone, belief
 
 
 def classify_over_time(

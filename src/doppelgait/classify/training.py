@@ -38,6 +38,7 @@ BUILT_IN = (
     "extended-boosting",
     "extended-svm",
     "signature-network",
+    "track-network",
     "ensemble",
 )
 MEMBERS = ("extended-logistic", "extended-boosting", "signature-network")

@@ -31,6 +31,7 @@ from doppelgait.dataset.open import Dataset
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
 from doppelgait.processing import Analysis
+from export_models import a_signature
 
 SIX = tuple(FEATURE_UNITS)
 C = 299_792_458.0
@@ -489,13 +490,6 @@ def a_target(**changes):
     columns = {f"feature_{name}": 1.0 for name in SIX} | {"gait_frequency_hz": 2.0, "quality_flags": ""}
     columns |= {"quality_observation_s": 2.4}
     return TargetInputs(columns | changes, a_signature(7.29e9, 1100.0))
-
-
-def a_signature(carrier_hz, prf_hz, *, stated=True):
-    doppler_hz = (np.arange(64) - 32) * prf_hz / 64
-    coords = {"doppler": doppler_hz, "velocity": ("doppler", doppler_hz * C / carrier_hz / 2)}
-    attrs = {"wavelength_m": C / carrier_hz} if stated else {}
-    return xr.DataArray(np.ones((3, 64)), dims=("time", "doppler"), coords=coords, attrs=attrs)
 
 
 def test_decision_and_abstentions(found):

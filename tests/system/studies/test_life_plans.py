@@ -7,19 +7,19 @@ import pytest
 from doppelgait.dataset.config import load_plan
 from doppelgait.dataset.resolve import resolve_example
 
-PLANS = Path(__file__).parents[3] / "studies" / "plans"
+NAMES = ("home-alarm-life", Path(__file__).parents[3] / "studies" / "plans" / "life-unknown.toml")
 
 
-@pytest.mark.parametrize("name", ["life", "life-unknown"])
+@pytest.mark.parametrize("name", NAMES)
 def test_every_kind_can_be_drawn(name):
-    plan, folder = load_plan(PLANS / f"{name}.toml")
+    plan, folder = load_plan(name)
     for number in range(0, sum(map(plan.count_class_examples, plan.episodes)), 5):
         example = resolve_example(plan, number, folder)
         assert {row.label for row in example.rows} <= {"human", "animal", "thing", "vacuum", "fan", "curtain"}
 
 
 def test_no_kind_of_the_blind_test_is_a_kind_of_training():
-    plans = (load_plan(PLANS / f"{name}.toml")[0] for name in ("life", "life-unknown"))
+    plans = (load_plan(name)[0] for name in NAMES)
     kinds, others = ({episode.label for episode in plan.episodes} for plan in plans)
     assert len(kinds) >= 30
     assert len(others) >= 50

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from doppelgait import __version__
-from doppelgait.classify.learned import Constant, Ensemble, Kernel, Learned, Linear, Network, Trees
+from doppelgait.classify.learned import Constant, Ensemble, Kernel, Learned, Linear, Network, TrackNetwork, Trees
 from doppelgait.classify.model import Model
 from doppelgait.core.errors import ConfigError
 
@@ -79,6 +79,8 @@ class _Graph:
                 return self.add_network(learned, name)
             case Ensemble():
                 return self.add_ensemble(learned, name)
+            case TrackNetwork():
+                raise ConfigError("an ONNX graph has no memory of tracks")
 
     def calibrated(self, log_probability: str, slope: float, shift: Any, name: str) -> str:
         scaled = self.combine("Mul", log_probability, slope, f"{name}_slope")

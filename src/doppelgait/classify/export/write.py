@@ -16,10 +16,10 @@ from doppelgait import __version__
 from doppelgait.classify import scorer
 from doppelgait.classify.export.c_code import TEXTS, Sources
 from doppelgait.classify.export.device import CSettings, Device, list_parts, plan_device, quantise, select_networks
-from doppelgait.classify.learned import Ensemble, FloatArray, Network, join_inputs
+from doppelgait.classify.learned import Ensemble, FloatArray, Network, TrackNetwork, join_inputs
 from doppelgait.classify.model import Model
 from doppelgait.classify.model_file import save_model
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.files import check_out, complete_folder
 from doppelgait.processing.patches import Levels, Patch, levels_of
 
@@ -59,8 +59,8 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
     Raises
     ------
     ConfigError
-        If the form is unknown, a library for it is missing, the radar is not known, or the folder
-        holds anything else.
+        If the form is unknown or cannot hold the model, a library for it is missing, the radar is
+        not known, or the folder holds anything else.
     OutputError
         If it cannot be written.
 
@@ -77,6 +77,13 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
     out, found = Path(folder), dict[str, Any]()
     if form not in FORMS:
         raise ConfigError(f"--form: form {form!r} is not known; allowed are {', '.join(FORMS)}")
+    if form != "numpy" and isinstance(model.learned, TrackNetwork):
+        raise ConfigError(
+            f"--form {form}: {model.facts.name} follows tracks by pictures along range, which this form does not make; "
+            "use --form numpy, or export a model of windows"
+        )
+    if form != "numpy" and model.track is not None:
+        warn_caller(f"--form {form}: decides about single windows; the model of tracks is in --form numpy alone")
     if settings is not None and form != "c":
         raise ConfigError(f"--form {form}: has no settings of a radar or device; these are for --form c")
     check_out(out, listing=LISTING, file_format=FORMAT, command="doppelgait model export")

@@ -94,24 +94,36 @@ def check_classifier(name: str, *, seed: int = 0) -> None:
     >>> import doppelgait as dg
     >>> dg.testing.check_classifier("six-logistic")
     """
-    from doppelgait.classify.learned import Constant, Ensemble, Kernel, LabelledRows, Linear, Network, Trees
+    from doppelgait.classify.learned import (
+        Constant,
+        Ensemble,
+        Kernel,
+        LabelledRows,
+        Linear,
+        Network,
+        TrackNetwork,
+        Trees,
+    )
     from doppelgait.classify.training import CLASSIFIERS
 
     label = require_registered(CLASSIFIERS, "classifier", name)
     train = CLASSIFIERS[name].run
     features, baseline = CLASSIFIERS[name].facts.get("features"), CLASSIFIERS[name].facts.get("baseline", False)
-    known = ("six", "extended", "speed", "signature", "nuisance", "nothing")
+    known = ("six", "extended", "speed", "signature", "track", "nuisance", "nothing")
     text = f"{label}: the fact features is {features!r}; allowed are {', '.join(known)}"
     require(features in known, text)
     for n_classes in (2, 3):
         rows, held = (_classifier_rows(str(features), n_classes, number, seed) for number in (48, 24))
-        before: list[Any] = [None if row is None else np.array(row, copy=True) for row in rows.values]
+        values, own = (
+            each.values[:, :-1].astype(float) if features == "track" else each.values for each in (rows, held)
+        )
+        before: list[Any] = [None if row is None else np.array(row, copy=True) for row in values]
         learned = train(rows, held, n_classes=n_classes, seed=1)
-        forms = Constant | Linear | Kernel | Trees | Network | Ensemble
+        forms = Constant | Linear | Kernel | Trees | Network | TrackNetwork | Ensemble
         require(isinstance(learned, forms), f"{label}: gives {type(learned).__name__}, not one of {forms}")
         same = [
             (one is None and other is None) or np.array_equal(one, other, equal_nan=True)
-            for one, other in zip(before, rows.values, strict=True)
+            for one, other in zip(before, values, strict=True)
         ]
         require(all(same), f"{label}: training changes its inputs")
         found = learned.log_probability(held.values)
@@ -127,15 +139,15 @@ def check_classifier(name: str, *, seed: int = 0) -> None:
         alone = train(rows, empty, n_classes=n_classes, seed=1).log_probability(held.values)
         require(np.isfinite(alone).all(), f"{label}: without held-out rows a log-probability is not finite")
         if not baseline:
-            whole = np.array([row is not None and not np.isnan(row[:1]).any() for row in held.values])
+            whole = np.array([row is not None and not np.isnan(row[:1]).any() for row in own])
             right = float((found.argmax(axis=1) == held.labels)[whole].mean())
             require(right > 0.8, f"{label}: only {right:.0%} of rows right, where the classes are far apart")
 
 
 def _classifier_rows(features: str, n_classes: int, count: int, seed: int) -> Any:
     """Make rows of well-separated classes, a few with missing values."""
-    from doppelgait.classify.learned import LabelledRows
-    from doppelgait.processing.patches import Patch
+    from doppelgait.classify.learned import LabelledRows, Seen, join_inputs
+    from doppelgait.processing.patches import N_CELLS, N_COLUMNS, N_SLICES, Patch
 
     rng = np.random.default_rng([seed, n_classes, count])
     labels = np.arange(count, dtype=np.int64) % n_classes
@@ -149,11 +161,17 @@ def _classifier_rows(features: str, n_classes: int, count: int, seed: int) -> An
             values[number] = levels
         values[-1] = None
         return LabelledRows(values, labels)
-    width = {"six": 6, "extended": 9, "speed": 1, "nuisance": 5, "nothing": 0}[features]
+    width = {"six": 6, "extended": 9, "track": 9, "speed": 1, "nuisance": 5, "nothing": 0}[features]
     table = rng.standard_normal((count, width)) + 6.0 * labels[:, None]
     if width > 1:
         table[rng.random(table.shape) < 0.05] = np.nan
         table[:, -1] = np.nan  # always unknown
+    if features == "track":
+        windows = np.empty(count, dtype=object)
+        for number in range(count):
+            pictures = rng.integers(0, 40, (1, N_SLICES, N_COLUMNS, N_CELLS), dtype=np.uint8)
+            windows[number] = Seen(pictures, number // (2 * n_classes) * n_classes + labels[number], float(number))
+        table = join_inputs(table, windows)
     return LabelledRows(table, labels)
 
 
