@@ -100,9 +100,14 @@ def life_of(name: str, seed: int, n_recordings: int, hop_s: float) -> PlanConfig
     table = plan.model_dump(mode="python")
     table["dataset"] |= {"name": f"{LIFE}-{name}-{seed}", "seed": seed, "examples_per_class": n_recordings}
     table["dataset"] |= {"hop_s": hop_s}
+    return with_radar(table, name)
+
+
+def with_radar(table: dict[str, Any], name: str) -> PlanConfig:
+    """Return a plan of the X4 for another radar, without the impairments of the X4."""
     if name != "x4":
         table["radar"] = RADARS[name]["radar"]
-        table["impairments"] = [part for part in table["impairments"] if not _is_of_x4(part)]
+        table["impairments"] = [part for part in table["impairments"] or [] if not _is_of_x4(part)]
     return validate(PlanConfig, table, where=f"plan of life of {name}")
 
 

@@ -64,12 +64,12 @@ def run_day(
     model: Model,
     *,
     folder: Path | None = None,
-    workers: int | None = None,
+    directory: Path | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> list[Episode]:
-    """Simulate a day as a dataset of windows, and classify it."""
+    """Simulate a day as a dataset of windows, kept in a directory if one is named, and classify it."""
     with TemporaryDirectory() as scratch:
-        dataset = build_day(day, model, Path(scratch), folder=folder, workers=workers, on_progress=on_progress)
+        dataset = build_day(day, model, directory or Path(scratch), folder=folder, on_progress=on_progress)
         return answer_day(dataset, partial(answer_track, model))
 
 
@@ -79,7 +79,6 @@ def build_day(
     directory: Path,
     *,
     folder: Path | None = None,
-    workers: int | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Dataset:
     """Build the dataset of a day, with the windows and the analysis of a model."""
@@ -95,10 +94,10 @@ def build_day(
         raise ConfigError(
             f"{day.dataset.name}: {', '.join(short)}: duration_s is below the window of {window_s:g} s; make it longer"
         )
-    fields = tuple(FieldSpec(name=name) for name in ("pictures", "signature"))
+    fields = (FieldSpec(name="pictures" if facts.features == "track" else "signature"),)
     section = day.dataset.model_copy(update={"window_s": window_s, "hop_s": hop_s, "fields": fields})
     plan = day.model_copy(update={"dataset": section, "analysis": facts.analysis})
-    build_dataset(plan, directory, folder=folder, workers=workers, on_progress=on_progress)
+    build_dataset(plan, directory, folder=folder, on_progress=on_progress)
     return open_dataset(directory)
 
 
@@ -132,11 +131,11 @@ def answer_track(model: Model, dataset: Dataset, rows: Sequence[int]) -> FloatAr
     tracks, facts = Tracks(model), model.of_tracks.facts
     alarm, found = facts.classes.index(str(facts.alarm)), []
     for row in rows:
-        columns, signature = convert_to_json(dataset.index.iloc[row].to_dict()), read_signature(dataset, row)
-        if signature is None:
-            found.append(math.nan)
-            continue
-        seen = TargetInputs(columns, signature, dataset.array("pictures", row))
+        columns = convert_to_json(dataset.index.iloc[row].to_dict())
+        if facts.features == "track":
+            seen = TargetInputs(columns, None, dataset.array("pictures", row))
+        else:
+            seen = TargetInputs(columns, read_signature(dataset, row))
         alone, belief = tracks.follow(0, seen, (columns["window_start_s"], columns["window_stop_s"]))
         found.append(math.nan if alone.blocked else float(belief.probability[alarm]))
     return np.array(found)

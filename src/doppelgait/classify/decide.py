@@ -86,10 +86,10 @@ class Decision:
 
 @dataclass(frozen=True, eq=False)
 class TargetInputs:
-    """Features and signature of one target, as the classifier uses them."""
+    """Features and signature of one target, as the classifier uses them; networks of tracks use no signature."""
 
     columns: Mapping[str, Any]
-    signature: xr.DataArray
+    signature: xr.DataArray | None
     pictures: Levels | None = None  # of a tracked target
 
     @classmethod
@@ -132,7 +132,7 @@ class TargetInputs:
                 f"target {number}: has no {missing[0]}, which {model.facts.name} uses; analyse with extended = "
                 "true and the standard method"
             )
-        wavelength_m = np.array([read_wavelength_m(self.signature)])
+        wavelength_m = np.array([SPEED_OF_LIGHT_MPS / self.conditions["carrier_hz"]])
         features = convert_features({name: [self.columns[column]] for name, column in columns.items()}, wavelength_m)
         if ENVELOPE in model.facts.names:  # a file of an older version
             features[ENVELOPE] = features[ENVELOPE_WIDTH] * 2.0 / wavelength_m

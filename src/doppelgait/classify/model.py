@@ -143,13 +143,16 @@ def read_prf_hz(signature: xr.DataArray) -> float:
     return float(np.ptp(doppler_hz) * doppler_hz.size / (doppler_hz.size - 1))
 
 
-def collect_conditions(columns: Mapping[str, Any], signature: xr.DataArray) -> dict[str, float]:
-    """Return the observation conditions of a target; NaN for unknown."""
+def collect_conditions(columns: Mapping[str, Any], signature: xr.DataArray | None) -> dict[str, float]:
+    """Return the observation conditions of a target; NaN for unknown. A row of a dataset has those of its radar."""
     keys = ("quality_observation_s", "quality_track_velocity_mps", "quality_snr_mu_db")
     observed_s, speed_mps, snr_db = (math.nan if columns.get(key) is None else float(columns[key]) for key in keys)
+    carrier_hz, prf_hz = (float(columns.get(name) or math.nan) for name in ("carrier_hz", "prf_hz"))
+    if signature is not None:
+        carrier_hz, prf_hz = SPEED_OF_LIGHT_MPS / read_wavelength_m(signature), read_prf_hz(signature)
     return {
-        "carrier_hz": SPEED_OF_LIGHT_MPS / read_wavelength_m(signature),
-        "prf_hz": read_prf_hz(signature),
+        "carrier_hz": carrier_hz,
+        "prf_hz": prf_hz,
         "observation_s": observed_s,
         "speed_mps": abs(speed_mps),
         "snr": 10.0 ** (snr_db / 10.0),

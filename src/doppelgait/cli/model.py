@@ -87,6 +87,12 @@ def alarm(
         int | None,
         typer.Option("--repeats", min=1, help="Recordings of each kind of episode; by default those of the plan."),
     ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", help="Folder that keeps the windows of the day; a second run goes on with them."
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Score a model as an alarm over simulated days.
@@ -101,7 +107,9 @@ def alarm(
     chosen, folder = load_day(day, repeats)
     loaded = open_model(model)
     with report_progress("days", quiet=as_json) as on_progress:
-        found = score_day(chosen, run_day(chosen, loaded, folder=folder, on_progress=on_progress), loaded)
+        found = score_day(
+            chosen, run_day(chosen, loaded, folder=folder, directory=output, on_progress=on_progress), loaded
+        )
     if as_json:
         print_json(found)
         return
