@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from doppelgait.classify.learned import Constant, Kernel, Linear, Network, Trees
 from doppelgait.classify.model import Model
 
 TEXTS = Path(__file__).parent / "c99"
-LINE = 110
+LINE = 112
 TYPES = {"float": 4, "int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4, "int64_t": 8}
 SAMPLES_TOLERANCE = {False: 1e-4, True: 2e-2}
 """Tolerances of probabilities in float32 and in int8. In int8 a level between two integers may be rounded either
@@ -47,17 +47,17 @@ class Sources:
         macros = "\n".join(f"#define DG_{name} {value}" for name, value in self._collect_macros().items())
         about = f"/* {self.model.facts.name}, trained on {self.model.facts.dataset_name}; doppelgait {__version__} */"
         types = "\n".join(f"typedef {kind} {name};" for name, kind in self.types.items())
-        return _read("engine.h").replace("/* @MACROS@ */", f"{about}\n{macros}\n\n{types}")
+        engine = (TEXTS / "engine.h").read_text(encoding="utf-8")
+        return engine.replace("/* @MACROS@ */", f"{about}\n{macros}\n\n{types}")
 
     def source(self) -> str:
         """Return the text of the source."""
-        return _read("engine.c").replace("/* @TABLES@ */", self.tables)
+        return (TEXTS / "engine.c").read_text(encoding="utf-8").replace("/* @TABLES@ */", self.tables)
 
     def facts(self) -> dict[str, Any]:
         """Return table flash and RAM in bytes, and work."""
         found: dict[str, Any] = {"flash_table_bytes": self.flash_bytes, "ram_bytes": 0}
-        device = self.device
-        if device is not None:
+        if (device := self.device) is not None:
             ring = device.bins * (2 * device.taper.size + 7)
             levels = device.n_columns * device.patch.n_velocity
             found["window_bytes"] = 4 * (ring + device.n_doppler + levels + 4)
@@ -68,10 +68,9 @@ class Sources:
         return found
 
     def _count_layer_values(self, device: Device) -> tuple[int, int]:
-        sizes, size = [device.patch.n_velocity * device.patch.n_time], device.patch.n_velocity * device.patch.n_time
-        for number in range(max(len(network.kernels) for network in self.networks)):
-            size //= 4
-            sizes.append(max(size * network.kernels[number].shape[0] for network in self.networks))
+        cells = device.patch.n_velocity * device.patch.n_time
+        layers = zip(*(network.biases for network in self.networks), strict=True)
+        sizes = [cells, *(cells // 4**n * max(map(len, biases)) for n, biases in enumerate(layers, 1))]
         return max(sizes[0::2]), max(sizes[1::2])
 
     def _buffer_bytes(self, device: Device) -> int:
@@ -167,9 +166,9 @@ class Sources:
             self._add_array("picture_starts", "int16_t", device.picture_starts)
             self._add_array("factors", "int16_t", device.factors)
             turns = np.exp(2j * np.pi * np.arange(device.n_doppler) / device.n_doppler)
-            pairs = _wrap([f"{{{_format_float(each.real)}, {_format_float(each.imag)}}}" for each in turns])
+            pairs = _wrap([f"{{{_format_float(each.real)},~{_format_float(each.imag)}}}" for each in turns])
             self.flash_bytes += 8 * turns.size
-            self._tables.append(f"static const float turns[DG_DOPPLER][2] = {{\n{pairs}\n}};")
+            self._tables.append(f"static const float turns[DG_DOPPLER][2] = {{\n{pairs.replace('~', ' ')}\n}};")
         return "\n\n".join(self._tables)
 
     def _add_member(self, learned: Any, name: str) -> tuple[int, str]:
@@ -178,15 +177,13 @@ class Sources:
             case Constant():
                 return 0, self._add_array(f"{name}_shares", "float", learned.log_share)
             case Linear() | Kernel():
-                return 1, self._add_struct("dg_columns", name, self._add_columns(learned, name))
+                number, kind, values = 1, "dg_columns", self._add_columns(learned, name)
             case Trees():
-                return 2, self._add_struct("dg_trees", name, self._add_trees(learned, name))
+                number, kind, values = 2, "dg_trees", self._add_trees(learned, name)
             case _:
-                return 3, self._add_struct("dg_network", name, self._add_network(learned, name))
-
-    def _add_struct(self, kind: str, name: str, values: Iterable[Any]) -> str:
+                number, kind, values = 3, "dg_network", self._add_network(learned, name)
         self._tables.append(f"static const {kind} {name} = {{{', '.join(map(str, values))}}};")
-        return f"&{name}"
+        return number, f"&{name}"
 
     def _add_columns(self, learned: Linear | Kernel, name: str) -> list[Any]:
         floor = learned.floor if learned.floor.size else np.zeros(learned.median.size)
@@ -235,20 +232,12 @@ class Sources:
         return [f"{name}_layers", *weight, *self._add_arrays(name, "float", scale=last[1], bias=learned.bias)]
 
 
-def _read(name: str) -> str:
-    return (TEXTS / name).read_text(encoding="utf-8")
-
-
 def _format_float(value: float) -> str:
     text = str(np.float32(value))
     return f"{text}f" if "." in text or "e" in text else f"{text}.0f"
 
 
 def _wrap(words: list[str]) -> str:
-    lines, line = [], "   "
-    for word in words:
-        if len(line) + len(word) > LINE:
-            lines.append(line)
-            line = "   "
-        line += f" {word},"
-    return "\n".join([*lines, line]).rstrip(",")
+    text = "".join(f"{word}, " for word in words)
+    lines = fill(text, LINE, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
+    return lines.removesuffix(",")
