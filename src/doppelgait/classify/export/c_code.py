@@ -200,36 +200,30 @@ class Sources:
         inner = learned.feature >= 0
         value = np.where(inner, np.clip(round_threshold(learned.threshold), -3e38, 3e38), learned.value)
         arrays = [
-            *self._add_arrays(name, "int16_t", feature=learned.feature),
-            *self._add_arrays(name, "float", value=value),
-            *self._add_arrays(name, "uint8_t", unknown_left=learned.unknown_left),
+            self._add_array(f"{name}_feature", "int16_t", learned.feature),
+            self._add_array(f"{name}_value", "float", value),
+            self._add_array(f"{name}_unknown_left", "uint8_t", learned.unknown_left),
             *self._add_arrays(name, "dg_node", left=learned.left, right=learned.right, root=learned.root),
         ]
-        return [*arrays, *learned.root.shape, *self._add_arrays(name, "float", start=learned.start)]
+        return [*arrays, *learned.root.shape, self._add_array(f"{name}_start", "float", learned.start)]
 
     def _add_network(self, learned: Network, name: str) -> list[Any]:
-        rows = []
         size = learned.patch.n_velocity * learned.patch.n_time / 4 ** len(learned.kernels)
         last: tuple[Any, Any] = (learned.weight, np.full(learned.bias.size, 1.0 / size))
+        layers: Any = zip(learned.kernels, learned.scales, learned.biases, strict=True)
+        kinds = {"scale": "float", "bias": "float"}
         if isinstance(learned, IntegerNetwork):
-            last = (learned.last_weight, learned.last_scale)
-        for n in range(len(learned.kernels)):
-            kernel: Any = learned.kernels[n]
-            if isinstance(learned, IntegerNetwork):
-                kernel, multiplier, offset, shift = learned.layers[n]
-                others = [
-                    *self._add_arrays(name, "int32_t", **{f"multiplier{n}": multiplier}),
-                    *self._add_arrays(name, "int64_t", **{f"offset{n}": offset}),
-                    str(shift),
-                ]
-            else:
-                scales = {f"scale{n}": learned.scales[n], f"bias{n}": learned.biases[n]}
-                others = self._add_arrays(name, "float", **scales)
+            layers, last = learned.layers, (learned.last_weight, learned.last_scale)
+            kinds = {"multiplier": "int32_t", "offset": "int64_t"}
+        rows = []
+        for n, (kernel, first, second, *shift) in enumerate(layers):
+            scales = zip(kinds.items(), (first, second), strict=True)
+            others = [self._add_array(f"{name}_{key}{n}", kind, values) for (key, kind), values in scales]
             weights = self._add_array(f"{name}_kernel{n}", "dg_weight", kernel.transpose(0, 2, 3, 1))
-            rows.append(f"    {{{', '.join([weights, *others, str(kernel.shape[1]), str(kernel.shape[0])])}}}")
+            rows.append(f"    {{{', '.join(map(str, [weights, *others, *shift, kernel.shape[1], kernel.shape[0]]))}}}")
         self._tables.append(f"static const dg_layer {name}_layers[DG_LAYERS] = {{\n" + ",\n".join(rows) + "\n};")
-        weight = self._add_arrays(name, "dg_weight", weight=last[0])
-        return [f"{name}_layers", *weight, *self._add_arrays(name, "float", scale=last[1], bias=learned.bias)]
+        weight = self._add_array(f"{name}_weight", "dg_weight", last[0])
+        return [f"{name}_layers", weight, *self._add_arrays(name, "float", scale=last[1], bias=learned.bias)]
 
 
 def _format_float(value: float) -> str:
