@@ -273,16 +273,15 @@ def learn(
         )
     else:
         learned = training.fit(kind, train, held, n_classes=n_classes, seed=seed)
-    calibration = Calibration(1.0, np.zeros(n_classes), 0)
-    if kind.learner != "majority" and held.labels.size:
-        calibration = calibrate(learned.log_probability(held.values), held.labels)
+    answers = learned.log_probability(held.values)
+    majority = kind.learner == "majority"
+    calibration = Calibration(1.0, np.zeros(n_classes), 0) if majority else calibrate(answers, held.labels)
     threshold = people = None
     alarm = rows.alarm if rows.alarm in rows.classes else None
     if alarm is not None:
         number = rows.classes.index(alarm)
         is_alarm = held.labels == number
-        probability = calibration(learned.log_probability(held.values))[:, number]
-        found = find_detection_threshold(probability, is_alarm, DETECTED_SHARE)
+        found = find_detection_threshold(calibration(answers)[:, number], is_alarm, DETECTED_SHARE)
         if np.isfinite(found):
             threshold, people = found, int(np.unique(rows.groups[fold.held][is_alarm]).size)
     # Span of every feature, NaN if never known, and the share of rows in which it is unknown.

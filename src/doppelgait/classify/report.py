@@ -335,7 +335,7 @@ def make_page(document: Document, pictures: Sequence[tuple[str, str]]) -> str:
         for fold in document["folds"]
     ]
     grey = {name for name, model in document["models"].items() if model["kind"]["baseline"]}
-    scores, *sections = _list_sections(document)
+    scores, *sections = list_sections(document)
     # Show details of the best model, or of the first trained model if no model is the best.
     best, details = str(document["kept"] or next(name for name in document["models"] if name not in grey)), []
     for column, models in document["breakdowns"].items():
@@ -380,7 +380,7 @@ def _format_plan(facts: Mapping[str, Any], role: str) -> str:
     return f"<h2>Plan, {role}: {escape(str(facts['name']))}, id {escape(str(facts['id']))}</h2>{plan}"
 
 
-def _list_sections(document: Document) -> list[tuple[str, list[dict[str, str]]]]:
+def list_sections(document: Document) -> list[tuple[str, list[dict[str, str]]]]:
     """List the tables of an evaluation that have rows, with a text before each."""
     sections = [("", score_table(document)), (ALARM_TEXT, format_alarm_table(document))]
     if day := document.get("alarm_day"):
@@ -394,11 +394,6 @@ def _list_sections(document: Document) -> list[tuple[str, list[dict[str, str]]]]
     sections.append((ADAPTATION_TEXT, format_adaptation_table(document)))
     sections.append((UNKNOWN_TEXT, format_unknown_table(document)))
     return [section for section in sections if section[1]]
-
-
-def list_tables(document: Document) -> list[list[dict[str, str]]]:
-    """List the tables of an evaluation for a terminal."""
-    return [rows for _, rows in _list_sections(document)]
 
 
 def score_table(document: Document) -> list[dict[str, str]]:

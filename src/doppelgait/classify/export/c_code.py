@@ -100,7 +100,6 @@ class Sources:
         if device is None:
             return found
         even, odd = self._count_layer_values(device)
-        layers = {len(network.kernels) for network in self.networks}
         shares = sum(part[1] for part in self.parts if isinstance(part[0], Network))
         return found | {
             "PRF_HZ": _format_float(device.prf_hz),
@@ -117,7 +116,7 @@ class Sources:
             "TIMES": device.patch.n_time,
             "PICTURES": len(device.picture_starts),
             "STAGES": len(device.factors),
-            "LAYERS": layers.pop(),
+            "LAYERS": len(self.networks[0].kernels),
             "MOST_CHANNELS": max(len(bias) for network in self.networks for bias in network.biases),
             "EVEN_VALUES": even,
             "ODD_VALUES": odd,
