@@ -157,42 +157,11 @@ def score_adaptation(
 
 
 def adapt_to_rows(
-    model: Model, rows: Rows, values: Inputs, rng: np.random.Generator
+    model: Model, rows: Rows, values: Inputs, *, shares: Mapping[str, float] | None = None, seed: int = 0
 ) -> tuple[Model, list[dict[str, Any]], list[str]]:
-    """Adapt a model to labelled rows, with the curve of its scores and remarks."""
-    rows, values, notes = _select_decidable(model, rows, values)
-    if np.unique(rows.labels).size < len(rows.classes):
-        return model, [], [*notes, "not adapted: a class has no own recording left"]
-    curve = score_adaptation(model, rows, values, rng)
-    if gone := [str(n) for n in COUNTS if n not in {point["n"] for point in curve}]:
-        notes.append(
-            f"no score after {', '.join(gone)} own recordings of a class: too few, or no target would be left to score"
-        )
-    if "subject" in rows.index and rows.index["subject"].astype(str).str.startswith("file/").all():
-        notes.append(
-            "own recordings name no subject: each counts as a separate target, though a target may be in several"
-        )
-    return adapt(model, values, rows.labels, list_row_recordings(rows)), curve, notes
-
-
-def adapt_to_nameless_rows(
-    model: Model, rows: Rows, values: Inputs, shares: Mapping[str, float] | None
-) -> tuple[Model, list[str]]:
-    """Adapt a model to rows without labels, with remarks."""
-    rows, values, notes = _select_decidable(model, rows, values)
-    if not len(rows):
-        return model, [*notes, "not adapted: no own row is left"]
-    assumed = shares or {name: 1.0 / len(rows.classes) for name in rows.classes}
-    names = list_row_recordings(rows)
-    words = ", ".join(f"{share:.0%} {name}" for name, share in assumed.items())
-    notes.append(f"adapted to {np.unique(names).size} recordings without labels, as if {words}; scores are from before")
-    return adapt_unlabelled(model, values, names, [assumed[name] for name in rows.classes]), notes
-
-
-def _select_decidable(model: Model, rows: Rows, values: Inputs) -> tuple[Rows, Inputs, list[str]]:
-    """Select the rows that the model decides on, with a remark on the others."""
-    blocked, notes = blocked_rows(rows, values, model), []
-    if blocked.any():
+    """Adapt a model to own rows, with the curve of its scores and remarks."""
+    notes = []
+    if (blocked := blocked_rows(rows, values, model)).any():
         outside = {
             name: int(mark_outside(found, name, model.facts.conditions).sum())
             for name, found in conditions_of_rows(rows).items()
@@ -202,4 +171,24 @@ def _select_decidable(model: Model, rows: Rows, values: Inputs) -> tuple[Rows, I
             f"{int(blocked.sum())} of {len(rows)} own rows are not used, because the model makes no decision on them"
             + (f" ({worst})" if worst else "")
         )
-    return take_rows(rows, ~blocked), values[~blocked], notes
+    rows, values = take_rows(rows, ~blocked), values[~blocked]
+    recordings = list_row_recordings(rows)
+    if shares is not None:
+        if not len(rows):
+            return model, [], [*notes, "not adapted: no own row is left"]
+        words = ", ".join(f"{share:.0%} {name}" for name, share in shares.items())
+        count = np.unique(recordings).size
+        notes.append(f"adapted to {count} recordings without labels, as if {words}; scores are from before")
+        return adapt_unlabelled(model, values, recordings, [shares[name] for name in rows.classes]), [], notes
+    if np.unique(rows.labels).size < len(rows.classes):
+        return model, [], [*notes, "not adapted: a class has no own recording left"]
+    curve = score_adaptation(model, rows, values, np.random.default_rng(seed))
+    if gone := [str(n) for n in COUNTS if n not in {point["n"] for point in curve}]:
+        notes.append(
+            f"no score after {', '.join(gone)} own recordings of a class: too few, or no target would be left to score"
+        )
+    if "subject" in rows.index and rows.index["subject"].astype(str).str.startswith("file/").all():
+        notes.append(
+            "own recordings name no subject: each counts as a separate target, though a target may be in several"
+        )
+    return adapt(model, values, rows.labels, recordings), curve, notes

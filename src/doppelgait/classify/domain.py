@@ -148,62 +148,53 @@ class Comparison:
 def compare_recordings(real: Sequence[Recording], synthetic: Sequence[Recording], *, seed: int = 0) -> Comparison:
     """Separate real from simulated windows by a trained classifier."""
     from scipy.stats import wasserstein_distance
-
-    rows: list[Statistics] = []
-    labels, groups = [], []
-    few = min(len(real), len(synthetic)) < FEW
-    for label, recordings in enumerate((synthetic, real)):
-        for number, recording in enumerate(recordings):
-            found = measure_windows(recording)
-            rows += found
-            labels += [label] * len(found)
-            part = np.arange(len(found)) * FOLDS // len(found) if few else np.zeros(len(found), dtype=int)
-            groups += [f"{label}-{number:05d}-{k}" for k in part]
-    table = pd.DataFrame(rows).dropna(axis="columns")
-    names, values = [str(name) for name in table], table.to_numpy(dtype=np.float64)
-    positive, group = np.array(labels) == 1, np.array(groups)
-    shape = np.array([not name.startswith(LEVELS) for name in names])
-    everything = np.ones_like(shape)
-    wanted = {"all": ("boosting", everything), "shape": ("boosting", shape), "linear": ("linear", everything)}
-    scores = {
-        key: _score_held_out(values[:, columns], positive, group, kind=kind, seed=seed)
-        for key, (kind, columns) in wanted.items()
-    }
-    intervals = {
-        key: (auc(scores[key], positive), *bootstrap_auc(scores[key], positive, group, seed=seed, count=REPLICATES))
-        for key in ("all", "shape")
-    }
-    distances = {}
-    for name, column in zip(names, values.T, strict=True):
-        spread = math.sqrt((column[positive].var() + column[~positive].var()) / 2.0)
-        apart = wasserstein_distance(column[positive], column[~positive])
-        alone = auc(column, positive)
-        distances[name] = (apart / spread if spread > 0 else 0.0, max(alone, 1.0 - alone))
-    ordered = dict(sorted(distances.items(), key=lambda item: -item[1][0]))
-    held_out = "parts of recordings" if few else "recordings"
-    linear, counts = auc(scores["linear"], positive), (len(real), len(synthetic))
-    return Comparison(intervals["all"], intervals["shape"], linear, ordered, *counts, held_out)
-
-
-def _score_held_out(
-    values: FloatArray, positive: npt.NDArray[np.bool_], groups: npt.NDArray[np.str_], *, kind: str, seed: int
-) -> FloatArray:
-    """Return window scores from models trained without the window's group."""
     from sklearn.ensemble import HistGradientBoostingClassifier
     from sklearn.linear_model import LogisticRegression
     from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
-    folds = min(FOLDS, *(np.unique(groups[side]).size for side in (positive, ~positive)))
+    rows: list[Statistics] = []
+    labels, groups = [], []
+    few = min(len(real), len(synthetic)) < FEW
+    for label, recordings in enumerate((synthetic, real)):
+        for number, recording in enumerate(recordings):
+            windows = measure_windows(recording)
+            rows += windows
+            labels += [label] * len(windows)
+            piece = np.arange(len(windows)) * FOLDS // len(windows) if few else np.zeros(len(windows), dtype=int)
+            groups += [f"{label}-{number:05d}-{k}" for k in piece]
+    table = pd.DataFrame(rows).dropna(axis="columns")
+    values, positive, group = table.to_numpy(dtype=np.float64), np.array(labels) == 1, np.array(groups)
+    folds = min(FOLDS, *(np.unique(group[side]).size for side in (positive, ~positive)))
     if folds < 2:
         raise AnalysisError("nothing can be held out: two windows of real recordings and two of simulated are needed")
-    model: Any = make_pipeline(StandardScaler(), LogisticRegression(max_iter=1000))
-    if kind == "boosting":
-        model = HistGradientBoostingClassifier(max_iter=100, learning_rate=0.1, max_depth=3, random_state=seed)
-    splitter = StratifiedGroupKFold(folds, shuffle=True, random_state=seed)
-    scores = cross_val_predict(model, values, positive, groups=groups, cv=splitter, method="decision_function")
-    return np.asarray(scores, dtype=np.float64)
+    cut = StratifiedGroupKFold(folds, shuffle=True, random_state=seed)
+
+    def predict(model: Any, columns: Any = slice(None)) -> FloatArray:
+        """Return window scores from models trained without the window's group."""
+        used = values[:, columns]
+        return np.asarray(cross_val_predict(model, used, positive, groups=group, cv=cut, method="decision_function"))
+
+    def measure(scores: FloatArray) -> tuple[float, float, float]:
+        return auc(scores, positive), *bootstrap_auc(scores, positive, group, seed=seed, count=REPLICATES)
+
+    boosting = HistGradientBoostingClassifier(max_iter=100, learning_rate=0.1, max_depth=3, random_state=seed)
+    distances = {}
+    for name, column in zip(map(str, table), values.T, strict=True):
+        spread = math.sqrt((column[positive].var() + column[~positive].var()) / 2.0)
+        apart = wasserstein_distance(column[positive], column[~positive])
+        alone = auc(column, positive)
+        distances[name] = (apart / spread if spread > 0 else 0.0, max(alone, 1.0 - alone))
+    return Comparison(
+        auc=measure(predict(boosting)),
+        auc_of_shape=measure(predict(boosting, [not name.startswith(LEVELS) for name in distances])),
+        auc_linear=auc(predict(make_pipeline(StandardScaler(), LogisticRegression(max_iter=1000))), positive),
+        distances=dict(sorted(distances.items(), key=lambda item: -item[1][0])),
+        n_real=len(real),
+        n_synthetic=len(synthetic),
+        held_out="parts of recordings" if few else "recordings",
+    )
 
 
 def plot_recording(recording: Recording) -> tuple[FloatArray, FloatArray, str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import pandas as pd
 
 from doppelgait import __version__
 from doppelgait.classify import scores, training
-from doppelgait.classify.adapt import adapt_to_nameless_rows, adapt_to_rows
+from doppelgait.classify.adapt import adapt_to_rows
 from doppelgait.classify.alarm import run_day, score_day
 from doppelgait.classify.data import Rows, Table, collect_inputs, collect_rows, select_split, take_rows, unknown_rows
 from doppelgait.classify.learned import (
@@ -77,17 +78,22 @@ def choose_folds(
     rows: Rows, *, n_folds: int | None = None, left_out: str | None = None, seed: int
 ) -> tuple[list[Fold], list[str]]:
     """Return the folds of a cross-validation, or the dataset's own splits, with notes."""
-    values = {"--cv": n_folds, "--leave-out": left_out}
+    values = {"--cv": n_folds, "--leave-out": left_out, "--test": rows.datasets[1:] or None}
     options = [name for name, value in values.items() if value is not None]
-    options += ["--test"] if len(rows.datasets) > 1 else []
     if len(options) > 1:
         raise ConfigError(f"{' and '.join(options)}: use one of them")
     if n_folds is not None:
-        return split_into_folds(rows, n_folds, seed=seed), []
-    if left_out is not None:
-        return leave_out(rows, left_out, seed=seed)
-    fold, notes = use_own_splits(rows, seed=seed)
-    return [fold], notes
+        folds, notes = split_into_folds(rows, n_folds, seed=seed), list[str]()
+    elif left_out is not None:
+        folds, notes = leave_out(rows, left_out, seed=seed)
+    else:
+        fold, notes = use_own_splits(rows, seed=seed)
+        folds = [fold]
+    for fold in folds:
+        both = np.intersect1d(rows.groups[np.concatenate([fold.train, fold.held])], rows.groups[fold.test])
+        if both.size:
+            raise DatasetError(f"{fold.name}: {both[0]} is in the training and in the test data; split by target")
+    return folds, notes
 
 
 def use_own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
@@ -186,13 +192,9 @@ def _check_all_classes(rows: Rows, learn: IntArray, words: str) -> None:
         raise DatasetError(f"{words} has no row of {', '.join(missing)}: these classes cannot be trained")
 
 
-def refuse_shared(rows: Rows, folds: Sequence[Fold]) -> None:
-    """Refuse folds with a group on two sides."""
-    for fold in folds:
-        trained = np.concatenate([fold.train, fold.held])
-        both = np.intersect1d(rows.groups[trained], rows.groups[fold.test])
-        if both.size:
-            raise DatasetError(f"{fold.name}: {both[0]} is in the training and in the test data; split by target")
+Progress = Callable[[int, int], None]
+Members = Sequence[Sequence[Sequence[Model]]]
+"""Trained members of an ensemble, by kind, seed and fold."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,44 +213,34 @@ class Run:
 
 
 def run_all(
-    rows: Rows,
-    tables: Mapping[str, Table],
-    folds: Sequence[Fold],
-    *,
-    seed: int,
-    n_seeds: int,
-    on_progress: Callable[[int, int], None] | None,
+    rows: Rows, tables: Mapping[str, Table], folds: Sequence[Fold], on_progress: Progress, *, seed: int, n_seeds: int
 ) -> tuple[dict[str, Run], dict[str, list[Run]]]:
     """Train and test all models, with every seed."""
     # train all models for one seed after another, and the baselines once
     jobs = [(name, seed + k) for k in range(n_seeds) for name in tables if k == 0 or name not in BASELINES]
     by_seed: dict[str, list[Run]] = {name: [] for name in tables}
-    for number, (name, own_seed) in enumerate(jobs):
+    done = count(1)
 
-        def tick(done: int, before: int = number * len(folds)) -> None:
-            if on_progress is not None:
-                on_progress(before + done, len(jobs) * len(folds))
+    def tick() -> None:
+        on_progress(next(done), len(jobs) * len(folds))
 
-        members = [[by_seed[each][-1].models] for each in MEMBERS if by_seed.get(each)] if name == "ensemble" else []
+    def list_members(first: int) -> Members:
+        return [[run.models for run in by_seed[name][first:]] for name in MEMBERS if by_seed.get(name)]
+
+    for name, own_seed in jobs:
+        members = list_members(-1) if name == "ensemble" else []
         by_seed[name].append(run_model(rows, tables[name], name, folds, own_seed, tick, members))
-    runs = {name: found[0] for name, found in by_seed.items()}
+    runs = {name: of_seeds[0] for name, of_seeds in by_seed.items()}
     if "ensemble" in runs and n_seeds > 1:
-        members = [[run.models for run in by_seed[each]] for each in MEMBERS if each in by_seed]
-        runs["ensemble"] = run_model(rows, tables["ensemble"], "ensemble", folds, seed, lambda done: None, members)
+        table = tables["ensemble"]
+        runs["ensemble"] = run_model(rows, table, "ensemble", folds, seed, lambda: None, list_members(0))
     return runs, by_seed
 
 
 def run_model(
-    rows: Rows,
-    table: Table,
-    name: str,
-    folds: Sequence[Fold],
-    seed: int,
-    tick: Callable[[int], None],
-    members: Sequence[Sequence[Sequence[Model]]] = (),
+    rows: Rows, table: Table, name: str, folds: Sequence[Fold], seed: int, tick: Callable[[], None], members: Members
 ) -> Run:
     """Train on every fold and predict its test rows."""
-    # an ensemble combines its ``members``, of the same folds, by kind, seed and fold
     models, parts, losses, importance = [], [], [], []
     for number, fold in enumerate(folds):
         model = learn(rows, table, name, fold, seed=seed, members=[[each[number] for each in kind] for kind in members])
@@ -260,7 +252,7 @@ def run_model(
             importance.append(_rank_features(rows, table, model, fold, seed) if shuffled else {})
         own = _compute_losses(model, table.values[fold.held], rows.labels[fold.held])
         losses.append(float(own.mean()) if own.size else np.inf)
-        tick(number + 1)
+        tick()
     mean = {key: float(np.mean([part[key] for part in importance])) for key in importance[0]}
     # The answers of all folds, in the order of the rows.
     tested = np.concatenate([fold.test for fold in folds])
@@ -295,15 +287,15 @@ def describe_model(
     kind, n_classes = training.find_kind(name), len(rows.classes)
     train, held = (LabelledRows(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
     of_tracks = isinstance(learned, TrackNetwork)
-    calibration = Calibration(1.0, np.zeros(n_classes), 0)
-    if kind.learner != "majority" and held.labels.size:
-        calibration = calibrate(learned.log_probability(held.values), held.labels)
+    answers = learned.log_probability(held.values)
+    majority = kind.learner == "majority"
+    calibration = Calibration(1.0, np.zeros(n_classes), 0) if majority else calibrate(answers, held.labels)
     threshold = people = None
-    if rows.alarm in rows.classes:
-        number = rows.classes.index(rows.alarm)
+    alarm = rows.alarm if rows.alarm in rows.classes else None
+    if alarm is not None:
+        number = rows.classes.index(alarm)
         is_alarm = held.labels == number
-        probability = calibration(learned.log_probability(held.values))[:, number]
-        groups = rows.groups[fold.held]
+        probability, groups = calibration(answers)[:, number], rows.groups[fold.held]
         if of_tracks:  # an alarm stays, so that the highest probability of a target counts
             groups, target = np.unique(groups[is_alarm], return_inverse=True)
             highest = np.zeros(groups.size)
@@ -332,8 +324,10 @@ def describe_model(
         conditions=find_training_conditions(conditions_of_rows(rows), fold.train, of_tracks=of_tracks),
         blocking=ECHOES if of_tracks else BLOCKING,
         window_s=config["dataset"]["window_s"] if of_tracks and config.get("episodes") else None,
-        alarm=rows.alarm if rows.alarm in rows.classes else None,
-    ).model_copy(update={"alarm_threshold": threshold, "alarm_people": people})
+        alarm=alarm,
+        alarm_threshold=threshold,
+        alarm_people=people,
+    )
     novelty = None
     if table.names and name not in BASELINES and not of_tracks:
         novelty = training.learn_novelty(training.standardise_columns(values), LabelledRows(values, train.labels), held)
@@ -542,7 +536,6 @@ def evaluate(
         if other_data is not None and (n_folds or left_out):
             raise ConfigError(f"{option}: needs one model for all rows; leave --cv and --leave-out out")
     folds, notes = choose_folds(rows, n_folds=n_folds, left_out=left_out, seed=seed)
-    refuse_shared(rows, folds)
     tables, skipped = _load_tables(rows, models, motion_folder)
     trained = [name for name in tables if name not in BASELINES]
     if not trained:
@@ -557,7 +550,8 @@ def evaluate(
             f"--save: no rows can be held out to choose among {', '.join(trained)}: a class has too few targets; "
             "name the one model to keep (--models), or add more data"
         )
-    runs, by_seed = run_all(rows, tables, whole, seed=seed, n_seeds=n_seeds, on_progress=on_progress)
+    progress = on_progress or (lambda done, total: None)
+    runs, by_seed = run_all(rows, tables, whole, progress, seed=seed, n_seeds=n_seeds)
     best = _choose_best({name: by_seed[name] for name in trained})
     outside = _find_outside(rows, folds)
     notes += [*skipped, *_list_limits(rows, folds, {name: runs[name] for name in trained}, outside)]
@@ -568,15 +562,14 @@ def evaluate(
         values = [scores.balanced_accuracy(each.labels, each.right, len(each.classes)) for each in by_answers]
         document["models"][name]["seeds"] = [value if np.isfinite(value) else None for value in values]
     kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
-    part = folds[0].test
+    part, equal = folds[0].test, dict.fromkeys(rows.classes, 1.0 / len(rows.classes))
     for name in trained if own is not None or strangers is not None else ():
         entry, tested, remarks = document["models"][name], tables[name].values[part], list[str]()
         if nameless is not None:
             inputs = collect_inputs(nameless, kept[name].facts.features).values
-            kept[name], remarks = adapt_to_nameless_rows(kept[name], nameless, inputs, own_shares)
+            kept[name], _, remarks = adapt_to_rows(kept[name], nameless, inputs, shares=own_shares or equal)
         elif own is not None:
-            rng = np.random.default_rng(seed)
-            adapted = adapt_to_rows(kept[name], take_rows(rows, part), tested, rng)
+            adapted = adapt_to_rows(kept[name], take_rows(rows, part), tested, seed=seed)
             kept[name], entry["adaptation"], remarks = adapted
         if strangers is not None:
             entry["unknown"] = scores.open_set_scores(kept[name], tested, strangers)

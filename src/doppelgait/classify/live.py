@@ -173,6 +173,7 @@ class Live:
         skip: bool,
     ) -> None:
         self._ring, self._tracks, self._analysis, self._tracking, self._skip = ring, tracks, analysis, tracking, skip
+        self.window_s, self.hop_s = ring.window_s, ring.hop_s
         self._slot: queue.Queue[Window | Exception | None] = queue.Queue(1)
         self._closed = threading.Event()
         threading.Thread(target=self._receive, args=(frames,), daemon=True, name="frames of live").start()
@@ -181,16 +182,6 @@ class Live:
     def counts(self) -> LiveCounts:
         """Frames and windows up to now."""
         return replace(self._ring.counts)
-
-    @property
-    def window_s(self) -> float:
-        """Length of a window."""
-        return self._ring.window_s
-
-    @property
-    def hop_s(self) -> float:
-        """Time from window to window."""
-        return self._ring.hop_s
 
     def close(self) -> None:
         """Stop receiving frames."""

@@ -34,6 +34,7 @@ BASELINE_STYLES = {"chance": ":", "nuisance": "--", "speed": "-."}
 MOST_FEATURES = 15
 CONFIDENCE_LABEL, CORRECT_LABEL = "confidence", "share of correct rows"
 ALONE = "the only class present"
+HOLLOW: dict[str, Any] = {"marker": "D", "mfc": "none", "ls": ""}  # recalls, which are no balanced accuracies
 
 Document = Mapping[str, Any]
 
@@ -95,9 +96,8 @@ def _choose_line_styles(document: Document) -> dict[str, dict[str, Any]]:
         name: {"color": BASELINE_COLOUR, "linestyle": style} for name, style in BASELINE_STYLES.items()
     }
     trained = [name for name, model in document["models"].items() if not model["kind"]["baseline"]]
-    for name, colour in zip(trained, cycle(SERIES_COLOURS), strict=False):
-        looks[name] = {"color": colour, "linestyle": "-"}
-    return looks
+    colours = zip(trained, cycle(SERIES_COLOURS), strict=False)
+    return looks | {name: {"color": colour, "linestyle": "-"} for name, colour in colours}
 
 
 def _finish(axes: Axes, title: str, x: str, y: str, **legend: Any) -> None:
@@ -115,7 +115,8 @@ def score_bars(document: Document) -> Figure:
     for place, (name, model) in enumerate(reversed(models.items())):
         found, colour = model["balanced_accuracy"], looks[name]["color"]
         if found["value"] is None:
-            _plot_hollow(axes, [(value, place) for value in _list_recalls(model)], colour)
+            recalls = _list_recalls(model)
+            axes.plot(recalls, [place] * len(recalls), color=colour, ms=6, **HOLLOW)
             continue
         spread = [[found["value"] - found["low"]], [found["high"] - found["value"]]]
         axes.errorbar([found["value"]], [place], xerr=spread, color=colour, **style)
@@ -123,7 +124,7 @@ def score_bars(document: Document) -> Figure:
     axes.errorbar([], [], xerr=[], color="black", label="value and 95 % interval", **style)
     axes.axvline(1.0 / len(document["classes"]), color="black", ls=":", lw=1.0, label="chance")
     if any(model["balanced_accuracy"]["value"] is None for model in models.values()):
-        axes.plot([], [], "D", mfc="none", color="black", label=f"recall of {ALONE}")
+        axes.plot([], [], color="black", label=f"recall of {ALONE}", **HOLLOW)
     axes.set(xlim=(0.0, 1.02), ylim=(-0.6, len(models) - 0.4))
     _finish(axes, "Balanced accuracy of every model", "balanced accuracy", "")
     return figure
@@ -131,12 +132,6 @@ def score_bars(document: Document) -> Figure:
 
 def _list_recalls(found: Mapping[str, Any]) -> list[float]:
     return [share["value"] for share in found["recall"].values() if share["value"] is not None]
-
-
-def _plot_hollow(axes: Axes, points: Sequence[tuple[float, float]], colour: str) -> None:
-    """Plot recalls as hollow markers, because they are not balanced accuracies."""
-    for x, y in points:
-        axes.plot([x], [y], "D", mfc="none", color=colour, ms=6)
 
 
 def plot_confusion(document: Document) -> Figure:
@@ -238,7 +233,8 @@ def plot_condition(document: Document, condition: str) -> Figure:
         for entry in bins:
             middle = (entry["from"] + entry["to"]) / 2.0 + shift
             if entry["value"] is None:
-                _plot_hollow(axes, [(middle, value) for value in _list_recalls(entry)], looks[name]["color"])
+                recalls = _list_recalls(entry)
+                axes.plot([middle] * len(recalls), recalls, color=looks[name]["color"], ms=6, **HOLLOW)
             else:
                 whole.append([middle, *(entry[key] for key in ("value", "low", "high"))])
         x, y, *ends = np.reshape(whole, (-1, 4)).T
@@ -320,11 +316,8 @@ def write_report(found: Evaluation, folder: str | Path, *, figure_format: str = 
             "answers.csv": found.answers.to_csv(index=False, lineterminator="\n"),
             "plan.json": json.dumps(document["dataset"]["config"], indent=1, allow_nan=False) + "\n",
         }
-        listing = {
-            "format": FORMAT,
-            "format_version": FORMAT_VERSION,
-            "files": sorted([*texts, *dict(pictures), *vectors]),
-        }
+        files = sorted([*texts, *dict(pictures), *vectors])
+        listing = {"format": FORMAT, "format_version": FORMAT_VERSION, "files": files}
         texts[LISTING] = json.dumps(listing, indent=1) + "\n"
         texts[PAGE] = make_page(document, pictures)
         for name, text in texts.items():
@@ -342,7 +335,7 @@ def make_page(document: Document, pictures: Sequence[tuple[str, str]]) -> str:
         for fold in document["folds"]
     ]
     grey = {name for name, model in document["models"].items() if model["kind"]["baseline"]}
-    scores, *sections = _list_sections(document)
+    scores, *sections = list_sections(document)
     # Show details of the best model, or of the first trained model if no model is the best.
     best, details = str(document["kept"] or next(name for name in document["models"] if name not in grey)), []
     for column, models in document["breakdowns"].items():
@@ -387,7 +380,7 @@ def _format_plan(facts: Mapping[str, Any], role: str) -> str:
     return f"<h2>Plan, {role}: {escape(str(facts['name']))}, id {escape(str(facts['id']))}</h2>{plan}"
 
 
-def _list_sections(document: Document) -> list[tuple[str, list[dict[str, str]]]]:
+def list_sections(document: Document) -> list[tuple[str, list[dict[str, str]]]]:
     """List the tables of an evaluation that have rows, with a text before each."""
     sections = [("", score_table(document)), (ALARM_TEXT, format_alarm_table(document))]
     if day := document.get("alarm_day"):
@@ -401,11 +394,6 @@ def _list_sections(document: Document) -> list[tuple[str, list[dict[str, str]]]]
     sections.append((ADAPTATION_TEXT, format_adaptation_table(document)))
     sections.append((UNKNOWN_TEXT, format_unknown_table(document)))
     return [section for section in sections if section[1]]
-
-
-def list_tables(document: Document) -> list[list[dict[str, str]]]:
-    """List the tables of an evaluation for a terminal."""
-    return [rows for _, rows in _list_sections(document)]
 
 
 def score_table(document: Document) -> list[dict[str, str]]:

@@ -131,18 +131,12 @@ def bin_reliability(confidence: FloatArray, right: Bools, weights: FloatArray, l
     """Return confidence and accuracy in bins of confidence."""
     edges = np.linspace(lowest, 1.0, CALIBRATION_BINS + 1)
     place = np.clip(np.searchsorted(edges, confidence, side="right") - 1, 0, CALIBRATION_BINS - 1)
-    found = []
-    for number in np.unique(place):
-        inside = place == number
-        found.append(
-            {
-                "confidence": float(np.average(confidence[inside], weights=weights[inside])),
-                "accuracy": float(np.average(right[inside], weights=weights[inside])),
-                "share": float(weights[inside].sum() / weights.sum()),
-                "n": int(inside.sum()),
-            }
-        )
-    return found
+    averaged = {"confidence": confidence, "accuracy": right}
+    return [
+        {name: float(np.average(values[inside], weights=weights[inside])) for name, values in averaged.items()}
+        | {"share": float(weights[inside].sum() / weights.sum()), "n": int(inside.sum())}
+        for inside in (place == number for number in np.unique(place))
+    ]
 
 
 def expected_calibration_error(bins: list[dict[str, float]]) -> float:

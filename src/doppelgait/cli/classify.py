@@ -294,7 +294,7 @@ def evaluate(
     from doppelgait.classify.alarm import load_day
     from doppelgait.classify.evaluation import evaluate as run_evaluation
     from doppelgait.classify.model_file import save_model
-    from doppelgait.classify.report import check_folder, list_tables, write_report
+    from doppelgait.classify.report import check_folder, list_sections, write_report
     from doppelgait.classify.training import BASELINES
     from doppelgait.dataset import open_dataset
 
@@ -330,7 +330,7 @@ def evaluate(
     if as_json:
         print_json(found.document)
         return
-    print_tables(list_tables(found.document))
+    print_tables([rows for _, rows in list_sections(found.document)])
     for note in found.document["notes"]:
         print_message(f"note: {note}")
     print_message(f"report: {page}")

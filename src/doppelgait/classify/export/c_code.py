@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from doppelgait.classify.learned import Constant, Kernel, Linear, Network, Trees
 from doppelgait.classify.model import Model
 
 TEXTS = Path(__file__).parent / "c99"
-LINE = 110
+LINE = 112
 TYPES = {"float": 4, "int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4, "int64_t": 8}
 SAMPLES_TOLERANCE = {False: 1e-4, True: 2e-2}
 """Tolerances of probabilities in float32 and in int8. In int8 a level between two integers may be rounded either
@@ -47,17 +47,17 @@ class Sources:
         macros = "\n".join(f"#define DG_{name} {value}" for name, value in self._collect_macros().items())
         about = f"/* {self.model.facts.name}, trained on {self.model.facts.dataset_name}; doppelgait {__version__} */"
         types = "\n".join(f"typedef {kind} {name};" for name, kind in self.types.items())
-        return _read("engine.h").replace("/* @MACROS@ */", f"{about}\n{macros}\n\n{types}")
+        engine = (TEXTS / "engine.h").read_text(encoding="utf-8")
+        return engine.replace("/* @MACROS@ */", f"{about}\n{macros}\n\n{types}")
 
     def source(self) -> str:
         """Return the text of the source."""
-        return _read("engine.c").replace("/* @TABLES@ */", self.tables)
+        return (TEXTS / "engine.c").read_text(encoding="utf-8").replace("/* @TABLES@ */", self.tables)
 
     def facts(self) -> dict[str, Any]:
         """Return table flash and RAM in bytes, and work."""
         found: dict[str, Any] = {"flash_table_bytes": self.flash_bytes, "ram_bytes": 0}
-        device = self.device
-        if device is not None:
+        if (device := self.device) is not None:
             ring = device.bins * (2 * device.taper.size + 7)
             levels = device.n_columns * device.patch.n_velocity
             found["window_bytes"] = 4 * (ring + device.n_doppler + levels + 4)
@@ -68,10 +68,9 @@ class Sources:
         return found
 
     def _count_layer_values(self, device: Device) -> tuple[int, int]:
-        sizes, size = [device.patch.n_velocity * device.patch.n_time], device.patch.n_velocity * device.patch.n_time
-        for number in range(max(len(network.kernels) for network in self.networks)):
-            size //= 4
-            sizes.append(max(size * network.kernels[number].shape[0] for network in self.networks))
+        cells = device.patch.n_velocity * device.patch.n_time
+        layers = zip(*(network.biases for network in self.networks), strict=True)
+        sizes = [cells, *(cells // 4**n * max(map(len, biases)) for n, biases in enumerate(layers, 1))]
         return max(sizes[0::2]), max(sizes[1::2])
 
     def _buffer_bytes(self, device: Device) -> int:
@@ -101,7 +100,6 @@ class Sources:
         if device is None:
             return found
         even, odd = self._count_layer_values(device)
-        layers = {len(network.kernels) for network in self.networks}
         shares = sum(part[1] for part in self.parts if isinstance(part[0], Network))
         return found | {
             "PRF_HZ": _format_float(device.prf_hz),
@@ -118,7 +116,7 @@ class Sources:
             "TIMES": device.patch.n_time,
             "PICTURES": len(device.picture_starts),
             "STAGES": len(device.factors),
-            "LAYERS": layers.pop(),
+            "LAYERS": len(self.networks[0].kernels),
             "MOST_CHANNELS": max(len(bias) for network in self.networks for bias in network.biases),
             "EVEN_VALUES": even,
             "ODD_VALUES": odd,
@@ -167,9 +165,9 @@ class Sources:
             self._add_array("picture_starts", "int16_t", device.picture_starts)
             self._add_array("factors", "int16_t", device.factors)
             turns = np.exp(2j * np.pi * np.arange(device.n_doppler) / device.n_doppler)
-            pairs = _wrap([f"{{{_format_float(each.real)}, {_format_float(each.imag)}}}" for each in turns])
+            pairs = _wrap([f"{{{_format_float(each.real)},~{_format_float(each.imag)}}}" for each in turns])
             self.flash_bytes += 8 * turns.size
-            self._tables.append(f"static const float turns[DG_DOPPLER][2] = {{\n{pairs}\n}};")
+            self._tables.append(f"static const float turns[DG_DOPPLER][2] = {{\n{pairs.replace('~', ' ')}\n}};")
         return "\n\n".join(self._tables)
 
     def _add_member(self, learned: Any, name: str) -> tuple[int, str]:
@@ -178,15 +176,13 @@ class Sources:
             case Constant():
                 return 0, self._add_array(f"{name}_shares", "float", learned.log_share)
             case Linear() | Kernel():
-                return 1, self._add_struct("dg_columns", name, self._add_columns(learned, name))
+                number, kind, values = 1, "dg_columns", self._add_columns(learned, name)
             case Trees():
-                return 2, self._add_struct("dg_trees", name, self._add_trees(learned, name))
+                number, kind, values = 2, "dg_trees", self._add_trees(learned, name)
             case _:
-                return 3, self._add_struct("dg_network", name, self._add_network(learned, name))
-
-    def _add_struct(self, kind: str, name: str, values: Iterable[Any]) -> str:
+                number, kind, values = 3, "dg_network", self._add_network(learned, name)
         self._tables.append(f"static const {kind} {name} = {{{', '.join(map(str, values))}}};")
-        return f"&{name}"
+        return number, f"&{name}"
 
     def _add_columns(self, learned: Linear | Kernel, name: str) -> list[Any]:
         floor = learned.floor if learned.floor.size else np.zeros(learned.median.size)
@@ -203,40 +199,30 @@ class Sources:
         inner = learned.feature >= 0
         value = np.where(inner, np.clip(round_threshold(learned.threshold), -3e38, 3e38), learned.value)
         arrays = [
-            *self._add_arrays(name, "int16_t", feature=learned.feature),
-            *self._add_arrays(name, "float", value=value),
-            *self._add_arrays(name, "uint8_t", unknown_left=learned.unknown_left),
+            self._add_array(f"{name}_feature", "int16_t", learned.feature),
+            self._add_array(f"{name}_value", "float", value),
+            self._add_array(f"{name}_unknown_left", "uint8_t", learned.unknown_left),
             *self._add_arrays(name, "dg_node", left=learned.left, right=learned.right, root=learned.root),
         ]
-        return [*arrays, *learned.root.shape, *self._add_arrays(name, "float", start=learned.start)]
+        return [*arrays, *learned.root.shape, self._add_array(f"{name}_start", "float", learned.start)]
 
     def _add_network(self, learned: Network, name: str) -> list[Any]:
-        rows = []
         size = learned.patch.n_velocity * learned.patch.n_time / 4 ** len(learned.kernels)
         last: tuple[Any, Any] = (learned.weight, np.full(learned.bias.size, 1.0 / size))
+        layers: Any = zip(learned.kernels, learned.scales, learned.biases, strict=True)
+        kinds = {"scale": "float", "bias": "float"}
         if isinstance(learned, IntegerNetwork):
-            last = (learned.last_weight, learned.last_scale)
-        for n in range(len(learned.kernels)):
-            kernel: Any = learned.kernels[n]
-            if isinstance(learned, IntegerNetwork):
-                kernel, multiplier, offset, shift = learned.layers[n]
-                others = [
-                    *self._add_arrays(name, "int32_t", **{f"multiplier{n}": multiplier}),
-                    *self._add_arrays(name, "int64_t", **{f"offset{n}": offset}),
-                    str(shift),
-                ]
-            else:
-                scales = {f"scale{n}": learned.scales[n], f"bias{n}": learned.biases[n]}
-                others = self._add_arrays(name, "float", **scales)
+            layers, last = learned.layers, (learned.last_weight, learned.last_scale)
+            kinds = {"multiplier": "int32_t", "offset": "int64_t"}
+        rows = []
+        for n, (kernel, first, second, *shift) in enumerate(layers):
+            scales = zip(kinds.items(), (first, second), strict=True)
+            others = [self._add_array(f"{name}_{key}{n}", kind, values) for (key, kind), values in scales]
             weights = self._add_array(f"{name}_kernel{n}", "dg_weight", kernel.transpose(0, 2, 3, 1))
-            rows.append(f"    {{{', '.join([weights, *others, str(kernel.shape[1]), str(kernel.shape[0])])}}}")
+            rows.append(f"    {{{', '.join(map(str, [weights, *others, *shift, kernel.shape[1], kernel.shape[0]]))}}}")
         self._tables.append(f"static const dg_layer {name}_layers[DG_LAYERS] = {{\n" + ",\n".join(rows) + "\n};")
-        weight = self._add_arrays(name, "dg_weight", weight=last[0])
-        return [f"{name}_layers", *weight, *self._add_arrays(name, "float", scale=last[1], bias=learned.bias)]
-
-
-def _read(name: str) -> str:
-    return (TEXTS / name).read_text(encoding="utf-8")
+        weight = self._add_array(f"{name}_weight", "dg_weight", last[0])
+        return [f"{name}_layers", weight, *self._add_arrays(name, "float", scale=last[1], bias=learned.bias)]
 
 
 def _format_float(value: float) -> str:
@@ -245,10 +231,6 @@ def _format_float(value: float) -> str:
 
 
 def _wrap(words: list[str]) -> str:
-    lines, line = [], "   "
-    for word in words:
-        if len(line) + len(word) > LINE:
-            lines.append(line)
-            line = "   "
-        line += f" {word},"
-    return "\n".join([*lines, line]).rstrip(",")
+    text = "".join(f"{word}, " for word in words)
+    lines = fill(text, LINE, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
+    return lines.removesuffix(",")

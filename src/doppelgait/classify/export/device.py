@@ -6,7 +6,7 @@ The networks have 8-bit weights and activations, and 32-bit sums.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -174,10 +174,7 @@ def select_networks(model: Model) -> Model | None:
         return model if seeing else None
     members, weights, slopes, shifts = zip(*seeing, strict=True)
     joined = Ensemble(members, np.array(weights) / np.sum(weights), np.array(slopes), np.array(shifts))
-    unchanged = Calibration(1.0, np.zeros(len(model.facts.classes)), 0)
-    facts = model.facts.model_copy(update={"names": (), "features": "signature"})
-    nothing = np.zeros(0)
-    return Model(facts, joined, unchanged, nothing, nothing, nothing)
+    return replace(model, learned=joined, calibration=Calibration(1.0, np.zeros(len(model.facts.classes)), 0))
 
 
 def count_work(device: Device, networks: list[Network]) -> dict[str, float]:
@@ -185,13 +182,9 @@ def count_work(device: Device, networks: list[Network]) -> dict[str, float]:
     k = device.n_doppler
     stages = sum(2 * k if factor == 2 else 4 * k * factor for factor in device.factors)
     column = device.bins * (2 * device.taper.size + stages + 2 * k) + 2 * k
-    height, width, picture = device.patch.n_velocity, device.patch.n_time, 0
+    cells, picture = device.patch.n_velocity * device.patch.n_time, 0
     for network in networks:
-        height, width = device.patch.n_velocity, device.patch.n_time
-        for kernel in network.kernels:
-            picture += height * width * kernel.size
-            height, width = height // 2, width // 2
-        picture += network.weight.size
+        picture += sum(cells // 4**n * kernel.size for n, kernel in enumerate(network.kernels)) + network.weight.size
     return {
         "transform_per_s": column * device.prf_hz / device.hop,
         "network_per_window": 2.0 * len(device.picture_starts) * picture,

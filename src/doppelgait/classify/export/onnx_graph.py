@@ -26,10 +26,8 @@ def build_onnx_model(model: Model) -> Any:
     except ImportError:
         raise ConfigError(NO_ONNX) from None
     graph = _Graph(onnx, model)
-    log_probability = graph.calibrated(
-        graph.member(model.learned, "model"), model.calibration.slope, model.calibration.shift, "calibration"
-    )
-    graph.add("Cast", [graph.add("Exp", [log_probability])], out=PROBABILITY, to=onnx.TensorProto.FLOAT)
+    answers = graph.add_calibration(graph.add_member(model.learned), model.calibration.slope, model.calibration.shift)
+    graph.add("Cast", graph.add("Exp", answers), out=PROBABILITY, to=onnx.TensorProto.FLOAT)
     return graph.finish()
 
 
@@ -48,104 +46,89 @@ class _Graph:
         self.inputs: dict[str, list[int | str]] = {}
         self.doubles: str | None = None
 
-    def add(self, kind: str, inputs: list[str], out: str | None = None, **attributes: Any) -> str:
-        """Add a node and return the name of its output."""
+    def add(self, kind: str, *inputs: Any, out: str | None = None, single: bool = False, **attributes: Any) -> str:
+        """Add a node of named values and of constants, in single or double precision; return its output."""
         out = out or f"{kind.lower()}_{len(self.nodes)}"
-        self.nodes.append(self.onnx.helper.make_node(kind, inputs, [out], name=f"make_{out}", **attributes))
+        names = [each if isinstance(each, str) else self.add_constant(each, single) for each in inputs]
+        self.nodes.append(self.onnx.helper.make_node(kind, names, [out], name=f"make_{out}", **attributes))
         return out
 
-    def add_constant(self, values: Any, name: str, dtype: Any = np.float64) -> str:
+    def add_constant(self, values: Any, single: bool) -> str:
         """Add a constant array and return its name."""
-        name = f"{name}_{len(self.constants)}"
-        self.constants.append(self.onnx.numpy_helper.from_array(np.ascontiguousarray(values, dtype=dtype), name))
+        array, name = np.ascontiguousarray(values), f"constant_{len(self.constants)}"
+        dtypes = {"f": np.float32 if single else np.float64, "i": np.int64, "b": np.bool_}
+        self.constants.append(self.onnx.numpy_helper.from_array(array.astype(dtypes[array.dtype.kind]), name))
         return name
 
-    def combine(self, kind: str, value: str, constant: Any, name: str, dtype: Any = np.float64) -> str:
-        """Add a node of a value and a constant."""
-        return self.add(kind, [value, self.add_constant(constant, name, dtype)])
-
-    def member(self, learned: Learned, name: str) -> str:
+    def add_member(self, learned: Learned) -> str:
         """Add a trained model; return its log-probabilities in double precision."""
         match learned:
             case Constant():
-                return self.shares(learned, name)
+                return self.add_shares(learned)
             case Linear():
-                return self.add_scores(self.add_standardisation(learned, name), learned.weight, learned.bias, name)
+                return self.add_scores(self.add_standardisation(learned), learned)
             case Kernel():
-                return self.kernel(learned, name)
+                return self.add_kernel(learned)
             case Trees():
-                return self.add_trees(learned, name)
+                return self.add_trees(learned)
             case Network():
-                return self.add_network(learned, name)
+                return self.add_network(learned)
             case Ensemble():
-                return self.add_ensemble(learned, name)
+                parts = zip(learned.members, learned.weights, learned.slopes, learned.shifts, strict=True)
+                answers = [
+                    self.add("Mul", self.add_calibration(self.add_member(member), slope, shift), weight)
+                    for member, weight, slope, shift in parts
+                ]
+                return self.add("LogSoftmax", self.add("Sum", *answers), axis=1)
             case TrackNetwork():
                 raise ConfigError("an ONNX graph has no memory of tracks")
 
-    def calibrated(self, log_probability: str, slope: float, shift: Any, name: str) -> str:
-        scaled = self.combine("Mul", log_probability, slope, f"{name}_slope")
-        return self.add("LogSoftmax", [self.combine("Add", scaled, shift, f"{name}_shift")], axis=1)
+    def add_calibration(self, log_probability: str, slope: float, shift: Any) -> str:
+        return self.add("LogSoftmax", self.add("Add", self.add("Mul", log_probability, slope), shift), axis=1)
 
-    def features(self) -> str:
+    def add_features(self) -> str:
         if not self.model.facts.names:
             raise ConfigError(f"the model {self.model.facts.name} has no inputs; there is nothing to export")
         self.inputs[FEATURES] = ["n", len(self.model.facts.names)]
         return FEATURES
 
-    def shares(self, learned: Constant, name: str) -> str:
-        used = self.features()
-        ends = [self.add_constant([k], "at", np.int64) for k in (0, 1)]
-        count = self.add("Slice", [self.add("Shape", [used]), *ends])
-        shape = self.add("Concat", [count, self.add_constant([learned.log_share.size], "classes", np.int64)], axis=0)
-        return self.add("Expand", [self.add_constant(learned.log_share, name), shape])
+    def add_shares(self, learned: Constant) -> str:
+        count = self.add("Slice", self.add("Shape", self.add_features()), [0], [1])
+        return self.add("Expand", learned.log_share, self.add("Concat", count, [learned.log_share.size], axis=0))
 
-    def add_ensemble(self, learned: Ensemble, name: str) -> str:
-        parts = []
-        joined = zip(learned.members, learned.weights, learned.slopes, learned.shifts, strict=True)
-        for number, (member, weight, slope, shift) in enumerate(joined):
-            own = f"{name}_{number}"
-            answer = self.calibrated(self.member(member, own), slope, shift, own)
-            parts.append(self.combine("Mul", answer, weight, f"{own}_weight"))
-        return self.add("LogSoftmax", [self.add("Sum", parts)], axis=1)
-
-    def add_standardisation(self, learned: Linear | Kernel, name: str) -> str:
+    def add_standardisation(self, learned: Linear | Kernel) -> str:
         double = self.onnx.TensorProto.DOUBLE
-        values = self.doubles = self.doubles or self.add("Cast", [self.features()], to=double)
-        unknown = self.add("IsNaN", [values])
+        values = self.doubles = self.doubles or self.add("Cast", self.add_features(), to=double)
+        unknown = self.add("IsNaN", values)
         filled = values
         if learned.floor.size:
             has = learned.floor > 0
-            raised = self.combine("Max", values, np.where(has, learned.floor, 1.0), f"{name}_floor")
-            log = self.add("Log", [raised])
-            filled = self.add("Where", [self.add_constant(has, f"{name}_has_floor", np.bool_), log, values])
-        columns = self.add("Where", [unknown, self.add_constant(learned.median, f"{name}_median"), filled])
+            log = self.add("Log", self.add("Max", values, np.where(has, learned.floor, 1.0)))
+            filled = self.add("Where", has, log, values)
+        columns = self.add("Where", unknown, learned.median, filled)
         if learned.told.size:
-            told = self.add("Gather", [unknown, self.add_constant(learned.told, f"{name}_told", np.int64)], axis=1)
-            columns = self.add("Concat", [columns, self.add("Cast", [told], to=double)], axis=1)
-        centred = self.combine("Sub", columns, learned.mean, f"{name}_mean")
-        return self.combine("Div", centred, learned.scale, f"{name}_scale")
+            told = self.add("Gather", unknown, learned.told, axis=1)
+            columns = self.add("Concat", columns, self.add("Cast", told, to=double), axis=1)
+        return self.add("Div", self.add("Sub", columns, learned.mean), learned.scale)
 
-    def add_scores(self, columns: str, weight: Any, bias: Any, name: str) -> str:
-        product = self.combine("MatMul", columns, weight.T, f"{name}_weight")
-        return self.add_log_softmax(self.combine("Add", product, bias, f"{name}_bias"), len(bias))
+    def add_scores(self, columns: str, learned: Linear | Kernel) -> str:
+        product = self.add("MatMul", columns, learned.weight.T)
+        return self.add_log_softmax(self.add("Add", product, learned.bias), len(learned.bias))
 
     def add_log_softmax(self, scores: str, n_scores: int) -> str:
         """Normalise scores; one score means two classes."""
         if n_scores == 1:
-            zero = self.combine("Mul", scores, 0.0, "zero")
-            scores = self.add("Concat", [zero, scores], axis=1)
-        return self.add("LogSoftmax", [scores], axis=1)
+            scores = self.add("Concat", self.add("Mul", scores, 0.0), scores, axis=1)
+        return self.add("LogSoftmax", scores, axis=1)
 
-    def kernel(self, learned: Kernel, name: str) -> str:
-        rows = self.add_standardisation(learned, name)
-        norm = self.add_constant((learned.support**2).sum(axis=1), f"{name}_norm")
-        own = self.add("ReduceSumSquare", [rows, self.add_constant([1], "axis", np.int64)], keepdims=1)
-        product = self.add("MatMul", [rows, self.add_constant(-2.0 * learned.support.T, f"{name}_support")])
-        squared = self.add("Relu", [self.add("Sum", [own, norm, product])])
-        near = self.add("Exp", [self.add("Neg", [squared])])
-        return self.add_scores(near, learned.weight, learned.bias, name)
+    def add_kernel(self, learned: Kernel) -> str:
+        rows = self.add_standardisation(learned)
+        own = self.add("ReduceSumSquare", rows, [1], keepdims=1)
+        product = self.add("MatMul", rows, -2.0 * learned.support.T)
+        squared = self.add("Relu", self.add("Sum", own, (learned.support**2).sum(axis=1), product))
+        return self.add_scores(self.add("Exp", self.add("Neg", squared)), learned)
 
-    def add_trees(self, learned: Trees, name: str) -> str:
+    def add_trees(self, learned: Trees) -> str:
         """Add boosted trees, each reached from its root."""
         modes, rows, thresholds = [], [], []
         leaves: dict[str, list[Any]] = {"treeids": [], "nodeids": [], "ids": [], "weights": []}
@@ -167,7 +150,7 @@ class _Graph:
         attributes |= {f"target_{key}": values for key, values in leaves.items()}
         scores = self.add(
             "TreeEnsembleRegressor",
-            [self.features()],
+            self.add_features(),
             domain="ai.onnx.ml",
             aggregate_function="SUM",
             n_targets=learned.root.shape[1],
@@ -177,40 +160,31 @@ class _Graph:
             nodes_values=round_threshold(thresholds).tolist(),
             **attributes,
         )
-        scores = self.add("Cast", [scores], to=self.onnx.TensorProto.DOUBLE)
+        scores = self.add("Cast", scores, to=self.onnx.TensorProto.DOUBLE)
         return self.add_log_softmax(scores, learned.root.shape[1])
 
-    def add_network(self, learned: Network, name: str) -> str:
+    def add_network(self, learned: Network) -> str:
         """Add a network, averaged over pictures and mirror images."""
-        spec, n_classes = learned.patch, learned.bias.size
-        pictures, self.inputs[PICTURES] = PICTURES, ["n", "m", spec.n_velocity, spec.n_time]
-        shape = self.add_constant([-1, 1, spec.n_velocity, spec.n_time], "shape", np.int64)
-        flat = self.add("Reshape", [pictures, shape])
-        flip = [self.add_constant([value], "flip", np.int64) for value in (-1, -(2**62), 2, -1)]
-        mirrored = self.add("Slice", [flat, *flip])
-        layer = self.add("Concat", [flat, mirrored], axis=0)
-        layers = zip(learned.kernels, learned.scales, learned.biases, strict=True)
-        for number, (kernel, scale, bias) in enumerate(layers):
-            weights = self.add_constant(kernel, f"{name}_kernel_{number}", np.float32)
-            layer = self.add("Conv", [layer, weights], kernel_shape=[3, 3], pads=[1, 1, 1, 1])
-            layer = self.add("MaxPool", [layer], kernel_shape=[2, 2], strides=[2, 2])
-            for kind, values in (("Mul", scale), ("Add", bias)):
-                layer = self.combine(kind, layer, values[:, None, None], f"{name}_{number}", np.float32)
-            layer = self.add("Relu", [layer])
-        mean = self.combine("Reshape", self.add("GlobalAveragePool", [layer]), [0, -1], "shape", np.int64)
-        product = self.combine("MatMul", mean, learned.weight.T, f"{name}_weight", np.float32)
-        scores = self.combine("Add", product, learned.bias, f"{name}_bias", np.float32)
-        double = self.add("Cast", [scores], to=self.onnx.TensorProto.DOUBLE)
-        answers = self.add("LogSoftmax", [double], axis=1)
+        spec = learned.patch
+        self.inputs[PICTURES] = ["n", "m", spec.n_velocity, spec.n_time]
+        flat = self.add("Reshape", PICTURES, [-1, 1, spec.n_velocity, spec.n_time])
+        layer = self.add("Concat", flat, self.add("Slice", flat, [-1], [-(2**62)], [2], [-1]), axis=0)
+        for kernel, scale, bias in zip(learned.kernels, learned.scales, learned.biases, strict=True):
+            layer = self.add("Conv", layer, kernel, single=True, kernel_shape=[3, 3], pads=[1, 1, 1, 1])
+            layer = self.add("MaxPool", layer, kernel_shape=[2, 2], strides=[2, 2])
+            layer = self.add("Mul", layer, scale[:, None, None], single=True)
+            layer = self.add("Relu", self.add("Add", layer, bias[:, None, None], single=True))
+        mean = self.add("Reshape", self.add("GlobalAveragePool", layer), [0, -1])
+        product = self.add("MatMul", mean, learned.weight.T, single=True)
+        scores = self.add("Add", product, learned.bias, single=True)
+        answers = self.add("LogSoftmax", self.add("Cast", scores, to=self.onnx.TensorProto.DOUBLE), axis=1)
         # (2, n, m, classes): the mean over mirror images and pictures
-        ends = [self.add_constant([k], "at", np.int64) for k in (0, 2)]
-        leading = self.add("Slice", [self.add("Shape", [pictures]), *ends])
-        parts = [self.add_constant([2], "two", np.int64), leading, self.add_constant([n_classes], "classes", np.int64)]
-        split = self.add("Reshape", [answers, self.add("Concat", parts, axis=0)])
-        found = self.add("ReduceMean", [split, self.add_constant([0, 2], "axes", np.int64)], keepdims=0)
-        total = self.add("ReduceSum", [pictures, self.add_constant([1, 2, 3], "axes", np.int64)], keepdims=0)
-        unknown = self.add("Unsqueeze", [self.add("IsNaN", [total]), self.add_constant([1], "axes", np.int64)])
-        return self.add("LogSoftmax", [self.add("Where", [unknown, self.add_constant(0.0, "equal"), found])], axis=1)
+        leading = self.add("Slice", self.add("Shape", PICTURES), [0], [2])
+        split = self.add("Reshape", answers, self.add("Concat", [2], leading, [learned.bias.size], axis=0))
+        found = self.add("ReduceMean", split, [0, 2], keepdims=0)
+        total = self.add("ReduceSum", PICTURES, [1, 2, 3], keepdims=0)
+        unknown = self.add("Unsqueeze", self.add("IsNaN", total), [1])
+        return self.add("LogSoftmax", self.add("Where", unknown, 0.0, found), axis=1)
 
     def finish(self) -> Any:
         helper, single = self.onnx.helper, self.onnx.TensorProto.FLOAT

@@ -102,14 +102,8 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
         if form == "numpy":
             save_model(model, partial / "model.npz")
         files = sorted(path.name for path in partial.iterdir())
-        facts: dict[str, Any] = {
-            "format": FORMAT,
-            "form": form,
-            "doppelgait": __version__,
-            "files": files,
-            "model": model.facts.model_dump(mode="json"),
-            **found,
-        }
+        facts = {"format": FORMAT, "form": form, "doppelgait": __version__, "files": files, **found}
+        facts["model"] = model.facts.model_dump(mode="json")
         (partial / LISTING).write_text(json.dumps(facts, indent=2, sort_keys=True) + "\n", encoding="utf-8")
     return Export(out, tuple(files), found)
 
