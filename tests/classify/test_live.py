@@ -13,6 +13,7 @@ from doppelgait.classify.live import live
 from doppelgait.classify.timeline import classify_over_time
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning, RecordingError
 from doppelgait.core.rng import rng
+from doppelgait.dataset.windows import Ring
 from doppelgait.motion import boulic_walk
 from doppelgait.pipeline import simulate
 from doppelgait.processing import Analysis
@@ -219,7 +220,7 @@ def test_a_window_that_cannot_be_analysed_is_counted_and_said_once(walk, monkeyp
 @pytest.mark.release
 def test_memory_is_that_of_one_window():
     """Ten thousand windows' worth of frames change no array but the ring."""
-    ring = live_module._Ring(RADAR, RADAR.range_axis_m()[:4], 0.01, 0.01)
+    ring = Ring(RADAR, RADAR.range_axis_m()[:4], 0.01, 0.01)
     rows, row = ring._rows, np.zeros(4, dtype=np.complex64)
     windows = sum(1 for _ in ring.windows((n / PRF_HZ, row) for n in range(70_000)))
     assert windows == 10_000

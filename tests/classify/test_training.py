@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from doppelgait.classify import training
 from doppelgait.classify.learned import Constant, LabelledRows, Network, join_inputs, select_features, select_levels
 from doppelgait.classify.model import Facts, Model, calibrate
 from doppelgait.classify.model_file import load_model, save_model
@@ -17,10 +16,9 @@ from doppelgait.classify.training import (
     join,
     train_boosting,
     train_logistic,
-    train_svm,
 )
 from doppelgait.core import plugins
-from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
+from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.processing.patches import Patch
 from doppelgait.testing import check_classifier
 
@@ -120,38 +118,6 @@ def test_logistic_regression_separates_products_and_ratios():
     known = ~np.isnan(x) & ~np.isnan(values[:, 0])
     assert ((model.log_probability(values).argmax(axis=1) == labels)[known]).mean() > 0.97
     assert np.isfinite(model.log_probability(np.array([[0.0, -1.0, -5.0], [np.nan] * 3]))).all()
-
-
-def rings(count, seed):
-    """Three rings around the origin, of which each holds the smaller ones: no plane separates them."""
-    rng = np.random.default_rng(seed)
-    labels = np.arange(count) % 3
-    radius, angle = labels + 1.0 + 0.1 * rng.normal(size=count), rng.uniform(0, 2 * np.pi, count)
-    return LabelledRows(np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]), labels)
-
-
-def test_support_vector_machine_separates_rings():
-    train, no_rows, test = rings(300, 0), rings(0, 0), rings(3000, 1)  # 3000 are several times ROWS_AT_A_TIME
-    found = train_svm(train, no_rows, n_classes=3, seed=0).log_probability(test.values)
-    assert (found.argmax(axis=1) == test.labels).mean() > 0.98
-    logistic = train_logistic(train, no_rows, n_classes=3, seed=0).log_probability(test.values)
-    assert (logistic.argmax(axis=1) == test.labels).mean() < 0.6
-
-
-def test_support_vector_machine_uses_a_random_choice_of_too_many_rows(monkeypatch):
-    monkeypatch.setattr(training, "SVM_MOST_ROWS", 30)
-    train, no_rows = rings(300, 0), rings(0, 0)
-    few = np.flatnonzero((train.labels != 2) | (np.arange(300) < 9))  # three of the third class
-    with pytest.warns(DoppelgaitWarning, match="of 203 training rows at most 10 of each class"):
-        one, two, other = (
-            train_svm(LabelledRows(train.values[few], train.labels[few]), no_rows, n_classes=3, seed=seed)
-            for seed in (0, 0, 1)
-        )
-    assert len(one.support) <= 23
-    assert np.array_equal(one.support, two.support)
-    assert not np.array_equal(one.support, other.support)
-    known = {tuple(row) for row in (one.support * one.scale + one.mean).round(9)}
-    assert known <= {tuple(row) for row in train.values[few].round(9)}
 
 
 def random_network(seed):

@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from doppelgait.classify import scorer
 from doppelgait.classify.scorer import log_softmax
-from doppelgait.core.worker import limit_blas_threads
 from doppelgait.processing.patches import Levels, Patch, compute_layers, cut_pictures
 
 FloatArray = npt.NDArray[np.float64]
@@ -75,21 +74,6 @@ class Linear(Columns):
     def log_probability(self, values: Inputs) -> FloatArray:
         """Return log-probabilities, shape (n, n_classes)."""
         return scorer.linear(vars(self), values)
-
-
-@dataclass(frozen=True, eq=False)
-class Kernel(Columns):
-    """Support vector machines with the kernel exp(-distance²)."""
-
-    floor: FloatArray
-    support: FloatArray
-    weight: FloatArray
-    bias: FloatArray
-
-    def log_probability(self, values: Inputs) -> FloatArray:
-        """Return log-probabilities, shape (n, n_classes)."""
-        with limit_blas_threads():
-            return scorer.kernel(vars(self), values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,4 +276,4 @@ class Novelty(Columns):
         return np.asarray((farther + 1.0) / (self.held.size + 1.0))
 
 
-Learned = Constant | Linear | Kernel | Trees | Network | TrackNetwork | Ensemble
+Learned = Constant | Linear | Trees | Network | TrackNetwork | Ensemble

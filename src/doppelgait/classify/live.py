@@ -6,19 +6,14 @@ ring into a slot of one window. The caller takes the window from the slot, analy
 too slow: the source waits (a file), or the newer window replaces the window in the slot and the hop
 counts as skipped (a sensor). At most three windows are therefore in memory for any length of the
 stream, and the age of the newest decision is at most one hop and two analyses.
-
-Frames are placed on even times. A short gap is filled in between its neighbours, a longer one is a pause, as in files;
-the analysis flags targets with many filled frames.
 """
 
 from __future__ import annotations
 
-import math
 import queue
 import threading
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -29,135 +24,13 @@ from doppelgait.classify.model_file import load_model_for_radar
 from doppelgait.classify.timeline import TrackDecision, Tracks, check_window
 from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
 from doppelgait.core.interrupt import raise_if_stopped
-from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.dataset.windows import TOLERANCE, Window, analyze_window
+from doppelgait.dataset.windows import LiveCounts, Ring, Window, analyze_window
 from doppelgait.pipeline import Result, Tracking
 from doppelgait.processing import Analysis
-from doppelgait.radar import Radar, Recording
-from doppelgait.radar.recording import make_baseband_facts
-from doppelgait.radar.slow_time import MAX_HOLE_PULSES, MAX_HOLE_S
+from doppelgait.radar import Radar
 
 POLL_S = 0.1  # interval, s, at which the other thread is checked
-LATE_S = 1.0
-"""Maximum delay, s, of a frame that counts as out of order; at a larger delay the source's clock has jumped."""
-FOLLOWED = 0.05
-"""Gain of the time tracking: fraction of a frame's time deviation that corrects the next expected time. The clocks of
-radar and receiver differ by 1e-4, and jitter is less than half a frame."""
 MANY = 0.2  # share of frames of the first window with the wrong rate at which a warning is issued
-
-
-@dataclass
-class LiveCounts:
-    """Frames and windows of a stream, by outcome."""
-
-    frames: int = 0
-    filled: int = 0
-    malformed: int = 0
-    late: int = 0
-    jumps: int = 0
-    windows: int = 0
-    skipped: int = 0
-    failed: int = 0
-
-    def as_dict(self) -> dict[str, int]:
-        """Return the counts by name."""
-        return asdict(self)
-
-
-RECEIVED, FILLED, ABSENT = 0, 1, 2  # origins of a row: a frame, a short gap, a pause
-
-
-class _Ring:
-    """Last window of a stream on even times."""
-
-    def __init__(self, radar: Radar, range_m: npt.NDArray[np.float64], window_s: float, hop_s: float) -> None:
-        self.radar, self.range_m, self.window_s, self.hop_s = radar, range_m, window_s, hop_s
-        self.counts = LiveCounts()
-        # windows start between blocks, as in files: a block is a frame or a burst
-        self._block_rows, self._block_hz = 1, radar.prf_hz
-        if radar.burst_pulses is not None and radar.burst_period_s is not None:
-            self._block_rows, self._block_hz = radar.burst_pulses, 1.0 / radar.burst_period_s
-        n_rows = (math.ceil(window_s * self._block_hz) + 1) * self._block_rows
-        self._rows = np.zeros((n_rows, range_m.size), dtype=np.complex64)
-        self._origin = np.zeros(n_rows, dtype=np.int8)  # RECEIVED, FILLED or ABSENT
-        self._last = self._rows[0].copy()
-        self._start_s, self._due_s, self._ahead_s = 0.0, math.nan, 0.0
-        self._n_rows, self._n_windows = 0, 0
-
-    def windows(self, frames: Iterable[tuple[float, npt.ArrayLike]]) -> Iterator[Window]:
-        """Yield every window when its last frame has arrived."""
-        prf_hz, counts = self.radar.prf_hz, self.counts
-        for told_s, values in frames:
-            counts.frames += 1
-            row = np.array(values, dtype=np.complex64)
-            if row.shape != self.range_m.shape or not np.isfinite(row).all():
-                counts.malformed += 1
-                continue
-            time_s = float(told_s) + self._ahead_s
-            if not math.isfinite(time_s):
-                time_s = self._due_s if self._n_rows else 0.0
-            missing = self._count_missing(time_s) if self._n_rows else 0
-            if missing < 0:
-                if self._due_s - time_s <= LATE_S:
-                    counts.late += 1
-                    continue
-                counts.jumps += 1
-                self._ahead_s += self._due_s - time_s
-                time_s, missing = self._due_s, 0
-            if missing > self._rows.shape[0]:
-                if (self._n_rows + missing) % self._block_rows:  # restart with a complete burst
-                    continue
-                counts.jumps += 1
-                self._n_rows = self._n_windows = missing = 0
-            if self._n_rows == 0:
-                self._start_s = self._due_s = time_s
-            if self._block_rows > 1:
-                self._due_s = self._start_s + float(self.radar.frame_time_s(self._n_rows + missing + 1))
-            else:
-                self._due_s += (missing + 1) / prf_hz
-                self._due_s += FOLLOWED * (time_s + 1 / prf_hz - self._due_s)
-            counts.filled += missing
-            is_short = missing <= max(MAX_HOLE_PULSES, MAX_HOLE_S * prf_hz)
-            for number in range(1, missing + 1):
-                share = np.float64(number / (missing + 1))
-                yield from self._push((1 - share) * self._last + share * row, FILLED if is_short else ABSENT)
-            self._last = row
-            yield from self._push(row, RECEIVED)
-
-    def _count_missing(self, time_s: float) -> int:
-        """Count frames missing before a time, negative if late."""
-        prf_hz, period_s = self.radar.prf_hz, self.radar.burst_period_s
-        if period_s is None:
-            return round((time_s - self._due_s) * prf_hz)
-        since_s = time_s - self._start_s
-        burst = math.floor((since_s + 0.5 / prf_hz) / period_s)
-        place = min(round((since_s - burst * period_s) * prf_hz), self._block_rows - 1)
-        return burst * self._block_rows + place - self._n_rows
-
-    def _push(self, row: npt.NDArray[Any], came_from: int) -> Iterator[Window]:
-        """Add a row and start windows at the positions used for files."""
-        self._rows[self._n_rows % self._rows.shape[0]] = row
-        self._origin[self._n_rows % self._rows.shape[0]] = came_from
-        self._n_rows += 1
-        begin_s = self._n_windows * self.hop_s
-        first, stop = (
-            math.ceil(time_s * self._block_hz - TOLERANCE) * self._block_rows
-            for time_s in (begin_s, begin_s + self.window_s)
-        )
-        if self._n_rows < stop:
-            return
-        self._n_windows += 1
-        pulses = np.arange(first, self._n_rows)
-        times_s = self.radar.frame_time_s(pulses)
-        origin = self._origin[pulses % self._rows.shape[0]]
-        there = np.flatnonzero((origin != ABSENT) | (self._block_rows > 1))  # bursts stay whole
-        there = there if there.size > 1 else np.arange(origin.size)
-        coords = {"slow_time": (times_s - times_s[0])[there], "range": self.range_m}
-        rows = self._rows[pulses[there] % self._rows.shape[0]]
-        facts = make_baseband_facts(self.radar) | {"lost_frame_share": float((origin[there] != RECEIVED).mean())}
-        baseband = make_array(BASEBAND, rows, coords, facts)
-        start_s = self._start_s + begin_s
-        yield Window(start_s, start_s + self.window_s, Recording.from_baseband(baseband, self.radar, source="live"))
 
 
 class Live:
@@ -165,7 +38,7 @@ class Live:
 
     def __init__(
         self,
-        ring: _Ring,
+        ring: Ring,
         frames: Iterable[tuple[float, npt.ArrayLike]],
         tracks: Tracks,
         analysis: Analysis,
@@ -315,5 +188,5 @@ def live(
     ranges = radar.range_axis_m() if range_m is None else np.asarray(range_m, dtype=np.float64)
     if ranges.ndim != 1 or not ranges.size or not np.isfinite(ranges).all():
         raise ConfigError(f"range_m: must be finite, of shape (N,), not of shape {ranges.shape}")
-    ring = _Ring(radar, ranges, window_s, hop_s)
+    ring = Ring(radar, ranges, window_s, hop_s)
     return Live(ring, frames, Tracks(model), analysis or read_training_analysis(model), tracking, skip)

@@ -24,7 +24,6 @@ from doppelgait.classify.learned import (
     Columns,
     Constant,
     Ensemble,
-    Kernel,
     Learned,
     Linear,
     Network,
@@ -53,7 +52,8 @@ MOST_MEMBERS, MOST_LAYERS = 64, 5
 SHOWN = 300  # maximum number of characters of a reason in an error
 LARGEST = 1e30  # maximum absolute value of the numbers of a model, except thresholds of trees
 LARGEST_SCORE = 1e37  # maximum absolute value of the numbers of a network, in single precision
-KINDS: dict[str, type[Any]] = {"constant": Constant, "linear": Linear, "kernel": Kernel, "trees": Trees}
+KINDS: dict[str, type[Any]] = {"constant": Constant, "linear": Linear, "trees": Trees, "network": Network}
+KINDS |= {"track": TrackNetwork}
 FEATURES = {SPEED, WIDTH, ENVELOPE_WIDTH, "gait_frequency_hz", *FEATURE_UNITS} - {VELOCITY, BANDWIDTH}
 """Features of an analysis, in addition to the registered extended features."""
 INTEGERS = {"told", "feature", "unknown_left", "left", "right", "root"}
@@ -61,7 +61,6 @@ _COLUMNS = {"told": "t", "median": "f", "mean": "k", "scale": "k"}
 SHAPES: dict[type[Any], dict[str, str]] = {
     Constant: {"log_share": "c"},
     Linear: {**_COLUMNS, "weight": "ck", "bias": "c"},
-    Kernel: {**_COLUMNS, "support": "sk", "weight": "us", "bias": "u"},
     Trees: {**dict.fromkeys(("feature", "threshold", "value", "unknown_left", "left", "right"), "n"), "root": "ru"}
     | {"start": "u"},
     Network: {"weight": "ci", "bias": "c"},
@@ -160,12 +159,11 @@ def _pack(learned: Learned) -> tuple[dict[str, Any], Arrays]:
             forms.append(form)
             arrays |= {f"member.{number}.{name}": values for name, values in own.items()}
         return {"learned": "ensemble", "patch": None, "members": forms}, arrays
+    arrays = {name: values for name, values in vars(learned).items() if isinstance(values, np.ndarray)}
     if isinstance(learned, Network | TrackNetwork):
-        arrays = {name: values for name, values in vars(learned).items() if isinstance(values, np.ndarray)}
-        patch = learned.patch.model_dump(mode="json") if isinstance(learned, Network) else None
-        return {"learned": "track" if patch is None else "network", "patch": patch}, arrays | name_layers(learned)
-    kind = next(name for name, known in KINDS.items() if isinstance(learned, known))
-    return {"learned": kind, "patch": None}, dict(vars(learned))
+        arrays |= name_layers(learned)
+    patch = learned.patch.model_dump(mode="json") if isinstance(learned, Network) else None
+    return {"learned": next(name for name, kind in KINDS.items() if isinstance(learned, kind)), "patch": patch}, arrays
 
 
 def _unpack(form: Mapping[str, Any], arrays: Arrays) -> Learned:
@@ -178,20 +176,19 @@ def _unpack(form: Mapping[str, Any], arrays: Arrays) -> Learned:
                 raise ValueError("its members are ensembles")
             members.append(_unpack(own, part))
         return Ensemble(tuple(members), arrays["weights"], arrays["slopes"], arrays["shifts"])
-    if form["learned"] in ("network", "track"):
-        count = sum(name.startswith("kernel.") for name in arrays)
-        kernels, scales, biases = (
-            tuple(arrays[f"{name}.{n}"] for n in range(count)) for name in ("kernel", "scale", "bias")
-        )
-        if form["learned"] == "track":
-            rest = [each.name for each in fields(TrackNetwork) if each.name in arrays]
-            return TrackNetwork(kernels=kernels, scales=scales, biases=biases, **{name: arrays[name] for name in rest})
-        spec = validate(Patch, form["patch"], where="patch")
-        return Network(kernels, scales, biases, arrays["weight"], arrays["bias"], spec)
+    if form["learned"] == "kernel":
+        raise ConfigError("it has support vector machines, which this version has no longer; train it again")
     kind = KINDS[form["learned"]]
+    values: dict[str, Any] = dict(arrays)
     if kind is Linear:
-        arrays.setdefault("floor", np.zeros(0))
-    learned: Learned = kind(**{part.name: arrays[part.name] for part in fields(kind)})
+        values.setdefault("floor", np.zeros(0))
+    if kind in (Network, TrackNetwork):
+        count = sum(name.startswith("kernel.") for name in arrays)
+        for name, layers in (("kernel", "kernels"), ("scale", "scales"), ("bias", "biases")):
+            values[layers] = tuple(arrays[f"{name}.{n}"] for n in range(count))
+    if kind is Network:
+        values["patch"] = validate(Patch, form["patch"], where="patch")
+    learned: Learned = kind(**{field.name: values[field.name] for field in fields(kind)})
     return learned
 
 
@@ -306,7 +303,7 @@ def _check_learned(learned: Any, sizes: Mapping[str, int]) -> None:
                 raise ValueError("its pictures cannot be halved as often as it has layers")
     _check_shapes(vars(learned), SHAPES[type(learned)], own)
     match learned:
-        case Linear() | Kernel() | Novelty() | TrackNetwork():
+        case Linear() | Novelty() | TrackNetwork():
             _check_columns(learned, own["f"])
         case Trees():
             _check_trees(learned, own["f"])
@@ -338,7 +335,7 @@ def _check_track_network(learned: TrackNetwork, n_features: int) -> dict[str, in
     return sizes | {"q": len(learned.embed_bias) + 2, "m": len(learned.gate_bias), "s": 3 * len(learned.gate_bias)}
 
 
-def _check_columns(learned: Linear | Kernel | Novelty | TrackNetwork, n_features: int) -> None:
+def _check_columns(learned: Linear | Novelty | TrackNetwork, n_features: int) -> None:
     if learned.floor.size:
         _check_shapes(vars(learned), {"floor": "f"}, {"f": n_features})
     if not (learned.scale > 1.0 / LARGEST).all():

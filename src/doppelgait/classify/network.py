@@ -40,8 +40,11 @@ AT_A_TIME = 256
 TRACK_CHANNELS, N_FEATURES, N_EMBEDDING, N_MEMORY = (24, 32, 48, 64), 64, 48, 16
 LOG_HZ = (-5.0, -1.5)  # logarithms of the rates of forgetting before training: 1 / 148 s to 1 / 4.5 s
 FORGETTING_HZ = 0.02  # rate of forgetting of a sum of log-odds
-MOST_WEIGHT, MOST_GRADIENT, FLOOR_SHARE = 5.0, 2.0, 0.7
-"""Limits of the weight of a row and of a gradient, and share of the tracks whose floor is raised."""
+BATCH_TRACKS, MOST_WINDOWS, LEARNING_RATE, WEIGHT_DECAY, DROPOUT = 12, 16, 3e-3, 1e-2, 0.2
+WINDOW_SHARE, MOST_WEIGHT, MOST_GRADIENT = 0.3, 5.0, 2.0
+"""Weight of the answers to single windows, limits of the weight of a row and of a gradient."""
+GAIN, HIGHEST_FLOOR, FLOOR_SHARE, HIDDEN_SHARE = 0.08, 0.45, 0.7, 0.1
+"""Augmentation: largest shift of the levels of a track, its raised floor and how often; hidden features."""
 
 
 class Training(FrozenModel):
@@ -275,22 +278,6 @@ def _read_layers(
 # Networks of tracks --------------------------------------------------------------------------------------------------
 
 
-class TrackTraining(FrozenModel):
-    """Training and augmentation settings of a network of tracks."""
-
-    epochs: int = Field(default=12, ge=1)
-    batch_tracks: int = Field(default=12, ge=1)
-    most_windows: int = Field(default=16, ge=1)  # of a track in one step
-    learning_rate: float = Field(default=3e-3, gt=0)
-    weight_decay: float = Field(default=1e-2, ge=0)
-    dropout: float = Field(default=0.2, ge=0, lt=1)
-    # Levels of a whole track are shifted, their floor is raised, and values are hidden.
-    gain: float = Field(default=0.08, ge=0)
-    floor: float = Field(default=0.45, ge=0, lt=1)
-    hidden: float = Field(default=0.1, ge=0, lt=1)
-    window_share: float = Field(default=0.3, ge=0)  # weight of the answers to single windows
-
-
 @plugin("classifier", "track-network", features="track", learner="track")
 def train_track_network(
     train: LabelledRows,
@@ -298,7 +285,7 @@ def train_track_network(
     *,
     n_classes: int,
     seed: int,
-    settings: TrackTraining | None = None,
+    epochs: int = 12,
 ) -> TrackNetwork:
     """Train a network on the windows of tracks: every answer after a window counts.
 
@@ -319,10 +306,9 @@ def train_track_network(
         return TrackNetwork(**own, **_sum_log_odds(columns, train.labels, n_classes))
     import torch
 
-    settings = settings or TrackTraining()
     with _make_deterministic(torch, seed):
-        model = _build_track_model(torch, columns.shape[1], n_classes, settings.dropout)
-        _train_tracks(torch, model, columns, train, np.random.default_rng(seed), settings, n_classes)
+        model = _build_track_model(torch, columns.shape[1], n_classes)
+        _train_tracks(torch, model, columns, train, np.random.default_rng(seed), epochs)
     return TrackNetwork(**own, **_read_track_model(model.eval()))
 
 
@@ -333,13 +319,13 @@ def _list_tracks(seen: list[Seen]) -> list[IntArray]:
     return np.split(np.array(order, dtype=np.int64), np.flatnonzero(np.diff(numbers)) + 1)
 
 
-def _build_track_model(torch: Any, n_columns: int, n_classes: int, dropout: float) -> Any:
+def _build_track_model(torch: Any, n_columns: int, n_classes: int) -> Any:
     nn, n_in = torch.nn, TRACK_CHANNELS[-1]
     return nn.ModuleDict(
         {
             "convolution": nn.Sequential(*_build_layers(nn, (N_SLICES, *TRACK_CHANNELS))),
             "feature": nn.Linear(n_columns, N_FEATURES),
-            "dropout": nn.Dropout(dropout),
+            "dropout": nn.Dropout(DROPOUT),
             "embed": nn.Linear(2 * n_in + N_FEATURES, N_EMBEDDING),
             "window": nn.Linear(N_EMBEDDING, n_classes),
             "gate": nn.Linear(N_EMBEDDING + 2, N_MEMORY),
@@ -357,29 +343,28 @@ def _train_tracks(
     columns: Levels,
     train: LabelledRows,
     rng: np.random.Generator,
-    settings: TrackTraining,
-    n_classes: int,
+    epochs: int,
 ) -> None:
     tracks, seen = _list_tracks(train.values[:, -1].tolist()), train.values[:, -1]
-    n_steps = -(-len(tracks) // settings.batch_tracks) * settings.epochs
-    optimiser = torch.optim.AdamW(model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
-    rate = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings.learning_rate, total_steps=n_steps)
-    weights = np.minimum(row_weights(train.labels, n_classes), MOST_WEIGHT)
+    n_steps = -(-len(tracks) // BATCH_TRACKS) * epochs
+    optimiser = torch.optim.AdamW(model.parameters(), weight_decay=WEIGHT_DECAY)
+    rate = torch.optim.lr_scheduler.OneCycleLR(optimiser, LEARNING_RATE, total_steps=n_steps)
+    weights = np.minimum(row_weights(train.labels, int(train.labels.max()) + 1), MOST_WEIGHT)
     cross_entropy = torch.nn.functional.cross_entropy
     model.train()
-    for _ in range(settings.epochs):
+    for _ in range(epochs):
         order = rng.permutation(len(tracks))
-        for first in range(0, order.size, settings.batch_tracks):
+        for first in range(0, order.size, BATCH_TRACKS):
             raise_if_stopped()
-            batch = [_cut_track(tracks[n], rng, settings) for n in order[first : first + settings.batch_tracks]]
+            batch = [_cut_track(tracks[n], rng) for n in order[first : first + BATCH_TRACKS]]
             rows, sizes = np.concatenate(batch), np.array([part.size for part in batch])
             if rows.size > 1:  # batch normalisation needs two
-                pictures, shown = _augment_tracks(seen[rows], columns[rows], sizes, rng, settings)
+                pictures, shown = _augment_tracks(seen[rows], columns[rows], sizes, rng)
                 windows, answers = _answer_tracks(torch, model, pictures, shown, seen[rows], sizes)
                 labels = torch.from_numpy(train.labels[rows])
                 weight = torch.from_numpy(weights[rows] / np.sqrt(np.repeat(sizes, sizes))).float()
                 losses = cross_entropy(answers, labels, reduction="none")
-                losses = losses + settings.window_share * cross_entropy(windows, labels, reduction="none")
+                losses = losses + WINDOW_SHARE * cross_entropy(windows, labels, reduction="none")
                 optimiser.zero_grad()
                 ((losses * weight).sum() / weight.sum()).backward()
                 torch.nn.utils.clip_grad_norm_(model.parameters(), MOST_GRADIENT)
@@ -387,26 +372,24 @@ def _train_tracks(
             rate.step()
 
 
-def _cut_track(rows: IntArray, rng: np.random.Generator, settings: TrackTraining) -> IntArray:
+def _cut_track(rows: IntArray, rng: np.random.Generator) -> IntArray:
     """Select windows of a long track, half of the time its first ones, and each or every second one."""
     rows = rows[:: int(rng.integers(1, 3))]
-    spare = max(rows.size - settings.most_windows, 0)
+    spare = max(rows.size - MOST_WINDOWS, 0)
     start = int(rng.integers(spare + 1)) if rng.random() < 0.5 else 0
-    return rows[start : start + settings.most_windows]
+    return rows[start : start + MOST_WINDOWS]
 
 
-def _augment_tracks(
-    seen: Inputs, columns: Levels, sizes: IntArray, rng: np.random.Generator, settings: TrackTraining
-) -> tuple[Levels, Levels]:
+def _augment_tracks(seen: Inputs, columns: Levels, sizes: IntArray, rng: np.random.Generator) -> tuple[Levels, Levels]:
     """Augment the pictures (n, slices, times, velocities) of every track alike; hide some of the columns (n, k)."""
     n_tracks, shape = sizes.size, (-1, 1, 1, 1)
     levels = np.stack([to_levels(each.pictures[0]) for each in seen])
-    floor = rng.uniform(0.0, settings.floor, n_tracks) * (rng.random(n_tracks) < FLOOR_SHARE)
+    floor = rng.uniform(0.0, HIGHEST_FLOOR, n_tracks) * (rng.random(n_tracks) < FLOOR_SHARE)
     raised = np.repeat(floor, sizes).reshape(shape).astype(np.float32)
-    gain = np.repeat(rng.uniform(-settings.gain, settings.gain, n_tracks), sizes).reshape(shape).astype(np.float32)
-    noise = (raised > 0) * rng.random(levels.shape, dtype=np.float32) * np.float32(settings.gain)
+    gain = np.repeat(rng.uniform(-GAIN, GAIN, n_tracks), sizes).reshape(shape).astype(np.float32)
+    noise = (raised > 0) * rng.random(levels.shape, dtype=np.float32) * np.float32(GAIN)
     levels = np.clip(np.maximum(levels + gain * (levels > 0), raised + noise), 0.0, 1.0)
-    return levels, np.where(rng.random(columns.shape) < settings.hidden, np.float32(0.0), columns)
+    return levels, np.where(rng.random(columns.shape) < HIDDEN_SHARE, np.float32(0.0), columns)
 
 
 def _answer_tracks(

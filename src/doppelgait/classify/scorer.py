@@ -16,9 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 NEWEST_FORMAT = 4
-ROWS_AT_A_TIME = 64
-"""Number of rows in a block of a kernel, so that the distances to a thousand support vectors fit the processor
-cache."""
 FARTHEST_SD, LONGEST_S, MOST_LOG, SCALE = 4.0, 6.0, 8.0, 10.0
 """Of networks of tracks: limits of standardised features, pauses and logarithms of weights, and scale of the sum."""
 
@@ -106,7 +103,7 @@ class Scorer:
             return np.tile(own["log_share"], (n, 1))
         if features is None:
             raise ValueError(f"this model needs {len(self.features)} features")
-        return {"linear": linear, "kernel": kernel, "trees": trees}[kind](own, features)
+        return {"linear": linear, "trees": trees}[kind](own, features)
 
 
 def _part(arrays: Arrays, start: str) -> Arrays:
@@ -140,17 +137,6 @@ def linear(own: Arrays, values: Array) -> Array:
     """Return log-probabilities of logistic regression."""
     columns = standardise({"floor": np.zeros(0), **own}, values)
     return log_softmax(columns @ own["weight"].T + own["bias"])
-
-
-def kernel(own: Arrays, values: Array) -> Array:
-    """Return log-probabilities of support vector machines with the kernel exp(-distance²)."""
-    columns, norm = standardise(own, values), (own["support"] ** 2).sum(axis=1)
-    scores = np.zeros((len(columns), own["bias"].size))
-    for first in range(0, len(columns), ROWS_AT_A_TIME):
-        rows = columns[first : first + ROWS_AT_A_TIME]
-        squared = (rows**2).sum(axis=1)[:, None] + norm - 2.0 * rows @ own["support"].T
-        scores[first : first + len(rows)] = np.exp(-np.maximum(squared, 0.0)) @ own["weight"].T
-    return log_softmax(scores + own["bias"])
 
 
 def trees(own: Arrays, values: Array) -> Array:

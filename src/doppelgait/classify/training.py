@@ -14,7 +14,6 @@ from doppelgait.classify.learned import (
     FloatArray,
     Inputs,
     IntArray,
-    Kernel,
     LabelledRows,
     Learned,
     Linear,
@@ -26,17 +25,15 @@ from doppelgait.classify.learned import (
 )
 from doppelgait.classify.model import calibrate, row_weights
 from doppelgait.classify.scorer import take_logarithms
-from doppelgait.core.errors import ConfigError, DatasetError, warn_caller
+from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.plugins import Group, plugin
 from doppelgait.core.worker import limit_blas_threads
 
 BUILT_IN = (
     "six-logistic",
     "six-boosting",
-    "six-svm",
     "extended-logistic",
     "extended-boosting",
-    "extended-svm",
     "signature-network",
     "track-network",
     "ensemble",
@@ -60,12 +57,6 @@ BOOSTING = {
 LOG_FLOOR = 0.03
 """Smallest value that the logarithm distinguishes, over the median. A round number for the scale of what is nearly
 zero, assumed; recordings of both halves were in view when it was set."""
-SVM_GAMMA, SVM_C = 0.5, 30.0
-"""Kernel exp(-SVM_GAMMA / number of columns * distance²) and cost of an error. Measured: the highest balanced accuracy
-of 6 x 7 pairs, 0.03 to 3 and 0.3 to 1000, when four datasets of models were cross-validated by bodies (95.4 %; 0.3 to
-1 and 10 to 100 gave 95.2 or more, logistic regression 94.3). The log loss there favours ever more linear machines."""
-SVM_MOST_ROWS = 20_000
-"""Measured on one busy core: 3 s with 10 000 rows of two classes, 20 s with 20 000."""
 LEVELS = 500  # maximum number of stored quantiles of the held-out distances
 SHRINKAGE = 0.05
 """Share of the identity in the covariance of the standardised columns, assumed: a column without spread in training
@@ -164,38 +155,6 @@ def train_logistic(train: LabelledRows, held: LabelledRows, *, n_classes: int, s
     if n_classes == 2:
         weight, bias = np.vstack([np.zeros_like(weight), weight]), np.array([0.0, bias[0]])
     return Linear(median, told, mean, scale, weight, bias, floor)
-
-
-@plugin("classifier", "six-svm", features="six", learner="svm")
-@plugin("classifier", "extended-svm", features="extended", learner="svm")
-def train_svm(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Kernel:
-    """Fit support vector machines on standardised features."""
-    from sklearn.svm import SVC
-
-    if train.labels.size > SVM_MOST_ROWS:
-        most = SVM_MOST_ROWS // n_classes
-        warn_caller(
-            f"support vector machines: of {train.labels.size} training rows at most {most} of each class are used, "
-            "chosen at random; the other classifiers use all"
-        )
-        order = np.random.default_rng(seed).permutation(train.labels.size)
-        of_class = [order[train.labels[order] == number][:most] for number in range(n_classes)]
-        chosen = np.sort(np.concatenate(of_class))
-        train = LabelledRows(train.values[chosen], train.labels[chosen])
-    median, told, mean, scale, floor, columns = standardise_columns(train.values)
-    gamma = SVM_GAMMA / max(columns.shape[1], 1)
-    weights = row_weights(train.labels, n_classes)
-    weight, bias, used = [], [], np.zeros(train.labels.size, dtype=bool)
-    for number in range(n_classes) if n_classes > 2 else (1,):
-        model = SVC(C=SVM_C, gamma=gamma, cache_size=1000).fit(columns, train.labels == number, sample_weight=weights)
-        each = np.zeros(train.labels.size)
-        each[model.support_] = model.dual_coef_[0]
-        weight.append(each)
-        bias.append(model.intercept_[0])
-        used[model.support_] = True
-    width = 1.0 / np.sqrt(gamma)
-    support, stacked = columns[used] / width, np.array(weight)[:, used]
-    return Kernel(median, told, mean, scale * width, floor, support, stacked, np.array(bias))
 
 
 def standardise_columns(values: Inputs) -> tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:

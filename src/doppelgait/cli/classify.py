@@ -227,8 +227,8 @@ def evaluate(
         list[str] | None,
         typer.Option(
             "--models",
-            help="ensemble, six-logistic, six-boosting, six-svm, extended-logistic, extended-boosting, extended-svm or "
-            "signature-network (needs torch); repeatable; by default the ensemble, its members and six-logistic.",
+            help="ensemble, six-logistic, six-boosting, extended-logistic, extended-boosting, signature-network (needs "
+            "torch) or track-network; repeatable; by default the ensemble, its members and six-logistic.",
         ),
     ] = None,
     cv: Annotated[

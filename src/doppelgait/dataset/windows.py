@@ -9,8 +9,8 @@ tracker over the whole recording would smooth backwards, so that a stream could 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from itertools import count
 from typing import Any, NamedTuple
 
@@ -19,13 +19,15 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import read_axis
+from doppelgait.core.labels import BASEBAND, make_array, read_axis
 from doppelgait.core.units import FloatArray
 from doppelgait.pipeline.analyze import analyze
 from doppelgait.pipeline.result import Result
 from doppelgait.pipeline.tracking import Tracking
 from doppelgait.processing import Analysis
-from doppelgait.radar.recording import Recording
+from doppelgait.radar.parameters import Radar
+from doppelgait.radar.recording import Recording, make_baseband_facts
+from doppelgait.radar.slow_time import MAX_HOLE_PULSES, MAX_HOLE_S
 
 TOLERANCE = 0.01
 """Tolerance of limits, as a fraction of the period of pulses (or bursts)."""
@@ -148,6 +150,129 @@ def analyze_window(
 def _delay_result(result: Result, by_s: float) -> Result:
     quality = {name: v + by_s if name in TIMES and v is not None else v for name, v in result.quality.items()}
     return replace(result, quality=quality, segments=tuple(_delay_result(one, by_s) for one in result.segments))
+
+
+# Streams -------------------------------------------------------------------------------------------------------------
+
+LATE_S = 1.0
+"""Maximum delay, s, of a frame that counts as out of order; at a larger delay the source's clock has jumped."""
+FOLLOWED = 0.05
+"""Gain of the time tracking: fraction of a frame's time deviation that corrects the next expected time. The clocks of
+radar and receiver differ by 1e-4, and jitter is less than half a frame."""
+
+
+@dataclass
+class LiveCounts:
+    """Frames and windows of a stream, by outcome."""
+
+    frames: int = 0
+    filled: int = 0
+    malformed: int = 0
+    late: int = 0
+    jumps: int = 0
+    windows: int = 0
+    skipped: int = 0
+    failed: int = 0
+
+    def as_dict(self) -> dict[str, int]:
+        """Return the counts by name."""
+        return asdict(self)
+
+
+RECEIVED, FILLED, ABSENT = 0, 1, 2  # origins of a row: a frame, a short gap, a pause
+
+
+class Ring:
+    """Last window of a stream on even times: a short gap is filled in, a longer one is a pause, as in files."""
+
+    def __init__(self, radar: Radar, range_m: npt.NDArray[np.float64], window_s: float, hop_s: float) -> None:
+        self.radar, self.range_m, self.window_s, self.hop_s = radar, range_m, window_s, hop_s
+        self.counts = LiveCounts()
+        # windows start between blocks, as in files: a block is a frame or a burst
+        self._block_rows, self._block_hz = 1, radar.prf_hz
+        if radar.burst_pulses is not None and radar.burst_period_s is not None:
+            self._block_rows, self._block_hz = radar.burst_pulses, 1.0 / radar.burst_period_s
+        n_rows = (math.ceil(window_s * self._block_hz) + 1) * self._block_rows
+        self._rows = np.zeros((n_rows, range_m.size), dtype=np.complex64)
+        self._origin = np.zeros(n_rows, dtype=np.int8)  # RECEIVED, FILLED or ABSENT
+        self._last = self._rows[0].copy()
+        self._start_s, self._due_s, self._ahead_s = 0.0, math.nan, 0.0
+        self._n_rows, self._n_windows = 0, 0
+
+    def windows(self, frames: Iterable[tuple[float, npt.ArrayLike]]) -> Iterator[Window]:
+        """Yield every window when its last frame has arrived."""
+        prf_hz, counts = self.radar.prf_hz, self.counts
+        for told_s, values in frames:
+            counts.frames += 1
+            row = np.array(values, dtype=np.complex64)
+            if row.shape != self.range_m.shape or not np.isfinite(row).all():
+                counts.malformed += 1
+                continue
+            time_s = float(told_s) + self._ahead_s
+            if not math.isfinite(time_s):
+                time_s = self._due_s if self._n_rows else 0.0
+            missing = self._count_missing(time_s) if self._n_rows else 0
+            if missing < 0:
+                if self._due_s - time_s <= LATE_S:
+                    counts.late += 1
+                    continue
+                counts.jumps += 1
+                self._ahead_s += self._due_s - time_s
+                time_s, missing = self._due_s, 0
+            if missing > self._rows.shape[0]:
+                if (self._n_rows + missing) % self._block_rows:  # restart with a complete burst
+                    continue
+                counts.jumps += 1
+                self._n_rows = self._n_windows = missing = 0
+            if self._n_rows == 0:
+                self._start_s = self._due_s = time_s
+            if self._block_rows > 1:
+                self._due_s = self._start_s + float(self.radar.frame_time_s(self._n_rows + missing + 1))
+            else:
+                self._due_s += (missing + 1) / prf_hz
+                self._due_s += FOLLOWED * (time_s + 1 / prf_hz - self._due_s)
+            counts.filled += missing
+            is_short = missing <= max(MAX_HOLE_PULSES, MAX_HOLE_S * prf_hz)
+            for number in range(1, missing + 1):
+                share = np.float64(number / (missing + 1))
+                yield from self._push((1 - share) * self._last + share * row, FILLED if is_short else ABSENT)
+            self._last = row
+            yield from self._push(row, RECEIVED)
+
+    def _count_missing(self, time_s: float) -> int:
+        """Count frames missing before a time, negative if late."""
+        prf_hz, period_s = self.radar.prf_hz, self.radar.burst_period_s
+        if period_s is None:
+            return round((time_s - self._due_s) * prf_hz)
+        since_s = time_s - self._start_s
+        burst = math.floor((since_s + 0.5 / prf_hz) / period_s)
+        place = min(round((since_s - burst * period_s) * prf_hz), self._block_rows - 1)
+        return burst * self._block_rows + place - self._n_rows
+
+    def _push(self, row: npt.NDArray[Any], came_from: int) -> Iterator[Window]:
+        """Add a row and start windows at the positions used for files."""
+        self._rows[self._n_rows % self._rows.shape[0]] = row
+        self._origin[self._n_rows % self._rows.shape[0]] = came_from
+        self._n_rows += 1
+        begin_s = self._n_windows * self.hop_s
+        first, stop = (
+            math.ceil(time_s * self._block_hz - TOLERANCE) * self._block_rows
+            for time_s in (begin_s, begin_s + self.window_s)
+        )
+        if self._n_rows < stop:
+            return
+        self._n_windows += 1
+        pulses = np.arange(first, self._n_rows)
+        times_s = self.radar.frame_time_s(pulses)
+        origin = self._origin[pulses % self._rows.shape[0]]
+        there = np.flatnonzero((origin != ABSENT) | (self._block_rows > 1))  # bursts stay whole
+        there = there if there.size > 1 else np.arange(origin.size)
+        coords = {"slow_time": (times_s - times_s[0])[there], "range": self.range_m}
+        rows = self._rows[pulses[there] % self._rows.shape[0]]
+        facts = make_baseband_facts(self.radar) | {"lost_frame_share": float((origin[there] != RECEIVED).mean())}
+        baseband = make_array(BASEBAND, rows, coords, facts)
+        start_s = self._start_s + begin_s
+        yield Window(start_s, start_s + self.window_s, Recording.from_baseband(baseband, self.radar, source="live"))
 
 
 # Linking -------------------------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from doppelgait.classify.export.device import CSettings, plan_device
-from doppelgait.classify.export.write import convert_samples, feature_rows, remove_running_mean, walk_samples
+from doppelgait.classify.export.write import convert_samples, remove_running_mean, walk_samples
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.processing import Analysis, Gate, patches, signature
 from doppelgait.processing.patches import Patch, cut_pictures
@@ -52,11 +52,3 @@ def test_static_echoes_leave_a_mean_over_the_time_constant():
     assert np.abs(moving[:400]).max() < 1e-12
     after = np.arange(400)
     assert np.allclose(moving[400:], 2.0 * np.exp(-(after + 1) / 50.0), atol=1e-9)
-
-
-def test_features_are_within_the_training_range_and_as_often_unknown():
-    model = export_model_of("linear")
-    rows = feature_rows(np.random.default_rng(0), model, 4000)
-    assert (np.nan_to_num(rows, nan=-np.inf) <= model.highest * (1 + 1e-6)).all()
-    assert np.allclose(np.isnan(rows).mean(axis=0), model.unknown, atol=0.03)
-    assert np.array_equal(rows.astype(np.float32), rows, equal_nan=True)

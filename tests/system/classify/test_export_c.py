@@ -2,7 +2,6 @@
 
 import re
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,11 +15,11 @@ from doppelgait.classify.export.write import (
     predict_network_probability,
     walk_samples,
 )
-from doppelgait.classify.learned import Constant, Network, join_inputs
+from doppelgait.classify.learned import Network
 from doppelgait.core.errors import ConfigError
 from doppelgait.processing import patches
 from doppelgait.processing.patches import Patch
-from export_models import KINDS, export_model_of, inputs_of
+from export_models import export_model_of
 from processes import run
 
 FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
@@ -74,19 +73,8 @@ def test_examples_of_every_kind_agree(build, tmp_path, n_classes, integers, n_ex
     model = export_model_of("ensemble", n_classes, patch=SMALL)
     text, _ = check(build, model, CSettings(n_examples=n_examples, window_s=0.8, integers=integers), tmp_path / "out")
     found = re.findall(rf"(\w+): {n_examples} examples, probabilities differ by at most (\S+),", text)
-    assert [name for name, _ in found] == ["samples", "levels", "features"]
+    assert [name for name, _ in found] == ["samples", "levels"]
     assert max(float(value) for name, value in found if name != "samples" or not integers) < 1e-4
-
-
-@pytest.mark.release
-@pytest.mark.parametrize("kind", KINDS)
-def test_single_models_agree(build, tmp_path, kind):
-    check(build, export_model_of(kind, patch=SMALL), CSettings(n_examples=50), tmp_path / "out")
-
-
-def test_a_share_that_is_constant(build, tmp_path):
-    model = replace(export_model_of("linear"), learned=Constant(np.log([0.2, 0.8])))
-    check(build, model, CSettings(), tmp_path / "out")
 
 
 @pytest.mark.parametrize(
@@ -179,36 +167,6 @@ def test_a_sample_that_is_no_number_costs_no_later_window(build, tmp_path):
     np.testing.assert_allclose(rows[1][1:, 1], rows[0][1:, 1], atol=0.02)  # the mean taken off has seen one sample less
 
 
-FEATURES = """
-#include "doppelgait_model.h"
-#include <stdio.h>
-int main(void)
-{
-    float features[DG_FEATURES], probability[DG_CLASSES];
-    while (fread(features, sizeof features, 1, stdin) == 1) {
-        dg_probability(features, 0, probability);
-        printf("%.7f %d\\n", (double)probability[1], dg_choose(probability));
-    }
-    return 0;
-}
-"""
-
-
-def test_features_alone_count_where_there_is_no_signature(build, tmp_path):
-    model = export_model_of("ensemble", patch=SMALL)
-    made = export_model(model, "c", tmp_path / "out", CSettings(n_examples=1))
-    (tmp_path / "features.c").write_text(FEATURES)
-    features, levels, _ = inputs_of(model, 100, 16)
-    levels[:] = None
-    expected = model.probability(join_inputs(features, levels))
-    program = build(made.folder, tmp_path / "features.c")
-    rows = rows_of(program, features.astype(np.float32))
-    assert np.allclose(rows[:, 0], expected[:, 1], atol=1e-4)
-    sure = expected.max(axis=1) >= 0.8
-    assert 0 < sure.sum() < 100
-    assert rows[:, 1].tolist() == np.where(sure, expected.argmax(axis=1), -1).tolist()
-
-
 MOVING = STREAM.replace("float pulse[2 * DG_BINS];", "static float pulse[3 * DG_BINS];\n    int b;").replace(
     "if (n == 0)\n            window.weight[0] = 0.25f;",
     "for (b = 0; b < DG_BINS; b++)\n            window.weight[b] = pulse[2 * DG_BINS + b];",
@@ -255,7 +213,7 @@ def test_more_bins_can_be_chosen_by_the_compiler(build, tmp_path):
 
 
 def test_a_wrong_expectation_fails(build, tmp_path):
-    made = export_model(export_model_of("linear"), "c", tmp_path / "out", CSettings())
+    made = export_model(export_model_of("network", patch=SMALL), "c", tmp_path / "out", CSettings(n_examples=1))
     golden = bytearray((made.folder / "golden.bin").read_bytes())
     golden[-4:] = np.float32(0.123).tobytes()
     (tmp_path / "wrong.bin").write_bytes(golden)
@@ -300,6 +258,7 @@ def test_a_radar_that_does_not_fit_is_refused(tmp_path, facts, target, words):
     assert not (tmp_path / "out").exists()
 
 
-def test_integers_need_a_network(tmp_path):
-    with pytest.raises(ConfigError, match="has no network"):
-        export_model(export_model_of("trees"), "c", tmp_path / "out", CSettings(integers=True))
+@pytest.mark.parametrize("integers", [False, True])
+def test_a_model_without_a_network_is_refused(tmp_path, integers):
+    with pytest.raises(ConfigError, match="--form c: the model trees has no network of signatures"):
+        export_model(export_model_of("trees"), "c", tmp_path / "out", CSettings(integers=integers))

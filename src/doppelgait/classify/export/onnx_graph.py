@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from doppelgait import __version__
-from doppelgait.classify.learned import Constant, Ensemble, Kernel, Learned, Linear, Network, TrackNetwork, Trees
+from doppelgait.classify.learned import Constant, Ensemble, Learned, Linear, Network, TrackNetwork, Trees
 from doppelgait.classify.model import Model
 from doppelgait.core.errors import ConfigError
 
@@ -67,8 +67,6 @@ class _Graph:
                 return self.add_shares(learned)
             case Linear():
                 return self.add_scores(self.add_standardisation(learned), learned)
-            case Kernel():
-                return self.add_kernel(learned)
             case Trees():
                 return self.add_trees(learned)
             case Network():
@@ -96,7 +94,7 @@ class _Graph:
         count = self.add("Slice", self.add("Shape", self.add_features()), [0], [1])
         return self.add("Expand", learned.log_share, self.add("Concat", count, [learned.log_share.size], axis=0))
 
-    def add_standardisation(self, learned: Linear | Kernel) -> str:
+    def add_standardisation(self, learned: Linear) -> str:
         double = self.onnx.TensorProto.DOUBLE
         values = self.doubles = self.doubles or self.add("Cast", self.add_features(), to=double)
         unknown = self.add("IsNaN", values)
@@ -111,7 +109,7 @@ class _Graph:
             columns = self.add("Concat", columns, self.add("Cast", told, to=double), axis=1)
         return self.add("Div", self.add("Sub", columns, learned.mean), learned.scale)
 
-    def add_scores(self, columns: str, learned: Linear | Kernel) -> str:
+    def add_scores(self, columns: str, learned: Linear) -> str:
         product = self.add("MatMul", columns, learned.weight.T)
         return self.add_log_softmax(self.add("Add", product, learned.bias), len(learned.bias))
 
@@ -120,13 +118,6 @@ class _Graph:
         if n_scores == 1:
             scores = self.add("Concat", self.add("Mul", scores, 0.0), scores, axis=1)
         return self.add("LogSoftmax", scores, axis=1)
-
-    def add_kernel(self, learned: Kernel) -> str:
-        rows = self.add_standardisation(learned)
-        own = self.add("ReduceSumSquare", rows, [1], keepdims=1)
-        product = self.add("MatMul", rows, -2.0 * learned.support.T)
-        squared = self.add("Relu", self.add("Sum", own, (learned.support**2).sum(axis=1), product))
-        return self.add_scores(self.add("Exp", self.add("Neg", squared)), learned)
 
     def add_trees(self, learned: Trees) -> str:
         """Add boosted trees, each reached from its root."""

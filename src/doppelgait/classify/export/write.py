@@ -16,7 +16,7 @@ from doppelgait import __version__
 from doppelgait.classify import scorer
 from doppelgait.classify.export.c_code import TEXTS, Sources
 from doppelgait.classify.export.device import CSettings, Device, list_parts, plan_device, quantise, select_networks
-from doppelgait.classify.learned import Ensemble, FloatArray, Network, TrackNetwork, join_inputs
+from doppelgait.classify.learned import Ensemble, FloatArray, TrackNetwork, join_inputs
 from doppelgait.classify.model import Model
 from doppelgait.classify.model_file import save_model
 from doppelgait.core.errors import ConfigError, warn_caller
@@ -47,7 +47,7 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
     Parameters
     ----------
     form : {"c", "numpy", "onnx"}
-        ``c``: C99 from complex samples of a gate, or from features, to probabilities. ``numpy``:
+        ``c``: C99 of the networks of a model, from complex samples of a gate to probabilities. ``numpy``:
         the model file and a scorer that needs NumPy alone. ``onnx``: one graph from features and
         pictures to calibrated probabilities
         (:func:`doppelgait.classify.export.onnx_graph.build_onnx_model`).
@@ -109,40 +109,30 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
 
 
 def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], dict[str, Any]]:
-    """Write the header, the source, golden vectors and their test."""
-    rng, device = np.random.default_rng(settings.seed), None
-    networks = [part[0] for part in list_parts(model) if isinstance(part[0], Network)]
-    if settings.integers and not networks:
-        raise ConfigError("--int8: this model has no network; features stay in float32")
-    samples, simulated, scaling = list[Any](), list[Any](), list[Any]()
-    if networks:
-        device = plan_device(model, networks[0].patch, settings)
-        samples = [walk_samples(rng, device) for _ in range(settings.n_examples)]
-        simulated = scaling = [convert_samples(each, device) for each in samples]
-        if settings.data is not None:
-            scaling = collect_levels(settings.data, device.patch, device.n_columns, SCALE_EXAMPLES)
-        elif settings.integers:
-            more = range(SCALE_EXAMPLES - len(simulated))
-            scaling = [*simulated, *(convert_samples(walk_samples(rng, device), device) for _ in more)]
+    """Write the header, the source, golden vectors and their test of the networks of a model."""
+    exact = select_networks(model)
+    if exact is None:
+        raise ConfigError(
+            f"--form c: the model {model.facts.name} has no network of signatures, and features are not computed on a "
+            "device; train an ensemble or signature-network, or use --form onnx or numpy"
+        )
+    rng, model = np.random.default_rng(settings.seed), exact
+    device = plan_device(exact, list_parts(exact)[0][0].patch, settings)
+    samples = [walk_samples(rng, device) for _ in range(settings.n_examples)]
+    simulated = scaling = [convert_samples(each, device) for each in samples]
+    if settings.data is not None:
+        scaling = collect_levels(settings.data, device.patch, device.n_columns, SCALE_EXAMPLES)
+    elif settings.integers:
+        more = range(SCALE_EXAMPLES - len(simulated))
+        scaling = [*simulated, *(convert_samples(walk_samples(rng, device), device) for _ in more)]
     levels = scaling[: settings.n_examples]
-    exact = model
     if settings.integers:
         model = convert_to_integers(exact, scaling[:SCALE_EXAMPLES])
     sources = Sources(model, device)
-    features = feature_rows(rng, model, settings.n_examples if model.facts.names else 0)
-    words: list[Any] = [np.array([1, len(samples), len(levels), len(features)], dtype=np.int32)]
+    words: list[Any] = [np.array([2, len(samples), len(levels)], dtype=np.int32)]
     for inputs, rows in ((samples, simulated), ([each.T for each in levels], levels)):
         for each, answer in zip(inputs, predict_network_probability(model, rows) if rows else (), strict=True):
             words += [each, answer.astype(np.float32)]
-    if len(features):
-        values: npt.NDArray[Any] = features
-        seen = np.zeros((len(features), 0))
-        if networks:
-            whole = np.fromiter((levels[n % len(levels)] for n in range(len(features))), dtype=object)
-            own = [part[0].log_probability(whole) for part in list_parts(model) if isinstance(part[0], Network)]
-            values, seen = join_inputs(features, whole), np.stack(own, axis=1)  # seen: (n, n_networks, n_classes)
-        for each in zip(features, seen, model.probability(values), strict=True):
-            words += [part.astype(np.float32) for part in each]
     files = {
         "doppelgait_model.h": sources.header().encode(),
         "doppelgait_model.c": sources.source().encode(),
@@ -158,8 +148,8 @@ def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], 
 
 
 def convert_to_integers(model: Model, examples: list[Any]) -> Model:
-    """Return a model with networks in integers."""
-    parts = [quantise(part[0], examples) if isinstance(part[0], Network) else part[0] for part in list_parts(model)]
+    """Return a model of networks in integers."""
+    parts = [quantise(part[0], examples) for part in list_parts(model)]
     learned = model.learned
     return replace(model, learned=replace(learned, members=tuple(parts)) if isinstance(learned, Ensemble) else parts[0])
 
@@ -221,14 +211,6 @@ def collect_levels(folder: Path, patch: Patch, n_columns: int, most: int) -> lis
             part = whole[:, first : first + n_columns]
             found.append(np.pad(part, ((0, 0), (0, n_columns - part.shape[1]))))
     return found
-
-
-def feature_rows(rng: np.random.Generator, model: Model, n: int) -> FloatArray:
-    """Sample features within the training range."""
-    low, high = np.nan_to_num(model.lowest), np.nan_to_num(model.highest)
-    values = rng.uniform(low, high, (n, low.size))
-    values[rng.random(values.shape) < model.unknown] = np.nan
-    return values.astype(np.float32).astype(np.float64)
 
 
 def predict_network_probability(model: Model, levels: list[Levels]) -> FloatArray:

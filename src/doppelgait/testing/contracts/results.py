@@ -97,7 +97,6 @@ def check_classifier(name: str, *, seed: int = 0) -> None:
     from doppelgait.classify.learned import (
         Constant,
         Ensemble,
-        Kernel,
         LabelledRows,
         Linear,
         Network,
@@ -119,7 +118,7 @@ def check_classifier(name: str, *, seed: int = 0) -> None:
         )
         before: list[Any] = [None if row is None else np.array(row, copy=True) for row in values]
         learned = train(rows, held, n_classes=n_classes, seed=1)
-        forms = Constant | Linear | Kernel | Trees | Network | TrackNetwork | Ensemble
+        forms = Constant | Linear | Trees | Network | TrackNetwork | Ensemble
         require(isinstance(learned, forms), f"{label}: gives {type(learned).__name__}, not one of {forms}")
         same = [
             (one is None and other is None) or np.array_equal(one, other, equal_nan=True)

@@ -3,24 +3,6 @@
 #include <math.h>
 
 typedef struct {
-    const float *floor, *median, *mean, *scale; /* floor: 0 where a feature does not count by its logarithm */
-    const int16_t *told;                        /* features with a further column that marks them as unknown */
-    int n_told;
-    const float *support, *weight, *bias;       /* support: 0 for logistic regression */
-    int n_support, n_scores;
-} dg_columns;
-
-typedef struct {
-    const int16_t *feature;                     /* -1 in a leaf */
-    const float *value;                         /* largest value that goes left, or score of a leaf */
-    const uint8_t *unknown_left;
-    const dg_node *left, *right, *root;
-    int n_rounds, n_scores;
-    const float *start;
-} dg_trees;
-
-#if DG_NETWORKS
-typedef struct {
     const dg_weight *kernel;                    /* (n_out, 3, 3, n_in) */
 #if DG_INT8
     const int32_t *multiplier;                  /* activation = (sum * multiplier + offset) >> shift */
@@ -36,15 +18,9 @@ typedef struct {
     const dg_layer *layers;
     const dg_weight *weight;                    /* (classes, n_last) */
     const float *scale, *bias;                  /* scale: of one unit of the sums, mean over the image included */
-} dg_network;
-#endif
-
-typedef struct {
-    int kind;                                   /* 0 shares, 1 columns, 2 trees, 3 network */
-    const void *model;
-    float weight, slope;
+    float share, slope;                         /* of its answer among those of all networks, and its calibration */
     const float *shift;
-} dg_part;
+} dg_network;
 
 /* @TABLES@ */
 
@@ -80,133 +56,6 @@ static void add_calibrated(const float *answer, float slope, const float *shift,
         total[k] += weight * scores[k];
 }
 
-int dg_choose(const float probability[DG_CLASSES])
-{
-    int k, best = 0;
-    for (k = 1; k < DG_CLASSES; k++)
-        if (probability[k] > probability[best])
-            best = k;
-    return probability[best] >= DG_ABSTAIN_BELOW ? best : -1;
-}
-
-#if DG_HAS_COLUMNS || DG_HAS_TREES
-/* One score stands for the second of two classes. */
-static void scores_to_log_probability(float *scores, int n_scores)
-{
-    if (n_scores == 1) {
-        scores[1] = scores[0];
-        scores[0] = 0.0f;
-    }
-    log_softmax(scores);
-}
-#endif
-
-#if DG_FEATURES
-#if DG_HAS_COLUMNS
-static void columns_answer(const dg_columns *own, const float *features, float *scores)
-{
-    float columns[DG_FEATURES + DG_MOST_TOLD];
-    int n, k, s, n_columns = DG_FEATURES + own->n_told;
-    for (n = 0; n < DG_FEATURES; n++) {
-        float value = features[n];
-        if (isnan(value))
-            value = own->median[n];
-        else if (own->floor[n] > 0.0f)
-            value = logf(value > own->floor[n] ? value : own->floor[n]);
-        columns[n] = (value - own->mean[n]) / own->scale[n];
-    }
-    for (n = DG_FEATURES; n < n_columns; n++)
-        columns[n] = ((isnan(features[own->told[n - DG_FEATURES]]) ? 1.0f : 0.0f) - own->mean[n]) / own->scale[n];
-    for (k = 0; k < own->n_scores; k++)
-        scores[k] = own->bias[k];
-    if (own->support == 0) {
-        for (k = 0; k < own->n_scores; k++)
-            for (n = 0; n < n_columns; n++)
-                scores[k] += own->weight[k * n_columns + n] * columns[n];
-    } else {
-        for (s = 0; s < own->n_support; s++) {
-            float apart = 0.0f;
-            for (n = 0; n < n_columns; n++) {
-                float step = columns[n] - own->support[s * n_columns + n];
-                apart += step * step;
-            }
-            apart = expf(-apart);
-            for (k = 0; k < own->n_scores; k++)
-                scores[k] += own->weight[k * own->n_support + s] * apart;
-        }
-    }
-    scores_to_log_probability(scores, own->n_scores);
-}
-#endif
-
-#if DG_HAS_TREES
-static void trees_answer(const dg_trees *own, const float *features, float *scores)
-{
-    int round, k;
-    for (k = 0; k < own->n_scores; k++) {
-        scores[k] = own->start[k];
-        for (round = 0; round < own->n_rounds; round++) {
-            dg_node node = own->root[round * own->n_scores + k];
-            while (own->feature[node] >= 0) {
-                float value = features[own->feature[node]];
-                int goes_left = isnan(value) ? own->unknown_left[node] : value <= own->value[node];
-                node = goes_left ? own->left[node] : own->right[node];
-            }
-            scores[k] += own->value[node];
-        }
-    }
-    scores_to_log_probability(scores, own->n_scores);
-}
-#endif
-
-int dg_member(int number, const float features[DG_FEATURES], float log_probability[DG_CLASSES])
-{
-    const dg_part *part = &parts[number];
-    int k;
-    (void)features;
-    switch (part->kind) {
-    case 0:
-        for (k = 0; k < DG_CLASSES; k++)
-            log_probability[k] = ((const float *)part->model)[k];
-        return 1;
-#if DG_HAS_COLUMNS
-    case 1:
-        columns_answer((const dg_columns *)part->model, features, log_probability);
-        return 1;
-#endif
-#if DG_HAS_TREES
-    case 2:
-        trees_answer((const dg_trees *)part->model, features, log_probability);
-        return 1;
-#endif
-    default:
-        return 0;
-    }
-}
-
-void dg_probability(const float features[DG_FEATURES], const float network[][DG_CLASSES],
-                    float probability[DG_CLASSES])
-{
-    float total[DG_CLASSES] = {0.0f}, answer[DG_CLASSES];
-    int n, k, seen = 0;
-    for (n = 0; n < DG_MEMBERS; n++) {
-        if (!dg_member(n, features, answer)) {
-            for (k = 0; k < DG_CLASSES; k++)
-                answer[k] = network ? network[seen][k] : 0.0f;
-            log_softmax(answer);
-            seen++;
-        }
-        add_calibrated(answer, parts[n].slope, parts[n].shift, parts[n].weight, total);
-    }
-    log_softmax(total);
-    fill_zero(probability, DG_CLASSES);
-    add_calibrated(total, calibration_slope, calibration_shift, 1.0f, probability);
-    for (k = 0; k < DG_CLASSES; k++)
-        probability[k] = expf(probability[k]);
-}
-#endif
-
-#if DG_NETWORKS
 #define DG_MOST(a, b) ((a) > (b) ? (a) : (b))
 static dg_activation layer_even[DG_EVEN_VALUES], layer_odd[DG_ODD_VALUES];
 static float spectrum[2][DG_DOPPLER][2];
@@ -291,46 +140,31 @@ static void add_picture(const dg_network *own, const float *levels, int start, i
         total[k] += scores[k];
 }
 
-void dg_networks(const float *levels, float log_probability[][DG_CLASSES])
+void dg_decide_levels(const float *levels, dg_decision *decision)
 {
-    int n, k, p, seen = 0;
-    for (n = 0; n < DG_MEMBERS; n++)
-        if (parts[n].kind == 3) {
-            float *total = log_probability[seen++];
-            fill_zero(total, DG_CLASSES);
-            for (p = 0; p < DG_PICTURES; p++) {
-                add_picture((const dg_network *)parts[n].model, levels, picture_starts[p], 0, total);
-                add_picture((const dg_network *)parts[n].model, levels, picture_starts[p], 1, total);
-            }
-            for (k = 0; k < DG_CLASSES; k++)
-                total[k] /= 2.0f * DG_PICTURES;
-            log_softmax(total);
+    float total[DG_CLASSES] = {0.0f}, answer[DG_CLASSES];
+    int n, k, p;
+    for (n = 0; n < DG_NETWORKS; n++) {
+        fill_zero(answer, DG_CLASSES);
+        for (p = 0; p < DG_PICTURES; p++) {
+            add_picture(&networks[n], levels, picture_starts[p], 0, answer);
+            add_picture(&networks[n], levels, picture_starts[p], 1, answer);
         }
-}
-
-void dg_decide_networks(const float network[][DG_CLASSES], dg_decision *decision)
-{
-    float total[DG_CLASSES] = {0.0f};
-    int n, k, seen = 0;
-    for (n = 0; n < DG_MEMBERS; n++)
-        if (parts[n].kind == 3)
-            add_calibrated(network[seen++], parts[n].slope, parts[n].shift, parts[n].weight * DG_NETWORK_SHARE, total);
-    log_softmax(total);
-#if DG_NETWORKS == DG_MEMBERS
-    {
-        float whole[DG_CLASSES] = {0.0f};
-        add_calibrated(total, calibration_slope, calibration_shift, 1.0f, whole);
         for (k = 0; k < DG_CLASSES; k++)
-            total[k] = whole[k];
+            answer[k] /= 2.0f * DG_PICTURES;
+        log_softmax(answer);
+        add_calibrated(answer, networks[n].slope, networks[n].shift, networks[n].share, total);
     }
-#endif
+    log_softmax(total);
+    fill_zero(answer, DG_CLASSES);
+    add_calibrated(total, calibration_slope, calibration_shift, 1.0f, answer);
     decision->label = 0;
     for (k = 0; k < DG_CLASSES; k++) {
-        decision->probability[k] = expf(total[k]);
+        decision->probability[k] = expf(answer[k]);
         if (decision->probability[k] > decision->probability[decision->label])
             decision->label = k;
     }
-    decision->decided = dg_choose(decision->probability) >= 0;
+    decision->decided = decision->probability[decision->label] >= DG_ABSTAIN_BELOW;
 }
 
 /* Fourier transform of spectrum[0] by Stockham's algorithm; returns where it is. */
@@ -523,11 +357,9 @@ static float power_to_levels(dg_window *window)
 void dg_decide(dg_window *window, dg_decision *decision)
 {
     float ratio = power_to_levels(window);
-    dg_networks(&window->cells[0][0], decision->network);
-    dg_decide_networks((const float(*)[DG_CLASSES])decision->network, decision);
+    dg_decide_levels(&window->cells[0][0], decision);
     decision->peak_over_floor_db = ratio > 0.0f ? 10.0f * log10f(ratio) : 0.0f;
     if (!(ratio > 0.0f))
         decision->decided = 0;
     clear(window);
 }
-#endif

@@ -1,4 +1,4 @@
-/* A trained model of doppelgait: from complex samples of a gate, or from gait features, to a class.
+/* The networks of a trained model of doppelgait: from complex samples of a gate to a class.
 
    C99, no allocation, nothing but <math.h> and <stdint.h>. Made by `doppelgait model export --form c`.
    Not re-entrant: the layers of the network share one static buffer. */
@@ -11,11 +11,6 @@
 
 extern const char *const dg_class_names[DG_CLASSES];
 
-#if DG_FEATURES
-extern const char *const dg_feature_names[DG_FEATURES];
-#endif
-
-#if DG_NETWORKS
 /* Range bins that dg_push takes: -DDG_BINS=31 for more than the exported number. */
 #ifndef DG_BINS
 #define DG_BINS DG_EXPORTED_BINS
@@ -38,7 +33,6 @@ typedef struct {
     int label;                                 /* most likely class */
     int decided;                               /* 0: no signal, or the probability is below DG_ABSTAIN_BELOW */
     float peak_over_floor_db;                  /* strongest cell, median over time, over the noise floor */
-    float network[DG_NETWORKS][DG_CLASSES];    /* log-probabilities before calibration, for dg_probability */
 } dg_decision;
 
 /* Begin anew: after the start, after lost pulses, and when the gate belongs to another target. All weights become 1. */
@@ -49,28 +43,11 @@ void dg_start(dg_window *window);
    DG_WINDOW_PULSES (then DG_STFT_COLUMNS * DG_HOP) pulses have made a whole window, else 0. */
 int dg_push(dg_window *window, const float *samples);
 
-/* Decide about a whole window, by the network alone, and begin the next one. Work memory is static: one thread at a
-   time, for however many windows. */
+/* Decide about a whole window and begin the next one. Work memory is static: one thread at a time, for however many
+   windows. */
 void dg_decide(dg_window *window, dg_decision *decision);
 
-/* Log-probabilities of every network for levels (DG_COLUMNS, DG_VELOCITIES), time first, 0 to 1. */
-void dg_networks(const float *levels, float log_probability[][DG_CLASSES]);
-
-/* Decide from log-probabilities of the networks. */
-void dg_decide_networks(const float network[][DG_CLASSES], dg_decision *decision);
-#endif
-
-#if DG_FEATURES
-/* Log-probabilities of one member, 0 to DG_MEMBERS - 1, that sees features; NAN for an unknown feature.
-   Returns 0 if the member is a network. */
-int dg_member(int number, const float features[DG_FEATURES], float log_probability[DG_CLASSES]);
-
-/* Calibrated probabilities of the whole model. `network` is that of a dg_decision, or 0 where there is no signature. */
-void dg_probability(const float features[DG_FEATURES], const float network[][DG_CLASSES],
-                    float probability[DG_CLASSES]);
-#endif
-
-/* Most likely class, or -1 below DG_ABSTAIN_BELOW. */
-int dg_choose(const float probability[DG_CLASSES]);
+/* Decide about levels (DG_COLUMNS, DG_VELOCITIES), time first, 0 to 1; peak_over_floor_db stays as it is. */
+void dg_decide_levels(const float *levels, dg_decision *decision);
 
 #endif
