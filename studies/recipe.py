@@ -136,7 +136,6 @@ def adaptation_table(frames: Sequence[pd.DataFrame], name: str) -> str:
     columns = {
         "same targets before": "before",
         "balanced accuracy": "balanced_accuracy",
-        "without labels": "unlabelled",
         "ECE": "expected_calibration_error",
     }
     lines = []

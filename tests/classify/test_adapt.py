@@ -13,7 +13,6 @@ from doppelgait.classify.adapt import (
     SHIFT_SD,
     SLOPE_SD,
     adapt,
-    adapt_unlabelled,
     list_row_recordings,
     sample_own_rows,
     score_adaptation,
@@ -108,39 +107,17 @@ def test_the_same_targets_trigger_the_alarm_as_before(model):
         facts = model.facts.model_copy(update={"alarm": alarm, "alarm_threshold": 0.7})
         before = replace(model, facts=facts)
         column = facts.classes.index(alarm)
-        for after in (adapt(before, values, rows.labels, ids(rows)), adapt_unlabelled(before, values, ids(rows))):
-            assert after.facts.alarm_threshold != pytest.approx(0.7, abs=0.01)
-            triggers = [one.probability(values)[:, column] >= one.facts.alarm_threshold for one in (before, after)]
-            assert 0 < triggers[0].sum() < len(values)
-            assert (triggers[0] == triggers[1]).all()
+        after = adapt(before, values, rows.labels, ids(rows))
+        assert after.facts.alarm_threshold != pytest.approx(0.7, abs=0.01)
+        triggers = [one.probability(values)[:, column] >= one.facts.alarm_threshold for one in (before, after)]
+        assert 0 < triggers[0].sum() < len(values)
+        assert (triggers[0] == triggers[1]).all()
 
 
 def test_a_blank_recording_is_one_of_its_own():
     rows, _ = own_rows(2, per_target=2)
     rows.index["recording"] = ["", "a", None, "a"]
     assert list_row_recordings(rows).tolist() == ["e0", "a", "e2", "a"]
-
-
-def test_without_labels_the_mean_probability_comes_to_the_shares(model):
-    """Against a search on a grid; with many rows the prior no longer counts."""
-    rows, values = own_rows(6, seed=3)
-    names = rows.index["recording"].to_numpy(dtype=str)
-    found = adapt_unlabelled(model, values, names)
-    shifts = np.linspace(-6, 6, 12001)
-    mean = expit(values + shifts).mean(axis=0)
-    loss = -len(set(names)) * (0.5 * np.log(mean) + 0.5 * np.log(1 - mean)) + (shifts / SHIFT_SD) ** 2 / 2
-    assert found.calibration.shift[1] == pytest.approx(shifts[loss.argmin()], abs=0.003)
-    assert found.calibration.slope == 1.0
-    assert found.facts.n_own == len(values)
-    repeated = np.concatenate([values, np.repeat(values[:2], 9, axis=0)])  # a long recording counts once
-    again = adapt_unlabelled(model, repeated, np.concatenate([names, np.repeat(names[:2], 9)]))
-    assert again.calibration.shift == pytest.approx(found.calibration.shift, abs=1e-6)
-    assert adapt_unlabelled(model, values[:0], names[:0]) is model
-    rows, many = own_rows(2000)
-    names = rows.index["recording"].to_numpy(dtype=str)
-    assert adapt_unlabelled(model, many, names).probability(many).mean(axis=0) == pytest.approx([0.5, 0.5], abs=0.003)
-    rare = adapt_unlabelled(model, many, names, shares=[0.9, 0.1])
-    assert rare.probability(many).mean(axis=0) == pytest.approx([0.9, 0.1], abs=0.003)
 
 
 def test_targets_who_are_drawn_are_not_scored():
@@ -170,15 +147,13 @@ def test_a_shifted_threshold_is_found_by_few_recordings(model, monkeypatch):
     assert scores[2] > 0.95
     errors = [point["expected_calibration_error"] for point in curve]
     assert errors[2] < errors[0] / 3
-    assert curve[0]["low"] == curve[0]["high"] == scores[0] == curve[0]["unlabelled"]
-    assert curve[2]["unlabelled"] > 0.94
+    assert curve[0]["low"] == curve[0]["high"] == scores[0]
 
 
 def test_without_a_change_the_same_targets_score_as_before(model, monkeypatch):
     """Few targets are left to score: their score differs from that of all, and says nothing about the adaptation."""
     monkeypatch.setattr(adapting, "adapt", lambda model, *_: model)
-    monkeypatch.setattr(adapting, "adapt_unlabelled", lambda model, *_: model)
     rows, values = own_rows(6, seed=7, offset=1.5)
     for point in score_adaptation(model, rows, values, np.random.default_rng(1), counts=(0, 1, 2)):
-        assert point["balanced_accuracy"] == point["before"] == point["unlabelled"]
+        assert point["balanced_accuracy"] == point["before"]
         assert point["movers"] == 6 - (2 if point["n"] else 0)

@@ -2,19 +2,17 @@
 
 A model trained on simulation often ranks real targets well, but its probabilities are shifted, so
 that its decision threshold is wrong. Two parameters correct the threshold, and a few recordings
-suffice to fit them. Without labels one parameter is fitted from the known class frequencies among
-the recordings.
+suffice to fit them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.classify import scores
 from doppelgait.classify.data import Rows, take_rows
@@ -23,7 +21,6 @@ from doppelgait.classify.model import Calibration, Model, blocked_rows, conditio
 from doppelgait.classify.scorer import log_softmax
 from doppelgait.core.errors import DatasetError
 
-Likelihood = Callable[[FloatArray], Any]
 COUNTS = (0, 1, 2, 5, 10, 20)  # numbers of recordings per class in the curve of score_adaptation
 REPEATS = 50
 SLOPE_SD, SHIFT_SD = 0.5, 2.0
@@ -40,50 +37,24 @@ def adapt(model: Model, values: Inputs, labels: IntArray, recordings: scores.Gro
     missing = [name for number, name in enumerate(classes) if not (labels == number).any()]
     if missing:
         raise DatasetError(
-            f"own recordings contain no {', '.join(missing)}; add some of every class ({', '.join(classes)}), or label "
-            "all of them unlabelled"
+            f"own recordings contain no {', '.join(missing)}; add some of every class ({', '.join(classes)})"
         )
-    share = _weight_recordings(recordings)
-    of_class = np.bincount(labels, weights=share, minlength=len(classes))
-    weights = share * of_class.sum() / (len(classes) * of_class[labels])
-    return _adapt(model, values, lambda log_p: (weights * log_p[np.arange(labels.size), labels]).sum(), sloped=True)
-
-
-def adapt_unlabelled(
-    model: Model, values: Inputs, recordings: scores.Groups, shares: npt.ArrayLike | None = None
-) -> Model:
-    """Adapt a model's probabilities to recordings without labels, with shares (n_classes,) of the classes."""
-    if not len(values):
-        return model
-    weights, count = _weight_recordings(recordings), len(model.facts.classes)
-    n = float(weights.sum())
-    share = np.full(count, 1.0 / count) if shares is None else np.asarray(shares, dtype=np.float64)
-    return _adapt(model, values, lambda log_p: n * (share @ np.log(weights @ np.exp(log_p) / n)), sloped=False)
-
-
-def _weight_recordings(recordings: scores.Groups) -> FloatArray:
-    """Return row weights that sum to 1 over each recording."""
-    _, number, counts = np.unique(recordings, return_inverse=True, return_counts=True)
-    return np.asarray(1.0 / counts[number], dtype=np.float64)
-
-
-def _adapt(model: Model, values: Inputs, likelihood: Likelihood, *, sloped: bool) -> Model:
-    """Apply slope and shift of maximum posterior probability after a model's calibration."""
-    # p' = softmax(slope log p + shift)
     from scipy.optimize import minimize
 
+    _, number, counts = np.unique(recordings, return_inverse=True, return_counts=True)
+    share = 1.0 / counts[number]  # over each recording these sum to 1
+    of_class = np.bincount(labels, weights=share, minlength=len(classes))
+    weights = share * of_class.sum() / (len(classes) * of_class[labels])
     log_p = np.log(np.maximum(model.probability(values), 1e-12))
 
-    def split(parameters: FloatArray) -> tuple[float, FloatArray]:
-        return float(parameters[0]) if sloped else 0.0, parameters[1:] if sloped else parameters
-
     def loss(parameters: FloatArray) -> float:
-        log_slope, shift = split(parameters)
+        log_slope, shift = parameters[0], parameters[1:]
         prior = (log_slope / SLOPE_SD) ** 2 + ((shift / SHIFT_SD) ** 2).sum()
-        return float(prior / 2.0 - likelihood(log_softmax(np.exp(log_slope) * log_p + np.append(0.0, shift))))
+        answers = log_softmax(np.exp(log_slope) * log_p + np.append(0.0, shift))
+        return float(prior / 2.0 - (weights * answers[np.arange(labels.size), labels]).sum())
 
-    start = np.zeros(log_p.shape[1] - (not sloped))
-    log_slope, shift = split(minimize(loss, start, method="L-BFGS-B").x)
+    # slope and shift of maximum posterior probability after the model's calibration: p' = softmax(slope log p + shift)
+    log_slope, *shift = minimize(loss, np.zeros(log_p.shape[1]), method="L-BFGS-B").x
     slope, before, facts = float(np.exp(log_slope)), model.calibration, model.facts
     moved = slope * before.shift + np.append(0.0, shift)
     threshold = facts.alarm_threshold
@@ -140,24 +111,23 @@ def score_adaptation(
         for own, scored in filter(None, samples):
             labels = rows.labels[scored]
             adapted = adapt(model, values[own], rows.labels[own], recordings[own])
-            blind = adapt_unlabelled(model, values[own], recordings[own])
-            found = [each.probability(values[scored]) for each in (adapted, model, blind)]
+            found = [each.probability(values[scored]) for each in (adapted, model)]
             right = [each.argmax(axis=1) == labels for each in found]
             accuracies = [scores.balanced_accuracy(labels, each, count) for each in right]
             draws.append([*accuracies, np.unique(rows.groups[scored]).size])
             answers.append((found[0].max(axis=1), right[0], row_weights(labels, count)))
-        accuracy, before, unlabelled, n_targets = np.mean(draws, axis=0).tolist()
+        accuracy, before, n_targets = np.mean(draws, axis=0).tolist()
         low, high = np.quantile([draw[0] for draw in draws], (0.1, 0.9)).tolist()
         sure, hits, weights = (np.concatenate(part) for part in zip(*answers, strict=True))
         bins = scores.bin_reliability(sure, hits, weights, 1.0 / count)
         point = {"n": n, "balanced_accuracy": accuracy, "low": low, "high": high, "before": before}
-        point |= {"unlabelled": unlabelled, "movers": n_targets, "reliability": bins}
+        point |= {"movers": n_targets, "reliability": bins}
         curve.append(point | {"expected_calibration_error": scores.expected_calibration_error(bins)})
     return curve
 
 
 def adapt_to_rows(
-    model: Model, rows: Rows, values: Inputs, *, shares: Mapping[str, float] | None = None, seed: int = 0
+    model: Model, rows: Rows, values: Inputs, *, seed: int = 0
 ) -> tuple[Model, list[dict[str, Any]], list[str]]:
     """Adapt a model to own rows, with the curve of its scores and remarks."""
     notes = []
@@ -172,14 +142,6 @@ def adapt_to_rows(
             + (f" ({worst})" if worst else "")
         )
     rows, values = take_rows(rows, ~blocked), values[~blocked]
-    recordings = list_row_recordings(rows)
-    if shares is not None:
-        if not len(rows):
-            return model, [], [*notes, "not adapted: no own row is left"]
-        words = ", ".join(f"{share:.0%} {name}" for name, share in shares.items())
-        count = np.unique(recordings).size
-        notes.append(f"adapted to {count} recordings without labels, as if {words}; scores are from before")
-        return adapt_unlabelled(model, values, recordings, [shares[name] for name in rows.classes]), [], notes
     if np.unique(rows.labels).size < len(rows.classes):
         return model, [], [*notes, "not adapted: a class has no own recording left"]
     curve = score_adaptation(model, rows, values, np.random.default_rng(seed))
@@ -191,4 +153,4 @@ def adapt_to_rows(
         notes.append(
             "own recordings name no subject: each counts as a separate target, though a target may be in several"
         )
-    return adapt(model, values, rows.labels, recordings), curve, notes
+    return adapt(model, values, rows.labels, list_row_recordings(rows)), curve, notes

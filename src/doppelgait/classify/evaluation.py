@@ -56,7 +56,6 @@ from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.splits import list_names, parse_source
 
-UNLABELLED = "unlabelled"  # label of the user's recordings with unknown content
 SHUFFLES = 5  # shuffles of a feature for its importance
 LEAST_PROBABILITY = 1e-12
 HELD_FOLDS = 5
@@ -451,7 +450,6 @@ def evaluate(
     n_folds: int | None = None,
     left_out: str | None = None,
     own: Dataset | None = None,
-    own_shares: Mapping[str, float] | None = None,
     unknown: Dataset | None = None,
     motion_folder: Path | None = None,
     seed: int = 0,
@@ -483,11 +481,7 @@ def evaluate(
     own : Dataset, optional
         Your own recordings, to test on and to adapt the models to
         (:func:`doppelgait.classify.adapt.score_adaptation`); the models returned are adapted to all
-        of them. Where all are labelled :data:`UNLABELLED`, nothing of them is tested, and the
-        models are adapted to the shares of the classes among them
-        (:func:`doppelgait.classify.adapt.adapt_unlabelled`).
-    own_shares : mapping, optional
-        Share of every class among own recordings without labels, with sum 1; equal by default.
+        of them.
     unknown : Dataset, optional
         Rows of further classes, on which the models should abstain; they are scored separately.
     motion_folder : Path, optional
@@ -529,7 +523,7 @@ def evaluate(
     >>> found.document["tested"]
     {'human': 1, 'dog': 1}
     """
-    rows, nameless = _collect_test_rows(dataset, other, own, own_shares)
+    rows = _collect_test_rows(dataset, other, own)
     rows = replace(rows, alarm=_choose_alarm_class(rows, alarm_class, needed=day is not None))
     strangers = None if unknown is None else unknown_rows(unknown, rows)
     for option, other_data in (("--adapt", own), ("--unknown", unknown)):
@@ -562,13 +556,10 @@ def evaluate(
         values = [scores.balanced_accuracy(each.labels, each.right, len(each.classes)) for each in by_answers]
         document["models"][name]["seeds"] = [value if np.isfinite(value) else None for value in values]
     kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
-    part, equal = folds[0].test, dict.fromkeys(rows.classes, 1.0 / len(rows.classes))
+    part = folds[0].test
     for name in trained if own is not None or strangers is not None else ():
         entry, tested, remarks = document["models"][name], tables[name].values[part], list[str]()
-        if nameless is not None:
-            inputs = collect_inputs(nameless, kept[name].facts.features).values
-            kept[name], _, remarks = adapt_to_rows(kept[name], nameless, inputs, shares=own_shares or equal)
-        elif own is not None:
+        if own is not None:
             adapted = adapt_to_rows(kept[name], take_rows(rows, part), tested, seed=seed)
             kept[name], entry["adaptation"], remarks = adapted
         if strangers is not None:
@@ -601,39 +592,20 @@ def _list_limits(rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], out
     ]
 
 
-def _collect_test_rows(
-    dataset: Dataset, other: Dataset | None, own: Dataset | None, shares: Mapping[str, float] | None
-) -> tuple[Rows, Rows | None]:
-    """Collect all rows, and separately own rows without labels."""
-    blank = None if own is None else own.index["label"].to_numpy(dtype=str) == UNLABELLED
-    if shares is not None and (blank is None or not blank.any()):
-        raise ConfigError(f"--share: needs --adapt and recordings labelled {UNLABELLED!r}")
-    if own is None or blank is None:
-        return collect_rows(dataset, other), None
+def _collect_test_rows(dataset: Dataset, other: Dataset | None, own: Dataset | None) -> Rows:
+    """Collect all rows."""
+    if own is None:
+        return collect_rows(dataset, other)
     if other is not None:
         raise ConfigError("--adapt and --test: use one of them; --adapt tests on recordings that it does not adapt to")
-    if not blank.any():
-        rows = collect_rows(dataset, own)
-        missing = [name for name in rows.classes if not (own.index["label"] == name).any()]
-        if missing:
-            raise DatasetError(
-                f"--adapt {own.directory}: contains no {', '.join(missing)}, so that the shift of the decision is "
-                f"unknown; label recordings of every class ({', '.join(rows.classes)}), or label all {UNLABELLED!r}"
-            )
-        return rows, None
-    if not blank.all():
+    rows = collect_rows(dataset, own)
+    missing = [name for name in rows.classes if not (own.index["label"] == name).any()]
+    if missing:
         raise DatasetError(
-            f"--adapt {own.directory}: {blank.sum()} of {blank.size} rows are {UNLABELLED!r}; label all or none"
+            f"--adapt {own.directory}: contains no {', '.join(missing)}, so that the shift of the decision is unknown; "
+            f"label recordings of every class ({', '.join(rows.classes)})"
         )
-    rows = collect_rows(dataset)
-    if shares is not None:
-        listed = ", ".join(f"{name}={share:g}" for name, share in shares.items())
-        whole = abs(sum(shares.values()) - 1.0) < 1e-6 and min(shares.values(), default=0.0) > 0
-        if set(shares) != set(rows.classes) or not whole:
-            raise ConfigError(
-                f"--share: {listed}: must name every class ({', '.join(rows.classes)}), each above 0, together 1"
-            )
-    return rows, unknown_rows(own, rows)
+    return rows
 
 
 def _choose_alarm_class(rows: Rows, alarm_class: str | None, *, needed: bool) -> str:

@@ -50,9 +50,8 @@ SCORES_TEXT = (
 ADAPTATION_TEXT = (
     "<h2>Adapted to own recordings</h2><p>Balanced accuracy and expected calibration error on targets of which no "
     "recording was used, after so many recordings of each class were: mean of 50 draws, 80 % of them lie within the "
-    "range. The scored targets depend on the count: compare with the score of the same targets before. Without "
-    "labels: the same recordings without their classes, assuming that "
-    "the classes are as frequent as each other among them. A saved model is adapted to all of them.</p>"
+    "range. The scored targets depend on the count: compare with the score of the same targets before. A saved model "
+    "is adapted to all of them.</p>"
 )
 UNKNOWN_TEXT = (
     "<h2>Kinds outside the training data</h2><p>Kinds outside the training data, for which no class is correct: how "
@@ -202,12 +201,10 @@ def plot_adaptation(document: Document) -> Figure:
     axes, calibrated = figure.subplots(1, 2)
     shown = {name: model["adaptation"] for name, model in document["models"].items() if model.get("adaptation")}
     for name, points in shown.items():
-        keys = ("n", "low", "high", "balanced_accuracy", "unlabelled")
-        counts, low, high, accuracy, unlabelled = ([point[key] for point in points] for key in keys)
+        keys = ("n", "low", "high", "balanced_accuracy")
+        counts, low, high, accuracy = ([point[key] for point in points] for key in keys)
         axes.plot(counts, accuracy, marker="o", label=name, **looks[name])
         axes.fill_between(counts, low, high, color=looks[name]["color"], alpha=0.12, lw=0)
-        axes.plot(counts, unlabelled, color=looks[name]["color"], ls=":")
-    axes.plot([], [], color="black", ls=":", label="without labels")
     axes.fill_between([], [], [], color="black", alpha=0.12, lw=0, label="80 % of the draws")
     best = document["kept"] if document["kept"] in shown else next(iter(shown))
     _plot_calibrated(calibrated, document)
@@ -441,7 +438,6 @@ def format_adaptation_table(document: Document) -> list[dict[str, str]]:
             "own recordings of a class": str(point["n"]),
             "balanced accuracy": format_interval({**point, "value": point["balanced_accuracy"]}),
             "same targets before": format_number(point["before"]),
-            "without labels": format_number(point["unlabelled"]),
             "targets": f"{point['movers']:.0f}",
             "ECE": format_number(point["expected_calibration_error"]),
         }

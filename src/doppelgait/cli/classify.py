@@ -247,16 +247,7 @@ def evaluate(
         Path | None,
         typer.Option(
             "--adapt",
-            help="A dataset of your own recordings to test on and to adapt the saved model to; all labelled, or all "
-            "of them called 'unlabelled'.",
-        ),
-    ] = None,
-    shares: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--share",
-            help="With --adapt and unlabelled recordings: CLASS=SHARE of them that show the class; repeatable, all "
-            "alike by default.",
+            help="A dataset of your own recordings, of every class, to test on and to adapt the saved model to.",
         ),
     ] = None,
     unknown: Annotated[
@@ -314,7 +305,6 @@ def evaluate(
             n_folds=cv,
             left_out=left_out,
             own=None if adapt is None else open_dataset(adapt),
-            own_shares=_parse_shares(shares),
             alarm_class=alarm_class,
             day=load_day()[0] if alarm else None,
             unknown=None if unknown is None else open_dataset(unknown),
@@ -342,20 +332,6 @@ def evaluate(
         if adapt is not None:
             chosen += f", adapted to {found.models[found.best].facts.n_own} rows of {adapt}"
         print_message(f"model: {save}: {found.best}, {chosen}")
-
-
-def _parse_shares(texts: list[str] | None) -> dict[str, float] | None:
-    """Read CLASS=SHARE."""
-    if not texts:
-        return None
-    found = {}
-    for text in texts:
-        label, _, share = text.rpartition("=")
-        try:
-            found[label] = float(share)
-        except ValueError:
-            raise ConfigError(f"--share {text}: give CLASS=SHARE, for example human=0.9") from None
-    return found
 
 
 def _import_test(

@@ -310,11 +310,7 @@ def wrong_datasets():
     untested, lacking, cats = made_up(split=(0.7, 0.3)), made_up(identity="b"), made_up(identity="b")
     del lacking.index["feature_limb_torso_ratio"]
     cats.index["label"] = cats.index["label"].replace("dog", "cat")
-    own, people, unlabelled, partly = (
-        made_up(identity="own", seed=4, classes=classes)
-        for classes in (("human", "dog"), ("human",), *[("human", "dog")] * 2)
-    )
-    unlabelled.index["label"], partly.index.loc[0, "label"] = "unlabelled", "unlabelled"
+    own, people = (made_up(identity="own", seed=4, classes=classes) for classes in (("human", "dog"), ("human",)))
     return [
         (one, {}, "has the class 'dog' alone"),
         (untested, {}, "no rows in the split test"),
@@ -330,11 +326,6 @@ def wrong_datasets():
         (made_up(), {"own": own, "other": own}, "--adapt and --test: use one of them"),
         (made_up(), {"own": own, "n_folds": 3}, "--adapt: needs one model for all rows"),
         (made_up(), {"own": people}, "contains no dog, so that the shift of the decision"),
-        (made_up(), {"own": partly}, "1 of 240 rows are 'unlabelled'; label all or none"),
-        (made_up(), {"own": unlabelled, "own_shares": {"human": 0.9}}, "must name every class"),
-        (made_up(), {"own": unlabelled, "own_shares": {"human": 0.9, "dog": 0.2}}, "together 1"),
-        (made_up(), {"own": unlabelled, "own_shares": {"human": 1.0, "dog": 0.0}}, "each above 0"),
-        (made_up(), {"own_shares": {"human": 0.5, "dog": 0.5}}, "--share: needs --adapt and recordings labelled"),
         (made_up(), {"unknown": own}, "--unknown .*: has only the classes human, dog, which the models are trained on"),
         (made_up(), {"unknown": cats, "n_folds": 3}, "--unknown: needs one model for all rows"),
     ]
@@ -537,24 +528,6 @@ def test_models_are_adapted_to_own_recordings(tmp_path):
     page = write_report(found, tmp_path / "report")[-1].read_text()
     assert "Adapted to own recordings" in page
     assert (tmp_path / "report" / "adaptation.png").is_file()
-
-
-def test_models_are_adapted_to_recordings_without_labels():
-    own = made_up(160, identity="own", seed=4)
-    own.index["feature_step_length_m"] += 0.6
-    rows = collect_rows(own)
-    values, right = collect_inputs(rows, "six").values, rows.labels
-    own.index["label"] = "unlabelled"
-    found = evaluate(made_up(), own=own, models=["six-logistic"], keep=True)
-    assert any("recordings without labels, as if 50% human, 50% dog" in note for note in found.document["notes"])
-    assert "adaptation" not in found.document["models"]["six-logistic"]
-    adapted = found.models["six-logistic"]
-    rare = evaluate(made_up(), own=own, own_shares={"human": 0.9, "dog": 0.1}, models=["six-logistic"])
-    assert any("as if 90% human, 10% dog" in note for note in rare.document["notes"])
-    assert rare.models["six-logistic"].calibration.shift[1] < adapted.calibration.shift[1] - 0.5
-    plain = evaluate(made_up(), models=["six-logistic"], keep=True).models["six-logistic"]
-    after, before = (np.mean(model.probability(values).argmax(axis=1) == right) for model in (adapted, plain))
-    assert after > before + 0.04
 
 
 def test_own_recordings_of_no_decision_move_nothing():
