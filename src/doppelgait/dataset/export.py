@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.config import FrozenModel
-from doppelgait.core.errors import DatasetError, OutputError
+from doppelgait.core.errors import DatasetError
 from doppelgait.core.plugins import Group
 from doppelgait.dataset.card import list_blocked_recordings
 from doppelgait.dataset.config import SPLITS, Progress, list_some
@@ -89,7 +88,9 @@ def export_dataset(
         if on_progress is not None:
             on_progress(done, len(dataset))
 
-    with _open_new_folder(target) as partial:
+    if target.exists():
+        raise DatasetError(f"{target}: exists already; nothing is overwritten; choose another folder")
+    with write_new_folder(target, "export") as partial:
         exporter.run(dataset, partial, chosen, parameters, count)
         counts = {str(split): int(n) for split, n in dataset.index["split"].value_counts().sort_index().items()}
         export = {"form": name, "fields": chosen, "rows": counts}
@@ -112,19 +113,6 @@ def refuse_unreleasable(dataset: Dataset) -> None:
             f"{dataset.directory}: cannot be released, because recordings have a non-commercial or unknown licence: "
             f"{list_some(names, SHOWN_FILES)}; state their licences under [[sources]], or leave them out"
         )
-
-
-@contextmanager
-def _open_new_folder(target: Path) -> Iterator[Path]:
-    """Open a temporary folder that becomes ``target`` on success."""
-    if target.exists():
-        raise DatasetError(f"{target}: exists already; nothing is overwritten; choose another folder")
-    try:
-        with write_new_folder(target) as partial:
-            yield partial
-    except (OSError, OutputError) as error:
-        cause = error.__context__ if isinstance(error, OutputError) else error  # the writer has already named its file
-        raise OutputError(f"{target}: cannot be written: {cause}; no partial export remains") from None
 
 
 PLACES = ("shard", "row", "shard_sha256")

@@ -241,9 +241,7 @@ class BuildContext:
         return ExampleData(failures=[{"id": entry.id, "reason": describe_failure(error), "spec": spec}])
 
 
-def build_shard(
-    shard: Shard, maker: ExampleMaker, *, tick: Callable[[Any, ExampleData], None] | None = None
-) -> dict[str, Any]:
+def build_shard(shard: Shard, maker: ExampleMaker) -> dict[str, Any]:
     """Build one shard file and its record, all or nothing."""
     rows: list[dict[str, Any]] = []
     failures: list[dict[str, str]] = []
@@ -251,14 +249,11 @@ def build_shard(
     size = maker.batch_size
     for first in range(0, len(shard.examples), size):
         raise_if_stopped()
-        batch = shard.examples[first : first + size]
-        for entry, made in zip(batch, maker.make(batch), strict=True):
+        for made in maker.make(shard.examples[first : first + size]):
             failures += made.failures
             for row, stored in made:
                 rows.append({**row, "shard": shard.name, "row": len(arrays)})
                 arrays.append(stored)
-            if tick is not None:
-                tick(entry, made)
     path = Path(maker.directory) / "shards" / f"{shard.name}.h5"
     with files.open_atomically(path, os_errors=True) as partial:
         write_shard(partial, shard.split, [row["id"] for row in rows], arrays, identity=maker.identity)
