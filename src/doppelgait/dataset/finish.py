@@ -53,14 +53,16 @@ that begin with **data** describe the changes."""
 def plan_plugins(plan: PlanConfig, folder: Path) -> list[dict[str, Any]]:
     """Identify the plug-ins of other packages that a plan uses."""
     tables = [store_radar_files(plan, folder).model_dump(mode="json")]
-    return identify_plugins(tables, {"motion_reader": [folder / path for path in _list_motion_files(plan)]})
+    return identify_plugins(
+        tables, {"motion_reader": [folder / path for path in list_motion_files(list_motions(plan))]}
+    )
 
 
 def compute_dataset_id(plan: PlanConfig, folder: Path) -> str:
     """Compute the identity of a dataset, 16 hex digits."""
     plan = store_radar_files(plan, folder)
     contents: dict[str, bytes] = {}
-    for path in _list_motion_files(plan):
+    for path in list_motion_files(list_motions(plan)):
         try:
             contents[path] = hashlib.sha256((folder / path).read_bytes()).digest()
         except OSError as error:
@@ -79,10 +81,6 @@ def compute_dataset_id(plan: PlanConfig, folder: Path) -> str:
     for item in plan_plugins(plan, folder):
         digest.update(format_canonical_json(item).encode())
     return digest.hexdigest()[:16]
-
-
-def _list_motion_files(plan: PlanConfig) -> list[str]:
-    return list_motion_files([{"motions": list_motions(plan)}])
 
 
 Record = Mapping[str, Any]

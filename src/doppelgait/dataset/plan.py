@@ -122,14 +122,14 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     """
     source = folder or Path()
     expanded = expand_folders(store_radar_files(config, source), source, on_progress=on_progress)
-    files = list_motion_files([{"motions": list_motions(expanded)}])
+    files = list_motion_files(list_motions(expanded))
     refuse_two_spellings(files, source)
     refuse_copies(files, source, expanded.sources)
     scenes: list[tuple[str, ...]] = []
     compiled: Compiled = {}
     for section in expanded.sections:
         motions = section.targets if isinstance(section, EpisodeSection) else section.motion
-        from_files = bool(expanded.companions) or bool(list_motion_files([{"motions": motions}]))
+        from_files = bool(expanded.companions) or bool(list_motion_files([motions]))
         for within in range(expanded.count_class_examples(section)):
             name = make_example_id(section.label, within)
             if not from_files:  # the subject of a model needs no sampling
