@@ -40,6 +40,7 @@ from doppelgait.dataset.finish import (
 )
 from doppelgait.dataset.lock import PATTERN, Part, build_lock, list_running_builds
 from doppelgait.dataset.plan import Shard, plan_dataset, sample_examples
+from doppelgait.dataset.resolve import warn_of_recordings
 from doppelgait.dataset.shard import BuildContext, ExampleMaker, build_shard
 
 __all__ = ["BuildReport", "build_dataset", "make_index"]
@@ -175,7 +176,7 @@ def build_dataset(
     chosen = None if part is None else Part.parse(part)
     if not 0 <= max_failed_share <= 1:
         raise ConfigError(f"max_failed_share = {max_failed_share}: is not allowed; must be from 0 to 1")
-    from doppelgait.dataset.verify.plan_checks import warn_of_default_rcs, warn_of_leaks, warn_of_recordings
+    from doppelgait.dataset.verify.leakage import warn_of_default_rcs, warn_of_leaks
 
     target, source = Path(directory).absolute(), (folder or Path.cwd()).absolute()
     plan = plan_dataset(config, folder=source)
