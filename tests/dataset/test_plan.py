@@ -18,14 +18,14 @@ from doppelgait.dataset.card import blocks_release
 from doppelgait.dataset.config import DatasetSection, PlanConfig, list_differences, load_plan, plan_names, shorten
 from doppelgait.dataset.finish import compute_dataset_id, plan_header, plan_plugins
 from doppelgait.dataset.plan import check_examples, collect_nuisance, plan_dataset, sample_examples
+from doppelgait.dataset.resolve import warn_of_equal_bodies, warn_of_unused_snr
 from doppelgait.dataset.splits import assign_splits, group_subjects
-from doppelgait.dataset.verify.leakage import guess_classes, select_varying
-from doppelgait.dataset.verify.plan_checks import (
+from doppelgait.dataset.verify.leakage import (
+    guess_classes,
     refuse_leaks,
+    select_varying,
     warn_of_default_rcs,
-    warn_of_equal_bodies,
     warn_of_leaks,
-    warn_of_unused_snr,
 )
 
 

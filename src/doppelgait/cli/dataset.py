@@ -77,14 +77,9 @@ def plan_command(
     from doppelgait.dataset.feasibility import assess, format_limit_keys
     from doppelgait.dataset.finish import compute_dataset_id
     from doppelgait.dataset.plan import check_examples, plan_dataset, sample_examples, spread_count
+    from doppelgait.dataset.resolve import warn_of_equal_bodies, warn_of_recordings, warn_of_unused_snr
     from doppelgait.dataset.summary import summarise, write_specs
-    from doppelgait.dataset.verify.plan_checks import (
-        refuse_leaks,
-        warn_of_default_rcs,
-        warn_of_equal_bodies,
-        warn_of_recordings,
-        warn_of_unused_snr,
-    )
+    from doppelgait.dataset.verify.leakage import refuse_leaks, warn_of_default_rcs
 
     loaded, folder = _load(plan, changes, motion_folder)
     with report_progress("reading motion files", quiet=as_json) as on_progress:

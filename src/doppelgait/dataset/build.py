@@ -23,29 +23,33 @@ from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.core.files import hash_file
 from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
-from doppelgait.dataset.config import PlanConfig, Progress, list_differences, list_some
+from doppelgait.dataset.config import PlanConfig, Progress
 from doppelgait.dataset.executors import check_executor, run_shards
 from doppelgait.dataset.finish import (
     DATA_VERSION,
     LOG,
-    SCHEMA_VERSION,
     SUMS,
+    Header,
     compute_dataset_id,
     count_shards,
+    find_dataset,
     finish_dataset,
     make_index,
     plan_header,
     write_description,
 )
 from doppelgait.dataset.lock import PATTERN, Part, build_lock, list_running_builds
-from doppelgait.dataset.plan import Plan, Shard, plan_dataset, sample_examples
-from doppelgait.dataset.shard import BuildContext, build_shard
+from doppelgait.dataset.plan import Shard, plan_dataset, sample_examples
+from doppelgait.dataset.resolve import warn_of_recordings
+from doppelgait.dataset.shard import BuildContext, ExampleMaker, build_shard
 
 __all__ = ["BuildReport", "build_dataset", "make_index"]
 
 CHECKED_EXAMPLES = 200
 """Number of examples, spread over the plan, that are resolved before anything is written, to find errors early."""
 RELEASE = (__version__, DATA_VERSION)
+LEFTOVERS = ("*.partial", PATTERN)
+"""Files of builds that run or were killed."""
 
 
 @dataclass(frozen=True)
@@ -87,16 +91,14 @@ class BuildReport:
 
 
 @dataclass(frozen=True)
-class _Job:
-    """Dataset that this process builds."""
+class Job:
+    """Dataset that this process builds, from a plan or from recordings."""
 
     target: Path
-    plan: Plan
-    identity: str
+    header: Header
+    maker: ExampleMaker
     shards: Sequence[Shard]
     own: Sequence[Shard]
-    part: Part | None
-    max_failed_share: float
 
 
 @dataclass
@@ -174,7 +176,7 @@ def build_dataset(
     chosen = None if part is None else Part.parse(part)
     if not 0 <= max_failed_share <= 1:
         raise ConfigError(f"max_failed_share = {max_failed_share}: is not allowed; must be from 0 to 1")
-    from doppelgait.dataset.verify.plan_checks import warn_of_default_rcs, warn_of_leaks, warn_of_recordings
+    from doppelgait.dataset.verify.leakage import warn_of_default_rcs, warn_of_leaks
 
     target, source = Path(directory).absolute(), (folder or Path.cwd()).absolute()
     plan = plan_dataset(config, folder=source)
@@ -186,28 +188,29 @@ def build_dataset(
         warn_of_default_rcs(examples, np.random.default_rng(0), folder=source, leaks=leaks)
     shards = tuple(plan.shards())
     mine = shards if chosen is None else shards[chosen.number - 1 :: chosen.among]
-    job = _Job(target, plan, compute_dataset_id(plan.config, source), shards, mine, chosen, max_failed_share)
+    identity = compute_dataset_id(plan.config, source)
+    maker = BuildContext(plan.config, str(source), str(target), identity)
+    job = Job(target, plan_header(plan.config, identity, source), maker, shards, mine)
     try:
-        _refuse_foreign(job)
-        job.target.mkdir(parents=True, exist_ok=True)
-        with _stop_in_order(job.target), build_lock(job.target, chosen):
-            tally = _build_missing(job, executor, workers, on_progress)
+        find_dataset(target, job.header, ignored=LEFTOVERS)
+        target.mkdir(parents=True, exist_ok=True)
+        with _stop_in_order(target), build_lock(target, chosen):
+            tally = build_missing(job, executor, workers, on_progress)
             _remove_unfinished_files(job)
             own = {shard.name for shard in mine}
             others = [shard for shard in shards if shard.name not in own]
-            missing = sum(_read_complete_record(job.target, shard, job.identity) is None for shard in others)
+            missing = sum(_read_complete_record(job, shard) is None for shard in others)
             totals = None
             if not missing:
-                header = plan_header(job.plan.config, job.identity, job.plan.folder)
-                names = [shard.name for shard in job.shards]
-                totals = finish_dataset(job.target, header, names, max_failed_share=max_failed_share)
+                names = [shard.name for shard in shards]
+                totals = finish_dataset(target, job.header, names, max_failed_share=max_failed_share)
     except OSError as error:
-        raise OutputError(f"{job.target}: cannot be written: {error}; what was built so far is kept") from None
+        raise OutputError(f"{target}: cannot be written: {error}; what was built so far is kept") from None
     planned = sum(len(shard.examples) for shard in (shards if totals else mine))
     failed = totals.n_failed if totals else tally.failed
     return BuildReport(
         directory=target,
-        dataset_id=job.identity,
+        dataset_id=identity,
         n_examples=planned - failed,
         n_built=tally.built,
         n_reused=tally.reused,
@@ -221,43 +224,15 @@ def build_dataset(
     )
 
 
-def _refuse_foreign(job: _Job) -> None:
-    """Refuse a folder with any content other than this dataset."""
-    description = job.target / "dataset.json"
-    if description.is_file():
-        try:
-            found = parse_json(description.read_text())
-            stated, config = found.get("id"), found.get("config", {})
-        except (ValueError, AttributeError, RecursionError) as error:
-            raise DatasetError(f"{description}: is damaged: {error}; delete the folder or choose another") from None
-        if (schema := found.get("schema_version")) != SCHEMA_VERSION:
-            raise DatasetError(
-                f"{job.target}: has schema version {schema}, this doppelgait writes {SCHEMA_VERSION}; continue with "
-                "the doppelgait that started it, or build the dataset again in another folder"
-            )
-        if stated == job.identity:
-            return
-        if (version := found.get("data_version")) != DATA_VERSION:
-            raise DatasetError(
-                f"{job.target}: was made with data version {version}, this doppelgait has {DATA_VERSION} and makes "
-                "other bytes; build the dataset again in another folder: doppelgait dataset build PLAN -o FOLDER"
-            )
-        changes = list(list_differences(config, job.plan.config.model_dump(mode="json")))
-        raise DatasetError(
-            f"{job.target}: contains dataset {stated} of another configuration "
-            f"({list_some(changes, 6, '; ') or 'other motion files or plug-ins'}); build into another folder, or "
-            "delete this one"
-        )
-    elif job.target.is_dir() and any(not (p.match("*.partial") or p.match(PATTERN)) for p in job.target.iterdir()):
-        raise DatasetError(f"{job.target}: is not empty and contains no dataset; choose another folder")
-
-
-def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: Progress | None) -> _Tally:
+def build_missing(
+    job: Job, executor: str = "serial", workers: int | None = None, on_progress: Progress | None = None
+) -> _Tally:
+    """Build the own shards that are not complete."""
     began, tally = time.monotonic(), _Tally()
-    _refuse_foreign(job)  # check again, now that no other build can write
+    find_dataset(job.target, job.header, ignored=LEFTOVERS)  # check again, now that no other build can write
     missing = []
     for shard in job.own:
-        record = _read_complete_record(job.target, shard, job.identity)
+        record = _read_complete_record(job, shard)
         if record is None or record["failures"]:
             missing.append(shard)
         else:
@@ -267,14 +242,11 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
         return tally
     counts = count_shards(shard.name for shard in job.shards)
     (job.target / SUMS).unlink(missing_ok=True)
-    write_description(
-        job.target, plan_header(job.plan.config, job.identity, job.plan.folder).describe(counts, complete=False)
-    )
+    write_description(job.target, job.header.describe(counts, complete=False))
     (job.target / "shards").mkdir(exist_ok=True)
     _remove_unfinished_files(job)
-    context = BuildContext(job.plan.config, str(job.plan.folder), str(job.target), job.identity)
     done, total = tally.reused, sum(len(shard.examples) for shard in job.own)
-    work = partial(_build_one, context=context, release=RELEASE)
+    work = partial(_build_one, context=job.maker, release=RELEASE)
     try:
         with closing(run_shards(work, missing, executor=executor, workers=workers)) as results:
             for shard, made in results:
@@ -287,8 +259,9 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
                 tally.built += size - failed
                 tally.failed += failed
                 tally.bytes += made["bytes"]
-                seconds = round(time.monotonic() - began, 3)
-                log_entry(job.target, {"shard": shard.name, "examples": size, "failed": failed, "seconds": seconds})
+                if job.header.origin == "simulated":  # an import has logged every recording
+                    seconds = round(time.monotonic() - began, 3)
+                    log_entry(job.target, {"shard": shard.name, "examples": size, "failed": failed, "seconds": seconds})
                 done += size
                 if on_progress is not None:
                     on_progress(done, total)
@@ -297,7 +270,7 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
     return tally
 
 
-def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int]) -> dict[str, Any]:
+def _build_one(shard: Shard, *, context: ExampleMaker, release: tuple[str, int]) -> dict[str, Any]:
     if release != RELEASE:
         raise DatasetError(
             f"a worker has doppelgait {RELEASE}, this build {release}; install the same version everywhere"
@@ -312,17 +285,16 @@ def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int])
     return {"failed": len(record["failures"]), "bytes": record["bytes"]}
 
 
-def _read_complete_record(target: Path, shard: Shard, identity: str) -> dict[str, Any] | None:
+def _read_complete_record(job: Job, shard: Shard) -> dict[str, Any] | None:
     """Return a complete dataset shard's record, else None."""
     raise_if_stopped()
-    path = target / "shards" / f"{shard.name}.h5"
+    path = job.target / "shards" / f"{shard.name}.h5"
     try:
         record: dict[str, Any] = parse_json(path.with_suffix(".json").read_text())
         known = {row["scene_id"] for row in record["rows"]} | {failure["id"] for failure in record["failures"]}
-        expected = {e.id for e in shard.examples}
         whole = (
-            (record["dataset"], record["shard"]) == (identity, shard.name)
-            and known == expected
+            (record["dataset"], record["shard"]) == (job.header.id, shard.name)
+            and known == {entry.id for entry in shard.examples}
             and len(record["contents_sha256"]) == 64
             and hash_file(path) == record["sha256"]
             and path.stat().st_size == record["bytes"]
@@ -332,7 +304,7 @@ def _read_complete_record(target: Path, shard: Shard, identity: str) -> dict[str
     return record if whole else None
 
 
-def _remove_unfinished_files(job: _Job) -> None:
+def _remove_unfinished_files(job: Job) -> None:
     """Remove half-written files, only own ones while other parts run."""
     own = {shard.name for shard in job.own}
     # list the files before the locks: a writer has its lock before its files

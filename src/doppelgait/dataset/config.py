@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator, Sequence
 from importlib import resources
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel, apply_overrides, read_toml, validate
 from doppelgait.core.errors import ConfigError
@@ -208,7 +208,7 @@ class DatasetSection(FrozenModel):
     gate_error_sd_m: float = Field(default=0.2, ge=0, le=1)
     window_s: float = Field(default=2.5, ge=0.5, le=600)
     hop_s: float = Field(default=0.625, ge=0.05, le=600)
-    fields: tuple[FieldSpec, ...] = (FieldSpec(name="signature"),)
+    fields: Annotated[tuple[FieldSpec, ...], BeforeValidator(_list_field_specs)] = (FieldSpec(name="signature"),)
     leaks: tuple[str, ...] = ()
 
     @field_validator("name")
@@ -226,11 +226,6 @@ class DatasetSection(FrozenModel):
                 raise ValueError(f"{leak!r} is not one of {', '.join(LEAKS)}")
         return leaks
 
-    @field_validator("fields", mode="before")
-    @classmethod
-    def _name_fields(cls, fields: Any) -> Any:
-        return _list_field_specs(fields)
-
     @field_validator("fractions")
     @classmethod
     def _sum_to_one(cls, fractions: dict[str, float]) -> dict[str, float]:
@@ -242,6 +237,15 @@ class DatasetSection(FrozenModel):
                 "is not stated has no share"
             )
         return fractions
+
+
+def _check_label(label: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9 _.-]+", label):
+        raise ValueError("may contain letters, digits, space and _ . - only")
+    return label
+
+
+Label = Annotated[str, Field(min_length=1), AfterValidator(_check_label)]
 
 
 class ClassSection(FrozenModel):
@@ -258,15 +262,10 @@ class ClassSection(FrozenModel):
         ``dataset.leaks``.
     """
 
-    label: str = Field(min_length=1)
+    label: Label
     motion: dict[str, Any]
     target: dict[str, Any] = Field(default_factory=dict)
     examples: int | None = Field(default=None, ge=1, le=10_000_000)
-
-    @field_validator("label")
-    @classmethod
-    def _check_label(cls, label: str) -> str:
-        return _check_label(label)
 
     @field_validator("motion", mode="before")
     @classmethod
@@ -291,7 +290,7 @@ class EpisodeSection(FrozenModel):
     hours_per_day: Hours per day of such episodes: the weight of their false triggers.
     """
 
-    label: str = Field(min_length=1)
+    label: Label
     targets: list[dict[str, Any]] | dict[str, Any]
     duration_s: float = Field(ge=3, le=600)
     environment: list[Any] | dict[str, Any] = Field(default_factory=list)
@@ -299,17 +298,6 @@ class EpisodeSection(FrozenModel):
     should_trigger: bool = False
     animals: int = Field(default=0, ge=0, le=10)
     hours_per_day: float = Field(default=1.0, gt=0, le=24)
-
-    @field_validator("label")
-    @classmethod
-    def _check_label(cls, label: str) -> str:
-        return _check_label(label)
-
-
-def _check_label(label: str) -> str:
-    if not re.fullmatch(r"[A-Za-z0-9 _.-]+", label):
-        raise ValueError("may contain letters, digits, space and _ . - only")
-    return label
 
 
 class PlanConfig(FrozenModel):
@@ -475,9 +463,8 @@ def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanC
     return validate(PlanConfig, apply_overrides(table, overrides), where=name, text=text), folder
 
 
-Split = Literal["train", "validation", "test"]
-
 FIELDS_OF_RECORDINGS = ("signature", "cadence_map", "ti_frames", "baseband")
+Split = Literal["train", "validation", "test"]
 
 
 def parse_gate(value: Any, *, where: str = "") -> GateChoice:
@@ -508,7 +495,9 @@ class ImportConfig(FrozenModel):
     gate: Literal["track"] | tuple[float, float] = "track"
     window_s: float | None = Field(default=None, gt=0, le=86_400)
     hop_s: float | None = Field(default=None, gt=0, le=86_400)
-    fields: tuple[FieldSpec, ...] = (FieldSpec(name="signature"),)
+    fields: Annotated[
+        tuple[FieldSpec, ...], BeforeValidator(lambda fields: _list_field_specs(fields, FIELDS_OF_RECORDINGS))
+    ] = (FieldSpec(name="signature"),)
     split: Split | dict[Split, float] | None = None
     seed: int = Field(default=2018, ge=0)
     shard_size: int = Field(default=50, ge=1, le=100_000)
@@ -522,11 +511,6 @@ class ImportConfig(FrozenModel):
             return parse_gate(gate)
         except ConfigError as error:
             raise ValueError(str(error)) from None
-
-    @field_validator("fields", mode="before")
-    @classmethod
-    def _name_fields(cls, fields: Any) -> Any:
-        return _list_field_specs(fields, FIELDS_OF_RECORDINGS)
 
     @field_validator("split", mode="before")
     @classmethod

@@ -1,36 +1,49 @@
-"""Datasets in other forms: tables, WebDataset, Zarr, SigMF."""
+"""Datasets in other forms: Parquet, CSV, WebDataset, Zarr, SigMF."""
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
+import tarfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 from urllib.parse import quote
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+import xarray as xr
+from pydantic import Field
 
-from doppelgait.core.config import FrozenModel
-from doppelgait.core.errors import DatasetError, OutputError
-from doppelgait.core.plugins import Group
+from doppelgait.core.config import FrozenModel, convert_to_json
+from doppelgait.core.errors import DatasetError
+from doppelgait.core.labels import COORDINATE_UNITS
+from doppelgait.core.plugins import Group, plugin
 from doppelgait.dataset.card import list_blocked_recordings
 from doppelgait.dataset.config import SPLITS, Progress, list_some
+from doppelgait.dataset.example import parse_unit, read_radar
 from doppelgait.dataset.lock import write_new_folder
-from doppelgait.dataset.open import Dataset
-from doppelgait.dataset.shard_files import name_axis
+from doppelgait.dataset.open import Dataset, stack
+from doppelgait.dataset.shard_files import AXIS_UNITS, name_axis
+from doppelgait.radar.readers.sigmf import write_sigmf
+from doppelgait.radar.recording import Recording, TargetTruth
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 __all__ = ["EXPORTERS", "ExportReport", "export_dataset", "refuse_unreleasable"]
 
-Exporter = Callable[["Dataset", Path, tuple[str, ...], Any, Callable[[int], None]], None]
+Fields = tuple[str, ...]
+Done = Callable[[int], None]
+Exporter = Callable[[Dataset, Path, Fields, Any, Done], None]
 """Writer, called with (dataset, empty folder, fields, parameters, done). It calls ``done`` with the number of rows
 written since the last call."""
 
-EXPORTERS: Group[Exporter] = Group("exporter", built_in=("doppelgait.dataset.exporters",), noun="form")
+EXPORTERS: Group[Exporter] = Group("exporter", built_in=("doppelgait.dataset.export",), noun="form")
 """Export formats of datasets.
 Facts of an exporter: ``allowed``, the fields that it supports (by default all); ``default``, the
 fields that are written if none are named (by default all stored fields); ``least``, the minimum
@@ -89,7 +102,9 @@ def export_dataset(
         if on_progress is not None:
             on_progress(done, len(dataset))
 
-    with _open_new_folder(target) as partial:
+    if target.exists():
+        raise DatasetError(f"{target}: exists already; nothing is overwritten; choose another folder")
+    with write_new_folder(target, "export") as partial:
         exporter.run(dataset, partial, chosen, parameters, count)
         counts = {str(split): int(n) for split, n in dataset.index["split"].value_counts().sort_index().items()}
         export = {"form": name, "fields": chosen, "rows": counts}
@@ -114,19 +129,6 @@ def refuse_unreleasable(dataset: Dataset) -> None:
         )
 
 
-@contextmanager
-def _open_new_folder(target: Path) -> Iterator[Path]:
-    """Open a temporary folder that becomes ``target`` on success."""
-    if target.exists():
-        raise DatasetError(f"{target}: exists already; nothing is overwritten; choose another folder")
-    try:
-        with write_new_folder(target) as partial:
-            yield partial
-    except (OSError, OutputError) as error:
-        cause = error.__context__ if isinstance(error, OutputError) else error  # the writer has already named its file
-        raise OutputError(f"{target}: cannot be written: {cause}; no partial export remains") from None
-
-
 PLACES = ("shard", "row", "shard_sha256")
 """Columns with the position of a row's arrays in the dataset."""
 
@@ -146,7 +148,7 @@ def flatten_index(dataset: Dataset) -> pd.DataFrame:
     return table
 
 
-def read_arrays(dataset: Dataset, row: int, fields: tuple[str, ...]) -> dict[str, npt.NDArray[np.generic]]:
+def read_arrays(dataset: Dataset, row: int, fields: Fields) -> dict[str, npt.NDArray[np.generic]]:
     """Return a row's arrays in linear units, with axes if stored."""
     arrays: dict[str, npt.NDArray[np.generic]] = {}
     for name in fields:
@@ -161,3 +163,263 @@ def read_arrays(dataset: Dataset, row: int, fields: tuple[str, ...]) -> dict[str
 def make_file_name(example_id: str) -> str:
     """Return a file name for an example's id, escaping other characters."""
     return quote(example_id, safe="").replace(".", "%2E").replace("~", "%7E")
+
+
+VALUES = "_values"
+
+
+class Csv(FrozenModel):
+    """One CSV table without arrays."""
+
+    kind: Literal["csv"] = "csv"
+
+
+class Parquet(FrozenModel):
+    """One Parquet file per split.
+
+    rows_per_group: Rows in one row group of a file with arrays; the rows of a group are in memory
+        together.
+    """
+
+    kind: Literal["parquet"] = "parquet"
+    rows_per_group: int = Field(default=100, ge=1, le=1_000_000)
+
+
+class WebDataset(FrozenModel):
+    """Tar files with consecutive, equally named files per example.
+
+    examples_per_tar: Examples in one tar file.
+    """
+
+    kind: Literal["webdataset"] = "webdataset"
+    examples_per_tar: int = Field(default=1000, ge=1, le=1_000_000)
+
+
+class Zarr(FrozenModel):
+    """A Zarr store, version 3 of the format.
+
+    examples_per_file: Examples in one file (a Zarr shard); each example is one chunk of the file.
+    """
+
+    kind: Literal["zarr"] = "zarr"
+    examples_per_file: int = Field(default=64, ge=1, le=1_000_000)
+
+
+class Sigmf(FrozenModel):
+    """One SigMF recording per scene."""
+
+    kind: Literal["sigmf"] = "sigmf"
+
+
+@plugin("exporter", parameters=Csv, allowed=(), default=())
+def write_csv(dataset: Dataset, folder: Path, fields: Fields, parameters: Csv, done: Done) -> None:
+    """Write ``index.csv``: a header and a line per row, exact numbers, empty for unknown ones."""
+    table = flatten_index(dataset)
+    table.to_csv(folder / "index.csv", index=False, lineterminator="\n")
+    done(len(table))
+
+
+@plugin("exporter", parameters=Parquet, default=())
+def write_parquet(dataset: Dataset, folder: Path, fields: Fields, parameters: Parquet, done: Done) -> None:
+    """Write one ``SPLIT.parquet`` per split: the index and all fields.
+    Every field is a list ``FIELD_values`` with its ``FIELD_shape``. Arrays are flattened in C order.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = flatten_index(dataset)
+    # use the whole index: a column that is empty in one split keeps its type
+    schema = pa.Schema.from_pandas(table, preserve_index=False)
+
+    def make_group(rows: npt.NDArray[np.int64]) -> pa.Table:
+        group = pa.Table.from_pandas(table.iloc[rows], schema=schema, preserve_index=False)
+        for name, column in _make_array_columns(dataset, rows, fields).items():
+            group = group.append_column(name, column)
+        return _add_units(group, dataset)
+
+    size = parameters.rows_per_group if fields else len(table)
+    for split, rows in iterate_splits(dataset):
+        groups = (make_group(rows[first : first + size]) for first in range(0, rows.size, size))
+        first_group = next(groups)
+        with pq.ParquetWriter(folder / f"{split}.parquet", first_group.schema, compression="zstd") as writer:
+            for group in chain([first_group], groups):
+                writer.write_table(group)
+                done(len(group))
+
+
+def _make_array_columns(dataset: Dataset, rows: npt.NDArray[np.int64], fields: Fields) -> dict[str, pa.ListArray]:
+    import pyarrow as pa
+
+    found = [read_arrays(dataset, int(row), fields) for row in rows] if fields else []
+    columns: dict[str, Any] = {}
+    for name in dict.fromkeys(name for arrays in found for name in arrays):
+        values = [arrays.get(name, np.empty(0)) for arrays in found]
+        values = [  # complex numbers as pairs along a new last axis
+            np.ascontiguousarray(v)[..., None].view(v.real.dtype) if v.dtype.kind == "c" else v for v in values
+        ]
+        offsets = np.concatenate([[0], np.cumsum([v.size for v in values])]).astype(np.int32)
+        column = pa.ListArray.from_arrays(offsets, np.concatenate([v.ravel() for v in values]))
+        columns[f"{name}{VALUES}" if name in fields else name] = column
+        if name in fields:
+            columns[f"{name}_shape"] = pa.array([v.shape for v in values], type=pa.list_(pa.int64()))
+    return columns
+
+
+def _add_units(table: pa.Table, dataset: Dataset) -> pa.Table:
+    """Store the unit of every numeric column in its metadata."""
+    import pyarrow as pa
+
+    fields = dataset.description["fields"]
+    shapes = {f"{name}_shape" for name in fields}
+    columns = []
+    for column in table.schema:
+        number = pa.types.is_floating(column.type) or (pa.types.is_list(column.type) and column.name not in shapes)
+        field = column.name.removesuffix(VALUES)
+        unit = fields[field]["units"] if field in fields and field != column.name else parse_unit(column.name)
+        columns.append(column.with_metadata({"unit": unit}) if number else column)
+    facts = json.dumps({"id": dataset.description["id"], "classes": dataset.description["classes"], "fields": fields})
+    return table.cast(pa.schema(columns, metadata={**(table.schema.metadata or {}), b"doppelgait": facts.encode()}))
+
+
+@plugin("exporter", parameters=WebDataset)
+def write_webdataset(dataset: Dataset, folder: Path, fields: Fields, parameters: WebDataset, done: Done) -> None:
+    """Write ``SPLIT-NNNNNN.tar`` files in the WebDataset format.
+    Every example has ``ID.FIELD.npy``, its axes, ``ID.json`` (its row) and ``ID.cls``.
+    """
+    table, numbers = flatten_index(dataset), dataset.class_numbers()
+    for split, rows in iterate_splits(dataset):
+        for tar_number, first in enumerate(range(0, rows.size, parameters.examples_per_tar)):
+            with tarfile.open(folder / f"{split}-{tar_number:06d}.tar", "w", format=tarfile.PAX_FORMAT) as tar:
+                for row in rows[first : first + parameters.examples_per_tar]:
+                    key = make_file_name(str(table["id"].iat[row]))
+                    for name, values in read_arrays(dataset, int(row), fields).items():
+                        buffer = io.BytesIO()
+                        np.save(buffer, values, allow_pickle=False)
+                        _add(tar, f"{key}.{name}.npy", buffer.getvalue())
+                    facts = convert_to_json(table.iloc[row].to_dict())
+                    _add(tar, f"{key}.json", json.dumps(facts, allow_nan=False).encode())
+                    _add(tar, f"{key}.cls", str(numbers[row]).encode())
+                    done(1)
+
+
+def _add(tar: tarfile.TarFile, name: str, content: bytes) -> None:
+    entry = tarfile.TarInfo(name)  # time 0, no user and no group
+    entry.size = len(content)
+    tar.addfile(entry, io.BytesIO(content))
+
+
+@plugin("exporter", parameters=Zarr)
+def write_zarr(dataset: Dataset, folder: Path, fields: Fields, parameters: Zarr, done: Done) -> None:
+    """Write ``dataset.zarr`` with the groups ``SPLIT/index`` and ``SPLIT/FIELD``.
+    Every column of the index is an array (example).
+    """
+    try:
+        import zarr
+    except ImportError:
+        raise DatasetError("zarr is not installed; install it with pip install 'doppelgait[zarr]'") from None
+    table = flatten_index(dataset)
+    root = zarr.create_group(folder / "dataset.zarr", zarr_format=3)
+    for split, rows in iterate_splits(dataset):
+        index = root.create_group(f"{split}/index")
+        for name in table.columns:
+            _write_column(index, str(name), table[name].iloc[rows])
+        for name in fields:
+            group = root.create_group(f"{split}/{name}")
+            if len({dataset.shape(int(row), name) for row in rows}) == 1:
+                _write_stacked(group, dataset, name, rows, parameters.examples_per_file)
+                continue
+            facts = dataset.description["fields"][name]
+            for row in map(int, rows):
+                own = group.create_group(make_file_name(str(dataset.index["id"].iat[row])))
+                arrays = read_arrays(dataset, row, (name,))
+                for dim in facts["dims"]:
+                    if (axis := arrays.get(name_axis(name, dim) or "")) is not None:
+                        _write_whole(own, dim, axis, (dim,), COORDINATE_UNITS[dim])
+                _write_whole(own, name, arrays[name], tuple(facts["dims"]), facts["units"])
+        done(rows.size)
+
+
+def _write_column(group: Any, name: str, values: pd.Series[Any]) -> None:
+    if pd.api.types.is_numeric_dtype(values):
+        unit = parse_unit(name) if pd.api.types.is_float_dtype(values) else None
+        _write_whole(group, name, values.to_numpy(), ("example",), unit)
+    else:
+        texts = values.fillna("").to_numpy(dtype=object).astype(np.dtypes.StringDType())
+        _write_whole(group, name, texts, ("example",))
+
+
+def _write_stacked(
+    group: Any, dataset: Dataset, field: str, rows: npt.NDArray[np.int64], examples_per_file: int
+) -> None:
+    _write_column(group, "id", dataset.index["id"].iloc[rows])
+    facts = dataset.description["fields"][field]
+    for dim in facts["dims"]:
+        name = name_axis(field, dim)
+        axes: list[Any] = [] if name is None else [dataset.stored(int(row), name) for row in rows]
+        if not axes or any(values is None for values in axes):
+            continue  # scatterers have no axis
+        if all(np.array_equal(values, axes[0]) for values in axes):
+            _write_whole(group, dim, axes[0], (dim,), COORDINATE_UNITS[dim])
+        else:
+            _write_whole(group, f"{dim}_{AXIS_UNITS[dim]}", np.stack(axes), ("example", dim), COORDINATE_UNITS[dim])
+    target: Any = None
+    for first in range(0, rows.size, examples_per_file):
+        block = stack(dataset, field, rows[first : first + examples_per_file])
+        if target is None:
+            shape = block.shape[1:]
+            target = group.create_array(
+                field,
+                shape=(rows.size, *shape),
+                dtype=block.dtype,
+                chunks=(1, *shape),
+                shards=(examples_per_file, *shape),
+                dimension_names=("example", *facts["dims"]),
+                attributes={"units": facts["units"]},
+            )
+        target[first : first + len(block)] = block
+
+
+def _write_whole(group: Any, name: str, values: Any, dims: tuple[str, ...], unit: str | None = None) -> None:
+    """Write a small array as one chunk."""
+    chunks, attributes = tuple(max(1, n) for n in values.shape), {} if unit is None else {"units": unit}
+    group.create_array(name, data=values, chunks=chunks, dimension_names=dims, attributes=attributes)
+
+
+@plugin("exporter", parameters=Sigmf, allowed=("baseband",), default=("baseband",), least=1)
+def write_sigmf_folder(dataset: Dataset, folder: Path, fields: Fields, parameters: Sigmf, done: Done) -> None:
+    """Write the baseband of every scene as a SigMF recording.
+    Files are ``SPLIT/SCENE.sigmf-meta`` and ``.sigmf-data``; targets are annotations.
+    """
+    nothing = np.empty(0)
+    description = dataset.description
+    for split, rows in iterate_splits(dataset):
+        (folder / split).mkdir()
+        scenes = dataset.index["scene_id"].iloc[rows]
+        for scene_id, members in scenes.groupby(scenes, sort=False).groups.items():
+            examples = [dataset.example(int(number)) for number in members]
+            first = examples[0]
+            if not {"slow_time", "range"} <= set(first.baseband.coords):
+                raise DatasetError(f"{first.id}: the baseband has no axes; build the dataset again with this version")
+            annotated = [  # target facts that SigMF stores: label, gait, subject and kind of motion
+                TargetTruth(
+                    label=example.label,
+                    scatterers=xr.Dataset(),
+                    centre_range_m=nothing,
+                    centre_velocity_mps=nothing,
+                    centre_aspect_rad=nothing,
+                    gait=example.row.get("truth_gait") or "",
+                    subject=example.row.get("subject") or "",
+                    motion=example.row.get("motion_kind") or "",
+                )
+                for example in examples
+            ]
+            recording = Recording.from_baseband(
+                first.baseband,
+                read_radar(description, first.row),
+                truth=annotated,
+                snr_frame_db=float(np.nan if first.row.get("snr_frame_db") is None else first.row["snr_frame_db"]),
+                seed=description["config"]["dataset"]["seed"],
+                source=f"dataset {description['name']} {description['id']}, {scene_id}",
+            )
+            write_sigmf(recording, folder / split / make_file_name(str(scene_id)))
+            done(len(examples))

@@ -171,16 +171,10 @@ def assess(
         done += 1
         if on_progress is not None and count is not None:
             on_progress(done, count)
-    labels = list(dict.fromkeys(row.label for row in rows))
-    limits = [
-        {
-            "class": label,
-            "rows": sum(row.label == label for row in rows),
-            **{name: sum(row.label == label and name in row.limits for row in rows) for name in LIMITS},
-            **({LIMITS[-1]: None} if gate == "track" else {}),
-        }
-        for label in labels
-    ]
+    marks = {name: [name in row.limits for row in rows] for name in LIMITS}
+    limits = _count_limits([row.label for row in rows], marks)
+    if gate == "track":
+        limits = [{**row, LIMITS[-1]: None} for row in limits]
     known = sorted((row for row in rows if not math.isnan(row.snr_db)), key=lambda row: row.range_m)
     parts = [[known[int(n)] for n in part] for part in np.array_split(np.arange(len(known)), RANGE_PARTS) if part.size]
     snr = []
@@ -210,6 +204,10 @@ def limits_of_index(index: pd.DataFrame) -> list[dict[str, Any]]:
     texts, flags = (index[name].fillna("").astype(str) for name in ("warnings", "quality_flags"))
     marks = {name: [name in text.split(";") for text in texts] for name in LIMITS[:-1]}
     marks[LIMITS[-1]] = [GATE_FLAG in text.split(";") for text in flags]
-    table = pd.DataFrame({"class": index["label"].astype(str).to_numpy(), "rows": 1, **marks})
+    return _count_limits(index["label"].astype(str).tolist(), marks)
+
+
+def _count_limits(labels: list[str], marks: dict[str, list[bool]]) -> list[dict[str, Any]]:
+    table = pd.DataFrame({"class": labels, "rows": 1, **marks})
     counts = table.groupby("class", sort=False).sum().astype(int).reset_index()
     return [{str(name): value for name, value in row.items()} for row in counts.to_dict("records")]

@@ -18,7 +18,7 @@ from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import FileKind, hash_file, open_atomically, write_atomically
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.plugins import identify_plugins
-from doppelgait.dataset.config import MAX_SHARDS, SPLITS, FieldSpec, PlanConfig, shorten
+from doppelgait.dataset.config import MAX_SHARDS, SPLITS, FieldSpec, PlanConfig, list_differences, list_some, shorten
 from doppelgait.dataset.feasibility import limits_of_index
 from doppelgait.dataset.motions import list_labels, list_motion_files, list_motions
 from doppelgait.dataset.resolve import replace_radar_files, store_radar_files
@@ -53,14 +53,16 @@ that begin with **data** describe the changes."""
 def plan_plugins(plan: PlanConfig, folder: Path) -> list[dict[str, Any]]:
     """Identify the plug-ins of other packages that a plan uses."""
     tables = [store_radar_files(plan, folder).model_dump(mode="json")]
-    return identify_plugins(tables, {"motion_reader": [folder / path for path in _list_motion_files(plan)]})
+    return identify_plugins(
+        tables, {"motion_reader": [folder / path for path in list_motion_files(list_motions(plan))]}
+    )
 
 
 def compute_dataset_id(plan: PlanConfig, folder: Path) -> str:
     """Compute the identity of a dataset, 16 hex digits."""
     plan = store_radar_files(plan, folder)
     contents: dict[str, bytes] = {}
-    for path in _list_motion_files(plan):
+    for path in list_motion_files(list_motions(plan)):
         try:
             contents[path] = hashlib.sha256((folder / path).read_bytes()).digest()
         except OSError as error:
@@ -79,10 +81,6 @@ def compute_dataset_id(plan: PlanConfig, folder: Path) -> str:
     for item in plan_plugins(plan, folder):
         digest.update(format_canonical_json(item).encode())
     return digest.hexdigest()[:16]
-
-
-def _list_motion_files(plan: PlanConfig) -> list[str]:
-    return list_motion_files([{"motions": list_motions(plan)}])
 
 
 Record = Mapping[str, Any]
@@ -105,7 +103,8 @@ class Totals:
     n_failed: int = 0
     failures: list[dict[str, Any]] = field(default_factory=list)
     columns: dict[str, str] = field(default_factory=dict)
-    labels: list[str] = field(default_factory=list)
+    counts: Counter[str] = field(default_factory=Counter)  # rows by label
+    n_not_tracked: int = 0
     hashes: dict[str, str] = field(default_factory=dict)
     contents_sha256: str = ""
 
@@ -172,7 +171,7 @@ def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_fa
     write_splits(target / "splits", index)
     write_atomically(target / "README.md", header.card(index, totals.n_failed).encode())
     complete = totals.n_failed <= max_failed_share * header.n_examples
-    description = header.describe(count_shards(names), complete=complete, labels=totals.labels)
+    description = header.describe(count_shards(names), complete=complete, labels=totals.counts)
     facts = {"limits": limits_of_index(index), "contents_sha256": totals.contents_sha256}
     write_description(target, {**description, **facts})
     write_sums(target, totals.hashes)
@@ -232,6 +231,41 @@ def read_description(folder: Path) -> dict[str, Any]:
     return description
 
 
+def find_dataset(target: Path, header: Header, *, ignored: Sequence[str] = ()) -> dict[str, Any] | None:
+    """Return the description of this dataset if it is in the folder; refuse any other content than ``ignored``."""
+    path = target / "dataset.json"
+    if not path.is_file():
+        if target.is_dir() and not all(any(map(inner.match, ignored)) for inner in target.iterdir()):
+            raise DatasetError(f"{target}: is not empty and contains no dataset; choose another folder")
+        return None
+    try:
+        described: dict[str, Any] = parse_json(path.read_text())
+        stated, config = described.get("id"), described.get("config", {})
+    except (ValueError, AttributeError, RecursionError) as error:
+        raise DatasetError(f"{path}: is damaged: {error}; delete the folder or choose another") from None
+    if (schema := described.get("schema_version")) != SCHEMA_VERSION:
+        raise DatasetError(
+            f"{target}: has schema version {schema}, this doppelgait writes {SCHEMA_VERSION}; continue with the "
+            "doppelgait that started it, or make the dataset again in another folder"
+        )
+    if stated == header.id:
+        return described
+    imported = header.origin == "imported"
+    if (version := described.get("data_version")) != DATA_VERSION:
+        again = "import RECORDINGS --labels LABELS" if imported else "build PLAN"
+        raise DatasetError(
+            f"{target}: was made with data version {version}, this doppelgait has {DATA_VERSION} and makes other "
+            f"bytes; make the dataset again in another folder: doppelgait dataset {again} -o FOLDER"
+        )
+    origin, what = described.get("origin", "another"), "other recordings, labels or settings"
+    if not imported:
+        changes = list(list_differences(config, dict(header.config)))
+        what = f"another configuration ({list_some(changes, 6, '; ') or 'other motion files or plug-ins'})"
+    raise DatasetError(
+        f"{target}: holds {origin} dataset {stated} of {what}; choose another folder, or delete this one"
+    )
+
+
 def write_description(target: Path, description: Mapping[str, Any]) -> None:
     """Write ``dataset.json``."""
     write_atomically(target / "dataset.json", (json.dumps(description, indent=2) + "\n").encode())
@@ -284,7 +318,7 @@ def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
 
 def tally(records: Iterable[Record]) -> Totals:
     """Count rows and failures of records, and find columns."""
-    totals, labels, contents = Totals(), set(), hashlib.sha256()
+    totals, contents = Totals(), hashlib.sha256()
     for record in records:
         totals.hashes[record["shard"]] = record["sha256"]
         contents.update(record.get("contents_sha256", "").encode())
@@ -293,14 +327,14 @@ def tally(records: Iterable[Record]) -> Totals:
         totals.n_failed += len(record["failures"])
         totals.failures += record["failures"][: FAILURES_KEPT - len(totals.failures)]
         for row in record["rows"]:
-            labels.add(row["label"])
+            totals.counts[row["label"]] += 1
+            totals.n_not_tracked += "not_tracked" in str(row.get("flags")).split(";")
             for name, value in row.items():
                 if isinstance(value, str) or name in TEXT_COLUMNS:
                     totals.columns[name] = TEXT
                 else:
                     totals.columns.setdefault(name, INTEGER if name == "row" else NUMBER)
     totals.columns["shard_sha256"] = TEXT
-    totals.labels = sorted(labels)
     totals.contents_sha256 = contents.hexdigest()
     return totals
 

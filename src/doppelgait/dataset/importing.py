@@ -1,40 +1,43 @@
-"""Datasets from the user's recordings."""
+"""Datasets from the user's recordings: labels, windows, index rows and stored arrays."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 import time
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from doppelgait.core.config import format_canonical_json
-from doppelgait.core.documents import parse_json
-from doppelgait.core.errors import ConfigError, DatasetError, OutputError
+import xarray as xr
+
+from doppelgait.core.config import convert_to_json, format_canonical_json
+from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError
 from doppelgait.core.files import hash_file
 from doppelgait.core.plugins import identify_plugins
-from doppelgait.dataset.build import log_entry
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+from doppelgait.core.worker import limit_blas_threads
+from doppelgait.dataset.build import Job, build_missing, log_entry
 from doppelgait.dataset.card import import_card
 from doppelgait.dataset.config import ImportConfig, Progress
-from doppelgait.dataset.finish import (
-    DATA_VERSION,
-    SCHEMA_VERSION,
-    Header,
-    Totals,
-    finish_dataset,
-    list_shard_names,
-    read_records,
-    tally,
-)
+from doppelgait.dataset.finish import DATA_VERSION, Header, find_dataset, finish_dataset, read_records, tally
 from doppelgait.dataset.labels import LabelEntry, hash_recording, read_labels
 from doppelgait.dataset.lock import write_new_folder
-from doppelgait.dataset.plan import Shard, split_into_shards
-from doppelgait.dataset.recorded import RecordedExamples
-from doppelgait.dataset.shard import ExampleData, build_shard
+from doppelgait.dataset.plan import split_into_shards
+from doppelgait.dataset.shard import NOTHING, ExampleData, collect_messages, describe_failure
+from doppelgait.dataset.shard_files import encode_arrays
 from doppelgait.dataset.splits import PlannedEntry, plan_entries
+from doppelgait.dataset.windows import cut
+from doppelgait.pipeline import Result, analyze
+from doppelgait.pipeline.pictures import is_picture, read_picture
+from doppelgait.pipeline.result import read_signal
+from doppelgait.pipeline.spectrogram import make_level_gate
+from doppelgait.pipeline.target import analyze_signature
+from doppelgait.radar import read_recording
+from doppelgait.radar.recording import Recording
 
 __all__ = ["ImportConfig", "ImportReport", "LabelEntry", "import_dataset", "import_id", "read_labels"]
 
@@ -92,9 +95,6 @@ def import_dataset(
             used = next((path for path in (Path(config_name), beside) if path.is_file()), None)
             described[f"option.config={config_name}"] = "" if used is None else hash_file(used)
     identity = import_id(labels, hashes | described, settings, plugins)
-    there = _find_same_import(target, identity)
-    if there is not None:
-        return _report(target, identity, planned, there, began, was_there=True)
     title = NOT_IN_A_NAME.sub("-", name or target.name).strip("-.") or "imported"
     header = Header(
         id=identity,
@@ -111,11 +111,11 @@ def import_dataset(
     )
     shards = list(split_into_shards(planned, settings.shard_size))
     names = [shard.name for shard in shards]
-    try:
-        if target.is_dir() and any(target.iterdir()):
-            raise DatasetError(f"{target}: is not empty; import into another folder")
-        with write_new_folder(target) as partial:
-            _build(partial, shards, RecordedExamples(settings, source, str(partial), hashes, identity), on_progress)
+    was_there = find_dataset(target, header) is not None
+    if not was_there:
+        with write_new_folder(target, "dataset") as partial:
+            maker = RecordedExamples(settings, source, str(partial), hashes, identity, len(planned), on_progress)
+            build_missing(Job(partial, header, maker, shards, shards))
             totals = tally(read_records(partial, names))
             if not totals.rows:
                 first = totals.failures[0]
@@ -124,29 +124,23 @@ def import_dataset(
                     f"{first['reason']}"
                 )
             finish_dataset(partial, header, names)
-    except (OSError, RuntimeError) as error:  # HDF5 raises RuntimeError if a file cannot be closed
-        raise OutputError(
-            f"{target}: cannot be written: {' '.join(str(error).split())}; no partial dataset remains"
-        ) from None
-    return _report(target, identity, planned, names, began, was_there=False)
-
-
-def _build(folder: Path, shards: Sequence[Shard], maker: RecordedExamples, on_progress: Progress | None) -> None:
-    (folder / "shards").mkdir()
-    total = sum(len(shard.examples) for shard in shards)
-    done, last = 0, time.monotonic()
-
-    def tick(entry: PlannedEntry, made: ExampleData) -> None:
-        nonlocal done, last
-        done, now = done + 1, time.monotonic()
-        facts = {"id": entry.id, "file": entry.entry.recording, "rows": len(made.rows), "seconds": round(now - last, 3)}
-        log_entry(folder, {**facts, "failures": [failure["reason"] for failure in made.failures]})
-        last = now
-        if on_progress is not None:
-            on_progress(done, total)
-
-    for shard in shards:
-        build_shard(shard, maker, tick=tick)
+    try:
+        totals = tally(read_records(target, names))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DatasetError(f"{target}: is damaged: {error}; delete the folder and import again") from None
+    return ImportReport(
+        directory=target,
+        dataset_id=identity,
+        n_recordings=len(planned),
+        n_rows=totals.rows,
+        n_not_tracked=totals.n_not_tracked,
+        n_failed=totals.n_failed,
+        failures=totals.failures,
+        counts=dict(totals.counts),
+        bytes=totals.bytes,
+        seconds=time.monotonic() - began,
+        was_there=was_there,
+    )
 
 
 def import_id(
@@ -167,53 +161,162 @@ def import_id(
     return digest.hexdigest()[:16]
 
 
-def _find_same_import(target: Path, identity: str) -> list[str] | None:
-    """Return the shards of the same import, None for an empty folder."""
-    description = target / "dataset.json"
-    if not description.is_file():
-        return None
-    try:
-        found = parse_json(description.read_text())
-        if (schema := found.get("schema_version")) == SCHEMA_VERSION and found["id"] == identity:
-            return list_shard_names(found["shards"])
-        version = found.get("data_version")
-        what = f"{found.get('origin', 'another')} dataset {found['id']}"
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise DatasetError(f"{description}: is damaged: {error}; delete the folder or choose another") from None
-    if schema != SCHEMA_VERSION:
-        raise DatasetError(
-            f"{target}: has schema version {schema}, this doppelgait writes {SCHEMA_VERSION}; import into "
-            "another folder"
-        )
-    if version != DATA_VERSION:
-        raise DatasetError(
-            f"{target}: was made with data version {version}, this doppelgait has {DATA_VERSION} and makes "
-            "other bytes; "
-            "make the dataset again in another folder: doppelgait dataset import RECORDINGS --labels LABELS -o FOLDER"
-        )
-    raise DatasetError(
-        f"{target}: holds {what} of other recordings, labels or settings; import into another folder, or delete it"
-    )
+SEVERAL = "several_tracks:the_label_went_to_the_surest"
 
 
-def _report(
-    target: Path, identity: str, planned: Sequence[PlannedEntry], names: Sequence[str], began: float, *, was_there: bool
-) -> ImportReport:
-    try:
-        totals: Totals = tally(read_records(target, names))
-        rows = [row for record in read_records(target, names) for row in record["rows"]]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise DatasetError(f"{target}: is damaged: {error}; delete the folder and import again") from None
-    return ImportReport(
-        directory=target,
-        dataset_id=identity,
-        n_recordings=len(planned),
-        n_rows=totals.rows,
-        n_not_tracked=sum("not_tracked" in row["flags"].split(";") for row in rows),
-        n_failed=totals.n_failed,
-        failures=totals.failures,
-        counts=dict(Counter(row["label"] for row in rows)),
-        bytes=totals.bytes,
-        seconds=time.monotonic() - began,
-        was_there=was_there,
-    )
+@dataclass
+class RecordedExamples:
+    """Maker of the examples of labelled recordings."""
+
+    config: ImportConfig
+    folder: Path
+    directory: str
+    hashes: Mapping[str, str]
+    identity: str
+    n_entries: int
+    on_progress: Progress | None
+    batch_size: int = 1  # entries can be long
+    done: int = 0
+
+    def make(self, entries: Sequence[PlannedEntry]) -> list[ExampleData]:
+        """Analyse the windows of entries; faults become failures."""
+        made = []
+        for entry in entries:
+            began = time.monotonic()
+            made.append(data := self._make_windows(entry))
+            facts = {"id": entry.id, "file": entry.entry.recording, "rows": len(data.rows)}
+            took = {"seconds": round(time.monotonic() - began, 3), "failures": [f["reason"] for f in data.failures]}
+            log_entry(Path(self.directory), {**facts, **took})
+            self.done += 1
+            if self.on_progress is not None:
+                self.on_progress(self.done, self.n_entries)
+        return made
+
+    def _make_windows(self, entry: PlannedEntry) -> ExampleData:
+        made, line, config = ExampleData(), entry.entry, self.config
+
+        def fail(name: str, error: Exception) -> None:
+            spec = {"line": line.line, "file": line.recording, "start_s": line.start_s, "stop_s": line.stop_s}
+            reason = _remove_folder(describe_failure(error), self.folder)
+            made.failures.append({"id": name, "reason": reason, "spec": json.dumps({**spec, "split": entry.split})})
+
+        try:
+            recording, notes = _read(
+                self.folder, line.recording, self.hashes[line.recording], tuple(sorted(line.options.items()))
+            )
+            limits = {"start_s": line.start_s, "stop_s": line.stop_s}
+            parts = [*cut(recording, window_s=config.window_s, step_s=config.step_s, **limits)]
+        except Exception as error:
+            fail(entry.id, error)
+            return made
+        for number, part in enumerate(parts):
+            name = entry.id if config.window_s is None else f"{entry.id}-w{number:04d}"
+            try:
+                analysed = part.recording
+                with limit_blas_threads(), collect_messages(lambda text: _remove_folder(text, self.folder)) as messages:
+                    if isinstance(analysed, Recording):
+                        results: Sequence[Result] = analyze(
+                            analysed, gate=line.gate, analysis=config.analysis, tracking=config.tracking
+                        )
+                    else:
+                        settings = config.analysis.resolved(None)
+                        results = [analyze_signature(analysed, make_level_gate(analysed), settings, label=None)]
+                result = find_labelled_result(results)
+                signals: dict[str, Any] = {spec.name: read_signal(result, spec.name) for spec in config.fields}
+                if "baseband" in signals:
+                    signals["baseband"] = getattr(analysed, "baseband", None)
+                stored = encode_arrays(config.fields, signals)
+            except Exception as error:
+                fail(name, error)
+                continue
+            source = "none" if line.nobody else "measured"
+            columns = {
+                "id": name,
+                "scene_id": entry.id,
+                "label": line.label,
+                "split": entry.split,
+                "subject": entry.subject,
+                "group": entry.group,
+                "source": source,
+                "recording": line.recording,
+                "recording_sha256": self.hashes[line.recording],
+                "licence": line.licence,
+                "citation": line.citation,
+                "session": line.session,
+                "motion_kind": source,
+                "motion": "",
+                "observation_s": part.stop_s - part.start_s,
+                "window_start_s": part.start_s,
+                "window_stop_s": part.stop_s,
+                # values from simulations are unknown
+                **{"environment": "", "impairments": "", "radar_height_m": None, "rcs_total_m2": None},
+                "gate_error_m": None,
+                **_make_radar_columns(analysed, self.folder),
+                **line.further,
+                **_make_outcome_columns(entry, results, result),
+                "warnings": _join((*notes, *messages)),
+            }
+            made.rows.append(convert_to_json(columns))
+            made.arrays.append(stored)
+        return made
+
+
+def _make_radar_columns(analysed: Recording | xr.DataArray, folder: Path) -> dict[str, Any]:
+    if isinstance(analysed, xr.DataArray):
+        carrier_hz = SPEED_OF_LIGHT_MPS / float(analysed.attrs["wavelength_m"])
+        note = f"a picture: {analysed.attrs['picture']}"
+        return {"prf_hz": analysed.attrs["prf_hz"], "carrier_hz": carrier_hz, "snr_frame_db": None, "notes": note}
+    return {
+        "prf_hz": analysed.radar.prf_hz,
+        "carrier_hz": analysed.radar.carrier_hz,
+        "snr_frame_db": analysed.snr_frame_db,
+        "notes": _join(_remove_folder(note, folder) for note in analysed.notes),
+    }
+
+
+@lru_cache(maxsize=1)  # lines of one recording are consecutive
+def _read(
+    folder: Path, recording: str, sha256: str, options: tuple[tuple[str, Any], ...]
+) -> tuple[Recording | xr.DataArray, tuple[str, ...]]:
+    loaded: Recording | xr.DataArray
+    with collect_messages(lambda text: _remove_folder(text, folder)) as messages:
+        if is_picture(recording):
+            if unknown := sorted(set(dict(options)) - {"config"}):
+                raise AnalysisError(f"{recording}: a picture has no option {', '.join(unknown)}; it has config")
+            loaded = read_picture(folder / recording, **dict(options))
+        else:
+            loaded = read_recording(folder / recording, **dict(options))
+    return loaded, tuple(messages)
+
+
+def find_labelled_result(results: Sequence[Result]) -> Result | None:
+    """Return the track of longest duration weighted by confidence, or None."""
+
+    def weight(result: Result) -> tuple[bool, bool, float]:
+        quality = result.quality
+        if "track_confidence" not in quality:
+            return result.is_body, False, float(quality.get("breathing_confidence") or 0.0)
+        seconds = float(quality["track_stop_s"] - quality["track_start_s"])
+        return result.is_body, True, float(quality["track_confidence"]) * seconds
+
+    return max(results, key=weight, default=None)
+
+
+def _make_outcome_columns(planned: PlannedEntry, results: Sequence[Result], result: Result | None) -> dict[str, Any]:
+    tracked = planned.entry.gate == "track"
+    n_tracks = len(results) if tracked else None
+    if result is None:
+        missing = "nobody:nothing_found" if planned.entry.nobody else "not_tracked"
+        return {"gate": "track", **NOTHING, "flags": missing, "n_tracks": n_tracks}
+    columns = {**result.to_row(), "n_tracks": n_tracks}
+    if tracked and sum(one.is_body for one in results) > 1:
+        columns["flags"] = ";".join(filter(None, (columns["flags"], SEVERAL)))
+    return columns
+
+
+def _remove_folder(text: str, folder: Path) -> str:
+    return text.replace(f"{folder}/", "").replace(f"{folder}\\", "")
+
+
+def _join(texts: Iterable[str]) -> str:
+    return ";".join(dict.fromkeys(text.replace(";", ",") for text in texts))

@@ -20,7 +20,7 @@ from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
-from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 
 PATTERN = "build*.lock"
 WRITING_SECONDS = 2.0
@@ -132,7 +132,7 @@ _numbers = count()
 
 
 @contextmanager
-def write_new_folder(target: Path) -> Iterator[Path]:
+def write_new_folder(target: Path, noun: str) -> Iterator[Path]:
     """Write a folder that gets its name when complete."""
     start = f"{target.name}.{platform.node()}-"
     for leftover in target.parent.glob(f"{glob.escape(start)}*.partial"):
@@ -140,14 +140,18 @@ def write_new_folder(target: Path) -> Iterator[Path]:
         if pid.isdecimal() and not _is_running(int(pid)):
             shutil.rmtree(leftover, ignore_errors=True)
     partial = target.with_name(f"{start}{os.getpid()}-{next(_numbers)}.partial")
-    partial.mkdir(parents=True)
     try:
+        partial.mkdir(parents=True)
         yield partial
         with suppress(OSError):
             target.rmdir()  # an empty one
         if target.exists():
             raise DatasetError(f"{target}: another process has written to it meanwhile; nothing in it was changed")
         partial.rename(target)
+    except (OSError, OutputError) as error:
+        cause = error.__context__ if isinstance(error, OutputError) else error  # the writer has already named its file
+        words = " ".join(str(cause).split())
+        raise OutputError(f"{target}: cannot be written: {words}; no partial {noun} remains") from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Literal
@@ -121,23 +121,18 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> dict[str, Any]:
     return dict(motion)
 
 
-def list_motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:
+def list_motion_files(motions: Iterable[Any]) -> list[str]:
     """List the paths of motion files in tables, as written, sorted."""
-    found: set[str] = set()
+    tables = (table for table in _iterate_tables(list(motions)) if "file" in _list_strings(table.get("kind")))
+    return sorted({path for table in tables for path in _list_strings(table.get("path"))})
 
-    def walk(value: Any) -> None:
-        if isinstance(value, Mapping):
-            if "file" in _list_strings(value.get("kind")):
-                found.update(_list_strings(value.get("path")))
-            for inner in value.values():
-                walk(inner)
-        elif isinstance(value, list):
-            for inner in value:
-                walk(inner)
 
-    for motion in motions:
-        walk(motion)
-    return sorted(found)
+def _iterate_tables(value: Any) -> Iterator[Mapping[str, Any]]:
+    if isinstance(value, Mapping):
+        yield value
+        value = list(value.values())
+    for inner in value if isinstance(value, list) else ():
+        yield from _iterate_tables(inner)
 
 
 def _list_strings(value: Any) -> list[str]:
@@ -214,33 +209,14 @@ def list_labels(plan: PlanConfig) -> list[str]:
     """List the labels of a plan's rows: of classes, or of the bodies of episodes and of what is no body."""
     if plan.classes:
         return [section.label for section in plan.classes]
-    found: set[str] = set()
-
-    def walk(value: Any) -> None:
-        if isinstance(value, Mapping):
-            found.update(_list_strings(value.get("label")))
-            value = list(value.values())
-        for inner in value if isinstance(value, list) else []:
-            walk(inner)
-
-    walk([section.targets for section in plan.episodes])
-    return [*sorted(found - {THING}), THING]
-
-
-def has_folders(plan: PlanConfig) -> bool:
-    """Return True if a motion of the plan is a folder."""
-    return any(map(_has_folders, list_motions(plan)))
-
-
-def _has_folders(value: Any) -> bool:
-    if isinstance(value, Mapping):
-        return value.get("kind") == "folder" or any(map(_has_folders, value.values()))
-    return isinstance(value, list) and any(map(_has_folders, value))
+    tables = _iterate_tables([section.targets for section in plan.episodes])
+    labels = {label for table in tables for label in _list_strings(table.get("label"))}
+    return [*sorted(labels - {THING}), THING]
 
 
 def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | None = None) -> PlanConfig:
     """Replace a plan's folders by lists of their segments."""
-    if not has_folders(plan):
+    if not any(table.get("kind") == "folder" for table in _iterate_tables(list_motions(plan))):
         return plan
     seconds = plan.scene.get("duration_s")
     as_recorded = seconds is None and "scene.duration_s" in plan.dataset.leaks

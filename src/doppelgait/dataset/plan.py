@@ -122,36 +122,32 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     """
     source = folder or Path()
     expanded = expand_folders(store_radar_files(config, source), source, on_progress=on_progress)
-    files = list_motion_files([{"motions": list_motions(expanded)}])
+    files = list_motion_files(list_motions(expanded))
     refuse_two_spellings(files, source)
     refuse_copies(files, source, expanded.sources)
-    scenes: list[tuple[str, ...]] = []
+    drafts: list[PlannedExample] = []
     compiled: Compiled = {}
-    for section in expanded.sections:
+    for place, section in enumerate(expanded.sections):
         motions = section.targets if isinstance(section, EpisodeSection) else section.motion
-        from_files = bool(expanded.companions) or bool(list_motion_files([{"motions": motions}]))
+        from_files = bool(expanded.companions) or bool(list_motion_files([motions]))
         for within in range(expanded.count_class_examples(section)):
-            name = make_example_id(section.label, within)
-            if not from_files:  # the subject of a model needs no sampling
-                scenes.append((f"model/{name}",))
-                continue
-            try:
-                rows, _ = resolve_rows(expanded, len(scenes), source, make_sampler(expanded, len(scenes), compiled))
-            except ConfigError as error:
-                raise ConfigError(f"class {section.label!r}: example {name}: {error}") from None
-            mine = [row.subject for row in rows] or [f"model/{name}"]
-            scenes.append((*mine, *(other for row in rows for other in row.others)))
-    groups = group_subjects(scenes)
-    members: dict[str, list[str]] = {section.label: [] for section in expanded.sections}
-    for number, subjects in enumerate(scenes):
-        members[expanded.sections[find_class(expanded, number)[0]].label].append(groups[subjects[0]])
-    splits = assign_splits(expanded.dataset, {label: list(dict.fromkeys(names)) for label, names in members.items()})
-    examples = []
-    for number, subjects in enumerate(scenes):
-        place, within = find_class(expanded, number)
-        name, group = make_example_id(expanded.sections[place].label, within), groups[subjects[0]]
-        examples.append(PlannedExample(number, place, name, splits[group], group, subjects))
-    return Plan(expanded, source, tuple(examples))
+            number, name = len(drafts), make_example_id(section.label, within)
+            subjects = [f"model/{name}"]
+            if from_files:  # the subject of a model needs no sampling
+                try:
+                    rows, _ = resolve_rows(expanded, number, source, make_sampler(expanded, number, compiled))
+                except ConfigError as error:
+                    raise ConfigError(f"class {section.label!r}: example {name}: {error}") from None
+                subjects = [row.subject for row in rows] or subjects
+                subjects += [other for row in rows for other in row.others]
+            drafts.append(PlannedExample(number, place, name, "", "", tuple(subjects)))
+    groups = group_subjects(draft.subjects for draft in drafts)
+    drafts = [draft._replace(group=groups[draft.subjects[0]]) for draft in drafts]
+    members: dict[str, dict[str, None]] = {section.label: {} for section in expanded.sections}
+    for draft in drafts:
+        members[expanded.sections[draft.class_number].label][draft.group] = None
+    splits = assign_splits(expanded.dataset, {label: list(names) for label, names in members.items()})
+    return Plan(expanded, source, tuple(draft._replace(split=splits[draft.group]) for draft in drafts))
 
 
 def check_examples(plan: Plan, *, most: int | None = None, on_progress: Progress | None = None) -> int:

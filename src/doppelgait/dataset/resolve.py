@@ -13,10 +13,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from doppelgait.core.config import FrozenModel
+from doppelgait.core.config import FrozenModel, format_canonical_json
 from doppelgait.core.documents import parse_json
 from doppelgait.core.draws import Turn, compile_draws, resolve
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, DoppelgaitError, warn_caller
 from doppelgait.core.rng import Streams
 from doppelgait.dataset.config import AUTO_PRF_REFUSED, ORACLE_REFUSED, EpisodeSection, PlanConfig, shorten
 from doppelgait.dataset.motions import (
@@ -28,6 +28,7 @@ from doppelgait.dataset.motions import (
     find_subject,
     list_recording_paths,
 )
+from doppelgait.motion.motion import Motion
 from doppelgait.pipeline import Run, parse_run
 from doppelgait.pipeline.radar_table import FixedRadar, RadarFile, parse_radar
 from doppelgait.radar.presets import read_preset
@@ -298,3 +299,43 @@ def replace_radar_files(
     if isinstance(value, list):
         return [replace_radar_files(inner, change, in_preset=in_preset) for inner in value]
     return change(value) if in_preset and isinstance(value, str) and value.endswith(".toml") else value
+
+
+MAX_READ = 20  # number of motion files that are read for their warnings
+OF_A_CLIP = ("kind", "path", "hybrid", "segment", "loop_to_s", "loop_variation")
+"""Keys of a motion without effect on what is read of its file."""
+
+
+def warn_of_recordings(examples: Sequence[ExampleSpec], *, folder: Path) -> None:
+    """Read the first motion files of a plan for their warnings."""
+    from doppelgait.motion.readers import read
+
+    motions = [target.motion for example in examples for target in example.run.scene.targets]
+    files = {m["path"]: m for m in reversed(motions) if isinstance(m, Mapping) and m.get("kind") == "file"}
+    for path, motion in sorted(files.items())[:MAX_READ]:
+        options = {name: value for name, value in motion.items() if name not in OF_A_CLIP}
+        with suppress(DoppelgaitError):  # the build leaves the example out, and reports the reason
+            read(folder / path, **options)
+
+
+def warn_of_equal_bodies(examples: Sequence[ExampleSpec]) -> None:
+    """Warn of classes whose modelled bodies all have the same parameters."""
+    motions: dict[str, list[str]] = {}
+    for example in examples:
+        for row, target in zip(example.rows, example.run.scene.targets, strict=False):  # background comes last
+            if row.source == "model" and target.vary is None and not isinstance(target.motion, Motion):
+                body = {**target.motion, "height_m": target.height_m}
+                motions.setdefault(row.label, []).append(format_canonical_json(body))
+    equal = [label for label, found in motions.items() if len(found) > 1 and len(set(found)) == 1]
+    if equal:
+        warn_caller(
+            f"class {', '.join(equal)}: every example has the same motion parameters, so that training and test data "
+            "have the same body; sample them, for example speed_mps = { uniform = [0.8, 1.6] }"
+        )
+
+
+def warn_of_unused_snr(noise: Mapping[str, Any]) -> None:
+    """Warn if a plan states an SNR that its noise ignores."""
+    kind = noise.get("kind", "thermal")
+    if "snr_db" in noise and kind in ("thermal", "none"):
+        warn_caller(f"noise.snr_db: is not used with noise.kind = {kind!r}; set noise.kind = 'snr' to use it")

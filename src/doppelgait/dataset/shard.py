@@ -144,34 +144,27 @@ def _format_specs(specs: Sequence[FrozenModel]) -> str:
     return json.dumps([spec.model_dump(mode="json") for spec in specs], sort_keys=True, separators=(",", ":"))
 
 
-TRUTH_COLUMNS = (
-    "truth_gait",
-    "truth_height_m",
-    "truth_ground_speed_mps",
-    "truth_radial_velocity_mps",
-    "truth_range_m",
-    "truth_aspect_deg",
-    "truth_gait_frequency_hz",
-    "truth_step_frequency_hz",
-    "truth_stride_frequency_hz",
-)
+def _mean_aspect_deg(truth: TargetTruth) -> float:
+    aspect_rad = truth.centre_aspect_rad[np.isfinite(truth.centre_aspect_rad)]  # undefined for a body without motion
+    return float(np.degrees(aspect_rad.mean())) if aspect_rad.size else math.nan
+
+
+TRUTH_COLUMNS: dict[str, Callable[[TargetTruth], Any]] = {
+    "truth_gait": lambda truth: truth.gait,
+    "truth_height_m": lambda truth: truth.height_m,
+    "truth_ground_speed_mps": lambda truth: truth.ground_speed_mps,
+    "truth_radial_velocity_mps": lambda truth: float(np.nanmean(truth.centre_velocity_mps)),
+    "truth_range_m": lambda truth: float(np.nanmean(truth.centre_range_m)),
+    "truth_aspect_deg": _mean_aspect_deg,
+    "truth_gait_frequency_hz": lambda truth: truth.gait_frequency_hz,
+    "truth_step_frequency_hz": lambda truth: truth.step_frequency_hz,
+    "truth_stride_frequency_hz": lambda truth: truth.stride_frequency_hz,
+}
 
 
 def make_truth_columns(truth: TargetTruth) -> dict[str, Any]:
     """Return the columns ``truth_*``, of simulations only."""
-    aspect_rad = truth.centre_aspect_rad[np.isfinite(truth.centre_aspect_rad)]  # undefined for a body without motion
-    values = (
-        truth.gait,
-        truth.height_m,
-        truth.ground_speed_mps,
-        float(np.nanmean(truth.centre_velocity_mps)),
-        float(np.nanmean(truth.centre_range_m)),
-        float(np.degrees(aspect_rad.mean())) if aspect_rad.size else math.nan,
-        truth.gait_frequency_hz,
-        truth.step_frequency_hz,
-        truth.stride_frequency_hz,
-    )
-    return dict(zip(TRUTH_COLUMNS, values, strict=True))
+    return {name: measure(truth) for name, measure in TRUTH_COLUMNS.items()}
 
 
 @dataclass
@@ -241,9 +234,7 @@ class BuildContext:
         return ExampleData(failures=[{"id": entry.id, "reason": describe_failure(error), "spec": spec}])
 
 
-def build_shard(
-    shard: Shard, maker: ExampleMaker, *, tick: Callable[[Any, ExampleData], None] | None = None
-) -> dict[str, Any]:
+def build_shard(shard: Shard, maker: ExampleMaker) -> dict[str, Any]:
     """Build one shard file and its record, all or nothing."""
     rows: list[dict[str, Any]] = []
     failures: list[dict[str, str]] = []
@@ -251,14 +242,11 @@ def build_shard(
     size = maker.batch_size
     for first in range(0, len(shard.examples), size):
         raise_if_stopped()
-        batch = shard.examples[first : first + size]
-        for entry, made in zip(batch, maker.make(batch), strict=True):
+        for made in maker.make(shard.examples[first : first + size]):
             failures += made.failures
             for row, stored in made:
                 rows.append({**row, "shard": shard.name, "row": len(arrays)})
                 arrays.append(stored)
-            if tick is not None:
-                tick(entry, made)
     path = Path(maker.directory) / "shards" / f"{shard.name}.h5"
     with files.open_atomically(path, os_errors=True) as partial:
         write_shard(partial, shard.split, [row["id"] for row in rows], arrays, identity=maker.identity)

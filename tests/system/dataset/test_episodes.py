@@ -13,7 +13,7 @@ from doppelgait.dataset.plan import collect_nuisance, plan_dataset, sample_examp
 from doppelgait.dataset.resolve import resolve_example
 from doppelgait.dataset.shard import build_episode, find_body
 from doppelgait.dataset.verify import verify_dataset
-from doppelgait.dataset.verify.plan_checks import refuse_leaks
+from doppelgait.dataset.verify.leakage import refuse_leaks
 from doppelgait.dataset.windows import analyze_window, cut_windows
 from doppelgait.pipeline.run import simulate_placed
 from doppelgait.scene import place

@@ -20,8 +20,7 @@ from dataset_plans import put_index
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset import open_dataset
-from doppelgait.dataset.export import EXPORTERS, PLACES, export_dataset, make_file_name, refuse_unreleasable
-from doppelgait.dataset.exporters import Zarr
+from doppelgait.dataset.export import EXPORTERS, PLACES, Zarr, export_dataset, make_file_name, refuse_unreleasable
 from doppelgait.dataset.open import Dataset
 from doppelgait.radar import Radar, read_recording
 from doppelgait.testing import check_exporter

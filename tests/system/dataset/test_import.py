@@ -20,11 +20,10 @@ from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning, OutputError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import rng
-from doppelgait.dataset import open_dataset, recorded, shard
+from doppelgait.dataset import importing, open_dataset, shard
 from doppelgait.dataset.card import list_blocked_recordings
-from doppelgait.dataset.importing import ImportConfig, import_dataset, read_labels
+from doppelgait.dataset.importing import ImportConfig, find_labelled_result, import_dataset, read_labels
 from doppelgait.dataset.labels import find_recordings, hash_recording, list_recording_files
-from doppelgait.dataset.recorded import find_labelled_result
 from doppelgait.dataset.splits import plan_entries
 from doppelgait.dataset.windows import cut
 from doppelgait.motion import boulic_walk, quadruped_gait
@@ -529,7 +528,7 @@ def test_an_internal_error_of_one_recording_is_its_failure(recordings, monkeypat
         return analyze(recording, **options)
 
     broken.mark = float(np.abs(read_recording(recordings / "slow2.h5").baseband.values[5, 10]))
-    monkeypatch.setattr(recorded, "analyze", broken)
+    monkeypatch.setattr(importing, "analyze", broken)
     report = import_dataset(recordings, write(recordings, LABELS), recordings.parent / "m", config=GATE)
     assert report.n_rows == 3
     assert report.failures[0]["reason"] == "internal error: ZeroDivisionError: oops"

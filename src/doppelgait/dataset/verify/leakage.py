@@ -12,18 +12,23 @@ one case in 10 000.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarning, warn_caller
 from doppelgait.dataset.plan import collect_nuisance
 from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.dataset.verify.contents import Contents, Finding
+from doppelgait.scene.placement import place
+from doppelgait.scene.rcs import total_rcs_m2
 
 Float32Array = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
@@ -327,3 +332,56 @@ def describe_guess(words: str, guess: Guess, table: pd.DataFrame) -> str:
         f"nuisance parameters alone predict {words}: balanced accuracy {guess.accuracy:.2f} (allowed "
         f"{guess.allowed:.2f}), p = {guess.p_value:.1g}; most predictive: {', '.join(telling)}"
     )
+
+
+MAX_PLACED = 200  # maximum number of examples with a generated motion, which the body mass needs
+
+
+def refuse_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
+    """Raise a :class:`DatasetError` if nuisance parameters predict the class."""
+    moving = [example for example in examples if all(row.source != "none" for row in example.rows)]
+    if not moving:
+        return
+    # the range error of the gates is not judged: no key can make it differ by class
+    table = select_varying(drop_leaks(tabulate_examples(moving), (*leaks, *UNJUDGED)))
+    if leak := find_leak("classes", table, rng):
+        raise DatasetError(f"{leak}; sample them from one distribution for every class")
+
+
+def warn_of_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
+    """Warn of what :func:`refuse_leaks` refuses; do not stop the build."""
+    try:
+        refuse_leaks(examples, rng, leaks=leaks)
+    except DatasetError as error:
+        warn_caller(f"{error}; the dataset is built, but a classifier trained on it uses these parameters")
+
+
+def warn_of_default_rcs(
+    examples: Sequence[ExampleSpec], rng: np.random.Generator, *, folder: Path, leaks: Sequence[str] = ()
+) -> None:
+    """Warn if cross sections by body mass predict the class."""
+    if "target.rcs" in leaks:
+        return
+    records, unstated = [], False
+    labels = {example.label for example in examples}
+    for label in sorted(labels):  # of every class: a rare one needs as many
+        members = [example for example in examples if example.label == label]
+        for example in members[:: -(-len(members) * len(labels) // MAX_PLACED)]:
+            specs = [target.rcs for target in example.run.scene.targets if not target.background]
+            masses_kg = [0.0] * len(specs)
+            if any(spec.total_m2 is None for spec in specs):
+                unstated = True
+                try:
+                    with warnings.catch_warnings():
+                        warnings.simplefilter("ignore", DoppelgaitWarning)  # the build adds the warnings to the example
+                        observed = place(example.run.scene, example.run.streams, folder=folder).observed
+                except DoppelgaitError:  # the build leaves the example out, too, and reports the reason
+                    continue
+                masses_kg = [target.motion.facts.mass_kg for target in observed]
+            records += [
+                {"label": row.label, "group": example.group, "rcs_total_m2": total_rcs_m2(spec, mass_kg)}
+                for row, spec, mass_kg in zip(example.rows, specs, masses_kg, strict=True)
+                if row.source != "none"
+            ]
+    if unstated and records and (leak := find_leak("classes", pd.DataFrame(records), rng)):
+        warn_caller(f"{leak}; {RCS_FIX}")
