@@ -25,10 +25,10 @@ from typing import Any
 import numpy as np
 from harness import finish, make_parser, markdown
 
-from doppelgait.classify.alarm import Episode, answer_day, answer_track, build_day, load_day, score_day
+from doppelgait.classify.alarm import Episode, answer_day, answer_track, build_day, score_day
 from doppelgait.classify.model import Model
 from doppelgait.classify.model_file import load_shipped_model
-from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.config import PlanConfig, load_plan
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
 
@@ -83,8 +83,8 @@ def main() -> None:
     for radar in options.radars:
         model = load_shipped_model(radar)
         for name in DAYS:
-            day, _ = load_day(PLANS / f"{name}.toml", REPEATS[radar])
-            day = train_models.with_radar(day.model_dump(mode="python"), radar)
+            count = f"dataset.examples_per_class={REPEATS[radar]}"
+            day, _ = load_plan(PLANS / f"{name}.toml", overrides=[count, *train_models.OVERRIDES.get(radar, [])])
             folder = options.motion_folder.absolute()
             dataset = build_day(day, model, options.out / f"{name}-{radar}", folder=folder)
             episodes = answer_day(dataset, partial(answer_track, model))

@@ -14,7 +14,7 @@ import xarray as xr
 from doppelgait.classify.export.device import Device
 from doppelgait.classify.export.write import convert_samples, walk_samples
 from doppelgait.classify.learned import Ensemble, LabelledRows, Network, Seen, join_inputs
-from doppelgait.classify.model import ECHOES, Calibration, Facts, Model
+from doppelgait.classify.model import ECHOES, WIDEST, Calibration, Facts, Model
 from doppelgait.classify.network import train_track_network
 from doppelgait.classify.training import train_boosting, train_logistic
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
@@ -97,7 +97,8 @@ def model_of_tracks(n: int = 30) -> tuple[Model, LabelledRows]:
         update={"features": "track", "blocking": ECHOES, "window_s": 2.5}
     )
     facts = facts.model_copy(update={"conditions": facts.conditions | {"speed_mps": (0.0, 3.0)}})
-    return Model(facts, network, Calibration(1.3, np.array([0.0, 0.2]), 9), *(np.zeros(len(NAMES)),) * 3), rows
+    ones = np.ones(len(NAMES))
+    return Model(facts, network, Calibration(1.3, np.array([0.0, 0.2]), 9), -WIDEST * ones, WIDEST * ones, ones), rows
 
 
 def random_levels(rng: np.random.Generator, patch: Patch, n_time: int) -> np.ndarray:

@@ -26,7 +26,6 @@ _HOME = {
     "save_model": ".model_file",
     "load_shipped_model": ".model_file",
     "join_decisions": ".timeline",
-    "train_network": ".network",
     "write_report": ".report",
 }
 

@@ -13,7 +13,6 @@ from doppelgait.classify.model_file import load_shipped_model as load_shipped_mo
 from doppelgait.classify.model_file import open_model as open_model
 from doppelgait.classify.model_file import read_model_cards as read_model_cards
 from doppelgait.classify.model_file import save_model as save_model
-from doppelgait.classify.network import train_network as train_network
 from doppelgait.classify.report import write_report as write_report
 from doppelgait.classify.timeline import TrackDecision as TrackDecision
 from doppelgait.classify.timeline import classify_over_time as classify_over_time

@@ -21,11 +21,11 @@ from doppelgait.classify.decide import TargetInputs
 from doppelgait.classify.model import Model
 from doppelgait.classify.scores import clopper_pearson_interval
 from doppelgait.classify.timeline import Tracks, check_window
-from doppelgait.core.config import convert_to_json
+from doppelgait.core.config import convert_to_json, validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.units import FloatArray
 from doppelgait.dataset.build import build_dataset
-from doppelgait.dataset.config import FieldSpec, PlanConfig, load_plan
+from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.open import Dataset, open_dataset, read_signature
 from doppelgait.dataset.resolve import make_example_id
 
@@ -89,15 +89,11 @@ def build_day(
             "--alarm-class"
         )
     window_s, hop_s = check_window(None, None, model)
-    short = [section.label for section in day.episodes if section.duration_s < window_s]
-    if short:
-        raise ConfigError(
-            f"{day.dataset.name}: {', '.join(short)}: duration_s is below the window of {window_s:g} s; make it longer"
-        )
-    fields = (FieldSpec(name="pictures" if facts.features == "track" else "signature"),)
-    section = day.dataset.model_copy(update={"window_s": window_s, "hop_s": hop_s, "fields": fields})
-    plan = day.model_copy(update={"dataset": section, "analysis": facts.analysis})
-    build_dataset(plan, directory, folder=folder, on_progress=on_progress)
+    plan = day.model_dump(mode="python")
+    plan["dataset"] |= {"window_s": window_s, "hop_s": hop_s}
+    plan["dataset"]["fields"] = ["pictures" if facts.features == "track" else "signature"]
+    plan["analysis"] = facts.analysis
+    build_dataset(validate(PlanConfig, plan, where=day.dataset.name), directory, folder=folder, on_progress=on_progress)
     return open_dataset(directory)
 
 

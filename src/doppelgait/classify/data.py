@@ -22,8 +22,7 @@ from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.example import find_feature_columns, read_carrier_hz
 from doppelgait.dataset.open import Dataset, read_signature
-from doppelgait.dataset.verify.contents import Contents, read_plan
-from doppelgait.dataset.verify.leakage import MEASURED, UNSEEN, round_values, tabulate_nuisances
+from doppelgait.dataset.verify.leakage import collect_nuisances
 from doppelgait.processing.patches import Patch, levels_of
 
 VELOCITY = "torso_velocity_mps"
@@ -67,23 +66,23 @@ class Table:
     note: str = ""
 
 
-def collect_rows(dataset: Dataset, other: Dataset | None = None) -> Rows:
-    """Collect dataset rows for training and testing."""
-    datasets = (dataset,) if other is None else (dataset, other)
-    if other is not None and other.description.get("id") == dataset.description.get("id"):
-        raise DatasetError(f"{other.directory}: is the training dataset; name another dataset to test on")
+def collect_rows(*datasets: Dataset) -> Rows:
+    """Collect the rows of datasets, for training and testing; the first one has all classes."""
+    dataset, *others = datasets
     known = [label for label in dataset.description["classes"] if (dataset.index["label"] == label).any()]
     if len(known) < 2:
         raise DatasetError(
             f"{dataset.directory}: has the class {known[0]!r} alone" if known else f"{dataset.directory}: has no rows"
         )
     index = pd.concat([part.index for part in datasets], ignore_index=True)
-    further = sorted(set(index["label"].unique()) - set(known))
-    if further and other is not None:
-        raise DatasetError(
-            f"{other.directory}: has the classes {', '.join(further)}, which {dataset.directory} does not have; "
-            f"a model of it has {', '.join(known)}"
-        )
+    for other in others:
+        if other.description.get("id") == dataset.description.get("id"):
+            raise DatasetError(f"{other.directory}: is the training dataset; name another dataset to test on")
+        if further := sorted(set(other.index["label"].unique()) - set(known)):
+            raise DatasetError(
+                f"{other.directory}: has the classes {', '.join(further)}, which {dataset.directory} does not have; "
+                f"a model of it has {', '.join(known)}"
+            )
     origin = np.repeat(np.arange(len(datasets)), [len(part) for part in datasets])
     # Groups by name. A sampled body differs between datasets, a recording does not.
     group = "group" if "group" in index else "subject"
@@ -96,7 +95,7 @@ def collect_rows(dataset: Dataset, other: Dataset | None = None) -> Rows:
         place=np.concatenate([np.arange(len(part)) for part in datasets]),
         classes=tuple(known),
         labels=index["label"].map({label: number for number, label in enumerate(known)}).to_numpy(dtype=np.int64),
-        groups=np.where(sampled, np.char.add("1:", names), names),
+        groups=np.where(sampled, np.char.add(np.char.add(origin.astype(str), ":"), names), names),
     )
 
 
@@ -134,7 +133,9 @@ def collect_inputs(
     if features == "nothing":
         return Table(np.zeros((len(rows), 0)), ())
     if features == "nuisance":
-        return collect_nuisances(rows, motion_folder or Path.cwd())
+        empty = bool((rows.index["source"] == "none").any())
+        kept, note = collect_nuisances(rows.datasets, motion_folder or Path.cwd(), empty=empty)
+        return Table(np.column_stack(list(kept.values())) if kept else np.zeros((len(rows), 0)), tuple(kept), note)
     feature_set = "six" if features == "speed" else features
     columns = find_feature_columns(rows.datasets[0].index, feature_set)
     for part in rows.datasets:
@@ -195,48 +196,11 @@ def convert_features(columns: Mapping[str, Any], wavelength_m: FloatArray) -> di
 
 def wavelengths_m(rows: Rows) -> FloatArray:
     """Return the wavelength of every row; NaN where unknown."""
-    carriers = [
-        read_numbers(part.index["carrier_hz"])
-        if "carrier_hz" in part.index
-        else np.array(
-            [read_carrier_hz(part.description, convert_to_json(row)) for row in part.index.to_dict("records")]
-        )
-        for part in rows.datasets
-    ]
-    first = np.cumsum([0, *(len(part) for part in carriers[:-1])])  # rows may be a subset of their datasets
-    return np.asarray(SPEED_OF_LIGHT_MPS / np.concatenate(carriers)[first[rows.origin] + rows.place], dtype=np.float64)
-
-
-def collect_nuisances(rows: Rows, motion_folder: Path) -> Table:
-    """Collect the nuisance parameters of all rows."""
-    parts, notes = [], []
-    for dataset in rows.datasets:
-        plan, reason = read_plan(dataset.description, motion_folder)
-        contents = Contents(dataset.directory, dataset.description, dataset.index, {}, plan, reason)
-        sampled = contents.resolve_sample(np.random.default_rng(0), most=10 * len(dataset) + 100)
-        if sampled:
-            part = tabulate_nuisances(dataset.index, sampled).drop(columns=["label", "group", "empty"])
-            part = part.reindex(dataset.index["id"])
-        else:
-            part = dataset.index[[name for name in MEASURED if name in dataset.index]].add_prefix("index.")
-            notes.append(f"nuisance of {dataset.directory}: only {', '.join(map(str, part))} ({reason})")
-        parts.append(part)
-    shared = [name for name in parts[0].columns if all(name in part for part in parts)]
-    table = pd.concat([part[shared] for part in parts], ignore_index=True)
-    if (rows.index["source"] == "none").any():
-        shared = [name for name in shared if not str(name).removeprefix("index.").startswith(UNSEEN)]
-    kept: dict[str, FloatArray] = {}
-    for name in shared:
-        column = table[name]
-        if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
-            values = np.asarray(round_values(column.astype(np.float64)).to_numpy(), dtype=np.float64)
-        else:
-            codes = pd.factorize(column.where(column.isna(), column.astype(str)), sort=True)[0]
-            values = np.where(codes < 0, np.nan, codes.astype(np.float64))
-        if np.unique(values[~np.isnan(values)]).size > 1:
-            kept[str(name)] = values
-    values = np.column_stack(list(kept.values())) if kept else np.zeros((len(rows), 0))
-    return Table(values, tuple(kept), "; ".join(notes))
+    carrier_hz = read_numbers(rows.index.get("carrier_hz", pd.Series(np.nan, index=rows.index.index)))
+    for n in np.flatnonzero(np.isnan(carrier_hz)):
+        row = convert_to_json(rows.index.drop(columns="carrier_hz", errors="ignore").iloc[n].to_dict())
+        carrier_hz[n] = read_carrier_hz(rows.datasets[rows.origin[n]].description, row)
+    return np.asarray(SPEED_OF_LIGHT_MPS / carrier_hz, dtype=np.float64)
 
 
 def take_rows(rows: AnyRows, part: npt.NDArray[Any]) -> AnyRows:

@@ -35,6 +35,7 @@ from doppelgait.classify.model import (
     BLOCKING,
     ECHOES,
     LEAST_ROWS,
+    WIDEST,
     Calibration,
     Facts,
     Model,
@@ -306,6 +307,11 @@ def describe_model(
     # Span of every feature, NaN if never known, and the share of rows in which it is unknown.
     values = select_features(train.values) if table.names else np.zeros((train.labels.size, 0))
     spans = [reduce(values, initial=np.nan) for reduce in (np.fmin.reduce, np.fmax.reduce)]
+    if of_tracks:  # the network limits its features, and any of them may be unknown
+        spans, values = (
+            [np.full(values.shape[1], sign * WIDEST) for sign in (-1.0, 1.0)],
+            np.full_like(values[:1], np.nan),
+        )
     first = rows.datasets[0].description
     config = first.get("config") or {}
     facts = Facts(
@@ -469,19 +475,14 @@ def evaluate(
     other : Dataset, optional
         Other test data: all rows except those of targets in the training data.
     models : sequence of str, optional
-        Of :data:`doppelgait.classify.training.CLASSIFIERS`; by default
-        :data:`doppelgait.classify.training.DEFAULT`, as far as the dataset has the inputs. The
-        members of an ensemble are evaluated with it, and chance, nuisance parameters and speed
-        alone always.
+        Names, by default :data:`doppelgait.classify.training.DEFAULT`, as far as the dataset has the
+        inputs. Members of an ensemble, and chance, nuisance parameters and speed are added.
     n_folds : int, optional
-        Number of folds of a cross-validation over all rows; the rows of a target are never
-        separated.
+        Number of folds of a cross-validation over all rows; a target is in one of them.
     left_out : str, optional
         Leave one value of this column out at a time, for example ``source``.
     own : Dataset, optional
-        Your own recordings, to test on and to adapt the models to
-        (:func:`doppelgait.classify.adapt.score_adaptation`); the models returned are adapted to all
-        of them.
+        Your own recordings, to test on and to adapt the models to; those returned are adapted to all.
     unknown : Dataset, optional
         Rows of further classes, on which the models should abstain; they are scored separately.
     motion_folder : Path, optional
@@ -489,9 +490,8 @@ def evaluate(
     seed : int
         Seed of folds, training and bootstrap.
     n_seeds : int
-        Number of training seeds, starting at ``seed``. The ensemble combines the members of all
-        seeds; every other model is that of the first seed, and the scores of all seeds are reported
-        in addition.
+        Number of training seeds, from ``seed`` on. The ensemble combines the members of all; every
+        other model is that of the first, and the scores of all are reported in addition.
     keep : bool
         After a cross-validation train each model once more, on all rows.
     alarm_class : str, optional
@@ -595,7 +595,7 @@ def _list_limits(rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], out
 def _collect_test_rows(dataset: Dataset, other: Dataset | None, own: Dataset | None) -> Rows:
     """Collect all rows."""
     if own is None:
-        return collect_rows(dataset, other)
+        return collect_rows(dataset) if other is None else collect_rows(dataset, other)
     if other is not None:
         raise ConfigError("--adapt and --test: use one of them; --adapt tests on recordings that it does not adapt to")
     rows = collect_rows(dataset, own)

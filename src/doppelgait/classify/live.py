@@ -136,9 +136,7 @@ def live(
 ) -> Live:
     """Classify targets while the frames of a radar arrive.
 
-    The same frames as a file give the same decisions
-    (:func:`doppelgait.classify.classify_over_time`). Memory does not grow with the length of the
-    stream.
+    The same frames as a file give the same decisions; memory does not grow with the stream.
 
     Parameters
     ----------

@@ -67,6 +67,7 @@ BLOCKING = (
 ECHOES = ("not_tracked", "no_signal", "gates_overlap", "reflection_of:*", "folded_echo_of:*")
 """Flags that prevent a decision of a model of tracks, which has learned from windows with all the others."""
 OUTSIDE = 0.25  # a feature may lie outside the training range by this share of its span
+WIDEST = 1e29  # limit of features that may have any value
 RARELY = 0.01  # share of unknown training values below which a feature must be known
 
 
@@ -316,8 +317,8 @@ class Model:
         return self.facts.blocking if isinstance(self.learned, TrackNetwork) else (*self.facts.blocking, *BLOCKING)
 
     def mark_outside(self, values: Inputs) -> npt.NDArray[np.bool_]:
-        """Mark features outside the training range, shape (n, d); none for networks of tracks, which limit them."""
-        if not self.facts.names or isinstance(self.learned, TrackNetwork):
+        """Mark features outside the training range, shape (n, d)."""
+        if not self.facts.names:
             return np.zeros((len(values), 0), dtype=bool)
         values = select_features(values)
         low, high = self._accepted
@@ -326,8 +327,6 @@ class Model:
 
     def describe_outside(self, row: Inputs) -> list[str]:
         """Describe features of one row outside the training range."""
-        if isinstance(self.learned, TrackNetwork):
-            return []
         found, values = [], select_features(row[None])[0]
         low, high = self._accepted
         for n in np.flatnonzero(self.mark_outside(row[None])[0]):

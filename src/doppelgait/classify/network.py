@@ -86,31 +86,7 @@ def train_network(
     spec: Patch | None = None,
     settings: Training | None = None,
 ) -> Network:
-    """Train a network on signatures.
-
-    Parameters
-    ----------
-    train : Part
-        Levels (:func:`doppelgait.classify.levels`) of every signature, an object array with None
-        for none, and class numbers.
-    held : Part
-        Rows of other targets that decide when to stop; without any, all epochs are run.
-    seed : int
-        The same seed, rows and machine give the same network.
-    spec : Patch, optional
-        Format of the levels.
-    settings : Training, optional
-
-    Returns
-    -------
-    Network
-        In plain arrays, which need no torch.
-
-    Raises
-    ------
-    DatasetError
-        If torch is not installed, or no row has a signature.
-    """
+    """Train a network on signatures; held rows decide when to stop, without any all epochs are run."""
     try:
         import torch
     except ImportError:

@@ -57,19 +57,16 @@ class TrackDecision:
         Start and end of the window; the decision uses no later data.
     label : str or None
         Class that is decided; None before the first decision.
-    probability : float
-        Fused, of the decided class, or of the likeliest where none is decided.
-    probabilities : mapping
-        Fused, of every class, were all classes equally frequent.
+    probability, probabilities : float, mapping
+        Of the decided class, or of the likeliest where none is decided, and of every class, were all
+        equally frequent; of all windows of the track up to this one.
     alarm : bool or None
-        True from the window on in which the fused probability of the alarm's class reaches the
-        model's threshold, as long as the track lasts; a window that is no evidence raises none.
-        None where the model has no alarm, or no threshold for such a radar.
+        True from the window on whose probability of the alarm's class reaches the threshold; a window
+        that is no evidence raises none. None where the model has no alarm, or none for such a radar.
     reason : str
         Reason why nothing is decided, or why this window is no evidence; empty otherwise.
     range_m, approach_mps : float
-        Last range and radial speed of the target in the window; the speed is positive when
-        approaching.
+        Last range and radial speed in the window; the speed is positive when approaching.
     window : Decision
         About the window alone, with times of the recording.
     """
@@ -234,8 +231,7 @@ def classify_over_time(
     model : Model, optional
         By default the one that comes with doppelgait and fits the radar.
     window_s : float, optional
-        Length of a window; 1.5 times the shortest observation of the model's training data by
-        default.
+        Length of a window; by default that of the model, or 1.5 times its shortest observation.
     hop_s : float, optional
         From the start of a window to that of the next; a quarter of the window by default.
     gate, analysis, tracking

@@ -47,10 +47,9 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
     Parameters
     ----------
     form : {"c", "numpy", "onnx"}
-        ``c``: C99 of the networks of a model, from complex samples of a gate to probabilities. ``numpy``:
-        the model file and a scorer that needs NumPy alone. ``onnx``: one graph from features and
-        pictures to calibrated probabilities
-        (:func:`doppelgait.classify.export.onnx_graph.build_onnx_model`).
+        ``c``: C99 of the networks of a model, from complex samples of a gate to probabilities.
+        ``numpy``: the model file and a scorer that needs NumPy alone. ``onnx``: one graph from
+        features and pictures to calibrated probabilities.
     folder : path
         Appears complete or not at all; replaces an earlier export.
     settings : CSettings, optional
@@ -127,7 +126,10 @@ def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], 
         scaling = [*simulated, *(convert_samples(walk_samples(rng, device), device) for _ in more)]
     levels = scaling[: settings.n_examples]
     if settings.integers:
-        model = convert_to_integers(exact, scaling[:SCALE_EXAMPLES])
+        parts = [quantise(part[0], scaling[:SCALE_EXAMPLES]) for part in list_parts(exact)]
+        learned = exact.learned
+        integers: Any = replace(learned, members=tuple(parts)) if isinstance(learned, Ensemble) else parts[0]
+        model = replace(exact, learned=integers)
     sources = Sources(model, device)
     words: list[Any] = [np.array([2, len(samples), len(levels)], dtype=np.int32)]
     for inputs, rows in ((samples, simulated), ([each.T for each in levels], levels)):
@@ -145,13 +147,6 @@ def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], 
         facts |= {"int8_examples": len(scaling), "int8_mean_difference": float(apart.mean())}
         facts["int8_largest_difference"] = float(apart.max())
     return files, facts
-
-
-def convert_to_integers(model: Model, examples: list[Any]) -> Model:
-    """Return a model of networks in integers."""
-    parts = [quantise(part[0], examples) for part in list_parts(model)]
-    learned = model.learned
-    return replace(model, learned=replace(learned, members=tuple(parts)) if isinstance(learned, Ensemble) else parts[0])
 
 
 def walk_samples(rng: np.random.Generator, device: Device) -> Complex:

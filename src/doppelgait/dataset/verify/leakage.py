@@ -13,7 +13,7 @@ one case in 10 000.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations
 from pathlib import Path
@@ -24,9 +24,10 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarning, warn_caller
+from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.plan import collect_nuisance
 from doppelgait.dataset.resolve import ExampleSpec
-from doppelgait.dataset.verify.contents import Contents, Finding
+from doppelgait.dataset.verify.contents import Contents, Finding, read_plan
 from doppelgait.scene.placement import place
 from doppelgait.scene.rcs import total_rcs_m2
 
@@ -296,6 +297,37 @@ def tabulate_nuisances(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> 
     if (flat["noise.kind"] == "snr").all():
         stated["index.snr_frame_db"] = rows["snr_frame_db"]  # for thermal noise the level depends on the motion
     return pd.concat([flat, stated], axis=1)  # a value in both is judged under the key of the plan
+
+
+def collect_nuisances(
+    datasets: Iterable[Dataset], motion_folder: Path, *, empty: bool
+) -> tuple[dict[str, npt.NDArray[np.float64]], str]:
+    """Collect what varies of the nuisance parameters of rows, as numbers, with a remark; some are of an empty scene."""
+    parts, notes = [], []
+    for dataset in datasets:
+        plan, reason = read_plan(dataset.description, motion_folder)
+        contents = Contents(dataset.directory, dataset.description, dataset.index, {}, plan, reason)
+        sampled = contents.resolve_sample(np.random.default_rng(0), most=10 * len(dataset) + 100)
+        if sampled:
+            rows = tabulate_nuisances(dataset.index, sampled).drop(columns=["label", "group", "empty"])
+            rows = rows.reindex(dataset.index["id"])
+        else:
+            rows = dataset.index[[name for name in MEASURED if name in dataset.index]].add_prefix("index.")
+            notes.append(f"nuisance of {dataset.directory}: only {', '.join(map(str, rows))} ({reason})")
+        parts.append(rows)
+    table = pd.concat(parts, ignore_index=True, join="inner")
+    kept = {}
+    for name, column in table.items():
+        if empty and str(name).removeprefix("index.").startswith(UNSEEN):
+            continue
+        if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
+            values = np.asarray(round_values(column.astype(np.float64)).to_numpy(), dtype=np.float64)
+        else:
+            codes = pd.factorize(column.where(column.isna(), column.astype(str)), sort=True)[0]
+            values = np.where(codes < 0, np.nan, codes.astype(np.float64))
+        if np.unique(values[~np.isnan(values)]).size > 1:
+            kept[str(name)] = values
+    return kept, "; ".join(notes)
 
 
 def tabulate_examples(examples: Sequence[ExampleSpec]) -> pd.DataFrame:
