@@ -41,7 +41,7 @@ def recorded(name: str, folder: Path, out: Path, n_examples: int) -> Dataset:
     train_models: Any = import_module("train_models")
     table = train_models.plan_of(name, n_examples).model_dump(mode="python")
     table["dataset"].update(name=f"recorded-{name}", seed=2026, fractions={"test": 1.0})
-    table["classes"] = [CLASSES[0], CLASSES[1] | {"label": train_models.ANIMAL}]
+    table["classes"] = [CLASSES[0], CLASSES[1] | {"label": "animal"}]
     table["sources"] = SOURCES
     # a galloping dog leaves the frame of a short radar: its examples fail and are left out
     build_dataset(validate(PlanConfig, table, where=name), target, folder=folder, max_failed_share=0.5)

@@ -32,7 +32,6 @@ from doppelgait.dataset.open import Dataset
 
 MODELS = Path(__file__).parents[1] / "src" / "doppelgait" / "classify" / "models"
 PLANS = Path(__file__).parent / "plans"
-ANIMAL, LIFE = "animal", "home-alarm-life"
 RECORDINGS: dict[str, list[tuple[int, int, float]]] = {
     "x4": [(101, 20, 0.625), (102, 20, 0.625), (103, 20, 1.25), (104, 20, 1.25), (105, 20, 1.25)],
     "fmcw-24": [(201, 12, 1.25)],
@@ -56,9 +55,9 @@ def plan_of(name: str, n_examples: int) -> PlanConfig:
 
 def life_of(name: str, seed: int, n_recordings: int, hop_s: float) -> PlanConfig:
     """Return the plan of windows of life of a radar."""
-    table = {"name": f'"{LIFE}-{name}-{seed}"', "seed": seed, "examples_per_class": n_recordings, "hop_s": hop_s}
-    stated = [f"dataset.{key}={value}" for key, value in table.items()]
-    return load_plan(LIFE, overrides=stated + OVERRIDES.get(name, []))[0]
+    table = {"name": f'"home-alarm-life-{name}-{seed}"', "examples_per_class": n_recordings}
+    stated = [f"dataset.{key}={value}" for key, value in {**table, "seed": seed, "hop_s": hop_s}.items()]
+    return load_plan("home-alarm-life", overrides=stated + OVERRIDES.get(name, []))[0]
 
 
 def train(dataset: Dataset, folder: Path, name: str) -> dict[str, Any]:
@@ -94,7 +93,7 @@ def train_tracks(work: Path, workers: int | None) -> None:
     """Train the network of tracks on all datasets of life, and put it into the models of all radars."""
     plans, datasets = [(name, *plan) for name, plans in RECORDINGS.items() for plan in plans], []
     for plan in plans:
-        build_dataset(life_of(*plan), target := work / f"{LIFE}-{plan[0]}-{plan[1]}", workers=workers)
+        build_dataset(life_of(*plan), target := work / f"home-alarm-life-{plan[0]}-{plan[1]}", workers=workers)
         datasets.append(open_dataset(target))
     rows = collect_rows(*datasets)
     table, of_radar = collect_inputs(rows, "track"), np.array([plan[0] for plan in plans])[rows.origin]

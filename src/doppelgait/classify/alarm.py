@@ -98,8 +98,8 @@ def build_day(
 
 
 Answer = Callable[[Dataset, Sequence[int]], FloatArray]
-"""Classifier of a track: the dataset and the numbers of its rows in the order of time go in; out comes the probability
-of the class of the alarm after every window, NaN where it is no evidence."""
+"""Classifier of a track: the dataset and the numbers of its rows in the order of time go in; out
+comes the probability of the class of the alarm after every window, NaN where it is no evidence."""
 
 
 def answer_day(dataset: Dataset, answer: Answer) -> list[Episode]:

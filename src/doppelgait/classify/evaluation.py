@@ -475,8 +475,8 @@ def evaluate(
     other : Dataset, optional
         Other test data: all rows except those of targets in the training data.
     models : sequence of str, optional
-        Names, by default :data:`doppelgait.classify.training.DEFAULT`, as far as the dataset has the
-        inputs. Members of an ensemble, and chance, nuisance parameters and speed are added.
+        Names, by default :data:`doppelgait.classify.training.DEFAULT`, as far as the dataset has
+        the inputs. Members of an ensemble, and chance, nuisance parameters and speed are added.
     n_folds : int, optional
         Number of folds of a cross-validation over all rows; a target is in one of them.
     left_out : str, optional

@@ -19,16 +19,16 @@ from doppelgait.processing.patches import Levels, Patch, compute_layers, cut_pic
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Inputs = npt.NDArray[Any]
-"""Features (n, d), float64 with NaN for unknown; or levels (n,), objects, None for unknown; or objects (n, d + 1) whose
-last column has levels, or :class:`Seen`."""
+"""Features (n, d), float64 with NaN for unknown; or levels (n,), objects, None for unknown; or
+objects (n, d + 1) whose last column has levels, or :class:`Seen`."""
 
 PICTURES_AT_A_TIME = 32
 NOVEL_BELOW = 0.02
-"""Rank below which no decision is made. The value was set in advance, so that one in fifty targets of the known kinds
-is rejected."""
+"""Rank below which no decision is made. The value was set in advance, so that one in fifty targets
+of the known kinds is rejected."""
 LEAST_FAR = 49
-"""Minimum number of held-out rows. With fewer rows the minimum rank, 1 / (n + 1), exceeds :data:`NOVEL_BELOW` and no
-target is rejected."""
+"""Minimum number of held-out rows. With fewer rows the minimum rank, 1 / (n + 1), exceeds
+:data:`NOVEL_BELOW` and no target is rejected."""
 
 
 class LabelledRows(NamedTuple):

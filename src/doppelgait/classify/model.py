@@ -40,9 +40,10 @@ TOLERANCE = {
     "speed_mps": (0.0, 1.1),
     "snr": (0.5, math.inf),
 }
-"""Factors of the lowest and of the highest value of the training data. A radar of another band or pulse rate is a
-different radar. A longer observation or a stronger echo is better."""
+"""Factors of the lowest and of the highest value of the training data. A radar of another band or
+pulse rate is a different radar. A longer observation or a stronger echo is better."""
 OF_TRACKS = ("speed_mps", "snr")  # conditions of models of tracks alone
+FASTER = 1.6  # factor of the pulse rate, up to which pictures in metres and seconds were seen to stay alike
 
 Conditions = Mapping[str, tuple[float, float]]
 
@@ -179,9 +180,12 @@ def find_training_conditions(
     found: Mapping[str, FloatArray], train: IntArray, *, of_tracks: bool = False
 ) -> dict[str, tuple[float, float]]:
     """Return the training span of every known condition; those in OF_TRACKS for models of tracks alone."""
-    names = [name for name in found if of_tracks or name not in OF_TRACKS]
-    known = {name: found[name][train][np.isfinite(found[name][train])] for name in names}
-    return {name: (float(values.min()), float(values.max())) for name, values in known.items() if values.size}
+    spans = {}
+    for name, values in found.items():
+        known = values[train][np.isfinite(values[train])]
+        if known.size and (of_tracks or name not in OF_TRACKS):
+            spans[name] = (float(known.min()), float(known.max()) * (FASTER if of_tracks and name == "prf_hz" else 1.0))
+    return spans
 
 
 def mark_outside(values: FloatArray, name: str, trained: Conditions) -> npt.NDArray[np.bool_]:

@@ -43,8 +43,8 @@ from doppelgait.radar import Radar
 
 FOLDER = Path(str(resources.files("doppelgait.classify") / "models"))
 MODEL = FileKind("doppelgait-model", 4, "a model of doppelgait", DatasetError)
-"""Versions of the format. 2: linear models have floors of logarithms; support vector machines exist. 3: ensembles
-exist. 4: networks of tracks exist; a model may have one next to it."""
+"""Versions of the format. 2: linear models have floors of logarithms; support vector machines
+exist. 3: ensembles exist. 4: networks of tracks exist; a model may have one next to it."""
 SUFFIX = ".npz"
 TRACK = "track."  # begins the names of the arrays of a model of tracks
 MAX_BYTES = 256_000_000  # maximum size of all arrays together; models of doppelgait are far smaller

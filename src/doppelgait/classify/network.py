@@ -289,7 +289,6 @@ def train_track_network(
 
 
 def _list_tracks(seen: list[Seen]) -> list[IntArray]:
-    """Return the rows of every track in the order of time."""
     order = sorted(range(len(seen)), key=lambda n: (seen[n].track, seen[n].stop_s))
     numbers = np.array([seen[n].track for n in order])
     return np.split(np.array(order, dtype=np.int64), np.flatnonzero(np.diff(numbers)) + 1)
@@ -349,7 +348,6 @@ def _train_tracks(
 
 
 def _cut_track(rows: IntArray, rng: np.random.Generator) -> IntArray:
-    """Select windows of a long track, half of the time its first ones, and each or every second one."""
     rows = rows[:: int(rng.integers(1, 3))]
     spare = max(rows.size - MOST_WINDOWS, 0)
     start = int(rng.integers(spare + 1)) if rng.random() < 0.5 else 0
@@ -371,7 +369,7 @@ def _augment_tracks(seen: Inputs, columns: Levels, sizes: IntArray, rng: np.rand
 def _answer_tracks(
     torch: Any, model: Any, pictures: Levels, columns: Levels, seen: Inputs, sizes: IntArray
 ) -> tuple[Any, Any]:
-    """Return scores (n, n_classes) of every window alone, and of its track up to it."""
+    # scores (n, n_classes) of every window alone, and of its track up to it
     layer = model["convolution"](torch.from_numpy(pictures))
     feature = torch.relu(model["feature"](torch.from_numpy(columns)))
     pooled = torch.cat([layer.mean((2, 3)), layer.amax((2, 3)), feature], 1)
@@ -398,7 +396,6 @@ def _answer_tracks(
 
 
 def _read_track_model(model: Any) -> dict[str, Any]:
-    """Return the arrays of a network of tracks."""
     layers = _read_layers(model["convolution"].state_dict(), len(TRACK_CHANNELS))
     arrays: dict[str, Any] = dict(zip(("kernels", "scales", "biases"), layers, strict=True))
     for name in ("feature", "embed", "gate", "value", "hidden", "output"):
@@ -408,7 +405,7 @@ def _read_track_model(model: Any) -> dict[str, Any]:
 
 
 def _sum_log_odds(columns: Levels, labels: IntArray, n_classes: int) -> dict[str, Any]:
-    """Return the arrays of a network that sums the log-odds of a logistic regression, without layers for pictures."""
+    # a network that sums the log-odds of a logistic regression, without layers for pictures
     from sklearn.linear_model import LogisticRegression
 
     model = LogisticRegression(max_iter=2000).fit(columns, labels, sample_weight=row_weights(labels, n_classes))

@@ -54,8 +54,8 @@ class Scorer:
     def probability(self, features: npt.ArrayLike | None = None, whole: Sequence[Array | None] | None = None) -> Array:
         """Return calibrated probabilities (n, n_classes) for equally frequent classes.
 
-        ``features`` (n, d) are in the order of ``Scorer.features``, NaN for unknown; ``whole`` has the levels of every
-        signature, of :func:`levels`, or None.
+        ``features`` (n, d) are in the order of ``Scorer.features``, NaN for unknown; ``whole`` has
+        the levels of every signature, of :func:`levels`, or None.
         """
         table = None if features is None else np.asarray(features, dtype=np.float64)
         answers = [self._member(form, own, table, whole) for form, own in self._members]
@@ -195,8 +195,8 @@ def embed(own: Arrays, features: Array, pictures: Sequence[Array]) -> Array:
 def remember(own: Arrays, memory: Memory, embedding: Array, since_s: float) -> tuple[Memory, Array]:
     """Add a window's embedding (e,) to the memory of a track; return it, and the log-probabilities (n_classes,).
 
-    The memory is a sum with forgetting, its weights, and the number of windows; it begins as (0, 0, 0). ``since_s`` is
-    the time since the end of the window before, 0 for the first.
+    The memory is a sum with forgetting, its weights, and the number of windows; it begins as (0, 0,
+    0). ``since_s`` is the time since the end of the window before, 0 for the first.
     """
     total, weights, count = memory
     inputs = np.append(embedding, [min(since_s, LONGEST_S), np.log(count + 1.0)])
@@ -252,8 +252,8 @@ def signature(
 def levels(power: Array, patch: Mapping[str, Any], *, column_s: float, velocity_mps: Array) -> Array:
     """Convert signature power (n_columns, n_doppler) to levels (n_velocity, any), 0 to 1.
 
-    ``patch`` is that of the model, ``column_s`` the time from column to column. ``velocity_mps`` is ``doppler_hz *
-    wavelength_m / 2``, rising; approaching is positive.
+    ``patch`` is that of the model, ``column_s`` the time from column to column. ``velocity_mps`` is
+    ``doppler_hz * wavelength_m / 2``, rising; approaching is positive.
     """
     rows = np.sort(power.mean(axis=0, dtype=np.float64))
     rows = rows[rows > 0]

@@ -40,8 +40,8 @@ from doppelgait.radar import Recording, read_recording
 CHANGE_PER_S = 0.02
 """Rate at which the class of a track changes. For two classes, evidence has a tenth of its weight after one minute."""
 WINDOW_OBSERVATIONS = 1.5
-"""Default window length as a multiple of the shortest training observation, because a track does not fill its
-window."""
+"""Default window length as a multiple of the shortest training observation, because a track does
+not fill its window."""
 UNCALIBRATED = 10  # assumed number of calibration rows of uncalibrated probabilities
 
 
@@ -58,8 +58,8 @@ class TrackDecision:
     label : str or None
         Class that is decided; None before the first decision.
     probability, probabilities : float, mapping
-        Of the decided class, or of the likeliest where none is decided, and of every class, were all
-        equally frequent; of all windows of the track up to this one.
+        Of the decided class, or of the likeliest where none is decided, and of every class, were
+        all equally frequent; of all windows of the track up to this one.
     alarm : bool or None
         True from the window on whose probability of the alarm's class reaches the threshold; a window
         that is no evidence raises none. None where the model has no alarm, or none for such a radar.

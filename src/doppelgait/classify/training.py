@@ -55,12 +55,12 @@ BOOSTING = {
 """Chosen once, before any test set was used."""
 
 LOG_FLOOR = 0.03
-"""Smallest value that the logarithm distinguishes, over the median. A round number for the scale of what is nearly
-zero, assumed; recordings of both halves were in view when it was set."""
+"""Smallest value that the logarithm distinguishes, over the median. A round number for the scale of
+what is nearly zero, assumed; recordings of both halves were in view when it was set."""
 LEVELS = 500  # maximum number of stored quantiles of the held-out distances
 SHRINKAGE = 0.05
-"""Share of the identity in the covariance of the standardised columns, assumed: a column without spread in training
-counts as one with a fifth of the usual spread."""
+"""Share of the identity in the covariance of the standardised columns, assumed: a column without
+spread in training counts as one with a fifth of the usual spread."""
 
 _OTHER_TREES = (
     "scikit-learn {version} stores the trees of HistGradientBoostingClassifier in another form ({reason}); install "

@@ -279,8 +279,8 @@ def evaluate(
 
     The report has scores, figures and the plan of the data.
 
-    Example: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz;
-    or doppelgait evaluate home-alarm --test glasgow --names glasgow --label walking=human --label '*=' -o report
+    Example: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz; or doppelgait
+    evaluate home-alarm --test glasgow --names glasgow --label walking=human --label '*=' -o report
     """
     from doppelgait.classify.alarm import load_day
     from doppelgait.classify.evaluation import evaluate as run_evaluation

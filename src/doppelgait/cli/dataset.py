@@ -422,8 +422,8 @@ def import_recordings(
 ) -> None:
     """Make a dataset of your own radar recordings.
 
-    Example: doppelgait dataset import recordings --labels labels.csv -o garden-test;
-    or doppelgait dataset import glasgow --names glasgow --label walking=human --label '*=' -o glasgow-test
+    Example: doppelgait dataset import recordings --labels labels.csv -o garden-test; or doppelgait
+    dataset import glasgow --names glasgow --label walking=human --label '*=' -o glasgow-test
     """
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.dataset.importing import ImportConfig, import_dataset

@@ -75,9 +75,9 @@ DISTRIBUTIONS: dict[str, Callable[[str, Any], Law]] = {
     "choice": _make_choice,
 }
 """``{ uniform = [low, high] }``, ``{ log_uniform = [low, high] }``, ``{ normal = [mean, sd] }``
-(clipped at 3 sd), ``{ choice = [a, b, ...] }``. In addition, ``{ cycle = [a, b, ...] }`` uses the values in turn, by
-example number. ``{ uniform = [low, high], times = "KEY" }`` multiplies the draw by the value of another key of the same
-table; ``times`` does not change the draw itself."""
+(clipped at 3 sd), ``{ choice = [a, b, ...] }``. In addition, ``{ cycle = [a, b, ...] }`` uses the
+values in turn, by example number. ``{ uniform = [low, high], times = "KEY" }`` multiplies the draw
+by the value of another key of the same table; ``times`` does not change the draw itself."""
 
 
 def resolve(value: Any, *, seed: int, example: int, key: str, turn: int | None = None) -> Any:

@@ -63,8 +63,8 @@ SCATTERER_VARIABLES = {
 }
 """Variables of the scatterer table, all (slow_time, scatterer), and their units.
 
-The angles are optional. ``path_phase`` exists only if a limb, a wall or a reflection shifts the phase
-of an echo. It is added to -4 pi R / lambda.
+The angles are optional. ``path_phase`` exists only if a limb, a wall or a reflection shifts the
+phase of an echo. It is added to -4 pi R / lambda.
 """
 
 OTHER_SIDES = "other_sides"  # of a column: another body in receding Doppler rows (1), in approaching (2), in both (3)

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 ERROR_MEMORY_S = 0.5  # correlation time of range errors, set by the stride and by the memory of a tracker's smoother
 SPEED_WANDER = 0.004
-"""Standard deviation of the range of steady walkers from constant velocity, as a share of the path along the range. In
-recordings, the speed varies by about 5 per cent over several seconds."""
+"""Standard deviation of the range of steady walkers from constant velocity, as a share of the path
+along the range. In recordings, the speed varies by about 5 per cent over several seconds."""
 PARABOLA, LINE = 3, 2  # number of parameters of straight motion in general, and towards or away from the radar
 
 

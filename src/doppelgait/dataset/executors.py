@@ -141,8 +141,8 @@ MAX_QUEUED = 256
 """Maximum number of submitted shards; enough for every worker of a large cluster to have its next shard."""
 CONNECT_SECONDS = 20
 DASK_LOOK_SECONDS = 20
-"""Interval, s, at which a local cluster is checked for workers; Dask does not restart a worker that dies at its
-start."""
+"""Interval, s, at which a local cluster is checked for workers; Dask does not restart a worker that
+dies at its start."""
 RESULT_SECONDS = 20.0  # timeout, s, for the transfer of a record from its worker
 PRELOAD = "from doppelgait.core import worker; worker.prepare_worker()"
 

@@ -40,8 +40,8 @@ __all__ = ["EXPORTERS", "ExportReport", "export_dataset", "refuse_unreleasable"]
 Fields = tuple[str, ...]
 Done = Callable[[int], None]
 Exporter = Callable[[Dataset, Path, Fields, Any, Done], None]
-"""Writer, called with (dataset, empty folder, fields, parameters, done). It calls ``done`` with the number of rows
-written since the last call."""
+"""Writer, called with (dataset, empty folder, fields, parameters, done). It calls ``done`` with the
+number of rows written since the last call."""
 
 EXPORTERS: Group[Exporter] = Group("exporter", built_in=("doppelgait.dataset.export",), noun="form")
 """Export formats of datasets.
@@ -75,8 +75,8 @@ def export_dataset(
 ) -> ExportReport:
     """Write a dataset, or part of it, in another form."""
     # Next to the data are ``dataset.json``, with what was exported under ``export``, and ``source-card.md``, the card
-    # of the source dataset. Arrays are in linear units and single precision. The form is the name of an exporter, or a
-    # table of its parameters: {"kind": "webdataset", "examples_per_tar": 500}.
+    # of the source dataset. Arrays are in linear units and single precision. The form is the name
+    # of an exporter, or a table of its parameters: {"kind": "webdataset", "examples_per_tar": 500}.
     target = Path(destination)
     parameters = EXPORTERS.parse(form)
     exporter = EXPORTERS.of(parameters)
@@ -221,8 +221,8 @@ def write_csv(dataset: Dataset, folder: Path, fields: Fields, parameters: Csv, d
 
 @plugin("exporter", parameters=Parquet, default=())
 def write_parquet(dataset: Dataset, folder: Path, fields: Fields, parameters: Parquet, done: Done) -> None:
-    """Write one ``SPLIT.parquet`` per split: the index and all fields.
-    Every field is a list ``FIELD_values`` with its ``FIELD_shape``. Arrays are flattened in C order.
+    """Write one ``SPLIT.parquet`` per split: the index and all fields. Every field is a list
+    ``FIELD_values`` with its ``FIELD_shape``. Arrays are flattened in C order.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -45,9 +45,9 @@ SINGLE_FILES = ("README.md", "dataset.json", "index.parquet", *SPLIT_LISTS)
 
 DATA_VERSION = 15
 """Version of the bytes that a configuration produces. It is part of every dataset's identity and is
-raised by hand when the same configuration gives other bytes (a random draw, a kernel, a stored type),
-so that a dataset never mixes examples of two versions. 15: bodies of surfaces; lines of the changelog
-that begin with **data** describe the changes."""
+raised by hand when the same configuration gives other bytes (a random draw, a kernel, a stored
+type), so that a dataset never mixes examples of two versions. 15: bodies of surfaces; lines of the
+changelog that begin with **data** describe the changes."""
 
 
 def plan_plugins(plan: PlanConfig, folder: Path) -> list[dict[str, Any]]:

@@ -455,9 +455,9 @@ class Dataset:
     ) -> IterableExamples:
         """Return the examples as a ``torch.utils.data.IterableDataset``.
 
-        Items, other parameters and errors are as those of :meth:`torch`. The workers of a loader share
-        the examples: every example is returned once per epoch. Shard files are read one group after
-        another, which suits datasets that are larger than memory.
+        Items, other parameters and errors are as those of :meth:`torch`. The workers of a loader
+        share the examples: every example is returned once per epoch. Shard files are read one group
+        after another, which suits datasets that are larger than memory.
 
         Parameters
         ----------

@@ -37,8 +37,8 @@ UNSEEN_M2 = 1e-30
 """Radar cross section of the body that an empty scene's gate follows: 300 dB below a person."""
 
 STORED_KEYS = {"file", "values"}
-"""Keys of a radar file stored with its values, ``preset = { file = "my-radar.toml", values = { ... } }``; a dataset
-then needs no file of its radar."""
+"""Keys of a radar file stored with its values, ``preset = { file = "my-radar.toml", values = { ...
+} }``; a dataset then needs no file of its radar."""
 
 Draw = Callable[[Any, str], Any]
 Compiled = dict[tuple[int, str], Callable[[Turn], Any]]

@@ -157,8 +157,8 @@ def _delay_result(result: Result, by_s: float) -> Result:
 LATE_S = 1.0
 """Maximum delay, s, of a frame that counts as out of order; at a larger delay the source's clock has jumped."""
 FOLLOWED = 0.05
-"""Gain of the time tracking: fraction of a frame's time deviation that corrects the next expected time. The clocks of
-radar and receiver differ by 1e-4, and jitter is less than half a frame."""
+"""Gain of the time tracking: fraction of a frame's time deviation that corrects the next expected
+time. The clocks of radar and receiver differ by 1e-4, and jitter is less than half a frame."""
 
 
 @dataclass

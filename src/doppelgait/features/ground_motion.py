@@ -14,8 +14,8 @@ from doppelgait.core.straight import ERROR_MEMORY_S
 from doppelgait.core.units import FloatArray, arctangent, exponential, logarithm
 
 CLEAR_COSINE, HIDDEN_COSINE = 0.6, 0.25
-"""Smallest |cos psi| at which the body gives the step frequency (to 53 degrees; beyond, the measured frequency may be
-that of the stride), and at which the limbs still do (to 75.5 degrees)."""
+"""Smallest |cos psi| at which the body gives the step frequency (to 53 degrees; beyond, the
+measured frequency may be that of the stride), and at which the limbs still do (to 75.5 degrees)."""
 MIN_OBSERVATION_S = 1.0
 RANGE_SD_M, SWAY_SD_M = 0.02, 0.01  # default error of a range, which lasts for 0.5 s, and sway with the steps
 SPEED_SD_SHARE, ASPECT_SD_DEG = 0.01, 0.7  # of a walker's speed and direction at mid-observation from their means
@@ -41,15 +41,15 @@ class GroundMotion:
     ground_speed_mps : float or None
         v_g; None if its deviation is above 30 %.
     aspect_deg : float or None
-        psi at the middle of the observation; 0 is approaching, 180 is receding. None if its deviation is above
-        30 degrees.
+        psi at the middle of the observation; 0 is approaching, 180 is receding. None if its
+        deviation is above 30 degrees.
     ground_speed_sd_mps, aspect_sd_deg : float or None
         Standard deviations of the two; they are known also if the value is too uncertain.
     side_probability : float
         Probability of a view beyond 53 degrees, where lateral sway may hide the steps.
     reason : str
-        Why there are no values: empty, ``"unknown"`` without a track, ``"too_short"`` (shorter than 1 s) or
-        ``"path_is_not_straight"`` (a stop or a sharp turn inside).
+        Why there are no values: empty, ``"unknown"`` without a track, ``"too_short"`` (shorter than
+        1 s) or ``"path_is_not_straight"`` (a stop or a sharp turn inside).
     """
 
     ground_speed_mps: float | None = None

@@ -131,8 +131,8 @@ def measure_widths(observations: Sequence[Observation]) -> list[float]:
 
 
 def measure_ripples(observations: Sequence[Observation]) -> FloatArray:
-    """Measure the torso velocity around the main line, (J,), without the polynomial of E-29.
-    It is NaN if half of the columns have no power; otherwise these are filled from their neighbours.
+    """Measure the torso velocity around the main line, (J,), without the polynomial of E-29. It is
+    NaN if half of the columns have no power; otherwise these are filled from their neighbours.
     """
     any_one, (square, moment) = observations[0], np.array([seen.about_line[1:] for seen in observations]).swapaxes(0, 1)
     seconds = any_one.observation_s

@@ -89,8 +89,8 @@ def flag_uncertain_features(extraction: Extraction, sd: Mapping[str, float | Non
 
 def estimate_velocity_sd(observations: Sequence[Observation]) -> list[float | None]:
     """Estimate the standard deviation of v_m in m/s (E-34)."""
-    # the main line is an M-estimate with Cauchy weights; this is the sandwich estimate for clusters (Huber 1967):
-    # blocks are independent, and columns within a block may depend on each other
+    # the main line is an M-estimate with Cauchy weights; this is the sandwich estimate for clusters
+    # (Huber 1967): blocks are independent, and columns within a block may depend on each other
     starts = []
     for seen in observations:
         edges = seen.period_edges if seen.has_gait_frequency else seen.compute_block_edges(VELOCITY_BLOCK_S)

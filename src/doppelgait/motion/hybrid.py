@@ -214,8 +214,8 @@ def _retarget(
 def blend(first: Motion, second: Motion, *, share: float) -> Motion:
     """Blend two clips of one gait.
 
-    Both become endless cycles, as in ``loop``. The second gets the heading and size of the first, and
-    the phase in which it differs least. Positions, stride times and distances are averaged.
+    Both become endless cycles, as in ``loop``. The second gets the heading and size of the first,
+    and the phase in which it differs least. Positions, stride times and distances are averaged.
 
     Parameters
     ----------

@@ -233,8 +233,8 @@ def _close_cycle(motion: Motion, seam: Seam, overlap: float) -> Cycle:
     later, earlier = clip(ends + seam.lag), clip(ends)
     moved = (later[0] - earlier[0]).mean(axis=0)
     advance = moved.mean(axis=0) * (1.0, 1.0, 0.0)
-    # closing errors of points and the body's gain of speed are removed along the whole cycle (in the
-    # overlap alone they would jerk), in proportion to the point's speed: a standing foot stays
+    # closing errors of points and the body's gain of speed are removed along the whole cycle (in
+    # the overlap alone they would jerk), in proportion to the point's speed: a standing foot stays
     faster = (later[1] - earlier[1]).mean(axis=(0, 1)) / rate * (1.0, 1.0, 0.0)
     lasts = seam.lag + overlap + 1.0
     grid = np.linspace(0.0, lasts, max(64, math.ceil(lasts)))
@@ -279,9 +279,9 @@ KNOT_MARGIN = 3
 def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: RandomSource | None = None) -> Motion:
     """Lengthen a clip of straight gait over whole strides.
 
-    The seam is the frame in which pose and velocity after n strides are closest to those before, with
-    the largest n for which neither differs by more than the median of neighbouring strides. It is
-    continuous up to the acceleration, and the mean speed is that of the clip. Strides vary as in
+    The seam is the frame in which pose and velocity after n strides are closest to those before,
+    with the largest n for which neither differs by more than the median of neighbouring strides. It
+    is continuous up to the acceleration, and the mean speed is that of the clip. Strides vary as in
     recordings of people or dogs; feet on the ground stay in place, and lengths are restored.
 
     Parameters

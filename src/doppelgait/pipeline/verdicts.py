@@ -41,8 +41,8 @@ MOST_SD = 4.0  # largest deviation of a value from its mean, in standard deviati
 LEAST_MIRROR_S, LEAST_EXCESS_M, LEAST_CHANGE_M = 0.7, 0.3, 0.3
 MIRROR_ERROR_M, MIRROR_DRIFT_PER_S = 0.03, 0.2
 GHOST_LEVEL_DB, IN_STEP_LEVEL_DB = -11.0, 1.0
-"""Highest level of a reflection relative to its body, without and with a common rhythm.
-The two-way path by a brick wall loses 12 dB or more; small dogs are up to 10 dB weaker than people."""
+"""Highest level of a reflection relative to its body, without and with a common rhythm. The two-way
+path by a brick wall loses 12 dB or more; small dogs are up to 10 dB weaker than people."""
 RHYTHM_TOLERANCE, SURE, IN_STEP = 0.12, 0.5, 0.75
 """Relative difference and confidence of two rhythms, smallest correlation of a common one."""
 

@@ -21,8 +21,8 @@ RECEIVER = "receiver"
 NO_DIRECTION = "no_direction"
 """Flag of frames in which I and Q were one real series. The sign of Doppler is unknown."""
 MAX_SECOND_SHARE = 0.05
-"""Largest ratio of the echoes' powers along the axes of I and Q for one output; 3 dB and 20 degrees of imbalance of
-two outputs leave 0.37, 13 dB or 65 degrees 0.05."""
+"""Largest ratio of the echoes' powers along the axes of I and Q for one output; 3 dB and 20 degrees
+of imbalance of two outputs leave 0.37, 13 dB or 65 degrees 0.05."""
 MAINS_HZ = (50.0, 60.0)
 TOLERANCE = 0.002  # largest relative deviation of the mains frequency; large grids stay within it
 FIRST_LINES_HZ = 260.0

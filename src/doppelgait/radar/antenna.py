@@ -49,8 +49,8 @@ class Antenna(FrozenModel):
     Antenna Theory), with :math:`q = -3 / (10 \log_{10} \cos(\mathrm{HPBW} / 2))`, 3 dB down at half
     the beam width. Equal widths give a rotationally symmetric pattern.
 
-    ``table``: the two cuts are added in dB, as in 3GPP TR 38.901 (7.3), an approximation outside the
-    two planes, and a rough one far from both (nearly straight up or down).
+    ``table``: the two cuts are added in dB, as in 3GPP TR 38.901 (7.3), an approximation outside
+    the two planes, and a rough one far from both (nearly straight up or down).
     """
 
     kind: Literal["isotropic", "cosine", "table"] = "isotropic"

@@ -194,8 +194,8 @@ class Recording:
         slow_time_s, range_m : array_like, optional
             Times of the pulses, as they were stamped, and ranges of the bins.
         **options
-            ``prf_hz``, ``carrier_hz``, ``range_start_m``, ``bin_spacing_m``, ``conjugate``, ``scale_v``, ``time_first``
-            and ``radar``, a :class:`Radar` or the name of a preset.
+            ``prf_hz``, ``carrier_hz``, ``range_start_m``, ``bin_spacing_m``, ``conjugate``,
+            ``scale_v``, ``time_first`` and ``radar``, a :class:`Radar` or the name of a preset.
 
         Raises
         ------
@@ -244,8 +244,8 @@ class Recording:
         Returns
         -------
         Recording
-            Part with unchanged pulse times. Means in the truth (speed, frequencies) stay those of the
-            whole recording, and the SNR of the part is unknown.
+            Part with unchanged pulse times. Means in the truth (speed, frequencies) stay those of
+            the whole recording, and the SNR of the part is unknown.
 
         Raises
         ------

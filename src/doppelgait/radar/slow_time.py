@@ -45,16 +45,16 @@ TICK_SLACK, SLACK = 1.1, 0.1
 BLOCK, MAX_BLOCKS, MAX_LOSS, MAX_TICK = 512, 32, 3.2, 1.1
 """Raster: pulses of a block, blocks that show it, its largest ratio to the mean rate, and longest tick in its steps."""
 MEAN_NOISE, FAR_NOISE, LOWEST, MAX_PEAKS = 1.1, 2.8, 0.5, 8
-"""Share in phase of random stamps under a Hann window and 5 standard deviations, times the root of their number; share
-of the highest peak from which others are tried, and their number."""
+"""Share in phase of random stamps under a Hann window and 5 standard deviations, times the root of
+their number; share of the highest peak from which others are tried, and their number."""
 MAX_OFF, EQUAL_OFF, MIN_SINGLE = 0.27, 0.02, 0.2
-"""Largest mean deviation from a raster, in steps (that of random stamps is 0.29), one that is as good as none, and the
-smallest share of steps without a lost pulse."""
+"""Largest mean deviation from a raster, in steps (that of random stamps is 0.29), one that is as
+good as none, and the smallest share of steps without a lost pulse."""
 LATE, SURE = 1.5, 0.35
 """Steps from those about it beyond which a stamp does not count; deviation up to which one lost at an end is sure."""
 IRREGULAR = 0.6
-"""Spread of the distances of double ticks, relative to their mean, from which they are lost pulses: those of a coarse
-clock are regular."""
+"""Spread of the distances of double ticks, relative to their mean, from which they are lost pulses:
+those of a coarse clock are regular."""
 CLOCK_STEP_S = 1e-3
 """Usual step of a recorder's clock."""
 SHARE_S = 3.0

@@ -124,8 +124,8 @@ class ExampleRuns:
         if not found.size:
             raise DatasetError(f"example: no {example_id!r} in this dataset{suggest_names(example_id, index['id'])}")
         rows = found[:1]
-        # All targets of a simulated scene; only this one of a recording, because the others are at later times.
-        # Other rows of a scene with tracks are of other times.
+        # All targets of a simulated scene; only this one of a recording, because the others are at
+        # later times. Other rows of a scene with tracks are of other times.
         if self.dataset.description.get("origin") != "imported" and {"scene_id", "track"} & {*index} == {"scene_id"}:
             rows = np.flatnonzero((index["scene_id"] == index["scene_id"].iloc[found[0]]).to_numpy(dtype=bool))
         first = convert_to_json(self.dataset.index.iloc[rows[0]].to_dict())

@@ -17,8 +17,8 @@ TEXTS = Path(__file__).parent / "c99"
 LINE = 112
 TYPES = {"float": 4, "int8_t": 1, "int16_t": 2, "int32_t": 4, "int64_t": 8}
 SAMPLES_TOLERANCE = {False: 1e-4, True: 2e-2}
-"""Tolerances of probabilities in float32 and in int8. In int8 a level between two integers may be rounded either
-way."""
+"""Tolerances of probabilities in float32 and in int8. In int8 a level between two integers may be
+rounded either way."""
 
 
 class Sources:

@@ -27,8 +27,8 @@ CANDIDATE = 0.98
 MAX_CANDIDATES = 2000
 BLOCK = 2048
 MAX_COMPARED = 60_000
-"""Maximum number of rows that are compared for similarity; a larger dataset is sampled at random. All rows are compared
-for identity."""
+"""Maximum number of rows that are compared for similarity; a larger dataset is sampled at random.
+All rows are compared for identity."""
 
 KINDS = {"group": "groups", "subject": "subjects", "recording": "recordings", "scene_id": "scenes"}
 

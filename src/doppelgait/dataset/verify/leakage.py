@@ -1,13 +1,13 @@
 """Leakage test: classes predicted from nuisance parameters.
 
 A Bayes classifier adds the log-likelihood ratios of cells: quantile bins of every parameter and
-coarser ones of every pair. Each term counts by how much of its G statistic exceeds twice its degrees
-of freedom, so that parameters without information have no effect. Training is counting: a thousand
-permutations of the labels are a few matrix products.
+coarser ones of every pair. Each term counts by how much of its G statistic exceeds twice its
+degrees of freedom, so that parameters without information have no effect. Training is counting: a
+thousand permutations of the labels are a few matrix products.
 
 One statistic, the accuracy of all parameters together, is compared with that of permuted labels, so
-that the number of parameters needs no correction. A table without a leak is called leaky in less than
-one case in 10 000.
+that the number of parameters needs no correction. A table without a leak is called leaky in less
+than one case in 10 000.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ BINS, PAIR_BINS = 6, 3
 MAX_PAIRED = 40  # number of parameters above which no pairs are used
 PRIOR_ROWS = 2.0  # prior number of rows of every class, distributed like all rows
 ABOVE_CHANCE = 0.1
-"""Allowed accuracy as a fraction of the distance from chance to 1: balanced accuracy 0.55 for two classes, 0.4 for
-three."""
+"""Allowed accuracy as a fraction of the distance from chance to 1: balanced accuracy 0.55 for two
+classes, 0.4 for three."""
 LEVEL = 1e-4
 PERMUTATIONS, MAX_PERMUTATIONS = 1000, 10_000
-"""Numbers of permutations. The second is used if no permutation of the first does as well: 1 in 10 001 is below the
-level."""
+"""Numbers of permutations. The second is used if no permutation of the first does as well: 1 in 10
+001 is below the level."""
 AT_A_TIME = 100
 MIN_GROUPS = 5
 

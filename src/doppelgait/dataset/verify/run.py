@@ -164,8 +164,8 @@ def verify_dataset(
 
 SHEET_SIZE, SHEET_COLUMNS = 24, 6
 MAX_TIMES = 400
-"""Number of plotted columns of a signature, limited by the pixels of a small picture; longer ones are decimated to 400
-to 800."""
+"""Number of plotted columns of a signature, limited by the pixels of a small picture; longer ones
+are decimated to 400 to 800."""
 
 
 def plot_sheets(contents: Contents, folder: Path, rng: np.random.Generator, form: str = "png") -> list[Path]:

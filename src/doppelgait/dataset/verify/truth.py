@@ -189,13 +189,13 @@ ARRAY_TOLERANCE, HALF_TOLERANCE = 1e-4, 2e-2
 10 log10 has steps of up to 3 % of the power, so that a cell on an edge moves by as much."""
 FEATURE_TOLERANCE = 1e-2
 MAX_OTHER = 0.05
-"""Share of rows in which features may differ by more, because a decision between two nearly equal candidates can
-change."""
+"""Share of rows in which features may differ by more, because a decision between two nearly equal
+candidates can change."""
 NAMES = ("label", "split", "subject", "others", "group", "source", "recording", "motion")
 
 FACTS = ("truth_", "prf_hz", "observation_s", "radar_height_m", "rcs_total_m2", "snr_frame_db", "gate_error_m")
-"""Columns that depend only on the plan; if they differ by more than :data:`FEATURE_TOLERANCE`, the row is from another
-plan."""
+"""Columns that depend only on the plan; if they differ by more than :data:`FEATURE_TOLERANCE`, the
+row is from another plan."""
 
 
 @dataclass(frozen=True)

@@ -443,8 +443,8 @@ def point_format(
     name: str, opening: bytes | Callable[[Path, bytes], bool], suffixes: Sequence[str], *, skeleton: bool = False
 ) -> Callable[[Callable[..., Points]], Callable[..., Points]]:
     """Register a parser of points as a motion reader."""
-    # opening: a pattern of the first bytes, or a sniffer. The parser gets the options that it names, the last step
-    # those of every format; units belong to one of both
+    # opening: a pattern of the first bytes, or a sniffer. The parser gets the options that it
+    # names, the last step those of every format; units belong to one of both
     no_options = {"subject", "resample_hz"} if skeleton else set()
 
     def register(parse: Callable[..., Points]) -> Callable[..., Points]:

@@ -26,8 +26,8 @@ MIN_SCANS = 10  # fewest scans from which the level of a cell over time is estim
 def noise_factor(pfa: float, *, n_summed: int = 1) -> float:
     r"""Compute the threshold factor for a known mean noise power.
 
-    A cell of noise with mean :math:`\nu` is exponential, :math:`P(x > T) = e^{-T / \nu}`, and the sum of ``n_summed``
-    cells is a Gamma variable. For one cell the factor is :math:`-\ln P_{fa}`.
+    A cell of noise with mean :math:`\nu` is exponential, :math:`P(x > T) = e^{-T / \nu}`, and the
+    sum of ``n_summed`` cells is a Gamma variable. For one cell the factor is :math:`-\ln P_{fa}`.
     """
     if n_summed == 1:
         return -math.log(pfa)
@@ -39,10 +39,10 @@ def noise_factor(pfa: float, *, n_summed: int = 1) -> float:
 def estimate_noise_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64]:
     r"""Estimate the mean noise power of each range bin.
 
-    The first value is the 0.3-quantile over time and Doppler, divided by :math:`-\ln 0.7`. It is refined three times:
-    the mean of the cells below four times the value is divided by :math:`1 - 4 e^{-4} / (1 - e^{-4})`, the mean of an
-    exponential variable truncated at 4. Bodies are far above this limit and hardly influence the result, while nearly
-    all noise cells are used.
+    The first value is the 0.3-quantile over time and Doppler, divided by :math:`-\ln 0.7`. It is
+    refined three times: the mean of the cells below four times the value is divided by :math:`1 - 4
+    e^{-4} / (1 - e^{-4})`, the mean of an exponential variable truncated at 4. Bodies are far above
+    this limit and hardly influence the result, while nearly all noise cells are used.
 
     Parameters
     ----------

@@ -227,8 +227,8 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
             for name in {"white_rad", "walk_rad_per_sqrt_min"} & set(estimates):
                 phase = estimates[name]
                 estimates[name] = Estimate(phase.value, math.hypot(phase.sd, share * phase.value))
-        # frame differences use all of the Doppler band, at the ranges where nothing moves: they have a quarter of the
-        # windows' error; in bursts they use one pulse of each only
+        # frame differences use all of the Doppler band, at the ranges where nothing moves: they
+        # have a quarter of the windows' error; in bursts they use one pulse of each only
         if not (burst or room.is_busy or at_limit.any(axis=1).mean() > 0.5):
             refused.pop("noise", None)
             refused.pop("noise correlation", None)

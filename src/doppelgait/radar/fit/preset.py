@@ -290,8 +290,8 @@ def _iterate_noise(kind: SensorKind) -> Iterator[Table]:
 
 
 def _make_doppler_knots(kind: SensorKind) -> list[tuple[float, float]]:
-    """Return knots of noise over the floor, by Doppler.
-    At refused frequencies it is that floor, 0 dB; an impairment extends its outer knots to both sides.
+    """Return knots of noise over the floor, by Doppler. At refused frequencies it is that floor, 0
+    dB; an impairment extends its outer knots to both sides.
     """
     step_hz, runs = kind.doppler_step_hz, [[kind.doppler[0]]]
     for before, here in pairwise(kind.doppler):

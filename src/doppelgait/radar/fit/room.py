@@ -141,9 +141,9 @@ class SeriesFit:
 
 
 def fit_series(values: FloatArray, *, time_s: FloatArray, measurement_variance: float = 0.0) -> SeriesFit:
-    """Fit drift, random walk and white jitter to a series.
-    The differences of x have the covariance q dt I + s^2 T, where T is tridiagonal with 2 and -1. The restricted
-    likelihood is used, which allows for the fitted drift (Patterson and Thompson, Biometrika 58, 1971, 545).
+    """Fit drift, random walk and white jitter to a series. The differences of x have the covariance
+    q dt I + s^2 T, where T is tridiagonal with 2 and -1. The restricted likelihood is used, which
+    allows for the fitted drift (Patterson and Thompson, Biometrika 58, 1971, 545).
     """
     from scipy.fft import dst
     from scipy.optimize import minimize
@@ -311,8 +311,8 @@ def estimate_noise_floor(static: StaticPart, quiet: Mask) -> NoiseFloor:
 
 
 def estimate_bin_correlation(rows: ComplexArray, per_row: float) -> tuple[ComplexArray, float]:
-    """Estimate the noise correlation at a lag of l bins, and its uncertainty.
-    It is a median over the bins, and 0 from the first insignificant lag; ``per_row`` is the number of rows (I, N) per
+    """Estimate the noise correlation at a lag of l bins, and its uncertainty. It is a median over
+    the bins, and 0 from the first insignificant lag; ``per_row`` is the number of rows (I, N) per
     independent one.
     """
     unit = rows / np.sqrt(np.maximum(np.mean(np.abs(rows) ** 2, axis=0), 1e-300))
@@ -466,9 +466,9 @@ class Room:
 
 
 def fit_room(recording: Recording) -> Room:
-    """Fit static echoes, noise, phase and faults to a room.
-    The model is y[i, n] = z_i c_n + w[i, n]: static echoes c times one complex factor z per frame (its angle is the
-    phase of the frame, its modulus the gain) plus white Gaussian noise (E-18), which may be correlated between
+    """Fit static echoes, noise, phase and faults to a room. The model is y[i, n] = z_i c_n + w[i,
+    n]: static echoes c times one complex factor z per frame (its angle is the phase of the frame,
+    its modulus the gain) plus white Gaussian noise (E-18), which may be correlated between
     neighbouring bins. Targets, interference and dropped frames are detected first and excluded.
     """
     time_s, range_m = (np.asarray(x, dtype=np.float64) for x in (recording.slow_time_s, recording.range_m))

@@ -215,8 +215,8 @@ def sniff_arrays(path: Path, head: bytes) -> bool:
 
 @dataclass(frozen=True)
 class Parsed:
-    """Values of a file, its axes, the facts that it states, notes, and reasons why a fact is not stated.
-    ``is_timed``: the axis of times has the rate of the options.
+    """Values of a file, its axes, the facts that it states, notes, and reasons why a fact is not
+    stated. ``is_timed``: the axis of times has the rate of the options.
     """
 
     values: npt.NDArray[Any]

@@ -353,9 +353,9 @@ def warn_of_zeros(file: Path, samples: npt.NDArray[Any]) -> None:
 
 def warn_of_jumps(file: Path, samples: npt.NDArray[Any], loops: int) -> None:
     """Warn if chirps break inside: a lost packet shifts all samples that follow."""
-    # Within a chirp a sample follows from those before (linear prediction of a few beats); across the border of two
-    # chirps it does not. A border that wanders into the rows raises the error at its place above that of the first
-    # frames.
+    # Within a chirp a sample follows from those before (linear prediction of a few beats); across
+    # the border of two chirps it does not. A border that wanders into the rows raises the error at
+    # its place above that of the first frames.
     n_frames = -(-JUMP_ROWS // loops)
     rows, width = n_frames * loops, samples.shape[1]
     order = min(JUMP_ORDER, width // 4)

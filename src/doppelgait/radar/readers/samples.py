@@ -174,8 +174,8 @@ def sniff_csv(path: Path, head: bytes) -> bool:
 
 @array_reader("csv", sniff=sniff_csv, suffixes=(".csv", ".tsv", ".txt"), by_name=(".csv", ".tsv"))
 def parse_csv(path: Path, *, columns: str | None = None, prf_hz: float | None = None) -> Parsed:
-    """Read columns of text by their names: I and Q (or re, im), or one real output, and time in s, ms, us or ns.
-    Without times, gaps of a counter are lost rows.
+    """Read columns of text by their names: I and Q (or re, im), or one real output, and time in s,
+    ms, us or ns. Without times, gaps of a counter are lost rows.
     """
     import pandas as pd
 

@@ -1,8 +1,8 @@
 """Text files of radars: continuous-wave modules and Ancortek's frequency sweeps.
 
-``NAME_RE.txt`` and ``NAME_IM.txt`` have one integer per line. Programs for 24 GHz Doppler modules with a 12-bit
-converter write them: the module fills a buffer, sends it and starts again, so that the samples are continuous within
-a burst only.
+``NAME_RE.txt`` and ``NAME_IM.txt`` have one integer per line. Programs for 24 GHz Doppler modules
+with a 12-bit converter write them: the module fills a buffer, sends it and starts again, so that
+the samples are continuous within a burst only.
 
 The recordings "radar signatures of human activities", published by the University of Glasgow (F. Fioranelli et al.,
 2019, DOI 10.5525/gla.researchdata.848), have four lines with centre frequency (Hz), sweep time (ms), samples per sweep

@@ -38,8 +38,8 @@ ROWS = 2048
 LONGEST_RESPONSE = 4096
 """Maximum sum of samples and range bins of sweeps that are synthesised without their samples."""
 LARGEST_BEND = 0.05
-"""Maximum phase by motion, rad, from a sweep's middle to its ends, without samples; the error, which
-grows with its fourth power, is then 6.4e-7 of the sum of amplitudes."""
+"""Maximum phase by motion, rad, from a sweep's middle to its ends, without samples; the error,
+which grows with its fourth power, is then 6.4e-7 of the sum of amplitudes."""
 ORDERS = 8
 """Terms of the power series by which a scatterer is moved and bent between the places of the table of taps."""
 PLACES = 16
@@ -137,8 +137,8 @@ class _Sweep(Waveform):
         from scipy.fft import ifft
 
         # The turns of FMCW, exp(-j pi S t_k^2) with the delay t_k of the bin's centre, remove the residual
-        # video phase of a scatterer at the centre. At half a bin at most pi t_d / T_c remains: 0.008 rad
-        # at 10 m and a sweep of 25 us, constant while the scatterer stays in the bin.
+        # video phase of a scatterer at the centre. At half a bin at most pi t_d / T_c remains:
+        # 0.008 rad at 10 m and a sweep of 25 us, constant while the scatterer stays in the bin.
         size = self.n_samples(radar)
         window = make_range_window(radar.range_window, size)
         weights = (window * (size / window.sum())).astype(np.float32)

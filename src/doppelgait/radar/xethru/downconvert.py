@@ -60,9 +60,9 @@ def down_convert_frames(
 ) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.float64]]:
     """Convert real RF frames to complex baseband (E-17).
 
-    ``y[m] = sum_k h[k] x[D m + k] exp(-j 2 pi f_c t[D m + k])``, with the delay ``t[n] = (r_0 / b + n)
-    / f_s`` of sample n of a frame that starts at r_0 with bins of length b: the phase of an echo falls
-    with its range, and an approaching target has positive Doppler.
+    ``y[m] = sum_k h[k] x[D m + k] exp(-j 2 pi f_c t[D m + k])``, with the delay ``t[n] = (r_0 / b +
+    n) / f_s`` of sample n of a frame that starts at r_0 with bins of length b: the phase of an echo
+    falls with its range, and an approaching target has positive Doppler.
 
     Parameters
     ----------
@@ -78,10 +78,10 @@ def down_convert_frames(
         Range spacing of the RF samples in the file (0.00643004 m in X4 files, computed with c = 3e8
         m/s); by default c / (2 f_s) with the true speed of light.
     filter : {"hamming", "chip"}
-        ``"hamming"``: symmetric low-pass with 27 taps, Hamming window, cut-off f_s / (2 D) and gain 1 at the carrier;
-        an RF sinusoid of amplitude A becomes A / 2, as in the vendor's user guide. ``"chip"``: the
-        X4's integer filters for the band of the carrier, with Q negated and divided by the sum of
-        their magnitudes as in its driver; A becomes 0.78 A.
+        ``"hamming"``: symmetric low-pass with 27 taps, Hamming window, cut-off f_s / (2 D) and gain
+        1 at the carrier; an RF sinusoid of amplitude A becomes A / 2, as in the vendor's user
+        guide. ``"chip"``: the X4's integer filters for the band of the carrier, with Q negated and
+        divided by the sum of their magnitudes as in its driver; A becomes 0.78 A.
 
     Returns
     -------

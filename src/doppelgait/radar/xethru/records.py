@@ -1,7 +1,7 @@
 """Structure of XeThru meta files (version 13) and data records.
 
-The meta file has one table entry per record and the names of the data files. ``records.toml`` has the
-layouts of the data types; their records follow each other and contain their number of values.
+The meta file has one table entry per record and the names of the data files. ``records.toml`` has
+the layouts of the data types; their records follow each other and contain their number of values.
 """
 
 from __future__ import annotations
