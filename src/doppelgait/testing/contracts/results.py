@@ -153,7 +153,7 @@ def _classifier_rows(features: str, n_classes: int, count: int, seed: int) -> An
     if features == "track":
         pictures = rng.integers(0, 40, (count, 1, N_SLICES, N_COLUMNS, N_CELLS), dtype=np.uint8)
         tracks = np.arange(count) // (2 * n_classes) * n_classes + labels
-        table = join_inputs(table, np.fromiter(map(Seen, pictures, tracks, np.arange(count)), dtype=object))
+        table = join_inputs(table, np.fromiter(map(Seen, pictures, tracks.tolist(), range(count)), dtype=object))
     return LabelledRows(table, labels)
 
 
