@@ -38,19 +38,20 @@ from sklearn.metrics import f1_score
 
 from doppelgait.classify.data import convert_features
 from doppelgait.classify.learned import (
+    Ensemble,
     FloatArray,
     Inputs,
     LabelledRows,
     Learned,
     join_inputs,
-    log_softmax,
     select_features,
+    select_inputs,
     select_levels,
 )
 from doppelgait.classify.model import Calibration, calibrate
 from doppelgait.classify.network import Training, train_network
 from doppelgait.classify.scores import auc, balanced_accuracy
-from doppelgait.classify.training import MEMBERS, find_kind, fit
+from doppelgait.classify.training import MEMBERS, find_kind, fit, join
 from doppelgait.core.config import validate
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
@@ -159,26 +160,18 @@ class Trained:
     """Members and ensembles of one training, all calibrated."""
 
     names: tuple[str, ...]
-    members: Mapping[str, tuple[Learned, Calibration]]
-    ensembles: Mapping[str, tuple[tuple[str, ...], Calibration]]
+    models: Mapping[str, tuple[Learned, Calibration]]
 
     def of_person(self, rows: pd.DataFrame) -> dict[str, FloatArray]:
         """Return the probability of a person by every model, shape (n,)."""
-        raw = log_probabilities({name: model for name, (model, _) in self.members.items()}, inputs_of(rows, self.names))
-        found = {name: calibration(raw[name]) for name, (_, calibration) in self.members.items()}
-        joined = {name: calibration(mean_of(found, own)) for name, (own, calibration) in self.ensembles.items()}
-        return {name: values[:, 1] for name, values in {**found, **joined}.items()}
+        inputs = inputs_of(rows, self.names)
+        found = {name: calibration(ask(model, inputs)) for name, (model, calibration) in self.models.items()}
+        return {name: probability[:, 1] for name, probability in found.items()}
 
 
-def log_probabilities(models: Mapping[str, Learned], inputs: Inputs) -> dict[str, FloatArray]:
-    """Return log-probabilities of every member, (n, 2), not calibrated."""
-    views = {True: select_features(inputs), False: select_levels(inputs)}
-    return {name: model.log_probability(views[name in FEATURES]) for name, model in models.items()}
-
-
-def mean_of(found: Mapping[str, FloatArray], names: Sequence[str]) -> FloatArray:
-    """Return the mean of calibrated log-probabilities, as an ensemble does."""
-    return log_softmax(np.mean([np.log(np.maximum(found[name], 1e-300)) for name in names], axis=0))
+def ask(model: Learned, inputs: Inputs) -> FloatArray:
+    """Return log-probabilities of a member or an ensemble, (n, 2), not calibrated."""
+    return model.log_probability(inputs if isinstance(model, Ensemble) else select_inputs(model, inputs))
 
 
 def train(rows: pd.DataFrame, settings: Mapping[str, Training], seed: int) -> Trained:
@@ -194,13 +187,12 @@ def train(rows: pd.DataFrame, settings: Mapping[str, Training], seed: int) -> Tr
     for label, own in settings.items():
         learn, kept = (LabelledRows(select_levels(inputs[part]), labels[part]) for part in (~held, held))
         models[f"network, {label}"] = train_network(learn, kept, n_classes=2, seed=seed, settings=own)
-    raw = log_probabilities(models, inputs[held])
-    members = {name: (model, calibrate(raw[name], labels[held])) for name, model in models.items()}
-    found, ensembles = {name: calibration(raw[name]) for name, (_, calibration) in members.items()}, {}
+    kept = LabelledRows(inputs[held], labels[held])
     for label in settings:
-        of = (*FEATURES, f"network, {label}")
-        ensembles[f"ensemble, {label}"] = of, calibrate(mean_of(found, of), labels[held])
-    return Trained(names, members, ensembles)
+        members = [[models[name]] for name in (*FEATURES, f"network, {label}")]
+        models[f"ensemble, {label}"] = join(members, kept, n_classes=2)
+    calibrated = {name: (model, calibrate(ask(model, kept.values), kept.labels)) for name, model in models.items()}
+    return Trained(names, calibrated)
 
 
 def shared_out(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
@@ -240,13 +232,8 @@ def facts_of(sensor: str, tested: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
         "radar": sensor, "pulses/s": rows["prf_hz"].iloc[0], "preset's pulses/s": radar.prf_hz,
         "preset's span, m/s": radar.unambiguous_velocity_mps, "range cell, cm": 100.0 * radar.range_resolution_m,
         "velocity cell, m/s": radar.wavelength_m / (2.0 * CPI_S), "SNR_mu, dB": rows["quality_snr_mu_db"].median(),
-        "aliased": aliased(rows),
+        "aliased": rows["warnings"].fillna("").str.contains("aliasing").mean(),
     }  # fmt: skip
-
-
-def aliased(rows: pd.DataFrame) -> float:
-    """Return the share of rows in which a limb aliases."""
-    return float(rows["warnings"].fillna("").str.contains("aliasing").mean())
 
 
 def scores(rows: pd.DataFrame) -> dict[str, float]:

@@ -8,18 +8,17 @@ in the rotary order; those with the other lead are mirrored. It takes half a min
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
+from harness import FloatArray, make_parser
 from recorded_dogs import Strides, find_dogs, measure_strides
 
 from doppelgait.core.errors import DoppelgaitError
 
-FloatArray = npt.NDArray[np.float64]
-
+DOGS = {"MANN": "mann", "Tencent": "tencent"}
+"""Data sets, each of one dog, and the part of a file's path that names them."""
 SYMMETRICAL = ("walk", "pace", "trot")
 SEGMENTS = {"scapula": ("top", "shoulder"), "manus": ("carpus", "fore_paw"), "metatarsus": ("hock", "hind_paw")}
 N_HARMONICS = {"scapula": 6, "manus": 6, "metatarsus": 6, "neck": 2, "tail": 2}
@@ -76,7 +75,7 @@ def mean_curve(rows: list[FloatArray], *, harmonics: int, left_out: slice) -> Fl
 def read_strides(folder: Path, dog: str) -> Iterator[tuple[str, Strides]]:
     """Yield gait and strides of the clips of one dog; gallops begin with the second hind foot of a rotary order."""
     for clip in find_dogs(folder):
-        if clip.dog != dog:
+        if not clip.gait or DOGS[dog] not in clip.file:
             continue
         try:
             motion = clip.read(folder)
@@ -97,9 +96,8 @@ def read_strides(folder: Path, dog: str) -> Iterator[tuple[str, Strides]]:
 
 def main() -> None:
     """Print the tables of one dog."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("motion_folder", type=Path)
-    parser.add_argument("--dog", default="MANN", choices=("MANN", "Tencent"))
+    parser = make_parser(__doc__, motion_folder="folder of the motion recordings")
+    parser.add_argument("--dog", default="MANN", choices=DOGS)
     arguments = parser.parse_args()
     rows: dict[str, dict[str, list[FloatArray]]] = {}
     for gait, strides in read_strides(arguments.motion_folder, arguments.dog):

@@ -31,9 +31,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from everyday_scenes import SCENES, Setup
-from harness import finish, make_parser, markdown, match, run_jobs
+from harness import FloatArray, finish, make_parser, markdown, match, run_jobs
 
 import doppelgait as dg
 from doppelgait.core.errors import DoppelgaitError
@@ -47,8 +46,6 @@ from doppelgait.radar import Radar
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.radar.simulate import synthesise
 from doppelgait.scene.placement import PlacedTarget, place
-
-FloatArray = npt.NDArray[np.float64]
 
 ROOT_SEED = 2018
 NEAR_M = 0.8

@@ -14,7 +14,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+from harness import FloatArray
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion import make_path
@@ -27,7 +27,6 @@ from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 from doppelgait.scene.placement import leashed_dog, side_by_side
 
-FloatArray = npt.NDArray[np.float64]
 Rng = np.random.Generator
 
 X4, X4_LONG = Radar.preset("x4"), Radar.preset("x4-long", range_stop_m=20.0)

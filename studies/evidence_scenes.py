@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from everyday_scenes import BURSTS, X4, Kind, Rng, Setup, breather, cat, crawler, dog, person, room, seen
+from harness import FloatArray
 
 from doppelgait.core.errors import ConfigError, MotionError
 from doppelgait.motion.models.quadruped import quadruped_gait
@@ -21,7 +21,6 @@ from doppelgait.radar import Radar
 from doppelgait.scene import Target
 from doppelgait.scene.placement import leashed_dog, place, side_by_side
 
-FloatArray = npt.NDArray[np.float64]
 RATE_HZ = 250.0
 RADARS: dict[str, tuple[Radar, float, float]] = {  # with the nearest and the farthest place of a body
     "x4": (X4, 1.2, 9.0),

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 import xarray as xr
+from everyday_scenes import PHASE_NOISE, X4, X4_OFFICE, Rng
 from harness import finish, make_parser, quiet, run_jobs
 
 from doppelgait.core.labels import read_axis
@@ -32,20 +33,14 @@ from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.clutter import ClutterKind, predict_torso_share_removed, remove_static_clutter
 from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.track import track
-from doppelgait.radar import Radar
 from doppelgait.radar.impairments import ThermalNoise, noise_power_per_sample_v2
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.simulate import synthesise
 from doppelgait.scene import Scene, Target
 
-FloatArray = npt.NDArray[np.float64]
-Rng = np.random.Generator
-
-
 SEED = 7300
 SPAN_M = 1.6
 CLUTTER_OVER_ECHO_DB = 20.0
-X4 = Radar.preset("x4")
 
 
 def complex_noise(rng: Rng, shape: tuple[int, ...], power_v2: float) -> npt.NDArray[np.complex64]:
@@ -64,14 +59,10 @@ def spoilt(baseband: xr.DataArray, level_db: float, rng: Rng) -> xr.DataArray:
 
 # False tracks -----------------------------------------------------------------------------------------------------
 
-PHASE: dict[str, object] = {"kind": "phase_noise", "white_rad": 0.004}
-DRIFT = PHASE | {"drift_rad_per_min": 1.0, "walk_rad_per_sqrt_min": 0.5}
+DRIFT = PHASE_NOISE | {"drift_rad_per_min": 1.0, "walk_rad_per_sqrt_min": 0.5}
 JITTER: list[dict[str, object]] = [
     {"kind": "frame_jitter", "sd_s": 1e-5}, {"kind": "dropped_frames", "probability": 0.001},
 ]  # fmt: skip
-OFFICE: dict[str, object] = {
-    "kind": "static_clutter", "in_units": True, "levels": [[0.85, -51], [2.0, -60], [4.0, -68], [8.0, -80]],
-}  # fmt: skip
 FAN_M = 4.0
 """Range of the fan, which is seen from the side: its blades come and go."""
 
@@ -88,13 +79,13 @@ def rooms() -> dict[str, tuple[list[Target], list[dict[str, object]]]]:
     leak: dict[str, object] = {"kind": "leakage"}
     return {
         "noise": ([], []),
-        "clutter 20 dB above noise, phase noise 4 mrad": ([], [clutter_at(20), PHASE]),
-        "clutter 30 dB, phase noise 4 mrad": ([], [clutter_at(30), PHASE]),
-        "clutter 40 dB, phase noise 4 mrad": ([], [clutter_at(40), PHASE]),
-        "the same, frame jitter 10 us, 0.1 % dropped": ([], [clutter_at(40), PHASE, *JITTER]),
+        "clutter 20 dB above noise, phase noise 4 mrad": ([], [clutter_at(20), PHASE_NOISE]),
+        "clutter 30 dB, phase noise 4 mrad": ([], [clutter_at(30), PHASE_NOISE]),
+        "clutter 40 dB, phase noise 4 mrad": ([], [clutter_at(40), PHASE_NOISE]),
+        "the same, frame jitter 10 us, 0.1 % dropped": ([], [clutter_at(40), PHASE_NOISE, *JITTER]),
         "clutter 40 dB, clock drifts 1 rad/min and walks 0.5 rad": ([], [clutter_at(40), DRIFT]),
-        "measured office and direct path, the same clock": ([], [leak, OFFICE, DRIFT]),
-        "clutter 30 dB, phase noise 4 mrad, fan at 4 m": ([rotor], [clutter_at(30), PHASE]),
+        "measured office and direct path, the same clock": ([], [leak, X4_OFFICE, DRIFT]),
+        "clutter 30 dB, phase noise 4 mrad, fan at 4 m": ([rotor], [clutter_at(30), PHASE_NOISE]),
     }
 
 

@@ -17,13 +17,15 @@ Not shown: other aspects, curves and stops, and more than two dogs.
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from dog_curves import DOGS
 from harness import finish, make_parser, markdown, quiet, run_jobs
+from recorded_dogs import find_dogs
 from recorded_motion import find_clips, is_tuning, measure_cycle
 from step_variation import clean_deviations, measure_steps
 
@@ -51,7 +53,6 @@ HORSE = "horse"
 HORSE_WITHERS_M = 1.28
 HORSE_POINTS = ("head", "withers", "rump", "left_fore_paw", "right_fore_paw", "left_hind_paw", "right_hind_paw")
 """The points that are marked on the recorded horse."""
-DOGS = {"mann": "MANN", "tencent": "Tencent"}
 FEATURES = (
     "forward_envelope", "backward_envelope", "torso_ripple_gait", "torso_ripple", "bandwidth", "limb_torso_ratio",
     "alternate_steps", "stance_share", "gait_frequency_hz", "step_length_m",
@@ -98,6 +99,12 @@ def measure_variation(motion: Motion) -> dict[str, float]:
     return found
 
 
+def label_rows(found: Sequence[tuple[str, dict[str, Any], Motion]], **names: str) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a recorded target and of its models, with their names and duty factors."""
+    for source, values, target in found:
+        yield {**names, "source": source, **values, "duty_factor": measure_gait(target).duty_factor}
+
+
 def compare_people(folder: Path) -> Iterator[dict[str, Any]]:
     """Yield rows of recorded people and of their models, which are healthy; patients are movers of their own."""
     with (folder / "clinic" / "manifest.csv").open() as file:
@@ -125,26 +132,20 @@ def compare_people(folder: Path) -> Iterator[dict[str, Any]]:
             print(f"left out: {error}")
             continue
         half = "tuning" if is_tuning(clip, folder) else "held"
-        for source, values, target in found:
-            variation = measure_variation(target) if clip.gait == "walk" else {}  # runs are too short
-            variation["duty_factor"] = measure_gait(target).duty_factor
-            mover = "clinical" if clip.file in patients else clip.gait
-            names = {"clip": f"{clip.file} {clip.start_s}", "mover": mover, "half": half, "source": source}
-            yield {**names, **values, **variation}
+        mover = "clinical" if clip.file in patients else clip.gait
+        if clip.gait == "walk":  # runs are too short
+            found = [(source, values | measure_variation(target), target) for source, values, target in found]
+        yield from label_rows(found, clip=f"{clip.file} {clip.start_s}", mover=mover, half=half)
 
 
 def compare_dogs(folder: Path) -> Iterator[dict[str, Any]]:
     """Yield rows of recorded dogs and of their models; gallops take the gallop that their speed allows."""
-    with (folder / "segments.csv").open() as file:
-        rows = [row for row in csv.DictReader(file) if row["class"] == "dog" and not row["footfall_note"]]
-    for number, row in enumerate(rows):
-        rate_hz = float(row["frame_rate_hz"])
-        gaits = ("canter", "gallop") if row["gait"].startswith("canter") else (row["gait"],)
+    for number, clip in enumerate(find_dogs(folder)):
+        gaits = ("canter", "gallop") if clip.gait == "canter" else (clip.gait,)
         if gaits == ("",):
             continue
         try:
-            start_s, stop_s = (int(row[key]) / rate_hz for key in ("start_frame", "end_frame"))
-            motion = read(folder / row["file"], start_s=start_s, stop_s=stop_s)
+            motion = clip.read(folder)
             recorded = measure(loop(motion, duration_s=OBSERVATION_S), "dog")
             found = [("recorded", recorded, motion)]
             for draw in range(DRAWS):
@@ -154,11 +155,8 @@ def compare_dogs(folder: Path) -> Iterator[dict[str, Any]]:
         except DoppelgaitError as error:
             print(f"left out: {error}")
             continue
-        half = next(name for key, name in DOGS.items() if key in row["file"])
-        for source, values, target in found:
-            clip, duty = f"{row['file']} {row['start_frame']}", measure_gait(target).duty_factor
-            names = {"clip": clip, "mover": "/".join(gaits), "half": half, "source": source}
-            yield {**names, **values, "duty_factor": duty}
+        half = next(name for name, part in DOGS.items() if part in clip.file)
+        yield from label_rows(found, clip=f"{clip.file} {clip.start_s}", mover="/".join(gaits), half=half)
 
 
 def compare_horse(folder: Path) -> Iterator[dict[str, Any]]:
@@ -180,10 +178,8 @@ def compare_horse(folder: Path) -> Iterator[dict[str, Any]]:
         except DoppelgaitError as error:
             print(f"left out: {error}")
             continue
-        for source, values, target in (("recorded", recorded, motion), ("model", compared, marked)):
-            duty = measure_gait(target).duty_factor
-            names = {"clip": path.name, "mover": f"{HORSE} {gait}", "half": HORSE, "source": source}
-            yield {**names, **values, "duty_factor": duty}
+        found = [("recorded", recorded, motion), ("model", compared, marked)]
+        yield from label_rows(found, clip=path.name, mover=f"{HORSE} {gait}", half=HORSE)
 
 
 def make_dog(gaits: tuple[str, ...], speed_mps: float, withers_m: float, rng: np.random.Generator) -> Motion:

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -124,11 +124,11 @@ def observe(motion: Motion, aspect_deg: float, rcs: str, seed: int, seconds: flo
     return Body((echoes[0], echoes[1], echoes[2]), gate, float(track.radial_velocity_mps.mean()))
 
 
-def score(body: Body, snr_db: float, seed: int, rng_key: int = 5) -> dict[str, Any]:
+def score(body: Body, snr_db: float, seed: int) -> dict[str, Any]:
     """Score the parts of a body: shares of its energy."""
     heard, clean = body.whole, body.view(body.whole)
     if math.isfinite(snr_db):
-        rng = np.random.default_rng([seed, rng_key])
+        rng = np.random.default_rng([seed, 5])
         floor_v2 = float(np.median(clean.values.max(axis=1))) / 10 ** (snr_db / 10)
         sd_v = math.sqrt(floor_v2 / clean.attrs["window_energy"] / clean.attrs["n_gate_bins"] / 2)
         noise = rng.standard_normal(heard.shape) + 1j * rng.standard_normal(heard.shape)
@@ -183,10 +183,12 @@ def summarise(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
     return counts.join(known.groupby(list(by))[shown].mean().round(2)).reset_index()
 
 
-def recorded_rows(mocap: Path) -> Iterator[dict[str, Any]]:
+def score_recorded(mocap: str) -> list[dict[str, Any]]:
     """Score recorded people and dogs whose parts are known."""
+    quiet()
+    rows = []
     for kind, folder in (("person", "human"), ("dog", "dog")):
-        for file in sorted(path for path in (mocap / folder).rglob("*") if path.is_file()):
+        for file in sorted(path for path in (Path(mocap) / folder).rglob("*") if path.is_file()):
             try:
                 motion = read(file)
                 for segment in find_segments(motion)[:2]:
@@ -197,9 +199,10 @@ def recorded_rows(mocap: Path) -> Iterator[dict[str, Any]]:
                     if any(not part for part in clip.parts):
                         continue
                     body = observe(clip, 0.0, "body_parts", 0, seconds=math.floor(seconds * 50) / 50 - 0.02)
-                    yield {"body": kind, "scatterers": "recorded", **score(body, math.inf, 0)}
+                    rows.append({"body": kind, "scatterers": "recorded", **score(body, math.inf, 0)})
             except DoppelgaitError:
                 continue
+    return rows
 
 
 def tune() -> None:
@@ -270,12 +273,6 @@ def score_body(job: tuple[str, str, int, float]) -> list[dict[str, Any]]:
     return [{**facts, "snr_db": n, **score(body, n, seed)} for n in (SNRS_DB if aspect_deg == 0 else SNRS_DB[:1])]
 
 
-def score_recorded(job: tuple[str, str]) -> list[dict[str, Any]]:
-    """Score the recordings of a folder."""
-    quiet()
-    return list(recorded_rows(Path(job[1])))
-
-
 def main() -> object:
     """Write the tables."""
     parser = make_parser(__doc__)
@@ -298,7 +295,7 @@ def main() -> object:
         "Torso velocity: median error of the main line and of the torso part, no noise": errors.reset_index(),
     }
     if options.mocap:
-        recorded = run_jobs(score_recorded, [("recorded", str(options.mocap))], rows=options.rows)
+        recorded = run_jobs(score_recorded, [str(options.mocap)], rows=options.rows)
         sections["Recorded, 0 degrees, no noise"] = summarise(pd.DataFrame(recorded), ("body", "scatterers"))
     return finish(__file__, __doc__, sections, page=options.page)
 

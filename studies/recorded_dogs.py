@@ -5,22 +5,18 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
+from harness import FloatArray
+from recorded_motion import SPEED_WINDOW_S, Clip, read_segments
 from scipy.signal import savgol_filter
 
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.readers import read
 
-FloatArray = npt.NDArray[np.float64]
-
-SPEED_WINDOW_S = 0.06
 SWINGS, SWING_PEAK = 0.5, 1.4
 """A paw swings while it is faster than half of V, if it reaches 1.4 V."""
 BEFORE, AFTER = 0.14, 0.08
@@ -54,25 +50,6 @@ MIDDLE = {
 
 
 @dataclass(frozen=True)
-class Clip:
-    """A straight segment of a dog at a steady gait."""
-
-    file: str
-    gait: str
-    start_s: float
-    stop_s: float
-
-    @property
-    def dog(self) -> str:
-        """The data set; each has one dog."""
-        return "MANN" if "mann" in self.file else "Tencent"
-
-    def read(self, folder: Path) -> Motion:
-        """Read the motion below a folder."""
-        return read(folder / self.file, start_s=self.start_s, stop_s=self.stop_s)
-
-
-@dataclass(frozen=True)
 class Strides:
     """Every stride of a clip, by limb."""
 
@@ -90,13 +67,11 @@ class Strides:
 
 
 def find_dogs(folder: Path) -> Iterator[Clip]:
-    """Yield steady segments of dogs with their gait."""
-    with (folder / "segments.csv").open() as file:
-        for row in csv.DictReader(file):
-            if row["class"] == "dog" and row["gait"] and not row["footfall_note"]:
-                rate_hz = float(row["frame_rate_hz"])
-                gait = "canter" if row["gait"].startswith("canter") else row["gait"]
-                yield Clip(row["file"], gait, int(row["start_frame"]) / rate_hz, int(row["end_frame"]) / rate_hz)
+    """Yield steady segments of dogs with their gait, empty where it is not known."""
+    for row, start_s, stop_s in read_segments(folder, "dog"):
+        if not row["footfall_note"]:
+            gait = "canter" if row["gait"].startswith("canter") else row["gait"]
+            yield Clip(row["file"], gait, start_s, stop_s)
 
 
 def find_points(names: list[str]) -> dict[str, int]:

@@ -13,13 +13,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
+from harness import FloatArray
 from scipy.signal import find_peaks, savgol_filter
 
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers import read
-
-FloatArray = npt.NDArray[np.float64]
 
 SPEED_WINDOW_S = 0.06
 """Length of the local cubic that speeds are taken from."""
@@ -46,7 +44,7 @@ SIDED_POINTS = {
 
 @dataclass(frozen=True)
 class Clip:
-    """One recording of a person who walks or runs straight."""
+    """A straight segment of a person or a dog, or a whole recording."""
 
     file: str
     gait: str
@@ -76,14 +74,19 @@ class Cycle:
         return self.speed_mps / float(np.sqrt(9.81 * self.leg_m))
 
 
-def find_clips(folder: Path) -> Iterator[Clip]:
-    """Yield straight segments of people and the clinical walkers."""
+def read_segments(folder: Path, kind: str) -> Iterator[tuple[dict[str, str], float, float]]:
+    """Yield the rows of the table of segments of people or dogs, with start and stop."""
     with (folder / "segments.csv").open() as file:
         for row in csv.DictReader(file):
-            if row["class"] == "human":
+            if row["class"] == kind:
                 rate_hz = float(row["frame_rate_hz"])
-                gait = "walk" if row["action_label"] == "walk" else "run"
-                yield Clip(row["file"], gait, int(row["start_frame"]) / rate_hz, int(row["end_frame"]) / rate_hz)
+                yield row, int(row["start_frame"]) / rate_hz, int(row["end_frame"]) / rate_hz
+
+
+def find_clips(folder: Path) -> Iterator[Clip]:
+    """Yield straight segments of people and the clinical walkers."""
+    for row, start_s, stop_s in read_segments(folder, "human"):
+        yield Clip(row["file"], "walk" if row["action_label"] == "walk" else "run", start_s, stop_s)
     for path in sorted((folder / "clinic").glob("*.bvh")):
         yield Clip(f"clinic/{path.name}", "walk")
 

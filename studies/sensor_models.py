@@ -52,7 +52,7 @@ def units_table(seeds: int) -> str:
     own: dict[str, list[float]] = {name: [] for name in ("iq_gain_db", "iq_phase_deg", "white_rad")}
     for seed in range(seeds):
         units, kind = fit_units(seed)
-        for name, (score, ratio, inside) in population_scores(kind, units).items():
+        for name, (score, ratio, inside) in population_scores(kind).items():
             means[name].append(score)
             ratios[name].append(ratio)
             covered[name].append(inside)

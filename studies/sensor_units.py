@@ -85,7 +85,7 @@ def own_score(one: SensorMeasurement, name: str, truth: float) -> float:
     return math.nan if found is None else (found.value - truth) / found.sd
 
 
-def population_scores(kind: SensorKind, units: list[Unit]) -> dict[str, tuple[float, float, bool]]:
+def population_scores(kind: SensorKind) -> dict[str, tuple[float, float, bool]]:
     """Return scores of means and spreads by quantity.
 
     Score of the mean, spread over truth, and whether the truth is within the spread's interval. The gain of a data

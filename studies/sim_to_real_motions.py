@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from doppelgait.motion import make_motion
 from doppelgait.motion.models import human_gait, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import BUILDS, GAITS
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.retime import fit_spline, travel_speed_mps
+from doppelgait.motion.retime import fit_spline
 from doppelgait.scene.rcs import RcsSpec
 
 CLASSES = ("human", "dog")
@@ -33,14 +32,6 @@ SLOWEST_LARGE_MPS = 0.9
 """Not every such animal of the model can walk slower. A slower one is this walk, slowed, so that the law of speeds
 stays."""
 RATE_HZ = 150.0
-
-
-@dataclass(frozen=True)
-class LabelledMotion:
-    """A motion and its class."""
-
-    motion: Motion
-    label: str
 
 
 def draw_speed_mps(rng: np.random.Generator, low_mps: float, high_mps: float) -> float:
@@ -106,23 +97,9 @@ def until_possible(make: Callable[[], Motion]) -> Motion:
     return make()
 
 
-def make_model_motion(label: str, speed_mps: float, seconds: float, rng: np.random.Generator) -> LabelledMotion:
+def make_model_motion(label: str, speed_mps: float, seconds: float, rng: np.random.Generator) -> Motion:
     """Sample a model target that lasts some seconds."""
-    return LabelledMotion(until_possible(lambda: MAKERS[label](speed_mps, seconds, rng)), label)
-
-
-def _interpolate(motion: Motion, times_s: FloatArray) -> FloatArray:
-    found = fit_spline(motion).at(times_s)[0]
-    return np.asarray(found.reshape(times_s.size, *motion.positions.shape[1:]))
-
-
-def _copy_with(motion: Motion, position_m: FloatArray, *, pace: float = 1.0) -> Motion:
-    facts = {key: getattr(motion.facts, key) for key in ("source", "kind", "species", "gait", "mass_kg", "height_m")}
-    stride_hz = pace * motion.facts.stride_frequency_hz
-    return make_motion(
-        position_m, rate_hz=RATE_HZ, markers=motion.markers, parts=motion.parts,
-        facts={**facts, "stride_frequency_hz": stride_hz},
-    )  # fmt: skip
+    return until_possible(lambda: MAKERS[label](speed_mps, seconds, rng))
 
 
 def hurried(motion: Motion, seconds: float, pace: Callable[[FloatArray], FloatArray]) -> Motion:
@@ -131,7 +108,10 @@ def hurried(motion: Motion, seconds: float, pace: Callable[[FloatArray], FloatAr
     own_s = np.concatenate([[0.0], np.cumsum(pace(times_s)[:-1])]) / RATE_HZ
     if own_s[-1] > float(motion.time_s[-1]):
         raise ConfigError(f"a motion of {float(motion.time_s[-1]):.1f} s is too short for {own_s[-1]:.1f} s")
-    return _copy_with(motion, _interpolate(motion, own_s), pace=float(own_s[-1] / times_s[-1]))
+    facts = {key: getattr(motion.facts, key) for key in ("source", "kind", "species", "gait", "mass_kg", "height_m")}
+    facts["stride_frequency_hz"] = float(own_s[-1] / times_s[-1]) * motion.facts.stride_frequency_hz
+    position_m = fit_spline(motion).at(own_s)[0].reshape(own_s.size, *motion.positions.shape[1:])
+    return make_motion(position_m, rate_hz=RATE_HZ, markers=motion.markers, parts=motion.parts, facts=facts)
 
 
 def subject_of(path: Path) -> str:
@@ -140,11 +120,6 @@ def subject_of(path: Path) -> str:
         return path.parent.name
     parts = path.stem.replace("cmu_", "").split("_")
     return f"cmu-{parts[0]}" if parts[0].isdigit() else path.stem
-
-
-def speed_of(labelled: LabelledMotion, seconds: float) -> float:
-    """Return the mean speed over ground within a time."""
-    return float(travel_speed_mps(labelled.motion, first_s=seconds))
 
 
 def draw_rcs(rng: np.random.Generator) -> RcsSpec:

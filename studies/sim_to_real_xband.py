@@ -65,16 +65,6 @@ ABSTAINED = -1
 
 
 @dataclass(frozen=True)
-class Size:
-    """Size of a run. Examples a seed, seeds, unknown examples, and whether networks are trained."""
-
-    count: int = COUNT
-    seeds: tuple[int, ...] = SEEDS
-    unknown: int = UNKNOWN_COUNT
-    network: bool = True
-
-
-@dataclass(frozen=True)
 class Scored:
     """Answers of the models of one seed."""
 
@@ -109,11 +99,6 @@ RULES: dict[str, Rule] = {
     f"novelty, {KEPT:.0%} kept": novel,
     "p and novelty": lambda *given: unsure(*given) | novel(*given),
 }
-
-
-def real_images(data: Path) -> dict[str, FloatArray]:
-    """Read the levels of all real images in dB by key."""
-    return measures.read_levels(data / DATA_FILE)
 
 
 def real_inputs(found: dict[str, FloatArray]) -> Inputs:
@@ -208,19 +193,21 @@ def image_table(keys: list[str], scored: dict[str, list[Scored]]) -> str:
     return markdown(("image", *head), rows)
 
 
-def run_study(data: Path, out: Path, size: Size) -> tuple[dict[str, list[Scored]], dict[str, str]]:
+def run_study(
+    data: Path, out: Path, *, count: int = COUNT, seeds: tuple[int, ...] = SEEDS, n_unknown: int = UNKNOWN_COUNT,
+    network: bool = True,
+) -> tuple[dict[str, list[Scored]], dict[str, str]]:  # fmt: skip
     """Simulate, train and test; return the answers and the tables."""
-    found = real_images(data)
+    found = measures.read_levels(data / DATA_FILE)
     out.mkdir(parents=True, exist_ok=True)
     real = real_inputs(found)
-    unknown = images.dataset(UNKNOWN, size.unknown, out)
-    made = {seed: images.dataset(Plan(seed=seed), size.count, out) for seed in size.seeds}
+    unknown = images.dataset(UNKNOWN, n_unknown, out)
+    made = {seed: images.dataset(Plan(seed=seed), count, out) for seed in seeds}
     scored: dict[str, list[Scored]] = {}
     sections: dict[str, str] = {}
     for protocol in PROTOCOLS:
         scored[protocol] = [
-            score_seed(made[seed], real, unknown, protocol=protocol, seed=seed, network=size.network)
-            for seed in size.seeds
+            score_seed(made[seed], real, unknown, protocol=protocol, seed=seed, network=network) for seed in seeds
         ]
         sections |= {
             f"{protocol.capitalize()}: models": model_table(scored[protocol], real.labels),
@@ -242,7 +229,7 @@ def main() -> None:
     parser = make_parser(__doc__, data=f"folder with {DATA_FILE}", out="folder for what is kept for the next run")
     parser.add_argument("--count", type=int, default=COUNT, help="synthetic images of a seed")
     options = parser.parse_args()
-    sections = run_study(options.data, options.out, Size(options.count))[1]
+    sections = run_study(options.data, options.out, count=options.count)[1]
     finish(__file__, __doc__, sections, page=options.page)
 
 

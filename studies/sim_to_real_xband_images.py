@@ -29,6 +29,7 @@ from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.motion import make_motion
 from doppelgait.motion.motion import Motion
+from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.pipeline.spectrogram import make_level_gate
@@ -92,7 +93,7 @@ def draw_place(rng: np.random.Generator) -> Place:
     )  # fmt: skip
 
 
-def draw_target(plan: Plan, number: int, rng: np.random.Generator) -> list[motions.LabelledMotion]:
+def draw_target(plan: Plan, number: int, rng: np.random.Generator) -> list[Motion]:
     """Sample the target of an example; of a pair, both."""
     label = plan.kinds[number % len(plan.kinds)]
     speed_mps, seconds = motions.draw_speed_mps(rng, *SPEEDS_MPS), OBSERVATION_S + 0.1
@@ -139,7 +140,7 @@ def echoes_of(plan: Plan, number: int) -> dict[str, Any]:
     place = draw_place(streams[0])
     rcs = motions.draw_rcs(streams[1])
     company, noise_streams = draw_target(plan, number, streams[2]), streams[3].spawn(2)
-    speed_mps = motions.speed_of(company[0], OBSERVATION_S)
+    speed_mps = float(travel_speed_mps(company[0], first_s=OBSERVATION_S))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)  # feet and paws alias, as they do in the recordings
         signal, bins = _target_echo(company, place, rcs, rng=noise_streams[0])
@@ -150,22 +151,22 @@ def echoes_of(plan: Plan, number: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _simulate_quietly(scene: Scene, radar: Radar, rng: np.random.Generator, **conditions: Any) -> Recording:
+    """Simulate a scene without noise."""
+    quiet = Conditions(noise={"kind": "none"}, **conditions)
+    return simulate(scene, radar, rng=Streams(int(rng.integers(2**31))), conditions=quiet, angles=False)
+
+
 def _target_echo(
-    company: list[motions.LabelledMotion], place: Place, rcs: RcsSpec, *, rng: np.random.Generator
+    company: list[Motion], place: Place, rcs: RcsSpec, *, rng: np.random.Generator
 ) -> tuple[ComplexArray, list[int]]:
     field = ({**FIELD, "roughness_m": place.roughness_m},) if place.reflects else ()
     targets = [
-        Target(one.motion, rcs=rcs, range_m=place.range_m + 0.7 * n, aspect_deg=place.aspect_deg)
-        for n, one in enumerate(company)
+        Target(motion, rcs=rcs, range_m=place.range_m + 0.7 * n, aspect_deg=place.aspect_deg)
+        for n, motion in enumerate(company)
     ]
     scene = Scene(targets, radar_position_m=(0.0, 0.0, place.height_m), duration_s=OBSERVATION_S)
-    recording = simulate(
-        scene,
-        RADAR,
-        rng=Streams(int(rng.integers(2**31))),
-        conditions=Conditions(noise={"kind": "none"}, environment=field),
-        angles=False,
-    )
+    recording = _simulate_quietly(scene, RADAR, rng, environment=field)
     bins = burst_bins(recording, error_m=place.gate_error_m)
     return measures.stitched(recording.baseband.values, bins), bins
 
@@ -176,13 +177,7 @@ def _ground_echo(place: Place, bins: list[int], speed_mps: float, rng: np.random
     echo = RcsSpec(kind="equal", total_m2=place.ground_m2 * length_m)
     around = Target(ground(length_m, rng, sway_m=place.sway_m), rcs=echo, range_m=place.range_m)
     scene = Scene([around], radar_position_m=(0.0, 0.0, place.height_m), duration_s=OBSERVATION_S)
-    recording = simulate(
-        scene,
-        GROUND_RADAR,
-        rng=Streams(int(rng.integers(2**31))),
-        conditions=Conditions(noise={"kind": "none"}),
-        angles=False,
-    )
+    recording = _simulate_quietly(scene, GROUND_RADAR, rng)
     sweeps_s = measures.PRI_S * np.arange(measures.N_SWEEPS)
     used = sorted(set(bins))
     smooth = CubicSpline(recording.slow_time_s, recording.baseband.values[:, used])(sweeps_s)

@@ -23,15 +23,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from harness import bootstrap_interval, finish, make_parser
+from harness import FloatArray, bootstrap_interval, finish, make_parser
 from recorded_motion import SPEED_WINDOW_S, find_clips, find_points, is_tuning
 from scipy.signal import find_peaks, savgol_filter
 from scipy.special import digamma, polygamma
 
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.motion.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
 
 FEWEST_STEPS = 3
 SAME_S = 0.15

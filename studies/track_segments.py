@@ -19,8 +19,7 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
-from harness import finish, make_parser, markdown, match
+from harness import FloatArray, finish, make_parser, markdown, match
 
 from doppelgait.core.frames import Frames
 from doppelgait.core.rng import rng
@@ -31,7 +30,6 @@ from doppelgait.processing.track_segments import TrackSegment, find_track_segmen
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 
-FloatArray = npt.NDArray[np.float64]
 TOLERANCE_S = 0.3
 STEP_S = 0.1
 LEG_S = 2.8

@@ -18,7 +18,7 @@ real recordings.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 import xarray as xr
-from harness import bootstrap_interval, finish, make_parser, quiet, run_jobs
+from harness import FloatArray, bootstrap_interval, finish, make_parser, quiet, run_jobs
 
 from doppelgait.motion.models import quadruped_gait
 from doppelgait.motion.models.human import human_gait
@@ -49,8 +49,6 @@ MERGE_M, MERGE_MPS = 0.8, 2.0
 """Simulated detections closer than this are one, as boxes of people overlap in Doppler."""
 RANGE_SD_M, VELOCITY_SD_MPS, DETECTED, FALSE_PER_SCAN, SLOWEST_MPS = 0.07, 0.25, 0.93, 1.0, 0.2
 
-FloatArray = npt.NDArray[np.float64]
-
 
 def person(rng: np.random.Generator, speed_mps: float, seconds: float) -> Motion:
     """Sample a walker of random stature, or a runner at high speed."""
@@ -71,34 +69,36 @@ def one_walker(rng: np.random.Generator) -> Scene:
     return Scene([walker], duration_s=4.5)
 
 
-def pair(seconds: float, *bodies: tuple[Motion, str, tuple[float, float], float]) -> Scene:
-    """Make a scene of bodies: motion, label, start and heading."""
+Place = tuple[tuple[float, float], float]
+
+
+def pair(
+    rng: np.random.Generator, seconds: float, first: Place, second: Place, *, speeds: tuple[float, ...],
+    other: str = "dog",
+) -> Scene:  # fmt: skip
+    """Make a scene of a person and another body: start and heading of both, and the ranges of their speeds."""
+    speed, other_speed = rng.uniform(*speeds[:2]), rng.uniform(*speeds[2:])
+    motions = person(rng, speed, seconds), (dog if other == "dog" else person)(rng, other_speed, seconds)
     targets = [
         Target(motion, label=label, start_position_m=start_m, heading_deg=heading_deg)
-        for motion, label, start_m, heading_deg in bodies
+        for motion, label, (start_m, heading_deg) in zip(motions, ("human", other), (first, second), strict=True)
     ]
     return Scene(targets, duration_s=seconds)
 
 
 def crossing(rng: np.random.Generator) -> Scene:
     """Make a scene of two people who pass each other in range."""
-    coming, going = rng.uniform(0.8, 1.3, size=2)
-    first = (person(rng, coming, 5.0), "human", (8.2, 0.5), 180)
-    return pair(5.0, first, (person(rng, going, 5.0), "human", (2.0, -0.5), 0))
+    return pair(rng, 5.0, ((8.2, 0.5), 180), ((2.0, -0.5), 0), speeds=(0.8, 1.3, 0.8, 1.3), other="human")
 
 
 def person_and_dog(rng: np.random.Generator) -> Scene:
     """Make a scene of an approaching person and a receding dog."""
-    coming, going = rng.uniform(0.8, 1.2), rng.uniform(1.3, 1.6)
-    first = (person(rng, coming, 4.0), "human", (7.5, 0.4), 180)
-    return pair(4.0, first, (dog(rng, going, 4.0), "dog", (3.0, -0.4), 0))
+    return pair(rng, 4.0, ((7.5, 0.4), 180), ((3.0, -0.4), 0), speeds=(0.8, 1.2, 1.3, 1.6))
 
 
 def dog_overtakes(rng: np.random.Generator) -> Scene:
     """Make a scene of a dog that overtakes a person; for two seconds they are one detection."""
-    slow, fast = rng.uniform(0.6, 0.9), rng.uniform(1.3, 1.6)
-    first = (person(rng, slow, 5.0), "human", (7.0, 0.4), 180)
-    return pair(5.0, first, (dog(rng, fast, 5.0), "dog", (9.0, -0.4), 180))
+    return pair(rng, 5.0, ((7.0, 0.4), 180), ((9.0, -0.4), 180), speeds=(0.6, 0.9, 1.3, 1.6))
 
 
 def stop_and_turn(rng: np.random.Generator) -> Scene:
@@ -148,25 +148,7 @@ class Truth:
         return np.reshape(np.transpose(ranges), shape), np.reshape(np.transpose(velocities), shape)
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """Scores of one run."""
-
-    gospa: float
-    ospa: float
-    rms_m: float
-    bias_m: float
-    completeness: float
-    iou: float
-    iou_while_tracked: float
-    switches: int
-    parts: float
-    false_tracks: int
-    delay_s: float
-    seconds: float
-
-
-def judge(tracks: list[Track], truth: Truth, scans: list[Scan]) -> Verdict:
+def judge(tracks: list[Track], truth: Truth, scans: list[Scan]) -> dict[str, float]:
     """Compare tracks with the truth at the times of the scans."""
     times_s = np.array([scan.time_s for scan in scans])
     true_m, _ = truth.at(times_s)
@@ -184,10 +166,12 @@ def judge(tracks: list[Track], truth: Truth, scans: list[Scan]) -> Verdict:
         errors = np.concatenate([found_m[:, m] - true_m[:, n] for m in near]) if near else np.array([np.nan])
         bias.append(np.nanmean(errors))
         delay.append(min((tracks[m].confirmed_at_s for m in near), default=np.nan) - times_s[0])
-    return Verdict(
-        result.gospa, result.ospa, result.rms, _mean(bias), _mean(result.completeness), _mean(overlap), _mean(tracked),
-        result.switches, _mean(parts), int((result.purity < 0.5).sum()), _mean(delay), float(np.ptp(times_s)),
-    )  # fmt: skip
+    return {
+        "gospa": result.gospa, "ospa": result.ospa, "rms_m": result.rms, "bias_m": _mean(bias),
+        "completeness": _mean(result.completeness), "iou": _mean(overlap), "iou_while_tracked": _mean(tracked),
+        "switches": result.switches, "parts": _mean(parts), "false_tracks": int((result.purity < 0.5).sum()),
+        "delay_s": _mean(delay), "seconds": float(np.ptp(times_s)),
+    }  # fmt: skip
 
 
 def _iou(tracks: list[Track], truth: Truth, number: int) -> tuple[float, float]:
@@ -267,7 +251,7 @@ def run_scene(job: tuple[str, int]) -> list[dict[str, Any]]:
         {
             "scene": name,
             "input": case,
-            **asdict(judge(track(scans, Tracker(), velocity_span_mps=span_mps), truth, scans)),
+            **judge(track(scans, Tracker(), velocity_span_mps=span_mps), truth, scans),
         }
         for case, scans in cases.items()
     ]

@@ -30,7 +30,7 @@ from everyday import NEAR_M, ROOT_SEED, Body, observe
 from everyday_scenes import SCENES as EVERYDAY
 from evidence_scenes import SCENES as ANYTHING
 from evidence_scenes import THINGS
-from harness import finish, make_parser, markdown, run_jobs
+from harness import FloatArray, finish, make_parser, markdown, run_jobs
 from sklearn.model_selection import GroupKFold
 
 import doppelgait as dg
@@ -38,7 +38,6 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.pipeline import analyze, verdicts
 from doppelgait.processing import patches
 
-FloatArray = npt.NDArray[np.float64]
 Levels = npt.NDArray[np.uint8]
 WEIGHTS = Path(verdicts.__file__).with_name("evidence.npz")
 SEEDS = {"anything": range(7), "everyday": range(10, 12)}

@@ -34,7 +34,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from harness import finish, make_parser, markdown
+from harness import FloatArray, finish, make_parser, markdown
 from scipy.io import loadmat
 from scipy.special import ndtr
 
@@ -77,7 +77,6 @@ BEHIND_M = 2.4
 MARGIN = 64
 """RF samples simulated before and after the recorded frame: more than a filter is long."""
 
-FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 Row = tuple[str, str, str, str, str]
 Rooms = dict[str, tuple[Recording, Room]]

@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-
-FloatArray = npt.NDArray[np.float64]
+from harness import FloatArray
 
 N_BURSTS, BURST_SWEEPS = 20, 256
 WINDOW_SWEEPS, HOP_SWEEPS, N_ROWS = 128, 8, 256

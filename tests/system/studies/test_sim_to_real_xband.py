@@ -9,15 +9,12 @@ import pytest
 
 pytestmark = pytest.mark.shared
 COUNT = 24
+QUICK = {"count": COUNT, "seeds": (1, 2), "n_unknown": 8, "network": False}
 
 
 @pytest.fixture(scope="module")
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("sim-to-real-xband")
-
-
-def quick_size(study: ModuleType) -> Any:
-    return study.Size(COUNT, seeds=(1, 2), unknown=8, network=False)
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +29,7 @@ def run(shared: Path, out: Path, study: ModuleType) -> tuple[dict[str, list[Any]
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(study.models, "train_all", watched)
-        size = quick_size(study)
-        scored, sections = study.run_study(shared / "data" / "radar", out, size)
+        scored, sections = study.run_study(shared / "data" / "radar", out, **QUICK)
     return scored, teachers, "\n".join(sections.values())
 
 
@@ -69,7 +65,7 @@ def test_other_real_images_change_no_model(
         f"{label}__{n}": rng.integers(0, 256, (256, 624), dtype=np.uint8) for label in ("human", "dog") for n in "ab"
     }
     np.savez(tmp_path / study.DATA_FILE, **levels, cow__a=np.tile(np.uint8(9), (256, 624)))
-    again, _ = study.run_study(tmp_path, out, quick_size(study))
+    again, _ = study.run_study(tmp_path, out, **QUICK)
     for protocol, seeds in scored.items():
         for one, other in zip(seeds, again[protocol], strict=True):
             assert one.held_accuracy == other.held_accuracy
