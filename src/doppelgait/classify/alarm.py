@@ -126,8 +126,7 @@ def answer_track(model: Model, dataset: Dataset, rows: Sequence[int]) -> FloatAr
     """Return the probability of the class of a model's alarm after every window of a track, as a stream does."""
     tracks, facts = Tracks(model), model.of_tracks.facts
     alarm, found = facts.classes.index(str(facts.alarm)), []
-    for row in rows:
-        columns = convert_to_json(dataset.index.iloc[row].to_dict())
+    for row, columns in zip(rows, convert_to_json(dataset.index.iloc[list(rows)].to_dict("records")), strict=True):
         if facts.features == "track":
             seen = TargetInputs(columns, None, dataset.array("pictures", row))
         else:
