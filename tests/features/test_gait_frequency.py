@@ -17,7 +17,7 @@ from doppelgait.features.gait_frequency import (
     measure_target_rhythms,
     refine_on_harmonics,
 )
-from doppelgait.features.limbs import Rows, average_columns, limb_rows, sum_groups, torso_line_hz
+from doppelgait.features.limbs import Rows, average_columns, limb_rows, torso_line_hz
 
 RATE_HZ, N_DOPPLER, PRF_HZ = 125.0, 128, 1000.0
 WAVELENGTH_M = 0.0411
@@ -230,11 +230,6 @@ def test_one_standard_deviation_of_noise_is_taken_off_every_limb_cell():
     full, cleaned = (np.ptp(limb_rows(still, np.full(200, noise), line).values[80:120]) for noise in (0.0, 0.02))
     assert full == pytest.approx(np.sqrt(0.1), rel=0.01)  # away from the ends, which the polynomial bends
     assert cleaned == pytest.approx(np.sqrt(0.08), rel=0.01)
-
-
-def test_groups_are_sums_and_drop_the_rest():
-    np.testing.assert_array_equal(sum_groups(np.arange(8.0)[:, None], 3), [[3.0], [12.0]])
-    np.testing.assert_array_equal(sum_groups(np.arange(8.0).reshape(4, 2), 2, 2), [[6], [22]])
 
 
 def test_a_parabola_is_met_between_its_samples():

@@ -327,18 +327,13 @@ def sigmf_seeds(folder: Path) -> None:
 def xethru_seeds(folder: Path) -> None:
     from datetime import UTC, datetime
 
-    from doppelgait.radar.xethru import TimedRecord, make_records, write_xethru
-    from xethru_files import add_user_headers
+    from doppelgait.radar.xethru import write_xethru
+    from xethru_files import add_user_headers, make_mixed_records
 
-    head = {"bin_length_m": 0.05144033, "sample_rate_hz": 2.916e9, "carrier_hz": 7.29e9, "range_start_m": 0.4}
-    records = []
-    for k in range(8):
-        one = make_records("baseband_iq", **head, frame_counter=k + 1, i=np.arange(5) + k, q=np.arange(5))
-        records.append(TimedRecord(10 * k, "baseband_iq", one.tobytes()))
-        records.append(TimedRecord(10 * k, "vitalsigns", bytes(range(k, k + 9))))
-        records.append(TimedRecord(10 * k, "datastring", f"now;{k}\n".encode()))
     folder.mkdir(exist_ok=True)
-    made = write_xethru(folder / "0", records, start_time=datetime(2026, 11, 21, tzinfo=UTC), session_id="S")
+    made = write_xethru(
+        folder / "0", make_mixed_records(), start_time=datetime(2026, 11, 21, tzinfo=UTC), session_id="S"
+    )
     add_user_headers(made, b"HI")
 
 

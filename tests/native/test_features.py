@@ -78,19 +78,6 @@ def test_peaks_of_parabolas_in_the_logarithm_are_exact_also_at_the_ends():
     np.testing.assert_array_equal(place[4:], [0.5, 18.5])
 
 
-@pytest.mark.parametrize(("first", "count"), [(0, 30), (4, 7), (29, 1), (0, 1), (10, 5)])
-@pytest.mark.parametrize("n_rows", [1, 5, 64])
-def test_lags_are_sums_of_products_e33(first, count, n_rows):
-    rows = random(30, n_rows)
-    likeness = np.empty(count)
-    native.square_difference(rows, first, likeness)
-    for i, lag in enumerate(range(first, first + count)):
-        early, late = rows[: 30 - lag], rows[lag:]
-        assert likeness[i] == pytest.approx(2 * (early * late).sum() / (early**2 + late**2).sum(), abs=1e-12)
-    native.square_difference(np.zeros((30, n_rows)), first, likeness)
-    assert not likeness.any()
-
-
 def test_highest_value_on_straight_lines_between_samples():
     values = random(40)
     low, high = np.array([3.2, 0.0, 38.7, 12.0]), np.array([3.9, 39.0, 39.0, 12.0])

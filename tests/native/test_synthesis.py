@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from doppelgait._core import native
+from literal import relative_l2
 
 C_MPS = 299_792_458.0
 WAVELENGTH_M = C_MPS / 7.29e9
@@ -50,10 +51,6 @@ def walkers(n_frames, n_scatterers, *, speed_mps=1.5, start_m=(2.0, 8.0), seed=0
 
 def radar_of(spacing_m, sigma_m, first_m=0.0, phase_rad=0.4):
     return first_m, spacing_m, sigma_m, WAVELENGTH_M, phase_rad
-
-
-def relative_l2(found, wanted):
-    return np.linalg.norm(found - wanted) / np.linalg.norm(wanted)
 
 
 CASES = {

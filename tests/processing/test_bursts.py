@@ -116,14 +116,6 @@ def test_data_without_range_lie_inside_any_gate():
     np.testing.assert_allclose(gated.gate_share.values, 1.0)
 
 
-def test_static_echoes_are_gone():
-    times = burst_times()
-    static = labelled(np.full(times.size, 5.0 - 2.0j), times)
-    assert burst_signature(static, None, Analysis(), wavelength_m=LAMBDA_M).values.max() < 1e-6
-    kept = burst_signature(static, None, Analysis(), wavelength_m=LAMBDA_M, remove_mean=False)
-    assert kept.values.max() == pytest.approx(29.0 * gaussian(M).sum() ** 2, rel=1e-5)
-
-
 def test_bursts_are_found_from_the_pauses():
     assert find_burst_pulses(burst_times()) == M
     assert find_burst_pulses(burst_times(pulses=2)) == 2

@@ -9,16 +9,12 @@ from doppelgait.pipeline import Conditions, simulate
 from doppelgait.radar import Radar, synthesise
 from doppelgait.radar.link import fold_scatterers, noise_power_v2
 from doppelgait.scene import Scene, Target
-from doppelgait_conformance.radars import make_table
+from doppelgait_conformance.radars import change_radar, make_table
 
 C = 299_792_458.0
 X4 = Radar.preset("x4")
 PULSE_M = C / 2 / 15.1875e6
 """From one pulse of the X4 to the next."""
-
-
-def same_but(radar, **changes):
-    return Radar.model_validate({**radar.model_dump(), **changes})
 
 
 @pytest.mark.parametrize("speed_mps", [0.4, -1.5, 4.0, 11.0])
@@ -28,7 +24,7 @@ def test_a_frame_is_the_mean_of_looks_spread_over_the_integration(speed_mps):
     time_s = (np.arange(4000) + 0.5) / 4000 * 0.9 / 250
     time_s -= time_s.mean()
     looks = make_table(4.0 - speed_mps * time_s, radial_velocity=speed_mps)
-    mean = synthesise(looks, same_but(radar, integration_share=0.0)).values.astype(complex).mean(axis=0)
+    mean = synthesise(looks, change_radar(radar, integration_share=0.0)).values.astype(complex).mean(axis=0)
     frame = synthesise(make_table([4.0], radial_velocity=speed_mps), radar).values[0]
     peak = np.abs(synthesise(make_table([4.0]), radar).values).max()
     n = np.abs(frame).argmax()
@@ -73,7 +69,7 @@ def test_matched_pulses_fold_whole(waveform):
         waveform=waveform, carrier_hz=7.29e9, prf_hz=1000, sample_rate_hz=2e9, range_stop_m=9.6,
         pulse_rate_hz=15.1875e6, **own,
     )  # fmt: skip
-    unfolded = same_but(radar, fold_echoes=False)
+    unfolded = change_radar(radar, fold_echoes=False)
     assert not np.abs(synthesise(make_table([14.0]), unfolded).values).any()
     found = synthesise(make_table([14.0, 14.0 - PULSE_M], radial_velocity=3.0), radar).values
     ratio = ((14.0 - PULSE_M) / 14.0) ** 2  # the carrier turns whole times between two pulses
@@ -91,7 +87,7 @@ def test_reflections_beyond_the_next_pulse_fold_and_truth_does_not():
     scene = Scene([Target(still, range_m=8.0)], duration_s=0.1)
     wall = {"kind": "wall_ghost", "material": "concrete", "thickness_m": 0.2, "side_m": 4.0}
     conditions = Conditions(environment=[wall])
-    for radar in (X4, same_but(X4, fold_echoes=False)):
+    for radar in (X4, change_radar(X4, fold_echoes=False)):
         recording = simulate(scene, radar, conditions=conditions, rng=rng(0), snr_db=np.inf)
         level = np.abs(recording.baseband.values[50])
         near = recording.range_m < 3.0

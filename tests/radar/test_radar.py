@@ -1,6 +1,5 @@
 """Radar parameters, link budget, closed-form echo (E-06, E-11, E-14, E-15, E-18) and recordings on disk."""
 
-import json
 from dataclasses import replace
 
 import h5py
@@ -12,7 +11,7 @@ from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
-from doppelgait.pipeline import analyze, simulate, write_results
+from doppelgait.pipeline import analyze, simulate
 from doppelgait.radar import (
     Radar,
     Recording,
@@ -20,7 +19,6 @@ from doppelgait.radar import (
     lowest_prf_hz,
     read_recording,
     received_power_w,
-    synthesise,
     write_recording,
 )
 from doppelgait.scene import Scene, Target
@@ -117,20 +115,6 @@ def test_radar_equation_is_guarded_near_the_antenna_e14():
     assert np.isfinite(near).all()
 
 
-def test_baseband_is_labelled():
-    y = synthesise(make_table([[5.0]]), Radar.preset("x4"))
-    assert y.dims == ("slow_time", "range")
-    assert y.dtype == np.complex64
-    assert y.attrs["units"] == "V"
-    assert y.coords["range"].attrs["units"] == "m"
-    assert json.loads(y.attrs["radar"])["carrier_hz"] == 7.29e9
-
-
-def test_a_scatterer_far_outside_leaves_the_frame_empty():
-    y = synthesise(make_table([[50.0], [-3.0], [10.6]]), Radar.preset("x4", fold_echoes=False)).values
-    assert not y.any()
-
-
 def test_aliasing_and_lost_targets_are_warned_of_with_their_numbers():
     t = np.arange(0, 1.2, 0.01)
     fast = make_motion(
@@ -198,27 +182,6 @@ def test_round_trip_of_a_measured_recording_without_truth_seed_or_noise_level(re
     assert np.isnan(again.noise_power_v2)
     assert np.isnan(again.snr_frame_db)
     assert again.radar_position_m is None
-
-
-def test_plain_h5py_reads_units_and_facts(walk_file):
-    with h5py.File(walk_file, "r") as file:
-        units = {name: file[name].attrs["units"] for name in ("baseband", "slow_time_s", "range_m")}
-        assert units == {"baseband": "V", "slow_time_s": "s", "range_m": "m"}
-        assert file["baseband"].dtype == np.dtype("<c8")
-        assert file.attrs["seed"] == 4
-        assert sorted(file["truth"]) == ["0", "1"]
-        assert file["truth/0"].attrs["step_frequency_hz"] > 0
-
-
-def test_plain_h5py_reads_the_axes_of_a_result(recording, tmp_path):
-    results = analyze(recording, gate="truth")
-    write_results(tmp_path / "result.h5", recording, results)
-    with h5py.File(tmp_path / "result.h5", "r") as file:
-        assert sorted(file["targets"]) == ["0", "1"]
-        first = file["targets/0"]
-        np.testing.assert_array_equal(first["doppler_hz"][:], results[0].signature["doppler"])
-        np.testing.assert_array_equal(first["cadence_hz"][:], results[0].cadence_map["cadence"])
-        assert first.attrs["gate"] == "truth"
 
 
 def test_no_time_of_writing_is_stored(walk_file):

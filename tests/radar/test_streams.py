@@ -369,13 +369,6 @@ def test_a_counter_that_restarts_goes_on_by_one_frame(tmp_path):
     assert (stream.counts.jumps, stream.counts.missing) == (1, 0)
 
 
-def test_frames_that_are_missing_leave_a_gap(tmp_path):
-    stream, times_s, _, texts = play(tmp_path, frames(0, 100), frames(130, 400))
-    np.testing.assert_array_equal(times_s, np.delete(RECORDING.slow_time_s, np.s_[100:130]))
-    assert stream.counts.missing == 30
-    assert "30 frames are missing before frame 130" in texts[0]
-
-
 def test_of_a_slow_consumer_the_oldest_frames_are_dropped():
     stream = open_stream("tcp://:0", queue_s=0.1)
     send_tcp(stream, OPENING + frames() + END_RECORD)

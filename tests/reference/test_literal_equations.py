@@ -47,10 +47,6 @@ def labelled(y):
     return make_array(BASEBAND, y, coords)
 
 
-def relative_l2(found, wanted):
-    return np.linalg.norm(found - wanted) / np.linalg.norm(wanted)
-
-
 # (M, K, hop, zero padding at the ends, pulses)
 TRANSFORMS = [
     (101, 101, 8, False, 160),
@@ -89,7 +85,7 @@ def test_signature_equals_the_literal_loop_e22_e24_e27(m, k, hop, padded, n_puls
     np.testing.assert_allclose(found.coords["time"], slow_time_s[list(centres)], rtol=0, atol=1e-12)
     np.testing.assert_allclose(found.coords["doppler"], literal.doppler_axis_hz(k, PRF_HZ), atol=1e-9)
     assert len(np.unique(first)) > 2
-    assert relative_l2(found.values, wanted) < 1e-6
+    assert literal.relative_l2(found.values, wanted) < 1e-6
 
 
 @pytest.mark.parametrize("hop", [1, 7])
@@ -123,7 +119,7 @@ def test_range_doppler_cells_equal_the_literal_loop_e24(m, k):
         [[literal.range_doppler_cells(y, h + 10 * j, q, range(5), w, k) for q in range(k)] for j in range(3)]
     )
     assert found.shape == wanted.shape
-    assert relative_l2(found, wanted) < 1e-6
+    assert literal.relative_l2(found, wanted) < 1e-6
 
 
 @pytest.mark.parametrize("k", [101, 128])
@@ -148,7 +144,7 @@ def test_step_doppler_map_equals_the_literal_loop_e28_e30_e31_e32(k, padded):
     assert n_fft >= 8 * len(centres) if padded else n_fft == len(centres)
     assert cadence_hz[0] == 0
     wanted = literal.cadence_map(rows_literal, np.ones(len(centres)), n_fft, len(cadence_hz))
-    assert relative_l2(found.values, wanted) < 1e-6
+    assert literal.relative_l2(found.values, wanted) < 1e-6
     np.testing.assert_allclose(cadence_spectrum(found), (found.values**2).sum(axis=1), rtol=1e-12)
     np.testing.assert_allclose(cadence_spectrum(found, power=False), found.values.sum(axis=1), rtol=1e-12)
 

@@ -8,6 +8,11 @@ import numpy as np
 C_MPS = 299_792_458.0
 
 
+def relative_l2(found, wanted):
+    """Norm of the error over the norm of what is wanted."""
+    return np.linalg.norm(found - wanted) / np.linalg.norm(wanted)
+
+
 def pulse(time_s, sigma_s):
     """E-11."""
     return np.exp(-(time_s**2) / (2 * sigma_s**2))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from doppelgait.radar.xethru import TimedRecord, write_xethru
+from doppelgait.radar.xethru import TimedRecord, make_records, write_xethru
 from doppelgait.radar.xethru.records import META_NAME, Meta, pack_meta, parse_meta
 
 
@@ -42,3 +42,17 @@ def add_user_headers(folder: Path, header: bytes) -> None:
             entries["offset"][entries["file"] == number] += len(header)
             entries = np.concatenate([first, entries])
         path.write_bytes(pack_meta(replace(meta, entries=entries)))
+
+
+HEAD = {"bin_length_m": 0.05144033, "sample_rate_hz": 2.916e9, "carrier_hz": 7.29e9, "range_start_m": 0.4}
+
+
+def make_mixed_records() -> list[TimedRecord]:
+    """Eight pulses of five bins, with vital signs and texts between them."""
+    records = []
+    for k in range(8):
+        one = make_records("baseband_iq", **HEAD, frame_counter=k + 1, i=np.arange(5) + k, q=np.arange(5))
+        records.append(TimedRecord(10 * k, "baseband_iq", one.tobytes()))
+        records.append(TimedRecord(10 * k, "vitalsigns", bytes(range(k, k + 9))))
+        records.append(TimedRecord(10 * k, "datastring", f"now;{k}\n".encode()))
+    return records

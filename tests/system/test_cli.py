@@ -125,7 +125,8 @@ def test_the_recording_has_the_documented_layout(recorded):
         assert file["baseband"].dtype == np.complex64
         assert file["baseband"].shape == (2000, 188)
         assert file["slow_time_s"].shape == (2000,)
-        assert file["range_m"].attrs["units"] == "m"
+        assert [file[name].attrs["units"] for name in ("baseband", "slow_time_s", "range_m")] == ["V", "s", "m"]
+        assert file.attrs["seed"] == 5
         assert json.loads(file.attrs["radar"])["carrier_hz"] == 7.29e9
         assert file["truth/0"].attrs["label"] == "human"
         assert file["truth/1"].attrs["gait"] == "trot"
@@ -150,6 +151,7 @@ def test_analyze_prints_the_documented_json(recorded):
     assert {"quality", "flags", "n_periods", "torso_doppler_hz", "gait_frequency_hz"} <= set(human)
     with h5py.File(recorded / "res.h5") as file:
         group = file["targets/0"]
+        assert group.attrs["gate"] == "truth"
         assert group["signature"].shape == (group["time_s"].size, group["doppler_hz"].size)
         assert group["cadence_map"].shape == (group["cadence_hz"].size, group["doppler_hz"].size)
         assert group.attrs["torso_velocity_mps"] == pytest.approx(human["features"]["torso_velocity_mps"])

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import doppelgait.motion.readers.arrays  # noqa: F401  (registers itself)
-from damage import check_damaged_copies
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
 from doppelgait.motion.readers.arrays import read_skeletons
@@ -228,7 +227,3 @@ def test_pickled_objects_are_never_loaded(tmp_path: Path) -> None:
         read(path, clean=False)
     np.savez(path, positions=BODY_M, rate_hz=100.0, units="m", extra=np.array([{"a": 1}], dtype=object))
     assert read(path, clean=False).positions.sizes["marker"] == 16
-
-
-def test_any_cut_and_any_changed_byte_is_read_or_refused(file: Path) -> None:
-    check_damaged_copies(write(file, positions=BODY_M[:6]), start=60, n_frames=range(6, 7))

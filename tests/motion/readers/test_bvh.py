@@ -296,14 +296,6 @@ def test_a_damaged_hierarchy_is_named_by_line(walk: Path, old: str, new: str, pa
         read(walk)
 
 
-def test_every_cut_ends_in_an_error_or_a_motion(walk: Path) -> None:
-    content = walk.read_bytes()
-    for end in [*range(9, 3000, 97), *range(3000, len(content), 4999)]:
-        walk.write_bytes(content[:end])
-        with pytest.raises(MotionError):
-            read(walk)
-
-
 def test_skeleton_size_is_the_longest_chain() -> None:
     #      0 -1- 1 -2- 2      and      0 -4- 3 -1- 4,  0 -3- 5
     parents, lengths = [-1, 0, 1, 0, 3, 0], np.array([0.0, 1, 2, 4, 1, 3])

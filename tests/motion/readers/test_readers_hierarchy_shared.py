@@ -47,7 +47,6 @@ POINTS = {"amc": 31, "txt": 28, "cmu": 28, "ban": 21, "D1_": 26, "dog": 40}
 STANDS = "D1_005_KAN01_001.bvh"
 WITHOUT_FIRST_FRAME = "cmu_131_01.bvh"
 """Its manifest leaves frame 0 out as a T-pose, as in other CMU conversions; here it is part of the recording."""
-SHORT_LIMB = 0.01
 
 
 def _rows(shared: Path) -> dict[str, dict[str, str]]:
@@ -146,22 +145,6 @@ def test_helpers_are_named(shared: Path) -> None:
     assert bandai["same place as Head"] == ["Head_End"]
     cmu = _read(shared, CMU_BVH[0]).report["dropped"]
     assert cmu["same place as Hips"] == ["LHipJoint", "RHipJoint", "LowerBack"]
-
-
-@pytest.mark.parametrize("name", [AMC[0], EXPMAP[0], CMU_BVH[0], BANDAI[0], MANN[0], TENCENT[0]])
-def test_bones_keep_their_length(shared: Path, name: str) -> None:
-    """Neighbours in these sets are rigidly linked, so that a wrong order of rotations or a lost channel would show."""
-    motion = _read(shared, name)
-    links = {
-        ".amc": [("lfemur", "ltibia"), ("rhumerus", "rradius")],
-        "bandai": [("UpperLeg_L", "LowerLeg_L"), ("LowerArm_R", "Hand_R")],
-        "D1": [("LeftUpLeg", "LeftLeg"), ("LeftFoot", "LeftFoot_End")],
-        "dog": [("b_LeftLeg", "b_LeftLeg1"), ("b_RightForeArm", "b_RightHand")],
-        "": [("LeftUpLeg", "LeftLeg"), ("RightArm", "RightForeArm")],
-    }
-    for a, b in next(pairs for key, pairs in links.items() if key in name):
-        length = np.linalg.norm(motion.positions.sel(marker=a).values - motion.positions.sel(marker=b).values, axis=1)
-        assert np.ptp(length) < SHORT_LIMB * length.mean()
 
 
 def test_one_walk_in_three_formats(shared: Path) -> None:

@@ -4,57 +4,27 @@ import shutil
 import struct
 import tracemalloc
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from damage import mutate, outcomes, read_or_refusal
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.radar.xethru import TimedRecord, make_records, read_xethru, read_xethru_recording, write_xethru
 from doppelgait.radar.xethru.records import META_NAME
-from xethru_files import add_user_headers, write_chain
+from xethru_files import HEAD, add_user_headers, make_mixed_records, write_chain
 
 START = datetime(2026, 11, 21, 1, 8, 48, tzinfo=UTC)
-HEAD = {"bin_length_m": 0.05144033, "sample_rate_hz": 2.916e9, "carrier_hz": 7.29e9, "range_start_m": 0.4}
 
 
 def good(folder: Path, *, per_folder: int | None = None) -> Path:
-    records = []
-    for k in range(8):
-        one = make_records("baseband_iq", **HEAD, frame_counter=k + 1, i=np.arange(5) + k, q=np.arange(5))
-        records.append(TimedRecord(10 * k, "baseband_iq", one.tobytes()))
-        records.append(TimedRecord(10 * k, "vitalsigns", bytes(range(k, k + 9))))
-        records.append(TimedRecord(10 * k, "datastring", f"now;{k}\n".encode()))
+    records = make_mixed_records()
     if per_folder:
         made = write_chain(folder, records, start_time=START, per_folder=per_folder)
     else:
         made = write_xethru(folder, records, start_time=START, session_id="S")
     add_user_headers(made, b"HI")
     return made
-
-
-@pytest.mark.parametrize("per_folder", [None, 6])
-def test_any_damage_to_folders_and_lone_files_is_read_or_refused(tmp_path: Path, per_folder: int | None) -> None:
-    folder, rng = good(tmp_path, per_folder=per_folder), np.random.default_rng(2018)
-    read = partial(read_xethru_recording, data_type="baseband_iq", prf_hz=100.0)
-    refusals = []
-    for file in sorted(path for path in folder.rglob("*") if path.is_file()):
-        whole = file.read_bytes()
-        for _ in range(40):
-            file.write_bytes(mutate(whole, rng))
-            refusals.append(read_or_refusal(read, folder, RecordingError)[1])
-        file.write_bytes(whole)
-    assert all(str(folder) in text for text in refusals if text)
-    assert 0 < refusals.count("") < len(refusals)
-    for number, file in enumerate(folder.rglob("*.dat")):
-        lone = tmp_path / str(number) / file.name
-        lone.parent.mkdir()
-        lone.write_bytes(file.read_bytes()[2:])
-        if file.name != META_NAME and "vital" not in file.name:
-            outcomes(lambda path: read_xethru_recording(path, prf_hz=100.0), lone, count=60, seed=number)
 
 
 def test_a_file_that_ends_early_is_read_up_to_there(tmp_path: Path) -> None:

@@ -43,7 +43,3 @@ def test_every_echo_at_every_time_by_its_own_range():
 def test_one_pair_is_the_same_gain_everywhere():
     seen = apply_visibility(table([0.0, 50.0], 1.0), Visibility(gain_db=[[2.0, 6.0]]), SETTING)
     np.testing.assert_allclose(seen["path_gain"].values, 10**0.6)
-
-
-def test_a_table_without_scatterers_stays_so():
-    assert apply_visibility(table(np.empty((5, 0)), 1.0), Visibility(gain_db=[[1, 0]]), SETTING).sizes["scatterer"] == 0

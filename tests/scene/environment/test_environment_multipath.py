@@ -269,9 +269,7 @@ def test_a_wall_that_goes_through_the_radar_is_refused():
 
 
 @pytest.mark.parametrize("effect", [GroundBounce(), WallGhost(**BESIDE), Wall(material="wood", thickness_m=0.1)])
-def test_empty_tables_and_single_pulses(effect):
-    empty = echo_table(np.zeros((4, 0, 3)), RADAR)
-    assert apply_environment(empty, [effect], SETTING).sizes == {"slow_time": 4, "scatterer": 0}
+def test_single_pulses(effect):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         single = apply_environment(echo_table([[[4.0, 0.0, 1.0]]], RADAR), [effect], SETTING)
