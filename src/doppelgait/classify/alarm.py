@@ -67,7 +67,7 @@ def run_day(
     directory: Path | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> list[Episode]:
-    """Simulate a day as a dataset of windows, kept in a directory if one is named, and classify it."""
+    """Simulate a day as a dataset of windows, and classify it."""
     with TemporaryDirectory() as scratch:
         dataset = build_day(day, model, directory or Path(scratch), folder=folder, on_progress=on_progress)
         return answer_day(dataset, partial(answer_track, model))
@@ -81,7 +81,7 @@ def build_day(
     folder: Path | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Dataset:
-    """Build the dataset of a day, with the windows and the analysis of a model."""
+    """Build the dataset of a day for the windows of a model."""
     facts = model.of_tracks.facts
     if facts.alarm is None:
         raise ConfigError(
@@ -123,7 +123,7 @@ def answer_day(dataset: Dataset, answer: Answer) -> list[Episode]:
 
 
 def answer_track(model: Model, dataset: Dataset, rows: Sequence[int]) -> FloatArray:
-    """Return the probability of the class of a model's alarm after every window of a track, as a stream does."""
+    """Return the probability of the alarm's class after every window."""
     tracks, facts = Tracks(model), model.of_tracks.facts
     alarm, found = facts.classes.index(str(facts.alarm)), []
     for row, columns in zip(rows, convert_to_json(dataset.index.iloc[list(rows)].to_dict("records")), strict=True):

@@ -67,7 +67,7 @@ class Table:
 
 
 def collect_rows(*datasets: Dataset) -> Rows:
-    """Collect the rows of datasets, for training and testing; the first one has all classes."""
+    """Collect the rows of datasets, of the classes of the first one."""
     dataset, *others = datasets
     known = [label for label in dataset.description["classes"] if (dataset.index["label"] == label).any()]
     if len(known) < 2:
@@ -155,7 +155,7 @@ def collect_inputs(
 
 
 def _collect_windows(rows: Rows) -> npt.NDArray[np.object_]:
-    """Collect pictures and place in time of every row, objects (n,); a row without a track is a track of its own."""
+    """Collect pictures and place in time of every row."""
     for dataset in rows.datasets:
         dataset.check_fields(["pictures"])
     given = read_numbers(rows.index["track"]) if "track" in rows.index else np.full(len(rows), np.nan)

@@ -86,7 +86,7 @@ class Decision:
 
 @dataclass(frozen=True, eq=False)
 class TargetInputs:
-    """Features and signature of one target, as the classifier uses them; networks of tracks use no signature."""
+    """Features and signature of one target, as the classifier uses them."""
 
     columns: Mapping[str, Any]
     signature: xr.DataArray | None
@@ -110,7 +110,7 @@ class TargetInputs:
         return collect_conditions(self.columns, self.signature)
 
     def collect_inputs(self, model: Model, number: int) -> Inputs:
-        """Return the inputs of a model, one row; ``number`` of the target is for errors."""
+        """Return the inputs of a model, one row."""
         network = model.learned
         if isinstance(network, Ensemble):
             network = next((member for member in network.members if isinstance(member, Network)), network)

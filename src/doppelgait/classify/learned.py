@@ -147,7 +147,7 @@ EMPTY: scorer.Memory = (0.0, 0.0, 0)
 
 @dataclass(frozen=True, eq=False)
 class TrackNetwork(Columns):
-    """Network over the windows of a track, with a learned sum as its memory (:func:`scorer.remember`)."""
+    """Network over the windows of a track, with a learned sum as its memory."""
 
     floor: FloatArray
     kernels: tuple[Levels, ...]
@@ -168,7 +168,7 @@ class TrackNetwork(Columns):
     bias: Levels
 
     def log_probability(self, values: Inputs) -> FloatArray:
-        """Return log-probabilities (n, n_classes) after each window, of rows that end with :class:`Seen`."""
+        """Return log-probabilities (n, n_classes) after each window."""
         found = np.full((len(values), self.bias.size), -np.log(self.bias.size))
         seen: list[Seen] = values[:, -1].tolist()
         whole = np.array([each.pictures is not None for each in seen], dtype=bool)
@@ -194,7 +194,7 @@ class TrackNetwork(Columns):
     def remember(
         self, memory: scorer.Memory, embedding: FloatArray, since_s: float
     ) -> tuple[scorer.Memory, FloatArray]:
-        """Add a window to the memory of a track; return it and the log-probabilities (n_classes,)."""
+        """Add a window to the memory of a track."""
         return scorer.remember(self._arrays, memory, embedding, since_s)
 
     @property
@@ -208,7 +208,7 @@ def to_levels(pictures: npt.NDArray[Any]) -> Levels:
 
 
 def name_layers(learned: Network | TrackNetwork) -> dict[str, Levels]:
-    """Return the arrays of the convolutional layers by the names that they have in a file."""
+    """Return the arrays of the convolutional layers by name."""
     layers = {"kernel": learned.kernels, "scale": learned.scales, "bias": learned.biases}
     return {f"{name}.{n}": values for name, arrays in layers.items() for n, values in enumerate(arrays)}
 

@@ -146,7 +146,7 @@ def read_prf_hz(signature: xr.DataArray) -> float:
 
 
 def collect_conditions(columns: Mapping[str, Any], signature: xr.DataArray | None) -> dict[str, float]:
-    """Return the observation conditions of a target; NaN for unknown. A row of a dataset has those of its radar."""
+    """Return the observation conditions of a target; NaN for unknown."""
     keys = ("quality_observation_s", "quality_track_velocity_mps", "quality_snr_mu_db")
     observed_s, speed_mps, snr_db = (math.nan if columns.get(key) is None else float(columns[key]) for key in keys)
     carrier_hz, prf_hz = (float(columns.get(name) or math.nan) for name in ("carrier_hz", "prf_hz"))
@@ -179,7 +179,7 @@ def conditions_of_rows(rows: Rows) -> dict[str, FloatArray]:
 def find_training_conditions(
     found: Mapping[str, FloatArray], train: IntArray, *, of_tracks: bool = False
 ) -> dict[str, tuple[float, float]]:
-    """Return the training span of every known condition; those in OF_TRACKS for models of tracks alone."""
+    """Return the training span of every known condition."""
     spans = {}
     for name, values in found.items():
         known = values[train][np.isfinite(values[train])]
@@ -317,7 +317,7 @@ class Model:
 
     @property
     def blocking(self) -> tuple[str, ...]:
-        """Patterns of the flags that prevent a decision; today's apply to older models, too."""
+        """Patterns of the flags that prevent a decision."""
         return self.facts.blocking if isinstance(self.learned, TrackNetwork) else (*self.facts.blocking, *BLOCKING)
 
     def mark_outside(self, values: Inputs) -> npt.NDArray[np.bool_]:

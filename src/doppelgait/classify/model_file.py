@@ -110,7 +110,7 @@ def save_model(model: Model, path: str | Path) -> Path:
 
 
 def _pack_model(model: Model) -> tuple[dict[str, Any], Arrays]:
-    """Return the facts of a model and its arrays; those of its model of tracks follow."""
+    """Return the facts of a model and its arrays."""
     form, arrays = _pack(model.learned)
     facts = {**form, "facts": model.facts.model_dump(mode="json"), "calibration_rows": model.calibration.n_rows}
     arrays |= {
@@ -355,7 +355,7 @@ def _check_trees(learned: Trees, n_features: int) -> None:
 
 
 def _check_layers(learned: Network | TrackNetwork, n_in: int, weight: Levels) -> int:
-    """Check the layers of a network and the weights after them; return the number of channels of the last one."""
+    """Check layers and the weights after them; return the last number of channels."""
     highest = 1.0  # of levels, 0 to 1, and of every layer
     for number, layer in enumerate(zip(learned.kernels, learned.scales, learned.biases, strict=True)):
         sizes = {"i": n_in, "3": 3}

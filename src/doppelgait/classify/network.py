@@ -86,7 +86,7 @@ def train_network(
     spec: Patch | None = None,
     settings: Training | None = None,
 ) -> Network:
-    """Train a network on signatures; held rows decide when to stop, without any all epochs are run."""
+    """Train a network on signatures; held rows decide when to stop."""
     try:
         import torch
     except ImportError:
@@ -355,7 +355,7 @@ def _cut_track(rows: IntArray, rng: np.random.Generator) -> IntArray:
 
 
 def _augment_tracks(seen: Inputs, columns: Levels, sizes: IntArray, rng: np.random.Generator) -> tuple[Levels, Levels]:
-    """Augment the pictures (n, slices, times, velocities) of every track alike; hide some of the columns (n, k)."""
+    """Augment the pictures of every track alike; hide some of the columns."""
     n_tracks, shape = sizes.size, (-1, 1, 1, 1)
     levels = np.stack([to_levels(each.pictures[0]) for each in seen])
     floor = rng.uniform(0.0, HIGHEST_FLOOR, n_tracks) * (rng.random(n_tracks) < FLOOR_SHARE)

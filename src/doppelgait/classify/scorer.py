@@ -73,7 +73,7 @@ class Scorer:
     def follow(
         self, memory: Memory | None, features: npt.ArrayLike, pictures: Array, since_s: float
     ) -> tuple[Memory, Array]:
-        """Add a window to a network of tracks; return its memory and the probabilities (n_classes,) of the track.
+        """Add a window to a track; return its memory and its probabilities.
 
         ``features`` (d,) and ``pictures`` (any, slices, times, velocities) are of the window, ``memory`` is None for
         the first one, ``since_s`` the time since the end of the window before, 0 for the first.
@@ -181,7 +181,7 @@ def convolve(own: Arrays, layer: Array) -> Array:
 
 
 def embed(own: Arrays, features: Array, pictures: Sequence[Array]) -> Array:
-    """Return the embedding (n, e) of windows of a track: pictures (any, slices, times, velocities), 0 to 1, of each."""
+    """Return the embedding (n, e) of windows: features (n, d) and pictures of each."""
     counts = [len(each) for each in pictures]
     layer = convolve(own, np.concatenate(pictures).astype(np.float32))
     pooled = np.hstack([layer.mean(axis=(2, 3)), layer.max(axis=(2, 3))])
@@ -193,7 +193,7 @@ def embed(own: Arrays, features: Array, pictures: Sequence[Array]) -> Array:
 
 
 def remember(own: Arrays, memory: Memory, embedding: Array, since_s: float) -> tuple[Memory, Array]:
-    """Add a window's embedding (e,) to the memory of a track; return it, and the log-probabilities (n_classes,).
+    """Add a window's embedding to the memory of a track; return log-probabilities, too.
 
     The memory is a sum with forgetting, its weights, and the number of windows; it begins as (0, 0,
     0). ``since_s`` is the time since the end of the window before, 0 for the first.

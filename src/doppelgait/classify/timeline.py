@@ -191,7 +191,7 @@ class Tracks:
     def follow(
         self, number: int, seen: TargetInputs, edges_s: tuple[float, float], target: int = 0
     ) -> tuple[Decision, _ClassEvidence]:
-        """Add a window from its start to its stop to a track; return the decision about it alone, and the belief."""
+        """Add a window to a track; decide about it alone, and return the belief."""
         facts, network = self.model.facts, self.model.learned
         alone, n_classes = decide(seen, self.model, target), len(facts.classes)
         belief = self._beliefs.setdefault(number, _ClassEvidence(np.full(n_classes, 1.0 / n_classes), edges_s[1]))

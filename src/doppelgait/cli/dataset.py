@@ -25,7 +25,7 @@ app = typer.Typer(help="Plan, build, check and use labelled datasets.", no_args_
 PlanName = Annotated[
     str,
     typer.Argument(
-        help="Plan file (TOML) or built-in: home-alarm, home-alarm-day, home-alarm-wide, liland2018, liland2018-fair."
+        help="Plan (TOML) or home-alarm, home-alarm-day, home-alarm-life, home-alarm-wide, liland2018, liland2018-fair."
     ),
 ]
 Changes = Annotated[

@@ -423,7 +423,7 @@ def plan_names() -> list[str]:
     --------
     >>> import doppelgait as dg
     >>> dg.dataset.plan_names()
-    ['home-alarm', 'home-alarm-day', 'home-alarm-wide', 'liland2018', 'liland2018-fair']
+    ['home-alarm', 'home-alarm-day', 'home-alarm-life', 'home-alarm-wide', 'liland2018', 'liland2018-fair']
     """
     folder = resources.files("doppelgait.dataset") / "plans"
     return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))

@@ -183,7 +183,7 @@ RECEIVED, FILLED, ABSENT = 0, 1, 2  # origins of a row: a frame, a short gap, a 
 
 
 class Ring:
-    """Last window of a stream on even times: a short gap is filled in, a longer one is a pause, as in files."""
+    """Last window of a stream on even times, with short gaps filled in."""
 
     def __init__(self, radar: Radar, range_m: npt.NDArray[np.float64], window_s: float, hop_s: float) -> None:
         self.radar, self.range_m, self.window_s, self.hop_s = radar, range_m, window_s, hop_s

@@ -143,7 +143,7 @@ class Sources:
         self._tables.append(f"static const float turns[DG_DOPPLER][2] = {{\n{pairs.replace('~', ' ')}\n}};")
         return "\n\n".join(self._tables)
 
-    def _add_network(self, learned: Network, name: str, share: float, slope: float, shift: Any) -> str:
+    def _add_network(self, learned: Network, name: str, share: float, slope: float, moved: Any) -> str:
         """Add the tables of a network; return its row."""
         size = learned.patch.n_velocity * learned.patch.n_time / 4 ** len(learned.kernels)
         last: tuple[Any, Any] = (learned.weight, np.full(learned.bias.size, 1.0 / size))
@@ -161,8 +161,8 @@ class Sources:
         self._tables.append(f"static const dg_layer {name}_layers[DG_LAYERS] = {{\n" + ",\n".join(rows) + "\n};")
         weight = self._add_array(f"{name}_weight", "dg_weight", last[0])
         arrays = [f"{name}_layers", weight, *self._add_arrays(name, "float", scale=last[1], bias=learned.bias)]
-        moved = self._add_array(f"{name}_shift", "float", shift)
-        return f"    {{{', '.join([*arrays, _format_float(share), _format_float(slope), moved])}}}"
+        arrays += [_format_float(share), _format_float(slope), self._add_array(f"{name}_shift", "float", moved)]
+        return f"    {{{', '.join(arrays)}}}"
 
 
 def _format_float(value: float) -> str:

@@ -108,7 +108,7 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
 
 
 def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], dict[str, Any]]:
-    """Write the header, the source, golden vectors and their test of the networks of a model."""
+    """Write header, source, golden vectors and their test."""
     exact = select_networks(model)
     if exact is None:
         raise ConfigError(

@@ -302,7 +302,7 @@ def tabulate_nuisances(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> 
 def collect_nuisances(
     datasets: Iterable[Dataset], motion_folder: Path, *, empty: bool
 ) -> tuple[dict[str, npt.NDArray[np.float64]], str]:
-    """Collect what varies of the nuisance parameters of rows, as numbers, with a remark; some are of an empty scene."""
+    """Collect the varying nuisance parameters of rows as numbers, with a remark."""
     parts, notes = [], []
     for dataset in datasets:
         plan, reason = read_plan(dataset.description, motion_folder)
