@@ -23,7 +23,7 @@ import numpy as np
 from doppelgait.classify.data import collect_inputs, collect_rows, take_rows
 from doppelgait.classify.evaluation import Fold, describe_model, evaluate, hold_back
 from doppelgait.classify.learned import LabelledRows
-from doppelgait.classify.model_file import load_shipped_model, save_model
+from doppelgait.classify.model_file import load_shipped_model, read_model_cards, save_model
 from doppelgait.classify.network import train_track_network
 from doppelgait.dataset import build_dataset, load_plan, open_dataset
 from doppelgait.dataset.config import PlanConfig
@@ -66,7 +66,7 @@ def train(dataset: Dataset, folder: Path, name: str) -> dict[str, Any]:
     found = evaluate(dataset, models=["ensemble"], keep=True)
     seconds = time.process_time() - began
     model, path = found.models["ensemble"], folder / f"{name}.npz"
-    save_model(model, path)
+    save_model(replace(model, track=load_shipped_model(name).track), path)
     rows = collect_rows(dataset)
     tested = np.flatnonzero((rows.index["split"] == "test").to_numpy())
     values = collect_inputs(take_rows(rows, tested), model.facts.features).values
@@ -128,10 +128,9 @@ def main() -> None:
         for name in options.names:
             n_examples = options.examples or {"x4": 2000, "fmcw-24": 1000, "fmcw-60": 1500}[name]
             target = (options.work or Path(scratch)) / f"shipped-{name}-{n_examples}"
-            report = build_dataset(plan_of(name, n_examples), target, workers=options.workers,
+            build_dataset(plan_of(name, n_examples), target, workers=options.workers,
                                    max_failed_share=0.02)  # fmt: skip
-            print(f"{name}: {report.n_rows} rows in {report.seconds:.0f} s", flush=True)
-            card = train(open_dataset(target), MODELS, name)
+            card = train(open_dataset(target), MODELS, name) | {"track": read_model_cards()[name]["track"]}
             (MODELS / f"{name}.json").write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
 
 

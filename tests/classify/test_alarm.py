@@ -61,9 +61,8 @@ def a_model(**facts):
 
 
 @pytest.mark.release
-@pytest.mark.parametrize("name", ["x4"])
-def test_triggers_at_the_models_threshold_are_the_rises_of_the_alarm_of_a_stream(name, tmp_path):
-    (day, folder), model = load_day(repeats=2), load_shipped_model(name)
+def test_triggers_at_the_models_threshold_are_the_rises_of_the_alarm_of_a_stream(tmp_path):
+    (day, folder), model = load_day(repeats=2), load_shipped_model("x4")
     chosen = tuple(one for one in day.episodes if one.label == "a person and a dog cross the room")
     dataset = build_day(day.model_copy(update={"episodes": chosen}), model, tmp_path / "day", folder=folder)
     for number, episode in enumerate(answer_day(dataset, partial(answer_track, model))):

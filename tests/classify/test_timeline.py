@@ -138,7 +138,12 @@ def test_a_network_of_tracks_remembers_what_may_be_decided():
         window._replace(track=0, stop_s=stop_s) for window, stop_s in zip(values[:, -1], (0.0, 2.1), strict=True)
     ]
     assert np.allclose(probabilities[3], model.probability(values)[1], atol=1e-3)
-    assert check_window(None, None, model) == (2.5, 0.625)
+
+
+def test_gates_that_are_no_tracks_are_decided_by_the_model_of_windows(walk):
+    for gate in ("truth", (3.0, 7.0)):
+        assert {len(one.probabilities) for one in timeline.classify_over_time(walk, window_s=2.5, gate=gate)} == {2}
+    assert {len(one.probabilities) for one in timeline.classify_over_time(walk)} == {3}
 
 
 def test_memory_of_links_and_beliefs_does_not_grow(monkeypatch):

@@ -29,7 +29,6 @@ from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.open import Dataset, open_dataset, read_signature
 from doppelgait.dataset.resolve import make_example_id
 
-DAY = "home-alarm-day"  # the built-in plan
 THRESHOLDS = (0.5, 0.8, 0.9, 0.95, 0.99, 0.999, 0.9999)
 """Alarm thresholds that are scored in addition to that of the model."""
 
@@ -49,7 +48,7 @@ class Episode:
 
 def load_day(plan: str | Path | None = None, repeats: int | None = None) -> tuple[PlanConfig, Path]:
     """Load the plan of a day, and the folder of its motion files."""
-    day, folder = load_plan(plan or DAY)
+    day, folder = load_plan(plan or "home-alarm-day")
     if repeats is not None:
         section = day.dataset.model_copy(update={"examples_per_class": repeats})
         episodes = tuple(episode.model_copy(update={"examples": None}) for episode in day.episodes)

@@ -155,7 +155,6 @@ def collect_inputs(
 
 
 def _collect_windows(rows: Rows) -> npt.NDArray[np.object_]:
-    """Collect pictures and place in time of every row."""
     for dataset in rows.datasets:
         dataset.check_fields(["pictures"])
     given = read_numbers(rows.index["track"]) if "track" in rows.index else np.full(len(rows), np.nan)

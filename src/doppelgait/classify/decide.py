@@ -237,6 +237,8 @@ def decide(seen: TargetInputs, model: Model, number: int) -> Decision:
     probability = model.probability(values)[0]
     best = int(probability.argmax())
     elsewhere = describe_outside_conditions(seen.conditions, model.facts.conditions)
+    if isinstance(model.learned, TrackNetwork) and seen.pictures is None:
+        elsewhere = ["no pictures of a track: this model needs a recording and gates that are tracks"]
     flag = find_blocking_flag(seen.flags, model.blocking)
     reasons = [*([] if flag is None else [f"flag {flag}"]), *elsewhere, *outside]
     blocked = bool(reasons)

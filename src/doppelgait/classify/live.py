@@ -187,4 +187,4 @@ def live(
     if ranges.ndim != 1 or not ranges.size or not np.isfinite(ranges).all():
         raise ConfigError(f"range_m: must be finite, of shape (N,), not of shape {ranges.shape}")
     ring = Ring(radar, ranges, window_s, hop_s)
-    return Live(ring, frames, Tracks(model), analysis or read_training_analysis(model), tracking, skip)
+    return Live(ring, frames, Tracks(model), analysis or read_training_analysis(model.of_tracks), tracking, skip)

@@ -110,7 +110,6 @@ def save_model(model: Model, path: str | Path) -> Path:
 
 
 def _pack_model(model: Model) -> tuple[dict[str, Any], Arrays]:
-    """Return the facts of a model and its arrays."""
     form, arrays = _pack(model.learned)
     facts = {**form, "facts": model.facts.model_dump(mode="json"), "calibration_rows": model.calibration.n_rows}
     arrays |= {
@@ -140,12 +139,12 @@ def _unpack_model(document: Mapping[str, Any], arrays: Arrays, path: str | Path)
         novelty = Novelty(**{each.name: own[f"novelty.{each.name}"] for each in fields(Novelty)})
     model = Model(facts, learned, calibration, own["lowest"], own["highest"], own["unknown"], novelty)
     _check_model(model)
-    if "track" not in document or "track" in document["track"]:
+    if "track" not in document:
         return model
     rest = {name.removeprefix(TRACK): values for name, values in arrays.items() if name.startswith(TRACK)}
     track = _unpack_model(document["track"], rest, path)
-    if not isinstance(track.learned, TrackNetwork):
-        raise ValueError("its model of tracks is none")
+    if not isinstance(track.learned, TrackNetwork) or track.track or track.facts.alarm != facts.alarm:
+        raise ValueError("its model of tracks is none, or has another alarm")
     return replace(model, track=track)
 
 
@@ -327,7 +326,6 @@ def _check_numbers(learned: Any) -> None:
 
 
 def _check_track_network(learned: TrackNetwork, n_features: int) -> dict[str, int]:
-    """Check the layers and rates of a network of tracks; return its sizes."""
     channels, features = _check_layers(learned, N_SLICES, learned.embed_weight), len(learned.feature_bias)
     if not (learned.forgetting_hz >= 0).all() or len(learned.kernels) > MOST_LAYERS:
         raise ValueError(f"forgets at rates below 0, or has more than {MOST_LAYERS} layers")
@@ -355,7 +353,6 @@ def _check_trees(learned: Trees, n_features: int) -> None:
 
 
 def _check_layers(learned: Network | TrackNetwork, n_in: int, weight: Levels) -> int:
-    """Check layers and the weights after them; return the last number of channels."""
     highest = 1.0  # of levels, 0 to 1, and of every layer
     for number, layer in enumerate(zip(learned.kernels, learned.scales, learned.biases, strict=True)):
         sizes = {"i": n_in, "3": 3}

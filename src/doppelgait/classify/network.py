@@ -355,7 +355,6 @@ def _cut_track(rows: IntArray, rng: np.random.Generator) -> IntArray:
 
 
 def _augment_tracks(seen: Inputs, columns: Levels, sizes: IntArray, rng: np.random.Generator) -> tuple[Levels, Levels]:
-    """Augment the pictures of every track alike; hide some of the columns."""
     n_tracks, shape = sizes.size, (-1, 1, 1, 1)
     levels = np.stack([to_levels(each.pictures[0]) for each in seen])
     floor = rng.uniform(0.0, HIGHEST_FLOOR, n_tracks) * (rng.random(n_tracks) < FLOOR_SHARE)

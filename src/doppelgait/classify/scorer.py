@@ -38,6 +38,8 @@ class Scorer:
         document = json.loads(arrays.pop("model").tobytes().decode())
         if document["format"] != "doppelgait-model" or document["format_version"] > NEWEST_FORMAT:
             raise ValueError(f"{path}: this scorer reads format doppelgait-model up to version {NEWEST_FORMAT}")
+        if part and part not in document:
+            raise ValueError(f"{path}: has no model {part!r}")
         if part:
             document, arrays = document[part], dict(_part(arrays, f"{part}."))
         self.facts = document["facts"]
@@ -75,8 +77,8 @@ class Scorer:
     ) -> tuple[Memory, Array]:
         """Add a window to a track; return its memory and its probabilities.
 
-        ``features`` (d,) and ``pictures`` (any, slices, times, velocities) are of the window, ``memory`` is None for
-        the first one, ``since_s`` the time since the end of the window before, 0 for the first.
+        ``features`` (d,) and ``pictures`` (any, slices, times, velocities; 0 to 1) are of the window, ``memory`` is
+        None for the first one, ``since_s`` the time since the end of the window before, 0 for the first.
         """
         embedding = embed(self._arrays, np.asarray(features, dtype=np.float64)[None], [pictures])[0]
         memory, answer = remember(self._arrays, memory or (0.0, 0.0, 0), embedding, since_s)

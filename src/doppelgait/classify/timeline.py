@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
 from typing import Any, NamedTuple
 
@@ -270,6 +270,7 @@ def classify_over_time(
         recording = read_recording(recording)
     model = model or choose_model(recording)
     window_s, hop_s = check_window(window_s, hop_s, model)
+    model = model.of_tracks if gate == "track" else replace(model, track=None)  # only tracks have pictures
     settings, tracks = analysis or read_training_analysis(model), Tracks(model)
     return [
         decision

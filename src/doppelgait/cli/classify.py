@@ -81,9 +81,10 @@ def classify(
 
         # resolve the path: a reader uses the name, and "." has none
         read = open_recording(recording.resolve() if recording.is_dir() else recording, options)
-        loaded = loaded or choose_model(read)
+        loaded, choice = loaded or choose_model(read), Gate.parse(gate, where="--gate")
+        if choice == "track" and (window_s is not None or hop_s is not None):
+            loaded = loaded.of_tracks
         settings, tracking = parse_analysis(loaded.facts.analysis, changes)
-        choice = Gate.parse(gate, where="--gate")
         if window_s is not None or hop_s is not None:
             from doppelgait.classify.timeline import check_window, classify_over_time
 
@@ -91,12 +92,8 @@ def classify(
             over_time = classify_over_time(
                 read, loaded, window_s=window_s, hop_s=hop_s, gate=choice, analysis=settings, tracking=tracking
             )
-            head = {
-                "file": str(recording),
-                "model": describe_model(loaded, model),
-                "window_s": window_s,
-                "hop_s": hop_s,
-            }
+            head: dict[str, Any] = {"file": str(recording), "model": describe_model(loaded, model)}
+            head |= {"window_s": window_s, "hop_s": hop_s}
             _print_over_time(over_time, head, as_json=as_json)
             if over_time and not as_json:
                 explain_model(loaded, model)

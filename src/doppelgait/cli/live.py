@@ -137,7 +137,7 @@ def live(
         stream = ends.enter_context(open_stream(source, timeout_s=timeout_s, **apply_overrides({}, options or [])))
         print_message(f"listening: {stream.source}")
         radar = stream.radar
-        loaded = loaded or load_model_for_radar(radar)
+        loaded = (loaded or load_model_for_radar(radar)).of_tracks
         page = Rolling(stream.source, radar.name, loaded) if view else None
         if page is not None:
             url = ends.enter_context(serve_live(page, port or 0))
