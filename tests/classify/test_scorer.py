@@ -11,7 +11,7 @@ from doppelgait.classify.export.write import export_model
 from doppelgait.classify.learned import Constant
 from doppelgait.classify.model_file import MODEL
 from doppelgait.classify.scorer import Scorer
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.processing import Analysis, Gate, patches, signature
@@ -43,8 +43,7 @@ def test_the_exported_scorer_follows_a_track_as_its_model_does(tmp_path):
     assert not np.allclose(expected[4], track.probability(rows.values[4:5]))  # the past counts
     with pytest.raises(ConfigError, match="--form c: linear follows tracks"):
         export_model(track, "c", tmp_path / "c")
-    with pytest.warns(DoppelgaitWarning, match="--form onnx: decides about single windows"):
-        export_model(model, "onnx", tmp_path / "onnx")
+    assert "the model of tracks" in export_model(model, "onnx", tmp_path / "onnx").facts["left_out"]
 
 
 def test_a_share_that_is_constant(tmp_path):

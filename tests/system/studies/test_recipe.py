@@ -43,10 +43,9 @@ def test_a_shifted_answer_is_adapted_in_the_table(study):
     lines = study.adaptation_table([rows, rows], "m").split("\n")[2:]
     numbers = [[float(cell.split()[0]) for cell in line.strip("| ").split("|")] for line in lines]
     assert [line[0] for line in numbers] == [0, 1, 2, 5, 10, 20]
-    assert numbers[0][1] == numbers[0][2] == numbers[0][3] < 70
+    assert numbers[0][1] == numbers[0][2] < 70
     assert numbers[-1][2] > 95
-    assert numbers[-1][3] > 95
-    assert numbers[-1][4] < numbers[0][4] / 3
+    assert numbers[-1][3] < numbers[0][3] / 3
 
 
 def test_halves_are_those_of_the_models(study, tmp_path: Path) -> None:

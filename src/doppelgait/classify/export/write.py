@@ -19,7 +19,7 @@ from doppelgait.classify.export.device import CSettings, Device, list_parts, pla
 from doppelgait.classify.learned import Ensemble, FloatArray, TrackNetwork, join_inputs
 from doppelgait.classify.model import Model
 from doppelgait.classify.model_file import save_model
-from doppelgait.core.errors import ConfigError, warn_caller
+from doppelgait.core.errors import ConfigError
 from doppelgait.core.files import check_out, complete_folder
 from doppelgait.processing.patches import Levels, Patch, levels_of
 
@@ -81,8 +81,6 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
             f"--form {form}: {model.facts.name} follows tracks by pictures along range, which this form does not make; "
             "use --form numpy, or export a model of windows"
         )
-    if form != "numpy" and model.track is not None:
-        warn_caller(f"--form {form}: decides about single windows; the model of tracks is in --form numpy alone")
     if settings is not None and form != "c":
         raise ConfigError(f"--form {form}: has no settings of a radar or device; these are for --form c")
     check_out(out, listing=LISTING, file_format=FORMAT, command="doppelgait model export")
@@ -95,6 +93,8 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
         contents, found = _make_c_files(model, settings or CSettings())
     else:
         contents["scorer.py"] = Path(scorer.__file__).read_bytes()
+    if form != "numpy" and model.track is not None:
+        found = {**found, "left_out": "the model of tracks, which only --form numpy has"}
     with complete_folder(out) as partial:
         for name, content in contents.items():
             (partial / name).write_bytes(content)
