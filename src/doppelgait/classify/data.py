@@ -196,9 +196,10 @@ def convert_features(columns: Mapping[str, Any], wavelength_m: FloatArray) -> di
 def wavelengths_m(rows: Rows) -> FloatArray:
     """Return the wavelength of every row; NaN where unknown."""
     carrier_hz = read_numbers(rows.index.get("carrier_hz", pd.Series(np.nan, index=rows.index.index)))
-    for n in np.flatnonzero(np.isnan(carrier_hz)):
-        row = convert_to_json(rows.index.drop(columns="carrier_hz", errors="ignore").iloc[n].to_dict())
-        carrier_hz[n] = read_carrier_hz(rows.datasets[rows.origin[n]].description, row)
+    unknown = np.flatnonzero(np.isnan(carrier_hz))
+    table = rows.index.iloc[unknown].drop(columns="carrier_hz", errors="ignore")
+    for n, row in zip(unknown, table.to_dict("records"), strict=True):
+        carrier_hz[n] = read_carrier_hz(rows.datasets[rows.origin[n]].description, convert_to_json(row))
     return np.asarray(SPEED_OF_LIGHT_MPS / carrier_hz, dtype=np.float64)
 
 
