@@ -17,7 +17,6 @@ Not shown: real radar.
 from __future__ import annotations
 
 import sys
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -25,9 +24,10 @@ from typing import Any
 import numpy as np
 from harness import finish, make_parser, markdown
 
-from doppelgait.classify.alarm import Episode, answer_day, answer_track, build_day, score_day
+from doppelgait.classify.alarm import Episode, answer_day, build_day, score_day
 from doppelgait.classify.model import Model
 from doppelgait.classify.model_file import load_shipped_model
+from doppelgait.classify.timeline import follow_rows
 from doppelgait.dataset.config import PlanConfig, load_plan
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
@@ -87,7 +87,8 @@ def main() -> None:
             day, _ = load_plan(PLANS / f"{name}.toml", overrides=[count, *train_models.OVERRIDES.get(radar, [])])
             folder = options.motion_folder.absolute()
             dataset = build_day(day, model, options.out / f"{name}-{radar}", folder=folder)
-            episodes = answer_day(dataset, partial(answer_track, model))
+            human = model.of_tracks.facts.classes.index("human")
+            episodes = answer_day(dataset, follow_rows(dataset, model)[:, human])
             hours = sum(s.animals * s.duration_s * day.count_class_examples(s) / 3600.0 for s in day.episodes
                         if not s.should_trigger)  # fmt: skip
             rates += [(radar, name, f"{hours:.1f}", *row) for row in list_scores(day, episodes, model)]

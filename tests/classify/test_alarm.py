@@ -1,6 +1,5 @@
 """Alarm metrics of a day: closed forms of intervals, triggers counted by hand, a day that runs."""
 
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,8 +10,8 @@ from doppelgait.classify import classify_over_time, load_shipped_model
 from doppelgait.classify.alarm import (
     Episode,
     answer_day,
-    answer_track,
     build_day,
+    confirm,
     estimate_weighted_count,
     format_day,
     format_episodes,
@@ -65,7 +64,8 @@ def test_triggers_at_the_models_threshold_are_the_rises_of_the_alarm_of_a_stream
     (day, folder), model = load_day(repeats=2), load_shipped_model("x4")
     chosen = tuple(one for one in day.episodes if one.label == "a person and a dog cross the room")
     dataset = build_day(day.model_copy(update={"episodes": chosen}), model, tmp_path / "day", folder=folder)
-    for number, episode in enumerate(answer_day(dataset, partial(answer_track, model))):
+    human = model.of_tracks.facts.classes.index("human")
+    for number, episode in enumerate(answer_day(dataset, follow_rows(dataset, model)[:, human])):
         run, raised = resolve_example(dataset.plan_config, number, folder).run, {}
         recording = simulate_placed(run, place(run.scene, run.streams, folder=folder), angles=False)
         for one in classify_over_time(recording, model):
@@ -76,9 +76,9 @@ def test_triggers_at_the_models_threshold_are_the_rises_of_the_alarm_of_a_stream
 
 def test_a_classifier_from_outside_is_scored_by_its_answers_to_tracks(tmp_path):
     # ten lines: the louder the track, the likelier a person; every second window is no evidence
-    def by_level(dataset, rows):
-        snr_db = dataset.index["quality_snr_mu_db"].to_numpy(dtype=float)[rows]
-        return np.where(np.arange(len(rows)) % 2, np.nan, 1.0 / (1.0 + np.exp(-snr_db)))
+    def by_level(dataset):
+        snr_db = dataset.index["quality_snr_mu_db"].to_numpy(dtype=float)
+        return np.where(np.arange(snr_db.size) % 2, np.nan, 1.0 / (1.0 + np.exp(-snr_db)))
 
     target = {"label": "human", "range_m": 5.0, "motion": {"kind": "boulic", "speed_mps": 1.0}}
     entry = {"label": "comes in", "should_trigger": True, "hours_per_day": 1, "duration_s": 4.0, "targets": [target]}
@@ -86,11 +86,13 @@ def test_a_classifier_from_outside_is_scored_by_its_answers_to_tracks(tmp_path):
     dataset = {"name": "d", "examples_per_class": 1, "fractions": {"test": 1.0}}
     plan = {"dataset": dataset, "noise": {"kind": "thermal"}, "episodes": [entry, empty]}
     build_dataset(PlanConfig.model_validate(plan), tmp_path / "d", executor="serial")
-    episodes = {one.label: one for one in answer_day(open_dataset(tmp_path / "d"), by_level)}
+    dataset = open_dataset(tmp_path / "d")
+    episodes = {one.label: one for one in answer_day(dataset, by_level(dataset))}
     assert episodes["no one"].tracks == {}
     ((times_s, scores),) = episodes["comes in"].tracks.values()
     assert (np.diff(times_s) > 1.0).all()
-    assert (scores > 0.5).all()
+    assert scores[0] == 0.0  # one window alone raises no alarm
+    assert (scores[1:] > 0.5).all()
 
 
 def test_a_track_raises_its_alarm_once_and_keeps_it():
@@ -99,6 +101,12 @@ def test_a_track_raises_its_alarm_once_and_keeps_it():
     )
     assert one.find_triggers(0.8).tolist() == [0, 1]
     assert one.find_triggers(0.95).size == 0
+
+
+def test_two_windows_in_succession_confirm_an_alarm():
+    probability, stops_s = np.array([0.9, 0.8, 0.2, np.nan, 0.9, 0.7]), np.array([3.0, 1.0, 2.0, 2.5, 4.0, 1.0])
+    tracks = np.array([0, 0, 0, 0, 0, 1])
+    assert confirm(probability, tracks, stops_s).tolist() == [0.2, 0.0, 0.2, 0.0, 0.9, 0.0]
 
 
 def test_rates_by_hand():

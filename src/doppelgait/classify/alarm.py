@@ -2,7 +2,8 @@
 
 These are false triggers, time to detect and missed entries. A day is a plan of episodes, each with
 its hours a day. It is built as a dataset of windows, whose tracks are classified as those of a
-stream are (:mod:`doppelgait.classify.timeline`). The alarm of a track stays once it is raised.
+stream are (:mod:`doppelgait.classify.timeline`). The alarm of a track is raised by two windows in
+succession that reach the threshold, and stays.
 """
 
 from __future__ import annotations
@@ -10,23 +11,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from doppelgait.classify.decide import TargetInputs
+from doppelgait.classify.data import all_rows, number_tracks, read_numbers
+from doppelgait.classify.learned import IntArray
 from doppelgait.classify.model import Model
 from doppelgait.classify.scores import clopper_pearson_interval
-from doppelgait.classify.timeline import Tracks, check_window
-from doppelgait.core.config import convert_to_json, validate
+from doppelgait.classify.timeline import check_window, follow_rows
+from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.units import FloatArray
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.config import PlanConfig, load_plan
-from doppelgait.dataset.open import Dataset, open_dataset, read_signature
+from doppelgait.dataset.open import Dataset, open_dataset
 from doppelgait.dataset.resolve import make_example_id
 
 THRESHOLDS = (0.5, 0.8, 0.9, 0.95, 0.99, 0.999, 0.9999)
@@ -35,7 +37,7 @@ THRESHOLDS = (0.5, 0.8, 0.9, 0.95, 0.99, 0.999, 0.9999)
 
 @dataclass(frozen=True)
 class Episode:
-    """Scores of the alarm in one recording, by track: times and scores."""
+    """Confirmed scores of the alarm in one recording, by track: times and scores."""
 
     label: str
     tracks: Mapping[int, tuple[FloatArray, FloatArray]]
@@ -69,7 +71,8 @@ def run_day(
     """Simulate a day as a dataset of windows, and classify it."""
     with TemporaryDirectory() as scratch:
         dataset = build_day(day, model, directory or Path(scratch), folder=folder, on_progress=on_progress)
-        return answer_day(dataset, partial(answer_track, model))
+        facts = model.of_tracks.facts
+        return answer_day(dataset, follow_rows(dataset, model)[:, facts.classes.index(str(facts.alarm))])
 
 
 def build_day(
@@ -96,43 +99,34 @@ def build_day(
     return open_dataset(directory)
 
 
-Answer = Callable[[Dataset, Sequence[int]], FloatArray]
-"""Classifier of a track: the dataset and the numbers of its rows in the order of time go in; out
-comes the probability of the class of the alarm after every window, NaN where it is no evidence."""
+def answer_day(dataset: Dataset, probability: FloatArray) -> list[Episode]:
+    """Collect what a classifier answers about a dataset of episodes.
 
-
-def answer_day(dataset: Dataset, answer: Answer) -> list[Episode]:
-    """Classify the tracks of a dataset of episodes."""
+    ``probability`` (n,) is that of the class of the alarm after the window of every row, NaN where it is no evidence.
+    It may use the windows of the same recording up to it.
+    """
     labels = {
         make_example_id(section.label, 0).rpartition("-")[0]: section.label for section in dataset.plan_config.episodes
     }
+    rows = all_rows(dataset, ())
+    numbers, stops_s = number_tracks(rows), read_numbers(rows.index["window_stop_s"])
+    confirmed, scenes = confirm(probability, numbers, stops_s), rows.index["scene_id"].to_numpy(dtype=str)
     episodes = []
-    for scene, rows in dataset.index.reset_index(drop=True).groupby("scene_id", sort=False):
-        label, tracks = labels[str(scene).rpartition("-")[0]], {}
-        for own in (one.sort_values("window_stop_s") for _, one in (rows.groupby("track") if "track" in rows else ())):
-            scores = answer(dataset, own.index.tolist())
-            kept = np.isfinite(scores)
-            if kept.any():
-                tracks[int(own["track"].iloc[0])] = (
-                    own["window_stop_s"].to_numpy(dtype=np.float64)[kept],
-                    scores[kept],
-                )
-        episodes.append(Episode(label, tracks))
+    for scene in pd.unique(scenes):
+        own = [np.flatnonzero((numbers == n) & np.isfinite(probability)) for n in np.unique(numbers[scenes == scene])]
+        own = [part[np.argsort(stops_s[part])] for part in own if part.size]
+        tracks = {int(numbers[part[0]]): (stops_s[part], confirmed[part]) for part in own}
+        episodes.append(Episode(labels[scene.rpartition("-")[0]], tracks))
     return episodes
 
 
-def answer_track(model: Model, dataset: Dataset, rows: Sequence[int]) -> FloatArray:
-    """Return the probability of the alarm's class after every window."""
-    tracks, facts = Tracks(model), model.of_tracks.facts
-    alarm, found = facts.classes.index(str(facts.alarm)), []
-    for row, columns in zip(rows, convert_to_json(dataset.index.iloc[list(rows)].to_dict("records")), strict=True):
-        if facts.features == "track":
-            seen = TargetInputs(columns, None, dataset.array("pictures", row))
-        else:
-            seen = TargetInputs(columns, read_signature(dataset, row))
-        alone, belief = tracks.follow(0, seen, (columns["window_start_s"], columns["window_stop_s"]))
-        found.append(math.nan if alone.blocked else float(belief.probability[alarm]))
-    return np.array(found)
+def confirm(probability: FloatArray, tracks: IntArray, stops_s: FloatArray) -> FloatArray:
+    """Return the lower of the probability after each window and after the one before it in the track, else 0."""
+    order = np.lexsort((stops_s, tracks))
+    order = order[np.isfinite(probability[order])]
+    found, same = np.zeros(probability.size), np.diff(tracks[order]) == 0
+    found[order[1:]] = np.where(same, np.minimum(probability[order[1:]], probability[order[:-1]]), 0.0)
+    return found
 
 
 def score_day(day: PlanConfig, episodes: Sequence[Episode], model: Model) -> dict[str, Any]:

@@ -5,7 +5,7 @@ They contain only quantities that an analysis can measure.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -35,6 +35,7 @@ ENVELOPE_WIDTH = "extended_doppler_bandwidth_envelope_mps"
 """Models use Doppler bandwidths as radial velocities, independent of the carrier."""
 
 ALARM_CLASS = "human"  # class of the alarm by default
+SHARED = "gates_overlap"  # flag of a gate with another body
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +85,7 @@ def collect_rows(*datasets: Dataset) -> Rows:
                 f"a model of it has {', '.join(known)}"
             )
     origin = np.repeat(np.arange(len(datasets)), [len(part) for part in datasets])
+    labels = index["label"].map({label: number for number, label in enumerate(known)}).to_numpy(dtype=np.int64)
     # Groups by name. A sampled body differs between datasets, a recording does not.
     group = "group" if "group" in index else "subject"
     names = np.concatenate([part.index[group].to_numpy(dtype=str) for part in datasets])
@@ -94,9 +96,28 @@ def collect_rows(*datasets: Dataset) -> Rows:
         origin=origin,
         place=np.concatenate([np.arange(len(part)) for part in datasets]),
         classes=tuple(known),
-        labels=index["label"].map({label: number for number, label in enumerate(known)}).to_numpy(dtype=np.int64),
+        labels=_label_shared_gates(index, origin, labels, known),
         groups=np.where(sampled, np.char.add(np.char.add(origin.astype(str), ":"), names), names),
     )
+
+
+def _label_shared_gates(index: pd.DataFrame, origin: IntArray, labels: IntArray, classes: Sequence[str]) -> IntArray:
+    # what a gate shows that a person and an animal share is a person, too
+    if "window_start_s" not in index or ALARM_CLASS not in classes:
+        return labels
+    human, shared = classes.index(ALARM_CLASS), mark_shared(index)
+    people = pd.Series(shared & (labels == human)).groupby([origin, index["scene_id"], index["window_start_s"]])
+    return np.where(shared & people.transform("any").to_numpy(dtype=bool), human, labels)
+
+
+def mark_shared(index: pd.DataFrame) -> npt.NDArray[np.bool_]:
+    """Mark rows with another body in their gate."""
+    return np.array([SHARED in text.split(";") for text in index["quality_flags"].fillna("")], dtype=bool)
+
+
+def all_rows(dataset: Dataset, classes: tuple[str, ...]) -> Rows:
+    """Collect all rows of a dataset for a model of some classes, without labels."""
+    return _number_rows(dataset, dataset.index, classes)
 
 
 def unknown_rows(dataset: Dataset, known: Rows) -> Rows:
@@ -107,9 +128,13 @@ def unknown_rows(dataset: Dataset, known: Rows) -> Rows:
             f"--unknown {dataset.directory}: has only the classes {', '.join(known.classes)}, "
             "which the models are trained on"
         )
+    return _number_rows(dataset, index, known.classes)
+
+
+def _number_rows(dataset: Dataset, index: pd.DataFrame, classes: tuple[str, ...]) -> Rows:
     place, nothing = index.index.to_numpy(dtype=np.int64), np.zeros(len(index), dtype=np.int64)
     groups = index["group" if "group" in index else "subject"].to_numpy(dtype=str)
-    return Rows((dataset,), index.reset_index(drop=True), nothing, place, known.classes, nothing, groups)
+    return Rows((dataset,), index.reset_index(drop=True), nothing, place, classes, nothing, groups)
 
 
 def collect_inputs(
@@ -157,19 +182,25 @@ def collect_inputs(
 def _collect_windows(rows: Rows) -> npt.NDArray[np.object_]:
     for dataset in rows.datasets:
         dataset.check_fields(["pictures"])
-    given = read_numbers(rows.index["track"]) if "track" in rows.index else np.full(len(rows), np.nan)
-    named = zip(
-        rows.origin.tolist(), rows.index["scene_id"], given, np.isnan(given) * np.arange(len(rows)), strict=True
-    )
-    numbers = np.unique([" ".join(map(str, each)) for each in named], return_inverse=True)[1]
+    numbers = number_tracks(rows)
     stops_s = read_numbers(rows.index["window_stop_s"]) if "window_stop_s" in rows.index else np.zeros(len(rows))
-    windows = np.empty(len(rows), dtype=object)
+    windows, shared = np.empty(len(rows), dtype=object), mark_shared(rows.index)
     for number, (origin, place) in enumerate(zip(rows.origin.tolist(), rows.place.tolist(), strict=True)):
         raise_if_stopped()
         pictures = rows.datasets[origin].stored(place, "pictures")
         empty = pictures is None or not pictures.size
-        windows[number] = Seen(None if empty else pictures, int(numbers[number]), float(stops_s[number]))
+        found = None if empty else pictures
+        windows[number] = Seen(found, int(numbers[number]), float(stops_s[number]), bool(shared[number]))
     return windows
+
+
+def number_tracks(rows: Rows) -> IntArray:
+    """Number the tracks of rows; a row of no track is its own."""
+    given = read_numbers(rows.index["track"]) if "track" in rows.index else np.full(len(rows), np.nan)
+    named = zip(
+        rows.origin.tolist(), rows.index["scene_id"], given, np.isnan(given) * np.arange(len(rows)), strict=True
+    )
+    return np.unique([" ".join(map(str, each)) for each in named], return_inverse=True)[1]
 
 
 def read_numbers(column: Any) -> FloatArray:

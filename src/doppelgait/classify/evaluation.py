@@ -18,7 +18,7 @@ import pandas as pd
 from doppelgait import __version__
 from doppelgait.classify import scores, training
 from doppelgait.classify.adapt import adapt_to_rows
-from doppelgait.classify.alarm import run_day, score_day
+from doppelgait.classify.alarm import confirm, run_day, score_day
 from doppelgait.classify.data import Rows, Table, collect_inputs, collect_rows, select_split, take_rows, unknown_rows
 from doppelgait.classify.learned import (
     LEAST_FAR,
@@ -296,7 +296,9 @@ def describe_model(
         number = rows.classes.index(alarm)
         is_alarm = held.labels == number
         probability, groups = calibration(answers)[:, number], rows.groups[fold.held]
-        if of_tracks:  # an alarm stays, so that the highest probability of a target counts
+        if of_tracks:  # an alarm stays, so that the highest confirmed probability of a target counts
+            numbers, stops_s = np.array([(each.track, each.stop_s) for each in held.values[:, -1]]).reshape(-1, 2).T
+            probability = confirm(probability, numbers, stops_s)
             groups, target = np.unique(groups[is_alarm], return_inverse=True)
             highest = np.zeros(groups.size)
             np.maximum.at(highest, target, probability[is_alarm])

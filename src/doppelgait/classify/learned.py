@@ -6,6 +6,7 @@ later loaded with other library versions.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -140,6 +141,21 @@ class Seen(NamedTuple):
     pictures: npt.NDArray[Any] | None  # (any, slices, times, velocities), levels 0 to 1 or, as stored, 0 to 255
     track: int
     stop_s: float
+    shared: bool = False  # another body is in the gate
+
+
+def find_windows_before(seen: Sequence[Seen]) -> tuple[IntArray, IntArray]:
+    """Return the order of windows by track and time, and the window that each adds to, -1 for none.
+    A window of a shared gate adds to the one before it; any other adds to the last that shared none.
+    """
+    order = np.array(sorted(range(len(seen)), key=lambda n: (seen[n].track, seen[n].stop_s)), dtype=np.int64)
+    before, track, own, last = np.full(len(seen), -1), None, -1, -1
+    for number in order.tolist():
+        if seen[number].track != track:
+            track, own, last = seen[number].track, -1, -1
+        before[number] = last if seen[number].shared else own
+        own, last = own if seen[number].shared else number, number
+    return order, before
 
 
 EMPTY: scorer.Memory = (0.0, 0.0, 0)
@@ -171,15 +187,13 @@ class TrackNetwork(Columns):
         """Return log-probabilities (n, n_classes) after each window."""
         found = np.full((len(values), self.bias.size), -np.log(self.bias.size))
         seen: list[Seen] = values[:, -1].tolist()
-        whole = np.array([each.pictures is not None for each in seen], dtype=bool)
-        embedding = self.embed(values[whole])
-        place = np.cumsum(whole) - 1
-        memories: dict[int, tuple[scorer.Memory, float]] = {}
-        for number in sorted(np.flatnonzero(whole), key=lambda n: (seen[n].track, seen[n].stop_s)):
-            _, track, stop_s = seen[number]
-            memory, before_s = memories.get(track, (EMPTY, stop_s))
-            memory, found[number] = self.remember(memory, embedding[place[number]], stop_s - before_s)
-            memories = {track: (memory, stop_s)}
+        whole = np.flatnonzero([each.pictures is not None for each in seen])
+        seen = [seen[number] for number in whole]
+        embedding, memories = self.embed(values[whole]), {-1: EMPTY}
+        order, before_each = find_windows_before(seen)
+        for number, before in zip(order.tolist(), before_each[order].tolist(), strict=True):
+            since_s = seen[number].stop_s - seen[before].stop_s if before >= 0 else 0.0
+            memories[number], found[whole[number]] = self.remember(memories[before], embedding[number], since_s)
         return found
 
     def embed(self, values: Inputs) -> FloatArray:

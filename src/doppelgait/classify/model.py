@@ -13,7 +13,7 @@ import numpy.typing as npt
 import xarray as xr
 from pydantic import Field
 
-from doppelgait.classify.data import Rows, read_numbers, wavelengths_m
+from doppelgait.classify.data import SHARED, Rows, read_numbers, wavelengths_m
 from doppelgait.classify.learned import (
     NOVEL_BELOW,
     FloatArray,
@@ -55,7 +55,7 @@ BLOCKING = (
     "keeps_still:*",
     "no_steady_piece:*",
     "aspect_beyond_75_deg:*",
-    "gates_overlap",
+    SHARED,
     "reflection_of:*",
     "folded_echo_of:*",
     "not_a_moving_body:*",
@@ -65,7 +65,7 @@ BLOCKING = (
     "*:columns_do_not_overlap",
 )
 """Flags that prevent a decision, * for anything: no target, no gait or direction, an echo, no body, too few columns."""
-ECHOES = ("not_tracked", "no_signal", "gates_overlap", "reflection_of:*", "folded_echo_of:*")
+ECHOES = ("not_tracked", "no_signal", SHARED, "reflection_of:*", "folded_echo_of:*")
 """Flags that prevent a decision of a model of tracks, which has learned from windows with all the others."""
 OUTSIDE = 0.25  # a feature may lie outside the training range by this share of its span
 WIDEST = 1e29  # limit of features that may have any value
@@ -357,14 +357,15 @@ def describe_alarm_data(facts: Facts) -> str:
 
 
 def find_blocking_flag(flags: Iterable[str], patterns: Sequence[str]) -> str | None:
-    """Return the first flag that matches a pattern, or None."""
-    return next((flag for flag in flags if any(fnmatchcase(flag, pattern) for pattern in patterns)), None)
+    """Return the first flag that matches a pattern, that of a shared gate last, or None."""
+    ordered = sorted(flags, key=SHARED.__eq__)
+    return next((flag for flag in ordered if any(fnmatchcase(flag, pattern) for pattern in patterns)), None)
 
 
-def blocked_rows(rows: Rows, values: Inputs, model: Model) -> npt.NDArray[np.bool_]:
-    """Mark rows without a decision whatever the probability, shape (n,)."""
+def blocked_rows(rows: Rows, values: Inputs, model: Model, but: str | None = None) -> npt.NDArray[np.bool_]:
+    """Mark rows without a decision whatever the probability, for another reason than a flag ``but``, shape (n,)."""
     texts = rows.index["quality_flags"].fillna("").tolist()
-    flagged = [find_blocking_flag(text.split(";"), model.blocking) is not None for text in texts]
+    flagged = [find_blocking_flag(text.split(";"), model.blocking) not in (None, but) for text in texts]
     blocked = np.array(flagged, dtype=bool) | model.mark_outside(values).any(axis=1)
     blocked |= model.rank(values) < model.facts.novel_below
     for condition, found in conditions_of_rows(rows).items():

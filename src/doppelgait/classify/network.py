@@ -23,6 +23,7 @@ from doppelgait.classify.learned import (
     Network,
     Seen,
     TrackNetwork,
+    find_windows_before,
     select_features,
     to_levels,
 )
@@ -289,9 +290,8 @@ def train_track_network(
 
 
 def _list_tracks(seen: list[Seen]) -> list[IntArray]:
-    order = sorted(range(len(seen)), key=lambda n: (seen[n].track, seen[n].stop_s))
-    numbers = np.array([seen[n].track for n in order])
-    return np.split(np.array(order, dtype=np.int64), np.flatnonzero(np.diff(numbers)) + 1)
+    order, _ = find_windows_before(seen)
+    return np.split(order, np.flatnonzero(np.diff([seen[n].track for n in order])) + 1)
 
 
 def _build_track_model(torch: Any, n_columns: int, n_classes: int) -> Any:
@@ -374,9 +374,13 @@ def _answer_tracks(
     pooled = torch.cat([layer.mean((2, 3)), layer.amax((2, 3)), feature], 1)
     embedding = torch.relu(model["embed"](model["dropout"](pooled)))
     first = np.cumsum(sizes) - sizes
-    since_s = np.diff(np.array([each.stop_s for each in seen]), prepend=0.0)
-    since_s[first] = 0.0
-    count = np.arange(len(seen)) - np.repeat(first, sizes)
+    own = np.repeat(np.arange(sizes.size), sizes)
+    shared = np.array([each.shared for each in seen], dtype=bool)
+    _, before = find_windows_before([each._replace(track=track) for each, track in zip(seen, own, strict=True)])
+    stops_s, count = np.array([each.stop_s for each in seen]), np.zeros(len(seen), dtype=np.int64)
+    since_s = np.where(before >= 0, stops_s - stops_s[before], 0.0)
+    for number in np.flatnonzero(before >= 0):
+        count[number] = count[before[number]] + 1
     extra = np.column_stack([np.minimum(since_s, scorer.LONGEST_S), np.log(count + 1.0)])
     inputs = torch.cat([embedding, torch.from_numpy(extra).float()], 1)
     weight = torch.exp(model["gate"](inputs).clamp(-scorer.MOST_LOG, scorer.MOST_LOG))
@@ -384,13 +388,17 @@ def _answer_tracks(
     kept = torch.exp(-torch.from_numpy(since_s).float()[:, None] * torch.exp(model["forgetting"][0]))
     # all tracks at once, step by step: a track that has ended repeats its last window, which is not read again
     steps = first[:, None] + np.minimum(np.arange(sizes.max()), sizes[:, None] - 1)
-    total = weights = torch.zeros(sizes.size, weight.shape[1])
+    total = weights = own_total = own_weights = torch.zeros(sizes.size, weight.shape[1])
+    alone = torch.from_numpy(~shared)[:, None]
     sums = []
     for rows in steps.T:
+        total, weights = torch.where(alone[rows], own_total, total), torch.where(alone[rows], own_weights, weights)
         total, weights = kept[rows] * total + content[rows], kept[rows] * weights + weight[rows]
+        own_total = torch.where(alone[rows], total, own_total)
+        own_weights = torch.where(alone[rows], weights, own_weights)
         sums.append(torch.cat([total / weights, torch.log(weights), total / scorer.SCALE], 1))
-    own = np.repeat(np.arange(sizes.size), sizes)
-    memory = torch.stack(sums)[torch.from_numpy(count), torch.from_numpy(own)]
+    place = np.arange(len(seen)) - first[own]
+    memory = torch.stack(sums)[torch.from_numpy(place), torch.from_numpy(own)]
     return model["window"](embedding), model["output"](torch.relu(model["hidden"](memory)))
 
 

@@ -26,12 +26,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from doppelgait.classify.data import SHARED, all_rows, collect_inputs, number_tracks
 from doppelgait.classify.decide import Decision, TargetInputs, choose_model, decide, read_training_analysis
 from doppelgait.classify.learned import EMPTY, Inputs, TrackNetwork
-from doppelgait.classify.model import Model
+from doppelgait.classify.model import Model, blocked_rows
 from doppelgait.classify.scorer import Memory
+from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.units import FloatArray
+from doppelgait.dataset.open import Dataset, read_signature
 from doppelgait.dataset.windows import Links, Path, Window, analyze_window, cut_windows
 from doppelgait.pipeline import Result, Tracking
 from doppelgait.processing import Analysis
@@ -61,8 +64,9 @@ class TrackDecision:
         Of the decided class, or of the likeliest where none is decided, and of every class, were
         all equally frequent; of all windows of the track up to this one.
     alarm : bool or None
-        True from the window on whose probability of the alarm's class reaches the threshold; a window
-        that is no evidence raises none. None where the model has no alarm, or none for such a radar.
+        True from the second of two windows in succession on, after which the probability of the
+        alarm's class reaches the threshold; while another body is in the gate, only for these windows.
+        A window that is no evidence raises none. None where the model has no alarm, or none for such a radar.
     reason : str
         Reason why nothing is decided, or why this window is no evidence; empty otherwise.
     range_m, approach_mps : float
@@ -107,7 +111,7 @@ def check_window(window_s: float | None, hop_s: float | None, model: Model | Non
     if window_s is None:
         observed_s = (None if facts is None else facts.conditions.get("observation_s")) or (4.0 / WINDOW_OBSERVATIONS,)
         window_s = round(WINDOW_OBSERVATIONS * observed_s[0], 3)
-    hop_s = window_s / 4.0 if hop_s is None else hop_s
+    hop_s = window_s / 5.0 if hop_s is None else hop_s
     if not 0 < hop_s <= window_s < math.inf:
         raise ConfigError(f"window {window_s:g} s, hop {hop_s:g} s: must fulfil 0 < hop <= window, for example 4 and 1")
     return window_s, hop_s
@@ -125,13 +129,20 @@ class _ClassEvidence:
     covered_s: float = -math.inf
     decided: int | None = None
     alarm: bool = False
-    memory: Memory = EMPTY
+    reached: bool = False  # the probability after the window before reached the threshold of the alarm
+    memory: tuple[Memory, float] = (EMPTY, 0.0)
+    with_others: tuple[Memory, float] = (EMPTY, 0.0)  # also of windows since another body is in the gate
 
-    def remember(self, model: Model, network: TrackNetwork, values: Inputs, stop_s: float) -> None:
-        """Add a window to the memory of a network."""
-        since_s = stop_s - self.covered_s if self.memory[2] else 0.0
-        self.memory, log_probability = network.remember(self.memory, network.embed(values)[0], since_s)
-        self.probability, self.covered_s = model.calibration(log_probability[None])[0], stop_s
+    def remember(self, model: Model, network: TrackNetwork, values: Inputs, stop_s: float, shared: bool) -> FloatArray:
+        """Add a window to the memory of a network; return its answer."""
+        memory, before_s = self.with_others if shared else self.memory
+        since_s = stop_s - before_s if memory[2] else 0.0
+        memory, log_probability = network.remember(memory, network.embed(values)[0], since_s)
+        self.with_others = (memory, stop_s)
+        found = model.calibration(log_probability[None])[0]
+        if not shared:
+            self.memory, self.probability = self.with_others, found
+        return found
 
     def hand_over(self, time_s: float) -> None:
         """Predict the belief after a time, p -> 1/K + (p - 1/K) exp(-r K/(K-1) dt)."""
@@ -162,7 +173,7 @@ class Tracks:
         """Decide about every target of the next window."""
         numbers, facts, decisions = self.links.add(window, results), self.model.facts, []
         for target, (number, result) in enumerate(zip(numbers, results, strict=True)):
-            alone, belief = self.follow(number, TargetInputs.of(result), (window.start_s, window.stop_s), target)
+            alone, belief, rings = self.follow(number, TargetInputs.of(result), (window.start_s, window.stop_s), target)
             best = int(belief.probability.argmax())
             if belief.probability[best] >= facts.abstain_below:
                 belief.decided = best
@@ -178,7 +189,7 @@ class Tracks:
                     label=None if belief.decided is None else facts.classes[belief.decided],
                     probability=float(belief.probability[shown]),
                     probabilities={name: float(p) for name, p in zip(facts.classes, belief.probability, strict=True)},
-                    alarm=belief.alarm or (None if alone.alarm is None else False),
+                    alarm=rings or (None if alone.alarm is None else False),
                     reason=reason,
                     range_m=float(path.range_m[-1]),
                     approach_mps=path.approach_mps(at_end=True),
@@ -190,26 +201,52 @@ class Tracks:
 
     def follow(
         self, number: int, seen: TargetInputs, edges_s: tuple[float, float], target: int = 0
-    ) -> tuple[Decision, _ClassEvidence]:
-        """Add a window to a track; decide about it alone, and return the belief."""
+    ) -> tuple[Decision, _ClassEvidence, bool]:
+        """Add a window to a track; decide about it alone, return the belief and whether the alarm rings."""
         facts, network = self.model.facts, self.model.learned
         alone, n_classes = decide(seen, self.model, target), len(facts.classes)
         belief = self._beliefs.setdefault(number, _ClassEvidence(np.full(n_classes, 1.0 / n_classes), edges_s[1]))
         if not isinstance(network, TrackNetwork):
             belief.hand_over(edges_s[1])
-        if alone.blocked:
-            return alone, belief
+        shared = isinstance(network, TrackNetwork) and alone.reason == f"flag {SHARED}"
+        if alone.blocked and not shared:
+            return alone, belief, belief.alarm
         if isinstance(network, TrackNetwork):
-            belief.remember(self.model, network, seen.collect_inputs(self.model, target), edges_s[1])
+            values = seen.collect_inputs(self.model, target)
+            probability = belief.remember(self.model, network, values, edges_s[1], shared)
         else:
             # limit the evidence of a window by the number of its calibration rows
             found = np.maximum(np.array([alone.probabilities[name] for name in facts.classes]), self._least)
             own_s = [seen.columns.get(f"quality_{name}_s") for name in ("start", "stop")]
             start_s, stop_s = (float(own or edge) for own, edge in zip(own_s, edges_s, strict=True))
             belief.add_evidence(found / found.sum(), start_s, stop_s)
+            probability = belief.probability
+        rings = False
         if facts.alarm is not None and facts.alarm_threshold is not None:
-            belief.alarm |= bool(belief.probability[facts.classes.index(facts.alarm)] >= facts.alarm_threshold)
-        return alone, belief
+            reached = bool(probability[facts.classes.index(facts.alarm)] >= facts.alarm_threshold)
+            rings, belief.reached = reached and belief.reached, reached
+        belief.alarm |= rings and not shared
+        return alone, belief, rings or belief.alarm
+
+
+def follow_rows(dataset: Dataset, model: Model) -> FloatArray:
+    """Return probabilities (n, n_classes) after the window of each row of a dataset, NaN where it is no evidence."""
+    model = model.of_tracks
+    rows = all_rows(dataset, model.facts.classes)
+    found = np.full((len(rows), len(rows.classes)), np.nan)
+    if isinstance(model.learned, TrackNetwork):
+        values = collect_inputs(rows, model.facts.features).values
+        kept = ~blocked_rows(rows, values, model, SHARED) & [each.pictures is not None for each in values[:, -1]]
+        found[kept] = model.probability(values[kept])
+        return found
+    tracks, numbers, plain = Tracks(model), number_tracks(rows), convert_to_json(rows.index.to_dict("records"))
+    for number in np.argsort(rows.index["window_stop_s"].to_numpy(dtype=np.float64), kind="stable").tolist():
+        seen = TargetInputs(plain[number], read_signature(dataset, number))
+        edges_s = (plain[number]["window_start_s"], plain[number]["window_stop_s"])
+        alone, belief, _ = tracks.follow(int(numbers[number]), seen, edges_s)
+        if not alone.blocked:
+            found[number] = belief.probability
+    return found
 
 
 def classify_over_time(
@@ -233,7 +270,7 @@ def classify_over_time(
     window_s : float, optional
         Length of a window; by default that of the model, or 1.5 times its shortest observation.
     hop_s : float, optional
-        From the start of a window to that of the next; a quarter of the window by default.
+        From the start of a window to that of the next; a fifth of the window by default.
     gate, analysis, tracking
         As for :func:`doppelgait.classify.classify`.
 

@@ -40,7 +40,7 @@ WindowS = Annotated[
     typer.Option("--window-s", help="Analyse windows of this length, s; tracks are linked across windows."),
 ]
 HopS = Annotated[
-    float | None, typer.Option("--hop-s", help="Step between window starts, s; by default a quarter of the window.")
+    float | None, typer.Option("--hop-s", help="Step between window starts, s; by default a fifth of the window.")
 ]
 
 SHOWN_QUALITY = {
