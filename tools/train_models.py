@@ -32,12 +32,17 @@ from doppelgait.dataset.open import Dataset
 
 MODELS = Path(__file__).parents[1] / "src" / "doppelgait" / "classify" / "models"
 PLANS = Path(__file__).parent / "plans"
-RECORDINGS: dict[str, list[tuple[int, int, float]]] = {
-    "x4": [(101, 20, 0.625), (102, 20, 0.625), (103, 20, 1.25), (104, 20, 1.25), (105, 20, 1.25)],
-    "fmcw-24": [(201, 12, 1.25)],
-    "fmcw-60": [(301, 10, 1.25)],
+LIFE, MORE = "home-alarm-life", str(PLANS / "life-more.toml")
+RECORDINGS: dict[str, list[tuple[str, int, int, float]]] = {
+    "x4": [
+        *((LIFE, seed, 20, 0.625) for seed in (101, 102)),
+        *((LIFE, seed, 20, 1.25) for seed in (103, 104, 105)),
+        *((MORE, seed, 20, 1.25) for seed in (111, 112)),
+    ],
+    "fmcw-24": [(LIFE, 201, 12, 1.25), (MORE, 211, 8, 1.25)],
+    "fmcw-60": [(LIFE, 301, 10, 1.25), (MORE, 311, 6, 1.25)],
 }
-"""Seed, recordings of every kind and hop in s of the datasets of life."""
+"""Plan, seed, recordings of every kind and hop in s of the datasets of life."""
 PHASE = "white_rad = { uniform = [0, 0.006] }, drift_rad_per_min = { uniform = [-1, 1] }"
 WANDER = f'impairments=[{{ kind = "phase_noise", {PHASE} }}]'
 OVERRIDES = {
@@ -53,11 +58,11 @@ def plan_of(name: str, n_examples: int) -> PlanConfig:
     return load_plan(PLANS / f"windows-{name}.toml", overrides=[f"dataset.examples_per_class={n_examples}"])[0]
 
 
-def life_of(name: str, seed: int, n_recordings: int, hop_s: float) -> PlanConfig:
+def life_of(name: str, plan: str, seed: int, n_recordings: int, hop_s: float) -> PlanConfig:
     """Return the plan of windows of life of a radar."""
     table = {"name": f'"home-alarm-life-{name}-{seed}"', "examples_per_class": n_recordings}
     stated = [f"dataset.{key}={value}" for key, value in {**table, "seed": seed, "hop_s": hop_s}.items()]
-    return load_plan("home-alarm-life", overrides=stated + OVERRIDES.get(name, []))[0]
+    return load_plan(plan, overrides=stated + OVERRIDES.get(name, []))[0]
 
 
 def train(dataset: Dataset, folder: Path, name: str) -> dict[str, Any]:
@@ -93,7 +98,7 @@ def train_tracks(work: Path, workers: int | None) -> None:
     """Train the network of tracks on all datasets of life, and put it into the models of all radars."""
     plans, datasets = [(name, *plan) for name, plans in RECORDINGS.items() for plan in plans], []
     for plan in plans:
-        build_dataset(life_of(*plan), target := work / f"home-alarm-life-{plan[0]}-{plan[1]}", workers=workers)
+        build_dataset(life_of(*plan), target := work / f"home-alarm-life-{plan[0]}-{plan[2]}", workers=workers)
         datasets.append(open_dataset(target))
     rows = collect_rows(*datasets)
     table, of_radar = collect_inputs(rows, "track"), np.array([plan[0] for plan in plans])[rows.origin]

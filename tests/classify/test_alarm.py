@@ -19,6 +19,7 @@ from doppelgait.classify.alarm import (
     run_day,
     score_day,
 )
+from doppelgait.classify.timeline import follow_rows
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset import build_dataset, open_dataset
 from doppelgait.dataset.config import PlanConfig

@@ -170,7 +170,7 @@ def test_the_belief_is_that_of_all_histories():
     belief = _ClassEvidence(np.full(3, 1 / 3), 4.0)
     for row, at_s in zip(rows, times_s, strict=True):
         belief.hand_over(at_s)
-        belief.add_evidence(row, at_s - 4.0, at_s)
+        belief.add_evidence(row, at_s - 4.0, at_s, 97)
     rates = CHANGE_PER_S / 2 * np.ones((3, 3))
     np.fill_diagonal(rates, -CHANGE_PER_S)
     steps = [expm(rates * dt) for dt in np.diff(times_s)]
@@ -185,7 +185,7 @@ def test_overlapping_windows_count_by_what_is_new():
     """Ten windows of 4 s, hop 0.4 s, with the same log odds: 1 + 9 / 10 of one, without the passing of time."""
     belief = _ClassEvidence(np.full(2, 0.5), 0.0)
     for n in range(10):
-        belief.add_evidence(np.array([0.8, 0.2]), 0.4 * n, 0.4 * n + 4.0)
+        belief.add_evidence(np.array([0.8, 0.2]), 0.4 * n, 0.4 * n + 4.0, 98)
     odds = belief.probability[0] / belief.probability[1]
     assert np.log(odds) == pytest.approx(1.9 * np.log(4.0))
 

@@ -149,7 +149,7 @@ def joined():
     members = [
         fit(find_kind(name), *features, n_classes=2, seed=0) for name in ("extended-logistic", "extended-boosting")
     ]
-    return join([[member] for member in (*members, random_network(seed=0))], held, n_classes=2), held
+    return join([*members, random_network(seed=0)], held, n_classes=2), held
 
 
 def test_an_ensemble_is_the_mean_of_the_calibrated_log_odds_of_its_members(joined):
@@ -163,21 +163,6 @@ def test_an_ensemble_is_the_mean_of_the_calibrated_log_odds_of_its_members(joine
     p = np.exp(found.log_probability(asked.values))
     assert np.log(p[:, 1] / p[:, 0]) == pytest.approx(np.mean(odds, axis=0))
     assert p.sum(axis=1) == pytest.approx(1.0)
-
-
-def test_seeds_of_a_kind_share_its_weight_and_what_answers_the_same_counts_once():
-    train, held = two_views(200, 0), two_views(60, 1)
-    linear = fit(
-        find_kind("extended-logistic"),
-        LabelledRows(select_features(train.values), train.labels),
-        held,
-        n_classes=2,
-        seed=0,
-    )
-    networks = [random_network(seed=seed) for seed in range(3)]
-    found = join([[linear, linear, linear], networks], held, n_classes=2)
-    assert found.members == (linear, *networks)
-    assert found.weights == pytest.approx([1 / 2, 1 / 6, 1 / 6, 1 / 6])
 
 
 def test_an_ensemble_without_pictures_has_members_without_them():

@@ -1,9 +1,9 @@
 """Small models of every kind, trained on random numbers, and inputs for them."""
 
-import math
 import os
 import warnings
 from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,14 +11,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from doppelgait.classify.export.device import Device
-from doppelgait.classify.export.write import convert_samples, walk_samples
-from doppelgait.classify.learned import Ensemble, LabelledRows, Network, Seen, join_inputs
+from doppelgait.classify.learned import Ensemble, LabelledRows, Network, Seen, TrackNetwork, join_inputs
 from doppelgait.classify.model import ECHOES, WIDEST, Calibration, Facts, Model
 from doppelgait.classify.network import train_track_network
 from doppelgait.classify.training import train_boosting, train_logistic
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.processing.config import Analysis, plan_transform
 from doppelgait.processing.patches import N_CELLS, N_COLUMNS, N_SLICES, Patch, cut_pictures
 
 NAMES = (
@@ -55,13 +52,7 @@ def random_network(rng: np.random.Generator, n_classes: int, patch: Patch, chann
     weight = rng.normal(0.0, 2.0, (n_classes, n_in)).astype(np.float32)
     found = Network(tuple(kernels), tuple(scales), tuple(biases), weight, np.zeros(n_classes, np.float32), patch)
     # scores of pictures then differ by as much as those of a trained network
-    plan = plan_transform(Analysis(), n_pulses=100_000, prf_hz=500.0)
-    n_stft = math.ceil(patch.n_time * patch.column_s * 500.0 / plan.hop)
-    device = Device(500.0, 0.0411, 1, patch, plan.window, plan.hop, plan.n_doppler_bins, patch.n_time, n_stft, None)
-    pictures = [convert_samples(walk_samples(rng, device), device) for _ in range(20)]
-    scores = found.classify_pictures(
-        np.stack([*pictures, *(random_levels(rng, patch, patch.n_time) for _ in range(20))])
-    )
+    scores = found.classify_pictures(np.stack([random_levels(rng, patch, patch.n_time) for _ in range(40)]))
     scores -= scores.mean(axis=1, keepdims=True)
     factor = 1.5 / scores.std(axis=0).mean()
     bias = (-factor * scores.mean(axis=0)).astype(np.float32)
@@ -87,18 +78,40 @@ def track_rows(rng: np.random.Generator, n: int) -> LabelledRows:
     return LabelledRows(join_inputs(features, windows), labels)
 
 
-def model_of_tracks(n: int = 30) -> tuple[Model, LabelledRows]:
+def model_of_tracks(n: int = 30, network: TrackNetwork | None = None) -> tuple[Model, LabelledRows]:
     """A model that follows tracks, trained for an epoch where torch is installed, and its rows."""
     rows = track_rows(np.random.default_rng(5), n)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        network = train_track_network(rows, rows, n_classes=2, seed=0, epochs=1)
+        network = network or train_track_network(rows, rows, n_classes=2, seed=0, epochs=1)
     facts = export_model_of("linear").facts.model_copy(
         update={"features": "track", "blocking": ECHOES, "window_s": 2.5}
     )
     facts = facts.model_copy(update={"conditions": facts.conditions | {"speed_mps": (0.0, 3.0)}})
     ones = np.ones(len(NAMES))
     return Model(facts, network, Calibration(1.3, np.array([0.0, 0.2]), 9), -WIDEST * ones, WIDEST * ones, ones), rows
+
+
+def random_track_network(rng: np.random.Generator, n_classes: int, channels: tuple[int, ...] = (4, 6)) -> TrackNetwork:
+    """A network of tracks of random numbers; its answers differ from picture to picture."""
+    n, e, m, h, layers = 2 * len(NAMES), 7, 5, 6, []
+    for n_in, n_out in pairwise((N_SLICES, *channels)):
+        kernel = rng.normal(0.0, (2.0 / (9 * n_in)) ** 0.5, (n_out, n_in, 3, 3))
+        layers.append((kernel, rng.choice([-1.0, 1.3], n_out), rng.normal(0.0, 0.1, n_out)))
+    shapes = {"feature": (4, n), "embed": (e, 2 * channels[-1] + 4), "gate": (m, e + 2), "value": (m, e + 2)}
+    shapes |= {"hidden": (h, 3 * m), "": (n_classes, h)}
+    arrays = {
+        f"{name}_weight".lstrip("_"): rng.normal(0.0, 1.5 / shape[1] ** 0.5, shape) for name, shape in shapes.items()
+    }
+    arrays |= {f"{name}_bias".lstrip("_"): rng.normal(0.0, 0.1, shape[0]) for name, shape in shapes.items()}
+    arrays |= {"forgetting_hz": rng.uniform(0.01, 0.2, m)}
+    standard = {"median": np.zeros(len(NAMES)), "told": np.arange(len(NAMES)), "mean": np.zeros(n), "scale": np.ones(n)}
+    parts = {
+        name: tuple(map(np.float32, each))
+        for name, each in zip(("kernels", "scales", "biases"), zip(*layers, strict=True), strict=True)
+    }
+    own = {name: values.astype(np.float32) for name, values in arrays.items()}
+    return TrackNetwork(**standard, floor=np.zeros(len(NAMES)), **parts, **own)
 
 
 def random_levels(rng: np.random.Generator, patch: Patch, n_time: int) -> np.ndarray:

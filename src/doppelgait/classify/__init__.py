@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import Any
 
 _HOME = {
-    "CSettings": ".export.device",
+    "CSettings": ".export.c_code",
     "Decision": ".decide",
     "Evaluation": ".evaluation",
     "Model": ".model",

@@ -4,7 +4,7 @@ from doppelgait.classify.decide import Decision as Decision
 from doppelgait.classify.decide import classify as classify
 from doppelgait.classify.evaluation import Evaluation as Evaluation
 from doppelgait.classify.evaluation import evaluate as evaluate
-from doppelgait.classify.export.device import CSettings as CSettings
+from doppelgait.classify.export.c_code import CSettings as CSettings
 from doppelgait.classify.export.write import export_model as export_model
 from doppelgait.classify.model import Model as Model
 from doppelgait.classify.model_file import find_shipped_model as find_shipped_model

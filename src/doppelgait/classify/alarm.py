@@ -138,12 +138,13 @@ def score_day(day: PlanConfig, episodes: Sequence[Episode], model: Model) -> dic
         "alarm": model.of_tracks.facts.alarm,
         "repeats": day.dataset.examples_per_class,
         "thresholds": [
-            _score_at_threshold(day, episodes, threshold) | {"model": threshold == own} for threshold in chosen
+            score_at_threshold(day, episodes, threshold) | {"model": threshold == own} for threshold in chosen
         ],
     }
 
 
-def _score_at_threshold(day: PlanConfig, episodes: Sequence[Episode], threshold: float) -> dict[str, Any]:
+def score_at_threshold(day: PlanConfig, episodes: Sequence[Episode], threshold: float) -> dict[str, Any]:
+    """Score the alarm over a day at a threshold of its probability."""
     by_label: dict[str, list[FloatArray]] = {}
     for one in episodes:
         by_label.setdefault(one.label, []).append(one.find_triggers(threshold))

@@ -195,7 +195,7 @@ def _collect_windows(rows: Rows) -> npt.NDArray[np.object_]:
 
 
 def number_tracks(rows: Rows) -> IntArray:
-    """Number the tracks of rows; a row of no track is its own."""
+    """Return the number of the track of each row; a row of no track is its own."""
     given = read_numbers(rows.index["track"]) if "track" in rows.index else np.full(len(rows), np.nan)
     named = zip(
         rows.origin.tolist(), rows.index["scene_id"], given, np.isnan(given) * np.arange(len(rows)), strict=True

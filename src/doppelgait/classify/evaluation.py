@@ -193,8 +193,8 @@ def _check_all_classes(rows: Rows, learn: IntArray, words: str) -> None:
 
 
 Progress = Callable[[int, int], None]
-Members = Sequence[Sequence[Sequence[Model]]]
-"""Trained members of an ensemble, by kind, seed and fold."""
+Members = Sequence[Sequence[Model]]
+"""Trained members of an ensemble, by kind and fold."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,28 +213,18 @@ class Run:
 
 
 def run_all(
-    rows: Rows, tables: Mapping[str, Table], folds: Sequence[Fold], on_progress: Progress, *, seed: int, n_seeds: int
-) -> tuple[dict[str, Run], dict[str, list[Run]]]:
-    """Train and test all models, with every seed."""
-    # train all models for one seed after another, and the baselines once
-    jobs = [(name, seed + k) for k in range(n_seeds) for name in tables if k == 0 or name not in BASELINES]
-    by_seed: dict[str, list[Run]] = {name: [] for name in tables}
-    done = count(1)
+    rows: Rows, tables: Mapping[str, Table], folds: Sequence[Fold], on_progress: Progress, *, seed: int
+) -> dict[str, Run]:
+    """Train and test all models."""
+    done, runs = count(1), dict[str, Run]()
 
     def tick() -> None:
-        on_progress(next(done), len(jobs) * len(folds))
+        on_progress(next(done), len(tables) * len(folds))
 
-    def list_members(first: int) -> Members:
-        return [[run.models for run in by_seed[name][first:]] for name in MEMBERS if by_seed.get(name)]
-
-    for name, own_seed in jobs:
-        members = list_members(-1) if name == "ensemble" else []
-        by_seed[name].append(run_model(rows, tables[name], name, folds, own_seed, tick, members))
-    runs = {name: of_seeds[0] for name, of_seeds in by_seed.items()}
-    if "ensemble" in runs and n_seeds > 1:
-        table = tables["ensemble"]
-        runs["ensemble"] = run_model(rows, table, "ensemble", folds, seed, lambda: None, list_members(0))
-    return runs, by_seed
+    for name in tables:
+        members = [runs[member].models for member in MEMBERS if member in runs] if name == "ensemble" else []
+        runs[name] = run_model(rows, tables[name], name, folds, seed, tick, members)
+    return runs
 
 
 def run_model(
@@ -243,7 +233,7 @@ def run_model(
     """Train on every fold and predict its test rows."""
     models, parts, losses, importance = [], [], [], []
     for number, fold in enumerate(folds):
-        model = learn(rows, table, name, fold, seed=seed, members=[[each[number] for each in kind] for kind in members])
+        model = learn(rows, table, name, fold, seed=seed, members=[kind[number] for kind in members])
         models.append(model)
         if fold.test.size:
             parts.append(scores.answer_rows(model, take_rows(rows, fold.test), table.values[fold.test]))
@@ -265,16 +255,12 @@ def run_model(
     return Run(answers, models, float(np.mean(losses)), mean)
 
 
-def learn(
-    rows: Rows, table: Table, name: str, fold: Fold, *, seed: int, members: Sequence[Sequence[Model]] = ()
-) -> Model:
+def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int, members: Sequence[Model] = ()) -> Model:
     """Train a model on a fold and calibrate it."""
     kind, n_classes = training.find_kind(name), len(rows.classes)
     train, held = (LabelledRows(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
     if members:
-        learned: Learned = training.join(
-            [[each.learned for each in kind] for kind in members], held, n_classes=n_classes
-        )
+        learned: Learned = training.join([each.learned for each in members], held, n_classes=n_classes)
     else:
         learned = training.fit(kind, train, held, n_classes=n_classes, seed=seed)
     return describe_model(rows, table, name, fold, learned, seed=seed, joined=bool(members))
@@ -438,7 +424,7 @@ class Evaluation:
         whether it is decided.
     best : str or None
         The ensemble if there is one, else the model with the lowest log loss on the held-out rows,
-        a mean over seeds, or the only model; None if no rows are held out to choose by.
+        or the only model; None if no rows are held out to choose by.
     models : dict
         Trained models by name, as scored; after a cross-validation trained on all rows, and only
         with ``keep``.
@@ -461,7 +447,6 @@ def evaluate(
     unknown: Dataset | None = None,
     motion_folder: Path | None = None,
     seed: int = 0,
-    n_seeds: int = 1,
     keep: bool = False,
     alarm_class: str | None = None,
     day: PlanConfig | None = None,
@@ -491,9 +476,6 @@ def evaluate(
         Folder of the motion files of the plan, from which the nuisance parameters are sampled.
     seed : int
         Seed of folds, training and bootstrap.
-    n_seeds : int
-        Number of training seeds, from ``seed`` on. The ensemble combines the members of all; every
-        other model is that of the first, and the scores of all are reported in addition.
     keep : bool
         After a cross-validation train each model once more, on all rows.
     alarm_class : str, optional
@@ -547,16 +529,12 @@ def evaluate(
             "name the one model to keep (--models), or add more data"
         )
     progress = on_progress or (lambda done, total: None)
-    runs, by_seed = run_all(rows, tables, whole, progress, seed=seed, n_seeds=n_seeds)
-    best = _choose_best({name: by_seed[name] for name in trained})
+    runs = run_all(rows, tables, whole, progress, seed=seed)
+    best = _choose_best({name: runs[name] for name in trained})
     outside = _find_outside(rows, folds)
     notes += [*skipped, *_list_limits(rows, folds, {name: runs[name] for name in trained}, outside)]
     document = make_document(rows, folds, runs, notes, seed=seed)
-    document |= {"n_seeds": n_seeds, "kept": best, "outside_conditions": outside}
-    for name in trained if n_seeds > 1 else ():
-        by_answers = [run.answers for run in by_seed[name]]
-        values = [scores.balanced_accuracy(each.labels, each.right, len(each.classes)) for each in by_answers]
-        document["models"][name]["seeds"] = [value if np.isfinite(value) else None for value in values]
+    document |= {"kept": best, "outside_conditions": outside}
     kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
     part = folds[0].test
     for name in trained if own is not None or strangers is not None else ():
@@ -620,11 +598,11 @@ def _choose_alarm_class(rows: Rows, alarm_class: str | None, *, needed: bool) ->
     return alarm
 
 
-def _choose_best(trained: Mapping[str, Sequence[Run]]) -> str | None:
+def _choose_best(trained: Mapping[str, Run]) -> str | None:
     """Choose the model to keep, None without held-out rows."""
     if "ensemble" in trained:
         return "ensemble"
-    losses = {name: float(np.mean([run.held_loss for run in runs])) for name, runs in trained.items()}
+    losses = {name: run.held_loss for name, run in trained.items()}
     best = min(losses, key=lambda name: losses[name])
     return best if len(trained) == 1 or np.isfinite(losses[best]) else None
 

@@ -44,8 +44,9 @@ FORGETTING_HZ = 0.02  # rate of forgetting of a sum of log-odds
 BATCH_TRACKS, MOST_WINDOWS, LEARNING_RATE, WEIGHT_DECAY, DROPOUT = 12, 16, 3e-3, 1e-2, 0.2
 WINDOW_SHARE, MOST_WEIGHT, MOST_GRADIENT = 0.3, 5.0, 2.0
 """Weight of the answers to single windows, limits of the weight of a row and of a gradient."""
-GAIN, HIGHEST_FLOOR, FLOOR_SHARE, HIDDEN_SHARE = 0.08, 0.45, 0.7, 0.1
-"""Augmentation: largest shift of the levels of a track, its raised floor and how often; hidden features."""
+GAIN, HIGHEST_FLOOR, FLOOR_SHARE, HIDDEN_SHARE, BARE_SHARE = 0.08, 0.45, 0.7, 0.1, 0.2
+"""Augmentation: largest shift of the levels of a track, its raised floor and how often; hidden features, and tracks
+without features, as on a device."""
 
 
 class Training(FrozenModel):
@@ -362,7 +363,9 @@ def _augment_tracks(seen: Inputs, columns: Levels, sizes: IntArray, rng: np.rand
     gain = np.repeat(rng.uniform(-GAIN, GAIN, n_tracks), sizes).reshape(shape).astype(np.float32)
     noise = (raised > 0) * rng.random(levels.shape, dtype=np.float32) * np.float32(GAIN)
     levels = np.clip(np.maximum(levels + gain * (levels > 0), raised + noise), 0.0, 1.0)
-    return levels, np.where(rng.random(columns.shape) < HIDDEN_SHARE, np.float32(0.0), columns)
+    hidden = rng.random(columns.shape) < HIDDEN_SHARE
+    hidden |= np.repeat(rng.random(n_tracks) < BARE_SHARE, sizes)[:, None]
+    return levels, np.where(hidden, np.float32(0.0), columns)
 
 
 def _answer_tracks(

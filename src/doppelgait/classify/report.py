@@ -400,8 +400,6 @@ def score_table(document: Document) -> list[dict[str, str]]:
         decided = model["decided"]
         areas = [curve["auc"] for curve in model["roc"].values() if curve["auc"] is not None]
         row = {"model": name, "balanced accuracy": format_interval(model["balanced_accuracy"])}
-        if document.get("n_seeds", 1) > 1:
-            row["over seeds"] = _format_over_seeds(model.get("seeds"))
         row |= {f"recall {label}": format_number(share["value"]) for label, share in model["recall"].items()}
         row["AUC"] = format_number(sum(areas) / len(areas) if areas else None)
         row["Brier"] = format_number(model["brier"])
@@ -409,13 +407,6 @@ def score_table(document: Document) -> list[dict[str, str]]:
         accuracy = format_number(decided["balanced_accuracy"]["value"])
         rows.append(row | {"decided": f"{format_number(decided['share'], 2)}: {accuracy}"})
     return rows
-
-
-def _format_over_seeds(values: Sequence[float | None] | None) -> str:
-    known = [value for value in values or () if value is not None]
-    if len(set(known)) == 1 < len(known):
-        return f"{known[0]:.3f} (no draw in it)"
-    return f"{np.mean(known):.3f} ({min(known):.3f} to {max(known):.3f})" if known else "-"
 
 
 def format_alarm_table(document: Document) -> list[dict[str, str]]:

@@ -1,8 +1,7 @@
 """Score a model file of doppelgait with NumPy alone.
 
 ``doppelgait model export --form numpy`` copies this file next to a model. It imports nothing of
-doppelgait. Features and pictures go in, probabilities come out; :func:`signature` and
-:func:`levels` make the pictures from samples.
+doppelgait. Features and pictures go in, probabilities come out.
 """
 
 from __future__ import annotations
@@ -57,7 +56,7 @@ class Scorer:
         """Return calibrated probabilities (n, n_classes) for equally frequent classes.
 
         ``features`` (n, d) are in the order of ``Scorer.features``, NaN for unknown; ``whole`` has
-        the levels of every signature, of :func:`levels`, or None.
+        the levels of every signature (``doppelgait.classify.levels``), or None.
         """
         table = None if features is None else np.asarray(features, dtype=np.float64)
         answers = [self._member(form, own, table, whole) for form, own in self._members]
@@ -219,65 +218,3 @@ def covering(whole: Array, patch: Mapping[str, Any]) -> Array:
         return np.pad(whole, ((0, 0), (before, -spare - before)))[None]
     starts = np.linspace(0, spare, 1 + -(-2 * spare // n_time)).round().astype(int)
     return np.stack([whole[:, start : start + n_time] for start in starts])
-
-
-def signature(
-    samples: Array,
-    *,
-    prf_hz: float,
-    cpi_s: float = 0.1,
-    window_steepness: float = 0.4,
-    taper: Array | None = None,
-    hop: int | None = None,
-    n_doppler: int | None = None,
-) -> tuple[Array, float, Array]:
-    """Compute the short-time power of one gate (E-24, E-27).
-
-    ``samples`` (n_pulses, n_bins) are the range bins without static echoes, ``cpi_s`` and ``window_steepness`` those of
-    ``facts["analysis"]``. ``taper`` is another window than the Gaussian one, ``hop`` the number of pulses between
-    columns, ``n_doppler`` the length of the transform. Returned are the power (n_columns, n_doppler), the time from
-    column to column in s, and the Doppler frequencies in Hz.
-    """
-    if taper is None:
-        cpi = 2 * int(cpi_s * prf_hz / 2.0 + 1e-9) + 1
-        half = (cpi - 1) / 2.0
-        taper = np.exp(-0.5 * ((np.arange(cpi) - half) / (window_steepness * half)) ** 2)
-    hop = hop or max(1, taper.size // 12)
-    fast = (base << max(0, int(np.ceil(np.log2(taper.size / base)))) for base in (1, 3, 5) if base <= taper.size)
-    n_doppler = n_doppler or min(fast)
-    frames = np.lib.stride_tricks.sliding_window_view(samples, taper.size, axis=0)[::hop] * taper
-    spectrum = np.fft.fftshift(np.fft.fft(frames, n_doppler, axis=2), axes=2)
-    doppler_hz = prf_hz * (np.arange(n_doppler) - n_doppler // 2) / n_doppler
-    return (np.abs(spectrum) ** 2).sum(axis=1), hop / prf_hz, doppler_hz
-
-
-def levels(power: Array, patch: Mapping[str, Any], *, column_s: float, velocity_mps: Array) -> Array:
-    """Convert signature power (n_columns, n_doppler) to levels (n_velocity, any), 0 to 1.
-
-    ``patch`` is that of the model, ``column_s`` the time from column to column. ``velocity_mps`` is
-    ``doppler_hz * wavelength_m / 2``, rising; approaching is positive.
-    """
-    rows = np.sort(power.mean(axis=0, dtype=np.float64))
-    rows = rows[rows > 0]
-    floor = rows[: max(1, int(rows.size / 3))].mean() if rows.size else 0.0
-    width = (velocity_mps[-1] - velocity_mps[0]) / (velocity_mps.size - 1)
-    edges = np.linspace(-patch["velocity_mps"], patch["velocity_mps"], patch["n_velocity"] + 1)
-    rows_of = _average(np.asarray(power, dtype=np.float64), (edges - velocity_mps[0]) / width + 0.5)
-    count = max(1, int(len(power) * column_s / patch["column_s"] + 1e-6))
-    cells = np.nan_to_num(_average(rows_of.T, np.arange(count + 1) * patch["column_s"] / column_s))
-    lowest = max(floor, np.median(cells.max(axis=0)) * 10.0 ** (-patch["range_db"] / 10.0))
-    if not lowest > 0:
-        return np.zeros(cells.shape, dtype=np.float32)
-    with np.errstate(divide="ignore"):
-        level = 10.0 * np.log10(cells / lowest) / patch["range_db"]
-    return np.asarray(np.clip(level, 0.0, 1.0), dtype=np.float32)
-
-
-def _average(values: Array, edges: Array) -> Array:
-    """Average cells along the last axis between edges."""
-    edges = np.clip(edges, 0.0, values.shape[-1])
-    summed = np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)
-    below = np.minimum(edges.astype(int), values.shape[-1] - 1)
-    total, covered = summed[..., below] + (edges - below) * values[..., below], np.diff(edges)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(np.where(covered > 1e-9, np.diff(total, axis=-1) / covered, np.nan))

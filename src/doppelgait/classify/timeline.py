@@ -26,15 +26,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from doppelgait.classify.data import SHARED, all_rows, collect_inputs, number_tracks
+from doppelgait.classify.data import SHARED, Rows, all_rows, collect_inputs, number_tracks, read_numbers
 from doppelgait.classify.decide import Decision, TargetInputs, choose_model, decide, read_training_analysis
 from doppelgait.classify.learned import EMPTY, Inputs, TrackNetwork
 from doppelgait.classify.model import Model, blocked_rows
 from doppelgait.classify.scorer import Memory
-from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.units import FloatArray
-from doppelgait.dataset.open import Dataset, read_signature
+from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.windows import Links, Path, Window, analyze_window, cut_windows
 from doppelgait.pipeline import Result, Tracking
 from doppelgait.processing import Analysis
@@ -139,7 +138,7 @@ class _ClassEvidence:
         since_s = stop_s - before_s if memory[2] else 0.0
         memory, log_probability = network.remember(memory, network.embed(values)[0], since_s)
         self.with_others = (memory, stop_s)
-        found = model.calibration(log_probability[None])[0]
+        found: FloatArray = model.calibration(log_probability[None])[0]
         if not shared:
             self.memory, self.probability = self.with_others, found
         return found
@@ -150,8 +149,10 @@ class _ClassEvidence:
         kept = math.exp(-CHANGE_PER_S * n / (n - 1) * max(time_s - self.at_s, 0.0))
         self.probability, self.at_s = 1.0 / n + (self.probability - 1.0 / n) * kept, time_s
 
-    def add_evidence(self, probability: FloatArray, start_s: float, stop_s: float) -> None:
-        """Add evidence, weighted by its share of new time."""
+    def add_evidence(self, probability: FloatArray, start_s: float, stop_s: float, n_calibration: int) -> None:
+        """Add evidence, limited by the number of its calibration rows and weighted by its share of new time."""
+        probability = np.maximum(probability, 1.0 / ((n_calibration or UNCALIBRATED) + probability.size))
+        probability = probability / probability.sum()
         new_s = stop_s - max(start_s, self.covered_s)
         weight = min(max(new_s / max(stop_s - start_s, 1e-9), 0.0), 1.0)
         self.covered_s = max(self.covered_s, stop_s)
@@ -166,8 +167,6 @@ class Tracks:
         self.model = model = model.of_tracks
         self.links = Links()
         self._beliefs: dict[int, _ClassEvidence] = {}
-        rows = model.calibration.n_rows or UNCALIBRATED
-        self._least = 1.0 / (rows + len(model.facts.classes))
 
     def add(self, window: Window, results: Sequence[Result]) -> list[TrackDecision]:
         """Decide about every target of the next window."""
@@ -215,11 +214,10 @@ class Tracks:
             values = seen.collect_inputs(self.model, target)
             probability = belief.remember(self.model, network, values, edges_s[1], shared)
         else:
-            # limit the evidence of a window by the number of its calibration rows
-            found = np.maximum(np.array([alone.probabilities[name] for name in facts.classes]), self._least)
+            found = np.array([alone.probabilities[name] for name in facts.classes])
             own_s = [seen.columns.get(f"quality_{name}_s") for name in ("start", "stop")]
             start_s, stop_s = (float(own or edge) for own, edge in zip(own_s, edges_s, strict=True))
-            belief.add_evidence(found / found.sum(), start_s, stop_s)
+            belief.add_evidence(found, start_s, stop_s, self.model.calibration.n_rows)
             probability = belief.probability
         rings = False
         if facts.alarm is not None and facts.alarm_threshold is not None:
@@ -233,20 +231,33 @@ def follow_rows(dataset: Dataset, model: Model) -> FloatArray:
     """Return probabilities (n, n_classes) after the window of each row of a dataset, NaN where it is no evidence."""
     model = model.of_tracks
     rows = all_rows(dataset, model.facts.classes)
+    values, followed = collect_inputs(rows, model.facts.features).values, isinstance(model.learned, TrackNetwork)
+    kept = ~blocked_rows(rows, values, model, SHARED if followed else None)
+    if followed:
+        kept &= [each.pictures is not None for each in values[:, -1]]
     found = np.full((len(rows), len(rows.classes)), np.nan)
-    if isinstance(model.learned, TrackNetwork):
-        values = collect_inputs(rows, model.facts.features).values
-        kept = ~blocked_rows(rows, values, model, SHARED) & [each.pictures is not None for each in values[:, -1]]
-        found[kept] = model.probability(values[kept])
-        return found
-    tracks, numbers, plain = Tracks(model), number_tracks(rows), convert_to_json(rows.index.to_dict("records"))
-    for number in np.argsort(rows.index["window_stop_s"].to_numpy(dtype=np.float64), kind="stable").tolist():
-        seen = TargetInputs(plain[number], read_signature(dataset, number))
-        edges_s = (plain[number]["window_start_s"], plain[number]["window_stop_s"])
-        alone, belief, _ = tracks.follow(int(numbers[number]), seen, edges_s)
-        if not alone.blocked:
-            found[number] = belief.probability
-    return found
+    found[kept] = model.probability(values[kept])
+    return found if followed else fuse_rows(rows, found, model.calibration.n_rows)
+
+
+def fuse_rows(rows: Rows, probability: FloatArray, n_calibration: int) -> FloatArray:
+    """Fuse the probabilities of windows by track, NaN where a window is no evidence."""
+    beliefs: dict[int, _ClassEvidence] = {}
+    numbers, n_classes, fused = number_tracks(rows), probability.shape[1], np.full(probability.shape, np.nan)
+    edges_s = [read_numbers(rows.index[f"window_{name}_s"]) for name in ("start", "stop")]
+    own_s = [
+        read_numbers(rows.index.get(f"quality_{name}_s", np.full(len(rows), np.nan))) for name in ("start", "stop")
+    ]
+    for number in np.argsort(edges_s[1], kind="stable").tolist():
+        stop_s = float(edges_s[1][number])
+        belief = beliefs.setdefault(numbers[number], _ClassEvidence(np.full(n_classes, 1.0 / n_classes), stop_s))
+        belief.hand_over(stop_s)
+        if np.isfinite(probability[number]).all():
+            spans = zip(own_s, edges_s, strict=True)
+            start_s, stop_s = (float(edge[number] if math.isnan(own[number]) else own[number]) for own, edge in spans)
+            belief.add_evidence(probability[number], start_s, stop_s, n_calibration)
+            fused[number] = belief.probability
+    return fused
 
 
 def classify_over_time(

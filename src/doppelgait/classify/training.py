@@ -114,24 +114,18 @@ def train_ensemble(train: LabelledRows, held: LabelledRows, *, n_classes: int, s
         view = select_levels if name == "signature-network" else select_features
         parts = (LabelledRows(view(part.values), part.labels) for part in (train, held))
         learned.append(fit(find_kind(name), *parts, n_classes=n_classes, seed=seed))
-    return join([[member] for member in learned], held, n_classes=n_classes)
+    return join(learned, held, n_classes=n_classes)
 
 
-def join(members: Sequence[Sequence[Learned]], held: LabelledRows, *, n_classes: int) -> Ensemble:
+def join(members: Sequence[Learned], held: LabelledRows, *, n_classes: int) -> Ensemble:
     """Join models to an ensemble, calibrated on held-out rows."""
-    joined, weights, calibrations = [], [], []
-    for kind in members:
-        found: dict[bytes, tuple[Learned, FloatArray]] = {}
-        for number, member in enumerate(kind):
-            values = select_inputs(member, held.values)
-            answers = member.log_probability(values) if held.labels.size else np.zeros((0, n_classes))
-            found.setdefault(answers.tobytes() or bytes([number]), (member, answers))
-        for member, answers in found.values():
-            joined.append(member)
-            weights.append(1.0 / (len(members) * len(found)))
-            calibrations.append(calibrate(answers, held.labels))
-    shifts = np.array([found.shift for found in calibrations])
-    return Ensemble(tuple(joined), np.array(weights), np.array([found.slope for found in calibrations]), shifts)
+    calibrations = []
+    for member in members:
+        values = select_inputs(member, held.values)
+        answers = member.log_probability(values) if held.labels.size else np.zeros((0, n_classes))
+        calibrations.append(calibrate(answers, held.labels))
+    slopes, shifts = (np.array([getattr(found, name) for found in calibrations]) for name in ("slope", "shift"))
+    return Ensemble(tuple(members), np.full(len(members), 1.0 / len(members)), slopes, shifts)
 
 
 @plugin("classifier", "chance", features="nothing", learner="majority", baseline=True)

@@ -266,10 +266,6 @@ def evaluate(
         Path | None, typer.Option("--motion-folder", help="Folder of the plan's motion files.")
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of folds, training and confidence intervals.")] = 0,
-    n_seeds: Annotated[
-        int,
-        typer.Option("--seeds", min=1, max=20, help="Number of seeds to train with; the ensemble combines the models."),
-    ] = 1,
     as_json: AsJson = False,
 ) -> None:
     """Train classifiers on a dataset and write a report.
@@ -307,7 +303,6 @@ def evaluate(
             unknown=None if unknown is None else open_dataset(unknown),
             motion_folder=motion_folder,
             seed=seed,
-            n_seeds=n_seeds,
             keep=save is not None,
             on_progress=on_progress,
         )

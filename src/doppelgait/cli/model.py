@@ -9,6 +9,7 @@ import typer
 
 from doppelgait.cli.classify import MODEL_HELP
 from doppelgait.cli.output import AsJson, print_json, print_message, print_table, print_tables, report_progress
+from doppelgait.core.errors import ConfigError
 
 ModelArgument = Annotated[str, typer.Argument(help=f"{MODEL_HELP}.")]
 
@@ -22,54 +23,31 @@ def export(
     model: ModelArgument,
     form: Annotated[str, typer.Option("--form", help="Form: onnx, c, or numpy (a scorer that needs only NumPy).")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write.")],
-    integers: Annotated[bool, typer.Option("--int8", help="C: network in 8-bit integers instead of float32.")] = False,
-    prf_hz: Annotated[
-        float | None, typer.Option("--prf-hz", help="C: pulse rate; by default that of the training data.")
-    ] = None,
-    carrier_hz: Annotated[
-        float | None, typer.Option("--carrier-hz", help="C: carrier; by default that of the training data.")
-    ] = None,
-    window_s: Annotated[
-        float | None,
-        typer.Option("--window-s", help="C: observation of one decision; by default the training data's shortest."),
-    ] = None,
-    bins: Annotated[int, typer.Option("--bins", min=1, max=1024, help="C: number of range bins in the gate.")] = 1,
+    radar: Annotated[str | None, typer.Option("--radar", help="C: preset or file of the radar.")] = None,
+    prf_hz: Annotated[float | None, typer.Option("--prf-hz", help="C: pulse rate; by default the radar's.")] = None,
+    integers: Annotated[bool, typer.Option("--int8", help="C: 8-bit weights instead of float32.")] = False,
     still_s: Annotated[
         float,
         typer.Option(
             "--still-s", min=0, help="C: time constant of the mean that removes static echoes, s; 0 removes nothing."
         ),
     ] = 2.0,
-    data: Annotated[
-        Path | None,
-        typer.Option(
-            "--data", help="C: dataset with signatures that calibrate the integers; by default simulated examples."
-        ),
-    ] = None,
-    n_examples: Annotated[int, typer.Option("--examples", min=1, max=10_000, help="C: number of golden vectors.")] = 16,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="C: seed of the simulated examples.")] = 0,
     as_json: AsJson = False,
 ) -> None:
     """Write a trained model for other programs.
 
     Example: doppelgait model export model.npz --form onnx -o exported;
-    or doppelgait model export x4 --form c --int8 --prf-hz 500 -o firmware/model
+    or doppelgait model export x4 --form c --int8 --radar x4 -o firmware/model
     """
     from doppelgait.classify import CSettings, export_model
     from doppelgait.classify.model_file import open_model
+    from doppelgait.radar import Radar
 
-    settings = CSettings(
-        integers=integers,
-        prf_hz=prf_hz,
-        carrier_hz=carrier_hz,
-        window_s=window_s,
-        bins=bins,
-        still_time_s=still_s or None,
-        data=data,
-        n_examples=n_examples,
-        seed=seed,
-    )
-    made = export_model(open_model(model), form, output, None if settings == CSettings() and form != "c" else settings)
+    settings = None
+    if radar is not None:
+        changes = {} if prf_hz is None else {"prf_hz": prf_hz}
+        settings = CSettings(Radar.preset(radar, **changes), integers=integers, still_time_s=still_s or None)
+    made = export_model(open_model(model), form, output, settings)
     if as_json:
         print_json({"folder": str(made.folder), "files": list(made.files), **made.facts})
         return
@@ -114,3 +92,48 @@ def alarm(
         print_json(found)
         return
     print_tables([format_day(found), format_episodes(found)])
+
+
+def benchmark(
+    folder: Annotated[Path, typer.Argument(help="Folder of the parts; what is missing is built.")],
+    classifier: Annotated[
+        list[str] | None,
+        typer.Option("--classifier", help="Baseline, FILE.py:FUNCTION, or model by name or file; repeatable."),
+    ] = None,
+    parts: Annotated[list[str] | None, typer.Option("--part", help="life, matched or recorded; repeatable.")] = None,
+    recordings: Annotated[
+        Path | None, typer.Option("--recordings", help="Folder of motion files for the part recorded.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option("--workers", min=1, help="Number of worker processes.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Score classifiers on doppelgait-bench-1.
+
+    Example: doppelgait benchmark bench --classifier x4 --classifier mine.py:answer
+    """
+    from doppelgait.classify import benchmark as bench
+    from doppelgait.core.config import convert_to_json
+
+    chosen = parts or ["life", "matched", *(["recorded"] if recordings else [])]
+    if unknown := [name for name in chosen if name not in bench.PARTS or name == "train"]:
+        raise ConfigError(f"--part {unknown[0]}: is not known; allowed are life, matched, recorded")
+    if "recorded" in chosen and recordings is None:
+        raise ConfigError("--part recorded: needs the folder of motion files: --recordings")
+    named = classifier or [*bench.BASELINES]
+    answers = {name: bench.open_classifier(name) for name in named}
+    built, identities = {}, []
+    for name in ["train", *chosen]:
+        with report_progress(name, quiet=as_json) as on_progress:
+            built[name] = bench.build_part(
+                name, folder / name, folder=recordings, workers=workers, on_progress=on_progress
+            )
+        contents = bench.identify_contents(built[name])
+        identities.append({"part": name, "identity": built[name].description["id"], "contents": contents})
+    scores = {
+        name: {part: bench.score_part(built[part], answer(built["train"], built[part])) for part in chosen}
+        for name, answer in answers.items()
+    }
+    if as_json:
+        print_json(convert_to_json({"benchmark": bench.NAME, "parts": identities, "scores": scores}))
+        return
+    print_tables([identities, [bench.format_scores(name, found) for name, found in scores.items()]])

@@ -727,16 +727,15 @@ def test_another_radar_or_analysis_is_warned_of(found, recording):
 
 
 @pytest.mark.release
-def test_an_ensemble_of_several_seeds_is_one_model_with_its_members_beside_it(dataset, tmp_path):
+def test_an_ensemble_is_one_model_with_its_members_beside_it(dataset, tmp_path):
     seen = []
-    found = evaluate(dataset, n_seeds=2, on_progress=lambda done, of: seen.append((done, of)))
+    found = evaluate(dataset, on_progress=lambda done, of: seen.append((done, of)))
     models = found.document["models"]
     assert found.best == "ensemble"
     assert {"extended-logistic", "extended-boosting", "six-logistic", "ensemble"} <= set(models)
     assert seen[-1][0] == seen[-1][1]
-    assert all(len(models[name]["seeds"]) == 2 for name in models if not models[name]["kind"]["baseline"])
     ensemble = found.models["ensemble"]
-    assert len(ensemble.learned.members) in (4, 6)  # with torch two networks; no held rows show that others are alike
+    assert len(ensemble.learned.members) in (2, 3)  # with torch a network
     # kept, loaded and asked about a target it decides as it was scored
     again = load_model(save_model(ensemble, tmp_path / "e.npz"))
     tested = found.answers.iloc[0]

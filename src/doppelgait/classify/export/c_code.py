@@ -1,36 +1,162 @@
-"""Models as C99: one header and one source, without allocation."""
+"""Networks of tracks on a small device: C99, one header and one source, without allocation."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 from textwrap import fill
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from doppelgait import __version__
-from doppelgait.classify.export.device import Device, IntegerNetwork, count_work, list_parts
-from doppelgait.classify.learned import Network
-from doppelgait.classify.model import Model
+from doppelgait.classify.learned import TrackNetwork
+from doppelgait.classify.model import TOLERANCE, Model, describe_outside_conditions
+from doppelgait.classify.scorer import LONGEST_S, MOST_LOG, SCALE
+from doppelgait.core.errors import ConfigError
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+from doppelgait.pipeline.verdicts import CELL_MPS, COLUMN_S, SIGNIFICANT, SLICE_M
+from doppelgait.processing import Analysis
+from doppelgait.processing.config import plan_transform
+from doppelgait.processing.patches import N_CELLS, N_COLUMNS, N_SLICES, RANGE_DB
+from doppelgait.radar import Radar
 
 TEXTS = Path(__file__).parent / "c99"
 LINE = 112
-TYPES = {"float": 4, "int8_t": 1, "int16_t": 2, "int32_t": 4, "int64_t": 8}
-SAMPLES_TOLERANCE = {False: 1e-4, True: 2e-2}
-"""Tolerances of probabilities in float32 and in int8. In int8 a level between two integers may be
-rounded either way."""
+SIZES = {"float": 4, "int8_t": 1}
+BODY_M, REACH_M = 0.3, 0.5  # half extents of a body and of the search for it
+ALPHA, BETA, NOISE_SHARE = 0.4, 0.3, 0.2  # gains of range, velocity and noise, assumed
+SPIKE, POWER_SHARE, POWER_RISE = 30.0, 1.0 / 64.0, 1.02  # power of a spike over the mean, and gains of this mean
+CONFIRM, MOST_LOST, LEAST_FOUND = 5, 10, 0.6  # columns to begin, columns without an echo, share of a window with one
+SURE_SD = 8.0
+"""Standard deviations of the noise above its mean at which an echo is found in one column."""
+TOLERANCE_OF_GOLDEN = 1e-3
+LARGEST = 127
+HOPS_PER_COLUMN = 4  # transforms whose power is one column of a picture
+HOP_S = 0.5  # from a decision to the next
+
+
+@dataclass(frozen=True)
+class CSettings:
+    """Settings of the form ``c``.
+
+    Parameters
+    ----------
+    radar : Radar
+        Radar of the device: range bins, pulse rate and carrier.
+    integers : bool
+        Weights of the convolutions in 8-bit integers instead of float32.
+    still_time_s : float or None
+        Time constant of the running mean that is subtracted as static echoes; None: the samples
+        have none.
+    n_examples : int
+        Number of golden vectors.
+    seed : int
+        Of the golden vectors.
+    """
+
+    radar: Radar
+    integers: bool = False
+    still_time_s: float | None = 2.0
+    n_examples: int = 16
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Device:
+    """Numbers of a radar, a window and a transform."""
+
+    radar: Radar
+    taper: npt.NDArray[np.float64]
+    hop: int
+    n_doppler: int
+    n_columns: int
+    still_time_s: float | None
+
+    @property
+    def mean_weight(self) -> float:
+        """Share of a new pulse in the running mean."""
+        return 0.0 if self.still_time_s is None else -math.expm1(-1.0 / (self.still_time_s * self.radar.prf_hz))
+
+    @property
+    def column_s(self) -> float:
+        """Time from column to column of a picture."""
+        return HOPS_PER_COLUMN * self.hop / self.radar.prf_hz
+
+    @property
+    def row_mps(self) -> float:
+        """Velocity from row to row of the transform."""
+        return self.radar.prf_hz * self.radar.wavelength_m / (2.0 * self.n_doppler)
+
+
+def plan_device(model: Model, settings: CSettings) -> Device:
+    """Plan the processing of a radar's samples for a model."""
+    radar, analysis = settings.radar, Analysis.model_validate(model.facts.analysis)
+    conditions = dict.fromkeys(model.facts.conditions, math.nan)
+    conditions |= {"carrier_hz": SPEED_OF_LIGHT_MPS / radar.wavelength_m, "prf_hz": radar.prf_hz}
+    known = {name: span for name, span in model.facts.conditions.items() if name in ("carrier_hz", "prf_hz")}
+    if outside := describe_outside_conditions(conditions, known):
+        raise ConfigError(f"--radar: {'; '.join(outside)}")
+    if radar.n_range_bins < 2 or radar.burst_pulses is not None:
+        raise ConfigError("--radar: the C code follows a target over range bins; this radar has one bin, or bursts")
+    hop = max(1, round(COLUMN_S / HOPS_PER_COLUMN * radar.prf_hz))
+    transform = plan_transform(analysis.model_copy(update={"hop": hop}), n_pulses=10**9, prf_hz=radar.prf_hz)
+    seconds = (model.facts.window_s or 2.5) - transform.window.size / radar.prf_hz
+    n_columns = min(max(int(seconds * radar.prf_hz / (HOPS_PER_COLUMN * hop)), 1), N_COLUMNS)
+    n_doppler = 1 << (transform.window.size - 1).bit_length()
+    return Device(radar, transform.window, hop, n_doppler, n_columns, settings.still_time_s)
+
+
+def drop_features(network: TrackNetwork) -> TrackNetwork:
+    """Return a network that answers as if no feature were known, as it was trained for a part of the tracks."""
+    return replace(network, feature_weight=np.zeros_like(network.feature_weight))
+
+
+def fold_features(network: TrackNetwork) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Return weight and bias of the embedding without features."""
+    n_pooled = network.embed_weight.shape[1] - network.feature_bias.size
+    bias = network.embed_bias + network.embed_weight[:, n_pooled:] @ np.maximum(network.feature_bias, 0.0)
+    return network.embed_weight[:, :n_pooled], bias
+
+
+def round_kernels(network: TrackNetwork) -> tuple[TrackNetwork, list[npt.NDArray[np.int64]]]:
+    """Round the kernels to 8-bit integers, with a scale of every channel; also return the integers."""
+    integers, scales = [], []
+    for kernel, scale in zip(network.kernels, network.scales, strict=True):
+        step = np.maximum(np.abs(kernel).max(axis=(1, 2, 3)), 1e-12) / LARGEST
+        integers.append(np.round(kernel / step[:, None, None, None]).astype(np.int64))
+        scales.append((scale * step).astype(np.float32))
+    kernels = tuple(each.astype(np.float32) for each in integers)
+    return replace(network, kernels=kernels, scales=tuple(scales)), integers
+
+
+def count_work(device: Device, network: TrackNetwork) -> dict[str, float]:
+    """Count multiply-adds of the transform and of the network."""
+    k, bins = device.n_doppler, device.radar.n_range_bins
+    transform = bins * (2 * device.taper.size + 2 * k * k.bit_length())
+    cells, decision = N_COLUMNS * N_CELLS, network.embed_weight.size
+    decision += sum(cells // 4**n * kernel.size for n, kernel in enumerate(network.kernels))
+    per_s = {"transform_per_s": transform * device.radar.prf_hz / device.hop, "network_per_s": decision / HOP_S}
+    return {**per_s, "network_per_decision": float(decision)}
 
 
 class Sources:
-    """Text of an export of a model of networks, with the size of its tables."""
+    """Text of an export of a model, with the size of its tables."""
 
-    def __init__(self, model: Model, device: Device) -> None:
-        self.model, self.device = model, device
-        self.parts = list_parts(model)
-        self.networks: list[Network] = [part[0] for part in self.parts]
-        self.integers = any(isinstance(network, IntegerNetwork) for network in self.networks)
-        weight, total = ("int8_t", "int32_t") if self.integers else ("float", "float")
-        self.types = {"dg_weight": weight, "dg_activation": weight, "dg_sum": total}
+    def __init__(self, model: Model, device: Device, *, integers: bool) -> None:
+        if not isinstance(model.learned, TrackNetwork) or not model.learned.kernels:
+            raise ConfigError(
+                f"--form c: {model.facts.name} has no network of tracks with pictures; train one with torch"
+            )
+        facts = model.facts
+        if facts.alarm is None or facts.alarm_threshold is None:
+            raise ConfigError(f"--form c: {facts.name} has no alarm; train with --alarm-class")
+        self.model, self.device, self.integers = model, device, integers
+        self.network = drop_features(model.learned)
+        if integers:
+            self.network, self._whole = round_kernels(self.network)
         self.flash_bytes = 0
         self._tables: list[str] = []
         self.tables = self._make_tables()
@@ -39,9 +165,9 @@ class Sources:
         """Return the text of the header."""
         macros = "\n".join(f"#define DG_{name} {value}" for name, value in self._collect_macros().items())
         about = f"/* {self.model.facts.name}, trained on {self.model.facts.dataset_name}; doppelgait {__version__} */"
-        types = "\n".join(f"typedef {kind} {name};" for name, kind in self.types.items())
+        weight = f"typedef {'int8_t' if self.integers else 'float'} dg_weight;"
         engine = (TEXTS / "engine.h").read_text(encoding="utf-8")
-        return engine.replace("/* @MACROS@ */", f"{about}\n{macros}\n\n{types}")
+        return engine.replace("/* @MACROS@ */", f"{about}\n{macros}\n\n{weight}")
 
     def source(self) -> str:
         """Return the text of the source."""
@@ -49,120 +175,126 @@ class Sources:
 
     def facts(self) -> dict[str, Any]:
         """Return table flash and RAM in bytes, and work."""
-        device = self.device
-        ring, levels = device.bins * (2 * device.taper.size + 7), device.n_columns * device.patch.n_velocity
-        sizes = {"window": 4 * (ring + device.n_doppler + levels + 4), "buffer": self._buffer_bytes(device)}
-        sizes = {"flash_table": self.flash_bytes, "ram": sum(sizes.values()), **sizes}
-        work = count_work(device, self.networks)
-        return {f"{name}_bytes": size for name, size in sizes.items()} | {
-            f"multiply_adds_{name}": round(value) for name, value in work.items()
-        }
+        device, bins = self.device, self.device.radar.n_range_bins
+        columns = device.n_columns * (4 * N_CELLS * N_SLICES + 5)
+        memory = 8 * self.network.gate_bias.size + 4
+        radar = 4 * (bins * (2 * device.taper.size + 8) + 4 + 9) + columns + -columns % 4 + memory
+        sizes = {"flash_table": self.flash_bytes, "ram": radar + self._buffer_bytes, "radar": radar}
+        sizes |= {"buffer": self._buffer_bytes}
+        work = {f"multiply_adds_{name}": round(value) for name, value in count_work(device, self.network).items()}
+        return {f"{name}_bytes": size for name, size in sizes.items()} | work
 
-    def _count_layer_values(self, device: Device) -> tuple[int, int]:
-        cells = device.patch.n_velocity * device.patch.n_time
-        layers = zip(*(network.biases for network in self.networks), strict=True)
-        sizes = [cells, *(cells // 4**n * max(map(len, biases)) for n, biases in enumerate(layers, 1))]
-        return max(sizes[0::2]), max(sizes[1::2])
+    @property
+    def _layer_values(self) -> tuple[int, int]:
+        cells = N_COLUMNS * N_CELLS
+        sizes = [cells // 4**n * bias.size for n, bias in enumerate(self.network.biases, 1)]
+        return max(cells * N_SLICES, *sizes[1::2]), max(sizes[0::2])
 
-    def _buffer_bytes(self, device: Device) -> int:
-        layers = sum(self._count_layer_values(device)) * (1 if self.integers else 4)
-        return layers + 4 * (4 * device.n_doppler + max(device.n_doppler, device.n_columns))
+    @property
+    def _buffer_bytes(self) -> int:
+        return 4 * (sum(self._layer_values) + (4 + self.device.radar.n_range_bins) * self.device.n_doppler)
 
     def _collect_macros(self) -> dict[str, Any]:
-        facts, device = self.model.facts, self.device
-        found: dict[str, Any] = {
+        facts, device, network = self.model.facts, self.device, self.network
+        even, odd = self._layer_values
+        bin_m, most_mps = device.radar.bin_spacing_m, facts.conditions.get("speed_mps", (0.0, math.inf))[1]
+        body = max(1, round(BODY_M / bin_m))
+        cells = (2 * body + 1) * device.n_doppler * HOPS_PER_COLUMN
+        # above 4 times its mean, exponential noise has the mean excess 4 exp(-4) and the variance 17 exp(-4); four
+        # overlapping transforms are about two independent ones
+        least = cells * SIGNIFICANT * math.exp(-SIGNIFICANT)
+        least += SURE_SD * math.sqrt(2.0 * cells * (SIGNIFICANT**2 + 1.0) * math.exp(-SIGNIFICANT))
+        counts: dict[str, int] = {
             "CLASSES": len(facts.classes),
-            "NETWORKS": len(self.networks),
-            "INT8": int(self.integers),
-            "ABSTAIN_BELOW": _format_float(facts.abstain_below),
-        }
-        if facts.alarm is not None and facts.alarm_threshold is not None:
-            found |= {
-                "ALARM_CLASS": facts.classes.index(facts.alarm),
-                "ALARM_THRESHOLD": f"{_format_float(facts.alarm_threshold)} /* of the whole model */",
-            }
-        even, odd = self._count_layer_values(device)
-        return found | {
-            "PRF_HZ": _format_float(device.prf_hz),
-            "WAVELENGTH_M": _format_float(device.wavelength_m),
-            "EXPORTED_BINS": device.bins,
+            "ALARM_CLASS": facts.classes.index(str(facts.alarm)),
+            "BINS": device.radar.n_range_bins,
             "CPI": device.taper.size,
             "DOPPLER": device.n_doppler,
             "HOP": device.hop,
-            "STFT_COLUMNS": device.n_stft,
-            "WINDOW_PULSES": device.window_pulses,
-            "COLUMNS_PER_CELL": repr(float(device.columns_per_cell)),
+            "HOPS_PER_COLUMN": HOPS_PER_COLUMN,
             "COLUMNS": device.n_columns,
-            "VELOCITIES": device.patch.n_velocity,
-            "TIMES": device.patch.n_time,
-            "PICTURES": len(device.picture_starts),
-            "STAGES": len(device.factors),
-            "LAYERS": len(self.networks[0].kernels),
-            "MOST_CHANNELS": max(len(bias) for network in self.networks for bias in network.biases),
+            "HOP_COLUMNS": round(HOP_S / device.column_s),
+            "TIMES": N_COLUMNS,
+            "VELOCITIES": N_CELLS,
+            "SLICES": N_SLICES,
+            "LAYERS": len(network.kernels),
+            "CHANNELS": network.biases[-1].size,
+            "EMBEDDING": network.embed_bias.size,
+            "MEMORY": network.gate_bias.size,
+            "HIDDEN": network.hidden_bias.size,
             "EVEN_VALUES": even,
             "ODD_VALUES": odd,
-            "BUFFER_BYTES": self._buffer_bytes(device),
-            "RANGE_DB": _format_float(device.patch.range_db),
-            "LOWEST_SHARE": _format_float(10.0 ** (-device.patch.range_db / 10.0)),
+            "BUFFER_BYTES": self._buffer_bytes,
             "REMOVE_STILL": int(device.still_time_s is not None),
-            "STILL_SHARE": _format_float(device.mean_weight),
-            "SAMPLES_TOLERANCE": _format_float(SAMPLES_TOLERANCE[self.integers]),
+            "BODY_BINS": body,
+            "CONFIRM": CONFIRM,
+            "MOST_LOST": MOST_LOST,
+            "LEAST_FOUND": math.ceil(LEAST_FOUND * device.n_columns),
         }
+        numbers: dict[str, float] = {
+            "ABSTAIN_BELOW": facts.abstain_below,
+            "ALARM_THRESHOLD": float(facts.alarm_threshold or 1.0),
+            "SLOPE": self.model.calibration.slope,
+            "PRF_HZ": device.radar.prf_hz,
+            "FIRST_M": float(device.radar.range_axis_m()[0]),
+            "BIN_M": bin_m,
+            "ROW_MPS": device.row_mps,
+            "CELL_MPS": CELL_MPS,
+            "SLICE_M": SLICE_M,
+            "COLUMN_S": device.column_s,
+            "RANGE_DB": RANGE_DB,
+            "SIGNIFICANT": SIGNIFICANT,
+            "LEAST_ENERGY": least,
+            "REACH_M": max(REACH_M, bin_m),
+            "ALPHA": ALPHA,
+            "BETA": BETA,
+            "NOISE_SHARE": NOISE_SHARE,
+            "SPIKE": SPIKE,
+            "POWER_SHARE": POWER_SHARE,
+            "POWER_RISE": POWER_RISE,
+            "MOST_MPS": min(most_mps * TOLERANCE["speed_mps"][1], 1e9),
+            "LONGEST_S": LONGEST_S,
+            "MOST_LOG": MOST_LOG,
+            "SCALE": SCALE,
+            "STILL_SHARE": device.mean_weight,
+            "TOLERANCE": TOLERANCE_OF_GOLDEN,
+        }
+        return {**counts, **{name: _format_float(value) for name, value in numbers.items()}}
 
     def _add_array(self, name: str, kind: str, values: Any) -> str:
         """Add a constant array and return its name."""
         flat = np.ravel(values)
-        sized = self.types.get(kind, kind)
-        self.flash_bytes += flat.size * TYPES[sized]
+        sized = ("int8_t" if self.integers else "float") if kind == "dg_weight" else kind
+        self.flash_bytes += flat.size * SIZES[sized]
         words = [_format_float(each) if sized == "float" else str(int(each)) for each in flat.tolist()]
         self._tables.append(f"static const {kind} {name}[{flat.size}] = {{\n{_wrap(words)}\n}};")
         return name
 
-    def _add_arrays(self, name: str, kind: str, **values: Any) -> list[str]:
-        return [self._add_array(f"{name}_{key}", kind, each) for key, each in values.items()]
-
     def _make_tables(self) -> str:
-        facts, device, rows = self.model.facts, self.device, []
-        named = ", ".join(f'"{name}"' for name in facts.classes)
+        device, network, rows = self.device, self.network, []
+        named = ", ".join(f'"{name}"' for name in self.model.facts.classes)
         self._tables.append(f"const char *const dg_class_names[DG_CLASSES] = {{{named}}};")
-        for number, (network, share, slope, shift) in enumerate(self.parts):
-            rows.append(self._add_network(network, f"m{number}", share, slope, shift))
-        self._tables.append("static const dg_network networks[DG_NETWORKS] = {\n" + ",\n".join(rows) + "\n};")
-        text = _format_float(self.model.calibration.slope)
-        self._tables.append(f"static const float calibration_slope = {text};")
-        self._add_array("calibration_shift", "float", self.model.calibration.shift)
-        self._add_array("taper", "float", device.taper)
-        # store integer and fraction separately: the rounding of their sum would be visible next to a strong row
-        self._add_array("edge_rows", "int16_t", np.floor(device.row_edges))
-        self._add_array("edge_parts", "float", device.row_edges - np.floor(device.row_edges))
-        self._add_array("picture_starts", "int16_t", device.picture_starts)
-        self._add_array("factors", "int16_t", device.factors)
+        layers = zip(network.kernels, network.scales, network.biases, strict=True)
+        for number, (kernel, scale, bias) in enumerate(layers):
+            names = [
+                self._add_array(f"kernel{number}", "dg_weight", kernel.transpose(0, 2, 3, 1)),
+                self._add_array(f"scale{number}", "float", scale),
+                self._add_array(f"bias{number}", "float", bias),
+            ]
+            rows.append(f"    {{{', '.join([*names, str(kernel.shape[1]), str(kernel.shape[0])])}}}")
+        self._tables.append("static const dg_layer layers[DG_LAYERS] = {\n" + ",\n".join(rows) + "\n};")
+        embed = dict(zip(("embed_weight", "embed_bias"), fold_features(network), strict=True))
+        own = [f"{name}_{kind}" for name in ("gate", "value", "hidden") for kind in ("weight", "bias")]
+        tables = {**embed, **{name: getattr(network, name) for name in [*own, "forgetting_hz"]}}
+        tables |= {"last_weight": network.weight, "last_bias": network.bias}
+        tables |= {"calibration_shift": self.model.calibration.shift, "taper": device.taper}
+        for name, values in tables.items():
+            self._add_array(name, "float", values)
         turns = np.exp(2j * np.pi * np.arange(device.n_doppler) / device.n_doppler)
         pairs = _wrap([f"{{{_format_float(each.real)},~{_format_float(each.imag)}}}" for each in turns])
         self.flash_bytes += 8 * turns.size
         self._tables.append(f"static const float turns[DG_DOPPLER][2] = {{\n{pairs.replace('~', ' ')}\n}};")
         return "\n\n".join(self._tables)
-
-    def _add_network(self, learned: Network, name: str, share: float, slope: float, moved: Any) -> str:
-        """Add the tables of a network; return its row."""
-        size = learned.patch.n_velocity * learned.patch.n_time / 4 ** len(learned.kernels)
-        last: tuple[Any, Any] = (learned.weight, np.full(learned.bias.size, 1.0 / size))
-        layers: Any = zip(learned.kernels, learned.scales, learned.biases, strict=True)
-        kinds = {"scale": "float", "bias": "float"}
-        if isinstance(learned, IntegerNetwork):
-            layers, last = learned.layers, (learned.last_weight, learned.last_scale)
-            kinds = {"multiplier": "int32_t", "offset": "int64_t"}
-        rows = []
-        for n, (kernel, first, second, *shift) in enumerate(layers):
-            scales = zip(kinds.items(), (first, second), strict=True)
-            others = [self._add_array(f"{name}_{key}{n}", kind, values) for (key, kind), values in scales]
-            weights = self._add_array(f"{name}_kernel{n}", "dg_weight", kernel.transpose(0, 2, 3, 1))
-            rows.append(f"    {{{', '.join(map(str, [weights, *others, *shift, kernel.shape[1], kernel.shape[0]]))}}}")
-        self._tables.append(f"static const dg_layer {name}_layers[DG_LAYERS] = {{\n" + ",\n".join(rows) + "\n};")
-        weight = self._add_array(f"{name}_weight", "dg_weight", last[0])
-        arrays = [f"{name}_layers", weight, *self._add_arrays(name, "float", scale=last[1], bias=learned.bias)]
-        arrays += [_format_float(share), _format_float(slope), self._add_array(f"{name}_shift", "float", moved)]
-        return f"    {{{', '.join(arrays)}}}"
 
 
 def _format_float(value: float) -> str:

@@ -3,26 +3,16 @@
 #include <math.h>
 
 typedef struct {
-    const dg_weight *kernel;                    /* (n_out, 3, 3, n_in) */
-#if DG_INT8
-    const int32_t *multiplier;                  /* activation = (sum * multiplier + offset) >> shift */
-    const int64_t *offset;
-    int shift;
-#else
+    const dg_weight *kernel; /* (n_out, 3, 3, n_in) */
     const float *scale, *bias;
-#endif
     int n_in, n_out;
 } dg_layer;
 
-typedef struct {
-    const dg_layer *layers;
-    const dg_weight *weight;                    /* (classes, n_last) */
-    const float *scale, *bias;                  /* scale: of one unit of the sums, mean over the image included */
-    float share, slope;                         /* of its answer among those of all networks, and its calibration */
-    const float *shift;
-} dg_network;
-
 /* @TABLES@ */
+
+static float layer_even[DG_EVEN_VALUES], layer_odd[DG_ODD_VALUES];
+static float spectrum[2][DG_DOPPLER][2];
+static float power[DG_BINS][DG_DOPPLER];
 
 static void fill_zero(float *values, int n)
 {
@@ -44,322 +34,404 @@ static void log_softmax(float *scores)
         scores[k] -= highest + logf(sum);
 }
 
-/* Add weight * log_softmax(slope * answer + shift) to a total. */
-static void add_calibrated(const float *answer, float slope, const float *shift, float weight, float *total)
-{
-    float scores[DG_CLASSES];
-    int k;
-    for (k = 0; k < DG_CLASSES; k++)
-        scores[k] = slope * answer[k] + shift[k];
-    log_softmax(scores);
-    for (k = 0; k < DG_CLASSES; k++)
-        total[k] += weight * scores[k];
-}
-
-#define DG_MOST(a, b) ((a) > (b) ? (a) : (b))
-static dg_activation layer_even[DG_EVEN_VALUES], layer_odd[DG_ODD_VALUES];
-static float spectrum[2][DG_DOPPLER][2];
-static float sorted[DG_MOST(DG_DOPPLER, DG_COLUMNS)];
-
 /* One convolution 3 x 3 with a border of zeros, maximum of 2 x 2, scale, bias, rectifier. */
-static void layer_answer(const dg_layer *own, const dg_activation *in, int height, int width, dg_activation *out)
+static void compute_layer(const dg_layer *own, const float *in, int height, int width, float *out)
 {
     int y, x, corner, o, ky, kx, i;
     for (y = 0; y < height / 2; y++)
         for (x = 0; x < width / 2; x++)
             for (o = 0; o < own->n_out; o++) {
-                dg_sum best = 0;
+                float best = 0.0f;
                 for (corner = 0; corner < 4; corner++) {
-                    dg_sum sum = 0;
+                    float sum = 0.0f;
                     for (ky = 0; ky < 3; ky++) {
                         int row = 2 * y + corner / 2 + ky - 1;
                         if (row < 0 || row >= height)
                             continue;
                         for (kx = 0; kx < 3; kx++) {
                             int place = 2 * x + corner % 2 + kx - 1;
-                            const dg_activation *a = in + (row * width + place) * own->n_in;
+                            const float *a = in + (row * width + place) * own->n_in;
                             const dg_weight *k = own->kernel + ((o * 3 + ky) * 3 + kx) * own->n_in;
                             if (place < 0 || place >= width)
                                 continue;
                             for (i = 0; i < own->n_in; i++)
-                                sum += (dg_sum)a[i] * k[i];
+                                sum += a[i] * (float)k[i];
                         }
                     }
                     if (corner == 0 || sum > best)
                         best = sum;
                 }
-#if DG_INT8
-                {
-                    int64_t value = (int64_t)best * own->multiplier[o] + own->offset[o];
-                    value = value > 0 ? value >> own->shift : 0;
-                    out[(y * (width / 2) + x) * own->n_out + o] = (dg_activation)(value < 127 ? value : 127);
-                }
-#else
                 best = best * own->scale[o] + own->bias[o];
                 out[(y * (width / 2) + x) * own->n_out + o] = best > 0.0f ? best : 0.0f;
-#endif
             }
 }
 
-/* Add the log-probabilities of one picture, from column `start`, mirrored in velocity or not. */
-static void add_picture(const dg_network *own, const float *levels, int start, int mirrored, float *total)
+/* out = weight (n_out, n_in) * in + bias, cut at 0 if it is a layer of a network. */
+static void multiply(const float *weight, const float *bias, const float *in, int n_in, float *out, int n_out, int cut)
 {
-    int v, t, n, k, i, height = DG_VELOCITIES, width = DG_TIMES;
-    dg_activation *in = layer_even, *out = layer_odd, *other;
-    dg_sum sums[DG_MOST_CHANNELS] = {0};
-    float scores[DG_CLASSES];
-    for (v = 0; v < DG_VELOCITIES; v++)
-        for (t = 0; t < DG_TIMES; t++) {
-            float level = levels[(start + t) * DG_VELOCITIES + (mirrored ? DG_VELOCITIES - 1 - v : v)];
-#if DG_INT8
-            in[v * DG_TIMES + t] = (dg_activation)(level * 127.0f + 0.5f);
-#else
-            in[v * DG_TIMES + t] = level;
-#endif
-        }
-    for (n = 0; n < DG_LAYERS; n++) {
-        layer_answer(&own->layers[n], in, height, width, out);
-        height /= 2;
-        width /= 2;
-        other = in;
-        in = out;
-        out = other;
+    int o, i;
+    for (o = 0; o < n_out; o++) {
+        float sum = bias[o];
+        for (i = 0; i < n_in; i++)
+            sum += weight[o * n_in + i] * in[i];
+        out[o] = cut && sum < 0.0f ? 0.0f : sum;
     }
-    n = own->layers[DG_LAYERS - 1].n_out;
-    for (i = 0; i < height * width; i++)
-        for (k = 0; k < n; k++)
-            sums[k] += in[i * n + k];
-    for (k = 0; k < DG_CLASSES; k++) {
-        dg_sum sum = 0;
-        for (i = 0; i < n; i++)
-            sum += sums[i] * own->weight[k * n + i];
-        scores[k] = (float)sum * own->scale[k] + own->bias[k];
-    }
-    log_softmax(scores);
-    for (k = 0; k < DG_CLASSES; k++)
-        total[k] += scores[k];
 }
 
-void dg_decide_levels(const float *levels, dg_decision *decision)
+void dg_follow(dg_memory *memory, const float *picture, float since_s, dg_decision *decision)
 {
-    float total[DG_CLASSES] = {0.0f}, answer[DG_CLASSES];
-    int n, k, p;
-    for (n = 0; n < DG_NETWORKS; n++) {
-        fill_zero(answer, DG_CLASSES);
-        for (p = 0; p < DG_PICTURES; p++) {
-            add_picture(&networks[n], levels, picture_starts[p], 0, answer);
-            add_picture(&networks[n], levels, picture_starts[p], 1, answer);
-        }
-        for (k = 0; k < DG_CLASSES; k++)
-            answer[k] /= 2.0f * DG_PICTURES;
-        log_softmax(answer);
-        add_calibrated(answer, networks[n].slope, networks[n].shift, networks[n].share, total);
+    float pooled[2 * DG_CHANNELS], inputs[DG_EMBEDDING + 2], gate[DG_MEMORY], value[DG_MEMORY];
+    float summary[3 * DG_MEMORY], hidden[DG_HIDDEN], answer[DG_CLASSES];
+    const float *in = picture;
+    float *out = layer_odd, *other = layer_even;
+    int n, k, i, height = DG_TIMES, width = DG_VELOCITIES;
+    for (n = 0; n < DG_LAYERS; n++) {
+        compute_layer(&layers[n], in, height, width, out);
+        in = out;
+        out = other;
+        other = (float *)in;
+        height /= 2;
+        width /= 2;
     }
-    log_softmax(total);
-    fill_zero(answer, DG_CLASSES);
-    add_calibrated(total, calibration_slope, calibration_shift, 1.0f, answer);
+    fill_zero(pooled, 2 * DG_CHANNELS);
+    for (i = 0; i < height * width; i++)
+        for (k = 0; k < DG_CHANNELS; k++) {
+            float one = in[i * DG_CHANNELS + k];
+            pooled[k] += one / (float)(height * width);
+            if (one > pooled[DG_CHANNELS + k])
+                pooled[DG_CHANNELS + k] = one;
+        }
+    multiply(embed_weight, embed_bias, pooled, 2 * DG_CHANNELS, inputs, DG_EMBEDDING, 1);
+    inputs[DG_EMBEDDING] = since_s < DG_LONGEST_S ? since_s : DG_LONGEST_S;
+    inputs[DG_EMBEDDING + 1] = logf((float)memory->count + 1.0f);
+    multiply(gate_weight, gate_bias, inputs, DG_EMBEDDING + 2, gate, DG_MEMORY, 0);
+    multiply(value_weight, value_bias, inputs, DG_EMBEDDING + 2, value, DG_MEMORY, 0);
+    for (k = 0; k < DG_MEMORY; k++) {
+        float kept = expf(-since_s * forgetting_hz[k]), weight = gate[k];
+        weight = weight < -DG_MOST_LOG ? -DG_MOST_LOG : weight > DG_MOST_LOG ? DG_MOST_LOG : weight;
+        weight = expf(weight);
+        memory->weight[k] = kept * memory->weight[k] + weight;
+        memory->total[k] = kept * memory->total[k] + weight * value[k];
+        summary[k] = memory->total[k] / memory->weight[k];
+        summary[DG_MEMORY + k] = logf(memory->weight[k]);
+        summary[2 * DG_MEMORY + k] = memory->total[k] / DG_SCALE;
+    }
+    if (memory->count < INT32_MAX)
+        memory->count++;
+    multiply(hidden_weight, hidden_bias, summary, 3 * DG_MEMORY, hidden, DG_HIDDEN, 1);
+    multiply(last_weight, last_bias, hidden, DG_HIDDEN, answer, DG_CLASSES, 0);
+    log_softmax(answer);
+    for (k = 0; k < DG_CLASSES; k++)
+        answer[k] = DG_SLOPE * answer[k] + calibration_shift[k];
+    log_softmax(answer);
     decision->label = 0;
     for (k = 0; k < DG_CLASSES; k++) {
         decision->probability[k] = expf(answer[k]);
-        if (decision->probability[k] > decision->probability[decision->label])
+        if (answer[k] > answer[decision->label])
             decision->label = k;
     }
     decision->decided = decision->probability[decision->label] >= DG_ABSTAIN_BELOW;
 }
 
-/* Fourier transform of spectrum[0] by Stockham's algorithm; returns where it is. */
+/* Fourier transform of spectrum[0], whose length is a power of two, by Stockham's algorithm; returns where it is. */
 static float (*transform(void))[2]
 {
-    int stage, n = DG_DOPPLER, stride = 1, which = 0;
-    for (stage = 0; stage < DG_STAGES; stage++) {
+    int m, stride, which = 0;
+    for (m = DG_DOPPLER / 2, stride = 1; m > 0; m /= 2, stride *= 2, which = 1 - which) {
         float(*in)[2] = spectrum[which], (*out)[2] = spectrum[1 - which];
-        int p = factors[stage], m = n / p, j, q, r, t;
-        if (p == 2) /* the same, with half of the work */
-            for (j = 0; j < m; j++)
-                for (q = 0; q < stride; q++) {
-                    const float *a = in[q + stride * j], *b = in[q + stride * (j + m)], *turn = turns[j * stride];
-                    float *sum = out[q + 2 * stride * j], *other = out[q + stride * (2 * j + 1)];
-                    float re = a[0] - b[0], im = a[1] - b[1];
-                    sum[0] = a[0] + b[0];
-                    sum[1] = a[1] + b[1];
-                    other[0] = re * turn[0] + im * turn[1];
-                    other[1] = im * turn[0] - re * turn[1];
-                }
-        for (j = p == 2 ? m : 0; j < m; j++)
-            for (q = 0; q < stride; q++)
-                for (r = 0; r < p; r++) {
-                    float re = 0.0f, im = 0.0f;
-                    for (t = 0; t < p; t++) {
-                        int32_t turn = ((int32_t)r * t * (DG_DOPPLER / p) + (int32_t)j * r * stride) % DG_DOPPLER;
-                        const float *z = in[q + stride * (j + t * m)];
-                        re += z[0] * turns[turn][0] + z[1] * turns[turn][1];
-                        im += z[1] * turns[turn][0] - z[0] * turns[turn][1];
-                    }
-                    out[q + stride * (p * j + r)][0] = re;
-                    out[q + stride * (p * j + r)][1] = im;
-                }
-        n = m;
-        stride *= p;
-        which = 1 - which;
+        int j, q;
+        for (j = 0; j < m; j++)
+            for (q = 0; q < stride; q++) {
+                const float *a = in[q + stride * j], *b = in[q + stride * (j + m)], *turn = turns[j * stride];
+                float *sum = out[q + 2 * stride * j], *other = out[q + stride * (2 * j + 1)];
+                float re = a[0] - b[0], im = a[1] - b[1];
+                sum[0] = a[0] + b[0];
+                sum[1] = a[1] + b[1];
+                other[0] = re * turn[0] + im * turn[1];
+                other[1] = im * turn[0] - re * turn[1];
+            }
     }
     return spectrum[which];
 }
 
-static void clear(dg_window *window)
-{
-    fill_zero(window->rows, DG_DOPPLER);
-    fill_zero(&window->cells[0][0], DG_COLUMNS * DG_VELOCITIES);
-    window->column = 0;
-}
-
-void dg_start(dg_window *window)
+void dg_start(dg_radar *radar)
 {
     int b;
-    clear(window);
     for (b = 0; b < DG_BINS; b++) {
-        window->weight[b] = 1.0f;
-        fill_zero(window->still[b], 2);
-        fill_zero(window->rest[b], 2);
+        fill_zero(radar->still[b], 2);
+        fill_zero(radar->rest[b], 2);
+        radar->energy[b] = radar->moment[b] = 0.0f;
     }
-    window->pulses = 0;
-    window->place = 0;
-    window->wait = DG_CPI;
+    radar->noise = radar->power = 0.0f;
+    radar->pulses = 0;
+    radar->place = radar->part = radar->follows = 0;
+    radar->wait = DG_CPI;
 }
 
-/* One column of the short-time transform: power summed over the gate, then over rows and columns of the picture. */
-static void add_column(dg_window *window)
+/* Begin to follow a target: nothing is known of it. */
+static void begin(dg_radar *radar, float range_m, float approach_mps)
 {
-    float power[DG_DOPPLER];
-    int b, m, k, v, c;
-    for (k = 0; k < DG_DOPPLER; k++)
-        power[k] = 0.0f;
+    static const dg_memory nothing;
+    radar->range_m = range_m;
+    radar->approach_mps = approach_mps;
+    radar->memory = nothing;
+    radar->follows = 1;
+    radar->age = radar->lost = radar->reached = radar->alarm = 0;
+}
+
+/* Power of all bins; returns the mean noise of a cell, by the third of the rows with the least power. */
+static float transform_bins(dg_radar *radar)
+{
+    float rows[DG_DOPPLER], sum = 0.0f;
+    int b, m, k, n = 0;
+    fill_zero(rows, DG_DOPPLER);
     for (b = 0; b < DG_BINS; b++) {
         float(*found)[2];
-        if (!(window->weight[b] > 0.0f))
-            continue;
         fill_zero(&spectrum[0][0][0], 2 * DG_DOPPLER);
         for (m = 0; m < DG_CPI; m++) {
-            const float *pulse = window->ring[b][(window->place + m) % DG_CPI];
+            const float *pulse = radar->ring[b][(radar->place + m) % DG_CPI];
             spectrum[0][m][0] = taper[m] * pulse[0];
             spectrum[0][m][1] = taper[m] * pulse[1];
         }
         found = transform();
         for (k = 0; k < DG_DOPPLER; k++) { /* rows rise from the most negative Doppler frequency */
             const float *z = found[(k - DG_DOPPLER / 2 + DG_DOPPLER) % DG_DOPPLER];
-            power[k] += window->weight[b] * (z[0] * z[0] + z[1] * z[1]);
+            power[b][k] = z[0] * z[0] + z[1] * z[1];
+            rows[k] += power[b][k] / DG_BINS;
         }
     }
-    for (k = 0; k < DG_DOPPLER; k++)
-        window->rows[k] += power[k];
-    c = (int)(window->column / DG_COLUMNS_PER_CELL);
-    for (; c < DG_COLUMNS && c * DG_COLUMNS_PER_CELL < window->column + 1; c++) {
-        float low = (float)(c * DG_COLUMNS_PER_CELL - window->column);
-        float high = (float)((c + 1) * DG_COLUMNS_PER_CELL - window->column), share;
-        low = low > 0.0f ? low : 0.0f;
-        high = high < 1.0f ? high : 1.0f;
-        share = high > low ? (high - low) / (float)DG_COLUMNS_PER_CELL : 0.0f; /* of this column in the cell */
-        for (v = 0; v < DG_VELOCITIES; v++) {
-            int from = edge_rows[v], to = edge_rows[v + 1];
-            float width = (float)(to - from) + (edge_parts[v + 1] - edge_parts[v]), sum;
-            if (!(width > 1e-6f)) /* the radar sees no such velocity */
-                continue;
-            sum = from == to ? width * power[from] : (1.0f - edge_parts[v]) * power[from];
-            for (k = from + 1; k < to; k++)
-                sum += power[k];
-            if (to > from && to < DG_DOPPLER)
-                sum += edge_parts[v + 1] * power[to];
-            window->cells[c][v] += share * sum / width;
-        }
+    for (k = 1; k < DG_DOPPLER; k++) {
+        float value = rows[k];
+        for (m = k; m > 0 && rows[m - 1] > value; m--)
+            rows[m] = rows[m - 1];
+        rows[m] = value;
     }
-    window->column++;
+    for (k = 0; k < DG_DOPPLER && n < DG_DOPPLER / 3; k++)
+        if (rows[k] > 0.0f) {
+            sum += rows[k];
+            n++;
+        }
+    return n ? sum / (float)n : 0.0f;
 }
 
-int dg_push(dg_window *window, const float *samples)
+/* Share of a bin's cell between two ranges. */
+static float overlap(int bin, float low_m, float high_m)
 {
-    int b, part;
-    if (window->column >= DG_STFT_COLUMNS) /* nobody asked for the decision */
-        clear(window);
+    float low = (low_m - DG_FIRST_M) / DG_BIN_M + 0.5f - (float)bin;
+    float high = (high_m - DG_FIRST_M) / DG_BIN_M + 0.5f - (float)bin;
+    low = low > 0.0f ? low : 0.0f;
+    high = high < 1.0f ? high : 1.0f;
+    return high > low ? high - low : 0.0f;
+}
+
+/* Add the power in slices along range about the target, at velocities about its own. */
+static void add_slices(dg_radar *radar, float (*column)[DG_SLICES])
+{
+    const float half_mps = 0.5f * DG_ROW_MPS * DG_DOPPLER;
+    int slice, b, k, c;
+    for (slice = 0; slice < DG_SLICES; slice++) {
+        float low_m = radar->range_m + ((float)(slice - DG_SLICES / 2) - 0.5f) * DG_SLICE_M, high_m = low_m + DG_SLICE_M;
+        float summed[DG_DOPPLER + 1], width = 0.0f, before = 0.0f;
+        int first = (int)floorf((low_m - DG_FIRST_M) / DG_BIN_M + 0.5f);
+        int last = (int)floorf((high_m - DG_FIRST_M) / DG_BIN_M + 0.5f);
+        fill_zero(summed, DG_DOPPLER + 1);
+        for (b = first > 0 ? first : 0; b <= last && b < DG_BINS; b++) {
+            float share = overlap(b, low_m, high_m);
+            width += share;
+            for (k = 0; k < DG_DOPPLER; k++)
+                summed[k + 1] += share * power[b][k];
+        }
+        for (k = 0; k < DG_DOPPLER; k++) {
+            float excess = summed[k + 1] > DG_SIGNIFICANT * width * radar->noise ? summed[k + 1] - width * radar->noise : 0.0f;
+            summed[k + 1] = summed[k] + excess;
+        }
+        for (c = 0; c <= DG_VELOCITIES; c++) {
+            float edge = DG_CELL_MPS * (float)(c - DG_VELOCITIES / 2), place, turns, here;
+            edge = edge < -half_mps ? -half_mps : edge > half_mps ? half_mps : edge;
+            place = (edge + radar->approach_mps + half_mps) / DG_ROW_MPS + 0.5f;
+            turns = floorf(place / DG_DOPPLER);
+            place -= turns * DG_DOPPLER;
+            k = (int)place < DG_DOPPLER ? (int)place : DG_DOPPLER - 1;
+            here = summed[k] + (place - (float)k) * (summed[k + 1] - summed[k]) + turns * summed[DG_DOPPLER];
+            if (c > 0)
+                column[c - 1][slice] += here - before > 0.0f ? here - before : 0.0f;
+            before = here;
+        }
+    }
+}
+
+/* Find the strongest moving echo of a column, near the target if one is followed. Returns 0 without any. */
+static int find_echo(const dg_radar *radar, float *range_m, float *approach_mps)
+{
+    float best = DG_LEAST_ENERGY * radar->noise, range = 0.0f, moment = 0.0f, energy = 0.0f;
+    int b, m, place = -1;
+    for (b = 0; b < DG_BINS; b++) {
+        float sum = 0.0f, at_m = DG_FIRST_M + DG_BIN_M * (float)b;
+        if (radar->follows && fabsf(at_m - radar->range_m) > DG_REACH_M)
+            continue;
+        for (m = b - DG_BODY_BINS; m <= b + DG_BODY_BINS; m++)
+            if (m >= 0 && m < DG_BINS)
+                sum += radar->energy[m];
+        if (sum > best) {
+            best = sum;
+            place = b;
+        }
+    }
+    for (m = place - DG_BODY_BINS; place >= 0 && m <= place + DG_BODY_BINS; m++)
+        if (m >= 0 && m < DG_BINS) {
+            energy += radar->energy[m];
+            moment += radar->moment[m];
+            range += radar->energy[m] * (DG_FIRST_M + DG_BIN_M * (float)m);
+        }
+    if (place < 0)
+        return 0;
+    *range_m = range / energy;
+    *approach_mps = moment / energy;
+    return 1;
+}
+
+/* End a column of 0.1 s: follow the target, find one, or lose it. Returns 1 when a decision is due. */
+static int end_column(dg_radar *radar)
+{
+    float range_m = 0.0f, approach_mps = 0.0f;
+    int b, found = find_echo(radar, &range_m, &approach_mps);
+    radar->part = 0;
+    for (b = 0; b < DG_BINS; b++)
+        radar->energy[b] = radar->moment[b] = 0.0f;
+    if (!radar->follows) {
+        if (found)
+            begin(radar, range_m, approach_mps);
+        return 0;
+    }
+    radar->found[radar->age % DG_COLUMNS] = (unsigned char)found;
+    radar->approach[radar->age % DG_COLUMNS] = radar->approach_mps;
+    radar->age++;
+    radar->lost = found ? 0 : radar->lost + 1;
+    if (found) {
+        radar->approach_mps += DG_BETA * (approach_mps - radar->approach_mps);
+        radar->range_m += DG_ALPHA * (range_m - radar->range_m);
+    }
+    radar->range_m -= radar->approach_mps * DG_COLUMN_S;
+    if (radar->lost > DG_MOST_LOST || (radar->age < DG_CONFIRM && radar->lost > 1)) {
+        radar->follows = 0;
+        return 0;
+    }
+    if (radar->age >= 1 << 20) /* after a day; the place in the ring stays the same */
+        radar->age -= (1 << 19) / (DG_COLUMNS * DG_HOP_COLUMNS) * (DG_COLUMNS * DG_HOP_COLUMNS);
+    return radar->age >= DG_COLUMNS && (radar->age - DG_COLUMNS) % DG_HOP_COLUMNS == 0;
+}
+
+/* Add the power of one transform to the column. */
+static void add_transform(dg_radar *radar)
+{
+    int b, k;
+    for (b = 0; b < DG_BINS; b++)
+        for (k = 0; k < DG_DOPPLER; k++) {
+            int row = k - DG_DOPPLER / 2;
+            float excess = power[b][k] - radar->noise;
+            /* not the rows about zero, where the mean that is taken off remembers disturbances */
+            if ((row < -1 || row > 1) && power[b][k] > DG_SIGNIFICANT * radar->noise) {
+                radar->energy[b] += excess;
+                radar->moment[b] += excess * DG_ROW_MPS * (float)row;
+            }
+        }
+    if (radar->follows)
+        add_slices(radar, radar->columns[radar->age % DG_COLUMNS]);
+}
+
+/* Return 1 for a pulse with much more power, beyond static echoes, than those before: a spike. */
+static int is_spike(dg_radar *radar, const float *samples)
+{
+    float power_now = 0.0f, share = 1.0f / (float)(radar->pulses + 1u);
+    int b, part, spike;
     for (b = 0; b < DG_BINS; b++)
         for (part = 0; part < 2; part++) {
             float value = samples[2 * b + part];
-            if (!isfinite(value)) { /* or every later window would be lost with it */
-                window->ring[b][window->place][part] = 0.0f;
+#if DG_REMOVE_STILL
+            value -= radar->first[b][part] + radar->still[b][part];
+#endif
+            power_now += isfinite(value) ? value * value : 0.0f;
+        }
+    spike = radar->pulses >= DG_CPI && power_now > DG_SPIKE * radar->power;
+    if (spike)
+        radar->power *= DG_POWER_RISE; /* until the level has really changed */
+    else if (radar->pulses > 0)
+        radar->power += (share > DG_POWER_SHARE ? share : DG_POWER_SHARE) * (power_now - radar->power);
+    return spike;
+}
+
+int dg_push(dg_radar *radar, const float *samples)
+{
+    float noise;
+    int b, part, spike = is_spike(radar, samples);
+    for (b = 0; b < DG_BINS; b++)
+        for (part = 0; part < 2; part++) {
+            float value = samples[2 * b + part];
+            if (spike || !isfinite(value)) { /* or every later window would be lost with it */
+                radar->ring[b][radar->place][part] = 0.0f;
                 continue;
             }
 #if DG_REMOVE_STILL
-            float share = 1.0f / (float)(window->pulses + 1u), step, mean;
+            float share = 1.0f / (float)(radar->pulses + 1u), step, mean;
             share = share > DG_STILL_SHARE ? share : DG_STILL_SHARE;
-            if (window->pulses == 0)
-                window->first[b][part] = value;
-            value -= window->first[b][part];
-            step = share * (value - window->still[b][part]) - window->rest[b][part];
-            mean = window->still[b][part] + step;
-            window->rest[b][part] = (mean - window->still[b][part]) - step;
-            window->still[b][part] = mean;
+            if (radar->pulses == 0)
+                radar->first[b][part] = value;
+            value -= radar->first[b][part];
+            step = share * (value - radar->still[b][part]) - radar->rest[b][part];
+            mean = radar->still[b][part] + step;
+            radar->rest[b][part] = (mean - radar->still[b][part]) - step;
+            radar->still[b][part] = mean;
             value -= mean;
 #endif
-            window->ring[b][window->place][part] = value;
+            radar->ring[b][radar->place][part] = value;
         }
-    if (window->pulses < 0xfffffffeu)
-        window->pulses++;
-    window->place = (window->place + 1) % DG_CPI;
-    if (--window->wait > 0)
+    if (radar->pulses < 0xfffffffeu)
+        radar->pulses++;
+    radar->place = (radar->place + 1) % DG_CPI;
+    if (--radar->wait > 0)
         return 0;
-    window->wait = DG_HOP;
-    add_column(window);
-    return window->column == DG_STFT_COLUMNS;
+    radar->wait = DG_HOP;
+    if (radar->follows && radar->part == 0)
+        fill_zero(&radar->columns[radar->age % DG_COLUMNS][0][0], DG_VELOCITIES * DG_SLICES);
+    noise = transform_bins(radar);
+    radar->noise = radar->noise > 0.0f ? radar->noise + DG_NOISE_SHARE * (noise - radar->noise) : noise;
+    add_transform(radar);
+    return ++radar->part == DG_HOPS_PER_COLUMN && end_column(radar);
 }
 
-static void sort(float *values, int n)
+void dg_decide(dg_radar *radar, dg_decision *decision)
 {
-    int i, j;
-    for (i = 1; i < n; i++) {
-        float value = values[i];
-        for (j = i; j > 0 && values[j - 1] > value; j--)
-            values[j] = values[j - 1];
-        values[j] = value;
-    }
-}
-
-/* Replace power by levels, 0 to 1; return the strongest cell over the noise floor, or 0 without a signal. */
-static float power_to_levels(dg_window *window)
-{
-    int k, c, v, n = 0, quiet;
-    float floor_power = 0.0f, peak, lowest;
-    for (k = 0; k < DG_DOPPLER; k++)
-        if (window->rows[k] > 0.0f)
-            sorted[n++] = window->rows[k] / DG_STFT_COLUMNS;
-    sort(sorted, n);
-    quiet = n / 3 > 0 ? n / 3 : 1;
-    for (k = 0; k < quiet && n > 0; k++)
-        floor_power += sorted[k] / (float)quiet;
+    float *picture = layer_even, top = 0.0f, way = 0.0f;
+    int c, v, s, seen = 0, oldest = radar->age % DG_COLUMNS;
+    decision->decided = decision->label = 0;
+    decision->alarm = radar->follows && radar->alarm;
+    decision->range_m = radar->range_m;
+    decision->approach_mps = radar->approach_mps;
+    for (c = 0; c < DG_CLASSES; c++)
+        decision->probability[c] = 1.0f / DG_CLASSES;
+    if (!radar->follows || radar->age < DG_COLUMNS)
+        return;
     for (c = 0; c < DG_COLUMNS; c++) {
-        sorted[c] = window->cells[c][0];
-        for (v = 1; v < DG_VELOCITIES; v++)
-            if (window->cells[c][v] > sorted[c])
-                sorted[c] = window->cells[c][v];
+        seen += radar->found[c];
+        way += radar->approach[c];
+        for (v = 0; v < DG_VELOCITIES; v++)
+            for (s = 0; s < DG_SLICES; s++)
+                if (radar->columns[c][v][s] > top)
+                    top = radar->columns[c][v][s];
     }
-    sort(sorted, DG_COLUMNS);
-    peak = 0.5f * (sorted[(DG_COLUMNS - 1) / 2] + sorted[DG_COLUMNS / 2]);
-    lowest = peak * DG_LOWEST_SHARE;
-    if (floor_power > lowest)
-        lowest = floor_power;
+    if (seen < DG_LEAST_FOUND || fabsf(way) > DG_MOST_MPS * DG_COLUMNS || !(top > 0.0f))
+        return;
+    fill_zero(picture, DG_TIMES * DG_VELOCITIES * DG_SLICES);
     for (c = 0; c < DG_COLUMNS; c++)
-        for (v = 0; v < DG_VELOCITIES; v++) {
-            float level = 0.0f;
-            if (lowest > 0.0f && window->cells[c][v] > lowest)
-                level = 10.0f * log10f(window->cells[c][v] / lowest) / DG_RANGE_DB;
-            window->cells[c][v] = level < 1.0f ? level : 1.0f;
-        }
-    return floor_power > 0.0f ? peak / floor_power : 0.0f;
-}
-
-void dg_decide(dg_window *window, dg_decision *decision)
-{
-    float ratio = power_to_levels(window);
-    dg_decide_levels(&window->cells[0][0], decision);
-    decision->peak_over_floor_db = ratio > 0.0f ? 10.0f * log10f(ratio) : 0.0f;
-    if (!(ratio > 0.0f))
-        decision->decided = 0;
-    clear(window);
+        for (v = 0; v < DG_VELOCITIES; v++)
+            for (s = 0; s < DG_SLICES; s++) {
+                float one = radar->columns[(oldest + c) % DG_COLUMNS][way < 0.0f ? DG_VELOCITIES - 1 - v : v][s];
+                float level = one > 0.0f ? 1.0f + 10.0f * log10f(one / top) / DG_RANGE_DB : 0.0f;
+                picture[(c * DG_VELOCITIES + v) * DG_SLICES + s] = level > 0.0f ? level : 0.0f;
+            }
+    dg_follow(&radar->memory, picture, radar->memory.count ? DG_HOP_COLUMNS * DG_COLUMN_S : 0.0f, decision);
+    c = decision->probability[DG_ALARM_CLASS] >= DG_ALARM_THRESHOLD;
+    radar->alarm |= c && radar->reached;
+    radar->reached = c;
+    decision->alarm = radar->alarm;
 }

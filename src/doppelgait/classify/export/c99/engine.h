@@ -1,7 +1,7 @@
-/* The networks of a trained model of doppelgait: from complex samples of a gate to a class.
+/* A trained network of tracks of doppelgait: from complex range bins to an alarm.
 
    C99, no allocation, nothing but <math.h> and <stdint.h>. Made by `doppelgait model export --form c`.
-   Not re-entrant: the layers of the network share one static buffer. */
+   Not re-entrant: work memory is static. One thread at a time, for however many radars. */
 #ifndef DOPPELGAIT_MODEL_H
 #define DOPPELGAIT_MODEL_H
 
@@ -11,43 +11,48 @@
 
 extern const char *const dg_class_names[DG_CLASSES];
 
-/* Range bins that dg_push takes: -DDG_BINS=31 for more than the exported number. */
-#ifndef DG_BINS
-#define DG_BINS DG_EXPORTED_BINS
-#endif
+/* What the network remembers of a track. All zeros: nothing. */
+typedef struct {
+    float total[DG_MEMORY], weight[DG_MEMORY];
+    int32_t count;
+} dg_memory;
 
-/* The observation of one gate. Its size is most of the memory that the model needs. */
+typedef struct {
+    float probability[DG_CLASSES];             /* calibrated, for equally frequent classes; of the track up to now */
+    int label;                                 /* most likely class */
+    int decided;                               /* 0: no target, or the probability is below DG_ABSTAIN_BELOW */
+    int alarm;                                 /* 1 from the second window in succession on that reaches the threshold */
+    float range_m, approach_mps;               /* of the target; approaching is positive */
+} dg_decision;
+
+/* One radar, and the one target that it follows: the strongest that moves. */
 typedef struct {
     float ring[DG_BINS][DG_CPI][2];            /* pulses of one processing interval */
     float first[DG_BINS][2];                   /* first pulse; small numbers then keep all digits */
     float still[DG_BINS][2], rest[DG_BINS][2]; /* running mean of every bin less that, and its rounding (Kahan) */
-    float weight[DG_BINS];                     /* share of a bin inside the gate, 0 to 1 */
-    float rows[DG_DOPPLER];                    /* power of every Doppler row */
-    float cells[DG_COLUMNS][DG_VELOCITIES];    /* power, later levels 0 to 1 */
+    float energy[DG_BINS], moment[DG_BINS];    /* power above the noise of one column, and times velocity */
+    float columns[DG_COLUMNS][DG_VELOCITIES][DG_SLICES];
+    float approach[DG_COLUMNS];
+    unsigned char found[DG_COLUMNS];           /* whether the target was found in a column */
+    float power, noise, range_m, approach_mps; /* mean power of a pulse, and noise of a cell; the target */
     uint32_t pulses;                           /* since dg_start, up to the time constant of the mean */
-    int place, wait, column;
-} dg_window;
+    int place, wait, part;                     /* next pulse of the ring, pulses to the next transform, its number */
+    int follows, age, lost, reached, alarm;    /* a target is followed; columns with it, and without an echo */
+    dg_memory memory;
+} dg_radar;
 
-typedef struct {
-    float probability[DG_CLASSES];             /* calibrated, for equally frequent classes */
-    int label;                                 /* most likely class */
-    int decided;                               /* 0: no signal, or the probability is below DG_ABSTAIN_BELOW */
-    float peak_over_floor_db;                  /* strongest cell, median over time, over the noise floor */
-} dg_decision;
+/* Begin anew: after the start, and after lost pulses. */
+void dg_start(dg_radar *radar);
 
-/* Begin anew: after the start, after lost pulses, and when the gate belongs to another target. All weights become 1. */
-void dg_start(dg_window *window);
+/* Take one pulse: real and imaginary part of every range bin, interleaved (2 * DG_BINS). A sample that is not finite is
+   taken as no echo. Returns 1 when a decision is due, every DG_HOP_COLUMNS columns of 0.1 s. */
+int dg_push(dg_radar *radar, const float *samples);
 
-/* Take one pulse: real and imaginary part of every bin, interleaved (2 * DG_BINS). A sample that is not finite is taken
-   as no echo. The weights in the window may be changed at any time, so that the gate follows a target. Returns 1 when
-   DG_WINDOW_PULSES (then DG_STFT_COLUMNS * DG_HOP) pulses have made a whole window, else 0. */
-int dg_push(dg_window *window, const float *samples);
+/* Decide about the target that is followed. Without one, or before it was seen for a window, nothing is decided. */
+void dg_decide(dg_radar *radar, dg_decision *decision);
 
-/* Decide about a whole window and begin the next one. Work memory is static: one thread at a time, for however many
-   windows. */
-void dg_decide(dg_window *window, dg_decision *decision);
-
-/* Decide about levels (DG_COLUMNS, DG_VELOCITIES), time first, 0 to 1; peak_over_floor_db stays as it is. */
-void dg_decide_levels(const float *levels, dg_decision *decision);
+/* Add one picture (DG_TIMES, DG_VELOCITIES, DG_SLICES), levels 0 to 1, to a memory. since_s is the time since the end
+   of the window before, 0 for the first. Range, speed and alarm of the decision stay as they are. */
+void dg_follow(dg_memory *memory, const float *picture, float since_s, dg_decision *decision);
 
 #endif

@@ -1,0 +1,246 @@
+"""``doppelgait-bench-1``: alarms on frozen data.
+
+A part of the benchmark is a dataset: its plan is frozen by its identity, which the data version and
+the contents of recorded motion enter. A classifier is a function of the dataset to learn from and of
+one to answer about. It returns the probability of a person after the window of every row, NaN where
+the window is no evidence, from this and earlier windows of the recording alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import runpy
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from doppelgait.classify.alarm import answer_day, score_at_threshold
+from doppelgait.classify.data import (
+    ALARM_CLASS,
+    Rows,
+    all_rows,
+    collect_inputs,
+    collect_rows,
+    mark_shared,
+    number_tracks,
+)
+from doppelgait.classify.evaluation import hold_back
+from doppelgait.classify.learned import FloatArray, Inputs, LabelledRows, to_levels
+from doppelgait.classify.model import calibrate, row_weights
+from doppelgait.classify.model_file import open_model
+from doppelgait.classify.report import format_interval, format_number
+from doppelgait.classify.scores import auc, auc_interval, bin_reliability, expected_calibration_error
+from doppelgait.classify.timeline import follow_rows, fuse_rows
+from doppelgait.classify.training import find_kind, fit
+from doppelgait.core.config import validate
+from doppelgait.core.errors import ConfigError
+from doppelgait.dataset.build import build_dataset
+from doppelgait.dataset.config import PlanConfig, load_plan
+from doppelgait.dataset.finish import compute_dataset_id
+from doppelgait.dataset.open import Dataset, open_dataset
+from doppelgait.features import measure_windows
+from doppelgait.processing.patches import N_SLICES
+
+NAME = "doppelgait-bench-1"
+MISSED = 0.05  # share of entries that are missed at the rate of false alarms in the table
+LAW = {"total_m2": {"log_uniform": [0.015, 1.6]}}
+"""Cross section of people and animals in the part ``matched``: its level does not give the class."""
+Answer = Callable[[Dataset, Dataset], FloatArray]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Plan of a part: built-in name, what differs, and its identity."""
+
+    plan: str
+    identity: str
+    overrides: tuple[str, ...] = ()
+    matched: bool = False
+    recorded: bool = False
+
+
+_TRAIN = ("dataset.examples_per_class=20", "dataset.seed=1001", "dataset.hop_s=1.25")
+_MATCHED = ("dataset.examples_per_class=5", "dataset.seed=1002", "dataset.hop_s=0.5")
+_FIELDS = 'dataset.fields=["pictures", "ti_frames"]'
+PARTS: Mapping[str, Part] = {
+    "train": Part("home-alarm-life", "", (*_TRAIN, _FIELDS)),
+    "life": Part("home-alarm-test", "", ("dataset.examples_per_class=12", "dataset.hop_s=0.5", _FIELDS)),
+    "matched": Part("home-alarm-test", "", (*_MATCHED, _FIELDS), matched=True),
+    "recorded": Part("home-alarm-recorded", "", (_FIELDS,), recorded=True),
+}
+"""``life`` has kinds that are unknown to ``train``, ``matched`` the same at levels that do not give the class, and
+``recorded`` people and dogs of motion capture, whose files the user has."""
+
+
+def load_part(name: str, folder: Path | None = None) -> PlanConfig:
+    """Load the plan of a part, and check that it is the frozen one."""
+    part = PARTS[name]
+    plan = load_plan(part.plan, overrides=[f"dataset.name={NAME}-{name}", *part.overrides])[0]
+    if part.matched:
+        plain = plan.model_dump(mode="python", exclude_unset=True)
+        plan = validate(PlanConfig, {**plain, "episodes": match_levels(plain["episodes"])}, where=name)
+    found = compute_dataset_id(plan, folder or Path())
+    if part.identity not in ("", found):
+        raise ConfigError(
+            f"{NAME}, part {name}: has the identity {found} here and not {part.identity}: other files, or "
+            "another version of the data; scores are not comparable"
+        )
+    return plan
+
+
+def match_levels(value: Any) -> Any:
+    """Replace the cross section of people and animals, wherever a plan has them, by one law."""
+    if isinstance(value, Mapping):
+        found = {key: match_levels(each) for key, each in value.items()}
+        return {**found, "rcs": LAW} if found.get("label") in ("human", "animal") else found
+    return [match_levels(each) for each in value] if isinstance(value, list | tuple) else value
+
+
+def build_part(
+    name: str,
+    directory: Path,
+    *,
+    folder: Path | None = None,
+    workers: int | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Dataset:
+    """Build a part of the benchmark, or what is missing of it."""
+    build_dataset(load_part(name, folder), directory, folder=folder, workers=workers, on_progress=on_progress)
+    return open_dataset(directory)
+
+
+def identify_contents(dataset: Dataset) -> str:
+    """Return the hash of rows and arrays of a dataset, 16 hex digits."""
+    sums = (dataset.directory / "SHA256SUMS").read_text(encoding="utf-8").splitlines()
+    kept = sorted(line for line in sums if line.split()[-1].startswith(("index.parquet", "shards")))
+    return hashlib.sha256("\n".join(kept).encode()).hexdigest()[:16]
+
+
+def score_part(dataset: Dataset, probability: FloatArray) -> dict[str, Any]:
+    """Score answers: the end of every track, and the alarm where five of a hundred entries are missed."""
+    index = dataset.index.assign(p=probability, number=number_tracks(all_rows(dataset, ())))
+    index = index[np.isfinite(probability) & ~mark_shared(index)].sort_values("window_stop_s")
+    ends = index.groupby("number").tail(1)
+    values, human = ends["p"].to_numpy(dtype=np.float64), (ends["label"] == ALARM_CLASS).to_numpy(dtype=bool)
+    scenes, right = ends["scene_id"].to_numpy(dtype=str), (values >= 0.5) == human
+    weights = row_weights(human.astype(np.int64), 2)
+    bins = bin_reliability(np.maximum(values, 1.0 - values), right, weights, 0.5)
+    low, high = auc_interval(values, human, scenes, seed=0) or (None, None)
+    day, episodes = dataset.plan_config, answer_day(dataset, probability)
+    wanted = {one.label for one in day.episodes if one.should_trigger}
+    best = [
+        max((float(scores.max()) for _, scores in one.tracks.values()), default=0.0)
+        for one in episodes
+        if one.label in wanted
+    ]
+    threshold = float(np.sort(best)[int(MISSED * len(best))])
+    return {
+        "tracks": len(ends),
+        "auc": {"value": auc(values, human), "low": low, "high": high},
+        "expected_calibration_error": expected_calibration_error(bins),
+        "alarm": score_at_threshold(day, episodes, max(threshold, 1e-12)),
+    }
+
+
+# Classifiers ---------------------------------------------------------------------------------------------------------
+
+
+def open_classifier(name: str) -> Answer:
+    """Return a classifier by name: a baseline, ``FILE.py:FUNCTION``, or a model by name or file.
+
+    Raises
+    ------
+    ConfigError
+        If there is none of this name.
+    """
+    if name in BASELINES:
+        return partial(answer_baseline, name)
+    path, _, function = name.rpartition(":")
+    if path.endswith(".py"):
+        found = runpy.run_path(path).get(function) if Path(path).is_file() else None
+        if not callable(found):
+            raise ConfigError(f"--classifier {name}: has no function {function!r}; name it as FILE.py:FUNCTION")
+        answer: Answer = found
+        return answer
+    model = open_model(name)
+
+    def answer_model(_: Dataset, test: Dataset) -> FloatArray:
+        classes = model.of_tracks.facts.classes
+        if ALARM_CLASS not in classes:
+            raise ConfigError(f"--classifier {name}: has no class {ALARM_CLASS}; it has {', '.join(classes)}")
+        return follow_rows(test, model)[:, classes.index(ALARM_CLASS)]
+
+    return answer_model
+
+
+def answer_baseline(name: str, train: Dataset, test: Dataset) -> FloatArray:
+    """Train a baseline on single windows, and fuse its answers by track."""
+    measure, trainer = BASELINES[name]
+    rows = collect_rows(train)
+    tested, values = all_rows(test, rows.classes), measure(rows)
+    sides = hold_back(rows, np.arange(len(rows)), 0)
+    parts = [LabelledRows(values[side], rows.labels[side]) for side in sides]
+    learned = fit(find_kind(trainer), *parts, n_classes=len(rows.classes), seed=0)
+    calibration = calibrate(learned.log_probability(parts[1].values), parts[1].labels)
+    probability = calibration(learned.log_probability(measure(tested)))
+    probability[test.index["track"].isna().to_numpy(dtype=bool)] = np.nan
+    if trainer != "track-network":
+        probability = fuse_rows(tested, probability, calibration.n_rows)
+    return probability[:, rows.classes.index(ALARM_CLASS)]
+
+
+def _measure_stored(rows: Rows, field: str, measure: Callable[[Any], FloatArray], n_values: int) -> FloatArray:
+    # values (n, n_values) of a stored array of every row, NaN where it is empty
+    found = np.full((len(rows), n_values), np.nan)
+    for number, (origin, place) in enumerate(zip(rows.origin.tolist(), rows.place.tolist(), strict=True)):
+        values = rows.datasets[origin].stored(place, field)
+        if values is not None and values.size:
+            found[number] = measure(values)
+    return found
+
+
+def _measure_numbers(rows: Rows) -> FloatArray:
+    return _measure_stored(rows, "ti_frames", lambda values: measure_windows(values)[0], 8)
+
+
+def _measure_brightness(rows: Rows) -> FloatArray:
+    # six order statistics of the levels, which show no gait
+    shares = np.array([0.1, 0.25, 0.5, 0.75, 0.9, 0.99])
+    return _measure_stored(rows, "pictures", lambda values: np.quantile(values, shares), shares.size)
+
+
+def _cut_spectrograms(rows: Rows) -> Inputs:
+    found = np.empty(len(rows), dtype=object)
+    for number, seen in enumerate(collect_inputs(rows, "track").values[:, -1]):
+        if seen.pictures is not None:
+            found[number] = to_levels(seen.pictures[0, N_SLICES // 2]).T
+    return found
+
+
+Measure = Callable[[Rows], Inputs]
+BASELINES: Mapping[str, tuple[Measure, str]] = {
+    "brightness": (_measure_brightness, "extended-boosting"),
+    "four-numbers": (_measure_numbers, "extended-boosting"),
+    "six-features": (lambda rows: collect_inputs(rows, "six").values, "extended-boosting"),
+    "spectrogram": (_cut_spectrograms, "signature-network"),
+    "track": (lambda rows: collect_inputs(rows, "track").values, "track-network"),
+}
+"""Baselines: what they measure in a window, and how they are trained on ``train``."""
+
+
+# Tables --------------------------------------------------------------------------------------------------------------
+
+
+def format_scores(name: str, scores: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+    """Format a row of the table, of the scores of parts."""
+    row = {"classifier": name}
+    for part, found in scores.items():
+        area, rate = found["auc"], found["alarm"].get("false_per_animal_hour")
+        row[f"{part}: AUC"] = format_interval(area)
+        row[f"{part}: ECE"] = format_number(found["expected_calibration_error"])
+        row[f"{part}: false/h"] = "-" if rate is None else "{value:.1f} ({low:.1f} to {high:.1f})".format(**rate)
+    return row

@@ -1,0 +1,135 @@
+"""The benchmark: the same data in two processes, and any classifier is scored on it."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from doppelgait.classify import benchmark as bench
+from doppelgait.classify.benchmark import Part
+from doppelgait.core.errors import ConfigError
+from doppelgait.dataset import open_dataset
+from processes import run
+
+PLAN = """
+[dataset]
+name = "tiny"
+seed = 3
+examples_per_class = 5
+fields = ["pictures", "ti_frames"]
+fractions = { test = 1.0 }
+
+[noise]
+kind = "thermal"
+
+[[episodes]]
+label = "a person"
+should_trigger = true
+hours_per_day = 1
+duration_s = 4
+targets = [{ label = "human", motion = { kind = "human" }, range_m = 4.0 }]
+
+[[episodes]]
+label = "a dog"
+animals = 1
+hours_per_day = 1
+duration_s = 4
+targets = [{ label = "animal", motion = { kind = "quadruped", gait = "walk" }, range_m = 4.0 }]
+"""
+OUTSIDE = '''
+import numpy as np
+
+
+def answer(train, test):
+    """Logistic regression on the spread of the torso line, by hand; a running mean over the track."""
+    name = "extended_torso_bandwidth_mps"
+    known = train.index[train.index["label"].isin(["human", "animal"])]
+    x, y = known[name].fillna(0.5), known["label"] == "human"
+    mean, spread = x.mean(), x.std() + 1e-6
+    weight = bias = 0.0
+    for _ in range(200):
+        p = 1 / (1 + np.exp(-(weight * (x - mean) / spread + bias)))
+        weight -= 0.1 * ((p - y) * (x - mean) / spread).mean()
+        bias -= 0.1 * (p - y).mean()
+    rows = test.index.copy()
+    rows["odds"] = weight * (rows[name].fillna(mean) - mean) / spread + bias
+    rows = rows.sort_values("window_stop_s")
+    tracks = rows.groupby([rows["scene_id"], rows["track"].fillna(-1)])
+    mean = tracks["odds"].cumsum() / (tracks.cumcount() + 1)
+    return (1 / (1 + np.exp(-mean))).reindex(test.index.index).to_numpy()
+'''
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The benchmark with tiny parts, made by the command of a process of its own."""
+    folder = tmp_path_factory.mktemp("bench")
+    (folder / "tiny.toml").write_text(PLAN)
+    (folder / "mine.py").write_text(OUTSIDE)
+    return folder
+
+
+def make(folder, out, *words):
+    program = (
+        "from doppelgait.classify import benchmark as bench; from doppelgait.cli.app import main; "
+        f"bench.PARTS = {{n: bench.Part({str(folder / 'tiny.toml')!r}, '', o, matched=n == 'matched') for n, o in "
+        "[('train', ('dataset.seed=1',)), ('life', ()), ('matched', ())]}; main()"
+    )
+    done = run([sys.executable, "-c", program, "benchmark", str(out), *words, "--json"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_two_processes_make_the_same_benchmark_and_score_any_classifier(folder, tmp_path):
+    mine = f"{folder / 'mine.py'}:answer"
+    first = make(folder, tmp_path / "a", "--workers", "2", "--classifier", mine, "--classifier", "four-numbers")
+    second = make(folder, tmp_path / "b", "--workers", "1", "--classifier", mine)
+    assert first["parts"] == second["parts"]
+    assert len({part["contents"] for part in first["parts"]}) == len(first["parts"]) == 3
+    assert first["scores"][mine] == second["scores"][mine]
+    assert set(first["scores"]) == {mine, "four-numbers"}
+    life = first["scores"][mine]["life"]
+    assert life["tracks"] == 10
+    assert 0.0 <= life["auc"]["value"] <= 1.0
+    assert life["alarm"]["entries"] == 5
+    train, part = (open_dataset(tmp_path / "a" / name) for name in ("train", "life"))
+    for name in ("brightness", "six-features", "track"):
+        answers = bench.answer_baseline(name, train, part)
+        assert np.isfinite(answers).sum() >= 10, name
+        row = bench.format_scores(name, {"life": bench.score_part(part, answers)})
+        assert set(row) == {"classifier", "life: AUC", "life: ECE", "life: false/h"}
+
+
+def test_a_perfect_classifier_has_perfect_scores_and_a_blind_one_none(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(bench, "PARTS", {"life": Part(str(folder / "tiny.toml"), "")})
+    dataset = bench.build_part("life", tmp_path / "life", workers=1)
+    human = (dataset.index["label"] == "human").to_numpy(dtype=float)
+    found = bench.score_part(dataset, 0.01 + 0.98 * human)
+    assert (found["auc"]["value"], found["alarm"]["missed"], found["alarm"]["false_per_animal_hour"]["value"]) == (
+        1,
+        0,
+        0,
+    )
+    assert found["expected_calibration_error"] == pytest.approx(0.01)
+    assert bench.score_part(dataset, np.full(human.size, 0.3))["auc"]["value"] == 0.5
+
+
+def test_levels_are_matched_for_people_and_animals_alone(folder, monkeypatch):
+    part = Part(str(folder / "tiny.toml"), "", matched=True)
+    monkeypatch.setattr(bench, "PARTS", {"matched": part})
+    plan = bench.load_part("matched")
+    assert [body["rcs"] for one in plan.episodes for body in one.targets] == [bench.LAW, bench.LAW]
+    nested = [{"label": "thing"}, {"choice": [[{"label": "animal"}, {"label": "human", "rcs": 3}]]}]
+    kept, choice = bench.match_levels(nested)
+    assert kept == {"label": "thing"}
+    assert [body["rcs"] for body in choice["choice"][0]] == [bench.LAW, bench.LAW]
+
+
+def test_other_data_and_unknown_classifiers_are_told(folder, monkeypatch):
+    monkeypatch.setattr(bench, "PARTS", {"life": Part(str(folder / "tiny.toml"), "0" * 16)})
+    with pytest.raises(ConfigError, match=r"part life: has the identity .* scores are not comparable"):
+        bench.load_part("life")
+    for name in ("nothing.py:answer", f"{folder / 'mine.py'}:nothing"):
+        with pytest.raises(ConfigError, match="name it as FILE"):
+            bench.open_classifier(name)
