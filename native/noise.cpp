@@ -180,27 +180,11 @@ void add_noise_matrix(const Out2<std::complex<T>>& matrix, std::uint64_t key, do
   }
 }
 
-// The transforms by themselves, for tests against the logarithm and the circle.
-void transform_words(const In1<std::uint32_t>& words, const Out2<float>& exponentials_and_directions) {
-  const auto from = view_line(words);
-  const auto to = view_rows(exponentials_and_directions);
-  require(to.count == 3 && to.width == from.size, "lengths differ");
-  for (Index i = 0; i < from.size; ++i) {
-    const Word word = Word{} + from[i];
-    Float a, b;
-    direction(word, a, b);
-    to[0][i] = exponential(word)[0];
-    to[1][i] = a[0];
-    to[2][i] = b[0];
-  }
-}
-
 }  // namespace
 
 void bind(nb::module_& module) {
   const auto matrix = nb::arg("matrix").noconvert();
   const auto key = nb::arg("key"), rms = nb::arg("rms"), factor = nb::arg("factor");
-  module.def("transform_words", &transform_words, nb::arg("words"), nb::arg("out").noconvert());
   module.attr("NOISE_LANES") = kLanes;
   module.def("add_noise_block", &add_noise_block, nb::arg("plane_re").noconvert(), nb::arg("plane_im").noconvert(),
              nb::arg("start"), nb::arg("stop"), nb::arg("first_bin"), nb::arg("first_frame"), key, rms, factor,

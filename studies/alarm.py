@@ -4,9 +4,9 @@
 
 Question: how often do the shipped models raise the alarm for an animal, and whom do they miss?
 
-Two days are simulated for every radar. The kinds of the first (`studies/plans/life-unknown.toml`) were written by
-someone who knew neither the kinds of the training nor any rule; nothing was chosen on it. The second has recorded
-people and dogs that walk about (`studies/plans/life-recorded.toml`); the two dogs are different kinds. A false alarm is
+Two days are simulated for every radar. The kinds of the first (`home-alarm-test`) were written by someone who knew
+neither the kinds of the training nor any rule; nothing was chosen on it. The second has recorded people and dogs that
+walk about (`home-alarm-recorded`); the two dogs are different kinds. A false alarm is
 a track that raises the alarm in a recording that should not; an entry is missed if no track raises it. Rates are per
 hour of an animal in the recording. Thresholds are that of the training data and round numbers.
 It takes 40 minutes of one core.
@@ -32,8 +32,7 @@ from doppelgait.dataset.config import PlanConfig, load_plan
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
 
-PLANS = Path(__file__).parent / "plans"
-DAYS = ("life-unknown", "life-recorded")
+DAYS = ("home-alarm-test", "home-alarm-recorded")
 REPEATS = {"x4": 20, "fmcw-24": 5, "fmcw-60": 2}
 """Recordings of a kind: as many as two hours allow."""
 
@@ -84,7 +83,7 @@ def main() -> None:
         model = load_shipped_model(radar)
         for name in DAYS:
             count = f"dataset.examples_per_class={REPEATS[radar]}"
-            day, _ = load_plan(PLANS / f"{name}.toml", overrides=[count, *train_models.OVERRIDES.get(radar, [])])
+            day, _ = load_plan(name, overrides=[count, *train_models.OVERRIDES.get(radar, [])])
             folder = options.motion_folder.absolute()
             dataset = build_day(day, model, options.out / f"{name}-{radar}", folder=folder)
             human = model.of_tracks.facts.classes.index("human")

@@ -9,8 +9,8 @@ from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.classify.network import CHANNELS
 from doppelgait.classify.training import (
     BASELINES,
-    BUILT_IN,
     CLASSIFIERS,
+    DEFAULT,
     find_kind,
     fit,
     join,
@@ -24,7 +24,9 @@ from doppelgait.testing import check_classifier
 
 
 @pytest.mark.filterwarnings("ignore:torch is not installed")  # its network of tracks is then smaller
-@pytest.mark.parametrize("name", [*(name for name in BUILT_IN if name != "signature-network"), *BASELINES])
+@pytest.mark.parametrize(
+    "name", [*(name for name in CLASSIFIERS if name not in ("signature-network", *BASELINES)), *BASELINES]
+)
 def test_built_in_classifiers_keep_the_contract(name):
     check_classifier(name)
 
@@ -80,9 +82,9 @@ def test_features_of_a_classifier_are_checked(registered):
 
 
 def test_an_unknown_model_is_refused_with_those_that_are_known():
-    with pytest.raises(ConfigError, match="model 'oracle' is not known; allowed are six-logistic, six-boosting"):
+    with pytest.raises(ConfigError, match="model 'oracle' is not known; allowed are ensemble, extended-boosting"):
         find_kind("oracle")
-    assert all(name in CLASSIFIERS for name in (*BUILT_IN, *BASELINES))
+    assert all(name in CLASSIFIERS for name in (*DEFAULT, *BASELINES))
 
 
 @pytest.mark.parametrize("attribute", ["_predictors", "_baseline_prediction"])

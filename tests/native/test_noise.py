@@ -53,13 +53,6 @@ def reference_noise(frame, n, key, rms):
     return sign * rms * math.sqrt(-math.log(u)) * complex(x, y)
 
 
-def transformed(words):
-    """Exponential variables and points of the circle."""
-    out = np.empty((3, words.size), dtype=np.float32)
-    native.transform_words(words, out)
-    return out
-
-
 # Philox
 
 
@@ -80,44 +73,6 @@ def test_the_reference_gives_the_published_words(counter, key, words):
 
 
 # Transform
-
-
-def whole_range_of_words():
-    """Both ends without a gap, everything around the powers of two and of sqrt(1/2), and a million between."""
-    ends = np.arange(2**16)
-    near = np.concatenate([np.round(2.0 ** (0.5 * e)) + np.arange(-300, 301) for e in range(20, 64)])
-    spread = np.arange(2**20) * 4096 + np.random.default_rng(3).integers(0, 4096, 2**20)
-    every = np.concatenate([ends, 2**32 - 1 - ends, near, spread])
-    return every[(every >= 0) & (every < 2**32)].astype(np.uint32)
-
-
-def test_exponential_is_minus_the_logarithm_over_the_whole_range():
-    words = whole_range_of_words()
-    value = transformed(words)[0]
-    rounded = (words.astype(np.float32) + np.float32(0.5)).astype(np.float64) / 2**32
-    exact = -np.log(rounded)
-    ulp = np.spacing(np.maximum(exact, 1e-30).astype(np.float32))
-    assert np.abs((value - exact) / ulp).max() < 2
-    assert value.min() == 0
-    assert value.max() == pytest.approx(33 * math.log(2), rel=1e-7)
-    # the 24 bits to which u is rounded cost no more than the rounding of u itself
-    assert np.abs(value + np.log((words + 0.5) / 2**32)).max() < 2e-6
-    order = np.argsort(words)
-    assert (np.diff(value[order].astype(np.float64)) < 2e-6).all()
-
-
-def test_direction_covers_the_circle_once_and_lies_on_it():
-    words = whole_range_of_words()
-    x, y = transformed(words)[1:]
-    angle = (words << np.uint32(2)).view(np.int32) * (math.pi / 4 / 2**31)
-    swap, sign = (words >> 30) & 1, 1.0 - 2.0 * (words >> 31)
-    exact_x = sign * np.where(swap, np.sin(angle), np.cos(angle))
-    exact_y = sign * np.where(swap, np.cos(angle), np.sin(angle))
-    assert np.abs(x - exact_x).max() < 2**-23
-    assert np.abs(y - exact_y).max() < 2**-23
-    corners = np.array([0, 1, 2, 3], dtype=np.uint32) << np.uint32(30)
-    _, x, y = transformed(corners)
-    np.testing.assert_array_equal(x + 1j * y, [1, 1j, -1, -1j])
 
 
 @pytest.mark.parametrize("key", [0, 1, KEY, 2**64 - 1])

@@ -100,11 +100,7 @@ def build_day(
 
 
 def answer_day(dataset: Dataset, probability: FloatArray) -> list[Episode]:
-    """Collect what a classifier answers about a dataset of episodes.
-
-    ``probability`` (n,) is that of the class of the alarm after the window of every row, NaN where it is no evidence.
-    It may use the windows of the same recording up to it.
-    """
+    """Collect the probabilities of the alarm's class after every row of a dataset of episodes; NaN: no evidence."""
     labels = {
         make_example_id(section.label, 0).rpartition("-")[0]: section.label for section in dataset.plan_config.episodes
     }

@@ -32,12 +32,13 @@ from doppelgait.classify.evaluation import hold_back
 from doppelgait.classify.learned import FloatArray, Inputs, LabelledRows, to_levels
 from doppelgait.classify.model import calibrate, row_weights
 from doppelgait.classify.model_file import open_model
+from doppelgait.classify.network import NO_TORCH, is_torch_installed
 from doppelgait.classify.report import format_interval, format_number
 from doppelgait.classify.scores import auc, auc_interval, bin_reliability, expected_calibration_error
 from doppelgait.classify.timeline import follow_rows, fuse_rows
 from doppelgait.classify.training import find_kind, fit
 from doppelgait.core.config import validate
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.finish import compute_dataset_id
@@ -47,8 +48,7 @@ from doppelgait.processing.patches import N_SLICES
 
 NAME = "doppelgait-bench-1"
 MISSED = 0.05  # share of entries that are missed at the rate of false alarms in the table
-LAW = {"total_m2": {"log_uniform": [0.015, 1.6]}}
-"""Cross section of people and animals in the part ``matched``: its level does not give the class."""
+LAW = {"total_m2": {"log_uniform": [0.015, 1.6]}}  # cross section of people and animals in the part ``matched``
 Answer = Callable[[Dataset, Dataset], FloatArray]
 
 
@@ -105,11 +105,10 @@ def build_part(
     directory: Path,
     *,
     folder: Path | None = None,
-    workers: int | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Dataset:
     """Build a part of the benchmark, or what is missing of it."""
-    build_dataset(load_part(name, folder), directory, folder=folder, workers=workers, on_progress=on_progress)
+    build_dataset(load_part(name, folder), directory, folder=folder, on_progress=on_progress)
     return open_dataset(directory)
 
 
@@ -150,13 +149,9 @@ def score_part(dataset: Dataset, probability: FloatArray) -> dict[str, Any]:
 
 
 def open_classifier(name: str) -> Answer:
-    """Return a classifier by name: a baseline, ``FILE.py:FUNCTION``, or a model by name or file.
-
-    Raises
-    ------
-    ConfigError
-        If there is none of this name.
-    """
+    """Return a classifier: a baseline, ``FILE.py:FUNCTION``, or a model by name or file."""
+    if name == "spectrogram" and not is_torch_installed():
+        raise DatasetError(NO_TORCH)
     if name in BASELINES:
         return partial(answer_baseline, name)
     path, _, function = name.rpartition(":")
@@ -221,8 +216,7 @@ def _cut_spectrograms(rows: Rows) -> Inputs:
     return found
 
 
-Measure = Callable[[Rows], Inputs]
-BASELINES: Mapping[str, tuple[Measure, str]] = {
+BASELINES: Mapping[str, tuple[Callable[[Rows], Inputs], str]] = {
     "brightness": (_measure_brightness, "extended-boosting"),
     "four-numbers": (_measure_numbers, "extended-boosting"),
     "six-features": (lambda rows: collect_inputs(rows, "six").values, "extended-boosting"),

@@ -145,9 +145,8 @@ class Seen(NamedTuple):
 
 
 def find_windows_before(seen: Sequence[Seen]) -> tuple[IntArray, IntArray]:
-    """Return the order of windows by track and time, and the window that each adds to, -1 for none.
-    A window of a shared gate adds to the one before it; any other adds to the last that shared none.
-    """
+    """Return the order of windows by track and time, and the window whose memory each continues, -1 for none."""
+    # a window of a shared gate continues the one before it, any other the last that shared none
     order = np.array(sorted(range(len(seen)), key=lambda n: (seen[n].track, seen[n].stop_s)), dtype=np.int64)
     before, track, own, last = np.full(len(seen), -1), None, -1, -1
     for number in order.tolist():

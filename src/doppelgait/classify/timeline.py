@@ -245,17 +245,15 @@ def fuse_rows(rows: Rows, probability: FloatArray, n_calibration: int) -> FloatA
     beliefs: dict[int, _ClassEvidence] = {}
     numbers, n_classes, fused = number_tracks(rows), probability.shape[1], np.full(probability.shape, np.nan)
     edges_s = [read_numbers(rows.index[f"window_{name}_s"]) for name in ("start", "stop")]
-    own_s = [
-        read_numbers(rows.index.get(f"quality_{name}_s", np.full(len(rows), np.nan))) for name in ("start", "stop")
-    ]
+    own_s = [read_numbers(rows.index.get(f"quality_{name}_s", edges_s[0] * np.nan)) for name in ("start", "stop")]
+    spans_s = [np.where(np.isnan(own), edge, own) for own, edge in zip(own_s, edges_s, strict=True)]
     for number in np.argsort(edges_s[1], kind="stable").tolist():
-        stop_s = float(edges_s[1][number])
-        belief = beliefs.setdefault(numbers[number], _ClassEvidence(np.full(n_classes, 1.0 / n_classes), stop_s))
-        belief.hand_over(stop_s)
+        belief = beliefs.setdefault(
+            numbers[number], _ClassEvidence(np.full(n_classes, 1.0 / n_classes), edges_s[1][number])
+        )
+        belief.hand_over(edges_s[1][number])
         if np.isfinite(probability[number]).all():
-            spans = zip(own_s, edges_s, strict=True)
-            start_s, stop_s = (float(edge[number] if math.isnan(own[number]) else own[number]) for own, edge in spans)
-            belief.add_evidence(probability[number], start_s, stop_s, n_calibration)
+            belief.add_evidence(probability[number], spans_s[0][number], spans_s[1][number], n_calibration)
             fused[number] = belief.probability
     return fused
 

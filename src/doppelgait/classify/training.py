@@ -29,15 +29,6 @@ from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.plugins import Group, plugin
 from doppelgait.core.worker import limit_blas_threads
 
-BUILT_IN = (
-    "six-logistic",
-    "six-boosting",
-    "extended-logistic",
-    "extended-boosting",
-    "signature-network",
-    "track-network",
-    "ensemble",
-)
 MEMBERS = ("extended-logistic", "extended-boosting", "signature-network")
 """Models that the ensemble averages: straight boundaries, boxes, and pictures."""
 DEFAULT = ("six-logistic", *MEMBERS, "ensemble")  # models that are trained where none is named
@@ -93,8 +84,8 @@ class Kind(NamedTuple):
 def find_kind(name: str) -> Kind:
     """Return inputs and method of a known model."""
     if name not in CLASSIFIERS:
-        further = (item.name for item in CLASSIFIERS.values() if item.name not in BUILT_IN + BASELINES)
-        raise ConfigError(f"--models: model {name!r} is not known; allowed are {', '.join([*BUILT_IN, *further])}")
+        allowed = ", ".join(item.name for item in CLASSIFIERS.values() if item.name not in BASELINES)
+        raise ConfigError(f"--models: model {name!r} is not known; allowed are {allowed}")
     facts = CLASSIFIERS[name].facts
     return Kind(facts["features"], facts.get("learner", name))
 

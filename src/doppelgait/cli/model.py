@@ -27,10 +27,7 @@ def export(
     prf_hz: Annotated[float | None, typer.Option("--prf-hz", help="C: pulse rate; by default the radar's.")] = None,
     integers: Annotated[bool, typer.Option("--int8", help="C: 8-bit weights instead of float32.")] = False,
     still_s: Annotated[
-        float,
-        typer.Option(
-            "--still-s", min=0, help="C: time constant of the mean that removes static echoes, s; 0 removes nothing."
-        ),
+        float, typer.Option("--still-s", min=0, help="C: time constant of the removal of static echoes, s; 0: none.")
     ] = 2.0,
     as_json: AsJson = False,
 ) -> None:
@@ -44,6 +41,8 @@ def export(
     from doppelgait.radar import Radar
 
     settings = None
+    if radar is None and (integers or prf_hz is not None):
+        raise ConfigError("--int8 and --prf-hz: are for --form c, with --radar")
     if radar is not None:
         changes = {} if prf_hz is None else {"prf_hz": prf_hz}
         settings = CSettings(Radar.preset(radar, **changes), integers=integers, still_time_s=still_s or None)
@@ -85,13 +84,9 @@ def alarm(
     chosen, folder = load_day(day, repeats)
     loaded = open_model(model)
     with report_progress("days", quiet=as_json) as on_progress:
-        found = score_day(
-            chosen, run_day(chosen, loaded, folder=folder, directory=output, on_progress=on_progress), loaded
-        )
-    if as_json:
-        print_json(found)
-        return
-    print_tables([format_day(found), format_episodes(found)])
+        episodes = run_day(chosen, loaded, folder=folder, directory=output, on_progress=on_progress)
+        found = score_day(chosen, episodes, loaded)
+    print_json(found) if as_json else print_tables([format_day(found), format_episodes(found)])
 
 
 def benchmark(
@@ -100,11 +95,9 @@ def benchmark(
         list[str] | None,
         typer.Option("--classifier", help="Baseline, FILE.py:FUNCTION, or model by name or file; repeatable."),
     ] = None,
-    parts: Annotated[list[str] | None, typer.Option("--part", help="life, matched or recorded; repeatable.")] = None,
     recordings: Annotated[
-        Path | None, typer.Option("--recordings", help="Folder of motion files for the part recorded.")
+        Path | None, typer.Option("--recordings", help="Folder of motion files, for the part 'recorded'.")
     ] = None,
-    workers: Annotated[int | None, typer.Option("--workers", min=1, help="Number of worker processes.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Score classifiers on doppelgait-bench-1.
@@ -114,26 +107,17 @@ def benchmark(
     from doppelgait.classify import benchmark as bench
     from doppelgait.core.config import convert_to_json
 
-    chosen = parts or ["life", "matched", *(["recorded"] if recordings else [])]
-    if unknown := [name for name in chosen if name not in bench.PARTS or name == "train"]:
-        raise ConfigError(f"--part {unknown[0]}: is not known; allowed are life, matched, recorded")
-    if "recorded" in chosen and recordings is None:
-        raise ConfigError("--part recorded: needs the folder of motion files: --recordings")
-    named = classifier or [*bench.BASELINES]
-    answers = {name: bench.open_classifier(name) for name in named}
+    answers = {name: bench.open_classifier(name) for name in classifier or bench.BASELINES}
     built, identities = {}, []
-    for name in ["train", *chosen]:
+    for name in [name for name, part in bench.PARTS.items() if recordings or not part.recorded]:
         with report_progress(name, quiet=as_json) as on_progress:
-            built[name] = bench.build_part(
-                name, folder / name, folder=recordings, workers=workers, on_progress=on_progress
-            )
-        contents = bench.identify_contents(built[name])
-        identities.append({"part": name, "identity": built[name].description["id"], "contents": contents})
+            one = built[name] = bench.build_part(name, folder / name, folder=recordings, on_progress=on_progress)
+        identities.append({"part": name, "identity": one.description["id"], "contents": bench.identify_contents(one)})
+    train = built.pop("train")
     scores = {
-        name: {part: bench.score_part(built[part], answer(built["train"], built[part])) for part in chosen}
+        name: {part: bench.score_part(dataset, answer(train, dataset)) for part, dataset in built.items()}
         for name, answer in answers.items()
     }
-    if as_json:
-        print_json(convert_to_json({"benchmark": bench.NAME, "parts": identities, "scores": scores}))
-        return
-    print_tables([identities, [bench.format_scores(name, found) for name, found in scores.items()]])
+    shown = [identities, [bench.format_scores(name, found) for name, found in scores.items()]]
+    document = {"benchmark": bench.NAME, "parts": identities, "scores": scores}
+    print_json(convert_to_json(document)) if as_json else print_tables(shown)

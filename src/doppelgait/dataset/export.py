@@ -221,9 +221,7 @@ def write_csv(dataset: Dataset, folder: Path, fields: Fields, parameters: Csv, d
 
 @plugin("exporter", parameters=Parquet, default=())
 def write_parquet(dataset: Dataset, folder: Path, fields: Fields, parameters: Parquet, done: Done) -> None:
-    """Write one ``SPLIT.parquet`` per split: the index and all fields. Every field is a list
-    ``FIELD_values`` with its ``FIELD_shape``. Arrays are flattened in C order.
-    """
+    """Write one ``SPLIT.parquet`` per split: the index and all fields, ``FIELD_values`` with ``FIELD_shape``."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -310,9 +308,7 @@ def _add(tar: tarfile.TarFile, name: str, content: bytes) -> None:
 
 @plugin("exporter", parameters=Zarr)
 def write_zarr(dataset: Dataset, folder: Path, fields: Fields, parameters: Zarr, done: Done) -> None:
-    """Write ``dataset.zarr`` with the groups ``SPLIT/index`` and ``SPLIT/FIELD``.
-    Every column of the index is an array (example).
-    """
+    """Write ``dataset.zarr`` with the groups ``SPLIT/index``, an array for every column, and ``SPLIT/FIELD``."""
     try:
         import zarr
     except ImportError:

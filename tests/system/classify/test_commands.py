@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
@@ -17,7 +18,7 @@ from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.pipeline import parse_run, run_simulation
 from doppelgait.radar import read_recording, write_recording
 from doppelgait.radar.frames import write_frames
-from export_models import export_model_of, require
+from export_models import export_model_of, model_of_tracks, random_track_network, require
 from figure_faults import faults
 
 
@@ -129,7 +130,10 @@ def export(*words):
 
 @pytest.fixture
 def file(tmp_path):
-    return save_model(export_model_of("ensemble"), tmp_path / "model.npz")
+    track = model_of_tracks(3, random_track_network(np.random.default_rng(1), 2))[0]
+    facts = track.facts.model_copy(update={"alarm": "a", "alarm_threshold": 0.7})
+    model = export_model_of("ensemble", alarm="a", alarm_threshold=0.7)
+    return save_model(replace(model, track=replace(track, facts=facts)), tmp_path / "model.npz")
 
 
 @pytest.mark.parametrize(
@@ -142,18 +146,20 @@ def file(tmp_path):
 def test_every_form_is_a_folder_with_the_facts_of_the_model(file, tmp_path, form, files):
     if form == "onnx":
         require(find_spec("onnx"), "onnx: pip install 'doppelgait[export]'")
-    found = json.loads(export(file, "--form", form, "-o", tmp_path / "out", "--json"))
+    radar = ["--radar", "x4", "--prf-hz", "500"] if form == "c" else []
+    found = json.loads(export(file, "--form", form, *radar, "-o", tmp_path / "out", "--json"))
     assert set(found["files"]) == files
     assert {path.name for path in (tmp_path / "out").iterdir()} == {*files, "export.json"}
     facts = json.loads((tmp_path / "out" / "export.json").read_text(encoding="utf-8"))
     assert facts["form"] == form
     assert facts["model"]["classes"] == ["a", "b"]
-    export(file, "--form", form, "-o", tmp_path / "out")  # an earlier export is replaced
+    export(file, "--form", form, *radar, "-o", tmp_path / "out")  # an earlier export is replaced
 
 
-def test_size_and_work_are_printed(file, tmp_path):
-    text = export(file, "--form", "c", "--int8", "--window-s", "1", "--bins", "4", "-o", tmp_path / "out")
-    for words in ("flash table bytes", "ram bytes", "multiply adds network per window", "int8 largest difference"):
+def test_sizes_are_printed(file, tmp_path):
+    radar = ["--radar", "x4", "--prf-hz", "500"]
+    text = export(file, "--form", "c", "--int8", *radar, "--still-s", "0", "-o", tmp_path / "out")
+    for words in ("flash table bytes", "ram bytes", "radar bytes", "int8", "left out"):
         assert words in text
 
 
@@ -161,8 +167,10 @@ def test_size_and_work_are_printed(file, tmp_path):
     ("arguments", "words"),
     [
         (["--form", "tflite"], "allowed are c, numpy, onnx"),
-        (["--form", "onnx", "--int8"], "has no settings of a radar or device"),
-        (["--form", "c", "--prf-hz", "100"], "the model was trained on 500 to 500"),
+        (["--form", "onnx", "--radar", "x4"], "are for --form c"),
+        (["--form", "numpy", "--int8"], "are for --form c"),
+        (["--form", "c"], "which needs them"),
+        (["--form", "c", "--radar", "x4", "--prf-hz", "100"], "prf_hz 100 is outside"),
     ],
 )
 def test_what_cannot_be_exported_is_refused(file, tmp_path, arguments, words):

@@ -3,6 +3,7 @@
 import re
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from processes import run
 
 FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
 X4 = dg.Radar.preset("x4", prf_hz=500.0)
+PAGE = Path(__file__).parents[3] / "docs" / "howto" / "export.md"
+EXAMPLE = next(part for part in re.findall(r"```c\n(.*?)```", PAGE.read_text(), re.DOTALL) if "int main" in part)
 LINE = re.compile(r"([\d.]+) s, ([-\d.]+) m: (\S+) ([\d.]+)(, alarm)?")
 
 
@@ -26,8 +29,9 @@ def build(tmp_path):
     require(compiler, "a C compiler, gcc or cc")
 
     def build(folder, program, *more):
-        place = tmp_path / program
-        sources = [str(folder / f"{program}.c"), str(folder / "doppelgait_model.c")]
+        place, text = tmp_path / program, tmp_path / "example.c"
+        text.write_text(EXAMPLE)
+        sources = [str(text if program == "example" else folder / f"{program}.c"), str(folder / "doppelgait_model.c")]
         done = run([compiler, *FLAGS, *more, "-I", str(folder), *sources, "-lm", "-o", str(place)],
                    capture_output=True, text=True)  # fmt: skip
         assert (done.returncode, done.stderr) == (0, "")
@@ -59,7 +63,7 @@ def test_pictures_are_answered_as_in_python_in_the_memory_that_is_stated(build, 
     done = run([program, str(made.folder / "golden.bin")], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout
     count, apart, radar, buffers = re.search(
-        r"(\d+) pictures.*at most (\S+),.*RAM: (\d+) bytes.*, (\d+) bytes", done.stdout, re.DOTALL
+        r"(\d+) pictures.*at most (\S+);.*RAM: (\d+) bytes.*, (\d+) bytes", done.stdout
     ).groups()
     assert (int(count), int(radar), int(buffers)) == (60, made.facts["radar_bytes"], made.facts["buffer_bytes"])
     assert float(apart) < 1e-5

@@ -27,8 +27,8 @@ TEXTS = Path(__file__).parent / "c99"
 LINE = 112
 SIZES = {"float": 4, "int8_t": 1}
 BODY_M, REACH_M = 0.3, 0.5  # half extents of a body and of the search for it
-ALPHA, BETA, NOISE_SHARE = 0.4, 0.3, 0.2  # gains of range, velocity and noise, assumed
-SPIKE, POWER_SHARE, POWER_RISE = 30.0, 1.0 / 64.0, 1.02  # power of a spike over the mean, and gains of this mean
+GAINS = {"ALPHA": 0.4, "BETA": 0.3, "NOISE_SHARE": 0.2, "SPIKE": 30.0, "POWER_SHARE": 1.0 / 64.0, "POWER_RISE": 0.02}
+"""Gains of range, velocity and noise; power of a spike over the mean, and gains of this mean; assumed."""
 CONFIRM, MOST_LOST, LEAST_FOUND = 5, 10, 0.6  # columns to begin, columns without an echo, share of a window with one
 SURE_SD = 8.0
 """Standard deviations of the noise above its mean at which an echo is found in one column."""
@@ -53,15 +53,12 @@ class CSettings:
         have none.
     n_examples : int
         Number of golden vectors.
-    seed : int
-        Of the golden vectors.
     """
 
     radar: Radar
     integers: bool = False
     still_time_s: float | None = 2.0
     n_examples: int = 16
-    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -121,25 +118,14 @@ def fold_features(network: TrackNetwork) -> tuple[npt.NDArray[np.float32], npt.N
     return network.embed_weight[:, :n_pooled], bias
 
 
-def round_kernels(network: TrackNetwork) -> tuple[TrackNetwork, list[npt.NDArray[np.int64]]]:
-    """Round the kernels to 8-bit integers, with a scale of every channel; also return the integers."""
-    integers, scales = [], []
+def round_kernels(network: TrackNetwork) -> TrackNetwork:
+    """Round the kernels to 8-bit integers, with a scale of every channel."""
+    kernels, scales = [], []
     for kernel, scale in zip(network.kernels, network.scales, strict=True):
         step = np.maximum(np.abs(kernel).max(axis=(1, 2, 3)), 1e-12) / LARGEST
-        integers.append(np.round(kernel / step[:, None, None, None]).astype(np.int64))
+        kernels.append(np.round(kernel / step[:, None, None, None]).astype(np.float32))
         scales.append((scale * step).astype(np.float32))
-    kernels = tuple(each.astype(np.float32) for each in integers)
-    return replace(network, kernels=kernels, scales=tuple(scales)), integers
-
-
-def count_work(device: Device, network: TrackNetwork) -> dict[str, float]:
-    """Count multiply-adds of the transform and of the network."""
-    k, bins = device.n_doppler, device.radar.n_range_bins
-    transform = bins * (2 * device.taper.size + 2 * k * k.bit_length())
-    cells, decision = N_COLUMNS * N_CELLS, network.embed_weight.size
-    decision += sum(cells // 4**n * kernel.size for n, kernel in enumerate(network.kernels))
-    per_s = {"transform_per_s": transform * device.radar.prf_hz / device.hop, "network_per_s": decision / HOP_S}
-    return {**per_s, "network_per_decision": float(decision)}
+    return replace(network, kernels=tuple(kernels), scales=tuple(scales))
 
 
 class Sources:
@@ -154,9 +140,8 @@ class Sources:
         if facts.alarm is None or facts.alarm_threshold is None:
             raise ConfigError(f"--form c: {facts.name} has no alarm; train with --alarm-class")
         self.model, self.device, self.integers = model, device, integers
-        self.network = drop_features(model.learned)
-        if integers:
-            self.network, self._whole = round_kernels(self.network)
+        network = drop_features(model.learned)
+        self.network = round_kernels(network) if integers else network
         self.flash_bytes = 0
         self._tables: list[str] = []
         self.tables = self._make_tables()
@@ -178,11 +163,10 @@ class Sources:
         device, bins = self.device, self.device.radar.n_range_bins
         columns = device.n_columns * (4 * N_CELLS * N_SLICES + 5)
         memory = 8 * self.network.gate_bias.size + 4
-        radar = 4 * (bins * (2 * device.taper.size + 8) + 4 + 9) + columns + -columns % 4 + memory
+        radar = 4 * (bins * (2 * device.taper.size + 6) + 4 + 9) + columns + -columns % 4 + memory
         sizes = {"flash_table": self.flash_bytes, "ram": radar + self._buffer_bytes, "radar": radar}
         sizes |= {"buffer": self._buffer_bytes}
-        work = {f"multiply_adds_{name}": round(value) for name, value in count_work(device, self.network).items()}
-        return {f"{name}_bytes": size for name, size in sizes.items()} | work
+        return {f"{name}_bytes": size for name, size in sizes.items()}
 
     @property
     def _layer_values(self) -> tuple[int, int]:
@@ -246,12 +230,7 @@ class Sources:
             "SIGNIFICANT": SIGNIFICANT,
             "LEAST_ENERGY": least,
             "REACH_M": max(REACH_M, bin_m),
-            "ALPHA": ALPHA,
-            "BETA": BETA,
-            "NOISE_SHARE": NOISE_SHARE,
-            "SPIKE": SPIKE,
-            "POWER_SHARE": POWER_SHARE,
-            "POWER_RISE": POWER_RISE,
+            **GAINS,
             "MOST_MPS": min(most_mps * TOLERANCE["speed_mps"][1], 1e9),
             "LONGEST_S": LONGEST_S,
             "MOST_LOG": MOST_LOG,

@@ -104,7 +104,7 @@ def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], 
     """Write header, source, golden vectors, their test and an example."""
     model = model.of_tracks
     sources = Sources(model, plan_device(model, settings), integers=settings.integers)
-    rng, memory = np.random.default_rng(settings.seed), EMPTY
+    rng, memory = np.random.default_rng(0), EMPTY
     words: list[Any] = [np.array([3, settings.n_examples], np.int32)]
     for number in range(settings.n_examples):
         picture = draw_pictures(rng.gamma(0.3, 1.0, (N_SLICES, N_COLUMNS, N_CELLS)), np.ones(N_COLUMNS))[0]
@@ -121,7 +121,6 @@ def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], 
         "doppelgait_model.h": sources.header().encode(),
         "doppelgait_model.c": sources.source().encode(),
         "selftest.c": (TEXTS / "selftest.c").read_bytes(),
-        "example.c": (TEXTS / "example.c").read_bytes(),
         "golden.bin": b"".join(np.ascontiguousarray(part).tobytes() for part in words),
     }
     return files, {"precision": "int8" if settings.integers else "float32", **sources.facts()}

@@ -159,7 +159,7 @@ void dg_start(dg_radar *radar)
     int b;
     for (b = 0; b < DG_BINS; b++) {
         fill_zero(radar->still[b], 2);
-        fill_zero(radar->rest[b], 2);
+        fill_zero(radar->first[b], 2);
         radar->energy[b] = radar->moment[b] = 0.0f;
     }
     radar->noise = radar->power = 0.0f;
@@ -344,26 +344,24 @@ static int is_spike(dg_radar *radar, const float *samples)
 {
     float power_now = 0.0f, share = 1.0f / (float)(radar->pulses + 1u);
     int b, part, spike;
+    share = share > DG_POWER_SHARE ? share : DG_POWER_SHARE;
     for (b = 0; b < DG_BINS; b++)
         for (part = 0; part < 2; part++) {
             float value = samples[2 * b + part];
-#if DG_REMOVE_STILL
             value -= radar->first[b][part] + radar->still[b][part];
-#endif
             power_now += isfinite(value) ? value * value : 0.0f;
         }
     spike = radar->pulses >= DG_CPI && power_now > DG_SPIKE * radar->power;
-    if (spike)
-        radar->power *= DG_POWER_RISE; /* until the level has really changed */
-    else if (radar->pulses > 0)
-        radar->power += (share > DG_POWER_SHARE ? share : DG_POWER_SHARE) * (power_now - radar->power);
+    /* after a spike, a little, until the level has really changed */
+    radar->power += spike ? DG_POWER_RISE * radar->power : share * (power_now - radar->power);
     return spike;
 }
 
 int dg_push(dg_radar *radar, const float *samples)
 {
-    float noise;
+    float noise, share = 1.0f / (float)(radar->pulses + 1u);
     int b, part, spike = is_spike(radar, samples);
+    share = share > DG_STILL_SHARE ? share : DG_STILL_SHARE;
     for (b = 0; b < DG_BINS; b++)
         for (part = 0; part < 2; part++) {
             float value = samples[2 * b + part];
@@ -371,18 +369,13 @@ int dg_push(dg_radar *radar, const float *samples)
                 radar->ring[b][radar->place][part] = 0.0f;
                 continue;
             }
-#if DG_REMOVE_STILL
-            float share = 1.0f / (float)(radar->pulses + 1u), step, mean;
-            share = share > DG_STILL_SHARE ? share : DG_STILL_SHARE;
-            if (radar->pulses == 0)
-                radar->first[b][part] = value;
-            value -= radar->first[b][part];
-            step = share * (value - radar->still[b][part]) - radar->rest[b][part];
-            mean = radar->still[b][part] + step;
-            radar->rest[b][part] = (mean - radar->still[b][part]) - step;
-            radar->still[b][part] = mean;
-            value -= mean;
-#endif
+            if (DG_REMOVE_STILL) {
+                if (radar->pulses == 0)
+                    radar->first[b][part] = value;
+                value -= radar->first[b][part];
+                radar->still[b][part] += share * (value - radar->still[b][part]);
+                value -= radar->still[b][part];
+            }
             radar->ring[b][radar->place][part] = value;
         }
     if (radar->pulses < 0xfffffffeu)

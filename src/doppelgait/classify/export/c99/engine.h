@@ -29,7 +29,7 @@ typedef struct {
 typedef struct {
     float ring[DG_BINS][DG_CPI][2];            /* pulses of one processing interval */
     float first[DG_BINS][2];                   /* first pulse; small numbers then keep all digits */
-    float still[DG_BINS][2], rest[DG_BINS][2]; /* running mean of every bin less that, and its rounding (Kahan) */
+    float still[DG_BINS][2];                   /* running mean of every bin less that */
     float energy[DG_BINS], moment[DG_BINS];    /* power above the noise of one column, and times velocity */
     float columns[DG_COLUMNS][DG_VELOCITIES][DG_SLICES];
     float approach[DG_COLUMNS];

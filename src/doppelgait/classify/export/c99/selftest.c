@@ -16,8 +16,7 @@ int main(int count, char **words)
 {
     static const dg_memory nothing;
     dg_memory memory = nothing;
-    int32_t head[2] = {0, 0};
-    int i, k;
+    int32_t head[2] = {0, 0}, i, k;
     float worst = 0.0f;
     FILE *file = count > 1 ? fopen(words[1], "rb") : 0;
     if (!file || fread(head, sizeof(int32_t), 2, file) != 2 || head[0] != 3) {
@@ -38,9 +37,7 @@ int main(int count, char **words)
         }
     }
     fclose(file);
-    printf("%d pictures, probabilities differ by at most %.2g, allowed is %.2g\n", (int)head[1], (double)worst,
-           (double)DG_TOLERANCE);
-    printf("RAM: %lu bytes of a radar, %lu bytes of buffers\n", (unsigned long)sizeof(dg_radar),
-           (unsigned long)DG_BUFFER_BYTES);
+    printf("%d pictures, probabilities differ by at most %.2g; RAM: %d bytes of a radar, %d bytes of buffers\n",
+           (int)head[1], (double)worst, (int)sizeof(dg_radar), DG_BUFFER_BYTES);
     return worst > DG_TOLERANCE;
 }
