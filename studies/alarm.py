@@ -9,7 +9,7 @@ neither the kinds of the training nor any rule; nothing was chosen on it. The se
 walk about (`home-alarm-recorded`); the two dogs are different kinds. A false alarm is
 a track that raises the alarm in a recording that should not; an entry is missed if no track raises it. Rates are per
 hour of an animal in the recording. Thresholds are that of the training data and round numbers.
-It takes 40 minutes of one core.
+The days of the X4 are parts of the benchmark ([how to](../howto/benchmark.md)). It takes an hour of one core.
 
 Not shown: real radar.
 """
@@ -21,32 +21,35 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from harness import finish, make_parser, markdown
 
-from doppelgait.classify.alarm import Episode, answer_day, build_day, score_day
-from doppelgait.classify.model import Model
+from doppelgait.classify import benchmark as bench
+from doppelgait.classify.alarm import answer_day, score_day
 from doppelgait.classify.model_file import load_shipped_model
+from doppelgait.classify.report import format_interval
 from doppelgait.classify.timeline import follow_rows
-from doppelgait.dataset.config import PlanConfig, load_plan
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
 
-DAYS = ("home-alarm-test", "home-alarm-recorded")
-REPEATS = {"x4": 20, "fmcw-24": 5, "fmcw-60": 2}
-"""Recordings of a kind: as many as two hours allow."""
+DAYS = ("life", "recorded")  # parts of the benchmark
+REPEATS = {
+    "x4": [],
+    "fmcw-24": ["dataset.examples_per_class=4"],
+    "fmcw-60": ["dataset.examples_per_class=3"],
+}
+"""Recordings of a kind for other radars than that of the benchmark: as many as two hours allow."""
 
 
-def list_scores(day: PlanConfig, episodes: list[Episode], model: Model) -> list[tuple[str, ...]]:
+def list_scores(found: list[dict[str, Any]]) -> list[tuple[str, ...]]:
     """Return a row for every threshold: rates with their intervals, and the time to detect."""
-    rows = []
-    for scores in score_day(day, episodes, model)["thresholds"]:
+    rows: list[tuple[str, ...]] = []
+    for scores in found:
         rate, seconds = scores.get("false_per_animal_hour"), scores["seconds_to_detect"]
         alarms = [format(rate[key], ".2f") for key in ("value", "low", "high")] if rate else ["-"] * 3
         missed = [format(scores[key], ".0%") for key in ("missed_low", "missed_high")]
         rows.append(
             (
-                f"{scores['threshold']:.4g}" + (" (own)" if scores["model"] else ""),
+                f"{scores['threshold']:.4g}" + scores["words"],
                 f"{alarms[0]} ({alarms[1]} to {alarms[2]})",
                 f"{scores['missed']} of {scores['entries']} ({missed[0]} to {missed[1]})",
                 "-" if seconds[0] is None else f"{seconds[0]:.1f}",
@@ -55,45 +58,32 @@ def list_scores(day: PlanConfig, episodes: list[Episode], model: Model) -> list[
     return rows
 
 
-def measure_calibration(episodes: list[Episode], day: PlanConfig) -> tuple[float, int]:
-    """Return the expected error of the last probability of tracks, in recordings of one class, and their number."""
-    animals = {section.label: section.animals for section in day.episodes}
-    wanted = {section.label: section.should_trigger for section in day.episodes}
-    ends = [
-        (scores[-1], wanted[episode.label])
-        for episode in episodes
-        if not (wanted[episode.label] and animals[episode.label])
-        for _, scores in episode.tracks.values()
-    ]
-    probability, human = np.array(ends, dtype=np.float64).T
-    weight = np.where(human > 0, 0.5 / max(human.sum(), 1.0), 0.5 / max((1.0 - human).sum(), 1.0))
-    bins = np.minimum((probability * 10.0).astype(np.int64), 9)
-    sums = [np.bincount(bins, weights=weight * values, minlength=10) for values in (probability, human)]
-    return float(np.abs(sums[0] - sums[1]).sum()), len(ends)
-
-
 def main() -> None:
     """Build the days, score the models and write the page."""
     parser = make_parser(__doc__, motion_folder="folder of the recordings", out="folder for the datasets")
     parser.add_argument("--radars", nargs="+", default=list(REPEATS))
     options = parser.parse_args()
     train_models: Any = import_module("train_models")
-    rates, kinds, calibrations = [], [], []
+    rates, kinds, tracks = [], [], []
     for radar in options.radars:
         model = load_shipped_model(radar)
         for name in DAYS:
-            count = f"dataset.examples_per_class={REPEATS[radar]}"
-            day, _ = load_plan(name, overrides=[count, *train_models.OVERRIDES.get(radar, [])])
-            folder = options.motion_folder.absolute()
-            dataset = build_day(day, model, options.out / f"{name}-{radar}", folder=folder)
+            changes = [] if radar == "x4" else [*REPEATS[radar], *train_models.OVERRIDES[radar]]
+            place = options.out / (name if radar == "x4" else f"{name}-{radar}")
+            dataset = bench.build_part(name, place, folder=options.motion_folder.absolute(), changes=changes)
+            day = dataset.plan_config
             human = model.of_tracks.facts.classes.index("human")
-            episodes = answer_day(dataset, follow_rows(dataset, model)[:, human])
+            probability = follow_rows(dataset, model)[:, human]
+            episodes, ends = answer_day(dataset, probability), bench.score_part(dataset, probability)
             hours = sum(s.animals * s.duration_s * day.count_class_examples(s) / 3600.0 for s in day.episodes
                         if not s.should_trigger)  # fmt: skip
-            rates += [(radar, name, f"{hours:.1f}", *row) for row in list_scores(day, episodes, model)]
-            error, n_tracks = measure_calibration(episodes, day)
-            calibrations.append((radar, name, f"{error:.3f}", n_tracks))
-            own = next(scores for scores in score_day(day, episodes, model)["thresholds"] if scores["model"])
+            scored = score_day(day, episodes, model)["thresholds"]
+            own = next(scores for scores in scored if scores["model"])
+            words = [" (own)" if one is own else "" for one in scored] + [" (5 % missed)"]
+            shown = [one | {"words": text} for one, text in zip([*scored, ends["alarm"]], words, strict=True)]
+            rates += [(radar, name, f"{hours:.1f}", *row) for row in list_scores(shown)]
+            area, error = format_interval(ends["auc"]), f"{ends['expected_calibration_error']:.3f}"
+            tracks.append((radar, name, str(ends["tracks"]), area, error))
             kinds += [
                 (radar, kind["label"], "yes" if kind["should_trigger"] else "no", kind["recordings"], kind["triggered"])
                 for kind in own["by_episode"]
@@ -105,7 +95,7 @@ def main() -> None:
         "Kinds with errors, at the model's threshold": markdown(
             ("model", "kind", "should trigger", "recordings", "triggered"), kinds
         ),
-        "Expected calibration error at the end of a track": markdown(("model", "day", "error", "tracks"), calibrations),
+        "At the end of a track": markdown(("model", "day", "tracks", "AUC", "ECE"), tracks),
     }
     finish(__file__, __doc__, tables, page=options.page)
 

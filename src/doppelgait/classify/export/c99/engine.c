@@ -352,8 +352,8 @@ static int is_spike(dg_radar *radar, const float *samples)
             power_now += isfinite(value) ? value * value : 0.0f;
         }
     spike = radar->pulses >= DG_CPI && power_now > DG_SPIKE * radar->power;
-    /* after a spike, a little, until the level has really changed */
-    radar->power += spike ? DG_POWER_RISE * radar->power : share * (power_now - radar->power);
+    if (radar->pulses > 0) /* the first one has the static echoes; a spike counts a little, for the level may have changed */
+        radar->power += spike ? DG_POWER_RISE * radar->power : share * (power_now - radar->power);
     return spike;
 }
 

@@ -48,7 +48,7 @@ void dg_start(dg_radar *radar);
    taken as no echo. Returns 1 when a decision is due, every DG_HOP_COLUMNS columns of 0.1 s. */
 int dg_push(dg_radar *radar, const float *samples);
 
-/* Decide about the target that is followed. Without one, or before it was seen for a window, nothing is decided. */
+/* Decide about the followed target when dg_push returns 1. Before it was seen for a window, nothing is decided. */
 void dg_decide(dg_radar *radar, dg_decision *decision);
 
 /* Add one picture (DG_TIMES, DG_VELOCITIES, DG_SLICES), levels 0 to 1, to a memory. since_s is the time since the end
