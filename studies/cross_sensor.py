@@ -46,7 +46,6 @@ from doppelgait.classify.learned import (
     join_inputs,
     select_features,
     select_inputs,
-    select_levels,
 )
 from doppelgait.classify.model import Calibration, calibrate
 from doppelgait.classify.network import Training, train_network
@@ -185,7 +184,7 @@ def train(rows: pd.DataFrame, settings: Mapping[str, Training], seed: int) -> Tr
         learn, kept = (LabelledRows(select_features(inputs[part]), labels[part]) for part in (~held, held))
         models[name] = fit(find_kind(name), learn, kept, n_classes=2, seed=seed)
     for label, own in settings.items():
-        learn, kept = (LabelledRows(select_levels(inputs[part]), labels[part]) for part in (~held, held))
+        learn, kept = (LabelledRows(inputs[part][:, -1], labels[part]) for part in (~held, held))
         models[f"network, {label}"] = train_network(learn, kept, n_classes=2, seed=seed, settings=own)
     kept = LabelledRows(inputs[held], labels[held])
     for label in settings:

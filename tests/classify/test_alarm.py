@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import chi2
 
@@ -19,6 +20,8 @@ from doppelgait.classify.alarm import (
     run_day,
     score_day,
 )
+from doppelgait.classify.data import Rows, list_windows, mark_shared
+from doppelgait.classify.learned import Seen
 from doppelgait.classify.timeline import follow_rows
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset import build_dataset, open_dataset
@@ -66,6 +69,7 @@ def test_triggers_at_the_models_threshold_are_the_rises_of_the_alarm_of_a_stream
     chosen = tuple(one for one in day.episodes if one.label == "a person and a dog cross the room")
     dataset = build_day(day.model_copy(update={"episodes": chosen}), model, tmp_path / "day", folder=folder)
     human = model.of_tracks.facts.classes.index("human")
+    assert mark_shared(dataset.index).any()
     for number, episode in enumerate(answer_day(dataset, follow_rows(dataset, model)[:, human])):
         run, raised = resolve_example(dataset.plan_config, number, folder).run, {}
         recording = simulate_placed(run, place(run.scene, run.streams, folder=folder), angles=False)
@@ -105,9 +109,26 @@ def test_a_track_raises_its_alarm_once_and_keeps_it():
 
 
 def test_two_windows_in_succession_confirm_an_alarm():
-    probability, stops_s = np.array([0.9, 0.8, 0.2, np.nan, 0.9, 0.7]), np.array([3.0, 1.0, 2.0, 2.5, 4.0, 1.0])
-    tracks = np.array([0, 0, 0, 0, 0, 1])
-    assert confirm(probability, tracks, stops_s).tolist() == [0.2, 0.0, 0.2, 0.0, 0.9, 0.0]
+    probability, stops_s = np.array([0.9, 0.8, 0.2, np.nan, 0.9, 0.7]), [3.0, 1.0, 2.0, 2.5, 4.0, 1.0]
+    seen = [Seen(None, track, stop_s) for track, stop_s in zip([0, 0, 0, 0, 0, 1], stops_s, strict=True)]
+    assert confirm(probability, seen).tolist() == [0.2, 0.0, 0.2, 0.0, 0.9, 0.0]
+    # what a shared gate shows confirms no window of the track alone
+    shared = [Seen(None, 0, float(n), n in (1, 2)) for n in range(5)]
+    assert confirm(np.array([0.1, 0.8, 0.9, 0.7, 0.6]), shared).tolist() == [0.0, 0.1, 0.8, 0.1, 0.6]
+
+
+def test_a_shared_gate_shows_a_person_if_one_of_both_is():
+    names = ("window_start_s", "track", "label", "quality_flags", "quality_track_range_m")
+    shared = "low_confidence;gates_overlap"
+    rows = [
+        (0.0, 0, 0, "gates_overlap", 2.0), (0.0, 1, 1, shared, 2.2), (0.0, 2, 1, shared, 5.0), (0.0, 3, 1, shared, 5.3),
+        (1.0, 0, 0, "low_confidence", 2.0), (1.0, 1, 1, shared, 2.2),
+    ]  # fmt: skip
+    index = pd.DataFrame(rows, columns=names).assign(scene_id="s", window_stop_s=2.5)
+    labels, nothing = index["label"].to_numpy(), np.zeros(len(index), dtype=np.int64)
+    seen = list_windows(Rows((), index, nothing, nothing, ("human", "animal"), labels, np.array(["s"] * 6)))
+    assert [one.shared for one in seen] == [True, True, True, True, False, True]
+    assert [one.shown for one in seen] == [0, 0, -1, -1, -1, -1]
 
 
 def test_rates_by_hand():

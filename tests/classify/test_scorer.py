@@ -31,7 +31,7 @@ def test_the_exported_scorer_follows_a_track_as_its_model_does(tmp_path):
     made, memory, before_s = export_model(model, "numpy", tmp_path / "out"), None, 0.0
     expected, scorer = track.probability(rows.values), Scorer(made.folder / "model.npz", "track")
     for row, answer in zip(rows.values[3:6], expected[3:6], strict=True):
-        pictures, _, stop_s, _ = row[-1]
+        pictures, _, stop_s, *_ = row[-1]
         memory, found = scorer.follow(memory, row[:-1].astype(float), pictures / 255.0, stop_s - before_s)
         assert np.allclose(found, answer, atol=1e-6)
         before_s = stop_s

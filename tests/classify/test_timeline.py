@@ -1,6 +1,7 @@
 """Decisions over time: windows, links, fused evidence."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -146,6 +147,22 @@ def test_a_network_of_tracks_remembers_what_may_be_decided():
     shared = belief.remember(model, model.learned, values[1:2], 5.3, shared=True)
     values[1, -1] = values[1, -1]._replace(stop_s=2.8)
     assert np.allclose(shared, model.probability(values[[0, 2, 1]])[2], atol=1e-3)
+
+
+def test_the_alarm_rings_for_a_shared_gate_while_it_is_shared():
+    model, rows = model_of_tracks()
+    facts = model.facts.model_copy(update={"alarm": "a", "alarm_threshold": 0.0, "conditions": {}})
+    tracks, signature, rings = Tracks(replace(model, facts=facts)), a_signature(7.29e9, 500.0), []
+    names = {name: f"feature_{name}" for name in facts.names} | {"gait_frequency_hz": "gait_frequency_hz"}
+    columns = dict(zip(names.values(), rows.values[0][:-1], strict=True))
+    columns |= {"feature_torso_velocity_mps": 1.0, "feature_doppler_bandwidth_hz": 90.0}
+    for number, flags in enumerate(("gates_overlap", "gates_overlap", "", "gates_overlap", "", "", "gates_overlap")):
+        seen = TargetInputs(columns | {"quality_flags": flags}, signature, rows.values[0][-1].pictures / 255.0)
+        alone, belief, ringing = tracks.follow(0, seen, (0.7 * number, 2.5 + 0.7 * number))
+        rings.append(ringing)
+        assert alone.blocked == bool(flags)
+        assert belief.alarm == (number > 3)
+    assert rings == [False, True, False, True, True, True, True]
 
 
 def test_gates_that_are_no_tracks_are_decided_by_the_model_of_windows(walk):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from doppelgait.classify.learned import Constant, LabelledRows, Network, join_inputs, select_features, select_levels
+from doppelgait.classify.learned import Constant, LabelledRows, Network, join_inputs, select_features
 from doppelgait.classify.model import Facts, Model, calibrate
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.classify.network import CHANNELS
@@ -156,7 +156,7 @@ def joined():
 
 def test_an_ensemble_is_the_mean_of_the_calibrated_log_odds_of_its_members(joined):
     (found, held), asked = joined, two_views(30, 2)
-    views = [select_features, select_features, select_levels]
+    views = [select_features, select_features, lambda values: values[:, -1]]
     odds = []
     for member, view in zip(found.members, views, strict=True):
         calibration = calibrate(member.log_probability(view(held.values)), held.labels)

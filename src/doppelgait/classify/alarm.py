@@ -16,10 +16,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
-from doppelgait.classify.data import all_rows, number_tracks, read_numbers
-from doppelgait.classify.learned import IntArray
+from doppelgait.classify.data import all_rows, list_windows
+from doppelgait.classify.learned import Seen, find_windows_before
 from doppelgait.classify.model import Model
 from doppelgait.classify.scores import clopper_pearson_interval
 from doppelgait.classify.timeline import check_window, follow_rows
@@ -104,24 +103,26 @@ def answer_day(dataset: Dataset, probability: FloatArray) -> list[Episode]:
     labels = {
         make_example_id(section.label, 0).rpartition("-")[0]: section.label for section in dataset.plan_config.episodes
     }
-    rows = all_rows(dataset, ())
-    numbers, stops_s = number_tracks(rows), read_numbers(rows.index["window_stop_s"])
-    confirmed, scenes = confirm(probability, numbers, stops_s), rows.index["scene_id"].to_numpy(dtype=str)
+    seen, scenes = list_windows(all_rows(dataset, ())), dataset.index["scene_id"].to_numpy(dtype=str)
+    confirmed, tracks = confirm(probability, seen), dict[str, dict[int, list[int]]]()
+    for number, (scene, one) in enumerate(zip(scenes.tolist(), seen, strict=True)):
+        own = tracks.setdefault(scene, {})
+        if np.isfinite(probability[number]):
+            own.setdefault(one.track, []).append(number)
     episodes = []
-    for scene in pd.unique(scenes):
-        own = [np.flatnonzero((numbers == n) & np.isfinite(probability)) for n in np.unique(numbers[scenes == scene])]
-        own = [part[np.argsort(stops_s[part])] for part in own if part.size]
-        tracks = {int(numbers[part[0]]): (stops_s[part], confirmed[part]) for part in own}
-        episodes.append(Episode(labels[scene.rpartition("-")[0]], tracks))
+    for scene, found in tracks.items():
+        ordered = {track: sorted(own, key=lambda n: seen[n].stop_s) for track, own in found.items()}
+        times = {track: (np.array([seen[n].stop_s for n in own]), confirmed[own]) for track, own in ordered.items()}
+        episodes.append(Episode(labels[scene.rpartition("-")[0]], times))
     return episodes
 
 
-def confirm(probability: FloatArray, tracks: IntArray, stops_s: FloatArray) -> FloatArray:
-    """Return the lower of the probability after each window and after the one before it in the track, else 0."""
-    order = np.lexsort((stops_s, tracks))
-    order = order[np.isfinite(probability[order])]
-    found, same = np.zeros(probability.size), np.diff(tracks[order]) == 0
-    found[order[1:]] = np.where(same, np.minimum(probability[order[1:]], probability[order[:-1]]), 0.0)
+def confirm(probability: FloatArray, seen: Sequence[Seen]) -> FloatArray:
+    """Return the lower of the probability after each window and after the one that it continues, else 0."""
+    kept, found = np.flatnonzero(np.isfinite(probability)), np.zeros(probability.size)
+    _, before = find_windows_before([seen[number] for number in kept.tolist()])
+    values = probability[kept]
+    found[kept] = np.where(before >= 0, np.minimum(values, values[before]), 0.0)
     return found
 
 

@@ -5,7 +5,7 @@ They contain only quantities that an analysis can measure.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,7 +19,6 @@ from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.example import find_feature_columns, read_carrier_hz
 from doppelgait.dataset.open import Dataset, read_signature
 from doppelgait.dataset.verify.leakage import collect_nuisances
@@ -96,18 +95,9 @@ def collect_rows(*datasets: Dataset) -> Rows:
         origin=origin,
         place=np.concatenate([np.arange(len(part)) for part in datasets]),
         classes=tuple(known),
-        labels=_label_shared_gates(index, origin, labels, known),
+        labels=labels,
         groups=np.where(sampled, np.char.add(np.char.add(origin.astype(str), ":"), names), names),
     )
-
-
-def _label_shared_gates(index: pd.DataFrame, origin: IntArray, labels: IntArray, classes: Sequence[str]) -> IntArray:
-    # what a gate shows that a person and an animal share is a person, too
-    if "window_start_s" not in index or ALARM_CLASS not in classes:
-        return labels
-    human, shared = classes.index(ALARM_CLASS), mark_shared(index)
-    people = pd.Series(shared & (labels == human)).groupby([origin, index["scene_id"], index["window_start_s"]])
-    return np.where(shared & people.transform("any").to_numpy(dtype=bool), human, labels)
 
 
 def mark_shared(index: pd.DataFrame) -> npt.NDArray[np.bool_]:
@@ -182,16 +172,28 @@ def collect_inputs(
 def _collect_windows(rows: Rows) -> npt.NDArray[np.object_]:
     for dataset in rows.datasets:
         dataset.check_fields(["pictures"])
-    numbers = number_tracks(rows)
-    stops_s = read_numbers(rows.index["window_stop_s"]) if "window_stop_s" in rows.index else np.zeros(len(rows))
-    windows, shared = np.empty(len(rows), dtype=object), mark_shared(rows.index)
-    for number, (origin, place) in enumerate(zip(rows.origin.tolist(), rows.place.tolist(), strict=True)):
+    windows, places = np.empty(len(rows), dtype=object), zip(rows.origin.tolist(), rows.place.tolist(), strict=True)
+    for number, (one, (origin, place)) in enumerate(zip(list_windows(rows), places, strict=True)):
         raise_if_stopped()
         pictures = rows.datasets[origin].stored(place, "pictures")
-        empty = pictures is None or not pictures.size
-        found = None if empty else pictures
-        windows[number] = Seen(found, int(numbers[number]), float(stops_s[number]), bool(shared[number]))
+        windows[number] = one._replace(pictures=None if pictures is None or not pictures.size else pictures)
     return windows
+
+
+def list_windows(rows: Rows) -> list[Seen]:
+    """Return the windows of rows, without their pictures."""
+    nothing, names = pd.Series(0.0, index=rows.index.index), ("window_stop_s", "quality_track_range_m")
+    stops_s, range_m = (read_numbers(rows.index.get(name, nothing)) for name in names)
+    shared, shown = mark_shared(rows.index), np.full(len(rows), -1)
+    if shared.any() and ALARM_CLASS in rows.classes:
+        human, keys = rows.classes.index(ALARM_CLASS), ["scene_id", "window_start_s"]
+        tables = rows.index[shared].assign(origin=rows.origin[shared], number=np.flatnonzero(shared))
+        for own in (part["number"].to_numpy() for _, part in tables.groupby(["origin", *keys])):
+            apart_m = np.abs(range_m[own, None] - range_m[own]) + np.diag(np.full(own.size, np.inf))
+            both = np.column_stack([rows.labels[own], rows.labels[own[np.nan_to_num(apart_m, nan=1e9).argmin(axis=1)]]])
+            shown[own[(both == human).any(axis=1)]] = human
+    columns = (number_tracks(rows).tolist(), stops_s.tolist(), shared.tolist(), shown.tolist())
+    return [Seen(None, *values) for values in zip(*columns, strict=True)]
 
 
 def number_tracks(rows: Rows) -> IntArray:
@@ -242,6 +244,4 @@ def take_rows(rows: AnyRows, part: npt.NDArray[Any]) -> AnyRows:
 
 def select_split(rows: Rows, name: str) -> IntArray:
     """Return the rows of the first dataset in a split."""
-    if name not in SPLITS:
-        raise DatasetError(f"split {name!r} is not known; allowed are {', '.join(SPLITS)}")
     return np.flatnonzero((rows.index["split"] == name).to_numpy(dtype=bool) & (rows.origin == 0))

@@ -45,6 +45,7 @@ from doppelgait.classify.model import (
     find_detection_threshold,
     find_training_conditions,
     format_span,
+    mark_flagged,
     mark_outside,
     row_weights,
 )
@@ -206,11 +207,6 @@ class Run:
     held_loss: float
     importance: dict[str, float]
 
-    @property
-    def calibrated(self) -> bool:
-        """True if a calibration was fitted in every fold."""
-        return all(model.calibration.n_rows > 0 for model in self.models)
-
 
 def run_all(
     rows: Rows, tables: Mapping[str, Table], folds: Sequence[Fold], on_progress: Progress, *, seed: int
@@ -273,7 +269,11 @@ def describe_model(
     kind, n_classes = training.find_kind(name), len(rows.classes)
     train, held = (LabelledRows(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
     of_tracks = isinstance(learned, TrackNetwork)
-    answers = learned.log_probability(held.values)
+    answers, groups = learned.log_probability(held.values), rows.groups[fold.held]
+    if of_tracks:  # the windows that are evidence in a stream
+        kept = np.array([each.pictures is not None for each in held.values[:, -1]], dtype=bool)
+        kept &= ~mark_flagged(rows.index.iloc[fold.held], ECHOES)
+        answers, groups, held = answers[kept], groups[kept], LabelledRows(held.values[kept], held.labels[kept])
     majority = kind.learner == "majority"
     calibration = Calibration(1.0, np.zeros(n_classes), 0) if majority else calibrate(answers, held.labels)
     threshold = people = None
@@ -281,10 +281,10 @@ def describe_model(
     if alarm is not None:
         number = rows.classes.index(alarm)
         is_alarm = held.labels == number
-        probability, groups = calibration(answers)[:, number], rows.groups[fold.held]
-        if of_tracks:  # an alarm stays, so that the highest confirmed probability of a target counts
-            numbers, stops_s = np.array([(each.track, each.stop_s) for each in held.values[:, -1]]).reshape(-1, 2).T
-            probability = confirm(probability, numbers, stops_s)
+        probability = calibration(answers)[:, number]
+        if of_tracks:  # an alarm stays, so that the highest confirmed probability of a target of two windows counts
+            probability = confirm(probability, held.values[:, -1].tolist())
+            is_alarm &= probability > 0.0
             groups, target = np.unique(groups[is_alarm], return_inverse=True)
             highest = np.zeros(groups.size)
             np.maximum.at(highest, target, probability[is_alarm])
@@ -368,7 +368,7 @@ def make_document(
             "kind": {"features": kind.features, "learner": kind.learner, "baseline": name in BASELINES},
             **scores.compute_scores(run.answers, seed=seed),
             "held_log_loss": run.held_loss if np.isfinite(run.held_loss) else None,
-            "calibrated": run.calibrated,
+            "calibrated": all(model.calibration.n_rows > 0 for model in run.models),
             "importance": run.importance,
         }
     sides = [{key: getattr(fold, key) for key in ("train", "held", "test")} for fold in folds]
@@ -553,7 +553,7 @@ def evaluate(
 def _list_limits(rows: Rows, folds: Sequence[Fold], runs: Mapping[str, Run], outside: Mapping[str, Any]) -> list[str]:
     """List what too few held-out rows, a missing class or other conditions prevent."""
     notes = []
-    bare = [name for name, run in runs.items() if not run.calibrated]
+    bare = [name for name, run in runs.items() if not all(model.calibration.n_rows for model in run.models)]
     if bare:
         notes.append(f"{', '.join(bare)}: not calibrated, because a class has fewer than {LEAST_ROWS} held-out rows")
     if rows.alarm not in rows.classes:

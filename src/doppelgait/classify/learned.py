@@ -142,6 +142,7 @@ class Seen(NamedTuple):
     track: int
     stop_s: float
     shared: bool = False  # another body is in the gate
+    shown: int = -1  # class of what the gate then shows, if it is known: a person, if one of both is
 
 
 def find_windows_before(seen: Sequence[Seen]) -> tuple[IntArray, IntArray]:
@@ -255,14 +256,9 @@ def select_features(values: Inputs) -> Inputs:
     return values[:, :-1].astype(np.float64) if values.dtype == object and values.ndim == 2 else values
 
 
-def select_levels(values: Inputs) -> Inputs:
-    """Return the levels at the end of rows."""
-    return values[:, -1]
-
-
 def select_inputs(learned: Learned, values: Inputs) -> Inputs:
     """Return what a member of an ensemble uses of rows."""
-    return select_levels(values) if isinstance(learned, Network) else select_features(values)
+    return values[:, -1] if isinstance(learned, Network) else select_features(values)
 
 
 @dataclass(frozen=True, eq=False)

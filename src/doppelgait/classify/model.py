@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 import xarray as xr
 from pydantic import Field
 
@@ -362,11 +363,15 @@ def find_blocking_flag(flags: Iterable[str], patterns: Sequence[str]) -> str | N
     return next((flag for flag in ordered if any(fnmatchcase(flag, pattern) for pattern in patterns)), None)
 
 
+def mark_flagged(index: pd.DataFrame, patterns: Sequence[str], but: str | None = None) -> npt.NDArray[np.bool_]:
+    """Mark rows with a flag that matches a pattern, for another reason than a flag ``but``, shape (n,)."""
+    texts = index["quality_flags"].fillna("").tolist()
+    return np.array([find_blocking_flag(text.split(";"), patterns) not in (None, but) for text in texts], dtype=bool)
+
+
 def blocked_rows(rows: Rows, values: Inputs, model: Model, but: str | None = None) -> npt.NDArray[np.bool_]:
-    """Mark rows without a decision whatever the probability, for another reason than a flag ``but``, shape (n,)."""
-    texts = rows.index["quality_flags"].fillna("").tolist()
-    flagged = [find_blocking_flag(text.split(";"), model.blocking) not in (None, but) for text in texts]
-    blocked = np.array(flagged, dtype=bool) | model.mark_outside(values).any(axis=1)
+    """Mark rows without a decision whatever the probability, shape (n,)."""
+    blocked = mark_flagged(rows.index, model.blocking, but) | model.mark_outside(values).any(axis=1)
     blocked |= model.rank(values) < model.facts.novel_below
     for condition, found in conditions_of_rows(rows).items():
         blocked |= mark_outside(found, condition, model.facts.conditions)

@@ -272,7 +272,8 @@ def train_track_network(
     from doppelgait.classify.training import standardise_columns
 
     kept = np.array([each.pictures is not None for each in train.values[:, -1]], dtype=bool)
-    train = LabelledRows(train.values[kept], train.labels[kept])
+    shown = np.array([each.shown for each in train.values[:, -1]])
+    train = LabelledRows(train.values[kept], np.where(shown >= 0, shown, train.labels)[kept])
     if not train.labels.size:
         raise DatasetError("no training row has pictures of a track; build the dataset with the field pictures")
     *standard, whole = standardise_columns(select_features(train.values))

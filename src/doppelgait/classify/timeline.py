@@ -128,7 +128,7 @@ class _ClassEvidence:
     covered_s: float = -math.inf
     decided: int | None = None
     alarm: bool = False
-    reached: bool = False  # the probability after the window before reached the threshold of the alarm
+    reached: tuple[bool, bool] = (False, False)  # the last window reached the threshold; and with others in the gate
     memory: tuple[Memory, float] = (EMPTY, 0.0)
     with_others: tuple[Memory, float] = (EMPTY, 0.0)  # also of windows since another body is in the gate
 
@@ -222,7 +222,8 @@ class Tracks:
         rings = False
         if facts.alarm is not None and facts.alarm_threshold is not None:
             reached = bool(probability[facts.classes.index(facts.alarm)] >= facts.alarm_threshold)
-            rings, belief.reached = reached and belief.reached, reached
+            rings = reached and belief.reached[shared]
+            belief.reached = (belief.reached[0] if shared else reached, reached)
         belief.alarm |= rings and not shared
         return alone, belief, rings or belief.alarm
 

@@ -21,7 +21,6 @@ from doppelgait.classify.learned import (
     Trees,
     select_features,
     select_inputs,
-    select_levels,
 )
 from doppelgait.classify.model import calibrate, row_weights
 from doppelgait.classify.scorer import take_logarithms
@@ -102,8 +101,9 @@ def train_ensemble(train: LabelledRows, held: LabelledRows, *, n_classes: int, s
     names = [name for name in MEMBERS if name != "signature-network" or train.values.dtype == object]
     learned = []
     for name in names:
-        view = select_levels if name == "signature-network" else select_features
-        parts = (LabelledRows(view(part.values), part.labels) for part in (train, held))
+        signatures = name == "signature-network"
+        views = (part.values[:, -1] if signatures else select_features(part.values) for part in (train, held))
+        parts = map(LabelledRows, views, (train.labels, held.labels))
         learned.append(fit(find_kind(name), *parts, n_classes=n_classes, seed=seed))
     return join(learned, held, n_classes=n_classes)
 

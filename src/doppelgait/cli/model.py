@@ -41,8 +41,8 @@ def export(
     from doppelgait.radar import Radar
 
     settings = None
-    if radar is None and (integers or prf_hz is not None):
-        raise ConfigError("--int8 and --prf-hz: are for --form c, with --radar")
+    if radar is None and (integers or prf_hz is not None or still_s != 2.0):
+        raise ConfigError("--int8, --prf-hz and --still-s: are for --form c, with --radar")
     if radar is not None:
         changes = {} if prf_hz is None else {"prf_hz": prf_hz}
         settings = CSettings(Radar.preset(radar, **changes), integers=integers, still_time_s=still_s or None)
@@ -65,10 +65,7 @@ def alarm(
         typer.Option("--repeats", min=1, help="Recordings of each kind of episode; by default those of the plan."),
     ] = None,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--output", help="Folder that keeps the windows of the day; a second run goes on with them."
-        ),
+        Path | None, typer.Option("-o", "--output", help="Folder that keeps the windows of the day, to go on with.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -109,11 +106,12 @@ def benchmark(
 
     answers = {name: bench.open_classifier(name) for name in classifier or bench.BASELINES}
     built, identities = {}, []
-    for name in [name for name, part in bench.PARTS.items() if recordings or not part.recorded]:
+    used = [name for name, part in bench.PARTS.items() if recordings or not part.recorded]
+    for name in used if any(name in bench.BASELINES or ".py:" in name for name in answers) else used[1:]:
         with report_progress(name, quiet=as_json) as on_progress:
             one = built[name] = bench.build_part(name, folder / name, folder=recordings, on_progress=on_progress)
         identities.append({"part": name, "identity": one.description["id"], "contents": bench.identify_contents(one)})
-    train = built.pop("train")
+    train = built.pop("train", next(iter(built.values())))
     scores = {
         name: {part: bench.score_part(dataset, answer(train, dataset)) for part, dataset in built.items()}
         for name, answer in answers.items()

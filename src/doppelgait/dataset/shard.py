@@ -8,7 +8,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -22,6 +22,7 @@ from doppelgait.core.config import FrozenModel, convert_to_json, format_canonica
 from doppelgait.core.draws import replace_by_middle
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.interrupt import raise_if_stopped
+from doppelgait.core.samples import Samples
 from doppelgait.core.worker import limit_blas_threads
 from doppelgait.dataset.config import DatasetSection, FieldSpec, PlanConfig
 from doppelgait.dataset.motions import THING
@@ -296,6 +297,7 @@ def build_episode(example: ExampleSpec, settings: DatasetSection, folder: Path) 
     made, links, run, missed = ExampleData(), Links(), example.run, set(range(len(example.rows)))
     with limit_blas_threads(), collect_messages() as messages:
         recording = simulate_placed(run, place(run.scene, run.streams, folder=folder), angles=False)
+        recording = replace(recording, samples=Samples(recording.samples.matrix))  # noise is added once for all windows
         bodies, nothing = describe_scene(example, recording), _describe_thing(example, recording)
         for number, window in enumerate(cut_windows(recording, settings.window_s, settings.hop_s)):
             raise_if_stopped()

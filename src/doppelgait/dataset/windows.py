@@ -20,7 +20,6 @@ import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array, read_axis
-from doppelgait.core.samples import Samples
 from doppelgait.core.units import FloatArray
 from doppelgait.pipeline.analyze import analyze
 from doppelgait.pipeline.result import Result
@@ -128,8 +127,6 @@ def _make_window(recording: Recording | xr.DataArray, blocks: _Blocks, start_s: 
 def cut_windows(recording: Recording, window_s: float, hop_s: float) -> Iterator[Window]:
     """Split a recording into windows that start every hop, with its own times and truth."""
     first_s = float(recording.slow_time_s[0])
-    if recording.samples.in_memory:  # pending noise is added once, and not for every window
-        recording = replace(recording, samples=Samples(recording.samples.matrix))
     for window in cut(recording, window_s=window_s, step_s=hop_s):
         start_s, content = first_s + window.start_s, window.recording
         if recording.truth:

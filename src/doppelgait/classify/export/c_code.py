@@ -27,8 +27,9 @@ TEXTS = Path(__file__).parent / "c99"
 LINE = 112
 SIZES = {"float": 4, "int8_t": 1}
 BODY_M, REACH_M = 0.3, 0.5  # half extents of a body and of the search for it
-GAINS = {"ALPHA": 0.4, "BETA": 0.3, "NOISE_SHARE": 0.2, "SPIKE": 30.0, "POWER_SHARE": 1.0 / 64.0, "POWER_RISE": 0.02}
-"""Gains of range, velocity and noise; power of a spike over the mean, and gains of this mean; assumed."""
+GAINS = {"ALPHA": 0.4, "BETA": 0.3, "NOISE_SHARE": 0.2, "SPIKE": 30.0}
+"""Gains of range, velocity and noise, and power of a spike over the mean of a processing interval; assumed."""
+MOST_SPIKES = 20  # pulses in succession, after which the level has changed
 CONFIRM, MOST_LOST, LEAST_FOUND = 5, 10, 0.6  # columns to begin, columns without an echo, share of a window with one
 SURE_SD = 8.0
 """Standard deviations of the noise above its mean at which an echo is found in one column."""
@@ -111,13 +112,6 @@ def drop_features(network: TrackNetwork) -> TrackNetwork:
     return replace(network, feature_weight=np.zeros_like(network.feature_weight))
 
 
-def fold_features(network: TrackNetwork) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Return weight and bias of the embedding without features."""
-    n_pooled = network.embed_weight.shape[1] - network.feature_bias.size
-    bias = network.embed_bias + network.embed_weight[:, n_pooled:] @ np.maximum(network.feature_bias, 0.0)
-    return network.embed_weight[:, :n_pooled], bias
-
-
 def round_kernels(network: TrackNetwork) -> TrackNetwork:
     """Round the kernels to 8-bit integers, with a scale of every channel."""
     kernels, scales = [], []
@@ -132,15 +126,12 @@ class Sources:
     """Text of an export of a model, with the size of its tables."""
 
     def __init__(self, model: Model, device: Device, *, integers: bool) -> None:
-        if not isinstance(model.learned, TrackNetwork) or not model.learned.kernels:
-            raise ConfigError(
-                f"--form c: {model.facts.name} has no network of tracks with pictures; train one with torch"
-            )
-        facts = model.facts
-        if facts.alarm is None or facts.alarm_threshold is None:
-            raise ConfigError(f"--form c: {facts.name} has no alarm; train with --alarm-class")
+        facts, own = model.facts, model.learned
+        if not isinstance(own, TrackNetwork) or not own.kernels or None in (facts.alarm, facts.alarm_threshold):
+            words = "no network of tracks with pictures and an alarm; train one with torch"
+            raise ConfigError(f"--form c: {facts.name} is {words}")
         self.model, self.device, self.integers = model, device, integers
-        network = drop_features(model.learned)
+        network = drop_features(own)
         self.network = round_kernels(network) if integers else network
         self.flash_bytes = 0
         self._tables: list[str] = []
@@ -158,36 +149,34 @@ class Sources:
         """Return the text of the source."""
         return (TEXTS / "engine.c").read_text(encoding="utf-8").replace("/* @TABLES@ */", self.tables)
 
-    def facts(self) -> dict[str, Any]:
-        """Return table flash and RAM in bytes, and work."""
-        device, bins = self.device, self.device.radar.n_range_bins
-        columns = device.n_columns * (4 * N_CELLS * N_SLICES + 5)
-        memory = 8 * self.network.gate_bias.size + 4
-        radar = 4 * (bins * (2 * device.taper.size + 6) + 4 + 9) + columns + -columns % 4 + memory
-        sizes = {"flash_table": self.flash_bytes, "ram": radar + self._buffer_bytes, "radar": radar}
-        sizes |= {"buffer": self._buffer_bytes}
-        return {f"{name}_bytes": size for name, size in sizes.items()}
-
     @property
     def _layer_values(self) -> tuple[int, int]:
         cells = N_COLUMNS * N_CELLS
         sizes = [cells // 4**n * bias.size for n, bias in enumerate(self.network.biases, 1)]
         return max(cells * N_SLICES, *sizes[1::2]), max(sizes[0::2])
 
-    @property
-    def _buffer_bytes(self) -> int:
-        return 4 * (sum(self._layer_values) + (4 + self.device.radar.n_range_bins) * self.device.n_doppler)
-
     def _collect_macros(self) -> dict[str, Any]:
+        from scipy.stats import gamma
+
         facts, device, network = self.model.facts, self.device, self.network
         even, odd = self._layer_values
         bin_m, most_mps = device.radar.bin_spacing_m, facts.conditions.get("speed_mps", (0.0, math.inf))[1]
         body = max(1, round(BODY_M / bin_m))
         cells = (2 * body + 1) * device.n_doppler * HOPS_PER_COLUMN
-        # above 4 times its mean, exponential noise has the mean excess 4 exp(-4) and the variance 17 exp(-4); four
-        # overlapping transforms are about two independent ones
+        # above 4 times its mean, exponential noise has the mean excess 4 exp(-4) and the variance 17 exp(-4)
+        window, lags = device.taper**2, device.hop * np.arange(1, HOPS_PER_COLUMN)
+        rows = device.n_doppler * float((window**2).sum() / window.sum() ** 2)  # cells per independent one
+        alike = [
+            float(device.taper[lag:] @ device.taper[:-lag] / window.sum()) ** 2 for lag in lags if lag < window.size
+        ]
+        columns = 1.0 + 2.0 * sum(alike[n] * (1.0 - (n + 1) / HOPS_PER_COLUMN) for n in range(len(alike)))
+        density = device.radar.waveform.independent_bins(device.radar)
         least = cells * SIGNIFICANT * math.exp(-SIGNIFICANT)
-        least += SURE_SD * math.sqrt(2.0 * cells * (SIGNIFICANT**2 + 1.0) * math.exp(-SIGNIFICANT))
+        variance = (SIGNIFICANT**2 + 1.0) * math.exp(-SIGNIFICANT) * cells * rows * columns / density
+        least += SURE_SD * math.sqrt(variance)
+        # mean of the lowest third of row means, which are gamma variables, over their mean
+        bins = density * device.radar.n_range_bins
+        bias = 3.0 * float(gamma.cdf(gamma.ppf(1.0 / 3.0, bins), bins + 1.0))
         counts: dict[str, int] = {
             "CLASSES": len(facts.classes),
             "ALARM_CLASS": facts.classes.index(str(facts.alarm)),
@@ -208,11 +197,10 @@ class Sources:
             "HIDDEN": network.hidden_bias.size,
             "EVEN_VALUES": even,
             "ODD_VALUES": odd,
-            "BUFFER_BYTES": self._buffer_bytes,
-            "REMOVE_STILL": int(device.still_time_s is not None),
             "BODY_BINS": body,
             "CONFIRM": CONFIRM,
             "MOST_LOST": MOST_LOST,
+            "MOST_SPIKES": MOST_SPIKES,
             "LEAST_FOUND": math.ceil(LEAST_FOUND * device.n_columns),
         }
         numbers: dict[str, float] = {
@@ -230,6 +218,8 @@ class Sources:
             "SIGNIFICANT": SIGNIFICANT,
             "LEAST_ENERGY": least,
             "REACH_M": max(REACH_M, bin_m),
+            "NOISE_BIAS": bias,
+            "POWER_SHARE": 1.0 / device.taper.size,
             **GAINS,
             "MOST_MPS": min(most_mps * TOLERANCE["speed_mps"][1], 1e9),
             "LONGEST_S": LONGEST_S,
@@ -262,7 +252,10 @@ class Sources:
             ]
             rows.append(f"    {{{', '.join([*names, str(kernel.shape[1]), str(kernel.shape[0])])}}}")
         self._tables.append("static const dg_layer layers[DG_LAYERS] = {\n" + ",\n".join(rows) + "\n};")
-        embed = dict(zip(("embed_weight", "embed_bias"), fold_features(network), strict=True))
+        # the features' part of the embedding is the same for every window
+        n_pooled = network.embed_weight.shape[1] - network.feature_bias.size
+        unknown = network.embed_weight[:, n_pooled:] @ np.maximum(network.feature_bias, 0.0)
+        embed = {"embed_weight": network.embed_weight[:, :n_pooled], "embed_bias": network.embed_bias + unknown}
         own = [f"{name}_{kind}" for name in ("gate", "value", "hidden") for kind in ("weight", "bias")]
         tables = {**embed, **{name: getattr(network, name) for name in [*own, "forgetting_hz"]}}
         tables |= {"last_weight": network.weight, "last_bias": network.bias}

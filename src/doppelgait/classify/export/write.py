@@ -123,4 +123,4 @@ def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], 
         "selftest.c": (TEXTS / "selftest.c").read_bytes(),
         "golden.bin": b"".join(np.ascontiguousarray(part).tobytes() for part in words),
     }
-    return files, {"precision": "int8" if settings.integers else "float32", **sources.facts()}
+    return files, {"precision": "int8" if settings.integers else "float32", "flash_table_bytes": sources.flash_bytes}

@@ -16,9 +16,8 @@ static float power[DG_BINS][DG_DOPPLER];
 
 static void fill_zero(float *values, int n)
 {
-    int k;
-    for (k = 0; k < n; k++)
-        values[k] = 0.0f;
+    while (n > 0)
+        values[--n] = 0.0f;
 }
 
 static void log_softmax(float *scores)
@@ -50,12 +49,9 @@ static void compute_layer(const dg_layer *own, const float *in, int height, int 
                             continue;
                         for (kx = 0; kx < 3; kx++) {
                             int place = 2 * x + corner % 2 + kx - 1;
-                            const float *a = in + (row * width + place) * own->n_in;
                             const dg_weight *k = own->kernel + ((o * 3 + ky) * 3 + kx) * own->n_in;
-                            if (place < 0 || place >= width)
-                                continue;
-                            for (i = 0; i < own->n_in; i++)
-                                sum += a[i] * (float)k[i];
+                            for (i = 0; place >= 0 && place < width && i < own->n_in; i++)
+                                sum += in[(row * width + place) * own->n_in + i] * (float)k[i];
                         }
                     }
                     if (corner == 0 || sum > best)
@@ -154,18 +150,22 @@ static float (*transform(void))[2]
     return spectrum[which];
 }
 
+static void forget(dg_decision *decision)
+{
+    int k;
+    decision->decided = decision->label = 0;
+    for (k = 0; k < DG_CLASSES; k++)
+        decision->probability[k] = 1.0f / DG_CLASSES;
+}
+
 void dg_start(dg_radar *radar)
 {
-    int b;
-    for (b = 0; b < DG_BINS; b++) {
-        fill_zero(radar->still[b], 2);
-        fill_zero(radar->first[b], 2);
-        radar->energy[b] = radar->moment[b] = 0.0f;
-    }
-    radar->noise = radar->power = 0.0f;
-    radar->pulses = 0;
-    radar->place = radar->part = radar->follows = 0;
+    unsigned char *bytes = (unsigned char *)radar;
+    unsigned long n;
+    for (n = 0; n < sizeof *radar; n++)
+        bytes[n] = 0;
     radar->wait = DG_CPI;
+    forget(&radar->last);
 }
 
 /* Begin to follow a target: nothing is known of it. */
@@ -176,11 +176,12 @@ static void begin(dg_radar *radar, float range_m, float approach_mps)
     radar->approach_mps = approach_mps;
     radar->memory = nothing;
     radar->follows = 1;
-    radar->age = radar->lost = radar->reached = radar->alarm = 0;
+    radar->age = radar->lost = radar->since = radar->reached = radar->alarm = 0;
+    forget(&radar->last);
 }
 
-/* Power of all bins; returns the mean noise of a cell, by the third of the rows with the least power. */
-static float transform_bins(dg_radar *radar)
+/* Power of all bins, and the mean noise of a cell, by the third of the rows with the least power. */
+static void transform_bins(dg_radar *radar)
 {
     float rows[DG_DOPPLER], sum = 0.0f;
     int b, m, k, n = 0;
@@ -211,17 +212,16 @@ static float transform_bins(dg_radar *radar)
             sum += rows[k];
             n++;
         }
-    return n ? sum / (float)n : 0.0f;
+    sum = n ? sum / (float)n / DG_NOISE_BIAS : 0.0f;
+    radar->noise += radar->noise > 0.0f ? DG_NOISE_SHARE * (sum - radar->noise) : sum;
 }
 
 /* Share of a bin's cell between two ranges. */
 static float overlap(int bin, float low_m, float high_m)
 {
-    float low = (low_m - DG_FIRST_M) / DG_BIN_M + 0.5f - (float)bin;
-    float high = (high_m - DG_FIRST_M) / DG_BIN_M + 0.5f - (float)bin;
-    low = low > 0.0f ? low : 0.0f;
-    high = high < 1.0f ? high : 1.0f;
-    return high > low ? high - low : 0.0f;
+    float low = fmaxf((low_m - DG_FIRST_M) / DG_BIN_M + 0.5f - (float)bin, 0.0f);
+    float high = fminf((high_m - DG_FIRST_M) / DG_BIN_M + 0.5f - (float)bin, 1.0f);
+    return fmaxf(high - low, 0.0f);
 }
 
 /* Add the power in slices along range about the target, at velocities about its own. */
@@ -232,13 +232,11 @@ static void add_slices(dg_radar *radar, float (*column)[DG_SLICES])
     for (slice = 0; slice < DG_SLICES; slice++) {
         float low_m = radar->range_m + ((float)(slice - DG_SLICES / 2) - 0.5f) * DG_SLICE_M, high_m = low_m + DG_SLICE_M;
         float summed[DG_DOPPLER + 1], width = 0.0f, before = 0.0f;
-        int first = (int)floorf((low_m - DG_FIRST_M) / DG_BIN_M + 0.5f);
-        int last = (int)floorf((high_m - DG_FIRST_M) / DG_BIN_M + 0.5f);
         fill_zero(summed, DG_DOPPLER + 1);
-        for (b = first > 0 ? first : 0; b <= last && b < DG_BINS; b++) {
+        for (b = 0; b < DG_BINS; b++) {
             float share = overlap(b, low_m, high_m);
             width += share;
-            for (k = 0; k < DG_DOPPLER; k++)
+            for (k = 0; share > 0.0f && k < DG_DOPPLER; k++)
                 summed[k + 1] += share * power[b][k];
         }
         for (k = 0; k < DG_DOPPLER; k++) {
@@ -263,31 +261,26 @@ static void add_slices(dg_radar *radar, float (*column)[DG_SLICES])
 /* Find the strongest moving echo of a column, near the target if one is followed. Returns 0 without any. */
 static int find_echo(const dg_radar *radar, float *range_m, float *approach_mps)
 {
-    float best = DG_LEAST_ENERGY * radar->noise, range = 0.0f, moment = 0.0f, energy = 0.0f;
-    int b, m, place = -1;
+    float best = DG_LEAST_ENERGY * radar->noise;
+    int b, m, found = 0;
     for (b = 0; b < DG_BINS; b++) {
-        float sum = 0.0f, at_m = DG_FIRST_M + DG_BIN_M * (float)b;
-        if (radar->follows && fabsf(at_m - radar->range_m) > DG_REACH_M)
+        float energy = 0.0f, range = 0.0f, moment = 0.0f;
+        if (radar->follows && fabsf(DG_FIRST_M + DG_BIN_M * (float)b - radar->range_m) > DG_REACH_M)
             continue;
         for (m = b - DG_BODY_BINS; m <= b + DG_BODY_BINS; m++)
-            if (m >= 0 && m < DG_BINS)
-                sum += radar->energy[m];
-        if (sum > best) {
-            best = sum;
-            place = b;
+            if (m >= 0 && m < DG_BINS) {
+                energy += radar->energy[m];
+                moment += radar->moment[m];
+                range += radar->energy[m] * (DG_FIRST_M + DG_BIN_M * (float)m);
+            }
+        if (energy > best) {
+            best = energy;
+            *range_m = range / energy;
+            *approach_mps = moment / energy;
+            found = 1;
         }
     }
-    for (m = place - DG_BODY_BINS; place >= 0 && m <= place + DG_BODY_BINS; m++)
-        if (m >= 0 && m < DG_BINS) {
-            energy += radar->energy[m];
-            moment += radar->moment[m];
-            range += radar->energy[m] * (DG_FIRST_M + DG_BIN_M * (float)m);
-        }
-    if (place < 0)
-        return 0;
-    *range_m = range / energy;
-    *approach_mps = moment / energy;
-    return 1;
+    return found;
 }
 
 /* End a column of 0.1 s: follow the target, find one, or lose it. Returns 1 when a decision is due. */
@@ -313,12 +306,15 @@ static int end_column(dg_radar *radar)
     }
     radar->range_m -= radar->approach_mps * DG_COLUMN_S;
     if (radar->lost > DG_MOST_LOST || (radar->age < DG_CONFIRM && radar->lost > 1)) {
-        radar->follows = 0;
-        return 0;
+        radar->follows = radar->alarm = 0;
+        forget(&radar->last);
+        return radar->age >= DG_CONFIRM;
     }
+    radar->since++;
     if (radar->age >= 1 << 20) /* after a day; the place in the ring stays the same */
         radar->age -= (1 << 19) / (DG_COLUMNS * DG_HOP_COLUMNS) * (DG_COLUMNS * DG_HOP_COLUMNS);
-    return radar->age >= DG_COLUMNS && (radar->age - DG_COLUMNS) % DG_HOP_COLUMNS == 0;
+    radar->due = radar->age >= DG_COLUMNS && (radar->age - DG_COLUMNS) % DG_HOP_COLUMNS == 0;
+    return radar->due;
 }
 
 /* Add the power of one transform to the column. */
@@ -327,12 +323,10 @@ static void add_transform(dg_radar *radar)
     int b, k;
     for (b = 0; b < DG_BINS; b++)
         for (k = 0; k < DG_DOPPLER; k++) {
-            int row = k - DG_DOPPLER / 2;
-            float excess = power[b][k] - radar->noise;
-            /* not the rows about zero, where the mean that is taken off remembers disturbances */
+            int row = k - DG_DOPPLER / 2; /* about zero, the mean that is taken off remembers disturbances */
             if ((row < -1 || row > 1) && power[b][k] > DG_SIGNIFICANT * radar->noise) {
-                radar->energy[b] += excess;
-                radar->moment[b] += excess * DG_ROW_MPS * (float)row;
+                radar->energy[b] += power[b][k] - radar->noise;
+                radar->moment[b] += (power[b][k] - radar->noise) * DG_ROW_MPS * (float)row;
             }
         }
     if (radar->follows)
@@ -342,26 +336,27 @@ static void add_transform(dg_radar *radar)
 /* Return 1 for a pulse with much more power, beyond static echoes, than those before: a spike. */
 static int is_spike(dg_radar *radar, const float *samples)
 {
-    float power_now = 0.0f, share = 1.0f / (float)(radar->pulses + 1u);
-    int b, part, spike;
-    share = share > DG_POWER_SHARE ? share : DG_POWER_SHARE;
+    float power_now = 0.0f, share = fmaxf(1.0f / (float)(radar->pulses + 1u), DG_POWER_SHARE);
+    int b, part;
     for (b = 0; b < DG_BINS; b++)
         for (part = 0; part < 2; part++) {
-            float value = samples[2 * b + part];
-            value -= radar->first[b][part] + radar->still[b][part];
+            float value = samples[2 * b + part] - radar->first[b][part] - radar->still[b][part];
             power_now += isfinite(value) ? value * value : 0.0f;
         }
-    spike = radar->pulses >= DG_CPI && power_now > DG_SPIKE * radar->power;
-    if (radar->pulses > 0) /* the first one has the static echoes; a spike counts a little, for the level may have changed */
-        radar->power += spike ? DG_POWER_RISE * radar->power : share * (power_now - radar->power);
-    return spike;
+    if (radar->pulses >= DG_CPI && power_now > DG_SPIKE * radar->power && ++radar->spikes < DG_MOST_SPIKES)
+        return 1;
+    if (radar->spikes >= DG_MOST_SPIKES)
+        radar->power = power_now; /* a new level */
+    else if (radar->pulses > 0) /* the first pulse has the static echoes */
+        radar->power += share * (power_now - radar->power);
+    radar->spikes = 0;
+    return 0;
 }
 
 int dg_push(dg_radar *radar, const float *samples)
 {
-    float noise, share = 1.0f / (float)(radar->pulses + 1u);
+    float share = fmaxf(1.0f / (float)(radar->pulses + 1u), DG_STILL_SHARE); /* first the mean of all pulses */
     int b, part, spike = is_spike(radar, samples);
-    share = share > DG_STILL_SHARE ? share : DG_STILL_SHARE;
     for (b = 0; b < DG_BINS; b++)
         for (part = 0; part < 2; part++) {
             float value = samples[2 * b + part];
@@ -369,13 +364,11 @@ int dg_push(dg_radar *radar, const float *samples)
                 radar->ring[b][radar->place][part] = 0.0f;
                 continue;
             }
-            if (DG_REMOVE_STILL) {
-                if (radar->pulses == 0)
-                    radar->first[b][part] = value;
-                value -= radar->first[b][part];
-                radar->still[b][part] += share * (value - radar->still[b][part]);
-                value -= radar->still[b][part];
-            }
+            if (radar->pulses == 0)
+                radar->first[b][part] = value;
+            value -= radar->first[b][part];
+            radar->still[b][part] += share * (value - radar->still[b][part]);
+            value -= radar->still[b][part];
             radar->ring[b][radar->place][part] = value;
         }
     if (radar->pulses < 0xfffffffeu)
@@ -386,24 +379,17 @@ int dg_push(dg_radar *radar, const float *samples)
     radar->wait = DG_HOP;
     if (radar->follows && radar->part == 0)
         fill_zero(&radar->columns[radar->age % DG_COLUMNS][0][0], DG_VELOCITIES * DG_SLICES);
-    noise = transform_bins(radar);
-    radar->noise = radar->noise > 0.0f ? radar->noise + DG_NOISE_SHARE * (noise - radar->noise) : noise;
+    transform_bins(radar);
     add_transform(radar);
     return ++radar->part == DG_HOPS_PER_COLUMN && end_column(radar);
 }
 
-void dg_decide(dg_radar *radar, dg_decision *decision)
+/* Add the window that has ended to what is known of the target. */
+static void add_window(dg_radar *radar)
 {
     float *picture = layer_even, top = 0.0f, way = 0.0f;
     int c, v, s, seen = 0, oldest = radar->age % DG_COLUMNS;
-    decision->decided = decision->label = 0;
-    decision->alarm = radar->follows && radar->alarm;
-    decision->range_m = radar->range_m;
-    decision->approach_mps = radar->approach_mps;
-    for (c = 0; c < DG_CLASSES; c++)
-        decision->probability[c] = 1.0f / DG_CLASSES;
-    if (!radar->follows || radar->age < DG_COLUMNS)
-        return;
+    radar->last.decided = 0;
     for (c = 0; c < DG_COLUMNS; c++) {
         seen += radar->found[c];
         way += radar->approach[c];
@@ -422,9 +408,20 @@ void dg_decide(dg_radar *radar, dg_decision *decision)
                 float level = one > 0.0f ? 1.0f + 10.0f * log10f(one / top) / DG_RANGE_DB : 0.0f;
                 picture[(c * DG_VELOCITIES + v) * DG_SLICES + s] = level > 0.0f ? level : 0.0f;
             }
-    dg_follow(&radar->memory, picture, radar->memory.count ? DG_HOP_COLUMNS * DG_COLUMN_S : 0.0f, decision);
-    c = decision->probability[DG_ALARM_CLASS] >= DG_ALARM_THRESHOLD;
+    dg_follow(&radar->memory, picture, radar->memory.count ? (float)radar->since * DG_COLUMN_S : 0.0f, &radar->last);
+    radar->since = 0;
+    c = radar->last.probability[DG_ALARM_CLASS] >= DG_ALARM_THRESHOLD;
     radar->alarm |= c && radar->reached;
     radar->reached = c;
+}
+
+void dg_decide(dg_radar *radar, dg_decision *decision)
+{
+    if (radar->due)
+        add_window(radar);
+    radar->due = 0;
+    *decision = radar->last;
     decision->alarm = radar->alarm;
+    decision->range_m = radar->range_m;
+    decision->approach_mps = radar->approach_mps;
 }

@@ -34,10 +34,12 @@ typedef struct {
     float columns[DG_COLUMNS][DG_VELOCITIES][DG_SLICES];
     float approach[DG_COLUMNS];
     unsigned char found[DG_COLUMNS];           /* whether the target was found in a column */
+    dg_decision last;
     float power, noise, range_m, approach_mps; /* mean power of a pulse, and noise of a cell; the target */
     uint32_t pulses;                           /* since dg_start, up to the time constant of the mean */
     int place, wait, part;                     /* next pulse of the ring, pulses to the next transform, its number */
-    int follows, age, lost, reached, alarm;    /* a target is followed; columns with it, and without an echo */
+    int spikes, follows, age, lost, since;     /* a target is followed; columns with it, without echo, since a window */
+    int due, reached, alarm;
     dg_memory memory;
 } dg_radar;
 
@@ -45,10 +47,11 @@ typedef struct {
 void dg_start(dg_radar *radar);
 
 /* Take one pulse: real and imaginary part of every range bin, interleaved (2 * DG_BINS). A sample that is not finite is
-   taken as no echo. Returns 1 when a decision is due, every DG_HOP_COLUMNS columns of 0.1 s. */
+   taken as no echo. Returns 1 when a decision is due: every DG_HOP_COLUMNS columns of DG_COLUMN_S, and when the target is
+   lost. */
 int dg_push(dg_radar *radar, const float *samples);
 
-/* Decide about the followed target when dg_push returns 1. Before it was seen for a window, nothing is decided. */
+/* Decide about the followed target. Before it was seen for a window, nothing is decided. */
 void dg_decide(dg_radar *radar, dg_decision *decision);
 
 /* Add one picture (DG_TIMES, DG_VELOCITIES, DG_SLICES), levels 0 to 1, to a memory. since_s is the time since the end
