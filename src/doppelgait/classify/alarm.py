@@ -99,7 +99,7 @@ def build_day(
 
 
 def answer_day(dataset: Dataset, probability: FloatArray) -> list[Episode]:
-    """Collect the probabilities of the alarm's class after every row of a dataset of episodes; NaN: no evidence."""
+    """Collect a classifier's answers (n,) to a dataset of episodes."""
     labels = {
         make_example_id(section.label, 0).rpartition("-")[0]: section.label for section in dataset.plan_config.episodes
     }
@@ -118,7 +118,7 @@ def answer_day(dataset: Dataset, probability: FloatArray) -> list[Episode]:
 
 
 def confirm(probability: FloatArray, seen: Sequence[Seen]) -> FloatArray:
-    """Return the lower of the probability after each window and after the one that it continues, else 0."""
+    """Return the lower probability of each window and the one before, else 0."""
     kept, found = np.flatnonzero(np.isfinite(probability)), np.zeros(probability.size)
     _, before = find_windows_before([seen[number] for number in kept.tolist()])
     values = probability[kept]

@@ -175,6 +175,8 @@ def _unpack(form: Mapping[str, Any], arrays: Arrays) -> Learned:
                 raise ValueError("its members are ensembles")
             members.append(_unpack(own, part))
         return Ensemble(tuple(members), arrays["weights"], arrays["slopes"], arrays["shifts"])
+    if form["learned"] == "kernel":
+        raise ConfigError("it has support vector machines, which this version has no longer; train it again")
     kind = KINDS[form["learned"]]
     values: dict[str, Any] = dict(arrays)
     if kind is Linear:

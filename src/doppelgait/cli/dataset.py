@@ -25,7 +25,8 @@ app = typer.Typer(help="Plan, build, check and use labelled datasets.", no_args_
 PlanName = Annotated[
     str,
     typer.Argument(
-        help="Plan (TOML) or home-alarm, home-alarm-day, home-alarm-life, home-alarm-wide, liland2018, liland2018-fair."
+        help="Plan (TOML) or home-alarm, home-alarm-day, home-alarm-life, home-alarm-recorded, home-alarm-test, "
+        "home-alarm-wide, liland2018, liland2018-fair."
     ),
 ]
 Changes = Annotated[

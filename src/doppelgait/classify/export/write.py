@@ -21,7 +21,6 @@ from doppelgait.core.files import check_out, complete_folder
 from doppelgait.processing.patches import N_CELLS, N_COLUMNS, N_SLICES, draw_pictures
 
 FORMS = ("c", "numpy", "onnx")
-TRACK_OF_EXAMPLES = 8  # golden vectors of one track
 LISTING, FORMAT = "export.json", "doppelgait-model-export"
 
 
@@ -108,7 +107,7 @@ def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], 
     words: list[Any] = [np.array([3, settings.n_examples], np.int32)]
     for number in range(settings.n_examples):
         picture = draw_pictures(rng.gamma(0.3, 1.0, (N_SLICES, N_COLUMNS, N_CELLS)), np.ones(N_COLUMNS))[0]
-        since_s = 0.5 if number % TRACK_OF_EXAMPLES else -1.0
+        since_s = 0.5 if number % 8 else -1.0  # eight of a track
         memory = EMPTY if since_s < 0.0 else memory
         seen = np.empty(1, dtype=object)
         seen[0] = Seen(picture[None], 0, 0.0)
