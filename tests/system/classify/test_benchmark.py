@@ -131,7 +131,7 @@ def test_levels_are_matched_for_people_and_animals_alone(folder, monkeypatch):
 
 def test_other_data_and_unknown_classifiers_are_told(folder, monkeypatch):
     monkeypatch.setattr(bench, "PARTS", {"life": Part(str(folder / "tiny.toml"), "0" * 16)})
-    with pytest.raises(ConfigError, match=r"part life: has the identity .* cannot be compared"):
+    with pytest.raises(ConfigError, match=r"life: identity .* cannot be compared"):
         bench.load_part("life")
     monkeypatch.setattr(bench, "is_torch_installed", lambda: False)
     with pytest.raises(DatasetError, match="torch is not installed"):
