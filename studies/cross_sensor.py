@@ -188,7 +188,7 @@ def train(rows: pd.DataFrame, settings: Mapping[str, Training], seed: int) -> Tr
         models[f"network, {label}"] = train_network(learn, kept, n_classes=2, seed=seed, settings=own)
     kept = LabelledRows(inputs[held], labels[held])
     for label in settings:
-        members = [[models[name]] for name in (*FEATURES, f"network, {label}")]
+        members = [models[name] for name in (*FEATURES, f"network, {label}")]
         models[f"ensemble, {label}"] = join(members, kept, n_classes=2)
     calibrated = {name: (model, calibrate(ask(model, kept.values), kept.labels)) for name, model in models.items()}
     return Trained(names, calibrated)

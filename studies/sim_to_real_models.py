@@ -123,7 +123,7 @@ def train_all(
         if kind.learner == "network":
             learned: Learned = train_network(learn, kept, n_classes=n_classes, seed=seed, spec=patch, settings=SETTINGS)
         elif kind.learner == "ensemble":
-            learned = join([[member] for member in members], kept, n_classes=n_classes)
+            learned = join(members, kept, n_classes=n_classes)
         else:
             learned = fit(kind, learn, kept, n_classes=n_classes, seed=seed)
         members += [learned] if name in MEMBERS else []
