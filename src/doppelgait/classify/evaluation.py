@@ -5,7 +5,7 @@ Every target, and all targets that share a scene, are on one side of a fold.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import count
@@ -174,16 +174,24 @@ def _count_fewest_groups(labels: IntArray, groups: scores.Groups) -> int:
 
 
 def hold_back(rows: Rows, learn: IntArray, seed: int) -> tuple[IntArray, IntArray]:
-    """Hold back a fifth of the groups for calibration."""
+    """Hold back a fifth of the kinds of episode, or of the groups, for calibration."""
+    return next(hold_back_in_turn(rows, learn, seed))
+
+
+def hold_back_in_turn(rows: Rows, learn: IntArray, seed: int) -> Iterator[tuple[IntArray, IntArray]]:
+    """Yield every fold of training and held rows for calibration, or all rows and none if targets are few."""
     from sklearn.model_selection import StratifiedGroupKFold
 
     labels, groups = rows.labels[learn], rows.groups[learn]
-    fewest = _count_fewest_groups(labels, groups)
-    if fewest < HELD_FOLDS:
-        return learn, np.empty(0, dtype=np.int64)
+    if all((part.description.get("config") or {}).get("episodes") for part in rows.datasets):
+        # a home has kinds of episode that no plan has: the confidence in those is what counts
+        kinds = rows.index["scene_id"].iloc[learn].str.rpartition("-")[0].to_numpy(dtype=str)
+        groups = kinds if _count_fewest_groups(labels, kinds) >= HELD_FOLDS else groups
+    if _count_fewest_groups(labels, groups) < HELD_FOLDS:
+        yield learn, np.empty(0, dtype=np.int64)
+        return
     splitter = StratifiedGroupKFold(HELD_FOLDS, shuffle=True, random_state=seed)
-    train, held = next(iter(splitter.split(labels, labels, groups)))
-    return learn[train], learn[held]
+    yield from ((learn[train], learn[held]) for train, held in splitter.split(labels, labels, groups))
 
 
 def _check_all_classes(rows: Rows, learn: IntArray, words: str) -> None:
@@ -263,13 +271,24 @@ def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int, members
 
 
 def describe_model(
-    rows: Rows, table: Table, name: str, fold: Fold, learned: Learned, *, seed: int, joined: bool = False
+    rows: Rows,
+    table: Table,
+    name: str,
+    fold: Fold,
+    learned: Learned,
+    *,
+    seed: int,
+    joined: bool = False,
+    answers: FloatArray | None = None,
 ) -> Model:
-    """Calibrate what was trained on a fold, and describe its valid conditions."""
+    """Calibrate what was trained on a fold, and describe its valid conditions.
+
+    ``answers`` to the held rows are of models that did not learn from them; by default those of ``learned``.
+    """
     kind, n_classes = training.find_kind(name), len(rows.classes)
     train, held = (LabelledRows(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
     of_tracks = isinstance(learned, TrackNetwork)
-    answers, groups = learned.log_probability(held.values), rows.groups[fold.held]
+    answers, groups = learned.log_probability(held.values) if answers is None else answers, rows.groups[fold.held]
     if of_tracks:  # the windows that are evidence in a stream
         kept = np.array([each.pictures is not None for each in held.values[:, -1]], dtype=bool)
         kept &= ~mark_flagged(rows.index.iloc[fold.held], ECHOES)

@@ -298,9 +298,10 @@ def _list_tracks(seen: list[Seen]) -> list[IntArray]:
 
 def _build_track_model(torch: Any, n_columns: int, n_classes: int) -> Any:
     nn, n_in = torch.nn, TRACK_CHANNELS[-1]
+    layers = _build_layers(nn, (N_SLICES, *TRACK_CHANNELS))
     return nn.ModuleDict(
         {
-            "convolution": nn.Sequential(*_build_layers(nn, (N_SLICES, *TRACK_CHANNELS))),
+            "convolution": nn.Sequential(*layers).to(memory_format=torch.channels_last),  # twice as fast
             "feature": nn.Linear(n_columns, N_FEATURES),
             "dropout": nn.Dropout(DROPOUT),
             "embed": nn.Linear(2 * n_in + N_FEATURES, N_EMBEDDING),
@@ -373,7 +374,7 @@ def _answer_tracks(
     torch: Any, model: Any, pictures: Levels, columns: Levels, seen: Inputs, sizes: IntArray
 ) -> tuple[Any, Any]:
     # scores (n, n_classes) of every window alone, and of its track up to it
-    layer = model["convolution"](torch.from_numpy(pictures))
+    layer = model["convolution"](torch.from_numpy(pictures).to(memory_format=torch.channels_last))
     feature = torch.relu(model["feature"](torch.from_numpy(columns)))
     pooled = torch.cat([layer.mean((2, 3)), layer.amax((2, 3)), feature], 1)
     embedding = torch.relu(model["embed"](model["dropout"](pooled)))
