@@ -411,6 +411,10 @@ class PlanConfig(FrozenModel):
         """Return the number of examples of a class."""
         return section.examples or self.dataset.examples_per_class
 
+    def count_examples(self) -> int:
+        """Return the number of examples of all classes."""
+        return sum(map(self.count_class_examples, self.sections))
+
 
 def plan_names() -> list[str]:
     """List the names of the built-in plans.

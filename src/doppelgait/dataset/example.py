@@ -266,7 +266,7 @@ def label_arrays(
         values = stored(name)
         if values is None or values.size == 0:
             continue
-        if values.ndim != len(facts["dims"]) or values.dtype.kind not in "fciu":
+        if values.ndim != len({*facts["dims"]}) or values.dtype.kind not in "fciu":
             raise DatasetError(
                 f"{row.get('id')}: {name} has {values.ndim} axes of {values.dtype} in its shard, "
                 f"not {facts['dims']}; check the folder with dataset verify"
@@ -335,8 +335,11 @@ def number_in_plan(config: Mapping[str, Any], scene_id: str) -> int | None:
     """Return an example's number in its plan."""
     label, _, within = scene_id.rpartition("-")
     first = 0
-    for section in config.get("classes") or config.get("episodes", ()):
-        if str(section["label"]).replace(" ", "_") == label and within.isdigit():
-            return first + int(within)
-        first += section.get("examples") or config["dataset"]["examples_per_class"]
+    try:
+        for section in config.get("classes") or config.get("episodes", ()):
+            if str(section["label"]).replace(" ", "_") == label and within.isdigit():
+                return first + int(within)
+            first += section.get("examples") or config["dataset"]["examples_per_class"]
+    except (AttributeError, KeyError, TypeError):
+        raise DatasetError("dataset.json: config is damaged; build the dataset again") from None
     return None

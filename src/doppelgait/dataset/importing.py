@@ -26,10 +26,9 @@ from doppelgait.dataset.config import ImportConfig, Progress
 from doppelgait.dataset.finish import DATA_VERSION, Header, find_dataset, finish_dataset, read_records, tally
 from doppelgait.dataset.labels import LabelEntry, hash_recording, read_labels
 from doppelgait.dataset.lock import write_new_folder
-from doppelgait.dataset.plan import split_into_shards
+from doppelgait.dataset.plan import PlannedEntry, plan_entries, split_into_shards
 from doppelgait.dataset.shard import NOTHING, ExampleData, collect_messages, describe_failure
 from doppelgait.dataset.shard_files import encode_arrays
-from doppelgait.dataset.splits import PlannedEntry, plan_entries
 from doppelgait.dataset.windows import cut
 from doppelgait.pipeline import Result, analyze
 from doppelgait.pipeline.pictures import is_picture, read_picture

@@ -15,7 +15,7 @@ import pandas as pd
 import xarray as xr
 
 from doppelgait.core.config import convert_to_json, validate
-from doppelgait.core.documents import CELL_BYTES, check_cost, parse_json
+from doppelgait.core.documents import CELL_BYTES, check_cost
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.notebook import show_html, show_text
@@ -31,8 +31,9 @@ from doppelgait.dataset.example import (
     read_carrier_hz,
     suggest_names,
 )
-from doppelgait.dataset.finish import DATASET
-from doppelgait.dataset.learning import (
+from doppelgait.dataset.finish import DATASET, read_description
+from doppelgait.dataset.resolve import ExampleSpec, resolve_example
+from doppelgait.dataset.rows import (
     Array,
     As,
     LabelledArrays,
@@ -40,10 +41,9 @@ from doppelgait.dataset.learning import (
     epoch_rows,
     make_picture,
     picture_format,
+    select_rows,
     shuffled_rows,
 )
-from doppelgait.dataset.query import select_rows
-from doppelgait.dataset.resolve import ExampleSpec, resolve_example
 from doppelgait.dataset.shard_files import INDEX_NAMES, ShardFiles, decode
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.result import Result
@@ -54,44 +54,6 @@ if TYPE_CHECKING:
 
 
 TEXT_COLUMNS = ("id", "label", "split", "shard")
-
-
-def check_description(description: Any) -> None:
-    """Check the content of ``dataset.json``."""
-
-    def require(fits: bool, key: str, words: str) -> None:
-        if not fits:
-            raise ValueError(f"dataset.json: {key} must be {words}")
-
-    if not isinstance(description, Mapping):
-        raise ValueError("dataset.json: must be a table")
-    for key in ("name", "id"):
-        require(isinstance(description.get(key), str), key, "a text")
-    require(type(description.get("schema_version")) is int, "schema_version", "a whole number")
-    require(isinstance(description.get("classes"), Mapping), "classes", "a table of class numbers")
-    require(isinstance(description.get("fields"), Mapping), "fields", "a table of arrays")
-    for label, number in description["classes"].items():
-        require(type(number) is int, f"classes.{label}", "a whole number")
-    for name, facts in description["fields"].items():
-        require(isinstance(facts, Mapping), f"fields.{name}", "a table with dims, units and dtype")
-        dims = facts.get("dims")
-        different = isinstance(dims, list) and all(isinstance(dim, str) for dim in dims) and len({*dims}) == len(dims)
-        require(different, f"fields.{name}.dims", "a list of different texts")
-        for key in ("units", "dtype"):
-            require(isinstance(facts.get(key), str), f"fields.{name}.{key}", "a text")
-    if description.get("origin", "simulated") != "simulated":
-        return
-    # the other keys of the plan are needed only to simulate an example again
-    config = description.get("config") or {}
-    require(isinstance(config, Mapping), "config", "a table")
-    sections = config.get("classes") or config.get("episodes", [])
-    listed = isinstance(sections, list) and all(isinstance(one, Mapping) and "label" in one for one in sections)
-    require(listed, "config.classes", "a list of tables with label")
-    numbers: Any = config.get("dataset", {} if not sections else None)
-    require(isinstance(numbers, Mapping), "config.dataset", "a table")
-    counts = [one.get("examples") for one in sections] + [numbers.get(key) for key in ("examples_per_class", "seed")]
-    whole = all(count is None or (isinstance(count, int) and count >= 0) for count in counts)
-    require(whole, "config: seed and numbers of examples", "whole numbers")
 
 
 def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
@@ -372,7 +334,7 @@ class Dataset:
         rng : Streams or numpy.random.Generator, optional
             Random numbers for the order; required with ``shuffle``.
         shuffle : bool
-            In a random order (:func:`doppelgait.dataset.learning.shuffled_rows`), else in that of the index.
+            In a random order (:func:`doppelgait.dataset.rows.shuffled_rows`), else in that of the index.
         as_ : {"array", "picture"} or Patch
             ``array``: in linear units, on the stored grid. ``picture``: signatures in dB over their noise floor,
             clipped to 0 to 40 dB, float32, as an array (64 velocities, 64 times): row k holds the radial velocities
@@ -537,15 +499,14 @@ def open_dataset(directory: str | Path) -> Dataset:
             raise DatasetError(f"{folder}: no finished dataset here ({name} is missing); build it first")
         if (folder / name).resolve().parent != folder.resolve():
             raise DatasetError(f"{folder}: {name} is a link that leads out of the folder; put the file itself there")
+    description = read_description(folder)
+    version = description["schema_version"]
+    DATASET.check_version(folder, version)
+    identity = description["id"] if version >= 3 else None  # older datasets have the id in no other file
     try:
-        description = parse_json((folder / "dataset.json").read_text())
-        version = int(description["schema_version"])
-        DATASET.check_version(folder, version)
-        check_description(description)
-        identity = description["id"] if version >= 3 else None  # older datasets have the id in no other file
         index = read_index(folder / "index.parquet", identity)
         check_index(index, description["classes"])
-    except (OSError, ValueError, KeyError, TypeError, OverflowError, NotImplementedError, RecursionError) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, NotImplementedError) as error:
         raise DatasetError(f"{folder}: is damaged: {error}") from None
     return Dataset(folder, description, index, ShardFiles(folder / "shards", identity))
 

@@ -79,12 +79,6 @@ def match_tracks(
     return found
 
 
-def find_strongest_track(results: Sequence[Result]) -> list[Result | None]:
-    """Return an empty scene's most confident track, or None."""
-    tracked = [result for result in results if "track_confidence" in result.quality]
-    return [max(tracked, key=lambda result: float(result.quality["track_confidence"]), default=None)]
-
-
 NOTHING = {
     **{f"feature_{name}": None for name in FEATURE_UNITS},
     **dict.fromkeys(("gait_frequency_hz", "torso_doppler_hz", "n_periods")),
@@ -222,17 +216,15 @@ class BuildContext:
 
     def make(self, entries: Sequence[PlannedExample]) -> list[ExampleData]:
         """Simulate and analyse planned examples."""
-        made = build_planned(entries, self)
-        return [
-            self._describe_failure(entry, data) if isinstance(data, Exception) else data
-            for entry, data in zip(entries, made, strict=True)
-        ]
-
-    def _describe_failure(self, entry: PlannedExample, error: Exception) -> ExampleData:
-        spec = json.dumps({"number": entry.number})
-        with suppress(DoppelgaitError):
-            spec = format_canonical_json(resolve_example(self.config, entry.number, Path(self.folder)))
-        return ExampleData(failures=[{"id": entry.id, "reason": describe_failure(error), "spec": spec}])
+        examples = []
+        for entry, made in zip(entries, build_planned(entries, self), strict=True):
+            if isinstance(made, Exception):
+                spec = json.dumps({"number": entry.number})
+                with suppress(DoppelgaitError):
+                    spec = format_canonical_json(resolve_example(self.config, entry.number, Path(self.folder)))
+                made = ExampleData(failures=[{"id": entry.id, "reason": describe_failure(made), "spec": spec}])
+            examples.append(made)
+        return examples
 
 
 def build_shard(shard: Shard, maker: ExampleMaker) -> dict[str, Any]:
@@ -410,10 +402,11 @@ def simulate_example(
             signatures = compute_signatures(recording, gate, settings, example.gate_error_m)
         else:
             found = analyze(recording, gate=gate, analysis=example.run.analysis)
-            is_empty = example.rows[0].source == "none" and len(example.rows) == 1
-            tracked = (
-                find_strongest_track(found) if is_empty else match_tracks(found, recording.truth, recording.slow_time_s)
-            )
+            if example.rows[0].source == "none" and len(example.rows) == 1:  # the most confident track
+                known = [result for result in found if "track_confidence" in result.quality]
+                tracked = [max(known, key=lambda result: float(result.quality["track_confidence"]), default=None)]
+            else:
+                tracked = match_tracks(found, recording.truth, recording.slow_time_s)
     signals: list[dict[str, Any]] = [{} for _ in example.rows]
     for name in (spec.name for spec in fields):
         for number, kept in enumerate(signals):

@@ -16,11 +16,11 @@ from doppelgait import viz
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning, OutputError
 from doppelgait.core.files import hash_file
-from doppelgait.dataset.build import build_dataset, make_index
+from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.config import PlanConfig, load_plan
-from doppelgait.dataset.finish import SUMS, write_splits, write_sums
+from doppelgait.dataset.finish import SUMS, make_index, write_splits, write_sums
 from doppelgait.dataset.shard_files import ShardFiles, hash_contents
-from doppelgait.dataset.verify import verify_dataset
+from doppelgait.dataset.verify import contents, verify_dataset
 from figure_faults import faults
 
 N = 30
@@ -129,9 +129,7 @@ def test_an_honest_dataset_passes_every_check_and_is_left_as_it_was(built):
     before, seen = states(built), []
     found = verify(built, share=0.01, on_progress=lambda *step: seen.append(step))
     assert {check.name: check.status for check in found.checks if check.status != "passed"} == {}
-    assert found.passed
-    assert found.verdict == "passed"
-    assert found.complete
+    assert (found.passed, found.verdict, found.complete) == (True, "passed", True)
     assert states(built) == before
     assert found.check("re-simulation").summary == "6 examples made again: identical bytes"
     assert found.check("re-simulation").numbers["identical"] == 6
@@ -177,8 +175,7 @@ def test_a_half_built_dataset_is_checked_as_far_as_it_is_there(copy):
     (copy / "dataset.json").write_text(json.dumps({**description, "complete": False}))
     (copy / SUMS).unlink()
     found = verify(copy)
-    assert (found.passed, found.verdict) == (False, "not proven")
-    assert not found.complete
+    assert (found.passed, found.verdict, found.complete) == (False, "not proven", False)
     assert "not built yet: validation-00000-of-00001" in found.check("shards").summary
     assert failed(found) == set()
     assert skipped(found) == {"files", "contents", "index", "splits", "class balance"}
@@ -272,6 +269,16 @@ def test_another_data_version_is_not_made_again_and_says_so(copy):
     for name in ("identity", "re-simulation", "measured SNR"):
         assert "data version 4" in found.check(name).summary
         assert found.check(name).status == "skipped"
+
+
+def test_a_plan_of_far_more_examples_than_are_here_is_not_planned(copy, monkeypatch):
+    description = json.loads((copy / "dataset.json").read_text())
+    description["config"]["dataset"]["examples_per_class"] = 10_000_000
+    put_description(copy, description)
+    monkeypatch.setattr(contents, "plan_dataset", None)  # it would take minutes, and gigabytes
+    found = verify(copy)
+    assert (failed(found), found.verdict) == (set(), "not proven")
+    assert "names 20000000 examples, and only 60 rows are here" in found.check("identity").summary
 
 
 def test_failed_examples_are_named_and_too_many_of_a_class_fail(tmp_path):
@@ -423,8 +430,7 @@ def test_cross_sections_by_body_mass_fail_with_the_key_to_set(tmp_path):
     check = found.check("nuisance")
     assert "most predictive: rcs_total_m2 (dog 0." in check.summary
     assert "set [target] rcs" in check.summary
-    assert check.numbers["classes"]["accuracy"] > 0.9
-    assert check.numbers["classes"]["p_value"] < 1e-3
+    assert check.numbers["classes"]["accuracy"] > 0.9 > 1e-3 > check.numbers["classes"]["p_value"]
 
 
 def test_imported_recordings_are_warned_of_and_have_no_plan(copy):
@@ -435,8 +441,7 @@ def test_imported_recordings_are_warned_of_and_have_no_plan(copy):
     description = json.loads((copy / "dataset.json").read_text())
     put_description(copy, {**description, "origin": "imported", "config": {}})
     found = verify(copy)
-    assert found.passed
-    assert found.check("nuisance").status == "warning"
+    assert (found.passed, found.check("nuisance").status) == (True, "warning")
     assert "prf_hz (dog 900, human 1e+03; alone 1.00)" in found.check("nuisance").summary
     assert found.check("class balance").numbers["counts"]["dog/train"] == 21
     assert found.check("identity").status == "not applicable"

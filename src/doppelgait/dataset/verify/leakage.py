@@ -27,7 +27,7 @@ from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarn
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.plan import collect_nuisance
 from doppelgait.dataset.resolve import ExampleSpec
-from doppelgait.dataset.verify.contents import Contents, Finding, read_plan
+from doppelgait.dataset.verify.contents import Check, Contents, read_plan
 from doppelgait.scene.placement import place
 from doppelgait.scene.rcs import total_rcs_m2
 
@@ -204,7 +204,7 @@ MAX_ROWS = 2000
 SHOWN_PARAMETERS = 3
 
 
-def check_nuisance(contents: Contents) -> Finding:
+def check_nuisance(contents: Contents) -> Check:
     """Check that nuisance parameters do not predict the class."""
     index, rng = contents.index, contents.random["guess"]
     leaks = (contents.description.get("config") or {}).get("dataset", {}).get("leaks", ())
@@ -224,13 +224,13 @@ def check_nuisance(contents: Contents) -> Finding:
         questions["all classes"] = select_varying(table[seen])
     guesses = {words: guess_classes(part, rng) for words, part in questions.items() if _has_question(part)}
     if not guesses:
-        return Finding("not applicable", f"one class, or no nuisance parameter that differs{declared}")
+        return Check("not applicable", f"one class, or no nuisance parameter that differs{declared}")
     numbers = {words: guess.as_dict() for words, guess in guesses.items()}
     predicted = [describe_guess(words, guess, table) for words, guess in guesses.items() if guess.leaks]
     if predicted:
         if "target.rcs.total_m2" not in table and any("rcs_total_m2" in words for words in predicted):
             predicted.append(RCS_FIX)
-        return Finding("warning" if contents.measured else "failed", "; ".join(predicted) + declared, numbers)
+        return Check("warning" if contents.measured else "failed", "; ".join(predicted) + declared, numbers)
     unclear = "; ".join(f"{words}: {guess.reason}" for words, guess in guesses.items() if guess.reason)
     listed = "; ".join(
         f"{words} from {guess.n_parameters} parameters of {guess.n_rows} rows: balanced accuracy {guess.accuracy:.2f} "
@@ -239,8 +239,8 @@ def check_nuisance(contents: Contents) -> Finding:
         if not guess.reason
     )
     if not listed:
-        return Finding("not applicable", unclear + declared, numbers)
-    return Finding("passed", f"{listed}{'; not judged: ' if unclear else ''}{unclear}{declared}", numbers)
+        return Check("not applicable", unclear + declared, numbers)
+    return Check("passed", f"{listed}{'; not judged: ' if unclear else ''}{unclear}{declared}", numbers)
 
 
 def _has_question(table: pd.DataFrame) -> bool:
@@ -305,8 +305,8 @@ def collect_nuisances(
     """Collect the varying nuisance parameters of rows as numbers, with a remark."""
     parts, notes = [], []
     for dataset in datasets:
-        plan, reason = read_plan(dataset.description, motion_folder)
-        contents = Contents(dataset.directory, dataset.description, dataset.index, {}, plan, reason)
+        plan, reason = read_plan(dataset.description, motion_folder, len(dataset))
+        contents = Contents(dataset.directory, dataset.description, dataset.index, plan, reason)
         sampled = contents.resolve_sample(np.random.default_rng(0), most=10 * len(dataset) + 100)
         if sampled:
             rows = tabulate_nuisances(dataset.index, sampled).drop(columns=["label", "group", "empty"])
