@@ -174,8 +174,7 @@ def test_averages_are_those_of_the_parts():
     assert np.allclose(duplicates._average(values[:2], 4)[:, 0], [0, 0, 2, 2])
 
 
-def test_the_blocked_search_finds_the_nearest_of_a_brute_force(monkeypatch):
-    monkeypatch.setattr(duplicates, "BLOCK", 7)
+def test_the_search_finds_the_nearest_of_a_brute_force(monkeypatch):
     monkeypatch.setattr(duplicates, "CANDIDATE", -1.0)
     rng = np.random.default_rng(1)
     pictures = {n: duplicates._scale_to_unit(rng.normal(size=12)) for n in range(60)}

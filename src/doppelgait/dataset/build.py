@@ -246,13 +246,12 @@ def build_missing(
                 size, failed = len(shard.examples), made["failed"]
                 if not (job.target / "shards" / f"{shard.name}.json").is_file():
                     raise DatasetError(
-                        f"{job.target}: shard {shard.name} was built but is missing; every worker must have "
-                        "access to this folder"
+                        f"{job.target}: shard {shard.name} was built but is missing; every worker "
+                        "must have access to this folder"
                     )
                 tally.update(made, built=size - failed)
-                if job.header.origin == "simulated":  # an import has logged every recording
-                    seconds = round(time.monotonic() - began, 3)
-                    log_entry(job.target, {"shard": shard.name, "examples": size, "failed": failed, "seconds": seconds})
+                seconds = round(time.monotonic() - began, 3)
+                log_entry(job.target, {"shard": shard.name, "examples": size, "failed": failed, "seconds": seconds})
                 done += size
                 if on_progress is not None:
                     on_progress(done, total)

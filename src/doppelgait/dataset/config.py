@@ -70,8 +70,8 @@ LEAKS = (
 )
 """Keys that a plan can name in ``dataset.leaks``."""
 AUTO_PRF_REFUSED = (
-    "radar.prf_hz = 'auto' is not allowed in a dataset: it reveals the speed to every feature; a plan that reproduces "
-    "a published dataset must list it in dataset.leaks"
+    "radar.prf_hz = 'auto' is not allowed in a dataset: it reveals the speed to every feature; a "
+    "plan that reproduces a published dataset must list it in dataset.leaks"
 )
 ORACLE_REFUSED = (
     "analysis.method = 'liland2018' is not allowed in a dataset: its gate uses the class for the range span and the "
@@ -372,8 +372,8 @@ class PlanConfig(FrozenModel):
         empty = [c.label for c in self.classes if c.motion.get("kind") == "none"]
         if empty and self.noise.get("kind", "thermal") != "thermal":
             raise ValueError(
-                f"noise.kind: {shorten(self.noise['kind'])} is not allowed with motion = 'none' (class {empty[0]!r}): "
-                "an SNR needs a target; use 'thermal'"
+                f"noise.kind: {shorten(self.noise['kind'])} is not allowed with motion = 'none' "
+                f"(class {empty[0]!r}): an SNR needs a target; use 'thermal'"
             )
         unknown = set(self.scene) - set(SCENE_KEYS)
         if unknown:

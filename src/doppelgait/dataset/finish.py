@@ -307,8 +307,8 @@ def list_shard_names(counts: Mapping[str, int]) -> list[str]:
     known = isinstance(counts, Mapping) and set(counts) <= set(SPLITS)
     if not known or not all(type(n) is int and n >= 0 for n in counts.values()) or sum(counts.values()) > MAX_SHARDS:
         raise DatasetError(
-            f"dataset.json: shards = {shorten(counts)} is not allowed; it must be the number of shards of "
-            f"{', '.join(SPLITS)}, up to {MAX_SHARDS} in all"
+            f"dataset.json: shards = {shorten(counts)} is not allowed; it must be the number of "
+            f"shards of {', '.join(SPLITS)}, up to {MAX_SHARDS} in all"
         )
     return [f"{split}-{n:05d}-of-{count:05d}" for split, count in counts.items() for n in range(count)]
 

@@ -20,7 +20,7 @@ from doppelgait.core.files import hash_file
 from doppelgait.core.plugins import identify_plugins
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.core.worker import limit_blas_threads
-from doppelgait.dataset.build import Job, build_missing, log_entry
+from doppelgait.dataset.build import Job, build_missing
 from doppelgait.dataset.card import import_card
 from doppelgait.dataset.config import ImportConfig, Progress
 from doppelgait.dataset.finish import DATA_VERSION, Header, find_dataset, finish_dataset, read_records, tally
@@ -84,8 +84,8 @@ def import_dataset(
     named = Path(labels).name if isinstance(labels, str | Path) else "names of files"
     entries = read_labels(labels, source, gate=settings.gate) if isinstance(labels, str | Path) else list(labels)
     planned = plan_entries(entries, settings, named)
-    hashes = {one.entry.recording: "" for one in planned}
-    hashes = {recording: hash_recording(source, recording) for recording in hashes}
+    recordings = dict.fromkeys(one.entry.recording for one in planned)
+    hashes = {recording: hash_recording(source, recording) for recording in recordings}
     plugins = identify_plugins(settings.model_dump(mode="json"), {"radar_reader": [source / name for name in hashes]})
     described: dict[str, str] = {}
     for entry in entries:
@@ -119,8 +119,8 @@ def import_dataset(
             if not totals.rows:
                 first = totals.failures[0]
                 raise DatasetError(
-                    f"{named}: none of {len(planned)} recordings can be imported; the first, {first['id']}: "
-                    f"{first['reason']}"
+                    f"{named}: none of {len(planned)} recordings can be imported; the first, "
+                    f"{first['id']}: {first['reason']}"
                 )
             finish_dataset(partial, header, names)
     try:
@@ -181,11 +181,7 @@ class RecordedExamples:
         """Analyse the windows of entries; faults become failures."""
         made = []
         for entry in entries:
-            began = time.monotonic()
-            made.append(data := self._make_windows(entry))
-            facts = {"id": entry.id, "file": entry.entry.recording, "rows": len(data.rows)}
-            took = {"seconds": round(time.monotonic() - began, 3), "failures": [f["reason"] for f in data.failures]}
-            log_entry(Path(self.directory), {**facts, **took})
+            made.append(self._make_windows(entry))
             self.done += 1
             if self.on_progress is not None:
                 self.on_progress(self.done, self.n_entries)
@@ -228,6 +224,12 @@ class RecordedExamples:
             except Exception as error:
                 fail(name, error)
                 continue
+            if isinstance(analysed, Recording):
+                prf_hz, carrier_hz, snr_db = analysed.radar.prf_hz, analysed.radar.carrier_hz, analysed.snr_frame_db
+                facts = _join(_remove_folder(note, self.folder) for note in analysed.notes)
+            else:
+                prf_hz, snr_db, facts = analysed.attrs["prf_hz"], None, f"a picture: {analysed.attrs['picture']}"
+                carrier_hz = SPEED_OF_LIGHT_MPS / float(analysed.attrs["wavelength_m"])
             source = "none" if line.nobody else "measured"
             columns = {
                 "id": name,
@@ -250,7 +252,10 @@ class RecordedExamples:
                 # values from simulations are unknown
                 **{"environment": "", "impairments": "", "radar_height_m": None, "rcs_total_m2": None},
                 "gate_error_m": None,
-                **_make_radar_columns(analysed, self.folder),
+                "prf_hz": prf_hz,
+                "carrier_hz": carrier_hz,
+                "snr_frame_db": snr_db,
+                "notes": facts,
                 **line.further,
                 **_make_outcome_columns(entry, results, result),
                 "warnings": _join((*notes, *messages)),
@@ -258,19 +263,6 @@ class RecordedExamples:
             made.rows.append(convert_to_json(columns))
             made.arrays.append(stored)
         return made
-
-
-def _make_radar_columns(analysed: Recording | xr.DataArray, folder: Path) -> dict[str, Any]:
-    if isinstance(analysed, xr.DataArray):
-        carrier_hz = SPEED_OF_LIGHT_MPS / float(analysed.attrs["wavelength_m"])
-        note = f"a picture: {analysed.attrs['picture']}"
-        return {"prf_hz": analysed.attrs["prf_hz"], "carrier_hz": carrier_hz, "snr_frame_db": None, "notes": note}
-    return {
-        "prf_hz": analysed.radar.prf_hz,
-        "carrier_hz": analysed.radar.carrier_hz,
-        "snr_frame_db": analysed.snr_frame_db,
-        "notes": _join(_remove_folder(note, folder) for note in analysed.notes),
-    }
 
 
 @lru_cache(maxsize=1)  # lines of one recording are consecutive

@@ -145,8 +145,8 @@ def read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
         kept = _strip_end(cells, len(columns))
         if len(kept) != len(columns):
             raise ConfigError(
-                f"{path}: line {line} has {len(kept)} cells, the first line names {len(columns)} columns; put text "
-                "that holds the delimiter between double quotes"
+                f"{path}: line {line} has {len(kept)} cells, the first line names {len(columns)} "
+                "columns; put text that holds the delimiter between double quotes"
             )
         rows.append((line, dict(zip(columns, kept, strict=True))))
     return rows
@@ -222,8 +222,8 @@ def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "tra
         close = get_close_matches(column, COLUMNS, n=1, cutoff=NEAR_COLUMN)
         if close and not own and column not in COLUMNS:
             raise ConfigError(
-                f"{source.name}: line 1, column {column!r}: is not known; rename it {close[0]}, or {META}{column} to "
-                "keep it"
+                f"{source.name}: line 1, column {column!r}: is not known; rename it {close[0]}, or "
+                f"{META}{column} to keep it"
             )
         names[column] = column if own or column in COLUMNS else META + column
     find = cache(partial(find_recordings, Path(folder)))
@@ -245,8 +245,8 @@ def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "tra
         if close := get_close_matches(label.lower(), folded, n=1, cutoff=NEAR_LABEL):
             other = folded[close[0]]
             warn_caller(
-                f"{source.name}: labels {other!r} (line {first[other]}) and {label!r} (line {line}) are near in "
-                "spelling and count as two classes"
+                f"{source.name}: labels {other!r} (line {first[other]}) and {label!r} (line "
+                f"{line}) are near in spelling and count as two classes"
             )
         folded[label.lower()] = label
     return entries
@@ -319,8 +319,8 @@ def _find_conflicts(entries: Sequence[LabelEntry]) -> Iterator[str]:
             if other is not entry:
                 first, second = sorted((other, entry), key=lambda entry: entry.line)
                 yield (
-                    f"line {second.line}, file: {second.recording!r} is already in line {first.line}; each part of a "
-                    "recording can be listed once"
+                    f"line {second.line}, file: {second.recording!r} is already in line "
+                    f"{first.line}; each part of a recording can be listed once"
                 )
                 continue
             running = [other for other in running if entry.span_s[0] < other.span_s[1]]

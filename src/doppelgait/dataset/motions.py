@@ -118,8 +118,8 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> dict[str, Any]:
         allowed = list(dict.fromkeys(name for function in functions for name in list_options(function)))
         for name in sorted(set(options) - set(allowed)):
             raise ConfigError(
-                f"{key}.{name}: {shorten(options[name])} is not allowed: unknown key; allowed are path, "
-                f"hybrid, {', '.join(allowed)}"
+                f"{key}.{name}: {shorten(options[name])} is not allowed: unknown key; allowed are "
+                f"path, hybrid, {', '.join(allowed)}"
             )
     elif kind == EMPTY_SCENE:
         validate(EmptySceneOptions, options, section=tuple(key.split(".")))
@@ -157,31 +157,24 @@ def _list_strings(value: Any) -> list[str]:
     return []
 
 
-def refuse_two_spellings(paths: Iterable[str], folder: Path) -> None:
-    """Raise a :class:`ConfigError` if two paths lead to one file."""
-    # the file would be two subjects, perhaps in two splits
-    seen: dict[Path, str] = {}
+def refuse_copies(paths: Iterable[str], folder: Path, sources: Sequence[SourceSection]) -> None:
+    """Raise a :class:`ConfigError` if one file, or equal files, would be different subjects."""
+    seen: dict[Any, str] = {}
+    by_size: dict[int, list[str]] = {}
     for path in paths:
+        # another spelling of the file would be another subject, perhaps in another split
         first = seen.setdefault((folder / path).resolve(), path)
         if first != path:
             raise ConfigError(f"motion files {first!r} and {path!r} are the same file; write its path in one form")
-
-
-def refuse_copies(paths: Iterable[str], folder: Path, sources: Sequence[SourceSection]) -> None:
-    """Raise a :class:`ConfigError` if equal files would be different subjects."""
-    by_size: dict[int, list[str]] = {}
-    for path in paths:
         if (folder / path).is_file():
             by_size.setdefault((folder / path).stat().st_size, []).append(path)
-    seen: dict[str, str] = {}
     for path in (path for group in by_size.values() if len(group) > 1 for path in group):
         first = seen.setdefault(hashlib.sha256((folder / path).read_bytes()).hexdigest(), path)
-        if find_subject({"kind": "file", "path": first}, "", sources) != find_subject(
-            {"kind": "file", "path": path}, "", sources
-        ):
+        subjects = {find_subject({"kind": "file", "path": name}, "", sources) for name in (first, path)}
+        if len(subjects) > 1:
             raise ConfigError(
-                f"motion files {first!r} and {path!r} have the same content; leave one out, or assign both to one "
-                "subject in [[sources]]"
+                f"motion files {first!r} and {path!r} have the same content; leave one out, or "
+                "assign both to one subject in [[sources]]"
             )
 
 
@@ -274,8 +267,8 @@ def _list_segments(
     root = folder / spec.path
     if not root.is_dir():
         raise ConfigError(
-            f"{key}.path: {spec.path!r} is not allowed: there is no such folder in {folder.resolve()}; name the folder "
-            "that contains it with --motion-folder"
+            f"{key}.path: {spec.path!r} is not allowed: there is no such folder in "
+            f"{folder.resolve()}; name the folder that contains it with --motion-folder"
         )
     files = sorted(path for path in root.rglob(spec.pattern) if path.is_file())
     found: list[tuple[dict[str, Any], Motion]] = []

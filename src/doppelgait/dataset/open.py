@@ -16,6 +16,7 @@ import xarray as xr
 
 from doppelgait.core.config import convert_to_json, validate
 from doppelgait.core.documents import CELL_BYTES, check_cost
+from doppelgait.core.draws import resolve
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.notebook import show_html, show_text
@@ -26,8 +27,8 @@ from doppelgait.dataset.example import (
     Features,
     build_feature_matrix,
     find_plan_number,
+    find_plan_place,
     label_arrays,
-    read_analysis,
     read_carrier_hz,
     suggest_names,
 )
@@ -47,6 +48,7 @@ from doppelgait.dataset.rows import (
 from doppelgait.dataset.shard_files import INDEX_NAMES, ShardFiles, decode
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.result import Result
+from doppelgait.processing import Analysis
 from doppelgait.processing.patches import Patch
 
 if TYPE_CHECKING:
@@ -58,7 +60,7 @@ TEXT_COLUMNS = ("id", "label", "split", "shard")
 
 def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
     """Check index columns that identify and locate examples."""
-    measured = [f"feature_{name}" for name in FEATURE_UNITS]
+    types, measured = pd.api.types, [f"feature_{name}" for name in FEATURE_UNITS]
     missing = [name for name in (*TEXT_COLUMNS, "row", *measured) if name not in index]
     if missing and len(index):
         raise ValueError(f"index.parquet: has no column {missing[0]!r}")
@@ -66,17 +68,16 @@ def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
         raise ValueError("index.parquet: two columns have the same name")
     if not len(index):
         return
-    for name in TEXT_COLUMNS:
-        if index[name].isna().any() or pd.api.types.infer_dtype(index[name]) not in ("string", "categorical"):
-            raise ValueError(f"index.parquet: column {name!r} must hold a text in every row")
-    if not pd.api.types.is_integer_dtype(index["row"]) or index["row"].isna().any() or (index["row"] < 0).any():
-        raise ValueError("index.parquet: column 'row' must hold a whole number from 0 in every row")
-    for name in measured:
-        if not pd.api.types.is_numeric_dtype(index[name]):
-            raise ValueError(f"index.parquet: column {name!r} must hold numbers")
+    texts = [name for name in TEXT_COLUMNS if types.infer_dtype(index[name]) in ("string", "categorical")]
+    fits = dict.fromkeys([name for name in texts if not index[name].isna().any()], True)
+    fits["row"] = types.is_integer_dtype(index["row"]) and bool((index["row"] >= 0).all())
+    fits |= {name: types.is_numeric_dtype(index[name]) for name in measured}
+    for name in (*TEXT_COLUMNS, "row", *measured):
+        if not fits.get(name):
+            words = "a text" if name in TEXT_COLUMNS else "a number" if name in measured else "a whole number from 0"
+            raise ValueError(f"index.parquet: column {name!r} must hold {words} in every row")
     for name, known in (("split", SPLITS), ("label", classes)):
-        strange = sorted(set(index[name].unique()) - set(known))
-        if strange:
+        if strange := sorted(set(index[name].unique()) - set(known)):
             raise ValueError(f"index.parquet: {name} {strange[0]!r} is not one of {', '.join(known)}")
 
 
@@ -232,7 +233,12 @@ class Dataset:
     def result(self, number: int) -> Result:
         """Return the result of an example with its settings; its truth is :attr:`Example.truth`."""
         example = self.example(number)
-        return example.result(read_analysis(self.description, example.row))
+        config, place = find_plan_place(self.description, example.row)
+        table = config.get("analysis", {})
+        if place is not None:
+            turn = int(str(example.row["scene_id"]).rpartition("-")[2])
+            table = resolve(table, seed=config["dataset"]["seed"], example=place, key="analysis", turn=turn)
+        return example.result(validate(Analysis, table, where="dataset.json: analysis"))
 
     def stored(self, number: int, name: str) -> Array | None:
         """Return a stored array or axis of an example by its name, or None."""
@@ -305,8 +311,8 @@ class Dataset:
         need_mb = sum(map(math.prod, shapes)) * dtype.itemsize / MB
         if not need_mb <= memory_mb:
             raise DatasetError(
-                f"arrays: {field} of {len(self):,} rows would take {need_mb:,.1f} MB, memory_mb is {memory_mb:,g}; "
-                "select fewer rows, use batches() or torch(), or raise memory_mb"
+                f"arrays: {field} of {len(self):,} rows would take {need_mb:,.1f} MB, memory_mb is "
+                f"{memory_mb:,g}; select fewer rows, use batches() or torch(), or raise memory_mb"
             )
         values: Array | list[Array]
         values = np.empty((len(self), *shapes[0]), dtype) if len({*shapes}) == 1 else [np.empty(0)] * len(self)

@@ -33,7 +33,6 @@ from doppelgait.dataset.motions import (
     list_motions,
     list_recording_paths,
     refuse_copies,
-    refuse_two_spellings,
 )
 from doppelgait.dataset.resolve import (
     Compiled,
@@ -115,8 +114,8 @@ def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]])
             torn = [name for name in found if named.get(name, split) != split]
             if torn:
                 raise DatasetError(
-                    f"dataset.split.subjects: in two splits {list_some(torn, SHOWN_NAMES)}: {named[torn[0]]} and "
-                    f"{split}; a subject can be in one only"
+                    f"dataset.split.subjects: in two splits {list_some(torn, SHOWN_NAMES)}: "
+                    f"{named[torn[0]]} and {split}; a subject can be in one only"
                 )
             named |= dict.fromkeys(found, split)
     splits |= named
@@ -127,9 +126,9 @@ def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]])
         wanted = (asked | set(splits.values())) - {splits[name] for name in groups}
         if missing := [split for split in SPLITS if split in wanted]:
             raise DatasetError(
-                f"class {label!r} has {len(groups)} subjects, too few or of the wrong source: none is in "
-                f"{', '.join(missing)}; plan more examples, name more recordings, or change dataset.fractions or "
-                "dataset.split"
+                f"class {label!r} has {len(groups)} subjects, too few or of the wrong source: none "
+                f"is in {', '.join(missing)}; plan more examples, name more recordings, or change "
+                "dataset.fractions or dataset.split"
             )
     return splits
 
@@ -189,8 +188,8 @@ def plan_entries(entries: Sequence[LabelEntry], config: ImportConfig, labels: st
                 who = f"subject {entry.subject!r}" if entry.subject else f"recording {entry.recording!r}"
                 raise ConfigError(
                     f"{labels}: line {entry.line}, split: {entry.split!r} is not allowed: {who} is in {other.split} "
-                    f"already (line {other.line}, itself or by a shared recording); all of a subject must be in one "
-                    "split"
+                    f"already (line {other.line}, itself or by a shared recording); all of a "
+                    "subject must be in one split"
                 )
         splits = [entry.split for entry in entries]
     elif not isinstance(wanted, dict):
@@ -310,7 +309,6 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     source = folder or Path()
     expanded = expand_folders(store_radar_files(config, source), source, on_progress=on_progress)
     files = list_motion_files(list_motions(expanded))
-    refuse_two_spellings(files, source)
     refuse_copies(files, source, expanded.sources)
     drafts: list[PlannedExample] = []
     compiled: Compiled = {}

@@ -118,8 +118,8 @@ ARITHMETIC: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Div: operator.truediv,
 }
 ALLOWED = (
-    "allowed are columns, numbers, texts, lists, comparisons (== != < <= > >= in, not in), + - * /, and, or, not, "
-    "& | ~ and brackets"
+    "allowed are columns, numbers, texts, lists, comparisons (== != < <= > >= in, not in), + - * "
+    "/, and, or, not, & | ~ and brackets"
 )
 
 

@@ -202,8 +202,8 @@ class ShardFiles:
         except (OSError, LookupError, ValueError, TypeError, RuntimeError, MemoryError) as error:
             self.close()
             raise DatasetError(
-                f"{self._make_path(shard)}: {name} of row {row} cannot be read: {error}; check the folder with "
-                "dataset verify, build it again to replace what is missing or damaged"
+                f"{self._make_path(shard)}: {name} of row {row} cannot be read: {error}; check the "
+                "folder with dataset verify, build it again to replace what is missing or damaged"
             ) from None
 
     def _find(self, shard: str, name: str, row: int) -> tuple[Any, bool]:

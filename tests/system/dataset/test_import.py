@@ -390,7 +390,7 @@ def test_the_folder_is_like_that_of_a_built_dataset(imported):
     assert index["recording"].tolist()[3] == "day 2/fast2.h5"
     assert index["snr_frame_db"].isna().all()
     assert not [c for c in index if c.startswith("truth_")]
-    assert [json.loads(line)["rows"] for line in (target / "build.jsonl").read_text().splitlines()] == [1] * 4
+    assert [json.loads(line)["examples"] for line in (target / "build.jsonl").read_text().splitlines()] == [3, 1]
     everything = b"".join(p.read_bytes() for p in target.rglob("*") if p.is_file())
     assert str(recordings).encode() not in everything
     assert not list(target.parent.glob("*.partial"))

@@ -26,7 +26,6 @@ ALIKE = 0.999
 CANDIDATE = 0.98
 """Correlation of the small pictures above which two signatures are compared in full."""
 MAX_CANDIDATES = 2000
-BLOCK = 2048
 MAX_COMPARED = 60_000
 """Maximum number of rows that are compared for similarity; a larger dataset is sampled at random.
 All rows are compared for identity."""
@@ -161,29 +160,20 @@ def _scale_to_unit(values: npt.NDArray[Any]) -> Float32Array:
 
 def _find_equal(digests: dict[int, bytes], splits: npt.NDArray[np.str_]) -> list[tuple[int, int]]:
     """Return the first pair across splits per digest."""
-    first: dict[tuple[bytes, str], int] = {}
-    for number, digest in digests.items():
-        first.setdefault((digest, str(splits[number])), number)
-    places: dict[bytes, list[int]] = {}
-    for (digest, _), number in first.items():
-        places.setdefault(digest, []).append(number)
-    return [(numbers[0], numbers[1]) for numbers in places.values() if len(numbers) > 1]
+    numbers = list(digests)
+    rows = pd.DataFrame({"number": numbers, "digest": list(digests.values()), "split": splits[numbers]})
+    first = rows.drop_duplicates(["digest", "split"]).groupby("digest", sort=False)["number"].agg(list)
+    return [(found[0], found[1]) for found in first if len(found) > 1]
 
 
 def _find_nearest(
     rows: npt.NDArray[np.int64], others: npt.NDArray[np.int64], pictures: dict[int, Float32Array]
 ) -> Iterator[Pair]:
     """Yield the nearest of ``others`` to each of ``rows``."""
-    table = np.stack([pictures[int(n)] for n in others])
-    for start in range(0, len(rows), BLOCK):
-        block = rows[start : start + BLOCK]
-        left = np.stack([pictures[int(n)] for n in block])
-        best, where = np.full(len(block), -np.inf, dtype=np.float32), np.zeros(len(block), dtype=np.int64)
-        for begin in range(0, len(others), BLOCK):
-            likeness = left @ table[begin : begin + BLOCK].T
-            top = likeness.argmax(axis=1)
-            value = likeness[np.arange(len(block)), top]
-            where = np.where(value > best, top + begin, where)
-            best = np.maximum(value, best)
-        for n in np.flatnonzero(best > CANDIDATE):
-            yield float(best[n]), int(others[where[n]]), int(block[n])
+    from sklearn.metrics import pairwise_distances_argmin_min
+
+    left, table = (np.stack([pictures[int(n)] for n in part]) for part in (rows, others))
+    nearest, distances = pairwise_distances_argmin_min(left, table)  # block by block
+    likeness = 1.0 - distances**2 / 2.0  # of vectors of norm 1
+    for n in np.flatnonzero(likeness > CANDIDATE):
+        yield float(likeness[n]), int(others[nearest[n]]), int(rows[n])

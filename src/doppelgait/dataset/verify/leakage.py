@@ -32,6 +32,7 @@ from doppelgait.scene.placement import place
 from doppelgait.scene.rcs import total_rcs_m2
 
 Float32Array = npt.NDArray[np.float32]
+FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 FOLDS = 5
@@ -119,16 +120,20 @@ def make_cells(columns: Sequence[pd.Series]) -> Cells:
 
 def bin_values(column: pd.Series, count: int) -> IntArray:
     """Return every value's quantile bin from 1, missing 0."""
-    if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
-        values = column.to_numpy(dtype=np.float64, na_value=np.nan)
-    else:
-        codes, _ = pd.factorize(column.where(column.isna(), column.astype(str)), sort=True)
-        values = np.where(codes < 0, np.nan, codes.astype(np.float64))
+    values = encode_values(column)
     known = ~np.isnan(values)
     edges = np.unique(values[known])[1:]
     if edges.size >= count:
         edges = np.unique(np.quantile(values[known], np.arange(1, count) / count))
     return np.where(known, 1 + np.searchsorted(edges, values, side="right"), 0)
+
+
+def encode_values(column: pd.Series) -> FloatArray:
+    """Return numbers, or codes of texts in their order, NaN where missing."""
+    if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
+        return column.to_numpy(dtype=np.float64, na_value=np.nan)
+    codes = pd.factorize(column.where(column.isna(), column.astype(str)), sort=True)[0]
+    return np.where(codes < 0, np.nan, codes.astype(np.float64))
 
 
 def score_folds(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[np.float64]:
@@ -233,8 +238,8 @@ def check_nuisance(contents: Contents) -> Check:
         return Check("warning" if contents.measured else "failed", "; ".join(predicted) + declared, numbers)
     unclear = "; ".join(f"{words}: {guess.reason}" for words, guess in guesses.items() if guess.reason)
     listed = "; ".join(
-        f"{words} from {guess.n_parameters} parameters of {guess.n_rows} rows: balanced accuracy {guess.accuracy:.2f} "
-        f"(p = {guess.p_value:.2g})"
+        f"{words} from {guess.n_parameters} parameters of {guess.n_rows} rows: balanced accuracy "
+        f"{guess.accuracy:.2f} (p = {guess.p_value:.2g})"
         for words, guess in guesses.items()
         if not guess.reason
     )
@@ -248,12 +253,10 @@ def _has_question(table: pd.DataFrame) -> bool:
     return table["label"].nunique() > 1 and len(table.columns) > 2
 
 
-def find_leak(words: str, table: pd.DataFrame, rng: np.random.Generator) -> str:
+def find_leak(table: pd.DataFrame, rng: np.random.Generator) -> str:
     """Describe the leak of a table with varying parameters, or ""."""
-    if not _has_question(table):
-        return ""
-    guess = guess_classes(table, rng, only_leaks=True)
-    return describe_guess(words, guess, table) if guess.leaks else ""
+    guess = guess_classes(table, rng, only_leaks=True) if _has_question(table) else None
+    return describe_guess("classes", guess, table) if guess is not None and guess.leaks else ""
 
 
 def drop_leaks(table: pd.DataFrame, leaks: Sequence[str]) -> pd.DataFrame:
@@ -320,11 +323,7 @@ def collect_nuisances(
     for name, column in table.items():
         if empty and str(name).removeprefix("index.").startswith(UNSEEN):
             continue
-        if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
-            values = np.asarray(round_values(column.astype(np.float64)).to_numpy(), dtype=np.float64)
-        else:
-            codes = pd.factorize(column.where(column.isna(), column.astype(str)), sort=True)[0]
-            values = np.where(codes < 0, np.nan, codes.astype(np.float64))
+        values = round_values(pd.Series(encode_values(column))).to_numpy(dtype=np.float64)
         if np.unique(values[~np.isnan(values)]).size > 1:
             kept[str(name)] = values
     return kept, "; ".join(notes)
@@ -376,7 +375,7 @@ def refuse_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, l
         return
     # the range error of the gates is not judged: no key can make it differ by class
     table = select_varying(drop_leaks(tabulate_examples(moving), (*leaks, *UNJUDGED)))
-    if leak := find_leak("classes", table, rng):
+    if leak := find_leak(table, rng):
         raise DatasetError(f"{leak}; sample them from one distribution for every class")
 
 
@@ -415,5 +414,5 @@ def warn_of_default_rcs(
                 for row, spec, mass_kg in zip(example.rows, specs, masses_kg, strict=True)
                 if row.source != "none"
             ]
-    if unstated and records and (leak := find_leak("classes", pd.DataFrame(records), rng)):
+    if unstated and records and (leak := find_leak(pd.DataFrame(records), rng)):
         warn_caller(f"{leak}; {RCS_FIX}")

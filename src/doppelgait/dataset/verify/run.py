@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -173,57 +173,42 @@ are decimated to 400 to 800."""
 
 def plot_sheets(contents: Contents, folder: Path, rng: np.random.Generator, form: str = "png") -> list[Path]:
     """Plot signatures per class on pages, and features."""
-    from doppelgait.viz import feature_matrix, save_figure
+    from doppelgait.viz import contact_sheet, feature_matrix, save_figure
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written: {error}") from None
-    files = []
-    for label in sorted(contents.index["label"].unique()) if "signature" in contents.description["fields"] else []:
-        figure = _plot_sheet(contents, label, rng)
-        if figure is not None:
-            files.append(save_figure(figure, folder / f"signatures-{label.replace(' ', '_')}.{form}"))
-    if len(contents.index):
-        table = contents.index.rename(columns={f"feature_{name}": name for name in FEATURE_UNITS})
-        title = f"{contents.description.get('name')}: features of {len(table)} rows"
+    files, index, name = [], contents.index, contents.description["name"]
+    for label in sorted(index["label"].unique()) if "signature" in contents.description["fields"] else []:
+        members = np.flatnonzero((index["label"] == label).to_numpy(dtype=bool))
+        shown: dict[int, xr.DataArray] = {}
+        for number in rng.permutation(members).tolist():
+            example = contents.dataset.example(number)
+            if "signature" in example.arrays:
+                shown[number] = divide_by_floor(example.signature, example.row.get("quality_noise_floor_v2"))
+            if len(shown) == SHEET_SIZE:
+                break
+        if not shown:
+            continue
+        rows = sorted(shown)
+        titles = [_describe_row(index.iloc[number]) for number in rows]
+        figure = contact_sheet([shown[number] for number in rows], titles=titles, columns=SHEET_COLUMNS)
+        title = f"{name}: {label}, {len(shown)} of {len(members)} rows (row: radial velocity, SNR), "
+        figure.suptitle(f"{title}each over its noise floor", fontsize=11.5, x=0.01, ha="left")
+        files.append(save_figure(figure, folder / f"signatures-{label.replace(' ', '_')}.{form}"))
+    if len(index):
+        table = index.rename(columns={f"feature_{name}": name for name in FEATURE_UNITS})
+        title = f"{name}: features of {len(table)} rows"
         files.append(save_figure(feature_matrix(table, title=title), folder / f"features.{form}"))
     return files
-
-
-def _plot_sheet(contents: Contents, label: str, rng: np.random.Generator) -> Any:
-    """Plot the page of one class, None without a signature."""
-    from doppelgait.viz import contact_sheet
-
-    members = np.flatnonzero((contents.index["label"] == label).to_numpy(dtype=bool))
-    shown: dict[int, xr.DataArray] = {}
-    for number in rng.permutation(members).tolist():
-        example = contents.dataset.example(number)
-        if "signature" in example.arrays:
-            shown[number] = divide_by_floor(example.signature, example.row.get("quality_noise_floor_v2"))
-        if len(shown) == SHEET_SIZE:
-            break
-    if not shown:
-        return None
-    rows = sorted(shown)
-    titles = [_describe_row(contents.index.iloc[number]) for number in rows]
-    figure = contact_sheet([shown[number] for number in rows], titles=titles, columns=SHEET_COLUMNS)
-    figure.suptitle(
-        f"{contents.description.get('name')}: {label}, {len(shown)} of {len(members)} rows (row: radial velocity, "
-        "SNR), each over its noise floor",
-        fontsize=11.5,
-        x=0.01,
-        ha="left",
-    )
-    return figure
 
 
 def _describe_row(row: pd.Series) -> str:
     """Return number, speed and SNR of a row: true values, or measured values if absent."""
     parts = []
     speeds = ("truth_radial_velocity_mps", "feature_torso_velocity_mps")
-    levels = ("snr_frame_db", "quality_snr_mu_db")
-    for names, unit in ((speeds, "{:+.1f} m/s"), (levels, "{:.0f} dB")):
+    for names, unit in ((speeds, "{:+.1f} m/s"), (("snr_frame_db", "quality_snr_mu_db"), "{:.0f} dB")):
         known = [row[name] for name in names if name in row.index and pd.notna(row[name])]
         parts += [unit.format(known[0])] if known else []
     number = str(row["id"]).removeprefix(f"{row['label'].replace(' ', '_')}-").lstrip("0") or "0"
@@ -233,7 +218,5 @@ def _describe_row(row: pd.Series) -> str:
 def divide_by_floor(signature: xr.DataArray, floor_v2: float | None) -> xr.DataArray:
     """Divide a signature by its noise floor, or else its median."""
     level = float(floor_v2) if floor_v2 is not None and floor_v2 > 0 else float(signature.median())
-    shown = signature[:: max(1, signature.sizes["time"] // MAX_TIMES)]
-    over = shown / (level if level > 0 else 1.0)
-    over.attrs = {**signature.attrs, "units": "1"}
-    return over
+    over = signature[:: max(1, signature.sizes["time"] // MAX_TIMES)] / (level if level > 0 else 1.0)
+    return over.assign_attrs({**signature.attrs, "units": "1"})
