@@ -100,7 +100,7 @@ def plan_command(
         write_specs(planned, specs)
         print_message(f"{specs}: {summary.n_examples} resolved examples")
     if as_json:
-        print_json({**summary.as_dict(), "feasibility": asdict(feasibility)})
+        print_json({**asdict(summary), "feasibility": asdict(feasibility)})
         return
     files = [summary.files] if summary.files else []
     print_tables([summary.counts, summary.subjects, *files, *feasibility.tables()])

@@ -44,6 +44,7 @@ from doppelgait.dataset.lock import PATTERN, Part, build_lock, list_running_buil
 from doppelgait.dataset.plan import Shard, plan_dataset, sample_examples
 from doppelgait.dataset.resolve import warn_of_recordings
 from doppelgait.dataset.shard import BuildContext, ExampleMaker, build_shard
+from doppelgait.dataset.verify.leakage import warn_of_default_rcs, warn_of_leaks
 
 CHECKED_EXAMPLES = 200
 """Number of examples, spread over the plan, that are resolved before anything is written, to find errors early."""
@@ -166,8 +167,6 @@ def build_dataset(
     chosen = None if part is None else Part.parse(part)
     if not 0 <= max_failed_share <= 1:
         raise ConfigError(f"max_failed_share = {max_failed_share}: is not allowed; must be from 0 to 1")
-    from doppelgait.dataset.verify.leakage import warn_of_default_rcs, warn_of_leaks
-
     target, source = Path(directory).absolute(), (folder or Path.cwd()).absolute()
     plan = plan_dataset(config, folder=source)
     examples = list(sample_examples(plan, CHECKED_EXAMPLES))

@@ -228,15 +228,16 @@ class DatasetSection(FrozenModel):
 
     @field_validator("fractions")
     @classmethod
-    def _sum_to_one(cls, fractions: dict[str, float]) -> dict[str, float]:
+    def _are_shares(cls, fractions: dict[str, float]) -> dict[str, float]:
         if set(fractions) - set(SPLITS) or any(v < 0 for v in fractions.values()):
             raise ValueError(f"must have shares of 0 or more for {', '.join(SPLITS)} only")
-        if abs(sum(fractions.values()) - 1.0) > 1e-9:
-            raise ValueError(
-                f"must sum to 1, not {sum(fractions.values()):g}; state all of {', '.join(SPLITS)}, since a split that "
-                "is not stated has no share"
-            )
-        return fractions
+        return _sum_to_one(fractions)
+
+
+def _sum_to_one(shares: dict[str, float]) -> dict[str, float]:
+    if abs(sum(shares.values()) - 1.0) > 1e-9:
+        raise ValueError(f"shares must sum to 1, not {sum(shares.values()):g}; a split that is not stated has no share")
+    return shares
 
 
 def _check_label(label: str) -> str:
@@ -519,14 +520,12 @@ class ImportConfig(FrozenModel):
     @field_validator("split", mode="before")
     @classmethod
     def _is_a_split(cls, split: Any) -> Any:
-        if split is None or split in SPLITS if not isinstance(split, dict) else False:
+        if not isinstance(split, dict) and (split is None or split in SPLITS):
             return split
-        shares = split.values() if isinstance(split, dict) and set(split) <= set(SPLITS) else ()
-        if not shares or not all(isinstance(share, int | float) and share >= 0 for share in shares):
+        known = isinstance(split, dict) and split and set(split) <= set(SPLITS)
+        if not known or not all(isinstance(share, int | float) and share >= 0 for share in split.values()):
             raise ValueError(f"must be one of {', '.join(SPLITS)}, or shares of 0 or more for these")
-        if abs(sum(shares) - 1.0) > 1e-9:
-            raise ValueError(f"shares must sum to 1, not {sum(shares):g}")
-        return split
+        return _sum_to_one(split)
 
     @model_validator(mode="after")
     def _check_hop(self) -> Self:

@@ -13,7 +13,7 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -70,8 +70,7 @@ class RowLimits:
 def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> list[RowLimits]:
     """Find the limits of every row of an example."""
     run = example.run
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DoppelgaitWarning)
+    with warnings.catch_warnings(record=True, action="always", category=DoppelgaitWarning) as caught:
         placed = place(run.scene, run.streams, folder=folder)
         radar = choose_lowest_prf(placed, run.radar, cpi_s=run.analysis.cpi_s) if run.auto_prf else run.radar
         slow_time_s = pulse_times_s(placed.observation_s, radar)
@@ -229,10 +228,6 @@ class PlanSummary:
     files: list[dict[str, Any]]
     n_checked: int
     estimate: dict[str, Any]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields by name, as values for JSON."""
-        return asdict(self)
 
 
 def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_EXAMPLES) -> PlanSummary:

@@ -20,6 +20,7 @@ from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import FileKind, hash_file, open_atomically, write_atomically
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.plugins import identify_plugins
+from doppelgait.dataset.card import format_card
 from doppelgait.dataset.config import MAX_SHARDS, SPLITS, FieldSpec, PlanConfig, list_differences, list_some, shorten
 from doppelgait.dataset.feasibility import limits_of_index
 from doppelgait.dataset.motions import list_labels, list_motion_files, list_motions
@@ -148,8 +149,6 @@ class Header:
 
 def plan_header(plan: PlanConfig, identity: str, folder: Path) -> Header:
     """Return the header of a planned dataset."""
-    from doppelgait.dataset.card import format_card
-
     return Header(
         id=identity,
         name=plan.dataset.name,
@@ -205,8 +204,6 @@ def format_checksums(hashes: Mapping[str, str]) -> str:
 
 def make_card(directory: str | Path) -> str:
     """Return the card of a dataset, complete or not."""
-    from doppelgait.dataset.card import format_card
-
     folder = Path(directory)
     description = read_description(folder)
     written = folder / "README.md"

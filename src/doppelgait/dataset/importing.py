@@ -26,7 +26,7 @@ from doppelgait.dataset.config import ImportConfig, Progress
 from doppelgait.dataset.finish import DATA_VERSION, Header, find_dataset, finish_dataset, read_records, tally
 from doppelgait.dataset.labels import LabelEntry, hash_recording, read_labels
 from doppelgait.dataset.lock import write_new_folder
-from doppelgait.dataset.plan import PlannedEntry, plan_entries, split_into_shards
+from doppelgait.dataset.plan import PlannedExample, plan_entries, split_into_shards
 from doppelgait.dataset.shard import NOTHING, ExampleData, collect_messages, describe_failure
 from doppelgait.dataset.shard_files import encode_arrays
 from doppelgait.dataset.windows import cut
@@ -177,7 +177,7 @@ class RecordedExamples:
     batch_size: int = 1  # entries can be long
     done: int = 0
 
-    def make(self, entries: Sequence[PlannedEntry]) -> list[ExampleData]:
+    def make(self, entries: Sequence[PlannedExample]) -> list[ExampleData]:
         """Analyse the windows of entries; faults become failures."""
         made = []
         for entry in entries:
@@ -187,7 +187,7 @@ class RecordedExamples:
                 self.on_progress(self.done, self.n_entries)
         return made
 
-    def _make_windows(self, entry: PlannedEntry) -> ExampleData:
+    def _make_windows(self, entry: PlannedExample) -> ExampleData:
         made, line, config = ExampleData(), entry.entry, self.config
 
         def fail(name: str, error: Exception) -> None:
@@ -230,13 +230,18 @@ class RecordedExamples:
             else:
                 prf_hz, snr_db, facts = analysed.attrs["prf_hz"], None, f"a picture: {analysed.attrs['picture']}"
                 carrier_hz = SPEED_OF_LIGHT_MPS / float(analysed.attrs["wavelength_m"])
+            missing = {"gate": "track", **NOTHING, "flags": "nobody:nothing_found" if line.nobody else "not_tracked"}
+            outcome = missing if result is None else result.to_row()
+            outcome["n_tracks"] = len(results) if line.gate == "track" else None
+            if line.gate == "track" and sum(one.is_body for one in results) > 1:
+                outcome["flags"] = ";".join(filter(None, (outcome["flags"], SEVERAL)))
             source = "none" if line.nobody else "measured"
             columns = {
                 "id": name,
                 "scene_id": entry.id,
                 "label": line.label,
                 "split": entry.split,
-                "subject": entry.subject,
+                "subject": entry.subjects[0],
                 "group": entry.group,
                 "source": source,
                 "recording": line.recording,
@@ -257,7 +262,7 @@ class RecordedExamples:
                 "snr_frame_db": snr_db,
                 "notes": facts,
                 **line.further,
-                **_make_outcome_columns(entry, results, result),
+                **outcome,
                 "warnings": _join((*notes, *messages)),
             }
             made.rows.append(convert_to_json(columns))
@@ -291,18 +296,6 @@ def find_labelled_result(results: Sequence[Result]) -> Result | None:
         return result.is_body, True, float(quality["track_confidence"]) * seconds
 
     return max(results, key=weight, default=None)
-
-
-def _make_outcome_columns(planned: PlannedEntry, results: Sequence[Result], result: Result | None) -> dict[str, Any]:
-    tracked = planned.entry.gate == "track"
-    n_tracks = len(results) if tracked else None
-    if result is None:
-        missing = "nobody:nothing_found" if planned.entry.nobody else "not_tracked"
-        return {"gate": "track", **NOTHING, "flags": missing, "n_tracks": n_tracks}
-    columns = {**result.to_row(), "n_tracks": n_tracks}
-    if tracked and sum(one.is_body for one in results) > 1:
-        columns["flags"] = ";".join(filter(None, (columns["flags"], SEVERAL)))
-    return columns
 
 
 def _remove_folder(text: str, folder: Path) -> str:

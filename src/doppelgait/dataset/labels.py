@@ -126,7 +126,9 @@ def read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
     lines = list(_split_cells(path, text, delimiter))
     if not lines:
         raise ConfigError(f"{path}: is empty; the first line names the columns: {','.join(NEEDED)},subject,...")
-    columns = [name.lower() for name in _strip_end(lines[0][1], 0)]
+    columns = [name.lower() for name in lines[0][1]]
+    while columns and not columns[-1]:  # spreadsheets add empty cells at the end
+        columns.pop()
     for name in NEEDED:
         if name not in columns:
             shown = ", ".join(name or "(no name)" for name in columns)
@@ -142,7 +144,7 @@ def read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
         raise ConfigError(f"{path}: has no line after the column names")
     rows = []
     for line, cells in lines[1:]:
-        kept = _strip_end(cells, len(columns))
+        kept = cells if any(cells[len(columns) :]) else cells[: len(columns)]
         if len(kept) != len(columns):
             raise ConfigError(
                 f"{path}: line {line} has {len(kept)} cells, the first line names {len(columns)} "
@@ -164,13 +166,6 @@ def _split_cells(path: Path, text: str, delimiter: str) -> Iterator[tuple[int, l
             before = reader.line_num
     except csv.Error as error:
         raise ConfigError(f"{path}: line {before + 1} is not CSV: {error}") from None
-
-
-def _strip_end(cells: list[str], width: int) -> list[str]:
-    """Remove the empty cells behind ``width`` that spreadsheets add at the end."""
-    while len(cells) > width and not cells[-1]:
-        cells = cells[:-1]
-    return cells
 
 
 NEEDED = ("file", "label")

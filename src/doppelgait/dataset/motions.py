@@ -6,9 +6,9 @@ import hashlib
 import math
 import re
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from fnmatch import fnmatchcase
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,8 +23,9 @@ from doppelgait.core.errors import (
     MotionError,
     warn_caller,
 )
+from doppelgait.core.readers import list_options
 from doppelgait.dataset.config import PlanConfig, Progress, SourceSection, shorten
-from doppelgait.motion.gait import is_quadruped
+from doppelgait.motion.gait import add_gait_facts, is_quadruped
 from doppelgait.motion.hybrid import (
     FACTOR,
     Hybrid,
@@ -35,7 +36,11 @@ from doppelgait.motion.hybrid import (
     make_hybrid,
     retarget,
 )
+from doppelgait.motion.loop import loop
+from doppelgait.motion.models.registry import MOTION_MODELS, check_table
 from doppelgait.motion.motion import Motion
+from doppelgait.motion.readers import MOTION_READERS, read
+from doppelgait.motion.segments import crop, find_segments
 
 BOTH = " + "
 """Separator of the paths of a blended motion in the column ``recording``."""
@@ -89,8 +94,6 @@ class EmptySceneOptions(FrozenModel):
 
 def check_motion(motion: Any, folder: Path, *, key: str) -> dict[str, Any]:
     """Check a resolved motion table without generating or reading anything."""
-    from doppelgait.motion.models.registry import MOTION_MODELS, check_table
-
     if not isinstance(motion, Mapping) or not isinstance(motion.get("kind"), str):
         needs = 'needs kind = "NAME" (a motion model, or "file" with path = "...")'
         raise ConfigError(f"{key}: {shorten(motion)} is not allowed: {needs}")
@@ -100,8 +103,6 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> dict[str, Any]:
         raise ConfigError(f"{key}.kind: a folder is allowed in [[classes]] only; name a file")
     if kind == "file":
         if "hybrid" in options:
-            from doppelgait.motion.hybrid import Hybrid
-
             hybrid = validate(Hybrid, options.pop("hybrid"), section=(*key.split("."), "hybrid"))
             if hybrid.other is not None:
                 check_motion(hybrid.other, folder, key=f"{key}.hybrid.other")
@@ -110,9 +111,6 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> dict[str, Any]:
             raise ConfigError(f'{key}.path: {shorten(path)} is not allowed: kind "file" needs path = "..."')
         if not (folder / path).is_file():
             raise ConfigError(f"{key}.path: {path!r} is not allowed: there is no such file in {folder.resolve()}")
-        from doppelgait.core.readers import list_options
-        from doppelgait.motion.readers import MOTION_READERS, read
-
         # Allow the options of all readers, because the reader depends on the content of the file.
         functions = [read, *(reader.run for reader in MOTION_READERS.values())]
         allowed = list(dict.fromkeys(name for function in functions for name in list_options(function)))
@@ -301,14 +299,8 @@ def _list_segments(
 def _read_file_segments(
     spec: FolderMotion, file: Path, name: str, seconds: float
 ) -> list[tuple[dict[str, Any], Motion]]:
-    from doppelgait.motion.gait import add_gait_facts
-    from doppelgait.motion.loop import loop
-    from doppelgait.motion.readers import read
-    from doppelgait.motion.segments import crop, find_segments
-
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(action="ignore", category=DoppelgaitWarning):
         # ignore the warnings of cleaning; the build repeats them for every row
-        warnings.simplefilter("ignore", DoppelgaitWarning)
         motion = read(file, **spec.options)
         for fault in motion.report["implausible"]:
             raise MotionError(fault)
@@ -375,7 +367,8 @@ def _make_factor_ranges(clip: Motion) -> dict[str, Any]:
         part = 1.0
         for _ in range(TRIES):
             factors = {"speed_factor": math.exp(part * speed[side]), "stride_factor": math.exp(part * stride[side])}
-            if _can(partial(retarget, clip, **factors)):
+            with suppress(DoppelgaitError), warnings.catch_warnings(action="ignore", category=DoppelgaitWarning):
+                retarget(clip, **factors)
                 break
             part *= SHRINK
         else:
@@ -410,24 +403,11 @@ def _group_families(clips: Sequence[Motion], subjects: Sequence[str]) -> list[li
 def _fit(clip: Motion, other: Motion, hybrid: Mapping[str, Any]) -> list[float]:
     """Return a blended clip's range of speed factors, [] if impossible."""
     speeds = hybrid["speed_factor"]["log_uniform"]
-    found: list[float] = []
-
-    def make() -> None:
+    with suppress(DoppelgaitError), warnings.catch_warnings(action="ignore", category=DoppelgaitWarning):
         low, high = find_speed_limits(blend(clip, other, share=MOST_SHARE))
         narrower = [max(speeds[0], low), min(speeds[1], high)]
         for speed, stride in zip(narrower, hybrid["stride_factor"]["log_uniform"], strict=True):
             ends = Hybrid(speed_factor=speed, stride_factor=stride, other={"kind": "file"}, share=MOST_SHARE)
             make_hybrid(clip, ends, lambda _: other)
-        found.extend(round(speed, 6) for speed in narrower)
-
-    return found if _can(make) else []
-
-
-def _can(make: Callable[[], object]) -> bool:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoppelgaitWarning)
-        try:
-            make()
-        except DoppelgaitError:
-            return False
-    return True
+        return [round(speed, 6) for speed in narrower]
+    return []

@@ -7,9 +7,10 @@ with them, stay together.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -98,7 +99,7 @@ def list_names(index: pd.DataFrame, column: str) -> list[tuple[str, ...]]:
     return found
 
 
-def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]]) -> dict[str, str]:
+def assign_splits(dataset: DatasetSection, members: Mapping[str, Collection[str]]) -> dict[str, str]:
     """Assign a split to every group."""
     names = list(dict.fromkeys(name for groups in members.values() for name in groups))
     splits = {name: s for name in names if (s := dataset.split.sources.get(parse_source(name))) is not None}  # type: ignore[call-overload]
@@ -138,38 +139,33 @@ def _split_by_share(dataset: DatasetSection, names: Sequence[str]) -> dict[str, 
         name: int.from_bytes(hashlib.sha256(f"{dataset.seed}/{name}".encode()).digest()[:8], "big") / 2**64
         for name in names
     }
-    splits: dict[str, str] = {}
-    if dataset.split.strategy == "stable":
-        wanted = [split for split in SPLITS if dataset.fractions.get(split)]
-        for name in names:
-            limit = 0.0
-            for split in wanted:
-                limit += dataset.fractions[split]
-                if share_of[name] < limit or split == wanted[-1]:
-                    splits[name] = split
-                    break
-        return splits
     ranked = sorted(names, key=share_of.__getitem__)
+    wanted = [split for split in SPLITS if dataset.fractions.get(split)]
+    splits: dict[str, str] = {}
     done, share = 0, 0.0
-    for split in SPLITS:
-        share += dataset.fractions.get(split, 0.0)
+    for split in wanted:
+        share += dataset.fractions[split]
         end = round(share * len(ranked))
-        splits.update(dict.fromkeys(ranked[done:end], split))
+        if dataset.split.strategy == "stable":
+            end = len(ranked) if split == wanted[-1] else sum(share_of[name] < share for name in ranked)
+        splits |= dict.fromkeys(ranked[done:end], split)
         done = end
     return splits
 
 
-class PlannedEntry(NamedTuple):
-    """Entry with its place in the dataset."""
+class PlannedExample(NamedTuple):
+    """Planned example with its subjects and split, not yet sampled."""
 
+    number: int
+    class_number: int
     id: str
     split: str
-    subject: str
     group: str
-    entry: LabelEntry
+    subjects: tuple[str, ...]
+    entry: Any = None  # LabelEntry of a recording
 
 
-def plan_entries(entries: Sequence[LabelEntry], config: ImportConfig, labels: str) -> list[PlannedEntry]:
+def plan_entries(entries: Sequence[LabelEntry], config: ImportConfig, labels: str) -> list[PlannedExample]:
     """Plan ids and splits of all entries, in their order."""
     subjects = [f"person/{entry.subject}" if entry.subject else f"file/{entry.recording}" for entry in entries]
     together: dict[str, list[str]] = {}
@@ -201,32 +197,20 @@ def plan_entries(entries: Sequence[LabelEntry], config: ImportConfig, labels: st
         shares = {str(name): share for name, share in wanted.items()}
         section = DatasetSection(name="imported", examples_per_class=1, seed=config.seed, fractions=shares)
         try:
-            of_group = assign_splits(section, {label: list(found) for label, found in members.items()})
+            of_group = assign_splits(section, members)
         except DatasetError as error:
             raise DatasetError(
                 f"{labels}: {str(error).partition(';')[0]}; record more subjects, change split, or say it line by line "
                 "in a column split (recordings without a subject count as one each)"
             ) from None
         splits = [of_group[group] for group in groups]
-    counts: dict[str, int] = {}
-    planned = []
+    numbers: dict[str, Iterator[int]] = {}
+    planned: list[PlannedExample] = []
     for entry, subject, group, split in zip(entries, subjects, groups, splits, strict=True):
-        number = counts.get(entry.label, 0)
-        counts[entry.label] = number + 1
-        name = f"{entry.label.replace(' ', '_')}-{number:06d}"
-        planned.append(PlannedEntry(name, split, subject, group, entry))
+        within = next(numbers.setdefault(entry.label, count()))
+        place, name = list(numbers).index(entry.label), make_example_id(entry.label, within)
+        planned.append(PlannedExample(len(planned), place, name, split, group, (subject,), entry))
     return planned
-
-
-class PlannedExample(NamedTuple):
-    """Planned example with its subjects and split, not yet sampled."""
-
-    number: int
-    class_number: int
-    id: str
-    split: str
-    group: str
-    subjects: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -331,7 +315,7 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     members: dict[str, dict[str, None]] = {section.label: {} for section in expanded.sections}
     for draft in drafts:
         members[expanded.sections[draft.class_number].label][draft.group] = None
-    splits = assign_splits(expanded.dataset, {label: list(names) for label, names in members.items()})
+    splits = assign_splits(expanded.dataset, members)
     return Plan(expanded, source, tuple(draft._replace(split=splits[draft.group]) for draft in drafts))
 
 

@@ -290,7 +290,20 @@ def build_episode(example: ExampleSpec, settings: DatasetSection, folder: Path) 
     with limit_blas_threads(), collect_messages() as messages:
         recording = simulate_placed(run, place(run.scene, run.streams, folder=folder), angles=False)
         recording = replace(recording, samples=Samples(recording.samples.matrix))  # noise is added once for all windows
-        bodies, nothing = describe_scene(example, recording), _describe_thing(example, recording)
+        bodies = describe_scene(example, recording)
+        nothing = {  # the columns of a track that follows no body
+            "id": example.id,
+            "scene_id": example.id,
+            "label": THING,
+            "split": example.split,
+            "subject": f"model/{example.id}",
+            "group": example.group,
+            "source": "none",
+            "motion_kind": "none",
+            **dict.fromkeys(("others", "recording", "licence", "motion"), ""),
+            **_describe_setting(example, recording),
+            **dict.fromkeys(("rcs_total_m2", *TRUTH_COLUMNS)),
+        }
         for number, window in enumerate(cut_windows(recording, settings.window_s, settings.hop_s)):
             raise_if_stopped()
             results = analyze_window(window, run.analysis)
@@ -311,25 +324,6 @@ def build_episode(example: ExampleSpec, settings: DatasetSection, folder: Path) 
     warned = ";".join(dict.fromkeys(messages))
     made.rows = [convert_to_json({**row, "warnings": warned}) for row in made.rows]
     return made
-
-
-def _describe_thing(example: ExampleSpec, recording: Recording) -> dict[str, Any]:
-    # the columns of a track that follows no body
-    texts = dict.fromkeys(("others", "recording", "licence", "motion"), "")
-    return {
-        "id": example.id,
-        "scene_id": example.id,
-        "label": THING,
-        "split": example.split,
-        "subject": f"model/{example.id}",
-        "group": example.group,
-        "source": "none",
-        "motion_kind": "none",
-        **texts,
-        **_describe_setting(example, recording),
-        "rcs_total_m2": None,
-        **dict.fromkeys(TRUTH_COLUMNS),
-    }
 
 
 def find_body(result: Result, recording: Recording) -> int | None:
@@ -422,7 +416,6 @@ def simulate_example(
 def collect_messages(convert: Callable[[str], str] = lambda text: text.partition(":")[0]) -> Iterator[list[str]]:
     """Collect the warnings in this block: their keys, or what ``convert`` makes of their texts."""
     messages: list[str] = []
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DoppelgaitWarning)
+    with warnings.catch_warnings(record=True, action="always", category=DoppelgaitWarning) as caught:
         yield messages
     messages += [convert(str(w.message)) for w in caught if issubclass(w.category, DoppelgaitWarning)]

@@ -276,7 +276,7 @@ def test_shares_keep_subjects_whole_and_refuse_too_few(tmp_path):
     found = planned(place, "\n".join(lines), ImportConfig(split={"train": 0.7, "test": 0.3}))
     of_subject = {}
     for one in found:
-        of_subject.setdefault(one.subject, set()).add(one.split)
+        of_subject.setdefault(one.subjects, set()).add(one.split)
     assert len(of_subject) == 10
     assert all(len(splits) == 1 for splits in of_subject.values())
     assert sum(splits == {"train"} for splits in of_subject.values()) == 7

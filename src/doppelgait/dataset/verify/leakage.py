@@ -402,9 +402,8 @@ def warn_of_default_rcs(
             masses_kg = [0.0] * len(specs)
             if any(spec.total_m2 is None for spec in specs):
                 unstated = True
-                try:
-                    with warnings.catch_warnings():
-                        warnings.simplefilter("ignore", DoppelgaitWarning)  # the build adds the warnings to the example
+                try:  # the build adds the warnings to the example
+                    with warnings.catch_warnings(action="ignore", category=DoppelgaitWarning):
                         observed = place(example.run.scene, example.run.streams, folder=folder).observed
                 except DoppelgaitError:  # the build leaves the example out, too, and reports the reason
                     continue

@@ -300,8 +300,7 @@ def check_measured_snr(contents: Contents) -> Check:
         alone = {"impairments": (), "scene": run.scene.model_copy(update={"targets": bodies})}
         run = run.model_copy(update=alone)
         quiet = run.model_copy(update={"noise": run.noise.model_copy(update={"kind": "none"})})
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DoppelgaitWarning)
+        with warnings.catch_warnings(action="ignore", category=DoppelgaitWarning):
             both, echoes = (
                 run_simulation(spec, folder=plan.folder, angles=False).baseband.values for spec in (run, quiet)
             )
