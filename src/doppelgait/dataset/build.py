@@ -49,8 +49,7 @@ from doppelgait.dataset.verify.leakage import warn_of_default_rcs, warn_of_leaks
 CHECKED_EXAMPLES = 200
 """Number of examples, spread over the plan, that are resolved before anything is written, to find errors early."""
 RELEASE = (__version__, DATA_VERSION)
-LEFTOVERS = ("*.partial", PATTERN)
-"""Files of builds that run or were killed."""
+LEFTOVERS = ("*.partial", PATTERN)  # files of builds that run or were killed
 
 
 @dataclass(frozen=True)
@@ -277,7 +276,7 @@ def _build_one(shard: Shard, *, context: ExampleMaker, release: tuple[str, int])
 def _read_complete_record(job: Job, shard: Shard) -> Record | None:
     """Return a complete dataset shard's record, else None."""
     state, record = find_shard(job.target, shard.name, job.header.id)
-    if state != "done" or len(record.get("contents_sha256", "")) != 64:
+    if state != "done" or len(record["contents_sha256"]) != 64:
         return None
     known = {row.get("scene_id") for row in record["rows"]} | {failure.get("id") for failure in record["failures"]}
     return record if known == {entry.id for entry in shard.examples} else None

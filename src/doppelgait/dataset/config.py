@@ -19,8 +19,7 @@ from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import GateChoice
 from doppelgait.scene.scene import Scene, Target
 
-SHOWN_LENGTH = 60
-"""Maximum number of characters of a value in a message."""
+SHOWN_LENGTH = 60  # maximum number of characters of a value in a message
 _TAIL = 20
 _ABSENT = object()
 
@@ -61,8 +60,7 @@ SCENE_KEYS = tuple(name for name in Scene.model_fields if name != "targets")
 SPLITS = ("train", "validation", "test")
 Progress = Callable[[int, int], None]
 """Function that is told how many are done, of how many."""
-MAX_SHARDS = 200_000
-"""Maximum number of shards of a dataset; each shard has two files."""
+MAX_SHARDS = 200_000  # maximum number of shards of a dataset; each shard has two files
 LEAKS = (
     *(f"target.{name}" for name in Target.model_fields if name not in ("motion", "label", "background")),
     "radar.prf_hz",

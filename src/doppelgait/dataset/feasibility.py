@@ -50,10 +50,8 @@ LIMIT_KEYS = {
 LIMITS = tuple(LIMIT_KEYS)
 """Limits of a row: four warnings of the simulation, and the flag ``gate_leaves_frame`` of the analysis."""
 GATE_FLAG = "gate_leaves_frame"
-RANGE_PARTS = 4
-"""Number of range intervals, with equally many rows each, in the table of the SNR."""
-SNR_PULSES = 200
-"""Number of pulses over which the expected SNR of a row is averaged."""
+RANGE_PARTS = 4  # number of range intervals, with equally many rows each, in the table of the SNR
+SNR_PULSES = 200  # number of pulses over which the expected SNR of a row is averaged
 
 
 @dataclass(frozen=True)

@@ -311,7 +311,6 @@ def list_shard_names(counts: Mapping[str, int]) -> list[str]:
 
 
 RECORD_KINDS = {"shard": str, "sha256": str, "rows": list, "bytes": int, "failures": list, "contents_sha256": str}
-"""Keys and types of a shard's record; only the last key may be missing."""
 
 
 def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
@@ -326,7 +325,8 @@ def read_record(path: Path) -> Record:
     record = parse_json(path.read_text())
     fault = "record"
     if isinstance(record, Mapping):
-        fault = next((key for key, kind in RECORD_KINDS.items() if type(record.get(key, "")) is not kind), "")
+        record = {"contents_sha256": "", **record}  # datasets of version 0.1 have none
+        fault = next((key for key, kind in RECORD_KINDS.items() if type(record.get(key)) is not kind), "")
         rows = () if fault else record["rows"]
         if not all(isinstance(row, Mapping) and isinstance(row.get("label"), str) for row in rows):
             fault = "rows"
@@ -360,7 +360,7 @@ def tally(records: Iterable[Record]) -> Totals:
     totals, contents = Totals(), hashlib.sha256()
     for record in records:
         totals.hashes[record["shard"]] = record["sha256"]
-        contents.update(record.get("contents_sha256", "").encode())
+        contents.update(record["contents_sha256"].encode())
         totals.rows += len(record["rows"])
         totals.bytes += record["bytes"]
         totals.n_failed += len(record["failures"])

@@ -42,10 +42,8 @@ from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers import MOTION_READERS, read
 from doppelgait.motion.segments import crop, find_segments
 
-BOTH = " + "
-"""Separator of the paths of a blended motion in the column ``recording``."""
-EMPTY_SCENE = "none"
-"""Motion kind of an example without a target."""
+BOTH = " + "  # separator of the paths of a blended motion in the column ``recording``
+EMPTY_SCENE = "none"  # motion kind of an example without a target
 THING = "thing"  # label of tracks of no body: of confusers, echoes and noise
 PHANTOM_SPEED_MPS = {"uniform": [0.4, 2.0]}
 """Default speed of the gate of an example without a target."""
@@ -176,8 +174,7 @@ def refuse_copies(paths: Iterable[str], folder: Path, sources: Sequence[SourceSe
             )
 
 
-SPARE_S = 0.1
-"""Time, s, by which a looped motion exceeds the scene."""
+SPARE_S = 0.1  # time, s, by which a looped motion exceeds the scene
 SHOWN_REASONS = 3
 
 HybridMode = Literal["none", "retarget", "blend"]
@@ -328,12 +325,9 @@ def _read_file_segments(
 
 STATURE_SD = 0.056
 """Stature range of adults relative to the mean: men 1.75 +-0.07 m, women 1.62 +-0.065 m, as in ``sample_person``."""
-FAMILY = 2
-"""Number of subjects that are blended with each other; they share a split."""
-PARTNERS = 4
-"""Maximum number of clips that one clip is blended with."""
-MOST_SHARE = 0.5
-"""Minimum weight of the first recording in a blended clip."""
+FAMILY = 2  # number of subjects that are blended with each other; they share a split
+PARTNERS = 4  # maximum number of clips that one clip is blended with
+MOST_SHARE = 0.5  # minimum weight of the first recording in a blended clip
 SHRINK, TRIES = 0.6, 4
 
 

@@ -81,9 +81,6 @@ def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
             raise ValueError(f"index.parquet: {name} {strange[0]!r} is not one of {', '.join(known)}")
 
 
-MB = 1_000_000
-
-
 @dataclass(frozen=True, eq=False)
 class Dataset:
     """A built dataset, or a part of it.
@@ -308,7 +305,7 @@ class Dataset:
         else:
             shapes = [(patch.n_velocity, patch.n_time)] * len(self)
             dtype = np.dtype(np.float32)
-        need_mb = sum(map(math.prod, shapes)) * dtype.itemsize / MB
+        need_mb = sum(map(math.prod, shapes)) * dtype.itemsize / 1e6
         if not need_mb <= memory_mb:
             raise DatasetError(
                 f"arrays: {field} of {len(self):,} rows would take {need_mb:,.1f} MB, memory_mb is "

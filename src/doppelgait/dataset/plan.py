@@ -253,10 +253,8 @@ class Plan:
         """Yield shards of one split each, with interleaved classes."""
 
         def place(entry: PlannedExample) -> tuple[float, int]:
-            section = self.config.sections[entry.class_number]
-            return find_class(self.config, entry.number)[1] / self.config.count_class_examples(
-                section
-            ), entry.class_number
+            count = self.config.count_class_examples(self.config.sections[entry.class_number])
+            return find_class(self.config, entry.number)[1] / count, entry.class_number
 
         return split_into_shards(sorted(self.examples, key=place), self.config.dataset.shard_size)
 

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from doppelgait.core import files
 from doppelgait.core.config import FrozenModel, convert_to_json, format_canonical_json
 from doppelgait.core.draws import replace_by_middle
-from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.samples import Samples
 from doppelgait.core.worker import limit_blas_threads
@@ -41,16 +41,13 @@ from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.scene import PlacedScene
 from doppelgait.scene.placement import place, place_all
 
-MAX_BATCH = 16
-"""Maximum number of examples that are made together."""
+MAX_BATCH = 16  # maximum number of examples that are made together
 BATCH_S = 60.0
 """Maximum duration, s, of the scenes that are made together, so that memory does not grow with their number."""
 BATCH_BYTES = 48_000_000
 """Maximum size of basebands and signatures that are kept of examples that are made together."""
-MOST_APART_M = 1.0
-"""Maximum mean distance, m, between a track and its body."""
-LEAST_SHARE = 0.3
-"""Minimum fraction of the observation that a track must cover."""
+MOST_APART_M = 1.0  # maximum mean distance, m, between a track and its body
+LEAST_SHARE = 0.3  # minimum fraction of the observation that a track must cover
 
 
 def match_tracks(
@@ -79,6 +76,7 @@ def match_tracks(
     return found
 
 
+MIXED = "a batch has warnings that may be those of any example"
 NOTHING = {
     **{f"feature_{name}": None for name in FEATURE_UNITS},
     **dict.fromkeys(("gait_frequency_hz", "torso_doppler_hz", "n_periods")),
@@ -263,10 +261,6 @@ def describe_failure(error: Exception) -> str:
     return "internal error: " + "".join(traceback.format_exception_only(error)).strip()
 
 
-class MixedWarningsError(Exception):
-    """Warnings of a batch that may be those of any example."""
-
-
 def build_planned(entries: Sequence[PlannedExample], context: BuildContext) -> list[ExampleData | Exception]:
     """Build planned examples together; the fault or warning of one does not reach the others."""
     folder, settings = Path(context.folder), context.config.dataset
@@ -363,13 +357,13 @@ def build_examples(
         with collect_messages() as early:  # the first step makes the motions of all scenes
             first = next(scenes)
         if early and len(examples) > 1:
-            raise MixedWarningsError
+            raise DatasetError(MIXED)
         scenes = chain([first], scenes)
         simulated = [simulate_example(example, scenes, fields, gate) for example in examples]
         with collect_messages() as late:
             analysed = analyze_together([one.signatures for one in simulated])
     if late and len(examples) > 1:
-        raise MixedWarningsError
+        raise DatasetError(MIXED)
     made = []
     for one, results in zip(simulated, analysed, strict=True):
         messages = ";".join(dict.fromkeys([*early, *one.messages, *late]))

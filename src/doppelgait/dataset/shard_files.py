@@ -42,8 +42,7 @@ FIELDS: dict[str, dict[str, Any]] = {
 
 AXIS_UNITS = {"time": "s", "doppler": "hz", "cadence": "hz", "slow_time": "s", "range": "m"}
 
-DB_FLOOR = -400.0
-"""Stored level of zero power, dB."""
+DB_FLOOR = -400.0  # stored level of zero power, dB
 
 
 def describe_fields(specs: Sequence[FieldSpec]) -> dict[str, dict[str, Any]]:
@@ -164,8 +163,7 @@ def _write_chunks(file: Any, name: str, chunks: Sequence[Array]) -> None:
     file.flush()  # close in this order, so that the bytes are reproducible
 
 
-MAX_OPEN = 128
-"""Shard files that one reader keeps open."""
+MAX_OPEN = 128  # shard files that one reader keeps open
 
 
 class ShardFiles:

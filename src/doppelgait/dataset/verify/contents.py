@@ -198,7 +198,7 @@ def read_plan(description: Mapping[str, Any], folder: Path, n_rows: int) -> tupl
     if description.get("origin") == "imported":
         return None, "imported recordings have no plan"
     try:
-        config = validate(PlanConfig, description["config"], where="dataset.json")
+        config = validate(PlanConfig, description.get("config") or {}, where="dataset.json")
         if (planned := config.count_examples()) > MAX_PLANNED * (n_rows + 100):
             return None, f"no plan: dataset.json names {planned} examples, and only {n_rows} rows are here"
         return plan_dataset(config, folder=folder), ""

@@ -62,6 +62,7 @@ def read_files(directory: Path, description: Mapping[str, Any], tick: Callable[[
             files.hashes[name] = hash_file(path)
             record = read_record(path.with_suffix(".json"))
             fault = _find_fault(path, record, files.hashes[name], reader)
+            failed = {failure["id"]: failure["reason"] for failure in record["failures"]}
         except FileNotFoundError as error:
             fault = f"{Path(error.filename).name} is missing"
         except Exception as error:  # HDF5 and JSON raise various errors for damaged files
@@ -70,7 +71,7 @@ def read_files(directory: Path, description: Mapping[str, Any], tick: Callable[[
             files.damaged[name] = fault
             continue
         files.whole.append(name)
-        files.failed |= {failure["id"]: failure["reason"] for failure in record["failures"]}
+        files.failed |= failed
         files.contents.append(record["contents_sha256"])
         if files.index is not None and (difference := _describe_difference(files.index.iloc[rows], record)):
             files.different[name] = difference
