@@ -103,15 +103,13 @@ def balanced_weights(counts: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
 
 
 MAX_LENGTH = 10_000
-COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
+OPERATORS: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
     ast.Lt: operator.lt,
     ast.LtE: operator.le,
     ast.Gt: operator.gt,
     ast.GtE: operator.ge,
-}
-ARITHMETIC: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
@@ -165,8 +163,8 @@ def _evaluate_value(node: ast.expr, index: pd.DataFrame) -> Any:
             return ~_evaluate_condition(part, index)
         case ast.UnaryOp(op=ast.USub(), operand=part):
             return -_number(part, index)
-        case ast.BinOp(op=sign, left=left, right=right) if type(sign) in ARITHMETIC:
-            return ARITHMETIC[type(sign)](_number(left, index), _number(right, index))
+        case ast.BinOp(op=sign, left=left, right=right) if type(sign) in OPERATORS:
+            return OPERATORS[type(sign)](_number(left, index), _number(right, index))
         case ast.Compare(left=left, ops=signs, comparators=parts):
             values = [_evaluate_value(part, index) for part in (left, *parts)]
             pairs = zip(values, signs, values[1:], strict=False)
@@ -179,9 +177,9 @@ def _compare(one: Any, sign: ast.cmpop, two: Any) -> Any:
         if not isinstance(one, pd.Series) or not isinstance(two, list) or any(isinstance(v, pd.Series) for v in two):
             raise DatasetError("in needs a column before it and a list of values behind it")
         return one.isin(two) ^ isinstance(sign, ast.NotIn)
-    if type(sign) not in COMPARISONS or isinstance(one, list) or isinstance(two, list):
+    if type(sign) not in OPERATORS or isinstance(one, list) or isinstance(two, list):
         raise DatasetError(f"a comparison is not allowed; {ALLOWED}")
-    return COMPARISONS[type(sign)](one, two)
+    return OPERATORS[type(sign)](one, two)
 
 
 def _evaluate_condition(node: ast.expr, index: pd.DataFrame) -> Any:
