@@ -30,6 +30,7 @@ from doppelgait.dataset.finish import (
     SUMS,
     Header,
     Record,
+    Totals,
     compute_dataset_id,
     count_shards,
     find_dataset,
@@ -99,6 +100,8 @@ class Job:
     maker: ExampleMaker
     shards: Sequence[Shard]
     own: Sequence[Shard]
+    part: Part | None = None
+    max_failed_share: float = 0.0
 
 
 def build_dataset(
@@ -178,20 +181,12 @@ def build_dataset(
     mine = shards if chosen is None else shards[chosen.number - 1 :: chosen.among]
     identity = compute_dataset_id(plan.config, source)
     maker = BuildContext(plan.config, str(source), str(target), identity)
-    job = Job(target, plan_header(plan.config, identity, source), maker, shards, mine)
+    job = Job(target, plan_header(plan.config, identity, source), maker, shards, mine, chosen, max_failed_share)
     try:
         find_dataset(target, job.header, ignored=LEFTOVERS)
         target.mkdir(parents=True, exist_ok=True)
-        with stop_in_order(), build_lock(target, chosen):
-            tally = build_missing(job, executor, workers, on_progress)
-            _remove_unfinished_files(job)
-            own = {shard.name for shard in mine}
-            others = [shard for shard in shards if shard.name not in own]
-            missing = sum(_read_complete_record(job, shard) is None for shard in others)
-            totals = None
-            if not missing:
-                names = [shard.name for shard in shards]
-                totals = finish_dataset(target, job.header, names, max_failed_share=max_failed_share)
+        with stop_in_order():
+            tally, missing, totals = build_job(job, executor, workers, on_progress)
     except OSError as error:
         raise OutputError(f"{target}: cannot be written: {error}; what was built so far is kept") from None
     except KeyboardInterrupt:
@@ -216,9 +211,22 @@ def build_dataset(
     )
 
 
-def build_missing(
+def build_job(
     job: Job, executor: str = "serial", workers: int | None = None, on_progress: Progress | None = None
-) -> Counter[str]:
+) -> tuple[Counter[str], int, Totals | None]:
+    """Build the own shards of a job, and finish its dataset if none of other parts is missing."""
+    with build_lock(job.target, job.part):
+        tally = _build_missing(job, executor, workers, on_progress)
+        _remove_unfinished_files(job)
+        own = {shard.name for shard in job.own}
+        missing = sum(_read_complete_record(job, shard) is None for shard in job.shards if shard.name not in own)
+        if missing:
+            return tally, missing, None
+        names = [shard.name for shard in job.shards]
+        return tally, 0, finish_dataset(job.target, job.header, names, max_failed_share=job.max_failed_share)
+
+
+def _build_missing(job: Job, executor: str, workers: int | None, on_progress: Progress | None) -> Counter[str]:
     """Build the own shards that are not complete; count examples built, reused and failed, and bytes."""
     began, tally = time.monotonic(), Counter[str]()
     find_dataset(job.target, job.header, ignored=LEFTOVERS)  # check again, now that no other build can write

@@ -167,6 +167,9 @@ def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_fa
     import pandas as pd
 
     totals = tally(read_records(target, names))
+    if header.origin == "imported" and not totals.rows:
+        words, first = f"none of {header.n_examples} recordings can be imported", totals.failures[0]
+        raise DatasetError(f"{header.name}: {words}; the first, {first['id']}: {first['reason']}")
     write_index(target / "index.parquet", read_records(target, names), totals.columns, header.id)
     kept = [INDEX_NAMES.get(name, name) for name in totals.columns if name not in LONG_COLUMNS]
     index = pd.read_parquet(target / "index.parquet", columns=kept)

@@ -20,10 +20,10 @@ from doppelgait.core.files import hash_file
 from doppelgait.core.plugins import identify_plugins
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.core.worker import limit_blas_threads
-from doppelgait.dataset.build import Job, build_missing
+from doppelgait.dataset.build import Job, build_job
 from doppelgait.dataset.card import import_card
 from doppelgait.dataset.config import ImportConfig, Progress
-from doppelgait.dataset.finish import DATA_VERSION, Header, find_dataset, finish_dataset, read_records, tally
+from doppelgait.dataset.finish import DATA_VERSION, Header, find_dataset, read_records, tally
 from doppelgait.dataset.labels import LabelEntry, hash_recording, read_labels
 from doppelgait.dataset.lock import write_new_folder
 from doppelgait.dataset.plan import PlannedExample, plan_entries, split_into_shards
@@ -39,8 +39,6 @@ from doppelgait.radar import read_recording
 from doppelgait.radar.recording import Recording
 
 __all__ = ["ImportConfig", "ImportReport", "LabelEntry", "import_dataset", "import_id", "read_labels"]
-
-NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
 
 
 @dataclass(frozen=True)
@@ -94,7 +92,7 @@ def import_dataset(
             used = next((path for path in (Path(config_name), beside) if path.is_file()), None)
             described[f"option.config={config_name}"] = "" if used is None else hash_file(used)
     identity = import_id(labels, hashes | described, settings, plugins)
-    title = NOT_IN_A_NAME.sub("-", name or target.name).strip("-.") or "imported"
+    title = re.sub(r"[^A-Za-z0-9._-]+", "-", name or target.name).strip("-.") or "imported"
     header = Header(
         id=identity,
         name=title,
@@ -109,22 +107,13 @@ def import_dataset(
         plugins=plugins,
     )
     shards = list(split_into_shards(planned, settings.shard_size))
-    names = [shard.name for shard in shards]
     was_there = find_dataset(target, header) is not None
     if not was_there:
         with write_new_folder(target, "dataset") as partial:
             maker = RecordedExamples(settings, source, str(partial), hashes, identity, len(planned), on_progress)
-            build_missing(Job(partial, header, maker, shards, shards))
-            totals = tally(read_records(partial, names))
-            if not totals.rows:
-                first = totals.failures[0]
-                raise DatasetError(
-                    f"{named}: none of {len(planned)} recordings can be imported; the first, "
-                    f"{first['id']}: {first['reason']}"
-                )
-            finish_dataset(partial, header, names)
+            build_job(Job(partial, header, maker, shards, shards))
     try:
-        totals = tally(read_records(target, names))
+        totals = tally(read_records(target, (shard.name for shard in shards)))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DatasetError(f"{target}: is damaged: {error}; delete the folder and import again") from None
     return ImportReport(
@@ -158,9 +147,6 @@ def import_id(
     for item in plugins:
         digest.update(format_canonical_json(item).encode())
     return digest.hexdigest()[:16]
-
-
-SEVERAL = "several_tracks:the_label_went_to_the_surest"
 
 
 @dataclass
@@ -234,7 +220,8 @@ class RecordedExamples:
             outcome = missing if result is None else result.to_row()
             outcome["n_tracks"] = len(results) if line.gate == "track" else None
             if line.gate == "track" and sum(one.is_body for one in results) > 1:
-                outcome["flags"] = ";".join(filter(None, (outcome["flags"], SEVERAL)))
+                several = "several_tracks:the_label_went_to_the_surest"
+                outcome["flags"] = ";".join(filter(None, (outcome["flags"], several)))
             source = "none" if line.nobody else "measured"
             columns = {
                 "id": name,

@@ -105,9 +105,6 @@ def hash_recording(folder: Path, recording: str) -> str:
     return digest.hexdigest()
 
 
-DELIMITERS = ",;\t"
-
-
 def read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
     """Read lines of a CSV file and their numbers; the first line names the columns."""
     try:
@@ -120,7 +117,7 @@ def read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
     except UnicodeDecodeError as error:
         line, code = content[: error.start].count(b"\n") + 1, "UTF-16" if wide else "UTF-8"
         raise ConfigError(f"{path}: line {line} is not {code} text; save it as CSV in UTF-8") from None
-    headers = {sign: next(_split_cells(path, text, sign), (1, []))[1] for sign in DELIMITERS}
+    headers = {sign: next(_split_cells(path, text, sign), (1, []))[1] for sign in ",;\t"}
     fitting = (sign for sign, header in headers.items() if set(NEEDED) <= {name.lower() for name in header})
     delimiter = next(fitting, max(headers, key=lambda sign: len(headers[sign])))
     lines = list(_split_cells(path, text, delimiter))

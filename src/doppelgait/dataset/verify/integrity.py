@@ -107,7 +107,7 @@ def _find_fault(path: Path, record: Mapping[str, Any], sha256: str, reader: Shar
 
 
 def _describe_difference(part: pd.DataFrame, record: Mapping[str, Any]) -> str:
-    """Describe the first difference of index rows and a record, or ""."""
+    # the first difference of index rows and a record, or ""
     rows = record["rows"]
     ids = [row["id"] for row in rows]
     listed = part["id"].tolist()

@@ -308,7 +308,8 @@ def collect_nuisances(
     """Collect the varying nuisance parameters of rows as numbers, with a remark."""
     parts, notes = [], []
     for dataset in datasets:
-        plan, reason = read_plan(dataset.description, motion_folder, len(dataset))
+        n_rows = dataset.description.get("n_examples", 0)  # of the whole dataset, of which this may be a part
+        plan, reason = read_plan(dataset.description, motion_folder, n_rows)
         contents = Contents(dataset.directory, dataset.description, dataset.index, plan, reason)
         sampled = contents.resolve_sample(np.random.default_rng(0), most=10 * len(dataset) + 100)
         if sampled:
