@@ -17,9 +17,14 @@ from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.dataset.card import blocks_release
 from doppelgait.dataset.config import DatasetSection, PlanConfig, list_differences, load_plan, plan_names, shorten
 from doppelgait.dataset.finish import compute_dataset_id, plan_header, plan_plugins
-from doppelgait.dataset.plan import check_examples, collect_nuisance, plan_dataset, sample_examples
+from doppelgait.dataset.plan import (
+    assign_splits,
+    collect_nuisance,
+    group_subjects,
+    plan_dataset,
+    sample_examples,
+)
 from doppelgait.dataset.resolve import warn_of_equal_bodies, warn_of_unused_snr
-from doppelgait.dataset.splits import assign_splits, group_subjects
 from doppelgait.dataset.verify.leakage import (
     guess_classes,
     refuse_leaks,
@@ -310,7 +315,7 @@ def with_dog_motion(motion):
 def test_a_wrong_motion_is_refused_while_planning(tmp_path, motion, says):
     (tmp_path / "a.c3d").touch()
     with pytest.raises(ConfigError, match=rf"class 'dog': example dog-000000: classes\.1\.motion{says}"):
-        check_examples(plan_dataset(with_dog_motion(motion), folder=tmp_path))
+        list(sample_examples(plan_dataset(with_dog_motion(motion), folder=tmp_path)))
 
 
 def files(tmp_path, *names):

@@ -18,7 +18,7 @@ from doppelgait.dataset.verify.truth import check_visible_targets
 
 def contents(index, **description):
     described = {"fields": {}, "classes": {}, "config": {}, **description}
-    return Contents(Path("nowhere"), described, pd.DataFrame(index), {}, None, "no plan")
+    return Contents(Path("nowhere"), described, pd.DataFrame(index))
 
 
 def walkers(n=40, **changes):
@@ -174,8 +174,7 @@ def test_averages_are_those_of_the_parts():
     assert np.allclose(duplicates._average(values[:2], 4)[:, 0], [0, 0, 2, 2])
 
 
-def test_the_blocked_search_finds_the_nearest_of_a_brute_force(monkeypatch):
-    monkeypatch.setattr(duplicates, "BLOCK", 7)
+def test_the_search_finds_the_nearest_of_a_brute_force(monkeypatch):
     monkeypatch.setattr(duplicates, "CANDIDATE", -1.0)
     rng = np.random.default_rng(1)
     pictures = {n: duplicates._scale_to_unit(rng.normal(size=12)) for n in range(60)}
@@ -342,11 +341,11 @@ def test_rounding_of_a_level_tells_no_class():
 
 
 def test_a_warning_does_not_fail_a_verification_and_a_skipped_check_is_no_pass():
-    checks = (Check("a", "passed", ""), Check("b", "warning", ""), Check("c", "not applicable", ""))
+    checks = (Check("passed", "", name="a"), Check("warning", "", name="b"), Check("not applicable", "", name="c"))
     assert Verification(Path("d"), "x", True, checks, (), 0.0).verdict == "passed"
-    unproven = Verification(Path("d"), "x", True, (*checks, Check("d", "skipped", "")), (), 0.0)
+    unproven = Verification(Path("d"), "x", True, (*checks, Check("skipped", "", name="d")), (), 0.0)
     assert (unproven.passed, unproven.verdict) == (False, "not proven")
-    failed = Verification(Path("d"), "x", True, (*checks, Check("e", "failed", "no")), (Path("f.png"),), 0.0)
+    failed = Verification(Path("d"), "x", True, (*checks, Check("failed", "no", name="e")), (Path("f.png"),), 0.0)
     assert not failed.passed
     assert (failed.as_dict()["passed"], failed.as_dict()["verdict"]) == (False, "failed")
     assert failed.as_dict()["figures"] == ["f.png"]

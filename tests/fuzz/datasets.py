@@ -14,13 +14,12 @@ from doppelgait.core.config import validate, write_toml
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.files import hash_file
-from doppelgait.dataset.build import build_dataset
+from doppelgait.dataset.build import build_dataset, read_dataset_status
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.finish import compute_dataset_id
 from doppelgait.dataset.open import Dataset, open_dataset
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.dataset.shard_files import ShardFiles
-from doppelgait.dataset.status import read_dataset_status
 from doppelgait.dataset.verify import verify_dataset
 
 MOST_EXAMPLES = 2000

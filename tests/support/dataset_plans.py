@@ -6,10 +6,9 @@ from functools import partial
 
 from doppelgait.core.config import validate
 from doppelgait.core.files import hash_file
-from doppelgait.dataset.build import build_dataset
+from doppelgait.dataset.build import build_dataset, read_dataset_status
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.finish import LOG, SUMS
-from doppelgait.dataset.status import read_dataset_status
+from doppelgait.dataset.finish import LOG, LOG_SUM
 from shared_work import made_once
 
 
@@ -40,9 +39,9 @@ def mini_plan(**changes):
 
 
 def dataset_hash(folder):
-    """Hash of every byte of a dataset but its log, which holds times, and the list of hashes, which holds the log's."""
+    """Hash of every byte of a dataset but its log, which holds times, and the hash of the log."""
     digest = hashlib.sha256()
-    for path in sorted(path for path in folder.rglob("*") if path.is_file() and path.name not in (LOG, SUMS)):
+    for path in sorted(path for path in folder.rglob("*") if path.is_file() and path.name not in (LOG, LOG_SUM)):
         digest.update(f"{path.relative_to(folder)}\n{hash_file(path)}\n".encode())
     return digest.hexdigest()
 

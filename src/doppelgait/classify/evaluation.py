@@ -56,7 +56,7 @@ from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.open import Dataset
-from doppelgait.dataset.splits import list_names, parse_source
+from doppelgait.dataset.plan import list_names, parse_source
 
 SHUFFLES = 5  # shuffles of a feature for its importance
 LEAST_PROBABILITY = 1e-12

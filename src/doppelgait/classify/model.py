@@ -29,7 +29,7 @@ from doppelgait.classify.scorer import log_softmax
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.notebook import show_html, show_text
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.dataset.learning import balanced_weights
+from doppelgait.dataset.rows import balanced_weights
 
 LEAST_ROWS = 5  # minimum number of rows of every class for a calibration
 STEEPEST = 20.0

@@ -75,18 +75,17 @@ def plan_command(
     """
     import numpy as np
 
-    from doppelgait.dataset.feasibility import assess, format_limit_keys
+    from doppelgait.dataset.feasibility import assess, format_limit_keys, summarise, write_specs
     from doppelgait.dataset.finish import compute_dataset_id
-    from doppelgait.dataset.plan import check_examples, plan_dataset, sample_examples, spread_count
+    from doppelgait.dataset.plan import plan_dataset, sample_examples
     from doppelgait.dataset.resolve import warn_of_equal_bodies, warn_of_recordings, warn_of_unused_snr
-    from doppelgait.dataset.summary import summarise, write_specs
     from doppelgait.dataset.verify.leakage import refuse_leaks, warn_of_default_rcs
 
     loaded, folder = _load(plan, changes, motion_folder)
     with report_progress("reading motion files", quiet=as_json) as on_progress:
         planned = plan_dataset(loaded, folder=folder, on_progress=on_progress)
     with report_progress("drawing examples", quiet=as_json) as on_progress:
-        checked = check_examples(planned, most=ALL_CHECKED, on_progress=on_progress)
+        checked = sum(1 for _ in sample_examples(planned, ALL_CHECKED, on_progress=on_progress))
     examples, leaks = list(sample_examples(planned, LEAKS_LOOKED_AT)), loaded.dataset.leaks
     refuse_leaks(examples, np.random.default_rng(0), leaks=leaks)
     warn_of_default_rcs(examples, np.random.default_rng(0), folder=folder, leaks=leaks)
@@ -94,19 +93,14 @@ def plan_command(
     warn_of_recordings(examples, folder=folder)
     warn_of_unused_snr(loaded.noise)
     with report_progress("checking ranges and speeds", quiet=as_json) as on_progress:
-        feasibility = assess(
-            sample_examples(planned, FEASIBILITY_LOOKED_AT),
-            folder,
-            gate=loaded.dataset.gate,
-            on_progress=on_progress,
-            count=spread_count(planned, FEASIBILITY_LOOKED_AT),
-        )
+        looked_at = sample_examples(planned, FEASIBILITY_LOOKED_AT, on_progress=on_progress)
+        feasibility = assess(looked_at, folder, gate=loaded.dataset.gate)
     summary = summarise(planned, compute_dataset_id(planned.config, folder), n_checked=checked, pilot=pilot)
     if specs is not None:
         write_specs(planned, specs)
         print_message(f"{specs}: {summary.n_examples} resolved examples")
     if as_json:
-        print_json({**summary.as_dict(), "feasibility": asdict(feasibility)})
+        print_json({**asdict(summary), "feasibility": asdict(feasibility)})
         return
     files = [summary.files] if summary.files else []
     print_tables([summary.counts, summary.subjects, *files, *feasibility.tables()])
@@ -239,7 +233,7 @@ def status(
 
     Example: doppelgait dataset status home-alarm
     """
-    from doppelgait.dataset.status import read_dataset_status
+    from doppelgait.dataset.build import read_dataset_status
 
     found = read_dataset_status(directory, quick=quick)
     bad = [shard.name for shard in found.shards if shard.state == "damaged"]

@@ -3,9 +3,9 @@
 from doppelgait.dataset.build import BuildReport, build_dataset
 from doppelgait.dataset.config import PlanConfig, load_plan, plan_names
 from doppelgait.dataset.example import Example, Features
-from doppelgait.dataset.learning import LabelledArrays
 from doppelgait.dataset.open import Dataset, open_dataset
 from doppelgait.dataset.plan import plan_dataset
+from doppelgait.dataset.rows import LabelledArrays
 from doppelgait.dataset.stream import ExampleStream, stream_examples
 
 __all__ = [

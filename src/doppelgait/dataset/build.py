@@ -1,4 +1,4 @@
-"""Build a dataset from a plan.
+"""Build a dataset from a plan, and report the state of its folder.
 
 Any executor can build the shards, in parts if requested. A stopped build can be resumed.
 """
@@ -8,48 +8,49 @@ from __future__ import annotations
 import json
 import platform
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from doppelgait import __version__
-from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
-from doppelgait.core.files import hash_file
-from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
-from doppelgait.dataset.config import PlanConfig, Progress
+from doppelgait.core.interrupt import stop_in_order
+from doppelgait.dataset.config import SPLITS, PlanConfig, Progress
 from doppelgait.dataset.executors import check_executor, run_shards
 from doppelgait.dataset.finish import (
     DATA_VERSION,
     LOG,
     SUMS,
     Header,
+    Record,
+    Totals,
     compute_dataset_id,
     count_shards,
     find_dataset,
+    find_shard,
     finish_dataset,
-    make_index,
+    list_shard_names,
     plan_header,
+    read_description,
     write_description,
 )
-from doppelgait.dataset.lock import PATTERN, Part, build_lock, list_running_builds
+from doppelgait.dataset.lock import PATTERN, Part, build_lock, list_running_builds, read_lock
 from doppelgait.dataset.plan import Shard, plan_dataset, sample_examples
 from doppelgait.dataset.resolve import warn_of_recordings
 from doppelgait.dataset.shard import BuildContext, ExampleMaker, build_shard
-
-__all__ = ["BuildReport", "build_dataset", "make_index"]
+from doppelgait.dataset.verify.leakage import warn_of_default_rcs, warn_of_leaks
 
 CHECKED_EXAMPLES = 200
 """Number of examples, spread over the plan, that are resolved before anything is written, to find errors early."""
 RELEASE = (__version__, DATA_VERSION)
-LEFTOVERS = ("*.partial", PATTERN)
-"""Files of builds that run or were killed."""
+LEFTOVERS = ("*.partial", PATTERN)  # files of builds that run or were killed
 
 
 @dataclass(frozen=True)
@@ -99,16 +100,8 @@ class Job:
     maker: ExampleMaker
     shards: Sequence[Shard]
     own: Sequence[Shard]
-
-
-@dataclass
-class _Tally:
-    """Count the examples of own shards and the finished shards."""
-
-    built: int = 0
-    reused: int = 0
-    failed: int = 0
-    bytes: int = 0
+    part: Part | None = None
+    max_failed_share: float = 0.0
 
 
 def build_dataset(
@@ -176,8 +169,6 @@ def build_dataset(
     chosen = None if part is None else Part.parse(part)
     if not 0 <= max_failed_share <= 1:
         raise ConfigError(f"max_failed_share = {max_failed_share}: is not allowed; must be from 0 to 1")
-    from doppelgait.dataset.verify.leakage import warn_of_default_rcs, warn_of_leaks
-
     target, source = Path(directory).absolute(), (folder or Path.cwd()).absolute()
     plan = plan_dataset(config, folder=source)
     examples = list(sample_examples(plan, CHECKED_EXAMPLES))
@@ -190,45 +181,54 @@ def build_dataset(
     mine = shards if chosen is None else shards[chosen.number - 1 :: chosen.among]
     identity = compute_dataset_id(plan.config, source)
     maker = BuildContext(plan.config, str(source), str(target), identity)
-    job = Job(target, plan_header(plan.config, identity, source), maker, shards, mine)
+    job = Job(target, plan_header(plan.config, identity, source), maker, shards, mine, chosen, max_failed_share)
     try:
         find_dataset(target, job.header, ignored=LEFTOVERS)
         target.mkdir(parents=True, exist_ok=True)
-        with _stop_in_order(target), build_lock(target, chosen):
-            tally = build_missing(job, executor, workers, on_progress)
-            _remove_unfinished_files(job)
-            own = {shard.name for shard in mine}
-            others = [shard for shard in shards if shard.name not in own]
-            missing = sum(_read_complete_record(job, shard) is None for shard in others)
-            totals = None
-            if not missing:
-                names = [shard.name for shard in shards]
-                totals = finish_dataset(target, job.header, names, max_failed_share=max_failed_share)
+        with stop_in_order():
+            tally, missing, totals = build_job(job, executor, workers, on_progress)
     except OSError as error:
         raise OutputError(f"{target}: cannot be written: {error}; what was built so far is kept") from None
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"{target}: stopped; finished shards are kept, and the same command continues the build"
+        ) from None
     planned = sum(len(shard.examples) for shard in (shards if totals else mine))
-    failed = totals.n_failed if totals else tally.failed
+    failed = totals.n_failed if totals else tally["failed"]
     return BuildReport(
         directory=target,
         dataset_id=identity,
         n_examples=planned - failed,
-        n_built=tally.built,
-        n_reused=tally.reused,
+        n_built=tally["built"],
+        n_reused=tally["reused"],
         n_rows=totals.rows if totals else 0,
         n_failed=failed,
         failures=totals.failures if totals else [],
         missing=missing,
         too_many_failed=failed > max_failed_share * planned,
         seconds=time.monotonic() - began,
-        bytes=totals.bytes if totals else tally.bytes,
+        bytes=totals.bytes if totals else tally["bytes"],
     )
 
 
-def build_missing(
+def build_job(
     job: Job, executor: str = "serial", workers: int | None = None, on_progress: Progress | None = None
-) -> _Tally:
-    """Build the own shards that are not complete."""
-    began, tally = time.monotonic(), _Tally()
+) -> tuple[Counter[str], int, Totals | None]:
+    """Build the own shards of a job, and finish its dataset if none of other parts is missing."""
+    with build_lock(job.target, job.part):
+        tally = _build_missing(job, executor, workers, on_progress)
+        _remove_unfinished_files(job)
+        own = {shard.name for shard in job.own}
+        missing = sum(_read_complete_record(job, shard) is None for shard in job.shards if shard.name not in own)
+        if missing:
+            return tally, missing, None
+        names = [shard.name for shard in job.shards]
+        return tally, 0, finish_dataset(job.target, job.header, names, max_failed_share=job.max_failed_share)
+
+
+def _build_missing(job: Job, executor: str, workers: int | None, on_progress: Progress | None) -> Counter[str]:
+    """Build the own shards that are not complete; count examples built, reused and failed, and bytes."""
+    began, tally = time.monotonic(), Counter[str]()
     find_dataset(job.target, job.header, ignored=LEFTOVERS)  # check again, now that no other build can write
     missing = []
     for shard in job.own:
@@ -236,8 +236,7 @@ def build_missing(
         if record is None or record["failures"]:
             missing.append(shard)
         else:
-            tally.reused += len(shard.examples)
-            tally.bytes += record["bytes"]
+            tally.update(reused=len(shard.examples), bytes=record["bytes"])
     if not missing and (job.target / "dataset.json").is_file():
         return tally
     counts = count_shards(shard.name for shard in job.shards)
@@ -245,7 +244,7 @@ def build_missing(
     write_description(job.target, job.header.describe(counts, complete=False))
     (job.target / "shards").mkdir(exist_ok=True)
     _remove_unfinished_files(job)
-    done, total = tally.reused, sum(len(shard.examples) for shard in job.own)
+    done, total = tally["reused"], sum(len(shard.examples) for shard in job.own)
     work = partial(_build_one, context=job.maker, release=RELEASE)
     try:
         with closing(run_shards(work, missing, executor=executor, workers=workers)) as results:
@@ -253,15 +252,12 @@ def build_missing(
                 size, failed = len(shard.examples), made["failed"]
                 if not (job.target / "shards" / f"{shard.name}.json").is_file():
                     raise DatasetError(
-                        f"{job.target}: shard {shard.name} was built but is missing; every worker must have "
-                        "access to this folder"
+                        f"{job.target}: shard {shard.name} was built but is missing; every worker "
+                        "must have access to this folder"
                     )
-                tally.built += size - failed
-                tally.failed += failed
-                tally.bytes += made["bytes"]
-                if job.header.origin == "simulated":  # an import has logged every recording
-                    seconds = round(time.monotonic() - began, 3)
-                    log_entry(job.target, {"shard": shard.name, "examples": size, "failed": failed, "seconds": seconds})
+                tally.update(made, built=size - failed)
+                seconds = round(time.monotonic() - began, 3)
+                log_entry(job.target, {"shard": shard.name, "examples": size, "failed": failed, "seconds": seconds})
                 done += size
                 if on_progress is not None:
                     on_progress(done, total)
@@ -285,23 +281,13 @@ def _build_one(shard: Shard, *, context: ExampleMaker, release: tuple[str, int])
     return {"failed": len(record["failures"]), "bytes": record["bytes"]}
 
 
-def _read_complete_record(job: Job, shard: Shard) -> dict[str, Any] | None:
+def _read_complete_record(job: Job, shard: Shard) -> Record | None:
     """Return a complete dataset shard's record, else None."""
-    raise_if_stopped()
-    path = job.target / "shards" / f"{shard.name}.h5"
-    try:
-        record: dict[str, Any] = parse_json(path.with_suffix(".json").read_text())
-        known = {row["scene_id"] for row in record["rows"]} | {failure["id"] for failure in record["failures"]}
-        whole = (
-            (record["dataset"], record["shard"]) == (job.header.id, shard.name)
-            and known == {entry.id for entry in shard.examples}
-            and len(record["contents_sha256"]) == 64
-            and hash_file(path) == record["sha256"]
-            and path.stat().st_size == record["bytes"]
-        )
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    state, record = find_shard(job.target, shard.name, job.header.id)
+    if state != "done" or len(record["contents_sha256"]) != 64:
         return None
-    return record if whole else None
+    known = {row.get("scene_id") for row in record["rows"]} | {failure.get("id") for failure in record["failures"]}
+    return record if known == {entry.id for entry in shard.examples} else None
 
 
 def _remove_unfinished_files(job: Job) -> None:
@@ -315,20 +301,82 @@ def _remove_unfinished_files(job: Job) -> None:
             leftover.unlink(missing_ok=True)
 
 
-@contextmanager
-def _stop_in_order(target: Path) -> Iterator[None]:
-    """Stop the block in order on Ctrl-C or termination."""
-    try:
-        with stop_in_order():
-            yield
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(
-            f"{target}: stopped; finished shards are kept, and the same command continues the build"
-        ) from None
-
-
 def log_entry(target: Path, entry: Mapping[str, Any]) -> None:
     """Append a line to the build log."""
     stamp = {"time": datetime.now(UTC).isoformat(timespec="seconds"), "host": platform.node()}
     with (target / LOG).open("a") as handle:
         handle.write(json.dumps({**stamp, **entry}) + "\n")
+
+
+@dataclass(frozen=True)
+class ShardStatus:
+    """State of one shard."""
+
+    name: str
+    state: Literal["done", "missing", "damaged"]
+    n_examples: int = 0
+    n_failed: int = 0
+
+
+@dataclass(frozen=True)
+class Status:
+    """State of a dataset's folder."""
+
+    directory: Path
+    dataset_id: str
+    name: str
+    complete: bool
+    planned: int
+    shards: tuple[ShardStatus, ...]
+    running: tuple[str, ...]
+    partial: tuple[str, ...]
+    removed: tuple[str, ...]
+
+    def count(self, state: str) -> int:
+        """Count the shards in a state."""
+        return sum(shard.state == state for shard in self.shards)
+
+    @property
+    def n_examples(self) -> int:
+        """Examples in shards that are done."""
+        return sum(shard.n_examples for shard in self.shards)
+
+    @property
+    def n_failed(self) -> int:
+        """Examples that failed, in shards that are done."""
+        return sum(shard.n_failed for shard in self.shards)
+
+
+def read_dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
+    """Report the status of a dataset."""
+    folder = Path(directory)
+    description = read_description(folder)
+    running = list_running_builds(folder)
+    counts = description.get("shards")
+    if not counts:  # from the names of the shards that are there
+        found = (path.stem.split("-") for path in sorted((folder / "shards").glob("*-*-of-*.h5")))
+        named = (parts for parts in found if len(parts) == 4 and parts[0] in SPLITS and parts[3].isdecimal())
+        counts = {split: int(count) for split, _, _, count in named}
+    identity = description["id"] if description["schema_version"] >= 3 else None
+    removed = []
+    for path in () if running else sorted([*folder.rglob("*.partial"), *folder.glob(PATTERN)]):
+        holder = read_lock(path) if path.suffix == ".lock" else None
+        if holder is None or not holder.alive:
+            path.unlink(missing_ok=True)
+            removed.append(str(path.relative_to(folder)))
+    shards = []
+    for name in list_shard_names(counts):
+        state, record = find_shard(folder, name, identity, quick=quick)
+        n_examples = len({row.get("scene_id") for row in record.get("rows", ())})
+        shards.append(ShardStatus(name, state, n_examples, len(record.get("failures", ()))))
+    return Status(
+        directory=folder,
+        dataset_id=description["id"],
+        name=description["name"],
+        complete=bool(description.get("complete")),
+        planned=int(description.get("n_examples", 0)),
+        shards=tuple(shards),
+        running=tuple(str(holder) for holder in running),
+        partial=tuple(str(path.relative_to(folder)) for path in sorted(folder.rglob("*.partial"))),
+        removed=tuple(removed),
+    )

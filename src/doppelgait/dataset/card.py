@@ -76,6 +76,10 @@ def format_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
         simplifications.append("no clutter or receiver faults except those of the radar's preset")
     listed = [f"- `{leak}`: {TEXTS['leaks'].get(leak, TEXTS['leaks']['other'])}." for leak in leaks]
     gate = "windows" if plan.episodes else plan.dataset.gate
+    counts, radar = limits_of_index(index), TEXTS["radar_limits"]["none"]
+    if reached := [name for name in LIMITS if any(row[name] for row in counts)]:
+        table = format_markdown_table(pd.DataFrame(counts).sort_values("class")[["class", "rows", *reached]])
+        radar = TEXTS["radar_limits"]["table"].format(keys=format_limit_keys(reached), table=table)
     license_line = "license: other\n" if len(list_licences(index)) else ""
     return _fill_card(
         index,
@@ -92,7 +96,7 @@ def format_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
             simplifications=", ".join(simplifications),
             models="".join(f"- {TEXTS['models'].get(kind, f'Motion model `{kind}`.')}\n" for kind in kinds),
             law=TEXTS["laws"]["leak" if "target.rcs" in leaks else law],
-            radar=_describe_radar_limits(index),
+            radar=radar,
             name=name,
         ),
     )
@@ -101,15 +105,6 @@ def format_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
 def _fill_card(index: pd.DataFrame, **texts: str) -> str:
     counts, features = format_markdown_table(count_examples(index)), format_markdown_table(tabulate_features(index))
     return str(TEXTS["card"].format(counts=counts, features=features, **texts))
-
-
-def _describe_radar_limits(index: pd.DataFrame) -> str:
-    counts, texts = limits_of_index(index), TEXTS["radar_limits"]
-    reached = [name for name in LIMITS if any(row[name] for row in counts)]
-    if not reached:
-        return str(texts["none"])
-    table = format_markdown_table(pd.DataFrame(counts).sort_values("class")[["class", "rows", *reached]])
-    return str(texts["table"].format(keys=format_limit_keys(reached), table=table))
 
 
 def _describe_origin(plan: PlanConfig, index: pd.DataFrame, recorded: pd.DataFrame) -> str:

@@ -19,8 +19,7 @@ from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import GateChoice
 from doppelgait.scene.scene import Scene, Target
 
-SHOWN_LENGTH = 60
-"""Maximum number of characters of a value in a message."""
+SHOWN_LENGTH = 60  # maximum number of characters of a value in a message
 _TAIL = 20
 _ABSENT = object()
 
@@ -61,8 +60,7 @@ SCENE_KEYS = tuple(name for name in Scene.model_fields if name != "targets")
 SPLITS = ("train", "validation", "test")
 Progress = Callable[[int, int], None]
 """Function that is told how many are done, of how many."""
-MAX_SHARDS = 200_000
-"""Maximum number of shards of a dataset; each shard has two files."""
+MAX_SHARDS = 200_000  # maximum number of shards of a dataset; each shard has two files
 LEAKS = (
     *(f"target.{name}" for name in Target.model_fields if name not in ("motion", "label", "background")),
     "radar.prf_hz",
@@ -70,8 +68,8 @@ LEAKS = (
 )
 """Keys that a plan can name in ``dataset.leaks``."""
 AUTO_PRF_REFUSED = (
-    "radar.prf_hz = 'auto' is not allowed in a dataset: it reveals the speed to every feature; a plan that reproduces "
-    "a published dataset must list it in dataset.leaks"
+    "radar.prf_hz = 'auto' is not allowed in a dataset: it reveals the speed to every feature; a "
+    "plan that reproduces a published dataset must list it in dataset.leaks"
 )
 ORACLE_REFUSED = (
     "analysis.method = 'liland2018' is not allowed in a dataset: its gate uses the class for the range span and the "
@@ -228,15 +226,16 @@ class DatasetSection(FrozenModel):
 
     @field_validator("fractions")
     @classmethod
-    def _sum_to_one(cls, fractions: dict[str, float]) -> dict[str, float]:
+    def _are_shares(cls, fractions: dict[str, float]) -> dict[str, float]:
         if set(fractions) - set(SPLITS) or any(v < 0 for v in fractions.values()):
             raise ValueError(f"must have shares of 0 or more for {', '.join(SPLITS)} only")
-        if abs(sum(fractions.values()) - 1.0) > 1e-9:
-            raise ValueError(
-                f"must sum to 1, not {sum(fractions.values()):g}; state all of {', '.join(SPLITS)}, since a split that "
-                "is not stated has no share"
-            )
-        return fractions
+        return _sum_to_one(fractions)
+
+
+def _sum_to_one(shares: dict[str, float]) -> dict[str, float]:
+    if abs(sum(shares.values()) - 1.0) > 1e-9:
+        raise ValueError(f"shares must sum to 1, not {sum(shares.values()):g}; a split that is not stated has no share")
+    return shares
 
 
 def _check_label(label: str) -> str:
@@ -372,8 +371,8 @@ class PlanConfig(FrozenModel):
         empty = [c.label for c in self.classes if c.motion.get("kind") == "none"]
         if empty and self.noise.get("kind", "thermal") != "thermal":
             raise ValueError(
-                f"noise.kind: {shorten(self.noise['kind'])} is not allowed with motion = 'none' (class {empty[0]!r}): "
-                "an SNR needs a target; use 'thermal'"
+                f"noise.kind: {shorten(self.noise['kind'])} is not allowed with motion = 'none' "
+                f"(class {empty[0]!r}): an SNR needs a target; use 'thermal'"
             )
         unknown = set(self.scene) - set(SCENE_KEYS)
         if unknown:
@@ -410,6 +409,10 @@ class PlanConfig(FrozenModel):
     def count_class_examples(self, section: ClassSection | EpisodeSection) -> int:
         """Return the number of examples of a class."""
         return section.examples or self.dataset.examples_per_class
+
+    def count_examples(self) -> int:
+        """Return the number of examples of all classes."""
+        return sum(map(self.count_class_examples, self.sections))
 
 
 def plan_names() -> list[str]:
@@ -515,14 +518,12 @@ class ImportConfig(FrozenModel):
     @field_validator("split", mode="before")
     @classmethod
     def _is_a_split(cls, split: Any) -> Any:
-        if split is None or split in SPLITS if not isinstance(split, dict) else False:
+        if not isinstance(split, dict) and (split is None or split in SPLITS):
             return split
-        shares = split.values() if isinstance(split, dict) and set(split) <= set(SPLITS) else ()
-        if not shares or not all(isinstance(share, int | float) and share >= 0 for share in shares):
+        known = isinstance(split, dict) and split and set(split) <= set(SPLITS)
+        if not known or not all(isinstance(share, int | float) and share >= 0 for share in split.values()):
             raise ValueError(f"must be one of {', '.join(SPLITS)}, or shares of 0 or more for these")
-        if abs(sum(shares) - 1.0) > 1e-9:
-            raise ValueError(f"shares must sum to 1, not {sum(shares):g}")
-        return split
+        return _sum_to_one(split)
 
     @model_validator(mode="after")
     def _check_hop(self) -> Self:

@@ -16,7 +16,6 @@ import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 
-from doppelgait.core.config import validate
 from doppelgait.core.draws import resolve
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.labels import COORDINATE_UNITS
@@ -140,16 +139,6 @@ Stored = Callable[[str], npt.NDArray[Any] | None]
 """Function that returns a stored array by its name in a shard, or None if it does not exist."""
 
 
-def read_analysis(description: Mapping[str, Any], row: Mapping[str, Any]) -> Analysis:
-    """Return a row's analysis settings from the dataset's configuration."""
-    config, number = _plan_place(description, row)
-    table = config.get("analysis", {})
-    if number is not None:
-        turn = int(str(row["scene_id"]).rpartition("-")[2])
-        table = resolve(table, seed=config["dataset"]["seed"], example=number, key="analysis", turn=turn)
-    return validate(Analysis, table, where="dataset.json: analysis")
-
-
 @dataclass(frozen=True)
 class Example:
     """One example.
@@ -266,7 +255,7 @@ def label_arrays(
         values = stored(name)
         if values is None or values.size == 0:
             continue
-        if values.ndim != len(facts["dims"]) or values.dtype.kind not in "fciu":
+        if values.ndim != len({*facts["dims"]}) or values.dtype.kind not in "fciu":
             raise DatasetError(
                 f"{row.get('id')}: {name} has {values.ndim} axes of {values.dtype} in its shard, "
                 f"not {facts['dims']}; check the folder with dataset verify"
@@ -299,7 +288,7 @@ def read_carrier_hz(description: Mapping[str, Any], row: Mapping[str, Any]) -> f
 
 def read_radar(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
     """Return the radar of a simulated row."""
-    config, number = _plan_place(description, row)
+    config, number = find_plan_place(description, row)
     if number is None:
         raise DatasetError(f"{row['id']}: the dataset does not state its radar; only simulated ones do")
     seed = config["dataset"]["seed"]
@@ -316,8 +305,8 @@ def find_plan_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> 
     version = description.get("data_version")
     if version != DATA_VERSION:
         raise DatasetError(
-            f"the dataset has data version {version}, this doppelgait has {DATA_VERSION}: a new simulation "
-            "would differ; build the dataset again to see its recordings"
+            f"the dataset has data version {version}, this doppelgait has {DATA_VERSION}: a new "
+            "simulation would differ; build the dataset again to see its recordings"
         )
     number = number_in_plan(description["config"], str(row.get("scene_id")))
     if number is None:
@@ -325,7 +314,8 @@ def find_plan_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> 
     return number
 
 
-def _plan_place(description: Mapping[str, Any], row: Mapping[str, Any]) -> tuple[Mapping[str, Any], int | None]:
+def find_plan_place(description: Mapping[str, Any], row: Mapping[str, Any]) -> tuple[Mapping[str, Any], int | None]:
+    """Return the plan of a dataset, and the number of a row's example in it."""
     config = description.get("config") or {}
     simulated = description.get("origin", "simulated") == "simulated"
     return config, number_in_plan(config, str(row["scene_id"])) if simulated else None
@@ -335,8 +325,11 @@ def number_in_plan(config: Mapping[str, Any], scene_id: str) -> int | None:
     """Return an example's number in its plan."""
     label, _, within = scene_id.rpartition("-")
     first = 0
-    for section in config.get("classes") or config.get("episodes", ()):
-        if str(section["label"]).replace(" ", "_") == label and within.isdigit():
-            return first + int(within)
-        first += section.get("examples") or config["dataset"]["examples_per_class"]
+    try:
+        for section in config.get("classes") or config.get("episodes", ()):
+            if str(section["label"]).replace(" ", "_") == label and within.isdigit():
+                return first + int(within)
+            first += section.get("examples") or config["dataset"]["examples_per_class"]
+    except (AttributeError, KeyError, TypeError):
+        raise DatasetError("dataset.json: config is damaged; build the dataset again") from None
     return None

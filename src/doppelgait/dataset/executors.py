@@ -56,8 +56,8 @@ def restart_lost_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequ
             losses += 1
             if losses >= MAX_LOSSES:
                 raise DatasetError(
-                    f"workers died {losses} times in a row, {len(left)} shards are left; is the memory "
-                    "full? Use fewer workers or smaller shards; finished shards are kept"
+                    f"workers died {losses} times in a row, {len(left)} shards are left; is the "
+                    "memory full? Use fewer workers or smaller shards; finished shards are kept"
                 ) from None
 
 

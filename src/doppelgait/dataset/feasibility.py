@@ -1,14 +1,17 @@
-"""Count a plan's rows beyond the limits of the radar.
+"""Outlook of a plan: counts, subjects, size and time, and rows beyond the limits of the radar.
 
-Motions are generated and observed as in a simulation, but no echo is synthesised. The names of the
-limits are those that simulation and analysis write to the index of a built dataset (``warnings``,
-``quality_flags``).
+For the limits motions are generated and observed as in a simulation, but no echo is synthesised. Their names are those
+that simulation and analysis write to the index of a built dataset (``warnings``, ``quality_flags``).
 """
 
 from __future__ import annotations
 
 import math
+import os
+import tempfile
+import time
 import warnings
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,11 +21,16 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from doppelgait.core.config import format_canonical_json
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.files import open_atomically
 from doppelgait.core.frames import SlowTime
 from doppelgait.core.labels import ScattererTable
-from doppelgait.dataset.config import Progress
+from doppelgait.dataset.config import SPLITS
+from doppelgait.dataset.motions import find_source_entry, find_subject, list_recording_paths
+from doppelgait.dataset.plan import Plan, Shard, parse_source
 from doppelgait.dataset.resolve import ExampleSpec
+from doppelgait.dataset.shard import BuildContext, build_shard
 from doppelgait.pipeline.simulate import choose_lowest_prf, observe_scene, pulse_times_s
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.signature import make_gated_transform
@@ -42,10 +50,8 @@ LIMIT_KEYS = {
 LIMITS = tuple(LIMIT_KEYS)
 """Limits of a row: four warnings of the simulation, and the flag ``gate_leaves_frame`` of the analysis."""
 GATE_FLAG = "gate_leaves_frame"
-RANGE_PARTS = 4
-"""Number of range intervals, with equally many rows each, in the table of the SNR."""
-SNR_PULSES = 200
-"""Number of pulses over which the expected SNR of a row is averaged."""
+RANGE_PARTS = 4  # number of range intervals, with equally many rows each, in the table of the SNR
+SNR_PULSES = 200  # number of pulses over which the expected SNR of a row is averaged
 
 
 @dataclass(frozen=True)
@@ -62,8 +68,7 @@ class RowLimits:
 def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> list[RowLimits]:
     """Find the limits of every row of an example."""
     run = example.run
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DoppelgaitWarning)
+    with warnings.catch_warnings(record=True, action="always", category=DoppelgaitWarning) as caught:
         placed = place(run.scene, run.streams, folder=folder)
         radar = choose_lowest_prf(placed, run.radar, cpi_s=run.analysis.cpi_s) if run.auto_prf else run.radar
         slow_time_s = pulse_times_s(placed.observation_s, radar)
@@ -152,14 +157,7 @@ class Feasibility:
         return [table for table in (limits, snr) if table]
 
 
-def assess(
-    examples: Iterable[ExampleSpec],
-    folder: Path,
-    *,
-    gate: str = "truth",
-    count: int | None = None,
-    on_progress: Progress | None = None,
-) -> Feasibility:
+def assess(examples: Iterable[ExampleSpec], folder: Path, *, gate: str = "truth") -> Feasibility:
     """Count the rows of examples that reach a radar limit."""
     rows: list[RowLimits] = []
     done = failed = 0
@@ -169,8 +167,6 @@ def assess(
         except DoppelgaitError:  # the build leaves the example out, too, and reports the reason
             failed += 1
         done += 1
-        if on_progress is not None and count is not None:
-            on_progress(done, count)
     marks = {name: [name in row.limits for row in rows] for name in LIMITS}
     limits = _count_limits([row.label for row in rows], marks)
     if gate == "track":
@@ -211,3 +207,94 @@ def _count_limits(labels: list[str], marks: dict[str, list[bool]]) -> list[dict[
     table = pd.DataFrame({"class": labels, "rows": 1, **marks})
     counts = table.groupby("class", sort=False).sum().astype(int).reset_index()
     return [{str(name): value for name, value in row.items()} for row in counts.to_dict("records")]
+
+
+PILOT_EXAMPLES = 8
+ROW_BYTES = 5000  # an index row and its copy in the shard's record
+
+
+@dataclass(frozen=True)
+class PlanSummary:
+    """Summary of the dataset that a plan will make."""
+
+    name: str
+    dataset_id: str
+    n_examples: int
+    n_shards: int
+    counts: list[dict[str, Any]]
+    subjects: list[dict[str, Any]]
+    files: list[dict[str, Any]]
+    n_checked: int
+    estimate: dict[str, Any]
+
+
+def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_EXAMPLES) -> PlanSummary:
+    """Summarise a plan: examples, subjects, files and duration."""
+    sections = list(enumerate(plan.config.sections))
+    examples = Counter((entry.class_number, entry.split) for entry in plan.examples)
+    counts = [
+        {"class": section.label, **{split: examples[number, split] for split in SPLITS}} for number, section in sections
+    ]
+    different = {(e.class_number, parse_source(e.subjects[0]), e.split, e.subjects[0]) for e in plan.examples}
+    sources = Counter(key[:3] for key in different)
+    subjects = [
+        {"class": section.label, "source": source, **{split: sources[number, source, split] for split in SPLITS}}
+        for number, section in sections
+        for source in ("model", "recording")
+        if any(sources[number, source, split] for split in SPLITS)
+    ]
+    files = []
+    if any(parse_source(subject) != "model" for entry in plan.examples for subject in entry.subjects):
+        used = Counter(
+            path
+            for example in map(plan.example, range(len(plan.examples)))
+            for target in example.run.scene.targets[: len(example.rows)]
+            for path in list_recording_paths(target.motion)
+        )
+        for recording, count in sorted(used.items()):
+            subject = find_subject({"kind": "file", "path": recording}, "", plan.config.sources)
+            entry = find_source_entry(recording, plan.config.sources)
+            licence = entry.licence if entry is not None and entry.licence else "unknown"
+            files.append({"file": recording, "subject": subject, "examples": count, "licence": licence})
+    return PlanSummary(
+        name=plan.config.dataset.name,
+        dataset_id=identity,
+        n_examples=len(plan.examples),
+        n_shards=sum(1 for _ in plan.shards()),
+        counts=counts,
+        subjects=subjects,
+        files=files,
+        n_checked=n_checked,
+        estimate=_estimate_cost(plan, min(pilot, len(plan.examples))) if pilot else {},
+    )
+
+
+def _estimate_cost(plan: Plan, count: int) -> dict[str, Any]:
+    """Build ``count`` examples for an estimate of time and size."""
+    total = len(plan.examples)
+    entries = tuple(plan.examples[place * total // count] for place in range(count))
+    with tempfile.TemporaryDirectory() as directory:
+        (Path(directory) / "shards").mkdir()
+        context = BuildContext(plan.config, str(plan.folder), directory)
+        context.make(entries[:1])  # the first one loads the libraries
+        began = time.process_time()
+        record = build_shard(Shard("pilot", entries[0].split, entries), context)
+        seconds = (time.process_time() - began) / count
+    size, processors = record["bytes"] / count, os.cpu_count() or 1
+    return {
+        "pilot_examples": count,
+        "pilot_failures": len(record["failures"]),
+        "pilot_failure": next((f"{failure['id']}: {failure['reason']}" for failure in record["failures"]), ""),
+        "seconds_per_example": seconds,
+        "bytes_per_example": size,
+        "total_bytes": (size + ROW_BYTES) * total,
+        "processors": processors,
+        "total_seconds": seconds * total / processors,
+    }
+
+
+def write_specs(plan: Plan, path: Path) -> None:
+    """Write every resolved example, one line of JSON each."""
+    with open_atomically(path) as partial, partial.open("w", encoding="utf-8") as handle:
+        for number in range(len(plan.examples)):
+            handle.write(format_canonical_json(plan.example(number)) + "\n")

@@ -9,7 +9,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
+
+from pydantic import BaseModel
 
 from doppelgait import __version__
 from doppelgait.core.config import format_canonical_json, validate
@@ -18,6 +20,7 @@ from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import FileKind, hash_file, open_atomically, write_atomically
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.plugins import identify_plugins
+from doppelgait.dataset.card import format_card
 from doppelgait.dataset.config import MAX_SHARDS, SPLITS, FieldSpec, PlanConfig, list_differences, list_some, shorten
 from doppelgait.dataset.feasibility import limits_of_index
 from doppelgait.dataset.motions import list_labels, list_motion_files, list_motions
@@ -39,7 +42,8 @@ DATASET = FileKind("doppelgait-dataset", SCHEMA_VERSION, "a dataset", DatasetErr
 
 SUMS = "SHA256SUMS"
 """File with the hash of every file of a finished dataset, in the format of ``sha256sum -c``. It is written last."""
-LOG = "build.jsonl"
+LOG, LOG_SUM = "build.jsonl", "build.jsonl.sha256"
+"""Log of the build, and its hash: two builds of a plan differ in these files only."""
 SPLIT_LISTS = ("splits/train.txt", "splits/validation.txt", "splits/test.txt")
 SINGLE_FILES = ("README.md", "dataset.json", "index.parquet", *SPLIT_LISTS)
 
@@ -145,15 +149,13 @@ class Header:
 
 def plan_header(plan: PlanConfig, identity: str, folder: Path) -> Header:
     """Return the header of a planned dataset."""
-    from doppelgait.dataset.card import format_card
-
     return Header(
         id=identity,
         name=plan.dataset.name,
         origin="simulated",
         labels=tuple(list_labels(plan)),
         fields=plan.dataset.fields,
-        n_examples=sum(plan.count_class_examples(section) for section in plan.sections),
+        n_examples=plan.count_examples(),
         config=plan.model_dump(mode="json"),
         card=lambda index, n_failed: format_card(plan, identity, index),
         plugins=plan_plugins(plan, folder),
@@ -165,6 +167,9 @@ def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_fa
     import pandas as pd
 
     totals = tally(read_records(target, names))
+    if header.origin == "imported" and not totals.rows:
+        words, first = f"none of {header.n_examples} recordings can be imported", totals.failures[0]
+        raise DatasetError(f"{header.name}: {words}; the first, {first['id']}: {first['reason']}")
     write_index(target / "index.parquet", read_records(target, names), totals.columns, header.id)
     kept = [INDEX_NAMES.get(name, name) for name in totals.columns if name not in LONG_COLUMNS]
     index = pd.read_parquet(target / "index.parquet", columns=kept)
@@ -183,12 +188,16 @@ def write_sums(target: Path, shards: Mapping[str, str]) -> None:
     hashes = {f"shards/{name}.h5": sha256 for name, sha256 in shards.items()}
     for name in (*SINGLE_FILES, *(f"shards/{name}.json" for name in shards)):
         hashes[name] = hash_file(target / name)
-    log, done = target / LOG, False
-    while not done:
-        if log.exists():
-            hashes[LOG] = hash_file(log)
-        write_atomically(target / SUMS, format_checksums(hashes).encode())
-        done = not log.exists() or hash_file(log) == hashes[LOG]  # otherwise another part has written to it meanwhile
+    log_sum = ""
+    while log_sum != (log_sum := format_log_sum(target)):  # another part may write to the log meanwhile
+        write_atomically(target / LOG_SUM, log_sum.encode())
+    write_atomically(target / SUMS, format_checksums(hashes).encode())
+
+
+def format_log_sum(target: Path) -> str:
+    """Format the hash of the log, "" without one."""
+    log = target / LOG
+    return format_checksums({LOG: hash_file(log)}) if log.exists() else ""
 
 
 def format_checksums(hashes: Mapping[str, str]) -> str:
@@ -198,8 +207,6 @@ def format_checksums(hashes: Mapping[str, str]) -> str:
 
 def make_card(directory: str | Path) -> str:
     """Return the card of a dataset, complete or not."""
-    from doppelgait.dataset.card import format_card
-
     folder = Path(directory)
     description = read_description(folder)
     written = folder / "README.md"
@@ -212,37 +219,48 @@ def make_card(directory: str | Path) -> str:
     return format_card(config, str(description["id"]), make_index(read_records(folder, names)))
 
 
+class FieldFacts(BaseModel, strict=True):
+    """Description of a stored array."""
+
+    dims: list[str]
+    units: str
+    dtype: str
+
+
+class Description(BaseModel, strict=True):
+    """Content of ``dataset.json`` that readers rely on."""
+
+    name: str
+    id: str
+    schema_version: int
+    classes: dict[str, int]
+    fields: dict[str, FieldFacts]
+    n_examples: int = 0
+    config: dict[str, Any] | None = None
+
+
 def read_description(folder: Path) -> dict[str, Any]:
     """Read ``dataset.json`` of a folder."""
-    path = folder / "dataset.json"
     try:
-        description = parse_json(path.read_text())
+        description = parse_json((folder / "dataset.json").read_text())
+        validate(Description, description, where="dataset.json")
     except NotADirectoryError:
         raise DatasetError(f"{folder}: is a file; name the folder of a dataset") from None
     except FileNotFoundError:
         raise DatasetError(f"{folder}: contains no dataset; dataset.json is missing") from None
-    except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(f"{path}: cannot be read: {error}") from None
-    if not isinstance(description, dict):
-        raise DatasetError(f"{path}: is damaged: it is not a table")
-    for key, kind in (("id", str), ("name", str), ("n_examples", int), ("config", dict), ("schema_version", int)):
-        if key in description and type(description[key]) is not kind:
-            raise DatasetError(f"{path}: is damaged: {key} = {shorten(description[key])}")
-    return description
+    except (OSError, ValueError, TypeError, RecursionError, ConfigError) as error:
+        raise DatasetError(f"{folder}: is damaged: dataset.json: {str(error).removeprefix('dataset.json: ')}") from None
+    return dict(description)
 
 
 def find_dataset(target: Path, header: Header, *, ignored: Sequence[str] = ()) -> dict[str, Any] | None:
     """Return the description of this dataset if it is in the folder; refuse any other content than ``ignored``."""
-    path = target / "dataset.json"
-    if not path.is_file():
+    if not (target / "dataset.json").is_file():
         if target.is_dir() and not all(any(map(inner.match, ignored)) for inner in target.iterdir()):
             raise DatasetError(f"{target}: is not empty and contains no dataset; choose another folder")
         return None
-    try:
-        described: dict[str, Any] = parse_json(path.read_text())
-        stated, config = described.get("id"), described.get("config", {})
-    except (ValueError, AttributeError, RecursionError) as error:
-        raise DatasetError(f"{path}: is damaged: {error}; delete the folder or choose another") from None
+    described = read_description(target)
+    stated, config = described["id"], described.get("config") or {}
     if (schema := described.get("schema_version")) != SCHEMA_VERSION:
         raise DatasetError(
             f"{target}: has schema version {schema}, this doppelgait writes {SCHEMA_VERSION}; continue with the "
@@ -289,31 +307,55 @@ def list_shard_names(counts: Mapping[str, int]) -> list[str]:
     known = isinstance(counts, Mapping) and set(counts) <= set(SPLITS)
     if not known or not all(type(n) is int and n >= 0 for n in counts.values()) or sum(counts.values()) > MAX_SHARDS:
         raise DatasetError(
-            f"dataset.json: shards = {shorten(counts)} is not allowed; it must be the number of shards of "
-            f"{', '.join(SPLITS)}, up to {MAX_SHARDS} in all"
+            f"dataset.json: shards = {shorten(counts)} is not allowed; it must be the number of "
+            f"shards of {', '.join(SPLITS)}, up to {MAX_SHARDS} in all"
         )
     return [f"{split}-{n:05d}-of-{count:05d}" for split, count in counts.items() for n in range(count)]
 
 
 RECORD_KINDS = {"shard": str, "sha256": str, "rows": list, "bytes": int, "failures": list, "contents_sha256": str}
-"""Keys and types of a shard's record; only the last key may be missing."""
 
 
 def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
     """Yield shard records, reading one at a time."""
     for name in names:
         raise_if_stopped()
-        path = target / "shards" / f"{name}.json"
-        record = parse_json(path.read_text())
-        fault = "record"
-        if isinstance(record, Mapping):
-            fault = next((key for key, kind in RECORD_KINDS.items() if type(record.get(key, "")) is not kind), "")
-            rows = () if fault else record["rows"]
-            if not all(isinstance(row, Mapping) and isinstance(row.get("label"), str) for row in rows):
-                fault = "rows"
-        if fault:
-            raise DatasetError(f"{path}: {fault} is missing or damaged; remove the shard and build the dataset again")
-        yield record
+        yield read_record(target / "shards" / f"{name}.json")
+
+
+def read_record(path: Path) -> Record:
+    """Read the record of a shard."""
+    record = parse_json(path.read_text())
+    fault = "record"
+    if isinstance(record, Mapping):
+        record = {"contents_sha256": "", **record}  # datasets of version 0.1 have none
+        fault = next((key for key, kind in RECORD_KINDS.items() if type(record.get(key)) is not kind), "")
+        rows = () if fault else record["rows"]
+        if not all(isinstance(row, Mapping) and isinstance(row.get("label"), str) for row in rows):
+            fault = "rows"
+        if not fault and not all(isinstance(failure, Mapping) for failure in record["failures"]):
+            fault = "failures"
+    if fault:
+        raise DatasetError(f"{path}: {fault} is missing or damaged; remove the shard and build the dataset again")
+    return cast("Record", record)
+
+
+def find_shard(
+    folder: Path, name: str, identity: str | None, *, quick: bool = False
+) -> tuple[Literal["done", "missing", "damaged"], Record]:
+    """Return the state of a shard, and its record if it is done; ``quick``: without its hash."""
+    raise_if_stopped()
+    path = folder / "shards" / f"{name}.h5"
+    try:
+        record = read_record(path.with_suffix(".json"))
+        stated = (record["shard"], record["bytes"], identity and record.get("dataset"))
+        if stated == (name, path.stat().st_size, identity) and (quick or hash_file(path) == record["sha256"]):
+            return "done", record
+    except FileNotFoundError as error:
+        return "damaged" if str(error.filename) == str(path) else "missing", {}
+    except (OSError, ValueError, RecursionError, DatasetError):
+        pass
+    return "damaged", {}
 
 
 def tally(records: Iterable[Record]) -> Totals:
@@ -321,7 +363,7 @@ def tally(records: Iterable[Record]) -> Totals:
     totals, contents = Totals(), hashlib.sha256()
     for record in records:
         totals.hashes[record["shard"]] = record["sha256"]
-        contents.update(record.get("contents_sha256", "").encode())
+        contents.update(record["contents_sha256"].encode())
         totals.rows += len(record["rows"])
         totals.bytes += record["bytes"]
         totals.n_failed += len(record["failures"])

@@ -20,16 +20,15 @@ from doppelgait.core.files import hash_file
 from doppelgait.core.plugins import identify_plugins
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.core.worker import limit_blas_threads
-from doppelgait.dataset.build import Job, build_missing, log_entry
+from doppelgait.dataset.build import Job, build_job
 from doppelgait.dataset.card import import_card
 from doppelgait.dataset.config import ImportConfig, Progress
-from doppelgait.dataset.finish import DATA_VERSION, Header, find_dataset, finish_dataset, read_records, tally
+from doppelgait.dataset.finish import DATA_VERSION, Header, find_dataset, read_records, tally
 from doppelgait.dataset.labels import LabelEntry, hash_recording, read_labels
 from doppelgait.dataset.lock import write_new_folder
-from doppelgait.dataset.plan import split_into_shards
+from doppelgait.dataset.plan import PlannedExample, plan_entries, split_into_shards
 from doppelgait.dataset.shard import NOTHING, ExampleData, collect_messages, describe_failure
 from doppelgait.dataset.shard_files import encode_arrays
-from doppelgait.dataset.splits import PlannedEntry, plan_entries
 from doppelgait.dataset.windows import cut
 from doppelgait.pipeline import Result, analyze
 from doppelgait.pipeline.pictures import is_picture, read_picture
@@ -40,8 +39,6 @@ from doppelgait.radar import read_recording
 from doppelgait.radar.recording import Recording
 
 __all__ = ["ImportConfig", "ImportReport", "LabelEntry", "import_dataset", "import_id", "read_labels"]
-
-NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
 
 
 @dataclass(frozen=True)
@@ -85,8 +82,8 @@ def import_dataset(
     named = Path(labels).name if isinstance(labels, str | Path) else "names of files"
     entries = read_labels(labels, source, gate=settings.gate) if isinstance(labels, str | Path) else list(labels)
     planned = plan_entries(entries, settings, named)
-    hashes = {one.entry.recording: "" for one in planned}
-    hashes = {recording: hash_recording(source, recording) for recording in hashes}
+    recordings = dict.fromkeys(one.entry.recording for one in planned)
+    hashes = {recording: hash_recording(source, recording) for recording in recordings}
     plugins = identify_plugins(settings.model_dump(mode="json"), {"radar_reader": [source / name for name in hashes]})
     described: dict[str, str] = {}
     for entry in entries:
@@ -95,7 +92,7 @@ def import_dataset(
             used = next((path for path in (Path(config_name), beside) if path.is_file()), None)
             described[f"option.config={config_name}"] = "" if used is None else hash_file(used)
     identity = import_id(labels, hashes | described, settings, plugins)
-    title = NOT_IN_A_NAME.sub("-", name or target.name).strip("-.") or "imported"
+    title = re.sub(r"[^A-Za-z0-9._-]+", "-", name or target.name).strip("-.") or "imported"
     header = Header(
         id=identity,
         name=title,
@@ -110,22 +107,13 @@ def import_dataset(
         plugins=plugins,
     )
     shards = list(split_into_shards(planned, settings.shard_size))
-    names = [shard.name for shard in shards]
     was_there = find_dataset(target, header) is not None
     if not was_there:
         with write_new_folder(target, "dataset") as partial:
             maker = RecordedExamples(settings, source, str(partial), hashes, identity, len(planned), on_progress)
-            build_missing(Job(partial, header, maker, shards, shards))
-            totals = tally(read_records(partial, names))
-            if not totals.rows:
-                first = totals.failures[0]
-                raise DatasetError(
-                    f"{named}: none of {len(planned)} recordings can be imported; the first, {first['id']}: "
-                    f"{first['reason']}"
-                )
-            finish_dataset(partial, header, names)
+            build_job(Job(partial, header, maker, shards, shards))
     try:
-        totals = tally(read_records(target, names))
+        totals = tally(read_records(target, (shard.name for shard in shards)))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DatasetError(f"{target}: is damaged: {error}; delete the folder and import again") from None
     return ImportReport(
@@ -161,9 +149,6 @@ def import_id(
     return digest.hexdigest()[:16]
 
 
-SEVERAL = "several_tracks:the_label_went_to_the_surest"
-
-
 @dataclass
 class RecordedExamples:
     """Maker of the examples of labelled recordings."""
@@ -178,21 +163,17 @@ class RecordedExamples:
     batch_size: int = 1  # entries can be long
     done: int = 0
 
-    def make(self, entries: Sequence[PlannedEntry]) -> list[ExampleData]:
+    def make(self, entries: Sequence[PlannedExample]) -> list[ExampleData]:
         """Analyse the windows of entries; faults become failures."""
         made = []
         for entry in entries:
-            began = time.monotonic()
-            made.append(data := self._make_windows(entry))
-            facts = {"id": entry.id, "file": entry.entry.recording, "rows": len(data.rows)}
-            took = {"seconds": round(time.monotonic() - began, 3), "failures": [f["reason"] for f in data.failures]}
-            log_entry(Path(self.directory), {**facts, **took})
+            made.append(self._make_windows(entry))
             self.done += 1
             if self.on_progress is not None:
                 self.on_progress(self.done, self.n_entries)
         return made
 
-    def _make_windows(self, entry: PlannedEntry) -> ExampleData:
+    def _make_windows(self, entry: PlannedExample) -> ExampleData:
         made, line, config = ExampleData(), entry.entry, self.config
 
         def fail(name: str, error: Exception) -> None:
@@ -229,13 +210,25 @@ class RecordedExamples:
             except Exception as error:
                 fail(name, error)
                 continue
+            if isinstance(analysed, Recording):
+                prf_hz, carrier_hz, snr_db = analysed.radar.prf_hz, analysed.radar.carrier_hz, analysed.snr_frame_db
+                facts = _join(_remove_folder(note, self.folder) for note in analysed.notes)
+            else:
+                prf_hz, snr_db, facts = analysed.attrs["prf_hz"], None, f"a picture: {analysed.attrs['picture']}"
+                carrier_hz = SPEED_OF_LIGHT_MPS / float(analysed.attrs["wavelength_m"])
+            missing = {"gate": "track", **NOTHING, "flags": "nobody:nothing_found" if line.nobody else "not_tracked"}
+            outcome = missing if result is None else result.to_row()
+            outcome["n_tracks"] = len(results) if line.gate == "track" else None
+            if line.gate == "track" and sum(one.is_body for one in results) > 1:
+                several = "several_tracks:the_label_went_to_the_surest"
+                outcome["flags"] = ";".join(filter(None, (outcome["flags"], several)))
             source = "none" if line.nobody else "measured"
             columns = {
                 "id": name,
                 "scene_id": entry.id,
                 "label": line.label,
                 "split": entry.split,
-                "subject": entry.subject,
+                "subject": entry.subjects[0],
                 "group": entry.group,
                 "source": source,
                 "recording": line.recording,
@@ -251,27 +244,17 @@ class RecordedExamples:
                 # values from simulations are unknown
                 **{"environment": "", "impairments": "", "radar_height_m": None, "rcs_total_m2": None},
                 "gate_error_m": None,
-                **_make_radar_columns(analysed, self.folder),
+                "prf_hz": prf_hz,
+                "carrier_hz": carrier_hz,
+                "snr_frame_db": snr_db,
+                "notes": facts,
                 **line.further,
-                **_make_outcome_columns(entry, results, result),
+                **outcome,
                 "warnings": _join((*notes, *messages)),
             }
             made.rows.append(convert_to_json(columns))
             made.arrays.append(stored)
         return made
-
-
-def _make_radar_columns(analysed: Recording | xr.DataArray, folder: Path) -> dict[str, Any]:
-    if isinstance(analysed, xr.DataArray):
-        carrier_hz = SPEED_OF_LIGHT_MPS / float(analysed.attrs["wavelength_m"])
-        note = f"a picture: {analysed.attrs['picture']}"
-        return {"prf_hz": analysed.attrs["prf_hz"], "carrier_hz": carrier_hz, "snr_frame_db": None, "notes": note}
-    return {
-        "prf_hz": analysed.radar.prf_hz,
-        "carrier_hz": analysed.radar.carrier_hz,
-        "snr_frame_db": analysed.snr_frame_db,
-        "notes": _join(_remove_folder(note, folder) for note in analysed.notes),
-    }
 
 
 @lru_cache(maxsize=1)  # lines of one recording are consecutive
@@ -300,18 +283,6 @@ def find_labelled_result(results: Sequence[Result]) -> Result | None:
         return result.is_body, True, float(quality["track_confidence"]) * seconds
 
     return max(results, key=weight, default=None)
-
-
-def _make_outcome_columns(planned: PlannedEntry, results: Sequence[Result], result: Result | None) -> dict[str, Any]:
-    tracked = planned.entry.gate == "track"
-    n_tracks = len(results) if tracked else None
-    if result is None:
-        missing = "nobody:nothing_found" if planned.entry.nobody else "not_tracked"
-        return {"gate": "track", **NOTHING, "flags": missing, "n_tracks": n_tracks}
-    columns = {**result.to_row(), "n_tracks": n_tracks}
-    if tracked and sum(one.is_body for one in results) > 1:
-        columns["flags"] = ";".join(filter(None, (columns["flags"], SEVERAL)))
-    return columns
 
 
 def _remove_folder(text: str, folder: Path) -> str:

@@ -105,9 +105,6 @@ def hash_recording(folder: Path, recording: str) -> str:
     return digest.hexdigest()
 
 
-DELIMITERS = ",;\t"
-
-
 def read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
     """Read lines of a CSV file and their numbers; the first line names the columns."""
     try:
@@ -120,13 +117,15 @@ def read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
     except UnicodeDecodeError as error:
         line, code = content[: error.start].count(b"\n") + 1, "UTF-16" if wide else "UTF-8"
         raise ConfigError(f"{path}: line {line} is not {code} text; save it as CSV in UTF-8") from None
-    headers = {sign: next(_split_cells(path, text, sign), (1, []))[1] for sign in DELIMITERS}
+    headers = {sign: next(_split_cells(path, text, sign), (1, []))[1] for sign in ",;\t"}
     fitting = (sign for sign, header in headers.items() if set(NEEDED) <= {name.lower() for name in header})
     delimiter = next(fitting, max(headers, key=lambda sign: len(headers[sign])))
     lines = list(_split_cells(path, text, delimiter))
     if not lines:
         raise ConfigError(f"{path}: is empty; the first line names the columns: {','.join(NEEDED)},subject,...")
-    columns = [name.lower() for name in _strip_end(lines[0][1], 0)]
+    columns = [name.lower() for name in lines[0][1]]
+    while columns and not columns[-1]:  # spreadsheets add empty cells at the end
+        columns.pop()
     for name in NEEDED:
         if name not in columns:
             shown = ", ".join(name or "(no name)" for name in columns)
@@ -142,11 +141,11 @@ def read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
         raise ConfigError(f"{path}: has no line after the column names")
     rows = []
     for line, cells in lines[1:]:
-        kept = _strip_end(cells, len(columns))
+        kept = cells if any(cells[len(columns) :]) else cells[: len(columns)]
         if len(kept) != len(columns):
             raise ConfigError(
-                f"{path}: line {line} has {len(kept)} cells, the first line names {len(columns)} columns; put text "
-                "that holds the delimiter between double quotes"
+                f"{path}: line {line} has {len(kept)} cells, the first line names {len(columns)} "
+                "columns; put text that holds the delimiter between double quotes"
             )
         rows.append((line, dict(zip(columns, kept, strict=True))))
     return rows
@@ -164,13 +163,6 @@ def _split_cells(path: Path, text: str, delimiter: str) -> Iterator[tuple[int, l
             before = reader.line_num
     except csv.Error as error:
         raise ConfigError(f"{path}: line {before + 1} is not CSV: {error}") from None
-
-
-def _strip_end(cells: list[str], width: int) -> list[str]:
-    """Remove the empty cells behind ``width`` that spreadsheets add at the end."""
-    while len(cells) > width and not cells[-1]:
-        cells = cells[:-1]
-    return cells
 
 
 NEEDED = ("file", "label")
@@ -222,8 +214,8 @@ def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "tra
         close = get_close_matches(column, COLUMNS, n=1, cutoff=NEAR_COLUMN)
         if close and not own and column not in COLUMNS:
             raise ConfigError(
-                f"{source.name}: line 1, column {column!r}: is not known; rename it {close[0]}, or {META}{column} to "
-                "keep it"
+                f"{source.name}: line 1, column {column!r}: is not known; rename it {close[0]}, or "
+                f"{META}{column} to keep it"
             )
         names[column] = column if own or column in COLUMNS else META + column
     find = cache(partial(find_recordings, Path(folder)))
@@ -245,8 +237,8 @@ def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "tra
         if close := get_close_matches(label.lower(), folded, n=1, cutoff=NEAR_LABEL):
             other = folded[close[0]]
             warn_caller(
-                f"{source.name}: labels {other!r} (line {first[other]}) and {label!r} (line {line}) are near in "
-                "spelling and count as two classes"
+                f"{source.name}: labels {other!r} (line {first[other]}) and {label!r} (line "
+                f"{line}) are near in spelling and count as two classes"
             )
         folded[label.lower()] = label
     return entries
@@ -319,8 +311,8 @@ def _find_conflicts(entries: Sequence[LabelEntry]) -> Iterator[str]:
             if other is not entry:
                 first, second = sorted((other, entry), key=lambda entry: entry.line)
                 yield (
-                    f"line {second.line}, file: {second.recording!r} is already in line {first.line}; each part of a "
-                    "recording can be listed once"
+                    f"line {second.line}, file: {second.recording!r} is already in line "
+                    f"{first.line}; each part of a recording can be listed once"
                 )
                 continue
             running = [other for other in running if entry.span_s[0] < other.span_s[1]]

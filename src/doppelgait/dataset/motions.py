@@ -1,11 +1,13 @@
-"""Motions of a plan: checks, subjects, source files and folders."""
+"""Motions of a plan: checks, subjects, source files, folders and hybrids."""
 
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Literal
@@ -21,13 +23,27 @@ from doppelgait.core.errors import (
     MotionError,
     warn_caller,
 )
+from doppelgait.core.readers import list_options
 from doppelgait.dataset.config import PlanConfig, Progress, SourceSection, shorten
+from doppelgait.motion.gait import add_gait_facts, is_quadruped
+from doppelgait.motion.hybrid import (
+    FACTOR,
+    Hybrid,
+    blend,
+    find_speed_law,
+    find_speed_limits,
+    find_stride_limits,
+    make_hybrid,
+    retarget,
+)
+from doppelgait.motion.loop import loop
+from doppelgait.motion.models.registry import MOTION_MODELS, check_table
 from doppelgait.motion.motion import Motion
+from doppelgait.motion.readers import MOTION_READERS, read
+from doppelgait.motion.segments import crop, find_segments
 
-BOTH = " + "
-"""Separator of the paths of a blended motion in the column ``recording``."""
-EMPTY_SCENE = "none"
-"""Motion kind of an example without a target."""
+BOTH = " + "  # separator of the paths of a blended motion in the column ``recording``
+EMPTY_SCENE = "none"  # motion kind of an example without a target
 THING = "thing"  # label of tracks of no body: of confusers, echoes and noise
 PHANTOM_SPEED_MPS = {"uniform": [0.4, 2.0]}
 """Default speed of the gate of an example without a target."""
@@ -76,8 +92,6 @@ class EmptySceneOptions(FrozenModel):
 
 def check_motion(motion: Any, folder: Path, *, key: str) -> dict[str, Any]:
     """Check a resolved motion table without generating or reading anything."""
-    from doppelgait.motion.models.registry import MOTION_MODELS, check_table
-
     if not isinstance(motion, Mapping) or not isinstance(motion.get("kind"), str):
         needs = 'needs kind = "NAME" (a motion model, or "file" with path = "...")'
         raise ConfigError(f"{key}: {shorten(motion)} is not allowed: {needs}")
@@ -87,8 +101,6 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> dict[str, Any]:
         raise ConfigError(f"{key}.kind: a folder is allowed in [[classes]] only; name a file")
     if kind == "file":
         if "hybrid" in options:
-            from doppelgait.motion.hybrid import Hybrid
-
             hybrid = validate(Hybrid, options.pop("hybrid"), section=(*key.split("."), "hybrid"))
             if hybrid.other is not None:
                 check_motion(hybrid.other, folder, key=f"{key}.hybrid.other")
@@ -97,16 +109,13 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> dict[str, Any]:
             raise ConfigError(f'{key}.path: {shorten(path)} is not allowed: kind "file" needs path = "..."')
         if not (folder / path).is_file():
             raise ConfigError(f"{key}.path: {path!r} is not allowed: there is no such file in {folder.resolve()}")
-        from doppelgait.core.readers import list_options
-        from doppelgait.motion.readers import MOTION_READERS, read
-
         # Allow the options of all readers, because the reader depends on the content of the file.
         functions = [read, *(reader.run for reader in MOTION_READERS.values())]
         allowed = list(dict.fromkeys(name for function in functions for name in list_options(function)))
         for name in sorted(set(options) - set(allowed)):
             raise ConfigError(
-                f"{key}.{name}: {shorten(options[name])} is not allowed: unknown key; allowed are path, "
-                f"hybrid, {', '.join(allowed)}"
+                f"{key}.{name}: {shorten(options[name])} is not allowed: unknown key; allowed are "
+                f"path, hybrid, {', '.join(allowed)}"
             )
     elif kind == EMPTY_SCENE:
         validate(EmptySceneOptions, options, section=tuple(key.split(".")))
@@ -144,36 +153,28 @@ def _list_strings(value: Any) -> list[str]:
     return []
 
 
-def refuse_two_spellings(paths: Iterable[str], folder: Path) -> None:
-    """Raise a :class:`ConfigError` if two paths lead to one file."""
-    # the file would be two subjects, perhaps in two splits
-    seen: dict[Path, str] = {}
+def refuse_copies(paths: Iterable[str], folder: Path, sources: Sequence[SourceSection]) -> None:
+    """Raise a :class:`ConfigError` if one file, or equal files, would be different subjects."""
+    seen: dict[Any, str] = {}
+    by_size: dict[int, list[str]] = {}
     for path in paths:
+        # another spelling of the file would be another subject, perhaps in another split
         first = seen.setdefault((folder / path).resolve(), path)
         if first != path:
             raise ConfigError(f"motion files {first!r} and {path!r} are the same file; write its path in one form")
-
-
-def refuse_copies(paths: Iterable[str], folder: Path, sources: Sequence[SourceSection]) -> None:
-    """Raise a :class:`ConfigError` if equal files would be different subjects."""
-    by_size: dict[int, list[str]] = {}
-    for path in paths:
         if (folder / path).is_file():
             by_size.setdefault((folder / path).stat().st_size, []).append(path)
-    seen: dict[str, str] = {}
     for path in (path for group in by_size.values() if len(group) > 1 for path in group):
         first = seen.setdefault(hashlib.sha256((folder / path).read_bytes()).hexdigest(), path)
-        if find_subject({"kind": "file", "path": first}, "", sources) != find_subject(
-            {"kind": "file", "path": path}, "", sources
-        ):
+        subjects = {find_subject({"kind": "file", "path": name}, "", sources) for name in (first, path)}
+        if len(subjects) > 1:
             raise ConfigError(
-                f"motion files {first!r} and {path!r} have the same content; leave one out, or assign both to one "
-                "subject in [[sources]]"
+                f"motion files {first!r} and {path!r} have the same content; leave one out, or "
+                "assign both to one subject in [[sources]]"
             )
 
 
-SPARE_S = 0.1
-"""Time, s, by which a looped motion exceeds the scene."""
+SPARE_S = 0.1  # time, s, by which a looped motion exceeds the scene
 SHOWN_REASONS = 3
 
 HybridMode = Literal["none", "retarget", "blend"]
@@ -261,8 +262,8 @@ def _list_segments(
     root = folder / spec.path
     if not root.is_dir():
         raise ConfigError(
-            f"{key}.path: {spec.path!r} is not allowed: there is no such folder in {folder.resolve()}; name the folder "
-            "that contains it with --motion-folder"
+            f"{key}.path: {spec.path!r} is not allowed: there is no such folder in "
+            f"{folder.resolve()}; name the folder that contains it with --motion-folder"
         )
     files = sorted(path for path in root.rglob(spec.pattern) if path.is_file())
     found: list[tuple[dict[str, Any], Motion]] = []
@@ -288,8 +289,6 @@ def _list_segments(
     tables = [table for table, _ in found]
     if spec.hybrid == "none":
         return tables
-    from doppelgait.dataset.hybrids import add_hybrids
-
     subjects = [find_subject(table, "", sources) for table in tables]
     return add_hybrids(tables, [clip for _, clip in found], subjects, spec.hybrid)
 
@@ -297,14 +296,8 @@ def _list_segments(
 def _read_file_segments(
     spec: FolderMotion, file: Path, name: str, seconds: float
 ) -> list[tuple[dict[str, Any], Motion]]:
-    from doppelgait.motion.gait import add_gait_facts
-    from doppelgait.motion.loop import loop
-    from doppelgait.motion.readers import read
-    from doppelgait.motion.segments import crop, find_segments
-
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(action="ignore", category=DoppelgaitWarning):
         # ignore the warnings of cleaning; the build repeats them for every row
-        warnings.simplefilter("ignore", DoppelgaitWarning)
         motion = read(file, **spec.options)
         for fault in motion.report["implausible"]:
             raise MotionError(fault)
@@ -328,3 +321,87 @@ def _read_file_segments(
                 clip.position_m.setflags(write=False)  # fit its cycle once
             tables.append((table, clip))
     return tables
+
+
+STATURE_SD = 0.056
+"""Stature range of adults relative to the mean: men 1.75 +-0.07 m, women 1.62 +-0.065 m, as in ``sample_person``."""
+FAMILY = 2  # number of subjects that are blended with each other; they share a split
+PARTNERS = 4  # maximum number of clips that one clip is blended with
+MOST_SHARE = 0.5  # minimum weight of the first recording in a blended clip
+SHRINK, TRIES = 0.6, 4
+
+
+def add_hybrids(
+    tables: Sequence[Mapping[str, Any]],
+    clips: Sequence[Motion],
+    subjects: Sequence[str],
+    mode: Literal["retarget", "blend"],
+) -> list[dict[str, Any]]:
+    """Add distributions of speed, size, stride and blending to clips."""
+    hybrids = [_make_factor_ranges(clip) for clip in clips]
+    families = _group_families(clips, subjects) if mode == "blend" else []
+    found = []
+    for number, (table, clip, hybrid) in enumerate(zip(tables, clips, hybrids, strict=True)):
+        partners: list[dict[str, Any]] = []
+        for other in (n for family in families if number in family for n in family if n != number):
+            if len(partners) < PARTNERS and hybrid and (narrower := _fit(clip, clips[other], hybrid)):
+                hybrid = {**hybrid, "speed_factor": {"log_uniform": narrower}}
+                partners.append({k: v for k, v in tables[other].items() if k not in ("loop_to_s", "loop_variation")})
+        more = {"other": {"choice": partners}, "share": {"uniform": [0.0, MOST_SHARE]}} if partners else {}
+        found.append({**table, **({"hybrid": {**hybrid, **more}} if hybrid else {})})
+    return found
+
+
+def _make_factor_ranges(clip: Motion) -> dict[str, Any]:
+    """Return the three factors' distributions, {} if a clip cannot change."""
+    law = find_speed_law(clip)
+    speed, stride = (tuple(map(math.log, limits)) for limits in (find_speed_limits(clip), find_stride_limits(law)))
+    reach: list[float] = []
+    for side in (0, 1):
+        part = 1.0
+        for _ in range(TRIES):
+            factors = {"speed_factor": math.exp(part * speed[side]), "stride_factor": math.exp(part * stride[side])}
+            with suppress(DoppelgaitError), warnings.catch_warnings(action="ignore", category=DoppelgaitWarning):
+                retarget(clip, **factors)
+                break
+            part *= SHRINK
+        else:
+            return {}
+        reach.append(part)
+    sizes = {"log_uniform": list(FACTOR)} if is_quadruped(clip) else {"normal": [1.0, STATURE_SD]}
+    speeds, strides = (
+        [round(math.exp(part * end), 6) for part, end in zip(reach, ends, strict=True)] for ends in (speed, stride)
+    )
+    return {"speed_factor": {"log_uniform": speeds}, "size_factor": sizes, "stride_factor": {"log_uniform": strides}}
+
+
+def _group_families(clips: Sequence[Motion], subjects: Sequence[str]) -> list[list[int]]:
+    """Group clips of equal gait and points whose subjects are blended."""
+    alike: dict[tuple[Any, ...], dict[str, list[int]]] = {}
+    for number, (clip, subject) in enumerate(zip(clips, subjects, strict=True)):
+        key = (clip.facts.species, tuple(clip.markers))
+        alike.setdefault(key, {}).setdefault(subject, []).append(number)
+    found = []
+    for members in alike.values():
+        names = sorted(members)
+        starts = list(range(0, max(1, len(names) - FAMILY + 1), FAMILY))
+        for start, stop in zip(starts, [*starts[1:], len(names)], strict=True):
+            numbers = sorted(n for name in names[start:stop] for n in members[name])
+            by_gait: dict[str, list[int]] = {}
+            for number in numbers:
+                by_gait.setdefault(clips[number].facts.gait, []).append(number)
+            found += [group for gait, group in by_gait.items() if gait and len(group) > 1]
+    return found
+
+
+def _fit(clip: Motion, other: Motion, hybrid: Mapping[str, Any]) -> list[float]:
+    """Return a blended clip's range of speed factors, [] if impossible."""
+    speeds = hybrid["speed_factor"]["log_uniform"]
+    with suppress(DoppelgaitError), warnings.catch_warnings(action="ignore", category=DoppelgaitWarning):
+        low, high = find_speed_limits(blend(clip, other, share=MOST_SHARE))
+        narrower = [max(speeds[0], low), min(speeds[1], high)]
+        for speed, stride in zip(narrower, hybrid["stride_factor"]["log_uniform"], strict=True):
+            ends = Hybrid(speed_factor=speed, stride_factor=stride, other={"kind": "file"}, share=MOST_SHARE)
+            make_hybrid(clip, ends, lambda _: other)
+        return [round(speed, 6) for speed in narrower]
+    return []

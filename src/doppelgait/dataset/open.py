@@ -15,7 +15,8 @@ import pandas as pd
 import xarray as xr
 
 from doppelgait.core.config import convert_to_json, validate
-from doppelgait.core.documents import CELL_BYTES, check_cost, parse_json
+from doppelgait.core.documents import CELL_BYTES, check_cost
+from doppelgait.core.draws import resolve
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.notebook import show_html, show_text
@@ -26,13 +27,14 @@ from doppelgait.dataset.example import (
     Features,
     build_feature_matrix,
     find_plan_number,
+    find_plan_place,
     label_arrays,
-    read_analysis,
     read_carrier_hz,
     suggest_names,
 )
-from doppelgait.dataset.finish import DATASET
-from doppelgait.dataset.learning import (
+from doppelgait.dataset.finish import DATASET, read_description
+from doppelgait.dataset.resolve import ExampleSpec, resolve_example
+from doppelgait.dataset.rows import (
     Array,
     As,
     LabelledArrays,
@@ -40,13 +42,13 @@ from doppelgait.dataset.learning import (
     epoch_rows,
     make_picture,
     picture_format,
+    select_rows,
     shuffled_rows,
 )
-from doppelgait.dataset.query import select_rows
-from doppelgait.dataset.resolve import ExampleSpec, resolve_example
 from doppelgait.dataset.shard_files import INDEX_NAMES, ShardFiles, decode
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.result import Result
+from doppelgait.processing import Analysis
 from doppelgait.processing.patches import Patch
 
 if TYPE_CHECKING:
@@ -56,47 +58,9 @@ if TYPE_CHECKING:
 TEXT_COLUMNS = ("id", "label", "split", "shard")
 
 
-def check_description(description: Any) -> None:
-    """Check the content of ``dataset.json``."""
-
-    def require(fits: bool, key: str, words: str) -> None:
-        if not fits:
-            raise ValueError(f"dataset.json: {key} must be {words}")
-
-    if not isinstance(description, Mapping):
-        raise ValueError("dataset.json: must be a table")
-    for key in ("name", "id"):
-        require(isinstance(description.get(key), str), key, "a text")
-    require(type(description.get("schema_version")) is int, "schema_version", "a whole number")
-    require(isinstance(description.get("classes"), Mapping), "classes", "a table of class numbers")
-    require(isinstance(description.get("fields"), Mapping), "fields", "a table of arrays")
-    for label, number in description["classes"].items():
-        require(type(number) is int, f"classes.{label}", "a whole number")
-    for name, facts in description["fields"].items():
-        require(isinstance(facts, Mapping), f"fields.{name}", "a table with dims, units and dtype")
-        dims = facts.get("dims")
-        different = isinstance(dims, list) and all(isinstance(dim, str) for dim in dims) and len({*dims}) == len(dims)
-        require(different, f"fields.{name}.dims", "a list of different texts")
-        for key in ("units", "dtype"):
-            require(isinstance(facts.get(key), str), f"fields.{name}.{key}", "a text")
-    if description.get("origin", "simulated") != "simulated":
-        return
-    # the other keys of the plan are needed only to simulate an example again
-    config = description.get("config") or {}
-    require(isinstance(config, Mapping), "config", "a table")
-    sections = config.get("classes") or config.get("episodes", [])
-    listed = isinstance(sections, list) and all(isinstance(one, Mapping) and "label" in one for one in sections)
-    require(listed, "config.classes", "a list of tables with label")
-    numbers: Any = config.get("dataset", {} if not sections else None)
-    require(isinstance(numbers, Mapping), "config.dataset", "a table")
-    counts = [one.get("examples") for one in sections] + [numbers.get(key) for key in ("examples_per_class", "seed")]
-    whole = all(count is None or (isinstance(count, int) and count >= 0) for count in counts)
-    require(whole, "config: seed and numbers of examples", "whole numbers")
-
-
 def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
     """Check index columns that identify and locate examples."""
-    measured = [f"feature_{name}" for name in FEATURE_UNITS]
+    types, measured = pd.api.types, [f"feature_{name}" for name in FEATURE_UNITS]
     missing = [name for name in (*TEXT_COLUMNS, "row", *measured) if name not in index]
     if missing and len(index):
         raise ValueError(f"index.parquet: has no column {missing[0]!r}")
@@ -104,21 +68,17 @@ def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
         raise ValueError("index.parquet: two columns have the same name")
     if not len(index):
         return
-    for name in TEXT_COLUMNS:
-        if index[name].isna().any() or pd.api.types.infer_dtype(index[name]) not in ("string", "categorical"):
-            raise ValueError(f"index.parquet: column {name!r} must hold a text in every row")
-    if not pd.api.types.is_integer_dtype(index["row"]) or index["row"].isna().any() or (index["row"] < 0).any():
-        raise ValueError("index.parquet: column 'row' must hold a whole number from 0 in every row")
-    for name in measured:
-        if not pd.api.types.is_numeric_dtype(index[name]):
-            raise ValueError(f"index.parquet: column {name!r} must hold numbers")
+    texts = [name for name in TEXT_COLUMNS if types.infer_dtype(index[name]) in ("string", "categorical")]
+    fits = dict.fromkeys([name for name in texts if not index[name].isna().any()], True)
+    fits["row"] = types.is_integer_dtype(index["row"]) and bool((index["row"] >= 0).all())
+    fits |= {name: types.is_numeric_dtype(index[name]) for name in measured}
+    for name in (*TEXT_COLUMNS, "row", *measured):
+        if not fits.get(name):
+            words = "a text" if name in TEXT_COLUMNS else "a number" if name in measured else "a whole number from 0"
+            raise ValueError(f"index.parquet: column {name!r} must hold {words} in every row")
     for name, known in (("split", SPLITS), ("label", classes)):
-        strange = sorted(set(index[name].unique()) - set(known))
-        if strange:
+        if strange := sorted(set(index[name].unique()) - set(known)):
             raise ValueError(f"index.parquet: {name} {strange[0]!r} is not one of {', '.join(known)}")
-
-
-MB = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,7 +230,12 @@ class Dataset:
     def result(self, number: int) -> Result:
         """Return the result of an example with its settings; its truth is :attr:`Example.truth`."""
         example = self.example(number)
-        return example.result(read_analysis(self.description, example.row))
+        config, place = find_plan_place(self.description, example.row)
+        table = config.get("analysis", {})
+        if place is not None:
+            turn = int(str(example.row["scene_id"]).rpartition("-")[2])
+            table = resolve(table, seed=config["dataset"]["seed"], example=place, key="analysis", turn=turn)
+        return example.result(validate(Analysis, table, where="dataset.json: analysis"))
 
     def stored(self, number: int, name: str) -> Array | None:
         """Return a stored array or axis of an example by its name, or None."""
@@ -340,11 +305,11 @@ class Dataset:
         else:
             shapes = [(patch.n_velocity, patch.n_time)] * len(self)
             dtype = np.dtype(np.float32)
-        need_mb = sum(map(math.prod, shapes)) * dtype.itemsize / MB
+        need_mb = sum(map(math.prod, shapes)) * dtype.itemsize / 1e6
         if not need_mb <= memory_mb:
             raise DatasetError(
-                f"arrays: {field} of {len(self):,} rows would take {need_mb:,.1f} MB, memory_mb is {memory_mb:,g}; "
-                "select fewer rows, use batches() or torch(), or raise memory_mb"
+                f"arrays: {field} of {len(self):,} rows would take {need_mb:,.1f} MB, memory_mb is "
+                f"{memory_mb:,g}; select fewer rows, use batches() or torch(), or raise memory_mb"
             )
         values: Array | list[Array]
         values = np.empty((len(self), *shapes[0]), dtype) if len({*shapes}) == 1 else [np.empty(0)] * len(self)
@@ -372,7 +337,7 @@ class Dataset:
         rng : Streams or numpy.random.Generator, optional
             Random numbers for the order; required with ``shuffle``.
         shuffle : bool
-            In a random order (:func:`doppelgait.dataset.learning.shuffled_rows`), else in that of the index.
+            In a random order (:func:`doppelgait.dataset.rows.shuffled_rows`), else in that of the index.
         as_ : {"array", "picture"} or Patch
             ``array``: in linear units, on the stored grid. ``picture``: signatures in dB over their noise floor,
             clipped to 0 to 40 dB, float32, as an array (64 velocities, 64 times): row k holds the radial velocities
@@ -537,15 +502,14 @@ def open_dataset(directory: str | Path) -> Dataset:
             raise DatasetError(f"{folder}: no finished dataset here ({name} is missing); build it first")
         if (folder / name).resolve().parent != folder.resolve():
             raise DatasetError(f"{folder}: {name} is a link that leads out of the folder; put the file itself there")
+    description = read_description(folder)
+    version = description["schema_version"]
+    DATASET.check_version(folder, version)
+    identity = description["id"] if version >= 3 else None  # older datasets have the id in no other file
     try:
-        description = parse_json((folder / "dataset.json").read_text())
-        version = int(description["schema_version"])
-        DATASET.check_version(folder, version)
-        check_description(description)
-        identity = description["id"] if version >= 3 else None  # older datasets have the id in no other file
         index = read_index(folder / "index.parquet", identity)
         check_index(index, description["classes"])
-    except (OSError, ValueError, KeyError, TypeError, OverflowError, NotImplementedError, RecursionError) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, NotImplementedError) as error:
         raise DatasetError(f"{folder}: is damaged: {error}") from None
     return Dataset(folder, description, index, ShardFiles(folder / "shards", identity))
 

@@ -29,6 +29,7 @@ from doppelgait.dataset.motions import (
     list_recording_paths,
 )
 from doppelgait.motion.motion import Motion
+from doppelgait.motion.readers import read
 from doppelgait.pipeline import Run, parse_run
 from doppelgait.pipeline.radar_table import FixedRadar, RadarFile, parse_radar
 from doppelgait.radar.presets import read_preset
@@ -308,8 +309,6 @@ OF_A_CLIP = ("kind", "path", "hybrid", "segment", "loop_to_s", "loop_variation")
 
 def warn_of_recordings(examples: Sequence[ExampleSpec], *, folder: Path) -> None:
     """Read the first motion files of a plan for their warnings."""
-    from doppelgait.motion.readers import read
-
     motions = [target.motion for example in examples for target in example.run.scene.targets]
     files = {m["path"]: m for m in reversed(motions) if isinstance(m, Mapping) and m.get("kind") == "file"}
     for path, motion in sorted(files.items())[:MAX_READ]:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from doppelgait.core import files
 from doppelgait.core.config import FrozenModel, convert_to_json, format_canonical_json
 from doppelgait.core.draws import replace_by_middle
-from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.samples import Samples
 from doppelgait.core.worker import limit_blas_threads
@@ -41,16 +41,13 @@ from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.scene import PlacedScene
 from doppelgait.scene.placement import place, place_all
 
-MAX_BATCH = 16
-"""Maximum number of examples that are made together."""
+MAX_BATCH = 16  # maximum number of examples that are made together
 BATCH_S = 60.0
 """Maximum duration, s, of the scenes that are made together, so that memory does not grow with their number."""
 BATCH_BYTES = 48_000_000
 """Maximum size of basebands and signatures that are kept of examples that are made together."""
-MOST_APART_M = 1.0
-"""Maximum mean distance, m, between a track and its body."""
-LEAST_SHARE = 0.3
-"""Minimum fraction of the observation that a track must cover."""
+MOST_APART_M = 1.0  # maximum mean distance, m, between a track and its body
+LEAST_SHARE = 0.3  # minimum fraction of the observation that a track must cover
 
 
 def match_tracks(
@@ -79,12 +76,7 @@ def match_tracks(
     return found
 
 
-def find_strongest_track(results: Sequence[Result]) -> list[Result | None]:
-    """Return an empty scene's most confident track, or None."""
-    tracked = [result for result in results if "track_confidence" in result.quality]
-    return [max(tracked, key=lambda result: float(result.quality["track_confidence"]), default=None)]
-
-
+MIXED = "a batch has warnings that may be those of any example"
 NOTHING = {
     **{f"feature_{name}": None for name in FEATURE_UNITS},
     **dict.fromkeys(("gait_frequency_hz", "torso_doppler_hz", "n_periods")),
@@ -222,17 +214,15 @@ class BuildContext:
 
     def make(self, entries: Sequence[PlannedExample]) -> list[ExampleData]:
         """Simulate and analyse planned examples."""
-        made = build_planned(entries, self)
-        return [
-            self._describe_failure(entry, data) if isinstance(data, Exception) else data
-            for entry, data in zip(entries, made, strict=True)
-        ]
-
-    def _describe_failure(self, entry: PlannedExample, error: Exception) -> ExampleData:
-        spec = json.dumps({"number": entry.number})
-        with suppress(DoppelgaitError):
-            spec = format_canonical_json(resolve_example(self.config, entry.number, Path(self.folder)))
-        return ExampleData(failures=[{"id": entry.id, "reason": describe_failure(error), "spec": spec}])
+        examples = []
+        for entry, made in zip(entries, build_planned(entries, self), strict=True):
+            if isinstance(made, Exception):
+                spec = json.dumps({"number": entry.number})
+                with suppress(DoppelgaitError):
+                    spec = format_canonical_json(resolve_example(self.config, entry.number, Path(self.folder)))
+                made = ExampleData(failures=[{"id": entry.id, "reason": describe_failure(made), "spec": spec}])
+            examples.append(made)
+        return examples
 
 
 def build_shard(shard: Shard, maker: ExampleMaker) -> dict[str, Any]:
@@ -271,10 +261,6 @@ def describe_failure(error: Exception) -> str:
     return "internal error: " + "".join(traceback.format_exception_only(error)).strip()
 
 
-class MixedWarningsError(Exception):
-    """Warnings of a batch that may be those of any example."""
-
-
 def build_planned(entries: Sequence[PlannedExample], context: BuildContext) -> list[ExampleData | Exception]:
     """Build planned examples together; the fault or warning of one does not reach the others."""
     folder, settings = Path(context.folder), context.config.dataset
@@ -298,7 +284,20 @@ def build_episode(example: ExampleSpec, settings: DatasetSection, folder: Path) 
     with limit_blas_threads(), collect_messages() as messages:
         recording = simulate_placed(run, place(run.scene, run.streams, folder=folder), angles=False)
         recording = replace(recording, samples=Samples(recording.samples.matrix))  # noise is added once for all windows
-        bodies, nothing = describe_scene(example, recording), _describe_thing(example, recording)
+        bodies = describe_scene(example, recording)
+        nothing = {  # the columns of a track that follows no body
+            "id": example.id,
+            "scene_id": example.id,
+            "label": THING,
+            "split": example.split,
+            "subject": f"model/{example.id}",
+            "group": example.group,
+            "source": "none",
+            "motion_kind": "none",
+            **dict.fromkeys(("others", "recording", "licence", "motion"), ""),
+            **_describe_setting(example, recording),
+            **dict.fromkeys(("rcs_total_m2", *TRUTH_COLUMNS)),
+        }
         for number, window in enumerate(cut_windows(recording, settings.window_s, settings.hop_s)):
             raise_if_stopped()
             results = analyze_window(window, run.analysis)
@@ -319,25 +318,6 @@ def build_episode(example: ExampleSpec, settings: DatasetSection, folder: Path) 
     warned = ";".join(dict.fromkeys(messages))
     made.rows = [convert_to_json({**row, "warnings": warned}) for row in made.rows]
     return made
-
-
-def _describe_thing(example: ExampleSpec, recording: Recording) -> dict[str, Any]:
-    # the columns of a track that follows no body
-    texts = dict.fromkeys(("others", "recording", "licence", "motion"), "")
-    return {
-        "id": example.id,
-        "scene_id": example.id,
-        "label": THING,
-        "split": example.split,
-        "subject": f"model/{example.id}",
-        "group": example.group,
-        "source": "none",
-        "motion_kind": "none",
-        **texts,
-        **_describe_setting(example, recording),
-        "rcs_total_m2": None,
-        **dict.fromkeys(TRUTH_COLUMNS),
-    }
 
 
 def find_body(result: Result, recording: Recording) -> int | None:
@@ -377,13 +357,13 @@ def build_examples(
         with collect_messages() as early:  # the first step makes the motions of all scenes
             first = next(scenes)
         if early and len(examples) > 1:
-            raise MixedWarningsError
+            raise DatasetError(MIXED)
         scenes = chain([first], scenes)
         simulated = [simulate_example(example, scenes, fields, gate) for example in examples]
         with collect_messages() as late:
             analysed = analyze_together([one.signatures for one in simulated])
     if late and len(examples) > 1:
-        raise MixedWarningsError
+        raise DatasetError(MIXED)
     made = []
     for one, results in zip(simulated, analysed, strict=True):
         messages = ";".join(dict.fromkeys([*early, *one.messages, *late]))
@@ -410,10 +390,11 @@ def simulate_example(
             signatures = compute_signatures(recording, gate, settings, example.gate_error_m)
         else:
             found = analyze(recording, gate=gate, analysis=example.run.analysis)
-            is_empty = example.rows[0].source == "none" and len(example.rows) == 1
-            tracked = (
-                find_strongest_track(found) if is_empty else match_tracks(found, recording.truth, recording.slow_time_s)
-            )
+            if example.rows[0].source == "none" and len(example.rows) == 1:  # the most confident track
+                known = [result for result in found if "track_confidence" in result.quality]
+                tracked = [max(known, key=lambda result: float(result.quality["track_confidence"]), default=None)]
+            else:
+                tracked = match_tracks(found, recording.truth, recording.slow_time_s)
     signals: list[dict[str, Any]] = [{} for _ in example.rows]
     for name in (spec.name for spec in fields):
         for number, kept in enumerate(signals):
@@ -429,7 +410,6 @@ def simulate_example(
 def collect_messages(convert: Callable[[str], str] = lambda text: text.partition(":")[0]) -> Iterator[list[str]]:
     """Collect the warnings in this block: their keys, or what ``convert`` makes of their texts."""
     messages: list[str] = []
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DoppelgaitWarning)
+    with warnings.catch_warnings(record=True, action="always", category=DoppelgaitWarning) as caught:
         yield messages
     messages += [convert(str(w.message)) for w in caught if issubclass(w.category, DoppelgaitWarning)]

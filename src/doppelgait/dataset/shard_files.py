@@ -42,8 +42,7 @@ FIELDS: dict[str, dict[str, Any]] = {
 
 AXIS_UNITS = {"time": "s", "doppler": "hz", "cadence": "hz", "slow_time": "s", "range": "m"}
 
-DB_FLOOR = -400.0
-"""Stored level of zero power, dB."""
+DB_FLOOR = -400.0  # stored level of zero power, dB
 
 
 def describe_fields(specs: Sequence[FieldSpec]) -> dict[str, dict[str, Any]]:
@@ -164,8 +163,7 @@ def _write_chunks(file: Any, name: str, chunks: Sequence[Array]) -> None:
     file.flush()  # close in this order, so that the bytes are reproducible
 
 
-MAX_OPEN = 128
-"""Shard files that one reader keeps open."""
+MAX_OPEN = 128  # shard files that one reader keeps open
 
 
 class ShardFiles:
@@ -202,8 +200,8 @@ class ShardFiles:
         except (OSError, LookupError, ValueError, TypeError, RuntimeError, MemoryError) as error:
             self.close()
             raise DatasetError(
-                f"{self._make_path(shard)}: {name} of row {row} cannot be read: {error}; check the folder with "
-                "dataset verify, build it again to replace what is missing or damaged"
+                f"{self._make_path(shard)}: {name} of row {row} cannot be read: {error}; check the "
+                "folder with dataset verify, build it again to replace what is missing or damaged"
             ) from None
 
     def _find(self, shard: str, name: str, row: int) -> tuple[Any, bool]:

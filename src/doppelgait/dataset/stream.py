@@ -13,10 +13,10 @@ import numpy.typing as npt
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, warn_caller
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.example import Example, label_arrays
-from doppelgait.dataset.learning import As, make_picture, picture_format
 from doppelgait.dataset.motions import expand_folders, list_labels
 from doppelgait.dataset.plan import Plan, PlannedExample
 from doppelgait.dataset.resolve import resolve_example
+from doppelgait.dataset.rows import As, make_picture, picture_format
 from doppelgait.dataset.shard import BuildContext, build_planned
 from doppelgait.dataset.shard_files import INDEX_NAMES, describe_fields
 from doppelgait.processing.patches import Patch
@@ -202,8 +202,7 @@ def stream_examples(
         if seed < 0:
             raise ConfigError(f"seed: {seed} is not allowed; it must be 0 or larger")
         config = config.model_copy(update={"dataset": config.dataset.model_copy(update={"seed": seed})})
-    planned = sum(config.count_class_examples(section) for section in config.sections)
-    first = planned if start is None else start
+    first = config.count_examples() if start is None else start
     if first < 0:
         raise DatasetError(f"start: {first} is not allowed; it must be 0 or larger")
     return ExampleStream(config, source, first).part(*worker)

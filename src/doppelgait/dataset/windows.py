@@ -29,8 +29,7 @@ from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording, make_baseband_facts
 from doppelgait.radar.slow_time import MAX_HOLE_PULSES, MAX_HOLE_S
 
-TOLERANCE = 0.01
-"""Tolerance of limits, as a fraction of the period of pulses (or bursts)."""
+TOLERANCE = 0.01  # tolerance of limits, as a fraction of the period of pulses (or bursts)
 LINK_M, LINK_GROWS_MPS = 0.6, 0.4
 """Maximum distance at which a target continues a path, and its growth with the time without a detection."""
 LINK_MPS = 1.5  # largest jump of the radial speed across a gap
@@ -65,10 +64,6 @@ class _Blocks:
     pulses: int
     period_s: float
 
-    @property
-    def duration_s(self) -> float:
-        return self.starts_s.size * self.period_s
-
     def between(self, start_s: float, stop_s: float) -> slice:
         # pulses of blocks that begin in [start_s, stop_s)
         margin_s = TOLERANCE * self.period_s
@@ -94,7 +89,7 @@ def cut(
     if block_starts_s.size < 2:
         raise AnalysisError(f"has {block_starts_s.size} {'pulses' if pulses == 1 else 'bursts'}, at least 2 are needed")
     blocks = _Blocks(block_starts_s, pulses, float(block_starts_s[-1] / (block_starts_s.size - 1)))
-    duration_s = blocks.duration_s
+    duration_s = blocks.starts_s.size * blocks.period_s
     margin_s = TOLERANCE * blocks.period_s
     begin, end = start_s or 0.0, duration_s if stop_s is None else stop_s
     for name, value in (("start_s", begin + blocks.period_s), ("stop_s", end)):

@@ -13,6 +13,7 @@ from checkout import SUPPORT
 from dataset_plans import dataset_hash, mini_plan
 from doppelgait.core.worker import THREAD_VARIABLES
 from doppelgait.dataset.build import build_dataset
+from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.verify import verify_dataset
 
 pytestmark = [
@@ -48,7 +49,7 @@ def start():
 def test_a_kill_at_any_file_then_a_build_then_a_verification_that_passes(tmp_path, start, step):
     """The files of the end, too: index, lists, card, description and hashes."""
     build_dataset(mini_plan(), tmp_path / "whole", executor="serial")
-    files = 1 + 2 * 2 + len(["index", "train", "validation", "test", "card", "description", "hashes"])
+    files = 1 + 2 * 2 + len(["index", *SPLITS, "card", "description", "log's hash", "hashes"])
     expected, contents, killed = dataset_hash(tmp_path / "whole"), set(), 0
     for number in range(1, files + 2, step):
         for after in (False, True):

@@ -17,10 +17,9 @@ from checkout import SUPPORT
 from dataset_plans import build_part, check_whole, tiny_plan, whole_hash
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.core.worker import WORKER_ENVIRONMENT
-from doppelgait.dataset.build import build_dataset
+from doppelgait.dataset.build import build_dataset, read_dataset_status
 from doppelgait.dataset.executors import check_executor, run_shards
 from doppelgait.dataset.finish import make_card
-from doppelgait.dataset.status import read_dataset_status
 from executor_work import (
     killed_always,
     killed_in_its_answer,

@@ -24,7 +24,7 @@ from doppelgait.dataset import importing, open_dataset, shard
 from doppelgait.dataset.card import list_blocked_recordings
 from doppelgait.dataset.importing import ImportConfig, find_labelled_result, import_dataset, read_labels
 from doppelgait.dataset.labels import find_recordings, hash_recording, list_recording_files
-from doppelgait.dataset.splits import plan_entries
+from doppelgait.dataset.plan import plan_entries
 from doppelgait.dataset.windows import cut
 from doppelgait.motion import boulic_walk, quadruped_gait
 from doppelgait.pipeline import Result, analyze, simulate
@@ -36,6 +36,7 @@ from doppelgait.scene import Scene, Target
 LIGHT_MPS = 299_792_458.0
 CARRIER_HZ, PRF_HZ, BIN_M = 7.29e9, 250.0, 0.0514
 RADAR = Radar.preset("x4", prf_hz=PRF_HZ, range_start_m=1.0, range_stop_m=1.0 + 20 * BIN_M)
+IDS = ["slow-000000", "slow-000001", "fast-000000", "fast-000001"]
 GATE = ImportConfig(gate=(1.0, 2.0), analysis=Analysis(cpi_s=0.1))
 
 
@@ -86,9 +87,8 @@ def test_tables_of_spreadsheets_are_read_alike(recordings, delimiter, encoding, 
     lines = ["File,LABEL,subject,start_s,Zimmer,", "slow1.h5,a,Jürgen,0.5,3,", "", ",,,,,", "fast1.h5,b,,,,,"]
     text = end.join(line.replace(",", delimiter) for line in lines)
     found = read_labels(write(recordings, text, encoding=encoding), recordings)
-    assert [(e.line, e.recording, e.label, e.subject, e.start_s) for e in found] == [
-        (2, "slow1.h5", "a", "Jürgen", 0.5), (5, "fast1.h5", "b", "", None)
-    ]  # fmt: skip
+    lines = [(e.line, e.recording, e.label, e.subject, e.start_s) for e in found]
+    assert lines == [(2, "slow1.h5", "a", "Jürgen", 0.5), (5, "fast1.h5", "b", "", None)]
     assert [e.further for e in found] == [{"meta_zimmer": "3"}, {"meta_zimmer": ""}]
     assert all(e.gate == "track" for e in found)
 
@@ -239,9 +239,7 @@ def planned(place, text, config=GATE):
 def test_everything_is_test_unless_told(recordings):
     assert {one.split for one in planned(recordings, LABELS)} == {"test"}
     assert {one.split for one in planned(recordings, LABELS, ImportConfig(split="train"))} == {"train"}
-    assert [one.id for one in planned(recordings, LABELS)] == [
-        "slow-000000", "slow-000001", "fast-000000", "fast-000001"
-    ]  # fmt: skip
+    assert [one.id for one in planned(recordings, LABELS)] == IDS
 
 
 def test_the_column_counts_and_tears_nobody(recordings):
@@ -278,7 +276,7 @@ def test_shares_keep_subjects_whole_and_refuse_too_few(tmp_path):
     found = planned(place, "\n".join(lines), ImportConfig(split={"train": 0.7, "test": 0.3}))
     of_subject = {}
     for one in found:
-        of_subject.setdefault(one.subject, set()).add(one.split)
+        of_subject.setdefault(one.subjects, set()).add(one.split)
     assert len(of_subject) == 10
     assert all(len(splits) == 1 for splits in of_subject.values())
     assert sum(splits == {"train"} for splits in of_subject.values()) == 7
@@ -356,7 +354,7 @@ def test_rows_are_what_the_analysis_says_of_each_recording(imported):
     assert (report.n_recordings, report.n_rows, report.n_failed, report.n_not_tracked) == (4, 4, 0, 0)
     assert report.counts == {"slow": 2, "fast": 2}
     dataset = open_dataset(target)
-    assert dataset.index["id"].tolist() == ["slow-000000", "slow-000001", "fast-000000", "fast-000001"]
+    assert dataset.index["id"].tolist() == IDS
     for example, speed in zip(dataset, (0.4, 0.5, 1.1, 1.2), strict=True):
         (alone,) = analyze(read_recording(recordings / example.row["recording"]), gate=(1.0, 2.0))
         assert example.features["torso_velocity_mps"] == pytest.approx(speed, abs=0.03)
@@ -392,7 +390,7 @@ def test_the_folder_is_like_that_of_a_built_dataset(imported):
     assert index["recording"].tolist()[3] == "day 2/fast2.h5"
     assert index["snr_frame_db"].isna().all()
     assert not [c for c in index if c.startswith("truth_")]
-    assert [json.loads(line)["rows"] for line in (target / "build.jsonl").read_text().splitlines()] == [1] * 4
+    assert [json.loads(line)["examples"] for line in (target / "build.jsonl").read_text().splitlines()] == [3, 1]
     everything = b"".join(p.read_bytes() for p in target.rglob("*") if p.is_file())
     assert str(recordings).encode() not in everything
     assert not list(target.parent.glob("*.partial"))
@@ -410,9 +408,8 @@ def test_the_card_tells_sources_and_what_blocks_a_release(imported, recordings):
     card = (other / "README.md").read_text()
     assert "**Not for release**: 2 of 2 recordings" in card
     assert "licence unknown: 2 recordings" in card
-    assert list_blocked_recordings(open_dataset(other).index) == [
-        "fast1.h5 (licence unknown)", "slow1.h5 (licence unknown)"
-    ]  # fmt: skip
+    blocked = list_blocked_recordings(open_dataset(other).index)
+    assert blocked == ["fast1.h5 (licence unknown)", "slow1.h5 (licence unknown)"]
 
 
 def test_a_folder_of_an_older_version_is_refused_with_the_command_that_makes_it_again(imported, tmp_path):
@@ -540,9 +537,8 @@ def test_windows_of_a_recording_stay_together(recordings):
     report = import_dataset(recordings, write(recordings, text), recordings.parent / "m", config=config)
     index = open_dataset(recordings.parent / "m").index
     assert report.n_rows == 5
-    assert index["id"].tolist() == [
-        "a-000000-w0000", "a-000000-w0001", "b-000000-w0000", "b-000000-w0001", "b-000000-w0002"
-    ]  # fmt: skip
+    windows = ["a-000000-w0000", "a-000000-w0001", "b-000000-w0000", "b-000000-w0001", "b-000000-w0002"]
+    assert index["id"].tolist() == windows
     assert index["window_start_s"].tolist() == [0.5, 1.0, 0.0, 0.5, 1.0]
     np.testing.assert_allclose(index["observation_s"], 0.75)
     assert index.groupby("scene_id")["split"].nunique().max() == 1

@@ -23,7 +23,7 @@ from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import BASEBAND, CADENCE_MAP, SIGNATURE, check_signal
 from doppelgait.dataset import Example, open_dataset, plan_dataset, shard_files
 from doppelgait.dataset.example import label_arrays, parse_unit, read_carrier_hz, read_radar
-from doppelgait.dataset.learning import POOL_SHARDS, shuffled_rows
+from doppelgait.dataset.rows import POOL_SHARDS, shuffled_rows
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.features.extended import list_features
 from tiny_dataset import mixed_plan, sum_signatures, tiny_plan

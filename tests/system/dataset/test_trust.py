@@ -13,9 +13,8 @@ import processes
 from dataset_plans import dataset_hash, mini_plan
 from doppelgait.core.errors import DatasetError, DoppelgaitError
 from doppelgait.dataset import open_dataset
-from doppelgait.dataset.build import build_dataset
+from doppelgait.dataset.build import build_dataset, read_dataset_status
 from doppelgait.dataset.finish import SUMS
-from doppelgait.dataset.status import read_dataset_status
 from doppelgait.dataset.verify import verify_dataset
 from shared_work import made_once
 
@@ -148,7 +147,7 @@ def test_every_flip_of_a_bit_is_found(built, tmp_path, usual):
     """At random places of every file: the list of the hashes and the log are files, too."""
     copy, rng = shutil.copytree(built, tmp_path / "copy"), np.random.default_rng(24)
     files = sorted(path for path in copy.rglob("*") if path.is_file())
-    assert len(files) == len(["card", "log", "description", "index", "hashes"]) + 3 + 2 * 2
+    assert len(files) == len(["card", "log", "hash of the log", "description", "index", "hashes"]) + 3 + 2 * 2
     missed = []
     for number in range(FLIPS):
         path = files[number % len(files)]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -15,7 +15,7 @@ import pandas as pd
 from doppelgait.core.config import validate
 from doppelgait.core.errors import DatasetError, DoppelgaitError
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.finish import SCHEMA_VERSION, read_description
+from doppelgait.dataset.finish import list_shard_names
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.plan import Plan, PlannedExample, plan_dataset
 from doppelgait.dataset.resolve import ExampleSpec
@@ -24,22 +24,9 @@ from doppelgait.dataset.shard_files import ShardFiles
 Status = Literal["passed", "warning", "failed", "skipped", "not applicable"]
 
 
-class Finding(NamedTuple):
-    """Result of a check, which the table of checks names."""
-
-    status: Status
-    summary: str
-    numbers: dict[str, Any] = {}  # noqa: RUF012
-
-
-def judge(fault: str, summary: str, numbers: dict[str, Any] | None = None) -> Finding:
-    """Return a failure for a fault, or else ``summary`` as passed."""
-    return Finding("failed" if fault else "passed", fault or summary, numbers or {})
-
-
 @dataclass(frozen=True)
 class Check:
-    """Check with its status and summary.
+    """Result of a check.
 
     Parameters
     ----------
@@ -51,12 +38,19 @@ class Check:
         What was found, in one line.
     numbers : dict
         The figures behind it, for JSON.
+    name : str
+        As in the table of checks.
     """
 
-    name: str
     status: Status
     summary: str
     numbers: dict[str, Any] = field(default_factory=dict)
+    name: str = ""
+
+
+def judge(fault: str, summary: str, numbers: dict[str, Any] | None = None) -> Check:
+    """Return a failure for a fault, or else ``summary`` as passed."""
+    return Check("failed" if fault else "passed", fault or summary, numbers or {})
 
 
 @dataclass(frozen=True)
@@ -101,6 +95,22 @@ class Verification:
 
 MAX_EXAMPLES = 2000  # largest number of examples that are resolved again
 MIN_PER_CLASS = 3  # smallest number of examples of a class that are made again
+MAX_PLANNED = 200  # planned examples per row that is here: planning takes time and memory for each
+
+
+@dataclass
+class Files:
+    """Shards compared with their records, and these with the index."""
+
+    index: pd.DataFrame | None = None
+    fault: str = ""  # of the index
+    whole: list[str] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+    damaged: dict[str, str] = field(default_factory=dict)
+    different: dict[str, str] = field(default_factory=dict)  # from the index
+    failed: dict[str, str] = field(default_factory=dict)  # examples
+    hashes: dict[str, str] = field(default_factory=dict)
+    contents: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -110,10 +120,9 @@ class Contents:
     directory: Path
     description: Mapping[str, Any]
     index: pd.DataFrame
-    failed: Mapping[str, str]
-    plan: Plan | None
-    no_plan: str
-    missing_shards: int = 0
+    plan: Plan | None = None
+    no_plan: str = "no plan"
+    files: Files = field(default_factory=Files)
     share: float = 0.0  # of the examples to make again
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     tick: Callable[[], None] = lambda: None
@@ -124,16 +133,21 @@ class Contents:
         files = ShardFiles(self.directory / "shards", self.description["id"])
         return Dataset(self.directory, dict(self.description), self.index, files)
 
+    @property
+    def complete(self) -> bool:
+        """True if the dataset is marked as complete."""
+        return bool(self.description.get("complete"))
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all shards."""
+        return list_shard_names(self.description["shards"])
+
     def require_plan(self) -> Plan:
         """Return the plan, which the table of checks asks for first."""
         if self.plan is None:
             raise DatasetError(self.no_plan)
         return self.plan
-
-    @property
-    def no_plan_status(self) -> Status:
-        """Status of a check that lacks the plan."""
-        return "not applicable" if self.measured else "skipped"
 
     @property
     def measured(self) -> bool:
@@ -159,47 +173,34 @@ class Contents:
 
     def resolve_sample(self, rng: np.random.Generator, *, most: int = MAX_EXAMPLES) -> list[ExampleSpec]:
         """Resolve random examples again, as many of every class."""
-        if self.plan is None:
-            return []
-        n_classes = len({entry.class_number for entry in self._present})
-        sampled = self._sample(rng, lambda _: most // n_classes)
-        return [self.plan.example(entry.number) for entry in sampled]
+        sampled = self._sample(rng, lambda _: most // len(self._present))
+        return [self.require_plan().example(entry.number) for entry in sampled]
 
     def _sample(self, rng: np.random.Generator, count: Callable[[int], int]) -> list[PlannedExample]:
         """Sample examples that are here, by class ``count(members)`` of them."""
         chosen: list[PlannedExample] = []
-        for number in sorted({entry.class_number for entry in self._present}):
-            members = [entry for entry in self._present if entry.class_number == number]
+        for _, members in sorted(self._present.items()):
             size = min(count(len(members)), len(members))
             chosen += [members[n] for n in sorted(rng.choice(len(members), size, replace=False))]
         return chosen
 
     @cached_property
-    def _present(self) -> list[PlannedExample]:
-        ids = set(self.index["scene_id"])
-        return [] if self.plan is None else [entry for entry in self.plan.examples if entry.id in ids]
+    def _present(self) -> dict[int, list[PlannedExample]]:
+        ids, present = set(self.index["scene_id"]), dict[int, list[PlannedExample]]()
+        for entry in () if self.plan is None else self.plan.examples:
+            if entry.id in ids:
+                present.setdefault(entry.class_number, []).append(entry)
+        return present
 
 
-def read_known_description(directory: Path) -> dict[str, Any]:
-    """Read ``dataset.json`` if this version can read the dataset."""
-    description = read_description(directory)
-    version = description.get("schema_version")
-    if version != SCHEMA_VERSION:
-        raise DatasetError(
-            f"{directory}: has schema version {version}, verify needs {SCHEMA_VERSION}; "
-            "use the doppelgait that made it, or build it again"
-        )
-    missing = [key for key in ("id", "shards", "classes", "fields", "config") if key not in description]
-    if missing:
-        raise DatasetError(f"{directory / 'dataset.json'}: is damaged: {', '.join(missing)} missing")
-    return description
-
-
-def read_plan(description: Mapping[str, Any], folder: Path) -> tuple[Plan | None, str]:
+def read_plan(description: Mapping[str, Any], folder: Path, n_rows: int) -> tuple[Plan | None, str]:
     """Return a dataset's plan, or why it has none."""
     if description.get("origin") == "imported":
         return None, "imported recordings have no plan"
     try:
-        return plan_dataset(validate(PlanConfig, description["config"], where="dataset.json"), folder=folder), ""
+        config = validate(PlanConfig, description.get("config") or {}, where="dataset.json")
+        if (planned := config.count_examples()) > MAX_PLANNED * (n_rows + 100):
+            return None, f"no plan: dataset.json names {planned} examples, and only {n_rows} rows are here"
+        return plan_dataset(config, folder=folder), ""
     except DoppelgaitError as error:
         return None, f"no plan: {error}; if the plan's files are elsewhere, state their folder with --motion-folder"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -12,9 +13,9 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.dataset.config import SPLITS, list_some
+from doppelgait.dataset.plan import list_names
 from doppelgait.dataset.shard_files import decode
-from doppelgait.dataset.splits import list_names
-from doppelgait.dataset.verify.contents import Contents, Finding, judge
+from doppelgait.dataset.verify.contents import Check, Contents, judge
 from doppelgait.features import FEATURE_UNITS
 
 Float32Array = npt.NDArray[np.float32]
@@ -25,7 +26,6 @@ ALIKE = 0.999
 CANDIDATE = 0.98
 """Correlation of the small pictures above which two signatures are compared in full."""
 MAX_CANDIDATES = 2000
-BLOCK = 2048
 MAX_COMPARED = 60_000
 """Maximum number of rows that are compared for similarity; a larger dataset is sampled at random.
 All rows are compared for identity."""
@@ -35,7 +35,7 @@ KINDS = {"group": "groups", "subject": "subjects", "recording": "recordings", "s
 Pair = tuple[float, int, int]
 
 
-def check_groups(contents: Contents) -> Finding:
+def check_groups(contents: Contents) -> Check:
     """Check that no subject or other group crosses splits."""
     # of a blended motion every subject and every recording counts
     index = contents.index
@@ -49,22 +49,22 @@ def check_groups(contents: Contents) -> Finding:
     numbers = {"in_two_splits": torn, "groups": int(index["group"].nunique())}
     if torn:
         listed = (f"{KINDS[key]} in more than one split: {list_some(names)}" for key, names in torn.items())
-        return Finding("failed", "; ".join(listed), numbers)
+        return Check("failed", "; ".join(listed), numbers)
     models = index[index["source"] == "model"]
     same = int((models.groupby("motion")["split"].transform("nunique") > 1).sum()) if len(models) else 0
     if same:
         words = f"{same} rows of models have the parameters of a row in another split; sample their parameters"
-        return Finding("warning", words, {**numbers, "same_walkers": same})
-    return Finding("passed", f"{numbers['groups']} groups, each in one split", numbers)
+        return Check("warning", words, {**numbers, "same_walkers": same})
+    return Check("passed", f"{numbers['groups']} groups, each in one split", numbers)
 
 
-def check_duplicates(contents: Contents) -> Finding:
+def check_duplicates(contents: Contents) -> Check:
     """Find signatures that occur in two splits."""
     # identical: equal bytes, of all rows; near: differing in level and rounding only
     index = contents.index
     splits = index["split"].to_numpy(dtype=str)
     if len(set(splits)) < 2:
-        return Finding("not applicable", "rows of one split only")
+        return Check("not applicable", "rows of one split only")
     if "signature" not in contents.description["fields"]:
         values = index[[f"feature_{name}" for name in FEATURE_UNITS]].to_numpy(dtype=np.float64)
         known = np.flatnonzero(np.isfinite(values[:, :2]).all(axis=1))
@@ -73,7 +73,7 @@ def check_duplicates(contents: Contents) -> Finding:
         numbers: dict[str, Any] = {"rows": known.size, "compared_for_likeness": known.size, "identical": len(same)}
         fault = _describe_pairs(index, [(first, second, "identical") for first, second in same])
         found = judge(fault, f"no identical ones among {known.size} rows' features", numbers)
-        return found._replace(summary=f"no signatures are kept; of the features: {found.summary}")
+        return replace(found, summary=f"no signatures are kept; of the features: {found.summary}")
     chosen = contents.random["pairs"].choice(len(index), min(len(index), MAX_COMPARED), replace=False)
     digests, pictures = _read(contents, set(chosen.tolist()))
     same = _find_equal(digests, splits)
@@ -160,29 +160,20 @@ def _scale_to_unit(values: npt.NDArray[Any]) -> Float32Array:
 
 def _find_equal(digests: dict[int, bytes], splits: npt.NDArray[np.str_]) -> list[tuple[int, int]]:
     """Return the first pair across splits per digest."""
-    first: dict[tuple[bytes, str], int] = {}
-    for number, digest in digests.items():
-        first.setdefault((digest, str(splits[number])), number)
-    places: dict[bytes, list[int]] = {}
-    for (digest, _), number in first.items():
-        places.setdefault(digest, []).append(number)
-    return [(numbers[0], numbers[1]) for numbers in places.values() if len(numbers) > 1]
+    numbers = list(digests)
+    rows = pd.DataFrame({"number": numbers, "digest": list(digests.values()), "split": splits[numbers]})
+    first = rows.drop_duplicates(["digest", "split"]).groupby("digest", sort=False)["number"].agg(list)
+    return [(found[0], found[1]) for found in first if len(found) > 1]
 
 
 def _find_nearest(
     rows: npt.NDArray[np.int64], others: npt.NDArray[np.int64], pictures: dict[int, Float32Array]
 ) -> Iterator[Pair]:
     """Yield the nearest of ``others`` to each of ``rows``."""
-    table = np.stack([pictures[int(n)] for n in others])
-    for start in range(0, len(rows), BLOCK):
-        block = rows[start : start + BLOCK]
-        left = np.stack([pictures[int(n)] for n in block])
-        best, where = np.full(len(block), -np.inf, dtype=np.float32), np.zeros(len(block), dtype=np.int64)
-        for begin in range(0, len(others), BLOCK):
-            likeness = left @ table[begin : begin + BLOCK].T
-            top = likeness.argmax(axis=1)
-            value = likeness[np.arange(len(block)), top]
-            where = np.where(value > best, top + begin, where)
-            best = np.maximum(value, best)
-        for n in np.flatnonzero(best > CANDIDATE):
-            yield float(best[n]), int(others[where[n]]), int(block[n])
+    from sklearn.metrics import pairwise_distances_argmin_min
+
+    left, table = (np.stack([pictures[int(n)] for n in part]) for part in (rows, others))
+    nearest, distances = pairwise_distances_argmin_min(left, table)  # block by block
+    likeness = 1.0 - distances**2 / 2.0  # of vectors of norm 1
+    for n in np.flatnonzero(likeness > CANDIDATE):
+        yield float(likeness[n]), int(others[nearest[n]]), int(rows[n])

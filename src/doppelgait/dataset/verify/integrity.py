@@ -5,64 +5,38 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.files import hash_file
 from doppelgait.core.own_hdf5 import get_own_member, open_hdf5
 from doppelgait.dataset.config import SPLITS, list_some
 from doppelgait.dataset.finish import (
     LOG,
+    LOG_SUM,
     SINGLE_FILES,
     SUMS,
     compute_dataset_id,
     count_shards,
     format_checksums,
+    format_log_sum,
     list_shard_names,
+    read_record,
 )
 from doppelgait.dataset.lock import list_running_builds
 from doppelgait.dataset.open import check_index as check_index_columns
 from doppelgait.dataset.open import read_index
 from doppelgait.dataset.shard_files import INDEX_NAMES, ShardFiles, describe_fields, hash_contents
-from doppelgait.dataset.verify.contents import Contents, Finding, judge
-
-
-@dataclass
-class Files:
-    """Files of a dataset, its shards compared with their records and these with the index."""
-
-    directory: Path
-    description: Mapping[str, Any]
-    index: pd.DataFrame | None = None
-    fault: str = ""  # of the index
-    whole: list[str] = field(default_factory=list)
-    missing: list[str] = field(default_factory=list)
-    damaged: dict[str, str] = field(default_factory=dict)
-    different: dict[str, str] = field(default_factory=dict)  # from the index
-    failed: dict[str, str] = field(default_factory=dict)  # examples
-    hashes: dict[str, str] = field(default_factory=dict)
-    contents: list[str] = field(default_factory=list)
-
-    @property
-    def complete(self) -> bool:
-        """True if the dataset is marked as complete."""
-        return bool(self.description.get("complete"))
-
-    @property
-    def names(self) -> list[str]:
-        """Names of all shards."""
-        return list_shard_names(self.description["shards"])
+from doppelgait.dataset.verify.contents import Check, Contents, Files, judge
 
 
 def read_files(directory: Path, description: Mapping[str, Any], tick: Callable[[], None]) -> Files:
     """Read index and shards, and compare them."""
-    files = Files(directory, description)
+    files, names = Files(), list_shard_names(description["shards"])
     path, identity = directory / "index.parquet", str(description["id"])
     if path.exists():
         try:
@@ -71,11 +45,11 @@ def read_files(directory: Path, description: Mapping[str, Any], tick: Callable[[
             files.index = index
         except Exception as error:  # Arrow raises various errors for damaged files
             files.fault = f"index.parquet cannot be read: {' '.join(str(error).split())}"
-    elif files.complete:
+    elif description.get("complete"):
         files.fault = "index.parquet is missing, though the dataset is marked as complete"
     places: dict[Any, Any] = {} if files.index is None else files.index.groupby("shard", sort=False).indices
     reader = ShardFiles(directory / "shards", identity)
-    for name in files.names:
+    for name in names:
         tick()
         path = directory / "shards" / f"{name}.h5"
         rows = places.get(name, np.empty(0, dtype=int))
@@ -86,11 +60,9 @@ def read_files(directory: Path, description: Mapping[str, Any], tick: Callable[[
             continue
         try:
             files.hashes[name] = hash_file(path)
-            record = parse_json(path.with_suffix(".json").read_text())
+            record = read_record(path.with_suffix(".json"))
             fault = _find_fault(path, record, files.hashes[name], reader)
-            if not fault:
-                files.failed |= {failure["id"]: failure["reason"] for failure in record["failures"]}
-                files.contents.append(record["contents_sha256"])
+            failed = {failure["id"]: failure["reason"] for failure in record["failures"]}
         except FileNotFoundError as error:
             fault = f"{Path(error.filename).name} is missing"
         except Exception as error:  # HDF5 and JSON raise various errors for damaged files
@@ -99,11 +71,13 @@ def read_files(directory: Path, description: Mapping[str, Any], tick: Callable[[
             files.damaged[name] = fault
             continue
         files.whole.append(name)
+        files.failed |= failed
+        files.contents.append(record["contents_sha256"])
         if files.index is not None and (difference := _describe_difference(files.index.iloc[rows], record)):
             files.different[name] = difference
-    for name in sorted(set(map(str, places)) - set(files.names)):
+    for name in sorted(set(map(str, places)) - set(names)):
         files.different[name] = "the index has rows of it, the plan has no such shard"
-    order = np.concatenate([places[name] for name in files.names if name in places] or [np.empty(0, dtype=int)])
+    order = np.concatenate([places[name] for name in names if name in places] or [np.empty(0, dtype=int)])
     if not files.different and not np.array_equal(order, np.arange(order.size)):
         files.different["index.parquet"] = "its rows are in another order than the shards"
     return files
@@ -133,7 +107,7 @@ def _find_fault(path: Path, record: Mapping[str, Any], sha256: str, reader: Shar
 
 
 def _describe_difference(part: pd.DataFrame, record: Mapping[str, Any]) -> str:
-    """Describe the first difference of index rows and a record, or ""."""
+    # the first difference of index rows and a record, or ""
     rows = record["rows"]
     ids = [row["id"] for row in rows]
     listed = part["id"].tolist()
@@ -151,104 +125,111 @@ def _describe_difference(part: pd.DataFrame, record: Mapping[str, Any]) -> str:
     return ""
 
 
-def check_files(files: Files) -> Finding:
+def check_files(contents: Contents) -> Check:
     """Check the hash of every file, and their list."""
-    directory = files.directory
+    directory = contents.directory
     if not (directory / SUMS).exists():
-        if files.complete:
-            return Finding("failed", f"{SUMS} is missing, though the dataset says it is complete; build it again")
-        return Finding("skipped", f"{SUMS} is missing")
+        if contents.complete:
+            return Check("failed", f"{SUMS} is missing, though the dataset says it is complete; build it again")
+        return Check("skipped", f"{SUMS} is missing")
     content = (directory / SUMS).read_bytes()
     listed = [line.partition("  ") for line in content.decode(errors="replace").splitlines()]
     stated = {name: sha256 for sha256, _, name in listed}
-    known = {f"shards/{name}.h5": sha256 for name, sha256 in files.hashes.items()}
+    known = {f"shards/{name}.h5": sha256 for name, sha256 in contents.files.hashes.items()}
+    shards = (f"shards/{name}.{kind}" for name in contents.names for kind in ("h5", "json"))
     wrong = []
-    for name in (LOG, *SINGLE_FILES, *(f"shards/{name}.{kind}" for name in files.names for kind in ("h5", "json"))):
+    for name in (*([LOG] if LOG in stated else []), *SINGLE_FILES, *shards):  # up to version 0.2 with the log
         try:
             known[name] = known.get(name) or hash_file(directory / name)
         except OSError:
-            if name != LOG or name in stated:
-                wrong.append(f"{name} cannot be read")
+            wrong.append(f"{name} cannot be read")
         else:
             if name not in stated:
                 wrong.append(f"{SUMS} has no {name}")
             elif stated[name] != known[name]:
                 wrong.append(f"{name} is not the file that the dataset was finished with")
+    log_sum = (directory / LOG_SUM).read_text(errors="replace") if (directory / LOG_SUM).exists() else ""
+    if LOG not in stated and log_sum != format_log_sum(directory):
+        wrong.append(f"{LOG} is not the log of which {LOG_SUM} has the hash")
     if not wrong and content != format_checksums(known).encode():
         wrong.append(f"{SUMS} is damaged")
     numbers = {"files": len(known), "different": len(wrong)}
     if wrong:
-        return Finding("failed", f"{list_some(wrong)}; build the dataset again", numbers)
+        return Check("failed", f"{list_some(wrong)}; build the dataset again", numbers)
     there = {path.relative_to(directory).as_posix() for path in directory.rglob("*") if not path.is_dir()}
-    foreign = [name for name in sorted(there - {*known, SUMS}) if not name.endswith((".partial", ".lock"))]
+    foreign = [
+        name for name in sorted(there - {*known, SUMS, LOG, LOG_SUM}) if not name.endswith((".partial", ".lock"))
+    ]
     if foreign:
-        return Finding("warning", f"no part of the dataset: {list_some(foreign)}", numbers)
-    return Finding("passed", f"{len(known)} files, each with the hash it was finished with", numbers)
+        return Check("warning", f"no part of the dataset: {list_some(foreign)}", numbers)
+    return Check("passed", f"{len(known)} files, each with the hash it was finished with", numbers)
 
 
-def check_shards(files: Files) -> Finding:
+def check_shards(contents: Contents) -> Check:
     """Check the shards against their records."""
-    names = files.names
+    files, names = contents.files, contents.names
     numbers = {"shards": len(names), "whole": len(files.whole), "missing": files.missing, "damaged": files.damaged}
     parts = [f"{len(files.whole)} of {len(names)} shards are there and whole"]
     if files.damaged:
         parts.append("damaged: " + list_some([f"{name} ({reason})" for name, reason in files.damaged.items()]))
     if files.missing:
-        words = "missing, though the dataset is marked as complete" if files.complete else "not built yet"
+        words = "missing, though the dataset is marked as complete" if contents.complete else "not built yet"
         parts.append(f"{words}: {list_some(files.missing)}")
-    wrong = files.damaged or (files.complete and files.missing)
-    return Finding("failed" if wrong else "passed", "; ".join(parts), numbers)
+    wrong = files.damaged or (contents.complete and files.missing)
+    return Check("failed" if wrong else "passed", "; ".join(parts), numbers)
 
 
-def check_contents(files: Files) -> Finding:
+def check_contents(contents: Contents) -> Check:
     """Check the hash of all contents against that of the finished dataset."""
-    if files.missing or files.damaged or not files.complete:
-        return Finding("failed" if files.complete else "skipped", "not every shard is there, or not complete")
+    files = contents.files
+    if files.missing or files.damaged or not contents.complete:
+        return Check("failed" if contents.complete else "skipped", "not every shard is there, or not complete")
     digest = hashlib.sha256("".join(files.contents).encode()).hexdigest()
-    is_same = digest == files.description.get("contents_sha256")
+    is_same = digest == contents.description.get("contents_sha256")
     words = f"{digest[:16]}: specification, whole numbers and arrays as when the dataset was finished"
     return judge("" if is_same else "not what the dataset was finished with: build it again", words)
 
 
-def check_index(files: Files) -> Finding:
+def check_index(contents: Contents) -> Check:
     """Check the index against the records, value by value."""
+    files = contents.files
     if files.index is None:
         words = "no index.parquet yet; the rows are those of the shards' records"
-        return Finding("failed" if files.fault else "skipped", files.fault or words)
+        return Check("failed" if files.fault else "skipped", files.fault or words)
     numbers = {"rows": len(files.index), "columns": len(files.index.columns), "different": files.different}
     fault = list_some([f"{name}: {difference}" for name, difference in files.different.items()])
     return judge(fault, f"{len(files.index)} rows, each value as in the shards' records", numbers)
 
 
-def check_split_lists(files: Files) -> Finding:
+def check_split_lists(contents: Contents) -> Check:
     """Check ``splits/*.txt`` against the index."""
-    if files.index is None:
-        return Finding("skipped", "no index.parquet yet, so no lists")
-    splits: dict[Any, list[str]] = {split: [] for split in SPLITS}
-    if len(files.index):
-        splits |= files.index.groupby("split", observed=True)["id"].agg(list).to_dict()
-    wrong = [f"the index has a split {name!r}" for name in sorted(set(splits) - set(SPLITS))]
-    for split in SPLITS:
+    index = contents.files.index
+    if index is None:
+        return Check("skipped", "no index.parquet yet, so no lists")
+    splits = {split: index["id"][index["split"] == split].tolist() if len(index) else [] for split in SPLITS}
+    wrong = []
+    for split, ids in splits.items():
         try:
-            listed = (files.directory / "splits" / f"{split}.txt").read_text().splitlines()
+            listed = (contents.directory / "splits" / f"{split}.txt").read_text().splitlines()
         except (OSError, UnicodeDecodeError):
             wrong.append(f"splits/{split}.txt cannot be read")
             continue
-        if listed != splits[split]:
-            other = list_some(sorted(set(listed) ^ set(splits[split]))) or "another order"
+        if listed != ids:
+            other = list_some(sorted(set(listed) ^ set(ids))) or "another order"
             wrong.append(f"splits/{split}.txt differs from the index: {other}")
-    counts = {split: len(splits[split]) for split in SPLITS}
+    counts = {split: len(ids) for split, ids in splits.items()}
     words = ", ".join(f"{split} {count}" for split, count in counts.items())
     return judge("; ".join(wrong), f"lists as in the index: {words}", counts)
 
 
-def check_leftovers(files: Files) -> Finding:
+def check_leftovers(contents: Contents) -> Check:
     """Check for half-written files."""
-    running = [str(holder) for holder in list_running_builds(files.directory)]
-    partial = sorted(str(path.relative_to(files.directory)) for path in files.directory.rglob("*.partial"))
+    directory = contents.directory
+    running = [str(holder) for holder in list_running_builds(directory)]
+    partial = sorted(str(path.relative_to(directory)) for path in directory.rglob("*.partial"))
     numbers = {"partial": partial, "running": running}
     if running:
-        return Finding("skipped", f"a build is at work here: {list_some(running)}", numbers)
+        return Check("skipped", f"a build is at work here: {list_some(running)}", numbers)
     fault = f"half-written files: {list_some(partial)}; run dataset status" if partial else ""
     return judge(fault, "no half-written file", numbers)
 
@@ -257,13 +238,13 @@ MAX_LOST = 0.05
 """Maximum share of failed examples of a class in a split. Failures that depend on the motion would bias the class."""
 
 
-def check_identity(contents: Contents) -> Finding:
+def check_identity(contents: Contents) -> Check:
     """Hash configuration and source files again to check the ``id``."""
     plan, stated = contents.require_plan(), contents.description
     try:
         identity = compute_dataset_id(plan.config, plan.folder)
     except DoppelgaitError as error:
-        return Finding("skipped", f"cannot be hashed again: {error}")
+        return Check("skipped", f"cannot be hashed again: {error}")
     wrong = []
     if identity != stated["id"]:
         wrong.append(f"id is {stated['id']}, configuration and source files give {identity}")
@@ -275,7 +256,7 @@ def check_identity(contents: Contents) -> Finding:
     return judge("; ".join(wrong), f"{identity}, as configuration and source files give it", numbers)
 
 
-def check_rows(contents: Contents) -> Finding:
+def check_rows(contents: Contents) -> Check:
     """Check label, split, group and subjects of every row."""
     plan = contents.require_plan()
     labels = [section.label for section in plan.config.sections]
@@ -295,32 +276,32 @@ def check_rows(contents: Contents) -> Finding:
     return judge(list_some(wrong), words, numbers)
 
 
-def check_balance(contents: Contents) -> Finding:
+def check_balance(contents: Contents) -> Check:
     """Check the examples of every class in every split."""
-    index, plan = contents.index, contents.plan
-    if plan is None:
+    index, failed = contents.index, contents.files.failed
+    if contents.plan is None:
         found: dict[Any, int] = index.groupby(["label", "split"]).size().to_dict()
         there = {f"{label}/{split}": count for (label, split), count in found.items()}
         words = f"{contents.no_plan}; found " + ", ".join(f"{name} {count}" for name, count in there.items())
-        return Finding(contents.no_plan_status, words, {"counts": there})
-    present = set(index["scene_id"])
-    if contents.missing_shards:
-        return Finding("skipped", f"{contents.missing_shards} shards are not here; {len(present)} examples are")
+        return Check("not applicable" if contents.measured else "skipped", words, {"counts": there})
+    plan, present = contents.plan, set(index["scene_id"])
+    if absent := len(contents.files.missing) + len(contents.files.damaged):
+        return Check("skipped", f"{absent} shards are not here; {len(present)} examples are")
     labels = [section.label for section in plan.config.sections]
     planned = Counter((labels[e.class_number], e.split) for e in plan.examples)
     lost = [entry for entry in plan.examples if entry.id not in present]
     gone = Counter((labels[e.class_number], e.split) for e in lost)
-    silent = [entry.id for entry in lost if entry.id not in contents.failed]
+    silent = [entry.id for entry in lost if entry.id not in failed]
     counts = {label: {split: planned[label, split] - gone[label, split] for split in SPLITS} for label in labels}
-    numbers: dict[str, Any] = {"counts": counts, "failed": dict(contents.failed), "absent": silent}
+    numbers: dict[str, Any] = {"counts": counts, "failed": failed, "absent": silent}
     if silent:
-        return Finding("failed", f"neither present nor listed as failed: {list_some(silent)}", numbers)
+        return Check("failed", f"neither present nor listed as failed: {list_some(silent)}", numbers)
     if not lost:
         listed = "; ".join(f"{label} {' '.join(map(str, row.values()))}" for label, row in counts.items())
-        return Finding("passed", f"as planned in train, validation, test: {listed}", numbers)
-    reasons = list_some([f"{name}: {reason}" for name, reason in list(contents.failed.items())[:2]])
+        return Check("passed", f"as planned in train, validation, test: {listed}", numbers)
+    reasons = list_some([f"{name}: {reason}" for name, reason in list(failed.items())[:2]])
     words = f"{len(lost)} examples failed ({reasons})"
     bent = [f"{label} in {split}" for (label, split), n in gone.items() if n > MAX_LOST * planned[label, split]]
     if bent:
-        return Finding("failed", f"{words}, of {list_some(bent)} more than {100 * MAX_LOST:.0f} %", numbers)
-    return Finding("warning", words, numbers)
+        return Check("failed", f"{words}, of {list_some(bent)} more than {100 * MAX_LOST:.0f} %", numbers)
+    return Check("warning", words, numbers)

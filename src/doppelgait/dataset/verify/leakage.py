@@ -27,11 +27,12 @@ from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarn
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.plan import collect_nuisance
 from doppelgait.dataset.resolve import ExampleSpec
-from doppelgait.dataset.verify.contents import Contents, Finding, read_plan
+from doppelgait.dataset.verify.contents import Check, Contents, read_plan
 from doppelgait.scene.placement import place
 from doppelgait.scene.rcs import total_rcs_m2
 
 Float32Array = npt.NDArray[np.float32]
+FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 FOLDS = 5
@@ -119,16 +120,20 @@ def make_cells(columns: Sequence[pd.Series]) -> Cells:
 
 def bin_values(column: pd.Series, count: int) -> IntArray:
     """Return every value's quantile bin from 1, missing 0."""
-    if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
-        values = column.to_numpy(dtype=np.float64, na_value=np.nan)
-    else:
-        codes, _ = pd.factorize(column.where(column.isna(), column.astype(str)), sort=True)
-        values = np.where(codes < 0, np.nan, codes.astype(np.float64))
+    values = encode_values(column)
     known = ~np.isnan(values)
     edges = np.unique(values[known])[1:]
     if edges.size >= count:
         edges = np.unique(np.quantile(values[known], np.arange(1, count) / count))
     return np.where(known, 1 + np.searchsorted(edges, values, side="right"), 0)
+
+
+def encode_values(column: pd.Series) -> FloatArray:
+    """Return numbers, or codes of texts in their order, NaN where missing."""
+    if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
+        return column.to_numpy(dtype=np.float64, na_value=np.nan)
+    codes = pd.factorize(column.where(column.isna(), column.astype(str)), sort=True)[0]
+    return np.where(codes < 0, np.nan, codes.astype(np.float64))
 
 
 def score_folds(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[np.float64]:
@@ -204,7 +209,7 @@ MAX_ROWS = 2000
 SHOWN_PARAMETERS = 3
 
 
-def check_nuisance(contents: Contents) -> Finding:
+def check_nuisance(contents: Contents) -> Check:
     """Check that nuisance parameters do not predict the class."""
     index, rng = contents.index, contents.random["guess"]
     leaks = (contents.description.get("config") or {}).get("dataset", {}).get("leaks", ())
@@ -224,23 +229,23 @@ def check_nuisance(contents: Contents) -> Finding:
         questions["all classes"] = select_varying(table[seen])
     guesses = {words: guess_classes(part, rng) for words, part in questions.items() if _has_question(part)}
     if not guesses:
-        return Finding("not applicable", f"one class, or no nuisance parameter that differs{declared}")
+        return Check("not applicable", f"one class, or no nuisance parameter that differs{declared}")
     numbers = {words: guess.as_dict() for words, guess in guesses.items()}
     predicted = [describe_guess(words, guess, table) for words, guess in guesses.items() if guess.leaks]
     if predicted:
         if "target.rcs.total_m2" not in table and any("rcs_total_m2" in words for words in predicted):
             predicted.append(RCS_FIX)
-        return Finding("warning" if contents.measured else "failed", "; ".join(predicted) + declared, numbers)
+        return Check("warning" if contents.measured else "failed", "; ".join(predicted) + declared, numbers)
     unclear = "; ".join(f"{words}: {guess.reason}" for words, guess in guesses.items() if guess.reason)
     listed = "; ".join(
-        f"{words} from {guess.n_parameters} parameters of {guess.n_rows} rows: balanced accuracy {guess.accuracy:.2f} "
-        f"(p = {guess.p_value:.2g})"
+        f"{words} from {guess.n_parameters} parameters of {guess.n_rows} rows: balanced accuracy "
+        f"{guess.accuracy:.2f} (p = {guess.p_value:.2g})"
         for words, guess in guesses.items()
         if not guess.reason
     )
     if not listed:
-        return Finding("not applicable", unclear + declared, numbers)
-    return Finding("passed", f"{listed}{'; not judged: ' if unclear else ''}{unclear}{declared}", numbers)
+        return Check("not applicable", unclear + declared, numbers)
+    return Check("passed", f"{listed}{'; not judged: ' if unclear else ''}{unclear}{declared}", numbers)
 
 
 def _has_question(table: pd.DataFrame) -> bool:
@@ -248,12 +253,10 @@ def _has_question(table: pd.DataFrame) -> bool:
     return table["label"].nunique() > 1 and len(table.columns) > 2
 
 
-def find_leak(words: str, table: pd.DataFrame, rng: np.random.Generator) -> str:
+def find_leak(table: pd.DataFrame, rng: np.random.Generator) -> str:
     """Describe the leak of a table with varying parameters, or ""."""
-    if not _has_question(table):
-        return ""
-    guess = guess_classes(table, rng, only_leaks=True)
-    return describe_guess(words, guess, table) if guess.leaks else ""
+    guess = guess_classes(table, rng, only_leaks=True) if _has_question(table) else None
+    return describe_guess("classes", guess, table) if guess is not None and guess.leaks else ""
 
 
 def drop_leaks(table: pd.DataFrame, leaks: Sequence[str]) -> pd.DataFrame:
@@ -305,8 +308,9 @@ def collect_nuisances(
     """Collect the varying nuisance parameters of rows as numbers, with a remark."""
     parts, notes = [], []
     for dataset in datasets:
-        plan, reason = read_plan(dataset.description, motion_folder)
-        contents = Contents(dataset.directory, dataset.description, dataset.index, {}, plan, reason)
+        n_rows = dataset.description.get("n_examples", 0)  # of the whole dataset, of which this may be a part
+        plan, reason = read_plan(dataset.description, motion_folder, n_rows)
+        contents = Contents(dataset.directory, dataset.description, dataset.index, plan, reason)
         sampled = contents.resolve_sample(np.random.default_rng(0), most=10 * len(dataset) + 100)
         if sampled:
             rows = tabulate_nuisances(dataset.index, sampled).drop(columns=["label", "group", "empty"])
@@ -320,11 +324,7 @@ def collect_nuisances(
     for name, column in table.items():
         if empty and str(name).removeprefix("index.").startswith(UNSEEN):
             continue
-        if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
-            values = np.asarray(round_values(column.astype(np.float64)).to_numpy(), dtype=np.float64)
-        else:
-            codes = pd.factorize(column.where(column.isna(), column.astype(str)), sort=True)[0]
-            values = np.where(codes < 0, np.nan, codes.astype(np.float64))
+        values = round_values(pd.Series(encode_values(column))).to_numpy(dtype=np.float64)
         if np.unique(values[~np.isnan(values)]).size > 1:
             kept[str(name)] = values
     return kept, "; ".join(notes)
@@ -376,7 +376,7 @@ def refuse_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, l
         return
     # the range error of the gates is not judged: no key can make it differ by class
     table = select_varying(drop_leaks(tabulate_examples(moving), (*leaks, *UNJUDGED)))
-    if leak := find_leak("classes", table, rng):
+    if leak := find_leak(table, rng):
         raise DatasetError(f"{leak}; sample them from one distribution for every class")
 
 
@@ -403,9 +403,8 @@ def warn_of_default_rcs(
             masses_kg = [0.0] * len(specs)
             if any(spec.total_m2 is None for spec in specs):
                 unstated = True
-                try:
-                    with warnings.catch_warnings():
-                        warnings.simplefilter("ignore", DoppelgaitWarning)  # the build adds the warnings to the example
+                try:  # the build adds the warnings to the example
+                    with warnings.catch_warnings(action="ignore", category=DoppelgaitWarning):
                         observed = place(example.run.scene, example.run.streams, folder=folder).observed
                 except DoppelgaitError:  # the build leaves the example out, too, and reports the reason
                     continue
@@ -415,5 +414,5 @@ def warn_of_default_rcs(
                 for row, spec, mass_kg in zip(example.rows, specs, masses_kg, strict=True)
                 if row.source != "none"
             ]
-    if unstated and records and (leak := find_leak("classes", pd.DataFrame(records), rng)):
+    if unstated and records and (leak := find_leak(pd.DataFrame(records), rng)):
         warn_caller(f"{leak}; {RCS_FIX}")

@@ -4,79 +4,79 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from doppelgait.core.errors import ConfigError, OutputError
+from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset.config import Progress
-from doppelgait.dataset.finish import DATA_VERSION, list_shard_names, make_index, read_records
-from doppelgait.dataset.verify import integrity, truth
-from doppelgait.dataset.verify.contents import (
-    Check,
-    Contents,
-    Finding,
-    Verification,
-    read_known_description,
-    read_plan,
+from doppelgait.dataset.finish import (
+    DATA_VERSION,
+    SCHEMA_VERSION,
+    list_shard_names,
+    make_index,
+    read_description,
+    read_records,
 )
+from doppelgait.dataset.verify import integrity, truth
+from doppelgait.dataset.verify.contents import Check, Contents, Verification, read_plan
 from doppelgait.dataset.verify.duplicates import check_duplicates, check_groups
 from doppelgait.dataset.verify.leakage import check_nuisance
 from doppelgait.features import FEATURE_UNITS
 
-Need = Literal["plan", "version", "simulated"]
+Need = Literal["rows", "plan", "version", "simulated"]
 
 
 class Row(NamedTuple):
     """Row of the table of checks: name, function, and what it needs."""
 
     name: str
-    find: Callable[[Contents], Finding]
-    needs: tuple[Need, ...] = ()
+    find: Callable[[Contents], Check]
+    needs: tuple[Need, ...] = ("rows",)
 
 
-FILE_CHECKS: dict[str, Callable[[integrity.Files], Finding]] = {
-    "files": integrity.check_files,
-    "shards": integrity.check_shards,
-    "contents": integrity.check_contents,
-    "index": integrity.check_index,
-    "splits": integrity.check_split_lists,
-    "leftovers": integrity.check_leftovers,
-}
 CHECKS = (
+    Row("files", integrity.check_files, ()),
+    Row("shards", integrity.check_shards, ()),
+    Row("contents", integrity.check_contents, ()),
+    Row("index", integrity.check_index, ()),
+    Row("splits", integrity.check_split_lists, ()),
+    Row("leftovers", integrity.check_leftovers, ()),
     Row("identity", integrity.check_identity, ("plan", "version")),
-    Row("rows", integrity.check_rows, ("plan",)),
+    Row("rows", integrity.check_rows, ("rows", "plan")),
     Row("class balance", integrity.check_balance),
-    Row("re-simulation", truth.check_resimulation, ("plan", "version")),
-    Row("measured SNR", truth.check_measured_snr, ("plan", "version")),
+    Row("re-simulation", truth.check_resimulation, ("rows", "plan", "version")),
+    Row("measured SNR", truth.check_measured_snr, ("rows", "plan", "version")),
     Row("torso velocity", truth.check_velocity),
     Row("gait frequency", truth.check_gait_frequency),
-    Row("planned SNR", truth.check_snr),
-    Row("aspect", truth.check_aspect),
-    Row("visible targets", truth.check_visible_targets, ("simulated",)),
-    Row("feasibility", truth.check_feasibility, ("simulated",)),
+    Row("planned SNR", truth.check_snr, ("rows", "plan")),
+    Row("aspect", truth.check_aspect, ("rows", "plan")),
+    Row("visible targets", truth.check_visible_targets, ("rows", "simulated")),
+    Row("feasibility", truth.check_feasibility, ("rows", "simulated")),
     Row("groups", check_groups),
     Row("duplicates", check_duplicates),
     Row("nuisance", check_nuisance),
 )
 
 
-def run_check(row: Row, contents: Contents) -> Check:
-    """Run a check, or state which of its needs is not met."""
+def find_obstacles(contents: Contents) -> dict[Need, Check]:
+    """Return the findings of checks whose needs are not met."""
     version = contents.description.get("data_version")
-    unmet: dict[Need, Finding] = {}
+    unmet: dict[Need, Check] = {}
+    if not len(contents.index):
+        unmet["rows"] = Check("skipped", "no row is there")
     if contents.plan is None:
-        unmet["plan"] = Finding(contents.no_plan_status, contents.no_plan)
+        unmet["plan"] = Check("not applicable" if contents.measured else "skipped", contents.no_plan)
     if version != DATA_VERSION:
         words = f"made with data version {version}, this doppelgait makes {DATA_VERSION}"
-        unmet["version"] = Finding("skipped", words)
+        unmet["version"] = Check("skipped", words)
     if contents.measured:
-        unmet["simulated"] = Finding("not applicable", "imported recordings have no truth")
-    obstacle = next((unmet[need] for need in row.needs if need in unmet), None)
-    return Check(row.name, *(obstacle or row.find(contents)))
+        unmet["simulated"] = Check("not applicable", "imported recordings have no truth")
+    return unmet
 
 
 def verify_dataset(
@@ -122,8 +122,13 @@ def verify_dataset(
     if not 0 <= share <= 1:
         raise ConfigError(f"share = {share}: is not allowed; must be from 0 to 1")
     began, target = time.monotonic(), Path(directory)
-    description = read_known_description(target)
-    done, total = 0, 2 * len(list_shard_names(description["shards"]))  # shards are read twice
+    description = read_description(target)
+    if (version := description["schema_version"]) != SCHEMA_VERSION:
+        raise DatasetError(
+            f"{directory}: has schema version {version}, verify needs {SCHEMA_VERSION}; "
+            "use the doppelgait that made it, or build it again"
+        )
+    done, total = 0, 2 * len(list_shard_names(description.get("shards", ())))  # shards are read twice
 
     def tick() -> None:
         nonlocal done
@@ -132,30 +137,28 @@ def verify_dataset(
             on_progress(done, max(total, done))
 
     files = integrity.read_files(target, description, tick)
-    checks = [Check(name, *find(files)) for name, find in FILE_CHECKS.items()]
     if files.index is None:
         index = make_index(read_records(target, files.whole))
     else:
         index = files.index[files.index["shard"].isin(files.whole)].reset_index(drop=True)
-    plan, no_plan = read_plan(description, folder or Path.cwd())
-    n_missing = len(files.missing) + len(files.damaged)
-    contents = Contents(target, description, index, files.failed, plan, no_plan, n_missing, share, rng, tick)
-    try:
-        checks.append(run_check(CHECKS[0], contents))
-        if len(index):
-            total += len(contents.chosen)
-            checks += (run_check(row, contents) for row in CHECKS[1:])
-        else:
-            checks.append(Check("rows", "skipped", "no row is there: nothing else can be checked"))
-    except Exception as error:
-        if checks[0].status == "passed":
-            raise
-        checks.append(Check("rest", "failed", f"files are damaged, and a check stopped at it: {error}"))
+    plan, no_plan = read_plan(description, folder or Path.cwd(), len(index))
+    contents = Contents(target, description, index, plan, no_plan, files, share, rng, tick)
+    unmet, checks = find_obstacles(contents), list[Check]()
+    for row in CHECKS:
+        obstacle = next((unmet[need] for need in row.needs if need in unmet), None)
+        try:
+            checks.append(replace(obstacle or row.find(contents), name=row.name))
+            total += len(contents.chosen) if row.name == "rows" else 0
+        except Exception as error:
+            if not checks or checks[0].status == "passed":
+                raise
+            words = f"files are damaged, and the check stopped at it: {error}"
+            checks.append(Check("failed", words, name=row.name))
     pages = plot_sheets(contents, figures, rng, figure_format) if figures is not None else []
     return Verification(
         directory=target,
         dataset_id=str(description["id"]),
-        complete=files.complete,
+        complete=contents.complete,
         checks=tuple(checks),
         figures=tuple(pages),
         seconds=time.monotonic() - began,
@@ -170,57 +173,42 @@ are decimated to 400 to 800."""
 
 def plot_sheets(contents: Contents, folder: Path, rng: np.random.Generator, form: str = "png") -> list[Path]:
     """Plot signatures per class on pages, and features."""
-    from doppelgait.viz import feature_matrix, save_figure
+    from doppelgait.viz import contact_sheet, feature_matrix, save_figure
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written: {error}") from None
-    files = []
-    for label in sorted(contents.index["label"].unique()) if "signature" in contents.description["fields"] else []:
-        figure = _plot_sheet(contents, label, rng)
-        if figure is not None:
-            files.append(save_figure(figure, folder / f"signatures-{label.replace(' ', '_')}.{form}"))
-    if len(contents.index):
-        table = contents.index.rename(columns={f"feature_{name}": name for name in FEATURE_UNITS})
-        title = f"{contents.description.get('name')}: features of {len(table)} rows"
+    files, index, name = [], contents.index, contents.description["name"]
+    for label in sorted(index["label"].unique()) if "signature" in contents.description["fields"] else []:
+        members = np.flatnonzero((index["label"] == label).to_numpy(dtype=bool))
+        shown: dict[int, xr.DataArray] = {}
+        for number in rng.permutation(members).tolist():
+            example = contents.dataset.example(number)
+            if "signature" in example.arrays:
+                shown[number] = divide_by_floor(example.signature, example.row.get("quality_noise_floor_v2"))
+            if len(shown) == SHEET_SIZE:
+                break
+        if not shown:
+            continue
+        rows = sorted(shown)
+        titles = [_describe_row(index.iloc[number]) for number in rows]
+        figure = contact_sheet([shown[number] for number in rows], titles=titles, columns=SHEET_COLUMNS)
+        title = f"{name}: {label}, {len(shown)} of {len(members)} rows (row: radial velocity, SNR), "
+        figure.suptitle(f"{title}each over its noise floor", fontsize=11.5, x=0.01, ha="left")
+        files.append(save_figure(figure, folder / f"signatures-{label.replace(' ', '_')}.{form}"))
+    if len(index):
+        table = index.rename(columns={f"feature_{name}": name for name in FEATURE_UNITS})
+        title = f"{name}: features of {len(table)} rows"
         files.append(save_figure(feature_matrix(table, title=title), folder / f"features.{form}"))
     return files
-
-
-def _plot_sheet(contents: Contents, label: str, rng: np.random.Generator) -> Any:
-    """Plot the page of one class, None without a signature."""
-    from doppelgait.viz import contact_sheet
-
-    members = np.flatnonzero((contents.index["label"] == label).to_numpy(dtype=bool))
-    shown: dict[int, xr.DataArray] = {}
-    for number in rng.permutation(members).tolist():
-        example = contents.dataset.example(number)
-        if "signature" in example.arrays:
-            shown[number] = divide_by_floor(example.signature, example.row.get("quality_noise_floor_v2"))
-        if len(shown) == SHEET_SIZE:
-            break
-    if not shown:
-        return None
-    rows = sorted(shown)
-    titles = [_describe_row(contents.index.iloc[number]) for number in rows]
-    figure = contact_sheet([shown[number] for number in rows], titles=titles, columns=SHEET_COLUMNS)
-    figure.suptitle(
-        f"{contents.description.get('name')}: {label}, {len(shown)} of {len(members)} rows (row: radial velocity, "
-        "SNR), each over its noise floor",
-        fontsize=11.5,
-        x=0.01,
-        ha="left",
-    )
-    return figure
 
 
 def _describe_row(row: pd.Series) -> str:
     """Return number, speed and SNR of a row: true values, or measured values if absent."""
     parts = []
     speeds = ("truth_radial_velocity_mps", "feature_torso_velocity_mps")
-    levels = ("snr_frame_db", "quality_snr_mu_db")
-    for names, unit in ((speeds, "{:+.1f} m/s"), (levels, "{:.0f} dB")):
+    for names, unit in ((speeds, "{:+.1f} m/s"), (("snr_frame_db", "quality_snr_mu_db"), "{:.0f} dB")):
         known = [row[name] for name in names if name in row.index and pd.notna(row[name])]
         parts += [unit.format(known[0])] if known else []
     number = str(row["id"]).removeprefix(f"{row['label'].replace(' ', '_')}-").lstrip("0") or "0"
@@ -230,7 +218,5 @@ def _describe_row(row: pd.Series) -> str:
 def divide_by_floor(signature: xr.DataArray, floor_v2: float | None) -> xr.DataArray:
     """Divide a signature by its noise floor, or else its median."""
     level = float(floor_v2) if floor_v2 is not None and floor_v2 > 0 else float(signature.median())
-    shown = signature[:: max(1, signature.sizes["time"] // MAX_TIMES)]
-    over = shown / (level if level > 0 else 1.0)
-    over.attrs = {**signature.attrs, "units": "1"}
-    return over
+    over = signature[:: max(1, signature.sizes["time"] // MAX_TIMES)] / (level if level > 0 else 1.0)
+    return over.assign_attrs({**signature.attrs, "units": "1"})

@@ -24,7 +24,7 @@ from doppelgait.dataset.feasibility import LIMITS, limits_of_index
 from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.dataset.shard import BuildContext, build_planned
 from doppelgait.dataset.shard_files import INDEX_NAMES, Arrays, decode
-from doppelgait.dataset.verify.contents import MIN_PER_CLASS, Contents, Finding, judge
+from doppelgait.dataset.verify.contents import MIN_PER_CLASS, Check, Contents, judge
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import run_simulation
 
@@ -49,10 +49,10 @@ def has_too_few_hits(hits: int, rows: int, least: float = MIN_SHARE) -> bool:
     return rows > 0 and bool(bdtr(hits, rows, least) < LEVEL)
 
 
-def judge_classes(table: pd.DataFrame, what: str, *, extra: str = "") -> Finding:
+def judge_classes(table: pd.DataFrame, what: str, *, extra: str = "") -> Check:
     """Check rows with ``label``, ``inside`` and ``error`` per class."""
     if table.empty:
-        return Finding("not applicable", f"no row to compare: {what}")
+        return Check("not applicable", f"no row to compare: {what}")
     numbers: dict[str, Any] = {}
     wrong, parts = [], []
     for label, part in table.groupby("label"):
@@ -72,7 +72,7 @@ def read_column(index: pd.DataFrame, name: str) -> FloatArray:
     return np.asarray(pd.to_numeric(values).to_numpy(dtype=np.float64, na_value=np.nan))
 
 
-def check_velocity(contents: Contents) -> Finding:
+def check_velocity(contents: Contents) -> Check:
     """Check the torso velocity against the body's mean radial velocity."""
     index = contents.index
     truth = read_column(index, "truth_radial_velocity_mps")
@@ -83,7 +83,7 @@ def check_velocity(contents: Contents) -> Finding:
     return judge_classes(table[known], "within 0.15 m/s + 10 % of the truth", extra=" (rms {rms:.2f} m/s)")
 
 
-def check_gait_frequency(contents: Contents) -> Finding:
+def check_gait_frequency(contents: Contents) -> Check:
     """Check the gait frequency against the truth."""
     index = contents.index
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -95,11 +95,11 @@ def check_gait_frequency(contents: Contents) -> Finding:
     return judge_classes(table[known], "within 10 % of the truth where not flagged and 10 dB or more")
 
 
-def check_snr(contents: Contents) -> Finding:
+def check_snr(contents: Contents) -> Check:
     """Check SNR_frame of the index against the plan."""
     planned = {e.id: e.run.noise.snr_db for e in contents.examples if e.run.noise.kind == "snr"}
     if not planned:
-        return Finding("not applicable", "the plan sets no SNR")
+        return Check("not applicable", "the plan sets no SNR")
     index = contents.index
     rows = index[index["scene_id"].isin(list(planned)) & (index["source"] != "none")]
     error = np.abs(read_column(rows, "snr_frame_db") - np.array([planned[name] for name in rows["scene_id"]]))
@@ -107,7 +107,7 @@ def check_snr(contents: Contents) -> Finding:
     return judge_classes(table, "SNR_frame within 0.1 dB of the plan")
 
 
-def check_aspect(contents: Contents) -> Finding:
+def check_aspect(contents: Contents) -> Check:
     """Check the aspect angle against the plan's."""
     # bodies that walk straight through the planned place are used
     table = []
@@ -141,7 +141,7 @@ def expected_aspect_deg(example: ExampleSpec, row: Mapping[str, Any]) -> float:
 MAX_LIMITED = 0.05  # share of a class's rows that a limit of the radar may affect without a warning
 
 
-def check_feasibility(contents: Contents) -> Finding:
+def check_feasibility(contents: Contents) -> Check:
     """Check how many rows reach a limit of the radar."""
     counts = limits_of_index(contents.index)
     parts, many = [], False
@@ -152,7 +152,7 @@ def check_feasibility(contents: Contents) -> Finding:
         many |= any(count >= MAX_LIMITED * row["rows"] for count in reached.values())
     numbers = {row["class"]: {name: value for name, value in row.items() if name != "class"} for row in counts}
     summary = "; ".join(parts) or "no row reaches a limit of the radar"
-    return Finding("warning" if many else "passed", summary, numbers)
+    return Check("warning" if many else "passed", summary, numbers)
 
 
 MIN_SEEN = 0.5
@@ -161,7 +161,7 @@ MOVING_MPS = 0.2
 MAX_EMPTY_SHARE = 0.05
 
 
-def check_visible_targets(contents: Contents) -> Finding:
+def check_visible_targets(contents: Contents) -> Check:
     """Check that targets which declare motion are visible."""
     # a class that is mostly noise fails; an empty scene that moves is a warning
     index = contents.index
@@ -178,10 +178,10 @@ def check_visible_targets(contents: Contents) -> Finding:
         elif not empty and has_too_few_hits(int(part.sum()), rows, MIN_SEEN):
             noise.append(f"{label} declares motion, but only {100 * share:.0f} % of {rows} rows show any")
     if noise:
-        return Finding("failed", f"noise instead of motion: {'; '.join([*noise, *odd])}", numbers)
+        return Check("failed", f"noise instead of motion: {'; '.join([*noise, *odd])}", numbers)
     listed = ", ".join(f"{label} {100 * found['share_seen']:.0f} %" for label, found in numbers.items())
     summary = "; ".join(odd) or f"rows with a visible target: {listed}"
-    return Finding("warning" if odd else "passed", summary, numbers)
+    return Check("warning" if odd else "passed", summary, numbers)
 
 
 ARRAY_TOLERANCE, HALF_TOLERANCE = 1e-4, 2e-2
@@ -209,11 +209,11 @@ class Difference:
     reason: str = ""
 
 
-def check_resimulation(contents: Contents) -> Finding:
+def check_resimulation(contents: Contents) -> Check:
     """Compare examples that are made again with the stored ones."""
     plan, chosen = contents.require_plan(), contents.chosen
     if not chosen:
-        return Finding("not applicable", "nothing made again: none was requested, or none exists")
+        return Check("not applicable", "nothing made again: none was requested, or none exists")
     context = BuildContext(plan.config, str(plan.folder), str(contents.directory))
     found: list[Difference] = []
     for entry in chosen:
@@ -247,7 +247,7 @@ def check_resimulation(contents: Contents) -> Finding:
         f"with features off by more than {100 * FEATURE_TOLERANCE:g} %, arrays within tolerance (another processor or "
         f"library? made with doppelgait {contents.description.get('doppelgait_version')})"
     )
-    return Finding("warning" if turned else "passed", words, numbers)
+    return Check("warning" if turned else "passed", words, numbers)
 
 
 def _compare(contents: Contents, there: pd.Series, row: dict[str, Any], arrays: Arrays) -> Difference:
@@ -284,7 +284,7 @@ def _compare_values(made: Any, there: Any) -> float:
     return float(abs(made - stored) / max(abs(made), abs(stored)))
 
 
-def check_measured_snr(contents: Contents) -> Finding:
+def check_measured_snr(contents: Contents) -> Check:
     """Compare SNR_frame of a few examples with the index."""
     # signal: time mean of the strongest range bin's power without noise
     plan = contents.require_plan()
@@ -300,8 +300,7 @@ def check_measured_snr(contents: Contents) -> Finding:
         alone = {"impairments": (), "scene": run.scene.model_copy(update={"targets": bodies})}
         run = run.model_copy(update=alone)
         quiet = run.model_copy(update={"noise": run.noise.model_copy(update={"kind": "none"})})
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DoppelgaitWarning)
+        with warnings.catch_warnings(action="ignore", category=DoppelgaitWarning):
             both, echoes = (
                 run_simulation(spec, folder=plan.folder, angles=False).baseband.values for spec in (run, quiet)
             )
@@ -312,7 +311,7 @@ def check_measured_snr(contents: Contents) -> Finding:
         if not abs(errors_db[-1]) <= max(SNR_TOLERANCE_DB, 4.0 * 10.0 / math.log(10.0) / math.sqrt(both.size)):
             wrong.append(f"{entry.id} by {errors_db[-1]:+.1f} dB")
     if not errors_db:
-        return Finding("not applicable", "no example to measure, or none with a known SNR")
+        return Check("not applicable", "no example to measure, or none with a known SNR")
     largest_db = max(map(abs, errors_db))
     numbers = {"examples": len(errors_db), "largest_error_db": largest_db}
     words = f"{len(errors_db)} examples: SNR_frame as in the index, off by {largest_db:.2f} dB at most"

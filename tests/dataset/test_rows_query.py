@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from doppelgait.core.errors import DatasetError
-from doppelgait.dataset.query import select_rows
+from doppelgait.dataset.rows import select_rows
 
 INDEX = pd.DataFrame({
     "label": ["human", "dog", "cat", "dog"],

@@ -10,12 +10,10 @@ from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.hybrids import add_hybrids
-from doppelgait.dataset.motions import expand_folders, list_motion_files, list_recording_paths
-from doppelgait.dataset.plan import plan_dataset
+from doppelgait.dataset.motions import add_hybrids, expand_folders, list_motion_files, list_recording_paths
+from doppelgait.dataset.plan import list_names, plan_dataset
 from doppelgait.dataset.resolve import warn_of_recordings
 from doppelgait.dataset.shard import BuildContext, build_planned
-from doppelgait.dataset.splits import list_names
 from doppelgait.motion.gait import add_gait_facts
 from doppelgait.motion.models import human_gait, quadruped_gait
 from doppelgait.scene.placement import build_motion

@@ -6,7 +6,7 @@ import pytest
 
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import SIGNATURE, make_array
-from doppelgait.dataset.learning import epoch_rows, make_picture, picture_format
+from doppelgait.dataset.rows import epoch_rows, make_picture, picture_format
 from doppelgait.processing.patches import Patch
 
 INDEX = pd.DataFrame({"shard": np.repeat(["a", "b", "c"], 10)})
