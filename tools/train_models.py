@@ -1,6 +1,6 @@
 """Train the models that ship with the package, on synthetic data alone.
 
-    python tools/train_models.py [NAME ...] [--work FOLDER] [--examples N] [--workers 2]
+    python tools/train_models.py [NAME ...] [--work FOLDER] [--workers 2]
     python tools/train_models.py --tracks --work FOLDER
 
 Needs ``pip install 'doppelgait[torch]'`` and 20 minutes of two cores; no recording is used. Written are the model files
@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -20,9 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from doppelgait.classify.data import collect_inputs, collect_rows, take_rows
+from doppelgait.classify.data import collect_inputs, collect_rows
 from doppelgait.classify.evaluation import Fold, describe_model, evaluate, hold_back_in_turn
 from doppelgait.classify.learned import LabelledRows, TrackNetwork
+from doppelgait.classify.model import Model
 from doppelgait.classify.model_file import load_shipped_model, read_model_cards, save_model
 from doppelgait.classify.network import train_track_network
 from doppelgait.dataset import build_dataset, load_plan, open_dataset
@@ -47,6 +47,7 @@ OVERRIDES = {
     "fmcw-60": ['radar={ preset = { choice = ["ti-60", "infineon-60"] } }', WANDER],
 }
 N_TURNS = 3  # of five networks, each of which learns four fifths of the kinds, for the calibration
+WINDOWS = {"x4": 2000, "fmcw-24": 1000, "fmcw-60": 1500}  # examples of a class
 TABLES = ("balanced_accuracy", "auc", "brier", "expected_calibration_error")
 
 
@@ -62,33 +63,36 @@ def life_of(name: str, plan: str, seed: int, n_recordings: int, hop_s: float) ->
     return load_plan(plan, overrides=stated + OVERRIDES.get(name, []))[0]
 
 
-def train(dataset: Dataset, folder: Path, name: str) -> dict[str, Any]:
-    """Train on a dataset, write the model, return its card."""
-    began = time.process_time()
+def describe(model: Model) -> dict[str, Any]:
+    """Return what a card says of every model."""
+    conditions = {key: list(span) for key, span in model.facts.conditions.items()}
+    return {"n_train": model.facts.n_train, "conditions": conditions}
+
+
+def write(model: Model, card: dict[str, Any]) -> None:
+    """Write a model of the package and its card."""
+    path = MODELS / f"{card['name']}.npz"
+    save_model(model, path)
+    card |= {"size_kb": round(path.stat().st_size / 1e3, 1)}
+    path.with_suffix(".json").write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
+
+
+def train(dataset: Dataset, name: str) -> None:
+    """Train the models of single windows on a dataset."""
     found = evaluate(dataset, models=["ensemble"], keep=True)
-    seconds = time.process_time() - began
-    model, path = found.models["ensemble"], folder / f"{name}.npz"
-    save_model(replace(model, track=load_shipped_model(name).track), path)
-    rows = collect_rows(dataset)
-    tested = np.flatnonzero((rows.index["split"] == "test").to_numpy())
-    values = collect_inputs(take_rows(rows, tested), model.facts.features).values
-    began = time.process_time()
-    model.probability(values)
-    scores = found.document["models"]["ensemble"]
-    return {
+    model, scores = found.models["ensemble"], found.document["models"]["ensemble"]
+    card = {
         "name": name,
         "data_version": DATA_VERSION,
         "licence": "Apache-2.0",
         "trained_on": "synthetic recordings of gait models alone; no motion capture, no recording of a radar",
         "dataset": dataset.description["id"],
         "classes": list(model.facts.classes),
-        "n_train": model.facts.n_train,
-        "conditions": {key: list(span) for key, span in model.facts.conditions.items()},
+        **describe(model),
         "synthetic_test": {key: scores[key] for key in TABLES if key in scores},
-        "training_s": round(seconds, 1),
-        "size_kb": round(path.stat().st_size / 1000.0, 1),
-        "decision_ms": round(1e3 * (time.process_time() - began) / tested.size, 3),
+        "track": read_model_cards()[name]["track"],
     }
+    write(replace(model, track=load_shipped_model(name).track), card)
 
 
 def train_tracks(work: Path, workers: int | None) -> None:
@@ -115,13 +119,8 @@ def train_tracks(work: Path, workers: int | None) -> None:
         held = own[np.isfinite(answers[own, 0])]
         fold = Fold(name, own, held, own[:0])
         track = describe_model(rows, table, "track-network", fold, network, seed=0, answers=answers[held])
-        path = MODELS / f"{name}.npz"
-        save_model(replace(load_shipped_model(name), track=track), path)
-        card = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
-        conditions = {key: list(span) for key, span in track.facts.conditions.items()}
-        card["track"] = {"datasets": [each.description["id"] for each in datasets], "n_train": track.facts.n_train}
-        card |= {"track": card["track"] | {"conditions": conditions}, "size_kb": round(path.stat().st_size / 1e3, 1)}
-        path.with_suffix(".json").write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
+        known = {"datasets": [each.description["id"] for each in datasets], **describe(track)}
+        write(replace(load_shipped_model(name), track=track), read_model_cards()[name] | {"track": known})
 
 
 def main() -> None:
@@ -129,7 +128,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", default=list(RECORDINGS), help=f"of {', '.join(RECORDINGS)}")
     parser.add_argument("--work", type=Path, help="folder that keeps the datasets")
-    parser.add_argument("--examples", type=int, help="of a class, in place of 2000, 1000 and 1500")
     parser.add_argument("--workers", type=int)
     parser.add_argument("--tracks", action="store_true", help="train the network of tracks alone")
     options = parser.parse_args()
@@ -138,12 +136,9 @@ def main() -> None:
             train_tracks(options.work or Path(scratch), options.workers)
             return
         for name in options.names:
-            n_examples = options.examples or {"x4": 2000, "fmcw-24": 1000, "fmcw-60": 1500}[name]
-            target = (options.work or Path(scratch)) / f"shipped-{name}-{n_examples}"
-            build_dataset(plan_of(name, n_examples), target, workers=options.workers,
-                                   max_failed_share=0.02)  # fmt: skip
-            card = train(open_dataset(target), MODELS, name) | {"track": read_model_cards()[name]["track"]}
-            (MODELS / f"{name}.json").write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
+            target = (options.work or Path(scratch)) / f"shipped-{name}-{WINDOWS[name]}"
+            build_dataset(plan_of(name, WINDOWS[name]), target, workers=options.workers, max_failed_share=0.02)
+            train(open_dataset(target), name)
 
 
 if __name__ == "__main__":
